@@ -1,0 +1,64 @@
+# make demo | make test | make bench | make lint | make build | make params | make figures | make api
+#
+# Everything lives in .venv, which is made when it is missing or requirements.txt has changed.
+
+VENV    := .venv
+BIN     := $(VENV)/bin
+OUT     ?= out/demo
+DEMO    ?= bags/flat
+JOBS    ?= auto
+STAMP   := $(VENV)/.installed
+# rclpy finds its plugins through the ament index, which the wheels put into the environment.
+export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)$(if $(AMENT_PREFIX_PATH),:$(AMENT_PREFIX_PATH))
+export MPLBACKEND := Agg
+
+# The newest supported interpreter that really starts.
+PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3,$(if $(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print(1)' 2>/dev/null),$(p))))
+
+.PHONY: demo test bench lint build params figures api clean
+
+demo: $(STAMP)
+	@$(BIN)/tccm replay $(DEMO) --out $(OUT)
+
+test: $(STAMP)
+	@$(BIN)/python -m pytest -n $(JOBS) test
+
+bench: $(STAMP)
+	@$(BIN)/python bench/run.py
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+# What `ros2 run` needs: executables in lib/tccm_ros and a marker in the ament index.
+build: $(STAMP)
+	$(BIN)/colcon build --packages-select tccm_ros --event-handlers console_cohesion+
+
+$(STAMP): requirements.txt setup.py
+	@test -n "$(PYTHON)" || { echo "no Python 3.11 or 3.12 with venv found; install python3 and python3-venv, or say make PYTHON=..."; exit 1; }
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@echo "installing into $(VENV) (about a minute, once)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e . 2>/dev/null
+	-@$(BIN)/python tools/generate_tf2_msgs.py
+	@touch $(STAMP)
+
+clean:
+	rm -rf $(VENV) build install log out
+
+# The shipped YAML and the README's table are made from the configuration classes.
+params: $(STAMP)
+	@$(BIN)/tccm parameters > config/tccm.yaml
+	@$(BIN)/python -c "import re, pathlib; from tccm_ros.config_text import as_markdown; \
+	p = pathlib.Path('README.md'); head, mid, tail = re.split('(?s)(<!-- parameters -->\n).*?(?=<!-- /parameters -->)', p.read_text()); \
+	p.write_text(head + mid + as_markdown() + tail)"
+
+# The pictures of the README and of docs/how_it_works.md, by the demo's own code.
+figures: demo
+	@$(BIN)/python -c "from tccm_ros.report.figures import write_figures; write_figures('$(OUT)', 'docs/images')"
+
+# The API reference, from the docstrings: out/api/index.html.
+api: $(STAMP)
+	@$(BIN)/pdoc -d numpy --no-search -o out/api tccm_ros '!tccm_ros.nodes' 2>/dev/null
+	@echo "API reference  out/api/index.html"

@@ -1,0 +1,41 @@
+"""Install tccm_ros as an ament_python package."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = "tccm_ros"
+
+
+def files(folder: str, *patterns: str) -> list[str]:
+    """Return the files of a folder that match any of the patterns, sorted."""
+    return sorted(str(path) for pattern in patterns for path in Path(folder).glob(pattern))
+
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["py.typed", "report/viewer/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        (f"share/{PACKAGE}/config", files("config", "*.yaml", "*.rviz", "*.json")),
+        (f"share/{PACKAGE}/launch", files("launch", "*.py")),
+    ],
+    python_requires=">=3.11",
+    zip_safe=False,
+    maintainer="tccm_ros maintainers",
+    maintainer_email="maintainers@example.org",
+    description="Surface maps for mobile manipulators from a tilting and a level laser.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "tccm_node = tccm_ros.nodes.tccm_node:main",
+            "slam_node = tccm_ros.nodes.slam_node:main",
+            "player_node = tccm_ros.nodes.player_node:main",
+            "all_in_one = tccm_ros.nodes.all_in_one:main",
+            "tccm = tccm_ros.cli:main",
+        ],
+    },
+)

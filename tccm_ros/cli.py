@@ -1,0 +1,267 @@
+"""The `tccm` command.
+
+Exit status: 0 done; 1 an error that one line explains; 2 wrong usage. Modules are imported where
+they are used, so that `tccm --help` is quick.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from tccm_ros import __version__
+from tccm_ros.errors import ConfigError, TccmError, one_line
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Surface maps for mobile manipulators, from a tilting and a level laser.",
+)
+
+BagArgument = Annotated[Path, typer.Argument(help="a rosbag2 folder, an .mcap or a .db3 file")]
+ConfigOption = Annotated[Path | None, typer.Option("--config", help="a YAML parameter file")]
+SetOption = Annotated[list[str], typer.Option("--set", help="group.key=value; may be repeated")]
+RemapOption = Annotated[
+    list[str], typer.Option("--remap", help="input:=/topic, for example scan:=/base_scan")
+]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="say nothing unless it fails")]
+JsonOption = Annotated[bool, typer.Option("--json", help="print the result as JSON")]
+
+
+@app.callback(invoke_without_command=True)
+def _common(
+    version: Annotated[bool, typer.Option("--version", help="print the version")] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="show tracebacks")] = False,
+) -> None:
+    if version:
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.command()
+def replay(
+    bag: BagArgument,
+    out: Annotated[Path, typer.Option("--out", help="folder for the results")],
+    map: Annotated[Path | None, typer.Option("--map", help="go on with a saved map")] = None,
+    config: ConfigOption = None,
+    set: SetOption = [],  # noqa: B006
+    remap: RemapOption = [],  # noqa: B006
+    pictures: Annotated[bool, typer.Option(help="draw map.png, map3d.png, report.html")] = True,
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Turn a recorded bag into planes, walls, a trajectory and one map of surfaces."""
+    from tccm_ros.config import read_config
+    from tccm_ros.progress import progress
+    from tccm_ros.replay import replay as run
+
+    settings = read_config(config, set)
+    with progress(quiet or as_json) as bars:
+        summary = run(bag, out, settings, saved_map=map, remap=remap, pictures=pictures, bars=bars)
+    _tell(summary.to_json(), summary.text(), quiet, as_json)
+
+
+@app.command()
+def info(path: BagArgument, as_json: JsonOption = False) -> None:
+    """Show what is in a bag, and what a replay of it would miss."""
+    from tccm_ros.info import bag_info
+
+    found = bag_info(path)
+    _tell(found.to_json(), found.text(), False, as_json)
+
+
+@app.command()
+def simulate(
+    world: Annotated[str, typer.Argument(help="a world; 'list' names them")],
+    out: Annotated[Path, typer.Argument(help="folder of the bag")] = Path("."),
+    seed: Annotated[int, typer.Option(help="the same seed gives the same bytes")] = 0,
+    set: Annotated[list[str], typer.Option("--set", help="option=value; may be repeated")] = [],  # noqa: B006
+    overwrite: Annotated[bool, typer.Option(help="replace a bag that is there")] = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Simulate a robot in a world and write its bag and the truth."""
+    from tccm_ros.progress import Shares, progress
+    from tccm_ros.sim import WORLDS, options_from_settings
+    from tccm_ros.sim import simulate as run
+
+    if world == "list":
+        typer.echo("\n".join(f"{name:<12} {meaning}" for name, (_, meaning) in WORLDS.items()))
+        return
+    options = options_from_settings(_settings(set))
+    with progress(quiet) as bars:
+        shares = Shares(bars, "simulate")
+        folder = run(world, out, seed=seed, options=options, overwrite=overwrite, progress=shares)
+    _tell({}, f"{folder}: bag with truth.json and truth.tum", quiet, False)
+
+
+@app.command()
+def evaluate(
+    folder: Annotated[Path, typer.Argument(help="what replay wrote")],
+    truth: Annotated[
+        list[Path],
+        typer.Option("--truth", help="truth.json, a TUM, relations or reference file; repeatable"),
+    ],
+    stamps: Annotated[
+        Path | None, typer.Option("--stamps", help="stamps.csv of an imported log")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option("--plot", help="PNG of the trajectories")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare surfaces and trajectory with the truth."""
+    from tccm_ros.evaluate.score import score_trajectory
+    from tccm_ros.evaluate.surfaces import score_surfaces
+
+    for path in truth:
+        if path.suffix == ".json":
+            surfaces = score_surfaces(folder / "surfaces.json", path)
+            _tell(surfaces.to_json(), surfaces.text(), False, as_json)
+            continue
+        poses = score_trajectory(folder / "trajectory.tum", path, stamps=stamps)
+        _tell(poses.as_dict(), poses.table(), False, as_json)
+        if plot is not None:
+            poses.plot(plot)
+
+
+@app.command()
+def view(target: Annotated[Path, typer.Argument(help="a result folder, a map or a bag")]) -> None:
+    """Open the report in the browser; a map or a bag is worked out first, beside itself."""
+    from tccm_ros.config import Config
+    from tccm_ros.progress import progress
+    from tccm_ros.replay import report_of
+    from tccm_ros.report.viewing import view as show
+
+    with progress() as bars:
+        report = report_of(target, Config(), bars)
+    _tell({}, str(show(report)), False, False)
+
+
+@app.command()
+def compare(
+    before: Annotated[Path, typer.Argument(help="a result folder, as it was")],
+    after: Annotated[Path, typer.Argument(help="a result folder, as it is")],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="folder for a picture and a page")
+    ] = None,
+    lay_over: Annotated[
+        bool, typer.Option("--lay-over", help="the maps have other frames: lay one over the other")
+    ] = False,
+) -> None:
+    """Show which surfaces came, went or moved between two maps."""
+    from tccm_ros.report.compare import compare as run
+    from tccm_ros.report.compare_page import write_comparison
+
+    comparison = run(before, after, lay_over=lay_over)
+    _tell({}, comparison.text(), False, False)
+    if out is not None:
+        picture, page = write_comparison(comparison, out)
+        _tell({}, f"picture   {picture}\npage      {page}", False, False)
+
+
+@app.command()
+def calibrate(
+    bag: BagArgument,
+    out: Annotated[Path, typer.Option("--out", help="the parameter file")] = Path("rig.yaml"),
+    floor_z: Annotated[
+        float | None, typer.Option("--floor-z", help="height of the floor in the base frame, m")
+    ] = None,
+    config: ConfigOption = None,
+    set: SetOption = [],  # noqa: B006
+    remap: RemapOption = [],  # noqa: B006
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Estimate tilt zero, scale, roll, height and delay from a recording of a room."""
+    from tccm_ros.calibrate import calibrate as run
+    from tccm_ros.calibrate.files import write_calibration
+    from tccm_ros.config import read_config
+
+    found = run(bag, read_config(config, set), remap, floor_z=floor_z)
+    write_calibration(found, out)
+    _tell(found.to_json(), f"{found.text()}\n{out}", quiet, as_json)
+
+
+@app.command("import-carmen")
+def import_carmen(
+    log: Annotated[Path, typer.Argument(help="a CARMEN log, also .gz or .bz2")],
+    out: Annotated[Path, typer.Argument(help="folder of the bag")],
+    quiet: QuietOption = False,
+) -> None:
+    """Turn a CARMEN log into a bag."""
+    from tccm_ros.io.carmen import import_carmen as run
+
+    counts = run(log, out)
+    _tell({}, f"{out}: {counts}", quiet, False)
+
+
+@app.command()
+def recover(
+    bag: Annotated[Path, typer.Argument(help="a truncated or damaged .mcap")],
+    out: Annotated[Path, typer.Argument(help="folder of the new bag")],
+    quiet: QuietOption = False,
+) -> None:
+    """Save what can be read of a damaged bag into a new one."""
+    from tccm_ros.io.recover import recover as run
+
+    counts = run(bag, out)
+    _tell({}, f"{out}: {counts}", quiet, False)
+
+
+@app.command()
+def parameters() -> None:
+    """Print every parameter as a YAML file: default, unit, range, meaning."""
+    from tccm_ros.config_text import as_yaml
+
+    typer.echo(as_yaml(), nl=False)
+
+
+def _settings(texts: list[str]) -> dict[str, str]:
+    pairs = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not equals:
+            raise ConfigError(f"'{text}' is not a setting; write option=value")
+        pairs[key.strip()] = value.strip()
+    return pairs
+
+
+def _tell(data: dict[str, Any], text: str, quiet: bool, as_json: bool) -> None:
+    if as_json:
+        typer.echo(json.dumps(data, indent=1))
+    elif not quiet:
+        typer.echo(text)
+
+
+def main() -> None:
+    """Run the command and turn errors into one line and an exit status."""
+    arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
+    debug = len(arguments) < len(sys.argv) - 1
+    try:
+        app(arguments)
+    except TccmError as error:
+        if debug:
+            raise
+        _fail(one_line(error))
+    except BrokenPipeError:
+        sys.exit(1)
+    except Exception as error:
+        if debug:
+            raise
+        _fail(
+            f"unexpected {type(error).__name__}: {one_line(error)}; run with --debug and report it"
+        )
+
+
+def _fail(text: str) -> None:
+    print(f"tccm: {text}", file=sys.stderr)
+    sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

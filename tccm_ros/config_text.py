@@ -1,0 +1,71 @@
+"""The configuration as text: the shipped YAML file and the README's table, both made from it."""
+
+from collections.abc import Iterator
+from typing import Any, get_args
+
+import yaml
+
+from tccm_ros.config import Parameter, parameters
+
+__all__ = ["as_markdown", "as_yaml"]
+
+HEADER = """\
+# Every parameter of tccm_ros with its default. Made by `tccm parameters`; each line: unit, range,
+# meaning. Use it with `tccm replay --config FILE` or `ros2 run tccm_ros tccm_node --ros-args
+# --params-file FILE`. Lines that are commented out are empty by default.
+/**:
+  ros__parameters:
+"""
+
+
+def as_yaml() -> str:
+    """Return the defaults as a ROS parameter file, a comment on each line."""
+    return HEADER + "".join(_yaml_lines())
+
+
+def _yaml_lines() -> Iterator[str]:
+    group = ""
+    for parameter in parameters():
+        path, _, key = parameter.name.rpartition(".")
+        if path and path != group:
+            yield f"    {path}:\n"
+            group = path
+        indent = "      " if path else "    "
+        hidden = "# " if parameter.default is None else ""
+        yield f"{indent}{hidden}{key}: {_yaml(parameter.default)}  # {_notes(parameter)}\n"
+
+
+def _yaml(value: Any) -> str:
+    if value is None:
+        return "[]"
+    value = list(value) if isinstance(value, tuple) else value
+    text = yaml.safe_dump(value, default_flow_style=True, width=1000)
+    return text.removesuffix("\n").removesuffix("\n...").strip()
+
+
+def _range(parameter: Parameter) -> str:
+    choices = [a for a in get_args(parameter.type) if isinstance(a, str)]
+    if choices:
+        return " or ".join(choices)
+    low, high = parameter.minimum, parameter.maximum
+    if low is None and high is None:
+        return ""
+    if high is None:
+        return f">= {low:g}"
+    return f"<= {high:g}" if low is None else f"{low:g} to {high:g}"
+
+
+def _notes(parameter: Parameter) -> str:
+    parts = [parameter.unit, _range(parameter), parameter.meaning]
+    fixed = " (fixed at start)" if parameter.read_only else ""
+    return "; ".join(part for part in parts if part) + fixed
+
+
+def as_markdown() -> str:
+    """Return the parameters as a Markdown table."""
+    rows = ["| parameter | default | unit | range | meaning |", "|---|---|---|---|---|"]
+    for p in parameters():
+        default = "empty" if p.default in (None, "") else _yaml(p.default)
+        fixed = " (fixed at start)" if p.read_only else ""
+        rows.append(f"| `{p.name}` | {default} | {p.unit} | {_range(p)} | {p.meaning}{fixed} |")
+    return "\n".join(rows) + "\n"

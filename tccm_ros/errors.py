@@ -1,0 +1,91 @@
+"""Every error that a user can cause: one base class, one subclass per family.
+
+A message is one line, lower case, and names the file, topic, frame, joint or field, what was
+found, what was expected and what to do. The command line prints it and exits with status 1.
+"""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+__all__ = [
+    "BagError",
+    "ConfigError",
+    "FrameError",
+    "LogError",
+    "MapError",
+    "OutputError",
+    "TccmError",
+    "TopicError",
+    "UrdfError",
+    "one_line",
+    "suggest",
+]
+
+
+class TccmError(Exception):
+    """Base of all errors that a user can cause."""
+
+
+class ConfigError(TccmError):
+    """A configuration key or value that is unknown or out of range."""
+
+
+class BagError(TccmError):
+    """A bag that is missing, empty, truncated or damaged."""
+
+
+class TopicError(TccmError):
+    """A topic that is not in the bag, or has another type."""
+
+
+class FrameError(TccmError):
+    """A frame or joint that cannot be found, or an ambiguity between several."""
+
+
+class UrdfError(TccmError):
+    """A robot description that cannot be read."""
+
+
+class LogError(TccmError):
+    """A CARMEN log, trajectory or relations file that cannot be read."""
+
+
+class MapError(TccmError):
+    """A saved map that is missing, damaged or of another version."""
+
+
+class OutputError(TccmError):
+    """A place that cannot be written."""
+
+
+def suggest(name: str, known: Iterable[str], *, limit: int = 12) -> str:
+    """Name the nearest of the known names, or list them.
+
+    Parameters
+    ----------
+    name
+        What was asked for.
+    known
+        What there is.
+    limit
+        The most names that are listed when none is near.
+
+    Returns
+    -------
+    str
+        A clause to append to a message, for example ``; did you mean 'odom'?``.
+    """
+    names = sorted(set(known))
+    near = get_close_matches(name, names, n=1, cutoff=0.6)
+    if near:
+        return f"; did you mean '{near[0]}'?"
+    if not names:
+        return "; there are none"
+    shown = ", ".join(names[:limit]) + (", ..." if len(names) > limit else "")
+    return f"; there are: {shown}"
+
+
+def one_line(error: BaseException, *, limit: int = 200) -> str:
+    """Return the text of an error as one line of at most `limit` characters."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    return text if len(text) <= limit else text[: limit - 3] + "..."

@@ -1,0 +1,1 @@
+"""Files: bags, CARMEN logs, saved maps and exports."""

@@ -1,0 +1,226 @@
+"""Read the lines of CARMEN logs.
+
+Formats as the logs' own headers give them; angles in rad, distances in m, times in s::
+
+    FLASER n r1 .. rn  x y theta  odom_x odom_y odom_theta  ipc_time host logger_time
+    ROBOTLASER1 type start fov resolution max accuracy remission n r1 .. rn  m v1 .. vm
+                x y theta  robot_x robot_y robot_theta  tv rv forward side turn  ipc_time host ..
+    RAWLASER1   type start fov resolution max accuracy remission n r1 .. rn  m v1 .. vm
+                ipc_time host logger_time
+    ODOM x y theta tv rv accel  ipc_time host logger_time
+    PARAM name value ..
+"""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import math
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.errors import LogError, one_line
+
+__all__ = ["CarmenLog", "OdomLine", "ScanLine", "read_log"]
+
+MAX_LINE = 2**20
+MAX_LOG = 2**33
+"""Bytes of a line and of an unpacked log that are read; larger is no log but a bomb."""
+
+MAX_BEAMS = 20_000
+MAX_COORDINATE = 1e7
+MAX_TIME_S = 2**31 - 1
+"""Stamps of messages have 32 bits of seconds."""
+
+WIDE = {541: (-0.75 * math.pi, math.radians(0.5)), 1081: (-0.75 * math.pi, math.radians(0.25))}
+"""First bearing and step of lasers with 270 degrees, by number of beams; all others have 180."""
+
+SCAN_KINDS = ("FLASER", "ROBOTLASER1", "RAWLASER1")
+"""In the order of preference: a log that has several repeats the same scans."""
+
+Pose2 = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanLine:
+    """A scan of a log.
+
+    Attributes
+    ----------
+    index
+        Of the scan among those of its kind in the file, from 0, damaged ones included.
+    time_ns
+        ipc_time, ns.
+    angle_min, angle_increment
+        rad.
+    range_max
+        As the line says, m; 0 where it does not.
+    ranges
+        float64 (N,), m, as logged.
+    laser, odometry
+        Poses of laser and base in the odometry frame (x, y, yaw), None where the line has none.
+    """
+
+    index: int
+    time_ns: int
+    angle_min: float
+    angle_increment: float
+    range_max: float
+    ranges: NDArray[np.float64]
+    laser: Pose2 | None
+    odometry: Pose2 | None
+
+
+@dataclass(frozen=True, slots=True)
+class OdomLine:
+    """Odometry on a line of its own: time in ns, pose (x, y, yaw)."""
+
+    time_ns: int
+    pose: Pose2
+
+
+@dataclass
+class CarmenLog:
+    """What is in a log, in file order.
+
+    Attributes
+    ----------
+    scans
+        By kind.
+    odometry
+        ODOM lines.
+    parameters
+        PARAM lines.
+    damaged
+        Lines of a known kind that cannot be read.
+    """
+
+    scans: dict[str, list[ScanLine]] = field(default_factory=dict)
+    odometry: list[OdomLine] = field(default_factory=list)
+    parameters: dict[str, str] = field(default_factory=dict)
+    damaged: int = 0
+    counts: dict[str, int] = field(default_factory=dict)
+
+
+def read_log(path: Path) -> CarmenLog:
+    """Read a CARMEN log, plain or compressed by bzip2 or gzip.
+
+    Raises
+    ------
+    LogError
+        Where the file cannot be read, is cut off within its compression, or is no text log.
+    """
+    log = CarmenLog()
+    try:
+        with _open(path) as stream:
+            for line in _lines(stream):
+                _take(log, line)
+    except (OSError, EOFError, zlib.error) as error:
+        raise LogError(f"{path}: cannot be read ({one_line(error)})") from None
+    except OverflowError as error:
+        raise LogError(f"{path}: {one_line(error)}") from None
+    return log
+
+
+def _open(path: Path) -> IO[bytes]:
+    """Open by the first bytes, so that a wrong suffix does not matter."""
+    with path.open("rb") as stream:
+        head = stream.read(3)
+    if head == b"BZh":
+        return bz2.open(path, "rb")
+    if head[:2] == b"\x1f\x8b":
+        return gzip.open(path, "rb")  # type: ignore[return-value]
+    return path.open("rb")
+
+
+def _lines(stream: IO[bytes]) -> Iterator[bytes]:
+    total = 0
+    while line := stream.readline(MAX_LINE):
+        total += len(line)
+        if total > MAX_LOG:
+            raise OverflowError(f"more than {MAX_LOG} bytes, no log is as large")
+        yield line
+
+
+def _take(log: CarmenLog, line: bytes) -> None:
+    """Add one line to the log."""
+    kind = line[:12].split(b" ", 1)[0].decode("ascii", "replace")
+    if kind not in (*SCAN_KINDS, "ODOM", "PARAM"):
+        return
+    words = line.decode("ascii", "replace").split()
+    index = log.counts.get(kind, 0)
+    log.counts[kind] = index + 1
+    try:
+        if kind == "PARAM":
+            log.parameters[words[1]] = words[2]
+        elif kind == "ODOM":
+            log.odometry.append(OdomLine(_time_ns(words[7]), _pose(words[1:4])))
+        else:
+            read = _flaser if kind == "FLASER" else _new_laser
+            log.scans.setdefault(kind, []).append(read(words, index))
+    except (ValueError, IndexError):
+        log.damaged += 1
+
+
+def _flaser(words: list[str], index: int) -> ScanLine:
+    ranges, after = _readings(words, 1)
+    rest = words[after:]
+    angle_min, increment = _bearings(len(ranges))
+    laser, odometry = _pose(rest[:3]), _pose(rest[3:6])
+    return ScanLine(index, _time_ns(rest[6]), angle_min, increment, 0.0, ranges, laser, odometry)
+
+
+def _new_laser(words: list[str], index: int) -> ScanLine:
+    """Read ROBOTLASER1 and RAWLASER1, which differ in the poses."""
+    start, _, step, range_max = _numbers(words[2:6])
+    ranges, after = _readings(words, 8)
+    _, after = _readings(words, after)
+    rest = words[after:]
+    laser = odometry = None
+    if words[0].startswith("ROBOT"):
+        laser, odometry, rest = _pose(rest[:3]), _pose(rest[3:6]), rest[11:]
+    return ScanLine(index, _time_ns(rest[0]), start, step, range_max, ranges, laser, odometry)
+
+
+def _readings(words: list[str], at: int) -> tuple[NDArray[np.float64], int]:
+    """Return the readings whose number is words[at], and where they end."""
+    count = int(words[at])
+    end = at + 1 + count
+    if not 0 <= count <= MAX_BEAMS or end > len(words):
+        raise ValueError("readings are missing")
+    return np.array(list(map(float, words[at + 1 : end]))), end
+
+
+def _bearings(beams: int) -> tuple[float, float]:
+    """Return first bearing and step of a FLASER scan: 180 and 360 beams end one step early."""
+    if beams < 2:
+        raise ValueError("a scan of less than two beams")
+    if beams in WIDE:
+        return WIDE[beams]
+    return -0.5 * math.pi, math.pi / (beams if beams % 2 == 0 else beams - 1)
+
+
+def _numbers(words: list[str]) -> list[float]:
+    values = [float(word) for word in words]
+    if not all(math.isfinite(value) and abs(value) < MAX_COORDINATE for value in values):
+        raise ValueError("a number that is not finite")
+    return values
+
+
+def _pose(words: list[str]) -> Pose2:
+    x, y, theta = _numbers(words)
+    return x, y, theta
+
+
+def _time_ns(word: str) -> int:
+    """Return a time in s as ns, exactly: a float64 has 0.1 us left at today's epoch."""
+    whole, _, part = word.partition(".")
+    if not (whole.isdigit() and (part.isdigit() or not part)) or int(whole) > MAX_TIME_S:
+        raise ValueError(f"no time: {word}")
+    return int(whole) * 1_000_000_000 + int(part[:9].ljust(9, "0"))

@@ -1,0 +1,128 @@
+"""An occupancy grid of the level scans on their optimised poses, for navigation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.errors import OutputError, one_line
+from tccm_ros.geometry import transform2
+
+__all__ = ["OccupancyGrid", "occupancy_grid", "save_grid"]
+
+Float64 = NDArray[np.float64]
+
+HIT_SHARE = 0.35
+"""A cell is occupied where at least this share of the beams that reached it ended in it."""
+
+LEAST_BEAMS = 2
+"""Fewer beams than this leave a cell unknown."""
+
+MARGIN = 0.5
+"""Unknown border around everything seen, m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OccupancyGrid:
+    """Cells as nav_msgs/OccupancyGrid has them.
+
+    Attributes
+    ----------
+    cells
+        int8 (height, width), row 0 at the lowest y: 0 free, 100 occupied, -1 unknown.
+    resolution
+        Edge of a cell, m.
+    origin
+        float64 (2,), outer corner of cell (0, 0) in map, m.
+    """
+
+    cells: NDArray[np.int8]
+    resolution: float
+    origin: Float64
+
+
+def occupancy_grid(
+    state: Mapping[str, NDArray[Any]], resolution: float = 0.05
+) -> OccupancyGrid | None:
+    """Draw the keyframes' scans; None where there is no level laser.
+
+    Parameters
+    ----------
+    state
+        `WallSlam.state`: poses, scans (points and laser origins in the base frame) and counts.
+    resolution
+        Edge of a cell, m.
+    """
+    if not len(state.get("keyframe_pose", ())) or not len(state["scan_points"]):
+        return None
+    ends = np.cumsum(state["scan_count"])
+    scans = np.split(state["scan_points"].astype(np.float64), ends[:-1])
+    poses = state["keyframe_pose"]
+    points = np.concatenate([transform2(p, s) for p, s in zip(poses, scans)])
+    origins = transform2(poses, state["scan_origin"][:, None])[:, 0]
+    starts = np.repeat(origins, state["scan_count"], axis=0)
+    low = np.floor((np.minimum(points.min(0), starts.min(0)) - MARGIN) / resolution) * resolution
+    size = np.ceil((np.maximum(points.max(0), starts.max(0)) + MARGIN - low) / resolution)
+    hits, passed = np.zeros((2, int(size[1]), int(size[0])), np.int32)
+    _trace((starts - low) / resolution, (points - low) / resolution, hits, passed)
+    seen = hits + passed
+    cells = np.where(hits >= HIT_SHARE * seen, np.int8(100), np.int8(0))
+    cells[(seen < LEAST_BEAMS) & (hits == 0)] = -1
+    return OccupancyGrid(cells, resolution, low)
+
+
+@njit(nogil=True, cache=True)
+def _trace(
+    starts: Float64, ends: Float64, hits: NDArray[np.int32], passed: NDArray[np.int32]
+) -> None:
+    """Count in each cell (row y, column x) the beams that ended there and that passed.
+
+    Beams are straight lines from `starts` to `ends` (N, 2), in cells, all inside the grid.
+    """
+    for n in range(len(starts)):
+        x, y = int(np.floor(starts[n, 0])), int(np.floor(starts[n, 1]))
+        last_x, last_y = int(np.floor(ends[n, 0])), int(np.floor(ends[n, 1]))
+        dx, dy = ends[n, 0] - starts[n, 0], ends[n, 1] - starts[n, 1]
+        step_x, step_y = (1 if dx > 0 else -1), (1 if dy > 0 else -1)
+        next_x = (x + (dx > 0) - starts[n, 0]) / dx if dx != 0.0 else np.inf
+        next_y = (y + (dy > 0) - starts[n, 1]) / dy if dy != 0.0 else np.inf
+        for _ in range(abs(last_x - x) + abs(last_y - y)):
+            passed[y, x] += 1
+            if next_x < next_y:
+                x += step_x
+                next_x += step_x / dx
+            else:
+                y += step_y
+                next_y += step_y / dy
+        hits[last_y, last_x] += 1
+
+
+def save_grid(folder: Path, name: str, grid: OccupancyGrid) -> None:
+    """Write ``name.pgm`` and ``name.yaml`` as nav2_map_server reads them (trinary).
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    shades = np.full(grid.cells.shape, 205, np.uint8)
+    shades[grid.cells == 0] = 254
+    shades[grid.cells == 100] = 0
+    height, width = len(shades), len(shades[0])
+    about = (
+        f"image: {name}.pgm\nmode: trinary\nresolution: {grid.resolution:g}\n"
+        f"origin: [{grid.origin[0]:.6f}, {grid.origin[1]:.6f}, 0.0]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    try:
+        header = f"P5\n{width} {height}\n255\n".encode()
+        (folder / f"{name}.pgm").write_bytes(header + shades[::-1].tobytes())
+        (folder / f"{name}.yaml").write_text(about)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be written ({one_line(error)})") from None

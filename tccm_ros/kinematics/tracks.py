@@ -1,0 +1,289 @@
+"""Time-stamped samples in stamp order, interpolated between their neighbours and never beyond.
+
+A track keeps a bounded history. A sample that is not newer than the one before it is left out: what
+a track has said of a time between two samples it will say again, whenever one asks.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ["MAX_SAMPLES", "PoseTrack", "ScalarTrack", "Track"]
+
+#: Samples that a track holds before it forgets the older half: 160 s at 100 Hz.
+MAX_SAMPLES = 16384
+
+Int64 = NDArray[np.int64]
+Float64 = NDArray[np.float64]
+
+
+class Track:
+    """Samples of `width` numbers, sorted by stamp.
+
+    Parameters
+    ----------
+    width
+        Numbers in a sample.
+    max_samples
+        Bound of the history.
+
+    Attributes
+    ----------
+    heard
+        Samples that came, also those that were left out.
+    """
+
+    def __init__(self, width: int, max_samples: int = MAX_SAMPLES):
+        self.heard = 0
+        size = min(64, max_samples)
+        self._stamps = np.zeros(size, np.int64)
+        self._values = np.zeros((size, width))
+        self._count = 0
+        self._max_samples = max_samples
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def stamps_ns(self) -> Int64:
+        """Stamps of the samples, int64 (N,), strictly increasing (a view)."""
+        return self._stamps[: self._count]
+
+    @property
+    def values(self) -> Float64:
+        """The samples, float64 (N, width) (a view)."""
+        return self._values[: self._count]
+
+    @property
+    def earliest_ns(self) -> int | None:
+        """Oldest stamp, None without samples."""
+        return int(self._stamps[0]) if self._count else None
+
+    @property
+    def latest_ns(self) -> int | None:
+        """Newest stamp, None without samples."""
+        return int(self._stamps[self._count - 1]) if self._count else None
+
+    def clear(self) -> None:
+        """Forget all samples."""
+        self._count = 0
+
+    def append(self, stamp_ns: int, value: Float64 | float) -> bool:
+        """Append a sample; return False, and leave it out, where it is not the newest."""
+        self.heard += 1
+        n = self._count
+        if n and stamp_ns <= self._stamps[n - 1]:
+            return False
+        if n == len(self._stamps):
+            n = self._make_room()
+        self._stamps[n] = stamp_ns
+        self._values[n] = value
+        self._count = n + 1
+        return True
+
+    def widest_gap_ns(self, start_ns: int, end_ns: int) -> int | None:
+        """Return the widest step between the samples that bracket [start, end].
+
+        Returns
+        -------
+        The step in ns (0 where one sample at start = end suffices), or None where no sample is at
+        or before the start or none at or after the end.
+        """
+        gap = widest_gap(self._stamps[: self._count], start_ns, end_ns)
+        return None if gap < 0 else gap
+
+    def brackets(self, start_ns: int, end_ns: int, max_gap_ns: int) -> bool:
+        """Return whether samples at most `max_gap_ns` apart reach over [start, end]."""
+        gap = self.widest_gap_ns(start_ns, end_ns)
+        return gap is not None and gap <= max_gap_ns
+
+    def stamps_within(self, start_ns: int, end_ns: int) -> Int64:
+        """Return the sample stamps in the open interval (start, end), int64 (M,)."""
+        return stamps_between(self._stamps[: self._count], start_ns, end_ns)
+
+    def _make_room(self) -> int:
+        """Grow, or forget the older half; return the number of samples."""
+        first = self._count // 2 if self._count >= self._max_samples else 0
+        kept = self._count - first
+        size = min(max(2 * kept, 64), self._max_samples)
+        stamps, values = np.zeros(size, np.int64), np.zeros((size, self._values.shape[1]))
+        stamps[:kept] = self._stamps[first : self._count]
+        values[:kept] = self._values[first : self._count]
+        self._stamps, self._values, self._count = stamps, values, kept
+        return kept
+
+
+class ScalarTrack(Track):
+    """Positions of one joint."""
+
+    def __init__(self, max_samples: int = MAX_SAMPLES):
+        super().__init__(1, max_samples)
+
+    def at(self, stamps_ns: Int64, *, wraps: bool) -> Float64:
+        """Return positions float64 (K,) at stamps int64 (K,) that the samples bracket.
+
+        Where positions `wrap` they are angles, between which the short way is taken: an encoder
+        that steps from +pi to -pi has not turned back.
+        """
+        return interpolate_scalars(
+            self.stamps_ns, self.values[:, 0], np.asarray(stamps_ns, np.int64), wraps
+        )
+
+
+class PoseTrack(Track):
+    """Rigid transforms, kept as translation and quaternion xyzw."""
+
+    def __init__(self, max_samples: int = MAX_SAMPLES):
+        super().__init__(7, max_samples)
+
+    def append_pose(self, stamp_ns: int, T_a_b: Float64) -> bool:
+        """Append a transform float64 (4, 4); return False where it is not the newest."""
+        return self.append(stamp_ns, pose_to_numbers(T_a_b))
+
+    def at(self, stamps_ns: Int64) -> Float64:
+        """Return transforms float64 (K, 4, 4) at stamps int64 (K,) that the samples bracket."""
+        return interpolate_transforms(self.stamps_ns, self.values, np.asarray(stamps_ns, np.int64))
+
+
+@njit(nogil=True, cache=True)
+def widest_gap(stamps, start, end):  # type: ignore[no-untyped-def]
+    """Return the widest step between the stamps that bracket [start, end], -1 if none do."""
+    if len(stamps) == 0 or stamps[0] > start or stamps[-1] < end:
+        return -1
+    first = np.searchsorted(stamps, start, "right") - 1
+    last = np.searchsorted(stamps, end)
+    widest = 0
+    for i in range(first, last):
+        widest = max(widest, stamps[i + 1] - stamps[i])
+    return widest
+
+
+@njit(nogil=True, cache=True)
+def stamps_between(stamps, start, end):  # type: ignore[no-untyped-def]
+    """Return the stamps in the open interval (start, end)."""
+    return stamps[np.searchsorted(stamps, start, "right") : np.searchsorted(stamps, end)]
+
+
+@njit(nogil=True, cache=True)
+def merge_stamps(start, end, step, inner):  # type: ignore[no-untyped-def]
+    """Return stamps (K,) from start to end at most `step` apart, with `inner` among them."""
+    count = -(-(end - start) // step)
+    merged = np.empty(count + 1 + len(inner), np.int64)
+    for i in range(count + 1):
+        merged[i] = start + (end - start) * i // count
+    merged[count + 1 :] = inner
+    merged.sort()
+    kept = 1
+    for i in range(1, len(merged)):
+        if merged[i] != merged[kept - 1]:
+            merged[kept] = merged[i]
+            kept += 1
+    return merged[:kept]
+
+
+@njit(nogil=True, cache=True)
+def bracket(stamps, stamp):  # type: ignore[no-untyped-def]
+    """Return (i, j, fraction): the samples around a stamp; the stamp lies within the samples."""
+    j = np.searchsorted(stamps, stamp)
+    if j >= len(stamps):
+        j = len(stamps) - 1
+    if stamps[j] <= stamp or j == 0:
+        return j, j, 0.0
+    step = stamps[j] - stamps[j - 1]
+    return j - 1, j, (stamp - stamps[j - 1]) / step
+
+
+@njit(nogil=True, cache=True)
+def interpolate_scalars(stamps, values, at, wraps):  # type: ignore[no-untyped-def]
+    """Interpolate values (N,) at stamps (K,); where they wrap, the short way round."""
+    result = np.empty(len(at))
+    for k in range(len(at)):
+        i, j, f = bracket(stamps, at[k])
+        step = values[j] - values[i]
+        if wraps:
+            step -= 2.0 * np.pi * np.rint(step / (2.0 * np.pi))
+        result[k] = values[i] + f * step
+    return result
+
+
+@njit(nogil=True, cache=True)
+def slerp(a, b, f):  # type: ignore[no-untyped-def]
+    """Interpolate unit quaternions xyzw along the shorter great circle."""
+    dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+    sign = 1.0
+    if dot < 0.0:
+        dot, sign = -dot, -1.0
+    if dot > 0.9999999:
+        wa, wb = 1.0 - f, f * sign
+    else:
+        angle = np.arccos(dot)
+        wa = np.sin((1.0 - f) * angle) / np.sin(angle)
+        wb = np.sin(f * angle) / np.sin(angle) * sign
+    q = np.empty(4)
+    norm = 0.0
+    for i in range(4):
+        q[i] = wa * a[i] + wb * b[i]
+        norm += q[i] * q[i]
+    return q / np.sqrt(norm)
+
+
+@njit(nogil=True, cache=True)
+def pose_to_numbers(T):  # type: ignore[no-untyped-def]
+    """Return translation and unit quaternion xyzw, w >= 0, of a pose (4, 4), float64 (7,).
+
+    The largest of the four components is found first (Shepperd 1978), so that none is divided by a
+    small number.
+    """
+    trace = T[0, 0] + T[1, 1] + T[2, 2]
+    largest = 3
+    for i in range(3):
+        if T[i, i] > (trace if largest == 3 else T[largest, largest]):
+            largest = i
+    q = np.empty(4)
+    if largest == 3:
+        q[0], q[1], q[2] = T[2, 1] - T[1, 2], T[0, 2] - T[2, 0], T[1, 0] - T[0, 1]
+        q[3] = 1.0 + trace
+    else:
+        i, j, k = largest, (largest + 1) % 3, (largest + 2) % 3
+        q[i] = 1.0 + T[i, i] - T[j, j] - T[k, k]
+        q[j] = T[j, i] + T[i, j]
+        q[k] = T[k, i] + T[i, k]
+        q[3] = T[k, j] - T[j, k]
+    norm = np.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
+    if q[3] < 0.0:
+        norm = -norm
+    result = np.empty(7)
+    for i in range(3):
+        result[i] = T[i, 3]
+    result[3:] = q / norm
+    return result
+
+
+@njit(nogil=True, cache=True)
+def quaternion_to_pose(q, t, T):  # type: ignore[no-untyped-def]
+    """Write the pose of a unit quaternion xyzw and a translation into T (4, 4)."""
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    T[0, 0] = 1.0 - 2.0 * (y * y + z * z)
+    T[0, 1] = 2.0 * (x * y - z * w)
+    T[0, 2] = 2.0 * (x * z + y * w)
+    T[1, 0] = 2.0 * (x * y + z * w)
+    T[1, 1] = 1.0 - 2.0 * (x * x + z * z)
+    T[1, 2] = 2.0 * (y * z - x * w)
+    T[2, 0] = 2.0 * (x * z - y * w)
+    T[2, 1] = 2.0 * (y * z + x * w)
+    T[2, 2] = 1.0 - 2.0 * (x * x + y * y)
+    for i in range(3):
+        T[i, 3] = t[i]
+        T[3, i] = 0.0
+    T[3, 3] = 1.0
+
+
+@njit(nogil=True, cache=True)
+def interpolate_transforms(stamps, values, at):  # type: ignore[no-untyped-def]
+    """Interpolate poses (N, 7) of translation and quaternion at stamps (K,) to (K, 4, 4)."""
+    result = np.empty((len(at), 4, 4))
+    for k in range(len(at)):
+        i, j, f = bracket(stamps, at[k])
+        t = values[i, :3] * (1.0 - f) + values[j, :3] * f
+        quaternion_to_pose(slerp(values[i, 3:], values[j, 3:], f), t, result[k])
+    return result

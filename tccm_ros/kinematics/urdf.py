@@ -1,0 +1,289 @@
+"""Reading a robot description: links, joints and collision shapes.
+
+The reader is small and strict because the text comes from a topic or a file of others: no document
+type, so no entities; bounded in size; every number finite. Meshes are not loaded, only named.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.errors import UrdfError, one_line, suggest
+from tccm_ros.geometry import pose_from_rpy
+
+__all__ = ["MAX_URDF_BYTES", "Joint", "Mimic", "RobotModel", "Shape", "read_urdf"]
+
+#: A robot description larger than this is not read (large real ones have some 200 kB).
+MAX_URDF_BYTES = 8_000_000
+
+#: Joint types that move, and how.
+MOVING = {"revolute": "turn", "continuous": "turn", "prismatic": "slide"}
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Mimic:
+    """A joint that follows another: position = multiplier * other + offset."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """A joint: T_parent_child(q) = T_parent_joint * motion(q).
+
+    Attributes
+    ----------
+    motion
+        ``fixed``, ``turn`` (rad, about the axis) or ``slide`` (m, along it); ``loose`` for
+        floating and planar joints, whose place no joint state gives.
+    T_parent_joint
+        float64 (4, 4), origin of the joint.
+    axis
+        Unit vector float64 (3,) in the joint's frame.
+    """
+
+    name: str
+    motion: str
+    parent: str
+    child: str
+    T_parent_joint: Float64
+    axis: Float64
+    mimic: Mimic | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """A collision shape of a link.
+
+    Attributes
+    ----------
+    kind
+        ``box``, ``sphere`` or ``cylinder`` (along its z).
+    size
+        float64 (3,), half extents of the box that holds it: of a sphere (r, r, r), of a cylinder
+        (r, r, length / 2).
+    """
+
+    link: str
+    kind: str
+    size: Float64
+    T_link_shape: Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotModel:
+    """A robot: a tree of links.
+
+    Attributes
+    ----------
+    joints
+        By the name of the child link.
+    meshes
+        Links with collision meshes, which are not loaded.
+    """
+
+    name: str
+    root: str
+    links: tuple[str, ...]
+    joints: dict[str, Joint]
+    shapes: tuple[Shape, ...]
+    meshes: tuple[str, ...]
+
+
+class _Builder(ElementTree.TreeBuilder):
+    """Refuses a document type before any entity in it is read."""
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        raise UrdfError("robot description: a document type is not allowed; remove <!DOCTYPE")
+
+
+def read_urdf(text: str) -> RobotModel:
+    """Read a robot description.
+
+    Raises
+    ------
+    UrdfError
+        For text that is not a URDF, has a document type, is too large, names unknown links or is
+        not one tree.
+    """
+    size = len(text.encode("utf-8", "replace"))
+    if size > MAX_URDF_BYTES:
+        raise UrdfError(f"robot description: {size} bytes, at most {MAX_URDF_BYTES} are read")
+    if not text.strip():
+        raise UrdfError("robot description: empty")
+    try:
+        root = ElementTree.fromstring(text, ElementTree.XMLParser(target=_Builder()))
+    except (ElementTree.ParseError, ValueError, RecursionError) as error:
+        raise UrdfError(f"robot description: not XML ({one_line(error, limit=80)})") from None
+    if root.tag != "robot":
+        raise UrdfError(f"robot description: <robot> is expected, found <{root.tag[:40]}>")
+    links = _links(root)
+    joints = _joints(root, set(links))
+    return RobotModel(
+        root.get("name", ""), _root_link(links, joints), links, joints, *_shapes(root)
+    )
+
+
+def _links(root: ElementTree.Element) -> tuple[str, ...]:
+    names = [_name(link, "link") for link in root.findall("link")]
+    if not names:
+        raise UrdfError("robot description: it has no links")
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise UrdfError(f"robot description: link '{name}' is there twice")
+        seen.add(name)
+    return tuple(names)
+
+
+def _name(element: ElementTree.Element, what: str) -> str:
+    name = element.get("name", "")
+    if not name:
+        raise UrdfError(f"robot description: a {what} without a name")
+    return name
+
+
+def _joints(root: ElementTree.Element, links: set[str]) -> dict[str, Joint]:
+    joints: dict[str, Joint] = {}
+    names: set[str] = set()
+    for element in root.findall("joint"):
+        joint = _joint(element)
+        for end in (joint.parent, joint.child):
+            if end not in links:
+                raise UrdfError(
+                    f"robot description: joint '{joint.name}' names no link '{end}'"
+                    + suggest(end, links)
+                )
+        if joint.name in names:
+            raise UrdfError(f"robot description: joint '{joint.name}' is there twice")
+        if joint.child in joints:
+            raise UrdfError(f"robot description: link '{joint.child}' has two parents")
+        names.add(joint.name)
+        joints[joint.child] = joint
+    for joint in joints.values():
+        if joint.mimic is not None and joint.mimic.joint not in names:
+            raise UrdfError(
+                f"robot description: joint '{joint.name}' mimics no joint '{joint.mimic.joint}'"
+                + suggest(joint.mimic.joint, names)
+            )
+    return joints
+
+
+def _joint(element: ElementTree.Element) -> Joint:
+    name = _name(element, "joint")
+    where = f"joint '{name}'"
+    kind = element.get("type", "")
+    if kind not in (*MOVING, "fixed", "floating", "planar"):
+        raise UrdfError(f"robot description: {where} has no type '{kind}'")
+    ends = [element.find(end) for end in ("parent", "child")]
+    parent, child = ("" if end is None else end.get("link", "") for end in ends)
+    axis = np.array([1.0, 0.0, 0.0])
+    found = element.find("axis")
+    if found is not None:
+        axis = _numbers(found.get("xyz", "1 0 0"), 3, f"{where} axis")
+    length = float(np.linalg.norm(axis))
+    if kind in MOVING and length < 1e-9:
+        raise UrdfError(f"robot description: {where} has an axis of zero length")
+    motion = MOVING.get(kind, "fixed" if kind == "fixed" else "loose")
+    return Joint(
+        name,
+        motion,
+        parent,
+        child,
+        _origin(element, where),
+        axis / max(length, 1e-9),
+        _mimic(element, where),
+    )
+
+
+def _mimic(element: ElementTree.Element, where: str) -> Mimic | None:
+    found = element.find("mimic")
+    if found is None:
+        return None
+    return Mimic(
+        found.get("joint", ""),
+        float(_numbers(found.get("multiplier", "1"), 1, f"{where} mimic")[0]),
+        float(_numbers(found.get("offset", "0"), 1, f"{where} mimic")[0]),
+    )
+
+
+def _origin(element: ElementTree.Element, where: str) -> Float64:
+    found = element.find("origin")
+    if found is None:
+        return np.eye(4)
+    xyz = _numbers(found.get("xyz", "0 0 0"), 3, f"{where} origin")
+    rpy = _numbers(found.get("rpy", "0 0 0"), 3, f"{where} origin")
+    return pose_from_rpy(np.concatenate([xyz, rpy]))
+
+
+def _numbers(text: str, count: int, where: str) -> Float64:
+    try:
+        values = np.array([float(part) for part in text.split()])
+    except ValueError:
+        values = np.zeros(0)
+    if len(values) != count or not np.isfinite(values).all():
+        raise UrdfError(
+            f"robot description: {where}: {count} numbers expected, found '{text[:40]}'"
+        )
+    return values
+
+
+def _root_link(links: tuple[str, ...], joints: dict[str, Joint]) -> str:
+    roots = [link for link in links if link not in joints]
+    if len(roots) != 1:
+        raise UrdfError(
+            "robot description: its links are not one tree; "
+            + (f"roots: {', '.join(sorted(roots)[:8])}" if roots else "they form a ring")
+        )
+    placed = {roots[0]}
+    for link in links:
+        trail: list[str] = []
+        on_trail: set[str] = set()
+        while link not in placed:
+            if link in on_trail:
+                raise UrdfError(f"robot description: the joints at link '{link}' form a ring")
+            trail.append(link)
+            on_trail.add(link)
+            link = joints[link].parent
+        placed.update(trail)
+    return roots[0]
+
+
+def _shapes(root: ElementTree.Element) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+    shapes: list[Shape] = []
+    meshes: list[str] = []
+    for link in root.findall("link"):
+        name = link.get("name", "")
+        for collision in link.findall("collision"):
+            geometry = collision.find("geometry")
+            found: Any = None if geometry is None else next(iter(geometry), None)
+            if found is None:
+                continue
+            if found.tag not in ("box", "sphere", "cylinder"):
+                meshes.append(name)
+                continue
+            size = _half_extents(found, f"collision of link '{name}'")
+            shapes.append(
+                Shape(name, found.tag, size, _origin(collision, f"collision of link '{name}'"))
+            )
+    return tuple(shapes), tuple(dict.fromkeys(meshes))
+
+
+def _half_extents(element: ElementTree.Element, where: str) -> Float64:
+    if element.tag == "box":
+        half = _numbers(element.get("size", ""), 3, where) / 2.0
+    else:
+        radius = _numbers(element.get("radius", ""), 1, where)[0]
+        half = np.full(3, radius)
+        if element.tag == "cylinder":
+            half[2] = _numbers(element.get("length", ""), 1, where)[0] / 2.0
+    if (half < 0.0).any():
+        raise UrdfError(f"robot description: {where}: a negative size")
+    return half

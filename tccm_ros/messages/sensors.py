@@ -1,0 +1,336 @@
+"""Records <-> messages, written once for every family of message classes.
+
+Messages are read by duck typing and made through a `MessageTypes` namespace, so that a live node
+(rosidl classes) and a bag (rosbags typestore) run the same lines. Readers raise `MessageError` for
+content that no processor can use; callers count it as a drop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.messages.pointcloud import SURFACE_ROW, VIEW_ROW, cloud_message, cloud_rows
+from tccm_ros.messages.types import (
+    MessageError,
+    MessageTypes,
+    Vector,
+    header_message,
+    pose_matrix,
+    pose_message,
+    quaternion_message,
+)
+from tccm_ros.records import (
+    JointSample,
+    Odometry,
+    RobotDescription,
+    Scan,
+    SurfaceCloud,
+    TransformSample,
+    ViewIntervals,
+)
+
+__all__ = [
+    "READERS",
+    "MessageError",
+    "MessageTypes",
+    "Record",
+    "frame_name",
+    "joint_sample",
+    "joint_sample_from_message",
+    "joint_sample_message",
+    "odometry_from_message",
+    "odometry_message",
+    "robot_description_from_message",
+    "robot_description_message",
+    "scan_from_message",
+    "scan_message",
+    "stamp_ns_from_message",
+    "surface_cloud_from_message",
+    "surface_cloud_message",
+    "transform_message",
+    "transform_sample",
+    "transforms_from_message",
+    "transforms_message",
+    "view_from_message",
+    "view_message",
+]
+
+Record = (
+    Scan
+    | JointSample
+    | Odometry
+    | TransformSample
+    | RobotDescription
+    | SurfaceCloud
+    | ViewIntervals
+)
+
+MAX_SCAN_S = 60.0
+"""Longest sweep of one scan that is believed, s; the slowest lasers take a few seconds."""
+
+
+# --- readers ------------------------------------------------------------------------------------
+
+
+def stamp_ns_from_message(stamp: Any) -> int:
+    """Return a builtin_interfaces/Time in ns."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def scan_from_message(message: Any) -> Scan:
+    """Return the scan of a sensor_msgs/LaserScan; its ranges may share memory with the message.
+
+    Raises
+    ------
+    MessageError
+        Where angles or limits are not finite (range_max may be infinite), or where the time
+        between beams is negative or makes the sweep longer than `MAX_SCAN_S`.
+    """
+    ranges = np.asarray(np.frombuffer(message.ranges, np.float32), np.float32)
+    angles = (message.angle_min, message.angle_increment, message.time_increment, message.range_min)
+    if not all(map(math.isfinite, angles)) or math.isnan(message.range_max):
+        raise MessageError("scan has angles, times or limits that are not numbers")
+    if not 0.0 <= message.time_increment * len(ranges) <= MAX_SCAN_S:
+        raise MessageError(
+            f"scan has {len(ranges)} beams {message.time_increment:g} s apart, "
+            f"expected 0 to {MAX_SCAN_S:g} s in all"
+        )
+    return Scan(
+        stamp_ns=stamp_ns_from_message(message.header.stamp),
+        frame_id=frame_name(message.header.frame_id),
+        angle_min=float(message.angle_min),
+        angle_increment=float(message.angle_increment),
+        time_increment=float(message.time_increment),
+        range_min=float(message.range_min),
+        range_max=float(message.range_max),
+        ranges=ranges,
+    )
+
+
+def joint_sample_from_message(message: Any) -> JointSample:
+    """Return the positions of a sensor_msgs/JointState, without joints whose position is nan.
+
+    A message without positions (velocities or efforts alone) gives an empty sample.
+
+    Raises
+    ------
+    MessageError
+        Where there are positions, but not as many as names.
+    """
+    positions = np.frombuffer(message.position, np.float64)
+    return joint_sample(stamp_ns_from_message(message.header.stamp), message.name, positions)
+
+
+def joint_sample(
+    stamp_ns: int, names: Sequence[str], positions: NDArray[np.float64]
+) -> JointSample:
+    """Return a sample of what a joint state says; see `joint_sample_from_message`."""
+    if len(positions) == 0:
+        names = ()
+    if len(positions) != len(names):
+        raise MessageError(f"joint state has {len(names)} names and {len(positions)} positions")
+    if not all(map(math.isfinite, positions.tolist())):
+        known = np.isfinite(positions)
+        names = [name for name, k in zip(names, known) if k]
+        positions = positions[known]
+    return JointSample(stamp_ns, tuple(names), positions)
+
+
+def odometry_from_message(message: Any) -> Odometry:
+    """Return the pose of a nav_msgs/Odometry.
+
+    Raises
+    ------
+    MessageError
+        Where the pose is not finite or its quaternion is zero.
+    """
+    position, q = message.pose.pose.position, message.pose.pose.orientation
+    return Odometry(
+        stamp_ns_from_message(message.header.stamp),
+        frame_name(message.header.frame_id),
+        frame_name(message.child_frame_id),
+        pose_matrix((position.x, position.y, position.z), (q.x, q.y, q.z, q.w), "odometry"),
+    )
+
+
+def transforms_from_message(message: Any, *, is_static: bool = False) -> list[TransformSample]:
+    """Return the transforms of a tf2_msgs/TFMessage.
+
+    Raises
+    ------
+    MessageError
+        Where one of them is not finite or its quaternion is zero.
+    """
+    return [_transform_sample(transform, is_static) for transform in message.transforms]
+
+
+def robot_description_from_message(message: Any) -> RobotDescription:
+    """Return the URDF of a std_msgs/String."""
+    return RobotDescription(str(message.data))
+
+
+def surface_cloud_from_message(message: Any) -> SurfaceCloud:
+    """Return the hand-over of a sensor_msgs/PointCloud2 with fields x y z surface.
+
+    Raises
+    ------
+    MessageError
+        For other fields, sizes that contradict each other, or points that are not finite.
+    """
+    rows = cloud_rows(message, SURFACE_ROW)
+    points = _float_columns(rows, ("x", "y", "z"))
+    if not np.isfinite(points).all():
+        raise MessageError("surface cloud has points that are not finite")
+    stamp = stamp_ns_from_message(message.header.stamp)
+    surface = np.ascontiguousarray(rows["surface"])
+    return SurfaceCloud(stamp, frame_name(message.header.frame_id), points, surface)
+
+
+def view_from_message(message: Any) -> ViewIntervals:
+    """Return the free intervals of a sensor_msgs/PointCloud2 with fields x y z_low z_high.
+
+    Raises
+    ------
+    MessageError
+        For other fields, sizes that contradict each other, or values that are nan.
+    """
+    intervals = _float_columns(cloud_rows(message, VIEW_ROW), VIEW_ROW.names or ())
+    if np.isnan(intervals).any():
+        raise MessageError("view has intervals that are not numbers")
+    stamp = stamp_ns_from_message(message.header.stamp)
+    return ViewIntervals(stamp, frame_name(message.header.frame_id), intervals)
+
+
+READERS: Mapping[str, tuple[str, Callable[[Any], Sequence[Record]]]] = {
+    "scan": ("sensor_msgs/msg/LaserScan", lambda m: (scan_from_message(m),)),
+    "tilt_scan": ("sensor_msgs/msg/LaserScan", lambda m: (scan_from_message(m),)),
+    "joint_states": ("sensor_msgs/msg/JointState", lambda m: (joint_sample_from_message(m),)),
+    "odom": ("nav_msgs/msg/Odometry", lambda m: (odometry_from_message(m),)),
+    "robot_description": ("std_msgs/msg/String", lambda m: (robot_description_from_message(m),)),
+    "tf": ("tf2_msgs/msg/TFMessage", transforms_from_message),
+    "tf_static": ("tf2_msgs/msg/TFMessage", lambda m: transforms_from_message(m, is_static=True)),
+    "surfaces": ("sensor_msgs/msg/PointCloud2", lambda m: (surface_cloud_from_message(m),)),
+    "view": ("sensor_msgs/msg/PointCloud2", lambda m: (view_from_message(m),)),
+}
+"""For each role of a topic: the message type, and the reader that gives its records."""
+
+
+def frame_name(name: str) -> str:
+    """Return a frame name without the leading slash that bags converted from ROS 1 have."""
+    return str(name).lstrip("/")
+
+
+def _transform_sample(message: Any, is_static: bool) -> TransformSample:
+    t, q = message.transform.translation, message.transform.rotation
+    return transform_sample(
+        stamp_ns_from_message(message.header.stamp),
+        (message.header.frame_id, message.child_frame_id),
+        (t.x, t.y, t.z),
+        (q.x, q.y, q.z, q.w),
+        is_static,
+    )
+
+
+def transform_sample(
+    stamp_ns: int, frames: tuple[str, str], t: Vector, q: Vector, is_static: bool
+) -> TransformSample:
+    """Return a transform (parent, child); see `transforms_from_message`."""
+    parent, child = map(frame_name, frames)
+    T = pose_matrix(t, q, f"transform {parent} -> {child}")
+    return TransformSample(stamp_ns, parent, child, T, is_static)
+
+
+def _float_columns(rows: NDArray[Any], names: Sequence[str]) -> NDArray[np.float32]:
+    """Return named float32 columns as (N, len(names)), bit for bit."""
+    return np.stack([rows[name] for name in names], axis=1).astype(np.float32, copy=False)
+
+
+# --- writers ------------------------------------------------------------------------------------
+
+
+def scan_message(types: MessageTypes, scan: Scan, *, scan_time: float = 0.0) -> Any:
+    """Return a sensor_msgs/LaserScan; `scan_time` is the time between scans, s, 0 = unknown."""
+    return types.make(
+        "sensor_msgs/msg/LaserScan",
+        header=header_message(types, scan.stamp_ns, scan.frame_id),
+        angle_min=float(scan.angle_min),
+        angle_max=float(scan.angle_min + scan.angle_increment * max(len(scan.ranges) - 1, 0)),
+        angle_increment=float(scan.angle_increment),
+        time_increment=float(scan.time_increment),
+        scan_time=float(scan_time),
+        range_min=float(scan.range_min),
+        range_max=float(scan.range_max),
+        ranges=types.array("f4", scan.ranges),
+    )
+
+
+def joint_sample_message(types: MessageTypes, sample: JointSample) -> Any:
+    """Return a sensor_msgs/JointState with names and positions."""
+    return types.make(
+        "sensor_msgs/msg/JointState",
+        header=header_message(types, sample.stamp_ns, ""),
+        name=list(sample.names),
+        position=types.array("f8", sample.positions),
+    )
+
+
+def odometry_message(types: MessageTypes, odometry: Odometry) -> Any:
+    """Return a nav_msgs/Odometry with zero twist and covariances."""
+    pose = types.make(
+        "geometry_msgs/msg/PoseWithCovariance", pose=pose_message(types, odometry.T_odom_base)
+    )
+    return types.make(
+        "nav_msgs/msg/Odometry",
+        header=header_message(types, odometry.stamp_ns, odometry.frame_id),
+        child_frame_id=odometry.child_frame_id,
+        pose=pose,
+    )
+
+
+def transform_message(types: MessageTypes, sample: TransformSample) -> Any:
+    """Return a geometry_msgs/TransformStamped."""
+    x, y, z = map(float, sample.T_parent_child[:3, 3])
+    transform = types.make(
+        "geometry_msgs/msg/Transform",
+        translation=types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+        rotation=quaternion_message(types, sample.T_parent_child),
+    )
+    return types.make(
+        "geometry_msgs/msg/TransformStamped",
+        header=header_message(types, sample.stamp_ns, sample.parent),
+        child_frame_id=sample.child,
+        transform=transform,
+    )
+
+
+def transforms_message(types: MessageTypes, samples: Sequence[TransformSample]) -> Any:
+    """Return a tf2_msgs/TFMessage."""
+    transforms = [transform_message(types, sample) for sample in samples]
+    return types.make("tf2_msgs/msg/TFMessage", transforms=transforms)
+
+
+def robot_description_message(types: MessageTypes, description: RobotDescription) -> Any:
+    """Return a std_msgs/String with the URDF."""
+    return types.make("std_msgs/msg/String", data=description.urdf)
+
+
+def surface_cloud_message(types: MessageTypes, cloud: SurfaceCloud) -> Any:
+    """Return the hand-over ~/surfaces, a sensor_msgs/PointCloud2 (DESIGN section 4)."""
+    rows = np.zeros(len(cloud.points), SURFACE_ROW)
+    for k, name in enumerate("xyz"):
+        rows[name] = cloud.points[:, k]
+    rows["surface"] = cloud.surface
+    return cloud_message(types, cloud.stamp_ns, cloud.frame_id, rows)
+
+
+def view_message(types: MessageTypes, view: ViewIntervals) -> Any:
+    """Return ~/view, a sensor_msgs/PointCloud2 (DESIGN section 4)."""
+    rows = np.zeros(len(view.intervals), VIEW_ROW)
+    for k, name in enumerate(VIEW_ROW.names or ()):
+        rows[name] = view.intervals[:, k]
+    return cloud_message(types, view.stamp_ns, view.frame_id, rows)

@@ -1,0 +1,99 @@
+"""Progress bars with rate and remaining time, or none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Protocol
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TaskID,
+    TaskProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
+
+__all__ = ["Bars", "Shares", "Silent", "progress"]
+
+
+class Bars(Protocol):
+    """What long-running work reports to."""
+
+    def start(self, name: str, total: float, unit: str = "") -> None:
+        """Begin a bar; a running one is finished first."""
+
+    def advance(self, amount: float) -> None:
+        """Move the running bar on."""
+
+
+class Silent:
+    """Bars that show nothing."""
+
+    def start(self, name: str, total: float, unit: str = "") -> None:
+        """Show nothing."""
+
+    def advance(self, amount: float) -> None:
+        """Show nothing."""
+
+
+class Shares:
+    """Tells bars of work that reports the share that is done, 0 to 1."""
+
+    def __init__(self, bars: Bars, name: str):
+        self._bars, self._share = bars, 0.0
+        bars.start(name, 100.0, "%")
+
+    def __call__(self, share: float) -> None:
+        """Report the share that is done."""
+        self._bars.advance(100.0 * (share - self._share))
+        self._share = share
+
+
+class _Rate(ProgressColumn):
+    def render(self, task: Task) -> Text:
+        speed = task.finished_speed or task.speed
+        return Text("" if speed is None else f"{speed:.0f} {task.fields['unit']}/s")
+
+
+class _Shown:
+    def __init__(self, bars: Progress) -> None:
+        self._bars = bars
+        self._task: TaskID | None = None
+
+    def start(self, name: str, total: float, unit: str = "") -> None:
+        self.finish()
+        self._task = self._bars.add_task(name, total=total, unit=unit)
+
+    def advance(self, amount: float) -> None:
+        if self._task is not None:
+            self._bars.advance(self._task, amount)
+
+    def finish(self) -> None:
+        if self._task is not None:
+            self._bars.update(self._task, completed=self._bars.tasks[self._task].total)
+            self._task = None
+
+
+@contextmanager
+def progress(quiet: bool = False) -> Iterator[Bars]:
+    """Yield bars on standard error, or silent ones."""
+    if quiet:
+        yield Silent()
+        return
+    columns = (
+        TextColumn("{task.description:<9}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        _Rate(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as bars:
+        shown = _Shown(bars)
+        yield shown
+        shown.finish()

@@ -1,0 +1,174 @@
+"""Stamps that can be trusted: message time, outliers, and jumps of the clock.
+
+Message time is the newest stamp on any input. One wrong stamp must not move it: a record far ahead
+of its stream is held until the stream's next record tells whether the stream went there. Whether
+records are admitted depends on the order within each stream alone, not on how streams interleave.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+__all__ = ["Admission", "StampGuard"]
+
+#: Streams that are told apart; the records of further ones are refused.
+MAX_STREAMS = 1024
+
+#: Records of one stream that are held while it is not clear whether the clock went back.
+MAX_BEHIND = 1000
+
+T = TypeVar("T")
+
+
+@dataclass(slots=True)
+class Admission(Generic[T]):
+    """What became of a record and of those held before it.
+
+    Attributes
+    ----------
+    admitted
+        Records to use now, in the order of their stream.
+    refused
+        Records not to use, each with the reason.
+    jumped
+        Whether the clock jumped back: all samples from before are void, `admitted` is what came
+        since.
+    """
+
+    admitted: list[T] = field(default_factory=list)
+    refused: list[tuple[T, str]] = field(default_factory=list)
+    jumped: bool = False
+
+
+@dataclass(slots=True)
+class _Stream(Generic[T]):
+    newest_ns: int | None = None
+    ahead: tuple[int, T] | None = None
+    behind: list[tuple[int, T]] = field(default_factory=list)
+    alone: bool = False
+    keeps_time: bool = True
+
+
+class StampGuard(Generic[T]):
+    """Admits records by stamp.
+
+    Parameters
+    ----------
+    clock_jump_ns
+        A step larger than this, forward or backward, is no reordering.
+    """
+
+    def __init__(self, clock_jump_ns: int):
+        self._jump_ns = clock_jump_ns
+        self._streams: dict[Hashable, _Stream[T]] = {}
+        self._someone_behind = False
+
+    def admit(
+        self, key: Hashable, stamp_ns: int, record: T, *, keeps_time: bool = True
+    ) -> Admission[T]:
+        """Judge one record of the stream `key`, which may not count for message time."""
+        result: Admission[T] = Admission()
+        stream = self._streams.get(key)
+        if stream is None:
+            if len(self._streams) >= MAX_STREAMS:
+                result.refused.append((record, "too many streams"))
+                return result
+            stream = self._streams[key] = _Stream(keeps_time=keeps_time)
+        self._judge(stream, stamp_ns, record, result)
+        return result
+
+    def now(self, key: Hashable) -> int | None:
+        """Return message time as the stream `key` should see it, None before the first record.
+
+        It is the newest stamp of any stream. Of the other streams, a single one that is ahead of
+        the rest by more than a clock jump has a clock of its own and does not count.
+        """
+        own = self._streams.get(key)
+        times = [
+            stream.newest_ns
+            for stream in self._streams.values()
+            if stream is not own and stream.keeps_time and stream.newest_ns is not None
+        ]
+        if len(times) > 1:
+            times.sort()
+            if times[-1] > times[-2] + self._jump_ns:
+                times.pop()
+        if own is not None and own.newest_ns is not None:
+            times.append(own.newest_ns)
+        return max(times, default=None)
+
+    def flush(self) -> Admission[T]:
+        """Admit what is held: the input has ended."""
+        result: Admission[T] = Admission()
+        for stream in self._streams.values():
+            if stream.ahead is not None:
+                self._admit(stream, *stream.ahead, result)
+                stream.ahead = None
+            self._refuse_behind(stream, result)
+        return result
+
+    def _judge(self, stream: _Stream[T], stamp_ns: int, record: T, result: Admission[T]) -> None:
+        if stream.ahead is not None:
+            held_ns, held = stream.ahead
+            stream.ahead = None
+            if stamp_ns >= held_ns - self._jump_ns:
+                self._admit(stream, held_ns, held, result)
+            else:
+                result.refused.append((held, "future stamp"))
+        if stream.newest_ns is None or stamp_ns > stream.newest_ns + self._jump_ns:
+            stream.ahead = (stamp_ns, record)
+        elif stamp_ns < stream.newest_ns - self._jump_ns:
+            stream.behind.append((stamp_ns, record))
+            self._someone_behind = True
+            self._look_back(stream, result)
+        else:
+            if self._someone_behind:
+                self._refuse_behind(stream, result)
+                self._go_on()
+            self._admit(stream, stamp_ns, record, result)
+
+    def _admit(self, stream: _Stream[T], stamp_ns: int, record: T, result: Admission[T]) -> None:
+        result.admitted.append(record)
+        if stream.newest_ns is None or stamp_ns > stream.newest_ns:
+            stream.newest_ns = stamp_ns
+
+    def _refuse_behind(self, stream: _Stream[T], result: Admission[T]) -> None:
+        result.refused.extend((record, "out of order") for _, record in stream.behind)
+        stream.behind.clear()
+        stream.alone = False
+
+    def _go_on(self) -> None:
+        """Note that time goes on elsewhere while some streams are behind."""
+        self._someone_behind = False
+        for stream in self._streams.values():
+            stream.alone = bool(stream.behind)
+            self._someone_behind |= stream.alone
+
+    def _look_back(self, stream: _Stream[T], result: Admission[T]) -> None:
+        """Decide whether all inputs went back, or this stream alone, or nothing yet."""
+        streams = self._streams.values()
+        top_ns = max(s.newest_ns for s in streams if s.newest_ns is not None)
+        live = [
+            s for s in streams if s.newest_ns is not None and s.newest_ns >= top_ns - self._jump_ns
+        ]
+        records = sum(len(s.behind) for s in streams)
+        first_ns, last_ns = stream.behind[0][0], stream.behind[-1][0]
+        lasting = abs(last_ns - first_ns) > self._jump_ns or len(stream.behind) >= MAX_BEHIND
+        if (records > 1 and all(s.behind for s in live)) or (lasting and not stream.alone):
+            self._jump(result)
+        elif lasting:
+            stream.newest_ns = last_ns
+            self._refuse_behind(stream, result)
+
+    def _jump(self, result: Admission[T]) -> None:
+        """Begin again with the records that went back."""
+        result.jumped = True
+        for stream in self._streams.values():
+            if stream.ahead is not None:
+                result.refused.append((stream.ahead[1], "clock jump"))
+            stream.ahead = stream.newest_ns = None
+            back, stream.behind, stream.alone = stream.behind, [], False
+            for stamp_ns, record in back:
+                self._admit(stream, stamp_ns, record, result)

@@ -1,0 +1,1 @@
+"""The Time-series Composite Cuboid Map: from ranges to cuboids, planes and objects."""

@@ -1,0 +1,119 @@
+"""What a tilt cycle hands over to the surface map (DESIGN section 4)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import inverse, transform
+from tccm_ros.mapping.beams import sweep_beams
+from tccm_ros.mapping.mapper import Sweep
+from tccm_ros.mapping.part import PartMap, cell_keys
+from tccm_ros.mapping.planes import PlaneFit, PlaneFits
+from tccm_ros.mapping.view import FreeColumns
+from tccm_ros.records import SurfaceCloud, ViewIntervals
+
+__all__ = ["plane_labels", "surface_cloud", "view_intervals"]
+
+Float64 = NDArray[np.float64]
+
+PLANE_SIGMAS = 3.0
+"""Points further from their plane than this many times its rms are not handed over,"""
+
+PLANE_SLACK = 0.005
+"""plus this, m: the rms of a clean plane is that of its noise alone."""
+
+BEAMS_PER_COLUMN = 2.0
+"""Beams per column at the end of the reach are enough to see through."""
+
+
+def plane_labels(part: PartMap, fits: PlaneFits) -> NDArray[np.int32]:
+    """Return the plane of the map at each of the part map's cuboids, int32 (N,), -1 for none.
+
+    A part map's cuboid lies within one cuboid of the map that it was added to.
+    """
+    if len(fits.cuboids) == 0 or len(part) == 0:
+        return np.full(len(part), -1, np.int32)
+    c = fits.cuboids
+    keys = cell_keys(c.ix, c.iy)
+    order = np.searchsorted(keys, part.keys, side="left")
+    last = np.searchsorted(keys, part.keys, side="right") - 1
+    # Few cuboids share a cell: step up to the highest that does not begin above.
+    while True:
+        up = np.minimum(order + 1, last)
+        higher = (up > order) & (c.bottom[up] <= part.bounds[:, 0])
+        if not higher.any():
+            return fits.labels[order]
+        order[higher] += 1
+
+
+def surface_cloud(
+    sweep: Sweep,
+    fits: PlaneFits,
+    T_odom_base: Float64,
+    viewpoint: Float64,
+    frame_id: str,
+    wanted: bool,
+) -> SurfaceCloud:
+    """Return the points of the horizontal surfaces that the newest part map saw from above.
+
+    Parameters
+    ----------
+    sweep
+        The newest cycle.
+    fits
+        Planes of the map, in odom.
+    T_odom_base
+        float64 (4, 4), the base at the stamp.
+    viewpoint
+        float64 (3,), the laser in odom: of surfaces above it only the underside is seen.
+    frame_id
+        The base frame.
+    wanted
+        Otherwise the cloud is empty.
+    """
+    part = sweep.part
+    points, surface = np.zeros((0, 3)), np.zeros(0, np.int64)
+    levels = [f for f in fits if f.kind == "horizontal" and f.normal @ viewpoint > f.offset]
+    if wanted and levels and part.points is not None and len(part.points):
+        labels = plane_labels(part, fits)[part.point_cuboids()]
+        points, surface = _on_planes(part, labels, levels)
+    return SurfaceCloud(
+        sweep.stamp_ns,
+        frame_id,
+        transform(inverse(T_odom_base), points).astype(np.float32),
+        surface.astype(np.uint32),
+    )
+
+
+def _on_planes(
+    part: PartMap, labels: NDArray[np.int32], levels: list[PlaneFit]
+) -> tuple[Float64, NDArray[np.int64]]:
+    """Return the points near their plane and their surface's index, counted over what is there."""
+    chosen = np.isin(labels, [f.index for f in levels])
+    points, labels = part.positions(chosen), labels[chosen]
+    count = max(f.index for f in levels) + 1
+    normals, offsets, slack = np.zeros((count, 3)), np.zeros(count), np.zeros(count)
+    for fit in levels:
+        normals[fit.index], offsets[fit.index] = fit.normal, fit.offset
+        slack[fit.index] = PLANE_SIGMAS * fit.rms + PLANE_SLACK
+    distance = np.abs(np.einsum("ij,ij->i", points, normals[labels]) - offsets[labels])
+    near = distance <= slack[labels]
+    _, surface = np.unique(labels[near], return_inverse=True)
+    return points[near], surface.reshape(-1)
+
+
+def view_intervals(
+    sweep: Sweep, config: Config, T_odom_base: Float64, frame_id: str
+) -> ViewIntervals:
+    """Return what the beams of a sweep saw through, in the base frame at the sweep's stamp."""
+    columns = FreeColumns(config.views.cell_size, config.views.reach)
+    T_base_odom = inverse(T_odom_base)
+    # Half again: the reach is a distance on the floor, the beam goes down as well.
+    longest = 1.5 * min(config.views.reach, config.scan.max_range)
+    for scan in sweep.scans:
+        spacing = abs(scan.posed.scan.angle_increment) * config.views.reach * BEAMS_PER_COLUMN
+        every = max(int(config.views.cell_size / max(spacing, 1e-9)), 1)
+        columns.add(*sweep_beams(scan, longest, every, T_base_odom))
+    return ViewIntervals(sweep.stamp_ns, frame_id, columns.intervals(sweep.angle_step()))

@@ -1,0 +1,229 @@
+"""All planes of a map, from its cuboids' moments: the one kernel behind `find_planes`."""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.mapping.linking import is_deep, link
+from tccm_ros.mapping.moments import gather, plane_of, residuals_of
+from tccm_ros.mapping.plane_blocks import BLOCK_BITS, find_patches, sort_into_blocks
+from tccm_ros.mapping.plane_growth import grow_regions
+from tccm_ros.mapping.plane_members import (
+    GATE,
+    Plane,
+    claim,
+    fit_lying,
+    fit_standing,
+    link_standing,
+    pooled_plane,
+)
+
+__all__ = ["PLANE_COLUMNS", "segment"]
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int32]
+Flags = NDArray[np.bool_]
+
+STEEP = 0.20
+"""Planes with a smaller vertical component of the normal stand: their cells form a line."""
+
+PATCH_POINTS = 6
+"""Least points of a flat patch: a plane has three parameters, and needs as many to judge it."""
+
+PLANE_COLUMNS = 18
+"""Columns of a plane's row: 0..3 normal and offset, 4..6 variances along and across, falling,
+7 points of all its cuboids, 8..17 moments of the fit."""
+
+
+@njit(nogil=True, cache=True)
+def segment(
+    ix: Int,
+    iy: Int,
+    bottom: Int,
+    top: Int,
+    count: Array,
+    s: Array,
+    S: Array,
+    cell: float,
+    tick: float,
+    origin: Array,
+    limits: tuple[float, float, float, float],
+) -> tuple[Int, Array]:
+    """Find all planes of a map.
+
+    Parameters
+    ----------
+    ix, iy, bottom, top, count, s, S
+        As in `Cuboids`, N > 0.
+    cell, tick
+        Edge of a cell in ticks, and a tick in m.
+    origin
+        float64 (3,), ticks: the moments' origin.
+    limits
+        Largest standard deviation across, m; least points; least area, m2; largest ratio of the
+        standard deviations across and along the narrower side.
+
+    Returns
+    -------
+    labels : int32 (N,)
+    planes : float64 (P, PLANE_COLUMNS)
+    """
+    n = len(ix)
+    M = np.empty((n, 10))
+    gather(ix, iy, count, s, S, cell, tick, origin, M)
+    low_x, low_y = ix[0], iy.min()
+    rows = ((ix[n - 1] - low_x) >> BLOCK_BITS) + 1
+    wide = ((iy.max() - low_y) >> BLOCK_BITS) + 1
+    start, order = sort_into_blocks(ix, iy, low_x, low_y, wide, rows * wide)
+    moments, patches, place = find_patches(
+        M, start, order, bottom, top, rows, wide, cell * tick, cell, limits[0], PATCH_POINTS
+    )
+    region, pooled = grow_regions(moments, patches, place, rows, wide, limits[0])
+    first, by_region = patches_by_region(region, len(pooled))
+
+    labels, flags = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
+    stamp, queue = np.full(rows * wide, -1, np.int32), np.empty(rows * wide, np.int32)
+    planes = np.empty((n // 2 + 1, PLANE_COLUMNS))
+    found = 0
+    for r in np.argsort(-pooled[:, 0]):
+        # Regions leave out what is sparse; a third of the points is the least to begin with.
+        if pooled[r, 0] < limits[1] / 3.0:
+            break
+        queued = blocks_of(by_region[first[r] : first[r + 1]], place, rows, wide, queue, stamp, r)
+        plane = pooled_plane(pooled[r])
+        members = claim(
+            M, start, order, rows, wide, queue, queued, stamp, r, labels, flags, plane,
+            pooled[r, 0],
+        )  # fmt: skip
+        if len(members) > 2:
+            found = split_and_fit(
+                M, ix, iy, members, plane, cell * tick, limits, labels, planes, found
+            )
+    return labels, planes[:found]
+
+
+@njit(nogil=True, cache=True)
+def patches_by_region(region: Int, regions: int) -> tuple[Int, Int]:
+    """Return where each region's patches begin in the second array, and the patches by region."""
+    first = np.zeros(regions + 2, np.int32)
+    for r in region:
+        first[r + 2] += 1
+    for r in range(regions):
+        first[r + 2] += first[r + 1]
+    ordered = np.empty(len(region), np.int32)
+    for p in range(len(region)):
+        ordered[first[region[p] + 1]] = p
+        first[region[p] + 1] += 1
+    return first, ordered
+
+
+@njit(nogil=True, cache=True)
+def blocks_of(
+    patches: Int, place: Int, rows: int, wide: int, queue: Int, stamp: Int, mark: int
+) -> int:
+    """Queue the blocks of a region's patches, and around patches of higher levels as far again."""
+    queued = 0
+    for p in patches:
+        size = 1 << place[p, 0]
+        margin = size if size > 1 else 0
+        x0, y0 = place[p, 1] * size, place[p, 2] * size
+        for bx in range(max(x0 - margin, 0), min(x0 + size + margin, rows)):
+            for by in range(max(y0 - margin, 0), min(y0 + size + margin, wide)):
+                b = bx * wide + by
+                if stamp[b] != mark:
+                    stamp[b] = mark
+                    queue[queued] = b
+                    queued += 1
+    return queued
+
+
+@njit(nogil=True, cache=True)
+def split_and_fit(
+    M: Array,
+    ix: Int,
+    iy: Int,
+    members: Int,
+    plane: Plane,
+    cell: float,
+    limits: tuple[float, float, float, float],
+    labels: Int,
+    planes: Array,
+    found: int,
+) -> int:
+    """Split a plane's cuboids where they do not hang together, fit and label each set.
+
+    Returns the number of planes found so far.
+    """
+    n = len(members)
+    is_standing = abs(plane[2]) < STEEP
+    if is_standing:
+        root = link_standing(M, members, plane, cell)
+        deep = np.ones(n, np.bool_)
+    else:
+        level = np.zeros(n, np.int32)
+        root, back_x, back_y = link(ix[members], iy[members], level, level, 1.0)
+        deep = is_deep(back_x, back_y)
+    support = np.zeros(n)
+    size = np.zeros(n, np.int32)
+    for k in range(n):
+        support[root[k]] += M[members[k], 0]
+        size[root[k]] += 1
+    for k in range(n):
+        if support[k] < limits[1]:
+            continue
+        one, its_deep = take_set(members, deep, root, k, size[k])
+        row = planes[found]
+        if is_standing:
+            fitted = fit_standing(M, one, plane, cell, row[8:18])
+        else:
+            fitted = fit_lying(M, one, its_deep, plane, row[8:18])
+        if is_plane(row, limits):
+            row[7] = label_members(M, one, fitted, labels, found)
+            found += 1
+    return found
+
+
+@njit(nogil=True, cache=True)
+def take_set(members: Int, deep: Flags, root: Int, k: int, size: int) -> tuple[Int, Flags]:
+    """Return the members of the set whose smallest index is k, and which of them are deep."""
+    one, its_deep = np.empty(size, np.int32), np.empty(size, np.bool_)
+    used = 0
+    for j in range(k, len(members)):
+        if root[j] == k:
+            one[used], its_deep[used] = members[j], deep[j]
+            used += 1
+    return one, its_deep
+
+
+@njit(nogil=True, cache=True)
+def is_plane(row: Array, limits: tuple[float, float, float, float]) -> bool:
+    """Fill in a plane's row from its moments, and tell whether it is large and flat enough."""
+    max_rms, min_points, min_area, flatness = limits
+    m = row[8:18]
+    if m[0] < 0.5 * min_points:
+        return False
+    row[0], row[1], row[2], row[3], row[4], row[5], row[6] = plane_of(m)
+    if row[6] > min(max_rms * max_rms, flatness * flatness * row[5]):
+        return False
+    # 12 sqrt(l1 l2) is the area of an evenly filled rectangle.
+    return 12.0 * math.sqrt(row[4] * row[5]) >= min_area
+
+
+@njit(nogil=True, cache=True)
+def label_members(M: Array, members: Int, plane: Plane, labels: Int, label: int) -> float:
+    """Label the members that are within the gate of the final plane, and return their points."""
+    nx, ny, nz, d, variance = plane
+    points, squares, support = 0.0, 0.0, 0.0
+    for i in members:
+        points += M[i, 0]
+        squares += residuals_of(M[i], nx, ny, nz, d)[1]
+    # A warped table scatters more as a whole than where the fit was allowed to look.
+    gate = GATE * math.sqrt(max(variance, squares / points))
+    for i in members:
+        one, two = residuals_of(M[i], nx, ny, nz, d)
+        if abs(one) <= gate * M[i, 0] and two <= M[i, 0] * gate * gate:
+            labels[i] = label
+            support += M[i, 0]
+    return support

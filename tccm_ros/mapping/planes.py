@@ -1,0 +1,250 @@
+"""All planes of a map, by pooled moments: exact least-squares fits without touching a point.
+
+The detector works on cuboid moments alone. `plane_blocks` pools cuboids into flat patches,
+`plane_growth` grows regions of patches, and `plane_members` decides cuboid by cuboid, links what
+hangs together and fits. Planes of any tilt are found at once, each as exactly as a least-squares
+fit to the points of its cuboids.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tccm_ros.config import Config
+from tccm_ros.mapping.boundary import Outline, outline
+from tccm_ros.mapping.cuboids import TICK, TICKS_PER_M, Cuboids
+from tccm_ros.mapping.moments import FLAT, axes_of, tangents
+from tccm_ros.mapping.plane_search import segment
+
+__all__ = ["PlaneFit", "PlaneFits", "find_planes", "without_plane"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneFit:
+    """One plane of a map, in its frame. What costs time is worked out when it is asked for.
+
+    Attributes
+    ----------
+    index
+        Label of its cuboids in `PlaneFits.labels`.
+    kind
+        ``horizontal`` or ``any``.
+    normal, offset
+        Unit normal float64 (3,) and offset, m: ``normal . p = offset``. Horizontal normals point
+        up, others towards the viewpoint.
+    support
+        Points of all its cuboids.
+    rms
+        Standard deviation of the fit's points across the plane, m.
+    moments, origin
+        Moments float64 (10,) of the points that shaped the fit, about an origin, m.
+    cuboids, labels
+        The map, and the plane of each of its cuboids.
+    """
+
+    index: int
+    kind: str
+    normal: Array
+    offset: float
+    support: int
+    rms: float
+    moments: Array
+    origin: tuple[float, float, float]
+    cuboids: Cuboids
+    labels: NDArray[np.int32]
+
+    @property
+    def weight(self) -> float:
+        """Points that shaped the fit."""
+        return float(self.moments[0])
+
+    @cached_property
+    def centroid(self) -> Array:
+        """Mean of the points that shaped the fit, float64 (3,), m."""
+        return axes_of(self.moments)[0] + self.origin
+
+    @cached_property
+    def scatter(self) -> Array:
+        """Covariance of the points that shaped the fit, float64 (3, 3), m2."""
+        return axes_of(self.moments)[1]
+
+    @cached_property
+    def tangents(self) -> tuple[Array, Array]:
+        """Level direction u and slope direction v; (u, v, normal) is right-handed."""
+        return tangents(self.normal)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance (3, 3) of (rotation about u, rotation about v, offset at the centroid).
+
+        Of least squares with equal, independent noise of `rms` in every point, in rad and m.
+        """
+        u, v = self.tangents
+        uu, uv, vv = u @ self.scatter @ u, u @ self.scatter @ v, v @ self.scatter @ v
+        information = self.weight * np.array([[vv, -uv, 0.0], [-uv, uu, 0.0], [0.0, 0.0, 1.0]])
+        return np.asarray(max(self.rms**2, FLAT) * np.linalg.inv(information), np.float64)
+
+    @cached_property
+    def quality(self) -> float:
+        """Val of Eq. (8), l1 l2 / l3 of the points' covariance, m2."""
+        l3, l2, l1 = np.linalg.eigvalsh(self.scatter)
+        return float(l1 * l2 / max(l3, FLAT))
+
+    @cached_property
+    def members(self) -> NDArray[np.int64]:
+        """Indices of its cuboids."""
+        return np.flatnonzero(self.labels == self.index)
+
+    @cached_property
+    def outline(self) -> Outline:
+        """The true outline, with holes."""
+        return outline(self.cuboids, self.members, self.normal, self.offset)
+
+    @property
+    def boundary(self) -> Array:
+        """Outer ring of `outline`."""
+        return self.outline.boundary
+
+    @property
+    def holes(self) -> tuple[Array, ...]:
+        """Inner rings of `outline`."""
+        return self.outline.holes
+
+    @property
+    def area(self) -> float:
+        """Area of `outline`, m2."""
+        return self.outline.area
+
+
+class PlaneFits(Sequence[PlaneFit]):
+    """The planes of one map, by falling support, and the label of each cuboid.
+
+    Attributes
+    ----------
+    cuboids
+        The map.
+    labels
+        int32 (N,), index of each cuboid's plane, -1 for none.
+    """
+
+    def __init__(self, cuboids: Cuboids, labels: NDArray[np.int32], fits: list[PlaneFit]) -> None:
+        self.cuboids = cuboids
+        self.labels = labels
+        self._fits = fits
+
+    def __len__(self) -> int:
+        return len(self._fits)
+
+    def __getitem__(self, index):  # type: ignore[no-untyped-def]
+        return self._fits[index]
+
+    def __iter__(self) -> Iterator[PlaneFit]:
+        return iter(self._fits)
+
+
+def find_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> PlaneFits:
+    """Find all planes of a part map or an integration map.
+
+    Parameters
+    ----------
+    cuboids
+        The map.
+    config
+        Group `planes`.
+    viewpoint
+        (3,), m, in the map's frame: where the laser was. Normals of planes that are not horizontal
+        point towards it.
+
+    Returns
+    -------
+    PlaneFits
+        Deterministic: the same cuboids give the same planes in the same order.
+    """
+    view = np.asarray(viewpoint, float)
+    labels = np.full(len(cuboids), -1, np.int32)
+    fits: list[PlaneFit] = []
+    if len(cuboids) == 0:
+        return PlaneFits(cuboids, labels, fits)
+    p = config.planes
+    origin = np.rint(view * TICKS_PER_M)
+    labels, rows = segment(
+        cuboids.ix, cuboids.iy, cuboids.bottom, cuboids.top, cuboids.count, cuboids.s, cuboids.S,
+        cuboids.cell_size * TICKS_PER_M, TICK, origin,
+        (p.max_rms, float(p.min_points), p.min_area, p.flatness),
+    )  # fmt: skip
+    level = math.cos(p.horizontal_angle)
+    x, y, z = view.tolist()
+    place = (x, y, z)
+    x, y, z = (origin * TICK).tolist()
+    start = (x, y, z)
+    for index, row in enumerate(rows):
+        fits.append(_fit(index, row, cuboids, labels, place, start, level))
+    return PlaneFits(cuboids, labels, fits)
+
+
+def _fit(
+    index: int,
+    row: Array,
+    cuboids: Cuboids,
+    labels: NDArray[np.int32],
+    view: tuple[float, float, float],
+    origin: tuple[float, float, float],
+    level: float,
+) -> PlaneFit:
+    nx, ny, nz, offset, _, _, variance, support = row[:8].tolist()
+    is_horizontal = abs(nz) >= level
+    reach = nx * (view[0] - origin[0]) + ny * (view[1] - origin[1]) + nz * (view[2] - origin[2])
+    sign = math.copysign(1.0, nz if is_horizontal else reach - offset)
+    return PlaneFit(
+        index=index,
+        kind="horizontal" if is_horizontal else "any",
+        normal=sign * row[:3],
+        offset=sign * (offset + nx * origin[0] + ny * origin[1] + nz * origin[2]),
+        support=round(support),
+        rms=math.sqrt(variance),
+        moments=row[8:18],
+        origin=origin,
+        cuboids=cuboids,
+        labels=labels,
+    )
+
+
+def without_plane(fits: PlaneFits, *indices: int) -> Cuboids:
+    """Return the map without the cuboids of the given planes (the paper's Fig. 7, lowest row).
+
+    Parameters
+    ----------
+    fits
+        What `find_planes` returned.
+    indices
+        Planes to take out; all horizontal ones if none is given.
+    """
+    taken = indices or tuple(fit.index for fit in fits if fit.kind == "horizontal")
+    return select(fits.cuboids, ~np.isin(fits.labels, taken))
+
+
+def select(cuboids: Cuboids, keep: NDArray[np.bool_]) -> Cuboids:
+    """Return the cuboids for which `keep` (bool (N,)) is true."""
+    lengths = np.diff(cuboids.cycle_offsets)[keep]
+    offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+    kept_cycles = np.repeat(keep, np.diff(cuboids.cycle_offsets))
+    return Cuboids(
+        cuboids.cell_size,
+        cuboids.ix[keep],
+        cuboids.iy[keep],
+        cuboids.bottom[keep],
+        cuboids.top[keep],
+        cuboids.count[keep],
+        cuboids.s[keep],
+        cuboids.S[keep],
+        cuboids.cycles[kept_cycles],
+        offsets,
+    )

@@ -1,0 +1,307 @@
+"""The TCCM as one processor: records in, planes and the hand-over of each tilt cycle out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.config import Config
+from tccm_ros.errors import ConfigError
+from tccm_ros.kinematics import LaserKinematics
+from tccm_ros.mapping.clearing import see_through
+from tccm_ros.mapping.free_places import FreePlaces, find_free_places
+from tccm_ros.mapping.hand_over import surface_cloud, view_intervals
+from tccm_ros.mapping.integration_map import IntegrationMap
+from tccm_ros.mapping.map_state import load_map, save_map
+from tccm_ros.mapping.mapper import Mapper, Sweep
+from tccm_ros.mapping.objects import ObjectTracker, find_objects
+from tccm_ros.mapping.part import PartMap
+from tccm_ros.mapping.planes import find_planes
+from tccm_ros.mapping.queries import MapQuery
+from tccm_ros.mapping.retained import Correction, RetainedWindow
+from tccm_ros.mapping.seen_free import SeenFree
+from tccm_ros.mapping.tilt_cycle import TiltCycles
+from tccm_ros.mapping.tracking import PlaneTracker
+from tccm_ros.records import (
+    JointSample,
+    Odometry,
+    PlaneRecord,
+    PosedScan,
+    RobotDescription,
+    Scan,
+    SurfaceCloud,
+    TabletopObject,
+    TransformSample,
+    ViewIntervals,
+)
+from tccm_ros.scan import project, valid_beams
+from tccm_ros.sync import Synchroniser
+
+__all__ = ["CycleResult", "TccmProcessor", "TccmRecord"]
+
+TccmRecord = RobotDescription | JointSample | TransformSample | Odometry | Scan
+
+STILL_SPEED = 0.02
+"""Below this the base stands still, m/s (`views.when: still`)."""
+
+STILL_TURN_RATE = np.deg2rad(0.5)
+"""Below this the base stands still, rad/s."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CycleResult:
+    """What one tilt cycle gives.
+
+    Attributes
+    ----------
+    cycle
+        Its number, from 0.
+    stamp_ns, start_ns, end_ns
+        Middle of the first and the last used beam, and these two.
+    frame_id
+        Frame of planes, objects, free places and part map: the odometry frame.
+    base_frame_id
+        Frame of `surfaces` and `view`.
+    T_odom_base
+        float64 (4, 4), the base at `stamp_ns`.
+    planes, objects
+        Tracked planes, and what stands on them.
+    place_size
+        Width and depth of what `free_places` looks for room for, m.
+    surfaces, view
+        The hand-over.
+    part
+        The newest part map, with its points.
+    scans
+        Scans of which beams were used.
+    base_speed, base_turn_rate
+        Largest of the base during the sweep, m/s and rad/s.
+    ended_by
+        Why the cycle ended: ``turn``, ``rest``, ``gap``, ``time`` or ``end``.
+    """
+
+    cycle: int
+    stamp_ns: int
+    start_ns: int
+    end_ns: int
+    frame_id: str
+    base_frame_id: str
+    T_odom_base: NDArray[np.float64]
+    planes: list[PlaneRecord]
+    objects: list[TabletopObject]
+    place_size: tuple[float, float]
+    surfaces: SurfaceCloud
+    view: ViewIntervals
+    part: PartMap
+    scans: int
+    base_speed: float
+    base_turn_rate: float
+    ended_by: str
+
+    def free_places(self) -> list[FreePlaces]:
+        """Return where there is room on each horizontal plane; worked out when it is asked for."""
+        return find_free_places(self.planes, self.objects, self.place_size)
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the base stood still for the whole sweep."""
+        return self.base_speed < STILL_SPEED and self.base_turn_rate < STILL_TURN_RATE
+
+
+class TccmProcessor:
+    """Maps what a tilting laser sees, cycle by cycle.
+
+    Parameters
+    ----------
+    config
+        The configuration.
+    expects_odometry
+        Whether there is an odometry topic (`Synchroniser`).
+
+    Attributes
+    ----------
+    map, seen_free
+        The integration map, and what its cycles saw through (`query`).
+    counts
+        ``cycles``, ``scans used``, ``resets``.
+    """
+
+    def __init__(self, config: Config, *, expects_odometry: bool = False) -> None:
+        self.config = config
+        self._expects_odometry = expects_odometry
+        self.counts: Counter[str] = Counter()
+        self.map = IntegrationMap(config)
+        self.seen_free = SeenFree(config)
+        self._retained = RetainedWindow(config) if config.map.retain_points else None
+        self._planes = PlaneTracker(config)
+        self._objects = ObjectTracker(config)
+        self._view_is_asked = False
+        self._start()
+
+    def _start(self) -> None:
+        self.kinematics = LaserKinematics(self.config, "tilt")
+        self.synchroniser = Synchroniser(
+            self.config, self.kinematics, expects_odometry=self._expects_odometry
+        )
+        self._mapper = Mapper(self.config, self._keep_beams)
+        self._jumps = 0
+        self._newest_ns: int | None = None
+        self._longest_ns = 0
+        self._frame_id = self.config.frames.odom
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Scans that were not used, by reason."""
+        return self.synchroniser.dropped + self._mapper.dropped
+
+    def add(self, record: TccmRecord) -> list[CycleResult]:
+        """Take one record; return the cycles that are complete now, in order."""
+        posed = self.synchroniser.add(record)
+        if self.synchroniser.jumps != self._jumps:
+            self._jumps = self.synchroniser.jumps
+            self._newest_ns = None
+            self.clear_map()
+        self._note(record)
+        return self._take(posed)
+
+    def finish(self) -> list[CycleResult]:
+        """Close the open sweep: the input has ended."""
+        results = self._take(self.synchroniser.flush())
+        return results + [self._result(sweep) for sweep in self._mapper.finish()]
+
+    def reset(self) -> None:
+        """Begin anew, with nothing known of the robot."""
+        self.clear_map()
+        dropped = self.dropped
+        self._start()
+        self._mapper.dropped = dropped
+
+    def take_view(self) -> None:
+        """Hand the surfaces of the next cycle over, also where `views.when` would not."""
+        self._view_is_asked = True
+
+    def clear_map(self) -> None:
+        """Forget the map and the open sweep; what is known of the robot stays."""
+        self.counts["resets"] += 1
+        self._mapper.clear()
+        self.map.clear()
+        self.seen_free.clear()
+        if self._retained is not None:
+            self._retained.clear()
+        self._planes.reset()
+
+    def query(self) -> MapQuery:
+        """Return the map as it is now, to be asked (`queries`)."""
+        return MapQuery(self.map, self.seen_free)
+
+    def rebuild(self, correction: Correction) -> None:
+        """Make the window's map again under corrected poses (`map.retain_points`).
+
+        Raises
+        ------
+        ConfigError
+            If no points are retained.
+        """
+        if self._retained is None:
+            raise ConfigError("map.retain_points is off: set it to rebuild the map")
+        self._retained.rebuild(self.map, correction)
+
+    def save(self, path: Path | str) -> None:
+        """Write the map with its window (`map_state.save_map`)."""
+        save_map(self.map, path, self._frame_id)
+
+    def load(self, path: Path | str) -> None:
+        """Go on with a saved map: its cycles come before those to come.
+
+        Raises
+        ------
+        MapError
+            If the file cannot be used (`map_state.load_map`).
+        """
+        self.map, self._frame_id = load_map(path, self.config)
+        newest = self.map.cycles[-1] if self.map.parts else -1
+        self._mapper.cycles = TiltCycles(self.config, newest + 1)
+
+    def _note(self, record: TccmRecord) -> None:
+        if isinstance(record, RobotDescription):
+            return
+        if isinstance(record, TransformSample):  # anyone's, and some are stamped ahead
+            return
+        if isinstance(record, Odometry):
+            self._frame_id = record.frame_id
+        if isinstance(record, Scan):
+            self._longest_ns = max(self._longest_ns, abs(record.end_ns - record.stamp_ns))
+        self._newest_ns = max(record.stamp_ns, self._newest_ns or record.stamp_ns)
+
+    def _take(self, posed: list[PosedScan]) -> list[CycleResult]:
+        self._mapper.add_tilt(self.synchroniser.tilt_samples())
+        for scan in posed:
+            self._mapper.add_scan(scan)
+        complete_ns = self._complete_ns()
+        if complete_ns is not None:
+            self._mapper.cycles.advance(complete_ns)
+        return [self._result(sweep) for sweep in self._mapper.take(complete_ns or -(2**62))]
+
+    def _complete_ns(self) -> int | None:
+        """Return the time before which nothing can come any more: message time less the waits."""
+        if self._newest_ns is None:
+            return None
+        late_joints = max(0.0, -self.config.rig.joint_time_offset)
+        wait_ns = round((self.config.sync_timeout + late_joints) * 1e9)
+        return self._newest_ns - wait_ns - self._longest_ns
+
+    def _keep_beams(self, posed: PosedScan) -> NDArray[np.bool_]:
+        scan = posed.scan
+        shapes = (
+            self.kinematics.self_shapes(scan.stamp_ns) if self.config.scan.self_filter else None
+        )
+        if shapes is None:
+            return valid_beams(scan, self.config)
+        keep = np.zeros(len(scan.ranges), np.bool_)
+        keep[project(posed, self.config, shapes).beams] = True
+        return keep
+
+    def _result(self, sweep: Sweep) -> CycleResult:
+        if self.config.map.clear_seen_through:
+            sweep.part = see_through(sweep, self.map, self.config)
+        part = sweep.part
+        self.map.add(part)
+        if self._retained is not None:
+            self._retained.add(sweep)
+        self.counts["cycles"] += 1
+        self.counts["scans used"] += len(sweep.scans)
+        T_odom_base, viewpoint = sweep.T_odom_base(), sweep.T_odom_laser()[:3, 3]
+        cuboids = part.cuboids() if self.config.planes.source == "part" else self.map.cuboids()
+        fits = find_planes(cuboids, self.config, viewpoint)
+        planes = self._planes.update(fits)
+        objects = self._objects.update(find_objects(cuboids, fits, planes, self.config))
+        speed, turn_rate = sweep.base_speeds()
+        base = self.kinematics.base or ""
+        still = speed < STILL_SPEED and turn_rate < STILL_TURN_RATE
+        wanted = self.config.views.when == "always" or still or self._view_is_asked
+        self._view_is_asked = False
+        view = view_intervals(sweep, self.config, T_odom_base, base)
+        self.seen_free.add(part.cycle, T_odom_base, view)
+        return CycleResult(
+            cycle=part.cycle,
+            stamp_ns=sweep.stamp_ns,
+            start_ns=part.start_ns,
+            end_ns=part.end_ns,
+            frame_id=self._frame_id,
+            base_frame_id=base,
+            T_odom_base=T_odom_base,
+            planes=planes,
+            objects=objects,
+            place_size=self.config.objects.place_size,
+            surfaces=surface_cloud(sweep, fits, T_odom_base, viewpoint, base, wanted),
+            view=view if wanted else replace(view, intervals=view.intervals[:0]),
+            part=part,
+            scans=len(sweep.scans),
+            base_speed=speed,
+            base_turn_rate=turn_rate,
+            ended_by=sweep.span.reason,
+        )

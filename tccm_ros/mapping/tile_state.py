@@ -1,0 +1,95 @@
+"""The arrays that `binning` counts points in, and how they grow."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.mapping import binning
+
+__all__ = ["TileState"]
+
+_FIRST_SLOTS = 16
+"""Tiles that there is room for at first."""
+
+_TILE_MARGIN = 6
+"""Tiles that the directory covers beyond what asked for it."""
+
+
+class TileState:
+    """Binned points, scan by scan.
+
+    Attributes
+    ----------
+    records, directory, tiles, counts, bits, meta
+        See `binning.bin_scan`.
+    """
+
+    def __init__(self) -> None:
+        self.records: NDArray[np.int64] = np.zeros((1 << 15, 2), np.int64)
+        self.directory: NDArray[np.int32] = np.zeros(0, np.int32)
+        self.tiles: NDArray[np.int32] = np.zeros(_FIRST_SLOTS, np.int32)
+        self.counts: NDArray[np.int32] = np.zeros(_FIRST_SLOTS * binning.CELLS_PER_TILE, np.int32)
+        self.bits: NDArray[np.uint64] = np.zeros(_FIRST_SLOTS * binning.TILE, np.uint64)
+        self.meta: NDArray[np.int64] = np.zeros(binning.N_META, np.int64)
+
+    @property
+    def points(self) -> int:
+        """Points binned so far."""
+        return int(self.meta[binning.N_POINTS])
+
+    @property
+    def next_beam(self) -> int:
+        """Beam at which the kernel stopped."""
+        return int(self.meta[binning.NEXT_BEAM])
+
+    def make_room(self, count: int) -> None:
+        """Make room for so many points in all."""
+        if count > len(self.records):
+            records = np.zeros((2 * count, 2), np.int64)
+            records[: self.points] = self.records[: self.points]
+            self.records = records
+
+    def grow(self, wanted: int) -> None:
+        """Give the kernel what it asked for."""
+        if wanted == binning.GROW_TILES:
+            self._grow_directory()
+        else:
+            self.tiles = _doubled(self.tiles)
+            self.counts = _doubled(self.counts)
+            self.bits = _doubled(self.bits)
+
+    def clear(self, *, listed: bool) -> None:
+        """Forget all points; `listed` if counts and bits are already back at zero."""
+        meta = self.meta
+        slots = int(meta[binning.N_SLOTS])
+        if not listed:
+            self.counts[: slots * binning.CELLS_PER_TILE] = 0
+            self.bits[: slots * binning.TILE] = 0
+        self.directory[self.tiles[:slots]] = -1
+        meta[binning.N_POINTS] = meta[binning.N_SLOTS] = 0
+
+    def _grow_directory(self) -> None:
+        """Cover the box of cells that was asked for, and what is in use."""
+        meta = self.meta
+        x0, x1, y0, y1 = (int(v) // binning.TILE for v in meta[binning.BOX_X0 :])
+        slots = int(meta[binning.N_SLOTS])
+        old_x0, old_y0 = int(meta[binning.TILE_X0]), int(meta[binning.TILE_Y0])
+        old_nx, old_ny = int(meta[binning.TILES_X]), int(meta[binning.TILES_Y])
+        x0, x1 = x0 - _TILE_MARGIN, x1 + _TILE_MARGIN + 1
+        y0, y1 = y0 - _TILE_MARGIN, y1 + _TILE_MARGIN + 1
+        if slots:
+            x0, x1 = min(x0, old_x0), max(x1, old_x0 + old_nx)
+            y0, y1 = min(y0, old_y0), max(y1, old_y0 + old_ny)
+        n_x, n_y = x1 - x0, y1 - y0
+        self.directory = np.full(n_x * n_y, -1, np.int32)
+        used = self.tiles[:slots]
+        used[:] = (used // max(old_ny, 1) + old_x0 - x0) * n_y + used % max(old_ny, 1) + old_y0 - y0
+        self.directory[used] = np.arange(slots)
+        meta[binning.TILE_X0 : binning.TILES_Y + 1] = x0, y0, n_x, n_y
+
+
+def _doubled(array: Any) -> Any:
+    return np.concatenate([array, np.zeros_like(array)])

@@ -1,0 +1,171 @@
+"""What a sweep saw through: free intervals of height per column, by ray traversal.
+
+Each beam is followed through the columns that it crosses. A column keeps bits for heights that
+beams passed and heights where beams ended; free is what was passed and not hit. Scan lines leave
+gaps, which are closed where they are no larger than the lines are apart and nothing was hit.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ["BIN", "BINS", "FreeColumns"]
+
+BIN = 0.02
+"""Height of a bin, m."""
+
+BINS = 256
+"""Bins of a column: 5.12 m."""
+
+LOWEST = -1.5
+"""Lowest height of a column, m above the base."""
+
+HIT_MARGIN = 2
+"""Bins around a hit that are not free: what is there may be a little higher or lower."""
+
+GAP_STEPS = 2.0
+"""Gaps up to this many scan line distances are closed."""
+
+MAX_GAP = 10
+"""Bins that are closed at most."""
+
+
+@njit(nogil=True, cache=True)
+def _pass_column(seen: Any, column: Any, z0: Any, z1: Any) -> None:
+    low = np.int64(np.floor((min(z0, z1) - LOWEST) / BIN))
+    high = np.int64(np.floor((max(z0, z1) - LOWEST) / BIN))
+    if low < BINS and high >= 0:
+        seen[column, max(low, 0) : high + 1] = 1
+
+
+@njit(nogil=True, cache=True)
+def trace_beams(
+    origins: Any, ends: Any, hits: Any, cell: Any, half: Any, seen: Any, hit: Any
+) -> None:
+    """Follow beams through the columns of a square around the base.
+
+    Parameters
+    ----------
+    origins, ends
+        float64 (N, 3), m, in the base frame.
+    hits
+        bool (N,): whether the beam ended on something.
+    cell, half
+        Edge of a column, m, and columns from the base to the edge of the square.
+    seen, hit
+        uint8 ((2 half)^2, BINS), set to 1 where beams passed or ended.
+    """
+    width = 2 * half
+    for i in range(len(origins)):
+        ox, oy, oz = origins[i, 0] / cell + half, origins[i, 1] / cell + half, origins[i, 2]
+        ex, ey, ez = ends[i, 0] / cell + half, ends[i, 1] / cell + half, ends[i, 2]
+        dx, dy, dz = ex - ox, ey - oy, ez - oz
+        ix, iy = np.int64(np.floor(ox)), np.int64(np.floor(oy))
+        jx, jy = np.int64(np.floor(ex)), np.int64(np.floor(ey))
+        step_x, step_y = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
+        tx = ((ix + (dx > 0.0)) - ox) / dx if dx != 0.0 else np.inf
+        ty = ((iy + (dy > 0.0)) - oy) / dy if dy != 0.0 else np.inf
+        t = 0.0
+        # One crossing per column border between the ends: no more, whatever the rounding.
+        for _ in range(abs(jx - ix) + abs(jy - iy)):
+            t_next = min(tx, ty)
+            if 0 <= ix < width and 0 <= iy < width:
+                _pass_column(seen, ix * width + iy, oz + t * dz, oz + t_next * dz)
+            t = t_next
+            if tx <= ty:
+                ix += step_x
+                tx = ((ix + (dx > 0.0)) - ox) / dx
+            else:
+                iy += step_y
+                ty = ((iy + (dy > 0.0)) - oy) / dy
+        if 0 <= jx < width and 0 <= jy < width:
+            if hits[i]:
+                b = np.int64(np.floor((ez - LOWEST) / BIN))
+                if b + HIT_MARGIN >= 0:
+                    hit[jx * width + jy, max(b - HIT_MARGIN, 0) : b + HIT_MARGIN + 1] = 1
+            else:
+                _pass_column(seen, jx * width + jy, oz + t * dz, ez)
+
+
+@njit(nogil=True, cache=True)
+def list_intervals(seen: Any, hit: Any, cell: Any, half: Any, angle_step: Any, rows: Any) -> Any:
+    """List the free intervals of all columns; returns how many, also beyond the room in `rows`.
+
+    Parameters
+    ----------
+    seen, hit, cell, half
+        As in `trace_beams`.
+    angle_step
+        Angle between scan lines, rad.
+    rows
+        float32 (M, 4), receives x, y of the column's centre, z_low, z_high.
+    """
+    n, width = 0, 2 * half
+    for column in range(width * width):
+        x, y = (column // width - half + 0.5) * cell, (column % width - half + 0.5) * cell
+        gap = np.int64(min(GAP_STEPS * angle_step * np.hypot(x, y) / BIN, 1.0 * MAX_GAP))
+        start, last = -1, -1
+        for b in range(BINS + 1):
+            free = b < BINS and seen[column, b] == 1 and hit[column, b] == 0
+            blocked = b == BINS or hit[column, b] == 1
+            if start >= 0 and not free and (blocked or b - last > gap):
+                if n < rows.shape[0]:
+                    rows[n, 0], rows[n, 1] = x, y
+                    rows[n, 2], rows[n, 3] = LOWEST + start * BIN, LOWEST + (last + 1) * BIN
+                n += 1
+                start = -1
+            if free:
+                start, last = (b if start < 0 else start), b
+    return n
+
+
+class FreeColumns:
+    """Collects what the beams of one sweep saw through.
+
+    Parameters
+    ----------
+    cell_size
+        Edge of a column, m.
+    reach
+        Distance from the base within which columns are kept, m.
+    """
+
+    def __init__(self, cell_size: float, reach: float) -> None:
+        self._cell = cell_size
+        self._half = max(round(reach / cell_size), 1)
+        shape = ((2 * self._half) ** 2, BINS)
+        self._seen, self._hit = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+
+    def add(
+        self,
+        origins: NDArray[np.float64],
+        ends: NDArray[np.float64],
+        hits: NDArray[np.bool_],
+    ) -> None:
+        """Follow beams from origins to ends, float64 (N, 3), m, in the base frame.
+
+        `hits`, bool (N,), says which of them ended on something.
+        """
+        trace_beams(origins, ends, hits, self._cell, self._half, self._seen, self._hit)
+
+    def intervals(self, angle_step: float) -> NDArray[np.float32]:
+        """Return the free intervals float32 (N, 4) of `records.ViewIntervals`, and begin anew.
+
+        Parameters
+        ----------
+        angle_step
+            Angle between scan lines, rad: gaps between them are closed.
+        """
+        rows = np.zeros((len(self._seen), 4), np.float32)
+        while True:
+            n = list_intervals(self._seen, self._hit, self._cell, self._half, angle_step, rows)
+            if n <= len(rows):
+                break
+            rows = np.zeros((n, 4), np.float32)
+        self._seen[:] = 0
+        self._hit[:] = 0
+        return rows[:n].copy()

@@ -1,0 +1,1 @@
+"""Wall-line SLAM: lines, scan matching, loop closures and the pose graph."""

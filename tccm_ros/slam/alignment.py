@@ -1,0 +1,214 @@
+"""Point-to-line alignment of a scan with a local map, from a start that is nearly right."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.slam.line_map import BUCKET, LineMap
+
+__all__ = ["Alignment", "align"]
+
+Float64 = NDArray[np.float64]
+
+ISOTROPIC_SHARE = 0.15
+"""Information of a point without a normal, in each direction, relative to one on a line: where it
+was hit on an object of unknown shape is known to a few centimetres only."""
+
+MAX_STEPS = 25
+STEP_DONE = 1e-5
+"""A step (m, rad) below this ends the alignment: a hundredth of the noise of a result."""
+
+
+class Alignment(NamedTuple):
+    """The outcome of `align`.
+
+    Attributes
+    ----------
+    pose
+        float64 (3,), of the scan in the map.
+    information
+        float64 (3, 3) of (x, y, yaw): x, y along the map's axes; the prior not included.
+    inliers
+        Share of the scan's points with a neighbour in the map.
+    rms
+        Of the inliers' distances to their lines, m.
+    """
+
+    pose: Float64
+    information: Float64
+    inliers: float
+    rms: float
+
+
+def align(
+    line_map: LineMap,
+    points: Float64,
+    normals: Float64,
+    start: Float64,
+    sigma: float,
+    prior: Float64 | None = None,
+    prior_information: Float64 | None = None,
+    reach: float = BUCKET,
+) -> Alignment:
+    """Align a scan by robust Gauss-Newton steps on point-to-line distances.
+
+    Parameters
+    ----------
+    line_map
+        The map.
+    points, normals
+        float64 (N, 2), of the scan, in the base frame.
+    start
+        float64 (3,), pose in the map to start from.
+    sigma
+        Noise of a point's distance to a line, m.
+    prior, prior_information
+        Pose (3,) and its information (3, 3) in the map's axes: odometry.
+    reach
+        Largest distance of a neighbour at first, m, at most the edge of a bucket; it narrows to
+        six sigma.
+    """
+    prior = start if prior is None else prior
+    weight = np.zeros((3, 3)) if prior_information is None else prior_information
+    pose, information, inliers, rms = _align(
+        line_map.points,
+        line_map.normals,
+        line_map.origin,
+        line_map.starts,
+        points,
+        normals,
+        np.asarray(start, float),
+        float(sigma),
+        np.asarray(prior, float),
+        np.asarray(weight, float),
+        float(min(reach, BUCKET)),
+    )
+    return Alignment(pose, information, inliers, rms)
+
+
+@njit(nogil=True, cache=True)
+def _align(
+    map_points: Float64,
+    map_normals: Float64,
+    origin: Float64,
+    starts: NDArray[np.int32],
+    points: Float64,
+    normals: Float64,
+    start: Float64,
+    sigma: float,
+    prior: Float64,
+    prior_information: Float64,
+    reach: float,
+) -> tuple[Float64, Float64, float, float]:  # pragma: no cover - compiled
+    pose = start.copy()
+    H, b = np.zeros((3, 3)), np.zeros(3)
+    inliers, rms = 0.0, 0.0
+    for step in range(MAX_STEPS):
+        radius = max(reach * 0.7**step, 6.0 * sigma)
+        inliers, rms = _normal_equations(
+            map_points, map_normals, origin, starts, points, normals, pose, sigma, radius, H, b
+        )
+        A = H + prior_information
+        difference = pose - prior
+        difference[2] = np.arctan2(np.sin(difference[2]), np.cos(difference[2]))
+        g = b + prior_information @ difference
+        # A tiny ridge holds directions that neither the map nor odometry knows.
+        for k in range(3):
+            A[k, k] += 1e-6 * (A[0, 0] + A[1, 1] + A[2, 2]) + 1e-9
+        delta = -np.linalg.solve(A, g)
+        pose += delta
+        small = max(abs(delta[0]), abs(delta[1]), abs(delta[2])) < STEP_DONE
+        if small and radius <= 6.0 * sigma:
+            break
+    pose[2] = np.arctan2(np.sin(pose[2]), np.cos(pose[2]))
+    return pose, H, inliers, rms
+
+
+@njit(nogil=True, cache=True)
+def _normal_equations(
+    map_points: Float64,
+    map_normals: Float64,
+    origin: Float64,
+    starts: NDArray[np.int32],
+    points: Float64,
+    normals: Float64,
+    pose: Float64,
+    sigma: float,
+    radius: float,
+    H: Float64,
+    b: Float64,
+) -> tuple[float, float]:  # pragma: no cover - compiled
+    """Sum J^T W J into H and J^T W r into b; return share of inliers and rms of residuals."""
+    H[:], b[:] = 0.0, 0.0
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    J = np.empty(3)
+    count, total = 0, 0.0
+    for i in range(len(points)):
+        rx = c * points[i, 0] - s * points[i, 1]
+        ry = s * points[i, 0] + c * points[i, 1]
+        nx = c * normals[i, 0] - s * normals[i, 1]
+        ny = s * normals[i, 0] + c * normals[i, 1]
+        x, y = rx + pose[0], ry + pose[1]
+        j = _nearest(map_points, map_normals, origin, starts, x, y, nx, ny, radius)
+        if j < 0:
+            continue
+        dx, dy = x - map_points[j, 0], y - map_points[j, 1]
+        mx, my = map_normals[j, 0], map_normals[j, 1]
+        count += 1
+        if mx != 0.0 or my != 0.0:
+            r = mx * dx + my * dy
+            J[0], J[1], J[2] = mx, my, my * rx - mx * ry
+            _add(H, b, J, r, _robust(r, sigma) / (sigma * sigma))
+            total += r * r
+        else:
+            w = ISOTROPIC_SHARE * _robust(np.sqrt(dx * dx + dy * dy), 2.0 * sigma) / sigma**2
+            J[0], J[1], J[2] = 1.0, 0.0, -ry
+            _add(H, b, J, dx, w)
+            J[0], J[1], J[2] = 0.0, 1.0, rx
+            _add(H, b, J, dy, w)
+            total += 0.5 * (dx * dx + dy * dy)
+    return count / max(len(points), 1), np.sqrt(total / max(count, 1))
+
+
+@njit(nogil=True, cache=True)
+def _robust(r: float, sigma: float) -> float:  # pragma: no cover - compiled
+    """Weight of a residual (Cauchy at two sigma)."""
+    u = r / (2.0 * sigma)
+    return 1.0 / (1.0 + u * u)
+
+
+@njit(nogil=True, cache=True)
+def _add(H: Float64, b: Float64, J: Float64, r: float, w: float) -> None:  # pragma: no cover
+    for k in range(3):
+        b[k] += w * J[k] * r
+        for m in range(3):
+            H[k, m] += w * J[k] * J[m]
+
+
+@njit(nogil=True, cache=True)
+def _nearest(
+    map_points: Float64,
+    map_normals: Float64,
+    origin: Float64,
+    starts: NDArray[np.int32],
+    x: float,
+    y: float,
+    nx: float,
+    ny: float,
+    radius: float,
+) -> int:  # pragma: no cover - compiled
+    """Return the nearest map point within `radius` that does not face away, or -1."""
+    cx, cy = int(np.floor((x - origin[0]) / BUCKET)), int(np.floor((y - origin[1]) / BUCKET))
+    best, least = -1, radius * radius
+    for gx in range(max(cx - 1, 0), min(cx + 2, starts.shape[0])):
+        for gy in range(max(cy - 1, 0), min(cy + 2, starts.shape[1])):
+            for j in range(starts[gx, gy, 0], starts[gx, gy, 1]):
+                dx, dy = x - map_points[j, 0], y - map_points[j, 1]
+                d = dx * dx + dy * dy
+                if d < least and map_normals[j, 0] * nx + map_normals[j, 1] * ny > -0.1:
+                    best, least = j, d
+    return best

@@ -1,0 +1,97 @@
+"""Corners: where two walls meet, as seen by keyframes that saw both ends."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.slam.factors import (
+    CornerObservation,
+    Factor,
+    Key,
+    WallThroughCorner,
+    corner_key,
+    wall_key,
+)
+from tccm_ros.slam.lines import Lines
+from tccm_ros.slam.walls import WallTable
+
+__all__ = ["Corner", "corner_factors", "find_corners", "meeting_point"]
+
+Float64 = NDArray[np.float64]
+
+JOINED = 0.25
+"""Lines whose ends are nearer than this (m) meet there."""
+
+LEAST_ANGLE = 0.5
+"""Least angle (rad) between walls that meet: nearly parallel ones have no point in common."""
+
+POINT_SIGMA = 0.03
+"""How well the end of a line shows the corner, m: the last beam hits short of it."""
+
+THROUGH_SIGMA = 0.01
+"""How exactly walls pass through their corner, m."""
+
+
+class Corner(NamedTuple):
+    """Walls `a` < `b` meet; keyframes and the points (2,) in their base frames that show it."""
+
+    a: int
+    b: int
+    keyframes: list[int]
+    points: list[Float64]
+
+
+def find_corners(table: WallTable, lines: Sequence[Lines], least: int) -> list[Corner]:
+    """Return the corners that at least `least` keyframes saw, in order of their walls."""
+    seen: dict[tuple[int, int], tuple[list[int], list[Float64]]] = defaultdict(lambda: ([], []))
+    at = np.flatnonzero(table.wall >= 0)
+    for group in np.split(at, np.flatnonzero(np.diff(table.keyframe[at])) + 1):
+        for n, i in enumerate(group):
+            for j in group[n + 1 :]:
+                k = int(table.keyframe[i])
+                point = _shared_end(lines[k], int(table.line[i]), int(table.line[j]))
+                a, b = sorted((int(table.wall[i]), int(table.wall[j])))
+                if point is not None and a != b:
+                    seen[a, b][0].append(k)
+                    seen[a, b][1].append(point)
+    return [Corner(a, b, *seen[a, b]) for a, b in sorted(seen) if len(seen[a, b][0]) >= least]
+
+
+def _shared_end(lines: Lines, i: int, j: int) -> Float64 | None:
+    """Return the middle (2,) of two line ends that meet, or None."""
+    turn = lines.phi[i] - lines.phi[j]
+    if abs(np.sin(turn)) < np.sin(LEAST_ANGLE):
+        return None
+    gaps = np.hypot(*np.moveaxis(lines.endpoints[i][:, None] - lines.endpoints[j][None], 2, 0))
+    p, q = divmod(int(np.argmin(gaps)), 2)
+    if gaps[p, q] > JOINED:
+        return None
+    return np.asarray(0.5 * (lines.endpoints[i, p] + lines.endpoints[j, q]))
+
+
+def corner_factors(
+    corners: Sequence[Corner], table: WallTable, keys: Sequence[Key]
+) -> list[Factor]:
+    """Return the factors that make each corner one point of two walls."""
+    factors: list[Factor] = []
+    for n, corner in enumerate(corners):
+        key = corner_key(n)
+        # All sightings of one corner end at the same last beam: together they count as one.
+        sigma = POINT_SIGMA * float(np.sqrt(len(corner.points)))
+        for k, point in zip(corner.keyframes, corner.points):
+            factors.append(CornerObservation(keys[k], key, point, sigma))
+        for w in (corner.a, corner.b):
+            through = WallThroughCorner(key, wall_key(w), float(table.phi[w]), THROUGH_SIGMA)
+            factors.append(through)
+    return factors
+
+
+def meeting_point(phi: Sequence[float], rho: Sequence[float]) -> Float64:
+    """Return the point (2,) that two lines (phi, rho) have in common."""
+    normals = np.stack([np.cos(phi), np.sin(phi)], axis=1)
+    return np.asarray(np.linalg.solve(normals, np.asarray(rho, float)))

@@ -1,0 +1,228 @@
+"""Correlative matching: the best pose of a scan within a window, found exhaustively in effect.
+
+A likelihood grid says how well a point agrees with a local map. Coarser levels hold the maximum
+over 2 x 2, 4 x 4, ... cells, so that a coarse score bounds every finer score below it and whole
+regions of poses are skipped (branch and bound, after Olson 2009 and Hess et al. 2016).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.slam.likelihood_grid import CELL, UNKNOWN, LikelihoodGrid
+
+__all__ = ["Correlation", "correlate", "support"]
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+
+class Correlation(NamedTuple):
+    """The best pose float64 (3,) in the map, and its mean likelihood in 0..1 (-1: none)."""
+
+    pose: Float64
+    score: float
+
+
+def correlate(
+    grid: LikelihoodGrid,
+    points: Float64,
+    centre: Float64,
+    window: tuple[float, float],
+    *,
+    angle_step: float = 0.0,
+    penalty: tuple[float, float] = (0.0, 0.0),
+    least: float = 0.0,
+    exclude: tuple[Float64, float, float] | None = None,
+) -> Correlation:
+    """Find the pose of a scan with the largest mean likelihood.
+
+    Parameters
+    ----------
+    grid
+        Of the map.
+    points
+        float64 (N, 2), of the scan.
+    centre
+        float64 (3,), middle of the window, in the map.
+    window
+        Half widths: m in x and y, rad in yaw.
+    angle_step
+        rad; 0: so that a point at the rms distance moves by one cell.
+    penalty
+        Score lost per m^2 and rad^2 away from the centre: what odometry says.
+    least
+        Only a better score counts.
+    exclude
+        A pose (3,) and the distances (m, rad) around it in which nothing counts.
+
+    Returns
+    -------
+    Correlation
+        With ``score`` -1 where no pose is better than `least`.
+    """
+    if not len(points):
+        return Correlation(np.array(centre, float), -1.0)
+    if angle_step <= 0.0:
+        far = float(np.sqrt((points * points).sum() / len(points)))
+        angle_step = float(np.clip(CELL / max(far, 0.5), 0.004, 0.03))
+    turns = int(np.ceil(window[1] / angle_step))
+    cells = int(np.ceil(window[0] / CELL))
+    depth = min(grid.levels.shape[0] - 1, max(0, int(np.log2(max(cells, 1))) - 1))
+    away = exclude or (np.asarray(centre, float), -1.0, -1.0)
+    pose, score = _branch_and_bound(
+        grid.levels,
+        grid.origin,
+        points,
+        np.asarray(centre, float),
+        cells,
+        turns,
+        float(angle_step),
+        penalty[0],
+        penalty[1],
+        float(least),
+        depth,
+        np.asarray(away[0], float) - np.asarray(centre, float),
+        float(away[1]),
+        float(away[2]),
+        grid.outside,
+    )
+    return Correlation(pose, score)
+
+
+@njit(nogil=True, cache=True)
+def _score(
+    level: UInt8, cells: NDArray[np.int32], dx: int, dy: int, outside: int
+) -> float:  # pragma: no cover - compiled
+    """Return the mean likelihood of points whose cells are shifted by (dx, dy)."""
+    total = 0
+    for i in range(len(cells)):
+        x, y = cells[i, 0] + dx, cells[i, 1] + dy
+        if 0 <= x < level.shape[0] and 0 <= y < level.shape[1]:
+            total += level[x, y]
+        else:
+            total += outside
+    return total / (255.0 * len(cells))
+
+
+def support(grid: LikelihoodGrid, points: Float64, pose: Float64) -> tuple[float, float]:
+    """Return the shares of points (N, 2), placed at `pose` (3,), on walls and in free space."""
+    near, free = _support(grid.levels, grid.origin, points, np.asarray(pose, float))
+    return near / max(len(points), 1), free / max(len(points), 1)
+
+
+@njit(nogil=True, cache=True)
+def _support(
+    levels: UInt8, origin: Float64, points: Float64, pose: Float64
+) -> tuple[int, int]:  # pragma: no cover - compiled
+    cells = np.empty((len(points), 2), np.int32)
+    _rotate(points, origin, pose, pose[2], cells)
+    near, free = 0, 0
+    for i in range(len(points)):
+        x, y = cells[i, 0], cells[i, 1]
+        if 0 <= x < levels.shape[1] and 0 <= y < levels.shape[2]:
+            near += levels[0, x, y] > UNKNOWN
+            free += levels[0, x, y] == 0
+    return near, free
+
+
+@njit(nogil=True, cache=True)
+def _least_square(low: int, high: int) -> int:  # pragma: no cover - compiled
+    """Return the smallest k*k for k in low..high."""
+    if low > 0:
+        return low * low
+    return high * high if high < 0 else 0
+
+
+@njit(nogil=True, cache=True)
+def _rotate(
+    points: Float64, origin: Float64, centre: Float64, angle: float, cells: NDArray[np.int32]
+) -> None:  # pragma: no cover - compiled
+    c, s = np.cos(angle), np.sin(angle)
+    for i in range(len(points)):
+        x = c * points[i, 0] - s * points[i, 1] + centre[0] - origin[0]
+        y = s * points[i, 0] + c * points[i, 1] + centre[1] - origin[1]
+        cells[i, 0], cells[i, 1] = int(np.floor(x / CELL)), int(np.floor(y / CELL))
+
+
+@njit(nogil=True, cache=True)
+def _branch_and_bound(
+    levels: UInt8,
+    origin: Float64,
+    points: Float64,
+    centre: Float64,
+    half: int,
+    turns: int,
+    angle_step: float,
+    shift_penalty: float,
+    turn_penalty: float,
+    least: float,
+    depth: int,
+    away: Float64,
+    away_shift: float,
+    away_turn: float,
+    outside: int,
+) -> tuple[Float64, float]:  # pragma: no cover - compiled
+    """Depth first over blocks of shifts, best block first, for each turn, from the middle out."""
+    width = 1 << depth
+    blocks = (2 * half) // width + 1
+    angles = 2 * turns + 1
+    cells = np.empty((angles, len(points), 2), np.int32)
+    bounds = np.empty(angles * blocks * blocks)
+    per_cell = shift_penalty * CELL * CELL
+    for a in range(angles):
+        turn = (a - turns) * angle_step
+        _rotate(points, origin, centre, centre[2] + turn, cells[a])
+        for i in range(blocks):
+            x = -half + i * width
+            for j in range(blocks):
+                y = -half + j * width
+                far = _least_square(x, x + width - 1) + _least_square(y, y + width - 1)
+                bounds[(a * blocks + i) * blocks + j] = (
+                    _score(levels[depth], cells[a], x, y, outside)
+                    - per_cell * far
+                    - turn_penalty * turn * turn
+                )
+    order = np.argsort(-bounds, kind="mergesort")
+    best, result = least, np.array([0.0, 0.0, 0.0])
+    found = False
+    stack = np.empty((4 * (depth + 1) + 4, 3), np.int64)
+    for k in order:
+        if bounds[k] <= best:
+            break
+        a, i, j = k // (blocks * blocks), (k // blocks) % blocks, k % blocks
+        turn = (a - turns) * angle_step
+        top = 0
+        stack[0, 0], stack[0, 1], stack[0, 2] = depth, -half + i * width, -half + j * width
+        while top >= 0:
+            h, x, y = stack[top]
+            top -= 1
+            size = 1 << h
+            far = _least_square(x, x + size - 1) + _least_square(y, y + size - 1)
+            bound = (
+                _score(levels[h], cells[a], x, y, outside)
+                - per_cell * far
+                - turn_penalty * turn * turn
+            )
+            if bound <= best:
+                continue
+            if h == 0:
+                dx, dy, dt = x * CELL - away[0], y * CELL - away[1], turn - away[2]
+                dt = np.arctan2(np.sin(dt), np.cos(dt))
+                if dx * dx + dy * dy <= away_shift * abs(away_shift) and abs(dt) <= away_turn:
+                    continue
+                best, found = bound, True
+                result[0], result[1], result[2] = x * CELL, y * CELL, turn
+                continue
+            step = size >> 1
+            for child in range(4):
+                top += 1
+                stack[top, 0] = h - 1
+                stack[top, 1] = x + step * (child & 1)
+                stack[top, 2] = y + step * (child >> 1)
+    pose = centre + result
+    return pose, best if found else -1.0

@@ -1,0 +1,175 @@
+"""The wall graph: factors in, poses, walls and covariances out.
+
+The graph is built from scratch in a given order and optimised as a batch, so that the result
+depends on nothing but its factors. GTSAM's default elimination ordering is COLAMD, the paper's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.geometry import spatial, wrap_angle
+from tccm_ros.slam.factors import Factor, Key
+
+__all__ = ["GraphSolution", "IncrementalGraph", "PoseGraph", "solve_graph"]
+
+Float64 = NDArray[np.float64]
+
+MAX_ITERATIONS = 50
+RELATIVE_TOLERANCE = 1e-5
+
+RELINEARIZE = 0.1
+"""A variable that moved by more (m, rad) than this is linearised anew."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraphSolution:
+    """An optimised graph, after `iterations`; covariances are computed when they are asked for."""
+
+    values: gtsam.Values
+    graph: gtsam.NonlinearFactorGraph
+    iterations: int
+    _marginals: list[gtsam.Marginals]
+
+    def pose(self, key: Key) -> Float64:
+        """Return T_map_frame float64 (4, 4)."""
+        return key.unturned(self.values.atPose3(key.symbol))
+
+    def planar_poses(self, keys: Sequence[Key]) -> Float64:
+        """Return planar poses float64 (N, 3)."""
+        return _planar_poses(self.values, keys)
+
+    def plane(self, key: Key) -> Float64:
+        """Return a wall or surface as float64 (4,): unit normal and d, ``normal . p + d = 0``."""
+        return np.asarray(self.values.atOrientedPlane3(key.symbol).planeCoefficients())
+
+    def covariance(self, key: Key) -> Float64:
+        """Return the marginal covariance in GTSAM's tangent order of the variable."""
+        if not self._marginals:
+            self._marginals.append(gtsam.Marginals(self.graph, self.values))
+        return np.asarray(self._marginals[0].marginalCovariance(key.symbol))
+
+    def planar_covariance(self, key: Key) -> Float64:
+        """Return the covariance float64 (3, 3) of (x, y, yaw) in the pose's own frame."""
+        cov = self.covariance(key)[np.ix_([3, 4, 2], [3, 4, 2])]
+        c, s = np.cos(key.turn), np.sin(key.turn)
+        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        return R @ cov @ R.T
+
+    def errors(self) -> Float64:
+        """Return each factor's half squared Mahalanobis distance, float64 (F,), in given order."""
+        return self.errors_of(range(self.graph.size()))
+
+    def errors_of(self, indices: Iterable[int]) -> Float64:
+        """Return half squared Mahalanobis distances of some factors, float64 (N,)."""
+        return np.array([self.graph.at(i).error(self.values) for i in indices])
+
+
+class PoseGraph:
+    """A graph that grows and is optimised as a batch, from where it was."""
+
+    def __init__(self, factors: Iterable[Factor], poses: Mapping[Key, Float64]) -> None:
+        self._graph, self._values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        self._starts = {key: spatial(p) if np.ndim(p) == 1 else p for key, p in poses.items()}
+        for key, T in self._starts.items():
+            self._values.insert(key.symbol, key.turned(T))
+        self.add(factors)
+
+    def add(self, factors: Iterable[Factor]) -> None:
+        """Add factors; landmarks that are new are started by them."""
+        for factor in factors:
+            factor.add_to(self._graph)
+            if factor.landmark is None or self._values.exists(factor.landmark.symbol):
+                continue
+            for key, value in factor.initial(self._starts.__getitem__):
+                self._values.insert(key.symbol, value)
+
+    def __len__(self) -> int:
+        return int(self._graph.size())
+
+    def replace(self, index: int, factor: Factor) -> None:
+        """Put another factor of the same variables in the place of factor `index`."""
+        single = gtsam.NonlinearFactorGraph()
+        factor.add_to(single)
+        self._graph.replace(index, single.at(0))
+
+    def optimise(self) -> GraphSolution:
+        """Run Levenberg-Marquardt to its end."""
+        params = gtsam.LevenbergMarquardtParams()
+        params.setMaxIterations(MAX_ITERATIONS)
+        params.setRelativeErrorTol(RELATIVE_TOLERANCE)
+        params.setlambdaInitial(1e-6)
+        optimizer = gtsam.LevenbergMarquardtOptimizer(self._graph, self._values, params)
+        self._values = optimizer.optimize()
+        return GraphSolution(self._values, self._graph, int(optimizer.iterations()), [])
+
+
+class IncrementalGraph:
+    """The same factors while driving: ISAM2, a few milliseconds a step (paper, III.B)."""
+
+    def __init__(self) -> None:
+        params = gtsam.ISAM2Params()
+        params.setRelinearizeThreshold(RELINEARIZE)
+        params.relinearizeSkip = 10
+        self._isam = gtsam.ISAM2(params)
+        self._landmarks: set[Key] = set()
+
+    def add(self, factors: Iterable[Factor], poses: Mapping[Key, Float64]) -> None:
+        """Add factors and new poses, with start values (3,) or (4, 4), and update.
+
+        Landmarks that are new are started by their factors, from poses in the graph.
+        """
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        starts = {key: spatial(p) if np.ndim(p) == 1 else p for key, p in poses.items()}
+        for key, T in starts.items():
+            values.insert(key.symbol, key.turned(T))
+
+        def pose_of(key: Key) -> Float64:
+            return starts[key] if key in starts else self.pose(key)
+
+        for factor in factors:
+            factor.add_to(graph)
+            if factor.landmark is not None and factor.landmark not in self._landmarks:
+                for key, value in factor.initial(pose_of):
+                    values.insert(key.symbol, value)
+                    self._landmarks.add(key)
+        self._isam.update(graph, values)
+
+    def pose(self, key: Key) -> Float64:
+        """Return T_map_frame float64 (4, 4)."""
+        return key.unturned(self._isam.calculateEstimatePose3(key.symbol))
+
+    def planar_poses(self, keys: Sequence[Key]) -> Float64:
+        """Return planar poses float64 (N, 3)."""
+        return _planar_poses(self._isam.calculateEstimate(), keys)
+
+
+def _planar_poses(values: gtsam.Values, keys: Sequence[Key]) -> Float64:
+    """Return planar poses float64 (N, 3) of keys in ascending order of their symbols."""
+    if not keys:
+        return np.zeros((0, 3))
+    result = np.empty((len(keys), 3))
+    for i, key in enumerate(keys):
+        value = values.atPose3(key.symbol)
+        result[i] = value.x(), value.y(), value.rotation().yaw() - key.turn
+    result[:, 2] = wrap_angle(result[:, 2])
+    return result
+
+
+def solve_graph(factors: Sequence[Factor], poses: Mapping[Key, Float64]) -> GraphSolution:
+    """Build and optimise a graph.
+
+    Parameters
+    ----------
+    factors
+        In the order in which they enter the graph.
+    poses
+        Start values T_map_frame of all poses: float64 (4, 4), or planar (3,). Landmarks are
+        started by their factors.
+    """
+    return PoseGraph(factors, poses).optimise()

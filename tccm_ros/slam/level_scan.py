@@ -1,0 +1,146 @@
+"""A level scan as the front end uses it: planar points at one time, thinned, with normals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import planar
+from tccm_ros.records import PosedScan
+from tccm_ros.scan import project_level
+
+__all__ = ["LevelScan", "level_scan", "thin_with_normals"]
+
+Float64 = NDArray[np.float64]
+
+THIN_DISTANCE = 0.04
+"""Beams closer than this (m) along a scan say the same and are averaged."""
+
+NORMAL_BEAMS = 3
+"""Neighbours on either side that a normal is fitted to."""
+
+SEARCH_POINTS = 100
+"""Points that a search scores, about."""
+
+MIN_REACH = 0.15
+"""Neighbours within this distance (m) belong to one surface whatever the beams' spacing."""
+
+MAX_REACH = 0.8
+"""No neighbour further than this (m) does."""
+
+FLATNESS = 0.2
+"""Largest ratio of a neighbourhood's thickness to its length that still has a normal."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelScan:
+    """Planar points in the base frame of the scan's stamp.
+
+    Attributes
+    ----------
+    stamp_ns
+        Time of the first beam.
+    odom
+        float64 (3,), base in odom at the stamp.
+    beams
+        float64 (B, 2), m, in beam order: one point for each valid beam.
+    origin
+        float64 (2,), where the laser was at the stamp.
+    points, normals
+        float64 (N, 2): the beams averaged over 4 cm, and unit normals towards the laser, zero
+        where the surroundings are not flat.
+    """
+
+    stamp_ns: int
+    odom: Float64
+    beams: Float64
+    origin: Float64
+    points: Float64
+    normals: Float64
+
+    @property
+    def search_points(self) -> Float64:
+        """Some of the points, evenly spread: enough for a search."""
+        return self.points[:: 1 + len(self.points) // SEARCH_POINTS]
+
+
+def level_scan(posed: PosedScan, config: Config) -> LevelScan:
+    """Project a level scan, each beam by the poses of its own time."""
+    beams, _ = project_level(posed, config)
+    at_stamp = 0 if posed.knots_ns[0] == posed.scan.stamp_ns else -1
+    origin = posed.T_base_laser[at_stamp, :2, 3].copy()
+    points, normals = thin_with_normals(beams, origin, abs(posed.scan.angle_increment))
+    odom = planar(posed.T_odom_base[at_stamp])
+    return LevelScan(posed.scan.stamp_ns, odom, beams, origin, points, normals)
+
+
+@njit(nogil=True, cache=True)
+def thin_with_normals(
+    beams: Float64, origin: Float64, step: float
+) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
+    """Average beams over 4 cm and fit a normal to the neighbours of each mean.
+
+    Parameters
+    ----------
+    beams
+        float64 (B, 2), m, in beam order.
+    origin
+        float64 (2,), the laser; normals point to its side.
+    step
+        Angle between beams, rad: beams far from the laser are further apart.
+    """
+    points = np.empty((len(beams), 2))
+    count = 0
+    i = 0
+    while i < len(beams):
+        j, sx, sy = i, 0.0, 0.0
+        while j < len(beams):
+            dx, dy = beams[j, 0] - beams[i, 0], beams[j, 1] - beams[i, 1]
+            if dx * dx + dy * dy >= THIN_DISTANCE * THIN_DISTANCE:
+                break
+            sx, sy, j = sx + beams[j, 0], sy + beams[j, 1], j + 1
+        points[count, 0], points[count, 1] = sx / (j - i), sy / (j - i)
+        count, i = count + 1, j
+    points = points[:count].copy()
+    normals = np.zeros((count, 2))
+    for i in range(count):
+        _fit_normal(points, i, origin, step, normals)
+    return points, normals
+
+
+@njit(nogil=True, cache=True)
+def _fit_normal(
+    points: Float64, i: int, origin: Float64, step: float, normals: Float64
+) -> None:  # pragma: no cover - compiled
+    """Write the normal of point i, if it has one."""
+    rx, ry = points[i, 0] - origin[0], points[i, 1] - origin[1]
+    spacing = np.sqrt(rx * rx + ry * ry) * step
+    reach = min(max(MIN_REACH, 4.0 * spacing), MAX_REACH)
+    sx = sy = sxx = sxy = syy = 0.0
+    n = 0
+    for side in (-1, 1):
+        j = i if side < 0 else i + 1
+        for _ in range(NORMAL_BEAMS + (1 if side < 0 else 0)):
+            if j < 0 or j >= len(points):
+                break
+            x, y = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+            if x * x + y * y > reach * reach:
+                break
+            sx, sy, n = sx + x, sy + y, n + 1
+            sxx, sxy, syy = sxx + x * x, sxy + x * y, syy + y * y
+            j += side
+    if n < 3:
+        return
+    sx, sy = sx / n, sy / n
+    a, b, c = sxx / n - sx * sx, sxy / n - sx * sy, syy / n - sy * sy
+    mid, half = 0.5 * (a + c), np.sqrt(0.25 * (a - c) ** 2 + b * b)
+    if mid - half > FLATNESS * FLATNESS * (mid + half):
+        return
+    angle = 0.5 * np.arctan2(2.0 * b, a - c) + 0.5 * np.pi
+    nx, ny = np.cos(angle), np.sin(angle)
+    sign = -1.0 if nx * rx + ny * ry > 0.0 else 1.0
+    normals[i, 0], normals[i, 1] = sign * nx, sign * ny

@@ -1,0 +1,128 @@
+"""Likelihood grids: how well a point agrees with a local map, in a pyramid of maxima."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ["CELL", "UNKNOWN", "LikelihoodGrid", "make_likelihood_grid"]
+
+Float64 = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+CELL = 0.05
+"""Edge of a cell, m."""
+
+BLUR = 0.06
+"""Standard deviation of the likelihood around a map point, m."""
+
+STAMP = 3
+"""Cells on either side of a point that its likelihood reaches."""
+
+MAX_CELLS = 1600
+"""Cells along a side at most: 80 m, beyond the range of indoor lasers."""
+
+LEVELS = 5
+"""Levels of the pyramid: cells of 5 cm to 80 cm."""
+
+UNKNOWN = 64
+"""Likelihood where no beam has been: a point there speaks neither for a pose nor against it."""
+
+SHORT = 0.15
+"""A beam proves free space up to this distance (m) before its end."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LikelihoodGrid:
+    """Likelihoods 0..255, uint8 (levels, rows, columns), and the corner float64 (2,) of cell 0, 0.
+
+    `outside` is the likelihood beyond the grid. Cell (i, j) of level h holds the maximum of the
+    finest level over i..i + 2^h - 1 and j..j + 2^h - 1.
+    """
+
+    levels: UInt8
+    origin: Float64
+    outside: int = 0
+
+
+def make_likelihood_grid(
+    points: Float64, levels: int = LEVELS, rays: tuple[Float64, Float64] | None = None
+) -> LikelihoodGrid:
+    """Draw map points (N, 2) into a grid and build its pyramid.
+
+    Parameters
+    ----------
+    points
+        float64 (N, 2), m.
+    levels
+        Of the pyramid.
+    rays
+        Origins and ends, float64 (M, 2) each, of beams: what they passed has likelihood 0, and
+        what no beam has passed is `UNKNOWN`. Without, all is 0 but the points.
+    """
+    outside = UNKNOWN if rays is not None else 0
+    if not len(points):
+        return LikelihoodGrid(np.full((levels, 1, 1), outside, np.uint8), np.zeros(2), outside)
+    centre = np.median(points, axis=0)
+    half = 0.5 * MAX_CELLS * CELL
+    near = points[np.all(np.abs(points - centre) < half, axis=1)]
+    margin = (STAMP + 1 + 2**levels) * CELL
+    origin = near.min(axis=0) - margin
+    shape = ((near.max(axis=0) + margin - origin) / CELL).astype(np.int64) + 1
+    grid = np.full((levels, shape[0], shape[1]), outside, np.uint8)
+    if rays is not None:
+        _clear(grid[0], rays[0], rays[1], origin)
+    offsets = np.arange(-STAMP, STAMP + 1) * CELL
+    squares = offsets[:, None] ** 2 + offsets[None, :] ** 2
+    stamp = np.rint(255.0 * np.exp(-0.5 * squares / BLUR**2)).astype(np.uint8)
+    _draw(grid[0], near, origin, stamp)
+    _build_levels(grid)
+    return LikelihoodGrid(grid, origin, outside)
+
+
+@njit(nogil=True, cache=True)
+def _clear(
+    grid: UInt8, origins: Float64, ends: Float64, corner: Float64
+) -> None:  # pragma: no cover - compiled
+    """Set to 0 the cells that beams passed, sampled at each cell's width."""
+    for i in range(len(ends)):
+        dx, dy = ends[i, 0] - origins[i, 0], ends[i, 1] - origins[i, 1]
+        length = np.hypot(dx, dy)
+        steps = int((length - SHORT) / CELL)
+        ux, uy = dx / max(length, 1e-9) * CELL, dy / max(length, 1e-9) * CELL
+        x, y = origins[i, 0] - corner[0], origins[i, 1] - corner[1]
+        for _ in range(steps):
+            cx, cy = int(np.floor(x / CELL)), int(np.floor(y / CELL))
+            if 0 <= cx < grid.shape[0] and 0 <= cy < grid.shape[1]:
+                grid[cx, cy] = 0
+            x, y = x + ux, y + uy
+
+
+@njit(nogil=True, cache=True)
+def _draw(grid: UInt8, points: Float64, origin: Float64, stamp: UInt8) -> None:  # pragma: no cover
+    for i in range(len(points)):
+        cx = int((points[i, 0] - origin[0]) / CELL)
+        cy = int((points[i, 1] - origin[1]) / CELL)
+        for a in range(2 * STAMP + 1):
+            for b in range(2 * STAMP + 1):
+                x, y = cx + a - STAMP, cy + b - STAMP
+                if stamp[a, b] > grid[x, y]:
+                    grid[x, y] = stamp[a, b]
+
+
+@njit(nogil=True, cache=True)
+def _build_levels(grid: UInt8) -> None:  # pragma: no cover - compiled
+    rows, columns = grid.shape[1], grid.shape[2]
+    for h in range(1, grid.shape[0]):
+        step = 1 << (h - 1)
+        for x in range(rows):
+            x2 = min(x + step, rows - 1)
+            for y in range(columns):
+                y2 = min(y + step, columns - 1)
+                grid[h, x, y] = max(
+                    max(grid[h - 1, x, y], grid[h - 1, x2, y]),
+                    max(grid[h - 1, x, y2], grid[h - 1, x2, y2]),
+                )

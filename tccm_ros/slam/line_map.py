@@ -1,0 +1,125 @@
+"""A local map for matching: points with normals from several scans, in a bucket grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.slam.se2 import place, turn
+
+__all__ = ["LineMap", "make_line_map"]
+
+Float64 = NDArray[np.float64]
+Int32 = NDArray[np.int32]
+
+BUCKET = 0.30
+"""Edge of a bucket, m: the search radius, so that 3 x 3 buckets hold every neighbour."""
+
+SPACING = 0.05
+"""A point nearer than this (m) to one that is there already, and facing its way, adds nothing."""
+
+MAX_SIDE = 4096
+"""Buckets along a side, at most: points beyond belong to no room and are dropped."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineMap:
+    """Points and normals, float64 (N, 2), sorted into buckets.
+
+    Attributes
+    ----------
+    points, normals
+        In the map's own frame; the normal is zero where the surroundings are not flat.
+    origin
+        float64 (2,), lower corner of the bucket grid.
+    starts
+        int32 (rows, columns, 2): first point of each bucket and the one past its last.
+    """
+
+    points: Float64
+    normals: Float64
+    origin: Float64
+    starts: Int32
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def make_line_map(poses: Float64, points: list[Float64], normals: list[Float64]) -> LineMap:
+    """Put scans into one map; the first scan to see a place defines it.
+
+    Parameters
+    ----------
+    poses
+        float64 (K, 3), the scans' planar poses in the map's frame.
+    points, normals
+        K arrays float64 (N_k, 2) in the scans' frames.
+    """
+    p = np.concatenate([place(pose, q) for pose, q in zip(poses, points)])
+    n = np.concatenate([turn(pose, q) for pose, q in zip(poses, normals)])
+    if not len(p):
+        return LineMap(p, n, np.zeros(2), np.zeros((1, 1, 2), np.int32))
+    centre = np.median(p, axis=0)
+    near = np.all(np.abs(p - centre) < 0.5 * MAX_SIDE * BUCKET - BUCKET, axis=1)
+    p, n = p[near], n[near]
+    origin = p.min(axis=0) - 1.5 * BUCKET
+    shape = ((p.max(axis=0) - origin) / BUCKET).astype(np.int64) + 3
+    keep = _thin(p, n, origin, shape)
+    p, n, starts = _sort_into_buckets(p[keep], n[keep], origin, shape)
+    return LineMap(p, n, origin, starts)
+
+
+@njit(nogil=True, cache=True)
+def _thin(
+    points: Float64, normals: Float64, origin: Float64, shape: NDArray[np.int64]
+) -> NDArray[np.bool_]:  # pragma: no cover - compiled
+    """Mark the points that are not within SPACING of an earlier one that faces their way."""
+    heads = np.full((shape[0], shape[1]), -1, np.int32)
+    links = np.full(len(points), -1, np.int32)
+    keep = np.zeros(len(points), np.bool_)
+    for i in range(len(points)):
+        cx = int((points[i, 0] - origin[0]) / BUCKET)
+        cy = int((points[i, 1] - origin[1]) / BUCKET)
+        found = False
+        for gx in range(cx - 1, cx + 2):
+            for gy in range(cy - 1, cy + 2):
+                j = heads[gx, gy]
+                while j >= 0 and not found:
+                    dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+                    if dx * dx + dy * dy < SPACING * SPACING:
+                        dot = normals[j, 0] * normals[i, 0] + normals[j, 1] * normals[i, 1]
+                        plain = normals[i, 0] == 0.0 and normals[i, 1] == 0.0
+                        found = dot > 0.5 or plain
+                    j = links[j]
+        if not found:
+            keep[i] = True
+            links[i], heads[cx, cy] = heads[cx, cy], i
+    return keep
+
+
+@njit(nogil=True, cache=True)
+def _sort_into_buckets(
+    points: Float64, normals: Float64, origin: Float64, shape: NDArray[np.int64]
+) -> tuple[Float64, Float64, Int32]:  # pragma: no cover - compiled
+    """Counting sort by bucket; the order within a bucket stays."""
+    starts = np.zeros((shape[0], shape[1], 2), np.int32)
+    cells = np.empty((len(points), 2), np.int32)
+    for i in range(len(points)):
+        cells[i, 0] = int((points[i, 0] - origin[0]) / BUCKET)
+        cells[i, 1] = int((points[i, 1] - origin[1]) / BUCKET)
+        starts[cells[i, 0], cells[i, 1], 1] += 1
+    total = 0
+    for x in range(shape[0]):
+        for y in range(shape[1]):
+            n = starts[x, y, 1]
+            starts[x, y, 0] = starts[x, y, 1] = total
+            total += n
+    p, q = np.empty_like(points), np.empty_like(normals)
+    for i in range(len(points)):
+        k = starts[cells[i, 0], cells[i, 1], 1]
+        p[k], q[k] = points[i], normals[i]
+        starts[cells[i, 0], cells[i, 1], 1] = k + 1
+    return p, q, starts

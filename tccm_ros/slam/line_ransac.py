@@ -1,0 +1,130 @@
+"""RANSAC lines as in the surface mapping paper (III.A.1), repeatable by its own random numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ["ransac_segments"]
+
+Float64 = NDArray[np.float64]
+
+SPENT = -2
+"""Label of points whose line was too short: they are not drawn again."""
+
+
+@njit(nogil=True, cache=True)
+def ransac_segments(
+    beams: Float64,
+    distance: float,
+    max_gap: float,
+    min_points: int,
+    min_length: float,
+    trials: int,
+) -> NDArray[np.int32]:  # pragma: no cover - compiled
+    """Label the points of each segment, the best supported first.
+
+    Draw two of the free points, count the inliers of their line that hang together without a gap
+    around the first of them, keep the line with the most, and repeat on the points that are left
+    until none has enough.
+
+    Parameters
+    ----------
+    beams
+        float64 (B, 2), m, in any order.
+    distance
+        Largest distance of an inlier, m.
+    max_gap
+        Largest distance between neighbours along a line, m.
+    min_points, min_length
+        Least support and length (m).
+    trials
+        Pairs drawn for each line.
+
+    Returns
+    -------
+    int32 (B,), a segment's index, or -1
+    """
+    n = len(beams)
+    labels = np.full(n, -1, np.int32)
+    free = np.arange(n)
+    state = np.uint64(0x9E3779B97F4A7C15)
+    label = 0
+    while len(free) >= max(min_points, 2):
+        best = np.empty(0, np.int64)
+        for _ in range(trials):
+            state = _next(state)
+            i = free[int((state >> np.uint64(33)) % np.uint64(len(free)))]
+            state = _next(state)
+            j = free[int((state >> np.uint64(33)) % np.uint64(len(free)))]
+            if i == j or _count(beams, free, i, j, distance) <= len(best):
+                continue
+            inliers = _support(beams, free, i, j, distance, max_gap)
+            if len(inliers) > len(best):
+                best = inliers
+        if len(best) < min_points:
+            break
+        first, last = beams[best[0]], beams[best[-1]]
+        if np.hypot(last[0] - first[0], last[1] - first[1]) >= min_length:
+            for member in best:
+                labels[member] = label
+            label += 1
+        else:
+            for member in best:
+                labels[member] = SPENT
+        free = np.array([k for k in free if labels[k] == -1])
+    for k in range(n):
+        if labels[k] < 0:
+            labels[k] = -1
+    return labels
+
+
+@njit(nogil=True, cache=True)
+def _next(state: np.uint64) -> np.uint64:  # pragma: no cover - compiled
+    """Step a 64-bit linear congruential generator (Knuth's MMIX constants)."""
+    return state * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
+
+
+@njit(nogil=True, cache=True)
+def _count(
+    beams: Float64, free: NDArray[np.int64], i: int, j: int, distance: float
+) -> int:  # pragma: no cover - compiled
+    """Return how many free points are near the line i-j, with or without gaps."""
+    px, py = beams[i, 0], beams[i, 1]
+    dx, dy = beams[j, 0] - px, beams[j, 1] - py
+    limit = distance * np.sqrt(dx * dx + dy * dy)
+    count = 0
+    for k in free:
+        count += abs(dx * (beams[k, 1] - py) - dy * (beams[k, 0] - px)) <= limit
+    return count
+
+
+@njit(nogil=True, cache=True)
+def _support(
+    beams: Float64, free: NDArray[np.int64], i: int, j: int, distance: float, max_gap: float
+) -> NDArray[np.int64]:  # pragma: no cover - compiled
+    """Return the free inliers of line i-j that hang together around i, ordered along it."""
+    dx, dy = beams[j, 0] - beams[i, 0], beams[j, 1] - beams[i, 1]
+    length = np.hypot(dx, dy)
+    if length < 1e-6:
+        return np.empty(0, np.int64)
+    dx, dy = dx / length, dy / length
+    along, who = np.empty(len(free)), np.empty(len(free), np.int64)
+    count = 0
+    for k in free:
+        x, y = beams[k, 0] - beams[i, 0], beams[k, 1] - beams[i, 1]
+        if abs(dx * y - dy * x) <= distance:
+            along[count], who[count] = dx * x + dy * y, k
+            count += 1
+    order = np.argsort(along[:count], kind="mergesort")
+    centre = 0
+    for k in range(count):
+        if who[order[k]] == i:
+            centre = k
+    low, high = centre, centre
+    while low > 0 and along[order[low]] - along[order[low - 1]] <= max_gap:
+        low -= 1
+    while high + 1 < count and along[order[high + 1]] - along[order[high]] <= max_gap:
+        high += 1
+    return who[order[low : high + 1]]

@@ -1,0 +1,153 @@
+"""Split and merge: segments from points in beam order."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ["split_segments"]
+
+Float64 = NDArray[np.float64]
+
+MERGE_TURN = 0.996
+"""Cosine of the largest angle (5 deg) between pieces that are merged."""
+
+
+@njit(nogil=True, cache=True)
+def split_segments(
+    beams: Float64, distance: float, max_gap: float, min_points: int
+) -> NDArray[np.int32]:  # pragma: no cover - compiled
+    """Label the points of each segment.
+
+    A run of points without a gap is split at the point farthest from the chord until every piece
+    is straight; neighbouring pieces that fit one line are joined again. The scan may wrap around:
+    the first and last run are one where they meet.
+
+    Parameters
+    ----------
+    beams
+        float64 (B, 2), m, in beam order.
+    distance
+        Largest distance of a point from its segment's chord, m.
+    max_gap
+        Largest distance between neighbours of a segment, m.
+    min_points
+        Pieces with fewer points are not lines.
+
+    Returns
+    -------
+    int32 (B,), a segment's index, or -1
+    """
+    n = len(beams)
+    labels = np.full(n, -1, np.int32)
+    if n < 2:
+        return labels
+    first = _seam(beams, max_gap)
+    points = np.empty((n, 2))
+    points[: n - first], points[n - first :] = beams[first:], beams[:first]
+    stack = np.empty((n + 2, 2), np.int64)
+    pieces = np.empty((n, 2), np.int64)
+    count = 0
+    start = 0
+    while start < n:
+        end = start
+        while end + 1 < n and _gap2(points, end, end + 1) <= max_gap * max_gap:
+            end += 1
+        top = 0
+        stack[0, 0], stack[0, 1] = start, end
+        run = count
+        while top >= 0:
+            a, b = stack[top]
+            top -= 1
+            far, where = _farthest(points, a, b)
+            if far <= distance:
+                pieces[count, 0], pieces[count, 1] = a, b
+                count += 1
+            elif b - a >= 2:
+                # Right part below, left on top: pieces come out in beam order.
+                stack[top + 1, 0], stack[top + 1, 1] = where, b
+                stack[top + 2, 0], stack[top + 2, 1] = a, where
+                top += 2
+        count = _join(points, pieces, run, count, distance)
+        start = end + 1
+    label = 0
+    for k in range(count):
+        a, b = pieces[k]
+        if b - a + 1 < min_points:
+            continue
+        for i in range(a, b + 1):
+            labels[(first + i) % n] = label
+        label += 1
+    return labels
+
+
+@njit(nogil=True, cache=True)
+def _gap2(points: Float64, i: int, j: int) -> float:  # pragma: no cover - compiled
+    """Return the squared distance of two points."""
+    dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+    return dx * dx + dy * dy
+
+
+@njit(nogil=True, cache=True)
+def _seam(beams: Float64, max_gap: float) -> int:  # pragma: no cover - compiled
+    """Return where to begin: at 0, or, where the scan closes on itself, after the first gap.
+
+    A closed scan without a gap begins at its farthest point, which is a corner.
+    """
+    n = len(beams)
+    if _gap2(beams, n - 1, 0) > max_gap * max_gap:
+        return 0
+    for i in range(n - 1):
+        if _gap2(beams, i, i + 1) > max_gap * max_gap:
+            return i + 1
+    far, where = -1.0, 0
+    for i in range(n):
+        d = beams[i, 0] * beams[i, 0] + beams[i, 1] * beams[i, 1]
+        if d > far:
+            far, where = d, i
+    return where
+
+
+@njit(nogil=True, cache=True)
+def _farthest(points: Float64, a: int, b: int) -> tuple[float, int]:  # pragma: no cover - compiled
+    """Return the largest distance from the chord a..b, and where."""
+    px, py = points[a, 0], points[a, 1]
+    dx, dy = points[b, 0] - px, points[b, 1] - py
+    length = np.sqrt(dx * dx + dy * dy)
+    far, where = 0.0, a
+    if length > 1e-6:
+        for i in range(a + 1, b):
+            d = abs(dx * (points[i, 1] - py) - dy * (points[i, 0] - px))
+            if d > far:
+                far, where = d, i
+        return far / length, where
+    # A closed run has no chord: the distance to its start takes its place.
+    for i in range(a + 1, b):
+        d = _gap2(points, a, i)
+        if d > far:
+            far, where = d, i
+    return np.sqrt(far), where
+
+
+@njit(nogil=True, cache=True)
+def _join(
+    points: Float64, pieces: NDArray[np.int64], start: int, count: int, distance: float
+) -> int:  # pragma: no cover - compiled
+    """Merge neighbouring pieces of one run that are one line after all."""
+    if count - start < 2:
+        return count
+    last = start
+    for k in range(start + 1, count):
+        a, b = pieces[last, 0], pieces[k, 1]
+        p, m, q = points[a], points[pieces[k, 0]], points[b]
+        u, v = m - p, q - m
+        lengths = np.hypot(u[0], u[1]) * np.hypot(v[0], v[1])
+        straight = u[0] * v[0] + u[1] * v[1] >= MERGE_TURN * lengths
+        far, _ = _farthest(points, a, b)
+        if straight and far <= 1.5 * distance:
+            pieces[last, 1] = b
+        else:
+            last += 1
+            pieces[last, 0], pieces[last, 1] = pieces[k, 0], b
+    return last + 1

@@ -1,0 +1,61 @@
+"""What `WallSlam.solve` gives back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tccm_ros.geometry import wrap_angle
+from tccm_ros.records import Keyframe, Loop, Wall
+
+__all__ = ["Solution"]
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """The optimised graph.
+
+    Attributes
+    ----------
+    keyframes, walls, loops
+        In order of their ids; loops in order of discovery, with the rejected ones.
+    stamps_ns, poses
+        int64 (N,) and float64 (N, 3): planar pose of base in map for every level scan, or for
+        every odometry sample where there is no level laser.
+    T_map_views
+        float64 (V, 4, 4), the views' poses in the order in which their stamps were given.
+    cov_views
+        float64 (V, 6, 6) of (roll, pitch, yaw, x, y, z) in each view's own frame, rad and m.
+    view_keyframes
+        int64 (V,), the keyframe that each view hangs on.
+    cov_keyframes
+        float64 (K, 3, 3) of (x, y, yaw) in each keyframe's own frame; NaN for all but the newest
+        where only that was asked for.
+    """
+
+    keyframes: list[Keyframe]
+    walls: list[Wall]
+    loops: list[Loop]
+    stamps_ns: NDArray[np.int64]
+    poses: Float64
+    T_map_views: Float64
+    cov_views: Float64
+    view_keyframes: NDArray[np.int64]
+    cov_keyframes: Float64
+
+    def pose_at(self, stamps_ns: ArrayLike) -> Float64:
+        """Return planar poses (M, 3) at stamps int64 (M,), interpolated; held at the ends."""
+        stamps = np.atleast_1d(np.asarray(stamps_ns, np.int64))
+        if not len(self.stamps_ns):
+            return np.zeros((len(stamps), 3))
+        # Relative to the first stamp, nanoseconds are exact in float64 for a hundred days.
+        known = (self.stamps_ns - self.stamps_ns[0]).astype(float)
+        asked = (stamps - self.stamps_ns[0]).astype(float)
+        yaw = np.unwrap(self.poses[:, 2])
+        columns = [np.interp(asked, known, self.poses[:, k]) for k in range(2)]
+        columns.append(wrap_angle(np.interp(asked, known, yaw)))
+        return np.stack(columns, axis=1)

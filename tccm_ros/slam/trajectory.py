@@ -1,0 +1,140 @@
+"""Poses between keyframes: every scan, and any stamp by odometry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.geometry import between2, compose2, planar, wrap_angle
+from tccm_ros.slam.front_end import GraphKeyframe, Placed
+from tccm_ros.slam.se2 import between, compose
+
+__all__ = ["OdometryTrack", "place_stamps", "scan_poses"]
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(slots=True)
+class OdometryTrack:
+    """Planar odometry by stamp, whatever the order of arrival; the last of equal stamps wins."""
+
+    _samples: dict[int, tuple[float, float, float]] = field(default_factory=dict)
+    _sorted: tuple[NDArray[np.int64], Float64] | None = None
+    _first_ns: int = 2**63 - 1
+
+    def __len__(self) -> int:
+        return len(self._samples)
+
+    def add(self, stamp_ns: int, T_odom_base: Float64) -> None:
+        """Add a sample; T_odom_base float64 (4, 4)."""
+        x, y, yaw = planar(T_odom_base)
+        self._samples[stamp_ns] = (float(x), float(y), float(yaw))
+        self._first_ns = min(self._first_ns, stamp_ns)
+        self._sorted = None
+
+    def first(self) -> Float64:
+        """Return the pose (3,) of the earliest sample."""
+        return np.array(self._samples[self._first_ns])
+
+    def arrays(self) -> tuple[NDArray[np.int64], Float64]:
+        """Return stamps int64 (N,), ascending, and planar poses float64 (N, 3)."""
+        if self._sorted is None:
+            stamps = np.array(sorted(self._samples), np.int64)
+            poses = np.array([self._samples[int(s)] for s in stamps]).reshape(-1, 3)
+            self._sorted = stamps, poses
+        return self._sorted
+
+    def at(self, stamp_ns: int) -> Float64 | None:
+        """Return the interpolated pose (3,), or None where no two samples bracket the stamp."""
+        stamps, poses = self.arrays()
+        i = int(np.searchsorted(stamps, stamp_ns, side="right"))
+        if i == 0 or (i == len(stamps) and stamps[-1] != stamp_ns):
+            return None
+        if stamps[i - 1] == stamp_ns:
+            return poses[i - 1]
+        fraction = (stamp_ns - stamps[i - 1]) / (stamps[i] - stamps[i - 1])
+        return _mix(poses[i - 1], poses[i], float(fraction))
+
+
+def _mix(a: Float64, b: Float64, fraction: float) -> Float64:
+    step = b - a
+    step[2] = wrap_angle(step[2])
+    mixed = a + fraction * step
+    mixed[2] = wrap_angle(mixed[2])
+    return mixed
+
+
+def scan_poses(
+    placed: Sequence[Placed], keyframes: Sequence[GraphKeyframe], poses: Float64
+) -> Float64:
+    """Return the poses float64 (N, 3) of all scans, given optimised keyframes (K, 3).
+
+    What the optimisation changed between two keyframes is spread over the scans between them in
+    proportion to time.
+    """
+    if not placed:
+        return np.zeros((0, 3))
+    index = np.array([p.keyframe for p in placed], np.int64)
+    stamps = np.array([p.stamp_ns for p in placed], np.int64)
+    relative = np.stack([p.pose for p in placed])
+    change, begin, span = _changes(keyframes, poses)
+    fraction = np.clip((stamps - begin[index]) / span[index], 0.0, 1.0)
+    return compose2(poses[index], relative + fraction[:, None] * change[index])
+
+
+def _changes(
+    keyframes: Sequence[GraphKeyframe], poses: Float64
+) -> tuple[Float64, NDArray[np.int64], Float64]:
+    """Return how each step to the next keyframe has changed, its begin and its length (ns)."""
+    begin = np.array([k.scan.stamp_ns for k in keyframes], np.int64)
+    span = np.ones(len(keyframes))
+    span[:-1] = np.maximum(np.diff(begin), 1)
+    change = np.zeros((len(keyframes), 3))
+    if len(keyframes) > 1:
+        measured = np.stack([k.delta for k in keyframes[1:]])
+        change[:-1] = between2(poses[:-1], poses[1:]) - measured
+        change[:, 2] = wrap_angle(change[:, 2])
+    return change, begin, span
+
+
+def place_stamps(
+    stamps_ns: Sequence[int],
+    placed: Sequence[Placed],
+    keyframes: Sequence[GraphKeyframe],
+    odometry: OdometryTrack,
+) -> tuple[NDArray[np.int64], Float64]:
+    """Place any stamps relative to keyframes, by the scans before and after and by odometry.
+
+    Returns
+    -------
+    keyframes int64 (V,) and poses float64 (V, 3) in them
+    """
+    known = np.array([p.stamp_ns for p in placed], np.int64)
+    index = np.zeros(len(stamps_ns), np.int64)
+    poses = np.zeros((len(stamps_ns), 3))
+    for v, stamp in enumerate(stamps_ns):
+        i = max(int(np.searchsorted(known, stamp, side="right")) - 1, 0)
+        here = placed[i]
+        start, now = odometry.at(here.stamp_ns), odometry.at(int(stamp))
+        index[v] = here.keyframe
+        if start is not None and now is not None:
+            poses[v] = compose(here.pose, between(start, now))
+        else:
+            after = placed[min(i + 1, len(placed) - 1)]
+            poses[v] = _between_scans(here, after, keyframes, int(stamp))
+    return index, poses
+
+
+def _between_scans(
+    here: Placed, after: Placed, keyframes: Sequence[GraphKeyframe], stamp: int
+) -> Float64:
+    """Interpolate in the keyframe of the scan before; held outside."""
+    if after is here or stamp <= here.stamp_ns:
+        return here.pose
+    end = after.pose
+    if after.keyframe != here.keyframe:
+        end = compose(keyframes[after.keyframe].delta, end)
+    return _mix(here.pose, end, (stamp - here.stamp_ns) / (after.stamp_ns - here.stamp_ns))

@@ -1,0 +1,1 @@
+"""The surface map: views of horizontal surfaces, merged over the whole trajectory."""

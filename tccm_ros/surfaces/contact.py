@@ -1,0 +1,220 @@
+"""Which surfaces touch: exact to the bit of a brute-force search, and fast.
+
+A point cloud is a set of patches, stored one after the other. Two patches touch where any of their
+points come within a distance of each other. Patches that touch, directly or over others, are one
+component; a pair that is already connected need not be searched.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ["box_pairs", "connect", "patch_boxes"]
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+SLACK = 1.0 + 1e-9
+"""Boxes and cells are wider than the distance by this, so that rounding never hides a pair."""
+
+
+@njit(nogil=True, cache=True)
+def patch_boxes(points: Float64, offsets: Int64) -> Float64:
+    """Return the boxes of patches, (P, 6) x_min y_min z_min x_max y_max z_max; empty: +inf..-inf.
+
+    Parameters
+    ----------
+    points
+        float64 (N, 3), m; patch p holds ``points[offsets[p]:offsets[p + 1]]``.
+    offsets
+        int64 (P + 1,).
+    """
+    boxes = np.empty((len(offsets) - 1, 6))
+    for p in range(len(boxes)):
+        boxes[p, :3] = np.inf
+        boxes[p, 3:] = -np.inf
+        for i in range(offsets[p], offsets[p + 1]):
+            for k in range(3):
+                value = points[i, k]
+                boxes[p, k] = min(boxes[p, k], value)
+                boxes[p, k + 3] = max(boxes[p, k + 3], value)
+    return boxes
+
+
+@njit(nogil=True, cache=True)
+def _sweep(boxes: Float64, order: Int64, distance: float, pairs: Int64) -> int:
+    """Write the pairs of boxes within `distance` along every axis; return how many there are."""
+    found = 0
+    for a in range(len(order)):
+        i = order[a]
+        for b in range(a + 1, len(order)):
+            j = order[b]
+            if boxes[j, 0] - boxes[i, 3] > distance:
+                break
+            apart = False
+            for k in range(1, 3):
+                gap = max(boxes[j, k] - boxes[i, k + 3], boxes[i, k] - boxes[j, k + 3])
+                apart |= gap > distance
+            if not apart:
+                if found < len(pairs):
+                    pairs[found, 0] = min(i, j)
+                    pairs[found, 1] = max(i, j)
+                found += 1
+    return found
+
+
+def box_pairs(boxes: Float64, distance: float) -> Int64:
+    """Return the pairs (q, p), q < p, of boxes within `distance` of each other, sorted by (p, q).
+
+    Parameters
+    ----------
+    boxes
+        float64 (P, 6) of `patch_boxes`, m.
+    distance
+        Largest gap along any axis, m.
+
+    Returns
+    -------
+    int64 (M, 2)
+    """
+    full = np.flatnonzero(np.isfinite(boxes[:, 0]))
+    order = full[np.argsort(boxes[full, 0], kind="stable")]
+    pairs = np.empty((16 * len(boxes) + 16, 2), np.int64)
+    found = _sweep(boxes, order, distance * SLACK, pairs)
+    if found > len(pairs):
+        pairs = np.empty((found, 2), np.int64)
+        _sweep(boxes, order, distance * SLACK, pairs)
+    pairs = pairs[:found]
+    return pairs[np.lexsort((pairs[:, 0], pairs[:, 1]))]
+
+
+@njit(nogil=True, cache=True)
+def _shape(box: Float64, count: int, edge: float) -> tuple[float, int, int]:
+    """Choose the edge of a patch's grid, at least `edge`, so that it has few empty cells."""
+    while True:
+        nx = int((box[3] - box[0]) / edge) + 1
+        ny = int((box[4] - box[1]) / edge) + 1
+        if nx * ny <= 4 * count + 16:
+            return edge, nx, ny
+        edge *= 2.0
+
+
+@njit(nogil=True, cache=True)
+def _grid(
+    points: Float64, start: int, stop: int, box: Float64, edge: float, nx: int, ny: int
+) -> tuple[Int64, Int64]:
+    """Sort a patch's points into cells: (starts of the cells, indices of the points)."""
+    starts = np.zeros(nx * ny + 1, np.int64)
+    cells = np.empty(stop - start, np.int64)
+    for i in range(start, stop):
+        cell = int((points[i, 0] - box[0]) / edge) * ny + int((points[i, 1] - box[1]) / edge)
+        cells[i - start] = cell
+        starts[cell + 1] += 1
+    for c in range(nx * ny):
+        starts[c + 1] += starts[c]
+    fill = starts[:-1].copy()
+    indices = np.empty(stop - start, np.int64)
+    for i in range(start, stop):
+        cell = cells[i - start]
+        indices[fill[cell]] = i
+        fill[cell] += 1
+    return starts, indices
+
+
+@njit(nogil=True, cache=True)
+def _point_touches(
+    points: Float64,
+    i: int,
+    box: Float64,
+    edge: float,
+    nx: int,
+    ny: int,
+    starts: Int64,
+    indices: Int64,
+    square: float,
+) -> bool:
+    """Return whether point i comes within the distance of any point of a gridded patch."""
+    cx = int(np.floor((points[i, 0] - box[0]) / edge))
+    cy = int(np.floor((points[i, 1] - box[1]) / edge))
+    for gx in range(max(cx - 1, 0), min(cx + 2, nx)):
+        for gy in range(max(cy - 1, 0), min(cy + 2, ny)):
+            cell = gx * ny + gy
+            for k in range(starts[cell], starts[cell + 1]):
+                dx = points[i, 0] - points[indices[k], 0]
+                dy = points[i, 1] - points[indices[k], 1]
+                dz = points[i, 2] - points[indices[k], 2]
+                if dx * dx + dy * dy + dz * dz <= square:
+                    return True
+    return False
+
+
+@njit(nogil=True, cache=True)
+def _near_box(points: Float64, i: int, box: Float64, reach: float) -> bool:
+    for k in range(3):
+        if points[i, k] < box[k] - reach or points[i, k] > box[k + 3] + reach:
+            return False
+    return True
+
+
+@njit(nogil=True, cache=True)
+def _root(parent: Int64, p: int) -> int:
+    while parent[p] != p:
+        parent[p] = parent[parent[p]]
+        p = parent[p]
+    return p
+
+
+@njit(nogil=True, cache=True)
+def connect(
+    points: Float64, offsets: Int64, boxes: Float64, pairs: Int64, distance: float
+) -> tuple[Int64, Int64]:
+    """Connect the pairs of patches that touch.
+
+    Parameters
+    ----------
+    points, offsets
+        As in `patch_boxes`.
+    boxes
+        float64 (P, 6), of the same patches.
+    pairs
+        int64 (M, 2), candidates (q, p), q < p, sorted by (p, q).
+    distance
+        Patches touch where two of their points are at most this far apart, m.
+
+    Returns
+    -------
+    root : int64 (P,)
+        The least patch of each patch's component.
+    takers : int64 (K, 2)
+        (a, b), a < b: patch b founded a component of its own that a later patch connected to a's.
+    """
+    parent = np.arange(len(offsets) - 1)
+    takers = np.empty((len(pairs), 2), np.int64)
+    taken = 0
+    reach, square = distance * SLACK, distance * distance
+    gridded = -1
+    edge, nx, ny = reach, 1, 1
+    starts, indices = np.zeros(1, np.int64), np.zeros(1, np.int64)
+    for m in range(len(pairs)):
+        q, p = pairs[m, 0], pairs[m, 1]
+        rq, rp = _root(parent, q), _root(parent, p)
+        if rq == rp:
+            continue
+        if gridded != p:
+            edge, nx, ny = _shape(boxes[p], offsets[p + 1] - offsets[p], reach)
+            starts, indices = _grid(points, offsets[p], offsets[p + 1], boxes[p], edge, nx, ny)
+            gridded = p
+        for i in range(offsets[q], offsets[q + 1]):
+            if _near_box(points, i, boxes[p], reach) and _point_touches(
+                points, i, boxes[p], edge, nx, ny, starts, indices, square
+            ):
+                if rp != p:
+                    takers[taken, 0], takers[taken, 1] = min(rq, rp), max(rq, rp)
+                    taken += 1
+                parent[max(rq, rp)] = min(rq, rp)
+                break
+    for p in range(len(parent)):
+        parent[p] = _root(parent, p)
+    return parent, takers[:taken]

@@ -1,0 +1,206 @@
+"""Surfaces before they have a name: merged patches with their plane, outline and moments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon
+from shapely.affinity import affine_transform
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import transform
+from tccm_ros.surfaces.carving import Survivors
+from tccm_ros.surfaces.contact import box_pairs, connect, patch_boxes
+from tccm_ros.surfaces.outline import horizontal_outline, polygons_of
+from tccm_ros.surfaces.patch_planes import coplanar, fit_plane, pool_moments, stack_planes
+from tccm_ros.surfaces.views import Patch, View
+
+__all__ = ["Draft", "Group", "PlacedPatch", "draft_surface", "merge", "surviving_patches"]
+
+Float64 = NDArray[np.float64]
+
+SIMPLIFY = 0.004
+"""Outlines are simplified by this much, m: finer than the laser measures."""
+
+SHADOW = 0.16
+"""What stands on a surface hides strips of it: notches and holes up to this wide, m, are taken for
+shadows and closed."""
+
+MOST_SPACING = 0.2
+"""Gaps are closed up to the finest spacing of a surface's views, but never more than this, m."""
+
+GRID = 1e-6
+"""Outlines are snapped to this grid, m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedPatch:
+    """What is left of a patch.
+
+    Attributes
+    ----------
+    number
+        Of the patch, counted over all views in stamp order.
+    view
+        Index of its view.
+    patch
+        In the frame of the view.
+    """
+
+    number: int
+    view: int
+    patch: Patch
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """Patches that are one surface, and the founders of surfaces that merged into it."""
+
+    members: tuple[PlacedPatch, ...]
+    founders: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Draft:
+    """A surface in map, without id and label.
+
+    Attributes
+    ----------
+    group
+        Its patches.
+    polygon
+        Outline in x and y of map.
+    mean, cov
+        float64 (3,) and (3, 3), moments of the points measured, in map.
+    normal, offset
+        ``normal . p = offset``, up.
+    count
+        Points measured.
+    """
+
+    group: Group
+    polygon: Polygon
+    mean: Float64
+    cov: Float64
+    normal: Float64
+    offset: float
+    count: int
+
+    @property
+    def height(self) -> float:
+        """Height z at the centroid, m."""
+        return float(self.mean[2])
+
+    def lift(self, points_xy: Float64) -> Float64:
+        """Put points (N, 2) of map onto the plane: float64 (N, 3)."""
+        z = (self.offset - points_xy @ self.normal[:2]) / self.normal[2]
+        return np.column_stack([points_xy, z])
+
+
+def surviving_patches(views: list[View], left: Survivors, config: Config) -> list[PlacedPatch]:
+    """Return the patches of which anything is left."""
+    placed = []
+    number = 0
+    for v, view in enumerate(views):
+        for p, patch in enumerate(view.patches):
+            rest = _rest(patch, left.keep[v][p], config)
+            if rest is not None:
+                placed.append(PlacedPatch(number, v, rest))
+            number += 1
+    return placed
+
+
+def _rest(patch: Patch, keep: NDArray[np.bool_], config: Config) -> Patch | None:
+    """Return the part of a patch that is left, with its moments and outline; None: nothing."""
+    if keep.all():
+        return patch
+    if not keep.any():
+        return None
+    points, weights = patch.points[keep], patch.weights[keep]
+    exact, share = points.astype(np.float64), weights / weights.sum()
+    mean = share @ exact
+    cov = (exact - mean).T @ ((exact - mean) * share[:, None])
+    outline, spacing = horizontal_outline(exact[:, :2], config.surfaces.merge_distance)
+    return Patch(points, weights, int(weights.sum()), mean, cov, outline, spacing)
+
+
+def merge(
+    placed: list[PlacedPatch], T_map_view: Float64, cov_tilt: Float64, config: Config
+) -> list[Group]:
+    """Merge patches that touch and are coplanar.
+
+    Parameters
+    ----------
+    placed
+        Patches in the order of their numbers.
+    T_map_view, cov_tilt
+        float64 (V, 4, 4) and (V, 3, 3) of (z, roll, pitch), poses of the views.
+    config
+        Uses `surfaces.merge_distance` and `surfaces.max_step`.
+    """
+    if not placed:
+        return []
+    clouds = [transform(T_map_view[p.view], p.patch.points) for p in placed]
+    offsets = np.cumsum([0] + [len(cloud) for cloud in clouds])
+    points = np.concatenate(clouds)
+    boxes = patch_boxes(points, offsets)
+    pairs = box_pairs(boxes, config.surfaces.merge_distance)
+    view = np.array([p.view for p in placed])
+    planes = stack_planes([p.patch for p in placed], view, T_map_view, cov_tilt)
+    pairs = pairs[coplanar(planes, boxes, pairs, config.surfaces.max_step)]
+    root, takers = connect(points, offsets, boxes, pairs, config.surfaces.merge_distance)
+    founders: dict[int, list[int]] = {}
+    for taken in takers[:, 1]:
+        founders.setdefault(int(root[taken]), []).append(placed[taken].number)
+    return [
+        Group(
+            tuple(placed[k] for k in np.flatnonzero(root == r)), tuple(sorted(founders.get(r, [])))
+        )
+        for r in np.unique(root).tolist()
+    ]
+
+
+def draft_surface(group: Group, T_map_view: Float64, config: Config) -> Draft | None:
+    """Fit the plane and draw the outline of a merged surface; None where it has no area."""
+    polygon = _merged_outline(group, T_map_view, config.surfaces.merge_distance)
+    if polygon.is_empty:
+        return None
+    T = np.stack([T_map_view[m.view] for m in group.members])
+    R = T[:, :3, :3]
+    means = np.stack([m.patch.mean for m in group.members])
+    covs = np.stack([m.patch.cov for m in group.members])
+    counts = np.array([float(m.patch.count) for m in group.members])
+    total, mean, cov = pool_moments(
+        counts,
+        np.einsum("kij,kj->ki", R, means) + T[:, :3, 3],
+        np.einsum("kij,kjl,kml->kim", R, covs, R),
+    )
+    normal, _ = fit_plane(cov)
+    return Draft(group, polygon, mean, cov, normal, float(normal @ mean), int(total))
+
+
+def _merged_outline(group: Group, T_map_view: Float64, distance: float) -> Polygon:
+    """Unite the outlines of patches; gaps of `distance` between them are closed."""
+    parts = []
+    for member in group.members:
+        T = T_map_view[member.view]
+        shift = T[:2, 3] + T[:2, 2] * member.patch.mean[2]
+        matrix = [T[0, 0], T[0, 1], T[1, 0], T[1, 1], *shift]
+        parts.append(affine_transform(member.patch.outline, matrix))
+    union = shapely.union_all(parts, grid_size=GRID)
+    spacing = min(m.patch.spacing for m in group.members)
+    closed = _close(union, 0.505 * max(distance, SHADOW, min(spacing, MOST_SPACING)))
+    whole = polygons_of(shapely.make_valid(closed.simplify(SIMPLIFY)))
+    return _largest(whole)
+
+
+def _close(area: shapely.Geometry, reach: float) -> shapely.Geometry:
+    """Close gaps of up to twice `reach`, m."""
+    return area.buffer(reach, quad_segs=4).buffer(-reach, quad_segs=4)
+
+
+def _largest(area: MultiPolygon) -> Polygon:
+    return min(area.geoms, key=lambda part: (-part.area, part.bounds), default=Polygon())

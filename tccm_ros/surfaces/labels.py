@@ -1,0 +1,203 @@
+"""What a surface is: rules over height, width, area, walls nearby and what is above and below.
+
+Each rule is a range for height above the floor, width and area (configuration group ``labels``);
+inside all ranges it is met, outside it fades. A label must be better than every other one by more
+than chance, else the answer is ``other``: a wrong name is worse than none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from tccm_ros.config import Config, Labels
+from tccm_ros.surfaces.drafts import Draft
+from tccm_ros.surfaces.floor import is_floor
+
+__all__ = ["Label", "label_surfaces"]
+
+Float64 = NDArray[np.float64]
+Rule = tuple[float, float, float, float, float, float]
+
+FADE = 0.12
+"""A range fades out over this share of its limits (for heights: metres)."""
+
+OVERLAP = 0.5
+"""A surface is over another where their footprints share this much of the smaller one."""
+
+CARRIED = 0.3
+"""A step has this share of its outline on or near the surface that carries it: a side of four is
+enough, what lies behind a stove may never be seen."""
+
+RAGGED = 0.08
+"""Outlines stray this far from straight edges, m."""
+
+UNDECIDED = 0.75
+"""Where the second-best label reaches this share of the best, neither is given."""
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """A name and how sure it is, 0 to 1."""
+
+    name: str
+    confidence: float
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """What the rules look at: m, m2 and shares from 0 to 1.
+
+    Attributes
+    ----------
+    height
+        Above the floor (above the map's origin where no floor is known).
+    width
+        Of the narrowest box around the outline; an L-shaped counter is as wide as its arms.
+    length
+        Of the narrowest box.
+    area
+        Of the outline.
+    at_wall
+        Share of the outline that is near a wall.
+    stacked
+        Whether another board is above or below at the distance of shelf boards.
+    carried
+        Whether it rises a step's height above a surface that carries it.
+    """
+
+    height: float
+    width: float
+    length: float
+    area: float
+    at_wall: float
+    stacked: bool
+    carried: bool
+
+
+def label_surfaces(
+    drafts: list[Draft], floor_z: float | None, walls: Float64 | None, config: Config
+) -> list[Label]:
+    """Label surfaces.
+
+    Parameters
+    ----------
+    drafts
+        All surfaces of the map.
+    floor_z
+        Height of the floor, m; None: unknown.
+    walls
+        float64 (W, 2, 2), ends of the walls in map, m.
+    config
+        Uses the group ``labels``.
+    """
+    near_walls = _near_walls(walls, config.labels.wall_distance)
+    labels = []
+    for draft in drafts:
+        if is_floor(draft, floor_z):
+            labels.append(Label("floor", 1.0))
+        else:
+            labels.append(_best(_shape(draft, drafts, floor_z, near_walls, config), config.labels))
+    return labels
+
+
+def _near_walls(walls: Float64 | None, distance: float) -> shapely.Geometry:
+    lines = shapely.linestrings(np.zeros((0, 2, 2)) if walls is None else walls)
+    return shapely.union_all(lines).buffer(distance)
+
+
+def _shape(
+    draft: Draft,
+    drafts: list[Draft],
+    floor_z: float | None,
+    near_walls: shapely.Geometry,
+    config: Config,
+) -> Shape:
+    box = np.asarray(shapely.oriented_envelope(draft.polygon).exterior.coords)
+    edges = np.sort(np.hypot(*np.diff(box[:3], axis=0).T))
+    others = [d for d in drafts if d is not draft and not is_floor(d, floor_z)]
+    outline = draft.polygon.exterior
+    return Shape(
+        height=draft.height - (floor_z or 0.0),
+        width=_width(draft.polygon, edges),
+        length=float(edges[1]),
+        area=draft.polygon.area,
+        at_wall=outline.intersection(near_walls).length / outline.length,
+        stacked=any(_is_stacked(draft, other, config.labels) for other in others),
+        carried=any(_is_carried(draft, other, config.labels) for other in others),
+    )
+
+
+def _width(polygon: shapely.Polygon, edges: Float64) -> float:
+    """Return the width of a surface from its outline and the edges (2,) of its box, m.
+
+    What fills less than half of its box is a band with a bend: it is as wide as the rectangle of
+    the same area and perimeter. The outline is smoothed first, as a ragged edge is long.
+    """
+    smooth = shapely.Polygon(polygon.exterior).simplify(RAGGED)
+    half, area = smooth.exterior.length / 2.0, smooth.area
+    if area > 0.5 * edges[0] * edges[1]:
+        return float(edges[0])
+    return float((half - np.sqrt(max(half**2 - 4.0 * area, 0.0))) / 2.0)
+
+
+def _is_stacked(draft: Draft, other: Draft, rules: Labels) -> bool:
+    """Return whether two surfaces are boards over each other, of a similar size."""
+    low, high = rules.shelf_gap
+    if not low <= abs(draft.height - other.height) <= high:
+        return False
+    shared = draft.polygon.intersection(other.polygon).area
+    return bool(shared >= OVERLAP * max(draft.polygon.area, other.polygon.area))
+
+
+def _is_carried(draft: Draft, other: Draft, rules: Labels) -> bool:
+    """Return whether a surface rises a little from a larger one under or beside it."""
+    low, high = rules.step_height
+    if not low <= draft.height - other.height <= high or other.polygon.area <= draft.polygon.area:
+        return False
+    under = shapely.Polygon(other.polygon.exterior).buffer(rules.wall_distance)
+    outline = draft.polygon.exterior
+    return bool(outline.intersection(under).length >= CARRIED * outline.length)
+
+
+def _met(value: float, low: float, high: float, fade: float) -> float:
+    """Return 1 inside a range, falling to 0 over `fade` outside it."""
+    outside = max(low - value, value - high, 0.0)
+    return max(0.0, 1.0 - outside / fade)
+
+
+def _fit(shape: Shape, rule: Rule) -> float:
+    """Return how well a shape meets a rule, 0 to 1."""
+    return min(
+        _met(shape.height, rule[0], rule[1], FADE),
+        _met(shape.width, rule[2], rule[3], FADE + FADE * rule[3]),
+        _met(np.log(shape.area), np.log(rule[4]), np.log(rule[5]), 0.5),
+    )
+
+
+def _scores(shape: Shape, rules: Labels) -> dict[str, float]:
+    """Return the score of each label; what stands near and above raises or rules out."""
+    slender = shape.length >= 3.0 * shape.width
+    return {
+        "table": _fit(shape, rules.table) * (1.0 - 0.4 * shape.at_wall) * (not shape.carried),
+        "counter": _fit(shape, rules.counter) * (0.7 + 0.3 * min(1.0, 3.0 * shape.at_wall)),
+        "seat": _fit(shape, rules.seat) * (0.8 if slender else 1.0),
+        "bed": _fit(shape, rules.bed) * (shape.length >= 1.6),
+        "shelf": _fit(shape, rules.shelf) * (1.0 if shape.stacked else 0.3),
+        "ledge": _fit(shape, rules.ledge) * slender * (0.7 + 0.3 * min(1.0, 3.0 * shape.at_wall)),
+        "step": _fit(shape, rules.step) * shape.carried,
+    }
+
+
+def _best(shape: Shape, rules: Labels) -> Label:
+    scores = _scores(shape, rules)
+    if shape.stacked:
+        scores = {name: s * (1.0 if name == "shelf" else 0.6) for name, s in scores.items()}
+    order = sorted(scores, key=lambda name: (-scores[name], name))
+    best, second = scores[order[0]], scores[order[1]]
+    if best < rules.min_confidence or second > UNDECIDED * best:
+        return Label("other", round(1.0 - best, 6))
+    return Label(order[0], round(best * (1.0 - 0.5 * second / best), 6))

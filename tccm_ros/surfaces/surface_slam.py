@@ -1,0 +1,307 @@
+"""The processor of the surface map: level scans, odometry and surface clouds in, a map out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import compose2, inverse, planar, spatial
+from tccm_ros.kinematics import LaserKinematics
+from tccm_ros.records import (
+    JointSample,
+    Odometry,
+    PosedScan,
+    RobotDescription,
+    Scan,
+    ScanPose,
+    Surface,
+    SurfaceCloud,
+    TransformSample,
+    ViewIntervals,
+)
+from tccm_ros.slam.solution import Solution
+from tccm_ros.slam.wall_slam import LivePose, WallSlam
+from tccm_ros.surfaces.registration import register_views
+from tccm_ros.surfaces.saved_map import SavedMap, SavedView
+from tccm_ros.surfaces.session import SessionPlace, place_session
+from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPlacement
+from tccm_ros.surfaces.views import View
+from tccm_ros.sync import Synchroniser
+
+__all__ = ["SurfaceRecord", "SurfaceSlam", "SurfaceSolution"]
+
+Float64 = NDArray[np.float64]
+
+SurfaceRecord = (
+    Scan
+    | Odometry
+    | JointSample
+    | TransformSample
+    | RobotDescription
+    | SurfaceCloud
+    | ViewIntervals
+)
+
+TILT_ORDER = [5, 0, 1]
+"""z, roll and pitch in GTSAM's order (roll, pitch, yaw, x, y, z)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceSolution:
+    """Trajectory, walls and surfaces after one batch optimisation.
+
+    Attributes
+    ----------
+    slam
+        Keyframes, walls, loops and poses; in the frame of this session where it is not placed.
+    view_stamps_ns, T_map_views
+        int64 (V,), increasing, and float64 (V, 4, 4): the views of this session.
+    placement
+        Where all views are, those of a saved map first.
+    mapped
+        Surfaces, floor and points.
+    trajectory_ns, trajectory
+        int64 (N,) and float64 (N, 3): planar pose of base in map for each level scan, for each
+        tilt scan where there is no level laser.
+    session
+        How this session was placed in a saved map; None where that was not the question.
+    """
+
+    slam: Solution
+    view_stamps_ns: NDArray[np.int64]
+    T_map_views: Float64
+    placement: ViewPlacement
+    mapped: MappedSurfaces
+    trajectory_ns: NDArray[np.int64]
+    trajectory: Float64
+    session: SessionPlace | None = None
+
+    @property
+    def surfaces(self) -> tuple[Surface, ...]:
+        """The surfaces in order of their ids."""
+        return self.mapped.surfaces
+
+    @property
+    def floor_z(self) -> float | None:
+        """Height of the floor in map, m; None where it was never seen."""
+        return self.mapped.floor_z
+
+
+class SurfaceSlam:
+    """Add records as they come; solve when a map is wanted.
+
+    Parameters
+    ----------
+    config
+        All groups but those of the TCCM.
+    expects_odometry
+        Whether there is an odometry topic (see `Synchroniser`).
+
+    Attributes
+    ----------
+    counts
+        ``level scans`` matched, ``clouds`` and ``views`` received, ``resets``.
+    """
+
+    def __init__(self, config: Config, *, expects_odometry: bool = False):
+        self.config = config
+        self.counts: Counter[str] = Counter()
+        self.sync = Synchroniser(
+            config, LaserKinematics(config, "level"), expects_odometry=expects_odometry
+        )
+        self.session = 0
+        self.saved_views: tuple[SavedView, ...] = ()
+        self._saved_walls: Mapping[str, NDArray[Any]] = {}
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin a session: with a saved map, or with nothing."""
+        self.walls = (
+            WallSlam.from_state(self.config, self._saved_walls)
+            if self._saved_walls
+            else WallSlam(self.config)
+        )
+        self.map = SurfaceMap(self.config, self.session)
+        for saved in self.saved_views:
+            self.map.add_view(saved.view)
+        self._tilt_stamps: set[int] = set()
+        self._jumps = self.sync.jumps
+
+    @property
+    def saved_keyframes(self) -> int:
+        """Keyframes of the saved map that this session goes on with."""
+        return len(self._saved_walls.get("keyframe_stamp_ns", ()))
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Level scans that were dropped, by reason."""
+        return self.sync.dropped
+
+    def add(self, record: SurfaceRecord) -> list[ScanPose]:
+        """Take one record; return the poses of the level scans that it brought out.
+
+        Surface clouds and views may come at any time: they are placed by their stamps.
+        """
+        if isinstance(record, SurfaceCloud | ViewIntervals):
+            self.counts["clouds" if isinstance(record, SurfaceCloud) else "views"] += 1
+            self.map.add(record)
+            return []
+        posed = self.sync.add(record)
+        if self.sync.jumps != self._jumps:
+            self._start_again()
+        if isinstance(record, Odometry):
+            self.walls.add_odometry(record.stamp_ns, record.T_odom_base)
+        return self._match(posed)
+
+    def _start_again(self) -> None:
+        """Forget everything that has a stamp: the clock went back."""
+        self.counts["resets"] += 1
+        self._begin()
+
+    def add_pose_stamp(self, stamp_ns: int) -> None:
+        """Ask for the pose at the stamp of a tilt scan: the trajectory without a level laser."""
+        self._tilt_stamps.add(stamp_ns)
+
+    def finish(self) -> list[ScanPose]:
+        """Take the end of the input: what waits for samples is posed or dropped."""
+        return self._match(self.sync.flush())
+
+    def current_pose(self) -> LivePose:
+        """Return the live estimate."""
+        return self.walls.current_pose()
+
+    def _match(self, scans: list[PosedScan]) -> list[ScanPose]:
+        poses = [self.walls.add_scan(scan) for scan in scans]
+        self.counts["level scans"] += len(poses)
+        return poses
+
+    def solve(self, *, every_covariance: bool = True) -> SurfaceSolution:
+        """Rebuild the graph in stamp order, register the views and build the surfaces.
+
+        Parameters
+        ----------
+        every_covariance
+            Whether all keyframes get their covariance (see `WallSlam.solve`).
+        """
+        views = [view for view in self.map.views if view.session == self.session]
+        slam = self._solve_graph(views, every_covariance)
+        own = _placement(slam)
+        place = self._place_session(views, own.T_map_view)
+        T_map_session = np.eye(4) if place is None else place.T_map_session
+        own = replace(own, T_map_view=T_map_session @ own.T_map_view)
+        shown = self.map if place is None or place.found else self._saved_map()
+        placement = self._all_views(slam, own) if shown is self.map else self._old_views(slam)
+        lines = np.array([wall.endpoints for wall in slam.walls]).reshape(-1, 2, 2)
+        mapped = shown.build(placement, lines)
+        stamps, poses = self._trajectory(slam)
+        return SurfaceSolution(
+            slam,
+            np.array([view.stamp_ns for view in views], np.int64),
+            own.T_map_view,
+            placement,
+            mapped,
+            stamps,
+            compose2(planar(T_map_session), poses),
+            place,
+        )
+
+    def _solve_graph(self, views: list[View], every_covariance: bool) -> Solution:
+        """Optimise; where views share surfaces, once more with these as plane landmarks."""
+        stamps = [view.stamp_ns for view in views]
+        slam = self.walls.solve(stamps, every_covariance=every_covariance)
+        if not self.config.surfaces.registration or len(views) < 2:
+            return slam
+        known = _placement(slam)
+        factors = register_views(views, known.T_map_view, known.cov_tilt, self.config)
+        if not factors:
+            return slam
+        return self.walls.solve(stamps, factors, every_covariance=every_covariance)
+
+    def is_placed(self, solution: SurfaceSolution) -> bool:
+        """Tell whether this session was found in the saved map that it goes on with, if any."""
+        if self.saved_keyframes:
+            return self.walls.current_pose().localised
+        return solution.session is None or solution.session.found
+
+    def _place_session(self, views: list[View], T_session_view: Float64) -> SessionPlace | None:
+        """Find this session in a saved map that has no level scans of its own to do that."""
+        if not self.saved_views or self.saved_keyframes:
+            return None
+        old = [saved.view for saved in self.saved_views]
+        T_map_old = np.stack([saved.T_anchor_view for saved in self.saved_views])
+        return place_session(old, T_map_old, views, T_session_view, self.config)
+
+    def _saved_map(self) -> SurfaceMap:
+        """Return the saved map alone: a session that was not found must not spoil it."""
+        shown = SurfaceMap(self.config)
+        for saved in self.saved_views:
+            shown.add_view(saved.view)
+        return shown
+
+    def _old_views(self, slam: Solution) -> ViewPlacement:
+        """Place the views of a saved map: they move with the keyframes they hang on."""
+        keyframes = np.array([saved.keyframe for saved in self.saved_views], np.int64)
+        T_anchor_view = np.array([s.T_anchor_view for s in self.saved_views]).reshape(-1, 4, 4)
+        poses = np.array([k.pose for k in slam.keyframes]).reshape(-1, 3)
+        anchors = np.broadcast_to(np.eye(4), T_anchor_view.shape).copy()
+        hung = np.array([saved.hangs for saved in self.saved_views], bool)
+        anchors[hung] = spatial(poses[keyframes[hung]])
+        cov = np.array([saved.cov_tilt for saved in self.saved_views]).reshape(-1, 3, 3)
+        return ViewPlacement(anchors @ T_anchor_view, cov, keyframes)
+
+    def _all_views(self, slam: Solution, own: ViewPlacement) -> ViewPlacement:
+        old = self._old_views(slam)
+        return ViewPlacement(
+            np.concatenate([old.T_map_view, own.T_map_view]),
+            np.concatenate([old.cov_tilt, own.cov_tilt]),
+            np.concatenate([old.keyframes, own.keyframes]),
+        )
+
+    def _trajectory(self, slam: Solution) -> tuple[NDArray[np.int64], Float64]:
+        if self.counts["level scans"] or not self._tilt_stamps:
+            return slam.stamps_ns, slam.poses
+        stamps = np.array(sorted(self._tilt_stamps), np.int64)
+        return stamps, slam.pose_at(stamps)
+
+    def saved(self, solution: SurfaceSolution) -> SavedMap:
+        """Return what a later session needs to go on with this map."""
+        placement, keep = solution.placement, self.map.views[: len(solution.placement.keyframes)]
+        poses = {k.id: spatial(k.pose) for k in solution.slam.keyframes}
+        state = self.walls.state() if self.counts["level scans"] or self.saved_keyframes else {}
+        views = []
+        for view, T, cov, k in zip(
+            keep, placement.T_map_view, placement.cov_tilt, placement.keyframes.tolist()
+        ):
+            hangs = bool(state) and k in poses
+            T_anchor = poses[k] if hangs else np.eye(4)
+            views.append(SavedView(view, k, hangs, inverse(T_anchor) @ T, cov))
+        return SavedMap(state, tuple(views))
+
+    @classmethod
+    def from_saved(
+        cls, config: Config, saved: SavedMap, *, expects_odometry: bool = False
+    ) -> SurfaceSlam:
+        """Go on with a saved map in a new session; the robot may start anywhere.
+
+        Raises
+        ------
+        MapError
+            Where the saved walls are damaged.
+        """
+        slam = cls(config, expects_odometry=expects_odometry)
+        slam.session = 1 + max((s.view.session for s in saved.views), default=-1)
+        slam.saved_views = saved.views
+        slam._saved_walls = saved.walls
+        slam._begin()
+        return slam
+
+
+def _placement(slam: Solution) -> ViewPlacement:
+    cov = slam.cov_views[:, TILT_ORDER][:, :, TILT_ORDER]
+    return ViewPlacement(slam.T_map_views, cov, slam.view_keyframes)

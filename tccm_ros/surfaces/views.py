@@ -1,0 +1,236 @@
+"""Views: the surface clouds of tilt cycles, compact, in the base frame of their own stamps.
+
+A view is never read again from the recording: it keeps exact moments of each patch, a thinned
+cloud, the outline of each patch and the free intervals that the cycle looked through.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import MultiPolygon
+
+from tccm_ros.config import Config
+from tccm_ros.records import SurfaceCloud, ViewIntervals
+from tccm_ros.surfaces.outline import horizontal_outline
+
+__all__ = [
+    "KEY_STEP",
+    "FreeColumns",
+    "Patch",
+    "View",
+    "column_keys",
+    "empty_view",
+    "free_columns",
+    "thin_cloud",
+    "with_cloud",
+    "with_intervals",
+]
+
+Float64 = NDArray[np.float64]
+
+KEY_STEP = 1 << 21
+"""Keys of columns and voxels: columns -2^20..2^20 on either axis."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patch:
+    """What one view saw of one surface, in the base frame of the view.
+
+    Attributes
+    ----------
+    points
+        float32 (N, 3), thinned, m.
+    weights
+        int32 (N,), points that each thinned point stands for.
+    count
+        Points measured.
+    mean
+        float64 (3,), m, of the points measured.
+    cov
+        float64 (3, 3), m2, of the points measured.
+    outline
+        In x and y of the base frame.
+    spacing
+        Distance between neighbouring points or sweep lines, m.
+    """
+
+    points: NDArray[np.float32]
+    weights: NDArray[np.int32]
+    count: int
+    mean: Float64
+    cov: Float64
+    outline: MultiPolygon
+    spacing: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FreeColumns:
+    """Free intervals by column: the column keys are sorted and may repeat.
+
+    Attributes
+    ----------
+    cell_size
+        Edge of a column, m.
+    keys
+        int64 (M,), of the column.
+    low, high
+        float64 (M,), m, the free interval.
+    """
+
+    cell_size: float
+    keys: NDArray[np.int64]
+    low: Float64
+    high: Float64
+
+    def contains(self, points: Float64, margin: Float64) -> NDArray[np.bool_]:
+        """Return whether points (N, 3) lie inside a free interval, margin (N,) m from its ends."""
+        keys = column_keys(points, self.cell_size)
+        first = np.searchsorted(self.keys, keys, "left")
+        last = np.searchsorted(self.keys, keys, "right")
+        inside = np.zeros(len(points), bool)
+        for step in range(int((last - first).max(initial=0))):
+            row = np.minimum(first + step, len(self.keys) - 1)
+            hit = (points[:, 2] >= self.low[row] + margin) & (
+                points[:, 2] <= self.high[row] - margin
+            )
+            inside |= hit & (first + step < last)
+        return inside
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One surface cloud with what its cycle looked through.
+
+    Attributes
+    ----------
+    stamp_ns
+        Time at which the base frame is meant.
+    patches
+        In the order of the cloud's surface indices.
+    free
+        Columns looked through, in the base frame.
+    reach
+        Largest horizontal distance from the base of anything in the view, m.
+    session
+        Runs of the robot on one map are counted from 0; stamps may repeat over sessions.
+    """
+
+    stamp_ns: int
+    patches: tuple[Patch, ...]
+    free: FreeColumns
+    reach: float
+    session: int = 0
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """What orders views: session and stamp."""
+        return self.session, self.stamp_ns
+
+
+def column_keys(points: Float64, cell_size: float) -> NDArray[np.int64]:
+    """Return the key of the column that each point (N, >= 2) stands in, int64 (N,)."""
+    cells = np.floor(points[:, :2] / cell_size).astype(np.int64)
+    return cells[:, 0] * KEY_STEP + cells[:, 1]
+
+
+def thin_cloud(
+    points: NDArray[np.float32], voxel_size: float
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Replace the points of each voxel by their mean.
+
+    Parameters
+    ----------
+    points
+        float32 (N, 3), m.
+    voxel_size
+        Edge of a voxel, m.
+
+    Returns
+    -------
+    points : float32 (M, 3)
+        In the order of the voxels (x, y, z).
+    weights : int32 (M,)
+        Points of each voxel.
+    """
+    exact = points.astype(np.float64)
+    cells = np.floor(exact / voxel_size).astype(np.int64)
+    keys = (cells[:, 0] * KEY_STEP + cells[:, 1]) * KEY_STEP + cells[:, 2]
+    _, group, count = np.unique(keys, return_inverse=True, return_counts=True)
+    sums = [np.bincount(group, exact[:, k], len(count)) for k in range(3)]
+    return (np.stack(sums, axis=1) / count[:, None]).astype(np.float32), count.astype(np.int32)
+
+
+def free_columns(view: ViewIntervals | None, cell_size: float) -> FreeColumns:
+    """Sort free intervals by column; none where there is no view."""
+    rows = np.zeros((0, 4)) if view is None else view.intervals.astype(np.float64)
+    keys = column_keys(rows, cell_size)
+    order = np.lexsort((rows[:, 2], keys))
+    return FreeColumns(cell_size, keys[order], rows[order, 2], rows[order, 3])
+
+
+def make_patches(points: NDArray[np.float32], config: Config) -> list[Patch]:
+    """Make the patches of one surface of a cloud: one for each part of its outline.
+
+    Points without an outline (a single sweep line) make one patch without area.
+    """
+    thinned, weights = thin_cloud(points, config.views.voxel_size)
+    outline, spacing = horizontal_outline(
+        thinned[:, :2].astype(np.float64), config.surfaces.merge_distance
+    )
+    if len(outline.geoms) < 2:
+        return [_patch(points, thinned, weights, outline, spacing)]
+    parts = sorted(outline.geoms, key=lambda part: (-part.area, part.bounds))
+    tree = shapely.STRtree(parts)
+    of_point = tree.nearest(shapely.points(points[:, :2].astype(np.float64)))
+    of_thinned = tree.nearest(shapely.points(thinned[:, :2].astype(np.float64)))
+    return [
+        _patch(
+            points[of_point == k],
+            thinned[of_thinned == k],
+            weights[of_thinned == k],
+            MultiPolygon([part]),
+            spacing,
+        )
+        for k, part in enumerate(parts)
+        if np.any(of_point == k) and np.any(of_thinned == k)
+    ]
+
+
+def _patch(
+    points: NDArray[np.float32],
+    thinned: NDArray[np.float32],
+    weights: NDArray[np.int32],
+    outline: MultiPolygon,
+    spacing: float,
+) -> Patch:
+    exact = points.astype(np.float64)
+    mean = exact.mean(axis=0)
+    cov = (exact - mean).T @ (exact - mean) / len(exact)
+    return Patch(thinned, weights, len(points), mean, cov, outline, spacing)
+
+
+def empty_view(stamp_ns: int, session: int, config: Config) -> View:
+    """Return a view in which nothing was seen yet."""
+    return View(stamp_ns, (), free_columns(None, config.views.cell_size), 0.0, session)
+
+
+def with_cloud(view: View, cloud: SurfaceCloud, config: Config) -> View:
+    """Return a view with the surfaces of a cloud of the same stamp."""
+    order = np.argsort(cloud.surface, kind="stable")
+    _, starts = np.unique(cloud.surface[order], return_index=True)
+    groups = np.split(order, starts[1:]) if len(starts) else []
+    patches = [patch for group in groups for patch in make_patches(cloud.points[group], config)]
+    reach = np.hypot(cloud.points[:, 0], cloud.points[:, 1]).max(initial=0.0)
+    return replace(view, patches=tuple(patches), reach=max(view.reach, float(reach)))
+
+
+def with_intervals(view: View, intervals: ViewIntervals) -> View:
+    """Return a view with the free intervals of the same stamp."""
+    free = free_columns(intervals, view.free.cell_size)
+    xy = intervals.intervals[:, :2].astype(np.float64)
+    reach = np.hypot(xy[:, 0], xy[:, 1]).max(initial=-free.cell_size) + free.cell_size
+    return replace(view, free=free, reach=max(view.reach, float(reach)))

@@ -1,0 +1,288 @@
+"""From a recording to the rig: guess, find planes, refine through narrowing gates, judge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.calibrate.model import RigModel, RigValues
+from tccm_ros.calibrate.patches import Patches, cut_patches
+from tccm_ros.calibrate.problem import Layout, LevelHits, Problem, Trust
+from tccm_ros.calibrate.search import first_guess
+from tccm_ros.calibrate.solver import Solution, solve
+from tccm_ros.calibrate.surroundings import (
+    CEILING,
+    FIRST_WALL,
+    FLOOR,
+    NO_PLANE,
+    Surroundings,
+    assign,
+    find_planes,
+)
+from tccm_ros.calibrate.sweeps import LevelScans, Recording
+from tccm_ros.config import Config
+from tccm_ros.errors import BagError
+from tccm_ros.geometry import pose_from_rpy
+
+__all__ = ["Estimate", "estimate"]
+
+#: Largest distance (m) and angle (rad) of a patch to its plane in each round.
+GATES = tuple(
+    (distance, float(np.deg2rad(angle)))
+    for distance, angle in ((0.30, 12.0), (0.15, 8.0), (0.08, 5.0), (0.05, 3.5), (0.03, 2.5),
+                            (0.03, 2.5))
+)  # fmt: skip
+
+#: Share of what walls and ceilings may lean that is left while solving.
+STRICT = 0.05
+
+#: While gates are wider than this, m, scale, time offset and range bias stay: furniture that is
+#: taken for floor or wall would bend them.
+ROUGH = 0.1
+
+#: Planes are looked for anew before each of the first rounds.
+SEARCHES = 3
+
+#: Distance to a wall within which a hit of the level laser may be on it in each round, m, and how
+#: far beyond what the tilting laser saw of the wall.
+LEVEL_GATES, BEYOND = (0.30, 0.15, 0.10, 0.06, 0.04, 0.04), 0.2
+
+#: Time offsets show where speeds of the joint that are not a line in its angle have this share.
+VARIED_SPEED = 0.3
+
+Int64 = NDArray[np.int64]
+Float64 = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """The minimum, with all that its judgement needs.
+
+    Attributes
+    ----------
+    problem, solution
+        What was solved.
+    free
+        bool (P,), parameters that were estimated.
+    means, sigmas
+        float64 (P,), the priors.
+    strict
+        float64 (P,), the priors that were solved with: walls upright and ceilings level, so that
+        a wrong scale cannot hide in walls that lean. How far they may really lean (`sigmas`)
+        counts in the covariance.
+    configured
+        What the configuration said of the rig.
+    """
+
+    problem: Problem
+    solution: Solution
+    free: Bool
+    means: Float64
+    sigmas: Float64
+    strict: Float64
+    configured: RigValues
+
+    @property
+    def values(self) -> RigValues:
+        """The rig."""
+        return RigValues.of_vector(self.solution.x[self.problem.layout.rig])
+
+    def again(self, free: Bool, x: Float64) -> Estimate:
+        """Solve again with other free parameters."""
+        solution = solve(self.problem, x, free, self.means, self.strict)
+        return replace(self, solution=solution, free=free)
+
+
+def estimate(recording: Recording, config: Config, floor_z: float | None, trust: Trust) -> Estimate:
+    """Estimate everything that might be determined.
+
+    Parameters
+    ----------
+    recording
+        What the bag holds.
+    config
+        What the rig is believed to be.
+    floor_z
+        Height of the floor in the base frame, m; None where it is not known.
+    trust
+        What is taken for granted.
+
+    Raises
+    ------
+    BagError
+        Where neither floor, ceiling nor walls were seen.
+    """
+    model = RigModel(recording.sweeps, config.rig)
+    configured = RigValues.of_rig(config.rig)
+    values = first_guess(recording.sweeps, model, configured)
+    patches = cut_patches(dict(enumerate(recording.sweeps)), model, values)
+    work = _Work(recording, model, patches, config, floor_z, trust, configured, values)
+    level = np.zeros(3)
+    found: Estimate | None = None
+    for number, gates in enumerate(GATES):
+        if found is None or number < SEARCHES:
+            surroundings = work.search(values)
+            x = None
+        else:
+            x = found.solution.x
+        found = work.refine(surroundings, values, level, x, gates, LEVEL_GATES[number])
+        values, level = found.values, found.solution.x[found.problem.layout.level]
+    assert found is not None
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Work:
+    recording: Recording
+    model: RigModel
+    patches: Patches
+    config: Config
+    floor_z: float | None
+    trust: Trust
+    configured: RigValues
+    guess: RigValues
+
+    @property
+    def places(self) -> Int64:
+        return self.recording.places[self.patches.centers.sweep]
+
+    def search(self, values: RigValues) -> Surroundings:
+        """Find the planes under a rig."""
+        centers, normals = self._placed(values)
+        found = find_planes(centers, normals, self.places, float(self.model.pivot[2]))
+        if found.floor is None and found.ceiling is None and not found.walls:
+            raise BagError("neither floor, ceiling nor walls were seen; record a room")
+        return found
+
+    def _placed(self, values: RigValues) -> tuple[Float64, Float64]:
+        patches = self.patches
+        return (
+            self.model.place(patches.centers, values),
+            self.model.turn(patches.centers, values, patches.normals),
+        )
+
+    def refine(
+        self,
+        surroundings: Surroundings,
+        values: RigValues,
+        level: Float64,
+        x: Float64 | None,
+        gates: tuple[float, float],
+        level_gate: float,
+    ) -> Estimate:
+        """Say which patches lie on which planes, and solve."""
+        layout = Layout(len(surroundings.walls), int(self.recording.places.max()) + 1)
+        problem = Problem(
+            self.model, self.patches.hits, self.patches.patch, self.places, surroundings, (),
+            pose_from_rpy(self.config.rig.level_correction), self.trust, layout,
+            blur=gates[0] / 6.0,
+        )  # fmt: skip
+        if x is None:
+            x = problem.start(values, level)
+            if self.floor_z is not None and surroundings.floor is not None:
+                x[layout.rig.start + 3] += self.floor_z - surroundings.floor
+                x[layout.floor] = self.floor_z
+        problem = self._assigned(problem, x, gates, level_gate)
+        rough = gates[0] > ROUGH
+        means, sigmas = problem.priors(self.guess)
+        strict = problem.priors(self.guess, STRICT)[1]
+        if self.floor_z is not None:
+            means[layout.floor], sigmas[layout.floor] = self.floor_z, self.trust.floor
+            strict[layout.floor] = self.trust.floor
+        free = self._free(problem, values)
+        if rough:
+            free[[layout.rig.start + 1, layout.rig.start + 4, layout.bias]] = False
+        solution = solve(problem, x, free, means, strict)
+        return Estimate(problem, solution, free, means, sigmas, strict, self.configured)
+
+    def _assigned(
+        self, problem: Problem, x: Float64, gates: tuple[float, float], level_gate: float
+    ) -> Problem:
+        values = RigValues.of_vector(x[problem.layout.rig])
+        centers, normals = self._placed(values)
+        planes = _seen_planes(problem, x)
+        plane = assign(centers, normals, self.places, self.patches.spread, planes, gates)
+        of_hit = plane[self.patches.patch]
+        on = of_hit != NO_PLANE
+        hits, place = self.patches.hits.take(on), self.places[self.patches.patch[on]]
+        problem = replace(problem, hits=hits, plane=of_hit[on], place=place)
+        placed = self.model.place(hits, values)
+        level = tuple(
+            _on_walls(problem, x, scans, at, placed, level_gate)
+            for at, scans in sorted(self.recording.level.items())
+        )
+        return replace(problem, level=level)
+
+    def _free(self, problem: Problem, values: RigValues) -> Bool:
+        """Return which parameters have hits that may determine them."""
+        layout = problem.layout
+        free = np.zeros(layout.size, bool)
+        free[layout.rig] = free[layout.bias] = True
+        seen = np.bincount(problem.plane, minlength=FIRST_WALL + layout.walls) > 0
+        free[layout.floor] = seen[FLOOR]
+        free[layout.ceiling] = seen[CEILING]
+        for number in range(layout.walls):
+            free[layout.wall(number)] = seen[FIRST_WALL + number]
+        for place in np.unique(problem.place).tolist():
+            free[layout.lean(place)] = True
+        free[layout.rig.start + 3] = self.floor_z is not None and bool(seen[FLOOR])
+        free[layout.rig.start + 4] = speeds_vary(problem, values)
+        walls = {int(w) for hits in problem.level for w in np.unique(hits.wall) if w >= 0}
+        free[layout.level] = bool(walls)
+        return free
+
+
+def _seen_planes(problem: Problem, x: Float64) -> tuple[Float64, Float64, Int64]:
+    """Return the planes as `assign` wants them; what was not found is out of reach."""
+    normals, offsets = problem.planes(x)
+    found = problem.surroundings
+    offsets[FLOOR] = offsets[FLOOR] if found.floor is not None else np.inf
+    offsets[CEILING] = offsets[CEILING] if found.ceiling is not None else np.inf
+    where = np.array([-1, -1, *(wall.place for wall in found.walls)], np.int64)
+    return normals, offsets, where
+
+
+def _on_walls(
+    problem: Problem, x: Float64, scans: LevelScans, place: int, placed: Float64, gate: float
+) -> LevelHits:
+    """Say which hits of the level laser lie on which wall that the tilting laser saw."""
+    T = problem.level_mount(x[problem.layout.level], scans.T_base_laser) @ scans.T_base_laser
+    T = scans.T_place_base @ T
+    points = np.einsum("nij,nj->ni", T[:, :3, :3], scans.points) + T[:, :3, 3]
+    nearest, wall = np.full(len(points), gate), np.full(len(points), -1, np.int64)
+    for number, found in enumerate(problem.surroundings.walls):
+        mine = problem.plane == FIRST_WALL + number
+        if found.place != place or not mine.any():
+            continue
+        phi, rho, _ = x[problem.layout.wall(number)]
+        along = np.array([-np.sin(phi), np.cos(phi)])
+        limits = np.quantile(placed[mine, :2] @ along, [0.01, 0.99])
+        at = points[:, :2] @ along
+        distance = np.abs(points[:, :2] @ [np.cos(phi), np.sin(phi)] - rho)
+        better = (distance < nearest) & (at > limits[0] - BEYOND) & (at < limits[1] + BEYOND)
+        nearest[better], wall[better] = distance[better], number
+    return LevelHits(scans, place, wall)
+
+
+def speeds_vary(problem: Problem, values: RigValues) -> bool:
+    """Return whether a time offset looks different from a zero and a scale.
+
+    One-way sweeps at an even speed shift all angles alike, and so does a zero.
+    """
+    if not len(problem.plane):
+        return False
+    model, step = problem.model, 2e-3
+    early, late = (
+        model.measured(
+            problem.hits,
+            replace(values, joint_time_offset=values.joint_time_offset + shift),
+        )
+        for shift in (step, -step)
+    )
+    speed, angle = (late - early) / (2.0 * step), (late + early) / 2.0
+    A = np.column_stack([np.ones(len(angle)), angle])
+    rest = speed - A @ np.linalg.lstsq(A, speed, rcond=None)[0]
+    return bool(np.std(rest) > VARIED_SPEED * np.sqrt(np.mean(speed**2)) > 0.0)

@@ -1,0 +1,317 @@
+"""The least-squares problem: rig, planes and leaning bases against hits on floor, ceiling, walls.
+
+A hit p (seen from its place), the place's small lean (a turn w about x and y) and a plane with
+normal n and offset d give the residual ``n . (p + w x p) - d``. What is taken for granted about
+buildings and bases has a standard deviation and is a prior: that is what tells a wrong zero from a
+leaning base, and how well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tccm_ros.calibrate.model import Beams, RigModel, RigValues
+from tccm_ros.calibrate.surroundings import CEILING, FIRST_WALL, FLOOR, Surroundings
+from tccm_ros.calibrate.sweeps import LevelScans
+from tccm_ros.geometry import pose
+
+__all__ = ["LEVEL_PARAMETERS", "Layout", "LevelHits", "Linearised", "Problem", "Trust"]
+
+LEVEL_PARAMETERS = ("level_x", "level_y", "level_yaw")
+"""Where the level laser really is against where it is configured, in the base, m and rad."""
+
+Int64 = NDArray[np.int64]
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Trust:
+    """Standard deviations of what is taken for granted.
+
+    Attributes
+    ----------
+    lean
+        Of the base's roll and pitch at a place against level, rad.
+    upright, ceiling
+        Of walls against upright and of the ceiling against the floor, rad.
+    range_noise, angle_noise, flatness
+        Of ranges (m), of beam directions (rad), and of what neighbouring hits on a plane share (m).
+    range_bias
+        Of what all ranges of the tilting laser are too short by, m.
+    floor
+        Of the floor's height in the base frame where it is given, m.
+    """
+
+    lean: float = float(np.deg2rad(0.1))
+    upright: float = float(np.deg2rad(0.2))
+    ceiling: float = float(np.deg2rad(0.1))
+    range_noise: float = 0.008
+    angle_noise: float = 3e-4
+    flatness: float = 0.003
+    range_bias: float = 0.01
+    floor: float = 0.0005
+
+
+#: Standard deviations of rig parameters about the first guess, only to keep what is not determined
+#: from running away: in the order of `RIG_PARAMETERS`, then of `LEVEL_PARAMETERS`.
+WIDE = np.array([0.1, 0.04, 0.1, 0.5, 0.08])
+WIDE_LEVEL = np.array([0.5, 0.5, 0.3])
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where parameters are in the vector.
+
+    Rig, level laser, the tilting laser's range bias, floor, ceiling, walls, leans.
+    """
+
+    rig: ClassVar[slice] = slice(0, 5)
+    level: ClassVar[slice] = slice(5, 8)
+    bias: ClassVar[int] = 8
+    floor: ClassVar[int] = 9
+    ceiling: ClassVar[slice] = slice(10, 13)
+    first_wall: ClassVar[int] = 13
+
+    walls: int
+    places: int
+
+    def wall(self, number: int) -> slice:
+        """Return phi, rho and the angle against upright of a wall."""
+        first = self.first_wall + 3 * number
+        return slice(first, first + 3)
+
+    def lean(self, place: int) -> slice:
+        """Return roll and pitch of the base at a place."""
+        first = self.first_wall + 3 * self.walls + 2 * place
+        return slice(first, first + 2)
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return self.first_wall + 3 * self.walls + 2 * self.places
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelHits:
+    """Hits of the level laser that lie on walls: by place; `wall` is -1 for those on none."""
+
+    scans: LevelScans
+    place: int
+    wall: Int64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linearised:
+    """Residuals float64 (N,) in standard deviations, their derivatives (N, P), and clusters.
+
+    `sigma` float64 (N,), m, is what a residual was divided by. Residuals of one cluster share
+    errors: they lie in one place of one plane.
+    """
+
+    residuals: Float64
+    jacobian: Float64
+    sigma: Float64
+    cluster: Int64
+    is_level: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """Hits of the tilting laser on planes, and of the level laser on walls.
+
+    Attributes
+    ----------
+    model
+        Places the hits.
+    hits, plane, place
+        Hits, and the plane and the place of each, int64 (N,).
+    surroundings
+        Where the numbers of planes come from.
+    level
+        Hits of the level laser.
+    T_level_mount
+        The configured correction of the level laser's mount, float64 (4, 4).
+    trust
+        What is taken for granted.
+    blur
+        Added to the standard deviation of every residual, m: wide at first, 0 at last, so that no
+        plane pulls before all planes are known roughly.
+    """
+
+    model: RigModel
+    hits: Beams
+    plane: Int64
+    place: Int64
+    surroundings: Surroundings
+    level: tuple[LevelHits, ...]
+    T_level_mount: Float64
+    trust: Trust
+    layout: Layout
+    blur: float
+
+    def linearise(self, x: Float64) -> Linearised:
+        """Return residuals and derivatives at parameters float64 (P,)."""
+        parts = [self._tilt_part(x), *(self._level_part(x, hits) for hits in self.level)]
+        return Linearised(
+            *(np.concatenate([getattr(part, name) for part in parts])
+              for name in ("residuals", "jacobian", "sigma", "cluster", "is_level"))
+        )  # fmt: skip
+
+    def _tilt_part(self, x: Float64) -> Linearised:
+        layout, values = self.layout, RigValues.of_vector(x[self.layout.rig])
+        ranges = np.linalg.norm(self.hits.points, axis=1)
+        beams = self.model.turn(self.hits, values, self.hits.points / ranges[:, None])
+        placed = self.model.place(self.hits, values) + x[layout.bias] * beams
+        by_rig = self.model.jacobian(self.hits, values, placed - x[layout.bias] * beams)
+        residuals, J, normals = self._against_planes(x, placed, self.plane, self.place)
+        J[:, layout.rig] = np.einsum("ni,nij->nj", normals, by_rig)
+        cosine = np.sum(normals * beams, axis=1)
+        J[:, layout.bias] = cosine
+        cluster = _clusters(placed, self.plane, self.place, normals)
+        sigma = self._sigma(cosine, ranges, cluster)
+        is_level = np.zeros(len(ranges), bool)
+        return Linearised(residuals / sigma, J / sigma[:, None], sigma, cluster, is_level)
+
+    def _level_part(self, x: Float64, level: LevelHits) -> Linearised:
+        layout, on = self.layout, level.wall >= 0
+        T = self.level_mount(x[layout.level], level.scans.T_base_laser) @ level.scans.T_base_laser
+        T = level.scans.T_place_base[on] @ T
+        placed = np.einsum("nij,nj->ni", T[:, :3, :3], level.scans.points[on]) + T[:, :3, 3]
+        place = np.full(on.sum(), level.place)
+        plane = level.wall[on] + FIRST_WALL
+        residuals, J, normals = self._against_planes(x, placed, plane, place)
+        R = level.scans.T_place_base[on][:, :3, :3]
+        J[:, layout.level.start : layout.level.start + 2] = np.einsum(
+            "ni,nij->nj", normals, R[:, :, :2]
+        )
+        arm = placed - T[:, :3, 3]
+        J[:, layout.level.stop - 1] = normals[:, 1] * arm[:, 0] - normals[:, 0] * arm[:, 1]
+        beams = arm / np.maximum(level.scans.ranges[on], 1e-3)[:, None]
+        cluster = _clusters(placed, plane, place, normals)
+        sigma = self._sigma(np.sum(normals * beams, axis=1), level.scans.ranges[on], cluster)
+        is_level = np.ones(len(sigma), bool)
+        return Linearised(residuals / sigma, J / sigma[:, None], sigma, -1 - cluster, is_level)
+
+    def _sigma(self, cosine: Float64, ranges: Float64, cluster: Int64) -> Float64:
+        """Return the standard deviation of each residual, m.
+
+        What the hits of a cluster share (the plane is not flat, the laser errs alike) counts once
+        for the cluster, however many they are.
+        """
+        trust = self.trust
+        shared = trust.flatness**2 * np.bincount(cluster, minlength=1)[cluster]
+        across = ranges * np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) * trust.angle_noise
+        own = (trust.range_noise * cosine) ** 2 + across**2 + shared
+        return np.sqrt(own + self.blur**2 * (cosine**2 + GRAZING**2))
+
+    def _against_planes(
+        self, x: Float64, points: Float64, plane: Int64, place: Int64
+    ) -> tuple[Float64, Float64, Float64]:
+        """Return residuals (m), derivatives without the rig's, and normals by leaning bases."""
+        layout = self.layout
+        normals, offsets = self.planes(x)
+        n, d = normals[plane], offsets[plane]
+        leans = np.array([x[layout.lean(p)] for p in range(layout.places)])[place]
+        w = np.column_stack([leans, np.zeros(len(leans))])
+        level = points + np.cross(w, points)
+        J = np.zeros((len(points), layout.size))
+        rows = np.arange(len(points))
+        lean = layout.first_wall + 3 * layout.walls + 2 * place
+        J[rows, lean] = n[:, 2] * points[:, 1] - n[:, 1] * points[:, 2]
+        J[rows, lean + 1] = n[:, 0] * points[:, 2] - n[:, 2] * points[:, 0]
+        J[plane == FLOOR, layout.floor] = -1.0
+        self._ceiling_derivatives(J, level, plane == CEILING)
+        self._wall_derivatives(J, x, level, plane)
+        residuals = np.sum(n * level, axis=1) - d
+        seen_in_base = n + np.cross(n, w)
+        return residuals, J, seen_in_base
+
+    def _ceiling_derivatives(self, J: Float64, points: Float64, on: NDArray[np.bool_]) -> None:
+        """Write those of the residual -(z - h) + x a + y b: the ceiling's normal points down."""
+        ceiling = self.layout.ceiling
+        J[on, ceiling.start] = 1.0
+        J[on, ceiling.start + 1] = points[on, 0]
+        J[on, ceiling.start + 2] = points[on, 1]
+
+    def _wall_derivatives(self, J: Float64, x: Float64, points: Float64, plane: Int64) -> None:
+        for number in range(self.layout.walls):
+            on, columns = plane == FIRST_WALL + number, self.layout.wall(number)
+            phi, _, tilt = x[columns]
+            c, s = np.cos(phi), np.sin(phi)
+            J[on, columns.start] = (points[on, 1] * c - points[on, 0] * s) * np.cos(tilt)
+            J[on, columns.start + 1] = -1.0
+            J[on, columns.start + 2] = points[on, 2] * np.cos(tilt) - np.sin(tilt) * (
+                points[on, 0] * c + points[on, 1] * s
+            )
+
+    def planes(self, x: Float64) -> tuple[Float64, Float64]:
+        """Return normals float64 (Q, 3) towards the laser and offsets float64 (Q,), m."""
+        layout = self.layout
+        height, a, b = x[layout.ceiling]
+        normals, offsets = [[0.0, 0.0, 1.0], [a, b, -1.0]], [x[layout.floor], -height]
+        for number in range(layout.walls):
+            phi, rho, tilt = x[layout.wall(number)]
+            normals.append([np.cos(phi) * np.cos(tilt), np.sin(phi) * np.cos(tilt), np.sin(tilt)])
+            offsets.append(rho)
+        return np.array(normals), np.array(offsets)
+
+    def level_mount(self, values: Float64, T_base_laser: Float64) -> Float64:
+        """Return the correction of the level laser's mount for x, y, yaw at the laser itself."""
+        at = (self.T_level_mount @ T_base_laser)[:3, 3]
+        R = Rotation.from_rotvec([0.0, 0.0, values[2]]).as_matrix()
+        shift = np.array([values[0], values[1], 0.0])
+        T: Float64 = pose(R, at + shift - R @ at) @ self.T_level_mount
+        return T
+
+    def start(self, values: RigValues, level: Float64) -> Float64:
+        """Return the parameters that the found planes and level bases give, float64 (P,)."""
+        x = np.zeros(self.layout.size)
+        x[self.layout.rig], x[self.layout.level] = values.vector(), level
+        x[self.layout.floor] = self.surroundings.floor or 0.0
+        x[self.layout.ceiling.start] = self.surroundings.ceiling or 0.0
+        for number, wall in enumerate(self.surroundings.walls):
+            x[self.layout.wall(number)] = wall.phi, wall.rho, 0.0
+        return x
+
+    def priors(self, guess: RigValues, share: float = 1.0) -> tuple[Float64, Float64]:
+        """Return means and standard deviations of all parameters, float64 (P,) each.
+
+        `share` multiplies those of upright walls and level ceilings.
+
+        Infinite where nothing is taken for granted; those of the rig are only `WIDE`.
+        """
+        layout, trust = self.layout, self.trust
+        means, sigmas = np.zeros(layout.size), np.full(layout.size, np.inf)
+        means[layout.rig], sigmas[layout.rig] = guess.vector(), WIDE
+        sigmas[layout.level] = WIDE_LEVEL
+        sigmas[layout.bias] = trust.range_bias * share
+        sigmas[layout.ceiling.start + 1 : layout.ceiling.stop] = trust.ceiling * share
+        for number in range(layout.walls):
+            sigmas[layout.wall(number).stop - 1] = trust.upright * share
+        for place in range(layout.places):
+            sigmas[layout.lean(place)] = trust.lean
+        return means, sigmas
+
+
+#: How much of `Problem.blur` counts where a beam grazes its plane: errors of ranges count by the
+#: cosine of incidence. Without that, squeezing a room would make it flat.
+GRAZING = 0.2
+
+#: Hits of one plane within cells of this size share their errors, m.
+CLUSTER = 0.5
+
+
+def _clusters(points: Float64, plane: Int64, place: Int64, normals: Float64) -> Int64:
+    """Return a number for each cell of each plane at each place."""
+    drop = np.argmax(np.abs(normals), axis=1)
+    rows = np.arange(len(points))
+    u, v = points[rows, (drop + 1) % 3], points[rows, (drop + 2) % 3]
+    cell_u, cell_v = ((np.floor(w / CLUSTER).astype(np.int64) % 4096) for w in (u, v))
+    keys = ((place * 4096 + plane) * 4096 + cell_u) * 4096 + cell_v
+    result: Int64 = np.unique(keys, return_inverse=True)[1]
+    return result

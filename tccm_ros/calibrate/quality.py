@@ -1,0 +1,122 @@
+"""How level, parallel and flat floor and ceiling are under a rig: measured from all hits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.calibrate.model import Beams, RigModel, RigValues
+from tccm_ros.calibrate.sweeps import TiltSweep
+
+__all__ = ["Flatness", "Seen", "all_beams", "flatness", "select"]
+
+#: Edge of a cell whose mean height is taken, m, and hits that it must have to be looked at, and
+#: to shape the plane.
+CELL, MIN_HITS, FEW_HITS = 0.25, 50, 8
+
+#: Hits within this of the plane belong to it, m.
+NEAR = 0.05
+
+Int64 = NDArray[np.int64]
+Float64 = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Flatness:
+    """A level surface.
+
+    Attributes
+    ----------
+    tilt
+        Against level, rad.
+    rms
+        Of the means of cells about the plane, m; None where no cell has enough hits for a mean.
+    height
+        At the middle, m.
+    cells
+        Cells with enough hits.
+    normal
+        Unit normal, upwards.
+    """
+
+    tilt: float
+    rms: float | None
+    height: float
+    cells: int
+    normal: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """Which of all beams hit floor and ceiling, bool (N,) each."""
+
+    floor: Bool
+    ceiling: Bool
+
+
+def all_beams(sweeps: Sequence[TiltSweep]) -> Beams:
+    """Return every valid hit of all sweeps."""
+    parts = []
+    for number, sweep in enumerate(sweeps):
+        rows, columns = np.nonzero(np.isfinite(sweep.ranges))
+        r, angle = sweep.ranges[rows, columns].astype(float), sweep.bearings[columns]
+        points = np.column_stack([r * np.cos(angle), r * np.sin(angle), np.zeros(len(r))])
+        parts.append((np.full(len(r), number), sweep.stamps_ns[rows, columns], points,
+                      sweep.T_place_base()[rows]))  # fmt: skip
+    return Beams(*(np.concatenate(arrays) for arrays in zip(*parts)))
+
+
+def select(
+    beams: Beams, model: RigModel, values: RigValues, floor: float | None, ceiling: float | None
+) -> Seen:
+    """Return the hits near the heights of floor and ceiling under a rig."""
+    z = model.place(beams, values)[:, 2]
+    none = np.zeros(len(z), bool)
+    return Seen(
+        none if floor is None else np.abs(z - floor) < NEAR,
+        none if ceiling is None else np.abs(z - ceiling) < NEAR,
+    )
+
+
+def flatness(points: Float64) -> Flatness | None:
+    """Fit a plane to the means of cells; None where fewer than four cells were hit.
+
+    Parameters
+    ----------
+    points
+        float64 (N, 3), m, of one surface that is roughly level.
+    """
+    means, counts = _cell_means(points)
+    if len(means) < 4:
+        return None
+    weights = np.minimum(counts, MIN_HITS)
+    center = np.average(means, axis=0, weights=weights)
+    normal = np.linalg.svd((means - center) * np.sqrt(weights)[:, None])[2][2]
+    normal = normal * np.sign(normal[2])
+    full = counts >= MIN_HITS
+    off = (means[full] - center) @ normal
+    x, y, z = normal.tolist()
+    return Flatness(
+        float(np.arccos(min(z, 1.0))),
+        float(np.sqrt(np.mean(off**2))) if full.any() else None,
+        float(center[2]),
+        int(full.sum()),
+        (x, y, z),
+    )
+
+
+def _cell_means(points: Float64) -> tuple[Float64, Int64]:
+    """Return the means of the cells with some hits, float64 (C, 3), and their numbers of hits."""
+    if len(points) == 0:
+        return np.zeros((0, 3)), np.zeros(0, np.int64)
+    cells = np.floor(points[:, :2] / CELL).astype(np.int64)
+    _, index, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    index = index.reshape(-1)
+    sums = np.stack([np.bincount(index, points[:, i]) for i in range(3)], axis=1)
+    enough = counts >= FEW_HITS
+    means: Float64 = sums[enough] / counts[enough, None]
+    return means, counts[enough]

@@ -1,0 +1,152 @@
+"""The planes of a building in a recording: one floor, one ceiling, and walls at each place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["CEILING", "FLOOR", "NO_PLANE", "Surroundings", "Wall", "assign", "find_planes"]
+
+FLOOR, CEILING, FIRST_WALL, NO_PLANE = 0, 1, 2, -1
+"""Numbers of planes: walls follow after the ceiling."""
+
+#: Patches within this angle of level or upright may belong to floor, ceiling or walls, rad.
+LOOSE_ANGLE = np.deg2rad(12.0)
+
+#: Height bins for floor and ceiling, m, and how many of them are smoothed over.
+BIN, SMOOTH = 0.04, 3
+
+#: The floor is the lowest level that has this share of the patches of the largest one.
+FLOOR_SHARE = 0.2
+
+#: A level or a wall has this many patches.
+MIN_LEVEL, MIN_WALL = 12, 14
+
+#: Patches of one wall are within this of its plane, m, and turned by less, rad.
+WALL_DISTANCE, WALL_ANGLE = 0.10, np.deg2rad(9.0)
+
+#: Walls at one place, and patches that are tried as its walls.
+MAX_WALLS, TRIED = 8, 200
+
+Int64 = NDArray[np.int64]
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Wall:
+    """An upright plane at a place: x cos phi + y sin phi = rho, normal towards the laser."""
+
+    place: int
+    phi: float
+    rho: float
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What was found; heights in m, None where there is none."""
+
+    floor: float | None
+    ceiling: float | None
+    walls: tuple[Wall, ...]
+
+
+def find_planes(centers: Float64, normals: Float64, places: Int64, laser_z: float) -> Surroundings:
+    """Find floor, ceiling and walls among patches.
+
+    Parameters
+    ----------
+    centers, normals
+        float64 (P, 3), seen from each patch's place; normals towards the laser.
+    places
+        int64 (P,), the place of each patch.
+    laser_z
+        Height of the laser, m: the floor is below it, the ceiling above.
+    """
+    z, up = centers[:, 2], normals[:, 2]
+    level = np.cos(LOOSE_ANGLE)
+    walls = [
+        wall
+        for place in np.unique(places).tolist()
+        for wall in _walls(centers, normals, (places == place), place)
+    ]
+    return Surroundings(
+        _level(z[(up > level) & (z < laser_z)], lowest=True),
+        _level(z[(up < -level) & (z > laser_z)], lowest=False),
+        tuple(walls),
+    )
+
+
+def _level(z: Float64, *, lowest: bool) -> float | None:
+    """Return the height at which most patches are, or the lowest one with a good share."""
+    if len(z) < MIN_LEVEL:
+        return None
+    low = float(z.min())
+    counts = np.bincount(((z - low) / BIN).astype(np.int64), minlength=1).astype(float)
+    smooth = np.convolve(counts, np.ones(2 * SMOOTH + 1), "same")
+    if smooth.max() < MIN_LEVEL:
+        return None
+    at = int(np.argmax(smooth))
+    if lowest:
+        enough = np.flatnonzero(smooth >= max(FLOOR_SHARE * smooth.max(), MIN_LEVEL))
+        first = int(enough[0])
+        at = first + int(np.argmax(smooth[first : first + 2 * SMOOTH + 1]))
+    near = np.abs(z - (low + (at + 0.5) * BIN)) < (SMOOTH + 0.5) * BIN
+    return float(np.median(z[near]))
+
+
+def _walls(
+    centers: Float64, normals: Float64, mine: NDArray[np.bool_], place: int
+) -> Sequence[Wall]:
+    left = np.flatnonzero(mine & (np.abs(normals[:, 2]) < np.sin(LOOSE_ANGLE)))
+    walls: list[Wall] = []
+    while len(left) >= MIN_WALL and len(walls) < MAX_WALLS:
+        flat = normals[left, :2] / np.linalg.norm(normals[left, :2], axis=1, keepdims=True)
+        xy = centers[left, :2]
+        tried = np.unique(np.linspace(0, len(left) - 1, min(TRIED, len(left))).astype(np.int64))
+        distance = np.abs(flat[tried] @ xy.T - np.sum(flat[tried] * xy[tried], axis=1)[:, None])
+        same = (distance < WALL_DISTANCE) & (flat[tried] @ flat.T > np.cos(WALL_ANGLE))
+        best = int(np.argmax(same.sum(axis=1)))
+        members = same[best]
+        if members.sum() < MIN_WALL:
+            break
+        mean = flat[members].mean(axis=0)
+        phi = float(np.arctan2(mean[1], mean[0]))
+        rho = float(np.median(xy[members] @ [np.cos(phi), np.sin(phi)]))
+        walls.append(Wall(place, phi, rho))
+        left = left[~members]
+    return walls
+
+
+def assign(
+    centers: Float64,
+    normals: Float64,
+    places: Int64,
+    spread: Float64,
+    planes: tuple[Float64, Float64, Int64],
+    gates: tuple[float, float],
+) -> Int64:
+    """Return the plane of each patch, `NO_PLANE` where none is near and parallel enough.
+
+    Parameters
+    ----------
+    centers, normals, places
+        As in `find_planes`.
+    spread
+        float64 (P,), rad, uncertainty of the normals.
+    planes
+        Normals float64 (Q, 3) towards the laser, offsets float64 (Q,) and places int64 (Q,), -1
+        for planes that are seen from all places.
+    gates
+        Largest distance, m, and angle, rad.
+    """
+    n, d, where = planes
+    distance = np.abs(centers @ n.T - d)
+    angle = np.arccos(np.clip(normals @ n.T, -1.0, 1.0))
+    ok = (distance < gates[0]) & (angle < gates[1] + 2.0 * spread[:, None])
+    ok &= (where == -1) | (where == places[:, None])
+    cost = np.where(ok, distance, np.inf)
+    best = np.argmin(cost, axis=1)
+    return np.where(np.isfinite(cost[np.arange(len(best)), best]), best, NO_PLANE)

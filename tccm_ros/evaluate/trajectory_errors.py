@@ -1,0 +1,159 @@
+"""Errors of a trajectory: relations, absolute, relative over distance, consistency.
+
+All take poses float64 (N, 4, 4) and return `Errors`; nothing here reads files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tccm_ros.geometry import interpolate_poses, inverse, pose
+
+__all__ = [
+    "Errors",
+    "absolute_errors",
+    "align",
+    "distance_errors",
+    "nees",
+    "poses_at",
+    "relation_errors",
+]
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+Order = Literal["kuemmerle", "cartographer"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Errors:
+    """Translation (m) and rotation (rad) errors, float64 (N,), >= 0."""
+
+    translation: Float64
+    rotation: Float64
+
+    @classmethod
+    def of(cls, T_errors: Float64) -> Errors:
+        """Measure error transforms (N, 4, 4)."""
+        T = np.asarray(T_errors, float).reshape(-1, 4, 4)
+        turns = Rotation.from_matrix(T[:, :3, :3]).magnitude() if len(T) else np.zeros(0)
+        return cls(np.linalg.norm(T[:, :3, 3], axis=1), turns)
+
+    def __len__(self) -> int:
+        return len(self.translation)
+
+
+def poses_at(
+    stamps_ns: Int64, poses: Float64, asked_ns: Int64, *, max_gap: float = 1.0
+) -> tuple[Float64, NDArray[np.bool_]]:
+    """Interpolate a trajectory.
+
+    Parameters
+    ----------
+    stamps_ns, poses
+        int64 (N,), strictly ascending, and float64 (N, 4, 4).
+    asked_ns
+        int64 (M,).
+    max_gap
+        s; a stamp between poses that are further apart, or outside all, is not known.
+
+    Returns
+    -------
+    float64 (M, 4, 4) and whether each is known, bool (M,)
+    """
+    after = np.clip(np.searchsorted(stamps_ns, asked_ns), 0, len(stamps_ns) - 1)
+    before = np.clip(np.where(stamps_ns[after] > asked_ns, after - 1, after), 0, None)
+    gap = (stamps_ns[after] - stamps_ns[before]).astype(float)
+    since = (asked_ns - stamps_ns[before]).astype(float)
+    fraction = np.divide(since, gap, out=np.zeros_like(gap), where=gap > 0)
+    known = (asked_ns >= stamps_ns[0]) & (asked_ns <= stamps_ns[-1]) & (gap <= max_gap * 1e9)
+    fraction = np.clip(fraction, 0.0, 1.0)
+    return interpolate_poses(poses[before], poses[after], fraction), known
+
+
+def relation_errors(
+    T_map_from: Float64, T_map_to: Float64, deltas: Float64, order: Order = "kuemmerle"
+) -> Errors:
+    """Compare relative poses with relations (Kuemmerle et al., 2009, Eq. 2).
+
+    Parameters
+    ----------
+    T_map_from, T_map_to
+        float64 (N, 4, 4), the estimate at both ends.
+    deltas
+        float64 (N, 4, 4), the relations delta*.
+    order
+        ``kuemmerle``: inverse(delta*) * delta, the error seen from where the relation ends;
+        ``cartographer``: delta * inverse(delta*), as that project's tool computes it. The
+        rotations agree, the translations differ where the rotations do not.
+    """
+    found = inverse(T_map_from) @ T_map_to
+    if order == "kuemmerle":
+        return Errors.of(inverse(deltas) @ found)
+    return Errors.of(found @ inverse(deltas))
+
+
+def align(points: Float64, truth: Float64) -> Float64:
+    """Return T_truth_map (4, 4) that moves points (N, 3) onto truth (N, 3) in least squares.
+
+    Umeyama's solution without scale; a planar trajectory keeps z up.
+    """
+    a, b = points.mean(axis=0), truth.mean(axis=0)
+    U, _, Vt = np.linalg.svd((truth - b).T @ (points - a))
+    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
+    R = U @ flip @ Vt
+    flat = np.ptp(points[:, 2]) < 1e-6 and np.ptp(truth[:, 2]) < 1e-6
+    if flat or len(points) < 3:
+        cross = (points - a)[:, :2].T @ (truth - b)[:, :2]
+        yaw = np.arctan2(cross[0, 1] - cross[1, 0], cross[0, 0] + cross[1, 1])
+        R = Rotation.from_euler("z", yaw).as_matrix()
+    return pose(R, b - R @ a)
+
+
+def absolute_errors(poses: Float64, truth: Float64, *, aligned: bool = True) -> Errors:
+    """Compare poses (N, 4, 4) with truth (N, 4, 4), after alignment of the positions."""
+    T = align(poses[:, :3, 3], truth[:, :3, 3]) if aligned else np.eye(4)
+    return Errors.of(inverse(truth) @ (T @ poses))
+
+
+def distance_errors(poses: Float64, truth: Float64, distance: float) -> Errors:
+    """Compare relative poses over `distance` m of the true path, from every pose that has one."""
+    steps = np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1)
+    path = np.concatenate([[0.0], np.cumsum(steps)])
+    ends = np.searchsorted(path, path + distance)
+    starts = np.flatnonzero(ends < len(path))
+    ends = ends[starts]
+    found = inverse(poses[starts]) @ poses[ends]
+    return Errors.of(inverse(inverse(truth[starts]) @ truth[ends]) @ found)
+
+
+def nees(errors: Float64, covariances: Float64) -> Float64:
+    """Return normalised estimation errors squared per degree of freedom, float64 (N,).
+
+    Parameters
+    ----------
+    errors
+        float64 (N, d), in the frame and order of the covariances.
+    covariances
+        float64 (N, d, d). A consistent estimator has a mean of 1.
+    """
+    solved = np.linalg.solve(covariances, errors[..., None])[..., 0]
+    return np.sum(errors * solved, axis=-1) / errors.shape[-1]
+
+
+def pairs_that_meet(positions: Float64, *, near: float = 3.0, path: float = 10.0) -> Int64:
+    """Return the pairs (P, 2) of poses within `near` m of each other, `path` m of way apart."""
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    pairs: list[Sequence[int]] = []
+    for i in range(len(positions)):
+        close = np.linalg.norm(positions[i + 1 :] - positions[i], axis=1) < near
+        far = along[i + 1 :] - along[i] > path
+        pairs += [(i, i + 1 + int(j)) for j in np.flatnonzero(close & far)]
+    return np.array(pairs, np.int64).reshape(-1, 2)

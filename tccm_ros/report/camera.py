@@ -1,0 +1,63 @@
+"""A pinhole camera for pictures in perspective."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Camera", "look_at"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Camera:
+    """Where it stands and how it looks.
+
+    Attributes
+    ----------
+    eye
+        float64 (3,), in map, m.
+    R_camera_map
+        float64 (3, 3): rows are the directions right, up and back in map.
+    """
+
+    eye: NDArray[np.float64]
+    R_camera_map: NDArray[np.float64]
+
+    def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Project points (..., 3) in map, m, in front of the camera, to the picture (..., 2).
+
+        The picture's unit is the distance to its plane: x right, y up, 0 in the middle.
+        """
+        seen = (points - self.eye) @ self.R_camera_map.T
+        return seen[..., :2] / np.maximum(-seen[..., 2:], 1e-6)
+
+    def distance(self, points: NDArray[np.float64]) -> float:
+        """Return the distance of the middle of points (N, 3) from the eye, m."""
+        return float(np.linalg.norm(points.mean(axis=0) - self.eye))
+
+
+def look_at(
+    target: NDArray[np.float64], azimuth: float, elevation: float, distance: float
+) -> Camera:
+    """Return a camera that looks at a point.
+
+    Parameters
+    ----------
+    target
+        float64 (3,), in map, m.
+    azimuth, elevation
+        Direction from the target to the camera, rad: azimuth from x towards y, elevation up.
+    distance
+        From the target, m.
+    """
+    back = np.array(
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ]
+    )
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    return Camera(target + distance * back, np.stack([right, np.cross(back, right), back]))

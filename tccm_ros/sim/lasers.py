@@ -1,0 +1,122 @@
+"""What a laser makes of exact distances: noise, steps, mixed pixels, lost and invalid returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+__all__ = ["Laser", "footprint", "measure"]
+
+Array = NDArray[np.float64]
+
+EDGE = 0.05  # m; a footprint whose parts differ by less returns one echo
+
+
+@dataclass(frozen=True)
+class Laser:
+    """A scanning range finder as its data sheet has it.
+
+    Attributes
+    ----------
+    beams, angle_min, angle_max
+        Number of beams, bearings of the first and the last, rad.
+    period
+        From the first beam of a scan to that of the next, s.
+    time_increment
+        Between beams, s.
+    range_min, range_max
+        Limits, m.
+    sigma, quantum
+        Standard deviation and step of a range, m; a step of 0 keeps all digits.
+    divergence
+        Half angle of the beam, rad.
+    mixed
+        Share of the beams on an edge that return a range in between.
+    lost, invalid
+        Shares of the beams that see nothing (+inf) and that fail (nan or 0).
+    """
+
+    beams: int
+    angle_min: float
+    angle_max: float
+    period: float
+    time_increment: float
+    range_min: float
+    range_max: float
+    sigma: float
+    quantum: float = 0.001
+    divergence: float = 0.0
+    mixed: float = 0.0
+    lost: float = 0.0
+    invalid: float = 0.0
+
+    @property
+    def angle_increment(self) -> float:
+        """Between beams, rad."""
+        return (self.angle_max - self.angle_min) / (self.beams - 1)
+
+    @property
+    def bearings(self) -> Array:
+        """Of all beams, float64 (beams,), rad."""
+        return self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
+
+    @property
+    def offsets(self) -> Array:
+        """Time of each beam after the first, float64 (beams,), s."""
+        return self.time_increment * np.arange(self.beams, dtype=np.float64)
+
+
+def footprint(bearings: Array, divergence: float, random: Generator) -> Array:
+    """Return unit directions at the rim of each beam, float64 (B, 3), in the laser's frame.
+
+    The rim is where a second ray tells whether the beam falls on an edge.
+    """
+    around = random.uniform(0.0, 2.0 * np.pi, len(bearings))
+    azimuth = bearings + divergence * np.cos(around)
+    elevation = divergence * np.sin(around)
+    level = np.cos(elevation)
+    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
+
+
+def measure(
+    laser: Laser, exact: Array, rim: Array | None, random: Generator
+) -> NDArray[np.float32]:
+    """Return the ranges that a laser reports.
+
+    Parameters
+    ----------
+    laser
+        The laser.
+    exact
+        float64 (B,), distance along the beam's centre, m; +inf where there is nothing.
+    rim
+        float64 (B,), distance along a ray at the beam's rim, or None without mixed pixels.
+    random
+        Source of noise; the same number of draws is made whatever the ranges are.
+
+    Returns
+    -------
+    float32 (B,)
+        REP-117: +inf nothing seen, -inf too close, nan (or 0) invalid.
+    """
+    count = len(exact)
+    noise, blend, chance = random.standard_normal(count), random.random(count), random.random(count)
+    failure = random.random(count)
+    ranges = exact.copy()
+    if rim is not None:
+        both = np.isfinite(exact) & np.isfinite(rim)
+        apart = np.abs(np.where(both, exact, 0.0) - np.where(both, rim, 0.0))
+        on_edge = (apart > EDGE) & (chance < laser.mixed)
+        ranges[on_edge] = (blend * exact + (1.0 - blend) * rim)[on_edge]
+    ranges += laser.sigma * noise
+    if laser.quantum > 0.0:
+        ranges = np.round(ranges / laser.quantum) * laser.quantum
+    ranges[ranges > laser.range_max] = np.inf
+    ranges[ranges < laser.range_min] = -np.inf
+    ranges[failure < laser.lost] = np.inf
+    is_invalid = (failure >= laser.lost) & (failure < laser.lost + laser.invalid)
+    ranges[is_invalid] = np.where(blend < 0.5, np.nan, 0.0)[is_invalid]
+    return ranges.astype(np.float32)

@@ -1,0 +1,229 @@
+"""Where the base is: a differential drive that follows way points, leans, and counts its wheels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numba as nb
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+__all__ = ["Drive", "OdometryErrors", "Waypoint", "drive", "stand", "wheel_odometry"]
+
+Array = NDArray[np.float64]
+
+STEP = 0.01  # s, between the samples of a drive
+SPEED, ACCELERATION = 0.5, 0.4  # m/s, m/s2
+TURN_SPEED, TURN_ACCELERATION = 0.9, 1.8  # rad/s, rad/s2
+SETTLE = 1.0  # s of standing before a stop counts: the lean of braking has gone
+LEAN_TIME = 0.15  # s, with which the base follows an acceleration
+LEAN_PER_ACCELERATION = 0.012  # rad per m/s2
+LEAN_OF_PLACE = 0.0012  # rad, amplitude of the floor's unevenness under the wheels
+
+
+@dataclass(frozen=True)
+class Waypoint:
+    """A place to pass, or to stop at.
+
+    `x`, `y` in the world, m. With `pause` (s) the robot stops, turns to `heading` (rad; None: as
+    it came) and stands for that long.
+    """
+
+    x: float
+    y: float
+    heading: float | None = None
+    pause: float = 0.0
+
+
+@dataclass(frozen=True)
+class OdometryErrors:
+    """Errors of wheel odometry.
+
+    `scale` and `turn_scale` multiply distances and turns; `drift` rad/m turns the heading with
+    the distance; `noise` m per square root of m, `turn_noise` rad per square root of m and of rad.
+    """
+
+    scale: float = 1.01
+    turn_scale: float = 0.995
+    drift: float = 0.01
+    noise: float = 0.004
+    turn_noise: float = 0.004
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The true motion of a base, linear between samples.
+
+    `times` float64 (T,), s; `states` float64 (T, 5): x, y in m, yaw (not wrapped), roll, pitch in
+    rad; `stops` float64 (S, 2): from when until when it stands to scan.
+    """
+
+    times: Array
+    states: Array
+    stops: Array
+
+    @cached_property
+    def columns(self) -> Array:
+        """The states by column, float64 (5, T)."""
+        return np.ascontiguousarray(self.states.T)
+
+    def poses(self, times: Array, height: float = 0.0) -> Array:
+        """Return T_world_base, float64 (B, 4, 4), at times (B,) in s; `height` is the base's z."""
+        x, y, yaw, roll, pitch = (np.interp(times, self.times, column) for column in self.columns)
+        cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
+        cy, sy = np.cos(yaw), np.sin(yaw)
+        T = np.zeros((len(times), 4, 4))
+        T[:, 0, 0], T[:, 0, 1], T[:, 0, 2] = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
+        T[:, 1, 0], T[:, 1, 1], T[:, 1, 2] = sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr
+        T[:, 2, 0], T[:, 2, 1], T[:, 2, 2] = -sp, cp * sr, cp * cr
+        T[:, 0, 3], T[:, 1, 3], T[:, 2, 3], T[:, 3, 3] = x, y, height, 1.0
+        return T
+
+
+def stand(duration: float) -> Drive:
+    """Return the drive of a base that stands at the origin for a time in s."""
+    times = np.array([0.0, duration])
+    return Drive(times, np.zeros((2, 5)), np.array([[0.0, duration]]))
+
+
+def drive(route: Sequence[Waypoint], lean: float = 1.0, speed: float = SPEED) -> Drive:
+    """Return the drive along a route.
+
+    Parameters
+    ----------
+    route
+        The first way point is the start (with its heading); there are two or more.
+    lean
+        Multiplies how far the base leans, by acceleration and by place.
+    speed
+        Greatest speed, m/s.
+
+    Returns
+    -------
+    Drive
+    """
+    goals = np.array(
+        [(w.x, w.y, np.nan if w.heading is None else w.heading, w.pause) for w in route]
+    )
+    planar, speeds, stops = _follow(goals, speed)
+    times = STEP * np.arange(len(planar), dtype=np.float64)
+    states = np.column_stack([planar, lean * _lean(planar, speeds)])
+    return Drive(times, states, stops)
+
+
+def _lean(planar: Array, speeds: Array) -> Array:
+    """Return roll and pitch (T, 2) from accelerations and from the floor's unevenness."""
+    forward = np.gradient(speeds[:, 0], STEP)
+    sideways = speeds[:, 0] * speeds[:, 1]
+    roll, pitch = _low_pass(np.column_stack([sideways, -forward]), STEP / LEAN_TIME).T
+    x, y = planar[:, 0], planar[:, 1]
+    rough = np.column_stack(
+        [np.sin(2.1 * x + 0.7 * y + 0.4), np.sin(0.9 * x - 1.7 * y + 1.1)],
+    )
+    acceleration = np.column_stack([roll, pitch])
+    return LEAN_PER_ACCELERATION * acceleration + LEAN_OF_PLACE * rough
+
+
+def wheel_odometry(
+    true: Drive, errors: OdometryErrors, start: tuple[float, float, float], random: Generator
+) -> Array:
+    """Return what the wheels say at the drive's samples, float64 (T, 3): x, y, yaw in m, rad."""
+    states = true.states
+    forward = np.cos(states[:-1, 2] + np.diff(states[:, 2]) / 2.0)
+    left = np.sin(states[:-1, 2] + np.diff(states[:, 2]) / 2.0)
+    step = forward * np.diff(states[:, 0]) + left * np.diff(states[:, 1])
+    turn = np.diff(states[:, 2])
+    noise = random.standard_normal((len(step), 2))
+    path, angle = np.abs(step), np.abs(turn)
+    step = errors.scale * step + errors.noise * np.sqrt(path) * noise[:, 0]
+    turn = errors.turn_scale * turn + errors.drift * path
+    turn += errors.turn_noise * np.sqrt(path + angle) * noise[:, 1]
+    yaw = start[2] + np.concatenate([[0.0], np.cumsum(turn)])
+    middle = yaw[:-1] + turn / 2.0
+    x = start[0] + np.concatenate([[0.0], np.cumsum(step * np.cos(middle))])
+    y = start[1] + np.concatenate([[0.0], np.cumsum(step * np.sin(middle))])
+    return np.column_stack([x, y, yaw])
+
+
+@nb.njit(nogil=True, cache=True)
+def _low_pass(values: Array, gain: float) -> Array:
+    """Return a first-order low pass of each column."""
+    result = np.zeros_like(values)
+    for i in range(1, len(values)):
+        result[i] = result[i - 1] + gain * (values[i] - result[i - 1])
+    return result
+
+
+@nb.njit(nogil=True, cache=True)
+def _wrap(angle: float) -> float:
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+@nb.njit(nogil=True, cache=True)
+def _towards(value: float, wanted: float, limit: float) -> float:
+    """Move a speed towards the wanted one by at most `limit`."""
+    return value + min(max(wanted - value, -limit), limit)
+
+
+@nb.njit(nogil=True, cache=True)
+def _follow(goals: Array, top_speed: float) -> tuple[Array, Array, Array]:
+    """Follow way points (x, y, heading or nan, pause): states (T, 3), speeds (T, 2), stops (S, 2).
+
+    Towards a point the robot turns on the spot when it lies far off, else it steers while it
+    drives; before a stop it brakes. At a stop it turns to the heading, settles and stands.
+    """
+    x, y = goals[0, 0], goals[0, 1]
+    yaw = 0.0 if np.isnan(goals[0, 2]) else goals[0, 2]
+    v, w = 0.0, 0.0
+    states, speeds = [(x, y, yaw)], [(v, w)]
+    stops = [(0.0, goals[0, 3])]
+    for _ in range(round(goals[0, 3] / STEP)):
+        states.append((x, y, yaw))
+        speeds.append((0.0, 0.0))
+    for g in range(1, len(goals)):
+        is_stop = goals[g, 3] > 0.0 or g == len(goals) - 1
+        while True:  # drive
+            dx, dy = goals[g, 0] - x, goals[g, 1] - y
+            distance, error = np.hypot(dx, dy), _wrap(np.arctan2(dy, dx) - yaw)
+            if distance < (0.02 if is_stop else 0.35) or (distance < 0.2 and abs(error) > 1.2):
+                break
+            wanted = 0.0
+            if abs(error) < 0.8:
+                wanted = top_speed * np.cos(error) ** 3
+                if is_stop:
+                    wanted = min(wanted, np.sqrt(2.0 * 0.7 * ACCELERATION * distance))
+            v = _towards(v, wanted, ACCELERATION * STEP)
+            turn = min(max(2.0 * error, -TURN_SPEED), TURN_SPEED)
+            w = _towards(w, turn, TURN_ACCELERATION * STEP)
+            x, y = (
+                x + v * STEP * np.cos(yaw + w * STEP / 2),
+                y + v * STEP * np.sin(yaw + w * STEP / 2),
+            )
+            yaw += w * STEP
+            states.append((x, y, yaw))
+            speeds.append((v, w))
+        if not is_stop:
+            continue
+        heading, still = goals[g, 2], 0.0
+        while still < SETTLE:  # brake, turn on the spot, settle
+            error = 0.0 if np.isnan(heading) else _wrap(heading - yaw)
+            v = _towards(v, 0.0, ACCELERATION * STEP)
+            turn = np.sign(error) * min(np.sqrt(1.4 * TURN_ACCELERATION * abs(error)), TURN_SPEED)
+            if abs(error) < 0.004:
+                turn = 0.0
+            w = _towards(w, turn, TURN_ACCELERATION * STEP)
+            x, y = x + v * STEP * np.cos(yaw), y + v * STEP * np.sin(yaw)
+            yaw += w * STEP
+            still = still + STEP if v == 0.0 and w == 0.0 and turn == 0.0 else 0.0
+            states.append((x, y, yaw))
+            speeds.append((v, w))
+        if goals[g, 3] > 0.0:
+            now = (len(states) - 1) * STEP
+            stops.append((now, now + goals[g, 3]))
+            for _ in range(round(goals[g, 3] / STEP)):
+                states.append((x, y, yaw))
+                speeds.append((0.0, 0.0))
+    return np.array(states), np.array(speeds), np.array(stops)

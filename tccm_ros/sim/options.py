@@ -1,0 +1,74 @@
+"""What can be varied in a simulation without writing a world."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from tccm_ros.errors import ConfigError, suggest
+
+__all__ = ["Options", "options_from_settings"]
+
+Vector = tuple[float, float, float]
+Vector6 = tuple[float, float, float, float, float, float]
+
+
+class Options(BaseModel):
+    """Variations of a world; the defaults are the world as it is. SI units, rad."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    sigma: float | None = Field(None, ge=0, description="range noise of the tilting laser, m")
+    level_sigma: float | None = Field(None, ge=0, description="range noise of the level laser, m")
+    quantum: float | None = Field(None, ge=0, description="step of the tilting laser's ranges, m")
+    faults: bool = Field(True, description="mixed pixels, lost and invalid returns")
+    tilt_beams: int | None = Field(None, ge=2, description="beams of the tilting laser")
+    tilt_period: float | None = Field(None, gt=0, description="between tilting scans, s")
+    sweep_period: float | None = Field(None, gt=0, description="time of one sweep, s")
+    sweep_limits: tuple[float, float] | None = Field(
+        None, description="tilt of a sweep's ends, rad"
+    )
+    tilt: bool = Field(True, description="there is a tilting laser")
+    self_hits: bool = Field(True, description="the lasers see the robot's own body")
+    always: bool = Field(False, description="scan with the tilting laser while driving, too")
+    duration: float | None = Field(None, gt=0, description="time of a standing robot, s")
+    laps: int = Field(1, ge=1, le=100_000, description="rounds of the route")
+    yaw: float = Field(0.0, description="turn of a situation's subject, rad")
+    pitch: float = Field(0.0, description="tilt of a situation's subject, rad")
+    translation: Vector = Field((0.0, 0.0, 0.0), description="shift of a situation's subject, m")
+    people: bool = Field(True, description="people walk where the world has them")
+    clutter: int = Field(0, ge=0, le=1000, description="boxes that lie about")
+    ramp: bool = Field(False, description="a part of the floor that slopes by 4 deg")
+    lean: float = Field(1.0, ge=0, description="multiplies how far the base leans")
+    odometry: float = Field(1.0, ge=0, description="multiplies the errors of wheel odometry")
+    heading_drift: float | None = Field(None, description="of the odometry, rad/m")
+    tilt_offset: float = Field(0.0, description="true tilt = tilt_scale * reported + this, rad")
+    tilt_scale: float = Field(1.0, gt=0, description="see tilt_offset")
+    laser_roll: float = Field(0.0, description="true roll of the tilt axis's mount, rad")
+    laser_height: float = Field(0.0, description="the tilt axis is this much higher, m")
+    level_error: Vector6 = Field((0, 0, 0, 0, 0, 0), description="added to the level laser's mount")
+    joint_time_offset: float = Field(0.0, description="joint stamps come this much too early, s")
+    publish_tf: bool = Field(False, description="odometry and joints on /tf, too")
+    description: bool = Field(True, description="publish the robot description")
+
+
+def options_from_settings(settings: Mapping[str, str]) -> Options:
+    """Return the options of ``key=value`` pairs; tuples are written with commas.
+
+    Raises
+    ------
+    ConfigError
+        For an option that does not exist or a value that is out of range.
+    """
+    values: dict[str, object] = {}
+    for key, text in settings.items():
+        if key not in Options.model_fields:
+            raise ConfigError(f"no simulator option '{key}'{suggest(key, Options.model_fields)}")
+        values[key] = tuple(text.split(",")) if "," in text else text
+    try:
+        return Options.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        name = ".".join(str(part) for part in first["loc"])
+        raise ConfigError(f"simulator option {name}: {first['msg'].lower()}") from None

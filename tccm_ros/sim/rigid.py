@@ -1,0 +1,113 @@
+"""The simulator's own rigid transforms.
+
+They are written out by hand, and nothing here comes from the mapping side: a sign that is wrong in
+one place must not be wrong in the other as well. ``T_a_b`` maps coordinates in b to a.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin
+
+import numba as nb
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["chain_poses", "invert", "quaternion_xyzw", "rigid", "rotation_rpy"]
+
+Array = NDArray[np.float64]
+
+
+def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
+    """Return Rz(yaw) Ry(pitch) Rx(roll), float64 (3, 3): a positive pitch turns x downwards."""
+    cr, sr, cp, sp, cy, sy = cos(roll), sin(roll), cos(pitch), sin(pitch), cos(yaw), sin(yaw)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def rigid(xyz: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+    """Return T_a_b, float64 (4, 4), of b's origin in a (m) and b's roll, pitch, yaw (rad)."""
+    roll, pitch, yaw = np.asarray(rpy, float)
+    T = np.eye(4)
+    T[:3, :3] = rotation_rpy(roll, pitch, yaw)
+    T[:3, 3] = xyz
+    return T
+
+
+def invert(T_a_b: Array) -> Array:
+    """Return T_b_a, float64 (4, 4)."""
+    T = np.eye(4)
+    T[:3, :3] = T_a_b[:3, :3].T
+    T[:3, 3] = -T_a_b[:3, :3].T @ T_a_b[:3, 3]
+    return T
+
+
+def quaternion_xyzw(T_a_b: Array) -> Array:
+    """Return the rotation as a unit quaternion, float64 (4,), w >= 0 (for angles below pi)."""
+    R = T_a_b[:3, :3]
+    # The column with the largest norm of the 4 x 4 outer product q q^T is the stable one.
+    K = np.empty((4, 4))
+    K[:3, :3] = R + R.T + (1.0 - np.trace(R)) * np.eye(3)
+    K[:3, 3] = K[3, :3] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    K[3, 3] = 1.0 + np.trace(R)
+    q: Array = K[:, np.argmax(np.diag(K))]
+    return q / (np.linalg.norm(q) * (-1.0 if q[3] < 0.0 else 1.0))
+
+
+@nb.njit(nogil=True, cache=True)
+def chain_poses(origins: Array, axes: Array, angles: Array) -> Array:
+    """Return the poses of the end of a chain of joints.
+
+    Parameters
+    ----------
+    origins
+        float64 (J, 4, 4), each joint's frame in the frame of the joint before it, at zero.
+    axes
+        float64 (J, 3), unit axis of rotation in the joint's frame; zero where it is fixed.
+    angles
+        float64 (B, J), rad.
+
+    Returns
+    -------
+    float64 (B, 4, 4)
+    """
+    poses = np.zeros((len(angles), 4, 4))
+    R, t = np.empty((3, 3)), np.empty(3)
+    turn, step = np.empty((3, 3)), np.empty((3, 3))
+    for b in range(len(angles)):
+        R[:], t[:] = 0.0, 0.0
+        R[0, 0] = R[1, 1] = R[2, 2] = 1.0
+        for j in range(len(origins)):
+            for k in range(3):
+                for m in range(3):
+                    t[k] += R[k, m] * origins[j, m, 3]
+            _turn_about(axes[j], angles[b, j], turn)
+            _multiply(R, origins[j], step)
+            _multiply(step, turn, R)
+        poses[b, :3, :3], poses[b, :3, 3], poses[b, 3, 3] = R, t, 1.0
+    return poses
+
+
+@nb.njit(nogil=True, cache=True)
+def _multiply(A: Array, B: Array, product: Array) -> None:
+    """Write the product of the upper left (3, 3) of A and B."""
+    for i in range(3):
+        for j in range(3):
+            product[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+
+
+@nb.njit(nogil=True, cache=True)
+def _turn_about(axis: Array, angle: float, R: Array) -> None:
+    """Write the rotation by `angle` about `axis` (Rodrigues) to R; a zero axis gives identity."""
+    x, y, z = axis
+    if x == 0.0 and y == 0.0 and z == 0.0:
+        angle = 0.0
+    c, s = np.cos(angle), np.sin(angle)
+    k = 1.0 - c
+    R[0, 0], R[0, 1], R[0, 2] = c + x * x * k, x * y * k - z * s, x * z * k + y * s
+    R[1, 0], R[1, 1], R[1, 2] = y * x * k + z * s, c + y * y * k, y * z * k - x * s
+    R[2, 0], R[2, 1], R[2, 2] = z * x * k - y * s, z * y * k + x * s, c + z * z * k

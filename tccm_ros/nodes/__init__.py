@@ -1,0 +1,1 @@
+"""The rclpy nodes: thin shells around the processors."""

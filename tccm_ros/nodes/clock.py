@@ -1,0 +1,61 @@
+"""Stamps and jumps of the node clock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.time import Time
+
+from tccm_ros.messages import MAX_SCAN_S
+
+__all__ = ["is_clock_missing", "on_backward_jump", "stamp_on_receipt", "steady_timer"]
+
+
+def on_backward_jump(node: Node, threshold_s: float, callback: Callable[[str], None]) -> Any:
+    """Call back with a reason when the node clock steps back by more than a threshold.
+
+    Returns
+    -------
+    JumpHandle
+        Keep it: the callback is gone with it.
+    """
+
+    def jumped(jump: TimeJump) -> None:
+        callback(f"the clock stepped back by {-jump.delta.nanoseconds * 1e-9:.1f} s")
+
+    threshold = JumpThreshold(
+        min_forward=None,
+        min_backward=Duration(nanoseconds=-round(threshold_s * 1e9)),
+        on_clock_change=False,
+    )
+    return node.get_clock().create_jump_callback(threshold, post_callback=jumped)
+
+
+def stamp_on_receipt(node: Node, message: Any) -> Any:
+    """Stamp a message with the time of its arrival, for drivers that have no clock.
+
+    A scan is sent after its last beam: its stamp, that of its first beam, is so much earlier.
+    """
+    arrival_ns = int(node.get_clock().now().nanoseconds)
+    if hasattr(message, "time_increment"):
+        sweep_s = message.time_increment * max(len(message.ranges) - 1, 0)
+        arrival_ns -= round(sweep_s * 1e9) if 0.0 <= sweep_s <= MAX_SCAN_S else 0
+    stamp = Time(nanoseconds=max(arrival_ns, 0)).to_msg()
+    for stamped in getattr(message, "transforms", [message]):
+        if hasattr(stamped, "header"):
+            stamped.header.stamp = stamp
+    return message
+
+
+def steady_timer(node: Node, period_s: float, callback: Callable[[], None]) -> Any:
+    """Return a timer that also runs while the node clock stands still, as without /clock."""
+    return node.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+def is_clock_missing(node: Node) -> bool:
+    """Return whether the node waits for /clock, which nobody has published yet."""
+    return bool(node.get_parameter("use_sim_time").value) and not node.get_clock().now().nanoseconds

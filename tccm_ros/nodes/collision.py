@@ -1,0 +1,90 @@
+"""Surfaces as MoveIt collision objects: a thin box under each, where moveit_msgs is installed.
+
+MoveIt's planning scene monitor listens on ``collision_object``. A surface that is gone is removed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from tccm_ros.io.planning import surface_box
+from tccm_ros.messages.types import MessageTypes, header_message, pose_message
+from tccm_ros.nodes.ros_types import message_class
+from tccm_ros.records import Surface
+
+__all__ = ["CollisionObjects", "collision_messages"]
+
+COLLISION_OBJECT = "moveit_msgs/msg/CollisionObject"
+
+PREFIX = "tccm_surface_"
+"""Of the names of collision objects, so that those of others stay."""
+
+SOLID_BOX = 1
+"""shape_msgs/SolidPrimitive BOX."""
+
+
+def collision_messages(
+    types: MessageTypes, stamp_ns: int, frame_id: str, surfaces: Iterable[Surface], gone: set[int]
+) -> Iterator[Any]:
+    """Yield a moveit_msgs/CollisionObject for each surface, and one to remove each that is gone."""
+    header = header_message(types, stamp_ns, frame_id)
+    for identity in sorted(gone):
+        yield types.make(
+            COLLISION_OBJECT, header=header, id=f"{PREFIX}{identity}", operation=types.octet(1)
+        )
+    for surface in surfaces:
+        box = surface_box(surface)
+        solid = types.make(
+            "shape_msgs/msg/SolidPrimitive", type=SOLID_BOX, dimensions=types.array("f8", box.size)
+        )
+        yield types.make(
+            COLLISION_OBJECT,
+            header=header,
+            id=f"{PREFIX}{surface.id}",
+            primitives=[solid],
+            primitive_poses=[pose_message(types, box.T_map_box)],
+            operation=types.octet(0),
+        )
+
+
+class CollisionObjects:
+    """Publishes the surfaces of each solution to MoveIt.
+
+    Parameters
+    ----------
+    node, types, frame_id
+        The node, its message classes, and the map frame.
+    """
+
+    def __init__(self, node: Node, types: MessageTypes, frame_id: str):
+        self._types, self._frame_id = types, frame_id
+        self._shown: set[int] = set()
+        self._publisher = None
+        if _has_moveit_msgs():
+            self._publisher = node.create_publisher(
+                message_class(COLLISION_OBJECT), "collision_object", QoSProfile(depth=500)
+            )
+
+    def publish(self, surfaces: Iterable[Surface], stamp_ns: int) -> None:
+        """Publish all surfaces but the floor, if somebody listens."""
+        if self._publisher is None or not self._publisher.get_subscription_count():
+            return
+        shown = [surface for surface in surfaces if surface.label != "floor"]
+        now = {surface.id for surface in shown}
+        for message in collision_messages(
+            self._types, stamp_ns, self._frame_id, shown, self._shown - now
+        ):
+            self._publisher.publish(message)
+        self._shown = now
+
+
+def _has_moveit_msgs() -> bool:
+    try:
+        message_class(COLLISION_OBJECT)
+    except ImportError:
+        return False
+    return True

@@ -1,0 +1,46 @@
+"""What dropped scans mean, and what to do about them."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+__all__ = ["DropWatch"]
+
+ADVICE = {
+    "no joint samples": "joint samples have to bracket each scan: look at 'joint_states', its rate "
+    "(50 Hz or more) and its clock",
+    "no odometry": "odometry has to bracket each scan: look at 'odom', its rate and its clock",
+    "no transform": "transforms have to bracket each scan: look at /tf, its rate and its clock",
+    "no way from base to laser": "publish robot_description and joint_states, or set rig.*",
+    "future stamp": "a stamp lies ahead of all others: look at the clock of the laser's driver",
+    "out of order": "stamps go back: look for two publishers of the scan topic",
+    "duplicate stamp": "stamps repeat: look for two publishers of the scan topic",
+    "malformed": "angles and times have to be finite numbers: look at the laser's driver",
+    "empty": "scans have no beams: look at the laser's driver",
+    "overload": "more comes in than can be processed: fewer beams, a slower laser or a faster CPU",
+}
+
+
+ORDINARY = ("short sweep",)
+"""A sweep too short to be one is no fault: the laser came to rest."""
+
+LEAST = 3
+"""Fewer drops than this between two looks are no problem: starts and ends of streams."""
+
+
+class DropWatch:
+    """Tells which drops are new since it was asked before."""
+
+    def __init__(self) -> None:
+        self._seen: Counter[str] = Counter()
+
+    def problems(self, dropped: Counter[str]) -> list[str]:
+        """Return one line for each reason by which more scans were dropped than before."""
+        new = {why: n for why, n in (dropped - self._seen).items() if why not in ORDINARY}
+        self._seen = Counter(dropped)
+        many = sorted(why for why, n in new.items() if n >= LEAST)
+        return [f"scans are dropped, {why}{_advice(why)}" for why in many]
+
+
+def _advice(why: str) -> str:
+    return f": {ADVICE[why]}" if why in ADVICE else ""

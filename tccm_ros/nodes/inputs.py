@@ -1,0 +1,154 @@
+"""The inputs of a node: subscriptions that are counted and watched.
+
+"Running but nothing published" is what users of such nodes complain of most. Every input that has
+no publisher, another type, an incompatible QoS or no messages is named, with what to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from tccm_ros.nodes.qos import subscription_events
+from tccm_ros.nodes.ros_types import message_class
+
+__all__ = ["Input", "Inputs", "Watch"]
+
+Watch = Literal["needed", "stream", "event"]
+"""How silence is judged.
+
+needed: it is a problem, and so is the lack of a publisher. stream: it is a problem where there is a
+publisher. event: it is none.
+"""
+
+MAX_GAP = 100_000
+"""A larger step of a publisher's sequence number is another publisher, not a loss."""
+
+
+@dataclass(slots=True)
+class Input:
+    """One subscription and what has come in."""
+
+    topic: str
+    type_name: str
+    watch: Watch
+    count: int = 0
+    lost: int = 0
+    last_ns: int | None = None
+    sequence: int | None = None
+
+
+class Inputs:
+    """Subscribes, counts, and tells what is wrong.
+
+    Parameters
+    ----------
+    node
+        The node that subscribes.
+    silence_s
+        An input without messages for this long, in s of the node clock, is a problem.
+    """
+
+    def __init__(self, node: Node, silence_s: float):
+        self._node = node
+        self._silence_ns = round(silence_s * 1e9)
+        self._start_ns: int | None = None
+        self._inputs: list[Input] = []
+        self._incompatible: dict[str, str] = {}
+
+    def subscribe(
+        self,
+        type_name: str,
+        topic: str,
+        callback: Callable[[Any], None],
+        qos: QoSProfile,
+        *,
+        watch: Watch = "needed",
+        raw: bool = False,
+    ) -> None:
+        """Subscribe to a topic of type ``package/msg/Name``; `raw` gives serialised messages."""
+        entry = Input(self._node.resolve_topic_name(topic), type_name, watch)
+        self._inputs.append(entry)
+
+        def counted(message: Any, info: Any) -> None:
+            entry.count += 1
+            entry.last_ns = self._now()
+            self._count_lost(entry, info["publication_sequence_number"])
+            callback(message)
+
+        def warn(text: str) -> None:
+            self._incompatible[entry.topic] = text
+            self._node.get_logger().warning(text)
+
+        self._node.create_subscription(
+            message_class(type_name),
+            topic,
+            counted,  # type: ignore[arg-type]  # the message's info is a second argument
+            qos,
+            raw=raw,
+            event_callbacks=subscription_events(entry.topic, warn),
+        )
+
+    def counts(self) -> dict[str, int]:
+        """Return the messages received by topic."""
+        return {entry.topic: entry.count for entry in self._inputs}
+
+    def lost(self) -> dict[str, int]:
+        """Return the messages that were sent but not received, by topic, where there are any."""
+        return {entry.topic: entry.lost for entry in self._inputs if entry.lost}
+
+    def is_published(self, topic: str) -> bool:
+        """Return whether there is a publisher of a topic."""
+        return self._node.count_publishers(topic) > 0
+
+    def problems(self) -> list[str]:
+        """Return one line for each input that gives nothing, and what to do about it."""
+        if self._start_ns is None:
+            self._start_ns = self._now()
+        found = (self._problem(entry) for entry in self._inputs)
+        return [text for text in found if text]
+
+    def _now(self) -> int:
+        return int(self._node.get_clock().now().nanoseconds)
+
+    def _count_lost(self, entry: Input, sequence: int | None) -> None:
+        """Count gaps in the sequence numbers of the one publisher of a topic."""
+        before, entry.sequence = entry.sequence, sequence
+        if sequence is None or before is None or not 1 < sequence - before < MAX_GAP:
+            return
+        if self._node.count_publishers(entry.topic) == 1:
+            entry.lost += sequence - before - 1
+
+    def _problem(self, entry: Input) -> str | None:
+        publishers = self._node.get_publishers_info_by_topic(entry.topic)
+        others = sorted({p.topic_type for p in publishers} - {entry.type_name})
+        if others and entry.count == 0:
+            return (
+                f"'{entry.topic}' is published as {', '.join(others)}, {entry.type_name} is "
+                "expected; remap the topic"
+            )
+        if entry.topic in self._incompatible and entry.count == 0:
+            return self._incompatible[entry.topic]
+        if entry.watch == "event" or not self._is_silent(entry):
+            return None
+        if not publishers and (entry.watch == "needed" or entry.count):
+            return f"nobody publishes '{entry.topic}'; start its driver, or remap the topic"
+        if not publishers:
+            return None
+        return (
+            f"'{entry.topic}' is silent; {len(publishers)} publisher(s) are there: "
+            "look at the driver, its QoS and the network"
+        )
+
+    def _is_silent(self, entry: Input) -> bool:
+        now = self._now()
+        since = entry.last_ns if entry.last_ns is not None else self._start_ns
+        if since is None:
+            return False
+        if since > now:  # the clock was set back
+            entry.last_ns = since = now
+        return now - since > self._silence_ns

@@ -1,0 +1,49 @@
+"""The folder that ~/save_map of the SLAM node writes and ~/load_map reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tccm_ros.io.exports import write_solution
+from tccm_ros.io.folder import output_folder
+from tccm_ros.io.map_file import load_map, save_map
+from tccm_ros.io.occupancy import occupancy_grid, save_grid
+from tccm_ros.surfaces.saved_map import SavedMap
+from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
+
+__all__ = ["read_map", "write_map"]
+
+MAP_FILE = "map.mcap"
+"""What a later session goes on with, beside the files that a replay writes."""
+
+GRID_NAME = "map"
+"""Of map.pgm and map.yaml, for nav2_map_server."""
+
+
+def write_map(
+    folder: Path, processor: SurfaceSlam, solution: SurfaceSolution, map_frame: str
+) -> None:
+    """Write a solution of a processor: each file is replaced in one step, when all are written.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be written; what was there is still there.
+    """
+    with output_folder(folder) as made:
+        write_solution(made, solution, processor.config)
+        grid = occupancy_grid(processor.walls.state())
+        if grid is not None:
+            save_grid(made, GRID_NAME, grid)
+        save_map(made / MAP_FILE, processor.saved(solution), solution, map_frame)
+
+
+def read_map(folder: Path) -> SavedMap:
+    """Read the map of a folder.
+
+    Raises
+    ------
+    MapError
+        If there is none, or it is damaged.
+    """
+    return load_map(folder / MAP_FILE)

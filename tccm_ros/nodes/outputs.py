@@ -1,0 +1,91 @@
+"""Publishers that build a message only when someone listens, and again for a late viewer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from tccm_ros.nodes.ros_types import message_class
+from tccm_ros.publications import Publication
+
+__all__ = ["Outputs"]
+
+
+class Outputs:
+    """The private topics of a node that show its newest result.
+
+    Messages are built in the thread of the worker that owns the results.
+
+    Parameters
+    ----------
+    node
+        The node that publishes.
+    topics
+        Types by topic name; the name is private to the node, unless it is in `shared`.
+    profiles
+        QoS by topic name.
+    post
+        Has a job done by the worker.
+    always
+        Topics of which every message is built and sent, listened to or not.
+    shared
+        Topics in the namespace of the node.
+
+    Attributes
+    ----------
+    built
+        Messages built since the start.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topics: Mapping[str, str],
+        profiles: Mapping[str, QoSProfile],
+        post: Callable[[Callable[[], None]], object],
+        always: Iterable[str] = (),
+        shared: Iterable[str] = (),
+    ):
+        self._context = node.context
+        self._always = frozenset(always)
+        self._post = post
+        self._newest: dict[str, Publication] = {}
+        self.built = 0
+        self._publishers = {
+            name: node.create_publisher(
+                message_class(kind),
+                name if name in shared else f"~/{name}",
+                profiles[name],
+                event_callbacks=PublisherEventCallbacks(matched=self._on_match(name)),
+            )
+            for name, kind in topics.items()
+        }
+
+    def publish(self, publications: Iterable[Publication]) -> None:
+        """Publish what is listened to; keep the rest for who comes later (in the worker)."""
+        for publication in publications:
+            self._newest[publication.topic] = publication
+            self._send(publication.topic)
+
+    def _send(self, name: str) -> None:
+        """Send the newest message of a topic, if it was not sent and somebody listens.
+
+        Nothing is published once the node is told to stop: its context is gone by then.
+        """
+        if name not in self._newest or not self._context.ok():
+            return
+        publisher = self._publishers[name]
+        if name in self._always or publisher.get_subscription_count():
+            self.built += 1
+            publisher.publish(self._newest.pop(name).build())
+
+    def _on_match(self, name: str) -> Any:
+        def matched(info: Any) -> None:
+            if info.current_count:
+                self._post(lambda: self._send(name))
+
+        return matched

@@ -1,0 +1,172 @@
+"""ROS parameters from the configuration classes: declared once, checked by the same rules.
+
+A parameter is named ``group.key`` as in the YAML files. What may be empty (None) in the
+configuration is an empty array here, as ROS parameters know no null.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any, get_args
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from tccm_ros.config import Config, Parameter, parameters, validated
+from tccm_ros.errors import ConfigError, TccmError
+
+__all__ = ["declare_config", "follow_changes", "ros_type", "ros_value"]
+
+INT64_MAX = 2**63 - 1
+
+
+def ros_type(parameter: Parameter) -> RosParameter.Type:
+    """Return the ROS type of a configuration parameter."""
+    kinds = {bool: "BOOL", int: "INTEGER", float: "DOUBLE", str: "STRING"}
+    if parameter.type in kinds:
+        return RosParameter.Type[kinds[parameter.type]]
+    if all(isinstance(argument, str) for argument in get_args(parameter.type)):
+        return RosParameter.Type.STRING
+    return RosParameter.Type.DOUBLE_ARRAY
+
+
+def ros_value(parameter: Parameter, value: Any) -> Any:
+    """Return a configuration value as a ROS parameter value."""
+    if ros_type(parameter) is RosParameter.Type.DOUBLE_ARRAY:
+        return [] if value is None else [float(number) for number in value]
+    return value
+
+
+def _config_value(parameter: Parameter, value: Any) -> Any:
+    if ros_type(parameter) is RosParameter.Type.DOUBLE_ARRAY:
+        return None if value is None or len(value) == 0 else tuple(value)
+    return value
+
+
+def _descriptor(parameter: Parameter) -> ParameterDescriptor:
+    unit = f" [{parameter.unit}]" if parameter.unit else ""
+    descriptor = ParameterDescriptor(
+        name=parameter.name,
+        type=ros_type(parameter).value,
+        description=f"{parameter.meaning}{unit}",
+        read_only=parameter.read_only,
+        # rclpy takes an empty list for bytes; our own check knows better.
+        dynamic_typing=ros_type(parameter) is RosParameter.Type.DOUBLE_ARRAY,
+    )
+    limits = (parameter.minimum, parameter.maximum)
+    if limits == (None, None):
+        return descriptor
+    if parameter.type is float:
+        low, high = (
+            float(default if x is None else x) for x, default in zip(limits, (-math.inf, math.inf))
+        )
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    elif parameter.type is int:
+        low, high = (
+            int(default if x is None else x) for x, default in zip(limits, (-INT64_MAX, INT64_MAX))
+        )
+        descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
+    return descriptor
+
+
+def declare_config(node: Node, base: Config | None = None) -> Config:
+    """Declare every parameter on a node and return the configuration that results.
+
+    Parameters
+    ----------
+    node
+        The node; overrides come from its command line and parameter files.
+    base
+        Defaults; those of `Config` if None.
+
+    Raises
+    ------
+    ConfigError
+        For a value of the wrong type or out of range; the message says what to write.
+    """
+    defaults = (base or Config()).model_dump()
+    values = {}
+    for parameter in parameters():
+        default = _lookup(defaults, parameter.name)
+        values[parameter.name] = _config_value(parameter, _declare(node, parameter, default))
+    return _changed(Config(), values)
+
+
+def _declare(node: Node, parameter: Parameter, default: Any) -> Any:
+    try:
+        return node.declare_parameter(
+            parameter.name, ros_value(parameter, default), _descriptor(parameter)
+        ).value
+    except InvalidParameterTypeException:
+        found = node._parameter_overrides[parameter.name].value
+        raise ConfigError(f"parameter {parameter.name}: {_type_advice(parameter, found)}") from None
+    except InvalidParameterValueException:
+        found = node._parameter_overrides[parameter.name].value
+        raise ConfigError(
+            f"parameter {parameter.name}: {found!r} is outside "
+            f"[{parameter.minimum}, {parameter.maximum}] {parameter.unit}".rstrip()
+        ) from None
+
+
+def _type_advice(parameter: Parameter, found: Any) -> str:
+    wanted = ros_type(parameter)
+    if wanted is RosParameter.Type.DOUBLE and isinstance(found, int):
+        return f"a float is expected, found the integer {found}; write {found}.0"
+    if wanted is RosParameter.Type.DOUBLE_ARRAY:
+        return f"a list of floats is expected (write 1.0, not 1), found {found!r}"
+    return f"{wanted.name.lower()} is expected, found {found!r}"
+
+
+def _lookup(tree: dict[str, Any], dotted: str) -> Any:
+    value: Any = tree
+    for part in dotted.split("."):
+        value = value[part]
+    return value
+
+
+def _changed(config: Config, values: dict[str, Any]) -> Config:
+    """Return the configuration with some values changed, or raise ConfigError."""
+    tree = config.model_dump()
+    for name, value in values.items():
+        path, _, key = name.rpartition(".")
+        (_lookup(tree, path) if path else tree)[key] = value
+    return validated(tree, "parameter")
+
+
+def follow_changes(node: Node, config: Config) -> None:
+    """Apply live parameter changes to the configuration object that the processors hold.
+
+    A change is checked as a whole before any of it is applied; read-only parameters are refused
+    by rclpy itself.
+    """
+    known = {parameter.name: parameter for parameter in parameters()}
+
+    def check(changes: Iterable[RosParameter]) -> SetParametersResult:
+        try:
+            _changed(config, _known_values(known, changes))
+        except TccmError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def apply(changes: Iterable[RosParameter]) -> None:
+        for name, value in _known_values(known, changes).items():
+            *path, key = name.split(".")
+            group: Any = config
+            for part in path:
+                group = getattr(group, part)
+            setattr(group, key, value)
+
+    node.add_on_set_parameters_callback(check)
+    node.add_post_set_parameters_callback(apply)
+
+
+def _known_values(known: dict[str, Parameter], changes: Iterable[RosParameter]) -> dict[str, Any]:
+    return {c.name: _config_value(known[c.name], c.value) for c in changes if c.name in known}

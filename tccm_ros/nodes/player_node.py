@@ -1,0 +1,223 @@
+"""player_node: plays a bag into topics where `ros2 bag` is not installed.
+
+Topics are remapped as in every node (``-r /scan:=/base_scan``). The raw records are published, so
+that what arrives is what was recorded.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.clock import Clock as RclClock
+from rclpy.clock import ClockType
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool
+
+from tccm_ros.errors import BagError, ConfigError
+from tccm_ros.io.bags import BagMessage, BagReader
+from tccm_ros.messages.types import stamp_message
+from tccm_ros.nodes.qos import SENSOR_DEPTH
+from tccm_ros.nodes.ros_types import RosidlMessages, message_class
+from tccm_ros.nodes.run import run
+from tccm_ros.nodes.timeline import Timeline
+
+__all__ = ["PlayerNode", "main"]
+
+TICK_S = 0.002
+"""Period at which due messages are looked for."""
+
+BURST = 100
+"""Messages published in one tick at most: other callbacks get their turn, and queues of 200 hold
+what comes after a delay."""
+
+ACK_TIMEOUT = Duration(seconds=10)
+"""Longest wait for readers at the end of the bag."""
+
+PARAMETERS = {
+    "bag": ("", "rosbag2 folder, .mcap or .db3 file"),
+    "rate": (1.0, "seconds of the bag in a second"),
+    "start": (0.0, "seconds of the bag to skip"),
+    "duration": (0.0, "seconds of the bag to play; 0 to its end"),
+    "loop": (False, "start over at the end"),
+    "paused": (False, "start paused"),
+    "clock": (True, "publish /clock"),
+    "wait_for_subscribers": (0.0, "longest wait for a subscriber on each topic, s; 0 none"),
+    "topics": ([""], "topics to play; empty: all"),
+    "reliable": (False, "offer every topic reliably, whatever the bag's publishers offered"),
+}
+
+
+class PlayerNode(Node):
+    """Publishes the messages of a bag when they are due.
+
+    Attributes
+    ----------
+    is_done
+        Whether the end was reached and acknowledged by all reliable readers.
+    sent
+        Messages published, by topic.
+    """
+
+    def __init__(self, **kwargs: Any):
+        super().__init__("player", **kwargs)
+        for name, (default, meaning) in PARAMETERS.items():
+            self.declare_parameter(name, default, ParameterDescriptor(description=meaning))
+        self.is_done = False
+        self.sent: Counter[str] = Counter()
+        self._reader = BagReader(_bag_path(self._value("bag")))
+        self._start_ns = self._reader.start_ns + round(self._value("start") * 1e9)
+        self._timeline = Timeline(
+            self._start_ns, _positive("rate", self._value("rate")), is_paused=self._value("paused")
+        )
+        self._types = RosidlMessages()
+        self._publishers_by_topic = self._advertise()
+        self._clock_publisher = (
+            self.create_publisher(Clock, "/clock", 10) if self._value("clock") else None
+        )
+        self._waiting_since_ns: int | None = None
+        self._messages = self._open()
+        self._next = next(self._messages, None)
+        self.create_service(SetBool, "~/pause", self._on_pause)
+        # A wall-clock timer: the node clock may be the one that this node publishes.
+        self._timer = self.create_timer(
+            TICK_S, self._tick, clock=RclClock(clock_type=ClockType.STEADY_TIME)
+        )
+
+    @property
+    def published(self) -> int:
+        """Messages published in all."""
+        return self.sent.total()
+
+    def close(self) -> None:
+        """Close the bag."""
+        self._reader.close()
+
+    # --- set up ---
+
+    def _value(self, name: str) -> Any:
+        return self.get_parameter(name).value
+
+    def _topics(self) -> dict[str, str]:
+        wanted = {topic for topic in self._value("topics") if topic}
+        known = {info.name: info.msgtype for info in self._reader.topics()}
+        if wanted - set(known):
+            absent = ", ".join(sorted(wanted - set(known)))
+            raise BagError(f"{self._reader.path}: no topic {absent}; there are: {', '.join(known)}")
+        return {name: kind for name, kind in known.items() if not wanted or name in wanted}
+
+    def _advertise(self) -> dict[str, Publisher]:
+        publishers = {}
+        for topic, msgtype in self._topics().items():
+            try:
+                kind = message_class(msgtype)
+            except (ImportError, AttributeError):
+                self.get_logger().warning(f"{topic} is not played: {msgtype} is not installed")
+                continue
+            publishers[topic] = self.create_publisher(kind, topic, self._profile(topic))
+        return publishers
+
+    def _profile(self, topic: str) -> QoSProfile:
+        offered = self._reader.qos(topic)
+        return QoSProfile(
+            depth=max(offered.depth, SENSOR_DEPTH),
+            reliability=ReliabilityPolicy.RELIABLE
+            if offered.reliable or self._value("reliable")
+            else ReliabilityPolicy.BEST_EFFORT,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL
+            if offered.latched
+            else DurabilityPolicy.VOLATILE,
+        )
+
+    def _open(self) -> Iterator[BagMessage]:
+        duration = self._value("duration")
+        end_ns = self._start_ns + round(duration * 1e9) if duration > 0 else None
+        latched = {topic for topic in self._publishers_by_topic if self._reader.qos(topic).latched}
+        for message in self._reader.messages(self._publishers_by_topic):
+            if end_ns is not None and message.log_ns > end_ns:
+                return
+            if message.log_ns >= self._start_ns or message.topic in latched:
+                yield message
+
+    # --- playing ---
+
+    def _tick(self) -> None:
+        now = time.monotonic_ns()
+        if self.is_done or not self._is_ready(now):
+            return
+        due_ns = self._timeline.now(now)
+        for _ in range(BURST):
+            if self._next is None or self._next.log_ns > due_ns:
+                break
+            self._publish(self._next)
+            self._next = next(self._messages, None)
+        if self._clock_publisher is not None:
+            played = min(due_ns, self._reader.end_ns if self._next is None else self._next.log_ns)
+            self._clock_publisher.publish(Clock(clock=stamp_message(self._types, played)))
+        if self._next is None:
+            self._end(now)
+
+    def _is_ready(self, now: int) -> bool:
+        """Return whether playing has begun; begin when every subscriber of a topic is matched."""
+        if self._timeline.is_running or self._timeline.is_paused:
+            return not self._timeline.is_paused
+        self._waiting_since_ns = self._waiting_since_ns or now
+        waited = (now - self._waiting_since_ns) * 1e-9
+        lonely = [
+            topic
+            for topic, publisher in self._publishers_by_topic.items()
+            if publisher.get_subscription_count() < max(1, self.count_subscribers(topic))
+        ]
+        if lonely and waited < self._value("wait_for_subscribers"):
+            return False
+        self._timeline.run(now)
+        return True
+
+    def _publish(self, message: BagMessage) -> None:
+        self._publishers_by_topic[message.topic].publish(message.data)
+        self.sent[message.topic] += 1
+
+    def _end(self, now: int) -> None:
+        if self._value("loop"):
+            self._messages = self._open()
+            self._next = next(self._messages, None)
+            self._timeline.rewind(self._start_ns, now)
+            return
+        for publisher in self._publishers_by_topic.values():
+            publisher.wait_for_all_acked(ACK_TIMEOUT)
+        self.get_logger().info(f"played {self.published} messages")
+        self.is_done = True
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> Any:
+        now = time.monotonic_ns()
+        if request.data:
+            self._timeline.pause(now)
+        else:
+            self._timeline.run(now)
+        response.success = True
+        return response
+
+
+def _bag_path(text: str) -> Path:
+    if not text:
+        raise ConfigError("parameter bag is empty; write -p bag:=PATH")
+    return Path(text).expanduser()
+
+
+def _positive(name: str, value: float) -> float:
+    if not value > 0:
+        raise ConfigError(f"parameter {name}: {value} found, a positive number is expected")
+    return value
+
+
+def main() -> None:
+    """Play a bag and stop at its end."""
+    run(PlayerNode)

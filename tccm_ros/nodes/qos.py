@@ -1,0 +1,101 @@
+"""Quality of service: sensor data in, latched maps out."""
+
+from collections.abc import Callable
+
+from rclpy.event_handler import (
+    PublisherEventCallbacks,
+    QoSOfferedIncompatibleQoSInfo,
+    QoSRequestedIncompatibleQoSInfo,
+    SubscriptionEventCallbacks,
+)
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+__all__ = [
+    "SENSOR_DEPTH",
+    "hand_over",
+    "latched",
+    "publisher_events",
+    "sensor",
+    "static_transforms",
+    "subscription_events",
+]
+
+SENSOR_DEPTH = 200
+"""Five seconds of a 40 Hz laser: covers the longest step of the processors."""
+
+ADVICE = {
+    "reliability": "set qos.reliability to best_effort, or make the publisher reliable",
+    "durability": "make the publisher transient local",
+}
+"""What to do about a policy that does not fit."""
+
+HAND_OVER_DEPTH = 50
+"""A minute of tilt cycles: the SLAM node may be busy with a batch."""
+
+
+def sensor(reliability: str = "best_effort") -> QoSProfile:
+    """Return the profile of a sensor subscription; best effort matches every publisher."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=SENSOR_DEPTH,
+        reliability=ReliabilityPolicy[reliability.upper()],
+        durability=DurabilityPolicy.VOLATILE,
+    )
+
+
+def latched() -> QoSProfile:
+    """Return the profile of maps, planes and markers: a late viewer gets the newest."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=1,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+
+
+def static_transforms() -> QoSProfile:
+    """Return the profile of /tf_static: everything that its publishers have latched."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=SENSOR_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+
+
+def hand_over() -> QoSProfile:
+    """Return the profile of the hand-over between the two nodes: nothing is lost."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=HAND_OVER_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.VOLATILE,
+    )
+
+
+def subscription_events(topic: str, warn: Callable[[str], object]) -> SubscriptionEventCallbacks:
+    """Return callbacks that name a publisher whose offer does not meet our request."""
+
+    def incompatible(info: QoSRequestedIncompatibleQoSInfo) -> None:
+        warn(
+            f"a publisher of '{topic}' offers an incompatible {_policy(info)}: nothing will arrive "
+            f"from it; {ADVICE.get(_policy(info), 'change the publisher')}"
+        )
+
+    return SubscriptionEventCallbacks(incompatible_qos=incompatible)
+
+
+def publisher_events(topic: str, warn: Callable[[str], object]) -> PublisherEventCallbacks:
+    """Return callbacks that name a subscriber whose request our offer does not meet."""
+
+    def incompatible(info: QoSOfferedIncompatibleQoSInfo) -> None:
+        warn(f"a subscriber of '{topic}' asks for an incompatible {_policy(info)}: it gets nothing")
+
+    return PublisherEventCallbacks(incompatible_qos=incompatible)
+
+
+def _policy(
+    info: QoSRequestedIncompatibleQoSInfo | QoSOfferedIncompatibleQoSInfo,
+) -> str:
+    name = str(getattr(info.last_policy_kind, "name", info.last_policy_kind))
+    return name.lower().removeprefix("rmw_qos_policy_")

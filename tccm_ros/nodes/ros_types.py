@@ -1,0 +1,47 @@
+"""Message classes of the ROS installation: what live nodes publish and receive."""
+
+from __future__ import annotations
+
+from array import array
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
+
+__all__ = ["RosidlMessages", "message_class"]
+
+_TYPE_CODES = {np.dtype(code): code for code in ("b", "B", "h", "H", "i", "I", "q", "Q", "f", "d")}
+
+
+@cache
+def message_class(msgtype: str) -> Any:
+    """Return the class of a type such as ``sensor_msgs/msg/LaserScan``.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        Where its package is not installed (tf2_msgs may be missing).
+    """
+    package, _, name = msgtype.split("/")
+    return getattr(import_module(f"{package}.msg"), name)
+
+
+class RosidlMessages:
+    """The `MessageTypes` of live nodes; bulk fields are array.array, which rosidl does not copy."""
+
+    def make(self, msgtype: str, /, **fields: Any) -> Any:
+        """Return a message; fields that are not given are rosidl's defaults."""
+        return message_class(msgtype)(**fields)
+
+    def array(self, dtype: DTypeLike, values: ArrayLike) -> Any:
+        """Return the value of a sequence field of numbers."""
+        kind = np.dtype(dtype)
+        result = array(_TYPE_CODES[kind])
+        result.frombytes(np.ascontiguousarray(values, kind).tobytes())
+        return result
+
+    def octet(self, value: int) -> Any:
+        """Return the value of a ``byte`` field."""
+        return bytes([value])

@@ -1,0 +1,64 @@
+"""Run a node until it is told to stop: exit status 0, nothing half-written."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+
+from tccm_ros.errors import TccmError, one_line
+
+__all__ = ["run"]
+
+RCLError = rclpy_implementation.RCLError
+
+
+def run(*factories: Callable[[], Node]) -> None:
+    """Spin the nodes in one executor until SIGINT, SIGTERM or an error that one line explains.
+
+    Parameters
+    ----------
+    factories
+        Make the nodes, after rclpy is initialised. A node with a `close` method has it called
+        before it is destroyed; nodes that all have `is_done` end the run.
+    """
+    status = 0
+    nodes: list[Node] = []
+    with suppress(KeyboardInterrupt, ExternalShutdownException):
+        rclpy.init()
+        try:
+            nodes.extend(factory() for factory in factories)
+            _spin(nodes)
+        except TccmError as error:
+            print(f"tccm: {one_line(error)}", file=sys.stderr)
+            status = 1
+    _close(nodes)
+    rclpy.try_shutdown()
+    sys.exit(status)
+
+
+def _spin(nodes: Sequence[Node]) -> None:
+    # The multi-threaded executor takes 0.5 ms more for each callback and gains nothing here.
+    executor = SingleThreadedExecutor()
+    for node in nodes:
+        executor.add_node(node)
+    while executor.context.ok() and not all(getattr(node, "is_done", False) for node in nodes):
+        try:
+            executor.spin_once(timeout_sec=1.0)
+        except RCLError:
+            # A signal shuts the context down at any moment, also while a callback publishes.
+            if executor.context.ok():
+                raise
+
+
+def _close(nodes: Sequence[Node]) -> None:
+    for node in nodes:
+        with suppress(KeyboardInterrupt, ExternalShutdownException):
+            if hasattr(node, "close"):
+                node.close()
+            node.destroy_node()

@@ -1,0 +1,255 @@
+"""slam_node: where the robot is, the walls, and the merged map of surfaces, live."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from std_srvs.srv import Trigger
+
+from tccm_ros.errors import MapError
+from tccm_ros.io.occupancy import occupancy_grid
+from tccm_ros.messages import surface_cloud_from_message, view_from_message
+from tccm_ros.messages.results import grid_message
+from tccm_ros.nodes.clock import steady_timer
+from tccm_ros.nodes.collision import CollisionObjects
+from tccm_ros.nodes.live_pose import LivePosePublisher
+from tccm_ros.nodes.map_folder import read_map, write_map
+from tccm_ros.nodes.outputs import Outputs
+from tccm_ros.nodes.qos import hand_over, latched, sensor
+from tccm_ros.nodes.run import run
+from tccm_ros.nodes.sensor_node import CLOUD, LASER_SCAN, SensorNode, is_latched
+from tccm_ros.nodes.warm_up import warm_up_slam
+from tccm_ros.publications import SOLUTION_TOPICS, Publication, SolutionPublications
+from tccm_ros.records import Scan, ScanPose, SurfaceCloud
+from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
+from tccm_ros.sync import Synchroniser
+
+__all__ = ["SlamNode", "main"]
+
+HAND_OVER = {"tccm/surfaces": surface_cloud_from_message, "tccm/view": view_from_message}
+"""What the TCCM node hands over: a pair for each tilt cycle, so silence is no problem."""
+
+GRID, GRID_TOPIC = "nav_msgs/msg/OccupancyGrid", "map"
+"""For navigation, latched; saved as map.pgm and map.yaml."""
+
+SOLVE_PERIOD_S = 2.0
+"""The map is solved anew at most this often."""
+
+SOLVE_SHARE = 0.1
+"""Share of the time that solving may take: a long solution is made less often."""
+
+KEYFRAMES_PER_SOLVE = 5
+"""Without a new view the map is solved anew after so many keyframes."""
+
+
+class SlamNode(SensorNode):
+    """Feeds the SLAM processor; publishes poses as scans come and the map now and then."""
+
+    def __init__(self, **kwargs: Any):
+        super().__init__("surface_slam", **kwargs)
+        warm_up_slam(self.config)
+        self.processor = SurfaceSlam(self.config)
+        self.newest_ns = 0
+        self._dropped_before: Counter[str] = Counter()
+        self._unsolved: Counter[str] = Counter()
+        self._next_solve_s = 0.0
+        self._shown_ns = -1
+        self._has_tilt_scan = False
+        self.live = LivePosePublisher(self, self.types, self.config)
+        self._publications = SolutionPublications(self.types, self.live.map_frame)
+        topics = {**SOLUTION_TOPICS, GRID_TOPIC: GRID}
+        profiles = dict.fromkeys(topics, latched())
+        self._outputs = Outputs(self, topics, profiles, self.worker.post, shared=(GRID_TOPIC,))
+        self._boxes = CollisionObjects(self, self.types, self.live.map_frame)
+        self.listen("scan", is_needed=False)
+        self._listen_to_tccm()
+        self.create_service(Trigger, "~/save_map", self._on_save_map)
+        self.create_service(Trigger, "~/load_map", self._on_load_map)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self._start_autosave()
+        self.start_diagnostics()
+
+    def _listen_to_tccm(self) -> None:
+        for topic, convert in HAND_OVER.items():
+            self.subscribe(CLOUD, topic, convert, qos=hand_over(), watch="event", is_measured=False)
+        # Of the tilting laser only the stamps count: those of the trajectory, where there is no
+        # level laser. They are read from the serialised message.
+        self.inputs.subscribe(
+            LASER_SCAN,
+            "tilt_scan",
+            self._on_tilt_scan,
+            sensor(self.config.qos.reliability),
+            watch="event",
+            raw=True,
+        )
+
+    def _start_autosave(self) -> None:
+        minutes = self.config.save.autosave_minutes
+        if minutes > 0:
+            steady_timer(self, 60.0 * minutes, self._autosave)
+
+    def _autosave(self) -> None:
+        self.worker.post(self._save_where_set)
+
+    @property
+    def synchroniser(self) -> Synchroniser:
+        """What gives the scans their poses."""
+        return self.processor.sync
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Scans that were not used, by reason."""
+        return self._dropped_before + self.processor.dropped
+
+    # --- intake ---
+
+    def take(self, record: Any) -> None:
+        """Queue a record for the worker."""
+        if isinstance(record, Scan):
+            self.live.note_scan(record.stamp_ns)
+        super().take(record)
+
+    def _on_tilt_scan(self, data: bytes) -> None:
+        if self.config.qos.stamp == "header" and not self.processor.counts["level scans"]:
+            stamp_ns, self._has_tilt_scan = raw_stamp_ns(data), True
+            self.worker.offer(lambda: self.processor.add_pose_stamp(stamp_ns), is_droppable=True)
+
+    def close(self) -> None:
+        """Finish what waits; save, if asked to."""
+        if self.config.save.on_shutdown:
+            self.worker.wait(self._save_where_set)
+        super().close()
+
+    # --- in the worker ---
+
+    def feed(self, record: Any) -> None:
+        """Give one record to the processor; publish poses, and a solution when it is due."""
+        if not is_latched(record):
+            self.newest_ns = max(self.newest_ns, getattr(record, "stamp_ns", 0))
+        resets = self.processor.counts["resets"]
+        poses = self.processor.add(record)
+        if self.processor.counts["resets"] != resets:
+            self._forget()
+        self._unsolved["clouds"] += isinstance(record, SurfaceCloud)
+        self._show_poses(poses)
+        if self.worker.backlog == 0:
+            self._solve_when_due()
+
+    def _show_poses(self, poses: Iterable[ScanPose]) -> None:
+        self._unsolved["keyframes"] += sum(pose.keyframe >= 0 for pose in poses)
+        live = self.processor.current_pose()
+        has_scan = self.processor.counts["level scans"] or self._has_tilt_scan
+        if has_scan and live.stamp_ns > self._shown_ns:
+            self._shown_ns = live.stamp_ns
+            self.live.odom_frame = self.synchroniser.motion.odom_frame
+            self.live.show(live)
+
+    def _solve_when_due(self) -> None:
+        new = self._unsolved
+        if not (new["clouds"] or new["keyframes"] >= KEYFRAMES_PER_SOLVE):
+            return
+        start = time.monotonic()
+        if start < self._next_solve_s or self._waits_for_scan:
+            return
+        self._show(self.processor.solve(every_covariance=False))
+        took = time.monotonic() - start
+        self._next_solve_s = start + max(SOLVE_PERIOD_S, took / SOLVE_SHARE)
+
+    @property
+    def _waits_for_scan(self) -> bool:
+        """Whether nothing places this session in the map that was loaded yet."""
+        return bool(self.processor.saved_keyframes) and not self.processor.counts["level scans"]
+
+    def _show(self, solution: SurfaceSolution) -> None:
+        self._unsolved.clear()
+        self.live.note_solution(solution)
+        self._outputs.publish(self._publications.of(solution, self.newest_ns))
+        self._outputs.publish([Publication(GRID_TOPIC, GRID, self._grid)])
+        self._boxes.publish(solution.surfaces, self.newest_ns)
+
+    def _grid(self) -> Any:
+        """Return the level scans as a nav_msgs/OccupancyGrid; empty without a level laser."""
+        grid = occupancy_grid(self.processor.walls.state())
+        cells, size, origin = np.zeros((0, 0), np.int8), 0.05, np.eye(4)
+        if grid is not None:
+            cells, size, origin[:2, 3] = grid.cells, grid.resolution, grid.origin
+        return grid_message(self.types, self.newest_ns, self.live.map_frame, cells, size, origin)
+
+    def _save_where_set(self) -> None:
+        self.save(self.save_folder())
+
+    def save(self, folder: Path) -> None:
+        """Solve with all that has come, as at the end of a bag, and write the map."""
+        self.processor.finish()
+        if self._waits_for_scan:
+            raise MapError("no level scan since the map was loaded: there is nothing new to save")
+        solution = self.processor.solve()
+        self._show(solution)
+        write_map(folder, self.processor, solution, self.live.map_frame)
+
+    def load(self, folder: Path) -> None:
+        """Go on with a saved map; what was mapped since the start is forgotten."""
+        saved = read_map(folder)
+        self._begin_with(SurfaceSlam.from_saved(self.config, saved))
+        self.live.is_localised = not saved.views or bool(self.processor.saved_keyframes)
+        self.feed_known()
+        self._show(self.processor.solve())
+
+    def begin(self) -> None:
+        """Forget everything."""
+        self._begin_with(SurfaceSlam(self.config))
+        self.live.is_localised = True
+
+    def _begin_with(self, processor: SurfaceSlam) -> None:
+        self._dropped_before = self.dropped
+        self.processor = processor
+        self._forget()
+
+    def _forget(self) -> None:
+        self.live.forget()
+        self._shown_ns = -1
+        self._has_tilt_scan = False
+        self.newest_ns = 0
+        self._unsolved.clear()
+
+    # --- services ---
+
+    async def _on_save_map(self, _: Trigger.Request, response: Trigger.Response) -> Any:
+        folder = self.save_folder()
+        return await self.answer(lambda: self.save(folder), response, str(folder))
+
+    async def _on_load_map(self, _: Trigger.Request, response: Trigger.Response) -> Any:
+        folder = self.save_folder()
+        return await self.answer(lambda: self.load(folder), response, str(folder))
+
+    async def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Any:
+        return await self.answer(self.begin_anew, response)
+
+    # --- diagnostics ---
+
+    def problems(self) -> Iterable[str]:
+        """Return whether the robot does not know where it is in its map."""
+        if not self.live.is_localised:
+            yield "not yet found in the map that was loaded: map -> odom is not published; drive on"
+
+    def values(self) -> Mapping[str, object]:
+        """Return what has come of the input."""
+        return dict(self.processor.counts)
+
+
+def raw_stamp_ns(data: bytes) -> int:
+    """Return the header stamp of a serialised message (CDR), ns."""
+    order = "<" if data[1] & 1 else ">"
+    sec, nanosec = struct.unpack_from(f"{order}iI", data, 4)
+    return int(sec) * 1_000_000_000 + int(nanosec)
+
+
+def main() -> None:
+    """Run the node until it is told to stop."""
+    run(SlamNode)

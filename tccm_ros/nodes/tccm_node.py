@@ -1,0 +1,136 @@
+"""tccm_node: planes, objects and the hand-over of each tilt cycle, live."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from std_srvs.srv import SetBool, Trigger
+
+from tccm_ros.calibrate.rig_check import RigCheck
+from tccm_ros.io.exports import cuboids_archive
+from tccm_ros.io.folder import output_folder
+from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
+from tccm_ros.nodes.outputs import Outputs
+from tccm_ros.nodes.qos import hand_over, latched
+from tccm_ros.nodes.run import run
+from tccm_ros.nodes.sensor_node import SensorNode, is_latched
+from tccm_ros.nodes.warm_up import warm_up_tccm
+from tccm_ros.publications import CYCLE_TOPICS, HAND_OVER_TOPICS, CyclePublications
+from tccm_ros.sync import Synchroniser
+
+__all__ = ["TccmNode", "main"]
+
+
+class TccmNode(SensorNode):
+    """Feeds the TCCM processor and publishes what each cycle gives."""
+
+    def __init__(self, **kwargs: Any):
+        super().__init__("tccm", **kwargs)
+        warm_up_tccm(self.config)
+        self.processor = TccmProcessor(self.config)
+        self.is_paused = False
+        self._frame_id = self.config.frames.prefix + self.config.frames.odom
+        self._rig_check = RigCheck()
+        self._rig_problems: tuple[str, ...] = ()
+        self._publications = CyclePublications(self.types, self.config)
+        profiles = {
+            topic: hand_over() if topic in HAND_OVER_TOPICS else latched() for topic in CYCLE_TOPICS
+        }
+        self._outputs = Outputs(
+            self, CYCLE_TOPICS, profiles, self.worker.post, always=HAND_OVER_TOPICS
+        )
+        self.listen("tilt_scan")
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(Trigger, "~/save_map", self._on_save_map)
+        self.create_service(Trigger, "~/take_view", self._on_take_view)
+        self.create_service(SetBool, "~/pause", self._on_pause)
+        self.start_diagnostics()
+
+    @property
+    def synchroniser(self) -> Synchroniser:
+        """What gives the scans their poses."""
+        return self.processor.synchroniser
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Scans that were not used, by reason."""
+        return self.processor.dropped
+
+    # --- intake ---
+
+    def take(self, record: Any) -> None:
+        """Queue a record; while paused, only what is sent only once is taken.
+
+        Joints stand still with the scans: sweeps that nobody looks at would age the map.
+        """
+        if not self.is_paused or is_latched(record):
+            super().take(record)
+
+    def close(self) -> None:
+        """Finish what waits; save, if asked to."""
+        if self.config.save.on_shutdown:
+            self.worker.wait(lambda: self.save(self.save_folder()))
+        super().close()
+
+    # --- in the worker ---
+
+    def feed(self, record: Any) -> None:
+        """Give one record to the processor and publish the cycles that it completes."""
+        self._publish(self.processor.add(record))
+
+    def begin(self) -> None:
+        """Forget the map and the robot."""
+        self.processor.reset()
+        self._rig_check.clear()
+        self._rig_problems = ()
+
+    def save(self, folder: Path) -> None:
+        """Close the open sweep and write cuboids.npz."""
+        self._publish(self.processor.finish())
+        archive = cuboids_archive(self.processor.map.cuboids(), self.config, self._frame_id)
+        with output_folder(folder) as made:
+            (made / "cuboids.npz").write_bytes(archive)
+
+    def _publish(self, results: Iterable[CycleResult]) -> None:
+        for result in results:
+            self._outputs.publish(self._publications.of(result, self.processor.map.cuboids))
+            self._frame_id = result.frame_id
+            self._rig_check.add(result)
+            self._rig_problems = tuple(self._rig_check.problems())
+
+    # --- services ---
+
+    async def _on_save_map(self, _: Trigger.Request, response: Trigger.Response) -> Any:
+        folder = self.save_folder()
+        return await self.answer(lambda: self.save(folder), response, str(folder))
+
+    async def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Any:
+        return await self.answer(self.begin_anew, response)
+
+    def _on_take_view(self, _: Trigger.Request, response: Trigger.Response) -> Any:
+        self.worker.post(lambda: self.processor.take_view())
+        response.success, response.message = True, "the view is taken when the sweep ends"
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> Any:
+        self.is_paused = request.data
+        response.success = True
+        return response
+
+    # --- diagnostics ---
+
+    def problems(self) -> Iterable[str]:
+        """Return what is wrong with the records, and with the rig as the floor shows it."""
+        return [*super().problems(), *self._rig_problems]
+
+    def values(self) -> Mapping[str, object]:
+        """Return cycles and scans used, and whether the node is paused."""
+        return {**dict(self.processor.counts), "paused": self.is_paused}
+
+
+def main() -> None:
+    """Run the node until it is told to stop."""
+    run(TccmNode)

@@ -1,0 +1,96 @@
+"""A thread that owns a processor, so that a long step never blocks the intake of messages."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from rclpy.node import Node
+from rclpy.task import Future
+
+from tccm_ros.nodes.qos import SENSOR_DEPTH
+
+__all__ = ["Worker"]
+
+Result = TypeVar("Result")
+
+BACKLOG = 10 * SENSOR_DEPTH
+"""Jobs that wait before scans are dropped: 10 s of a laser, joints and odometry."""
+
+CEILING = 10 * BACKLOG
+"""Jobs that wait before anything is dropped: memory stays bounded whatever comes in."""
+
+
+class Worker:
+    """Runs jobs one after the other in a daemon thread.
+
+    Parameters
+    ----------
+    name
+        Of the thread.
+    on_error
+        Called in the thread with what a job raised; the worker goes on.
+    """
+
+    def __init__(self, name: str, on_error: Callable[[Exception], None]):
+        self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._on_error = on_error
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    @property
+    def backlog(self) -> int:
+        """Jobs that wait."""
+        return self._jobs.qsize()
+
+    def post(self, job: Callable[[], None]) -> None:
+        """Queue a job that is never dropped: there are few of these."""
+        self._jobs.put(job)
+
+    def offer(self, job: Callable[[], None], *, is_droppable: bool = False) -> bool:
+        """Queue a job; return False where the queue is full: earlier for a droppable one."""
+        if self._jobs.qsize() >= (BACKLOG if is_droppable else CEILING):
+            return False
+        self._jobs.put(job)
+        return True
+
+    def call(self, job: Callable[[], Result], node: Node) -> Future:
+        """Queue a job whose result a service callback of a node awaits."""
+        future: Future = Future(executor=node.executor)
+
+        def run() -> None:
+            try:
+                future.set_result(job())
+            except Exception as error:
+                future.set_exception(error)
+
+        self._jobs.put(run)
+        return future
+
+    def wait(self, job: Callable[[], Any]) -> None:
+        """Run a job after all that wait and return when it is done (not from the thread itself)."""
+        done = threading.Event()
+
+        def run() -> None:
+            try:
+                job()
+            finally:
+                done.set()
+
+        self._jobs.put(run)
+        while not done.wait(0.1) and self._thread.is_alive():
+            pass
+
+    def close(self) -> None:
+        """Finish what waits and end the thread."""
+        self._jobs.put(None)
+        self._thread.join()
+
+    def _run(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            try:
+                job()
+            except Exception as error:
+                self._on_error(error)

@@ -1,0 +1,340 @@
+import os
+from collections import Counter
+
+import numpy as np
+import pytest
+import yaml
+import zstandard
+from mcap.writer import CompressionType, IndexType, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from sample_bags import (
+    JOINTS,
+    SCAN,
+    START,
+    STRING,
+    TYPES,
+    expected_records,
+    sample_messages,
+    write_sample,
+)
+from shared_data import shared
+
+from tccm_ros.errors import BagError, TopicError
+from tccm_ros.io.bag_writer import BagWriter
+from tccm_ros.io.bags import DEFAULT_TOPICS, BagReader, remap_topics
+from tccm_ros.io.offered_qos import Qos
+
+
+def summary(records):
+    """Return comparable records: role, log time, and the numbers in them."""
+    result = []
+    for role, log_ns, record in records:
+        fields = [getattr(record, name) for name in record.__slots__]
+        flat = [f.tolist() if isinstance(f, np.ndarray) else f for f in fields]
+        result.append((role, log_ns, flat))
+    return result
+
+
+def read(path, topics=DEFAULT_TOPICS):
+    with BagReader(path) as bag:
+        return summary(bag.records(topics))
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """Return the records of the sample, read from the simplest bag."""
+    return read(write_sample(tmp_path_factory.mktemp("reference") / "bag"))
+
+
+def rosbags_bag(path, plugin, mode=None):
+    writer = RosbagsWriter(path, version=9, storage_plugin=plugin)
+    if mode is not None:
+        writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connections = {}
+        for topic, msgtype, stamp, message in sample_messages():
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, msgtype, typestore=TYPES._store)
+            writer.write(connections[topic], stamp, TYPES.serialize(msgtype, message))
+    return path
+
+
+def mcap_bag(path, messages, **options):
+    with path.open("wb") as stream:
+        writer = Writer(stream, **options)
+        writer.start("ros2")
+        channels = {}
+        for topic, msgtype, stamp, message in messages:
+            if topic not in channels:
+                schema = writer.register_schema(
+                    msgtype, "ros2msg", TYPES.definition(msgtype).encode()
+                )
+                channels[topic] = writer.register_channel(topic, "cdr", schema)
+            data = bytes(TYPES.serialize(msgtype, message))
+            writer.add_message(channels[topic], stamp, data, stamp)
+        writer.finish()
+    return path
+
+
+def test_records_in_log_order(reference):
+    assert Counter(role for role, _, _ in reference) == expected_records()
+    times = [log_ns for _, log_ns, _ in reference]
+    assert times == sorted(times)
+    roles = [role for role, _, _ in reference]
+    assert roles[:6] == [
+        "robot_description", "tf_static", "tf_static", "odom", "joint_states", "tilt_scan",
+    ]  # fmt: skip
+
+
+def test_topics_and_times(tmp_path):
+    with BagReader(write_sample(tmp_path / "bag")) as bag:
+        infos = {t.name: (t.msgtype, t.count) for t in bag.topics()}
+        assert infos["/joint_states"] == (JOINTS, 20)
+        assert list(infos) == sorted(infos)
+        assert (bag.start_ns, bag.end_ns) == (START, START + 19 * 20_000_000 + 2000)
+        assert bag.duration == pytest.approx(0.380002)
+
+
+@pytest.mark.parametrize("mode", [None, CompressionMode.FILE, CompressionMode.MESSAGE])
+@pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+@pytest.mark.parametrize("with_metadata", [True, False])
+def test_bags_of_other_writers(tmp_path, reference, plugin, mode, with_metadata):
+    bag = rosbags_bag(tmp_path / "bag", plugin, mode)
+    if not with_metadata:
+        (bag / "metadata.yaml").unlink()
+    assert read(bag) == reference
+    (file,) = [p for p in bag.iterdir() if p.name != "metadata.yaml"]
+    assert read(file) == reference
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"compression": CompressionType.LZ4, "chunk_size": 500},
+        {"compression": CompressionType.NONE, "chunk_size": 500},
+        {"use_chunking": False},
+        {"use_chunking": False, "use_statistics": False},
+        {"index_types": IndexType.NONE, "chunk_size": 500},
+        {"use_statistics": False, "chunk_size": 500},
+        {"repeat_channels": False, "repeat_schemas": False},
+        {"enable_crcs": False},
+    ],
+)
+def test_every_way_to_write_mcap(tmp_path, reference, options):
+    bag = mcap_bag(tmp_path / "bag.mcap", sample_messages(), **options)
+    assert read(bag) == reference
+    with BagReader(bag) as reader:
+        assert sum(t.count for t in reader.topics()) == 62
+        assert reader.start_ns == START
+
+
+def test_chunks_that_overlap_are_read_in_log_order(tmp_path, reference):
+    messages = sample_messages()
+    shuffled = [messages[k] for k in np.random.default_rng(1).permutation(len(messages))]
+    bag = mcap_bag(tmp_path / "bag.mcap", shuffled, chunk_size=400)
+    times = [log_ns for _, log_ns, _ in read(bag)]
+    assert times == sorted(times)
+    assert sorted(map(repr, read(bag))) == sorted(map(repr, reference))
+
+
+def write_splits(folder, parts, names):
+    folder.mkdir()
+    messages = sample_messages()
+    for k, name in enumerate(names):
+        mcap_bag(folder / name, messages[k::parts] if parts < 0 else messages[
+            k * len(messages) // parts : (k + 1) * len(messages) // parts])  # fmt: skip
+    return folder
+
+
+def test_splits_are_one_bag_in_any_order_of_names(tmp_path, reference):
+    assert read(write_splits(tmp_path / "a", 3, ["b_0.mcap", "b_1.mcap", "b_2.mcap"])) == reference
+    assert read(write_splits(tmp_path / "b", 3, ["z.mcap", "y.mcap", "x.mcap"])) == reference
+
+
+def test_a_missing_split_is_named(tmp_path):
+    folder = write_splits(tmp_path / "a", 2, ["b_0.mcap", "b_1.mcap"])
+    metadata = {"rosbag2_bagfile_information": {"relative_file_paths": ["b_0.mcap", "b_9.mcap"]}}
+    (folder / "metadata.yaml").write_text(yaml.safe_dump(metadata))
+    with pytest.raises(BagError, match=r"b_9\.mcap, which is not there"):
+        BagReader(folder)
+
+
+def test_metadata_cannot_point_outside_of_its_folder(tmp_path):
+    folder = write_splits(tmp_path / "a", 1, ["b_0.mcap"])
+    metadata = {"rosbag2_bagfile_information": {"relative_file_paths": ["../../etc/passwd"]}}
+    (folder / "metadata.yaml").write_text(yaml.safe_dump(metadata))
+    with pytest.raises(BagError, match="passwd, which is not there"):
+        BagReader(folder)
+
+
+def test_remapped_topics(tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.write("/base_scan", SCAN, START, TYPES.make(SCAN))
+    topics = remap_topics(["scan:=base_scan", "/tilt_scan:=/base_scan"])
+    assert [role for role, _, _ in read(tmp_path / "bag", topics)] == ["tilt_scan", "scan"]
+    assert read(tmp_path / "bag") == []
+
+
+@pytest.mark.parametrize("remap", ["scan=/x", "scan:=", "scann:=/x"])
+def test_remappings_that_mean_nothing(remap):
+    with pytest.raises(TopicError):
+        remap_topics([remap])
+
+
+def test_unknown_role_names_the_nearest():
+    with pytest.raises(TopicError, match="did you mean 'scan'"):
+        remap_topics(["scann:=/x"])
+
+
+def test_another_type_on_a_topic_names_both(tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.write("/scan", STRING, START, TYPES.make(STRING))
+    with (
+        BagReader(tmp_path / "bag") as bag,
+        pytest.raises(TopicError, match=r"/scan is std_msgs.*expected sensor_msgs/msg/LaserScan"),
+    ):
+        next(bag.records())
+
+
+def test_a_missing_topic_names_those_of_its_type(tmp_path):
+    with BagReader(write_sample(tmp_path / "bag", n=2)) as bag:
+        assert "of this type there are: /tilt_scan" in bag.missing("scan", "/scan")
+        assert "there are: /joint_states" in bag.missing("view", "/tccm/view")
+
+
+def test_messages_that_cannot_be_used_are_counted(tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.write("/odom", "nav_msgs/msg/Odometry", START, b"\0\1\0\0garbage")
+        writer.write("/tilt_scan", SCAN, START, TYPES.make(SCAN, angle_min=float("nan")))
+        writer.write("/tilt_scan", SCAN, START + 1, TYPES.make(SCAN))
+    with BagReader(tmp_path / "bag") as bag:
+        assert [role for role, _, _ in bag.records()] == ["tilt_scan"]
+        assert bag.dropped == {"/odom": 1, "/tilt_scan": 1}
+        assert "not numbers" in bag.problems["/tilt_scan"]
+
+
+def test_offered_qos_is_kept(tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/scan", SCAN, Qos(reliable=False, depth=7))
+        writer.write("/scan", SCAN, START, TYPES.make(SCAN))
+        writer.write("/tf_static", "tf2_msgs/msg/TFMessage", START,
+                     TYPES.make("tf2_msgs/msg/TFMessage"))  # fmt: skip
+    with BagReader(tmp_path / "bag") as bag:
+        assert bag.qos("/scan") == Qos(reliable=False, depth=7)
+        assert bag.qos("/tf_static") == Qos(latched=True, depth=1)
+        assert bag.qos("/robot_description") == Qos(latched=True, depth=1)
+
+
+def test_other_serialisations_are_refused(tmp_path):
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros1")
+        schema = writer.register_schema(SCAN, "ros1msg", b"")
+        writer.add_message(writer.register_channel("/scan", "ros1", schema), 1, b"x", 1)
+        writer.finish()
+    with BagReader(path) as bag, pytest.raises(TopicError, match="'ros1', expected cdr"):
+        next(bag.records())
+
+
+def damaged(path, name):
+    """Make a path that is no bag, in one of many ways."""
+    good = write_sample(path / "good.mcap").read_bytes()
+    bag = path / "bag.mcap"
+    if name == "absent":
+        return path / "nothing"
+    if name == "empty folder":
+        (path / "folder").mkdir()
+        return path / "folder"
+    content = {
+        "empty file": b"",
+        "garbage": bytes(range(256)) * 20,
+        "ros 1": b"#ROSBAG V2.0\n" + bytes(100),
+        "magic alone": good[:8],
+        "cut in half": good[: len(good) // 2],
+        "cut by a byte": good[:-1],
+        "sqlite header alone": b"SQLite format 3\0",
+        "zstd of nothing": zstandard.compress(b""),
+        "zstd of garbage": zstandard.compress(b"garbage"),
+    }[name]
+    bag.write_bytes(content)
+    return bag
+
+
+@pytest.mark.parametrize(
+    ("name", "cause"),
+    [
+        ("absent", "no such bag"),
+        ("empty folder", "no bag in this folder"),
+        ("empty file", "empty"),
+        ("garbage", "neither mcap nor sqlite3"),
+        ("ros 1", "ROS 1 bag"),
+        ("magic alone", "cut off"),
+        ("cut in half", "cut off.*try `tccm recover`"),
+        ("cut by a byte", "cut off"),
+        ("sqlite header alone", "database"),
+        ("zstd of nothing", "empty"),
+        ("zstd of garbage", "neither mcap nor sqlite3"),
+    ],
+)
+def test_what_is_no_bag_is_named_with_its_cause(tmp_path, name, cause):
+    path = damaged(tmp_path, name)
+    with pytest.raises(BagError, match=cause) as caught:
+        BagReader(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_a_bag_that_may_not_be_read(tmp_path):
+    bag = write_sample(tmp_path / "bag.mcap", n=1)
+    bag.chmod(0)
+    with pytest.raises(BagError, match="Permission denied"):
+        BagReader(bag)
+
+
+def test_damage_halfway_ends_the_reading_after_the_good_part(tmp_path):
+    bag = mcap_bag(tmp_path / "bag.mcap", sample_messages(200), chunk_size=4000)
+    data = bytearray(bag.read_bytes())
+    data[len(data) // 2] ^= 0x40
+    bag.write_bytes(data)
+    got = []
+    with BagReader(bag) as reader, pytest.raises(BagError, match="try `tccm recover`"):
+        got.extend(reader.records())
+    assert 200 < len(got) < 400
+
+
+def test_chunks_that_declare_gigabytes_are_refused(tmp_path):
+    bag = mcap_bag(tmp_path / "bag.mcap", sample_messages(3), compression=CompressionType.NONE,
+                   enable_crcs=False)  # fmt: skip
+    data = bytearray(bag.read_bytes())
+    chunk = data.index(b"\x06", 8 + 9 + 10)
+    data[chunk + 9 + 16 : chunk + 9 + 24] = (2**40).to_bytes(8, "little")
+    bag.write_bytes(data)
+    with BagReader(bag) as reader, pytest.raises(BagError, match="declares"):
+        list(reader.records())
+
+
+def test_metadata_that_is_no_metadata(tmp_path):
+    bag = write_sample(tmp_path / "bag", n=1)
+    (bag / "metadata.yaml").write_text("- 1\n")
+    with pytest.raises(BagError, match=r"metadata\.yaml.*without this file"):
+        BagReader(bag)
+
+
+def test_yaml_cannot_run_code(tmp_path):
+    bag = write_sample(tmp_path / "bag", n=1)
+    (bag / "metadata.yaml").write_text("!!python/object/apply:os.system ['touch hacked']\n")
+    with pytest.raises(BagError):
+        BagReader(bag)
+    assert not os.path.exists("hacked")
+
+
+@pytest.mark.parametrize("name", ["sim2_flat", "kurt3d_corridor", "dlut_A605"])
+def test_recordings_are_read(name):
+    with BagReader(shared(f"bags/{name}")) as bag:
+        counts = Counter(role for role, _, _ in bag.records())
+        topics = {t.name: t.count for t in bag.topics()}
+    assert counts["tilt_scan"] == topics["/tilt_scan"] > 0
+    assert not bag.dropped

@@ -1,0 +1,306 @@
+"""The TCCM processor on a ray-cast room: planes, hand-over, forgetting, arrival order."""
+
+import itertools
+import random
+from functools import cache
+
+import numpy as np
+import pytest
+from mapped_room import BOX, FLOOR, HALF_TIME, TABLE, WALL, base_at, ns, record, settings
+
+from tccm_ros.errors import ConfigError
+from tccm_ros.geometry import inverse, transform
+from tccm_ros.mapping.queries import Occupancy
+from tccm_ros.mapping.tccm import TccmProcessor
+from tccm_ros.records import JointSample, Odometry, Scan
+
+SMALL = {"map": {"window_cycles": 3}}
+
+FRONT = [1.17, 1.23, -0.05, 0.05, 0.75, 0.85]
+"""Around the front face of the box on the table."""
+
+
+@cache
+def room(seconds=4.2, drive=(0.0, 0.0)):
+    return record(seconds, lambda t: (FLOOR, WALL, TABLE, BOX), drive, noise=0.002)
+
+
+@cache
+def visitor():
+    """A table that a box leaves after the second cycle."""
+
+    def boxes(t):
+        return (FLOOR, WALL, TABLE, BOX) if t < 2 * HALF_TIME else (FLOOR, WALL, TABLE)
+
+    return record(7 * HALF_TIME, boxes, noise=0.001)
+
+
+def run(records, configuration=None, **options):
+    processor = TccmProcessor(configuration or settings(), **options)
+    results = [r for item in records for r in processor.add(item)]
+    return processor, results + processor.finish()
+
+
+def everything(result):
+    """Return all that a result says, as bytes and numbers."""
+    arrays = (
+        result.surfaces.points, result.surfaces.surface, result.view.intervals, result.part.keys,
+        result.part.bounds, result.part.moments, result.part.seen_ns, result.T_odom_base,
+    )  # fmt: skip
+    planes = [(p.id, p.kind, p.offset, p.support, p.boundary.tobytes()) for p in result.planes]
+    return (
+        [a.tobytes() for a in arrays], planes, result.cycle, result.stamp_ns, result.scans,
+        [(o.id, o.center.tobytes()) for o in result.objects],
+    )  # fmt: skip
+
+
+def test_finds_the_table_and_the_floor():
+    processor, results = run(room())
+    assert [r.cycle for r in results] == [0, 1, 2]
+    assert [r.ended_by for r in results] == ["turn"] * 3
+    for result in results:
+        heights = {round(float(p.centroid[2]), 2) for p in result.planes if p.kind == "horizontal"}
+        assert {0.0, 0.7} <= heights
+    table = next(p for p in results[-1].planes if abs(p.centroid[2] - 0.7) < 0.02)
+    # Range noise 2 mm, some hundreds of points on the plane: far below a millimetre.
+    assert float(table.centroid[2]) == pytest.approx(0.7, abs=0.001)
+    # The table is 0.96 m2; the box on it hides its own footprint and what is behind it.
+    assert 0.6 < table.area < 0.97
+    assert processor.counts["cycles"] == 3
+    assert processor.counts["scans used"] + sum(processor.dropped.values()) >= 150
+
+
+def test_cycles_are_the_sweeps_and_stamps_their_middle():
+    _, results = run(room())
+    for k, result in enumerate(results):
+        assert result.start_ns == pytest.approx(ns(k * HALF_TIME), abs=30e6)
+        assert result.stamp_ns == (result.start_ns + result.end_ns) // 2
+        assert result.surfaces.stamp_ns == result.view.stamp_ns == result.stamp_ns
+        assert result.surfaces.frame_id == result.base_frame_id == "base"
+        assert result.frame_id == "odom"
+        assert result.surfaces.points.dtype == result.view.intervals.dtype == np.float32
+
+
+def test_scans_are_split_at_the_turn_and_each_beam_is_used_once():
+    records = room()
+    _, results = run(records)
+    beams = sum(int(r.part.moments[:, 0].sum()) for r in results)
+    hits = sum(int(np.isfinite(r.ranges).sum()) for r in records if isinstance(r, Scan))
+    # All but mixed pixels.
+    assert 0.95 * hits < beams <= hits
+    for one, other in itertools.pairwise(results):
+        assert one.end_ns < other.start_ns
+        assert other.start_ns - one.end_ns < 10e6
+
+
+@pytest.mark.parametrize("drive", [(0.0, 0.0), (0.3, 0.0), (0.25, 0.3)])
+def test_hand_over_is_in_the_base_where_it_was_at_the_stamp(drive):
+    _, results = run(room(3.0, drive))
+    for result in results[:2]:
+        x, y, yaw = base_at((result.stamp_ns - ns(0)) * 1e-9, drive)
+        T = result.T_odom_base
+        assert T[:2, 3] == pytest.approx([x, y], abs=1e-3)
+        assert np.arctan2(T[1, 0], T[0, 0]) == pytest.approx(yaw, abs=1e-3)
+        points = transform(T, result.surfaces.points)
+        on_table = np.abs(points[:, 2] - 0.7) < 0.05
+        assert on_table.sum() > 100
+        # On the true table, although the robot drove a third of a metre meanwhile.
+        assert points[on_table, 0].min() > TABLE[0] - 0.02
+        assert points[on_table, 0].max() < TABLE[1] + 0.02
+        assert np.abs(points[on_table, 1]).max() < TABLE[3] + 0.02
+        assert points[on_table, 2].std() < 0.004
+        # The odometry drives 0.1 mm per sample: the speed is right within the window's jitter.
+        assert result.base_speed == pytest.approx(drive[0], abs=0.01)
+        assert result.base_turn_rate == pytest.approx(drive[1], abs=0.01)
+        assert result.is_still == (drive == (0.0, 0.0))
+
+
+def test_hand_over_has_each_point_once_and_only_of_the_newest_sweep():
+    _, results = run(room())
+    for result in results:
+        cloud = result.surfaces
+        assert len(np.unique(cloud.points, axis=0)) == len(cloud.points)
+        assert len(cloud.points) > 500
+        assert set(cloud.surface.tolist()) == set(range(int(cloud.surface.max()) + 1))
+        measured = transform(inverse(result.T_odom_base), result.part.positions())
+        known = {p.tobytes() for p in measured.astype(np.float32)}
+        assert all(p.tobytes() in known for p in cloud.points)
+        for surface in np.unique(cloud.surface):
+            assert cloud.points[cloud.surface == surface, 2].std() < 0.01
+
+
+def test_views_only_of_still_sweeps_when_asked():
+    still = settings(views={"when": "still"})
+    _, results = run(room(3.0, (0.3, 0.0)), still)
+    assert all(len(r.surfaces.points) == 0 and len(r.view.intervals) == 0 for r in results)
+    _, results = run(room(3.0), still)
+    assert all(len(r.surfaces.points) > 100 for r in results[:2])
+
+
+def test_forgets_what_left_after_n_cycles():
+    processor, there = TccmProcessor(settings(**SMALL)), {}
+    for item in visitor():
+        for result in processor.add(item):
+            box = processor.query().boxes([FRONT])[0]
+            there[result.cycle] = bool(box == Occupancy.OCCUPIED)
+    # Last seen in cycle 1, window 3: absent from M_4.
+    assert there == {0: True, 1: True, 2: True, 3: True, 4: False, 5: False}
+
+
+def test_clearing_forgets_at_once_and_keeps_the_table():
+    cleared = settings(map={"window_cycles": 3, "clear_seen_through": True})
+    processor, there = TccmProcessor(cleared), {}
+    for item in visitor():
+        for result in processor.add(item):
+            states = processor.query().boxes([FRONT, [1.0, 1.1, -0.3, 0.3, 0.68, 0.70]])
+            there[result.cycle] = tuple(states.tolist())
+    assert [there[k][0] == Occupancy.OCCUPIED for k in range(6)] == [True, True] + [False] * 4
+    assert all(table == 1 for _, table in there.values())
+    # A rebuild replays the clearing.
+    before = processor.map.pieces.tobytes()
+    assert any(len(part.void_keys) for part in processor.map.parts)
+    processor.map.rebuild()
+    assert processor.map.pieces.tobytes() == before
+
+
+def shuffled(records, most_late_ns, seed):
+    """Return the records by arrival: each topic in order, each topic late by its own jitter."""
+    rng = random.Random(seed)
+    newest, arrivals = {}, []
+    for number, item in enumerate(records):
+        kind = type(item)
+        arrival = max(item.stamp_ns + rng.randrange(most_late_ns), newest.get(kind, 0))
+        newest[kind] = arrival
+        arrivals.append((arrival, number, item))
+    return [item for _, _, item in sorted(arrivals, key=lambda a: a[:2])]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_arrival_order_does_not_show(seed):
+    _, expected = run(room())
+    _, found = run(shuffled(room(), 200_000_000, seed))
+    assert [everything(r) for r in found] == [everything(r) for r in expected]
+
+
+def test_topics_one_after_the_other_give_the_same():
+    # All joints and odometry first, then all scans: as far from live as it gets.
+    _, expected = run(room())
+    late = sorted(room(), key=lambda r: isinstance(r, Scan))
+    _, found = run(late, settings(sync_timeout=20.0))
+    assert [everything(r) for r in found] == [everything(r) for r in expected]
+
+
+def test_a_result_comes_soon_after_the_turn():
+    processor = TccmProcessor(settings())
+    for item in room():
+        for result in processor.add(item):
+            # The next scan, its bracketing samples, and the dead band of the turn.
+            assert item.stamp_ns - result.end_ns < 0.12e9
+
+
+def test_a_result_comes_although_no_scan_follows():
+    turned = ns(1.5 * HALF_TIME)
+    processor, came = TccmProcessor(settings()), []
+    for item in room():
+        if isinstance(item, Scan) and item.stamp_ns > ns(HALF_TIME - 0.1):
+            continue
+        came += [(item.stamp_ns, r) for r in processor.add(item)]
+        if item.stamp_ns > turned + 0.2e9:
+            break
+    (stamp_ns, result), = came  # fmt: skip
+    assert result.cycle == 0
+    # The timeout, and one scan.
+    assert stamp_ns - ns(HALF_TIME) < 0.6e9
+
+
+def test_a_jump_of_the_clock_begins_anew():
+    processor = TccmProcessor(settings())
+    records = room()
+    for item in records:
+        processor.add(item)
+    assert processor.map.parts
+    # The same run again, an hour earlier.
+    again = [_moved(item, -3600 * 10**9) for item in records]
+    results = [r for item in again for r in processor.add(item)] + processor.finish()
+    assert processor.counts["resets"] == 1
+    assert [r.cycle for r in results] == [3, 4, 5]
+    assert processor.map.cycles == [3, 4, 5]
+
+
+def _moved(item, by_ns):
+    if isinstance(item, Scan):
+        fields = (item.frame_id, item.angle_min, item.angle_increment, item.time_increment)
+        return Scan(item.stamp_ns + by_ns, *fields, item.range_min, item.range_max, item.ranges)
+    if isinstance(item, JointSample):
+        return JointSample(item.stamp_ns + by_ns, item.names, item.positions)
+    return Odometry(item.stamp_ns + by_ns, item.frame_id, item.child_frame_id, item.T_odom_base)
+
+
+def test_reset_begins_anew():
+    processor, first = run(room())
+    processor.reset()
+    assert processor.map.parts == []
+    second = [r for item in room() for r in processor.add(item)] + processor.finish()
+    assert [r.part.moments.tobytes() for r in second] == [r.part.moments.tobytes() for r in first]
+
+
+def test_no_tilt_samples_is_counted():
+    processor, results = run([r for r in room() if not isinstance(r, JointSample)])
+    assert results == []
+    assert sum(processor.dropped.values()) == sum(isinstance(r, Scan) for r in room())
+
+
+def test_saved_map_goes_on(tmp_path):
+    records = room()
+    half = next(i for i, r in enumerate(records) if r.stamp_ns > ns(HALF_TIME + 0.3))
+    one = TccmProcessor(settings())
+    for item in records[:half]:
+        one.add(item)
+    one.save(tmp_path / "map.npz")
+    other = TccmProcessor(settings())
+    other.load(tmp_path / "map.npz")
+    results = [r for item in records[half:] for r in other.add(item)]
+    assert other.map.cycles == [0, 1]
+    assert [r.cycle for r in results] == [1]
+
+
+def test_rebuild_under_corrected_poses():
+    kept = settings(map={"retain_points": True})
+    processor, _ = run(room(), kept)
+    before = processor.map.pieces.copy()
+    processor.rebuild(lambda stamps: np.broadcast_to(np.eye(4), (len(stamps), 4, 4)))
+    assert processor.map.pieces.tobytes() == before.tobytes()
+    lift = np.eye(4)
+    lift[2, 3], lift[0, 3] = 0.1, 1.0
+    processor.rebuild(lambda stamps: np.broadcast_to(lift, (len(stamps), 4, 4)))
+    assert processor.query().points([[2.2, 0.3, 0.79]]).tolist() == [Occupancy.OCCUPIED]
+    assert processor.map.cuboids().count.sum() > 0
+    with pytest.raises(ConfigError, match="retain_points"):
+        run(room())[0].rebuild(lambda stamps: np.eye(4))
+
+
+def test_free_space_in_front_of_the_robot():
+    processor, _ = run(room())
+    states = processor.query().points([[0.7, 0.0, 0.6], [1.3, 0.0, 0.4], [3.5, 0.0, 1.0]])
+    # Seen through; hidden under the table; behind the wall.
+    assert states.tolist() == [Occupancy.FREE, Occupancy.UNKNOWN, Occupancy.UNKNOWN]
+
+
+def test_view_intervals_are_truly_free():
+    _, results = run(room())
+    for result in results:
+        rows = result.view.intervals
+        assert len(rows) > 300
+        x, y, low, high = rows.T
+        assert (high > low).all()
+        assert low.min() > -0.05
+        # Nothing behind the wall, and nothing through the table top or the box.
+        assert x.max() - 0.05 < WALL[0] + 0.01
+        for solid in (TABLE, BOX):
+            inside = (
+                (x > solid[0] + 0.04) & (x < solid[1] - 0.04)
+                & (y > solid[2] + 0.04) & (y < solid[3] - 0.04)
+            )  # fmt: skip
+            above = high > solid[5] + 0.02
+            assert inside.any()
+            assert low[inside & above].min() > solid[5] - 0.01

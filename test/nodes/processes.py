@@ -1,0 +1,38 @@
+"""The nodes as processes of their own, as `ros2 run` starts them."""
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+
+
+@contextmanager
+def started(domain: int, module: str, *arguments: str):
+    """Start a node; whatever happens, it is gone at the end."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", f"from tccm_ros.nodes.{module} import main; main()", *arguments],
+        env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def settings(**values) -> list[str]:
+    """Return the arguments that set parameters, ``group__key``."""
+    pairs = [f"{name.replace('__', '.')}:={value}" for name, value in values.items()]
+    return ["--ros-args", *(word for pair in pairs for word in ("-p", pair))]
+
+
+def stop(process, number=signal.SIGINT, timeout: float = 60.0) -> tuple[int, str]:
+    """Send a signal; return the exit status and what was printed."""
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=timeout)
+    return process.returncode, output

@@ -1,0 +1,61 @@
+"""Inputs that give nothing are named, with what to do."""
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState, LaserScan
+
+from tccm_ros.nodes.inputs import Inputs
+from tccm_ros.nodes.qos import sensor
+
+SCAN = "sensor_msgs/msg/LaserScan"
+
+
+def watched(ros, reliability="best_effort", silence=0.0):
+    node = ros.add(Node("probe", context=ros.context))
+    inputs = Inputs(node, silence)
+    received = []
+    inputs.subscribe(SCAN, "tilt_scan", received.append, sensor(reliability))
+    return inputs, received
+
+
+def test_no_publisher_is_named(ros):
+    inputs, _ = watched(ros)
+    inputs.problems()
+    ros.spin_until(lambda: any("nobody publishes '/tilt_scan'" in p for p in inputs.problems()))
+
+
+def test_an_input_that_is_not_needed_may_be_absent(ros):
+    node = ros.add(Node("probe", context=ros.context))
+    inputs = Inputs(node, 0.0)
+    inputs.subscribe(SCAN, "extra", lambda _: None, sensor(), watch="event")
+    assert inputs.problems() == []
+    assert inputs.problems() == []
+
+
+def test_another_type_is_named(ros):
+    inputs, _ = watched(ros)
+    # One participant cannot have two types on a topic; another process can.
+    talker = Node("talker", context=ros.another_context())
+    talker.create_publisher(JointState, "tilt_scan", 10)
+    ros.spin_until(
+        lambda: any("published as sensor_msgs/msg/JointState" in p for p in inputs.problems())
+    )
+
+
+def test_an_incompatible_qos_is_named(ros):
+    inputs, _ = watched(ros, "reliable")
+    talker = ros.add(Node("talker", context=ros.context))
+    best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    talker.create_publisher(LaserScan, "tilt_scan", best_effort)
+    ros.spin_until(lambda: any("incompatible reliability" in p for p in inputs.problems()))
+
+
+def test_messages_end_the_problem(ros):
+    inputs, received = watched(ros, silence=20.0)
+    talker = ros.add(Node("talker", context=ros.context))
+    publisher = talker.create_publisher(LaserScan, "tilt_scan", 10)
+    ros.spin_until(lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(LaserScan())
+    ros.spin_until(lambda: len(received) == 1)
+    assert inputs.problems() == []
+    assert inputs.counts() == {"/tilt_scan": 1}

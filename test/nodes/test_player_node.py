@@ -1,0 +1,108 @@
+"""The player over real DDS: everything arrives, in order, with the bag's QoS and clock."""
+
+import pytest
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+from tccm_ros.errors import BagError, ConfigError
+from tccm_ros.io.bag_writer import BagWriter
+from tccm_ros.io.typestore import TypestoreMessages
+from tccm_ros.messages import joint_sample_message, robot_description_message
+from tccm_ros.nodes.player_node import PlayerNode
+from tccm_ros.records import JointSample, RobotDescription
+
+COUNT = 300
+PERIOD_NS = 10_000_000
+START_NS = 1_700_000_000_000_000_000
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    import numpy as np
+
+    types = TypestoreMessages()
+    path = tmp_path_factory.mktemp("bags") / "small"
+    with BagWriter(path) as writer:
+        model = robot_description_message(types, RobotDescription("<robot name='r'/>"))
+        writer.write("/robot_description", "std_msgs/msg/String", START_NS, model)
+        for i in range(COUNT):
+            stamp = START_NS + i * PERIOD_NS
+            sample = JointSample(stamp, ("tilt",), np.array([i * 0.01]))
+            message = joint_sample_message(types, sample)
+            writer.write("/joint_states", "sensor_msgs/msg/JointState", stamp, message)
+    return path
+
+
+def player(ros, bag, **values):
+    overrides = [Parameter("bag", value=str(bag))]
+    overrides += [Parameter(name, value=value) for name, value in values.items()]
+    return ros.add(PlayerNode(context=ros.context, parameter_overrides=overrides))
+
+
+def listener(ros):
+    node, got = ros.add(Node("listener", context=ros.context)), []
+    node.create_subscription(JointState, "joint_states", got.append, QoSProfile(depth=COUNT))
+    return node, got
+
+
+def test_all_messages_arrive_in_order_and_the_clock_runs(ros, bag):
+    node, got = listener(ros)
+    clock = []
+    node.create_subscription(Clock, "/clock", clock.append, 100)
+    playing = player(ros, bag, rate=20.0, wait_for_subscribers=20.0, topics=["/joint_states"])
+    ros.spin_until(lambda: playing.is_done and len(got) == COUNT)
+    positions = [message.position[0] for message in got]
+    assert positions == pytest.approx([i * 0.01 for i in range(COUNT)])
+    times = [c.clock.sec * 10**9 + c.clock.nanosec for c in clock]
+    assert times == sorted(times)
+    assert START_NS <= times[0] <= times[-1] <= START_NS + COUNT * PERIOD_NS
+
+
+def test_a_late_listener_gets_the_robot_description(ros, bag):
+    playing = player(ros, bag, rate=100.0)
+    ros.spin_until(lambda: playing.is_done)
+    node, got = ros.add(Node("late", context=ros.context)), []
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    node.create_subscription(String, "robot_description", got.append, latched)
+    ros.spin_until(lambda: len(got) == 1)
+    assert got[0].data == "<robot name='r'/>"
+
+
+def test_start_and_duration_cut_the_bag(ros, bag):
+    _, got = listener(ros)
+    playing = player(
+        ros, bag, rate=20.0, wait_for_subscribers=20.0, topics=["/joint_states"],
+        start=1.0, duration=0.5,
+    )  # fmt: skip
+    ros.spin_until(lambda: playing.is_done and len(got) == playing.published)
+    assert [round(m.position[0], 6) for m in got] == [round(i * 0.01, 6) for i in range(100, 151)]
+
+
+def test_pause_holds_and_loop_starts_over(ros, bag):
+    _, got = listener(ros)
+    playing = player(ros, bag, rate=50.0, loop=True, paused=True, topics=["/joint_states"])
+    client = ros.add(Node("caller", context=ros.context)).create_client(SetBool, "/player/pause")
+    ros.spin_until(client.service_is_ready)
+    assert playing.published == 0
+    future = client.call_async(SetBool.Request(data=False))
+    ros.spin_until(future.done)
+    ros.spin_until(lambda: playing.published > 2 * COUNT)
+    future = client.call_async(SetBool.Request(data=True))
+    ros.spin_until(future.done)
+    held = playing.published
+    ros.spin_until(lambda: len(got) > 0)
+    assert playing.published == held
+
+
+def test_a_bad_bag_or_rate_is_an_error_of_one_line(ros, tmp_path, bag):
+    with pytest.raises(BagError, match="nowhere"):
+        player(ros, tmp_path / "nowhere")
+    with pytest.raises(ConfigError, match="rate"):
+        player(ros, bag, rate=0.0)
+    with pytest.raises(BagError, match="no topic /absent"):
+        player(ros, bag, topics=["/absent"])

@@ -1,0 +1,139 @@
+"""Nodes as processes: signals, restarts, any order of starting, and kill -9 during a save."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import numpy as np
+import pytest
+from processes import settings, started, stop
+from robot import START_NS, Listener, recording, settle, slam
+from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import Trigger
+
+from tccm_ros.nodes.map_folder import read_map
+
+SECOND = 1_000_000_000
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_both_nodes_with_a_saved_map_and_status_0(ros, tmp_path, number):
+    folder = tmp_path / "map"
+    arguments = settings(save__directory=folder, save__on_shutdown="true")
+    with started(ros.domain, "all_in_one", *arguments) as process:
+        caller = Listener(ros).node
+        for name in ("/tccm/reset", "/surface_slam/reset"):
+            client = caller.create_client(Trigger, name)
+            ros.spin_until(client.service_is_ready, timeout=120.0, what=name)
+        status, output = stop(process, number)
+    assert status == 0, output
+    assert "Traceback" not in output
+    assert json.loads((folder / "surfaces.json").read_text())["surfaces"] == []
+    assert (folder / "cuboids.npz").exists()
+    assert [p.name for p in tmp_path.iterdir()] == ["map"]
+
+
+def test_a_bad_parameter_ends_with_one_line_and_status_1(domain):
+    with started(domain, "tccm_node", *settings(map__cell_size=1)) as process:
+        output, _ = process.communicate(timeout=120.0)
+    assert process.returncode == 1
+    assert "write 1.0" in output
+    assert "Traceback" not in output
+
+
+def test_a_killed_tccm_node_is_started_again_and_the_pair_goes_on(ros):
+    node, robot, viewer = slam(ros), ros.robot(), Listener(ros)
+    surfaces = viewer.listen(PointCloud2, "/tccm/surfaces")
+    start_ns = START_NS
+    for _ in range(2):
+        with started(ros.domain, "tccm_node", *settings(qos__reliability="reliable")) as process:
+            before, end = len(surfaces), time.monotonic() + 120.0
+            # A killed participant stays in the graph for a while: what it gives tells who is there.
+            while len(surfaces) < before + 2:
+                assert time.monotonic() < end, process.poll()
+                robot.play(recording(2, start_ns=start_ns), node)
+                start_ns += 10 * SECOND
+            process.kill()
+            process.wait()
+    settle(ros, node)
+    assert node.processor.counts["clouds"] == len(surfaces)
+    assert node.processor.counts["resets"] == 0
+
+
+def test_a_slam_node_that_starts_late_or_again_goes_on(ros):
+    robot = ros.robot()
+    first = slam(ros)
+    robot.play(recording(1), first)
+    ros.remove(first)
+    second = slam(ros)
+    robot.play(recording(1, start_ns=START_NS + 5 * SECOND), second)
+    assert second.processor.counts["level scans"] > 0
+
+
+SAVE_FOREVER = """
+    import os, sys
+    from pathlib import Path
+    sys.path.insert(0, sys.argv[1])
+    from robot import URDF, recording
+    from tccm_ros.config import Config
+    from tccm_ros.mapping.tccm import TccmProcessor
+    from tccm_ros.nodes.map_folder import write_map
+    from tccm_ros.records import RobotDescription
+    from tccm_ros.surfaces.surface_slam import SurfaceSlam
+
+    tccm, slam = TccmProcessor(Config()), SurfaceSlam(Config())
+    for processor in (tccm, slam):
+        processor.add(RobotDescription(URDF.format(p="", kind="revolute")))
+    for topic, record in recording(4):
+        if topic != "tilt_scan":
+            slam.add(record)
+        for result in tccm.add(record) if topic != "scan" else ():
+            slam.add(result.surfaces)
+            slam.add(result.view)
+    solution = slam.solve()
+    folder = Path(sys.argv[2])
+    write_map(folder, slam, solution, "map")
+    for line in sys.stdin:  # each line: save until killed
+        child = os.fork()
+        if child == 0:
+            while True:
+                write_map(folder, slam, solution, "map")
+        print(child, flush=True)
+        os.waitpid(child, 0)
+        print("gone", flush=True)
+"""
+
+
+def test_kill_9_during_a_save_loses_nothing_that_was_saved(tmp_path):
+    folder = tmp_path / "map"
+    script = textwrap.dedent(SAVE_FOREVER)
+    here = os.path.dirname(__file__)
+    with subprocess.Popen(
+        [sys.executable, "-c", script, here, str(folder)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        rng = np.random.default_rng(1)
+        for delay in rng.uniform(0.0, 0.15, 12):
+            process.stdin.write("go\n")
+            process.stdin.flush()
+            child = int(process.stdout.readline())
+            # A busy wait, not a sleep: the kill falls anywhere in a save.
+            end = os.times().elapsed + delay
+            while os.times().elapsed < end:
+                pass
+            os.kill(child, signal.SIGKILL)
+            assert process.stdout.readline() == "gone\n"
+            saved = read_map(folder)
+            assert saved.views
+            surfaces = json.loads((folder / "surfaces.json").read_text())
+            assert surfaces["surfaces"]
+            for name in ("walls.json", "graph.json"):
+                json.loads((folder / name).read_text())
+        process.stdin.close()
+        assert process.wait(60) == 0

@@ -1,0 +1,145 @@
+"""The SLAM node over DDS: tf and pose, map and grid, save, load and reset."""
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+from nav_msgs.msg import OccupancyGrid, Path
+from robot import START_NS, Listener, recording, settle, slam, tccm
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+from tccm_ros.messages import stamp_ns_from_message
+from tccm_ros.nodes.ros_types import message_class
+from tccm_ros.nodes.slam_node import raw_stamp_ns
+from tccm_ros.nodes.tf import has_tf2_msgs
+
+SECOND = 1_000_000_000
+needs_tf = pytest.mark.skipif(not has_tf2_msgs(), reason="tf2_msgs is not installed")
+
+
+def later(seconds: float) -> int:
+    return START_NS + round(seconds * SECOND)
+
+
+def trigger(ros, name):
+    client = Listener(ros, "caller").node.create_client(Trigger, name)
+    return ros.call(client, Trigger.Request())
+
+
+@needs_tf
+def test_map_to_odom_is_on_tf_from_the_first_scan_on(ros):
+    node, robot, viewer = slam(ros), ros.robot(), Listener(ros)
+    tf = viewer.listen(message_class("tf2_msgs/msg/TFMessage"), "/tf")
+    ros.spin_until(lambda: node.count_subscribers("/tf") >= 2)
+    node.live._tf.publish()
+    records = list(recording(1))
+    robot.play(((t, r) for t, r in records if "scan" not in t), node)
+    node.live._tf.publish()
+    # Pending transforms would have arrived before this pose is asked for and answered.
+    trigger(ros, "/surface_slam/save_map")
+    assert node.processor.counts["level scans"] == 0
+    assert not [m for m in tf if any(t.header.frame_id == "map" for t in m.transforms)]
+    robot.play(recording(1, start_ns=later(2)), node)
+    newest = max(r.stamp_ns for t, r in recording(1, start_ns=later(2)) if t == "scan")
+    ros.spin_until(
+        lambda: (
+            tf and stamp_ns_from_message(tf[-1].transforms[0].header.stamp) == newest + SECOND // 10
+        )
+    )
+    transform = tf[-1].transforms[0]
+    assert (transform.header.frame_id, transform.child_frame_id) == ("map", "odom")
+
+
+def test_pose_with_covariance_and_map_to_odom_without_tf(ros):
+    node, robot, viewer = slam(ros, tf__publish=False), ros.robot(), Listener(ros)
+    poses = viewer.listen(PoseWithCovarianceStamped, "/pose")
+    odom = viewer.listen(TransformStamped, "/surface_slam/map_to_odom")
+    ros.spin_until(
+        lambda: (
+            (node.count_subscribers("/pose") == node.count_subscribers("/surface_slam/map_to_odom"))
+            == 1
+        )
+    )
+    robot.play(recording(3, speed=0.3), node)
+    last_ns = node.processor.current_pose().stamp_ns
+    ros.spin_until(lambda: poses and stamp_ns_from_message(poses[-1].header.stamp) == last_ns)
+    ros.spin_until(
+        lambda: odom and stamp_ns_from_message(odom[-1].header.stamp) == last_ns + SECOND // 10
+    )
+    first, last = (np.array(p.pose.covariance).reshape(6, 6) for p in (poses[0], poses[-1]))
+    for cov in (first, last):
+        assert np.allclose(cov, cov.T)
+        assert (np.linalg.eigvalsh(cov) >= -1e-12).all()
+    assert last[0, 0] > first[0, 0] > 0.0
+    # A metre of driving without noise: matching is as good as its grid.
+    assert abs(poses[-1].pose.pose.position.x - 0.3 * 0.05 * 59) < 0.02
+    assert poses[-1].header.frame_id == odom[-1].header.frame_id == "map"
+
+
+def test_both_nodes_make_one_map_which_is_saved_loaded_and_reset(ros, tmp_path):
+    folder = tmp_path / "map"
+    mapper, node = tccm(ros), slam(ros, save__directory=str(folder))
+    robot, viewer = ros.robot(), Listener(ros)
+    surfaces = viewer.listen(MarkerArray, "/surface_slam/surfaces", latched=True)
+    grids = viewer.listen(OccupancyGrid, "/map", latched=True)
+    ros.spin_until(lambda: mapper.count_subscribers("/tccm/surfaces") == 1)
+    robot.play(recording(4), mapper, node)
+    cycles = mapper.processor.counts["cycles"]
+    ros.spin_until(lambda: node.processor.counts["clouds"] == cycles)
+    answer = trigger(ros, "/surface_slam/save_map")
+    assert answer.success, answer.message
+    assert {p.name for p in folder.iterdir()} >= {
+        "surfaces.json", "walls.json", "graph.json", "trajectory.tum", "map.pgm", "map.yaml",
+        "map.mcap",
+    }  # fmt: skip
+    ros.spin_until(lambda: surfaces and grids)
+    grid = grids[-1]
+    cells = np.array(grid.data, np.int8).reshape(grid.info.height, grid.info.width)
+    assert set(np.unique(cells)) == {-1, 0, 100}
+    texts = [m.text for m in surfaces[-1].markers if m.text]
+    assert texts
+
+    shown = len(surfaces)
+    assert trigger(ros, "/surface_slam/reset").success
+    assert not node.processor.map.views
+    answer = trigger(ros, "/surface_slam/load_map")
+    assert answer.success, answer.message
+    ros.spin_until(lambda: len(surfaces) > shown)
+    assert [m.text for m in surfaces[-1].markers if m.text] == texts
+    robot.play(recording(2, start_ns=later(20)), mapper, node)
+    assert node.processor.counts["level scans"] > 0
+
+
+def test_a_map_that_is_not_there_is_an_answer(ros, tmp_path):
+    node = slam(ros, save__directory=str(tmp_path / "nowhere"))
+    answer = trigger(ros, "/surface_slam/load_map")
+    assert not answer.success
+    assert "no such map" in answer.message
+    assert node.context.ok()
+
+
+def test_without_a_level_laser_tilt_stamps_make_the_trajectory(ros):
+    node, robot, viewer = slam(ros), ros.robot(), Listener(ros)
+    path = viewer.listen(Path, "/surface_slam/path", latched=True)
+    records = [(t, r) for t, r in recording(3, speed=0.3) if t != "scan"]
+    robot.play(records, node)
+    trigger(ros, "/surface_slam/save_map")
+    ros.spin_until(lambda: path)
+    stamps = [r.stamp_ns for t, r in records if t == "tilt_scan"]
+    assert [stamp_ns_from_message(p.header.stamp) for p in path[-1].poses] == stamps
+    assert path[-1].poses[-1].pose.position.x == pytest.approx(0.3 * 0.05 * 60, abs=1e-6)
+
+
+def test_the_stamp_of_a_serialised_scan(ros):
+    robot = ros.robot()
+    scan = next(r for t, r in recording(1) if t == "scan")
+    from rclpy.serialization import serialize_message
+
+    assert raw_stamp_ns(serialize_message(robot.message(scan))) == scan.stamp_ns
+
+
+def test_autosave_writes_without_being_asked(ros, tmp_path):
+    folder = tmp_path / "auto"
+    node = slam(ros, save__directory=str(folder), save__autosave_minutes=0.01)
+    ros.spin_until(lambda: (folder / "map.mcap").exists())
+    settle(ros, node)

@@ -1,0 +1,151 @@
+"""The TCCM node over DDS: topics, services, pause, reset, late viewers, nothing for nobody."""
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from robot import START_NS, TABLE, Listener, recording, settle, tccm
+from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import Marker, MarkerArray
+
+from tccm_ros.messages import surface_cloud_from_message, view_from_message
+
+SECOND = 1_000_000_000
+
+
+def later(seconds: float) -> int:
+    return START_NS + round(seconds * SECOND)
+
+
+def test_a_cycle_gives_the_hand_over_and_the_markers(ros):
+    node, robot, viewer = tccm(ros), ros.robot(), Listener(ros)
+    surfaces = viewer.listen(PointCloud2, "/tccm/surfaces")
+    view = viewer.listen(PointCloud2, "/tccm/view")
+    planes = viewer.listen(MarkerArray, "/tccm/planes", latched=True)
+    cloud = viewer.listen(PointCloud2, "/tccm/map_cloud", latched=True)
+    ros.spin_until(lambda: node.count_subscribers("/tccm/surfaces") == 1)
+    robot.play(recording(3), node)
+    cycles = node.processor.counts["cycles"]
+    assert cycles >= 2
+    ros.spin_until(lambda: len(surfaces) == len(view) == cycles)
+    ros.spin_until(lambda: planes and cloud)
+    first = surface_cloud_from_message(surfaces[0])
+    assert first.frame_id == "base"
+    assert first.stamp_ns == view_from_message(view[0]).stamp_ns
+    heights = [np.median(first.points[first.surface == k, 2]) for k in np.unique(first.surface)]
+    # The room is free of noise: a surface is as high as float32 ranges can say.
+    assert min(abs(np.array(heights) - TABLE)) < 1e-3
+    assert [f.name for f in cloud[-1].fields] == ["x", "y", "z", "depth", "count", "cycle"]
+    assert cloud[-1].header.frame_id == "odom"
+    assert {m.action for m in planes[-1].markers} <= {Marker.ADD, Marker.DELETE}
+
+
+def test_markers_cost_nothing_when_nobody_listens_and_a_late_viewer_gets_all(ros):
+    node, robot = tccm(ros), ros.robot()
+    robot.play(recording(3), node)
+    hand_over = 2 * node.processor.counts["cycles"]
+    assert node._outputs.built == hand_over
+    viewer = Listener(ros)
+    planes = viewer.listen(MarkerArray, "/tccm/planes", latched=True)
+    cuboids = viewer.listen(MarkerArray, "/tccm/cuboids", latched=True)
+    ros.spin_until(lambda: planes and cuboids)
+    assert planes[-1].markers
+    assert cuboids[-1].markers
+    cores = Listener(ros, "cores").listen(MarkerArray, "/tccm/center_cores", latched=True)
+    ros.spin_until(lambda: cores)
+    assert [m.type for m in cores[-1].markers] == [Marker.LINE_LIST]
+    another = Listener(ros, "another").listen(MarkerArray, "/tccm/planes", latched=True)
+    ros.spin_until(lambda: another)
+    assert another[-1].markers == planes[-1].markers
+    assert node._outputs.built == hand_over + 3
+
+
+def test_pause_holds_the_map_and_goes_on(ros):
+    node, robot, caller = tccm(ros), ros.robot(), Listener(ros).node
+    pause = caller.create_client(SetBool, "/tccm/pause")
+    robot.play(recording(2.5), node)
+    before = dict(node.processor.counts)
+    cuboids = len(node.processor.map.cuboids())
+    ros.call(pause, SetBool.Request(data=True))
+    robot.play(recording(3, start_ns=later(4)), node)
+    assert dict(node.processor.counts) == before
+    assert len(node.processor.map.cuboids()) == cuboids > 0
+    ros.call(pause, SetBool.Request(data=False))
+    robot.play(recording(3, start_ns=later(10)), node)
+    assert node.processor.counts["cycles"] >= before["cycles"] + 2
+
+
+def test_reset_forgets_the_map_but_knows_the_robot(ros):
+    node, robot, caller = tccm(ros), ros.robot(), Listener(ros).node
+    robot.play(recording(3), node)
+    assert len(node.processor.map.cuboids()) > 0
+    ros.call(caller.create_client(Trigger, "/tccm/reset"), Trigger.Request())
+    assert len(node.processor.map.cuboids()) == 0
+    cycles, dropped = node.processor.counts["cycles"], node.dropped
+    # The description is latched: it does not come again.
+    robot.play(recording(3, start_ns=later(20)), node)
+    assert node.processor.counts["cycles"] >= cycles + 2
+    assert node.dropped == dropped
+
+
+def test_views_are_taken_when_the_base_stands_still_or_when_asked(ros):
+    node, robot, viewer = tccm(ros, views__when="still"), ros.robot(), Listener(ros)
+    surfaces = viewer.listen(PointCloud2, "/tccm/surfaces")
+    ros.spin_until(lambda: node.count_subscribers("/tccm/surfaces") == 1)
+    robot.play(recording(3, speed=0.2), node)
+    cycles = node.processor.counts["cycles"]
+    ros.spin_until(lambda: len(surfaces) == cycles)
+    assert [cloud.width for cloud in surfaces] == [0] * cycles
+    taken = ros.call(viewer.node.create_client(Trigger, "/tccm/take_view"), Trigger.Request())
+    assert taken.success
+    settle(ros, node)
+    robot.play(recording(3, start_ns=later(4), speed=0.2), node)
+    ros.spin_until(lambda: len(surfaces) == node.processor.counts["cycles"])
+    assert sum(cloud.width > 0 for cloud in surfaces) == 1
+    robot.play(recording(3, start_ns=later(20)), node)
+    ros.spin_until(lambda: len(surfaces) == node.processor.counts["cycles"])
+    assert surfaces[-1].width > 0
+
+
+def test_save_map_writes_the_cuboids(ros, tmp_path):
+    node = tccm(ros, save__directory=str(tmp_path / "map"))
+    robot, caller = ros.robot(), Listener(ros).node
+    robot.play(recording(3), node)
+    saved = ros.call(caller.create_client(Trigger, "/tccm/save_map"), Trigger.Request())
+    assert saved.success, saved.message
+    with np.load(tmp_path / "map" / "cuboids.npz") as archive:
+        assert len(archive["ix"]) == len(node.processor.map.cuboids())
+
+
+def test_a_folder_that_cannot_be_written_is_an_answer(ros, tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    node = tccm(ros, save__directory=str(blocked))
+    answer = ros.call(
+        Listener(ros).node.create_client(Trigger, "/tccm/save_map"), Trigger.Request()
+    )
+    assert not answer.success
+    assert "file" in answer.message
+    assert node.worker.backlog == 0
+
+
+def test_diagnostics_count_and_warn(ros):
+    node, robot, viewer = tccm(ros), ros.robot(), Listener(ros)
+    reports = viewer.listen(DiagnosticArray, "/diagnostics")
+    robot.play(recording(3), node)
+    node.diagnostics.publish()
+    ros.spin_until(lambda: reports)
+    status = reports[-1].status[0]
+    values = {item.key: item.value for item in status.values}
+    assert status.name == "tccm"
+    assert values["received /tilt_scan"] == str(robot.sent["tilt_scan"])
+    assert float(values["longest step [s]"]) > 0.0
+    assert values["cycles"] == str(node.processor.counts["cycles"])
+
+
+@pytest.mark.parametrize("reliability", ["best_effort", "reliable"])
+def test_sensor_topics_match_what_is_offered(ros, reliability):
+    node = tccm(ros, qos__reliability=reliability)
+    robot = ros.robot(reliable=reliability == "reliable")
+    robot.play(recording(0.5), node)
+    assert node.inputs.counts()["/tilt_scan"] == robot.sent["tilt_scan"]

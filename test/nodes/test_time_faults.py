@@ -1,0 +1,188 @@
+"""Stamps that are late, early, doubled or wrong; clocks that jump; joints that wrap."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from robot import START_NS, Listener, recording, settle, slam, tccm
+from rosgraph_msgs.msg import Clock
+
+from tccm_ros.messages.types import stamp_message
+from tccm_ros.nodes.ros_types import RosidlMessages
+from tccm_ros.records import JointSample
+
+SECOND = 1_000_000_000
+
+
+def cuboids(node):
+    found = node.processor.map.cuboids()
+    return found.ix, found.iy, found.top, found.bottom, found.count
+
+
+def same_map(a, b) -> bool:
+    return all(np.array_equal(x, y) for x, y in zip(cuboids(a), cuboids(b)))
+
+
+def delayed(records, topic, delay_ns):
+    """Return a recording in which one topic arrives later."""
+    arrivals = [
+        (r.stamp_ns + (delay_ns if t == topic else 0), k, t, r) for k, (t, r) in enumerate(records)
+    ]
+    return [(t, r) for _, _, t, r in sorted(arrivals, key=lambda item: item[:2])]
+
+
+def played(ros, records, **values):
+    node, robot = tccm(ros, **values), ros.robot()
+    robot.play(records, node)
+    node.worker.wait(lambda: node.processor.finish())
+    # Only its result is looked at: it must not hear what the next robot says.
+    ros.remove(robot.node)
+    ros.remove(node)
+    return node
+
+
+@pytest.mark.parametrize("topic", ["joint_states", "odom", "tilt_scan"])
+def test_a_topic_that_arrives_late_does_not_show(ros, topic):
+    records = list(recording(3))
+    straight = played(ros, records)
+    late = played(ros, delayed(records, topic, 200_000_000))
+    assert late.processor.counts["scans used"] == straight.processor.counts["scans used"]
+    assert same_map(straight, late)
+
+
+def test_duplicates_and_disorder_are_counted_and_do_not_show(ros):
+    records = list(recording(3))
+    straight = played(ros, records)
+    scans = [k for k, (t, _) in enumerate(records) if t == "tilt_scan"]
+    doubled = list(records)
+    doubled.insert(scans[30] + 1, records[scans[30]])
+    doubled.insert(scans[45] + 1, records[scans[20]])
+    node = played(ros, doubled)
+    assert node.dropped["duplicate stamp"] == 1
+    assert node.dropped["out of order"] == 1
+    assert same_map(straight, node)
+
+
+def test_a_stamp_from_the_future_is_dropped_alone(ros):
+    records = list(recording(3))
+    k = [i for i, (t, _) in enumerate(records) if t == "tilt_scan"][30]
+    wrong = replace(records[k][1], stamp_ns=records[k][1].stamp_ns + 3600 * SECOND)
+    node = played(ros, [*records[:k], ("tilt_scan", wrong), *records[k + 1 :]])
+    assert node.dropped["future stamp"] == 1
+    assert node.processor.counts["resets"] == 0
+    assert node.processor.counts["cycles"] >= 2
+
+
+def test_all_stamps_that_go_back_begin_a_new_map(ros):
+    node, robot = tccm(ros), ros.robot()
+    robot.play(recording(3, start_ns=START_NS + 60 * SECOND), node)
+    assert node.processor.counts["resets"] == 0
+    robot.play(recording(3), node)
+    assert node.processor.counts["resets"] == 1
+    assert node.processor.counts["cycles"] >= 4
+
+
+def test_stamps_that_go_far_ahead_go_on(ros):
+    node, robot = tccm(ros), ros.robot()
+    robot.play(recording(3), node)
+    cycles = node.processor.counts["cycles"]
+    robot.play(recording(3, start_ns=START_NS + 3600 * SECOND), node)
+    assert node.processor.counts["cycles"] >= cycles + 2
+    assert node.processor.counts["resets"] == 0
+
+
+def test_a_sensor_that_stops_and_comes_back(ros):
+    records = list(recording(8))
+    gap = (START_NS + 2 * SECOND, START_NS + 4 * SECOND)
+    for topic in ("tilt_scan", "joint_states"):
+        broken = [(t, r) for t, r in records if t != topic or not gap[0] < r.stamp_ns < gap[1]]
+        node = played(ros, broken)
+        used = node.processor.counts["scans used"]
+        dropped = sum(node.dropped.values())
+        sent = sum(t == "tilt_scan" for t, _ in broken)
+        assert used + dropped == sent, topic
+        assert used >= 80, topic
+
+
+def test_a_joint_that_wraps(ros):
+    turned = [
+        (t, replace(r, positions=wrapped(r.positions + np.pi - 0.7)) if t == "joint_states" else r)
+        for t, r in recording(3)
+    ]
+    straight = played(ros, recording(3))
+    node, robot = tccm(ros, rig__tilt_offset=0.7 - np.pi), ros.robot(described=False)
+    robot.describe("continuous")
+    robot.play(turned, node)
+    node.worker.wait(lambda: node.processor.finish())
+    assert node.processor.counts["scans used"] == straight.processor.counts["scans used"]
+    assert node.processor.counts["cycles"] == straight.processor.counts["cycles"]
+
+
+def wrapped(angles):
+    return (angles + np.pi) % (2.0 * np.pi) - np.pi
+
+
+class SimTime:
+    """Publishes /clock and waits until a node has it."""
+
+    def __init__(self, ros):
+        self.ros, self.types = ros, RosidlMessages()
+        self.publisher = Listener(ros, "clock").node.create_publisher(Clock, "/clock", 10)
+
+    def set(self, stamp_ns, *nodes):
+        self.ros.spin_until(lambda: self.publisher.get_subscription_count() >= len(nodes))
+        self.publisher.publish(Clock(clock=stamp_message(self.types, stamp_ns)))
+        for node in nodes:
+            self.ros.spin_until(lambda n=node: n.get_clock().now().nanoseconds == stamp_ns)
+
+
+def test_stamps_of_arrival_for_drivers_without_a_clock(ros):
+    node = tccm(ros, qos__stamp="receive", use_sim_time=True)
+    robot, clock = ros.robot(), SimTime(ros)
+    ros.spin_until(lambda: node._known)
+    for topic, record in recording(2):
+        if topic == "scan":
+            continue
+        clock.set(record.stamp_ns, node)
+        message = robot.message(record)
+        message.header.stamp = Time()
+        before = node.inputs.counts()[f"/{topic}"]
+        robot.publish(topic, message, wait_for=1)
+        ros.spin_until(lambda t=topic, n=before: node.inputs.counts()[f"/{t}"] == n + 1)
+    settle(ros, node)
+    assert node.processor.counts["cycles"] >= 1
+    assert node.dropped["future stamp"] == 0
+
+
+def test_a_clock_that_goes_back_begins_anew_and_one_that_is_missing_is_named(ros):
+    nodes = [tccm(ros, use_sim_time=True), slam(ros, use_sim_time=True)]
+    for node in nodes:
+        assert any("nobody publishes /clock" in text for text in node.all_problems())
+    robot, clock = ros.robot(), SimTime(ros)
+    clock.set(START_NS + 10 * SECOND, *nodes)
+    robot.play(recording(3, start_ns=START_NS + 10 * SECOND), *nodes)
+    for node in nodes:
+        assert not any("/clock" in text for text in node.all_problems())
+    assert nodes[0].processor.counts["cycles"] >= 2
+    assert nodes[1].processor.counts["level scans"] > 0
+    clock.set(START_NS, *nodes)
+    for node in nodes:
+        settle(ros, node)
+    assert nodes[0].processor.counts["resets"] == 1
+    assert len(nodes[0].processor.map.cuboids()) == 0
+    assert nodes[1].processor.counts["level scans"] == 0
+    robot.play(recording(3), *nodes)
+    assert nodes[0].processor.counts["cycles"] >= 4
+    assert nodes[1].processor.counts["level scans"] > 0
+
+
+def test_empty_joint_messages_and_other_joints_do_no_harm(ros):
+    records = []
+    for topic, record in recording(3):
+        if topic == "joint_states":
+            stamp = record.stamp_ns
+            records.append((topic, JointSample(stamp, (), np.zeros(0))))
+            records.append((topic, JointSample(stamp, ("wheel",), np.array([np.nan]))))
+        records.append((topic, record))
+    assert same_map(played(ros, recording(3)), played(ros, records))

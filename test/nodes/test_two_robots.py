@@ -1,0 +1,57 @@
+"""Two complete pairs of nodes in one domain: nothing of one is heard by the other."""
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from robot import Listener, recording, slam, tccm
+from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import Trigger
+
+from tccm_ros.nodes.ros_types import message_class
+from tccm_ros.nodes.tf import has_tf2_msgs
+
+
+def test_two_pairs_do_not_hear_each_other(ros, tmp_path):
+    pairs, robots = {}, {}
+    for name in ("r1", "r2"):
+        common = {"namespace": name, "frames__prefix": f"{name}/"}
+        pairs[name] = (tccm(ros, **common), slam(ros, **common))
+        robots[name] = ros.robot(namespace=name, prefix=f"{name}/")
+    viewer = Listener(ros)
+    surfaces = {n: viewer.listen(PointCloud2, f"/{n}/tccm/surfaces") for n in pairs}
+    reports = viewer.listen(DiagnosticArray, "/diagnostics")
+    for name, (mapper, _) in pairs.items():
+        ros.spin_until(lambda m=mapper, n=name: m.count_subscribers(f"/{n}/tccm/surfaces") == 2)
+    robots["r1"].play(recording(4, prefix="r1/"), *pairs["r1"])
+    assert pairs["r1"][0].processor.counts["cycles"] >= 3
+    for node in pairs["r2"]:
+        assert not any(node.processor.counts.values())
+        counts = node.inputs.counts()
+        assert not any(n for t, n in counts.items() if t.endswith(("scan", "odom", "states")))
+    robots["r2"].play(recording(3, prefix="r2/"), *pairs["r2"])
+    for name, (mapper, node) in pairs.items():
+        cycles = mapper.processor.counts["cycles"]
+        ros.spin_until(lambda n=node, c=cycles: n.processor.counts["clouds"] == c)
+        ros.spin_until(lambda n=name, c=cycles: len(surfaces[n]) == c)
+        assert {m.header.frame_id for m in surfaces[name]} == {f"{name}/base"}
+        transform = node.live.transform()
+        assert transform.header.frame_id == f"{name}/map"
+        assert transform.child_frame_id == f"{name}/odom"
+        mapper.diagnostics.publish()
+        node.diagnostics.publish()
+    expected = {f"{n}/{node}" for n in pairs for node in ("tccm", "surface_slam")}
+    ros.spin_until(lambda: {r.status[0].name for r in reports} >= expected)
+    caller = viewer.node.create_client(Trigger, "/r2/surface_slam/reset")
+    ros.call(caller, Trigger.Request())
+    assert pairs["r1"][1].processor.counts["level scans"] > 0
+    assert pairs["r2"][1].processor.counts["level scans"] == 0
+
+
+@pytest.mark.skipif(not has_tf2_msgs(), reason="tf2_msgs is not installed")
+def test_both_are_on_the_one_tf(ros):
+    viewer = Listener(ros)
+    tf = viewer.listen(message_class("tf2_msgs/msg/TFMessage"), "/tf")
+    for name in ("r1", "r2"):
+        node = slam(ros, namespace=name, frames__prefix=f"{name}/")
+        ros.robot(namespace=name, prefix=f"{name}/").play(recording(1, prefix=f"{name}/"), node)
+    seen = lambda: {(t.header.frame_id, t.child_frame_id) for m in tf for t in m.transforms}  # noqa: E731
+    ros.spin_until(lambda: seen() == {("r1/map", "r1/odom"), ("r2/map", "r2/odom")})

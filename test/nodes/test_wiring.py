@@ -1,0 +1,179 @@
+"""Wiring that is wrong is named with what to do: "running but nothing published" has a reason."""
+
+import threading
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from nav_msgs.msg import Odometry as OdometryMessage
+from robot import Listener, recording, slam, tccm
+from sensor_msgs.msg import JointState, LaserScan
+
+from tccm_ros.nodes import worker as worker_module
+from tccm_ros.nodes.drops import ADVICE, DropWatch
+from tccm_ros.nodes.tf import has_tf2_msgs
+from tccm_ros.records import Odometry, TransformSample
+
+
+def problems(node) -> str:
+    return "\n".join(node.all_problems())
+
+
+def moved(record: Odometry) -> TransformSample:
+    return TransformSample(
+        record.stamp_ns, record.frame_id, record.child_frame_id, record.T_odom_base, False
+    )
+
+
+def test_scans_without_joints_name_the_joint(ros):
+    node, robot = tccm(ros), ros.robot()
+    robot.play([(t, r) for t, r in recording(2) if t != "joint_states"], node)
+    node.worker.wait(lambda: node.processor.finish())
+    assert node.dropped["no joint samples"] > 3
+    text = problems(node)
+    assert "scans are dropped, no joint samples" in text
+    assert "tilt" in text
+    assert "joint_states" in text
+
+
+def test_joints_without_scans_name_the_scan_topic(ros):
+    node, robot = tccm(ros, qos__silence=0.001), ros.robot()
+    robot.play([(t, r) for t, r in recording(2) if t != "tilt_scan"], node)
+    node.all_problems()
+    ros.spin_until(lambda: "nobody publishes '/tilt_scan'" in problems(node))
+
+
+def test_no_description_says_what_to_publish_or_set(ros):
+    node, robot = tccm(ros), ros.robot(described=False)
+    robot.play(recording(2), node)
+    text = problems(node)
+    assert "no way from base to laser" in text
+    assert "robot_description" in text
+
+
+def test_scans_of_another_frame_name_it(ros):
+    node, robot = tccm(ros), ros.robot()
+    records = [
+        (t, replace(r, frame_id="elsewhere") if t == "tilt_scan" else r) for t, r in recording(2)
+    ]
+    robot.play(records, node)
+    assert "elsewhere" in problems(node)
+
+
+def test_odometry_that_is_advertised_but_silent_is_waited_for_and_named(ros):
+    node, robot = tccm(ros, qos__silence=0.001), ros.robot()
+    talker = Listener(ros, "wheels").node
+    talker.create_publisher(OdometryMessage, "odom", 10)
+    ros.spin_until(lambda: node.count_publishers("odom") == 1)
+    robot.play([(t, r) for t, r in recording(2) if t != "odom"], node)
+    assert node.dropped["no odometry"] > 3
+    text = problems(node)
+    assert "no odometry" in text
+    ros.spin_until(lambda: "'/odom' is silent" in problems(node))
+
+
+def test_without_odometry_the_base_stands_still(ros):
+    node, robot = tccm(ros, frames__prefix="r1/"), ros.robot()
+    robot.play([(t, r) for t, r in recording(3) if t != "odom"], node)
+    assert node.processor.counts["cycles"] >= 2
+    assert not node.dropped
+
+
+@pytest.mark.skipif(not has_tf2_msgs(), reason="tf2_msgs is not installed")
+def test_odometry_from_tf(ros):
+    nodes, robot = [tccm(ros), slam(ros)], ros.robot()
+    records = []
+    for topic, record in recording(3, speed=0.2):
+        if isinstance(record, Odometry):
+            topic, record = "/tf", moved(record)
+        records.append((topic, record))
+    robot.play(records, *nodes)
+    mapper, node = nodes
+    assert mapper.processor.counts["cycles"] >= 2
+    assert mapper.synchroniser.motion.mode == "tf"
+    assert not mapper.dropped["no odometry"]
+    last = node.processor.current_pose()
+    assert abs(last.pose[0] - 0.2 * 0.05 * 59) < 0.02
+
+
+def test_a_malformed_message_is_refused_once_said_and_counted(ros):
+    node, robot = tccm(ros), ros.robot()
+    bad = LaserScan(angle_increment=float("nan"))
+    for _ in range(3):
+        robot.publish("tilt_scan", bad, wait_for=1)
+    robot.publish("joint_states", JointState(name=["a"], position=[1.0, 2.0]), wait_for=1)
+    ros.spin_until(lambda: node.refused == {"tilt_scan": 3, "joint_states": 1})
+    robot.play(recording(3), node)
+    assert node.processor.counts["cycles"] >= 2
+
+
+def test_overload_drops_whole_scans_counts_them_and_bounds_memory(ros, monkeypatch):
+    monkeypatch.setattr(worker_module, "BACKLOG", 40)
+    monkeypatch.setattr(worker_module, "CEILING", 100)
+    node, robot = tccm(ros), ros.robot()
+    gate, held = threading.Event(), []
+    node.worker.post(lambda: hold(gate, held))
+    ros.spin_until(lambda: held)
+    sent = list(recording(8))
+    robot.play(sent, node, settled=False)
+    assert node.worker.backlog <= 100
+    assert node.overload["overload"] > 0
+    assert node.overload["overload: samples"] > 0
+    assert "more comes in than can be processed" in problems(node)
+    gate.set()
+    node.worker.wait(lambda: node.processor.finish())
+    scans = sum(t == "tilt_scan" for t, _ in sent)
+    counted = node.processor.counts["scans used"] + sum(node.dropped.values())
+    assert counted + node.overload["overload"] == scans
+
+
+def hold(gate, held) -> None:
+    held.append(1)
+    gate.wait()
+
+
+def test_lost_messages_are_counted(ros):
+    node, robot = tccm(ros, qos__reliability="best_effort"), ros.robot(reliable=False)
+    scan = robot.message(next(r for t, r in recording(1) if t == "tilt_scan"))
+    for _ in range(600):  # without spinning: the queue holds 200
+        robot.publish("tilt_scan", scan, wait_for=1)
+    robot.publish("tilt_scan", scan)
+    ros.spin_until(lambda: node.inputs.counts()["/tilt_scan"] >= 200)
+    # What was lost before the first message that came cannot be told.
+    for _ in range(600):
+        robot.publish("tilt_scan", scan)
+    ros.spin_until(lambda: node.inputs.lost().get("/tilt_scan", 0) > 0)
+
+
+def test_the_restart_of_a_publisher_is_no_loss(ros):
+    node = tccm(ros)
+    scan = next(r for t, r in recording(1) if t == "tilt_scan")
+    for name in ("one", "two"):
+        robot = ros.robot(name=name)
+        for _ in range(20):
+            robot.publish("tilt_scan", robot.message(scan), wait_for=1)
+        ros.spin_until(lambda: node.inputs.counts()["/tilt_scan"] % 20 == 0)
+        ros.remove(robot.node)
+        ros.spin_until(lambda: node.count_publishers("tilt_scan") == 0)
+    assert node.inputs.lost() == {}
+
+
+def test_each_reason_is_told_once_there_are_some():
+    watch = DropWatch()
+    assert watch.problems(Counter({"no odometry": 2})) == []
+    (text,) = watch.problems(Counter({"no odometry": 9}))
+    assert ADVICE["no odometry"] in text
+    assert watch.problems(Counter({"no odometry": 9})) == []
+    assert watch.problems(Counter({"short sweep": 99, "no odometry": 9})) == []
+
+
+def test_a_start_before_the_robot_description(ros):
+    node, robot = tccm(ros), ros.robot(described=False)
+    records = list(recording(6))
+    robot.play(records[: len(records) // 2], node)
+    robot.describe()
+    ros.spin_until(lambda: node._known)
+    robot.play(records[len(records) // 2 :], node)
+    assert node.processor.counts["cycles"] >= 1
+    assert np.isfinite(node.processor.map.cuboids().top).all()

@@ -1,0 +1,215 @@
+import gtsam
+import numpy as np
+import pytest
+
+from tccm_ros.geometry import between2, compose2, inverse, spatial
+from tccm_ros.slam.chain import turn_for
+from tccm_ros.slam.factors import (
+    BetweenKeyframes,
+    BetweenViews,
+    KeyframeView,
+    Planar,
+    PriorPose,
+    ViewPlane,
+    WallDirection,
+    WallObservation,
+    keyframe_key,
+    surface_key,
+    view_key,
+    wall_key,
+)
+from tccm_ros.slam.graph import IncrementalGraph, solve_graph
+
+COV = np.diag([0.02**2, 0.02**2, 0.01**2])
+PHIS = np.radians([0.0, 90.0, 180.0, -90.0, 0.00001, 37.0, -140.0])
+
+
+def observation(pose, phi_map, rho_map, key, wall, cov, noise=(0.0, 0.0)):
+    """Return what a keyframe at `pose` sees of a wall in map."""
+    phi = phi_map - pose[2] + noise[0]
+    rho = rho_map - np.cos(phi_map) * pose[0] - np.sin(phi_map) * pose[1] + noise[1]
+    return WallObservation(key, wall, float(phi), float(rho), cov)
+
+
+def error_of(factor, pose, plane):
+    """Return twice the factor's error for a keyframe's planar pose and a wall (phi, rho)."""
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    factor.add_to(graph)
+    values.insert(factor.keyframe.symbol, factor.keyframe.turned(spatial(np.array(pose))))
+    phi, rho = plane
+    coefficients = np.array([np.cos(phi), np.sin(phi), 0.0, -rho])
+    values.insert(factor.wall.symbol, gtsam.OrientedPlane3(coefficients))
+    return 2.0 * graph.at(0).error(values)
+
+
+@pytest.mark.parametrize("phi", PHIS)
+def test_a_wall_costs_its_mahalanobis_distance_in_every_direction(phi):
+    """Also dead ahead and at right angles, where GTSAM's tangent basis flips."""
+    key = keyframe_key(0, turn_for(np.array([phi])))
+    yc, v_phi, v_perp = 1.2, 0.02**2, 0.01**2
+    cov = np.array([[v_phi, yc * v_phi], [yc * v_phi, v_perp + yc**2 * v_phi]])
+    factor = WallObservation(key, wall_key(0), float(phi), 2.0, cov)
+    for dphi, drho in [(0.01, 0.0), (0.0, 0.02), (0.01, 0.012), (-0.01, 0.012)]:
+        difference = np.array([-dphi, -drho])
+        expected = difference @ np.linalg.solve(cov, difference)
+        found = error_of(factor, [0.0, 0.0, 0.0], (phi + dphi, 2.0 + drho))
+        assert found == pytest.approx(expected, rel=0.01, abs=1e-6)
+
+
+@pytest.mark.parametrize("phi", PHIS)
+def test_walls_hold_a_pose_in_every_direction(phi):
+    """Two walls at right angles, seen before and after a step whose odometry is wrong."""
+    truth = np.array([[0.0, 0.0, 0.0], [0.5, 0.2, 0.3]])
+    walls = [(phi, 3.0), (phi + np.pi / 2, 2.0)]
+    bearings = [np.array([w[0] - p[2] for w in walls]) for p in truth]
+    keys = [keyframe_key(k, turn_for(b)) for k, b in enumerate(bearings)]
+    sharp = np.diag([0.001**2, 0.001**2])
+    wrong = compose2(between2(truth[0], truth[1]), np.array([0.05, -0.03, 0.04]))
+    factors = [
+        PriorPose(keys[0], truth[0], COV * 1e-6),
+        BetweenKeyframes(keys[0], keys[1], wrong, COV * 100),
+        Planar(keys[1], truth[1]),
+    ]
+    for key, pose in zip(keys, truth):
+        for w, (a, rho) in enumerate(walls):
+            factors.append(observation(pose, a, rho, key, wall_key(w), sharp))
+    solution = solve_graph(factors, {keys[0]: truth[0], keys[1]: wrong})
+    assert np.allclose(solution.planar_poses(keys), truth, atol=1e-4)
+
+
+def test_chi_square_of_a_pose_among_walls_has_the_right_mean():
+    """The correlation's sign: with it wrong the pose's NEES is far from 1."""
+    random = np.random.default_rng(0)
+    yc, v_phi, v_perp = 2.0, 0.01**2, 0.005**2
+    cov = np.array([[v_phi, yc * v_phi], [yc * v_phi, v_perp + yc**2 * v_phi]])
+    root = np.linalg.cholesky(cov)
+    walls = [(0.3, 3.0), (1.9, 2.0), (-2.0, 4.0)]
+    key = keyframe_key(1, turn_for(np.array([w[0] for w in walls])))
+    first = keyframe_key(0, key.turn)
+    sharp, loose = np.eye(2) * 1e-10, np.diag([1.0, 1.0, 1.0])
+    values = []
+    for _ in range(300):
+        factors = [
+            PriorPose(first, np.zeros(3), np.eye(3) * 1e-12),
+            BetweenKeyframes(first, key, np.zeros(3), loose),
+            Planar(key, np.zeros(3)),
+        ]
+        for w, (phi, rho) in enumerate(walls):
+            factors.append(observation(np.zeros(3), phi, rho, first, wall_key(w), sharp))
+            noise = root @ random.normal(size=2)
+            factors.append(observation(np.zeros(3), phi, rho, key, wall_key(w), cov, noise))
+        solution = solve_graph(factors, {first: np.zeros(3), key: np.zeros(3)})
+        error = solution.planar_poses([key])[0]
+        values.append(error @ np.linalg.solve(solution.planar_covariance(key), error) / 3.0)
+    # Standard error of the mean of 300 with 3 degrees each: sqrt(2 / 900) = 0.05.
+    assert np.mean(values) == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_turned_keyframe_is_the_same_keyframe():
+    """All factors mean the same whatever the turn of their keys."""
+    random = np.random.default_rng(2)
+    results = []
+    for turns in ([0.0, 0.0, 0.0], [0.3, 1.1, 0.7]):
+        keys = [keyframe_key(k, t) for k, t in enumerate(turns)]
+        random = np.random.default_rng(2)
+        factors = [PriorPose(keys[0], np.array([1.0, 2.0, 0.5]), COV)]
+        for a, b in ((0, 1), (1, 2), (0, 2)):
+            delta = random.normal(size=3) * 0.5
+            factors.append(BetweenKeyframes(keys[a], keys[b], delta, np.diag([0.01, 0.04, 0.02])))
+        factors += [Planar(key, np.zeros(3)) for key in keys[1:]]
+        solution = solve_graph(factors, {key: np.zeros(3) for key in keys})
+        cov = np.stack([solution.planar_covariance(key) for key in keys])
+        results.append((solution.planar_poses(keys), cov))
+    # Both stop where a step changes the cost by less than 1e-5.
+    assert np.allclose(results[0][0], results[1][0], atol=2e-3)
+    assert np.allclose(results[0][1], results[1][1], rtol=0.02, atol=1e-6)
+
+
+def test_a_view_leans_but_a_keyframe_does_not():
+    """A plane seen tilted turns the view, within the lean's sigmas; the keyframe stays level."""
+    key, lean = keyframe_key(0), np.radians(0.3)
+    level = np.array([0.0, 0.0, 1.0])
+    tilted = np.array([np.sin(lean), 0.0, np.cos(lean)])
+    sharp = np.eye(3) * 1e-8
+    factors = [
+        PriorPose(key, np.zeros(3), COV * 1e-6),
+        KeyframeView(key, view_key(0), np.zeros(3), COV * 1e-4),
+        KeyframeView(key, view_key(1), np.zeros(3), COV * 1e-4),
+        ViewPlane(0, 5, level, 0.7, sharp),
+        ViewPlane(1, 5, tilted, 0.7, sharp),
+    ]
+    starts = {key: np.zeros(3), view_key(0): np.zeros(3), view_key(1): np.zeros(3)}
+    solution = solve_graph(factors, starts)
+    normals = [solution.pose(view_key(v))[:3, :3] @ n for v, n in enumerate([level, tilted])]
+    assert np.allclose(normals[0], normals[1], atol=1e-4)
+    # Two views share the disagreement evenly.
+    pitch = np.arcsin(-solution.pose(view_key(1))[2, 0])
+    assert abs(pitch) == pytest.approx(lean / 2, rel=0.05)
+    assert np.allclose(solution.pose(key), np.eye(4), atol=1e-6)
+    assert solution.plane(surface_key(5))[3] == pytest.approx(-0.7, abs=0.01)
+
+
+def test_between_views_is_robust():
+    key = keyframe_key(0)
+    cov = np.eye(6) * 0.01**2
+    good, bad = spatial(np.array([0.02, 0.0, 0.0])), spatial(np.array([3.0, 0.0, 0.0]))
+    factors = [
+        PriorPose(key, np.zeros(3), COV * 1e-6),
+        KeyframeView(key, view_key(0), np.zeros(3), COV * 1e-4),
+        KeyframeView(key, view_key(1), np.zeros(3), COV),
+        BetweenViews(0, 1, good, cov),
+        BetweenViews(0, 1, good, cov),
+        BetweenViews(0, 1, bad, cov),
+    ]
+    starts = {key: np.zeros(3), view_key(0): np.zeros(3), view_key(1): np.zeros(3)}
+    solution = solve_graph(factors, starts)
+    T = inverse(solution.pose(view_key(0))) @ solution.pose(view_key(1))
+    assert T[0, 3] < 0.05
+
+
+def test_the_structure_prior_ties_walls_to_each_other_and_not_to_the_map():
+    key, building = keyframe_key(0, 0.4), keyframe_key(1, np.pi / 4)
+    loose = np.diag([0.05**2, 0.02**2])
+    factors = [
+        PriorPose(key, np.zeros(3), COV * 1e-6),
+        PriorPose(building, np.zeros(3), np.diag([1e-4, 1e-4, 10.0])),
+        WallObservation(key, wall_key(0), 0.80, 2.0, np.diag([0.001**2, 0.02**2])),
+        WallObservation(key, wall_key(1), 0.80 + np.pi / 2 + 0.05, 2.0, loose),
+        WallDirection(building, wall_key(0), 0.0, 0.002),
+        WallDirection(building, wall_key(1), np.pi / 2, 0.002),
+    ]
+    solution = solve_graph(factors, {key: np.zeros(3), building: np.array([0, 0, 0.8])})
+    angles = [np.arctan2(p[1], p[0]) for p in map(solution.plane, [wall_key(0), wall_key(1)])]
+    assert angles[0] == pytest.approx(0.80, abs=0.002)
+    assert angles[1] - angles[0] == pytest.approx(np.pi / 2, abs=0.003)
+
+
+def test_isam_agrees_with_the_batch():
+    random = np.random.default_rng(5)
+    truth = [np.zeros(3)]
+    for k in range(60):
+        truth.append(compose2(truth[-1], np.array([0.3, 0.0, 0.1 if k % 9 else -0.4])))
+    walls = [(0.0, 9.0), (np.pi / 2, 8.0)]
+    groups, starts, cov = [], {}, np.diag([0.01**2, 0.02**2])
+    keys = [
+        keyframe_key(k, turn_for(np.array([-p[2], np.pi / 2 - p[2]]))) for k, p in enumerate(truth)
+    ]
+    pose = truth[0]
+    for k, (key, p) in enumerate(zip(keys, truth)):
+        group = [observation(p, *w, key, wall_key(i), cov) for i, w in enumerate(walls)]
+        if k == 0:
+            group.insert(0, PriorPose(key, p, COV * 1e-4))
+        else:
+            noise = random.normal(size=3) * [0.01, 0.01, 0.005]
+            delta = compose2(between2(truth[k - 1], p), noise)
+            pose = compose2(pose, delta)
+            group = [BetweenKeyframes(keys[k - 1], key, delta, COV), Planar(key, pose), *group]
+        groups.append(group)
+        starts[key] = pose
+    isam = IncrementalGraph()
+    for key, group in zip(keys, groups):
+        isam.add(group, {key: starts[key]})
+    batch = solve_graph([f for group in groups for f in group], starts)
+    # ISAM2 leaves alone what would move by less than its threshold of linearisation.
+    assert np.allclose(isam.planar_poses(keys), batch.planar_poses(keys), atol=0.03)
+    assert np.allclose(batch.planar_poses(keys), np.stack(truth), atol=0.05)

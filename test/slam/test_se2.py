@@ -1,0 +1,37 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tccm_ros.geometry import between2, compose2, inverse2, transform2
+from tccm_ros.slam import se2
+
+number = st.floats(-50.0, 50.0)
+poses = st.tuples(number, number, number).map(lambda p: np.array(p))
+
+
+def same(a, b):
+    turn = a[2] - b[2]
+    assert np.allclose(a[:2], b[:2], atol=1e-9)
+    assert abs(np.arctan2(np.sin(turn), np.cos(turn))) < 1e-9
+
+
+@given(poses, poses)
+def test_compiled_poses_are_those_of_geometry(a, b):
+    same(se2.compose(a, b), compose2(a, b))
+    same(se2.between(a, b), between2(a, b))
+    same(se2.inverse(a), inverse2(a))
+
+
+@given(poses)
+def test_place_and_turn_are_those_of_geometry(a):
+    points = np.random.default_rng(0).normal(size=(7, 2))
+    assert np.allclose(se2.place(a, points), transform2(a, points))
+    assert np.allclose(se2.turn(a, points), transform2(np.array([0.0, 0.0, a[2]]), points))
+
+
+def test_fuse_adds_information_in_the_turned_frame():
+    cov = np.diag([0.04, 0.01, 0.001])
+    information = np.diag([100.0, 0.0, 0.0])
+    fused = se2.fuse(information, np.pi / 2, cov)
+    # Turned by 90 deg, the map's x is minus the frame's y.
+    assert np.allclose(fused, np.diag([0.04, 1.0 / (100.0 + 100.0), 0.001]))

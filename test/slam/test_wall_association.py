@@ -1,0 +1,87 @@
+import numpy as np
+import plan
+import pytest
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import between2
+from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.front_end import GraphKeyframe
+from tccm_ros.slam.landmarks import judge_walls
+from tccm_ros.slam.lines import extract_lines
+from tccm_ros.slam.walls import WallTable, associate_walls
+
+WALLS = plan.ring()
+COV = np.diag([0.01**2, 0.01**2, 0.003**2])
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """Return true poses and the lines that each sees."""
+    poses = plan.route([(0, 0), (12, 0), (12, 5)], step=0.3, turn=0.3)
+    bearings = np.linspace(-np.pi / 2, np.pi / 2, 361)
+    rays = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    random, lines = np.random.default_rng(0), []
+    for pose in poses:
+        ranges = plan.cast(WALLS, pose, bearings)
+        hit = np.isfinite(ranges)
+        noisy = ranges[hit] + random.normal(size=hit.sum()) * 0.005
+        lines.append(extract_lines(rays[hit] * noisy[:, None], np.zeros(2), Config()))
+    return poses, lines
+
+
+def graph_of(poses, lines):
+    chain = Chain()
+    for k, (pose, x) in enumerate(zip(poses, lines)):
+        delta = between2(poses[k - 1], pose) if k else np.zeros(3)
+        chain.add(GraphKeyframe(k, None, pose, delta, COV), x.phi)
+    return chain, chain.graph(poses, {0})
+
+
+def test_each_side_of_the_ring_is_one_wall(seen):
+    poses, lines = seen
+    table = associate_walls(poses, lines, Config())
+    assert (table.wall >= 0).mean() > 0.9
+    long = [w for w in range(len(table)) if np.ptp(table.extent[w]) > 6.0]
+    assert len(long) >= 3
+    for w in long:
+        assert abs(np.sin(2 * table.phi[w])) < 0.01
+
+
+def test_walls_a_hand_apart_stay_two():
+    """A cupboard 20 cm before a wall is never pooled with it."""
+    lines, poses = [], []
+    for _ in range(12):
+        x = np.array([[2.0, t] for t in np.linspace(-2.0, 0.0, 40)])
+        y = np.array([[1.8, t] for t in np.linspace(0.02, 2.0, 40)])
+        lines.append(extract_lines(np.concatenate([x, y]), np.zeros(2), Config()))
+        poses.append(np.zeros(3))
+    table = associate_walls(np.array(poses), lines, Config())
+    assert sorted(np.round(table.rho, 6)) == [1.8, 2.0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_fifth_of_the_labels_wrong(seen, seed):
+    """Lines given to a wrong wall are thrown out; the poses stay where they are."""
+    poses, lines = seen
+    config, random = Config(), np.random.default_rng(seed)
+    table = associate_walls(poses, lines, config)
+    wall = table.wall.copy()
+    wrong = (random.random(len(wall)) < 0.2) & (wall >= 0)
+    wall[wrong] = random.integers(0, len(table), wrong.sum())
+    mixed = WallTable(table.keyframe, table.line, wall, table.phi, table.rho, table.extent)
+    changed = wall != table.wall
+    chain, graph = graph_of(poses, lines)
+    judged = judge_walls(mixed, lines, poses, graph, chain, config).table
+    assert (judged.wall[changed] >= 0).mean() < 0.1
+    right = ~changed & (table.wall >= 0)
+    assert (judged.wall[right] >= 0).mean() > 0.6
+
+
+def test_right_labels_stay(seen):
+    poses, lines = seen
+    table = associate_walls(poses, lines, Config())
+    chain, graph = graph_of(poses, lines)
+    judgement = judge_walls(table, lines, poses, graph, chain, Config())
+    kept, was = judgement.table.wall >= 0, table.wall >= 0
+    assert kept.sum() > 0.97 * was.sum()
+    assert 0.0 < judgement.unit_variance < 1.0

@@ -1,0 +1,170 @@
+import numpy as np
+import pytest
+from room import Board, Room, Screen
+from shapely import Polygon
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import spatial
+from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPlacement, default_tilt_covariance
+
+TABLE = Board(1.5, 0.0, 0.8, 1.4, 0.74)
+
+
+def build(looks, poses=None, config=None, order=None):
+    """Map sweeps (room, pose, stamp) at their true poses, or at others."""
+    config = config or Config()
+    surface_map = SurfaceMap(config)
+    records = [r for room, pose, stamp in looks for r in room.look(pose, stamp)]
+    for k in order if order is not None else range(len(records)):
+        surface_map.add(records[k])
+    stamps = sorted({stamp for _, _, stamp in looks})
+    where = poses or [next(p for _, p, s in looks if s == stamp) for stamp in stamps]
+    placement = ViewPlacement(
+        spatial(np.array(where)),
+        default_tilt_covariance(len(stamps)),
+        np.arange(len(stamps)),
+    )
+    return surface_map.build(placement)
+
+
+def standing(mapped):
+    return [s for s in mapped.surfaces if s.label != "floor"]
+
+
+def overlap(surface, board):
+    polygon = Polygon(surface.boundary[:, :2], [h[:, :2] for h in surface.holes])
+    return polygon.intersection(board.polygon).area / polygon.union(board.polygon).area
+
+
+def test_one_table_from_three_places_is_one_surface():
+    room = Room([TABLE])
+    looks = [(room, (0, 0, 0), 10), (room, (1.5, -2.2, 1.57), 20), (room, (3.2, 0.3, 3.14), 30)]
+    mapped = build(looks)
+    (table,) = standing(mapped)
+    assert overlap(table, TABLE) >= 0.85
+    assert table.height == pytest.approx(0.74, abs=1e-3)
+    assert [v.stamp_ns for v in table.views] == [10, 20, 30]
+    assert [v.keyframe for v in table.views] == [0, 1, 2]
+    assert (table.first_seen_ns, table.last_seen_ns) == (10, 30)
+    assert mapped.floor_z == pytest.approx(0.0, abs=1e-6)
+    assert set(np.unique(mapped.surface_id)) == {s.id for s in mapped.surfaces}
+
+
+def test_arrival_order_does_not_show():
+    room = Room([TABLE, Board(1.2, 1.9, 0.6, 0.6, 0.5)])
+    looks = [(room, (0, 0, 0), 10), (room, (0, 1.0, 0), 20), (room, (0, 2.0, 0.2), 30)]
+    first, second = build(looks), build(looks, order=[5, 2, 0, 4, 1, 3])
+    assert [s.id for s in first.surfaces] == [s.id for s in second.surfaces]
+    for a, b in zip(first.surfaces, second.surfaces):
+        np.testing.assert_array_equal(a.boundary, b.boundary)
+        assert (a.height, a.points, a.took) == (b.height, b.points, b.took)
+        assert [v.points for v in a.views] == [v.points for v in b.views]
+    np.testing.assert_array_equal(first.points, second.points)
+
+
+def test_a_step_of_five_centimetres_is_its_own_surface():
+    counter, stove = Board(1.4, 0.0, 0.6, 2.0, 0.90), Board(1.4, 0.4, 0.5, 0.5, 0.95)
+    room = Room([counter, stove])
+    mapped = build([(room, (0, 0, 0), 10), (room, (0.3, 0.6, -0.1), 20)])
+    heights = sorted(round(s.height, 3) for s in standing(mapped))
+    assert heights == [0.90, 0.95]
+    step = max(standing(mapped), key=lambda s: s.height)
+    assert step.label == "step"
+
+
+def test_a_loop_closure_merges_and_splits_and_ids_stay():
+    room = Room([TABLE])
+    looks = [(room, (0, 0, 0), 10), (room, (3.2, 0.3, 3.14), 20)]
+    apart = build(looks, poses=[(0, 0, 0), (6.2, 0.3, 3.14)])
+    together = build(looks)
+    first = min(s.id for s in standing(apart))
+    assert len(standing(apart)) == 2
+    assert [s.id for s in standing(together)] == [first]
+    again = build(looks, poses=[(0, 0, 0), (6.2, 0.3, 3.14)])
+    assert [s.id for s in again.surfaces] == [s.id for s in apart.surfaces]
+
+
+def test_a_view_that_joins_two_surfaces_says_which_it_took():
+    long_board = Board(1.4, 0.0, 0.6, 2.6, 0.74)
+    left = Room([long_board], [Screen(0.4, -2.0, 0.4, 0.1, 2.0)])
+    right = Room([long_board], [Screen(0.4, -0.4, 0.4, 2.0, 2.0)])
+    looks = [(left, (0, 0, 0), 10), (right, (0, -0.3, 0), 20)]
+    apart = [s.id for s in standing(build(looks))]
+    assert len(apart) == 2
+    (joined,) = standing(build([*looks, (Room([long_board]), (0, 0.3, 0), 30)]))
+    assert joined.id == apart[0]
+    assert joined.took == (apart[1],)
+
+
+def test_a_table_that_was_moved_is_moved_in_the_map():
+    before, after = Board(1.6, 0.9, 0.8, 0.9, 0.74), Board(1.6, -0.9, 0.8, 0.9, 0.74)
+    looks = [(Room([before]), (0, 0, 0), 10), (Room([after]), (-0.4, 0.2, 0), 20)]
+    (table,) = standing(build(looks))
+    assert overlap(table, after) >= 0.8
+    assert table.first_seen_ns == 20
+
+
+def test_a_table_that_was_moved_a_little_leaves_no_strip():
+    before, after = Board(1.6, 0.0, 0.8, 0.9, 0.74), Board(1.6, 0.5, 0.8, 0.9, 0.74)
+    looks = [(Room([before]), (0, 0, 0), 10), (Room([after]), (-0.4, 0.2, 0), 20)]
+    (table,) = standing(build(looks))
+    assert overlap(table, after) >= 0.8
+
+
+def test_a_table_that_was_carried_away_is_gone():
+    looks = [(Room([TABLE]), (0, 0, 0), 10), (Room([]), (-0.4, 0.2, 0), 20)]
+    assert standing(build(looks)) == []
+
+
+def test_a_narrow_ledge_that_was_carried_away_is_gone():
+    ledge = Board(1.4, 0.0, 0.12, 1.2, 0.8)
+    looks = [(Room([ledge]), (0, 0, 0), 10), (Room([]), (-0.4, 0.2, 0), 20)]
+    assert standing(build(looks)) == []
+
+
+@pytest.mark.parametrize("pose", [(0, 0, 0), (0.02, 0.01, 0.01), (-0.5, 0.1, 0.0)])
+def test_a_table_hidden_by_a_person_stays(pose):
+    person = Screen(0.6, -0.4, 0.6, 0.4, 1.8)
+    looks = [(Room([TABLE]), (0, 0, 0), 10), (Room([TABLE], [person]), pose, 20)]
+    (table,) = standing(build(looks))
+    assert overlap(table, TABLE) >= 0.8
+    assert table.first_seen_ns == 10
+
+
+def test_standing_still_keeps_one_view_of_a_place():
+    room = Room([TABLE])
+    looks = [(room, (0.0, 0.001 * k, 0.0), 10 * k + 10) for k in range(6)]
+    mapped = build(looks)
+    (table,) = standing(mapped)
+    assert [v.stamp_ns for v in table.views] == [60]
+    assert (table.first_seen_ns, table.last_seen_ns) == (10, 60)
+    assert table.id == standing(build(looks[:1]))[0].id
+
+
+def test_surfaces_that_are_too_low_are_not_kept():
+    room = Room([Board(1.2, 0.0, 0.8, 0.8, 0.12), TABLE])
+    assert [round(s.height, 2) for s in standing(build([(room, (0, 0, 0), 10)]))] == [0.74]
+
+
+def test_heights_count_from_the_floor():
+    low = Room([Board(1.4, 0.0, 0.8, 0.8, 0.2)], floor=Board(0.0, 0.0, 12.0, 12.0, -0.3))
+    mapped = build([(low, (0, 0, 0), 10)])
+    assert mapped.floor_z == pytest.approx(-0.3, abs=1e-6)
+    (seat,) = standing(mapped)
+    assert seat.height == pytest.approx(0.2, abs=1e-6)
+    assert seat.label == "seat"
+
+
+def test_no_floor_is_no_height():
+    room = Room([TABLE], floor=Board(0.0, 0.0, 0.01, 0.01, -9.0))
+    mapped = build([(room, (0, 0, 0), 10)])
+    assert mapped.floor_z is None
+    assert len(standing(mapped)) == 1
+
+
+def test_no_views_no_surfaces():
+    mapped = SurfaceMap(Config()).build(
+        ViewPlacement(np.zeros((0, 4, 4)), np.zeros((0, 3, 3)), np.zeros(0, np.int64))
+    )
+    assert mapped.surfaces == ()
+    assert mapped.floor_z is None

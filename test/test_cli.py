@@ -1,0 +1,164 @@
+"""The command as users type it: what goes wrong ends in one line, status 1 and nothing written."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from tccm_ros import cli
+from tccm_ros.io.bag_writer import BagWriter
+from tccm_ros.io.typestore import TypestoreMessages
+from tccm_ros.messages import joint_sample_message, robot_description_message, scan_message
+from tccm_ros.records import JointSample, RobotDescription, Scan
+
+START_NS = 1_700_000_000_000_000_000
+URDF = """<robot name="r"><link name="base_link"/><link name="moving"/><link name="laser"/>
+<joint name="tilt" type="revolute"><parent link="base_link"/><child link="moving"/>
+<origin xyz="0 0 1"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="mount" type="fixed"><parent link="moving"/><child link="laser"/></joint></robot>"""
+
+
+def write_bag(path, *, urdf=URDF, joint="tilt", scans=True, topic="/tilt_scan"):
+    types = TypestoreMessages()
+    with BagWriter(path) as bag:
+        model = robot_description_message(types, RobotDescription(urdf))
+        bag.write("/robot_description", "std_msgs/msg/String", START_NS, model)
+        for i in range(200):
+            stamp = START_NS + i * 10_000_000
+            sample = JointSample(stamp, (joint,), np.array([0.3 * np.sin(0.1 * i)]))
+            message = joint_sample_message(types, sample)
+            bag.write("/joint_states", "sensor_msgs/msg/JointState", stamp, message)
+            if scans and i % 3 == 1:
+                ranges = np.full(90, 2.0, np.float32)
+                scan = Scan(stamp - 5_000_000, "laser", -0.8, 0.02, 0.0, 0.1, 10.0, ranges)
+                bag.write(topic, "sensor_msgs/msg/LaserScan", stamp, scan_message(types, scan))
+    return path
+
+
+def run(capsys, monkeypatch, *arguments):
+    """Run the command in this process; return its status and both outputs."""
+    monkeypatch.setattr(sys, "argv", ["tccm", *map(str, arguments)])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    out, err = capsys.readouterr()
+    return end.value.code or 0, out, err
+
+
+def fails(capsys, monkeypatch, tmp_path, bag, *more):
+    out = tmp_path / "out"
+    status, _, err = run(capsys, monkeypatch, "replay", bag, "--out", out, "--quiet", *more)
+    assert status == 1
+    assert err.startswith("tccm: ")
+    assert err.count("\n") == 1, err
+    assert not out.exists()
+    assert not list(tmp_path.glob(".out*"))
+    return err
+
+
+@pytest.fixture
+def check(capsys, monkeypatch, tmp_path):
+    return lambda bag, *more: fails(capsys, monkeypatch, tmp_path, bag, *more)
+
+
+def test_no_such_bag(check, tmp_path):
+    assert "nowhere" in check(tmp_path / "nowhere")
+
+
+def test_an_empty_file(check, tmp_path):
+    path = tmp_path / "empty.mcap"
+    path.touch()
+    assert "empty.mcap" in check(path)
+
+
+def test_a_truncated_bag(check, tmp_path):
+    whole = (write_bag(tmp_path / "bag") / "bag.mcap").read_bytes()
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(whole[: len(whole) // 2])
+    assert "recover" in check(path)
+
+
+def test_garbage(check, tmp_path):
+    path = tmp_path / "garbage.mcap"
+    path.write_bytes(bytes(range(256)) * 40)
+    assert "garbage.mcap" in check(path)
+
+
+def test_no_scans_on_the_topic_names_those_that_are_there(check, tmp_path):
+    err = check(write_bag(tmp_path / "bag", topic="/head_scan"))
+    assert "/tilt_scan" in err
+    assert "/head_scan" in err
+    err = check(tmp_path / "bag", "--remap", "tilt_scan:=/heat_scan")
+    assert "/heat_scan" in err
+    assert "/head_scan" in err
+
+
+def test_no_joint_of_that_name_names_those_that_are_there(check, tmp_path):
+    err = check(write_bag(tmp_path / "bag"), "--set", "frames.tilt_joint=tlit")
+    assert "tlit" in err
+    assert "'tilt'" in err
+
+
+def test_joint_samples_of_other_joints_are_named(check, tmp_path):
+    err = check(write_bag(tmp_path / "bag", joint="elbow"))
+    assert "tilt" in err
+    assert "elbow" in err
+
+
+def test_no_way_from_base_to_laser_names_the_frames(check, tmp_path):
+    err = check(write_bag(tmp_path / "bag", urdf=URDF.replace("laser", "lidar")))
+    assert "base_link" in err
+    assert "laser" in err
+
+
+def test_a_broken_urdf(check, tmp_path):
+    assert "robot description" in check(write_bag(tmp_path / "bag", urdf="<robot><link"))
+
+
+def test_an_unknown_key_names_the_nearest(check, tmp_path):
+    bag = write_bag(tmp_path / "bag")
+    assert "map.cell_size" in check(bag, "--set", "map.cel_size=0.02")
+    assert "map.cell_size" in check(bag, "--set", "map.cell_size=7")
+
+
+def test_a_folder_that_cannot_be_written(capsys, monkeypatch, tmp_path):
+    bag = write_bag(tmp_path / "bag")
+    (tmp_path / "file").touch()
+    status, _, err = run(capsys, monkeypatch, "replay", bag, "--out", tmp_path / "file", "-q")
+    assert status == 1
+    assert "file" in err
+    assert (tmp_path / "file").read_bytes() == b""
+
+
+def test_wrong_usage_is_status_2(capsys, monkeypatch):
+    assert run(capsys, monkeypatch, "replay")[0] == 2
+    assert run(capsys, monkeypatch, "replya")[0] == 2
+
+
+def test_info_and_json(capsys, monkeypatch, tmp_path):
+    bag = write_bag(tmp_path / "bag")
+    status, out, _ = run(capsys, monkeypatch, "info", bag, "--json")
+    assert status == 0
+    names = {topic["name"]: topic["count"] for topic in json.loads(out)["topics"]}
+    assert names["/joint_states"] == 200
+
+
+def test_parameters_print_the_shipped_file(capsys, monkeypatch):
+    status, out, _ = run(capsys, monkeypatch, "parameters")
+    assert status == 0
+    assert "cell_size: 0.02" in out
+
+
+def test_the_command_is_quick_to_explain_itself():
+    """No heavy import before a command is known: --help must work without them."""
+    code = (
+        "import sys; from tccm_ros import cli; "
+        "assert not {'numba', 'gtsam', 'matplotlib', 'scipy'} & set(sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=dict(os.environ), capture_output=True, check=False
+    )
+    assert done.returncode == 0, done.stderr.decode()

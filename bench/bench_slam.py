@@ -1,0 +1,233 @@
+"""SLAM: line extraction, the graph at 10,000 poses, and the two public logs where they are.
+
+Usage: python bench/bench_slam.py [--shared FOLDER] [--seeds N]. Prints tables; asserts nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from tccm_ros.config import Config
+from tccm_ros.evaluate.trajectory_errors import nees, pairs_that_meet, relation_errors
+from tccm_ros.evaluate.truth_files import read_reference, read_stamps
+from tccm_ros.geometry import between2, compose2, inverse, spatial
+from tccm_ros.io.bags import BagReader
+from tccm_ros.io.carmen import import_carmen
+from tccm_ros.records import Odometry, PosedScan, Scan
+from tccm_ros.slam.chain import turn_for
+from tccm_ros.slam.factors import (
+    BetweenKeyframes,
+    Factor,
+    Planar,
+    PriorPose,
+    WallObservation,
+    keyframe_key,
+    wall_key,
+)
+from tccm_ros.slam.graph import IncrementalGraph, PoseGraph
+from tccm_ros.slam.lines import extract_lines
+from tccm_ros.slam.wall_slam import WallSlam
+
+HERE = Path(__file__).resolve().parent
+
+
+def load_plan():
+    """Load the tests' floor plan: truth that shares no code with the package."""
+    path = HERE.parent / "test" / "slam" / "plan.py"
+    spec = importlib.util.spec_from_file_location("plan", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["plan"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def bench_lines(plan) -> None:
+    config = Config()
+    bearings = np.linspace(-2.4, 2.4, 1080)
+    ranges = plan.cast(plan.ring(), np.array([0.0, 0.0, 0.3]), bearings)
+    ranges = ranges + np.random.default_rng(0).normal(size=1080) * 0.01
+    beams = np.stack([np.cos(bearings), np.sin(bearings)], axis=1) * ranges[:, None]
+    beams = beams[np.isfinite(ranges)]
+    print("line extraction, 1,080 beams               us   lines")
+    for extractor in ("split_merge", "ransac"):
+        config.lines.extractor = extractor
+        times = []
+        for _ in range(60):
+            start = time.perf_counter()
+            lines = extract_lines(beams, np.zeros(2), config)
+            times.append(time.perf_counter() - start)
+        print(f"  {extractor:34} {np.median(times) * 1e6:8.0f} {len(lines):7d}")
+
+
+def big_graph(poses: int, per_pose: int):
+    """Return per-keyframe factors and start poses of 16 rounds in a building 60 m wide."""
+    random = np.random.default_rng(1)
+    truth = np.zeros((poses, 3))
+    for k in range(1, poses):
+        truth[k] = compose2(truth[k - 1], [0.3, 0.0, 0.01])
+    cov = np.diag([0.01**2, 0.01**2, 0.003**2])
+    steps, start = [], truth[:1].copy()
+    groups: list[list[Factor]] = []
+    bearings = 1.3 * np.arange(per_pose) + 0.2
+    keys = [keyframe_key(k, turn_for(bearings - truth[k, 2])) for k in range(poses)]
+    for k in range(poses):
+        if k == 0:
+            groups.append([PriorPose(keys[0], truth[0], cov)])
+            steps.append(truth[0])
+            continue
+        delta = between2(truth[k - 1], truth[k]) + random.normal(size=3) * [0.01, 0.01, 0.003]
+        steps.append(compose2(steps[-1], delta))
+        groups.append(
+            [BetweenKeyframes(keys[k - 1], keys[k], delta, cov), Planar(keys[k], start[0])]
+        )
+    wall_cov = np.diag([0.01**2, 0.02**2])
+    for k in range(poses):
+        for j in range(per_pose):
+            wall = (k // 40) * per_pose + j
+            phi_map = 1.3 * j + 0.2
+            rho_map = (
+                3.0
+                + j
+                + np.cos(phi_map) * truth[(k // 40) * 40, 0]
+                + (np.sin(phi_map) * truth[(k // 40) * 40, 1])
+            )
+            x, y, yaw = truth[k]
+            phi = phi_map - yaw + random.normal() * 0.01
+            rho = rho_map - np.cos(phi_map) * x - np.sin(phi_map) * y + random.normal() * 0.02
+            groups[k].append(WallObservation(keys[k], wall_key(wall), phi, rho, wall_cov))
+    return keys, groups, np.array(steps), truth
+
+
+def bench_graph(poses: int = 10_000, per_pose: int = 5) -> None:
+    keys, groups, start, truth = big_graph(poses, per_pose)
+    isam, times, pose = IncrementalGraph(), [], start[0]
+    for k, group in enumerate(groups):
+        pose = compose2(pose, between2(start[max(k - 1, 0)], start[k]))
+        t = time.perf_counter()
+        isam.add(group, {keys[k]: pose})
+        times.append(time.perf_counter() - t)
+    ms = np.array(times) * 1e3
+    print(f"graph: {poses} poses, {poses * per_pose} wall measurements")
+    print(
+        f"  ISAM2: median {np.median(ms):.2f} ms, p99 {np.quantile(ms, 0.99):.2f} ms, "
+        f"max {ms.max():.1f} ms, sum {ms.sum() / 1e3:.1f} s"
+    )
+    t0 = time.perf_counter()
+    live = isam.planar_poses(keys)
+    graph = PoseGraph([f for group in groups for f in group], dict(zip(keys, live)))
+    t1 = time.perf_counter()
+    solution = graph.optimise()
+    t2 = time.perf_counter()
+    error = between2(truth, solution.planar_poses(keys))
+    rms = float(np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1))))
+    print(
+        f"  batch from there: build {t1 - t0:.2f} s, optimise {t2 - t1:.2f} s "
+        f"({solution.iterations} steps), rms {rms:.3f} m"
+    )
+
+
+def bench_nees(plan, seeds: int) -> None:
+    poses = plan.route([(0, 0), (12, 0), (12, 9), (0, 9), (0, 0), (5, 0)])
+    print(
+        f"ring of 42 m, {seeds} seeds                  rms m    rms deg   NEES/dof of the last pose"
+    )
+    for walls in (True, False):
+        config = Config()
+        config.walls.enabled = walls
+        rms, consistency = [], []
+        for seed in range(seeds):
+            run = plan.drive(plan.ring(), poses, seed=seed)
+            slam = WallSlam(config)
+            for scan in run.scans:
+                slam.add_scan(scan)
+            solution = slam.solve()
+            last = solution.keyframes[-1]
+            at = int(np.flatnonzero(run.stamps_ns == last.stamp_ns)[0])
+            error = between2(run.truth[at], last.pose)
+            consistency.append(nees(error, solution.cov_keyframes[-1]))
+            rms.append(plan.errors(run.truth, solution.poses))
+        m, rad = np.mean(rms, axis=0)
+        name = "walls and matching" if walls else "matching alone"
+        print(f"  {name:34} {m:8.4f} {np.degrees(rad):10.3f} {np.mean(consistency):10.2f}")
+
+
+def scans_of(bag: Path) -> list[PosedScan]:
+    """Read an imported log's scans with their odometry: one pose each, as logged."""
+    odometry: dict[int, np.ndarray] = {}
+    scans: list[Scan] = []
+    for _, _, record in BagReader(bag).records({"scan": "/scan", "odom": "/odom"}):
+        if isinstance(record, Odometry):
+            odometry[record.stamp_ns] = record.T_odom_base
+        elif isinstance(record, Scan):
+            scans.append(record)
+    mount = np.eye(4)
+    return [
+        PosedScan(s, np.array([s.stamp_ns]), odometry[s.stamp_ns][None], mount[None])
+        for s in scans
+        if s.stamp_ns in odometry
+    ]
+
+
+def bench_log(log: Path, reference: Path) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        bag = Path(folder) / "bag"
+        import_carmen(log, bag)
+        scans = scans_of(bag)
+        stamps = read_stamps(bag / "stamps.csv")
+    truth = read_reference(reference)
+    meet = pairs_that_meet(truth.poses[:, :3, 3])
+    for walls in (True, False):
+        config = Config()
+        config.walls.enabled = walls
+        slam = WallSlam(config)
+        t0 = time.process_time()
+        for scan in scans:
+            slam.add_scan(scan)
+        t1 = time.process_time()
+        solution = slam.solve()
+        t2 = time.process_time()
+        at = solution.pose_at([stamps[int(i)] for i in truth.scan_index])
+        poses = spatial(at)
+        i, j = meet.T
+        errors = relation_errors(poses[i], poses[j], inverse(truth.poses[i]) @ truth.poses[j])
+        accepted = sum(loop.accepted for loop in solution.loops)
+        print(
+            f"  {log.name.split('.')[0]:10} walls {'on ' if walls else 'off'} "
+            f"{t1 - t0:6.1f} + {t2 - t1:4.1f} s CPU, {len(solution.keyframes)} keyframes, "
+            f"{len(solution.walls)} walls, {accepted} loops; {len(errors)} pairs: "
+            f"{errors.translation.mean():.4f} +- {errors.translation.std():.4f} m, "
+            f"{np.degrees(errors.rotation.mean()):.3f} deg "
+            f"(median {np.median(errors.translation):.4f} m, "
+            f"{np.degrees(np.median(errors.rotation)):.3f} deg)"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    default = os.environ.get("TCCM_SHARED", HERE.parents[1] / "shared")
+    parser.add_argument("--shared", type=Path, default=Path(default))
+    parser.add_argument("--seeds", type=int, default=10)
+    options = parser.parse_args()
+    plan = load_plan()
+    bench_lines(plan)
+    bench_graph()
+    bench_nees(plan, options.seeds)
+    print("logs: pairs of reference rows less than 3 m apart with more than 10 m of path between")
+    for name in ("intel", "mit-csail"):
+        log = options.shared / "data" / "carmen" / f"{name}.clf.bz2"
+        if not log.exists():
+            print(f"  {name}: skipped, {log} is not here")
+            continue
+        bench_log(log, log.with_name(f"{name}_reference.txt"))
+
+
+if __name__ == "__main__":
+    main()

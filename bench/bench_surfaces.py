@@ -1,0 +1,79 @@
+"""How fast surfaces re-merge after an optimisation, against kd-trees; no assertion, a table.
+
+python bench/bench_surfaces.py
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from tccm_ros.surfaces.contact import box_pairs, connect, patch_boxes
+
+SURFACES, POINTS, DISTANCE = 1000, 2000, 0.05
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+
+def scene(size: float, seed: int = 0) -> tuple[Float64, Int64]:
+    """Boards of 1.2 x 0.8 m at three heights, strewn over `size` x `size` m."""
+    rng = np.random.default_rng(seed)
+    half = np.array([0.6, 0.4, 0.003])
+    parts = []
+    for _ in range(SURFACES):
+        middle = np.array([*rng.uniform(0.0, size, 2), rng.choice([0.40, 0.75, 0.90])])
+        parts.append(middle + rng.uniform(-half, half, (POINTS, 3)))
+    return np.concatenate(parts), np.arange(0, SURFACES * POINTS + 1, POINTS)
+
+
+def by_voxels(points: Float64, offsets: Int64) -> Int64:
+    boxes = patch_boxes(points, offsets)
+    return connect(points, offsets, boxes, box_pairs(boxes, DISTANCE), DISTANCE)[0]
+
+
+def by_trees(points: Float64, offsets: Int64) -> Int64:
+    """Merge with a kd-tree for each surface and the same boxes and components."""
+    boxes = patch_boxes(points, offsets)
+    trees: dict[int, cKDTree] = {}
+    root = np.arange(len(offsets) - 1)
+    for q, p in box_pairs(boxes, DISTANCE):
+        if root[q] == root[p]:
+            continue
+        for k in (q, p):
+            if k not in trees:
+                trees[k] = cKDTree(points[offsets[k] : offsets[k + 1]])
+        distances, _ = trees[q].query(trees[p].data, distance_upper_bound=DISTANCE * (1 + 1e-9))
+        if np.any(distances <= DISTANCE):
+            root[root == max(root[q], root[p])] = min(root[q], root[p])
+    return root
+
+
+def median(run: Callable[[], object], times: int) -> float:
+    seconds = []
+    for _ in range(times):
+        start = time.perf_counter()
+        run()
+        seconds.append(time.perf_counter() - start)
+    return float(np.median(seconds))
+
+
+def main() -> None:
+    print(f"{SURFACES} surfaces of {POINTS} points, merged at {DISTANCE} m; medians")
+    print(f"{'area':>10} {'ours s':>9} {'kd-trees s':>11} {'ratio':>6} {'surfaces':>9}  same")
+    for size in (5.0, 30.0, 100.0):
+        points, offsets = scene(size)
+        ours, theirs = by_voxels(points, offsets), by_trees(points, offsets)
+        a = median(lambda p=points, o=offsets: by_voxels(p, o), 7)
+        b = median(lambda p=points, o=offsets: by_trees(p, o), 3)
+        same = bool(np.array_equal(ours, theirs))
+        count = len(np.unique(ours))
+        print(f"{size:>8.0f} m {a:>9.4f} {b:>11.4f} {b / a:>6.1f} {count:>9}  {same}")
+
+
+if __name__ == "__main__":
+    main()

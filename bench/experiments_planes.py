@@ -1,0 +1,339 @@
+"""The paper's plane experiments, repeated: Table III, Fig. 7, 9, 11, 12, and real recordings.
+
+Prints Markdown and writes pictures to docs/images. Recordings are looked for in `--recordings` (a
+folder with `tables` and `bags`), and left out where they are not there. Tables I and II are printed
+by bench_planes.py.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(Path(__file__).resolve().parent)]
+
+from plane_scenes import (  # noqa: E402
+    REGION,
+    error,
+    eye,
+    in_region,
+    least_squares,
+    median_ms,
+    subject_fit,
+    sweep_map,
+)
+
+from tccm_ros.config import Config  # noqa: E402
+from tccm_ros.mapping.center_cores import center_cores, find_core_plane  # noqa: E402
+from tccm_ros.mapping.cuboids import TICK, Cuboids  # noqa: E402
+from tccm_ros.mapping.part_map import PartMapBuilder  # noqa: E402
+from tccm_ros.mapping.planes import PlaneFits, find_planes, without_plane  # noqa: E402
+from tccm_ros.pipeline import run_bag  # noqa: E402
+from tccm_ros.sim.situations import Cycle, cycle  # noqa: E402
+
+CONFIG = Config()
+Array = NDArray[np.float64]
+PAPER_THREE = {
+    (20, 0): (4.354, 0.2996), (40, 0): (4.530, 0.3900), (60, 0): (3.377, 0.4382),
+    (80, 0): (3.351, 0.1830), (0, 20): (3.946, 0.3464), (0, 40): (4.156, 0.2012),
+    (0, 60): (4.289, 0.6344), (0, 80): (4.106, 0.7483),
+}  # fmt: skip
+"""Table III as published: (yaw, pitch) in deg -> ms, maximum val."""
+
+
+def rotation(yaw: float, pitch: float) -> Array:
+    """Return Rz(yaw) Ry(pitch), angles in deg."""
+    y, p = np.deg2rad([yaw, pitch])
+    Rz = np.array([[np.cos(y), -np.sin(y), 0], [np.sin(y), np.cos(y), 0], [0, 0, 1]])
+    Ry = np.array([[np.cos(p), 0, np.sin(p)], [0, 1, 0], [-np.sin(p), 0, np.cos(p)]])
+    return Rz @ Ry
+
+
+def map_of(points: Array) -> Cuboids:
+    """Return the part map of bare points."""
+    builder = PartMapBuilder(CONFIG)
+    builder.add_points(np.ascontiguousarray(points))
+    return builder.close(0, 0, 1).cuboids()
+
+
+def table_three() -> None:
+    """Print Table III: the points of situation A turned and shifted."""
+    print("### Table III: situation A turned about the laser, 2.5 mm noise\n")
+    print("| yaw | pitch | ours, ms | error, mm | deg | val | cores: val of 50 | paper: ms | val |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    for (yaw, pitch), (paper_ms, paper_val) in PAPER_THREE.items():
+        sweep = cycle("a", 0.0025, 1, room=True)
+        R, shift = rotation(yaw, pitch), np.array([0.3, -0.2, 0.1])
+        use = in_region(sweep.points)
+        points = (sweep.points[use] - eye(sweep)) @ R.T + shift
+        cuboids = map_of(points)
+        inliers = points[sweep.labels[use] == 2]
+        place = shift.copy()
+        truth = moved(sweep, R, shift)
+        fit = subject_fit(find_planes(cuboids, CONFIG, place), truth, inliers.mean(axis=0))
+        ms = median_ms(lambda c=cuboids, p=place: find_planes(c, CONFIG, p))
+        core = find_core_plane(center_cores(cuboids), CONFIG, 50, 1)
+        mm, deg = error(fit.normal, fit.offset, truth, inliers.mean(axis=0))
+        val = f"{core.quality:.0f}" if core else "none"
+        print(
+            f"| {yaw} | {pitch} | {ms:.3f} | {mm:.3f} | {deg:.3f} | {fit.quality:.0f} | {val} |"
+            f" *{paper_ms}* | *{paper_val}* |"
+        )
+
+
+def moved(sweep: Cycle, R: Array, shift: Array) -> Cycle:
+    """Return a sweep whose true plane is turned about the laser and shifted."""
+    normal = R @ sweep.normal
+    offset = sweep.offset - float(sweep.normal @ eye(sweep)) + float(normal @ shift)
+    return Cycle(**{**{f: getattr(sweep, f) for f in sweep.__dataclass_fields__},
+                    "normal": normal, "offset": offset})  # fmt: skip
+
+
+def draw_map(axes: Axes, cuboids: Cuboids, labels: NDArray[np.int32] | None = None) -> None:
+    """Draw cuboids in a 3D plot, as their upright middles, coloured by height or label."""
+    x = (cuboids.ix + 0.5) * cuboids.cell_size
+    y = (cuboids.iy + 0.5) * cuboids.cell_size
+    top, bottom = cuboids.top * TICK, cuboids.bottom * TICK
+    colour = plt.get_cmap("viridis")(np.clip(top / 1.3, 0, 1))
+    if labels is not None:
+        colour = plt.get_cmap("tab10")(labels % 10)
+        colour[labels < 0] = (0.75, 0.75, 0.75, 1)
+    lines = np.stack([np.stack([x, y, bottom], 1), np.stack([x, y, top], 1)], axis=1)
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+    axes.add_collection3d(Line3DCollection(lines, colors=colour, linewidths=1.6))
+    axes.set(xlim=(0.2, 1.5), ylim=(-0.9, 0.9), zlim=(0, 1.3))
+    axes.set_box_aspect((1.3, 1.8, 1.3))
+    axes.view_init(28, 205)
+
+
+def draw_outlines(axes: Axes, fits: PlaneFits) -> None:
+    """Draw the outlines of planes in a 3D plot."""
+    for fit in fits:
+        colour = plt.get_cmap("tab10")(fit.index % 10)
+        for ring in (fit.boundary, *fit.holes):
+            closed = np.vstack([ring, ring[:1]])
+            axes.plot(*closed.T, color=colour, lw=1.5)
+
+
+def figure_seven(folder: Path) -> None:
+    """Draw the maps before and after the horizontal planes are taken out."""
+    figure, rows = plt.subplots(2, 2, figsize=(9, 8), subplot_kw={"projection": "3d"})
+    print("\n### Fig. 7: cuboids before and after taking out the horizontal planes\n")
+    for column, name in enumerate("cd"):
+        sweep = cycle(name, 0.0025, 1, room=True)
+        cuboids = sweep_map(sweep, CONFIG, REGION)
+        rest = without_plane(find_planes(cuboids, CONFIG, eye(sweep)))
+        draw_map(rows[0][column], cuboids)
+        draw_map(rows[1][column], rest)
+        rows[0][column].set_title(f"{name.upper()}: {len(cuboids)} cuboids")
+        rows[1][column].set_title(f"without level planes: {len(rest)}")
+        print(f"- {name.upper()}: {len(cuboids)} -> {len(rest)}")
+    save(figure, folder / "planes_fig7.png")
+
+
+def figure_nine(folder: Path) -> None:
+    """Draw the height profile across a table top."""
+    sweep = cycle("a", 0.005, 1, room=True, quantum=0.001)
+    cuboids = sweep_map(sweep, CONFIG, REGION)
+    fits = find_planes(cuboids, CONFIG, eye(sweep))
+    fit = next(f for f in fits if f.kind == "horizontal")
+    mean = cuboids.mean()[fit.members]
+    figure, axes = plt.subplots(figsize=(8, 3))
+    axes.plot(1e3 * mean[:, 1], 1e3 * cuboids.top[fit.members] * TICK, ".", ms=3, label="u (top)")
+    axes.plot(1e3 * mean[:, 1], 1e3 * mean[:, 2], ".", ms=3, label="mean of a cuboid's points")
+    axes.axhline(1e3 * fit.centroid[2], color="k", lw=1, label="fitted plane")
+    axes.set(xlabel="y, mm", ylabel="height, mm", title="Table top, noise 5 mm (Fig. 9)")
+    axes.legend(fontsize=8)
+    save(figure, folder / "planes_fig9.png")
+    spread = np.ptp(1e3 * cuboids.top[fit.members] * TICK)
+    height = 1e3 * fit.centroid[2]
+    print(f"\n### Fig. 9\n\nTops spread over {spread:.0f} mm (paper: about 20 mm); the plane's")
+    print(f"middle is at {height:.2f} mm of 700.")
+
+
+def figure_eleven(folder: Path) -> None:
+    """Draw the center cores of a shelf with knobs, seen from a base that leans by 1 deg."""
+    sweep = cycle("d", 0.0025, 1, yaw=-np.deg2rad(20.0), pitch=np.deg2rad(1.0))
+    cores = center_cores(sweep_map(sweep, CONFIG, (0.2, 1.5, -0.9, 0.9, -0.1, 1.45)), 0.004)
+    ends = cores.ends()
+    figure, (front, side) = plt.subplots(1, 2, figsize=(9, 5), sharey=True)
+    for axes, k, title in ((front, 1, "front view"), (side, 0, "side view")):
+        axes.plot(ends[:, :, k].T, ends[:, :, 2].T, color="tab:blue", lw=0.8)
+        axes.set(title=title, xlabel="y, m" if k else "x, m", aspect="equal")
+    front.set_ylabel("z, m")
+    save(figure, folder / "planes_fig11.png")
+    print(f"\n### Fig. 11\n\n{len(cores)} center cores; the front leans by 1 deg and shows it.")
+
+
+def plate(center: Array, normal: Array, size: float, step: float = 0.008) -> Array:
+    """Return points on a square plate, m."""
+    normal = normal / np.linalg.norm(normal)
+    u = np.cross(normal, (0.0, 0.0, 1.0))
+    u /= np.linalg.norm(u)
+    at = np.arange(-size / 2, size / 2, step)
+    a, b = (k.ravel()[:, None] for k in np.meshgrid(at, at))
+    return center + a * u + b * np.cross(normal, u)
+
+
+def figure_twelve(folder: Path) -> None:
+    """Draw a plate held before the robot, and a box on the table: two planes each."""
+    rng = np.random.default_rng(0)
+    table = cycle("a", 0.0025, 1)
+    points = table.points[in_region(table.points)]
+    held = plate(np.array([0.55, 0.0, 1.05]), np.array([-0.8, 0.2, 0.6]), 0.3)
+    held = held + rng.normal(0, 0.0025, held.shape)
+    boxed = cycle("c", 0.0025, 1)
+    figure, axes = plt.subplots(1, 2, figsize=(10, 5), subplot_kw={"projection": "3d"})
+    print("\n### Fig. 12: two planes each\n")
+    for panel, cloud, title, place in (
+        (axes[0], np.concatenate([points, held]), "a plate before the robot", eye(table)),
+        (axes[1], boxed.points[in_region(boxed.points)], "boxes on a table", eye(boxed)),
+    ):
+        cuboids = map_of(cloud)
+        fits = find_planes(cuboids, CONFIG, place)
+        draw_map(panel, cuboids, fits.labels)
+        draw_outlines(panel, fits)
+        panel.set_title(f"{title}: {len(fits)} planes")
+        for fit in fits:
+            tilt = np.degrees(np.arccos(min(1.0, abs(fit.normal[2]))))
+            print(f"- {title}: tilt {tilt:.1f} deg, {fit.support} points, {fit.area:.3f} m2")
+    save(figure, folder / "planes_fig12.png")
+
+
+def real_tables(recordings: Path, folder: Path) -> None:
+    """Print what is found of the labelled tables, levelled and as seen by the camera."""
+    files = sorted((recordings / "tables").glob("*.npz"))
+    if not files:
+        print("\nThe recorded tables are not here: left out.")
+        return
+    print("\n### Recorded tables (range camera), against least squares on the labelled top\n")
+    print("| scene | frame | found | false | angle, deg | offset, mm | rms, mm | planes |")
+    print("|---|---|---|---|---|---|---|---|")
+    camera = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    pictures = []
+    for path in files:
+        data = np.load(path)
+        points, labels = (
+            data["points"].astype(float),
+            data["labels" if "labels" in data else "label"],
+        )
+        good = np.isfinite(points).all(axis=1)
+        points, is_top = points[good], (labels[good] >= 1) & (labels[good] <= 9)
+        for frame, R in (("level", leveling(points[is_top])), ("camera", camera)):
+            turned = points @ R.T
+            cuboids = map_of(turned)
+            fits = find_planes(cuboids, CONFIG, np.zeros(3))
+            row, fit = judge_table(turned, is_top, cuboids, fits)
+            print(f"| {path.stem} | {frame} | {row} | {len(fits)} |")
+            if frame == "level":
+                pictures.append((path.stem, turned, is_top, fit))
+    draw_tables(pictures, folder)
+
+
+def leveling(points: Array) -> Array:
+    """Return the rotation that makes a table level."""
+    normal = least_squares(points)[0]
+    normal = normal if normal @ points.mean(axis=0) < 0 else -normal
+    x = np.cross((0.0, 1.0, 0.0), normal)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(normal, x), normal])
+
+
+def judge_table(points: Array, is_top, cuboids: Cuboids, fits: PlaneFits):  # type: ignore[no-untyped-def]
+    """Return a table row and the fit that holds most of a labelled top."""
+    labels = fits.labels[owners(points, cuboids)]
+    found = labels[is_top]
+    index = int(np.bincount(found[found >= 0]).argmax())
+    member = labels == index
+    normal, offset = least_squares(points[is_top])
+    fit, middle = fits[index], points[is_top].mean(axis=0)
+    sign = np.sign(normal @ fit.normal)
+    off = 1e3 * ((fit.offset - fit.normal @ middle) - sign * (offset - normal @ middle))
+    angle = np.degrees(np.arccos(min(1.0, abs(float(normal @ fit.normal)))))
+    share = (member & is_top).sum() / is_top.sum()
+    false = (member & ~is_top).sum() / member.sum()
+    text = f"{100 * share:.1f} % | {100 * false:.2f} % | {angle:.3f} | {off:.2f}"
+    return f"{text} | {1e3 * fit.rms:.2f}", fit
+
+
+def owners(points: Array, cuboids: Cuboids) -> NDArray[np.int64]:
+    """Return the cuboid of each point: the last of its cell whose bottom is not above it."""
+    ticks = np.rint(points / TICK).astype(np.int64)
+    cell = round(cuboids.cell_size / TICK)
+    order = [np.floor_divide(ticks[:, k], cell) + (1 << 18) for k in (0, 1)]
+    key = ((order[0] << 20) + order[1]) * (1 << 22) + ticks[:, 2] + (1 << 20)
+    x, y, z = (np.asarray(k, np.int64) for k in (cuboids.ix, cuboids.iy, cuboids.bottom))
+    keys = (((x + (1 << 18)) << 20) + y + (1 << 18)) * (1 << 22) + z + (1 << 20)
+    return np.searchsorted(keys, key, side="right") - 1
+
+
+def draw_tables(pictures: list, folder: Path) -> None:
+    """Draw the tables from above with the outlines found."""
+    figure, axes = plt.subplots(2, 4, figsize=(14, 7))
+    for panel, (name, points, is_top, fit) in zip(axes.flat, pictures, strict=False):
+        some = slice(None, None, 40)
+        panel.plot(*points[is_top][some][:, :2].T, ",", color="tab:green")
+        panel.plot(*points[~is_top][some][:, :2].T, ",", color="tab:red")
+        for ring in (fit.boundary, *fit.holes):
+            panel.plot(*np.vstack([ring, ring[:1]])[:, :2].T, "k", lw=1.2)
+        panel.set(title=name, aspect="equal")
+    save(figure, folder / "planes_tables.png")
+
+
+def real_bags(recordings: Path) -> None:
+    """Print the planes of the recorded office and corridor sweeps."""
+    bags = sorted((recordings / "bags").glob("dlut_*")) + sorted(
+        (recordings / "bags").glob("kurt3d_corridor")
+    )
+    if not bags:
+        print("\nThe recorded bags are not here: left out.")
+        return
+    print("\n### Recorded sweeps: planes of the part map of each, largest first\n")
+    print("| bag | cycle | planes | largest: tilt deg, offset m, area m2 |")
+    print("|---|---|---|---|")
+    for bag in bags:
+        for result in run_bag(bag, CONFIG).cycles:
+            planes = sorted(result.planes, key=lambda p: -p.area)
+            texts = [
+                f"{np.degrees(np.arccos(min(1.0, abs(p.normal[2])))):.1f}, {p.offset:.2f},"
+                f" {p.area:.1f}"
+                for p in planes[:5]
+            ]
+            print(f"| {bag.name} | {result.cycle} | {len(planes)} | " + "; ".join(texts) + " |")
+
+
+def save(figure: plt.Figure, path: Path) -> None:
+    """Write a picture without metadata, so that the same scene gives the same bytes."""
+    figure.tight_layout()
+    figure.savefig(path, dpi=80, metadata={"Software": None})
+    plt.close(figure)
+
+
+def main() -> int:
+    """Run all experiments."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--images", type=Path, default=ROOT / "docs" / "images")
+    parser.add_argument("--recordings", type=Path, default=ROOT.parent / "shared" / "data")
+    options = parser.parse_args()
+    options.images.mkdir(parents=True, exist_ok=True)
+    table_three()
+    for draw in (figure_seven, figure_nine, figure_eleven, figure_twelve):
+        draw(options.images)
+    real_tables(options.recordings, options.images)
+    real_bags(options.recordings)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,63 @@
+// Plane segmentation by PCL's RANSAC, timed: the peer that bench_planes.py compares with.
+//
+// usage: pcl_planes THRESHOLD REPEATS FILE...
+// FILE holds little-endian float32 x y z. For each file one line:
+// seconds (median) inliers a b c d, of a x + b y + c z + d = 0.
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <vector>
+
+#include <pcl/ModelCoefficients.h>
+#include <pcl/PointIndices.h>
+#include <pcl/point_cloud.h>
+#include <pcl/point_types.h>
+#include <pcl/sample_consensus/method_types.h>
+#include <pcl/sample_consensus/model_types.h>
+#include <pcl/segmentation/sac_segmentation.h>
+
+using Cloud = pcl::PointCloud<pcl::PointXYZ>;
+
+static Cloud::Ptr read(const char *path) {
+  Cloud::Ptr cloud(new Cloud);
+  std::FILE *file = std::fopen(path, "rb");
+  if (!file) {
+    std::fprintf(stderr, "cannot open %s\n", path);
+    std::exit(1);
+  }
+  float p[3];
+  while (std::fread(p, sizeof p, 1, file) == 1) cloud->push_back(pcl::PointXYZ(p[0], p[1], p[2]));
+  std::fclose(file);
+  return cloud;
+}
+
+int main(int argc, char **argv) {
+  if (argc < 4) {
+    std::fprintf(stderr, "usage: pcl_planes THRESHOLD REPEATS FILE...\n");
+    return 2;
+  }
+  const double threshold = std::atof(argv[1]);
+  const int repeats = std::atoi(argv[2]);
+  for (int i = 3; i < argc; ++i) {
+    const Cloud::Ptr cloud = read(argv[i]);
+    pcl::ModelCoefficients plane;
+    pcl::PointIndices inliers;
+    std::vector<double> times;
+    for (int k = 0; k < repeats; ++k) {
+      pcl::SACSegmentation<pcl::PointXYZ> segmentation;
+      segmentation.setOptimizeCoefficients(true);
+      segmentation.setModelType(pcl::SACMODEL_PLANE);
+      segmentation.setMethodType(pcl::SAC_RANSAC);
+      segmentation.setDistanceThreshold(threshold);
+      segmentation.setInputCloud(cloud);
+      const auto start = std::chrono::steady_clock::now();
+      segmentation.segment(inliers, plane);
+      times.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+    }
+    std::nth_element(times.begin(), times.begin() + times.size() / 2, times.end());
+    std::printf("%.9f %zu", times[times.size() / 2], inliers.indices.size());
+    for (float value : plane.values) std::printf(" %.9g", value);
+    std::printf("\n");
+  }
+}

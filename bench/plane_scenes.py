@@ -1,0 +1,132 @@
+"""Scenes, baselines and measures that the plane benchmarks share."""
+
+from __future__ import annotations
+
+import shutil
+import statistics
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import pose_from_rpy
+from tccm_ros.mapping.cuboids import Cuboids
+from tccm_ros.mapping.part_map import PartMapBuilder
+from tccm_ros.mapping.planes import PlaneFit, PlaneFits
+from tccm_ros.records import PosedScan, Scan
+from tccm_ros.sim.situations import SUBJECT, Cycle
+
+Array = NDArray[np.float64]
+
+REGION = (0.2, 1.5, -0.9, 0.9, 0.1, 1.45)
+"""What the arms reach: x, y and z limits, m."""
+
+MISS_MM, MISS_DEG = 20.0, 2.0
+"""A plane that is further off is a miss."""
+
+PEERS = Path(__file__).resolve().parent / "peers"
+
+
+def eye(cycle: Cycle) -> Array:
+    """Return where the laser is, m."""
+    return np.array([0.0, 0.0, cycle.laser_height])
+
+
+def in_region(points: Array) -> NDArray[np.bool_]:
+    """Tell which points (N, 3) are in the region of interest."""
+    low, high = np.array(REGION).reshape(3, 2).T
+    return np.all((points > low) & (points < high), axis=1)
+
+
+def sweep_map(cycle: Cycle, config: Config, region: tuple[float, ...] | None = None) -> Cuboids:
+    """Return the part map of a simulated sweep."""
+    builder = PartMapBuilder(config)
+    if region is not None:
+        builder.set_region(region)
+    still = np.stack([np.eye(4)] * 2)
+    step = float(cycle.bearings[1] - cycle.bearings[0])
+    beams = len(cycle.bearings)
+    for ranges, tilts, times in zip(cycle.ranges, cycle.tilts, cycle.times, strict=True):
+        knots = np.rint(times[[0, -1]] * 1e9).astype(np.int64)
+        T = np.stack([pose_from_rpy((0, 0, cycle.laser_height, 0, t, 0)) for t in tilts[[0, -1]]])
+        scan = Scan(
+            int(knots[0]), "laser", float(cycle.bearings[0]), step,
+            float(times[-1] - times[0]) / (beams - 1), 0.05, 30.0, ranges.astype(np.float32),
+        )  # fmt: skip
+        builder.add(PosedScan(scan, knots, still, T), np.isfinite(ranges))
+    return builder.close(0, 0, 1).cuboids()
+
+
+def subject_points(cycle: Cycle) -> Array:
+    """Return the points of the subject in the region of interest."""
+    return cycle.points[(cycle.labels == SUBJECT) & in_region(cycle.points)]
+
+
+def least_squares(points: Array) -> tuple[Array, float]:
+    """Return the least-squares plane of points."""
+    mean = points.mean(axis=0)
+    normal = np.linalg.svd(points - mean, full_matrices=False)[2][2]
+    return normal, float(normal @ mean)
+
+
+def error(normal: Array, offset: float, cycle: Cycle, at: Array) -> tuple[float, float]:
+    """Return the error of a plane: mm along the true normal at a point, and degrees."""
+    cosine = float(normal @ cycle.normal)
+    sign = 1.0 if cosine >= 0.0 else -1.0
+    off = sign * (offset - normal @ at) - (cycle.offset - cycle.normal @ at)
+    return 1e3 * float(off), float(np.degrees(np.arccos(min(1.0, abs(cosine)))))
+
+
+def subject_fit(fits: PlaneFits, cycle: Cycle, at: Array) -> PlaneFit | None:
+    """Return the best supported plane that is no miss."""
+    for fit in sorted(fits, key=lambda f: -f.support):
+        mm, deg = error(fit.normal, fit.offset, cycle, at)
+        if abs(mm) < MISS_MM and deg < MISS_DEG:
+            return fit
+    return None
+
+
+def median_ms(call: Callable[[], object], repeats: int = 50) -> float:
+    """Return the median time of a call, ms."""
+    call()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - start)
+    return 1e3 * statistics.median(times)
+
+
+def pcl_planes(clouds: Sequence[Array], threshold: float = 0.01, repeats: int = 1):
+    """Run PCL's RANSAC (C++); return (ms, normal, offset) per cloud, or None without PCL."""
+    compiler, config = shutil.which("g++"), shutil.which("pkg-config")
+    names = sorted(Path("/usr/include").glob("pcl-*"))
+    if compiler is None or not names:
+        return None
+    eigen = "-I/usr/include/eigen3"
+    if config is not None:
+        found = subprocess.run([config, "--cflags", "eigen3"], capture_output=True, text=True)
+        eigen = found.stdout.strip() or eigen
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / "pcl_planes"
+        libraries = [f"-lpcl_{n}" for n in ("segmentation", "sample_consensus", "search", "common")]
+        subprocess.run(
+            [compiler, "-O3", "-DNDEBUG", "-std=c++17", f"-I{names[-1]}", *eigen.split(),
+             str(PEERS / "pcl_planes.cpp"), "-o", str(program), *libraries],
+            check=True,
+        )  # fmt: skip
+        files = []
+        for i, cloud in enumerate(clouds):
+            files.append(Path(folder) / f"{i}.bin")
+            files[-1].write_bytes(cloud.astype("<f4").tobytes())
+        out = subprocess.run(
+            [str(program), str(threshold), str(repeats), *map(str, files)],
+            check=True, capture_output=True, text=True,
+        ).stdout  # fmt: skip
+    rows = [np.array(line.split(), float) for line in out.splitlines()]
+    return [(1e3 * row[0], row[2:5], -row[5]) for row in rows]

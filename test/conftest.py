@@ -2,6 +2,14 @@
 
 import os
 
+from hypothesis import settings
+
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
 os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+# The same examples in every run, so that a commit is green or red for everyone alike. To look for
+# new counterexamples: HYPOTHESIS_PROFILE=search make test. What is found becomes an @example.
+settings.register_profile("same", derandomize=True, deadline=None)
+settings.register_profile("search", deadline=None)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))

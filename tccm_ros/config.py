@@ -15,7 +15,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
-from tccm_ros.errors import ConfigError, suggest
+from tccm_ros.errors import ConfigError, one_line, suggest
 
 __all__ = ["Config", "Parameter", "parameters", "read_config", "validated"]
 
@@ -630,7 +630,7 @@ def _read_yaml(path: Path) -> Mapping[str, Any]:
     try:
         tree = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read ({error.__class__.__name__})") from None
+        raise ConfigError(f"{path}: cannot be read ({one_line(error)})") from None
     except (yaml.YAMLError, RecursionError):
         raise ConfigError(f"{path}: not a YAML file") from None
     if tree is None:

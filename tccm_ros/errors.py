@@ -86,6 +86,13 @@ def suggest(name: str, known: Iterable[str], *, limit: int = 12) -> str:
 
 
 def one_line(error: BaseException, *, limit: int = 200) -> str:
-    """Return the text of an error as one line of at most `limit` characters."""
-    text = " ".join(str(error).split()) or type(error).__name__
+    """Return the text of an error as one line of at most `limit` characters.
+
+    Of an error of the system only what it means is told ("no such file or directory"): the message
+    around it names the file that the user knows.
+    """
+    text = str(error)
+    if isinstance(error, OSError) and error.strerror:
+        text = error.strerror[:1].lower() + error.strerror[1:]
+    text = " ".join(text.split()) or type(error).__name__
     return text if len(text) <= limit else text[: limit - 3] + "..."

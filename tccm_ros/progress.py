@@ -67,6 +67,7 @@ class _Shown:
         self._task: TaskID | None = None
 
     def start(self, name: str, total: float, unit: str = "") -> None:
+        self._bars.start()
         self.finish()
         self._task = self._bars.add_task(name, total=total, unit=unit)
 
@@ -93,7 +94,11 @@ def progress(quiet: bool = False) -> Iterator[Bars]:
         _Rate(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(stderr=True)) as bars:
-        shown = _Shown(bars)
+    bars = Progress(*columns, console=Console(stderr=True))
+    shown = _Shown(bars)
+    try:
         yield shown
         shown.finish()
+    finally:
+        if bars.live.is_started:  # stopping what was never begun would print an empty line
+            bars.stop()

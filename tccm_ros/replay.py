@@ -223,11 +223,13 @@ def report_of(target: Path | str, config: Config, bars: Bars | None = None) -> P
     Raises
     ------
     TccmError
-        If the target is none of these, or damaged.
+        If the target is missing, none of these, or damaged.
     """
     target = Path(target)
     if (target / "surfaces.json").exists():
         return target
+    if not target.exists():
+        raise MapError(f"{target}: no such result folder, map or bag")
     out = Path(f"{target.stem}_report")
     if target.is_file() and _is_map(target):
         report_map(target, out, config)

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from tccm_ros.io.typestore import TypestoreMessages
 from tccm_ros.messages import joint_sample_message, robot_description_message, scan_message
 from tccm_ros.records import JointSample, RobotDescription, Scan
 
+BAGS = Path(__file__).parent.parent / "bags"
 START_NS = 1_700_000_000_000_000_000
 URDF = """<robot name="r"><link name="base_link"/><link name="moving"/><link name="laser"/>
 <joint name="tilt" type="revolute"><parent link="base_link"/><child link="moving"/>
@@ -144,6 +146,39 @@ def test_info_and_json(capsys, monkeypatch, tmp_path):
     assert status == 0
     names = {topic["name"]: topic["count"] for topic in json.loads(out)["topics"]}
     assert names["/joint_states"] == 200
+
+
+def test_info_tells_the_lasers_apart(capsys, monkeypatch):
+    """Of two lasers with other names, the one that a joint moves is the tilting one."""
+    _, out, _ = run(capsys, monkeypatch, "info", BAGS / "upside_down")
+    assert out.splitlines()[-1] == (
+        "try --remap tilt_scan:=/nod_lidar/scan --remap joint_states:=/dynamixel/joint_states "
+        "--remap odom:=/wheel_odom --remap scan:=/front_lidar/scan"
+    )
+
+
+def test_info_gives_no_laser_two_roles(capsys, monkeypatch, tmp_path):
+    bag = write_bag(tmp_path / "bag", topic="/head_scan")
+    _, out, _ = run(capsys, monkeypatch, "info", bag)
+    assert "tilt_scan:=/head_scan" in out
+    assert "scan:=/head_scan" not in out.replace("tilt_scan:=/head_scan", "")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("view", "nowhere"),
+        ("replay", BAGS / "walkthrough", "--config", "nowhere", "--out", "unused"),
+        ("replay", BAGS / "walkthrough", "--out", "/proc/nowhere"),
+        ("evaluate", "nowhere", "--truth", BAGS / "flat" / "truth.json"),
+    ],
+)
+def test_a_path_that_is_not_there_is_named_in_plain_words(capsys, monkeypatch, arguments):
+    status, _, err = run(capsys, monkeypatch, *arguments)
+    assert status == 1
+    assert "nowhere" in err
+    assert err.count("\n") == 1
+    assert "Errno" not in err
 
 
 def test_parameters_print_the_shipped_file(capsys, monkeypatch):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.errors import LogError, OutputError
+from tccm_ros.errors import LogError, OutputError, one_line
 from tccm_ros.evaluate.trajectory_errors import (
     Errors,
     absolute_errors,
@@ -83,7 +83,7 @@ class TrajectoryScore:
         try:
             plot_score(self, Path(path))
         except OSError as error:
-            raise OutputError(f"{path}: cannot be written ({error.__class__.__name__})") from None
+            raise OutputError(f"{path}: cannot be written ({one_line(error)})") from None
 
 
 def _figures(errors: Errors) -> dict[str, Any]:

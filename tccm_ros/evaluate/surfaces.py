@@ -136,7 +136,9 @@ def _surfaces(path: Path, key: str = "surfaces") -> list[dict[str, Any]]:
         tree = json.loads(path.read_text(encoding="utf-8"))
         entries = tree.get(key, [])
         return [entry | {"polygon": _polygon(entry)} for entry in entries]
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read ({one_line(error)})") from None
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise LogError(f"{path}: not a surfaces file ({one_line(error)})") from None
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.errors import LogError
+from tccm_ros.errors import LogError, one_line
 from tccm_ros.geometry import pose_from_quaternion, pose_from_rpy, spatial
 
 __all__ = [
@@ -115,7 +115,7 @@ def read_stamps(path: Path | str, *, key: str = "raw_scan_index") -> dict[int, i
         parse = _nanoseconds if key == "ipc_time" else int
         return {parse(row[key]): _nanoseconds(row["stamp"]) for row in rows}
     except OSError as error:
-        raise LogError(f"{path}: cannot be read ({error.__class__.__name__})") from None
+        raise LogError(f"{path}: cannot be read ({one_line(error)})") from None
     except (KeyError, TypeError, ValueError, InvalidOperation):
         raise LogError(f"{path}: not a stamps.csv; columns raw_scan_index, stamp") from None
 
@@ -148,7 +148,7 @@ def _lines(path: Path | str) -> list[list[str]]:
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise LogError(f"{path}: cannot be read ({error.__class__.__name__})") from None
+        raise LogError(f"{path}: cannot be read ({one_line(error)})") from None
     rows = [line.replace(",", " ").split() for line in text.splitlines()]
     rows = [row for row in rows if row and not row[0].startswith("#")]
     if not rows:

@@ -175,7 +175,11 @@ class BagReader:
         msgtype = READERS[role][0]
         same = sorted({c.topic for c in self._channels() if c.msgtype == msgtype})
         if same:
-            hint = f"; of this type there are: {', '.join(same)} (use --remap {role}:={same[0]})"
+            hint = f"; of this type there are: {', '.join(same)}; "
+            if len(same) == 1:
+                hint += f"use --remap {role}:={same[0]}"
+            else:
+                hint += "'tccm info' suggests --remap options"
         else:
             hint = suggest(topic, {c.topic for c in self._channels()})
         return f"{self.path}: no topic {topic} ({msgtype}){hint}"

@@ -184,7 +184,7 @@ class BagWriter:
             raise ValueError(f"{topic} is {entry.msgtype}, not {msgtype}")
         if not 0 <= stamp_ns < 2**63:
             raise OutputError(f"{self.path}: {topic} has a stamp of {stamp_ns} ns, out of range")
-        if not isinstance(message, bytes | memoryview):
+        if not isinstance(message, bytes | bytearray | memoryview):
             message = self.types.serialize(msgtype, message)
         try:
             self._writer.add_message(entry.channel, stamp_ns, bytes(message), stamp_ns, entry.count)

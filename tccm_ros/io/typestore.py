@@ -15,6 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from tccm_ros.errors import one_line
+from tccm_ros.io.cdr_writer import CdrWriter, numpy_name
 from tccm_ros.messages.types import MessageError
 
 __all__ = ["TypestoreMessages"]
@@ -31,6 +32,7 @@ class TypestoreMessages:
 
     def __init__(self) -> None:
         self._store = _shared_store()
+        self._writer = _shared_writer()
         self._defaults: dict[str, dict[str, Factory]] = {}
 
     def make(self, msgtype: str, /, **fields: Any) -> Any:
@@ -58,9 +60,21 @@ class TypestoreMessages:
         """Return the value of a ``byte`` field."""
         return int(value)
 
-    def serialize(self, msgtype: str, message: Any) -> memoryview:
-        """Return a message as little-endian CDR."""
-        return self._store.serialize_cdr(message, msgtype, little_endian=True)
+    def rows(self, msgtype: str, table: ArrayLike, chosen: ArrayLike | None = None) -> Any:
+        """Return the value of a list of messages that hold numbers alone: the table itself."""
+        row = self._writer.row(msgtype)
+        values = np.asarray(table, row.dtype).reshape(-1, row.columns)
+        return values if chosen is None else values[np.asarray(chosen)]
+
+    def serialize(self, msgtype: str, message: Any) -> bytearray:
+        """Return a message as little-endian CDR.
+
+        Raises
+        ------
+        MessageError
+            For a value that does not fit its field.
+        """
+        return self._writer.write(msgtype, message)
 
     def deserialize(self, msgtype: str, data: bytes | memoryview) -> Any:
         """Return the message of CDR data of either byte order; its arrays are read-only views.
@@ -114,7 +128,7 @@ class TypestoreMessages:
         (inner_kind, inner), length = detail
         size = length if kind == Nodetype.ARRAY else 0
         if inner_kind == Nodetype.BASE and inner[0] != "string":
-            dtype = _numpy_name(inner[0])
+            dtype = numpy_name(inner[0])
             return lambda: np.zeros(size, dtype)
         item = self._factory((inner_kind, inner))
         return lambda: [item() for _ in range(size)]
@@ -127,8 +141,8 @@ def _shared_store() -> Typestore:
 
 
 @cache
-def _numpy_name(base: str) -> str:
-    return {"octet": "uint8", "byte": "uint8", "char": "uint8", "bool": "bool"}.get(base, base)
+def _shared_writer() -> CdrWriter:
+    return CdrWriter(_shared_store().fielddefs)
 
 
 def _base_factory(base: str) -> Factory:

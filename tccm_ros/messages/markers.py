@@ -141,9 +141,8 @@ def _tangents(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([u, np.cross(normal, u)])
 
 
-def _points(types: MessageTypes, xyz: ArrayLike) -> list[Any]:
-    rows = np.asarray(xyz, np.float64).reshape(-1, 3).tolist()
-    return [types.make("geometry_msgs/msg/Point", x=x, y=y, z=z) for x, y, z in rows]
+def _points(types: MessageTypes, xyz: ArrayLike) -> Any:
+    return types.rows("geometry_msgs/msg/Point", np.asarray(xyz, np.float64).reshape(-1, 3))
 
 
 def _color(types: MessageTypes, color: Color, alpha: float = 1.0) -> Any:
@@ -303,7 +302,7 @@ def cuboid_markers(
     classes = np.rint(np.log2(ratio)).astype(int)
     fractions = np.clip(np.nan_to_num(np.asarray(fraction, np.float64)), 0.0, 1.0)
     steps = np.rint(fractions * (COLOR_STEPS - 1)).astype(int)
-    palette = [_color(place.types, scale_color(k / (COLOR_STEPS - 1))) for k in range(COLOR_STEPS)]
+    palette = [(*scale_color(k / (COLOR_STEPS - 1)), 1.0) for k in range(COLOR_STEPS)]
     markers = []
     for index in np.unique(classes):
         members = np.flatnonzero(classes == index)
@@ -317,7 +316,7 @@ def cuboid_markers(
             (cell_size, cell_size, height),
             (1.0, 1.0, 1.0),
             points=_points(place.types, centers),
-            colors=[palette[k] for k in steps[members].tolist()],
+            colors=place.types.rows("std_msgs/msg/ColorRGBA", palette, steps[members]),
         )
         markers.append(marker)
     return markers

@@ -47,6 +47,20 @@ class MessageTypes(Protocol):
         """Return the value of a sequence field of numbers (``float32[]``, ``uint8[]``, ...)."""
         ...
 
+    def rows(self, msgtype: str, table: ArrayLike, chosen: ArrayLike | None = None) -> Any:
+        """Return the value of a list of messages that hold numbers alone (points, colours).
+
+        Parameters
+        ----------
+        msgtype
+            Such as ``geometry_msgs/msg/Point``.
+        table
+            (N, number of fields), a message in each row.
+        chosen
+            Rows to take, in their order, where many messages are equal; all by default.
+        """
+        ...
+
     def octet(self, value: int) -> Any:
         """Return the value of a ``byte`` field."""
         ...

@@ -42,6 +42,14 @@ class RosidlMessages:
         result.frombytes(np.ascontiguousarray(values, kind).tobytes())
         return result
 
+    def rows(self, msgtype: str, table: ArrayLike, chosen: ArrayLike | None = None) -> Any:
+        """Return a list of messages that hold numbers alone; chosen twice, a message is shared."""
+        kind = message_class(msgtype)
+        names = list(kind.get_fields_and_field_types())
+        lines = np.asarray(table, float).reshape(-1, len(names)).tolist()
+        made = [kind(**dict(zip(names, line))) for line in lines]
+        return made if chosen is None else [made[k] for k in np.asarray(chosen).tolist()]
+
     def octet(self, value: int) -> Any:
         """Return the value of a ``byte`` field."""
         return bytes([value])

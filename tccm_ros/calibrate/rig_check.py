@@ -28,8 +28,10 @@ WINDOW, ENOUGH = 8, 4
 #: What is reported: tilts (rad) and bends over the floor seen (m).
 MIN_TILT, MIN_SWING, MIN_BEND = np.deg2rad(0.4), np.deg2rad(0.25), 0.010
 
-#: The floor is a level plane of at least this area, m2; cuboids this near to it count, m.
-FLOOR_AREA, NEAR = 1.0, 0.08
+#: The floor is the largest low plane, of at least this area, m2, that leans less than this, rad. It
+#: mixes the sweeps of the window, which may disagree: a sweep's own floor is looked for near it,
+#: through gates of these widths, m.
+FLOOR_AREA, MAX_LEAN, GATES = 1.0, 0.3, (0.25, 0.15, 0.08)
 
 #: Cuboids that a floor needs, and how far it must reach, m.
 MIN_CUBOIDS, MIN_REACH = 150, 1.0
@@ -164,22 +166,37 @@ def _steady(values: list[float], least: float) -> float | None:
 
 def _floor(result: CycleResult) -> _Floor | None:
     """Fit the floor of the newest part map, in the levelled base."""
-    large = [p for p in result.planes if p.kind == "horizontal" and p.area >= FLOOR_AREA]
+    lying = [p for p in result.planes if abs(float(p.normal[2])) > np.cos(MAX_LEAN)]
+    large = [p for p in lying if p.area >= FLOOR_AREA]
     if not large:
         return None
-    plane = min(large, key=lambda p: float(p.centroid[2]))
+    lowest = min(float(p.centroid[2]) for p in large)
+    plane = max((p for p in large if p.centroid[2] < lowest + GATES[0]), key=lambda p: p.area)
     cuboids = result.part.cuboids()
     if len(cuboids) == 0:
         return None
-    means = cuboids.mean()
-    near = np.abs(means @ plane.normal - plane.offset) < NEAR
-    if near.sum() < MIN_CUBOIDS:
-        return None
-    points = transform(inverse(level(result.T_odom_base)), means[near])
-    fit = _fit(points, cuboids.count[near])
+    T_level_odom = inverse(level(result.T_odom_base))
+    points = transform(T_level_odom, cuboids.mean())
+    centroid, normal = (
+        transform(T_level_odom, plane.centroid[None])[0],
+        T_level_odom[:3, :3] @ plane.normal,
+    )
+    off = (points - centroid) @ normal
+    for gate in GATES:
+        near = np.abs(off) < gate
+        if near.sum() < MIN_CUBOIDS:
+            return None
+        slopes = _fit_plane(points[near], cuboids.count[near])
+        off = points[:, 2] - slopes[0] - points[:, :2] @ slopes[1:]
+    fit = _fit(points[near], cuboids.count[near])
     if fit is None:
         return None
     return _Floor(result.cycle, *fit, result.ended_by)
+
+
+def _fit_plane(points: Float64, counts: Float64) -> Float64:
+    """Return a, b, c of z = a + b x + c y, robustly."""
+    return _robust(np.column_stack([np.ones(len(points)), points[:, :2]]), points[:, 2], counts)
 
 
 def _fit(points: Float64, counts: Float64) -> tuple[float, float, float] | None:
@@ -190,6 +207,12 @@ def _fit(points: Float64, counts: Float64) -> tuple[float, float, float] | None:
         return None
     u = (x - (low + high) / 2.0) / ((high - low) / 2.0)
     A = np.column_stack([np.ones(len(u)), u, y, u**2 - 1.0 / 3.0])
+    fit = _robust(A, z, counts)
+    return float(fit[1] / ((high - low) / 2.0)), float(fit[2]), float(fit[3])
+
+
+def _robust(A: Float64, z: Float64, counts: Float64) -> Float64:
+    """Solve A x = z by least squares, weighted by hits and by how well each row fits."""
     weights = np.minimum(counts, 10.0)
     for _ in range(4):
         root = np.sqrt(weights)
@@ -197,7 +220,7 @@ def _fit(points: Float64, counts: Float64) -> tuple[float, float, float] | None:
         off = np.abs(z - A @ fit)
         scale = max(1.4826 * float(np.median(off)), 0.003)
         weights = np.minimum(counts, 10.0) / (1.0 + (off / (2.0 * scale)) ** 2) ** 2
-    return float(fit[1] / ((high - low) / 2.0)), float(fit[2]), float(fit[3])
+    return np.asarray(fit, float)
 
 
 def _doubled(planes: list[PlaneRecord]) -> tuple[float, float] | None:

@@ -2,8 +2,9 @@
 
 Log time, publish time and order follow the records that caused the messages. What belongs to a
 tilt cycle is that cycle's; poses, walls and surfaces are those of the final solution, each from
-the time at which it was first seen, so that the map grows while it plays. Cuboid markers are large
-and written once, for the last cycle; ``map_cloud`` has every cycle's exact values.
+the time at which it was first seen, so that the map grows while it plays. Markers of cuboids
+and center cores are large and written once, for the last cycle; ``map_cloud`` has every cycle's
+exact values.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ TF = "tf2_msgs/msg/TFMessage"
 MAP_ODOM_TOPIC = SLAM + "map_to_odom"
 MAP_ODOM = "geometry_msgs/msg/TransformStamped"
 
-LAST_ONLY = ("cuboids",)
+LAST_ONLY = ("cuboids", "center_cores")
 """Topics of a cycle that are written for the last cycle alone."""
 
 GROWING = ("surfaces", "surface_cloud")

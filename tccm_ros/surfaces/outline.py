@@ -97,9 +97,13 @@ def _gap_by_area(points_xy: Float64, triangles: NDArray[np.int64], longest: Floa
 
 def _thin(points_xy: Float64, cell: float) -> Float64:
     """Return the mean of the points of each cell, so that noise does not look like spacing."""
-    keys = np.floor(points_xy / cell).astype(np.int64)
-    _, group, count = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
-    sums = [np.bincount(group.ravel(), points_xy[:, k], len(count)) for k in range(2)]
+    cells = np.floor(points_xy / cell).astype(np.int64)
+    if len(cells) == 0:
+        return points_xy
+    cells -= cells.min(axis=0)
+    keys = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
+    _, group, count = np.unique(keys, return_inverse=True, return_counts=True)
+    sums = [np.bincount(group, points_xy[:, k], len(count)) for k in range(2)]
     return np.stack(sums, axis=1) / count[:, None]
 
 
@@ -107,9 +111,11 @@ def _area_of(points_xy: Float64, triangles: NDArray[np.int64]) -> MultiPolygon:
     """Return the area that triangles cover: what the edges of only one triangle enclose."""
     if len(triangles) == 0:
         return MultiPolygon()
-    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    edges, uses = np.unique(edges, axis=0, return_counts=True)
-    border = np.round(points_xy[edges[uses == 1]] / GRID) * GRID
+    a, b = triangles, triangles[:, [1, 2, 0]]
+    keys = (np.minimum(a, b) * len(points_xy) + np.maximum(a, b)).ravel()
+    keys, uses = np.unique(keys, return_counts=True)
+    edges = np.stack(np.divmod(keys[uses == 1], len(points_xy)), axis=1)
+    border = np.round(points_xy[edges] / GRID) * GRID
     lines = shapely.multilinestrings(shapely.linestrings(border))
     return polygons_of(shapely.make_valid(shapely.build_area(lines)))
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import MultiPolygon
+from shapely import MultiPolygon, Polygon
 
 from tccm_ros.config import Config
 from tccm_ros.records import SurfaceCloud, ViewIntervals
@@ -184,9 +184,7 @@ def make_patches(points: NDArray[np.float32], config: Config) -> list[Patch]:
     if len(outline.geoms) < 2:
         return [_patch(points, thinned, weights, outline, spacing)]
     parts = sorted(outline.geoms, key=lambda part: (-part.area, part.bounds))
-    tree = shapely.STRtree(parts)
-    of_point = tree.nearest(shapely.points(points[:, :2].astype(np.float64)))
-    of_thinned = tree.nearest(shapely.points(thinned[:, :2].astype(np.float64)))
+    of_point, of_thinned = _nearest(parts, points), _nearest(parts, thinned)
     return [
         _patch(
             points[of_point == k],
@@ -198,6 +196,21 @@ def make_patches(points: NDArray[np.float32], config: Config) -> list[Patch]:
         for k, part in enumerate(parts)
         if np.any(of_point == k) and np.any(of_thinned == k)
     ]
+
+
+def _nearest(parts: list[Polygon], points: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Return the nearest part of each point (N, >= 2), int64 (N,)."""
+    x, y = points[:, :2].astype(np.float64).T
+    nearest = np.zeros(len(points), np.int64)
+    found = np.zeros(len(points), np.int64)
+    for k, part in enumerate(parts):
+        shapely.prepare(part)
+        inside = shapely.intersects_xy(part, x, y)
+        nearest[inside] = k
+        found += inside
+    others = np.flatnonzero(found != 1)  # a tree takes long, and most points lie in one part alone
+    nearest[others] = shapely.STRtree(parts).nearest(shapely.points(x[others], y[others]))
+    return nearest
 
 
 def _patch(

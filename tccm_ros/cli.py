@@ -181,10 +181,15 @@ def calibrate(
     from tccm_ros.calibrate import calibrate as run
     from tccm_ros.calibrate.files import write_calibration
     from tccm_ros.config import read_config
+    from tccm_ros.progress import progress
 
-    found = run(bag, read_config(config, set), remap, floor_z=floor_z)
-    write_calibration(found, out)
-    _tell(found.to_json(), f"{found.text()}\n{out}", quiet, as_json)
+    settings = read_config(config, set)
+    with progress(quiet or as_json) as bars:
+        found = run(bag, settings, remap, floor_z=floor_z, bars=bars)
+        bars.start("picture", 1.0)
+        rig, result, picture = write_calibration(found, out)
+    text = f"{found.text()}\nrig       {rig}  (use it with --config)\nresult    {result}"
+    _tell(found.to_json(), f"{text}\npicture   {picture}  (before and after)", quiet, as_json)
 
 
 @app.command("import-carmen")
@@ -195,8 +200,10 @@ def import_carmen(
 ) -> None:
     """Turn a CARMEN log into a bag."""
     from tccm_ros.io.carmen import import_carmen as run
+    from tccm_ros.progress import progress
 
-    counts = run(log, out)
+    with progress(quiet) as bars:
+        counts = run(log, out, bars=bars)
     _tell({}, f"{out}: {counts}", quiet, False)
 
 
@@ -208,8 +215,10 @@ def recover(
 ) -> None:
     """Save what can be read of a damaged bag into a new one."""
     from tccm_ros.io.recover import recover as run
+    from tccm_ros.progress import progress
 
-    counts = run(bag, out)
+    with progress(quiet) as bars:
+        counts = run(bag, out, bars=bars)
     _tell({}, f"{out}: {counts}", quiet, False)
 
 

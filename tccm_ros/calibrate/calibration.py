@@ -18,6 +18,7 @@ from tccm_ros.calibrate.problem import Trust
 from tccm_ros.calibrate.quality import Flatness, all_beams, flatness, select
 from tccm_ros.calibrate.sweeps import Recording, read_recording
 from tccm_ros.config import Config, Rig
+from tccm_ros.progress import Bars, Silent
 
 __all__ = ["Calibration", "calibrate"]
 
@@ -90,14 +91,12 @@ class Calibration:
 
     def text(self) -> str:
         """Return the result for people."""
-        lines = [f"{self.bag}: {len(self.recording.sweeps)} sweeps"]
+        lines = [f"{self.bag}: {_count(len(self.recording.sweeps), 'sweep')}"]
         for q in self.judgement.quantities:
             unit, factor = UNITS[q.name]
-            value = (q.value - 1.0 if q.name == "tilt_scale" else q.value) * factor
-            name = "tilt_scale - 1" if q.name == "tilt_scale" else q.name
-            sigma = "" if q.sigma is None else f" +- {q.sigma * factor:.3f}"
+            sigma = "" if q.sigma is None else f" +- {q.sigma * factor:.4f}"
             state = "" if q.is_determined else f"  left alone: {q.reason}"
-            lines.append(f"  {name:<18} {value:9.3f}{sigma} {unit}{state}")
+            lines.append(f"  {q.name:<18} {q.value * factor:9.4f}{sigma} {unit}".rstrip() + state)
         for name, (before, after) in (("floor", self.floor), ("ceiling", self.ceiling)):
             if before is not None and after is not None:
                 flat = ""
@@ -140,7 +139,8 @@ class Calibration:
         for q in self.judgement.quantities:
             if q.name in parts and q.sigma is not None:
                 unit, factor = UNITS[q.name]
-                notes.append(f"{q.name} {q.value * factor:.3f} +- {q.sigma * factor:.3f} {unit}")
+                text = f"{q.name} {q.value * factor:.4f} +- {q.sigma * factor:.4f} {unit}"
+                notes.append(text.rstrip())
         return f"  # {', '.join(notes)}" if notes else "  # as it was"
 
 
@@ -151,6 +151,7 @@ def calibrate(
     *,
     floor_z: float | None = None,
     trust: Trust | None = None,
+    bars: Bars | None = None,
 ) -> Calibration:
     """Estimate what is wrong with a rig from a recording of a floor, and perhaps ceiling and walls.
 
@@ -167,16 +168,18 @@ def calibrate(
         ``footprint`` says so, else the height of the laser stays.
     trust
         What is taken for granted of buildings and bases.
+    bars
+        Where progress is shown.
 
     Raises
     ------
     BagError, TopicError, FrameError, UrdfError
         Where the bag cannot be read, the laser cannot be placed, or nothing flat was seen.
     """
-    config, trust = config or Config(), trust or Trust()
-    recording = read_recording(bag, config, remap)
+    config, trust, bars = config or Config(), trust or Trust(), bars or Silent()
+    recording = read_recording(bag, config, remap, bars)
     floor_z = recording.footprint_z if floor_z is None else floor_z
-    judgement = judge(estimate(recording, config, floor_z, trust), floor_z)
+    judgement = judge(estimate(recording, config, floor_z, trust, bars), floor_z)
     rig = _rig(judgement, config.rig)
     floor, ceiling, parallel = _flatness(judgement, recording)
     return Calibration(
@@ -267,3 +270,7 @@ def _flatness_json(found: Flatness | None) -> dict[str, Any] | None:
         "height": round(found.height, 6),
         "cells": found.cells,
     }
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" + ("" if number == 1 else "s")

@@ -25,6 +25,7 @@ from tccm_ros.calibrate.sweeps import LevelScans, Recording
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError
 from tccm_ros.geometry import pose_from_rpy
+from tccm_ros.progress import Bars, Silent
 
 __all__ = ["Estimate", "estimate"]
 
@@ -96,7 +97,13 @@ class Estimate:
         return replace(self, solution=solution, free=free)
 
 
-def estimate(recording: Recording, config: Config, floor_z: float | None, trust: Trust) -> Estimate:
+def estimate(
+    recording: Recording,
+    config: Config,
+    floor_z: float | None,
+    trust: Trust,
+    bars: Bars | None = None,
+) -> Estimate:
     """Estimate everything that might be determined.
 
     Parameters
@@ -109,17 +116,22 @@ def estimate(recording: Recording, config: Config, floor_z: float | None, trust:
         Height of the floor in the base frame, m; None where it is not known.
     trust
         What is taken for granted.
+    bars
+        Where progress is shown.
 
     Raises
     ------
     BagError
         Where neither floor, ceiling nor walls were seen.
     """
+    bars = bars or Silent()
+    bars.start("estimate", len(GATES) + 1.0)
     model = RigModel(recording.sweeps, config.rig)
     configured = RigValues.of_rig(config.rig)
     values = first_guess(recording.sweeps, model, configured)
     patches = cut_patches(dict(enumerate(recording.sweeps)), model, values)
     work = _Work(recording, model, patches, config, floor_z, trust, configured, values)
+    bars.advance(1.0)
     level = np.zeros(3)
     found: Estimate | None = None
     for number, gates in enumerate(GATES):
@@ -130,6 +142,7 @@ def estimate(recording: Recording, config: Config, floor_z: float | None, trust:
             x = found.solution.x
         found = work.refine(surroundings, values, level, x, gates, LEVEL_GATES[number])
         values, level = found.values, found.solution.x[found.problem.layout.level]
+        bars.advance(1.0)
     assert found is not None
     return found
 

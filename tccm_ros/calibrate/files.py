@@ -12,7 +12,7 @@ from tccm_ros.io.folder import output_folder
 __all__ = ["write_calibration"]
 
 
-def write_calibration(calibration: Calibration, out: Path | str) -> None:
+def write_calibration(calibration: Calibration, out: Path | str) -> tuple[Path, Path, Path]:
     """Write all files, or none.
 
     Parameters
@@ -21,6 +21,11 @@ def write_calibration(calibration: Calibration, out: Path | str) -> None:
         What was found.
     out
         The parameter file; its folder is made if needed.
+
+    Returns
+    -------
+    tuple of Path
+        The parameter file, the result with covariances, and the picture.
 
     Raises
     ------
@@ -33,3 +38,4 @@ def write_calibration(calibration: Calibration, out: Path | str) -> None:
         content = json.dumps(calibration.to_json(), indent=1)
         (made / "calibration.json").write_text(content + "\n", encoding="utf-8")
         write_picture(calibration, made / "calibration.png")
+    return out, out.parent / "calibration.json", out.parent / "calibration.png"

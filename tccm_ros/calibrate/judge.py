@@ -134,13 +134,13 @@ def _never_free(estimate: Estimate, floor_z: float | None) -> dict[str, str]:
 def _too_weak(name: str, sigma: float) -> str:
     advice = ADVICE.get("level" if name.startswith("level") else name, "")
     unit, factor = UNITS[name]
-    text = f"only known to {sigma * factor:.3g} {unit}".replace("  ", " ")
+    text = f"only known to {sigma * factor:.3g} {unit}".rstrip()
     return f"{text}: {advice}" if advice else text
 
 
 UNITS: Mapping[str, tuple[str, float]] = {
     "tilt_offset": ("deg", float(np.rad2deg(1.0))),
-    "tilt_scale": ("%", 100.0),
+    "tilt_scale": ("", 1.0),
     "roll": ("deg", float(np.rad2deg(1.0))),
     "height": ("mm", 1000.0),
     "joint_time_offset": ("ms", 1000.0),

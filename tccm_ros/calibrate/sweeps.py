@@ -26,6 +26,7 @@ from tccm_ros.kinematics.tilt_angle import find_axis
 from tccm_ros.kinematics.tracks import PoseTrack, ScalarTrack, Track
 from tccm_ros.kinematics.urdf import Joint
 from tccm_ros.mapping.tilt_cycle import Span, TiltCycles
+from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import PosedScan, RobotDescription, SurfaceCloud, ViewIntervals
 from tccm_ros.scan import beam_stamps, bearings, valid_beams
 from tccm_ros.sync import Synchroniser, SyncRecord
@@ -162,7 +163,9 @@ def uncorrected(config: Config) -> Config:
     return config.model_copy(update={"rig": rig})
 
 
-def read_recording(bag: Path | str, config: Config, remap: Sequence[str] = ()) -> Recording:
+def read_recording(
+    bag: Path | str, config: Config, remap: Sequence[str] = (), bars: Bars | None = None
+) -> Recording:
     """Read the sweeps and the level scans of a bag.
 
     Raises
@@ -170,7 +173,7 @@ def read_recording(bag: Path | str, config: Config, remap: Sequence[str] = ()) -
     BagError, TopicError, FrameError, UrdfError
         Where the bag cannot be read, has no tilting scans, or the laser cannot be placed.
     """
-    raw = uncorrected(config)
+    raw, bars = uncorrected(config), bars or Silent()
     topics = remap_topics(remap, DEFAULT_TOPICS)
     with BagReader(bag) as reader:
         counts = {info.name: info.count for info in reader.topics()}
@@ -179,7 +182,11 @@ def read_recording(bag: Path | str, config: Config, remap: Sequence[str] = ()) -
         has_odometry = bool(counts.get(topics["odom"]))
         tilt = _TiltReader(raw, has_odometry)
         level = _LevelReader(raw, has_odometry)
-        for role, _, record in reader.records(topics):
+        bars.start("read", reader.duration, "s")
+        last_ns = reader.start_ns
+        for role, log_ns, record in reader.records(topics):
+            bars.advance((log_ns - last_ns) * 1e-9)
+            last_ns = log_ns
             if isinstance(record, SurfaceCloud | ViewIntervals):
                 continue
             if role != "scan":

@@ -24,6 +24,7 @@ from tccm_ros.messages import (
     scan_message,
     transforms_message,
 )
+from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Odometry, RobotDescription, Scan, TransformSample
 
 __all__ = ["ImportedLog", "import_carmen", "increasing_stamps"]
@@ -95,7 +96,9 @@ class ImportedLog:
         )
 
 
-def import_carmen(log: Path | str, out: Path | str, *, overwrite: bool = False) -> ImportedLog:
+def import_carmen(
+    log: Path | str, out: Path | str, *, overwrite: bool = False, bars: Bars | None = None
+) -> ImportedLog:
     """Write a bag with /scan, /odom, /tf_static and /robot_description of a CARMEN log.
 
     Parameters
@@ -106,6 +109,8 @@ def import_carmen(log: Path | str, out: Path | str, *, overwrite: bool = False) 
         A folder; stamps.csv is put into it too.
     overwrite
         Whether what is at `out` is replaced.
+    bars
+        Where progress is shown.
 
     Raises
     ------
@@ -117,6 +122,8 @@ def import_carmen(log: Path | str, out: Path | str, *, overwrite: bool = False) 
     log, out = Path(log), Path(out)
     if out.suffix == ".mcap":
         raise OutputError(f"{out}: name a folder; stamps.csv is written beside the messages")
+    bars = bars or Silent()
+    bars.start("read", 1.0)
     read = read_log(log)
     kind = next((kind for kind in SCAN_KINDS if read.scans.get(kind)), None)
     if kind is None:
@@ -130,10 +137,12 @@ def import_carmen(log: Path | str, out: Path | str, *, overwrite: bool = False) 
     stamps = increasing_stamps(times)
     laser = _laser_offset(scans, read)
     no_return, range_max = _no_return(scans)
+    bars.start("write", len(scans), "scans")
     with BagWriter(out, overwrite=overwrite) as writer:
         _write_mount(writer, stamps[0], laser)
         for scan, stamp in zip(scans, stamps, strict=True):
             _write_scan(writer, scan, stamp, no_return, range_max)
+            bars.advance(1.0)
         written = _write_odometry(writer, scans, stamps, read)
         (writer.folder / "stamps.csv").write_text(_stamps_csv(scans, stamps), encoding="ascii")
     return ImportedLog(

@@ -38,6 +38,7 @@ from tccm_ros.io.offered_qos import parse_profiles
 from tccm_ros.io.sqlite_file import SqliteFile
 from tccm_ros.io.storage import Channel, RawMessage, reading
 from tccm_ros.io.typestore import TypestoreMessages
+from tccm_ros.progress import Bars, Silent
 
 __all__ = ["Recovered", "recover"]
 
@@ -78,7 +79,9 @@ class Recovered:
         )
 
 
-def recover(bag: Path | str, out: Path | str, *, overwrite: bool = False) -> Recovered:
+def recover(
+    bag: Path | str, out: Path | str, *, overwrite: bool = False, bars: Bars | None = None
+) -> Recovered:
     """Copy every whole chunk and message of a bag into a new bag.
 
     Parameters
@@ -89,6 +92,8 @@ def recover(bag: Path | str, out: Path | str, *, overwrite: bool = False) -> Rec
         The new bag, as for BagWriter.
     overwrite
         Whether what is at `out` is replaced.
+    bars
+        Where progress is shown.
 
     Raises
     ------
@@ -100,10 +105,11 @@ def recover(bag: Path | str, out: Path | str, *, overwrite: bool = False) -> Rec
     bag = Path(bag)
     found = Recovered()
     types = TypestoreMessages()
-    files = _files(bag)
+    files, bars = _files(bag), bars or Silent()
+    bars.start("recover", sum(file.stat().st_size for file in files) * 1e-6, "MB")
     with BagWriter(out, overwrite=overwrite, typestore=types) as writer:
         for file in files:
-            copier = _Copier(writer, types, found)
+            copier = _Copier(writer, types, found, bars)
             with TemporaryDirectory() as folder:
                 copier.copy(_unpacked(file, Path(folder)))
         if found.messages == 0:
@@ -134,7 +140,10 @@ def _unpacked(file: Path, folder: Path) -> Path:
 class _Copier:
     """Copies the messages of one storage file."""
 
-    def __init__(self, writer: BagWriter, types: TypestoreMessages, found: Recovered) -> None:
+    def __init__(
+        self, writer: BagWriter, types: TypestoreMessages, found: Recovered, bars: Bars
+    ) -> None:
+        self._bars = bars
         self._writer = writer
         self._types = types
         self._found = found
@@ -163,6 +172,7 @@ class _Copier:
             whole = 0
             for start, end in _whole_records(m):
                 whole += end - start
+                self._bars.advance((end - start) * 1e-6)
                 kind, body = m[start], m[start + HEADER_BYTES : end]
                 if kind == CHUNK:
                     self._copy_chunk(body)

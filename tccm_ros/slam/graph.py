@@ -34,7 +34,7 @@ class GraphSolution:
     values: gtsam.Values
     graph: gtsam.NonlinearFactorGraph
     iterations: int
-    _marginals: list[gtsam.Marginals]
+    _marginals: list[gtsam.Marginals | gtsam.ISAM2]
 
     def pose(self, key: Key) -> Float64:
         """Return T_map_frame float64 (4, 4)."""
@@ -51,7 +51,7 @@ class GraphSolution:
     def covariance(self, key: Key) -> Float64:
         """Return the marginal covariance in GTSAM's tangent order of the variable."""
         if not self._marginals:
-            self._marginals.append(gtsam.Marginals(self.graph, self.values))
+            self._marginals.append(_marginals(self.graph, self.values))
         return np.asarray(self._marginals[0].marginalCovariance(key.symbol))
 
     def planar_covariance(self, key: Key) -> Float64:
@@ -68,6 +68,32 @@ class GraphSolution:
     def errors_of(self, indices: Iterable[int]) -> Float64:
         """Return half squared Mahalanobis distances of some factors, float64 (N,)."""
         return np.array([self.graph.at(i).error(self.values) for i in indices])
+
+
+def _marginals(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values
+) -> gtsam.Marginals | gtsam.ISAM2:
+    """Eliminate by Cholesky; by QR where that refuses poses known to tens of metres only."""
+    try:
+        return gtsam.Marginals(graph, values)
+    except RuntimeError:
+        isam = gtsam.ISAM2(_isam_params())
+        isam.update(graph, values)
+        return isam
+
+
+def _isam_params() -> gtsam.ISAM2Params:
+    """Return parameters with elimination by QR.
+
+    Cholesky gives up ("indeterminate") where a row of the square-root information falls below
+    1/4096 of another: a robot that is 30 m uncertain after a long corridor, with a heading known
+    from scan to scan to 2 mrad, is such a case.
+    """
+    params = gtsam.ISAM2Params()
+    params.setRelinearizeThreshold(RELINEARIZE)
+    params.relinearizeSkip = 10
+    params.setFactorization("QR")
+    return params
 
 
 class PoseGraph:
@@ -113,10 +139,8 @@ class IncrementalGraph:
     """The same factors while driving: ISAM2, a few milliseconds a step (paper, III.B)."""
 
     def __init__(self) -> None:
-        params = gtsam.ISAM2Params()
-        params.setRelinearizeThreshold(RELINEARIZE)
-        params.relinearizeSkip = 10
-        self._isam = gtsam.ISAM2(params)
+        self._journal: list[tuple[list[Factor], dict[Key, Float64]] | None] = []
+        self._isam = gtsam.ISAM2(_isam_params())
         self._landmarks: set[Key] = set()
 
     def add(self, factors: Iterable[Factor], poses: Mapping[Key, Float64]) -> None:
@@ -124,6 +148,7 @@ class IncrementalGraph:
 
         Landmarks that are new are started by their factors, from poses in the graph.
         """
+        factors = list(factors)
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         starts = {key: spatial(p) if np.ndim(p) == 1 else p for key, p in poses.items()}
         for key, T in starts.items():
@@ -139,14 +164,36 @@ class IncrementalGraph:
                     values.insert(key.symbol, value)
                     self._landmarks.add(key)
         self._isam.update(graph, values)
+        self._journal.append((factors, dict(poses)))
 
     def pose(self, key: Key) -> Float64:
         """Return T_map_frame float64 (4, 4)."""
+        self._note_reading()
         return key.unturned(self._isam.calculateEstimatePose3(key.symbol))
 
     def planar_poses(self, keys: Sequence[Key]) -> Float64:
         """Return planar poses float64 (N, 3)."""
+        self._note_reading()
         return _planar_poses(self._isam.calculateEstimate(), keys)
+
+    def _note_reading(self) -> None:
+        """Note that the estimate was asked for: ISAM2 brings it up to date then, to a threshold."""
+        if self._journal and self._journal[-1] is not None:
+            self._journal.append(None)
+
+    def freeze_state(self) -> list[tuple[list[Factor], dict[Key, Float64]] | None]:
+        """Return what was added and when it was read: ISAM2 itself cannot be written."""
+        return self._journal
+
+    def thaw_state(self, journal: list[tuple[list[Factor], dict[Key, Float64]] | None]) -> None:
+        """Do again, in the same order, what `freeze_state` tells."""
+        IncrementalGraph.__init__(self)
+        for step in journal:
+            if step is not None:
+                self.add(*step)
+            else:
+                self._note_reading()
+                self._isam.calculateEstimate()
 
 
 def _planar_poses(values: gtsam.Values, keys: Sequence[Key]) -> Float64:

@@ -213,3 +213,31 @@ def test_isam_agrees_with_the_batch():
     # ISAM2 leaves alone what would move by less than its threshold of linearisation.
     assert np.allclose(isam.planar_poses(keys), batch.planar_poses(keys), atol=0.03)
     assert np.allclose(batch.planar_poses(keys), np.stack(truth), atol=0.05)
+
+
+def test_a_chain_that_is_lost_by_tens_of_metres():
+    """A quarter of a radian lost at the start of a long corridor: 50 m of uncertainty at its end.
+
+    Elimination by Cholesky calls such a graph indeterminate.
+    """
+    steps, cov = 600, np.diag([0.01**2, 0.01**2, 0.002**2])
+    keys = [keyframe_key(k) for k in range(steps)]
+    poses = np.zeros((steps, 3))
+    poses[:, 0] = 0.35 * np.arange(steps)
+    delta = np.array([0.35, 0.0, 0.0])
+    live = IncrementalGraph()
+    factors = [[PriorPose(keys[0], poses[0], np.eye(3) * 1e-8)]]
+    for k in range(1, steps):
+        lost = np.diag([1.0, 1.0, 0.25**2]) if k == 5 else cov
+        factors.append(
+            [BetweenKeyframes(keys[k - 1], keys[k], delta, lost), Planar(keys[k], poses[k])]
+        )
+    for k in range(steps):
+        live.add(factors[k], {keys[k]: poses[k]})
+    assert np.allclose(live.planar_poses(keys), poses, atol=1e-6)
+    solution = solve_graph([f for group in factors for f in group], dict(zip(keys, poses)))
+    sigma = np.sqrt(np.diag(solution.planar_covariance(keys[-1])))
+    # The turn at step 5 over the rest of the way; the turns after it grow with its power of 1.5.
+    way = 0.35 * (steps - 5)
+    expected = np.hypot(0.25 * way, 0.002 * way * np.sqrt(steps / 3))
+    assert sigma[1] == pytest.approx(expected, rel=0.02)

@@ -58,7 +58,7 @@ def replay(
     as_json: JsonOption = False,
 ) -> None:
     """Turn a recorded bag into planes, walls, a trajectory and one map of surfaces."""
-    from tccm_ros.config import read_config
+    from tccm_ros.config_file import read_config
     from tccm_ros.progress import progress
     from tccm_ros.replay import replay as run
 
@@ -180,7 +180,7 @@ def calibrate(
     """Estimate tilt zero, scale, roll, height and delay from a recording of a room."""
     from tccm_ros.calibrate import calibrate as run
     from tccm_ros.calibrate.files import write_calibration
-    from tccm_ros.config import read_config
+    from tccm_ros.config_file import read_config
     from tccm_ros.progress import progress
 
     settings = read_config(config, set)

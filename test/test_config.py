@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tccm_ros.config import Config, parameters, read_config
+from tccm_ros.config import Config, parameters
+from tccm_ros.config_file import read_config
 from tccm_ros.errors import ConfigError
 
 DEFAULTS = {

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from tccm_ros.config import Config, read_config
+from tccm_ros.config import Config
+from tccm_ros.config_file import read_config
 from tccm_ros.config_text import as_markdown, as_yaml
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tccm_ros.config import Config, read_config
+from tccm_ros.config import Config
+from tccm_ros.config_file import read_config
 from tccm_ros.errors import MapError, TopicError
 from tccm_ros.evaluate.surfaces import score_surfaces
 from tccm_ros.evaluate.trajectory_errors import absolute_errors, poses_at

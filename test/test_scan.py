@@ -20,7 +20,8 @@ from robots import (
 )
 from shared_data import shared
 
-from tccm_ros.config import Config, read_config
+from tccm_ros.config import Config
+from tccm_ros.config_file import read_config
 from tccm_ros.geometry import interpolate_poses, inverse, pose_from_rpy, transform
 from tccm_ros.kinematics import LaserKinematics
 from tccm_ros.records import PosedScan, Scan

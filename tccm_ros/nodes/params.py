@@ -20,7 +20,8 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from tccm_ros.config import Config, Parameter, parameters, validated
+from tccm_ros.config import Config, Parameter, parameters
+from tccm_ros.config_file import validated
 from tccm_ros.errors import ConfigError, TccmError
 
 __all__ = ["declare_config", "follow_changes", "ros_type", "ros_value"]

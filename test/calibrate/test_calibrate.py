@@ -7,7 +7,7 @@ import pytest
 from shared_data import shared
 
 from tccm_ros.calibrate import Calibration, calibrate
-from tccm_ros.config import read_config
+from tccm_ros.config_file import read_config
 from tccm_ros.sim import Options, simulate
 
 FLOOR_Z = 0.0

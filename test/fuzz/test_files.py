@@ -12,7 +12,8 @@ from campaign import fuzzed
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tccm_ros.config import Config, parameters, read_config
+from tccm_ros.config import Config, parameters
+from tccm_ros.config_file import read_config
 from tccm_ros.errors import ConfigError, MapError, UrdfError
 from tccm_ros.io.map_file import load_map, save_map
 from tccm_ros.mapping.tccm import TccmProcessor

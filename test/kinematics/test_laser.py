@@ -14,7 +14,8 @@ from robots import (
     transform_at,
 )
 
-from tccm_ros.config import Config, read_config
+from tccm_ros.config import Config
+from tccm_ros.config_file import read_config
 from tccm_ros.errors import FrameError, UrdfError
 from tccm_ros.geometry import pose_from_rpy, transform
 from tccm_ros.kinematics import LaserKinematics, NotBracketed

@@ -21,6 +21,11 @@ BIN = 0.02
 BINS = 256
 """Bins of a column: 5.12 m."""
 
+WORDS = BINS // 64
+"""Words of a column: a bit for each bin, so that a beam sets all that it passes at once."""
+
+ALL = np.uint64(0xFFFF_FFFF_FFFF_FFFF)
+
 LOWEST = -1.5
 """Lowest height of a column, m above the base."""
 
@@ -35,11 +40,31 @@ MAX_GAP = 10
 
 
 @njit(nogil=True, cache=True)
-def _pass_column(seen: Any, column: Any, z0: Any, z1: Any) -> None:
-    low = np.int64(np.floor((min(z0, z1) - LOWEST) / BIN))
-    high = np.int64(np.floor((max(z0, z1) - LOWEST) / BIN))
-    if low < BINS and high >= 0:
-        seen[column, max(low, 0) : high + 1] = 1
+def _bin(z: Any) -> Any:
+    return np.int64(np.floor((z - LOWEST) * (1.0 / BIN)))
+
+
+@njit(nogil=True, cache=True)
+def _mark(words: Any, column: Any, a: Any, b: Any) -> None:
+    """Set the bins from a to b, either way round, of a column."""
+    low, high = max(min(a, b), 0), min(max(a, b), BINS - 1)
+    if low > high:
+        return
+    first, last = low >> 6, high >> 6
+    above = ALL << np.uint64(low & 63)
+    below = ALL >> np.uint64(63 - (high & 63))
+    if first == last:
+        words[column, first] |= above & below
+        return
+    words[column, first] |= above
+    for k in range(first + 1, last):
+        words[column, k] = ALL
+    words[column, last] |= below
+
+
+@njit(nogil=True, cache=True)
+def _is_set(words: Any, column: Any, b: Any) -> Any:
+    return (words[column, b >> 6] >> np.uint64(b & 63)) & np.uint64(1) != 0
 
 
 @njit(nogil=True, cache=True)
@@ -57,7 +82,7 @@ def trace_beams(
     cell, half
         Edge of a column, m, and columns from the base to the edge of the square.
     seen, hit
-        uint8 ((2 half)^2, BINS), set to 1 where beams passed or ended.
+        uint64 ((2 half)^2, BINS / 64), a bit for each bin: set where beams passed or ended.
     """
     width = 2 * half
     for i in range(len(origins)):
@@ -67,28 +92,34 @@ def trace_beams(
         ix, iy = np.int64(np.floor(ox)), np.int64(np.floor(oy))
         jx, jy = np.int64(np.floor(ex)), np.int64(np.floor(ey))
         step_x, step_y = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
-        tx = ((ix + (dx > 0.0)) - ox) / dx if dx != 0.0 else np.inf
-        ty = ((iy + (dy > 0.0)) - oy) / dy if dy != 0.0 else np.inf
+        # Crossings are counted from the origin: rounding does not add up along a beam.
+        per_x, per_y = (1.0 / dx if dx != 0.0 else 0.0), (1.0 / dy if dy != 0.0 else 0.0)
+        tx = ((ix + (dx > 0.0)) - ox) * per_x if dx != 0.0 else np.inf
+        ty = ((iy + (dy > 0.0)) - oy) * per_y if dy != 0.0 else np.inf
         t = 0.0
+        bin_now = _bin(oz)
+        has_entered = False
         # One crossing per column border between the ends: no more, whatever the rounding.
         for _ in range(abs(jx - ix) + abs(jy - iy)):
-            t_next = min(tx, ty)
+            t = min(tx, ty)
+            bin_before, bin_now = bin_now, _bin(oz + t * dz)
             if 0 <= ix < width and 0 <= iy < width:
-                _pass_column(seen, ix * width + iy, oz + t * dz, oz + t_next * dz)
-            t = t_next
+                _mark(seen, ix * width + iy, bin_before, bin_now)
+                has_entered = True
+            elif has_entered:  # a square is left once
+                break
             if tx <= ty:
                 ix += step_x
-                tx = ((ix + (dx > 0.0)) - ox) / dx
+                tx = ((ix + (dx > 0.0)) - ox) * per_x
             else:
                 iy += step_y
-                ty = ((iy + (dy > 0.0)) - oy) / dy
+                ty = ((iy + (dy > 0.0)) - oy) * per_y
         if 0 <= jx < width and 0 <= jy < width:
+            end = _bin(ez)
             if hits[i]:
-                b = np.int64(np.floor((ez - LOWEST) / BIN))
-                if b + HIT_MARGIN >= 0:
-                    hit[jx * width + jy, max(b - HIT_MARGIN, 0) : b + HIT_MARGIN + 1] = 1
+                _mark(hit, jx * width + jy, end - HIT_MARGIN, end + HIT_MARGIN)
             else:
-                _pass_column(seen, jx * width + jy, oz + t * dz, ez)
+                _mark(seen, jx * width + jy, bin_now, end)
 
 
 @njit(nogil=True, cache=True)
@@ -106,12 +137,14 @@ def list_intervals(seen: Any, hit: Any, cell: Any, half: Any, angle_step: Any, r
     """
     n, width = 0, 2 * half
     for column in range(width * width):
+        if not seen[column].any():
+            continue
         x, y = (column // width - half + 0.5) * cell, (column % width - half + 0.5) * cell
         gap = np.int64(min(GAP_STEPS * angle_step * np.hypot(x, y) / BIN, 1.0 * MAX_GAP))
         start, last = -1, -1
         for b in range(BINS + 1):
-            free = b < BINS and seen[column, b] == 1 and hit[column, b] == 0
-            blocked = b == BINS or hit[column, b] == 1
+            blocked = b == BINS or _is_set(hit, column, b)
+            free = not blocked and _is_set(seen, column, b)
             if start >= 0 and not free and (blocked or b - last > gap):
                 if n < rows.shape[0]:
                     rows[n, 0], rows[n, 1] = x, y
@@ -137,8 +170,8 @@ class FreeColumns:
     def __init__(self, cell_size: float, reach: float) -> None:
         self._cell = cell_size
         self._half = max(round(reach / cell_size), 1)
-        shape = ((2 * self._half) ** 2, BINS)
-        self._seen, self._hit = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+        shape = ((2 * self._half) ** 2, WORDS)
+        self._seen, self._hit = np.zeros(shape, np.uint64), np.zeros(shape, np.uint64)
 
     def add(
         self,

@@ -8,7 +8,7 @@ from tccm_rig import exactly
 
 from tccm_ros.mapping.clearing import MARGIN, STOP_CELLS, _index_cells, mark_passed
 from tccm_ros.mapping.part import cell_keys
-from tccm_ros.mapping.view import BIN, BINS, HIT_MARGIN, LOWEST, FreeColumns, trace_beams
+from tccm_ros.mapping.view import BIN, BINS, HIT_MARGIN, LOWEST, WORDS, FreeColumns, trace_beams
 
 place = st.floats(-0.9, 0.9).map(lambda v: round(v, 3))
 beam = st.tuples(st.tuples(place, place, place), st.tuples(place, place, place))
@@ -38,9 +38,10 @@ def touches(origin, end, bottom, top, slack=1e-9):
 def test_columns_equal_sampling(line):
     origin, end = (np.array([p]) for p in line)
     half, cell, width = 10, 0.1, 20
-    seen, hit = np.zeros((width**2, BINS), np.uint8), np.zeros((width**2, BINS), np.uint8)
+    seen, hit = np.zeros((width**2, WORDS), np.uint64), np.zeros((width**2, WORDS), np.uint64)
     trace_beams(origin, end, np.array([False]), cell, half, seen, hit)
-    found = {(c // width - half, c % width - half, b) for c, b in np.argwhere(seen).tolist()}
+    bins = np.unpackbits(seen.view(np.uint8), axis=1, count=BINS, bitorder="little")
+    found = {(c // width - half, c % width - half, b) for c, b in np.argwhere(bins).tolist()}
     points = samples(origin[0], end[0])
     cells = np.floor(points[:, :2] / cell).astype(int)
     bins = np.floor((points[:, 2] - LOWEST) / BIN).astype(int)

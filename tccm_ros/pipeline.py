@@ -7,8 +7,9 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
-from typing import cast
+from typing import Literal, cast
 
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, MapError, TopicError
@@ -17,13 +18,20 @@ from tccm_ros.io.cycles import CycleHistory
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor, TccmRecord
 from tccm_ros.messages import Record
 from tccm_ros.progress import Bars, Silent
-from tccm_ros.records import Scan
+from tccm_ros.records import Odometry, Scan
+from tccm_ros.surfaces.continuation import Continuation, last_sample
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
-__all__ = ["Outcome", "Pipeline", "Stopwatch", "run_bag"]
+__all__ = ["Outcome", "Pipeline", "Session", "Stopwatch", "run_bag"]
 
 SCAN_ROLES = ("tilt_scan", "scan")
+
+LoggedRecord = tuple[str, int, Record]
+"""Role, log time (ns) and record."""
+
+OPENING_NS = 5_000_000_000
+"""So much of a bag tells whether it goes on with the run that was saved."""
 
 PARTS_KEPT = 400
 """Cycles whose part maps are kept for result.mcap: memory stays bounded in a bag of hours."""
@@ -45,6 +53,23 @@ class Stopwatch:
             self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
 
+@dataclass(frozen=True, slots=True)
+class Session:
+    """How a bag begins.
+
+    Attributes
+    ----------
+    kind
+        ``first``: with nothing; ``continued``: where the saved run was interrupted; ``new``: a
+        session of its own, whose place in the saved map has to be found.
+    reason
+        Why it is a new one.
+    """
+
+    kind: Literal["first", "continued", "new"]
+    reason: str
+
+
 @dataclass(slots=True, eq=False)
 class Outcome:
     """What a replay has found, before it is written.
@@ -53,8 +78,10 @@ class Outcome:
     ----------
     config
         As it was run.
+    earlier
+        The tilt cycles of the run that this bag goes on with: their planes and objects.
     cycles
-        Every tilt cycle, without its points.
+        The tilt cycles of this bag, without their points.
     history
         Coarse part maps of every cycle, for the report.
     tccm, slam
@@ -67,9 +94,14 @@ class Outcome:
         Messages that could not be used, by topic.
     bag_duration
         s.
+    session
+        How the bag begins.
+    run
+        The run before its end, for the next bag of the same recording; None if nothing came.
     """
 
     config: Config
+    earlier: list[CycleResult]
     cycles: list[CycleResult]
     history: CycleHistory
     tccm: TccmProcessor
@@ -78,6 +110,8 @@ class Outcome:
     messages: Counter[str] = field(default_factory=Counter)
     unreadable: Counter[str] = field(default_factory=Counter)
     bag_duration: float = 0.0
+    session: Session = Session("first", "")
+    run: Continuation | None = None
 
 
 class Pipeline:
@@ -99,12 +133,38 @@ class Pipeline:
             if saved is None
             else SurfaceSlam.from_saved(config, saved, expects_odometry=expects_odometry)
         )
+        self.earlier: list[CycleResult] = []
         self.cycles: list[CycleResult] = []
         self.history = CycleHistory(config.map.window_cycles)
+        self.last: Odometry | Scan | None = None
+
+    def go_on_with(self, run: Continuation) -> None:
+        """Take up an interrupted run where it was.
+
+        Raises
+        ------
+        MapError
+            If its state is damaged.
+        """
+        processors = run.processors(self.config)
+        self.tccm, self.slam = processors["tccm"], processors["slam"]
+        self.earlier = processors["cycles"]
+
+    def interrupt(self) -> Continuation | None:
+        """Return the run as it is now, for `go_on_with`; None if it has not begun."""
+        if self.last is None:
+            return None
+        cycles = [*self.earlier, *map(_outline, self.cycles)]
+        processors = {"tccm": self.tccm, "slam": self.slam, "cycles": cycles}
+        return Continuation.of(processors, last_sample(self.last), self.config)
 
     def add(self, role: str, record: Record) -> list[CycleResult]:
         """Give one record to whom it concerns; return the cycles that are complete now."""
         results: list[CycleResult] = []
+        if isinstance(record, Odometry) or (
+            isinstance(record, Scan) and not isinstance(self.last, Odometry)
+        ):
+            self.last = record
         if role != "scan":
             with self.clock.stage("tccm"):
                 results = self.tccm.add(cast(TccmRecord, record))
@@ -141,6 +201,18 @@ class Pipeline:
             if len(self.cycles) > PARTS_KEPT:
                 old = self.cycles[-PARTS_KEPT - 1]
                 self.cycles[-PARTS_KEPT - 1] = replace(old, part=old.part.without_cuboids())
+
+
+def _outline(cycle: CycleResult) -> CycleResult:
+    """Return a cycle's planes and objects alone."""
+    return replace(
+        cycle,
+        part=cycle.part.without_points().without_cuboids(),
+        surfaces=replace(
+            cycle.surfaces, points=cycle.surfaces.points[:0], surface=cycle.surfaces.surface[:0]
+        ),
+        view=replace(cycle.view, intervals=cycle.view.intervals[:0]),
+    )
 
 
 def run_bag(
@@ -183,8 +255,15 @@ def run_bag(
         pipeline = Pipeline(
             config, expects_odometry=topics["odom"] in present, saved=saved, clock=clock
         )
-        messages = _feed(pipeline, reader, topics, bars)
+        records = reader.records(topics)
+        session = Session("first", "")
+        if saved is not None:
+            first, records = _opening(records)
+            session = _begin(pipeline, saved, first)
+        messages = _feed(pipeline, reader, topics, records, bars)
         bars.start("solve", 1.0)
+        with clock.stage("keep"):
+            run = pipeline.interrupt()
         pipeline.finish()
         _check_used(pipeline, reader)
         solution = pipeline.solve()
@@ -195,6 +274,7 @@ def run_bag(
             )
         return Outcome(
             config,
+            pipeline.earlier,
             pipeline.cycles,
             pipeline.history,
             pipeline.tccm,
@@ -203,7 +283,37 @@ def run_bag(
             messages,
             reader.dropped,
             reader.duration,
+            session,
+            run,
         )
+
+
+def _opening(
+    records: Iterator[LoggedRecord],
+) -> tuple[dict[type, Odometry | Scan], Iterator[LoggedRecord]]:
+    """Return the first odometry and the first scan of the first records, and all records."""
+    read: list[LoggedRecord] = []
+    first: dict[type, Odometry | Scan] = {}
+    for item in records:
+        read.append(item)
+        if isinstance(item[2], Odometry | Scan):
+            first.setdefault(type(item[2]), item[2])
+        if len(first) == 2 or item[1] - read[0][1] > OPENING_NS:
+            break
+    return first, chain(read, records)
+
+
+def _begin(pipeline: Pipeline, saved: SavedMap, first: Mapping[type, Odometry | Scan]) -> Session:
+    """Go on with the run that was saved, if these records do; say how the bag begins."""
+    if saved.run is None:
+        return Session("new", "the map holds no run")
+    record = first.get(Odometry if saved.run.last.pose else Scan)
+    sample = None if record is None else last_sample(record)
+    reason = saved.run.refusal(pipeline.config, sample)
+    if reason:
+        return Session("new", reason)
+    pipeline.go_on_with(saved.run)
+    return Session("continued", "")
 
 
 def _topics(reader: BagReader, remap: Sequence[str]) -> Mapping[str, str]:
@@ -220,12 +330,15 @@ def _topics(reader: BagReader, remap: Sequence[str]) -> Mapping[str, str]:
 
 
 def _feed(
-    pipeline: Pipeline, reader: BagReader, topics: Mapping[str, str], bars: Bars
+    pipeline: Pipeline,
+    reader: BagReader,
+    topics: Mapping[str, str],
+    records: Iterator[LoggedRecord],
+    bars: Bars,
 ) -> Counter[str]:
     messages: Counter[str] = Counter()
     last_ns = reader.start_ns
     bars.start("replay", reader.duration, "s")
-    records = reader.records(topics)
     while True:
         with pipeline.clock.stage("read"):
             item = next(records, None)

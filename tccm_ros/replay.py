@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import platform
 import shutil
@@ -75,6 +76,11 @@ class Summary:
             f"{counts['cycles']} tilt cycles, {counts['keyframes']} keyframes, "
             f"{counts['loops_accepted']} loops; {self.real_time_factor:.0f} x real time",
         ]
+        session = self.content["session"]
+        if session["kind"] == "continued":
+            lines.append("goes on with the run that was saved")
+        elif session["kind"] == "new":
+            lines.append(f"a new session in the saved map: {session['reason']}")
         if dropped:
             lines.append("dropped: " + ", ".join(f"{n} {why}" for why, n in dropped.items()))
         lines.append(f"map       {self.out / 'surfaces.json'}")
@@ -140,14 +146,16 @@ def replay(
 
 def _write(folder: Path, outcome: Outcome) -> dict[str, Any]:
     config, solution = outcome.config, outcome.solution
-    cuboids = outcome.tccm.map.cuboids() if outcome.cycles else None
+    cycles = [*outcome.earlier, *outcome.cycles]
+    cuboids = outcome.tccm.map.cuboids() if cycles else None
     content = _summary(outcome)
-    write_results(folder, solution, outcome.cycles, cuboids, config, summary=content, timing={})
+    write_results(folder, solution, cycles, cuboids, config, summary=content, timing={})
     content["counts"]["objects"] = len(json.loads((folder / "objects.json").read_text())["objects"])
     save_cycles(folder / "cycles.npz", outcome.history.parts(_T_map_odom(outcome)))
     write_result_bag(folder / "result.mcap", outcome.cycles, solution, config)
     map_frame = config.frames.prefix + config.frames.map
-    save_map(folder / "map.mcap", outcome.slam.saved(solution), solution, map_frame)
+    saved = dataclasses.replace(outcome.slam.saved(solution), run=outcome.run)
+    save_map(folder / "map.mcap", saved, solution, map_frame)
     return content
 
 
@@ -167,11 +175,13 @@ def _keep_stamps(bag: Path, folder: Path) -> None:
 
 def _summary(outcome: Outcome) -> dict[str, Any]:
     slam, solution = outcome.slam, outcome.solution
+    cycles = [*outcome.earlier, *outcome.cycles]
     dropped = outcome.tccm.dropped + slam.dropped + outcome.unreadable
     accepted = sum(loop.accepted for loop in solution.slam.loops)
     return {
         "versions": _versions(),
         "bag_duration": round(outcome.bag_duration, 6),
+        "session": {"kind": outcome.session.kind, "reason": outcome.session.reason},
         "counts": {
             "messages": dict(sorted(outcome.messages.items())),
             "scans_used": {
@@ -179,8 +189,8 @@ def _summary(outcome: Outcome) -> dict[str, Any]:
                 "level": slam.counts["level scans"],
             },
             "dropped": dict(sorted(dropped.items())),
-            "cycles": len(outcome.cycles),
-            "planes": len({p.id for cycle in outcome.cycles for p in cycle.planes}),
+            "cycles": len(cycles),
+            "planes": len({p.id for cycle in cycles for p in cycle.planes}),
             "keyframes": len(solution.slam.keyframes),
             "walls": len(solution.slam.walls),
             "loops_accepted": accepted,

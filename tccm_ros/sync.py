@@ -93,7 +93,7 @@ class Synchroniser:
         self._waiting: list[tuple[int, int, Scan]] = []
         self._order = 0
         self._newest_scan_ns: int | None = None
-        self._silence: dict[int, tuple[int, int]] = {}
+        self._silence: dict[Track, tuple[int, int]] = {}
 
     @property
     def problem(self) -> FrameError | None:
@@ -250,9 +250,9 @@ class Synchroniser:
         """
         if len(track) and track.stamps_ns[-1] >= end_ns:
             return True
-        heard, since_ns = self._silence.get(id(track), (-1, 0))
+        heard, since_ns = self._silence.get(track, (-1, 0))
         if heard != track.heard:
-            self._silence[id(track)] = (track.heard, now_ns)
+            self._silence[track] = (track.heard, now_ns)
             return False
         return now_ns - since_ns > self._timeout_ns
 

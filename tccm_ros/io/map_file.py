@@ -1,7 +1,8 @@
 """A map in one file: an mcap that holds what a session needs to go on, and opens in Foxglove.
 
-The state is an attachment of named arrays with a checksum of its own; topics beside it show the
-surfaces, points and walls. Files are written beside their place and moved there.
+The state is an attachment of named arrays with a checksum of its own, the interrupted run another;
+topics beside them show the surfaces, points and walls. Files are written beside their place and
+moved there.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,7 @@ from tccm_ros.io.ply import surface_color
 from tccm_ros.io.typestore import TypestoreMessages
 from tccm_ros.messages.markers import Place, surface_markers, wall_markers
 from tccm_ros.messages.results import surface_map_message
+from tccm_ros.surfaces.continuation import Continuation, LastSample
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 from tccm_ros.surfaces.view_arrays import pack_views, unpack_views
@@ -39,6 +42,11 @@ __all__ = ["FORMAT", "VERSION", "load_map", "save_map"]
 FORMAT = "tccm_ros/map"
 VERSION = 1
 ATTACHMENT = "map.npz"
+RUN = "run.npz"
+"""The run in the middle of which the map was saved; a file without it is a map all the same."""
+
+CHECKSUMS = {ATTACHMENT: "sha256", RUN: "run_sha256"}
+"""Where the metadata has the checksum of an attachment."""
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER = struct.Struct("<QQI")
@@ -87,15 +95,19 @@ def save_map(
 
 
 def _write(stream: Any, saved: SavedMap, solution: SurfaceSolution, frame_id: str) -> None:
-    data = array_archive(_pack(saved))
+    attached = {ATTACHMENT: array_archive(_pack(saved))}
+    if saved.run is not None:
+        attached[RUN] = array_archive(_pack_run(saved.run), level=1)
     writer = Writer(
         stream, compression=CompressionType.ZSTD, enable_crcs=True, enable_data_crcs=True
     )
     writer.start(profile="ros2", library="tccm_ros")
     stamp = max((s.view.stamp_ns for s in saved.views), default=0)
     _write_topics(writer, solution, stamp, frame_id)
-    writer.add_attachment(stamp, stamp, ATTACHMENT, "application/zip", data)
-    about = {"format": FORMAT, "version": str(VERSION), "sha256": hashlib.sha256(data).hexdigest()}
+    about = {"format": FORMAT, "version": str(VERSION)}
+    for name, data in attached.items():
+        writer.add_attachment(stamp, stamp, name, "application/zip", data)
+        about[CHECKSUMS[name]] = hashlib.sha256(data).hexdigest()
     writer.add_metadata(FORMAT, about)
     writer.finish()
 
@@ -146,18 +158,21 @@ def load_map(path: Path | str) -> SavedMap:
     try:
         content = path.read_bytes()
         _check_sums(content)
-        about, data = _read(io.BytesIO(content))
+        about, attached = _read(io.BytesIO(content))
     except FileNotFoundError:
         raise MapError(f"{path}: no such map; 'tccm replay' writes one as map.mcap") from None
     except OSError as error:
         raise MapError(f"{path}: cannot be read ({one_line(error)})") from None
     except (McapError, ValueError, EOFError, struct.error, zlib.error, StopIteration) as error:
         raise MapError(f"{path}: damaged or not a map ({one_line(error)})") from None
-    _check(path, about, data)
+    _check(path, about, attached)
     try:
-        with np.load(io.BytesIO(data or b""), allow_pickle=False) as archive:
-            return _unpack({name: archive[name] for name in archive.files})
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        saved = _unpack(_arrays(attached[ATTACHMENT]))
+        run = _unpack_run(_arrays(attached[RUN])) if RUN in attached else None
+        return replace(saved, run=run)
+    except (
+        OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error
+    ) as error:  # fmt: skip
         raise MapError(f"{path}: damaged ({one_line(error)})") from None
     except MapError as error:
         raise MapError(f"{path}: {error}") from None
@@ -184,22 +199,28 @@ def _check_sums(content: bytes) -> None:
         raise ValueError("its checksum does not fit")
 
 
-def _read(stream: Any) -> tuple[Mapping[str, str], bytes | None]:
-    """Return the file's metadata and the attachment, if they are there."""
+def _read(stream: Any) -> tuple[Mapping[str, str], dict[str, bytes]]:
+    """Return the file's metadata and its attachments, as far as they are there."""
     reader = make_reader(stream, validate_crcs=True)
     about = next((m.metadata for m in reader.iter_metadata() if m.name == FORMAT), {})
-    data = next((a.data for a in reader.iter_attachments() if a.name == ATTACHMENT), None)
-    return about, data
+    return about, {a.name: a.data for a in reader.iter_attachments() if a.name in CHECKSUMS}
 
 
-def _check(path: Path, about: Mapping[str, str], data: bytes | None) -> None:
+def _check(path: Path, about: Mapping[str, str], attached: Mapping[str, bytes]) -> None:
     if about.get("format") != FORMAT:
         raise MapError(f"{path}: an mcap, but not a map of {FORMAT}; a bag cannot be gone on with")
     version = about.get("version", "")
     if not version.isdigit() or int(version) > VERSION:
         raise MapError(f"{path}: version {version}, but this tccm_ros reads {VERSION}; update it")
-    if data is None or hashlib.sha256(data).hexdigest() != about.get("sha256"):
+    wanted = {name: about[key] for name, key in CHECKSUMS.items() if key in about}
+    found = {name: hashlib.sha256(data).hexdigest() for name, data in attached.items()}
+    if found != wanted or ATTACHMENT not in found:
         raise MapError(f"{path}: damaged (its checksum does not fit)")
+
+
+def _arrays(archive: bytes) -> Arrays:
+    with np.load(io.BytesIO(archive), allow_pickle=False) as arrays:
+        return {name: arrays[name] for name in arrays.files}
 
 
 def _pack(saved: SavedMap) -> Arrays:
@@ -225,3 +246,23 @@ def _unpack(arrays: Arrays) -> SavedMap:
     names = anchors["keyframe"].tolist(), anchors["hangs"].tolist()
     rows = zip(views, *names, anchors["T"], anchors["cov_tilt"], strict=True)
     return SavedMap(group("walls/"), tuple(SavedView(*row) for row in rows))
+
+
+def _pack_run(run: Continuation) -> Arrays:
+    about = {
+        "software": run.software,
+        "configuration": run.configuration,
+        "last": run.last.to_json(),
+    }
+    text = np.frombuffer(json.dumps(about, sort_keys=True).encode(), np.uint8)
+    return {"about": text, **{f"state/{name}": array for name, array in run.state.items()}}
+
+
+def _unpack_run(arrays: Arrays) -> Continuation:
+    about = json.loads(arrays.pop("about").tobytes())
+    return Continuation(
+        about["software"],
+        about["configuration"],
+        LastSample.from_json(about["last"]),
+        {name.removeprefix("state/"): array for name, array in arrays.items()},
+    )

@@ -38,6 +38,7 @@ class IntegrationMap:
     """
 
     def __init__(self, config: Config) -> None:
+        self._config = config
         self._window = config.map.window_cycles
         self.cell_size = config.map.cell_size
         self._keep_points = config.map.retain_points
@@ -136,6 +137,16 @@ class IntegrationMap:
         if self._cuboids is None:
             self._cuboids = self._compose()
         return self._cuboids
+
+    def freeze_state(self) -> tuple[Config, list[PartMap]]:
+        """Return the originals: they make the map, bit for bit."""
+        return self._config, [replace(part, moments=part.moments.copy()) for part in self.parts]
+
+    def thaw_state(self, state: tuple[Config, list[PartMap]]) -> None:
+        """Take what `freeze_state` gave."""
+        config, parts = state
+        IntegrationMap.__init__(self, config)
+        self.replace(parts)
 
     def _put(self, part: PartMap) -> None:
         if len(part.void_keys):

@@ -8,6 +8,7 @@ map does not constrain: along a corridor the result is odometry's, and its covar
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from tccm_ros.slam.level_scan import LevelScan
 from tccm_ros.slam.likelihood_grid import LikelihoodGrid, make_likelihood_grid
 from tccm_ros.slam.line_map import LineMap, make_line_map
 from tccm_ros.slam.se2 import between, compose, fuse
+from tccm_ros.snapshot import fields_of, set_fields
 
 __all__ = ["FrontEnd", "GraphKeyframe", "Placed", "odometry_covariance"]
 
@@ -218,3 +220,13 @@ class FrontEnd:
             [k.scan.normals for k in recent],
         )
         self._map = _LocalMap(lines, make_likelihood_grid(lines.points, 3))
+
+    def freeze_state(self) -> dict[str, Any]:
+        """Return all but the local map, which the keyframes make."""
+        return fields_of(self, "_map")
+
+    def thaw_state(self, state: dict[str, Any]) -> None:
+        """Take what `freeze_state` gave."""
+        set_fields(self, {**state, "_map": None})
+        if self.keyframes:
+            self._rebuild_map()

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from tccm_ros.slam.graph import IncrementalGraph
 from tccm_ros.slam.proposals import Proposal, Window, propose
 from tccm_ros.slam.se2 import between, compose, inverse
 from tccm_ros.slam.submaps import Submap, make_patch, make_submap
+from tccm_ros.snapshot import fields_of, set_fields
 
 __all__ = ["LoopCloser", "loop_factor"]
 
@@ -296,3 +298,11 @@ class LoopCloser:
         poses = self._graph.planar_poses([self.chain.keys[k] for k in known])
         for k, pose in zip(known, poses):
             self.poses[k] = pose
+
+    def freeze_state(self) -> dict[str, Any]:
+        """Return all but the submaps at hand, which are made again."""
+        return fields_of(self, "_cache")
+
+    def thaw_state(self, state: dict[str, Any]) -> None:
+        """Take what `freeze_state` gave."""
+        set_fields(self, {**state, "_cache": {}})

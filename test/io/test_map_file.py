@@ -1,6 +1,7 @@
 import json
 import os
 import resource
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from tccm_ros.geometry import planar
 from tccm_ros.io.exports import surfaces_table
 from tccm_ros.io.map_file import load_map, save_map
 from tccm_ros.io.numbers import json_text
+from tccm_ros.surfaces.continuation import Continuation, LastSample
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 
@@ -136,3 +138,47 @@ def test_memory_stays_flat_over_100_loads(saved):
         load_map(saved)
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
     assert grown * 1024 < 10 * saved.stat().st_size + 20_000_000
+
+
+@pytest.fixture
+def saved_run(run, tmp_path):
+    """A map with the run in the middle of which it was saved."""
+    slam, solution = run
+    last = LastSample(3_400_000_000, ("odom", "base"), (0.2, 0.6, -0.4))
+    ended = replace(slam.saved(solution), run=Continuation.of({"slam": slam}, last, slam.config))
+    save_map(tmp_path / "run.mcap", ended, solution)
+    return tmp_path / "run.mcap"
+
+
+def test_a_map_holds_the_run_that_it_was_saved_in(run, saved_run, tmp_path):
+    loaded = load_map(saved_run)
+    save_map(tmp_path / "again.mcap", loaded, run[1])
+    assert (tmp_path / "again.mcap").read_bytes() == saved_run.read_bytes()
+    slam = loaded.run.processors(Config())["slam"]
+    assert text_of(slam.solve()) == text_of(run[1])
+
+
+def test_a_map_without_a_run_is_a_map(saved):
+    assert load_map(saved).run is None
+
+
+@pytest.mark.parametrize("where", np.linspace(0.05, 0.95, 7))
+def test_a_damaged_run_is_a_clear_error(saved_run, where):
+    data = bytearray(saved_run.read_bytes())
+    data[int(where * len(data))] ^= 0xFF
+    saved_run.write_bytes(data)
+    with pytest.raises(MapError, match=r"^[^\n]*run\.mcap[^\n]*$"):
+        load_map(saved_run)
+
+
+def test_memory_stays_flat_over_100_runs_taken_up(saved_run):
+    def take_up():
+        load_map(saved_run).run.processors(Config())["slam"].solve()
+
+    for _ in range(10):
+        take_up()
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for _ in range(100):
+        take_up()
+    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    assert grown * 1024 < 10 * saved_run.stat().st_size + 20_000_000

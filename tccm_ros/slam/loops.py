@@ -21,12 +21,13 @@ from scipy.sparse.csgraph import dijkstra
 from tccm_ros.config import Config
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.consistency import consistent_with
+from tccm_ros.slam.correlation import correlate
 from tccm_ros.slam.factors import BetweenKeyframes, Factor, Key
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.graph import IncrementalGraph
-from tccm_ros.slam.proposals import Proposal, Window, propose
+from tccm_ros.slam.proposals import COARSE_STEP, Proposal, Window, propose
 from tccm_ros.slam.se2 import between, compose, inverse
-from tccm_ros.slam.submaps import Submap, make_patch, make_submap
+from tccm_ros.slam.submaps import Patch, Submap, make_patch, make_submap
 from tccm_ros.snapshot import fields_of, set_fields
 
 __all__ = ["LoopCloser", "loop_factor"]
@@ -69,8 +70,11 @@ MOVED = (0.08, 0.015)
 LOOP_LENGTH = 0.5
 """A loop closure ties its ends as well as this much path (m)."""
 
-CACHED_SUBMAPS = 60
-"""Submaps that are kept for the next keyframes."""
+CACHED_SUBMAPS, CACHED_LOST = 60, 250
+"""Submaps that are kept for the next keyframes, and while lost: 1 MB each."""
+
+ROUGH_STEP = 4
+"""Each fourth point of a search tells in which order to look everywhere."""
 
 
 def loop_factor(proposal: Proposal, keys: Sequence[Key], weight: float = 1.0) -> BetweenKeyframes:
@@ -176,16 +180,29 @@ class LoopCloser:
         if len(patch.points) < LEAST_POINTS:
             return best
         share = self.config.loops.ambiguity
-        for centre in self._other_sessions(k):
+        for centre in self._likely_first(k, patch):
             least = share * best[0].score if best else 0.0
             window = Window(np.zeros(3), LOST_REACH, np.pi, least)
-            found = propose(self._submap(centre), patch, window, self.config)
+            found = propose(self._submap(centre, CACHED_LOST), patch, window, self.config)
             if found is not None and not found.reason:
                 best = sorted([*best, found], key=lambda p: -p.score)
         rivals = [p for p in best[1:] if p.score >= share * best[0].score]
         if any(not self._same_place(best[0], p) for p in rivals):
             return [replace(best[0], reason="ambiguous: the map has another place like this")]
         return best[:1]
+
+    def _likely_first(self, k: int, patch: Patch) -> list[int]:
+        """Return every other submap of the map in the order of a rough match.
+
+        The right place, found early, sets the score below which the search elsewhere stops.
+        """
+        span, step = (LOST_REACH, float(np.pi)), 2.0 * COARSE_STEP
+        some = np.ascontiguousarray(patch.search_points[::ROUGH_STEP])
+        centres, scores = self._other_sessions(k), []
+        for centre in centres:
+            grid = self._submap(centre, CACHED_LOST).grid
+            scores.append(correlate(grid, some, np.zeros(3), span, angle_step=step).score)
+        return [centres[i] for i in np.argsort(-np.array(scores), kind="stable")]
 
     def _same_place(self, one: Proposal, other: Proposal) -> bool:
         a = compose(self.poses[one.a], one.delta)
@@ -239,9 +256,9 @@ class LoopCloser:
         weights = coo_matrix((lengths + 1e-6, (rows, columns)), shape=(k + 1, k + 1))
         return np.asarray(dijkstra(weights.tocsr(), directed=False, indices=k))
 
-    def _submap(self, centre: int) -> Submap:
+    def _submap(self, centre: int, most: int = CACHED_SUBMAPS) -> Submap:
         if centre not in self._cache:
-            if len(self._cache) >= CACHED_SUBMAPS:
+            while len(self._cache) >= most:
                 del self._cache[next(iter(self._cache))]
             self._cache[centre] = make_submap(self.keyframes, centre, SUBMAP_HALF)
         return self._cache[centre]

@@ -101,7 +101,14 @@ def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Pro
     """
     loops, sigma = config.loops, config.matching.range_sigma
     span = (window.reach, window.turn)
-    found = correlate(submap.grid, patch.search_points, window.centre, span, least=loops.min_score)
+    found = correlate(
+        submap.grid,
+        patch.search_points,
+        window.centre,
+        span,
+        angle_step=window.angle_step,
+        least=max(loops.min_score, window.least),
+    )
     if found.score < 0.0:
         return None
     loose = np.array([window.reach, window.reach, window.turn]) * 0.5 + 0.05

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
@@ -42,15 +41,30 @@ class Stopwatch:
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
+        self._stages: dict[str, _Stage] = {}
 
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Add the time inside to a stage."""
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+    def stage(self, name: str) -> _Stage:
+        """Add the time inside a `with` block to a stage; a stage is not entered twice at once."""
+        stage = self._stages.get(name)
+        if stage is None:
+            stage = self._stages[name] = _Stage(name, self.seconds)
+        return stage
+
+
+class _Stage:
+    """A context that adds up its time; a class, as it is entered for every record of a bag."""
+
+    __slots__ = ("_name", "_seconds", "_start")
+
+    def __init__(self, name: str, seconds: dict[str, float]) -> None:
+        self._name, self._seconds, self._start = name, seconds, 0.0
+        seconds[name] = 0.0
+
+    def __enter__(self) -> None:
+        self._start = time.perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        self._seconds[self._name] += time.perf_counter() - self._start
 
 
 @dataclass(frozen=True, slots=True)

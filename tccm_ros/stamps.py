@@ -79,6 +79,23 @@ class StampGuard(Generic[T]):
         self._judge(stream, stamp_ns, record, result)
         return result
 
+    def passes(self, key: Hashable, stamp_ns: int) -> bool:
+        """Admit a record that nothing has to be weighed for, as nearly all are.
+
+        Returns
+        -------
+        False where `admit` has to judge the record; nothing has changed then.
+        """
+        stream = self._streams.get(key)
+        if stream is None or stream.ahead is not None or self._someone_behind:
+            return False
+        newest_ns, jump_ns = stream.newest_ns, self._jump_ns
+        if newest_ns is None or not newest_ns - jump_ns <= stamp_ns <= newest_ns + jump_ns:
+            return False
+        if stamp_ns > newest_ns:
+            stream.newest_ns = stamp_ns
+        return True
+
     def now(self, key: Hashable) -> int | None:
         """Return message time as the stream `key` should see it, None before the first record.
 
@@ -86,18 +103,20 @@ class StampGuard(Generic[T]):
         the rest by more than a clock jump has a clock of its own and does not count.
         """
         own = self._streams.get(key)
-        times = [
-            stream.newest_ns
-            for stream in self._streams.values()
-            if stream is not own and stream.keeps_time and stream.newest_ns is not None
-        ]
-        if len(times) > 1:
-            times.sort()
-            if times[-1] > times[-2] + self._jump_ns:
-                times.pop()
-        if own is not None and own.newest_ns is not None:
-            times.append(own.newest_ns)
-        return max(times, default=None)
+        first = second = None
+        for stream in self._streams.values():
+            newest_ns = stream.newest_ns
+            if newest_ns is None or not stream.keeps_time or stream is own:
+                continue
+            if first is None or newest_ns > first:
+                first, second = newest_ns, first
+            elif second is None or newest_ns > second:
+                second = newest_ns
+        if first is not None and second is not None and first > second + self._jump_ns:
+            first = second
+        if own is None or own.newest_ns is None:
+            return first
+        return own.newest_ns if first is None else max(first, own.newest_ns)
 
     def flush(self) -> Admission[T]:
         """Admit what is held: the input has ended."""

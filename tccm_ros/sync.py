@@ -117,8 +117,12 @@ class Synchroniser:
         if isinstance(record, TransformSample) and record.is_static:
             self.kinematics.add(record)
             return self._release()
+        stream = _stream(record)
+        if self._guard.passes(stream, record.stamp_ns):
+            self._take(record)
+            return self._release()
         admission = self._guard.admit(
-            _stream(record),
+            stream,
             record.stamp_ns,
             record,
             keeps_time=not isinstance(record, TransformSample),

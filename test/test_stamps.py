@@ -164,3 +164,29 @@ def test_growing_streams_are_admitted_whole_however_they_interleave(a, b, random
     for key, seconds in guard.flush().admitted:
         admitted[key].append(seconds)
     assert admitted == {"a": sorted(a), "b": sorted(b)}
+
+
+@given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 30)), max_size=80))
+def test_passing_first_changes_nothing_that_judging_gives(events):
+    judged, passed = StampGuard(2 * S), StampGuard(2 * S)
+    for i, (key, seconds) in enumerate(events):
+        result = judged.admit(key, seconds * S, i)
+        if passed.passes(key, seconds * S):
+            assert (result.admitted, result.refused, result.jumped) == ([i], [], False)
+        else:
+            assert passed.admit(key, seconds * S, i) == result
+        assert all(passed.now(k) == judged.now(k) for k in "abcd")
+    assert passed.flush() == judged.flush()
+
+
+@given(st.dictionaries(st.sampled_from("abcde"), st.integers(0, 10), max_size=5))
+def test_message_time_is_the_newest_but_for_a_single_one_far_ahead(newest):
+    guard = StampGuard(2 * S)
+    for key, seconds in newest.items():
+        guard.admit(key, seconds * S, key, keeps_time=key != "e")
+    guard.flush()
+    others = sorted(s for key, s in newest.items() if key not in "ae")
+    if len(others) > 1 and others[-1] > others[-2] + 2:
+        others.pop()
+    expected = max(others + [newest[key] for key in newest if key == "a"], default=None)
+    assert guard.now("a") == (None if expected is None else expected * S)

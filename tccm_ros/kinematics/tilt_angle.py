@@ -68,10 +68,11 @@ class TiltReadout:
 
     def drain(self) -> list[tuple[int, float]]:
         """Return the samples (stamp_ns, corrected angle in rad) since the last call."""
-        if self._part is None or not len(self._part.track):
+        if self._part is None:
             return []
         track = self._part.track
-        if self._given_ns is not None and track.stamps_ns[-1] <= self._given_ns:
+        newest_ns = track.latest_ns
+        if newest_ns is None or (self._given_ns is not None and newest_ns <= self._given_ns):
             return []
         if isinstance(self._part, MovingTransform) and self._part.axis is None:
             self._part.axis = find_axis(self._part.track)
@@ -79,7 +80,7 @@ class TiltReadout:
                 return []
         first = 0
         if self._given_ns is not None:
-            first = int(np.searchsorted(track.stamps_ns, self._given_ns, "right"))
+            first = int(track.stamps_ns.searchsorted(self._given_ns, "right"))
         stamps = track.stamps_ns[first:].tolist()
         angles = [self._unwrapped(angle) for angle in self._raw(self._part, first).tolist()]
         self._given_ns = stamps[-1]

@@ -31,10 +31,13 @@ class Track:
     ----------
     heard
         Samples that came, also those that were left out.
+    latest_ns
+        Newest stamp, None without samples.
     """
 
     def __init__(self, width: int, max_samples: int = MAX_SAMPLES):
         self.heard = 0
+        self.latest_ns: int | None = None
         size = min(64, max_samples)
         self._stamps = np.zeros(size, np.int64)
         self._values = np.zeros((size, width))
@@ -59,24 +62,20 @@ class Track:
         """Oldest stamp, None without samples."""
         return int(self._stamps[0]) if self._count else None
 
-    @property
-    def latest_ns(self) -> int | None:
-        """Newest stamp, None without samples."""
-        return int(self._stamps[self._count - 1]) if self._count else None
-
     def clear(self) -> None:
         """Forget all samples."""
         self._count = 0
+        self.latest_ns = None
 
     def append(self, stamp_ns: int, value: Float64 | float) -> bool:
         """Append a sample; return False, and leave it out, where it is not the newest."""
         self.heard += 1
-        n = self._count
-        if n and stamp_ns <= self._stamps[n - 1]:
+        if self.latest_ns is not None and stamp_ns <= self.latest_ns:
             return False
+        n = self._count
         if n == len(self._stamps):
             n = self._make_room()
-        self._stamps[n] = stamp_ns
+        self._stamps[n] = self.latest_ns = stamp_ns
         self._values[n] = value
         self._count = n + 1
         return True
@@ -89,6 +88,8 @@ class Track:
         The step in ns (0 where one sample at start = end suffices), or None where no sample is at
         or before the start or none at or after the end.
         """
+        if self.latest_ns is None or self.latest_ns < end_ns:
+            return None
         gap = widest_gap(self._stamps[: self._count], start_ns, end_ns)
         return None if gap < 0 else gap
 

@@ -74,6 +74,16 @@ class Frames(Group):
         "", "put before map and odom frame names, for several robots", read_only=True
     )
 
+    @property
+    def map_name(self) -> str:
+        """Name of the map frame, with the prefix."""
+        return self.prefix + self.map
+
+    @property
+    def odom_name(self) -> str:
+        """Name of the odometry frame where nothing else names it, with the prefix."""
+        return self.prefix + self.odom
+
 
 class Rig(Group):
     """Where the lasers are when no robot description says so, and corrections of a real rig."""

@@ -70,6 +70,10 @@ class Synchroniser:
         Scans by reason.
     counts
         ``scans`` received, ``posed``, and refused samples as ``samples: <reason>``.
+    odometry
+        What the last call admitted of the odometry, in order.
+    longest_scan_ns
+        Longest duration of a scan so far.
     jumps
         Times that poses began anew: the clock went back, or odometry came after all. The owner
         compares it and resets its map.
@@ -81,6 +85,8 @@ class Synchroniser:
         self.dropped: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         self.jumps = 0
+        self.odometry: list[Odometry] = []
+        self.longest_scan_ns = 0
         self.kinematics = kinematics
         self.expects_odometry = expects_odometry
         self.motion = BaseMotion(config, kinematics.frames)
@@ -100,6 +106,11 @@ class Synchroniser:
         """Why the laser could not be placed, None where it could."""
         return self.kinematics.problem
 
+    @property
+    def message_ns(self) -> int | None:
+        """Message time: the newest stamp that can be trusted, None before the first record."""
+        return self._guard.now(SCAN_STREAM)
+
     def add(self, record: SyncRecord) -> list[PosedScan]:
         """Take one record; return the scans that are posed now, in stamp order.
 
@@ -108,6 +119,7 @@ class Synchroniser:
         UrdfError
             For a robot description that cannot be read.
         """
+        self.odometry = []
         if isinstance(record, RobotDescription):
             self.kinematics.add(record)
             return self._release()
@@ -137,6 +149,7 @@ class Synchroniser:
 
     def flush(self) -> list[PosedScan]:
         """Give what can be posed; drop the rest. The input has ended."""
+        self.odometry = []
         admission = self._guard.flush()
         for refused, reason in admission.refused:
             self._refuse(refused, reason)
@@ -158,6 +171,7 @@ class Synchroniser:
                 self.jumps += 1
                 self.kinematics.forget_base()
             late = not self.motion.add(record)
+            self.odometry.append(record)
         if late:
             self.counts["samples: out of order"] += late
 
@@ -173,6 +187,7 @@ class Synchroniser:
             self.dropped[reason] += 1
             return
         self._newest_scan_ns = scan.stamp_ns
+        self.longest_scan_ns = max(self.longest_scan_ns, abs(scan.end_ns - scan.stamp_ns))
         self._order += 1
         heapq.heappush(self._waiting, (scan.stamp_ns, self._order, scan))
         if len(self._waiting) > MAX_WAITING:

@@ -68,7 +68,7 @@ def write_results(
         If a file cannot be written.
     """
     write_solution(folder, solution, config)
-    odom = cycles[-1].frame_id if cycles else config.frames.odom
+    odom = cycles[-1].frame_id if cycles else config.frames.odom_name
     tables = {
         "objects.json": objects_table(scene_objects(solution, cycles)),
         "planes.json": planes_table(cycles),
@@ -82,7 +82,7 @@ def write_results(
 
 def write_solution(folder: Path, solution: SurfaceSolution, config: Config) -> None:
     """Write what a solution gives: surfaces, walls, graph and trajectory (see `write_results`)."""
-    map_frame = config.frames.prefix + config.frames.map
+    map_frame = config.frames.map_name
     tables = {
         "surfaces.json": surfaces_table(solution.surfaces, solution.floor_z, map_frame),
         "walls.json": walls_table(solution.slam.walls),

@@ -75,7 +75,7 @@ class ResultBag:
 
     def __init__(self, bag: BagWriter, config: Config):
         self._bag, self._config = bag, config
-        self._map_frame = config.frames.prefix + config.frames.map
+        self._map_frame = config.frames.map_name
         self._map = IntegrationMap(config)
         self._cycles = CyclePublications(bag.types, config)
         self._solutions = SolutionPublications(bag.types, self._map_frame)

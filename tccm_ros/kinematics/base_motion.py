@@ -34,7 +34,7 @@ class BaseMotion:
 
     def __init__(self, config: Config, frames: FrameTree):
         self.mode: Literal["odometry", "tf", "still"] | None = None
-        self.odom_frame = config.frames.odom
+        self.odom_frame = config.frames.odom_name
         self._frames = frames
         self._track = PoseTrack()
         self._chain: Chain | None = None

@@ -115,7 +115,8 @@ class ChainFinder:
         child = self.odometry_child
         if child and (child in known or (model and child in model.links) or model is None):
             return child
-        moved = [e.child for e in self._frames.tf.values() if e.parent == self._config.frames.odom]
+        odom = self._config.frames.odom_name
+        moved = [e.child for e in self._frames.tf.values() if e.parent == odom]
         if model is not None:
             inside = [frame for frame in moved if frame in model.links]
             return inside[0] if len(inside) == 1 else model.root

@@ -44,8 +44,8 @@ class LivePosePublisher:
 
     def __init__(self, node: Node, types: MessageTypes, config: Config):
         self._types, self._config = types, config
-        self.map_frame = config.frames.prefix + config.frames.map
-        self.odom_frame = config.frames.prefix + config.frames.odom
+        self.map_frame = config.frames.map_name
+        self.odom_frame = config.frames.odom_name
         self._live: LivePose | None = None
         self._newest_ns = -1
         self._keyframe: tuple[Float64, Float64] | None = None

@@ -32,7 +32,7 @@ class TccmNode(SensorNode):
         warm_up_tccm(self.config)
         self.processor = TccmProcessor(self.config)
         self.is_paused = False
-        self._frame_id = self.config.frames.prefix + self.config.frames.odom
+        self._frame_id = self.config.frames.odom_name
         self._rig_check = RigCheck()
         self._rig_problems: tuple[str, ...] = ()
         self._publications = CyclePublications(self.types, self.config)

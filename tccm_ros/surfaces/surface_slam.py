@@ -155,8 +155,6 @@ class SurfaceSlam:
         posed = self.sync.add(record)
         if self.sync.jumps != self._jumps:
             self._start_again()
-        if isinstance(record, Odometry):
-            self.walls.add_odometry(record.stamp_ns, record.T_odom_base)
         return self._match(posed)
 
     def _start_again(self) -> None:
@@ -177,6 +175,8 @@ class SurfaceSlam:
         return self.walls.current_pose()
 
     def _match(self, scans: list[PosedScan]) -> list[ScanPose]:
+        for sample in self.sync.odometry:
+            self.walls.add_odometry(sample.stamp_ns, sample.T_odom_base)
         poses = [self.walls.add_scan(scan) for scan in scans]
         self.counts["level scans"] += len(poses)
         return poses

@@ -2,6 +2,7 @@
 
 import itertools
 import random
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -179,6 +180,17 @@ def shuffled(records, most_late_ns, seed):
 def test_arrival_order_does_not_show(seed):
     _, expected = run(room())
     _, found = run(shuffled(room(), 200_000_000, seed))
+    assert [everything(r) for r in found] == [everything(r) for r in expected]
+
+
+@pytest.mark.parametrize("kind", [JointSample, Odometry])
+def test_one_stamp_from_the_future_does_not_close_a_sweep(kind):
+    _, expected = run(room())
+    late = shuffled(room(), 200_000_000, 0)
+    k = next(k for k, r in enumerate(late) if isinstance(r, kind) and r.stamp_ns > ns(1.0))
+    wrong = replace(late[k], stamp_ns=late[k].stamp_ns + ns(3600.0))
+    processor, found = run([*late[:k], wrong, *late[k:]])
+    assert processor.synchroniser.counts["samples: future stamp"] == 1
     assert [everything(r) for r in found] == [everything(r) for r in expected]
 
 

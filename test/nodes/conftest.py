@@ -4,18 +4,31 @@ import fcntl
 import os
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 import rclpy
+from processes import PATIENCE_S
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
-from robot import Robot
+from robot import Robot, is_connected, topics_of
 
 DOMAINS = range(1, 100)
 """Domains whose ports lie below the ephemeral ones."""
+
+RERUNS = 1
+"""Discovery between participants is asynchronous: a test over DDS that fails is tried once more."""
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Have the tests over DDS, and these alone, run again where they fail."""
+    if not config.pluginmanager.hasplugin("rerunfailures"):
+        return
+    for item in items:
+        if {"ros", "domain"} & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.flaky(reruns=RERUNS))
 
 
 @contextmanager
@@ -58,17 +71,38 @@ class Ros:
         return node
 
     def remove(self, node) -> None:
-        """Take a node away, as if its process had ended."""
+        """Take a node away, as if its process had ended; return when all others know it.
+
+        What is known of the dead could pass for the living that come after it.
+        """
+        topics = topics_of(node)
+        name = node.get_namespace(), node.get_name()
         self.executor.remove_node(node)
         self._nodes.remove(node)
         _end(node)
+        self.spin_until(
+            lambda: not any(_knows(other, name, topics) for other in self._nodes),
+            what=f"the end of {name[1]}",
+        )
+
+    def connect(self, writer, reader, *topics: str) -> None:
+        """Wait until what one node publishes on some topics is heard by another.
+
+        Each pair of participants finds each other in its own time: that one reader hears a topic,
+        or that the graph shows it, tells nothing of another.
+        """
+        for topic in topics:
+            self.spin_until(
+                lambda t=topic: is_connected(writer, reader, t),
+                what=f"{reader.get_name()} to hear {topic}",
+            )
 
     def robot(self, **options) -> Robot:
         """Return a robot that publishes what its lasers see."""
         return Robot(self, **options)
 
     def spin_until(
-        self, predicate: Callable[[], object], timeout: float = 60.0, what: str = ""
+        self, predicate: Callable[[], object], timeout: float = PATIENCE_S, what: str = ""
     ) -> None:
         """Spin until the predicate holds, or fail."""
         end = time.monotonic() + timeout
@@ -76,11 +110,11 @@ class Ros:
             assert time.monotonic() < end, f"timed out: {what or predicate}"
             self.executor.spin_once(timeout_sec=0.02)
 
-    def call(self, client, request, timeout: float = 120.0):
+    def call(self, client, request):
         """Call a service and return its response."""
         self.spin_until(client.service_is_ready, what=client.srv_name)
         future = client.call_async(request)
-        self.spin_until(future.done, timeout, what=client.srv_name)
+        self.spin_until(future.done, what=client.srv_name)
         return future.result()
 
     def close(self) -> None:
@@ -89,6 +123,18 @@ class Ros:
         self.executor.shutdown()
         for context in self._contexts:
             rclpy.try_shutdown(context=context)
+
+
+def _knows(node, name: tuple[str, str], topics: Iterable[str]) -> bool:
+    """Return whether a node still believes that another takes part in some topics."""
+    return any(
+        (end.node_namespace, end.node_name) == name
+        for topic in topics
+        for end in (
+            *node.get_publishers_info_by_topic(topic),
+            *node.get_subscriptions_info_by_topic(topic),
+        )
+    )
 
 
 def _end(node) -> None:

@@ -6,6 +6,9 @@ import subprocess
 import sys
 from contextlib import contextmanager
 
+PATIENCE_S = 300.0
+"""A wait that is this long has failed: a loaded machine takes many times what a free one takes."""
+
 
 @contextmanager
 def started(domain: int, module: str, *arguments: str):
@@ -31,7 +34,7 @@ def settings(**values) -> list[str]:
     return ["--ros-args", *(word for pair in pairs for word in ("-p", pair))]
 
 
-def stop(process, number=signal.SIGINT, timeout: float = 60.0) -> tuple[int, str]:
+def stop(process, number=signal.SIGINT, timeout: float = PATIENCE_S) -> tuple[int, str]:
     """Send a signal; return the exit status and what was printed."""
     process.send_signal(number)
     output, _ = process.communicate(timeout=timeout)

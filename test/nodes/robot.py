@@ -119,6 +119,7 @@ class Robot:
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         )
         self._publishers: dict[str, object] = {}
+        self._heard: set[tuple[str, object]] = set()
         if described:
             self.describe()
 
@@ -142,15 +143,15 @@ class Robot:
         }[type(record)]
         return build(self.types, record)
 
-    def publish(self, topic: str, message, *, wait_for: int = 0) -> None:
-        """Publish one message, to at least so many subscribers."""
+    def publish(self, topic: str, message, *nodes) -> None:
+        """Publish one message, once these nodes hear its topic."""
         if topic not in self._publishers:
             self._publishers[topic] = self.node.create_publisher(type(message), topic, self._qos)
-        publisher = self._publishers[topic]
-        self.ros.spin_until(
-            lambda: publisher.get_subscription_count() >= wait_for, what=f"listeners of {topic}"
-        )
-        publisher.publish(message)
+        for node in nodes:
+            if (topic, node) not in self._heard:
+                self.ros.connect(self.node, node, self.node.resolve_topic_name(topic))
+                self._heard.add((topic, node))
+        self._publishers[topic].publish(message)
         self.sent[topic] = self.sent.get(topic, 0) + 1
 
     def play(self, records: Iterable[tuple[str, object]], *nodes, settled: bool = True) -> None:
@@ -167,11 +168,11 @@ class Robot:
         while chunk := list(islice(records, CHUNK)):
             for topic, record in chunk:
                 name = self.node.resolve_topic_name(topic)
-                self.publish(
-                    topic, self.message(record), wait_for=sum(listens(n, name) for n in nodes)
-                )
+                self.publish(topic, self.message(record), *(n for n in nodes if listens(n, name)))
             for node, before in zip(nodes, received):
-                self.ros.spin_until(lambda n=node, b=before: self._has_all(n, b, base))
+                self.ros.spin_until(
+                    lambda n=node, b=before: self._has_all(n, b, base), what="all messages"
+                )
         for node in nodes if settled else ():
             settle(self.ros, node)
 
@@ -183,6 +184,39 @@ class Robot:
             if name in counts and got < sent - base.get(topic, 0):
                 return False
         return True
+
+
+def topics_of(node) -> set[str]:
+    """Return the topics that a node publishes or hears."""
+    return {end.topic_name for end in (*node.publishers, *node.subscriptions)}
+
+
+def is_connected(writer, reader, topic: str) -> bool:
+    """Return whether two nodes know each other on a topic, and all ends there are matched.
+
+    Best effort loses what is sent before both sides know.
+    """
+    readers = writer.get_subscriptions_info_by_topic(topic)
+    writers = reader.get_publishers_info_by_topic(topic)
+    return (
+        _is_among(reader, readers)
+        and _is_among(writer, writers)
+        and all(
+            publisher.get_subscription_count() >= len(readers)
+            for publisher in writer.publishers
+            if publisher.topic_name == topic
+        )
+        and all(
+            subscription.get_publisher_count() >= len(writers)
+            for subscription in reader.subscriptions
+            if subscription.topic_name == topic
+        )
+    )
+
+
+def _is_among(node, ends) -> bool:
+    name = node.get_namespace(), node.get_name()
+    return name in {(end.node_namespace, end.node_name) for end in ends}
 
 
 def listens(node, name: str) -> bool:

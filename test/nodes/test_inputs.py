@@ -54,7 +54,7 @@ def test_messages_end_the_problem(ros):
     inputs, received = watched(ros, silence=20.0)
     talker = ros.add(Node("talker", context=ros.context))
     publisher = talker.create_publisher(LaserScan, "tilt_scan", 10)
-    ros.spin_until(lambda: publisher.get_subscription_count() == 1)
+    ros.connect(talker, inputs._node, "/tilt_scan")
     publisher.publish(LaserScan())
     ros.spin_until(lambda: len(received) == 1)
     assert inputs.problems() == []

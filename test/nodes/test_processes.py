@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 import pytest
-from processes import settings, started, stop
+from processes import PATIENCE_S, settings, started, stop
 from robot import START_NS, Listener, recording, settle, slam
 from std_srvs.srv import Trigger
 
@@ -25,9 +25,9 @@ def test_a_signal_ends_both_nodes_with_a_saved_map_and_status_0(ros, tmp_path, n
     arguments = settings(save__directory=folder, save__on_shutdown="true")
     with started(ros.domain, "all_in_one", *arguments) as process:
         caller = Listener(ros).node
+        # A service is there before its node is made; one that answers is spun.
         for name in ("/tccm/reset", "/surface_slam/reset"):
-            client = caller.create_client(Trigger, name)
-            ros.spin_until(client.service_is_ready, timeout=120.0, what=name)
+            assert ros.call(caller.create_client(Trigger, name), Trigger.Request()).success
         status, output = stop(process, number)
     assert status == 0, output
     assert "Traceback" not in output
@@ -38,7 +38,7 @@ def test_a_signal_ends_both_nodes_with_a_saved_map_and_status_0(ros, tmp_path, n
 
 def test_a_bad_parameter_ends_with_one_line_and_status_1(domain):
     with started(domain, "tccm_node", *settings(map__cell_size=1)) as process:
-        output, _ = process.communicate(timeout=120.0)
+        output, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 1
     assert "write 1.0" in output
     assert "Traceback" not in output
@@ -51,7 +51,7 @@ def test_a_killed_tccm_node_is_started_again_and_the_pair_goes_on(ros):
         with started(ros.domain, "tccm_node", *settings(qos__reliability="reliable")) as process:
             # A killed participant stays in the graph for a while, and a new one is found by each
             # subscriber in its own time: what the SLAM node has got tells that it is found.
-            before, end = node.processor.counts["clouds"], time.monotonic() + 120.0
+            before, end = node.processor.counts["clouds"], time.monotonic() + PATIENCE_S
             while node.processor.counts["clouds"] < before + 2:
                 assert time.monotonic() < end, process.poll()
                 robot.play(recording(2, start_ns=start_ns), node)
@@ -134,4 +134,4 @@ def test_kill_9_during_a_save_loses_nothing_that_was_saved(tmp_path):
             for name in ("walls.json", "graph.json"):
                 json.loads((folder / name).read_text())
         process.stdin.close()
-        assert process.wait(60) == 0
+        assert process.wait(PATIENCE_S) == 0

@@ -30,7 +30,7 @@ def trigger(ros, name):
 def test_map_to_odom_is_on_tf_from_the_first_scan_on(ros):
     node, robot, viewer = slam(ros), ros.robot(), Listener(ros)
     tf = viewer.listen(message_class("tf2_msgs/msg/TFMessage"), "/tf")
-    ros.spin_until(lambda: node.count_subscribers("/tf") >= 2)
+    ros.connect(node, viewer.node, "/tf")
     node.live._tf.publish()
     records = list(recording(1))
     robot.play(((t, r) for t, r in records if "scan" not in t), node)
@@ -54,12 +54,7 @@ def test_pose_with_covariance_and_map_to_odom_without_tf(ros):
     node, robot, viewer = slam(ros, tf__publish=False), ros.robot(), Listener(ros)
     poses = viewer.listen(PoseWithCovarianceStamped, "/pose")
     odom = viewer.listen(TransformStamped, "/surface_slam/map_to_odom")
-    ros.spin_until(
-        lambda: (
-            (node.count_subscribers("/pose") == node.count_subscribers("/surface_slam/map_to_odom"))
-            == 1
-        )
-    )
+    ros.connect(node, viewer.node, "/pose", "/surface_slam/map_to_odom")
     robot.play(recording(3, speed=0.3), node)
     last_ns = node.processor.current_pose().stamp_ns
     ros.spin_until(lambda: poses and stamp_ns_from_message(poses[-1].header.stamp) == last_ns)
@@ -82,7 +77,7 @@ def test_both_nodes_make_one_map_which_is_saved_loaded_and_reset(ros, tmp_path):
     robot, viewer = ros.robot(), Listener(ros)
     surfaces = viewer.listen(MarkerArray, "/surface_slam/surfaces", latched=True)
     grids = viewer.listen(OccupancyGrid, "/map", latched=True)
-    ros.spin_until(lambda: mapper.count_subscribers("/tccm/surfaces") == 1)
+    ros.connect(mapper, node, "/tccm/surfaces", "/tccm/view")
     robot.play(recording(4), mapper, node)
     cycles = mapper.processor.counts["cycles"]
     ros.spin_until(lambda: node.processor.counts["clouds"] == cycles)

@@ -8,9 +8,11 @@ from builtin_interfaces.msg import Time
 from robot import START_NS, Listener, recording, settle, slam, tccm
 from rosgraph_msgs.msg import Clock
 
+from tccm_ros.config import Config
 from tccm_ros.messages.types import stamp_message
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.records import JointSample
+from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 SECOND = 1_000_000_000
 
@@ -74,6 +76,22 @@ def test_a_stamp_from_the_future_is_dropped_alone(ros):
     assert node.processor.counts["cycles"] >= 2
 
 
+def test_odometry_from_the_future_does_not_move_the_robot():
+    records = [(t, r) for t, r in recording(3, speed=0.3) if t == "odom"]
+    wrong = replace(records[20][1], stamp_ns=records[20][1].stamp_ns + 3600 * SECOND)
+    poses = []
+    for sent in (records, [*records[:20], ("odom", wrong), *records[20:]]):
+        slam = SurfaceSlam(Config())
+        for _, record in sent:
+            slam.add(record)
+        live = slam.current_pose()
+        slam.add_pose_stamp(START_NS + SECOND)
+        slam.finish()
+        poses.append((live.stamp_ns, *live.pose, *slam.solve().trajectory.ravel()))
+    assert poses[0] == poses[1]
+    assert poses[0][4] == pytest.approx(0.3, abs=1e-6)
+
+
 def test_all_stamps_that_go_back_begin_a_new_map(ros):
     node, robot = tccm(ros), ros.robot()
     robot.play(recording(3, start_ns=START_NS + 60 * SECOND), node)
@@ -128,10 +146,12 @@ class SimTime:
 
     def __init__(self, ros):
         self.ros, self.types = ros, RosidlMessages()
-        self.publisher = Listener(ros, "clock").node.create_publisher(Clock, "/clock", 10)
+        self.node = Listener(ros, "clock").node
+        self.publisher = self.node.create_publisher(Clock, "/clock", 10)
 
     def set(self, stamp_ns, *nodes):
-        self.ros.spin_until(lambda: self.publisher.get_subscription_count() >= len(nodes))
+        for node in nodes:
+            self.ros.connect(self.node, node, "/clock")
         self.publisher.publish(Clock(clock=stamp_message(self.types, stamp_ns)))
         for node in nodes:
             self.ros.spin_until(lambda n=node: n.get_clock().now().nanoseconds == stamp_ns)
@@ -148,7 +168,7 @@ def test_stamps_of_arrival_for_drivers_without_a_clock(ros):
         message = robot.message(record)
         message.header.stamp = Time()
         before = node.inputs.counts()[f"/{topic}"]
-        robot.publish(topic, message, wait_for=1)
+        robot.publish(topic, message, node)
         ros.spin_until(lambda t=topic, n=before: node.inputs.counts()[f"/{t}"] == n + 1)
     settle(ros, node)
     assert node.processor.counts["cycles"] >= 1

@@ -19,8 +19,9 @@ def test_two_pairs_do_not_hear_each_other(ros, tmp_path):
     viewer = Listener(ros)
     surfaces = {n: viewer.listen(PointCloud2, f"/{n}/tccm/surfaces") for n in pairs}
     reports = viewer.listen(DiagnosticArray, "/diagnostics")
-    for name, (mapper, _) in pairs.items():
-        ros.spin_until(lambda m=mapper, n=name: m.count_subscribers(f"/{n}/tccm/surfaces") == 2)
+    for name, (mapper, node) in pairs.items():
+        ros.connect(mapper, viewer.node, f"/{name}/tccm/surfaces")
+        ros.connect(mapper, node, f"/{name}/tccm/surfaces", f"/{name}/tccm/view")
     robots["r1"].play(recording(4, prefix="r1/"), *pairs["r1"])
     assert pairs["r1"][0].processor.counts["cycles"] >= 3
     for node in pairs["r2"]:

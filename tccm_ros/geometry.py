@@ -70,7 +70,11 @@ def inverse(T_a_b: ArrayLike) -> Array:
     """Return T_b_a of rigid poses (..., 4, 4)."""
     T = np.asarray(T_a_b, float)
     R_b_a = np.swapaxes(T[..., :3, :3], -1, -2)
-    return pose(R_b_a, -np.einsum("...ij,...j->...i", R_b_a, T[..., :3, 3]))
+    result = np.zeros(T.shape)
+    result[..., :3, :3] = R_b_a
+    result[..., :3, 3] = -np.einsum("...ij,...j->...i", R_b_a, T[..., :3, 3])
+    result[..., 3, 3] = 1.0
+    return result
 
 
 def transform(T_a_b: ArrayLike, points_b: ArrayLike) -> Array:
@@ -107,7 +111,10 @@ def interpolate_poses(T0: ArrayLike, T1: ArrayLike, fraction: ArrayLike) -> Arra
 def planar(T_a_b: ArrayLike) -> Array:
     """Project poses (..., 4, 4) to (x, y, yaw) (..., 3); yaw is the heading of the x axis."""
     T = np.asarray(T_a_b, float)
-    return np.stack([T[..., 0, 3], T[..., 1, 3], np.arctan2(T[..., 1, 0], T[..., 0, 0])], axis=-1)
+    result = np.empty((*T.shape[:-2], 3))
+    result[..., :2] = T[..., :2, 3]
+    result[..., 2] = np.arctan2(T[..., 1, 0], T[..., 0, 0])
+    return result
 
 
 def spatial(pose2: ArrayLike) -> Array:

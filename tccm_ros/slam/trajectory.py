@@ -30,8 +30,8 @@ class OdometryTrack:
 
     def add(self, stamp_ns: int, T_odom_base: Float64) -> None:
         """Add a sample; T_odom_base float64 (4, 4)."""
-        x, y, yaw = planar(T_odom_base)
-        self._samples[stamp_ns] = (float(x), float(y), float(yaw))
+        x, y, yaw = planar(T_odom_base).tolist()
+        self._samples[stamp_ns] = (x, y, yaw)
         self._first_ns = min(self._first_ns, stamp_ns)
         self._sorted = None
 

@@ -11,6 +11,7 @@ from tccm_ros.mapping.beams import sweep_beams
 from tccm_ros.mapping.mapper import Sweep
 from tccm_ros.mapping.part import PartMap, cell_keys
 from tccm_ros.mapping.planes import PlaneFit, PlaneFits
+from tccm_ros.mapping.segmentation import segment
 from tccm_ros.mapping.view import FreeColumns
 from tccm_ros.records import SurfaceCloud, ViewIntervals
 
@@ -51,12 +52,13 @@ def plane_labels(part: PartMap, fits: PlaneFits) -> NDArray[np.int32]:
 def surface_cloud(
     sweep: Sweep,
     fits: PlaneFits,
+    config: Config,
     T_odom_base: Float64,
     viewpoint: Float64,
     frame_id: str,
     wanted: bool,
 ) -> SurfaceCloud:
-    """Return the points of the horizontal surfaces that the newest part map saw from above.
+    """Return the points of the horizontal surfaces that the newest part map saw.
 
     Parameters
     ----------
@@ -64,6 +66,9 @@ def surface_cloud(
         The newest cycle.
     fits
         Planes of the map, in odom.
+    config
+        `surfaces.segmentation` says whether these planes tell the surfaces, or the published
+        pipeline.
     T_odom_base
         float64 (4, 4), the base at the stamp.
     viewpoint
@@ -73,17 +78,20 @@ def surface_cloud(
     wanted
         Otherwise the cloud is empty.
     """
-    part = sweep.part
+    part, T_base_odom = sweep.part, inverse(T_odom_base)
     points, surface = np.zeros((0, 3)), np.zeros(0, np.int64)
     levels = [f for f in fits if f.kind == "horizontal" and f.normal @ viewpoint > f.offset]
-    if wanted and levels and part.points is not None and len(part.points):
-        labels = plane_labels(part, fits)[part.point_cuboids()]
-        points, surface = _on_planes(part, labels, levels)
+    if wanted and part.points is not None and len(part.points):
+        if config.surfaces.segmentation == "seed":
+            points = transform(T_base_odom, part.positions())
+            labels = segment(points, config)
+            points, surface = points[labels >= 0], labels[labels >= 0].astype(np.int64)
+        elif levels:
+            labels = plane_labels(part, fits)[part.point_cuboids()]
+            points, surface = _on_planes(part, labels, levels)
+            points = transform(T_base_odom, points)
     return SurfaceCloud(
-        sweep.stamp_ns,
-        frame_id,
-        transform(inverse(T_odom_base), points).astype(np.float32),
-        surface.astype(np.uint32),
+        sweep.stamp_ns, frame_id, points.astype(np.float32), surface.astype(np.uint32)
     )
 
 

@@ -1,8 +1,13 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from tccm_ros.config import Config
-from tccm_ros.surfaces.segmentation import cluster, seed_cloud, segment
+from tccm_ros.mapping.segmentation import cluster, segment
+from tccm_ros.pipeline import run_bag
+
+BAGS = Path(__file__).resolve().parents[2] / "bags"
 
 
 def board(x, y, z, count, seed, noise=0.003):
@@ -58,7 +63,13 @@ def test_clusters_equal_brute_force():
     np.testing.assert_array_equal(labels, np.unique(expected, return_inverse=True)[1])
 
 
-def test_the_hand_over_has_the_types_of_the_message():
-    cloud = seed_cloud(board(1, 0, 0.7, 900, 1), 5, "base", Config())
-    assert (cloud.points.dtype, cloud.surface.dtype) == (np.float32, np.uint32)
-    assert len(cloud.points) > 800
+def test_it_makes_the_hand_over_from_end_to_end():
+    seed = Config.model_validate({"surfaces": {"segmentation": "seed"}})
+    outcome = run_bag(BAGS / "walkthrough", seed)
+    for cycle in outcome.cycles:
+        counts = np.bincount(cycle.surfaces.surface)
+        assert np.all(counts >= seed.surfaces.min_points)
+    assert outcome.solution.floor_z == pytest.approx(0.0, abs=0.005)
+    (table,) = [s for s in outcome.solution.surfaces if s.label != "floor" and s.area > 0.5]
+    assert table.height == pytest.approx(0.700, abs=0.005)
+    assert len(outcome.cycles[-1].planes) > 1, "the planes of the TCCM are there all the same"

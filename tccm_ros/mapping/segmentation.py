@@ -1,8 +1,9 @@
 """The published pipeline (surface mapping, IV.A): iterative RANSAC and Euclidean clustering.
 
-A baseline, selected by ``surfaces.segmentation: seed``. The largest plane of the cloud is found
-and taken out again and again; the inliers of roughly horizontal ones are clustered, clusters with
-enough points are surfaces. It ends when no plane has enough points.
+A baseline, selected by ``surfaces.segmentation: seed``: it makes the hand-over of each cycle in
+place of the TCCM's planes. The largest plane of the cloud is found and taken out again and again;
+the inliers of roughly horizontal ones are clustered, clusters with enough points are surfaces. It
+ends when no plane has enough points. As published, it does not ask from which side a plane is seen.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.config import Config
-from tccm_ros.records import SurfaceCloud
+from tccm_ros.mapping.linking import root_of
 
-__all__ = ["cluster", "seed_cloud", "segment"]
+__all__ = ["cluster", "segment"]
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -27,6 +28,12 @@ SAMPLE = 3000
 
 MAX_ROUNDS = 100
 """Planes that are looked for at most."""
+
+FITS_A_CELL = 0.577
+"""Edge of a cell whose diagonal is just less than one,"""
+
+REACH = 2
+"""and cells on either side in which a neighbour within one can be."""
 
 SEED = 20110509
 """The same cloud gives the same surfaces."""
@@ -119,62 +126,58 @@ def cluster(points: Float64, distance: float) -> Int64:
     """
     if len(points) == 0:
         return np.zeros(0, np.int64)
-    cells = np.floor(points / distance).astype(np.int64)
+    # Any two points of such a cell are neighbours: a cell has one cluster.
+    cells = np.floor(points / (FITS_A_CELL * distance)).astype(np.int64)
     cells -= cells.min(axis=0)
-    size = cells.max(axis=0) + 3
-    keys = ((cells[:, 0] + 1) * size[1] + cells[:, 1] + 1) * size[2] + cells[:, 2] + 1
+    size = cells.max(axis=0) + 1 + 2 * REACH
+    cells += REACH
+    keys = (cells[:, 0] * size[1] + cells[:, 1]) * size[2] + cells[:, 2]
     order = np.argsort(keys, kind="stable")
-    return _flood(points, keys[order], order, size, distance)
+    known, starts = np.unique(keys[order], return_index=True)
+    ends = np.append(starts[1:], len(points))
+    steps = np.arange(-REACH, REACH + 1)
+    x, y, z = (step.ravel() for step in np.meshgrid(steps, steps, steps, indexing="ij"))
+    offsets = (x * size[1] + y) * size[2] + z
+    roots = _unite(points[order], known, starts, ends, offsets[offsets > 0], distance)
+    of_point = np.empty(len(points), np.int64)
+    of_point[order] = np.repeat(roots, ends - starts)
+    _, first, label = np.unique(of_point, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return rank[label]
 
 
 @njit(nogil=True, cache=True)
-def _flood(points: Float64, keys: Int64, order: Int64, size: Int64, distance: float) -> Int64:
-    """Grow clusters; `keys` are the sorted cells and `order` the points in them."""
-    cell_of = np.empty(len(points), np.int64)
-    cell_of[order] = keys
-    label = np.full(len(points), -1, np.int64)
-    stack = np.empty(len(points), np.int64)
-    found = 0
-    for seed in range(len(points)):
-        if label[seed] >= 0:
-            continue
-        label[seed] = found
-        stack[0] = seed
-        depth = 1
-        while depth > 0:
-            depth -= 1
-            i = stack[depth]
-            for dx in range(-1, 2):
-                for dy in range(-1, 2):
-                    first = cell_of[i] + (dx * size[1] + dy) * size[2] - 1
-                    for k in range(np.searchsorted(keys, first), len(keys)):
-                        if keys[k] > first + 2:
-                            break
-                        j = order[k]
-                        if label[j] < 0:
-                            d = points[i] - points[j]
-                            if d @ d <= distance * distance:
-                                label[j] = found
-                                stack[depth] = j
-                                depth += 1
-        found += 1
-    return label
+def _unite(
+    points: Float64, keys: Int64, starts: Int64, ends: Int64, offsets: Int64, distance: float
+) -> Int64:
+    """Unite cells (C,) that hold neighbours; return the first cell of each cell's cluster."""
+    parent = np.arange(len(keys))
+    for a in range(len(keys)):
+        for offset in offsets:
+            b = np.searchsorted(keys, keys[a] + offset)
+            if b == len(keys) or keys[b] != keys[a] + offset:
+                continue
+            root_a, root_b = root_of(parent, a), root_of(parent, b)
+            if root_a != root_b and _touch(
+                points, starts[a], ends[a], starts[b], ends[b], distance
+            ):
+                parent[max(root_a, root_b)] = min(root_a, root_b)
+    for a in range(len(keys)):
+        parent[a] = root_of(parent, a)
+    return parent
 
 
-def seed_cloud(points: Float64, stamp_ns: int, frame_id: str, config: Config) -> SurfaceCloud:
-    """Return the hand-over of a cycle by the published pipeline instead of the TCCM's planes.
-
-    Parameters
-    ----------
-    points
-        float64 (N, 3), m: all points of the part map in the base frame of `stamp_ns`.
-    stamp_ns, frame_id
-        Of the cycle.
-    config
-        As in `segment`.
-    """
-    labels = segment(points, config)
-    kept = labels >= 0
-    return SurfaceCloud(
-        stamp_ns, frame_id, points[kept].astype(np.float32), labels[kept].astype(np.uint32)
-    )
+@njit(nogil=True, cache=True)
+def _touch(points: Float64, a: int, a_end: int, b: int, b_end: int, distance: float) -> bool:
+    """Return whether a point of rows [a, a_end) is within `distance` of one of [b, b_end)."""
+    for i in range(a, a_end):
+        for j in range(b, b_end):
+            dx, dy, dz = (
+                points[i, 0] - points[j, 0],
+                points[i, 1] - points[j, 1],
+                points[i, 2] - points[j, 2],
+            )
+            if dx * dx + dy * dy + dz * dz <= distance * distance:
+                return True
+    return False

@@ -149,9 +149,7 @@ class TccmProcessor:
         )
         self._mapper = Mapper(self.config, self._keep_beams)
         self._jumps = 0
-        self._newest_ns: int | None = None
-        self._longest_ns = 0
-        self._frame_id = self.config.frames.odom
+        self._frame_id = self.config.frames.odom_name
 
     @property
     def dropped(self) -> Counter[str]:
@@ -163,9 +161,7 @@ class TccmProcessor:
         posed = self.synchroniser.add(record)
         if self.synchroniser.jumps != self._jumps:
             self._jumps = self.synchroniser.jumps
-            self._newest_ns = None
             self.clear_map()
-        self._note(record)
         return self._take(posed)
 
     def finish(self) -> list[CycleResult]:
@@ -226,17 +222,6 @@ class TccmProcessor:
         newest = self.map.cycles[-1] if self.map.parts else -1
         self._mapper.cycles = TiltCycles(self.config, newest + 1)
 
-    def _note(self, record: TccmRecord) -> None:
-        if isinstance(record, RobotDescription):
-            return
-        if isinstance(record, TransformSample):  # anyone's, and some are stamped ahead
-            return
-        if isinstance(record, Odometry):
-            self._frame_id = record.frame_id
-        if isinstance(record, Scan):
-            self._longest_ns = max(self._longest_ns, abs(record.end_ns - record.stamp_ns))
-        self._newest_ns = max(record.stamp_ns, self._newest_ns or record.stamp_ns)
-
     def _take(self, posed: list[PosedScan]) -> list[CycleResult]:
         self._mapper.add_tilt(self.synchroniser.tilt_samples())
         for scan in posed:
@@ -248,11 +233,12 @@ class TccmProcessor:
 
     def _complete_ns(self) -> int | None:
         """Return the time before which nothing can come any more: message time less the waits."""
-        if self._newest_ns is None:
+        newest_ns = self.synchroniser.message_ns
+        if newest_ns is None:
             return None
         late_joints = max(0.0, -self.config.rig.joint_time_offset)
         wait_ns = round((self.config.sync_timeout + late_joints) * 1e9)
-        return self._newest_ns - wait_ns - self._longest_ns
+        return newest_ns - wait_ns - self.synchroniser.longest_scan_ns
 
     def _keep_beams(self, posed: PosedScan) -> NDArray[np.bool_]:
         scan = posed.scan
@@ -269,6 +255,7 @@ class TccmProcessor:
         if self.config.map.clear_seen_through:
             sweep.part = see_through(sweep, self.map, self.config)
         part = sweep.part
+        self._frame_id = self.synchroniser.motion.odom_frame
         self.map.add(part)
         if self._retained is not None:
             self._retained.add(sweep)

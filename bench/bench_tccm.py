@@ -97,13 +97,12 @@ class Sweep:
     def for_twin(self) -> tuple[NDArray, ...]:
         """The same as flat arrays."""
         posed = [p for p, _ in self.scans]
-        number = np.arange(len(self.bearings))
-        bearings = self.bearings[0] + self.step * number
+        bearings = self.bearings[0] + self.step * np.arange(len(self.bearings))
         times = [(p.knots_ns - p.scan.stamp_ns) / (p.scan.time_increment * 1e9) for p in posed]
         return (
             np.ascontiguousarray(self.ranges),
             np.stack([k for _, k in self.scans]).astype(np.uint8),
-            np.stack([np.cos(bearings), np.sin(bearings), number]).astype(np.float32),
+            np.stack([np.cos(bearings), np.sin(bearings)]).astype(np.float32),
             np.array(times),
             np.concatenate([p.T_odom_base for p in posed]),
             np.concatenate([p.T_base_laser for p in posed]),

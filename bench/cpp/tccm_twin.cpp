@@ -5,27 +5,27 @@
 #include <cmath>
 #include <cstdint>
 #include <cstring>
-#include <limits>
+#include <memory>
 #include <vector>
 
 namespace {
 
 constexpr int64_t kTile = 64, kTileCells = kTile * kTile, kLow = 0xFFFFFFFFll, kLast = 1ll << 62;
 constexpr double kShift = 1073741824.0;
-constexpr int64_t kUnshift = 1ll << 30;
-constexpr int kMaxBins = 4096, kFew = 12;
+constexpr int64_t kUnshift = 1ll << 30, kBeyond = 1ll << 40;
+constexpr int kBlock = 512, kDigitBits = 8;
 
 struct Word2 { int64_t a, b; };
-struct Bounds { int32_t cell, bottom, top, first; };
+struct Bounds { int32_t bottom, top; };
 struct Moments { int64_t v[10]; };
 struct Piece { int32_t bottom, top, cycle, index; };
 
 struct Part {
   int32_t cycle = 0;
   std::vector<int64_t> keys;
-  std::vector<int32_t> bounds;  // bottom, top
-  std::vector<Moments> moments;
-  std::vector<int64_t> seen;  // first, last scan
+  std::vector<Bounds> bounds;
+  std::unique_ptr<Moments[]> moments;  // not zeroed first, as a vector would be
+  std::unique_ptr<int64_t[]> seen;     // stamps of the first and the last scan
 };
 
 struct Composite { int32_t ix, iy, bottom, top; double m[10]; };
@@ -43,13 +43,15 @@ struct Twin {
   std::vector<int32_t> ends;
   double normal[3];
   bool has_normal = false;
-  std::vector<float> x, y, z, outside;
+  int64_t lowest = kBeyond, highest = -kBeyond;
+  int32_t used[kBlock], tile_of[kBlock], cell_of[kBlock], height[kBlock], place[kBlock], depth_of[kBlock];
   // closing
-  std::vector<int32_t> cell_xy, starts, addresses;
+  std::vector<int64_t> cells, found_keys, stamps;
+  std::vector<int32_t> starts, addresses, order, scans, firsts;
+  std::vector<uint64_t> pairs, spare_pairs;
+  std::vector<int8_t> begins;
   std::vector<Bounds> bounds;
-  std::vector<Moments> moments;
-  std::vector<int64_t> bins;
-  std::vector<int32_t> scans;
+  int64_t histogram[2][1 << kDigitBits];
   // map
   std::vector<Part> parts;
   std::vector<int64_t> keys, spare_keys;
@@ -58,11 +60,10 @@ struct Twin {
   std::vector<Composite> composites;
 };
 
-void cover(Twin& t, double px, double py) {
-  // Six tiles around whatever asks for it, and all that was covered before.
-  const double tile = t.cell * kTile / t.ticks;
-  int64_t x0 = int64_t(std::floor(px / tile)) - 6, x1 = x0 + 13;
-  int64_t y0 = int64_t(std::floor(py / tile)) - 6, y1 = y0 + 13;
+void cover(Twin& t, int64_t box_x0, int64_t box_x1, int64_t box_y0, int64_t box_y1) {
+  // Six tiles around what asks for it, and all that was covered before.
+  int64_t x0 = box_x0 + t.tile_x0 - 6, x1 = box_x1 + t.tile_x0 + 7;
+  int64_t y0 = box_y0 + t.tile_y0 - 6, y1 = box_y1 + t.tile_y0 + 7;
   if (t.slots) {
     x0 = std::min(x0, t.tile_x0); x1 = std::max(x1, t.tile_x0 + t.n_x);
     y0 = std::min(y0, t.tile_y0); y1 = std::max(y1, t.tile_y0 + t.n_y);
@@ -77,53 +78,96 @@ void cover(Twin& t, double px, double py) {
   t.tile_x0 = x0; t.tile_y0 = y0; t.n_x = x1 - x0; t.n_y = y1 - y0;
 }
 
-inline void bin_point(Twin& t, double px, double py, double pz, double d, int64_t cell,
-                      double inverse) {
-  const int64_t x = int64_t(px * t.ticks + (kShift + 0.5)) - kUnshift;
-  const int64_t y = int64_t(py * t.ticks + (kShift + 0.5)) - kUnshift;
-  const int64_t z = int64_t(pz * t.ticks + (kShift + 0.5)) - kUnshift;
-  const int64_t ix = int64_t((x + 0.5) * inverse + kShift) - kUnshift;
-  const int64_t iy = int64_t((y + 0.5) * inverse + kShift) - kUnshift;
-  int64_t tx = (ix >> 6) - t.tile_x0, ty = (iy >> 6) - t.tile_y0;
-  if (uint64_t(tx) >= uint64_t(t.n_x) || uint64_t(ty) >= uint64_t(t.n_y)) {
-    cover(t, px, py);
-    tx = (ix >> 6) - t.tile_x0; ty = (iy >> 6) - t.tile_y0;
-  }
-  int64_t slot = t.directory[tx * t.n_y + ty];
-  if (slot < 0) {
-    slot = t.slots++;
-    if (size_t(t.slots * kTileCells) > t.counts.size()) {
-      t.counts.resize(2 * t.slots * kTileCells);
-      t.bits.resize(2 * t.slots * kTile);
-      t.tiles.resize(2 * t.slots);
-    }
-    t.directory[tx * t.n_y + ty] = int32_t(slot);
-    t.tiles[slot] = int32_t(tx * t.n_y + ty);
-  }
-  const int64_t row = slot * kTile + (ix & 63), address = row * kTile + (iy & 63);
-  if (t.counts[address]++ == 0) t.bits[row] |= 1ull << (iy & 63);
-  const int64_t depth = int64_t(std::min(std::max(t.depth, d), t.max_depth));
-  t.records[t.n++] = {(z << 32) | ((x - ix * cell) << 16) | (y - iy * cell),
-                      (depth << 32) | address};
+// The box of tiles and the heights of a block.
+struct Box { int64_t x0 = kBeyond, x1 = -kBeyond, y0 = kBeyond, y1 = -kBeyond, low = kBeyond, high = -kBeyond; };
+
+// What a point at (px, py, pz), in ticks, is in whole ticks. Branch-free.
+inline void quantise(Twin& t, int j, bool used, double px, double py, double pz, double depth,
+                     int64_t cell, double per_tick, Box& box) {
+  const double far = kShift - 1.0;
+  used = used & (std::fabs(px) < far) & (std::fabs(py) < far) & (std::fabs(pz) < far);
+  px = used ? px : 0.0; py = used ? py : 0.0; pz = used ? pz : 0.0;
+  const int64_t x = int64_t(int32_t(px + (kShift + 0.5))) - kUnshift;
+  const int64_t y = int64_t(int32_t(py + (kShift + 0.5))) - kUnshift;
+  const int64_t z = int64_t(int32_t(pz + (kShift + 0.5))) - kUnshift;
+  const int64_t ix = int64_t(int32_t((x + 0.5) * per_tick + kShift)) - kUnshift;
+  const int64_t iy = int64_t(int32_t((y + 0.5) * per_tick + kShift)) - kUnshift;
+  const int64_t tx = (ix >> 6) - t.tile_x0, ty = (iy >> 6) - t.tile_y0;
+  t.used[j] = used;
+  t.tile_of[j] = int32_t(tx * t.n_y + ty);
+  t.cell_of[j] = int32_t(((ix & 63) << 6) | (iy & 63));
+  t.height[j] = int32_t(z);
+  t.place[j] = int32_t(((x - ix * cell) << 16) | (y - iy * cell));
+  t.depth_of[j] = int32_t(depth);
+  box.x0 = std::min(box.x0, used ? tx : box.x0); box.x1 = std::max(box.x1, used ? tx : box.x1);
+  box.y0 = std::min(box.y0, used ? ty : box.y0); box.y1 = std::max(box.y1, used ? ty : box.y1);
+  box.low = std::min(box.low, used ? z : box.low); box.high = std::max(box.high, used ? z : box.high);
 }
 
-void place(const float* __restrict ranges, const float* __restrict cosines,
-           const float* __restrict sines, const float* __restrict number, const double* T0,
-           const double* T1, double f0, double df, int first, int last, float* __restrict x,
-           float* __restrict y, float* __restrict z) {
+// Take in a block's box; whether the directory covers it. If not, it does now.
+bool widen(Twin& t, const Box& b) {
+  if (b.x0 > b.x1) return true;
+  t.lowest = std::min(t.lowest, b.low); t.highest = std::max(t.highest, b.high);
+  if (b.x0 >= 0 && b.y0 >= 0 && b.x1 < t.n_x && b.y1 < t.n_y) return true;
+  cover(t, b.x0, b.x1, b.y0, b.y1);
+  return false;
+}
+
+void count(Twin& t, int low, int high) {
+  for (int j = low; j < high; ++j) {
+    if (!t.used[j]) continue;
+    const int64_t tile = t.tile_of[j];
+    int64_t slot = t.directory[tile];
+    if (slot < 0) {
+      slot = t.slots++;
+      if (size_t(t.slots * kTileCells) > t.counts.size()) {
+        t.counts.resize(2 * t.slots * kTileCells);
+        t.bits.resize(2 * t.slots * kTile);
+        t.tiles.resize(2 * t.slots);
+      }
+      t.directory[tile] = int32_t(slot);
+      t.tiles[slot] = int32_t(tile);
+    }
+    const int64_t cell = t.cell_of[j], address = slot * kTileCells + cell;
+    ++t.counts[address];
+    t.bits[address >> 6] |= 1ull << (cell & 63);
+    t.records[t.n++] = {(int64_t(t.height[j]) << 32) | uint32_t(t.place[j]),
+                        (int64_t(t.depth_of[j]) << 32) | address};
+  }
+}
+
+// Beams [low, high) of the block that begins with beam `first`.
+Box place(Twin& t, const float* __restrict ranges, const float* __restrict cosines,
+          const float* __restrict sines, const double* T0, const double* T1, double f0, double df,
+          double growth, int first, int low, int high) {
   const float g0 = float(f0), dg = float(df);
   float a[3][2], b[3][2];
-  for (int i = 0; i < 3; ++i)
+  double o[3], d[3];
+  for (int i = 0; i < 3; ++i) {
     for (int j = 0; j < 2; ++j) {
       a[i][j] = float(T0[4 * i + j]);
       b[i][j] = float(T1[4 * i + j] - T0[4 * i + j]);
     }
-  for (int i = first; i < last; ++i) {
-    const float f = g0 + dg * number[i], u = ranges[i] * cosines[i], v = ranges[i] * sines[i];
-    x[i] = (a[0][0] + f * b[0][0]) * u + (a[0][1] + f * b[0][1]) * v;
-    y[i] = (a[1][0] + f * b[1][0]) * u + (a[1][1] + f * b[1][1]) * v;
-    z[i] = (a[2][0] + f * b[2][0]) * u + (a[2][1] + f * b[2][1]) * v;
+    const double move = T1[4 * i + 3] - T0[4 * i + 3];
+    o[i] = T0[4 * i + 3] + move * f0;
+    d[i] = move * df;
   }
+  const double ticks = t.ticks, least = t.depth, most = t.max_depth, per_tick = 1.0 / t.cell;
+  const int64_t cell = int64_t(t.cell);
+  Box box;
+  for (int j = low; j < high; ++j) {
+    const int i = first + j;
+    const float r = ranges[i], f = g0 + dg * float(i), u = r * cosines[i], v = r * sines[i];
+    const float x = (a[0][0] + f * b[0][0]) * u + (a[0][1] + f * b[0][1]) * v;
+    const float y = (a[1][0] + f * b[1][0]) * u + (a[1][1] + f * b[1][1]) * v;
+    const float z = (a[2][0] + f * b[2][0]) * u + (a[2][1] + f * b[2][1]) * v;
+    double depth = growth * r;
+    depth = depth > least ? depth : least;
+    depth = depth < most ? depth : most;
+    quantise(t, j, t.used[j], (x + (o[0] + d[0] * i)) * ticks, (y + (o[1] + d[1] * i)) * ticks,
+             (z + (o[2] + d[2] * i)) * ticks, depth, cell, per_tick, box);
+  }
+  return box;
 }
 
 // The region as beam 0 sees it: columns cosine, sine and place, how each changes per beam, half size.
@@ -156,17 +200,24 @@ Seen region_from(const double* base, const double* T0, const double* T1, double 
   return s;
 }
 
-void distance_outside(const float* __restrict ranges, const float* __restrict cosines,
-                      const float* __restrict sines, const float* __restrict number, const Seen& seen,
-                      int first, int last, float* __restrict outside) {
+// Marks the n beams from `first` on that hit inside the region; the first and the last of them.
+void mark_inside(Twin& t, const float* __restrict ranges, const uint8_t* __restrict keep,
+                 const float* __restrict cosines, const float* __restrict sines, const Seen& seen,
+                 int first, int n, int& low, int& high) {
   const Seen s = seen;
-  for (int i = first; i < last; ++i) {
-    const float k = number[i], u = ranges[i] * cosines[i], v = ranges[i] * sines[i];
-    float w[3];
+  int from = kBlock, to = -1;
+  for (int j = 0; j < n; ++j) {
+    const int i = first + j;
+    const float k = float(i), u = ranges[i] * cosines[i], v = ranges[i] * sines[i];
+    bool inside = keep[i];
     for (int c = 0; c < 3; ++c)
-      w[c] = std::fabs((s.a[c] + k * s.c[c]) * u + (s.b[c] + k * s.d[c]) * v + (s.p[c] + k * s.q[c])) - s.h[c];
-    outside[i] = std::max(std::max(w[0], w[1]), w[2]);
+      inside = inside & (std::fabs((s.a[c] + k * s.c[c]) * u + (s.b[c] + k * s.d[c]) * v + (s.p[c] + k * s.q[c])) <= s.h[c]);
+    t.used[j] = inside;
+    from = std::min(from, inside ? j : kBlock);
+    to = std::max(to, inside ? j : -1);
   }
+  low = from;
+  high = to + 1;
 }
 
 void add_scan(Twin& t, const float* ranges, const uint8_t* keep, const float* directions,
@@ -193,11 +244,8 @@ void add_scan(Twin& t, const float* ranges, const uint8_t* keep, const float* di
     line = std::max(step, std::sqrt(square));
   }
   const double growth = t.factor * t.ticks * line;
-  t.x.resize(n); t.y.resize(n); t.z.resize(n); t.outside.assign(n, 0.0f);
   if (t.records.size() < t.n + n) t.records.resize(2 * (t.n + n));
-  const float *cosines = directions, *sines = directions + n, *number = directions + 2 * n;
-  const int64_t cell = int64_t(t.cell);
-  const double inverse = 1.0 / t.cell;
+  const float *cosines = directions, *sines = directions + n;
   int start = 0;
   for (int k = 0; k < std::max(n_knots - 1, 1); ++k) {
     int end = n, j = k;
@@ -209,24 +257,16 @@ void add_scan(Twin& t, const float* ranges, const uint8_t* keep, const float* di
       if (j < n_knots - 1) end = std::min(std::max(int(std::ceil(times[j])), start), n);
     }
     const double *T0 = &T[12 * k], *T1 = &T[12 * j];
-    int from = start, to = end;
-    if (t.has_region) {
-      const Seen seen = region_from(T_ob + 16 * (n_knots / 2), T0, T1, f0, df, t.region);
-      distance_outside(ranges, cosines, sines, number, seen, start, end, t.outside.data());
-      while (from < to && !(t.outside[from] <= 0.0f)) ++from;
-      while (from < to && !(t.outside[to - 1] <= 0.0f)) --to;
+    Seen seen;
+    if (t.has_region) seen = region_from(T_ob + 16 * (n_knots / 2), T0, T1, f0, df, t.region);
+    for (int begin = start; begin < end; begin += kBlock) {
+      int low = 0, high = std::min(end - begin, kBlock);
+      if (t.has_region) mark_inside(t, ranges, keep, cosines, sines, seen, begin, high, low, high);
+      else for (int b = 0; b < high; ++b) t.used[b] = keep[begin + b];
+      if (low >= high) continue;
+      while (!widen(t, place(t, ranges, cosines, sines, T0, T1, f0, df, growth, begin, low, high))) {}
+      count(t, low, high);
     }
-    double origin[3], drift[3];
-    for (int i = 0; i < 3; ++i) {
-      drift[i] = (T1[4 * i + 3] - T0[4 * i + 3]) * df;
-      origin[i] = T0[4 * i + 3] + (T1[4 * i + 3] - T0[4 * i + 3]) * f0;
-    }
-    place(ranges, cosines, sines, number, T0, T1, f0, df, from, to, t.x.data(), t.y.data(),
-          t.z.data());
-    for (int i = from; i < to; ++i)
-      if (keep[i] && t.outside[i] <= 0.0f)
-        bin_point(t, t.x[i] + (origin[0] + drift[0] * i), t.y[i] + (origin[1] + drift[1] * i),
-                  t.z[i] + (origin[2] + drift[2] * i), growth * ranges[i], cell, inverse);
     start = end;
   }
   for (int i = 0; i < 3; ++i) t.normal[i] = middle[4 * i + 2];
@@ -238,7 +278,7 @@ size_t list_cells(Twin& t) {
   size_t n = 0;
   int32_t position = 0;
   std::vector<int64_t> row(t.n_y), column(t.n_y);
-  t.cell_xy.resize(2 * t.n); t.starts.resize(t.n + 1); t.addresses.resize(t.n);
+  t.cells.resize(t.n); t.starts.resize(t.n + 1); t.addresses.resize(t.n);
   for (int64_t tx = 0; tx < t.n_x; ++tx) {
     int64_t in_row = 0;
     for (int64_t ty = 0; ty < t.n_y; ++ty)
@@ -255,8 +295,7 @@ size_t list_cells(Twin& t) {
           const int64_t bit = __builtin_ctzll(word);
           word &= word - 1;
           const int64_t address = (row[j] * kTile + lx) * kTile + bit;
-          t.cell_xy[2 * n] = int32_t((t.tile_x0 + tx) * kTile + lx);
-          t.cell_xy[2 * n + 1] = int32_t((t.tile_y0 + column[j]) * kTile + bit);
+          t.cells[n] = (((t.tile_x0 + tx) * kTile + lx) << 32) + (t.tile_y0 + column[j]) * kTile + bit;
           t.starts[n] = position;
           t.addresses[n] = int32_t(address);
           position += t.counts[address];
@@ -268,111 +307,103 @@ size_t list_cells(Twin& t) {
   return n;
 }
 
-void sum_points(const Word2* p, size_t first, size_t last, int64_t* m, int32_t* scans) {
-  int64_t sx = 0, sy = 0, sz = 0, xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
-  int64_t low = p[first].b & kLow, high = low;
-  for (size_t i = first; i < last; ++i) {
-    const int64_t w = p[i].a, x = (w >> 16) & 0xFFFF, y = w & 0xFFFF, z = w >> 32;
-    sx += x; sy += y; sz += z;
-    xx += x * x; xy += x * y; xz += x * z; yy += y * y; yz += y * z; zz += z * z;
-    low = std::min(low, p[i].b & kLow);
-    high = std::max(high, p[i].b & kLow);
+// By rising height, equal ones as they came: radix sort, lowest digit first.
+void order_by_height(Twin& t) {
+  const size_t n = t.n;
+  t.pairs.resize(n); t.spare_pairs.resize(n); t.order.resize(n);
+  if (n == 0) return;
+  int bits = 0;
+  while ((t.highest - t.lowest) >> bits) ++bits;
+  const int passes = std::max((bits + kDigitBits - 1) / kDigitBits, 1);
+  const int width = (bits + passes - 1) / passes;
+  const uint64_t size = 1ull << width, mask = size - 1;
+  uint64_t *pairs = t.pairs.data(), *spare = t.spare_pairs.data();
+  std::memset(t.histogram, 0, sizeof t.histogram);
+  for (size_t i = 0; i < n; ++i) {
+    const uint64_t height = uint64_t((t.records[i].a >> 32) - t.lowest);
+    pairs[i] = (height << 32) | i;
+    ++t.histogram[0][height & mask];
   }
-  scans[0] = int32_t(low);
-  scans[1] = int32_t(high);
-  const int64_t all[10] = {int64_t(last - first), sx, sy, sz, xx, xy, xz, yy, yz, zz};
-  std::memcpy(m, all, sizeof all);
-}
-
-void sort_falling(Word2* p, int64_t first, int64_t last) {
-  int64_t gap = 1;
-  while (gap < (last - first) / 9) gap = 3 * gap + 1;
-  for (; gap > 0; gap /= 3)
-    for (int64_t i = first + gap; i < last; ++i) {
-      const Word2 w = p[i];
-      int64_t j = i;
-      for (; j >= first + gap && p[j - gap].a < w.a; j -= gap) p[j] = p[j - gap];
-      p[j] = w;
+  for (int p = 0; p < passes; ++p) {
+    const int shift = 32 + p * width;
+    int64_t *here = t.histogram[p & 1], *next = t.histogram[1 - (p & 1)], position = 0;
+    for (uint64_t b = 0; b < size; ++b) {
+      const int64_t c = here[b];
+      here[b] = position;
+      next[b] = 0;
+      position += c;
     }
-}
-
-void bin_falling(Twin& t, Word2* p, int64_t first, int64_t last, int64_t top, int shift,
-                 int64_t n_bins) {
-  std::fill(t.bins.begin(), t.bins.begin() + n_bins, 0);
-  Word2* spare = t.records.data();
-  for (int64_t i = first; i < last; ++i) {
-    ++t.bins[(top - (p[i].a >> 32)) >> shift];
-    spare[i - first] = p[i];
+    if (p < passes - 1) {
+      for (size_t i = 0; i < n; ++i) {
+        const uint64_t pair = pairs[i];
+        spare[here[(pair >> shift) & mask]++] = pair;
+        ++next[(pair >> (shift + width)) & mask];
+      }
+      std::swap(pairs, spare);
+    } else {
+      for (size_t i = 0; i < n; ++i) t.order[here[(pairs[i] >> shift) & mask]++] = int32_t(pairs[i]);
+    }
   }
-  int64_t position = first;
-  for (int64_t b = 0; b < n_bins; ++b) {
-    const int64_t count = t.bins[b];
-    t.bins[b] = position;
-    position += count;
-  }
-  for (int64_t i = 0; i < last - first; ++i) p[t.bins[(top - (spare[i].a >> 32)) >> shift]++] = spare[i];
 }
 
 void close_part(Twin& t, int32_t cycle) {
-  const size_t n = t.n, cells = list_cells(t);
-  t.points.resize(n);
+  const size_t n = t.n, n_cells = list_cells(t);
+  order_by_height(t);
+  t.points.resize(n); t.scans.resize(n);
   for (size_t i = 0, scan = 0; scan < t.ends.size(); ++scan)
-    for (; i < size_t(t.ends[scan]); ++i) {
-      const int64_t w = t.records[i].b;
-      t.points[t.counts[w & kLow]++] = {t.records[i].a, (w & ~kLow) | int64_t(scan)};
-    }
-  t.bounds.resize(n); t.moments.resize(n); t.scans.resize(2 * n); t.bins.resize(kMaxBins);
-  int shift = 0;
-  while ((2ll << shift) <= int64_t(t.depth)) ++shift;
-  Word2* p = t.points.data();
-  size_t k = n;
-  auto emit = [&](int64_t cell, int64_t bottom, int64_t top, size_t a, size_t b) {
-    t.bounds[--k] = {int32_t(cell), int32_t(bottom), int32_t(top), int32_t(a)};
-    sum_points(p, a, b, t.moments[k].v, &t.scans[2 * k]);
-  };
-  for (int64_t cell = int64_t(cells) - 1; cell >= 0; --cell) {
-    const int64_t first = t.starts[cell], last = t.starts[cell + 1];
-    t.counts[t.addresses[cell]] = 0;
-    int64_t top = p[first].a >> 32, low = top, bottom = top - (p[first].b >> 32), reach = bottom;
-    for (int64_t i = first + 1; i < last; ++i) {
-      const int64_t z = p[i].a >> 32, b = z - (p[i].b >> 32);
-      reach = z > top ? b : (z == top ? std::min(reach, b) : reach);
-      top = std::max(top, z); low = std::min(low, z); bottom = std::min(bottom, b);
-    }
-    if (low >= reach) { emit(cell, bottom, top, first, last); continue; }
-    const int64_t n_bins = ((top - low) >> shift) + 1;
-    const bool binned = last - first > kFew && n_bins <= kMaxBins;
-    if (binned) bin_falling(t, p, first, last, top, shift, n_bins);
-    else sort_falling(p, first, last);
-    int64_t start = first, high = 0, lowest = 0;
-    for (int64_t i = first, j; i < last; i = j) {
-      int64_t z = p[i].a >> 32, d = z - (p[i].b >> 32);
-      j = i + 1;
-      if (binned)
-        for (const int64_t b = (top - z) >> shift; j < last && (top - (p[j].a >> 32)) >> shift == b; ++j) {
-          const int64_t other = p[j].a >> 32;
-          z = std::max(z, other);
-          d = std::min(d, other - (p[j].b >> 32));
-        }
-      if (i == first) { high = z; lowest = d; }
-      else if (z >= lowest) lowest = std::min(lowest, d);
-      else { emit(cell, lowest, high, start, i); start = i; high = z; lowest = d; }
-    }
-    emit(cell, lowest, high, start, last);
+    for (; i < size_t(t.ends[scan]); ++i) t.scans[i] = int32_t(scan);
+  for (size_t j = 0; j < n; ++j) {
+    const Word2 w = t.records[t.order[j]];
+    t.points[t.counts[w.b & kLow]++] = {w.a, (w.b & ~kLow) | t.scans[t.order[j]]};
   }
+  t.begins.assign(n + 1, 0);
+  for (size_t c = 0; c < n_cells; ++c) {
+    t.begins[t.starts[c]] = -1;
+    t.counts[t.addresses[c]] = 0;
+  }
+  t.begins[n] = -1;
+  // Masks, -1 or 0, where a branch could not be predicted.
+  t.found_keys.resize(n); t.bounds.resize(n); t.firsts.resize(n);
+  const Word2* p = t.points.data();
+  size_t k = n, cell = n_cells;
+  int64_t reach = 0, top = 0;
+  for (size_t i = n; i-- > 0;) {
+    const int64_t z = p[i].a >> 32, bottom = z - (p[i].b >> 32);
+    const int64_t left = t.begins[i + 1], is_new = left | ((z - reach) >> 63);
+    t.begins[i + 1] = int8_t(is_new);
+    k += is_new;
+    cell += left;
+    top ^= (top ^ z) & is_new;
+    const int64_t lower = bottom - reach;
+    reach += lower & ((lower >> 63) | is_new);
+    t.found_keys[k] = t.cells[cell];
+    t.bounds[k] = {int32_t(reach), int32_t(top)};
+    t.firsts[k] = int32_t(i);
+  }
+  t.begins[0] = -1;
   Part part;
   part.cycle = cycle;
   const size_t m = n - k;
-  part.keys.resize(m); part.bounds.resize(2 * m);
-  part.seen.assign(t.scans.begin() + 2 * k, t.scans.begin() + 2 * n);
-  part.moments.assign(t.moments.begin() + k, t.moments.begin() + n);
-  for (size_t i = 0; i < m; ++i) {
-    const Bounds& b = t.bounds[k + i];
-    part.keys[i] = (int64_t(t.cell_xy[2 * b.cell]) << 32) + t.cell_xy[2 * b.cell + 1];
-    part.bounds[2 * i] = b.bottom; part.bounds[2 * i + 1] = b.top;
+  part.keys.assign(t.found_keys.begin() + k, t.found_keys.begin() + n);
+  part.bounds.assign(t.bounds.begin() + k, t.bounds.begin() + n);
+  part.moments.reset(new Moments[m]); part.seen.reset(new int64_t[2 * m]);
+  t.stamps.resize(t.ends.size());
+  int64_t* sums = reinterpret_cast<int64_t*>(part.moments.get());
+  int64_t a[10] = {0}, low = 0, high = 0, c = -1;
+  for (size_t i = 0; i < n; ++i) {
+    const int64_t is_new = t.begins[i], kept = ~is_new, w = p[i].a, scan = p[i].b & kLow;
+    const int64_t x = (w >> 16) & 0xFFFF, y = w & 0xFFFF, z = w >> 32;
+    c -= is_new;
+    const int64_t own[10] = {1, x, y, z, x * x, x * y, x * z, y * y, y * z, z * z};
+    for (int q = 0; q < 10; ++q) sums[10 * c + q] = a[q] = (a[q] & kept) + own[q];
+    low += (scan - low) & (((scan - low) >> 63) | is_new);
+    high += (scan - high) & (((high - scan) >> 63) | is_new);
+    part.seen[2 * c] = t.stamps[low];
+    part.seen[2 * c + 1] = t.stamps[high];
   }
   for (int64_t s = 0; s < t.slots; ++s) t.directory[t.tiles[s]] = -1;
   t.slots = 0; t.n = 0; t.ends.clear(); t.has_normal = false;
+  t.lowest = kBeyond; t.highest = -kBeyond;
   t.parts.push_back(std::move(part));
 }
 
@@ -388,7 +419,7 @@ void merge_part(Twin& t) {
   size_t n = 0, j = 0;
   int64_t key = kLast, low = kLast, high = kLast, cell = kLast, cover = 0;
   auto next = [&] {
-    if (j < n_new) { key = newest.keys[j]; low = newest.bounds[2 * j]; high = newest.bounds[2 * j + 1]; }
+    if (j < n_new) { key = newest.keys[j]; low = newest.bounds[j].bottom; high = newest.bounds[j].top; }
     else key = low = high = kLast;
   };
   auto put = [&](int64_t c, int64_t bottom, int64_t top, int32_t from, int32_t index) {
@@ -435,7 +466,7 @@ void compose(Twin& t) {
   for (size_t i = 0; i < t.n_pieces; ++i) {
     const Piece& q = t.pieces[i];
     const Part& part = *by_cycle[q.cycle - first];
-    const double w = double(q.top - q.bottom) / double(part.bounds[2 * q.index + 1] - part.bounds[2 * q.index]);
+    const double w = double(q.top - q.bottom) / double(part.bounds[q.index].top - part.bounds[q.index].bottom);
     if (!i || t.keys[i] != t.keys[i - 1] || q.bottom != t.pieces[i - 1].top) {
       const int64_t ix = (t.keys[i] + (1ll << 31)) >> 32;
       t.composites.push_back({int32_t(ix), int32_t(t.keys[i] - (ix << 32)), q.bottom, 0, {}});
@@ -474,10 +505,18 @@ void twin_points(void* p, const double* xyz, int n) {
   Twin& t = *static_cast<Twin*>(p);
   if (t.records.size() < t.n + n) t.records.resize(2 * (t.n + n));
   const int64_t cell = int64_t(t.cell);
-  const double inverse = 1.0 / t.cell;
-  for (int i = 0; i < n; ++i)
-    if (std::isfinite(xyz[3 * i] + xyz[3 * i + 1] + xyz[3 * i + 2]))
-      bin_point(t, xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2], 0.0, cell, inverse);
+  const double ticks = t.ticks, per_tick = 1.0 / t.cell;
+  for (int begin = 0; begin < n; begin += kBlock) {
+    const int block = std::min(n - begin, kBlock);
+    const double* p = xyz + 3 * begin;
+    Box box;
+    do {
+      box = Box();
+      for (int j = 0; j < block; ++j)
+        quantise(t, j, true, p[3 * j] * ticks, p[3 * j + 1] * ticks, p[3 * j + 2] * ticks, t.depth, cell, per_tick, box);
+    } while (!widen(t, box));
+    count(t, 0, block);
+  }
   t.ends.push_back(int32_t(t.n));
 }
 
@@ -501,8 +540,8 @@ int twin_compose(void* p) { compose(*static_cast<Twin*>(p)); return int(static_c
 void twin_read_part(void* p, int64_t* keys, int32_t* bounds, int64_t* moments) {
   const Part& part = static_cast<Twin*>(p)->parts.back();
   std::copy(part.keys.begin(), part.keys.end(), keys);
-  std::copy(part.bounds.begin(), part.bounds.end(), bounds);
-  std::memcpy(moments, part.moments.data(), part.moments.size() * sizeof(Moments));
+  std::memcpy(bounds, part.bounds.data(), part.bounds.size() * sizeof(Bounds));
+  std::memcpy(moments, part.moments.get(), part.keys.size() * sizeof(Moments));
 }
 
 void twin_read_pieces(void* p, int64_t* keys, int32_t* pieces) {

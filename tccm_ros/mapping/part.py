@@ -29,7 +29,7 @@ def key_cells(keys: Int64) -> tuple[Int32, Int32]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PartPoints:
-    """The points of a part map, in the order of their cuboids' first points.
+    """The points of a part map, in the order of the cuboids.
 
     Attributes
     ----------
@@ -111,8 +111,7 @@ class PartMap:
         """Return the index of each point's cuboid, int32 (M,)."""
         if self.points is None:
             return np.zeros(0, np.int32)
-        order = np.argsort(self.points.first, kind="stable")
-        return np.repeat(order, self.moments[order, 0]).astype(np.int32)
+        return np.repeat(np.arange(len(self), dtype=np.int32), self.moments[:, 0])
 
     def positions(self, chosen: NDArray[np.bool_] | None = None) -> Float64:
         """Return the positions of the points, in the order of `point_cuboids`.

@@ -4,6 +4,8 @@ the cycle ends, namely to unite the intervals of each cell and to sum the moment
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,13 +15,7 @@ from tccm_ros.mapping import binning
 from tccm_ros.mapping.cuboids import TICKS_PER_M
 from tccm_ros.mapping.part import PartMap, PartPoints
 from tccm_ros.mapping.tile_state import TileState
-from tccm_ros.mapping.union import (
-    MAX_BINS,
-    finish_cuboids,
-    gather_points,
-    unite_cells,
-    unite_cells_as_printed,
-)
+from tccm_ros.mapping.union import HISTOGRAM_SIZE, find_cuboids, sum_cuboids
 from tccm_ros.records import PosedScan
 
 __all__ = ["PartMapBuilder", "cell_ticks"]
@@ -27,8 +23,6 @@ __all__ = ["PartMapBuilder", "cell_ticks"]
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
-
-_NOWHERE = np.zeros(3)
 
 _MAX_GEOMETRIES = 8
 """Scan geometries whose bearings are kept."""
@@ -63,7 +57,7 @@ class PartMapBuilder:
         self._config = config.map
         depth = max(round(config.map.cuboid_depth * TICKS_PER_M), 1)
         adaptive = config.map.gap == "adaptive"
-        self._depth = depth
+        self._as_printed = config.map.mode == "paper"
         self._limits = np.zeros(binning.N_LIMITS)
         self._limits[: binning.REGION_IN] = (
             TICKS_PER_M,
@@ -74,9 +68,8 @@ class PartMapBuilder:
         )
         self.set_region(config.map.region)
         self._state = TileState()
-        self._work = np.zeros((4, 0), np.float32)
+        self._work = np.zeros(binning.WORK_SIZE, np.int32)
         self._directions: dict[tuple[float, float, int], Float32] = {}
-        self._bins = np.zeros(MAX_BINS, np.int64)
         self._scratch: _Scratch | None = None
         self._stamps: list[int] = []
         self._ends: list[int] = []
@@ -123,17 +116,17 @@ class PartMapBuilder:
             T_base_laser = np.ascontiguousarray(T_base_laser[::-1])
         ranges, end = _writable(scan.ranges), n if last is None else last
         while True:
-            wanted = binning.bin_scan(
+            points = binning.bin_scan(
                 ranges, keep, directions, knots, scan.stamp_ns, scan.time_increment * 1e9,
                 T_odom_base, T_base_laser, self._limits, first, end,
                 abs(scan.angle_increment), self._work,
-                state.records, state.directory, state.tiles, state.counts, state.bits, state.meta,
+                state.records, state.directory, state.counts, state.bits, state.meta,
             )  # fmt: skip
-            if wanted == binning.DONE:
+            if points >= 0:
                 break
             first = state.next_beam
-            state.grow(wanted)
-        self._end_scan(scan.stamp_ns)
+            state.grow(points)
+        self._end_scan(scan.stamp_ns, points)
 
     def add_points(self, points: Float64, stamp_ns: int = 0) -> None:
         """Bin points that are already in the map's frame, with the depth `map.cuboid_depth`.
@@ -147,20 +140,17 @@ class PartMapBuilder:
         """
         n, state, first = len(points), self._state, 0
         self._make_room(n)
-        columns = points.T
-        keep = np.isfinite(columns[0] + columns[1] + columns[2])
-        nothing = self._work[3, :n]
-        nothing[:] = 0.0
+        flat = _writable(np.asarray(points, np.float64)).reshape(-1)
         while True:
-            wanted = binning.bin_points(
-                columns, nothing, keep, _NOWHERE, _NOWHERE, nothing, 0.0, self._limits, first, n,
-                state.records, state.directory, state.tiles, state.counts, state.bits, state.meta,
+            count = binning.bin_points(
+                flat, self._limits, first, self._work,
+                state.records, state.directory, state.counts, state.bits, state.meta,
             )  # fmt: skip
-            if wanted == binning.DONE:
+            if count >= 0:
                 break
             first = state.next_beam
-            state.grow(wanted)
-        self._end_scan(stamp_ns)
+            state.grow(count)
+        self._end_scan(stamp_ns, count)
 
     def close(self, cycle: int, start_ns: int, end_ns: int) -> PartMap:
         """Return the part map of what was added, and begin anew.
@@ -179,17 +169,30 @@ class PartMapBuilder:
             scratch.cells, scratch.starts, scratch.addresses,
         )  # fmt: skip
         points = np.empty((n, 2), np.int64)
-        ends = np.array(self._ends, np.int32)
-        gather_points(state.records, len(ends), ends, state.counts, points)
-        unite = unite_cells_as_printed if self._config.mode == "paper" else unite_cells
-        k = unite(
-            points, n_cells, scratch.starts, scratch.addresses, state.counts, self._depth,
-            self._bins, state.records, scratch.bounds, scratch.moments, scratch.scans,
+        k = find_cuboids(
+            state.records, n, *state.heights, np.array(self._ends, np.int32), n_cells,
+            scratch.cells, scratch.starts, scratch.addresses, state.counts, self._as_printed,
+            scratch.pairs, scratch.spare, scratch.histogram, scratch.order, scratch.scans,
+            points.reshape(-1), scratch.begins, scratch.keys, scratch.bounds, scratch.firsts,
         )  # fmt: skip
-        part = self._finish(cycle, start_ns, end_ns, len(scratch.bounds) - k, points)
+        sums, seen = np.empty((n - k, 10), np.int64), np.empty((n - k, 2), np.int64)
+        stamps = np.array(self._stamps, np.int64)
+        sum_cuboids(
+            points.reshape(-1), n, scratch.begins, stamps, sums.reshape(-1), seen.reshape(-1)
+        )
         state.clear(listed=True)
         self._begin()
-        return part
+        return PartMap(
+            cycle,
+            start_ns,
+            end_ns,
+            self._config.cell_size,
+            keys=scratch.keys[k:n].copy(),
+            bounds=scratch.bounds[2 * k : 2 * n].reshape(-1, 2).copy(),
+            moments=sums,
+            seen_ns=seen,
+            points=PartPoints(points, scratch.firsts[k:n].copy()),
+        )
 
     def clear(self) -> None:
         """Forget what was added since the last `close`."""
@@ -200,37 +203,18 @@ class PartMapBuilder:
         self._limits[binning.HAS_NORMAL] = 0.0
         self._stamps, self._ends, self._at_most = [], [], 0
 
-    def _finish(
-        self, cycle: int, start_ns: int, end_ns: int, m: int, points: NDArray[np.int64]
-    ) -> PartMap:
-        scratch = self._scratch_for(0)
-        keys, spans = np.empty(m, np.int64), np.empty((m, 2), np.int32)
-        sums, seen = np.empty((m, 10), np.int64), np.empty((m, 2), np.int64)
-        firsts = np.empty(m, np.int32)
-        stamps = np.array(self._stamps, np.int64)
-        finish_cuboids(
-            scratch.cells, scratch.bounds, scratch.moments, scratch.scans, stamps,
-            keys, spans, sums, seen, firsts,
-        )  # fmt: skip
-        return PartMap(
-            cycle, start_ns, end_ns, self._config.cell_size, keys, spans, sums, seen,
-            points=PartPoints(points, firsts),
-        )  # fmt: skip
-
-    def _end_scan(self, stamp_ns: int) -> None:
+    def _end_scan(self, stamp_ns: int, points: int) -> None:
         self._stamps.append(stamp_ns)
-        self._ends.append(self._state.points)
+        self._ends.append(points)
 
     def _make_room(self, n: int) -> None:
         self._at_most += n
-        if self._at_most > len(self._state.records):
+        if self._at_most > self._state.room:
             self._at_most = self._state.points + n
             self._state.make_room(self._at_most)
-        if n > self._work.shape[1]:
-            self._work = np.zeros((4, n), np.float32)
 
     def _scratch_for(self, n: int) -> _Scratch:
-        if self._scratch is None or len(self._scratch.bounds) < n:
+        if self._scratch is None or len(self._scratch.keys) < n:
             self._scratch = _Scratch(2 * n)
         return self._scratch
 
@@ -240,9 +224,8 @@ class PartMapBuilder:
         if found is None:
             if len(self._directions) >= _MAX_GEOMETRIES:
                 self._directions.clear()
-            number = np.arange(n)
-            bearings = angle_min + angle_increment * number
-            found = np.stack([np.cos(bearings), np.sin(bearings), number]).astype(np.float32)
+            bearings = angle_min + angle_increment * np.arange(n)
+            found = np.stack([np.cos(bearings), np.sin(bearings)]).astype(np.float32)
             self._directions[key] = found
         return found
 
@@ -251,15 +234,16 @@ class _Scratch:
     """Room for `n` cells and cuboids, kept from cycle to cycle."""
 
     def __init__(self, n: int) -> None:
-        self.cells = np.zeros((n, 2), np.int32)
-        self.starts = np.zeros(n + 1, np.int32)
-        self.addresses = np.zeros(n, np.int32)
-        self.bounds = np.zeros((n, 4), np.int32)
-        self.moments = np.zeros((n, 10), np.int64)
-        self.scans = np.zeros((n, 2), np.int32)
+        self.cells, self.keys = np.zeros(n, np.int64), np.zeros(n, np.int64)
+        self.starts, self.addresses = np.zeros(n + 1, np.int32), np.zeros(n, np.int32)
+        self.pairs, self.spare = np.zeros(n, np.uint64), np.zeros(n, np.uint64)
+        self.histogram = np.zeros(HISTOGRAM_SIZE, np.int64)
+        self.order, self.scans = np.zeros(n, np.int32), np.zeros(n, np.int32)
+        self.begins = np.zeros(n + 1, np.int8)
+        self.bounds, self.firsts = np.zeros(2 * n, np.int32), np.zeros(n, np.int32)
 
 
-def _writable(array: Float32) -> Float32:
+def _writable(array: NDArray[Any]) -> NDArray[Any]:
     """Return an array for which kernels are compiled: read-only ones would need their own."""
     flags = array.flags
     return array if flags.writeable and flags.c_contiguous else array.copy()

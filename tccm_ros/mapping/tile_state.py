@@ -18,22 +18,28 @@ _TILE_MARGIN = 6
 """Tiles that the directory covers beyond what asked for it."""
 
 
+_NO_HEIGHTS = 2**40, -(2**40)
+
+
 class TileState:
     """Binned points, scan by scan.
 
     Attributes
     ----------
-    records, directory, tiles, counts, bits, meta
+    records, directory, counts, bits, meta
         See `binning.bin_scan`.
+    room
+        Points that there is room for.
     """
 
     def __init__(self) -> None:
-        self.records: NDArray[np.int64] = np.zeros((1 << 15, 2), np.int64)
+        self.room = 1 << 15
+        self.records: NDArray[np.int64] = np.zeros(2 * self.room, np.int64)
         self.directory: NDArray[np.int32] = np.zeros(0, np.int32)
-        self.tiles: NDArray[np.int32] = np.zeros(_FIRST_SLOTS, np.int32)
         self.counts: NDArray[np.int32] = np.zeros(_FIRST_SLOTS * binning.CELLS_PER_TILE, np.int32)
         self.bits: NDArray[np.uint64] = np.zeros(_FIRST_SLOTS * binning.TILE, np.uint64)
         self.meta: NDArray[np.int64] = np.zeros(binning.N_META, np.int64)
+        self.meta[binning.LOWEST], self.meta[binning.HIGHEST] = _NO_HEIGHTS
 
     @property
     def points(self) -> int:
@@ -45,19 +51,25 @@ class TileState:
         """Beam at which the kernel stopped."""
         return int(self.meta[binning.NEXT_BEAM])
 
+    @property
+    def heights(self) -> tuple[int, int]:
+        """The least and the greatest height so far, ticks; (0, 0) without points."""
+        if self.points == 0:
+            return 0, 0
+        return int(self.meta[binning.LOWEST]), int(self.meta[binning.HIGHEST])
+
     def make_room(self, count: int) -> None:
         """Make room for so many points in all."""
-        if count > len(self.records):
-            records = np.zeros((2 * count, 2), np.int64)
-            records[: self.points] = self.records[: self.points]
-            self.records = records
+        if count > self.room:
+            records = np.zeros(4 * count, np.int64)
+            records[: 2 * self.points] = self.records[: 2 * self.points]
+            self.records, self.room = records, 2 * count
 
     def grow(self, wanted: int) -> None:
         """Give the kernel what it asked for."""
         if wanted == binning.GROW_TILES:
             self._grow_directory()
         else:
-            self.tiles = _doubled(self.tiles)
             self.counts = _doubled(self.counts)
             self.bits = _doubled(self.bits)
 
@@ -68,13 +80,14 @@ class TileState:
         if not listed:
             self.counts[: slots * binning.CELLS_PER_TILE] = 0
             self.bits[: slots * binning.TILE] = 0
-        self.directory[self.tiles[:slots]] = -1
+        self.directory[:] = -1
         meta[binning.N_POINTS] = meta[binning.N_SLOTS] = 0
+        meta[binning.LOWEST], meta[binning.HIGHEST] = _NO_HEIGHTS
 
     def _grow_directory(self) -> None:
-        """Cover the box of cells that was asked for, and what is in use."""
+        """Cover the box of tiles that was asked for, and what is in use."""
         meta = self.meta
-        x0, x1, y0, y1 = (int(v) // binning.TILE for v in meta[binning.BOX_X0 :])
+        x0, x1, y0, y1 = (int(v) for v in meta[binning.BOX_X0 : binning.LOWEST])
         slots = int(meta[binning.N_SLOTS])
         old_x0, old_y0 = int(meta[binning.TILE_X0]), int(meta[binning.TILE_Y0])
         old_nx, old_ny = int(meta[binning.TILES_X]), int(meta[binning.TILES_Y])
@@ -84,10 +97,12 @@ class TileState:
             x0, x1 = min(x0, old_x0), max(x1, old_x0 + old_nx)
             y0, y1 = min(y0, old_y0), max(y1, old_y0 + old_ny)
         n_x, n_y = x1 - x0, y1 - y0
-        self.directory = np.full(n_x * n_y, -1, np.int32)
-        used = self.tiles[:slots]
-        used[:] = (used // max(old_ny, 1) + old_x0 - x0) * n_y + used % max(old_ny, 1) + old_y0 - y0
-        self.directory[used] = np.arange(slots)
+        directory = np.full((n_x, n_y), -1, np.int32)
+        if slots:
+            left, low = old_x0 - x0, old_y0 - y0
+            old = self.directory.reshape(old_nx, old_ny)
+            directory[left : left + old_nx, low : low + old_ny] = old
+        self.directory = directory.reshape(-1)
         meta[binning.TILE_X0 : binning.TILES_Y + 1] = x0, y0, n_x, n_y
 
 

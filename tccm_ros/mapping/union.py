@@ -3,6 +3,12 @@
 A point at height z with depth d covers [z - d, z]; a cuboid is a connected component of the union
 of its cell's intervals (touching counts as connected). Moments are whole ticks, so that the result
 is exact and does not depend on the order of the points.
+
+Points are sorted by cell and height (radix sort: first by height, then by cell, whose counts are
+known). One pass downwards finds the cuboids, one upwards sums their moments. Most cuboids have one
+to three points, and no processor can predict where they end; so nothing here branches on it: what
+differs between two cases is masked. It takes the same time whatever the points and their order.
+Arrays are flat, so that rows have a length that the compiler knows.
 """
 
 from __future__ import annotations
@@ -12,284 +18,323 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-__all__ = ["MAX_BINS", "gather_points", "unite_cells", "unite_cells_as_printed"]
+__all__ = [
+    "HISTOGRAM_SIZE",
+    "find_cuboids",
+    "sum_cuboids",
+]
 
-MAX_BINS = 4096
-"""Height bins of a tall cell that are worth clearing; beyond, its points are sorted."""
+_DIGIT_BITS = 8
+"""At most; the ends of 256 runs of points fit into the first cache."""
+
+HISTOGRAM_SIZE = 2 << _DIGIT_BITS
+"""Elements of `histogram`: the counts of a digit and of the next."""
 
 _LOW = np.int64(0xFFFFFFFF)
-
-_FEW = 12
-"""Up to this many points insertion is faster than bins, whatever their order."""
+_U1, _U2, _U10, _U32 = np.uint64(1), np.uint64(2), np.uint64(10), np.uint64(32)
 
 
 @njit(nogil=True, cache=True)
-def gather_points(records: Any, n_scans: Any, scan_ends: Any, counts: Any, points: Any) -> None:
-    """Order the records by cell, keeping their order within a cell.
+def _order_by_height(
+    records: Any, n: Any, lowest: Any, highest: Any, pairs: Any, spare: Any, histogram: Any,
+    order: Any,
+) -> None:  # fmt: skip
+    """Order points by rising height, equal ones as they came: radix sort, lowest digit first.
 
     Parameters
     ----------
-    records
-        int64 (N, 2): (z << 32 | place) and (depth << 32 | address), see `binning.bin_scan`.
-    n_scans, scan_ends
-        Number of scans, and int32 (>= n_scans,), the number of records after each.
+    records, n
+        int64 (>= 2 n,), two words for each of n points, see `binning.bin_scan`.
+    lowest, highest
+        The least and the greatest height, ticks.
+    pairs, spare, histogram
+        Scratch: uint64 (>= n,) twice, int64 (HISTOGRAM_SIZE,).
+    order
+        int32 (>= n,), receives the points' numbers.
+    """
+    bits = 0
+    while (highest - lowest) >> bits:
+        bits += 1
+    passes = max((bits + _DIGIT_BITS - 1) // _DIGIT_BITS, 1)
+    width = (bits + passes - 1) // passes
+    size = np.uint64(1 << width)
+    mask, half = size - _U1, np.uint64(HISTOGRAM_SIZE // 2)
+    histogram[:] = 0
+    for i in range(np.uint64(n)):
+        height = np.uint64((records[_U2 * i] >> 32) - lowest)
+        pairs[i] = (height << _U32) | i
+        histogram[height & mask] += 1
+    for p in range(passes):
+        shift, next_shift = np.uint64(32 + p * width), np.uint64(32 + (p + 1) * width)
+        this, other = half * np.uint64(p & 1), half * np.uint64(1 - (p & 1))
+        position = np.int64(0)
+        for b in range(size):
+            count = histogram[this + b]
+            histogram[this + b] = position
+            histogram[other + b] = 0
+            position += count
+        if p < passes - 1:
+            for i in range(np.uint64(n)):
+                pair = pairs[i]
+                b = this + ((pair >> shift) & mask)
+                spare[np.uint64(histogram[b])] = pair
+                histogram[b] += 1
+                histogram[other + ((pair >> next_shift) & mask)] += 1
+            pairs, spare = spare, pairs
+        else:
+            for i in range(np.uint64(n)):
+                pair = pairs[i]
+                b = this + ((pair >> shift) & mask)
+                order[np.uint64(histogram[b])] = pair
+                histogram[b] += 1
+
+
+@njit(nogil=True, cache=True)
+def _gather_points(
+    records: Any, n: Any, order: Any, scan_ends: Any, scan_of: Any, counts: Any, points: Any
+) -> None:
+    """Order the records by cell, and within a cell as `order` says.
+
+    Parameters
+    ----------
+    records, n, order
+        As in `_order_by_height`.
+    scan_ends, scan_of
+        int32 (S,), the number of records after each scan; scratch, int32 (>= n,).
     counts
         int32, per address: the next free position; left as the position after the last.
     points
-        int64 (N, 2), receives (z << 32 | place) and (depth << 32 | number of the scan).
+        int64 (2 n,), receives (z << 32 | place) and (depth << 32 | number of the scan).
     """
-    i = 0
-    for scan in range(n_scans):
-        end = np.int64(scan_ends[scan])
-        while i < end:
-            u = np.uint64(i)
-            word = records[u, 1]
-            address = np.uint64(word & _LOW)
-            position = np.uint64(counts[address])
-            counts[address] += 1
-            points[position, 0] = records[u, 0]
-            points[position, 1] = (word & ~_LOW) | scan
-            i += 1
-
-
-@njit(nogil=True, cache=True, inline="always")
-def _sum_points(points: Any, first: Any, last: Any, sums: Any, scans: Any, k: Any) -> None:
-    """Write the ten moments of the points [first, last), and their first and last scan."""
-    sx = sy = sz = xx = xy = xz = yy = yz = zz = np.int64(0)
-    low = high = points[np.uint64(first), 1] & _LOW
-    for i in range(np.uint64(first), np.uint64(last)):
-        word, scan = points[i, 0], points[i, 1] & _LOW
-        x, y, z = (word >> 16) & 0xFFFF, word & 0xFFFF, word >> 32
-        sx += x
-        sy += y
-        sz += z
-        xx += x * x
-        xy += x * y
-        xz += x * z
-        yy += y * y
-        yz += y * z
-        zz += z * z
-        low, high = min(low, scan), max(high, scan)
-    sums[k, 0] = last - first
-    sums[k, 1], sums[k, 2], sums[k, 3] = sx, sy, sz
-    sums[k, 4], sums[k, 5], sums[k, 6] = xx, xy, xz
-    sums[k, 7], sums[k, 8], sums[k, 9] = yy, yz, zz
-    scans[k, 0], scans[k, 1] = low, high
+    i = np.uint64(0)
+    for scan in range(len(scan_ends)):
+        end = np.uint64(scan_ends[scan])
+        scan_of[i:end] = scan
+        i = end
+    for j in range(np.uint64(n)):
+        i = np.uint64(order[j])
+        word = records[_U2 * i + _U1]
+        address = np.uint64(word & _LOW)
+        position = np.uint64(counts[address])
+        counts[address] += 1
+        points[_U2 * position] = records[_U2 * i]
+        points[_U2 * position + _U1] = (word & ~_LOW) | scan_of[i]
 
 
 @njit(nogil=True, cache=True)
-def _sort_falling(points: Any, first: Any, last: Any) -> None:
-    """Sort the points [first, last) by falling z, by shell sort (insertion when few)."""
-    gap = 1
-    while gap < (last - first) // 9:
-        gap = 3 * gap + 1
-    while gap > 0:
-        for i in range(first + gap, last):
-            a, b, j = points[i, 0], points[i, 1], i
-            while j >= first + gap and points[j - gap, 0] < a:
-                points[j, 0], points[j, 1] = points[j - gap, 0], points[j - gap, 1]
-                j -= gap
-            points[j, 0], points[j, 1] = a, b
-        gap //= 3
+def _mark_cells(starts: Any, n_cells: Any, addresses: Any, counts: Any, begins: Any) -> None:
+    """Mark with -1 where cells begin, and the end of the last; set their counts back to zero."""
+    begins[: np.int64(starts[n_cells]) + 1] = 0
+    for cell in range(np.uint64(n_cells)):
+        begins[np.uint64(starts[cell])] = -1
+        counts[np.uint64(addresses[cell])] = 0
+    begins[np.uint64(starts[n_cells])] = -1
 
 
 @njit(nogil=True, cache=True)
-def _bin_falling(
-    points: Any, first: Any, last: Any, top: Any, shift: Any, n_bins: Any, bins: Any, spare: Any
-) -> None:
-    """Order the points [first, last) by bins of 2^shift below `top`; write the bins' ends."""
-    bins[:n_bins] = 0
-    for i in range(first, last):
-        u, j = np.uint64(i), np.uint64(i - first)
-        bins[np.uint64((top - (points[u, 0] >> 32)) >> shift)] += 1
-        spare[j, 0], spare[j, 1] = points[u, 0], points[u, 1]
-    position = first
-    for k in range(np.uint64(n_bins)):
-        count = bins[k]
-        bins[k] = position
-        position += count
-    for i in range(np.uint64(last - first)):
-        b = np.uint64((top - (spare[i, 0] >> 32)) >> shift)
-        j = np.uint64(bins[b])
-        points[j, 0], points[j, 1] = spare[i, 0], spare[i, 1]
-        bins[b] += 1
+def _unite_intervals(
+    points: Any, n: Any, begins: Any, cell_keys: Any, n_cells: Any, keys: Any, bounds: Any,
+    firsts: Any,
+) -> Any:  # fmt: skip
+    """Unite the intervals of each cell, from the last point to the first.
 
-
-@njit(nogil=True, cache=True)
-def unite_cells(
-    points: Any,
-    n_cells: Any,
-    starts: Any,
-    addresses: Any,
-    counts: Any,
-    min_depth: Any,
-    bins: Any,
-    spare: Any,
-    bounds: Any,
-    moments: Any,
-    scans: Any,
-) -> Any:
-    """Unite the intervals of each cell.
-
-    Cells and, within a cell, cuboids are written from last to first, so that what is found from
-    the top downwards comes out in rising order at the end of the arrays.
+    Cuboids are written from the end of the arrays on, so that they come out in rising order.
 
     Parameters
     ----------
-    points
-        int64 (N, 2) of `gather_points`; reordered within cells.
-    n_cells, starts
-        Number of cells and int32 (n_cells + 1,), where each begins.
-    addresses, counts
-        int32 (n_cells,), addresses of the cells, whose counts are set back to zero.
-    min_depth
-        The least depth of any point, ticks, at least 1.
-    bins, spare
-        Scratch, int64 (MAX_BINS,) and (N, 2).
-    bounds
-        int32 (N, 4), receives cell number, bottom, top and first point of each cuboid.
-    moments
-        int64 (N, 10), receives count, sums x y z, sums of xx xy xz yy yz zz.
-    scans
-        int32 (N, 2), receives the first and the last scan of each cuboid.
+    points, n
+        int64 (2 n,) of `_gather_points`, by cell and rising height.
+    begins
+        int8 (n + 1,), -1 where a cell begins, and at n; then where a cuboid begins.
+    cell_keys, n_cells
+        int64 (>= n_cells,), the cells in order.
+    keys, bounds, firsts
+        int64 (>= n,), int32 (>= 2 n,) and int32 (>= n,): receive each cuboid's cell, bottom and
+        top, and first point, in the rows up to n.
 
     Returns
     -------
     int
         Row of the first cuboid; the rows before it are not used.
     """
-    shift = 0
-    while 2 << shift <= min_depth:
-        shift += 1
-    k = len(bounds)
-    for cell in range(n_cells - 1, -1, -1):
-        first, last = np.int64(starts[cell]), np.int64(starts[cell + 1])
-        counts[addresses[cell]] = 0
-        top = low = points[first, 0] >> 32
-        bottom = reach = top - (points[first, 1] >> 32)
-        for i in range(np.uint64(first + 1), np.uint64(last)):
-            z = points[i, 0] >> 32
-            b = z - (points[i, 1] >> 32)
-            # How far down the highest point reaches (the deepest of them where tops are equal).
-            reach = b if z > top else (min(reach, b) if z == top else reach)
-            top, low, bottom = max(top, z), min(low, z), min(bottom, b)
-        if low >= reach:  # It reaches the lowest: all are connected.
-            k -= 1
-            bounds[k, 0], bounds[k, 1], bounds[k, 2], bounds[k, 3] = cell, bottom, top, first
-            _sum_points(points, first, last, moments, scans, k)
-        else:
-            k = _unite_levels(
-                points, first, last, cell, top, low, shift, bins, spare,
-                bounds, moments, scans, k,
-            )  # fmt: skip
+    k, cell = np.int64(n), np.int64(n_cells)
+    reach = top = np.int64(0)
+    for j in range(np.uint64(n)):
+        i = np.uint64(n) - _U1 - j
+        z = points[_U2 * i] >> 32
+        bottom = z - (points[_U2 * i + _U1] >> 32)
+        # Masks: -1 where it is so, 0 where not. The point above is of another cell, or what is
+        # above does not reach down to this one; then it is the top of a new cuboid.
+        left = np.int64(begins[i + _U1])
+        is_new = left | ((z - reach) >> 63)
+        begins[i + _U1] = is_new
+        k += is_new
+        cell += left
+        top ^= (top ^ z) & is_new
+        lower = bottom - reach
+        reach += lower & ((lower >> 63) | is_new)
+        u = np.uint64(k)
+        keys[u] = cell_keys[np.uint64(cell)]
+        bounds[_U2 * u], bounds[_U2 * u + _U1] = reach, top
+        firsts[u] = i
+    begins[np.uint64(0)] = -1
     return k
 
 
 @njit(nogil=True, cache=True)
-def _unite_levels(
-    points: Any,
-    first: Any,
-    last: Any,
-    cell: Any,
-    top: Any,
-    low: Any,
-    shift: Any,
-    bins: Any,
-    spare: Any,
-    bounds: Any,
-    moments: Any,
-    scans: Any,
-    k: Any,
-) -> Any:
-    """Unite the intervals of one cell with several levels, from the top downwards.
-
-    Points of one bin, no wider than the least depth, are connected to each other; so a bin joins
-    the cuboid above if its highest point reaches it.
-    """
-    n_bins = ((top - low) >> shift) + 1
-    binned = last - first > _FEW and n_bins <= MAX_BINS
-    if binned:
-        _bin_falling(points, first, last, top, shift, n_bins, bins, spare)
-    else:
-        _sort_falling(points, first, last)
-    start = i = first
-    high = bottom = np.int64(0)
-    while i < last:
-        z = points[i, 0] >> 32
-        d = z - (points[i, 1] >> 32)
-        j = i + 1
-        if binned:
-            b = (top - z) >> shift
-            while j < last and (top - (points[j, 0] >> 32)) >> shift == b:
-                other = points[j, 0] >> 32
-                z, d = max(z, other), min(d, other - (points[j, 1] >> 32))
-                j += 1
-        if i == first:
-            high, bottom = z, d
-        elif z >= bottom:
-            bottom = min(bottom, d)
-        else:
-            k -= 1
-            bounds[k, 0], bounds[k, 1], bounds[k, 2], bounds[k, 3] = cell, bottom, high, start
-            _sum_points(points, start, i, moments, scans, k)
-            start, high, bottom = i, z, d
-        i = j
-    k -= 1
-    bounds[k, 0], bounds[k, 1], bounds[k, 2], bounds[k, 3] = cell, bottom, high, start
-    _sum_points(points, start, last, moments, scans, k)
-    return k
-
-
-@njit(nogil=True, cache=True)
-def unite_cells_as_printed(
-    points: Any,
+def find_cuboids(
+    records: Any,
+    n: Any,
+    lowest: Any,
+    highest: Any,
+    scan_ends: Any,
     n_cells: Any,
+    cells: Any,
     starts: Any,
     addresses: Any,
     counts: Any,
-    min_depth: Any,
-    bins: Any,
+    as_printed: Any,
+    pairs: Any,
     spare: Any,
-    bounds: Any,
-    moments: Any,
+    histogram: Any,
+    order: Any,
     scans: Any,
+    points: Any,
+    begins: Any,
+    keys: Any,
+    bounds: Any,
+    firsts: Any,
 ) -> Any:
+    """Make the cuboids of a part map: sort its points, and unite their intervals.
+
+    Parameters
+    ----------
+    records, n, lowest, highest, scan_ends
+        See `_order_by_height` and `_gather_points`.
+    n_cells, cells, starts, addresses, counts
+        Of `binning.list_cells`; the counts are set back to zero.
+    as_printed
+        Whether cuboids grow by Eq. (1) as printed, in the order of the points.
+    pairs, spare, histogram, order, scans
+        Scratch: uint64 (>= n,) twice, int64 (HISTOGRAM_SIZE,), int32 (>= n,) twice.
+    points, begins, keys, bounds, firsts
+        Receive the sorted points, where cuboids begin, and the cuboids: `_unite_intervals`.
+
+    Returns
+    -------
+    int
+        Row of the first cuboid; the rows before it are not used.
+    """
+    if as_printed:
+        for i in range(n):
+            order[i] = i
+    else:
+        _order_by_height(records, n, lowest, highest, pairs, spare, histogram, order)
+    _gather_points(records, n, order, scan_ends, scans, counts, points)
+    _mark_cells(starts, n_cells, addresses, counts, begins)
+    if as_printed:
+        return _unite_as_printed(points, n, begins, cells, n_cells, keys, bounds, firsts)
+    return _unite_intervals(points, n, begins, cells, n_cells, keys, bounds, firsts)
+
+
+@njit(nogil=True, cache=True)
+def sum_cuboids(points: Any, n: Any, begins: Any, stamps: Any, sums: Any, seen: Any) -> None:
+    """Sum the moments of each cuboid; find the first and the last scan that measured it.
+
+    Parameters
+    ----------
+    points, n
+        int64 (2 n,) of `_gather_points`, the points of a cuboid one after the other.
+    begins
+        int8 (>= n,), -1 where a cuboid begins.
+    stamps
+        int64 (S,), of the scans.
+    sums
+        int64 (10 C,), receives count, sums x y z, sums of xx xy xz yy yz zz.
+    seen
+        int64 (2 C,), receives the stamps of the first and the last scan.
+    """
+    k = np.int64(-1)
+    n1 = sx = sy = sz = xx = xy = xz = yy = yz = zz = low = high = np.int64(0)
+    for i in range(np.uint64(n)):
+        is_new = np.int64(begins[i])
+        k -= is_new
+        kept = ~is_new
+        word, scan = points[_U2 * i], points[_U2 * i + _U1] & _LOW
+        x, y, z = (word >> 16) & 0xFFFF, word & 0xFFFF, word >> 32
+        n1 = (n1 & kept) + 1
+        sx = (sx & kept) + x
+        sy = (sy & kept) + y
+        sz = (sz & kept) + z
+        xx = (xx & kept) + x * x
+        xy = (xy & kept) + x * y
+        xz = (xz & kept) + x * z
+        yy = (yy & kept) + y * y
+        yz = (yz & kept) + y * z
+        zz = (zz & kept) + z * z
+        low += (scan - low) & (((scan - low) >> 63) | is_new)
+        high += (scan - high) & (((high - scan) >> 63) | is_new)
+        # Written for every point, and right with the cuboid's last.
+        m, s = _U10 * np.uint64(k), _U2 * np.uint64(k)
+        sums[m] = n1
+        sums[m + np.uint64(1)], sums[m + np.uint64(2)], sums[m + np.uint64(3)] = sx, sy, sz
+        sums[m + np.uint64(4)], sums[m + np.uint64(5)], sums[m + np.uint64(6)] = xx, xy, xz
+        sums[m + np.uint64(7)], sums[m + np.uint64(8)], sums[m + np.uint64(9)] = yy, yz, zz
+        seen[s], seen[s + _U1] = stamps[np.uint64(low)], stamps[np.uint64(high)]
+
+
+@njit(nogil=True, cache=True)
+def _unite_as_printed(
+    points: Any, n: Any, begins: Any, cell_keys: Any, n_cells: Any, keys: Any, bounds: Any,
+    firsts: Any,
+) -> Any:  # fmt: skip
     """Grow the cuboids of each cell by Eq. (1) as printed, point by point in their order.
 
     A point at or below a cuboid's top u and not further below its bottom than d0 extends it by
     u - z, even where it was inside; a point above the top, within the cuboid's own depth d of it,
-    raises it. Cuboids that then overlap are bound (section III.A). The arguments are those of
-    `unite_cells`; here `spare` holds bottom, top and number of each cuboid of a cell.
+    raises it. Cuboids that then overlap are bound (section III.A). Arguments and result are those
+    of `_unite_intervals`, but a cell's points are in the order in which they came; they are
+    reordered, so that those of a cuboid follow each other.
     """
-    k = len(bounds)
+    grown = np.empty((n, 2), np.int64)
+    k, last = np.int64(n), np.int64(n)
     for cell in range(n_cells - 1, -1, -1):
-        first, last = np.int64(starts[cell]), np.int64(starts[cell + 1])
-        counts[addresses[cell]] = 0
-        n = 0
+        first = last - 1
+        while begins[first] == 0:
+            first -= 1
+        n_grown = 0
         for i in range(first, last):
-            z, d0, j = points[i, 0] >> 32, points[i, 1] >> 32, 0
-            while j < n:
-                bottom, top = spare[j, 0], spare[j, 1]
-                if bottom - d0 <= z <= top:
-                    spare[j, 0] = bottom - (top - z)
-                    break
-                if top < z <= top + (top - bottom):
-                    spare[j, 1] = z
-                    break
-                j += 1
-            if j == n:
-                spare[n, 0], spare[n, 1] = z - d0, z
-                n += 1
-        n = _bind_overlaps(spare, n)
-        begin = first
-        for j in range(n):
-            end = _take_inside(points, begin, last, spare[j, 0], spare[j, 1])
+            n_grown = _grow(grown, n_grown, points[2 * i] >> 32, points[2 * i + 1] >> 32)
+        n_grown = _bind_overlaps(grown, n_grown)
+        begins[first:last] = 0
+        end = last
+        for j in range(n_grown):  # from the top down, to the back of what is left
+            bottom, top = grown[j, 0], grown[j, 1]
+            end = _take_inside(points, first, end, bottom, top)
             k -= 1
-            bounds[k, 0], bounds[k, 1], bounds[k, 2] = cell, spare[j, 0], spare[j, 1]
-            bounds[k, 3] = begin
-            _sum_points(points, begin, end, moments, scans, k)
-            begin = end
+            keys[k] = cell_keys[cell]
+            bounds[2 * k], bounds[2 * k + 1] = bottom, top
+            firsts[k], begins[end] = end, -1
+        last = first
     return k
+
+
+@njit(nogil=True, cache=True)
+def _grow(grown: Any, n: Any, z: Any, d0: Any) -> Any:
+    """Put a point into the first of n cuboids (bottom, top) that takes it, or a new one; return n.
+
+    Eq. (1) as printed.
+    """
+    for j in range(n):
+        bottom, top = grown[j, 0], grown[j, 1]
+        if bottom - d0 <= z <= top:
+            grown[j, 0] = bottom - (top - z)
+            return n
+        if top < z <= top + (top - bottom):
+            grown[j, 1] = z
+            return n
+    grown[n, 0], grown[n, 1] = z - d0, z
+    return n + 1
 
 
 @njit(nogil=True, cache=True)
@@ -312,37 +357,13 @@ def _bind_overlaps(intervals: Any, n: Any) -> Any:
 
 
 @njit(nogil=True, cache=True)
-def _take_inside(points: Any, begin: Any, last: Any, bottom: Any, top: Any) -> Any:
-    """Move the points within [bottom, top] to the front of [begin, last); return their end."""
-    end = begin
-    for i in range(begin, last):
-        if bottom <= points[i, 0] >> 32 <= top:
+def _take_inside(points: Any, first: Any, end: Any, bottom: Any, top: Any) -> Any:
+    """Move the points within [bottom, top] to the back of [first, end); return where they begin."""
+    begin = end
+    for i in range(end - 1, first - 1, -1):
+        if bottom <= points[2 * i] >> 32 <= top:
+            begin -= 1
             for c in range(2):
-                points[end, c], points[i, c] = points[i, c], points[end, c]
-            end += 1
-    return end
-
-
-@njit(nogil=True, cache=True)
-def finish_cuboids(
-    cells: Any,
-    bounds: Any,
-    moments: Any,
-    scans: Any,
-    stamps: Any,
-    keys: Any,
-    spans: Any,
-    sums: Any,
-    seen: Any,
-    firsts: Any,
-) -> None:
-    """Copy the found cuboids to arrays of their own size; cells become keys, scans their stamps."""
-    skipped = len(bounds) - len(keys)
-    for i in range(len(keys)):
-        k = i + skipped
-        cell = bounds[k, 0]
-        keys[i] = (np.int64(cells[cell, 0]) << 32) + np.int64(cells[cell, 1])
-        spans[i, 0], spans[i, 1], firsts[i] = bounds[k, 1], bounds[k, 2], bounds[k, 3]
-        for c in range(10):
-            sums[i, c] = moments[k, c]
-        seen[i, 0], seen[i, 1] = stamps[scans[k, 0]], stamps[scans[k, 1]]
+                a, b = 2 * begin + c, 2 * i + c
+                points[a], points[b] = points[b], points[a]
+    return begin

@@ -22,8 +22,10 @@ from tccm_rig import (
 
 from tccm_ros.errors import ConfigError
 from tccm_ros.geometry import interpolate_poses, transform
+from tccm_ros.mapping.binning import lowest_bit
 from tccm_ros.mapping.part import cell_keys, key_cells
 from tccm_ros.mapping.part_map import PartMapBuilder
+from tccm_ros.mapping.union import HISTOGRAM_SIZE, find_cuboids
 
 CELL, DEPTH = 200, 300
 
@@ -63,7 +65,6 @@ def test_order_of_points_does_not_show(points, random):
 @pytest.mark.parametrize("count", [5, 11, 12, 13, 14, 60, 400])
 @pytest.mark.parametrize("order", ["rising", "falling", "random"])
 def test_tall_cells_of_any_size_and_order(count, order):
-    # Few points are sorted by insertion, many by bins: both must give the oracle's answer.
     rng = np.random.default_rng(count)
     z = np.sort(rng.integers(-40_000, 40_000, count))
     z = {"rising": z, "falling": z[::-1], "random": rng.permutation(z)}[order]
@@ -71,9 +72,11 @@ def test_tall_cells_of_any_size_and_order(count, order):
     assert as_dict(part_of(points, 0, config())) == part_cuboids(points, CELL, DEPTH)
 
 
-def test_a_shaft_too_tall_for_bins_is_sorted():
+@pytest.mark.parametrize("top", [1, 255, 256, 300_000, 2**29])
+def test_heights_of_any_span_are_sorted(top):
+    # One to four digits of the radix sort.
     rng = np.random.default_rng(0)
-    z = rng.integers(0, 300_000, 50)
+    z = rng.integers(-top, top, 50)
     points = [(1, 2, int(h)) for h in z]
     part = part_of(points, 0, config(cuboid_depth=0.0002))
     assert as_dict(part) == part_cuboids(points, CELL, 2)
@@ -86,6 +89,56 @@ def test_huge_offsets_keep_moments_exact(offset):
     base = [(x + offset[0] // CELL * CELL, y + offset[1] // CELL * CELL, z) for x, y, z in points]
     part = part_of(base, 0, config())
     assert as_dict(part) == part_cuboids(base, CELL, DEPTH)
+
+
+@exactly
+@given(
+    st.lists(st.tuples(st.integers(0, 2), st.integers(-400, 400), st.integers(1, 300)), min_size=1)
+)
+def test_depths_that_differ_equal_brute_force(points):
+    # As with the adaptive gap: a deep point may reach down past others.
+    cells = sorted({cell for cell, _, _ in points})
+    counts = [sum(p[0] == cell for p in points) for cell in cells]
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+    assert found_cuboids(points, np.array(cells), starts) == united(points)
+
+
+def found_cuboids(points, cells, starts):
+    """Return [(cell, bottom, top)] of points (cell, z, depth) by the kernel."""
+    n, n_cells = len(points), len(cells)
+    address = {int(cell): k for k, cell in enumerate(cells)}
+    records = [w for c, z, d in points for w in (z << 32, (d << 32) | address[c])]
+    heights = [z for _, z, _ in points]
+    longs, words = np.zeros((3, n), np.int64), np.zeros((5, n + 1), np.int32)
+    points_out, bounds = np.zeros(2 * n, np.int64), np.zeros(2 * n, np.int32)
+    counts = starts[:-1].copy()
+    k = find_cuboids(
+        np.array(records), n, min(heights), max(heights), np.array([n], np.int32), n_cells,
+        cells.astype(np.int64), starts, np.arange(n_cells, dtype=np.int32), counts, False,
+        np.zeros(n, np.uint64), np.zeros(n, np.uint64), np.zeros(HISTOGRAM_SIZE, np.int64),
+        words[0], words[1], points_out, np.zeros(n + 1, np.int8), longs[0], bounds, words[2],
+    )  # fmt: skip
+    assert not counts.any()
+    for first, last in itertools.pairwise(starts):
+        assert (np.diff(points_out[2 * first : 2 * last : 2]) >= 0).all()
+    rows = bounds.reshape(-1, 2)[k:].tolist()
+    return [(c, b, t) for c, (b, t) in zip(longs[0, k:].tolist(), rows, strict=True)]
+
+
+def united(points):
+    """Return the same by sets of unit steps: touching intervals share a step of half a tick."""
+    result = []
+    for cell in sorted({c for c, _, _ in points}):
+        steps = {h for c, z, d in points if c == cell for h in range(2 * (z - d), 2 * z + 1)}
+        bottoms = sorted(h for h in steps if h - 1 not in steps)
+        tops = sorted(h for h in steps if h + 1 not in steps)
+        result += [(cell, b // 2, t // 2) for b, t in zip(bottoms, tops, strict=True)]
+    return result
+
+
+@given(st.integers(1, 2**64 - 1))
+def test_lowest_bit(word):
+    assert lowest_bit(np.uint64(word)) == (word & -word).bit_length() - 1
 
 
 def test_keys_round_trip_and_sort():

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tccm_ros.config import Config
-from tccm_ros.mapping.boundary import Outline, outline
+from tccm_ros.mapping.boundary import Outline, members_by_plane, outlines
 from tccm_ros.mapping.cuboids import TICK, TICKS_PER_M, Cuboids
 from tccm_ros.mapping.moments import FLAT, axes_of, tangents
 from tccm_ros.mapping.plane_search import segment
@@ -25,6 +25,38 @@ from tccm_ros.mapping.plane_search import segment
 __all__ = ["PlaneFit", "PlaneFits", "find_planes", "without_plane"]
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneCuboids:
+    """The cuboids of all planes of a map, sorted by plane when that is asked for.
+
+    Attributes
+    ----------
+    cuboids, labels
+        The map, and the plane of each of its cuboids.
+    normals, offsets
+        float64 (F, 3) and (F,), the planes.
+    """
+
+    cuboids: Cuboids
+    labels: NDArray[np.int32]
+    normals: Array
+    offsets: Array
+
+    @cached_property
+    def _sorted(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        return members_by_plane(self.labels, len(self.offsets))
+
+    @cached_property
+    def outlines(self) -> list[Outline]:
+        """The outline of each plane."""
+        return outlines(self.cuboids, *self._sorted, self.normals, self.offsets)
+
+    def members(self, index: int) -> NDArray[np.int64]:
+        """Return the indices of a plane's cuboids, rising."""
+        members, starts = self._sorted
+        return members[starts[index] : starts[index + 1]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +78,8 @@ class PlaneFit:
         Standard deviation of the fit's points across the plane, m.
     moments, origin
         Moments float64 (10,) of the points that shaped the fit, about an origin, m.
-    cuboids, labels
-        The map, and the plane of each of its cuboids.
+    owned
+        The cuboids of this and the other planes of the map.
     """
 
     index: int
@@ -58,8 +90,7 @@ class PlaneFit:
     rms: float
     moments: Array
     origin: tuple[float, float, float]
-    cuboids: Cuboids
-    labels: NDArray[np.int32]
+    owned: PlaneCuboids
 
     @property
     def weight(self) -> float:
@@ -101,12 +132,12 @@ class PlaneFit:
     @cached_property
     def members(self) -> NDArray[np.int64]:
         """Indices of its cuboids."""
-        return np.flatnonzero(self.labels == self.index)
+        return self.owned.members(self.index)
 
     @cached_property
     def outline(self) -> Outline:
-        """The true outline, with holes."""
-        return outline(self.cuboids, self.members, self.normal, self.offset)
+        """The true outline, with holes. With the first one those of all planes are made."""
+        return self.owned.outlines[self.index]
 
     @property
     def boundary(self) -> Array:
@@ -180,41 +211,39 @@ def find_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> Plane
         cuboids.cell_size * TICKS_PER_M, TICK, origin,
         (p.max_rms, float(p.min_points), p.min_area, p.flatness),
     )  # fmt: skip
-    level = math.cos(p.horizontal_angle)
-    x, y, z = view.tolist()
-    place = (x, y, z)
+    normals, offsets, level = _oriented(rows, view, origin, math.cos(p.horizontal_angle))
+    owned = PlaneCuboids(cuboids, labels, normals, offsets)
     x, y, z = (origin * TICK).tolist()
-    start = (x, y, z)
     for index, row in enumerate(rows):
-        fits.append(_fit(index, row, cuboids, labels, place, start, level))
+        fits.append(
+            PlaneFit(
+                index=index,
+                kind="horizontal" if level[index] else "any",
+                normal=normals[index],
+                offset=float(offsets[index]),
+                support=round(float(row[7])),
+                rms=math.sqrt(row[6]),
+                moments=row[8:18],
+                origin=(x, y, z),
+                owned=owned,
+            )
+        )
     return PlaneFits(cuboids, labels, fits)
 
 
-def _fit(
-    index: int,
-    row: Array,
-    cuboids: Cuboids,
-    labels: NDArray[np.int32],
-    view: tuple[float, float, float],
-    origin: tuple[float, float, float],
-    level: float,
-) -> PlaneFit:
-    nx, ny, nz, offset, _, _, variance, support = row[:8].tolist()
-    is_horizontal = abs(nz) >= level
-    reach = nx * (view[0] - origin[0]) + ny * (view[1] - origin[1]) + nz * (view[2] - origin[2])
-    sign = math.copysign(1.0, nz if is_horizontal else reach - offset)
-    return PlaneFit(
-        index=index,
-        kind="horizontal" if is_horizontal else "any",
-        normal=sign * row[:3],
-        offset=sign * (offset + nx * origin[0] + ny * origin[1] + nz * origin[2]),
-        support=round(support),
-        rms=math.sqrt(variance),
-        moments=row[8:18],
-        origin=origin,
-        cuboids=cuboids,
-        labels=labels,
-    )
+def _oriented(
+    rows: Array, view: Array, origin: Array, level: float
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return normals, offsets in the map's frame, and which planes are horizontal.
+
+    `rows` are those of `segment`, whose planes are relative to `origin`, ticks.
+    """
+    start = origin * TICK
+    is_level = np.abs(rows[:, 2]) >= level
+    height = np.where(is_level, rows[:, 2], rows[:, :3] @ (view - start) - rows[:, 3])
+    sign = np.copysign(1.0, height)
+    offsets = rows[:, 3] + rows[:, :3] @ start
+    return sign[:, None] * rows[:, :3], sign * offsets, is_level
 
 
 def without_plane(fits: PlaneFits, *indices: int) -> Cuboids:

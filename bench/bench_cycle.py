@@ -1,0 +1,130 @@
+"""What a tilt cycle costs after its last beam: CPU milliseconds a stage.
+
+    python bench/bench_cycle.py [BAG]
+
+The bag is run through the processor once. Then each stage is run again on what every cycle had
+before it, and the shortest CPU time of some repeats counts. Rows are medians over the cycles, and
+the slowest cycle. Messages are those for the topics that somebody listens to; `planes` and
+`objects` here.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from tccm_ros.config import Config
+from tccm_ros.io.bags import DEFAULT_TOPICS, BagReader
+from tccm_ros.io.typestore import TypestoreMessages
+from tccm_ros.mapping.hand_over import surface_cloud, view_intervals
+from tccm_ros.mapping.integration_map import IntegrationMap
+from tccm_ros.mapping.objects import ObjectTracker, find_objects
+from tccm_ros.mapping.planes import find_planes
+from tccm_ros.mapping.seen_free import SeenFree
+from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
+from tccm_ros.mapping.tracking import PlaneTracker
+from tccm_ros.publications import CyclePublications
+
+FLAT = Path(__file__).resolve().parents[1] / "bags" / "flat"
+REPEATS = 5
+
+
+class Recorder(TccmProcessor):
+    """A processor that keeps its sweeps."""
+
+    def __init__(self, config: Config, **kwargs: Any) -> None:
+        super().__init__(config, **kwargs)
+        self.sweeps: list[Any] = []
+
+    def _result(self, sweep: Any) -> CycleResult:
+        self.sweeps.append(sweep)
+        return super()._result(sweep)
+
+
+class Stages:
+    """Shortest CPU time of each stage of one cycle, in order of first use."""
+
+    def __init__(self) -> None:
+        self.ms: dict[str, float] = {}
+
+    def run(self, name: str, work: Callable[[], Any]) -> Any:
+        """Return what the work returns; note how long it took."""
+        start = time.process_time()
+        result = work()
+        spent = 1e3 * (time.process_time() - start)
+        self.ms[name] = min(spent, self.ms.get(name, np.inf))
+        return result
+
+
+def run_cycles(sweeps: list[Any], config: Config, all_stages: list[Stages]) -> None:
+    """Run every stage of all cycles once."""
+    the_map, seen = IntegrationMap(config), SeenFree(config)
+    tracker, objects_tracker = PlaneTracker(config), ObjectTracker(config)
+    publications = CyclePublications(TypestoreMessages(), config)
+    for sweep, stages in zip(sweeps, all_stages, strict=True):
+        run = stages.run
+        T, viewpoint = sweep.T_odom_base(), sweep.T_odom_laser()[:3, 3]
+        run("map", lambda s=sweep: the_map.add(s.part))
+        cuboids = run("cuboids", the_map.cuboids)
+        fits = run("planes", lambda c=cuboids, v=viewpoint: find_planes(c, config, v))
+        run("outlines", lambda f=fits: [fit.area for fit in f])
+        planes = run("tracking", lambda f=fits: tracker.update(f))
+        found = run(
+            "objects",
+            lambda c=cuboids, f=fits, p=planes: objects_tracker.update(
+                find_objects(c, f, p, config)
+            ),
+        )
+        view = run("view", lambda s=sweep, T=T: view_intervals(s, config, T, "base"))
+        run("seen free", lambda s=sweep, T=T, w=view: seen.add(s.part.cycle, T, w))
+        surfaces = run(
+            "hand-over",
+            lambda s=sweep, f=fits, T=T, v=viewpoint: surface_cloud(s, f, T, v, "base", True),
+        )
+        result = CycleResult(
+            cycle=sweep.part.cycle, stamp_ns=sweep.stamp_ns, start_ns=sweep.part.start_ns,
+            end_ns=sweep.part.end_ns, frame_id="odom", base_frame_id="base", T_odom_base=T,
+            planes=planes, objects=found, place_size=config.objects.place_size, surfaces=surfaces,
+            view=view, part=sweep.part, scans=len(sweep.scans), base_speed=0.0,
+            base_turn_rate=0.0, ended_by="turn",
+        )  # fmt: skip
+        for publication in publications.of(result, lambda c=cuboids: c):
+            if publication.topic in ("planes", "objects", "surfaces", "view"):
+                run(f"message {publication.topic}", publication.build)
+        corners = sum(len(r) for p in planes for r in (p.boundary, *p.holes))
+        stages.ms["(planes)"], stages.ms["(corners)"] = len(planes), corners
+
+
+def main(bag: Path) -> None:
+    """Print the table."""
+    config = Config()
+    recorder = Recorder(config, expects_odometry=True)
+    with BagReader(bag) as reader:
+        topics = {k: v for k, v in DEFAULT_TOPICS.items() if k != "scan"}
+        for _, _, record in reader.records(topics):
+            recorder.add(record)
+    recorder.finish()
+    all_stages = [Stages() for _ in recorder.sweeps]
+    for _ in range(REPEATS):
+        run_cycles(recorder.sweeps, config, all_stages)
+    print(f"{bag.name}, {len(recorder.sweeps)} cycles\n")
+    print("| stage | median, ms | slowest cycle, ms |\n|---|---|---|")
+    names = list(all_stages[0].ms)
+    for name in names:
+        values = [s.ms[name] for s in all_stages]
+        print(f"| {name} | {median(values):.2f} | {max(values):.2f} |")
+    after = [n for n in names if n not in ("map", "cuboids", "planes") and not n.startswith("(")]
+    for label, chosen in (
+        ("after the planes", after),
+        ("all", [n for n in names if not n.startswith("(")]),
+    ):
+        sums = [sum(s.ms[n] for n in chosen) for s in all_stages]
+        print(f"| **{label}** | **{median(sums):.2f}** | **{max(sums):.2f}** |")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else FLAT)

@@ -29,7 +29,11 @@ def merge(
             file, channels = waiting.pop()
             begun.append((file, channels))
             _advance(active, len(begun) - 1, file.messages(channels))
-        if active:
+        if len(active) == 1 and not waiting:
+            _, index, message, rest = active.pop()
+            yield (*begun[index], message)
+            yield from ((*begun[index], message) for message in rest)
+        elif active:
             _, index, message, rest = heappop(active)
             yield (*begun[index], message)
             _advance(active, index, rest)

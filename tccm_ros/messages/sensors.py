@@ -49,6 +49,7 @@ __all__ = [
     "robot_description_message",
     "scan_from_message",
     "scan_message",
+    "scan_record",
     "stamp_ns_from_message",
     "surface_cloud_from_message",
     "surface_cloud_message",
@@ -92,22 +93,50 @@ def scan_from_message(message: Any) -> Scan:
         between beams is negative or makes the sweep longer than `MAX_SCAN_S`.
     """
     ranges = np.asarray(np.frombuffer(message.ranges, np.float32), np.float32)
-    angles = (message.angle_min, message.angle_increment, message.time_increment, message.range_min)
-    if not all(map(math.isfinite, angles)) or math.isnan(message.range_max):
+    numbers = (
+        message.angle_min,
+        message.angle_max,
+        message.angle_increment,
+        message.time_increment,
+        message.scan_time,
+        message.range_min,
+        message.range_max,
+    )
+    stamp_ns = stamp_ns_from_message(message.header.stamp)
+    return scan_record(stamp_ns, message.header.frame_id, numbers, ranges)
+
+
+def scan_record(
+    stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: NDArray[np.float32]
+) -> Scan:
+    """Return the scan of the numbers of a sensor_msgs/LaserScan; see `scan_from_message`.
+
+    Parameters
+    ----------
+    stamp_ns, frame_id
+        Header.
+    numbers
+        angle_min, angle_max, angle_increment, time_increment, scan_time, range_min, range_max.
+    ranges
+        float32 (N,).
+    """
+    angle_min, _, angle_increment, time_increment, _, range_min, range_max = map(float, numbers)
+    finite = (angle_min, angle_increment, time_increment, range_min)
+    if not all(map(math.isfinite, finite)) or math.isnan(range_max):
         raise MessageError("scan has angles, times or limits that are not numbers")
-    if not 0.0 <= message.time_increment * len(ranges) <= MAX_SCAN_S:
+    if not 0.0 <= time_increment * len(ranges) <= MAX_SCAN_S:
         raise MessageError(
-            f"scan has {len(ranges)} beams {message.time_increment:g} s apart, "
+            f"scan has {len(ranges)} beams {time_increment:g} s apart, "
             f"expected 0 to {MAX_SCAN_S:g} s in all"
         )
     return Scan(
-        stamp_ns=stamp_ns_from_message(message.header.stamp),
-        frame_id=frame_name(message.header.frame_id),
-        angle_min=float(message.angle_min),
-        angle_increment=float(message.angle_increment),
-        time_increment=float(message.time_increment),
-        range_min=float(message.range_min),
-        range_max=float(message.range_max),
+        stamp_ns=stamp_ns,
+        frame_id=frame_name(frame_id),
+        angle_min=angle_min,
+        angle_increment=angle_increment,
+        time_increment=time_increment,
+        range_min=range_min,
+        range_max=range_max,
         ranges=ranges,
     )
 

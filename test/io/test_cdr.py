@@ -14,9 +14,10 @@ from tccm_ros.messages import (
     MessageError,
     joint_sample_message,
     odometry_message,
+    scan_message,
     transforms_message,
 )
-from tccm_ros.records import JointSample, Odometry, TransformSample
+from tccm_ros.records import JointSample, Odometry, Scan, TransformSample
 
 T = pose_from_rpy([1, 2, 3, 0.1, 0.2, 0.3])
 
@@ -53,9 +54,12 @@ stamps = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
 @settings(max_examples=80, deadline=None)
 @given(stamp=stamps, frame=names, child=names, joints=st.lists(names, max_size=4))
 def test_the_same_records_as_through_messages(stamp, frame, child, joints):
+    ranges = np.linspace(0.5, 3.0, len(joints), dtype=np.float32)
+    scan = Scan(stamp, frame, -1.0, 0.01, 1e-5, 0.05, 30.0, ranges)
     transforms = [TransformSample(stamp, frame, child, T, False)] * len(joints)
     sample = JointSample(stamp, tuple(joints), np.arange(len(joints)) * 0.1)
     messages = {
+        "scan": scan_message(TYPES, scan),
         "odom": odometry_message(TYPES, Odometry(stamp, frame, child, T)),
         "joint_states": joint_sample_message(TYPES, sample),
         "tf": transforms_message(TYPES, transforms),
@@ -66,13 +70,25 @@ def test_the_same_records_as_through_messages(stamp, frame, child, joints):
         assert fields(FAST_READERS[role](data)) == by_typestore(role, data)
 
 
+def test_names_are_those_of_each_message_however_they_alternate():
+    samples = [
+        JointSample(k, tuple(f"{name}{i}" for i in range(count)), np.arange(float(count)))
+        for k, (name, count) in enumerate([("a", 2), ("a", 2), ("b", 2), ("a", 3), ("a", 2)])
+    ]
+    for sample in samples:
+        data = bytes(
+            TYPES.serialize(READERS["joint_states"][0], joint_sample_message(TYPES, sample))
+        )
+        assert fields(FAST_READERS["joint_states"](data)) == fields([sample])
+
+
 SAMPLES = {
     role: next(
         bytes(TYPES.serialize(msgtype, message))
         for topic, msgtype, _, message in sample_messages(2)
         if topic == f"/{role}"
     )
-    for role in ("odom", "joint_states", "tf_static")
+    for role in ("odom", "joint_states", "tf_static", "tilt_scan")
 }
 
 

@@ -1,6 +1,7 @@
 """The TCCM against its peers: the rows of the table in docs/tccm.md, as ratios in one run.
 
-Single thread, medians, warm caches. The rig is the paper's: a laser at 1.52 m, 240 deg, 569 beams,
+Single thread, medians of CPU time, warm caches; what is compared is measured in turn, call by call.
+The rig is the paper's: a laser at 1.52 m, 240 deg, 569 beams,
 28 ms a scan, 40 scans a sweep, tilt 5 to 65 deg down; situation A (a table) in a closed room, so
 that every beam returns. Times are of this machine; what counts are the ratios.
 """
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(Path(__file__).resolve().parent)]
 
-from tccm_peers import OctoMap, Twin, compiled, numpy_part  # noqa: E402
+from tccm_peers import Twin, compiled, find_octomap, numpy_part  # noqa: E402
 
 from tccm_ros.config import Config  # noqa: E402
 from tccm_ros.mapping.integration_map import IntegrationMap  # noqa: E402
@@ -36,22 +37,36 @@ REGION = (0.2, 1.5, -0.9, 0.9, 0.1, 1.45)
 KNOTS = 4
 """Poses per scan: every 10 ms."""
 
+NO_OCTOMAP = "OctoMap: liboctomap-dev or pyoctomap"
+
 WINDOW = 10
 CELLS = (0.01, 0.02, 0.03, 0.04)
 SCANS = (10, 20, 30, 40, 60, 80)
 
 
-def median_ms(call: Callable[[], object], repeats: int, before: Callable[[], object] | None = None):
-    """Return the median time of a call, ms; `before` is run before each and not timed."""
-    times = []
+Call = Callable[[], object]
+
+
+def median_ms(call: Call, repeats: int, before: Call | None = None) -> float:
+    """Return the median CPU time of a call, ms; `before` is run before each and not timed."""
+    return in_turn_ms(repeats, (call, before))[0]
+
+
+def in_turn_ms(repeats: int, *calls: tuple[Call, Call | None]) -> list[float]:
+    """Return the median CPU times of calls, ms, each with what is run before it and not timed.
+
+    The calls take turns, so that all of them meet the same load of the machine.
+    """
+    times: list[list[float]] = [[] for _ in calls]
     warm = 3 if repeats > 2 else 0
     for _ in range(repeats + warm):
-        if before is not None:
-            before()
-        start = time.perf_counter()
-        call()
-        times.append(time.perf_counter() - start)
-    return 1e3 * statistics.median(times[warm:])
+        for (call, before), own in zip(calls, times, strict=True):
+            if before is not None:
+                before()
+            start = time.thread_time()
+            call()
+            own.append(time.thread_time() - start)
+    return [1e3 * statistics.median(own[warm:]) for own in times]
 
 
 @dataclass(frozen=True)
@@ -164,13 +179,13 @@ def times_as_fast(ours: float, peer: float | None) -> str:
     return "-" if peer is None else f"{peer / ours:.2f} x"
 
 
-def part_maps(twin_library, octo_library, repeats: int) -> None:
+def part_maps(twin_library, new_octomap, repeats: int) -> None:
     """Row: points -> part map with moments, in the closed room and without its walls."""
     for name, sweep in (("full room", make_sweep(0)), ("open scene", make_sweep(0, room=False))):
-        one_scene(name, sweep, twin_library, octo_library, repeats)
+        one_scene(name, sweep, twin_library, new_octomap, repeats)
 
 
-def one_scene(name: str, sweep: Sweep, twin_library, octo_library, repeats: int) -> None:
+def one_scene(name: str, sweep: Sweep, twin_library, new_octomap, repeats: int) -> None:
     """Row: points -> part map with moments."""
     print(f"\n### Points -> part map with moments ({len(sweep.xyz)} points, 20 mm, {name})\n")
     xyz, single = sweep.xyz, np.ascontiguousarray(sweep.xyz, np.float32)
@@ -181,14 +196,12 @@ def one_scene(name: str, sweep: Sweep, twin_library, octo_library, repeats: int)
         builder.add_points(xyz)
         return builder.close(0, 0, 1)
 
-    mine = median_ms(ours, repeats)
     part = ours()
     keys, bounds, moments = numpy_part(xyz, 200, 300)
     assert (part.keys == keys).all()
     assert (part.bounds == bounds).all()
     assert (part.moments == moments).all()
-    table = Table("what", "ms", "peer / ours", "cuboids")
-    table.row("ours (compiled Python)", ms(mine), "1", str(len(part)))
+    calls: list[tuple[Call, Call | None]] = [(ours, None)]
     if twin_library is not None:
         twin = Twin(twin_library, config)
 
@@ -196,30 +209,35 @@ def one_scene(name: str, sweep: Sweep, twin_library, octo_library, repeats: int)
             twin.points(xyz)
             return twin.part_alone()
 
-        twins = median_ms(theirs, repeats)
         same = twin.read_part(theirs())
         assert all((a == b).all() for a, b in zip(same, (keys, bounds, moments), strict=True))
+        calls.append((theirs, None))
+    mine, *twins = in_turn_ms(3 * repeats, *calls)
+    table = Table("what", "ms", "peer / ours", "cuboids")
+    table.row("ours (compiled Python)", ms(mine), "1", str(len(part)))
+    for took in twins:
         table.row(
-            "C++ -O3 twin, same cuboids bit for bit", ms(twins), times_as_fast(mine, twins), "same"
+            "C++ -O3 twin, same cuboids bit for bit", ms(took), times_as_fast(mine, took), "same"
         )
     numpys = median_ms(lambda: numpy_part(xyz, 200, 300), max(repeats // 10, 3))
     table.row(
         "numpy twin, same cuboids bit for bit", ms(numpys), times_as_fast(mine, numpys), "same"
     )
-    if octo_library is not None:
-        octo = OctoMap(octo_library, 0.02)
+    if new_octomap is not None:
+        octo = new_octomap(0.02)
         ends = median_ms(lambda: octo.endpoints(single), max(repeats // 10, 3), octo.clear)
         rays = median_ms(lambda: octo.rays(single, (0, 0, sweep.height)), 2, octo.clear)
-        table.row("OctoMap, endpoints (no moments)", ms(ends), times_as_fast(mine, ends), "voxels")
-        table.row("OctoMap, ray cast (no moments)", ms(rays), times_as_fast(mine, rays), "voxels")
+        for name, took in (("endpoints", ends), ("ray cast", rays)):
+            row = f"{octo.name}, {name} (no moments)"
+            table.row(row, ms(took), times_as_fast(mine, took), "voxels")
     else:
-        table.row("OctoMap: liboctomap-dev", ms(None), "-", "-")
+        table.row(NO_OCTOMAP, ms(None), "-", "-")
     target = np.empty_like(xyz)
     copy = median_ms(lambda: np.copyto(target, xyz), repeats)
     table.row("copy of the points", ms(copy), times_as_fast(mine, copy), "-")
 
 
-def whole_cycles(twin_library, octo_library, repeats: int) -> None:
+def whole_cycles(twin_library, new_octomap, repeats: int) -> None:
     """Rows: a whole cycle, in the region of interest and in the full room."""
     print("\n### A whole cycle: project, part map, newest in, oldest out, 10 part maps, exact\n")
     sweeps = [make_sweep(seed) for seed in range(WINDOW + 1)]
@@ -232,7 +250,7 @@ def whole_cycles(twin_library, octo_library, repeats: int) -> None:
         for gap in ("fixed", "adaptive"):
             config = settings(region=region, gap=gap)
             row = one_cycle(config, sweeps, twin_library, repeats)
-            octo = rebuilt(sweeps, region, octo_library) if gap == "fixed" else ""
+            octo = rebuilt(sweeps, region, new_octomap) if gap == "fixed" else ""
             table.row(f"{name}, {gap}", *row[:-1], octo, row[-1])
 
 
@@ -241,7 +259,6 @@ def one_cycle(config: Config, sweeps: list[Sweep], twin_library, repeats: int) -
     pick = lambda: sweeps[next(turn) % len(sweeps)]  # noqa: E731
     for _ in range(2 * WINDOW):
         ours.one(pick())
-    mine = median_ms(lambda: ours.one(pick()), repeats)
     scans = median_ms(lambda: ours.scans(pick()), repeats, ours.builder.clear)
     ours.builder.clear()
     parts = []
@@ -256,25 +273,26 @@ def one_cycle(config: Config, sweeps: list[Sweep], twin_library, repeats: int) -
         lambda: ours.map.add(parts.pop()), repeats, lambda: (ours.scans(pick()), close())
     )
 
-    def forget():
+    def one():
         ours.one(pick())
 
-    reading = median_ms(ours.map.cuboids, repeats, forget)
     detail = f"{scans:.3f} / {closing:.3f} / {merging:.3f}"
-    sizes = f"{len(ours.map.pieces)}, {len(ours.map.cuboids())}"
     if twin_library is None:
+        mine, reading = median_ms(one, repeats), median_ms(ours.map.cuboids, repeats, one)
+        sizes = f"{len(ours.map.pieces)}, {len(ours.map.cuboids())}"
         return [ms(mine), detail, ms(None), "-", ms(reading), sizes]
-    twin, turn = Twin(twin_library, config), iter(range(10**9))
+    twin, twin_turn = Twin(twin_library, config), iter(range(10**9))
 
     def theirs():
-        twin.scans(pick())
+        twin.scans(sweeps[next(twin_turn) % len(sweeps)])
         twin.close()
         return twin.merge()
 
     for _ in range(2 * WINDOW):
         theirs()
-    twins = median_ms(theirs, repeats)
-    twin_reading = median_ms(twin.compose, repeats, theirs)
+    mine, twins = in_turn_ms(3 * repeats, (one, None), (theirs, None))
+    reading, twin_reading = in_turn_ms(repeats, (ours.map.cuboids, one), (twin.compose, theirs))
+    sizes = f"{len(ours.map.pieces)}, {len(ours.map.cuboids())}"
     compare(config, sweeps, twin_library)
     both = f"{reading:.3f}, {twin_reading:.3f}"
     return [ms(mine), detail, ms(twins), f"{mine / twins:.2f}", both, sizes]
@@ -295,11 +313,11 @@ def compare(config: Config, sweeps: list[Sweep], twin_library) -> None:
     assert (moments == np.column_stack([c.count, c.s, c.S])).all()
 
 
-def rebuilt(sweeps: list[Sweep], region, octo_library) -> str:
+def rebuilt(sweeps: list[Sweep], region, new_octomap) -> str:
     """Return OctoMap's time to rebuild its map of the window, as it cannot forget."""
-    if octo_library is None:
+    if new_octomap is None:
         return ms(None)
-    octo, clouds = OctoMap(octo_library, 0.02), []
+    octo, clouds = new_octomap(0.02), []
     for sweep in sweeps[:WINDOW]:
         p = sweep.xyz
         if region is not None:
@@ -323,39 +341,36 @@ def point_order(repeats: int) -> None:
         "ms whole sweep, adaptive",
         "against the first",
     )
-    builder = PartMapBuilder(settings(gap="fixed"))
-    firsts: list[float] = []
-    for name, points, sweep in (
-        ("tilting down", down, make_sweep(0)),
-        ("tilting up", up, make_sweep(0, downwards=False)),
-        ("beams backwards", np.ascontiguousarray(down[::-1]), None),
-        ("random", shuffled, None),
-    ):
+    names = ("tilting down", "tilting up", "beams backwards", "random")
+    builder, ours = PartMapBuilder(settings(gap="fixed")), Ours(settings())
 
-        def part(points=points):
-            builder.add_points(points)
-            builder.close(0, 0, 1)
+    def part_of(points):
+        return lambda: (builder.add_points(points), builder.close(0, 0, 1)), None
 
-        took = [median_ms(part, repeats)]
-        if sweep is not None:
-            ours = Ours(settings())
-            took.append(median_ms(lambda: (ours.scans(sweep), ours.close()), repeats))  # noqa: B023
-        firsts = firsts or took
-        cells = [f"{t:.3f}" for t in took] + ["-"] * (2 - len(took))
-        ratios = [f"{100 * (t / f - 1):+.0f} %" for t, f in zip(took, firsts, strict=False)]
-        ratios += ["-"] * (2 - len(ratios))
-        table.row(name, cells[0], ratios[0], cells[1], ratios[1])
+    def sweep_of(sweep):
+        return lambda: (ours.scans(sweep), ours.close()), None
+
+    clouds = down, up, np.ascontiguousarray(down[::-1]), shuffled
+    took = in_turn_ms(3 * repeats, *map(part_of, clouds))
+    whole = in_turn_ms(
+        3 * repeats, sweep_of(make_sweep(0)), sweep_of(make_sweep(0, downwards=False))
+    )
+    for i, name in enumerate(names):
+        cells = [ms(took[i]), f"{100 * (took[i] / took[0] - 1):+.0f} %", "-", "-"]
+        if i < len(whole):
+            cells[2:] = ms(whole[i]), f"{100 * (whole[i] / whole[0] - 1):+.0f} %"
+        table.row(name, *cells)
 
 
-def memory(octo_library) -> None:
+def memory(new_octomap) -> None:
     """Row: geometry memory."""
     print("\n### Memory (10 sweeps of the full room, 20 mm)\n")
     sweeps = [make_sweep(seed) for seed in range(WINDOW)]
     table = Table("what", "kB", "against OctoMap endpoints")
     base = None
-    if octo_library is not None:
-        for name, rays in (("OctoMap, endpoints", False), ("OctoMap, ray cast", True)):
-            octo = OctoMap(octo_library, 0.02)
+    if new_octomap is not None:
+        for name, rays in (("endpoints", False), ("ray cast", True)):
+            octo = new_octomap(0.02)
             for sweep in sweeps[: 1 if rays else WINDOW]:
                 points = np.ascontiguousarray(sweep.xyz, np.float32)
                 if rays:
@@ -364,7 +379,7 @@ def memory(octo_library) -> None:
                     octo.endpoints(points)
             size = octo.memory()
             base = base or size
-            table.row(name, f"{size / 1e3:.0f}", f"1/{base / size:.1f}")
+            table.row(f"{octo.name}, {name}", f"{size / 1e3:.0f}", f"1/{base / size:.1f}")
     for gap in ("adaptive", "fixed"):
         ours = Ours(settings(gap=gap))
         for sweep in sweeps:
@@ -388,7 +403,7 @@ def memory(octo_library) -> None:
             )
 
 
-def ghosts(octo_library) -> None:
+def ghosts(new_octomap) -> None:
     """Row: what stays of a box that has left."""
     print("\n### Ghosts: a box 0.3 m wide stands on the table for 10 cycles and leaves\n")
     box = (0.75, 1.05, -0.15, 0.15, 0.72, 1.05)
@@ -407,12 +422,12 @@ def ghosts(octo_library) -> None:
     table.row(
         "ours", str(left[WINDOW - 1]), str(left[-1]), f"{100 * left[-1] / left[WINDOW - 1]:.0f} %"
     )
-    if octo_library is None:
-        table.row("OctoMap: liboctomap-dev", ms(None), "-", "-")
+    if new_octomap is None:
+        table.row(NO_OCTOMAP, ms(None), "-", "-")
         return
     wider = np.array(box) + np.array((-0.02, 0.02, -0.02, 0.02, 0.0, 0.02))
-    for name, rays in (("OctoMap, endpoints", False), ("OctoMap, ray cast", True)):
-        octo, counts = OctoMap(octo_library, 0.02), []
+    for name, rays in (("endpoints", False), ("ray cast", True)):
+        octo, counts = new_octomap(0.02), []
         for clouds in (with_box, without):
             for points in clouds:
                 single = np.ascontiguousarray(points, np.float32)
@@ -421,7 +436,7 @@ def ghosts(octo_library) -> None:
                 else:
                     octo.endpoints(single)
             counts.append(octo.occupied(wider))
-        table.row(name, *map(str, counts), f"{100 * counts[1] / counts[0]:.0f} %")
+        table.row(f"{octo.name}, {name}", *map(str, counts), f"{100 * counts[1] / counts[0]:.0f} %")
 
 
 def inside(points, box) -> int:
@@ -459,21 +474,21 @@ def figure_8(twin_library, repeats: int, image: Path | None) -> None:
             pick = lambda: sweeps[next(turn) % len(sweeps)]  # noqa: B023, E731
             for _ in range(WINDOW + 2):
                 ours.one(pick())
-            cycle = median_ms(lambda: ours.one(pick()), repeats)  # noqa: B023
             part = median_ms(lambda: (ours.scans(pick()), ours.close()), repeats)  # noqa: B023
-            twins = None
+            calls: list[tuple[Call, Call | None]] = [(lambda: ours.one(pick()), None)]  # noqa: B023
             if twin_library is not None:
                 twin = Twin(twin_library, config)
                 step = lambda: (twin.scans(pick()), twin.close(), twin.merge())  # noqa: B023, E731
                 for _ in range(WINDOW + 2):
                     step()
-                twins = median_ms(step, repeats)
+                calls.append((step, None))
+            cycle, *twins = in_turn_ms(repeats, *calls)
             newest, c = ours.map.parts[-1], ours.map.cuboids()
             points = int(newest.moments[:, 0].sum())
             curves.setdefault(cell, []).append(cycle)
             table.row(
-                f"{1e3 * cell:.0f} mm", str(scans), ms(part), ms(cycle), ms(twins),
-                str(len(newest)),
+                f"{1e3 * cell:.0f} mm", str(scans), ms(part), ms(cycle),
+                ms(twins[0] if twins else None), str(len(newest)),
                 f"{points / len(newest):.1f}", str(len(c)), f"{points * WINDOW / len(c):.1f}",
             )  # fmt: skip
     if image is not None:
@@ -504,9 +519,12 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=60, help="measurements per figure")
     parser.add_argument("--plot", type=Path, help="write Fig. 8 as a picture")
     parser.add_argument("--only", choices=["part", "cycle", "order", "memory", "ghosts", "fig8"])
+    parser.add_argument(
+        "--octomap", choices=["c++", "python"], help="which OctoMap; the first that is there"
+    )
     options = parser.parse_args()
     twin = compiled("tccm_twin", "-ffp-contract=off")
-    octo = compiled("octomap_peer", "-loctomap", "-loctomath")
+    octo = find_octomap(options.octomap)
     sections: dict[str, Callable[[], None]] = {
         "part": lambda: part_maps(twin, octo, options.repeats),
         "cycle": lambda: whole_cycles(twin, octo, options.repeats),

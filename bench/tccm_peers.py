@@ -7,9 +7,12 @@ so.
 from __future__ import annotations
 
 import ctypes
+import functools
+import importlib.util
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -107,8 +110,24 @@ class Twin:
         return moments
 
 
+def find_octomap(which: str | None) -> Callable[[float], OctoMap | PyOctoMap] | None:
+    """Return what makes an OctoMap of a resolution, m; None if there is none.
+
+    `which` is "c++", "python", or None for the first that is there.
+    """
+    if which != "python":
+        library = compiled("octomap_peer", "-loctomap", "-loctomath")
+        if library is not None:
+            return functools.partial(OctoMap, library)
+    if which != "c++" and importlib.util.find_spec("pyoctomap") is not None:
+        return PyOctoMap
+    return None
+
+
 class OctoMap:
     """OctoMap (C++)."""
+
+    name = "OctoMap"
 
     def __init__(self, library: ctypes.CDLL, resolution: float) -> None:
         self._lib = library
@@ -136,6 +155,45 @@ class OctoMap:
     def occupied(self, box) -> int:
         """Return its occupied voxels in a box."""
         return self._lib.octo_occupied(self._tree, _pointer(np.array(box, float)))
+
+
+class PyOctoMap:
+    """OctoMap by its Python wheel, pyoctomap: where liboctomap-dev is not installed."""
+
+    name = "pyoctomap"
+
+    def __init__(self, resolution: float) -> None:
+        import pyoctomap
+
+        self._tree = pyoctomap.OcTree(resolution)
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._tree.clear()
+
+    def endpoints(self, xyz: NDArray[np.float32]) -> None:
+        """Insert end points only."""
+        self._tree.updateNodes(xyz.astype(float), True, True)
+        self._tree.updateInnerOccupancy()
+
+    def rays(self, xyz: NDArray[np.float32], origin) -> None:
+        """Insert with ray casting."""
+        self._tree.insertPointCloud(xyz.astype(float), np.array(origin, float))
+
+    def memory(self) -> int:
+        """Return its memory, bytes."""
+        return self._tree.memoryUsage()
+
+    def occupied(self, box) -> int:
+        """Return its occupied voxels in a box."""
+        low, high = np.array(box[::2], float), np.array(box[1::2], float)
+        count = 0
+        for leaf in self._tree.begin_leafs_bbx(low, high):
+            at = np.array(leaf.getCoordinate())
+            count += bool(self._tree.isNodeOccupied(leaf)) and bool(
+                ((low <= at) & (at <= high)).all()
+            )
+        return count
 
 
 def numpy_part(xyz: NDArray[np.float64], cell: int, depth: int) -> tuple[NDArray, NDArray, NDArray]:

@@ -284,9 +284,7 @@ class TccmProcessor:
             planes=planes,
             objects=objects,
             place_size=self.config.objects.place_size,
-            surfaces=surface_cloud(
-                sweep, fits, self.config, T_odom_base, viewpoint, base, wanted
-            ),
+            surfaces=surface_cloud(sweep, fits, self.config, T_odom_base, viewpoint, base, wanted),
             view=view if wanted else replace(view, intervals=view.intervals[:0]),
             part=part,
             scans=len(sweep.scans),

@@ -289,6 +289,7 @@ class WallSlam:
         slam._closer.load(poses, loops)
         session = 1 + max((k.session for k in keyframes), default=-1)
         slam._front = FrontEnd(config, first_id=len(keyframes), session=session)
+        slam._live = slam._live._replace(localised=not keyframes)
         return slam
 
 

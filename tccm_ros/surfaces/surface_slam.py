@@ -189,14 +189,16 @@ class SurfaceSlam:
         every_covariance
             Whether all keyframes get their covariance (see `WallSlam.solve`).
         """
-        views = [view for view in self.map.views if view.session == self.session]
+        lost = self._is_lost
+        views = [view for view in self.map.views if view.session == self.session and not lost]
         slam = self._solve_graph(views, every_covariance)
         own = _placement(slam)
         place = self._place_session(views, own.T_map_view)
         T_map_session = np.eye(4) if place is None else place.T_map_session
         own = replace(own, T_map_view=T_map_session @ own.T_map_view)
-        shown = self.map if place is None or place.found else self._saved_map()
-        placement = self._all_views(slam, own) if shown is self.map else self._old_views(slam)
+        found = not lost and (place is None or place.found)
+        shown = self.map if found else self._saved_map()
+        placement = self._all_views(slam, own) if found else self._old_views(slam)
         lines = np.array([wall.endpoints for wall in slam.walls]).reshape(-1, 2, 2)
         mapped = shown.build(placement, lines)
         stamps, poses = self._trajectory(slam)
@@ -226,8 +228,13 @@ class SurfaceSlam:
     def is_placed(self, solution: SurfaceSolution) -> bool:
         """Tell whether this session was found in the saved map that it goes on with, if any."""
         if self.saved_keyframes:
-            return self.walls.current_pose().localised
+            return not self._is_lost
         return solution.session is None or solution.session.found
+
+    @property
+    def _is_lost(self) -> bool:
+        """Whether the level laser has not found this session in the saved walls yet."""
+        return bool(self.saved_keyframes) and not self.walls.current_pose().localised
 
     def _place_session(self, views: list[View], T_session_view: Float64) -> SessionPlace | None:
         """Find this session in a saved map that has no level scans of its own to do that."""
@@ -270,7 +277,12 @@ class SurfaceSlam:
         return stamps, slam.pose_at(stamps)
 
     def saved(self, solution: SurfaceSolution) -> SavedMap:
-        """Return what a later session needs to go on with this map."""
+        """Return what a later session needs to go on with this map.
+
+        A session that was not found in its saved map leaves that map as it was.
+        """
+        if self._is_lost:
+            return SavedMap(self._saved_walls, self.saved_views)
         placement, keep = solution.placement, self.map.views[: len(solution.placement.keyframes)]
         poses = {k.id: spatial(k.pose) for k in solution.slam.keyframes}
         state = self.walls.state() if self.counts["level scans"] or self.saved_keyframes else {}

@@ -180,6 +180,25 @@ def test_the_same_recording_again_is_a_new_session(walkthrough, tmp_path):
     assert pipeline.last is None
 
 
+def test_views_before_the_first_level_scan_leave_a_map_with_walls_alone(walkthrough):
+    first = feed(new_pipeline(), walkthrough[: len(walkthrough) // 2])
+    first.finish()
+    solution = first.solve()
+    saved = first.slam.saved(solution)
+    later = Pipeline(CONFIG, expects_odometry=True, saved=saved)
+    feed(later, [(role, record) for role, record in walkthrough if role != "scan"])
+    later.finish()
+    assert later.slam.counts["clouds"] > 0
+    found = later.solve()
+    assert not later.slam.is_placed(found)
+    assert json_text(surfaces_table(found.surfaces, found.floor_z, "map")) == json_text(
+        surfaces_table(solution.surfaces, solution.floor_z, "map")
+    )
+    kept = later.slam.saved(found)
+    assert kept.walls is saved.walls
+    assert kept.views == saved.views
+
+
 LAST = LastSample(10_000_000_000, ("odom", "base"), (1.0, 2.0, 3.1))
 
 

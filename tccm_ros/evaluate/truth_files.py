@@ -30,6 +30,9 @@ __all__ = [
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
+PLANAR_COLUMNS = 5
+"""Two stamps, x, y and yaw."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
@@ -79,11 +82,16 @@ def read_tum(path: Path | str) -> Trajectory:
 def read_relations(path: Path | str) -> Relations:
     """Read ``stamp stamp x y z roll pitch yaw`` lines, as the SLAM benchmark publishes them.
 
+    Lines of five columns are planar: ``stamp stamp x y yaw``.
+
     Raises
     ------
     LogError
         For a file that is missing or not of this form.
     """
+    if min(len(row) for row in _lines(path)) == PLANAR_COLUMNS:
+        stamps, values = _columns(path, stamps=2, numbers=3)
+        return Relations(stamps[:, 0], stamps[:, 1], spatial(values))
     stamps, values = _columns(path, stamps=2, numbers=6)
     deltas = np.stack([pose_from_rpy(row) for row in values])
     return Relations(stamps[:, 0], stamps[:, 1], deltas)
@@ -139,7 +147,7 @@ def read_truth(path: Path | str) -> Trajectory | Relations | Reference:
     whole = bool(np.all(full[:, 0] == np.rint(full[:, 0])) and np.all(full[:, 0] < 1e8))
     if whole and np.all(np.diff(full[:, 0]) > 0):
         return read_reference(path)
-    if full.shape[1] == 8:
+    if full.shape[1] in (8, PLANAR_COLUMNS):
         return read_relations(path)
     raise LogError(f"{path}: neither a trajectory (TUM), relations, nor a reference")
 

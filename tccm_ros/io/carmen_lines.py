@@ -150,7 +150,8 @@ def _lines(stream: IO[bytes]) -> Iterator[bytes]:
 
 def _take(log: CarmenLog, line: bytes) -> None:
     """Add one line to the log."""
-    kind = line[:12].split(b" ", 1)[0].decode("ascii", "replace")
+    first = line[:64].split(None, 1)
+    kind = first[0].decode("ascii", "replace") if first else ""
     if kind not in (*SCAN_KINDS, "ODOM", "PARAM"):
         return
     words = line.decode("ascii", "replace").split()

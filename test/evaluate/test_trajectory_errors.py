@@ -80,6 +80,20 @@ def test_kinds_of_truth_are_told_apart(tmp_path):
     assert read_relations(relations).to_ns[1] == stamps[40]
 
 
+def test_relations_may_be_planar(tmp_path):
+    """Five columns say the same as eight."""
+    poses, stamps, pairs = circle(), stamps_of(80), [(0, 5), (3, 40)]
+    whole = read_relations(write_relations(tmp_path / "a.relations", poses, stamps, pairs))
+    rows = [line.split() for line in (tmp_path / "a.relations").read_text().splitlines()]
+    planar = tmp_path / "b.txt"
+    planar.write_text("".join(f"{a} {b} {x} {y} {yaw}\n" for a, b, x, y, *_, yaw in rows))
+    found = read_truth(planar)
+    assert isinstance(found, Relations)
+    assert np.array_equal(found.from_ns, whole.from_ns)
+    assert np.array_equal(found.to_ns, whole.to_ns)
+    assert np.allclose(found.deltas, whole.deltas)
+
+
 def test_both_orders_by_hand():
     """The robot is found 0.1 rad too far left at the end of a straight metre."""
     T_from, delta = np.eye(4)[None], spatial(np.array([[1.0, 0.0, 0.0]]))

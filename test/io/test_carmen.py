@@ -152,6 +152,14 @@ def test_new_format(tmp_path):
     assert first.range_max == 50.0
 
 
+@pytest.mark.parametrize("blank", ["  {}", "{}\r", "\t{}  "])
+def test_blanks_around_a_line_and_tabs_within(tmp_path, blank):
+    lines = [flaser(START + 0.2 * k, (0.1 * k, 0.0, 0.0)) for k in range(4)]
+    lines = [blank.format(line.replace(" ", "\t", 1)) for line in lines]
+    found = import_carmen(write_log(tmp_path / "a.clf", lines), tmp_path / "bag")
+    assert (found.scans, found.odometry, found.damaged) == (4, 4, 0)
+
+
 def test_raw_scans_take_odometry_from_its_own_lines(tmp_path):
     lines = []
     for k in range(6):

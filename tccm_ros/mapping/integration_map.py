@@ -8,7 +8,6 @@ pieces, bit for bit.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +30,7 @@ class IntegrationMap:
     Attributes
     ----------
     parts
-        The part maps in the window, oldest first, unchanged. Their moments are lent: they are
-        overwritten some time after the part map has left the window.
+        The part maps in the window, oldest first, unchanged.
     cell_size
         Edge of a cell, m.
     """
@@ -87,10 +85,7 @@ class IntegrationMap:
             raise ValueError(f"cells of {part.cell_size} m in a map of {self.cell_size} m")
         newest = part if self._keep_points else part.without_points()
         others = [p for p in self.parts if p.cycle > part.cycle - self._window]
-        taken = self._originals.add(newest, others)
-        self.parts = (
-            [*others, taken] if taken is not None else self._originals.adopt([*others, newest])
-        )
+        self.parts = [*others, newest]
         self._put(self.parts[-1])
 
     def remove(self, cycle: int) -> PartMap:
@@ -113,11 +108,11 @@ class IntegrationMap:
             self._merge(_NO_KEYS, _NO_BOUNDS, -1)
         else:
             self.rebuild()
-        return replace(part, moments=part.moments.copy())
+        return part
 
     def replace(self, parts: Iterable[PartMap]) -> None:
         """Rebuild the map from other part maps, oldest first (`retained.reproject`)."""
-        self.parts = self._originals.adopt(list(parts))
+        self.parts = list(parts)
         self.rebuild()
 
     def rebuild(self) -> None:
@@ -140,7 +135,7 @@ class IntegrationMap:
 
     def freeze_state(self) -> tuple[Config, list[PartMap]]:
         """Return the originals: they make the map, bit for bit."""
-        return self._config, [replace(part, moments=part.moments.copy()) for part in self.parts]
+        return self._config, list(self.parts)
 
     def thaw_state(self, state: tuple[Config, list[PartMap]]) -> None:
         """Take what `freeze_state` gave."""
@@ -159,8 +154,8 @@ class IntegrationMap:
             self._spare_keys = np.empty(room + room // 2, np.int64)
             self._spare_pieces = np.empty((room + room // 2, 4), np.int32)
         self._n = merge_part(
-            self._keys, self._pieces, self._n, keys, bounds, cycle, self.parts[0].cycle,
-            self._spare_keys, self._spare_pieces,
+            self._keys, self._pieces, self._n, keys, np.ascontiguousarray(bounds), cycle,
+            self.parts[0].cycle, self._spare_keys, self._spare_pieces,
         )  # fmt: skip
         self._keys, self._spare_keys = self._spare_keys, self._keys
         self._pieces, self._spare_pieces = self._spare_pieces, self._pieces
@@ -172,10 +167,9 @@ class IntegrationMap:
         cells, spans = np.empty((2, m), np.int32), np.empty((2, m), np.int32)
         count, s, S = np.empty(m), np.empty((m, 3)), np.empty((m, 6))
         cycles, offsets = np.empty(n, np.int32), np.zeros(m + 1, np.int64)
-        slots, first = self._originals.first_rows(self.parts), self.cycles[0] if self.parts else 0
+        addresses, first = self._originals.addresses(self.parts), self.parts[0].cycle if n else 0
         used = compose_cuboids(
-            self._keys, self._pieces, n, slots, first,
-            self._originals.moments, self._originals.lengths,
+            self._keys, self._pieces, n, addresses, first,
             cells, spans, count, s, S, cycles, offsets,
         )  # fmt: skip
         return Cuboids(

@@ -9,14 +9,18 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import carray, njit
 
 from tccm_ros.mapping.binning import lowest_bit
+from tccm_ros.mapping.originals import pointer_to
 
 __all__ = ["compose_cuboids", "count_composites", "join_pieces", "merge_part"]
 
 _HALF = 2**31
-_NONE, _ONE = np.uint64(0), np.uint64(1)
+_U0, _U1, _U2, _U3, _U4 = (np.uint64(i) for i in range(5))
+_ANY = 2**40
+"""Length of arrays that are known by their address alone."""
+
 _LAST = 2**62
 """Beyond all cells and heights."""
 
@@ -57,57 +61,66 @@ def merge_part(
     int
         Number of pieces written.
     """
-    n: Any = 0
-    j = 0
-    n_new, shown = len(keys), np.int64(cycle >= 0)
+    # Flat rows of a length that the compiler knows, and indices that cannot count from the end.
+    rows, new_rows, out_rows = old.reshape(-1), bounds.reshape(-1), out.reshape(-1)
+    n: Any = _U0
+    j: Any = _U0
+    n_new, shown = np.uint64(len(keys)), np.uint64(cycle >= 0)
     cell, cover = np.int64(_LAST), np.int64(0)
     # The next newer interval: its cell, bottom and top.
-    key, low, high = _next(keys, bounds, j)
-    for i in range(n_old):
+    key, low, high = _next(keys, new_rows, j)
+    for i in range(np.uint64(n_old)):
         here = old_keys[i]
         if here != cell:
             while key < here:
-                out_keys[n] = key
-                out[n, 0], out[n, 1], out[n, 2], out[n, 3] = low, high, cycle, j
+                _write(out_keys, out_rows, n, key, low, high, cycle, j)
                 n += shown
-                j += 1
-                key, low, high = _next(keys, bounds, j)
+                j += _U1
+                key, low, high = _next(keys, new_rows, j)
             cell, cover = here, np.int64(-_LAST)
-        bottom, top = max(np.int64(old[i, 0]), cover), np.int64(old[i, 1])
-        c, index = old[i, 2], old[i, 3]
-        kept = np.int64(c >= oldest)
+        row = _U4 * i
+        bottom, top = max(np.int64(rows[row]), cover), np.int64(rows[row + _U1])
+        c, index = rows[row + _U2], rows[row + _U3]
+        kept = c >= oldest
         # What is below the next newer interval is written, and counted only if it is there: that
         # is faster than to ask first.
         end = min(top, low) if key == here else top
-        out_keys[n] = here
-        out[n, 0], out[n, 1], out[n, 2], out[n, 3] = bottom, end, c, index
-        n += kept & np.int64(end > bottom)
+        _write(out_keys, out_rows, n, here, bottom, end, c, index)
+        n += np.uint64(kept & (end > bottom))
         while key == here and low < top:
-            out_keys[n] = key
-            out[n, 0], out[n, 1], out[n, 2], out[n, 3] = low, high, cycle, j
+            _write(out_keys, out_rows, n, key, low, high, cycle, j)
             n += shown
             cover = high
-            j += 1
-            key, low, high = _next(keys, bounds, j)
+            j += _U1
+            key, low, high = _next(keys, new_rows, j)
             bottom = max(bottom, cover)
             end = min(top, low) if key == here else top
-            out_keys[n] = here
-            out[n, 0], out[n, 1], out[n, 2], out[n, 3] = bottom, end, c, index
-            n += kept & np.int64(end > bottom)
+            _write(out_keys, out_rows, n, here, bottom, end, c, index)
+            n += np.uint64(kept & (end > bottom))
     while j < n_new:
-        out_keys[n] = key
-        out[n, 0], out[n, 1], out[n, 2], out[n, 3] = low, high, cycle, j
+        _write(out_keys, out_rows, n, key, low, high, cycle, j)
         n += shown
-        j += 1
-        key, low, high = _next(keys, bounds, j)
-    return n
+        j += _U1
+        key, low, high = _next(keys, new_rows, j)
+    return np.int64(n)
 
 
-@njit(nogil=True, cache=True)
-def _next(keys: Any, bounds: Any, j: Any) -> Any:
+@njit(nogil=True, cache=True, inline="always")
+def _write(
+    keys: Any, rows: Any, n: Any, key: Any, bottom: Any, top: Any, cycle: Any, index: Any
+) -> None:
+    """Write piece n."""
+    keys[n] = key
+    row = _U4 * n
+    rows[row], rows[row + _U1], rows[row + _U2], rows[row + _U3] = bottom, top, cycle, index
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _next(keys: Any, rows: Any, j: Any) -> Any:
     """Return cell, bottom and top of interval j; a cell beyond all after the last."""
-    if j < len(keys):
-        return keys[j], np.int64(bounds[j, 0]), np.int64(bounds[j, 1])
+    if j < np.uint64(len(keys)):
+        row = _U2 * j
+        return keys[j], np.int64(rows[row]), np.int64(rows[row + _U1])
     return np.int64(_LAST), np.int64(_LAST), np.int64(_LAST)
 
 
@@ -138,10 +151,8 @@ def compose_cuboids(
     keys: Any,
     pieces: Any,
     n: Any,
-    slots: Any,
+    addresses: Any,
     first_cycle: Any,
-    moments: Any,
-    lengths: Any,
     cells: Any,
     spans: Any,
     count: Any,
@@ -159,10 +170,8 @@ def compose_cuboids(
     ----------
     keys, pieces, n
         The pieces.
-    slots, first_cycle
-        int64: row in `moments` of the first cuboid of cycle ``first_cycle + k``.
-    moments, lengths
-        int64 (M, 10) and int32 (M,), of the originals.
+    addresses, first_cycle
+        Where the originals are (`originals.Originals`), and the cycle of the first row.
     cells, spans
         int32 (2, C): receive ix and iy, bottom and top.
     count, s, S
@@ -177,7 +186,7 @@ def compose_cuboids(
     """
     k, used, begin = -1, 0, 0
     # A window of up to 64 cycles is a word of bits: no sorting, and nothing to mispredict.
-    narrow, seen = len(slots) <= 64, np.uint64(0)
+    narrow, seen = len(addresses) <= 64, np.uint64(0)
     a0 = a1 = a2 = a3 = a4 = a5 = a6 = a7 = a8 = a9 = 0.0
     for i in range(n + 1):
         if i == n or i == 0 or keys[i] != keys[i - 1] or pieces[i, 0] != pieces[i - 1, 1]:
@@ -186,9 +195,9 @@ def compose_cuboids(
                 count[k], s[k, 0], s[k, 1], s[k, 2] = a0, a1, a2, a3
                 S[k, 0], S[k, 1], S[k, 2] = a4, a5, a6
                 S[k, 3], S[k, 4], S[k, 5] = a7, a8, a9
-            while seen != _NONE:
+            while seen != _U0:
                 cycles[used] = first_cycle + lowest_bit(seen)
-                seen &= seen - _ONE
+                seen &= seen - _U1
                 used += 1
             k += 1
             offsets[k] = begin = used
@@ -198,21 +207,25 @@ def compose_cuboids(
             cells[0, k], cells[1, k] = ix, keys[i] - (ix << 32)
             spans[0, k] = pieces[i, 0]
             a0 = a1 = a2 = a3 = a4 = a5 = a6 = a7 = a8 = a9 = 0.0
-        cycle = pieces[i, 2]
-        row = slots[cycle - first_cycle] + pieces[i, 3]
-        weight = np.float64(pieces[i, 1] - pieces[i, 0]) / np.float64(lengths[row])
-        a0 += weight * moments[row, 0]
-        a1 += weight * moments[row, 1]
-        a2 += weight * moments[row, 2]
-        a3 += weight * moments[row, 3]
-        a4 += weight * moments[row, 4]
-        a5 += weight * moments[row, 5]
-        a6 += weight * moments[row, 6]
-        a7 += weight * moments[row, 7]
-        a8 += weight * moments[row, 8]
-        a9 += weight * moments[row, 9]
+        cycle, index = pieces[i, 2], 10 * np.int64(pieces[i, 3])
+        k_cycle = np.uint64(cycle - first_cycle)
+        moments = carray(pointer_to(addresses[k_cycle, 0]), (_ANY,), np.int64)
+        bounds = carray(pointer_to(addresses[k_cycle, 1]), (_ANY,), np.int32)
+        at = 2 * np.int64(pieces[i, 3])
+        length = bounds[np.uint64(at + 1)] - bounds[np.uint64(at)]
+        weight = np.float64(pieces[i, 1] - pieces[i, 0]) / np.float64(length)
+        a0 += weight * moments[np.uint64(index + 0)]
+        a1 += weight * moments[np.uint64(index + 1)]
+        a2 += weight * moments[np.uint64(index + 2)]
+        a3 += weight * moments[np.uint64(index + 3)]
+        a4 += weight * moments[np.uint64(index + 4)]
+        a5 += weight * moments[np.uint64(index + 5)]
+        a6 += weight * moments[np.uint64(index + 6)]
+        a7 += weight * moments[np.uint64(index + 7)]
+        a8 += weight * moments[np.uint64(index + 8)]
+        a9 += weight * moments[np.uint64(index + 9)]
         if narrow:
-            seen |= _ONE << np.uint64(cycle - first_cycle)
+            seen |= _U1 << np.uint64(cycle - first_cycle)
         else:
             used = _insert_cycle(cycles, begin, used, cycle)
     return used

@@ -1,81 +1,71 @@
-"""The originals of the window in one place, so that kernels find any of them by one index."""
+"""The originals of the window where they lie: a table of addresses, by which kernels read them.
+
+Part maps are made one by one and never changed. To have them in one array they would be copied in
+every cycle; a table of where each begins is enough.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from tccm_ros.mapping.part import PartMap
 
-__all__ = ["Originals"]
+__all__ = ["Originals", "pointer_to"]
+
+
+def _inttoptr(typing_context: Any, address: Any) -> Any:
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
+
+    return types.voidptr(types.int64), build
+
+
+pointer_to: Any = intrinsic(_inttoptr)
+"""In a kernel: the pointer to an address, int64. For `numba.carray`, which trusts it."""
 
 
 class Originals:
-    """Moments and lengths of all part maps in the window, in a ring that is reused.
-
-    Attributes
-    ----------
-    moments, lengths
-        int64 (M, 10) and int32 (M,): rows of a part map follow each other.
-    """
+    """Where the cuboids of the part maps of a window are."""
 
     def __init__(self) -> None:
-        self.moments = np.zeros((0, 10), np.int64)
-        self.lengths = np.zeros(0, np.int32)
-        self._first: dict[int, tuple[int, int]] = {}
+        self._known: dict[int, tuple[PartMap, tuple[int, int], tuple[NDArray[Any], ...]]] = {}
 
-    def add(self, part: PartMap, others: Sequence[PartMap]) -> PartMap | None:
-        """Take a part map in; `others` are those that stay, oldest first.
+    def addresses(self, parts: Sequence[PartMap]) -> NDArray[np.int64]:
+        """Return where the moments and the bounds of each cycle's part map are.
+
+        Parameters
+        ----------
+        parts
+            Part maps, oldest first.
 
         Returns
         -------
-        PartMap | None
-            The same part map with its moments in the ring, so that they are kept once; None if
-            there is no room.
+        int64 (K, 2), a row per cycle from that of the oldest part map on, 0 where there is none.
+        Good until the next call, as long as this object lives.
         """
-        self._first = {p.cycle: self._first[p.cycle] for p in others}
-        row = self._room_for(len(part))
-        if row is None:
-            return None
-        end = row + len(part)
-        self.moments[row:end] = part.moments
-        np.subtract(part.bounds[:, 1], part.bounds[:, 0], out=self.lengths[row:end])
-        self._first[part.cycle] = (row, end)
-        return replace(part, moments=self.moments[row:end])
+        known = self._known
+        self._known = {
+            p.cycle: known[p.cycle] if p.cycle in known and known[p.cycle][0] is p else _found(p)
+            for p in parts
+        }
+        first = parts[0].cycle if parts else 0
+        table = np.zeros((parts[-1].cycle - first + 1 if parts else 1, 2), np.int64)
+        for cycle, (_, addresses, _) in self._known.items():
+            table[cycle - first] = addresses
+        return table
 
-    def adopt(self, parts: Sequence[PartMap]) -> list[PartMap]:
-        """Take all part maps of a window in, with room for as many again."""
-        rows = 2 * sum(len(p) for p in parts) + 1024
-        moments = [np.array(p.moments) for p in parts]
-        self.moments, self.lengths = np.zeros((rows, 10), np.int64), np.zeros(rows, np.int32)
-        self._first = {}
-        taken: list[PartMap] = []
-        for part, own in zip(parts, moments, strict=True):
-            kept = self.add(replace(part, moments=own), taken)
-            assert kept is not None
-            taken.append(kept)
-        return taken
 
-    def first_rows(self, parts: Sequence[PartMap]) -> NDArray[np.int64]:
-        """Return the first row of each cycle, from the oldest part map's on."""
-        if not parts:
-            return np.zeros(1, np.int64)
-        first = np.zeros(parts[-1].cycle - parts[0].cycle + 1, np.int64)
-        for part in parts:
-            first[part.cycle - parts[0].cycle] = self._first[part.cycle][0]
-        return first
-
-    def _room_for(self, rows: int) -> int | None:
-        """Return where so many rows fit between the newest and the oldest, None if nowhere."""
-        size, spans = len(self.moments), [s for s in self._first.values() if s[1] > s[0]]
-        if not spans:
-            return 0 if rows <= size else None
-        tail, head = spans[0][0], spans[-1][1]
-        if head > tail:
-            if head + rows <= size:
-                return head
-            return 0 if rows <= tail else None
-        return head if head + rows <= tail else None
+def _found(part: PartMap) -> tuple[PartMap, tuple[int, int], tuple[NDArray[Any], ...]]:
+    rows = (
+        np.ascontiguousarray(part.moments, np.int64),
+        np.ascontiguousarray(part.bounds, np.int32),
+    )
+    moments, bounds = (int(array.__array_interface__["data"][0]) for array in rows)
+    return part, (moments, bounds), rows

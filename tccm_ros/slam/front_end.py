@@ -23,7 +23,7 @@ from tccm_ros.slam.line_map import LineMap, make_line_map
 from tccm_ros.slam.se2 import between, compose, fuse
 from tccm_ros.snapshot import fields_of, set_fields
 
-__all__ = ["FrontEnd", "GraphKeyframe", "Placed", "odometry_covariance"]
+__all__ = ["FrontEnd", "GraphKeyframe", "Placed", "motion_covariance", "odometry_covariance"]
 
 Float64 = NDArray[np.float64]
 
@@ -73,18 +73,29 @@ class GraphKeyframe:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """A scan's place: pose float64 (3,) in the keyframe `keyframe`, the newest at its time."""
+    """A scan's place in the keyframe `keyframe`, the newest at its time.
+
+    `pose` is float64 (3,), `cov` float64 (3, 3) of (x, y, yaw) in the scan's own frame.
+    """
 
     stamp_ns: int
     keyframe: int
     pose: Float64
+    cov: Float64
 
 
 def odometry_covariance(delta: Float64, config: OdometryConfig) -> Float64:
     """Return the covariance (3, 3) of (x, y, yaw) of an odometry step, in its end's frame."""
+    return motion_covariance(delta, config, ODOMETRY_FLOOR)
+
+
+def motion_covariance(
+    delta: Float64, config: OdometryConfig, floor: tuple[float, float] = (0.0, 0.0)
+) -> Float64:
+    """Return the part of `odometry_covariance` that grows with the motion, above a floor."""
     distance, turn = float(np.hypot(delta[0], delta[1])), abs(float(delta[2]))
-    sigma_xy = ODOMETRY_FLOOR[0] + config.sigma_per_m * distance
-    sigma_yaw = ODOMETRY_FLOOR[1] + config.sigma_rad_per_rad * turn
+    sigma_xy = floor[0] + config.sigma_per_m * distance
+    sigma_yaw = floor[1] + config.sigma_rad_per_rad * turn
     sigma_yaw += config.sigma_rad_per_m * distance
     return np.diag([sigma_xy**2, sigma_xy**2, sigma_yaw**2])
 
@@ -115,15 +126,17 @@ class FrontEnd:
         if self._last is None:
             self.pose = np.zeros(3) if start is None else np.asarray(start, float)
             self._add_keyframe(scan, np.zeros((3, 3)))
+            cov = np.zeros((3, 3))
         else:
-            self._track(scan)
+            cov = self._track(scan)
         self._last = scan
         keyframe = self.keyframes[-1]
-        placed = Placed(scan.stamp_ns, keyframe.id, between(keyframe.pose, self.pose))
+        placed = Placed(scan.stamp_ns, keyframe.id, between(keyframe.pose, self.pose), cov)
         self.placed.append(placed)
         return placed
 
-    def _track(self, scan: LevelScan) -> None:
+    def _track(self, scan: LevelScan) -> Float64:
+        """Follow the robot to a scan; return the covariance (3, 3) of its place in its keyframe."""
         before, keyframe = self.pose, self.keyframes[-1]
         predicted, prior_cov = self._predict(scan)
         self.pose, cov, inliers = self._match(scan, predicted, prior_cov)
@@ -135,6 +148,8 @@ class FrontEnd:
         early = inliers < NEW_GROUND and distance + turn > 0.4 * graph.keyframe_distance
         if far or early:
             self._add_keyframe(scan, cov)
+            return np.zeros((3, 3))
+        return cov
 
     def _predict(self, scan: LevelScan) -> tuple[Float64, Float64]:
         """Return the expected pose and the covariance of the motion since the last keyframe."""

@@ -35,6 +35,9 @@ class Solution:
     cov_keyframes
         float64 (K, 3, 3) of (x, y, yaw) in each keyframe's own frame; NaN for all but the newest
         where only that was asked for.
+    unit_variance
+        What the graph's covariances, those of the views among them, are to be multiplied by: their
+        factors are careful. `cov_keyframes` has it in it.
     """
 
     keyframes: list[Keyframe]
@@ -46,6 +49,7 @@ class Solution:
     cov_views: Float64
     view_keyframes: NDArray[np.int64]
     cov_keyframes: Float64
+    unit_variance: float = 1.0
 
     def pose_at(self, stamps_ns: ArrayLike) -> Float64:
         """Return planar poses (M, 3) at stamps int64 (M,), interpolated; held at the ends."""

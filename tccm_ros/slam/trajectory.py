@@ -8,13 +8,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.config import Odometry as OdometryConfig
 from tccm_ros.geometry import between2, compose2, planar, wrap_angle
-from tccm_ros.slam.front_end import GraphKeyframe, Placed
+from tccm_ros.slam.front_end import GraphKeyframe, Placed, motion_covariance
 from tccm_ros.slam.se2 import between, compose
 
 __all__ = ["OdometryTrack", "place_stamps", "scan_poses"]
 
 Float64 = NDArray[np.float64]
+
+AT_SCAN = (0.001, 0.0005)
+"""Standard deviation (m, rad) of a pose at the very stamp of a scan, beside the scan's own."""
 
 
 @dataclass(slots=True)
@@ -105,16 +109,19 @@ def place_stamps(
     placed: Sequence[Placed],
     keyframes: Sequence[GraphKeyframe],
     odometry: OdometryTrack,
-) -> tuple[NDArray[np.int64], Float64]:
+    model: OdometryConfig,
+) -> tuple[NDArray[np.int64], Float64, Float64]:
     """Place any stamps relative to keyframes, by the scans before and after and by odometry.
 
     Returns
     -------
-    keyframes int64 (V,) and poses float64 (V, 3) in them
+    keyframes int64 (V,), poses float64 (V, 3) in them, and covariances float64 (V, 3, 3) of
+    (x, y, yaw) in the frames of the poses: that of the scan before, and of the way from there.
     """
     known = np.array([p.stamp_ns for p in placed], np.int64)
     index = np.zeros(len(stamps_ns), np.int64)
     poses = np.zeros((len(stamps_ns), 3))
+    covs = np.zeros((len(stamps_ns), 3, 3))
     for v, stamp in enumerate(stamps_ns):
         i = max(int(np.searchsorted(known, stamp, side="right")) - 1, 0)
         here = placed[i]
@@ -125,7 +132,8 @@ def place_stamps(
         else:
             after = placed[min(i + 1, len(placed) - 1)]
             poses[v] = _between_scans(here, after, keyframes, int(stamp))
-    return index, poses
+        covs[v] = here.cov + motion_covariance(between(here.pose, poses[v]), model, AT_SCAN)
+    return index, poses, covs
 
 
 def _between_scans(

@@ -15,7 +15,7 @@ from tccm_ros.records import Keyframe, Loop, PosedScan, ScanPose
 from tccm_ros.slam.chain import Chain, View
 from tccm_ros.slam.corners import Corner, corner_factors, find_corners
 from tccm_ros.slam.factors import Factor, Key, view_key
-from tccm_ros.slam.front_end import FrontEnd, GraphKeyframe, odometry_covariance
+from tccm_ros.slam.front_end import FrontEnd, GraphKeyframe
 from tccm_ros.slam.graph import GraphSolution
 from tccm_ros.slam.landmarks import judge_walls, wall_factors, wall_records
 from tccm_ros.slam.level_scan import LevelScan, level_scan
@@ -117,6 +117,19 @@ class WallSlam:
             localised = self._front.session in self._closer.tied
             self._live = LivePose(stamp_ns, pose, compose(pose, inverse(odom)), localised)
 
+    def motion_between(self, first_ns: int, last_ns: int) -> Float64 | None:
+        """Return the pose (3,) of the base at one stamp in that at another, as known so far.
+
+        None where it is not known well: over keyframes, or without odometry.
+        """
+        if self._front.placed:
+            first, last = self._hang([first_ns, last_ns])
+            return between(first.pose, last.pose) if first.keyframe == last.keyframe else None
+        if not len(self._odometry):
+            return np.zeros(3)
+        start, end = self._odometry.at(first_ns), self._odometry.at(last_ns)
+        return None if start is None or end is None else between(start, end)
+
     def current_pose(self) -> LivePose:
         """Return the live estimate."""
         return self._live
@@ -194,6 +207,7 @@ class WallSlam:
             np.array([solution.covariance(key) for key in view_keys]).reshape(-1, 6, 6),
             np.array([v.keyframe for v in hung], np.int64),
             _covariances(solution, keys, every_covariance) * settled.scale,
+            settled.scale,
         )
 
     def _wall_factors(self, settled: _Settled) -> list[Factor]:
@@ -241,11 +255,10 @@ class WallSlam:
         return twin
 
     def _hang(self, views: Sequence[int]) -> list[View]:
-        index, poses = place_stamps(views, self._front.placed, self._keyframes, self._odometry)
-        model = self.config.odometry
-        return [
-            View(int(k), pose, odometry_covariance(pose, model)) for k, pose in zip(index, poses)
-        ]
+        placed = place_stamps(
+            views, self._front.placed, self._keyframes, self._odometry, self.config.odometry
+        )
+        return [View(int(k), pose, cov) for k, pose, cov in zip(*placed)]
 
     # -- saved maps ----------------------------------------------------------------------------
 

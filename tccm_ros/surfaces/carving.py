@@ -18,13 +18,17 @@ from tccm_ros.geometry import inverse, planar, transform, wrap_angle
 from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.views import KEY_STEP, Patch, View, column_keys
 
-__all__ = ["Survivors", "carve"]
+__all__ = ["Survivors", "carve", "superseded"]
 
 Float64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 WHOLE = 0.7
 """A patch of which this share is gone is gone, however small it is."""
+
+REPLACED = 0.95
+"""A patch of which a view of the same place measured this share again, or looked through it, is
+replaced as a whole, with its rim."""
 
 BLOCK_SPACING = 1.2
 """Columns in which the older points are counted are this many of their spacings wide."""
@@ -75,6 +79,26 @@ def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:
     return left
 
 
+def superseded(older: View, newer: View, config: Config) -> dict[int, int] | None:
+    """Tell whether a newer view of the same place, taken without a move, makes an older one idle.
+
+    It does where nothing is left of the older one's patches and where it looked through all that
+    the older one did.
+
+    Returns
+    -------
+    For each patch of the older view that was measured again, the patch that replaced it; None
+    where the older view still tells something.
+    """
+    known = np.isin(older.free.keys, newer.free.keys)
+    if np.count_nonzero(known) < REPLACED * len(known):
+        return None
+    left = carve([older, newer], np.stack([np.eye(4)] * 2), config)
+    if any(mask.any() for mask in left.keep[0]):
+        return None
+    return {p: q for (v, p), (_, q) in left.heirs.items() if v == 0}
+
+
 def _carve_patch(
     left: Survivors,
     views: list[View],
@@ -108,6 +132,8 @@ def _carve_patch(
         left.heirs[older] = (w, int(np.bincount(owner[owner >= 0]).argmax()))
         again = _measured_by(points, views[w].patches, margin, -reach) >= 0
         rest = ~gone & ~again
+        if np.count_nonzero(gone | (owner >= 0)) >= REPLACED * total:
+            gone[:] = True
         gone |= again | (rest & ~_in_block(points, rest & (owner < 0), block))
     keep[alive[gone]] = False
 

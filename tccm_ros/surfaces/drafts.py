@@ -16,7 +16,7 @@ from tccm_ros.surfaces.carving import Survivors
 from tccm_ros.surfaces.contact import box_pairs, connect, patch_boxes
 from tccm_ros.surfaces.outline import horizontal_outline, polygons_of
 from tccm_ros.surfaces.patch_planes import coplanar, fit_plane, pool_moments, stack_planes
-from tccm_ros.surfaces.views import Patch, View
+from tccm_ros.surfaces.views import Patch, View, first_numbers
 
 __all__ = ["Draft", "Group", "PlacedPatch", "draft_surface", "merge", "surviving_patches"]
 
@@ -103,13 +103,11 @@ class Draft:
 def surviving_patches(views: list[View], left: Survivors, config: Config) -> list[PlacedPatch]:
     """Return the patches of which anything is left."""
     placed = []
-    number = 0
-    for v, view in enumerate(views):
+    for v, (first, view) in enumerate(zip(first_numbers(views), views)):
         for p, patch in enumerate(view.patches):
             rest = _rest(patch, left.keep[v][p], config)
             if rest is not None:
-                placed.append(PlacedPatch(number, v, rest))
-            number += 1
+                placed.append(PlacedPatch(first + p, v, rest))
     return placed
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from tccm_ros.surfaces.carving import Survivors
 from tccm_ros.surfaces.drafts import Group
-from tccm_ros.surfaces.views import View
+from tccm_ros.surfaces.views import View, first_numbers
 
 __all__ = ["Lineage"]
 
@@ -26,13 +26,16 @@ class Lineage:
     """
 
     def __init__(self, views: list[View], left: Survivors):
-        first = [0]
-        for view in views:
-            first.append(first[-1] + len(view.patches))
-        stamps = [v.stamp_ns for v in views for _ in v.patches]
-        self._oldest = list(range(first[-1]))
-        self._first_seen = stamps.copy()
-        self._last_seen = stamps.copy()
+        self._oldest: dict[int, int] = {}
+        self._first_seen: dict[int, int] = {}
+        self._last_seen: dict[int, int] = {}
+        first = first_numbers(views)
+        for start, view in zip(first, views):
+            for p, patch in enumerate(view.patches):
+                number, seen = patch.number, patch.first_seen_ns
+                self._oldest[start + p] = start + (p if number is None else number)
+                self._first_seen[start + p] = view.stamp_ns if seen is None else seen
+                self._last_seen[start + p] = view.stamp_ns
         for v, view in enumerate(views):
             for p in range(len(view.patches)):
                 if (v, p) in left.heirs and not left.keep[v][p].any():

@@ -6,6 +6,8 @@ split surfaces, and so that neither arrival order nor history can show in it.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,14 +16,14 @@ from numpy.typing import NDArray
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform
 from tccm_ros.records import Surface, SurfaceCloud, SurfaceSighting, ViewIntervals
-from tccm_ros.surfaces.carving import carve
+from tccm_ros.surfaces.carving import carve, superseded
 from tccm_ros.surfaces.drafts import Draft, PlacedPatch, draft_surface, merge, surviving_patches
 from tccm_ros.surfaces.floor import find_floor, is_floor
 from tccm_ros.surfaces.labels import Label, label_surfaces
 from tccm_ros.surfaces.lineage import Lineage
 from tccm_ros.surfaces.outline import polygon_rings
 from tccm_ros.surfaces.patch_planes import fit_plane
-from tccm_ros.surfaces.views import View, empty_view, with_cloud, with_intervals
+from tccm_ros.surfaces.views import View, empty_view, heir_of, with_cloud, with_intervals
 
 __all__ = ["MappedSurfaces", "SurfaceMap", "ViewPlacement", "default_tilt_covariance"]
 
@@ -29,6 +31,10 @@ Float64 = NDArray[np.float64]
 
 LEAN = (0.005, 0.00524, 0.00524)
 """z (m), roll and pitch (rad) of a base that nothing is known about (DESIGN section 7)."""
+
+
+UNSETTLED = 8
+"""So many of the newest views may still get company from a late one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,6 +93,7 @@ class SurfaceMap:
         self._config = config
         self._session = session
         self._views: dict[tuple[int, int], View] = {}
+        self._judged = (-1, -1)
 
     def add(self, record: SurfaceCloud | ViewIntervals) -> None:
         """Take one half of a hand-over; the other half is found by its stamp.
@@ -104,6 +111,31 @@ class SurfaceMap:
     def add_view(self, view: View) -> None:
         """Take a view as it is: from a saved map."""
         self._views[view.key] = view
+
+    def forget(self, has_stood: Callable[[int, int], bool]) -> None:
+        """Forget views that the next one, taken at the same place without a move, makes idle.
+
+        The newest views are not judged yet: arrival order must not show.
+
+        Parameters
+        ----------
+        has_stood
+            Tells of two stamps of this session whether the base was at one place.
+        """
+        own = [view for view in self.views if view.session == self._session]
+        for older, newer in itertools.pairwise(own[: -UNSETTLED or None]):
+            if newer.key <= self._judged:
+                continue
+            self._judged = newer.key
+            # What the pair before has made of the older one counts, and what this one makes of
+            # the newer one is seen by the next.
+            older, newer = self._views[older.key], self._views[newer.key]
+            heirs = None
+            if has_stood(older.stamp_ns, newer.stamp_ns):
+                heirs = superseded(older, newer, self._config)
+            if heirs is not None:
+                del self._views[older.key]
+                self._views[newer.key] = heir_of(older, newer, heirs)
 
     @property
     def views(self) -> list[View]:

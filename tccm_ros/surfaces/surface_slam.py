@@ -48,6 +48,9 @@ SurfaceRecord = (
     | ViewIntervals
 )
 
+STOOD = (0.01, 0.005)
+"""A base that moved no more than this (m, rad) has stood."""
+
 TILT_ORDER = [5, 0, 1]
 """z, roll and pitch in GTSAM's order (roll, pitch, yaw, x, y, z)."""
 
@@ -151,11 +154,19 @@ class SurfaceSlam:
         if isinstance(record, SurfaceCloud | ViewIntervals):
             self.counts["clouds" if isinstance(record, SurfaceCloud) else "views"] += 1
             self.map.add(record)
+            self.map.forget(self._has_stood)
             return []
         posed = self.sync.add(record)
         if self.sync.jumps != self._jumps:
             self._start_again()
         return self._match(posed)
+
+    def _has_stood(self, first_ns: int, last_ns: int) -> bool:
+        """Tell whether the base was at one place at two stamps."""
+        motion = self.walls.motion_between(first_ns, last_ns)
+        if motion is None:
+            return False
+        return bool(np.hypot(motion[0], motion[1]) <= STOOD[0] and abs(motion[2]) <= STOOD[1])
 
     def _start_again(self) -> None:
         """Forget everything that has a stamp: the clock went back."""
@@ -219,8 +230,7 @@ class SurfaceSlam:
         slam = self.walls.solve(stamps, every_covariance=every_covariance)
         if not self.config.surfaces.registration or len(views) < 2:
             return slam
-        known = _placement(slam)
-        factors = register_views(views, known.T_map_view, known.cov_tilt, self.config)
+        factors = register_views(views, slam, self.config)
         if not factors:
             return slam
         return self.walls.solve(stamps, factors, every_covariance=every_covariance)

@@ -17,6 +17,9 @@ __all__ = ["pack_views", "unpack_views"]
 
 Arrays = dict[str, NDArray[Any]]
 
+ABSENT = np.iinfo(np.int64).min
+"""Stands for None."""
+
 
 def pack_views(views: Sequence[View]) -> Arrays:
     """Return the arrays of views: rows of all views follow each other, counts say whose."""
@@ -26,6 +29,7 @@ def pack_views(views: Sequence[View]) -> Arrays:
         "stamp_ns": np.array([v.stamp_ns for v in views], np.int64),
         "session": np.array([v.session for v in views], np.int64),
         "reach": np.array([v.reach for v in views], float),
+        "forgotten": np.array([v.forgotten for v in views], np.int64),
         "patches": np.array([len(v.patches) for v in views], np.int64),
         "free": np.array([len(v.free.keys) for v in views], np.int64),
         "free_cell_size": np.array([v.free.cell_size for v in views], float),
@@ -39,6 +43,10 @@ def pack_views(views: Sequence[View]) -> Arrays:
         "mean": np.array([p.mean for p in patches], float).reshape(-1, 3),
         "cov": np.array([p.cov for p in patches], float).reshape(-1, 3, 3),
         "spacing": np.array([p.spacing for p in patches], float),
+        "number": np.array([ABSENT if p.number is None else p.number for p in patches], np.int64),
+        "first_seen_ns": np.array(
+            [ABSENT if p.first_seen_ns is None else p.first_seen_ns for p in patches], np.int64
+        ),
         "outline_bytes": np.array([len(o) for o in outlines], np.int64),
         "outlines": _joined(outlines, np.uint8),
     }
@@ -74,6 +82,8 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
             a["cov"][k],
             polygons_of(shapely.from_wkb(outline.tobytes())),
             float(a["spacing"][k]),
+            _present(a, "number", k),
+            _present(a, "first_seen_ns", k),
         )
         for k, (points, weights, outline) in enumerate(
             zip(
@@ -94,9 +104,16 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
             FreeColumns(float(a["free_cell_size"][v]), *columns),
             float(a["reach"][v]),
             int(a["session"][v]),
+            int(a["forgotten"][v]) if "forgotten" in a else 0,
         )
         for v, columns in enumerate(free)
     ]
+
+
+def _present(a: Mapping[str, NDArray[Any]], name: str, k: int) -> int | None:
+    """Return an entry that may be None, or absent altogether in maps of older versions."""
+    value = int(a[name][k]) if name in a else ABSENT
+    return None if value == ABSENT else value
 
 
 def _split(rows: NDArray[Any], counts: NDArray[np.int64]) -> list[NDArray[Any]]:

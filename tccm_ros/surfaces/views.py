@@ -6,6 +6,7 @@ cloud, the outline of each patch and the free intervals that the cycle looked th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +25,9 @@ __all__ = [
     "View",
     "column_keys",
     "empty_view",
+    "first_numbers",
     "free_columns",
+    "heir_of",
     "thin_cloud",
     "with_cloud",
     "with_intervals",
@@ -56,6 +59,11 @@ class Patch:
         In x and y of the base frame.
     spacing
         Distance between neighbouring points or sweep lines, m.
+    number
+        Of the oldest patch that this one replaced, counted from the first patch of its view (so
+        it is negative); None where it is the first.
+    first_seen_ns
+        Stamp of the oldest patch that this one replaced; None where it is the first.
     """
 
     points: NDArray[np.float32]
@@ -65,6 +73,8 @@ class Patch:
     cov: Float64
     outline: MultiPolygon
     spacing: float
+    number: int | None = None
+    first_seen_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,6 +127,8 @@ class View:
         Largest horizontal distance from the base of anything in the view, m.
     session
         Runs of the robot on one map are counted from 0; stamps may repeat over sessions.
+    forgotten
+        Patches of older views of the same place that this one replaced and that are not kept.
     """
 
     stamp_ns: int
@@ -124,6 +136,7 @@ class View:
     free: FreeColumns
     reach: float
     session: int = 0
+    forgotten: int = 0
 
     @property
     def key(self) -> tuple[int, int]:
@@ -224,6 +237,38 @@ def _patch(
     mean = exact.mean(axis=0)
     cov = (exact - mean).T @ (exact - mean) / len(exact)
     return Patch(thinned, weights, len(points), mean, cov, outline, spacing)
+
+
+def first_numbers(views: list[View]) -> list[int]:
+    """Return the number of the first patch of each view; forgotten patches keep theirs."""
+    numbers, after = [], 0
+    for view in views:
+        numbers.append(after + view.forgotten)
+        after = numbers[-1] + len(view.patches)
+    return numbers
+
+
+def heir_of(older: View, newer: View, heirs: Mapping[int, int]) -> View:
+    """Return the newer view with what names the patches of an older one, which is to be forgotten.
+
+    Parameters
+    ----------
+    older, newer
+        Neighbours in the order of views.
+    heirs
+        For patches of the older view, the patch of the newer one that replaced it.
+    """
+    patches = list(newer.patches)
+    for p, q in sorted(heirs.items()):
+        patch, own = older.patches[p], patches[q]
+        number = (p if patch.number is None else patch.number) - len(older.patches)
+        seen = older.stamp_ns if patch.first_seen_ns is None else patch.first_seen_ns
+        if own.number is None or number < own.number:
+            patches[q] = replace(own, number=number)
+        if own.first_seen_ns is None or seen < own.first_seen_ns:
+            patches[q] = replace(patches[q], first_seen_ns=seen)
+    forgotten = newer.forgotten + older.forgotten + len(older.patches)
+    return replace(newer, patches=tuple(patches), forgotten=forgotten)
 
 
 def empty_view(stamp_ns: int, session: int, config: Config) -> View:

@@ -1,0 +1,210 @@
+"""The experiments of docs/surfaces.md, as Markdown: python bench/experiments_surfaces.py
+
+- the table of the surface mapping paper's Section V on the simulated flat, published and ours;
+- its main claim: views on full-SLAM poses against views frozen at the estimate of their time,
+  before and after registration, on the flat and on the ring;
+- flats at random: which surfaces are found, how well, and what is false.
+"""
+
+from __future__ import annotations
+
+import argparse
+import bisect
+import json
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(Path(__file__).resolve().parent)]
+
+from random_flats import random_flat  # noqa: E402
+
+from tccm_ros.config import Config  # noqa: E402
+from tccm_ros.evaluate.surfaces import SurfaceScore, score_surfaces  # noqa: E402
+from tccm_ros.geometry import inverse, spatial, transform  # noqa: E402
+from tccm_ros.io.exports import surfaces_table  # noqa: E402
+from tccm_ros.pipeline import Pipeline  # noqa: E402
+from tccm_ros.sim import Options, Simulation, build_world, truth  # noqa: E402
+from tccm_ros.sim.engine import EPOCH_NS  # noqa: E402
+from tccm_ros.sim.world import World  # noqa: E402
+from tccm_ros.surfaces.surface_slam import SurfaceSolution  # noqa: E402
+
+Array = NDArray[np.float64]
+
+HARD = Options(sigma=0.006, odometry=2.0, heading_drift=0.02)
+"""6 mm of noise, and odometry with twice the usual errors that turns away by 20 mrad/m."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One simulated drive: the pipeline at its end, the truth, and live poses by stamp."""
+
+    pipeline: Pipeline
+    simulation: Simulation
+    live: list[tuple[int, Array]]
+
+    def true_poses(self, stamps_ns: NDArray[np.int64]) -> Array:
+        """Return the true poses of the base in map, float64 (V, 4, 4)."""
+        times = (stamps_ns - EPOCH_NS) * 1e-9
+        return truth.map_from_world(self.simulation) @ self.simulation.true_poses(times)
+
+    def frozen_poses(self, stamps_ns: NDArray[np.int64]) -> Array:
+        """Return what was believed at the time of each stamp, float64 (V, 4, 4)."""
+        known = [stamp for stamp, _ in self.live]
+        rows = [max(bisect.bisect_right(known, int(s)) - 1, 0) for s in stamps_ns]
+        return spatial(np.array([self.live[row][1] for row in rows]))
+
+
+def play(world: World, seed: int, options: Options, config: Config) -> Run:
+    """Drive through a world and feed the pipeline."""
+    simulation = Simulation(world, seed, options)
+    topics = simulation.rig.topics
+    roles = {
+        topics.tilt_scan: "tilt_scan", topics.scan: "scan", topics.joint_states: "joint_states",
+        topics.odom: "odom", "/robot_description": "robot_description", "/tf_static": "tf_static",
+    }  # fmt: skip
+    pipeline, live = Pipeline(config, expects_odometry=True), [(-1, np.zeros(3))]
+    for message in simulation.run():
+        for record in message.records:
+            pipeline.add(roles[message.topic], record)
+        pose = pipeline.slam.current_pose()
+        if pose.stamp_ns > live[-1][0]:
+            live.append((pose.stamp_ns, pose.pose))
+    pipeline.finish()
+    return Run(pipeline, simulation, live)
+
+
+def solve(run: Run, *, registration: bool = True) -> SurfaceSolution:
+    """Build the map, with or without the registration of views."""
+    slam = run.pipeline.slam
+    surfaces = slam.config.surfaces.model_copy(update={"registration": registration})
+    slam.config = slam.config.model_copy(update={"surfaces": surfaces})
+    return slam.solve()
+
+
+def misalignments(solution: SurfaceSolution, T_map_view: Array, T_true: Array) -> Array:
+    """Return how far apart two views put a surface that both saw, float64 (N, 3), m.
+
+    Each view puts the surface's middle where its own pose is wrong; floors are left out.
+    """
+    error = T_map_view @ inverse(T_true)
+    rows = [np.zeros((0, 3))]
+    for surface, members in zip(solution.surfaces, solution.mapped.members):
+        views = sorted({member.view for member in members})
+        if surface.label == "floor" or len(views) < 2:
+            continue
+        middle = np.asarray(surface.centroid)[None]
+        places = np.concatenate([transform(error[v], middle) for v in views])
+        a, b = np.triu_indices(len(views), 1)
+        rows.append(places[a] - places[b])
+    return np.concatenate(rows)
+
+
+def score(solution: SurfaceSolution, simulation: Simulation) -> SurfaceScore:
+    """Compare a map with the truth of its world."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "found.json").write_text(
+            json.dumps(surfaces_table(solution.surfaces, solution.floor_z, "map"))
+        )
+        (folder / "truth.json").write_text(json.dumps(truth.surfaces(simulation)))
+        return score_surfaces(folder / "found.json", folder / "truth.json")
+
+
+def pair(values: Array) -> str:
+    """Return mean and largest, mm."""
+    if not len(values):
+        return "-"
+    return f"{1e3 * values.mean():.1f} / {1e3 * values.max():.1f}"
+
+
+def claim(name: str, run: Run) -> Iterator[str]:
+    """Yield rows: frozen poses, full SLAM, and full SLAM with registered views."""
+    before, after = solve(run, registration=False), solve(run)
+    stamps = after.view_stamps_ns
+    true = run.true_poses(stamps)
+    for kind, solution, poses in (
+        ("frozen at their time", after, run.frozen_poses(stamps)),
+        ("full SLAM", before, before.T_map_views),
+        ("full SLAM, registered", after, after.T_map_views),
+    ):
+        place = np.linalg.norm(poses[:, :2, 3] - true[:, :2, 3], axis=1)
+        apart = misalignments(solution, poses, true)
+        flat, height = np.hypot(apart[:, 0], apart[:, 1]), np.abs(apart[:, 2])
+        yield f"| {name} | {kind} | {pair(place)} | {len(apart)} | {pair(flat)} | {pair(height)} |"
+
+
+def section_five(ours: Run, seed_run: Run) -> None:
+    """Print which surfaces of the flat either pipeline finds."""
+    print("### Section V: the published pipeline and ours on the flat\n")
+    ours_map, seed_map = solve(ours), solve(seed_run, registration=False)
+    a, b = score(seed_map, seed_run.simulation), score(ours_map, ours.simulation)
+    views = [{s.id: len(s.views) for s in m.surfaces} for m in (seed_map, ours_map)]
+    print("| surface | published: overlap | mm | views | ours: overlap | mm | views |")
+    print("|---|---|---|---|---|---|---|")
+    for old, new in zip(a.matches, b.matches):
+        cells = []
+        for match, count in ((old, views[0]), (new, views[1])):
+            if match.is_found and match.found is not None:
+                cells += [f"{match.overlap:.2f}", f"{1e3 * match.height_error:+.1f}"]
+                cells.append(str(count[match.found]))
+            else:
+                cells += ["missed", "", ""]
+        print(f"| {old.label} | {' | '.join(cells)} |")
+    print(f"| found | {a.found} of {len(a.matches)} | | | {b.found} of {len(b.matches)} | | |")
+    print(f"| false, 0.1 m2 and more | {len(a.false)} | | | {len(b.false)} | | |\n")
+
+
+def flats(count: int) -> None:
+    """Print how well flats at random are found, every other one with `HARD` noise."""
+    print("### Flats at random, surfaces of 0.1 m2 and more\n")
+    print("| flat | noise | surfaces | found | overlap >= 0.7 | largest height error, mm | false |")
+    print("|---|---|---|---|---|---|---|")
+    for seed in range(1, count + 1):
+        options = HARD if seed % 2 else Options()
+        run = play(random_flat(seed, options), seed, options, Config())
+        result = score(solve(run), run.simulation)
+        large = [match for match in result.matches if match.area >= 0.1]
+        errors = [abs(match.height_error) for match in large if match.is_found]
+        good = sum(match.overlap >= 0.7 for match in large)
+        print(
+            f"| {seed} | {'hard' if seed % 2 else 'usual'} | {len(large)} | "
+            f"{sum(match.is_found for match in large)} | {good} | "
+            f"{1e3 * max(errors, default=0.0):.1f} | {len(result.false)} |",
+            flush=True,
+        )
+    print()
+
+
+def main() -> None:
+    """Run all of them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--flats", type=int, default=8, help="how many flats at random")
+    arguments = parser.parse_args()
+    config, options = Config(), Options()
+    flat = play(build_world("flat", options), 1, options, config)
+    seed_surfaces = config.surfaces.model_copy(update={"segmentation": "seed"})
+    published = config.model_copy(update={"surfaces": seed_surfaces})
+    section_five(flat, play(build_world("flat", options), 1, options, published))
+    print(
+        "### Views on full-SLAM poses, and frozen at the estimate of their time; mean / max, mm\n"
+    )
+    print("| world | poses | error of the views | pairs | apart in x, y | apart in height |")
+    print("|---|---|---|---|---|---|")
+    runs = [("flat", flat)]
+    for name, world, extra in (("flat, hard", "flat", HARD), ("ring", "ring", Options())):
+        runs.append((name, play(build_world(world, extra), 1, extra, config)))
+    for name, run in runs:
+        print("\n".join(claim(name, run)), flush=True)
+    print()
+    flats(arguments.flats)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,287 @@
+"""Match the sides that two views saw of the same surfaces: their relative pose in x, y and yaw.
+
+A side is a line: it measures the distance across itself, and a heading. Sides of one table face
+different ways, so that one table in common is often enough; where all sides are parallel, the pose
+along them stays open and the covariance says so. Hypotheses from pairs of sides are compared
+before one is refined, so that a second place that fits nearly as well is seen and refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.geometry import transform2, wrap_angle
+from tccm_ros.surfaces.sides import Sides
+
+__all__ = ["SideMatch", "match_sides"]
+
+Float64 = NDArray[np.float64]
+
+LEAST_OVERLAP = 0.12
+"""Sides that share less than this along themselves (m) are not matched."""
+
+TURN_GATE = np.radians(12.0)
+"""Short sides are seen turned by a few degrees; further apart they are different sides."""
+
+INLIER = 3.0
+"""Standard deviations within which two sides are one."""
+
+CROSSING = 0.4
+"""Two sides at this sine of their angle, or more, fix a position."""
+
+MOST_LENGTH = 1.0
+"""A longer side (m) has no more votes than this one."""
+
+AMBIGUOUS = 0.75
+"""A second place with this share of the best one's votes makes a match ambiguous."""
+
+APART = (0.05, np.radians(4.0))
+"""Places further apart than this (m, rad) are different places."""
+
+LEAST_SIDES, LEAST_VOTES = 2, 0.5
+"""A match has so many sides and so many metres of them."""
+
+SEARCHED, SEARCHED_SIDES = 0.06, 3
+"""Where more than this (m) was searched, chance agrees more often: so many sides are asked for."""
+
+MOST_PAIRS = 400
+"""Hypotheses are made of so many pairs, the longest sides first."""
+
+ROUNDS = 8
+BLIND = 0.3
+"""Standard deviation (m, rad) of what the sides leave open: there a match stays where it began."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SideMatch:
+    """How one view lies to another.
+
+    Attributes
+    ----------
+    pose
+        float64 (3,), planar pose of the second view in the first.
+    cov
+        float64 (3, 3) of (x, y, yaw) in the second view's frame; `BLIND` where nothing tells.
+    sides
+        How many sides agree.
+    """
+
+    pose: Float64
+    cov: Float64
+    sides: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pairs:
+    """Candidates: side `a` of the first view may be side `b` of the second.
+
+    `normal` and `anchor` float64 (M, 2) are of the first, `middle` (M, 2) and `outward` (M, 2) of
+    the second view, each in its own frame; `sigma` (M,) across, `turn_sigma` (M,), `votes` (M,).
+    """
+
+    a: NDArray[np.int64]
+    b: NDArray[np.int64]
+    normal: Float64
+    anchor: Float64
+    middle: Float64
+    outward: Float64
+    sigma: Float64
+    turn_sigma: Float64
+    votes: Float64
+
+
+def match_sides(
+    first: Sides, second: Sides, start: Float64, cov_start: Float64, height_gate: float
+) -> SideMatch | None:
+    """Find the pose of `second` in `first`; None where nothing is certain.
+
+    Parameters
+    ----------
+    first, second
+        Sides in levelled frames with common height.
+    start
+        float64 (3,), the pose as known so far.
+    cov_start
+        float64 (3, 3), how well it is known: the search covers three standard deviations.
+    height_gate
+        Sides of one surface do not differ more in height, m.
+    """
+    reach = INLIER * np.sqrt(max(np.linalg.eigvalsh(cov_start[:2, :2])[1], 0.0))
+    turn = INLIER * np.sqrt(max(cov_start[2, 2], 0.0))
+    pairs = _candidates(first, second, start, float(reach), float(turn), height_gate)
+    if len(pairs.a) == 0:
+        return None
+    trials = _hypotheses(pairs, start, float(reach), float(turn))
+    votes = np.array([_votes(pairs, trial) for trial in trials])
+    least = LEAST_SIDES if reach <= SEARCHED else SEARCHED_SIDES
+    best = _refine(pairs, trials[int(np.argmax(votes))], start, least)
+    if best is None or _has_rival(pairs, trials, votes, start, best):
+        return None
+    return best
+
+
+def _candidates(
+    first: Sides, second: Sides, start: Float64, reach: float, turn: float, height_gate: float
+) -> _Pairs:
+    """Return the pairs of sides that may be one, from the pose known so far."""
+    middle = transform2(start, second.middle)
+    outward = transform2(np.array([0.0, 0.0, start[2]]), second.outward)
+    along = np.stack([-first.outward[:, 1], first.outward[:, 0]], axis=1)
+    apart = middle[None] - first.middle[:, None]
+    across = np.einsum("abk,ak->ab", apart, first.outward)
+    beside = np.abs(np.einsum("abk,ak->ab", apart, along))
+    shared = 0.5 * (first.length[:, None] + second.length[None]) - beside
+    shared = np.minimum(shared, np.minimum(first.length[:, None], second.length[None]))
+    sigma = np.hypot(first.sigma[:, None], second.sigma[None])
+    turned = np.arccos(np.clip(first.outward @ outward.T, -1.0, 1.0))
+    swing = turn * np.hypot(*second.middle.T)[None]
+    may = (np.abs(across) <= reach + swing + INLIER * sigma) & (turned <= TURN_GATE + turn)
+    may &= np.abs(first.height[:, None] - second.height[None]) <= height_gate
+    may &= shared + reach + swing >= LEAST_OVERLAP
+    a, b = np.nonzero(may)
+    shortest = np.minimum(first.length[a], second.length[b])
+    return _Pairs(
+        a,
+        b,
+        first.outward[a],
+        first.middle[a],
+        second.middle[b],
+        second.outward[b],
+        sigma[a, b],
+        np.hypot(first.turn_sigma[a], second.turn_sigma[b]),
+        np.minimum(shortest, MOST_LENGTH),
+    )
+
+
+def _hypotheses(pairs: _Pairs, start: Float64, reach: float, turn: float) -> Float64:
+    """Return poses (H, 3): the start, and what two crossing sides say together."""
+    trials = [start]
+    order = np.argsort(-pairs.votes, kind="stable")
+    for i, m in enumerate(order.tolist()):
+        for n in order[:i].tolist():
+            if pairs.a[m] == pairs.a[n] or pairs.b[m] == pairs.b[n]:
+                continue
+            cross = (
+                pairs.normal[m, 0] * pairs.normal[n, 1] - pairs.normal[m, 1] * pairs.normal[n, 0]
+            )
+            if abs(cross) < CROSSING:
+                continue
+            trial = _solve(pairs, np.array([m, n]), start, np.ones(2))
+            moved = trial - start
+            if np.hypot(*moved[:2]) <= reach + 0.02 and abs(wrap_angle(moved[2])) <= turn + 0.02:
+                trials.append(trial)
+            if len(trials) > MOST_PAIRS:
+                return np.array(trials)
+    return np.array(trials)
+
+
+def _residuals(pairs: _Pairs, use: NDArray[np.int64], pose: Float64) -> tuple[Float64, Float64]:
+    """Return distance across (m) and turn (rad) of pairs at a pose, each over its deviation."""
+    normal = pairs.normal[use]
+    across = np.sum((transform2(pose, pairs.middle[use]) - pairs.anchor[use]) * normal, axis=1)
+    outward = transform2(np.array([0.0, 0.0, pose[2]]), pairs.outward[use])
+    turned = np.arctan2(
+        normal[:, 0] * outward[:, 1] - normal[:, 1] * outward[:, 0],
+        np.sum(normal * outward, axis=1),
+    )
+    return across / pairs.sigma[use], turned / pairs.turn_sigma[use]
+
+
+def _solve(pairs: _Pairs, use: NDArray[np.int64], start: Float64, weight: Float64) -> Float64:
+    """Run weighted Gauss-Newton on pairs, all of which count; what they leave open stays."""
+    pose, prior = start, np.eye(3) / BLIND**2
+    for _ in range(3):
+        J, r = _system(pairs, use, pose)
+        W = np.r_[weight, weight][:, None]
+        moved = np.array([*(pose - start)[:2], wrap_angle(pose[2] - start[2])])
+        pose = pose - np.linalg.solve((J * W).T @ J + prior, (J * W).T @ r + prior @ moved)
+    return np.array([pose[0], pose[1], float(wrap_angle(pose[2]))])
+
+
+def _system(pairs: _Pairs, use: NDArray[np.int64], pose: Float64) -> tuple[Float64, Float64]:
+    """Return Jacobian (2M, 3) over (x, y, yaw) of `pose` and residuals (2M,)."""
+    across, turned = _residuals(pairs, use, pose)
+    arm = transform2(np.array([0.0, 0.0, pose[2]]), pairs.middle[use])
+    normal = pairs.normal[use]
+    swing = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
+    J = np.zeros((2 * len(use), 3))
+    J[: len(use)] = np.column_stack([normal, swing]) / pairs.sigma[use, None]
+    J[len(use) :, 2] = 1.0 / pairs.turn_sigma[use]
+    return J, np.r_[across, turned]
+
+
+def _votes(pairs: _Pairs, pose: Float64) -> float:
+    """Return the metres of sides that agree at a pose: each side of the second view once."""
+    return float(pairs.votes[_agreeing(pairs, pose)].sum())
+
+
+def _agreeing(pairs: _Pairs, pose: Float64) -> NDArray[np.int64]:
+    """Return the pairs that agree at a pose, one for each side of either view."""
+    across, turned = _residuals(pairs, np.arange(len(pairs.a)), pose)
+    miss = np.maximum(np.abs(across), np.abs(turned))
+    chosen: list[int] = []
+    seen_a: set[int] = set()
+    seen_b: set[int] = set()
+    for m in np.argsort(miss, kind="stable").tolist():
+        if miss[m] > INLIER:
+            break
+        if pairs.a[m] not in seen_a and pairs.b[m] not in seen_b:
+            chosen.append(m)
+            seen_a.add(int(pairs.a[m]))
+            seen_b.add(int(pairs.b[m]))
+    return np.array(sorted(chosen), np.int64)
+
+
+def _has_rival(
+    pairs: _Pairs, trials: Float64, votes: Float64, start: Float64, best: SideMatch
+) -> bool:
+    """Tell whether a trial that is refined to another place gets nearly as many votes."""
+    enough = AMBIGUOUS * _votes(pairs, best.pose)
+    for trial in trials[(votes > enough) & _is_apart(trials, best.pose)]:
+        other = _refine(pairs, trial, start, LEAST_SIDES)
+        if other is None or not _is_apart(other.pose[None], best.pose)[0]:
+            continue
+        if _votes(pairs, other.pose) > enough:
+            return True
+    return False
+
+
+def _is_apart(poses: Float64, pose: Float64) -> NDArray[np.bool_]:
+    """Tell which poses (N, 3) are at another place than a pose (3,)."""
+    moved = poses - pose
+    far = np.hypot(moved[:, 0], moved[:, 1]) > APART[0]
+    return np.asarray(far | (np.abs(wrap_angle(moved[:, 2])) > APART[1]))
+
+
+def _refine(pairs: _Pairs, trial: Float64, start: Float64, least: int) -> SideMatch | None:
+    """Fit the pose to all pairs that agree, with weights that forget outliers."""
+    pose = trial
+    use = _agreeing(pairs, pose)
+    for _ in range(ROUNDS):
+        if len(use) < least:
+            return None
+        across, turned = _residuals(pairs, use, pose)
+        weight = 1.0 / (1.0 + np.maximum(across**2, turned**2) / INLIER**2)
+        moved = _solve(pairs, use, start, weight)
+        use = _agreeing(pairs, moved)
+        done = np.abs(moved - pose).max() < 1e-7
+        pose = moved
+        if done:
+            break
+    if len(use) < least or pairs.votes[use].sum() < LEAST_VOTES:
+        return None
+    return SideMatch(pose, _covariance(pairs, use, pose), len(use))
+
+
+def _covariance(pairs: _Pairs, use: NDArray[np.int64], pose: Float64) -> Float64:
+    """Return the covariance of (x, y, yaw) in the second view's frame, `BLIND` where open."""
+    J, r = _system(pairs, use, pose)
+    scatter = max(1.0, float(r @ r) / max(len(r) - 3, 1))
+    information = J.T @ J / scatter + np.eye(3) / BLIND**2
+    R = np.eye(3)
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    R[:2, :2] = [[c, -s], [s, c]]
+    return np.asarray(R.T @ np.linalg.inv(information) @ R)

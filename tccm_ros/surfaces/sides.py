@@ -1,0 +1,204 @@
+"""Sides of surfaces: the straight edges at which a view saw a surface really end.
+
+Most of a patch's outline is no edge of the surface: there the sweep ended, or something hid the
+rest. A side counts where the view looked *through* the place just beyond it. A side is placed
+where the surface is expected to end: beyond the last point by what the sampling across it left
+open, which is also how uncertain it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from tccm_ros.surfaces.views import FreeColumns, Patch, View
+
+__all__ = ["Sides", "find_sides"]
+
+Float64 = NDArray[np.float64]
+
+STRAIGHT = 0.02
+"""An outline is cut into straight sides within this, m."""
+
+LEAST_LENGTH = 0.2
+"""Shorter sides (m) have no direction."""
+
+INSIDE, OUTSIDE = 0.12, 0.05
+"""Points this far (m) inside and outside of an outline's side may lie along the edge."""
+
+LEAST_BINS = 5
+"""A line is fitted to at least so many points."""
+
+BEYOND = (0.10, 0.15)
+"""So far outside of a side (m) the view must have looked through."""
+
+SEEN_THROUGH = 0.8
+"""Along this share of the side."""
+
+CLEAR = 0.02
+"""Looked through: this far (m) from the ends of the free interval."""
+
+SIGMA = 0.004
+"""Standard deviation of the best side, m: range noise and mixed pixels."""
+
+FIT_ROUNDS = 6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sides:
+    """The sides that one view saw, seen from above in the frame that its patches are in.
+
+    Attributes
+    ----------
+    patch
+        int64 (S,), index of the patch in the view.
+    middle
+        float64 (S, 2), m.
+    outward
+        float64 (S, 2), unit: away from the surface.
+    length
+        float64 (S,), m.
+    height
+        float64 (S,), of the surface at the side, m.
+    sigma
+        float64 (S,), standard deviation across the side, m.
+    """
+
+    patch: NDArray[np.int64]
+    middle: Float64
+    outward: Float64
+    length: Float64
+    height: Float64
+    sigma: Float64
+
+    def __len__(self) -> int:
+        return len(self.patch)
+
+    @property
+    def turn_sigma(self) -> Float64:
+        """Standard deviations of the headings, float64 (S,), rad: errors spread along the sides."""
+        return np.sqrt(12.0) * self.sigma / self.length
+
+    def chosen(self, keep: NDArray[np.bool_]) -> Sides:
+        """Return some of the sides; `keep` is bool (S,)."""
+        return Sides(*(getattr(self, field.name)[keep] for field in fields(self)))
+
+    def moved(self, middle: Float64, height: Float64) -> Sides:
+        """Return the sides at other places (S, 2) and heights (S,)."""
+        return replace(self, middle=middle, height=height)
+
+
+def find_sides(view: View) -> Sides:
+    """Return the sides of a view's patches."""
+    rows = []
+    for p, patch in enumerate(view.patches):
+        for part in patch.outline.geoms:
+            ring = shapely.geometry.polygon.orient(part.simplify(STRAIGHT), 1.0).exterior
+            corners = np.asarray(ring.coords)
+            for start, end in pairwise(corners):
+                side = _side(patch, view.free, start, end)
+                if side is not None:
+                    rows.append((float(p), *side))
+    table = np.array(rows).reshape(-1, 8)
+    return Sides(
+        table[:, 0].astype(np.int64),
+        table[:, 1:3],
+        table[:, 3:5],
+        table[:, 5],
+        table[:, 6],
+        table[:, 7],
+    )
+
+
+def _side(
+    patch: Patch, free: FreeColumns, start: Float64, end: Float64
+) -> tuple[float, float, float, float, float, float, float] | None:
+    """Fit a side from `start` to `end`, the surface to its left; None: no edge of the surface."""
+    length = float(np.hypot(*(end - start)))
+    if length < LEAST_LENGTH:
+        return None
+    along = (end - start) / length
+    outward = np.array([along[1], -along[0]])
+    edge = _edge_points(patch, start, along, outward, length)
+    if edge is None:
+        return None
+    at, across, gap = edge
+    offset, slope, spread = _fit_line(at - 0.5 * length, across)
+    middle = start + 0.5 * length * along + offset * outward
+    height = float(patch.mean[2])
+    if not _ends(free, middle, along, outward, length, height):
+        return None
+    outward = (outward - slope * along) / np.hypot(1.0, slope)
+    open_, sigma = _unseen(patch.spacing, gap, outward, middle)
+    sigma = float(np.sqrt(sigma**2 + SIGMA**2 + spread**2 / len(at)))
+    middle = middle + open_ * outward
+    return (*middle.tolist(), *outward.tolist(), length, height, sigma)
+
+
+def _edge_points(
+    patch: Patch, start: Float64, along: Float64, outward: Float64, length: float
+) -> tuple[Float64, Float64, float] | None:
+    """Return the outermost points, binned along a side: where along it, how far out, their gap."""
+    offset = patch.points[:, :2].astype(np.float64) - start
+    at, across = offset @ along, offset @ outward
+    near = (at > 0.0) & (at < length) & (across > -INSIDE) & (across < OUTSIDE)
+    at, across = at[near], across[near]
+    bins = np.floor(at / max(patch.spacing, STRAIGHT)).astype(np.int64)
+    order = np.lexsort((-across, bins))
+    bins, at, across = bins[order], at[order], across[order]
+    first = np.flatnonzero(np.r_[True, np.diff(bins) > 0]) if len(bins) else np.zeros(0, int)
+    first = first[np.diff(np.r_[first, len(bins)]) >= 2]
+    if len(first) < LEAST_BINS:
+        return None
+    return at[first], across[first], float(np.median(across[first] - across[first + 1]))
+
+
+def _fit_line(at: Float64, across: Float64) -> tuple[float, float, float]:
+    """Fit ``across = offset + slope * at`` robustly; return offset, slope and spread (m)."""
+    A = np.stack([np.ones(len(at)), at], axis=1)
+    weight = np.ones(len(at))
+    line: Float64 = np.zeros(2)
+    spread = 0.0
+    for _ in range(FIT_ROUNDS):
+        W = A * weight[:, None]
+        line = np.asarray(np.linalg.solve(W.T @ A + 1e-9 * np.eye(2), W.T @ across), np.float64)
+        residual = across - A @ line
+        spread = max(1.4826 * float(np.median(np.abs(residual))), 0.5 * SIGMA)
+        weight = 1.0 / (1.0 + (residual / (2.0 * spread)) ** 2)
+    return float(line[0]), float(line[1]), spread
+
+
+def _ends(
+    free: FreeColumns,
+    middle: Float64,
+    along: Float64,
+    outward: Float64,
+    length: float,
+    height: float,
+) -> bool:
+    """Tell whether the view looked through, beyond a side."""
+    places = np.linspace(-0.5, 0.5, max(int(length / 0.05), 2)) * (length - 0.1)
+    for beyond in BEYOND:
+        probe = middle + places[:, None] * along + beyond * outward
+        points = np.column_stack([probe, np.full(len(probe), height)])
+        through = free.contains(points, np.full(len(points), CLEAR))
+        if through.mean() >= SEEN_THROUGH:
+            return True
+    return False
+
+
+def _unseen(spacing: float, gap: float, outward: Float64, middle: Float64) -> tuple[float, float]:
+    """Return how far beyond the last points a surface is expected to end, and its deviation, m.
+
+    A sweep's lines run around the robot, `spacing` apart, and a line's beams `gap`. A far side
+    lies between the last line and the next. Of a line that runs across a side the last beam is
+    lost: it is a mixed pixel. A near side shows its front face: there the last points are at it.
+    """
+    ahead = float(outward @ middle / max(np.hypot(*middle), 1e-6))
+    line, beam = spacing * max(ahead, 0.0), gap * np.sqrt(max(1.0 - ahead**2, 0.0))
+    front = 0.15 * spacing * max(-ahead, 0.0)
+    return 0.5 * line + beam, float(np.sqrt((line**2 + beam**2) / 12.0 + front**2))

@@ -387,9 +387,9 @@ def memory(new_octomap) -> None:
         c, parts = ours.map.cuboids(), ours.map.parts
         newest = parts[-1]
         sizes = {
-            "one part map, geometry": 16 * len(newest),
-            "integration map, geometry (16 bytes a cuboid)": 16 * len(c),
-            "the same with moments": 88 * len(c),
+            "one part map, geometry": newest.cuboids().columns().nbytes,
+            "integration map, geometry (12 bytes a cell, 8 a cuboid)": c.columns().nbytes,
+            "the same with moments": c.columns().nbytes + 80 * len(c),
             "all it is made of: pieces and ten part maps with moments and times": (
                 ours.map.keys.nbytes + ours.map.pieces.nbytes
                 + sum(a.nbytes for p in parts for a in (p.keys, p.bounds, p.moments, p.seen_ns))

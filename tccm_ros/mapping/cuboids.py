@@ -11,13 +11,37 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["TICK", "TICKS_PER_M", "Cuboids"]
+__all__ = ["TICK", "TICKS_PER_M", "Columns", "Cuboids"]
 
 TICKS_PER_M = 10_000
 """Ticks in a metre."""
 
 TICK = 1.0 / TICKS_PER_M
 """One tick, m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Columns:
+    """The geometry of N cuboids alone, cell by cell: 12 bytes a cell and 8 a cuboid.
+
+    Attributes
+    ----------
+    keys
+        int64 (C,), the cells that hold something, rising; see `part.cell_keys`.
+    first
+        int32 (C + 1,): the cuboids of cell i are ``spans[first[i]:first[i + 1]]``.
+    spans
+        int32 (N, 2), bottom and top, ticks; rising within a cell.
+    """
+
+    keys: NDArray[np.int64]
+    first: NDArray[np.int32]
+    spans: NDArray[np.int32]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the arrays, bytes."""
+        return self.keys.nbytes + self.first.nbytes + self.spans.nbytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,6 +88,13 @@ class Cuboids:
         return np.stack(
             [np.rint(self.ix * ticks), np.rint(self.iy * ticks), np.zeros(len(self))], axis=1
         )
+
+    def columns(self) -> Columns:
+        """Return the geometry alone."""
+        keys = (self.ix.astype(np.int64) << 32) + self.iy
+        begins = np.flatnonzero(np.diff(keys, prepend=keys[:1] - 1))
+        first = np.append(begins, len(keys)).astype(np.int32)
+        return Columns(keys[begins], first, np.column_stack([self.bottom, self.top]))
 
     def mean(self) -> NDArray[np.float64]:
         """Return the mean of each cuboid's points, float64 (N, 3), m, in the map's frame."""

@@ -72,7 +72,7 @@ class MapQuery:
         self._map = map_
         self._free = seen_free
         self.cuboids = map_.cuboids()
-        self._keys = cell_keys(self.cuboids.ix, self.cuboids.iy)
+        self._columns = self.cuboids.columns()
         self._cell = round(self.cuboids.cell_size * TICKS_PER_M)
 
     def points(self, points: ArrayLike) -> NDArray[np.int8]:
@@ -102,8 +102,8 @@ class MapQuery:
         b = np.asarray(boxes, np.float64).reshape(-1, 6)
         ticks = np.floor(b * TICKS_PER_M + 0.5).astype(np.int64)
         hit = np.zeros(len(b), np.bool_)
-        spans = np.column_stack([self.cuboids.bottom, self.cuboids.top])
-        find_overlaps(self._keys, spans, ticks, self._cell, hit)
+        columns = self._columns
+        find_overlaps(columns.keys, columns.first, columns.spans, ticks, self._cell, hit)
         result = np.where(hit, Occupancy.OCCUPIED, Occupancy.UNKNOWN).astype(np.int8)
         for i in np.flatnonzero(~hit):
             if self._free is not None and self._is_free(b[i], spacing):
@@ -133,7 +133,7 @@ class MapQuery:
             return []
         c, pieces = self.cuboids, self._map.pieces
         inside = (
-            (self._map.keys == self._keys[at])
+            (self._map.keys == cell_keys(c.ix[at], c.iy[at]))
             & (pieces[:, 0] >= c.bottom[at])
             & (pieces[:, 1] <= c.top[at])
         )
@@ -187,9 +187,8 @@ class MapQuery:
         """Return the cuboid at each point, -1 for none."""
         ticks = np.floor(xyz * TICKS_PER_M + 0.5).astype(np.int64)
         wanted = cell_keys(ticks[:, 0] // self._cell, ticks[:, 1] // self._cell)
-        return find_cuboids(
-            self._keys, self.cuboids.bottom, self.cuboids.top, wanted, ticks[:, 2].copy()
-        )
+        columns, heights = self._columns, ticks[:, 2].copy()
+        return find_cuboids(columns.keys, columns.first, columns.spans, wanted, heights)
 
     def _is_free(self, box: Float64, spacing: float) -> bool:
         axes = [
@@ -232,31 +231,36 @@ def _first_of(keys: Any, key: Any) -> Any:
 
 
 @njit(nogil=True, cache=True)
-def find_cuboids(keys: Any, bottom: Any, top: Any, wanted: Any, heights: Any) -> Any:
-    """Return the cuboid at each (cell, height), int64 (N,), -1 for none; ends are inside."""
+def find_cuboids(keys: Any, first: Any, spans: Any, wanted: Any, heights: Any) -> Any:
+    """Return the cuboid at each (cell, height), int64 (N,), -1 for none; ends are inside.
+
+    `keys`, `first` and `spans` are those of `Columns`. Of two that touch there, the upper one.
+    """
     found = np.full(len(wanted), -1, np.int64)
     for i in range(len(wanted)):
-        k = _first_of(keys, wanted[i])
-        while k < len(keys) and keys[k] == wanted[i] and bottom[k] <= heights[i]:
-            if heights[i] <= top[k]:
+        at = _first_of(keys, wanted[i])
+        if at == len(keys) or keys[at] != wanted[i]:
+            continue
+        for k in range(first[at], first[at + 1]):
+            if spans[k, 0] <= heights[i] <= spans[k, 1]:
                 found[i] = k
-            k += 1
     return found
 
 
 @njit(nogil=True, cache=True)
-def find_overlaps(keys: Any, spans: Any, boxes: Any, cell: Any, hit: Any) -> None:
-    """Mark the boxes int64 (B, 6), ticks, that a cuboid of `spans` (N, 2) reaches into."""
+def find_overlaps(keys: Any, first: Any, spans: Any, boxes: Any, cell: Any, hit: Any) -> None:
+    """Mark the boxes int64 (B, 6), ticks, that a cuboid of the `Columns` reaches into."""
     for i in range(len(boxes)):
         x0, x1, y0, y1, z0, z1 = (
             boxes[i, 0] // cell, boxes[i, 1] // cell, boxes[i, 2] // cell,
             boxes[i, 3] // cell, boxes[i, 4], boxes[i, 5],
         )  # fmt: skip
         for ix in range(x0, x1 + 1):
-            k = _first_of(keys, (ix << 32) + y0)
+            at = _first_of(keys, (ix << 32) + y0)
             last = (ix << 32) + y1
-            while k < len(keys) and keys[k] <= last and not hit[i]:
-                hit[i] = spans[k, 0] <= z1 and spans[k, 1] >= z0
-                k += 1
+            while at < len(keys) and keys[at] <= last and not hit[i]:
+                for k in range(first[at], first[at + 1]):
+                    hit[i] |= spans[k, 0] <= z1 and spans[k, 1] >= z0
+                at += 1
             if hit[i]:
                 break

@@ -133,3 +133,22 @@ def test_an_empty_map_answers_too(points):
     assert query.boxes([[0, 1, 0, 1, 0, 1]]).tolist() == [UNKNOWN]
     assert np.isnan(query.height_map((0, 0.1, 0, 0.1))).all()
     assert query.trace([0, 0, 0]) == []
+
+
+def test_columns_hold_the_geometry():
+    # Twin: a dictionary of cells.
+    rng = np.random.default_rng(4)
+    points = np.column_stack([rng.integers(-300, 300, (200, 2)), rng.integers(-3000, 3000, 200)])
+    cuboids = part_of(points, 0, config()).cuboids()
+    cells = {}
+    for x, y, *span in zip(cuboids.ix, cuboids.iy, cuboids.bottom, cuboids.top, strict=True):
+        cells.setdefault((int(x), int(y)), []).append([int(v) for v in span])
+    columns = cuboids.columns()
+    found = {
+        key: columns.spans[a:b].tolist()
+        for key, a, b in zip(columns.keys.tolist(), columns.first, columns.first[1:], strict=False)
+    }
+    assert found == {(x << 32) + y: spans for (x, y), spans in sorted(cells.items())}
+    assert list(found) == sorted(found)
+    assert columns.nbytes == 12 * len(cells) + 4 + 8 * len(cuboids)
+    assert part_of([], 0, config()).cuboids().columns().first.tolist() == [0]

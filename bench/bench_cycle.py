@@ -83,7 +83,9 @@ def run_cycles(sweeps: list[Any], config: Config, all_stages: list[Stages]) -> N
         run("seen free", lambda s=sweep, T=T, w=view: seen.add(s.part.cycle, T, w))
         surfaces = run(
             "hand-over",
-            lambda s=sweep, f=fits, T=T, v=viewpoint: surface_cloud(s, f, T, v, "base", True),
+            lambda s=sweep, f=fits, T=T, v=viewpoint: surface_cloud(
+                s, f, config, T, v, "base", True
+            ),
         )
         result = CycleResult(
             cycle=sweep.part.cycle, stamp_ns=sweep.stamp_ns, start_ns=sweep.part.start_ns,

@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from tccm_ros.mapping.objects import smallest_rectangle
+from tccm_ros.mapping.footprints import convex_hull, rectangle
 from tccm_ros.mapping.placement import where_fits
 from tccm_ros.records import PlaneRecord, TabletopObject
 
@@ -62,9 +62,8 @@ def find_free_places(
         if plane.kind != "horizontal" or len(plane.boundary) < 3:
             continue
         things = [Polygon(o.footprint) for o in objects if o.plane == plane.id]
-        hull = Polygon(plane.boundary[:, :2])
         room = shapely.make_valid(Polygon(plane.boundary[:, :2], [h[:, :2] for h in plane.holes]))
-        yaw = smallest_rectangle(hull)[2]
+        yaw = rectangle(convex_hull(plane.boundary[:, :2]))[4]
         region = where_fits(room.difference(shapely.union_all(things)), size, yaw)
         result.append(FreePlaces(plane.id, tuple(_lift(r, plane) for r in region)))
     return result

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["FLAT", "axes_of", "gather", "plane_of", "residuals_of", "tangents"]
+__all__ = ["FLAT", "axes_of", "gather", "plane_of", "residuals_of", "tangents", "uncertainty_of"]
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int32]
@@ -142,6 +142,7 @@ def residuals_of(m: Array, nx: float, ny: float, nz: float, d: float) -> tuple[f
     return first - n * d, max(second - d * (2.0 * first - n * d), 0.0)
 
 
+@njit(nogil=True, cache=True)
 def tangents(normal: Array) -> tuple[Array, Array]:
     """Return the tangent directions (u, v) of a plane: u level, v up the slope, u x v = normal.
 
@@ -150,15 +151,60 @@ def tangents(normal: Array) -> tuple[Array, Array]:
     normal
         float64 (3,), unit. For a level plane u is x and v is y (-y where the normal points down).
     """
-    nx, ny = normal[:2]
+    nx, ny, nz = normal[0], normal[1], normal[2]
     slope = math.hypot(nx, ny)
+    u = np.empty(3)
     if slope < 1e-6:
-        u = np.array([1.0, 0.0, 0.0])
-        u -= normal * nx
-        u /= np.linalg.norm(u)
+        u[0], u[1], u[2] = 1.0 - nx * nx, -nx * ny, -nx * nz
+        u /= math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
     else:
-        u = np.array([-ny, nx, 0.0]) / slope
-    return u, np.cross(normal, u)
+        u[0], u[1], u[2] = -ny / slope, nx / slope, 0.0
+    v = np.empty(3)
+    v[0], v[1], v[2] = ny * u[2] - nz * u[1], nz * u[0] - nx * u[2], nx * u[1] - ny * u[0]
+    return u, v
+
+
+@njit(nogil=True, cache=True)
+def uncertainty_of(m: Array, normal: Array, variance: float) -> tuple[Array, float]:
+    """Return how well the points of a moment vector fix their plane.
+
+    Parameters
+    ----------
+    m
+        float64 (10,).
+    normal
+        float64 (3,), unit, of their plane.
+    variance
+        Of the noise in every point across the plane, m2.
+
+    Returns
+    -------
+    cov : float64 (3, 3)
+        Of (rotation about u, rotation about v, offset at the mean) with u, v of `tangents`; in rad
+        and m.
+    quality : float
+        Val of Eq. (8), l1 l2 / l3, m2.
+    """
+    n = m[0]
+    p = m[1:4] / n
+    xx, xy, xz = m[4] / n - p[0] * p[0], m[5] / n - p[0] * p[1], m[6] / n - p[0] * p[2]
+    yy, yz, zz = m[7] / n - p[1] * p[1], m[8] / n - p[1] * p[2], m[9] / n - p[2] * p[2]
+    u, v = tangents(normal)
+    ux, uy = xx * u[0] + xy * u[1] + xz * u[2], xy * u[0] + yy * u[1] + yz * u[2]
+    uz = xz * u[0] + yz * u[1] + zz * u[2]
+    vx, vy = xx * v[0] + xy * v[1] + xz * v[2], xy * v[0] + yy * v[1] + yz * v[2]
+    vz = xz * v[0] + yz * v[1] + zz * v[2]
+    a = u[0] * ux + u[1] * uy + u[2] * uz
+    b = v[0] * ux + v[1] * uy + v[2] * uz
+    c = v[0] * vx + v[1] * vy + v[2] * vz
+    # The inverse of n [[c, -b, 0], [-b, a, 0], [0, 0, 1]].
+    scale = variance / n
+    det = a * c - b * b
+    cov = np.zeros((3, 3))
+    cov[0, 0], cov[1, 1], cov[2, 2] = scale * a / det, scale * c / det, scale
+    cov[0, 1] = cov[1, 0] = scale * b / det
+    l1, l2, l3 = eigenvalues(xx, xy, xz, yy, yz, zz)
+    return cov, l1 * l2 / max(l3, FLAT)
 
 
 def axes_of(moments: Array) -> tuple[Array, Array]:

@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
-from shapely import Polygon
 
 from tccm_ros.config import Config
-from tccm_ros.mapping.cuboids import TICK, Cuboids
+from tccm_ros.mapping.cuboids import TICK, TICKS_PER_M, Cuboids
+from tccm_ros.mapping.footprints import (
+    clusters,
+    convex_hull,
+    corners_of,
+    distance_to_ring,
+    loose_spread,
+    over,
+    rectangle,
+)
 from tccm_ros.mapping.planes import PlaneFits
 from tccm_ros.records import PlaneRecord, TabletopObject
 
-__all__ = ["ObjectTracker", "find_objects", "smallest_rectangle"]
+__all__ = ["ObjectTracker", "find_objects"]
 
 Array = NDArray[np.float64]
-
-ROOT3 = math.sqrt(3.0)
-"""Half the length of a uniform spread, in standard deviations."""
 
 SURFACE_AREA = 0.12
 """A level plane smaller than this, m2, may be the top of an object."""
@@ -59,146 +60,116 @@ def find_objects(
         By plane, from the highest down, then by position. Ids count from 0; `ObjectTracker` makes
         them stay.
     """
-    spread = _Spread.of(cuboids)
-    # Things stand on surfaces and in front of walls: both are left out before clustering.
-    loose = ~_structure(fits)[fits.labels]
-    found: list[TabletopObject] = []
     levels = [p for p in planes if p.kind == "horizontal" and len(p.boundary) >= 3]
-    covers = {
-        plane.id: Polygon(plane.boundary[:, :2]).buffer(SEAM)
-        for plane in levels
-        if plane.area > SURFACE_AREA
-    }
+    if not levels:
+        return []
+    loose = _Loose.of(cuboids, fits)
+    covers = [plane for plane in levels if plane.area > SURFACE_AREA]
+    found: list[TabletopObject] = []
     # From the highest surface down, so that a box on a stove stands on the stove, not the counter.
     for plane in sorted(levels, key=lambda p: (-float(p.centroid[2]), p.id)):
-        standing = _above(spread, loose, plane, config)
-        for cluster in _clusters(spread, standing, config.objects.cluster_distance):
-            thing = _object(cuboids, spread, cluster, plane, config)
-            if thing is not None and not _carries(thing, levels, covers):
+        members, starts = loose.take(plane, config)
+        for k in np.flatnonzero(np.diff(starts)).tolist():
+            thing = _object(loose, members[starts[k] : starts[k + 1]], plane, config)
+            if thing is not None and not _carries(thing, covers):
                 found.append(thing)
-            loose[cluster] = False
     return [replace(thing, id=index) for index, thing in enumerate(found)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Spread:
-    """Where the points of each cuboid are: low and high corner, float64 (N, 3), m."""
+class _Loose:
+    """The cuboids of no surface and no wall, and where their points are, m.
 
+    Things stand on surfaces and in front of walls: both are left out before clustering.
+    """
+
+    column: NDArray[np.int64]
+    count: Array
     mean: Array
     low: Array
     high: Array
+    free: NDArray[np.bool_]
+    cell: float
 
     @classmethod
-    def of(cls, cuboids: Cuboids) -> _Spread:
-        mean = cuboids.mean()
-        reach = ROOT3 * np.sqrt(np.maximum(cuboids.cov()[:, [0, 3, 5]], 0.0))
-        low, high = mean - reach, mean + reach
-        low[:, 2] = np.maximum(low[:, 2], cuboids.bottom * TICK)
-        high[:, 2] = cuboids.top * TICK
-        return cls(mean, low, high)
+    def of(cls, cuboids: Cuboids, fits: PlaneFits) -> _Loose:
+        c = cuboids
+        index, mean, low, high = loose_spread(
+            c.count, c.s, c.S, c.ix, c.iy, c.bottom, c.top, c.cell_size * TICKS_PER_M, TICK,
+            fits.labels, _structure(fits),
+        )  # fmt: skip
+        free = np.ones(len(index), np.bool_)
+        column = c.ix[index].astype(np.int64)
+        return cls(column, c.count[index], mean, low, high, free, c.cell_size)
+
+    def take(
+        self, plane: PlaneRecord, config: Config
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return clusters of what is left over a plane: within the convex hull of its outline.
+
+        A thing hides what is behind it, so its place may be a notch of the outline; `_object` asks
+        that it touches the outline.
+        """
+        chosen = over(
+            self.column, self.mean, self.high, self.free, self.cell,
+            convex_hull(plane.boundary[:, :2]), plane.normal, plane.offset,
+            config.objects.min_height,
+        )  # fmt: skip
+        self.free[chosen] = False
+        return clusters(self.mean, chosen, config.objects.cluster_distance)
 
 
 def _structure(fits: PlaneFits) -> NDArray[np.bool_]:
-    """Tell which labels are surfaces and walls; the last entry is for no label (-1)."""
+    """Tell which planes are surfaces and walls."""
     kept = [fit.area > (SURFACE_AREA if fit.kind == "horizontal" else WALL_AREA) for fit in fits]
-    return np.array([*kept, False], bool)
+    return np.array(kept, np.bool_)
 
 
-def _above(
-    spread: _Spread, loose: NDArray[np.bool_], plane: PlaneRecord, config: Config
-) -> NDArray[np.int64]:
-    """Return the loose cuboids over a plane: within the convex hull of its outline.
-
-    A thing hides what is behind it, so its place may be a notch of the outline; `_object` asks
-    that it touches the outline.
-    """
-    x_low, y_low = plane.boundary[:, :2].min(axis=0)
-    x_high, y_high = plane.boundary[:, :2].max(axis=0)
-    x, y = spread.mean[:, 0], spread.mean[:, 1]
-    near = np.flatnonzero(loose & (x >= x_low) & (x <= x_high) & (y >= y_low) & (y <= y_high))
-    height = spread.high[near] @ plane.normal - plane.offset
-    near = near[height >= config.objects.min_height]
-    hull = shapely.convex_hull(Polygon(plane.boundary[:, :2]))
-    shapely.prepare(hull)
-    return near[shapely.contains_xy(hull, x[near], y[near])]
-
-
-def _carries(
-    thing: TabletopObject, levels: Sequence[PlaneRecord], covers: Mapping[int, Polygon]
-) -> bool:
+def _carries(thing: TabletopObject, covers: Sequence[PlaneRecord]) -> bool:
     """Tell whether a thing reaches up to a surface over it."""
-    top = float(thing.center[2] + thing.size[2] / 2.0)
-    at = shapely.Point(thing.center[:2])
-    for plane in levels:
-        nx, ny, nz = plane.normal
-        z = (plane.offset - nx * thing.center[0] - ny * thing.center[1]) / nz
-        near = plane.id != thing.plane and -SEAM < z - top < SEAM
-        if near and plane.id in covers and covers[plane.id].contains(at):
+    x, y, z = thing.center.tolist()
+    top = z + float(thing.size[2]) / 2.0
+    for plane in covers:
+        nx, ny, nz = plane.normal.tolist()
+        if (
+            abs((plane.offset - nx * x - ny * y) / nz - top) < SEAM
+            and plane.id != thing.plane
+            and distance_to_ring(thing.center[None, :2], plane.boundary[:, :2]) < SEAM
+        ):
             return True
     return False
 
 
-def _clusters(spread: _Spread, chosen: NDArray[np.int64], gap: float) -> list[NDArray[np.int64]]:
-    """Group cuboids whose footprints come within a gap of each other, by their first cuboid."""
-    if len(chosen) == 0:
-        return []
-    pairs = cKDTree(spread.mean[chosen, :2]).query_pairs(gap, output_type="ndarray")
-    n = len(chosen)
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    count, label = connected_components(graph, directed=False)
-    order = np.argsort(label, kind="stable")
-    return np.split(chosen[order], np.cumsum(np.bincount(label, minlength=count))[:-1])
-
-
 def _object(
-    cuboids: Cuboids,
-    spread: _Spread,
-    cluster: NDArray[np.int64],
-    plane: PlaneRecord,
-    config: Config,
+    loose: _Loose, cluster: NDArray[np.int64], plane: PlaneRecord, config: Config
 ) -> TabletopObject | None:
-    points = float(cuboids.count[cluster].sum())
+    points = float(loose.count[cluster].sum())
     if points < config.objects.min_points:
         return None
-    low, high = spread.low[cluster], spread.high[cluster]
-    corners = np.concatenate(
-        [np.stack([a[:, 0], b[:, 1]], axis=1) for a in (low, high) for b in (low, high)]
-    )
-    hull = shapely.convex_hull(shapely.multipoints(corners))
-    if not isinstance(hull, Polygon):
+    hull = convex_hull(corners_of(loose.low, loose.high, cluster))
+    if len(hull) < 3:
         return None
-    center, size, yaw = smallest_rectangle(hull)
-    nx, ny, nz = plane.normal
-    floor = (plane.offset - nx * center[0] - ny * center[1]) / nz
-    height = float(high[:, 2].max()) - floor
+    x, y, length, width, yaw = rectangle(hull)
+    nx, ny, nz = plane.normal.tolist()
+    floor = (plane.offset - nx * x - ny * y) / nz
+    height = float(loose.high[cluster, 2].max()) - floor
     if height > config.objects.max_height:
         return None
     # What hangs in the air over the surface does not stand on it, nor what reaches down beside it.
-    lift = float(low[:, 2].min()) - floor
+    lift = float(loose.low[cluster, 2].min()) - floor
     if not -SEAM <= lift <= max(0.5 * height, config.objects.cluster_distance):
         return None
-    if hull.distance(Polygon(plane.boundary[:, :2])) > config.objects.cluster_distance:
+    if distance_to_ring(hull, plane.boundary[:, :2]) > config.objects.cluster_distance:
         return None
     return TabletopObject(
         id=-1,
         plane=plane.id,
-        center=np.array([*center, floor + height / 2.0]),
-        size=np.array([*size, height]),
+        center=np.array([x, y, floor + height / 2.0]),
+        size=np.array([length, width, height]),
         yaw=yaw,
-        footprint=np.asarray(hull.exterior.coords)[:0:-1],
+        footprint=hull,
         points=round(points),
     )
-
-
-def smallest_rectangle(hull: Polygon) -> tuple[Array, Array, float]:
-    """Return centre (2,), size (2,) and yaw of the smallest rectangle around a convex polygon."""
-    ring = np.asarray(shapely.minimum_rotated_rectangle(hull).exterior.coords)
-    sides = np.diff(ring, axis=0)[:2]
-    lengths = np.linalg.norm(sides, axis=1)
-    longer = int(lengths[1] > lengths[0])
-    yaw = math.atan2(sides[longer, 1], sides[longer, 0])
-    yaw = yaw - math.pi if yaw > math.pi / 2 else yaw + math.pi if yaw <= -math.pi / 2 else yaw
-    return ring[:4].mean(axis=0), lengths[[longer, 1 - longer]], yaw
 
 
 class ObjectTracker:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from tccm_ros.config import Config
 from tccm_ros.mapping.boundary import Outline, members_by_plane, outlines
 from tccm_ros.mapping.cuboids import TICK, TICKS_PER_M, Cuboids
-from tccm_ros.mapping.moments import FLAT, axes_of, tangents
+from tccm_ros.mapping.moments import FLAT, axes_of, tangents, uncertainty_of
 from tccm_ros.mapping.plane_search import segment
 
 __all__ = ["PlaneFit", "PlaneFits", "find_planes", "without_plane"]
@@ -100,7 +100,7 @@ class PlaneFit:
     @cached_property
     def centroid(self) -> Array:
         """Mean of the points that shaped the fit, float64 (3,), m."""
-        return axes_of(self.moments)[0] + self.origin
+        return self.moments[1:4] / self.moments[0] + self.origin
 
     @cached_property
     def scatter(self) -> Array:
@@ -112,22 +112,22 @@ class PlaneFit:
         """Level direction u and slope direction v; (u, v, normal) is right-handed."""
         return tangents(self.normal)
 
-    @cached_property
+    @property
     def covariance(self) -> Array:
         """Covariance (3, 3) of (rotation about u, rotation about v, offset at the centroid).
 
         Of least squares with equal, independent noise of `rms` in every point, in rad and m.
         """
-        u, v = self.tangents
-        uu, uv, vv = u @ self.scatter @ u, u @ self.scatter @ v, v @ self.scatter @ v
-        information = self.weight * np.array([[vv, -uv, 0.0], [-uv, uu, 0.0], [0.0, 0.0, 1.0]])
-        return np.asarray(max(self.rms**2, FLAT) * np.linalg.inv(information), np.float64)
+        return self._uncertainty[0]
 
-    @cached_property
+    @property
     def quality(self) -> float:
         """Val of Eq. (8), l1 l2 / l3 of the points' covariance, m2."""
-        l3, l2, l1 = np.linalg.eigvalsh(self.scatter)
-        return float(l1 * l2 / max(l3, FLAT))
+        return float(self._uncertainty[1])
+
+    @cached_property
+    def _uncertainty(self) -> tuple[Array, float]:
+        return uncertainty_of(self.moments, self.normal, max(self.rms**2, FLAT))
 
     @cached_property
     def members(self) -> NDArray[np.int64]:

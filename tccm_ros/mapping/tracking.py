@@ -10,17 +10,17 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
-from shapely import Polygon
 
 from tccm_ros.config import Config
-from tccm_ros.mapping.moments import tangents
+from tccm_ros.mapping.overlap import shared_shares
 from tccm_ros.mapping.planes import PlaneFit, PlaneFits
 from tccm_ros.records import PlaneRecord
 
 __all__ = ["PlaneTracker", "plane_record"]
+
+Array = NDArray[np.float64]
 
 
 @dataclass
@@ -81,9 +81,14 @@ class PlaneTracker:
     def _match(self, fits: list[PlaneFit]) -> list[_Track | None]:
         if not fits or not self._tracks:
             return [None] * len(fits)
+        pairs = np.argwhere(self._may_match(fits))
         score = np.zeros((len(fits), len(self._tracks)))
-        for row, column in np.argwhere(self._may_match(fits)):
-            score[row, column] = _shared_area(fits[row], self._tracks[column].record)
+        score[pairs[:, 0], pairs[:, 1]] = shared_shares(
+            *_joined([f.boundary for f in fits]),
+            np.array([f.normal for f in fits]),
+            *_joined([t.record.boundary for t in self._tracks]),
+            pairs,
+        )
         rows, columns = linear_sum_assignment(-score)
         result: list[_Track | None] = [None] * len(fits)
         for row, column in zip(rows, columns, strict=True):
@@ -102,19 +107,9 @@ class PlaneTracker:
         return np.asarray(parallel & (apart <= self._config.track_distance))
 
 
-def _shared_area(fit: PlaneFit, known: PlaneRecord) -> float:
-    """Return the shared area over the smaller area, 0 to 1."""
-    axes = np.stack(tangents(fit.normal), axis=1)
-    a, b = Polygon(fit.boundary @ axes), Polygon(known.boundary @ axes)
-    if a.is_empty or b.is_empty:
-        return 0.0
-    low, high = np.maximum(a.bounds[:2], b.bounds[:2]), np.minimum(a.bounds[2:], b.bounds[2:])
-    if (low > high).any():
-        return 0.0
-    if not (a.is_valid and b.is_valid):
-        a, b = shapely.make_valid(a), shapely.make_valid(b)
-    smaller = min(a.area, b.area)
-    return float(a.intersection(b).area / smaller) if smaller > 0.0 else 0.0
+def _joined(rings: list[Array]) -> tuple[Array, NDArray[np.int64]]:
+    """Return the corners of some rings one after the other, and where each ring ends."""
+    return np.concatenate(rings), np.cumsum([len(ring) for ring in rings])
 
 
 def plane_record(fit: PlaneFit, identity: int) -> PlaneRecord:

@@ -2,18 +2,25 @@
 
     python bench/bench_replay.py [BAG ...]
 
-The first bag is replayed once before, so that compiling is not timed. Reading and all processing
-count for the real-time factor; imports and pictures do not.
+The first bag is replayed once before, so that compiling is not timed. Times are those of the
+process (one thread does the work), medians of `RUNS` runs. Reading and all processing count for the
+real-time factor, imports and pictures do not; the last column counts the writing of all result
+files as well.
 """
 
 import sys
 import tempfile
+import time
 from pathlib import Path
+from statistics import median
 
 from tccm_ros.config import Config
-from tccm_ros.replay import PROCESSING, replay
+from tccm_ros.pipeline import Stopwatch
+from tccm_ros.replay import PROCESSING, WRITING, replay
 
 BAGS = Path(__file__).resolve().parents[1] / "bags"
+
+RUNS = 3
 
 REMAPS = {
     "upside_down": [
@@ -29,17 +36,33 @@ REMAPS = {
 def main(bags: list[Path]) -> None:
     """Print the table."""
     with tempfile.TemporaryDirectory() as folder:
-        replay(bags[0], Path(folder) / "warm", Config(), pictures=False)
-        print(
-            "| bag | s | " + " | ".join(f"{stage}, ms" for stage in PROCESSING) + " | x real time |"
-        )
-        print("|---" * (len(PROCESSING) + 3) + "|")
+        out = Path(folder) / "out"
+        _run(bags[0], out)
+        stages = (*PROCESSING, *WRITING)
+        columns = [f"{stage}, ms" for stage in stages]
+        print("| bag | s | " + " | ".join(columns) + " | x real time | x with files |")
+        print("|---" * (len(columns) + 4) + "|")
         for bag in bags:
-            remap = REMAPS.get(bag.name, [])
-            summary = replay(bag, Path(folder) / bag.name, Config(), remap=remap, pictures=False)
-            stages = " | ".join(f"{1e3 * summary.seconds.get(s, 0.0):.0f}" for s in PROCESSING)
-            duration = summary.content["bag_duration"]
-            print(f"| {bag.name} | {duration:.0f} | {stages} | {summary.real_time_factor:.1f} |")
+            runs = [_run(bag, out) for _ in range(RUNS)]
+            seconds = {stage: median(run[stage] for run, _ in runs) for stage in stages}
+            duration = runs[0][1]
+            processing = sum(seconds[stage] for stage in PROCESSING)
+            print(
+                f"| {bag.name} | {duration:.0f} | "
+                + " | ".join(f"{1e3 * seconds[stage]:.0f}" for stage in stages)
+                + f" | {duration / processing:.1f} | {duration / sum(seconds.values()):.1f} |",
+                flush=True,
+            )
+
+
+def _run(bag: Path, out: Path) -> tuple[dict[str, float], float]:
+    """Return the seconds of each stage, and those of the bag."""
+    clock = Stopwatch(time.process_time)
+    remap = REMAPS.get(bag.name, [])
+    summary = replay(bag, out, Config(), remap=remap, pictures=False, clock=clock)
+    return {stage: clock.seconds.get(stage, 0.0) for stage in (*PROCESSING, *WRITING)}, float(
+        summary.content["bag_duration"]
+    )
 
 
 if __name__ == "__main__":

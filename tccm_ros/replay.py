@@ -6,7 +6,7 @@ import dataclasses
 import json
 import platform
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -24,18 +24,23 @@ from tccm_ros.io.exports import write_results
 from tccm_ros.io.folder import output_folder
 from tccm_ros.io.map_file import load_map, save_map
 from tccm_ros.io.result_bag import write_result_bag
+from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.pipeline import Outcome, Stopwatch, run_bag
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.report.html_report import write_report
 from tccm_ros.report.pictures import write_pictures
 from tccm_ros.report.viewing import report_map
+from tccm_ros.surfaces.scene_objects import SceneObject, scene_objects
 
 __all__ = ["Summary", "replay", "report_of"]
 
 LIBRARIES = ("gtsam", "numba", "numpy", "scipy", "shapely")
 
-PROCESSING = ("read", "tccm", "slam", "history", "solve")
+PROCESSING = ("read", "tccm", "slam", "history", "solve", "objects")
 """Stages of the real-time factor: reading and all processing, without imports and pictures."""
+
+WRITING = ("keep", "write")
+"""Stages that make the result files, but for the pictures: the run's state for the map, and all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +104,7 @@ def replay(
     remap: Sequence[str] = (),
     pictures: bool = True,
     bars: Bars | None = None,
+    clock: Stopwatch | None = None,
 ) -> Summary:
     """Run a bag and write its results.
 
@@ -118,19 +124,24 @@ def replay(
         Whether map.png, map3d.png and report.html are made.
     bars
         Where progress is shown.
+    clock
+        Where the time of each stage is added up.
 
     Raises
     ------
     TccmError
         Of any family; nothing is left in `out` then.
     """
-    bars, clock = bars or Silent(), Stopwatch()
+    bars, clock = bars or Silent(), clock or Stopwatch()
     with output_folder(out) as folder:
         saved = None if saved_map is None else load_map(saved_map)
         outcome = run_bag(bag, config, remap=remap, saved=saved, bars=bars, clock=clock)
         bars.start("write", 1.0)
+        with clock.stage("objects"):
+            cycles = [*outcome.earlier, *outcome.cycles]
+            scene = scene_objects(outcome.solution, cycles)
         with clock.stage("write"):
-            content = _write(folder, outcome)
+            content = _write(folder, outcome, cycles, scene)
         summary = Summary(Path(out), content, clock.seconds, _real_time_factor(outcome, clock))
         _write_timing(folder, summary)
         _keep_stamps(Path(bag), folder)
@@ -144,13 +155,19 @@ def replay(
     return summary
 
 
-def _write(folder: Path, outcome: Outcome) -> dict[str, Any]:
+def _write(
+    folder: Path,
+    outcome: Outcome,
+    cycles: Sequence[CycleResult],
+    scene: tuple[Sequence[SceneObject], Mapping[int, Any]],
+) -> dict[str, Any]:
     config, solution = outcome.config, outcome.solution
-    cycles = [*outcome.earlier, *outcome.cycles]
     cuboids = outcome.tccm.map.cuboids() if cycles else None
     content = _summary(outcome)
-    write_results(folder, solution, cycles, cuboids, config, summary=content, timing={})
-    content["counts"]["objects"] = len(json.loads((folder / "objects.json").read_text())["objects"])
+    content["counts"]["objects"] = len(scene[0])
+    write_results(
+        folder, solution, cycles, cuboids, config, scene=scene, summary=content, timing={}
+    )
     save_cycles(folder / "cycles.npz", outcome.history.parts(_T_map_odom(outcome)))
     write_result_bag(folder / "result.mcap", outcome.cycles, solution, config)
     map_frame = config.frames.prefix + config.frames.map

@@ -19,7 +19,7 @@ from tccm_ros.mapping.cuboids import TICK, Cuboids
 from tccm_ros.mapping.horizontal import label_horizontal
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import Keyframe, Loop, PlaneRecord, Surface, Wall
-from tccm_ros.surfaces.scene_objects import SceneObject, scene_objects
+from tccm_ros.surfaces.scene_objects import SceneObject
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 __all__ = [
@@ -42,6 +42,7 @@ def write_results(
     cuboids: Cuboids | None,
     config: Config,
     *,
+    scene: tuple[Sequence[SceneObject], Mapping[int, Any]],
     summary: Mapping[str, Any],
     timing: Mapping[str, Any],
 ) -> None:
@@ -59,6 +60,8 @@ def write_results(
         The final integration map; None where there was no tilting laser.
     config
         Group ``frames``.
+    scene
+        Objects and free places: what `scene_objects` gives.
     summary, timing
         What summary.json and timing.json hold.
 
@@ -70,7 +73,7 @@ def write_results(
     write_solution(folder, solution, config)
     odom = cycles[-1].frame_id if cycles else config.frames.odom_name
     tables = {
-        "objects.json": objects_table(scene_objects(solution, cycles)),
+        "objects.json": objects_table(scene),
         "planes.json": planes_table(cycles),
         "summary.json": summary,
         "timing.json": timing,

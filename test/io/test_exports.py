@@ -37,14 +37,16 @@ def solution():
 
 @pytest.fixture
 def folder(solution, tmp_path):
-    write_results(tmp_path, solution, [], None, Config(), summary={"a": 1}, timing={})
+    write_results(
+        tmp_path, solution, [], None, Config(), scene=([], {}), summary={"a": 1}, timing={}
+    )
     return tmp_path
 
 
 def test_all_files_are_there_and_the_same_every_time(solution, folder, tmp_path_factory):
     other = tmp_path_factory.mktemp("again")
     again = drive(new_slam()).solve()
-    write_results(other, again, [], None, Config(), summary={"a": 1}, timing={})
+    write_results(other, again, [], None, Config(), scene=([], {}), summary={"a": 1}, timing={})
     assert {p.name for p in folder.iterdir()} == FILES
     for name in FILES:
         assert (folder / name).read_bytes() == (other / name).read_bytes(), name

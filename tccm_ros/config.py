@@ -444,10 +444,16 @@ def label_rule(default: Rule, meaning: str) -> Any:
 class Labels(Group):
     """What a surface is called: rules over its height, width (of its narrowest box) and area."""
 
-    table: Rule = label_rule((0.55, 0.85, 0.45, 2.0, 0.25, 6.0), "a table or desk")
+    table: Rule = label_rule((0.66, 0.80, 0.45, 2.0, 0.25, 6.0), "a table or desk")
     counter: Rule = label_rule((0.82, 1.10, 0.35, 1.0, 0.30, 6.0), "a counter")
-    seat: Rule = label_rule((0.30, 0.52, 0.30, 1.1, 0.10, 2.5), "a seat of chair or sofa")
-    bed: Rule = label_rule((0.30, 0.75, 0.75, 2.4, 1.30, 6.0), "a bed")
+    low_table: Rule = label_rule(
+        (0.30, 0.55, 0.40, 1.0, 0.36, 0.9), "a low table without a back: called table"
+    )
+    seat: Rule = label_rule((0.40, 0.47, 0.30, 0.60, 0.10, 0.30), "a seat of a chair or stool")
+    sofa: Rule = label_rule(
+        (0.34, 0.50, 0.40, 1.1, 0.40, 2.8), "a seat with a back along it: called seat"
+    )
+    bed: Rule = label_rule((0.30, 0.62, 0.75, 2.4, 1.30, 6.0), "a bed")
     shelf: Rule = label_rule((0.10, 2.20, 0.12, 0.65, 0.04, 2.0), "a board over or under another")
     ledge: Rule = label_rule((0.30, 2.20, 0.03, 0.25, 0.02, 1.0), "something long and narrow")
     step: Rule = label_rule(
@@ -458,6 +464,9 @@ class Labels(Group):
     )
     shelf_gap: tuple[float, float] = param(
         (0.12, 0.70), "boards of a shelf are this far apart", unit="m"
+    )
+    back_height: tuple[float, float] = param(
+        (0.20, 0.70), "a back rises this much above its seat", unit="m"
     )
     wall_distance: float = param(
         0.15, "an edge this near to a wall stands at it", unit="m", ge=0.0, le=1.0

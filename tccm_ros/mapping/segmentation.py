@@ -19,6 +19,7 @@ __all__ = ["cluster", "segment"]
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
+Int32 = NDArray[np.int32]
 
 TRIALS = 600
 """Random planes a round: finds one with 1 % of the cloud's triples in it with 99.7 %."""
@@ -150,9 +151,9 @@ def cluster(points: Float64, distance: float) -> Int64:
 @njit(nogil=True, cache=True)
 def _unite(
     points: Float64, keys: Int64, starts: Int64, ends: Int64, offsets: Int64, distance: float
-) -> Int64:
+) -> Int32:
     """Unite cells (C,) that hold neighbours; return the first cell of each cell's cluster."""
-    parent = np.arange(len(keys))
+    parent = np.arange(len(keys)).astype(np.int32)
     for a in range(len(keys)):
         for offset in offsets:
             b = np.searchsorted(keys, keys[a] + offset)

@@ -23,7 +23,10 @@ Float64 = NDArray[np.float64]
 Rule = tuple[float, float, float, float, float, float]
 
 FADE = 0.12
-"""A range fades out over this share of its limits (for heights: metres)."""
+"""A range fades out over this share of its limits (widths: and this many metres more)."""
+
+HEIGHT_FADE = 0.08
+"""For heights, m: furniture of one kind differs, the map hardly does."""
 
 OVERLAP = 0.5
 """A surface is over another where their footprints share this much of the smaller one."""
@@ -32,8 +35,20 @@ CARRIED = 0.3
 """A step has this share of its outline on or near the surface that carries it: a side of four is
 enough, what lies behind a stove may never be seen."""
 
+BACK = 0.40
+"""The top of a back is no wider than this, m,"""
+
+ALONG = 0.8
+"""and runs along this share of its seat."""
+
+BED = (0.8, 1.6)
+"""No bed is smaller than this, m."""
+
 RAGGED = 0.08
 """Outlines stray this far from straight edges, m."""
+
+LOW = 0.9
+"""A low table is believed this much: a sofa whose back nobody saw looks like one."""
 
 UNDECIDED = 0.75
 """Where the second-best label reaches this share of the best, neither is given."""
@@ -67,6 +82,8 @@ class Shape:
         Whether another board is above or below at the distance of shelf boards.
     carried
         Whether it rises a step's height above a surface that carries it.
+    backed
+        Whether something higher runs along one of its long sides, as the back of a sofa does.
     """
 
     height: float
@@ -76,6 +93,7 @@ class Shape:
     at_wall: float
     stacked: bool
     carried: bool
+    backed: bool
 
 
 def label_surfaces(
@@ -128,6 +146,7 @@ def _shape(
         at_wall=outline.intersection(near_walls).length / outline.length,
         stacked=any(_is_stacked(draft, other, config.labels) for other in others),
         carried=any(_is_carried(draft, other, config.labels) for other in others),
+        backed=any(_is_back(other, draft, float(edges[1]), config.labels) for other in others),
     )
 
 
@@ -163,6 +182,22 @@ def _is_carried(draft: Draft, other: Draft, rules: Labels) -> bool:
     return bool(outline.intersection(under).length >= CARRIED * outline.length)
 
 
+def _is_back(back: Draft, seat: Draft, length: float, rules: Labels) -> bool:
+    """Return whether a surface is the top of a back along a seat of a length, m.
+
+    It is higher, narrow, and stands beside the seat along most of it, not over it: a headboard,
+    along the short side of a bed, is no back.
+    """
+    low, high = rules.back_height
+    if not low <= back.height - seat.height <= high:
+        return False
+    box = np.asarray(shapely.oriented_envelope(back.polygon).exterior.coords)
+    width = np.hypot(*np.diff(box[:3], axis=0).T).min()
+    over = back.polygon.intersection(seat.polygon).area
+    beside = seat.polygon.exterior.intersection(back.polygon.buffer(rules.wall_distance)).length
+    return bool(width <= BACK and over < OVERLAP * back.polygon.area and beside >= ALONG * length)
+
+
 def _met(value: float, low: float, high: float, fade: float) -> float:
     """Return 1 inside a range, falling to 0 over `fade` outside it."""
     outside = max(low - value, value - high, 0.0)
@@ -172,7 +207,7 @@ def _met(value: float, low: float, high: float, fade: float) -> float:
 def _fit(shape: Shape, rule: Rule) -> float:
     """Return how well a shape meets a rule, 0 to 1."""
     return min(
-        _met(shape.height, rule[0], rule[1], FADE),
+        _met(shape.height, rule[0], rule[1], HEIGHT_FADE),
         _met(shape.width, rule[2], rule[3], FADE + FADE * rule[3]),
         _met(np.log(shape.area), np.log(rule[4]), np.log(rule[5]), 0.5),
     )
@@ -181,11 +216,15 @@ def _fit(shape: Shape, rule: Rule) -> float:
 def _scores(shape: Shape, rules: Labels) -> dict[str, float]:
     """Return the score of each label; what stands near and above raises or rules out."""
     slender = shape.length >= 3.0 * shape.width
+    away = 1.0 - 0.4 * shape.at_wall
+    low = 0.0 if shape.backed else LOW * _fit(shape, rules.low_table)
+    sofa = _fit(shape, rules.sofa) if shape.backed else 0.0
+    is_bed = shape.width >= BED[0] and shape.length >= BED[1]
     return {
-        "table": _fit(shape, rules.table) * (1.0 - 0.4 * shape.at_wall) * (not shape.carried),
+        "table": max(_fit(shape, rules.table), low) * away * (not shape.carried),
         "counter": _fit(shape, rules.counter) * (0.7 + 0.3 * min(1.0, 3.0 * shape.at_wall)),
-        "seat": _fit(shape, rules.seat) * (0.8 if slender else 1.0),
-        "bed": _fit(shape, rules.bed) * (shape.length >= 1.6),
+        "seat": max(_fit(shape, rules.seat) * (0.8 if slender else 1.0), sofa),
+        "bed": _fit(shape, rules.bed) * is_bed,
         "shelf": _fit(shape, rules.shelf) * (1.0 if shape.stacked else 0.3),
         "ledge": _fit(shape, rules.ledge) * slender * (0.7 + 0.3 * min(1.0, 3.0 * shape.at_wall)),
         "step": _fit(shape, rules.step) * shape.carried,

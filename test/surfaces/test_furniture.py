@@ -1,0 +1,105 @@
+"""Labels of furniture of the sizes that shops sell, as a map has it: a right one, or "other"."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+import shapely
+from shapely import affinity, box
+
+from tccm_ros.config import Config
+from tccm_ros.surfaces.drafts import Draft
+from tccm_ros.surfaces.labels import label_surfaces
+
+SIZES = {
+    # length, depth and height, m: catalogue ranges, not the rules'
+    "dining table": ((1.1, 2.2), (0.75, 1.0), (0.72, 0.77), "table"),
+    "desk": ((1.0, 1.8), (0.6, 0.8), (0.70, 0.76), "table"),
+    "coffee table": ((0.8, 1.3), (0.5, 0.8), (0.35, 0.47), "table"),
+    "worktop": ((1.2, 3.0), (0.58, 0.65), (0.88, 0.94), "counter"),
+    "chair": ((0.40, 0.48), (0.38, 0.46), (0.43, 0.48), "seat"),
+    "stool": ((0.32, 0.40), (0.32, 0.40), (0.42, 0.48), "seat"),
+    "sofa": ((1.3, 2.2), (0.55, 0.75), (0.40, 0.47), "seat"),
+    "bed": ((1.95, 2.1), (0.85, 1.8), (0.42, 0.62), "bed"),
+}
+FLATS = 120
+
+
+def draft(polygon, height, rng):
+    """A surface as a map has it: the outline loses a few centimetres, the height some mm."""
+    seen = polygon.buffer(-rng.uniform(0.0, 0.02))
+    x, y, z = *seen.centroid.coords[0], height + rng.normal(0.0, 0.003)
+    return Draft(None, seen, np.array([x, y, z]), np.eye(3), np.array([0.0, 0.0, 1.0]), z, 1000)  # type: ignore[arg-type]
+
+
+def place(length, depth, rng, at):
+    return affinity.translate(affinity.rotate(box(0, 0, length, depth), rng.uniform(0, 360)), *at)
+
+
+def furnish(rng):
+    """Return drafts and the names that a person would give, three metres apart."""
+    drafts, names = [], []
+    for k, (name, (lengths, depths, heights, label)) in enumerate(SIZES.items()):
+        length, depth = rng.uniform(*lengths), rng.uniform(*depths)
+        height, turn = rng.uniform(*heights), rng.uniform(0, 360)
+        polygon = box(0, 0, length, depth)
+        parts = [(polygon, height, label, name)]
+        if name == "sofa":
+            back = box(-0.1, depth + 0.01, length + 0.1, depth + rng.uniform(0.12, 0.25))
+            parts.append((back, height + rng.uniform(0.30, 0.45), "", name))
+        for part, z, wanted, what in parts:
+            turned = affinity.rotate(part, turn, origin=(0, 0))
+            drafts.append(draft(affinity.translate(turned, 4.0 * k, 0.0), z, rng))
+            names.append((what, wanted))
+    return drafts, names
+
+
+@pytest.fixture(scope="module")
+def verdicts():
+    found = {name: Counter() for name in SIZES}
+    for seed in range(FLATS):
+        drafts, names = furnish(np.random.default_rng(seed))
+        labels = label_surfaces(drafts, 0.0, None, Config())
+        for label, (name, wanted) in zip(labels, names, strict=True):
+            if wanted:
+                right = "right" if label.name == wanted else label.name
+                found[name][right] += 1
+    return found
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_furniture_is_named_or_left_unnamed(verdicts, name):
+    counts = verdicts[name]
+    wrong = FLATS - counts["right"] - counts["other"]
+    assert wrong <= 0.02 * FLATS, counts
+    assert counts["right"] >= 0.6 * FLATS, counts
+
+
+def test_a_sofa_whose_back_nobody_saw_is_no_seat():
+    rng = np.random.default_rng(0)
+    seat = draft(box(0, 0, 1.9, 0.7), 0.44, rng)
+    assert label_surfaces([seat], 0.0, None, Config())[0].name == "other"
+
+
+def test_a_headboard_makes_no_sofa_of_a_bed():
+    rng = np.random.default_rng(0)
+    bed = draft(box(0, 0, 2.0, 1.2), 0.5, rng)
+    board = draft(box(2.02, -0.05, 2.12, 1.25), 0.95, rng)
+    assert label_surfaces([bed, board], 0.0, None, Config())[0].name == "bed"
+
+
+def test_a_crate_and_a_small_side_table_are_other():
+    rng = np.random.default_rng(0)
+    for side, height in ((0.38, 0.32), (0.45, 0.53)):
+        label = label_surfaces([draft(box(0, 0, side, side), height, rng)], 0.0, None, Config())[0]
+        assert label.name == "other"
+
+
+def test_what_stands_next_to_a_wall_is_nearer_to_a_counter():
+    walls = shapely.get_coordinates(shapely.LineString([(-1, -0.02), (4, -0.02)])).reshape(1, 2, 2)
+    rng = np.random.default_rng(0)
+    worktop = draft(box(0, 0, 2.4, 0.6), 0.9, rng)
+    free = label_surfaces([worktop], 0.0, None, Config())[0]
+    at_wall = label_surfaces([worktop], 0.0, walls, Config())[0]
+    assert free.name == at_wall.name == "counter"
+    assert at_wall.confidence > free.confidence

@@ -166,7 +166,7 @@ def test_a_mesh_is_closed_and_has_the_volume_of_the_slab(solution):
         assert volume == pytest.approx(0.02 * surface.area / surface.normal[2], rel=1e-3)
 
 
-def wall(k, phi, rho, ends, corners):
+def wall(k, phi, rho, ends, corners=()):
     return Wall(k, phi, rho, np.array(ends, float), 9, np.eye(2), tuple(corners))
 
 
@@ -178,6 +178,36 @@ def test_corners_close():
     first, second = close_corners(walls)
     np.testing.assert_allclose(first, [[2, -1], [2, 2.1]], atol=1e-9)
     np.testing.assert_allclose(second, [[2, 2.1], [-1, 2.1]], atol=1e-9)
+
+
+def test_ends_that_nearly_meet_are_drawn_together_without_a_common_sighting():
+    walls = [
+        wall(0, 0.0, 2.0, [[2, -1], [2, 1.9]]),
+        wall(1, np.pi / 2, 2.0, [[1.8, 2.0], [-1, 2.0]]),
+    ]
+    first, second = close_corners(walls)
+    np.testing.assert_allclose(first, [[2, -1], [2, 2]], atol=1e-9)
+    np.testing.assert_allclose(second, [[2, 2], [-1, 2]], atol=1e-9)
+
+
+def test_an_end_is_drawn_onto_the_middle_of_a_wall_and_cuts_nothing():
+    walls = [
+        wall(0, 0.0, 2.0, [[2, -3], [2, 3]]),
+        wall(1, np.pi / 2, 2.9, [[1.8, 2.9], [-1, 2.9]]),
+        wall(2, np.pi / 2, 0.0, [[2.1, 0.0], [5, 0.0]]),
+    ]
+    first, second, third = close_corners(walls)
+    np.testing.assert_allclose(first, [[2, -3], [2, 3]], atol=1e-9)
+    np.testing.assert_allclose(second, [[2, 2.9], [-1, 2.9]], atol=1e-9)
+    np.testing.assert_allclose(third, [[2, 0], [5, 0]], atol=1e-9)
+
+
+def test_a_door_in_a_corner_stays_open():
+    walls = [
+        wall(0, 0.0, 2.0, [[2, -1], [2, 1.3]]),
+        wall(1, np.pi / 2, 2.0, [[2.0, 2.0], [-1, 2.0]]),
+    ]
+    np.testing.assert_allclose(close_corners(walls)[0], [[2, -1], [2, 1.3]], atol=1e-9)
 
 
 def test_the_grid_is_free_to_the_wall(tmp_path):

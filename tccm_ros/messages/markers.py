@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import colorsys
 from collections.abc import Iterable, Sequence
+from copy import copy
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from shapely.geometry import Polygon
 
 from tccm_ros.geometry import pose
+from tccm_ros.messages.triangles import clip_ears
 from tccm_ros.messages.types import MessageTypes, header_message, pose_message
 from tccm_ros.records import PlaneRecord, Surface, TabletopObject, Wall
 
@@ -120,17 +123,32 @@ def triangulate(
         Corners of M triangles, counter-clockwise seen against the normal; M = 0 where the ring
         encloses nothing.
     """
+    corners, triangles = _fill(boundary, holes, normal)
+    return corners[triangles]
+
+
+def _fill(
+    boundary: NDArray[np.float64],
+    holes: Sequence[NDArray[np.float64]],
+    normal: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Return corners (V, 3), those of the rings first, and triangles (M, 3) of them."""
+    rings = [ring for ring in (boundary, *holes) if len(ring) >= 3]
     if len(boundary) < 3:
-        return np.zeros((0, 3, 3))
+        return np.zeros((0, 3)), np.zeros((0, 3), np.int32)
+    corners = np.concatenate(rings)
     origin, axes = boundary.mean(axis=0), _tangents(normal)
-    rings = [(ring - origin) @ axes.T for ring in (boundary, *holes) if len(ring) >= 3]
-    polygon = shapely.make_valid(Polygon(rings[0], rings[1:]))
-    triangles = shapely.constrained_delaunay_triangles(polygon)
-    corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
-    (x, y), (u, v) = np.moveaxis(corners[:, 1:] - corners[:, :1], 0, -1)
-    turn = x * v - y * u
-    corners[turn < 0.0] = corners[turn < 0.0, ::-1]
-    return corners[turn != 0.0] @ axes + origin
+    xy, ends = (corners - origin) @ axes.T, np.cumsum([len(ring) for ring in rings])
+    triangles = clip_ears(xy, ends)
+    if len(triangles):
+        return corners, triangles
+    # Rings that cross: what they enclose is worked out by a polygon library.
+    polygon = shapely.make_valid(Polygon(xy[: ends[0]], np.split(xy, ends[:-1])[1:]))
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
+    parts = shapely.orient_polygons(parts[shapely.area(parts) > 0.0])
+    found = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
+    triangles = np.arange(len(found), dtype=np.int32).reshape(-1, 3) + len(corners)
+    return np.concatenate([corners, found @ axes + origin]), triangles
 
 
 def _tangents(normal: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -147,8 +165,9 @@ def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
-def _points(types: MessageTypes, xyz: ArrayLike) -> Any:
-    return types.rows("geometry_msgs/msg/Point", np.asarray(xyz, np.float64).reshape(-1, 3))
+def _points(types: MessageTypes, xyz: ArrayLike, chosen: ArrayLike | None = None) -> Any:
+    rows = np.asarray(xyz, np.float64).reshape(-1, 3)
+    return types.rows("geometry_msgs/msg/Point", rows, chosen)
 
 
 def _color(types: MessageTypes, color: Color, alpha: float = 1.0) -> Any:
@@ -167,17 +186,20 @@ def _marker(
     **fields: Any,
 ) -> Any:
     x, y, z = (max(float(value), 0.0) for value in scale)
-    return place.types.make(
-        "visualization_msgs/msg/Marker",
-        header=header_message(place.types, place.stamp_ns, place.frame_id),
-        ns=ns,
-        id=int(identity),
-        type=kind,
-        action=ADD,
-        scale=place.types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
-        color=_color(place.types, color, alpha),
-        **fields,
-    )
+    marker = copy(_blank(place))
+    marker.ns, marker.id, marker.type = ns, int(identity), kind
+    marker.scale = place.types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+    marker.color = _color(place.types, color, alpha)
+    for name, value in fields.items():
+        setattr(marker, name, value)
+    return marker
+
+
+@lru_cache(maxsize=2)
+def _blank(place: Place) -> Any:
+    """Return a marker to copy: most of its many parts are the same in all markers of a message."""
+    header = header_message(place.types, place.stamp_ns, place.frame_id)
+    return place.types.make("visualization_msgs/msg/Marker", header=header, action=ADD)
 
 
 def _text(place: Place, ns: str, identity: int, at: NDArray[np.float64], text: str) -> Any:
@@ -199,19 +221,24 @@ def _area_markers(
     color: Color,
 ) -> list[Any]:
     """Return the filled area and the outline, holes included."""
-    rings = [ring for ring in (boundary, *holes) if len(ring) >= 2]
-    edges = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings]
+    corners, triangles = _fill(boundary, holes, normal)
+    edges, start = [], 0
+    for ring in (boundary, *holes):
+        if len(ring) >= 3:
+            here = np.arange(start, start + len(ring))
+            edges.append(np.stack([here, np.roll(here, -1)], axis=1).ravel())
+            start += len(ring)
+    if not edges:
+        return []
+    # A corner is one message, however many triangles and edges meet there.
+    points = _points(place.types, corners, np.concatenate([triangles.ravel(), *edges]))
     markers = []
-    triangles = triangulate(boundary, holes, normal)
     if len(triangles):
-        filled = _points(place.types, triangles)
-        unit = (1.0, 1.0, 1.0)
+        filled, unit = points[: triangles.size], (1.0, 1.0, 1.0)
         fill = _marker(place, "fill", identity, TRIANGLE_LIST, unit, color, 0.5, points=filled)
         markers.append(fill)
-    if edges:
-        lines = _points(place.types, np.concatenate(edges))
-        width = (0.01, 0.0, 0.0)
-        markers.append(_marker(place, "outline", identity, LINE_LIST, width, color, points=lines))
+    lines, width = points[triangles.size :], (0.01, 0.0, 0.0)
+    markers.append(_marker(place, "outline", identity, LINE_LIST, width, color, points=lines))
     return markers
 
 

@@ -30,6 +30,7 @@ from tccm_ros.progress import Bars, Silent
 from tccm_ros.report.html_report import write_report
 from tccm_ros.report.pictures import write_pictures
 from tccm_ros.report.viewing import report_map
+from tccm_ros.surfaces.census import Census, count_surfaces
 from tccm_ros.surfaces.scene_objects import SceneObject, scene_objects
 
 __all__ = ["Summary", "replay", "report_of"]
@@ -76,8 +77,9 @@ class Summary:
         """Return a few lines for people."""
         counts = self.content["counts"]
         dropped = counts["dropped"]
+        surfaces = Census(counts["surfaces"], counts["small_surfaces"])
         lines = [
-            f"{counts['surfaces']} surfaces, {counts['objects']} objects, {counts['walls']} walls, "
+            f"{surfaces.text()}, {counts['objects']} objects, {counts['walls']} walls, "
             f"{counts['cycles']} tilt cycles, {counts['keyframes']} keyframes, "
             f"{counts['loops_accepted']} loops; {self.real_time_factor:.0f} x real time",
         ]
@@ -194,6 +196,7 @@ def _summary(outcome: Outcome) -> dict[str, Any]:
     slam, solution = outcome.slam, outcome.solution
     cycles = [*outcome.earlier, *outcome.cycles]
     dropped = outcome.tccm.dropped + slam.dropped + outcome.unreadable
+    surfaces = count_surfaces(solution.surfaces)
     accepted = sum(loop.accepted for loop in solution.slam.loops)
     return {
         "versions": _versions(),
@@ -212,7 +215,8 @@ def _summary(outcome: Outcome) -> dict[str, Any]:
             "walls": len(solution.slam.walls),
             "loops_accepted": accepted,
             "loops_rejected": len(solution.slam.loops) - accepted,
-            "surfaces": len(solution.surfaces),
+            "surfaces": surfaces.counted,
+            "small_surfaces": surfaces.small,
         },
         "config": outcome.config.model_dump(mode="json"),
     }

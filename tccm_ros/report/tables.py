@@ -9,6 +9,7 @@ from typing import Any
 from tccm_ros.config import parameters
 from tccm_ros.report import palette
 from tccm_ros.report.results import Results
+from tccm_ros.surfaces.census import count_surfaces
 
 __all__ = [
     "configuration",
@@ -65,7 +66,7 @@ def headline(results: Results) -> str:
     """Return the map in one line of plain text."""
     standing = results.standing
     parts = [
-        _count(len(standing), "surface"),
+        count_surfaces(standing).text(),
         _count(len(results.walls), "wall"),
         _count(len(results.view_stamps()), "3D view"),
         _count(len(results.planes), "cycle"),

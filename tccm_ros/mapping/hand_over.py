@@ -9,7 +9,8 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.mapping.beams import sweep_beams
 from tccm_ros.mapping.mapper import Sweep
-from tccm_ros.mapping.part import PartMap, cell_keys
+from tccm_ros.mapping.merging import owners
+from tccm_ros.mapping.part import PartMap
 from tccm_ros.mapping.planes import PlaneFit, PlaneFits
 from tccm_ros.mapping.segmentation import segment
 from tccm_ros.mapping.view import FreeColumns
@@ -37,16 +38,7 @@ def plane_labels(part: PartMap, fits: PlaneFits) -> NDArray[np.int32]:
     if len(fits.cuboids) == 0 or len(part) == 0:
         return np.full(len(part), -1, np.int32)
     c = fits.cuboids
-    keys = cell_keys(c.ix, c.iy)
-    order = np.searchsorted(keys, part.keys, side="left")
-    last = np.searchsorted(keys, part.keys, side="right") - 1
-    # Few cuboids share a cell: step up to the highest that does not begin above.
-    while True:
-        up = np.minimum(order + 1, last)
-        higher = (up > order) & (c.bottom[up] <= part.bounds[:, 0])
-        if not higher.any():
-            return fits.labels[order]
-        order[higher] += 1
+    return fits.labels[owners(c.ix, c.iy, c.bottom, part.keys, part.bounds)]
 
 
 def surface_cloud(
@@ -99,9 +91,11 @@ def _on_planes(
     part: PartMap, labels: NDArray[np.int32], levels: list[PlaneFit]
 ) -> tuple[Float64, NDArray[np.int64]]:
     """Return the points near their plane and their surface's index, counted over what is there."""
-    chosen = np.isin(labels, [f.index for f in levels])
-    points, labels = part.positions(chosen), labels[chosen]
     count = max(f.index for f in levels) + 1
+    is_level = np.zeros(max(count, int(labels.max()) + 1) + 1, np.bool_)  # the last is for -1
+    is_level[[f.index for f in levels]] = True
+    chosen = is_level[labels]
+    points, labels = part.positions(chosen), labels[chosen]
     normals, offsets, slack = np.zeros((count, 3)), np.zeros(count), np.zeros(count)
     for fit in levels:
         normals[fit.index], offsets[fit.index] = fit.normal, fit.offset

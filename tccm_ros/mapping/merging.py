@@ -14,7 +14,7 @@ from numba import carray, njit
 from tccm_ros.mapping.binning import lowest_bit
 from tccm_ros.mapping.originals import pointer_to
 
-__all__ = ["compose_cuboids", "count_composites", "join_pieces", "merge_part"]
+__all__ = ["compose_cuboids", "count_composites", "join_pieces", "merge_part", "owners"]
 
 _HALF = 2**31
 _U0, _U1, _U2, _U3, _U4 = (np.uint64(i) for i in range(5))
@@ -243,3 +243,33 @@ def _insert_cycle(cycles: Any, begin: Any, end: Any, cycle: Any) -> Any:
         cycles[m] = cycles[m - 1]
     cycles[j] = cycle
     return end + 1
+
+
+@njit(nogil=True, cache=True)
+def owners(ix: Any, iy: Any, bottom: Any, keys: Any, bounds: Any) -> Any:
+    """Return the cuboid of a map that each cuboid of its part map lies in; one pass over both.
+
+    Parameters
+    ----------
+    ix, iy, bottom
+        int32 (N,), of the map, N > 0, sorted.
+    keys, bounds
+        int64 (M,) and int32 (M, 2), of a part map that the map has taken, sorted.
+
+    Returns
+    -------
+    int64 (M,): the highest cuboid of the same cell that does not begin above it.
+    """
+    owner = np.empty(len(keys), np.int64)
+    i, n = 0, len(ix)
+    for j in range(len(keys)):
+        x = (keys[j] + _HALF) >> 32
+        y = keys[j] - (x << 32)
+        while i + 1 < n and (
+            ix[i] < x
+            or (ix[i] == x and iy[i] < y)
+            or (ix[i + 1] == x and iy[i + 1] == y and bottom[i + 1] <= bounds[j, 0])
+        ):
+            i += 1
+        owner[j] = i
+    return owner

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.errors import MapError, OutputError, one_line
 from tccm_ros.io.numbers import array_archive
+from tccm_ros.io.folder import finish_moves
 from tccm_ros.io.ply import surface_color
 from tccm_ros.io.typestore import TypestoreMessages
 from tccm_ros.messages.markers import Place, surface_markers, wall_markers
@@ -156,6 +157,8 @@ def load_map(path: Path | str) -> SavedMap:
     """
     path = Path(path)
     try:
+        with suppress(OSError):  # a folder that cannot be written is read as it is
+            finish_moves(path.parent)
         content = path.read_bytes()
         _check_sums(content)
         about, attached = _read(io.BytesIO(content))

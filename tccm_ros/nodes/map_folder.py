@@ -23,7 +23,7 @@ GRID_NAME = "map"
 def write_map(
     folder: Path, processor: SurfaceSlam, solution: SurfaceSolution, map_frame: str
 ) -> None:
-    """Write a solution of a processor: each file is replaced in one step, when all are written.
+    """Write a solution of a processor; after a kill at any moment the map is the old or the new.
 
     Raises
     ------

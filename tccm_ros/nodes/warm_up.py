@@ -1,6 +1,7 @@
 """Kernels are compiled (or read from numba's cache) before the first message, not in it.
 
-A throw-away processor gets a small made-up room: a floor, two walls, a table with a box on it.
+A throw-away processor gets a small made-up robot in a small made-up room: a floor, two walls, a
+table with something on it.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
-from tccm_ros.records import JointSample, Odometry, Scan
+from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 __all__ = ["warm_up_slam", "warm_up_tccm"]
@@ -23,9 +24,40 @@ PERIOD_NS = 25_000_000
 SCANS = 110
 """Two sweeps and a half."""
 
+DRIVE_SCANS, DRIVE_STEP = 150, 0.15
+"""Level scans, and metres between two of them at most."""
+
 BEAMS = 161
+BOXES = (
+    (0.70, (0.4, 1.4), 0.5),
+    (0.73, (0.75, 1.0), 0.15),
+    (0.79, (0.77, 0.98), 0.13),
+    (0.85, (0.8, 0.95), 0.1),
+)
+"""A table with steps on it: height of the top, extent in x, and half the width, m."""
+
 HEIGHT = 1.5
 """Of the tilting laser, m."""
+
+BEAM_S = 2e-5
+"""Between two beams: base and joints move during a scan."""
+
+LEVEL = "level_laser"
+"""The frame of the level laser; that of the tilting one is `laser`."""
+
+ROBOT = RobotDescription(
+    f"""<robot name="warm_up">
+    <link name="base"><collision><origin xyz="0 0 0.1"/>
+      <geometry><box size="0.4 0.4 0.2"/></geometry></collision></link>
+    <link name="laser"><collision><geometry><cylinder radius="0.02" length="0.04"/></geometry>
+      </collision></link>
+    <link name="{LEVEL}"/>
+    <joint name="tilt" type="revolute"><parent link="base"/><child link="laser"/>
+      <origin xyz="0 0 {HEIGHT}"/><axis xyz="0 1 0"/>
+      <limit lower="-2" upper="2" effort="1" velocity="9"/></joint>
+    <joint name="level" type="fixed"><parent link="base"/><child link="{LEVEL}"/>
+      <origin xyz="0 0 0.3"/></joint></robot>"""
+)
 
 Array = NDArray[np.float64]
 
@@ -42,7 +74,7 @@ def warm_up_slam(config: Config) -> None:
 
 @cache
 def _sweep_once(config_json: str) -> tuple[CycleResult, ...]:
-    processor = TccmProcessor(_rig_of(Config.model_validate_json(config_json)))
+    processor = TccmProcessor(_with_robot(Config.model_validate_json(config_json)))
     results: list[CycleResult] = []
     for record in _sweeps():
         results += processor.add(record)
@@ -53,7 +85,8 @@ def _sweep_once(config_json: str) -> tuple[CycleResult, ...]:
 
 @cache
 def _drive_once(config_json: str) -> None:
-    slam = SurfaceSlam(_rig_of(Config.model_validate_json(config_json)))
+    config = _with_robot(Config.model_validate_json(config_json))
+    slam = SurfaceSlam(config)
     for record in _drive():
         slam.add(record)
     for result in _sweep_once(config_json):
@@ -63,36 +96,30 @@ def _drive_once(config_json: str) -> None:
     slam.solve()
 
 
-def _rig_of(config: Config) -> Config:
-    """Return the configuration with a rig of our own in place of the robot's."""
+def _with_robot(config: Config) -> Config:
+    """Return the configuration for our own robot in place of the user's."""
     made = config.model_copy(deep=True)
-    for key, value in {
-        "kinematics": "rig",
-        "tilt_laser": (0.0, 0.0, HEIGHT, 0.0, 0.0, 0.0),
-        "tilt_center": None,
-        "tilt_axis": (0.0, 1.0, 0.0),
-        "level_laser": (0.0, 0.0, 0.3, 0.0, 0.0, 0.0),
-    }.items():
-        setattr(made.rig, key, value)
+    made.rig.kinematics = "urdf"
     made.frames.tilt_joint, made.frames.base = "tilt", "base"
     return made
 
 
-def _sweeps() -> Iterator[Odometry | JointSample | Scan]:
+def _sweeps() -> Iterator[RobotDescription | Odometry | JointSample | Scan]:
     """Yield sweeps of a tilting laser over the room, each scan between two samples."""
+    yield ROBOT
     bearings = np.linspace(-1.2, 1.2, BEAMS)
     for k in range(SCANS):
         stamp_ns = START_NS + k * PERIOD_NS
         tilt = float(0.7 + 0.5 * np.sin(2.0 * np.pi * k / (SCANS / 1.3)))
         yield Odometry(stamp_ns, "odom", "base", np.eye(4))
         yield JointSample(stamp_ns, ("tilt",), np.array([tilt]))
-        yield _scan(stamp_ns, bearings, _room_ranges(bearings, tilt))
+        yield _scan(stamp_ns, "laser", bearings, _room_ranges(bearings, tilt))
 
 
-def _scan(stamp_ns: int, bearings: Array, ranges: Array) -> Scan:
+def _scan(stamp_ns: int, frame: str, bearings: Array, ranges: Array) -> Scan:
     step = float(bearings[1] - bearings[0])
     return Scan(
-        stamp_ns, "laser", float(bearings[0]), step, 0.0, 0.05, 30.0, ranges.astype(np.float32)
+        stamp_ns, frame, float(bearings[0]), step, BEAM_S, 0.05, 30.0, ranges.astype(np.float32)
     )
 
 
@@ -103,22 +130,23 @@ def _room_ranges(bearings: Array, tilt: float) -> Array:
     with np.errstate(divide="ignore"):
         ranges = np.minimum(3.0 / np.abs(x), 3.0 / np.abs(y))
         ranges = np.minimum(ranges, np.where(z < 0.0, HEIGHT / -z, np.inf))
-        for top, (x0, x1), half_width in ((0.7, (0.4, 1.4), 0.5), (0.85, (0.8, 0.95), 0.1)):
+        for top, (x0, x1), half_width in BOXES:
             far = np.where(z < 0.0, (HEIGHT - top) / -z, np.inf)
             hit = (far * x > x0) & (far * x < x1) & (np.abs(far * y) < half_width)
             ranges = np.where(hit, np.minimum(ranges, far), ranges)
     return ranges
 
 
-def _drive() -> Iterator[Odometry | Scan]:
-    """Yield level scans of a drive of two metres in a room of 7 by 5 m."""
+def _drive() -> Iterator[RobotDescription | Odometry | Scan]:
+    """Yield level scans of a drive to and fro in a room of 7 by 5 m, long enough for loops."""
+    yield ROBOT
     bearings = np.linspace(-2.0, 2.0, BEAMS)
-    for k in range(SCANS):
-        stamp_ns, x = START_NS + k * PERIOD_NS, 2.0 * k / SCANS
+    for k in range(DRIVE_SCANS):
+        stamp_ns, x = START_NS + k * PERIOD_NS, 1.5 * float(np.sin(DRIVE_STEP / 1.5 * k))
         T_odom_base = np.eye(4)
         T_odom_base[0, 3] = x
         yield Odometry(stamp_ns, "odom", "base", T_odom_base)
-        if k % 3 == 0:
-            c, s = np.cos(bearings), np.sin(bearings)
-            ahead = np.where(c > 0.0, 4.0 - x, 3.0 + x) / np.maximum(np.abs(c), 1e-9)
-            yield _scan(stamp_ns, bearings, np.minimum(ahead, 2.5 / np.maximum(np.abs(s), 1e-9)))
+        c, s = np.cos(bearings), np.sin(bearings)
+        ahead = np.where(c > 0.0, 4.0 - x, 3.0 + x) / np.maximum(np.abs(c), 1e-9)
+        ranges = np.minimum(ahead, 2.5 / np.maximum(np.abs(s), 1e-9))
+        yield _scan(stamp_ns, LEVEL, bearings, ranges)

@@ -1,20 +1,42 @@
 """Fuzzing: a few examples in every test run, always the same; a campaign by one command.
 
-TCCM_FUZZ=3000 pytest test/fuzz        (so many new examples for each test)
+TCCM_FUZZ_MINUTES=10 pytest -s test/fuzz        (new examples, for so long in each test)
 """
 
+import functools
 import os
+import time
 
 from hypothesis import HealthCheck, settings
 
-fuzzed = settings(
-    max_examples=int(os.environ.get("TCCM_FUZZ", "25")),
-    deadline=None,
-    derandomize="TCCM_FUZZ" not in os.environ,
-    database=None,
-    suppress_health_check=[
-        HealthCheck.too_slow,
-        HealthCheck.data_too_large,
-        HealthCheck.function_scoped_fixture,
-    ],
-)
+MINUTES = float(os.environ.get("TCCM_FUZZ_MINUTES", "0"))
+FEW, ROUND = 25, 200
+"""Examples in every test run, and in each round of a campaign."""
+
+
+def fuzzed(test):
+    """Run a property test with a few examples, or in rounds until its time is up."""
+    once = settings(
+        max_examples=ROUND if MINUTES else FEW,
+        deadline=None,
+        derandomize=not MINUTES,
+        database=None,
+        suppress_health_check=[
+            HealthCheck.too_slow,
+            HealthCheck.data_too_large,
+            HealthCheck.function_scoped_fixture,
+        ],
+    )(test)
+    return _in_rounds(once) if MINUTES else once
+
+
+def _in_rounds(once):
+    @functools.wraps(once)
+    def campaign(*args, **kwargs):
+        end, rounds = time.monotonic() + 60.0 * MINUTES, 0
+        while time.monotonic() < end:
+            once(*args, **kwargs)
+            rounds += 1
+        print(f"\n{once.__name__}: {rounds * ROUND} examples", flush=True)
+
+    return campaign

@@ -235,17 +235,17 @@ def overrides(values: dict) -> list[Parameter]:
     return [Parameter(name, value=value) for name, value in values.items()]
 
 
-def tccm(ros, *, namespace="", context=None, **values) -> TccmNode:
-    """Add a tccm node; parameters as ``group__key``."""
-    return _node(ros, TccmNode, namespace, context, values)
+def tccm(ros, *, namespace="", context=None, words=(), **values) -> TccmNode:
+    """Add a tccm node; parameters as ``group__key``, words as on the command line."""
+    return _node(ros, TccmNode, namespace, context, words, values)
 
 
-def slam(ros, *, namespace="", context=None, **values) -> SlamNode:
-    """Add a SLAM node; parameters as ``group__key``."""
-    return _node(ros, SlamNode, namespace, context, values)
+def slam(ros, *, namespace="", context=None, words=(), **values) -> SlamNode:
+    """Add a SLAM node; parameters as ``group__key``, words as on the command line."""
+    return _node(ros, SlamNode, namespace, context, words, values)
 
 
-def _node(ros, kind, namespace, context, values):
+def _node(ros, kind, namespace, context, words, values):
     named = {name.replace("__", "."): value for name, value in values.items()}
     named.setdefault("qos.reliability", "reliable")
     return ros.add(
@@ -253,6 +253,7 @@ def _node(ros, kind, namespace, context, values):
             namespace=namespace,
             context=context or ros.another_context(),
             parameter_overrides=overrides(named),
+            cli_args=["--ros-args", *words] if words else None,
         )
     )
 

@@ -1,4 +1,7 @@
-"""A bag played through DDS into both nodes gives the files of its replay, byte for byte."""
+"""A bag played through DDS into both nodes gives the files of its replay, byte for byte.
+
+The topics are reliable: everything has to arrive for the files to be equal.
+"""
 
 import os
 import time
@@ -6,14 +9,12 @@ from pathlib import Path
 
 import pytest
 from rclpy.node import Node
-from robot import overrides
+from robot import overrides, slam, tccm
 from std_srvs.srv import Trigger
 
 from tccm_ros.config import Config
 from tccm_ros.io.bags import BagReader
 from tccm_ros.nodes.player_node import PlayerNode
-from tccm_ros.nodes.slam_node import SlamNode
-from tccm_ros.nodes.tccm_node import TccmNode
 from tccm_ros.replay import replay
 
 MOST_BEHIND = 60
@@ -56,28 +57,22 @@ EQUAL = (
 def test_live_equals_offline(ros, tmp_path, bag, remap):
     live, offline = tmp_path / "live", tmp_path / "offline"
     replay(BAGS / bag, offline, Config(), pictures=False, remap=remap)
-    # Everything has to arrive for the files to be equal; best effort may lose a sample.
-    settings = {"save.directory": str(live), "qos.reliability": "reliable"}
     words = [word for rule in remap for word in ("-r", rule)]
-    common = {
-        "context": ros.context,
-        "parameter_overrides": overrides(settings),
-        "cli_args": ["--ros-args", *words] if words else None,
-    }
-    tccm, slam = ros.add(TccmNode(**common)), ros.add(SlamNode(**common))
-    ros.connect(tccm, slam, "/tccm/surfaces", "/tccm/view")
-    player = play(ros, BAGS / bag, tccm, slam)
+    common = {"context": ros.context, "words": words, "save__directory": str(live)}
+    mapper, node = tccm(ros, **common), slam(ros, **common)
+    ros.connect(mapper, node, "/tccm/surfaces", "/tccm/view")
+    player = play(ros, BAGS / bag, mapper, node)
     assert player.published == messages(BAGS / bag)
     ask = ros.add(Node("asker", context=ros.context))
     save(ros, ask, "/tccm/save_map")
-    cycles = tccm.processor.counts["cycles"]
+    cycles = mapper.processor.counts["cycles"]
     for topic in ("/tccm/surfaces", "/tccm/view"):
-        ros.spin_until(lambda t=topic: slam.inputs.counts()[t] == cycles, what=topic)
+        ros.spin_until(lambda t=topic: node.inputs.counts()[t] == cycles, what=topic)
     save(ros, ask, "/surface_slam/save_map")
     assert cycles > 0
-    for node in (tccm, slam):
-        assert node.inputs.lost() == {}
-        assert not node.overload
+    for each in (mapper, node):
+        assert each.inputs.lost() == {}
+        assert not each.overload
     for name in EQUAL:
         assert (live / name).read_bytes() == (offline / name).read_bytes(), name
 

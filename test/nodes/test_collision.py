@@ -1,0 +1,103 @@
+"""Surfaces as MoveIt's collision objects: a box under each, gone when the surface is gone."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tccm_ros.nodes import collision
+from tccm_ros.nodes.collision import CollisionObjects, collision_messages
+from tccm_ros.records import Surface
+
+ADD, REMOVE = b"\x00", b"\x01"
+SQUARE = np.array([[0.0, 0.0, 0.7], [1.2, 0.0, 0.7], [1.2, 0.8, 0.7], [0.0, 0.8, 0.7]])
+TABLE = Surface(
+    id=4, label="table", confidence=0.9, height=0.7, normal=np.array([0.0, 0.0, 1.0]), offset=0.7,
+    area=0.96, centroid=SQUARE.mean(axis=0), boundary=SQUARE, holes=(), points=1000,
+    height_std=0.002, first_seen_ns=1, last_seen_ns=2, views=(),
+)  # fmt: skip
+FLOOR = replace(TABLE, id=1, label="floor")
+
+
+class AnyMessages:
+    """Message classes without a definition: moveit_msgs is not on every machine."""
+
+    def make(self, msgtype, /, **fields):
+        return SimpleNamespace(msgtype=msgtype, **fields)
+
+    def array(self, dtype, values):
+        return np.asarray(values, dtype)
+
+    def octet(self, value):
+        return bytes([value])
+
+
+class Publisher:
+    def __init__(self):
+        self.messages, self.listeners = [], 1
+
+    def get_subscription_count(self):
+        return self.listeners
+
+    def publish(self, message):
+        self.messages.append(message)
+
+
+@pytest.fixture
+def publisher(monkeypatch):
+    monkeypatch.setattr(collision, "message_class", lambda kind: kind)
+    return Publisher()
+
+
+def objects_of(publisher) -> CollisionObjects:
+    node = SimpleNamespace(create_publisher=lambda *_: publisher)
+    return CollisionObjects(node, AnyMessages(), "map")
+
+
+def test_the_top_of_the_box_is_the_surface():
+    (message,) = collision_messages(AnyMessages(), 5, "map", [TABLE], set())
+    assert (message.id, message.operation) == ("tccm_surface_4", ADD)
+    assert (message.header.frame_id, message.header.stamp.nanosec) == ("map", 5)
+    (solid,), (pose,) = message.primitives, message.primitive_poses
+    position, q = pose.position, pose.orientation
+    assert sorted(solid.dimensions[:2]) == pytest.approx([0.8, 1.2])
+    assert position.z + 0.5 * solid.dimensions[2] == pytest.approx(0.7)
+    assert (position.x, position.y) == pytest.approx((0.6, 0.4))
+    # Turned about z alone, so that its long side lies along x.
+    assert (q.x, q.y) == pytest.approx((0.0, 0.0))
+    long_side = 2.0 * np.arctan2(q.z, q.w) + (0.0 if solid.dimensions[0] > 1.0 else np.pi / 2)
+    assert np.sin(long_side) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_all_but_the_floor_are_shown_and_what_is_gone_is_removed(publisher):
+    objects = objects_of(publisher)
+    shelf = replace(TABLE, id=7, label="shelf")
+    objects.publish([FLOOR, TABLE, shelf], 1)
+    objects.publish([FLOOR, shelf], 2)
+    told = [(m.id, m.operation) for m in publisher.messages]
+    assert told == [
+        ("tccm_surface_4", ADD),
+        ("tccm_surface_7", ADD),
+        ("tccm_surface_4", REMOVE),
+        ("tccm_surface_7", ADD),
+    ]
+
+
+def test_nothing_is_built_for_nobody_and_a_late_listener_gets_all(publisher):
+    objects = objects_of(publisher)
+    publisher.listeners = 0
+    objects.publish([TABLE], 1)
+    assert publisher.messages == []
+    publisher.listeners = 1
+    objects.publish([TABLE], 2)
+    assert [m.id for m in publisher.messages] == ["tccm_surface_4"]
+
+
+def test_without_moveit_nothing_is_published(monkeypatch):
+    def absent(kind):
+        raise ModuleNotFoundError(kind)
+
+    monkeypatch.setattr(collision, "message_class", absent)
+    objects = CollisionObjects(SimpleNamespace(), AnyMessages(), "map")
+    objects.publish([TABLE], 1)

@@ -1,0 +1,80 @@
+"""Nodes with a parameter file: what `tccm calibrate` writes, and a rig without a URDF."""
+
+import numpy as np
+import pytest
+from robot import HEIGHT, URDF, recording, slam, tccm
+
+from tccm_ros.calibrate.calibration import Calibration
+from tccm_ros.calibrate.judge import Judgement
+from tccm_ros.config import Config, Rig
+from tccm_ros.config_file import read_config
+from tccm_ros.mapping.tccm import TccmProcessor
+from tccm_ros.messages import scan_from_message, scan_message
+from tccm_ros.nodes.ros_types import RosidlMessages
+from tccm_ros.records import RobotDescription
+
+CALIBRATED = Rig(
+    tilt_offset=0.021,
+    tilt_scale=0.9950,
+    joint_time_offset=9.3e-05,
+    mount_correction=(0.0, 0.000206, -0.0156, 0.02, 0.0, 0.0),
+    level_correction=(-0.002186, 4e-06, 0.0, 0.0, 0.0, -2e-05),
+)
+WITHOUT_URDF = f"""
+/**:
+  ros__parameters:
+    frames: {{base: base, tilt_joint: tilt}}
+    rig:
+      kinematics: rig
+      tilt_laser: [0.0, 0.0, {HEIGHT}, 0.0, 0.0, 0.0]
+      level_laser: [0.0, 0.0, 0.3, 0.0, 0.0, 0.0]
+"""
+
+
+@pytest.fixture
+def rig_file(tmp_path):
+    """Return rig.yaml as `tccm calibrate` writes it."""
+    judgement = Judgement(None, (), np.zeros((0, 0)))
+    path, nothing = tmp_path / "rig.yaml", (None, None)
+    found = Calibration("room", CALIBRATED, Rig(), judgement, None, nothing, nothing, None, ("x",))
+    path.write_text(found.yaml())
+    return path
+
+
+def offline(config):
+    processor = TccmProcessor(config)
+    processor.add(RobotDescription(URDF.format(p="", kind="revolute")))
+    for topic, record in recording(3):
+        if topic == "tilt_scan":  # a message has angles in single precision
+            record = scan_from_message(scan_message(RosidlMessages(), record))
+        if topic != "scan":
+            processor.add(record)
+    processor.finish()
+    return processor.map.cuboids()
+
+
+def test_a_calibrated_rig_is_used_by_both_nodes_as_by_a_replay(ros, rig_file):
+    words = ["--params-file", str(rig_file)]
+    nodes, robot = [tccm(ros, words=words), slam(ros, words=words)], ros.robot()
+    for node in nodes:
+        assert node.config.rig == CALIBRATED == read_config(rig_file).rig
+    robot.play(recording(3), *nodes)
+    nodes[0].worker.wait(lambda: nodes[0].processor.finish())
+    live, expected = nodes[0].processor.map.cuboids(), offline(read_config(rig_file))
+    for name in ("ix", "iy", "top", "bottom", "count"):
+        assert np.array_equal(getattr(live, name), getattr(expected, name)), name
+    assert not np.array_equal(live.top, offline(Config()).top)
+
+
+def test_a_rig_without_a_robot_description(ros, tmp_path):
+    path = tmp_path / "rig.yaml"
+    path.write_text(WITHOUT_URDF)
+    words = ["--params-file", str(path)]
+    nodes, robot = [tccm(ros, words=words), slam(ros, words=words)], ros.robot(described=False)
+    robot.play(recording(3, speed=0.2), *nodes)
+    mapper, node = nodes
+    assert mapper.processor.counts["cycles"] >= 2
+    assert node.processor.counts["level scans"] > 20
+    for each in nodes:
+        assert not each.dropped
+        assert not each.synchroniser.problem

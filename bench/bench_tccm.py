@@ -1,9 +1,9 @@
 """The TCCM against its peers: the rows of the table in docs/tccm.md, as ratios in one run.
 
-Single thread, medians of CPU time, warm caches; what is compared is measured in turn, call by call.
-The rig is the paper's: a laser at 1.52 m, 240 deg, 569 beams,
-28 ms a scan, 40 scans a sweep, tilt 5 to 65 deg down; situation A (a table) in a closed room, so
-that every beam returns. Times are of this machine; what counts are the ratios.
+Single thread, medians of CPU time, warm caches; what is compared takes turns. The rig is the
+paper's: a laser at 1.52 m, 240 deg, 569 beams, 28 ms a scan, 40 scans a sweep, tilt 5 to 65 deg
+down; situation A (a table) in a closed room, so that every beam returns. Times are of this machine;
+what counts are the ratios.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ sys.path[:0] = [str(ROOT), str(Path(__file__).resolve().parent)]
 from tccm_peers import Twin, compiled, find_octomap, numpy_part  # noqa: E402
 
 from tccm_ros.config import Config  # noqa: E402
+from tccm_ros.mapping import binning, union  # noqa: E402
 from tccm_ros.mapping.integration_map import IntegrationMap  # noqa: E402
 from tccm_ros.mapping.part_map import PartMapBuilder  # noqa: E402
 from tccm_ros.records import PosedScan, Scan  # noqa: E402
@@ -44,6 +45,9 @@ CELLS = (0.01, 0.02, 0.03, 0.04)
 SCANS = (10, 20, 30, 40, 60, 80)
 
 
+BATCH, WARM = 10, 3
+"""Calls of one kind that follow each other, after some that are not counted."""
+
 Call = Callable[[], object]
 
 
@@ -55,18 +59,20 @@ def median_ms(call: Call, repeats: int, before: Call | None = None) -> float:
 def in_turn_ms(repeats: int, *calls: tuple[Call, Call | None]) -> list[float]:
     """Return the median CPU times of calls, ms, each with what is run before it and not timed.
 
-    The calls take turns, so that all of them meet the same load of the machine.
+    The calls take turns, `BATCH` times each, so that all of them meet the same load of the machine
+    and each finds its own data in the caches.
     """
     times: list[list[float]] = [[] for _ in calls]
-    warm = 3 if repeats > 2 else 0
-    for _ in range(repeats + warm):
+    for _ in range(-(-repeats // BATCH)):
         for (call, before), own in zip(calls, times, strict=True):
-            if before is not None:
-                before()
-            start = time.thread_time()
-            call()
-            own.append(time.thread_time() - start)
-    return [1e3 * statistics.median(own[warm:]) for own in times]
+            for i in range(-WARM if repeats >= BATCH else 0, min(BATCH, repeats)):
+                if before is not None:
+                    before()
+                start = time.thread_time()
+                call()
+                if i >= 0:
+                    own.append(time.thread_time() - start)
+    return [1e3 * statistics.median(own) for own in times]
 
 
 @dataclass(frozen=True)
@@ -235,6 +241,67 @@ def one_scene(name: str, sweep: Sweep, twin_library, new_octomap, repeats: int) 
     target = np.empty_like(xyz)
     copy = median_ms(lambda: np.copyto(target, xyz), repeats)
     table.row("copy of the points", ms(copy), times_as_fast(mine, copy), "-")
+
+
+def profile(repeats: int) -> None:
+    """Where the time of a part map goes, kernel by kernel."""
+    sweep = make_sweep(0)
+    n = len(sweep.xyz)
+    print(f"\n### Profile: points -> part map ({n} points, full room, 20 mm)\n")
+    builder, flat = PartMapBuilder(settings(gap="fixed")), sweep.xyz.reshape(-1)
+    builder.add_points(sweep.xyz)
+    part, state, work = builder.close(0, 0, 1), builder._state, builder._work
+    s, points = builder._scratch_for(n), np.empty(2 * n, np.int64)
+    ends, stamps = np.array([n], np.int32), np.zeros(1, np.int64)
+    sums, seen = np.empty(10 * len(part), np.int64), np.empty(2 * len(part), np.int64)
+    found: list[int] = []
+
+    def prepare():
+        state.clear(listed=False)
+
+    def bin_points():
+        binning.bin_points(
+            flat, builder._limits, 0, work, state.records, state.directory, state.counts,
+            state.bits, state.meta,
+        )  # fmt: skip
+
+    def list_cells():
+        found[:] = [
+            binning.list_cells(
+                state.directory, state.counts, state.bits, state.meta, s.cells, s.starts,
+                s.addresses,
+            )
+        ]  # fmt: skip
+
+    steps: dict[str, Call] = {
+        "place: ticks, cells, counting": bin_points,
+        "list the cells": list_cells,
+        "sort by height (two digits of 8 bits)": lambda: union._order_by_height(
+            state.records, n, *state.heights, s.pairs, s.spare, s.histogram, s.order
+        ),
+        "sort by cell": lambda: union._gather_points(
+            state.records, n, s.order, ends, s.scans, state.counts, points
+        ),
+        "mark the cells": lambda: union._mark_cells(
+            s.starts, found[0], s.addresses, state.counts, s.begins
+        ),
+        "unite": lambda: union._unite_intervals(
+            points, n, s.begins, s.cells, found[0], s.keys, s.bounds, s.firsts
+        ),
+        "sum the moments": lambda: union.sum_cuboids(points, n, s.begins, stamps, sums, seen),
+    }
+    times: dict[str, list[float]] = {name: [] for name in steps}
+    for _ in range(repeats + 3):
+        prepare()
+        for name, step in steps.items():
+            start = time.thread_time()
+            step()
+            times[name].append(1e3 * (time.thread_time() - start))
+    assert (sums.reshape(-1, 10) == part.moments).all()
+    table = Table("step", "ms", "ns a point")
+    for name, own in times.items():
+        took = statistics.median(own[3:])
+        table.row(name, ms(took), f"{1e6 * took / n:.1f}")
 
 
 def whole_cycles(twin_library, new_octomap, repeats: int) -> None:
@@ -518,7 +585,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=60, help="measurements per figure")
     parser.add_argument("--plot", type=Path, help="write Fig. 8 as a picture")
-    parser.add_argument("--only", choices=["part", "cycle", "order", "memory", "ghosts", "fig8"])
+    parser.add_argument(
+        "--only", choices=["part", "profile", "cycle", "order", "memory", "ghosts", "fig8"]
+    )
     parser.add_argument(
         "--octomap", choices=["c++", "python"], help="which OctoMap; the first that is there"
     )
@@ -527,6 +596,7 @@ def main() -> None:
     octo = find_octomap(options.octomap)
     sections: dict[str, Callable[[], None]] = {
         "part": lambda: part_maps(twin, octo, options.repeats),
+        "profile": lambda: profile(options.repeats),
         "cycle": lambda: whole_cycles(twin, octo, options.repeats),
         "order": lambda: point_order(options.repeats),
         "memory": lambda: memory(octo),

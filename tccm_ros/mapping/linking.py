@@ -21,6 +21,11 @@ PATCH_BITS = 4
 STEPS = 32
 """Steps of this many cells and more are no links."""
 
+OBSTACLES = 3
+"""A search ends behind so many occupied cells that hold nothing of the same height: whatever lies
+further off is not a neighbour. Without it a wall's cells, which have no neighbours at all, cost
+most of the time."""
+
 
 @njit(nogil=True, cache=True)
 def root_of(parent: Int, i: int) -> int:
@@ -34,19 +39,20 @@ def root_of(parent: Int, i: int) -> int:
 @njit(nogil=True, cache=True)
 def join(parent: Int, i: int, j: int) -> None:
     """Unite the sets of i and j under the smaller index."""
-    a, b = root_of(parent, i), root_of(parent, j)
+    a, b = parent[i], parent[j]
     if a == b:
         return
+    a, b = root_of(parent, a), root_of(parent, b)
     if a < b:
         parent[b] = a
-    else:
+    elif b < a:
         parent[a] = b
 
 
 @njit(nogil=True, cache=True)
-def is_level(top: Int, mean: Int, i: int, j: int, threshold: float) -> bool:
+def is_level(top: Int, mean: Int, i: int, j: int, limit: int) -> bool:
     """Tell whether two cuboids have the same height: by their tops or by their means."""
-    return abs(top[i] - top[j]) < threshold or abs(mean[i] - mean[j]) < threshold
+    return abs(top[i] - top[j]) < limit or abs(mean[i] - mean[j]) < limit
 
 
 @njit(nogil=True, cache=True)
@@ -63,6 +69,7 @@ def find_links(
         int32 (N,), indices, -1 for none.
     """
     n = len(ix)
+    limit = int(np.ceil(threshold))
     low_y = iy.min()
     # Chains of the cuboids of each column, newest first.
     last = np.full(iy.max() - low_y + 3, -1, np.int32)
@@ -73,42 +80,50 @@ def find_links(
         x, y = ix[i], iy[i]
         if ix[row] != x:
             row = i
-        for j in range(i - 1, row - 1, -1):
-            if y - iy[j] >= STEPS:
-                break
-            if is_level(top, mean, i, j, threshold):
+        j, cell, passed = i - 1, y, 0
+        while j >= row and y - iy[j] < STEPS:
+            if iy[j] != cell:
+                cell = iy[j]
+                passed += 1
+                if passed > OBSTACLES:
+                    break
+            if is_level(top, mean, i, j, limit):
                 back_y[i] = j
-                if iy[j] == y:
+                if cell == y:
                     join(parent, i, j)
                     back_y[i] = back_y[j]
                 break
+            j -= 1
         c = y - low_y + 1
         j = last[c]
         before[i] = j
         last[c] = i
-        while (
-            j >= 0
-            and x - ix[j] < STEPS
-            and (ix[j] == x or not is_level(top, mean, i, j, threshold))
-        ):
+        cell, passed = x, 0
+        while j >= 0 and x - ix[j] < STEPS:
+            if ix[j] != cell:
+                cell = ix[j]
+                passed += 1
+                if passed > OBSTACLES:
+                    break
+            if cell != x and is_level(top, mean, i, j, limit):
+                back_x[i] = j
+                break
             j = before[j]
-        if j >= 0 and x - ix[j] < STEPS:
-            back_x[i] = j
-        # Where a cell has a neighbour behind it, that leads to the corners too.
-        k = back_y[i]
-        if (j < 0 or x - ix[j] > 1) and (k < 0 or y - iy[k] > 1):
-            join_corner(ix, top, mean, threshold, before, last[c - 1], i, parent)
-            join_corner(ix, top, mean, threshold, before, last[c + 1], i, parent)
+        # The cell behind in the column leads to both corners, that in the row to the nearer one.
+        if back_x[i] < 0 or x - ix[back_x[i]] > 1:
+            join_corner(ix, top, mean, limit, before, last[c + 1], i, parent)
+            if back_y[i] < 0 or y - iy[back_y[i]] > 1:
+                join_corner(ix, top, mean, limit, before, last[c - 1], i, parent)
     return back_x, back_y
 
 
 @njit(nogil=True, cache=True)
 def join_corner(
-    ix: Int, top: Int, mean: Int, threshold: float, before: Int, j: int, i: int, parent: Int
+    ix: Int, top: Int, mean: Int, limit: int, before: Int, j: int, i: int, parent: Int
 ) -> None:
     """Join cuboid i to one of its height in the next column and the row behind, j and before."""
     while j >= 0 and ix[i] - ix[j] < 2:
-        if ix[j] != ix[i] and is_level(top, mean, i, j, threshold):
+        if ix[j] != ix[i] and is_level(top, mean, i, j, limit):
             join(parent, i, j)
             return
         j = before[j]

@@ -15,10 +15,9 @@ from tccm_ros.mapping.plane_members import (
     Plane,
     claim,
     fit_lying,
-    fit_standing,
-    link_standing,
     pooled_plane,
 )
+from tccm_ros.mapping.plane_standing import fit_standing, link_standing
 
 __all__ = ["PLANE_COLUMNS", "segment"]
 
@@ -99,7 +98,19 @@ def segment(
         )  # fmt: skip
         if len(members) > 2:
             found = split_and_fit(
-                M, ix, iy, members, plane, cell * tick, limits, labels, planes, found
+                M,
+                ix,
+                iy,
+                bottom,
+                top,
+                members,
+                plane,
+                tick,
+                origin[2] * tick,
+                limits,
+                labels,
+                planes,
+                found,
             )
     return labels, planes[:found]
 
@@ -144,9 +155,12 @@ def split_and_fit(
     M: Array,
     ix: Int,
     iy: Int,
+    bottom: Int,
+    top: Int,
     members: Int,
     plane: Plane,
-    cell: float,
+    tick: float,
+    ground: float,
     limits: tuple[float, float, float, float],
     labels: Int,
     planes: Array,
@@ -159,7 +173,7 @@ def split_and_fit(
     n = len(members)
     is_standing = abs(plane[2]) < STEEP
     if is_standing:
-        root = link_standing(M, members, plane, cell)
+        root = link_standing(ix, iy, members, plane)
         deep = np.ones(n, np.bool_)
     else:
         level = np.zeros(n, np.int32)
@@ -176,10 +190,13 @@ def split_and_fit(
         one, its_deep = take_set(members, deep, root, k, size[k])
         row = planes[found]
         if is_standing:
-            fitted = fit_standing(M, one, plane, cell, row[8:18])
+            fitted = fit_standing(M, ix, iy, bottom, top, one, plane, tick, ground, row[8:18])
         else:
             fitted = fit_lying(M, one, its_deep, plane, row[8:18])
         if is_plane(row, limits):
+            if is_standing:
+                # Its rims are in the moments, but not as points of the plane.
+                row[0], row[1], row[2], row[3], row[6] = fitted
             row[7] = label_members(M, one, fitted, labels, found)
             found += 1
     return found

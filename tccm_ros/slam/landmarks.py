@@ -27,6 +27,9 @@ Float64 = NDArray[np.float64]
 OBSERVATION_CHI2 = 13.8
 """An observation further than this from its wall is of something else: 99.9 % of two degrees."""
 
+TAIL = 10.0
+"""99.9 % of two degrees of freedom over their median: further off is not noise."""
+
 SNAP = 0.3
 """An end further than this (m) from where its walls meet is not moved there."""
 
@@ -93,7 +96,7 @@ def judge_walls(
     rest = 2.0 * float(solution.errors_of(range(first)).sum())
     rows = 3 * (first - keyframes) + 2 * int(kept.sum())
     freedom = rows - 3 * (keyframes - 1) - 2 * len(judged)
-    return Judgement(judged, _unit_variance(rest + float(chi2[kept].sum()), freedom))
+    return Judgement(judged, _unit_variance(rest + _without_tail(chi2[kept]), freedom))
 
 
 def _without_strays(
@@ -121,6 +124,17 @@ def _without_strays(
         far |= turned > limits.gate_angle + 3.0 * sigma[group]
         wall[used[group[far]]] = -1
     return table.keep(wall, confirmations(config, len(poses)))
+
+
+def _without_tail(chi2: Float64) -> float:
+    """Return the sum of squared distances (N,), each at most what noise alone explains.
+
+    Covariances are careful, so that a line of something else may pass the gates and still be
+    hundreds of times further off than all others: a few such say nothing about the noise.
+    """
+    if not len(chi2):
+        return 0.0
+    return float(np.minimum(chi2, TAIL * float(np.median(chi2))).sum())
 
 
 def _unit_variance(total: float, freedom: int) -> float:

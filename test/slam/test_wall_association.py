@@ -6,7 +6,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import between2
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.front_end import GraphKeyframe
-from tccm_ros.slam.landmarks import judge_walls
+from tccm_ros.slam.landmarks import _without_tail, judge_walls
 from tccm_ros.slam.lines import extract_lines
 from tccm_ros.slam.walls import WallTable, associate_walls
 
@@ -85,3 +85,13 @@ def test_right_labels_stay(seen):
     kept, was = judgement.table.wall >= 0, table.wall >= 0
     assert kept.sum() > 0.97 * was.sum()
     assert 0.0 < judgement.unit_variance < 1.0
+
+
+def test_a_few_strays_do_not_change_the_unit_variance():
+    """One line in a hundred 300 times further off than noise: within the careful gates still."""
+    random = np.random.default_rng(0)
+    chi2 = random.chisquare(2, 2000)
+    strayed = np.where(np.arange(2000) % 100 == 0, 300.0, chi2)
+    assert _without_tail(chi2) == pytest.approx(chi2.sum(), rel=0.01)
+    assert _without_tail(strayed) < 1.1 * chi2.sum()
+    assert _without_tail(np.zeros(0)) == 0.0

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from rclpy.serialization import deserialize_message, serialize_message
 from robot import HEIGHT, URDF, recording, slam, tccm
+from sensor_msgs.msg import LaserScan
 
 from tccm_ros.calibrate.calibration import Calibration
 from tccm_ros.calibrate.judge import Judgement
@@ -45,8 +47,9 @@ def offline(config):
     processor = TccmProcessor(config)
     processor.add(RobotDescription(URDF.format(p="", kind="revolute")))
     for topic, record in recording(3):
-        if topic == "tilt_scan":  # a message has angles in single precision
-            record = scan_from_message(scan_message(RosidlMessages(), record))
+        if topic == "tilt_scan":  # what is sent has angles in single precision
+            sent = serialize_message(scan_message(RosidlMessages(), record))
+            record = scan_from_message(deserialize_message(sent, LaserScan))
         if topic != "scan":
             processor.add(record)
     processor.finish()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -102,9 +103,13 @@ class CycleResult:
     base_turn_rate: float
     ended_by: str
 
-    def free_places(self) -> list[FreePlaces]:
-        """Return where there is room on each horizontal plane; worked out when it is asked for."""
-        return find_free_places(self.planes, self.objects, self.place_size)
+    def free_places(self, planes: Sequence[PlaneRecord] | None = None) -> list[FreePlaces]:
+        """Return where there is room on horizontal planes; worked out when it is asked for.
+
+        `planes` are those to look at, all by default.
+        """
+        chosen = self.planes if planes is None else planes
+        return find_free_places(chosen, self.objects, self.place_size)
 
     @property
     def is_still(self) -> bool:

@@ -12,7 +12,7 @@ from shapely import Polygon
 
 from tccm_ros.geometry import inverse, planar, transform
 from tccm_ros.mapping.tccm import CycleResult
-from tccm_ros.records import Surface, TabletopObject
+from tccm_ros.records import PlaneRecord, Surface, TabletopObject
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 __all__ = ["SceneObject", "scene_objects"]
@@ -24,6 +24,10 @@ REACH = 0.10
 
 MARGIN = 0.05
 """An object stands on a surface if its centre is within this of the outline, m."""
+
+
+LEAN = 0.05
+"""So much a surface may rise from its outline to a point that is `MARGIN` outside of it, m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +69,7 @@ def scene_objects(
             owner = _surface_under(place, bottom, current, footprints)
             if owner is not None:
                 objects.append(_in_map(item, owner, T_map_odom))
-        for places in cycle.free_places():
+        for places in cycle.free_places(_near_surfaces(cycle.planes, T_map_odom, current)):
             for ring in places.polygons:
                 ring_map = transform(T_map_odom, ring)
                 middle = ring_map.mean(axis=0)
@@ -73,6 +77,23 @@ def scene_objects(
                 if owner is not None:
                     free.setdefault(owner, []).append(ring_map)
     return sorted(objects, key=lambda o: (o.surface, o.id)), free
+
+
+def _near_surfaces(
+    planes: Sequence[PlaneRecord], T_map_odom: Float64, surfaces: Sequence[Surface]
+) -> list[PlaneRecord]:
+    """Return the planes whose places could lie on a surface: their boxes, and a slack, meet."""
+    slack = np.array([MARGIN, MARGIN, REACH + LEAN])
+    low = np.array([s.boundary.min(axis=0) for s in surfaces]).reshape(-1, 3) - slack
+    high = np.array([s.boundary.max(axis=0) for s in surfaces]).reshape(-1, 3) + slack
+    near = []
+    for plane in planes:
+        if plane.kind == "horizontal" and len(plane.boundary) >= 3:
+            outline = transform(T_map_odom, plane.boundary)
+            meets = (outline.min(axis=0) <= high) & (outline.max(axis=0) >= low)
+            if meets.all(axis=1).any():
+                near.append(plane)
+    return near
 
 
 def _bottoms(objects: Sequence[TabletopObject], T_map_odom: Float64) -> list[tuple[Float64, float]]:

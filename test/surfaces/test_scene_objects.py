@@ -1,0 +1,36 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tccm_ros.config import Config
+from tccm_ros.pipeline import run_bag
+from tccm_ros.surfaces import scene_objects as module
+
+BAG = Path(__file__).resolve().parents[2] / "bags" / "walkthrough"
+
+
+@pytest.fixture(scope="module")
+def outcome():
+    return run_bag(BAG, Config())
+
+
+def test_only_planes_that_lie_on_no_surface_are_left_out(outcome, monkeypatch):
+    objects, free = module.scene_objects(outcome.solution, outcome.cycles)
+    assert free
+    monkeypatch.setattr(module, "_near_surfaces", lambda planes, *_: list(planes))
+    every_object, every_free = module.scene_objects(outcome.solution, outcome.cycles)
+    assert [item.id for item in objects] == [item.id for item in every_object]
+    assert sorted(free) == sorted(every_free)
+    for surface, rings in free.items():
+        for ring, expected in zip(rings, every_free[surface], strict=True):
+            np.testing.assert_array_equal(ring, expected)
+
+
+def test_free_places_lie_on_their_surface(outcome):
+    _, free = module.scene_objects(outcome.solution, outcome.cycles)
+    surfaces = {surface.id: surface for surface in outcome.solution.surfaces}
+    for identity, rings in free.items():
+        for ring in rings:
+            height = ring @ surfaces[identity].normal - surfaces[identity].offset
+            assert np.abs(height.mean()) < module.REACH

@@ -160,7 +160,7 @@ def main() -> None:
     seconds = parser.parse_args().seconds
     messages, cycles = prepare(seconds), offline_cycles(seconds)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    os.environ.setdefault("ROS_DOMAIN_ID", "97")
+    os.environ.setdefault("ROS_DOMAIN_ID", "100")
     run = "from tccm_ros.nodes.{} import main; main()"
     processes = [subprocess.Popen([sys.executable, "-c", run.format(n)]) for n in NODES]
     try:

@@ -1,0 +1,55 @@
+"""The launch file starts what is installed, with the files that are installed, by their names."""
+
+import re
+import runpy
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+MODULES = {
+    "launch": ("LaunchDescription",),
+    "launch.actions": ("DeclareLaunchArgument",),
+    "launch.substitutions": ("LaunchConfiguration", "PathJoinSubstitution"),
+    "launch_ros": (),
+    "launch_ros.actions": ("Node",),
+    "launch_ros.substitutions": ("FindPackageShare",),
+}
+"""What a launch file imports; launch_ros is not on PyPI."""
+
+
+def recorder(kind):
+    return lambda *args, **fields: SimpleNamespace(kind=kind, args=args, **fields)
+
+
+@pytest.fixture
+def actions(monkeypatch):
+    for name, classes in MODULES.items():
+        module = ModuleType(name)
+        for kind in classes:
+            setattr(module, kind, recorder(kind))
+        monkeypatch.setitem(sys.modules, name, module)
+    made = runpy.run_path(str(ROOT / "launch" / "tccm.launch.py"))["generate_launch_description"]()
+    return made.args[0]
+
+
+def test_both_nodes_are_started_by_their_names(actions):
+    installed = set(re.findall(r'"(\w+) = tccm_ros', (ROOT / "setup.py").read_text()))
+    nodes = {a.executable: a.name for a in actions if a.kind == "Node"}
+    assert nodes == {"tccm_node": "tccm", "slam_node": "surface_slam"}
+    assert set(nodes) <= installed
+
+
+def test_every_setting_is_an_argument_and_the_parameter_file_is_there(actions):
+    declared = {a.args[0]: a.default_value for a in actions if a.kind == "DeclareLaunchArgument"}
+    used = set(
+        re.findall(
+            r'LaunchConfiguration\("(\w+)"\)', (ROOT / "launch" / "tccm.launch.py").read_text()
+        )
+    )
+    assert used == set(declared)
+    package, *path = declared["params_file"].args[0]
+    assert package.args == ("tccm_ros",)
+    assert ROOT.joinpath(*path).exists()

@@ -18,7 +18,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
+from shapely import Polygon
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(Path(__file__).resolve().parent)]
@@ -30,6 +32,7 @@ from tccm_ros.evaluate.surfaces import SurfaceScore, score_surfaces  # noqa: E40
 from tccm_ros.geometry import inverse, spatial, transform  # noqa: E402
 from tccm_ros.io.exports import surfaces_table  # noqa: E402
 from tccm_ros.pipeline import Pipeline  # noqa: E402
+from tccm_ros.records import Scan  # noqa: E402
 from tccm_ros.sim import Options, Simulation, build_world, truth  # noqa: E402
 from tccm_ros.sim.engine import EPOCH_NS  # noqa: E402
 from tccm_ros.sim.world import World  # noqa: E402
@@ -37,22 +40,35 @@ from tccm_ros.surfaces.surface_slam import SurfaceSolution  # noqa: E402
 
 Array = NDArray[np.float64]
 
+THIN, NEAR = 0.02, 0.05
+"""Beams' ends are thinned to this grid; a place this near to one was in view, m."""
+
+IN_VIEW = 0.7
+"""A surface of which a smaller share was hit by any beam was not in view."""
+
+GOOD = 0.7
+"""Overlap with the true outline of a surface that is found well."""
+
 HARD = Options(sigma=0.006, odometry=2.0, heading_drift=0.02)
 """6 mm of noise, and odometry with twice the usual errors that turns away by 20 mrad/m."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """One simulated drive: the pipeline at its end, the truth, and live poses by stamp."""
+    """One simulated drive: the pipeline at its end, the truth, live poses by stamp, and what the
+    tilting laser's beams hit, float64 (N, 3) in map.
+    """
 
     pipeline: Pipeline
     simulation: Simulation
     live: list[tuple[int, Array]]
+    hits: Array
 
     def true_poses(self, stamps_ns: NDArray[np.int64]) -> Array:
         """Return the true poses of the base in map, float64 (V, 4, 4)."""
-        times = (stamps_ns - EPOCH_NS) * 1e-9
-        return truth.map_from_world(self.simulation) @ self.simulation.true_poses(times)
+        times = np.asarray((stamps_ns - EPOCH_NS) * 1e-9, np.float64)
+        T_map_world = truth.map_from_world(self.simulation)
+        return np.asarray(T_map_world @ self.simulation.true_poses(times), np.float64)
 
     def frozen_poses(self, stamps_ns: NDArray[np.int64]) -> Array:
         """Return what was believed at the time of each stamp, float64 (V, 4, 4)."""
@@ -70,14 +86,47 @@ def play(world: World, seed: int, options: Options, config: Config) -> Run:
         topics.odom: "odom", "/robot_description": "robot_description", "/tf_static": "tf_static",
     }  # fmt: skip
     pipeline, live = Pipeline(config, expects_odometry=True), [(-1, np.zeros(3))]
+    hits = [np.zeros((0, 3))]
     for message in simulation.run():
         for record in message.records:
             pipeline.add(roles[message.topic], record)
+            if isinstance(record, Scan) and message.topic == topics.tilt_scan:
+                hits.append(true_hits(simulation, record))
         pose = pipeline.slam.current_pose()
         if pose.stamp_ns > live[-1][0]:
             live.append((pose.stamp_ns, pose.pose))
     pipeline.finish()
-    return Run(pipeline, simulation, live)
+    return Run(pipeline, simulation, live, np.concatenate(hits))
+
+
+def true_hits(simulation: Simulation, scan: Scan) -> Array:
+    """Return where the beams of a scan ended, float64 (N, 3) in map, thinned to `THIN`."""
+    offsets = simulation.rig.tilt.offsets
+    T_world_laser = simulation.laser_poses(
+        scan.frame_id, (scan.stamp_ns - EPOCH_NS) * 1e-9 + offsets
+    )
+    bearings, ranges = simulation.rig.tilt.bearings, np.nan_to_num(scan.ranges, posinf=0.0)
+    ends = (
+        np.stack([np.cos(bearings), np.sin(bearings), np.zeros_like(bearings)], 1) * ranges[:, None]
+    )
+    good = ranges > 0.3
+    points = np.einsum("bij,bj->bi", T_world_laser[good, :3, :3], ends[good])
+    points = transform(truth.map_from_world(simulation), points + T_world_laser[good, :3, 3])
+    return np.unique(np.round(points / THIN), axis=0) * THIN
+
+
+def seen_share(outline: Polygon, height: float, hits: Array) -> float:
+    """Return which share of a true surface lies within `NEAR` of a beam's end on it."""
+    x_min, y_min, x_max, y_max = outline.bounds
+    level = np.abs(hits[:, 2] - height) <= 0.025
+    inside = (
+        (hits[:, 0] > x_min) & (hits[:, 0] < x_max) & (hits[:, 1] > y_min) & (hits[:, 1] < y_max)
+    )
+    near = np.unique(hits[level & inside, :2], axis=0)
+    if not len(near):
+        return 0.0
+    covered = shapely.union_all(shapely.buffer(shapely.points(near), NEAR, quad_segs=2))
+    return float(covered.intersection(outline).area / outline.area)
 
 
 def solve(run: Run, *, registration: bool = True) -> SurfaceSolution:
@@ -115,6 +164,16 @@ def score(solution: SurfaceSolution, simulation: Simulation) -> SurfaceScore:
         )
         (folder / "truth.json").write_text(json.dumps(truth.surfaces(simulation)))
         return score_surfaces(folder / "found.json", folder / "truth.json")
+
+
+def shares(run: Run) -> list[float]:
+    """Return the share of each true surface that was in view, in the order of the truth."""
+    result = []
+    for surface in truth.surfaces(run.simulation)["surfaces"]:
+        rings = [[point[:2] for point in ring] for ring in surface["holes"]]
+        outline = Polygon([point[:2] for point in surface["boundary"]], rings)
+        result.append(seen_share(outline, surface["height"], run.hits))
+    return result
 
 
 def pair(values: Array) -> str:
@@ -164,46 +223,64 @@ def section_five(ours: Run, seed_run: Run) -> None:
 def flats(count: int) -> None:
     """Print how well flats at random are found, every other one with `HARD` noise."""
     print("### Flats at random, surfaces of 0.1 m2 and more\n")
-    print("| flat | noise | surfaces | found | overlap >= 0.7 | largest height error, mm | false |")
-    print("|---|---|---|---|---|---|---|")
+    print(
+        "| flat | noise | surfaces | overlap >= 0.7 | of these in view | overlap >= 0.7 | "
+        "largest height error, mm | false |"
+    )
+    print("|---|---|---|---|---|---|---|---|")
     for seed in range(1, count + 1):
         options = HARD if seed % 2 else Options()
         run = play(random_flat(seed, options), seed, options, Config())
         result = score(solve(run), run.simulation)
-        large = [match for match in result.matches if match.area >= 0.1]
+        large = [m for m in result.matches if m.area >= 0.1]
+        seen = [
+            m for m, share in zip(result.matches, shares(run)) if m in large and share >= IN_VIEW
+        ]
         errors = [abs(match.height_error) for match in large if match.is_found]
-        good = sum(match.overlap >= 0.7 for match in large)
+        for match in seen:
+            if match.overlap < GOOD:
+                print(f"in view, overlap {match.overlap:.2f}: {match.label}", file=sys.stderr)
         print(
             f"| {seed} | {'hard' if seed % 2 else 'usual'} | {len(large)} | "
-            f"{sum(match.is_found for match in large)} | {good} | "
+            f"{sum(match.overlap >= GOOD for match in large)} | {len(seen)} | "
+            f"{sum(match.overlap >= GOOD for match in seen)} | "
             f"{1e3 * max(errors, default=0.0):.1f} | {len(result.false)} |",
             flush=True,
         )
     print()
 
 
-def main() -> None:
-    """Run all of them."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--flats", type=int, default=8, help="how many flats at random")
-    arguments = parser.parse_args()
-    config, options = Config(), Options()
-    flat = play(build_world("flat", options), 1, options, config)
-    seed_surfaces = config.surfaces.model_copy(update={"segmentation": "seed"})
-    published = config.model_copy(update={"surfaces": seed_surfaces})
-    section_five(flat, play(build_world("flat", options), 1, options, published))
+def main_claim(flat: Run) -> None:
+    """Print how far apart views are, on frozen poses and on those of the graph."""
     print(
         "### Views on full-SLAM poses, and frozen at the estimate of their time; mean / max, mm\n"
     )
     print("| world | poses | error of the views | pairs | apart in x, y | apart in height |")
     print("|---|---|---|---|---|---|")
-    runs = [("flat", flat)]
-    for name, world, extra in (("flat, hard", "flat", HARD), ("ring", "ring", Options())):
-        runs.append((name, play(build_world(world, extra), 1, extra, config)))
-    for name, run in runs:
+    print("\n".join(claim("flat", flat)), flush=True)
+    for name, world, options in (("ring", "ring", Options()), ("flat, hard", "flat", HARD)):
+        run = play(build_world(world, options), 1, options, Config())
         print("\n".join(claim(name, run)), flush=True)
     print()
-    flats(arguments.flats)
+
+
+def main() -> None:
+    """Run what is asked for; all of it without arguments."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", choices=("five", "claim", "flats"), help="one of the parts")
+    parser.add_argument("--flats", type=int, default=8, help="how many flats at random")
+    arguments = parser.parse_args()
+    config, options = Config(), Options()
+    if arguments.only in (None, "five", "claim"):
+        flat = play(build_world("flat", options), 1, options, config)
+        if arguments.only != "claim":
+            seed = config.surfaces.model_copy(update={"segmentation": "seed"})
+            published = config.model_copy(update={"surfaces": seed})
+            section_five(flat, play(build_world("flat", options), 1, options, published))
+        if arguments.only != "five":
+            main_claim(flat)
+    if arguments.only in (None, "flats"):
+        flats(arguments.flats)
 
 
 if __name__ == "__main__":

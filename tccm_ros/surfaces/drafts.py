@@ -11,7 +11,7 @@ from shapely import MultiPolygon, Polygon
 from shapely.affinity import affine_transform
 
 from tccm_ros.config import Config
-from tccm_ros.geometry import transform
+from tccm_ros.geometry import inverse, transform
 from tccm_ros.surfaces.carving import Survivors
 from tccm_ros.surfaces.contact import box_pairs, connect, patch_boxes
 from tccm_ros.surfaces.outline import horizontal_outline, polygons_of
@@ -28,6 +28,16 @@ SIMPLIFY = 0.004
 SHADOW = 0.16
 """What stands on a surface hides strips of it: notches and holes up to this wide, m, are taken for
 shadows and closed."""
+
+HIDDEN = 0.5
+"""Wider notches and holes, up to this (m), are closed where no view looked through them: things
+that stand on a surface hide more of it than their own width."""
+
+HIDDEN_SHARE = 0.15
+"""So much of a hidden place may count as looked through: columns stand out over edges."""
+
+PROBE = 0.04
+"""Places are probed this far apart, m."""
 
 MOST_SPACING = 0.2
 """Gaps are closed up to the finest spacing of a surface's views, but never more than this, m."""
@@ -161,11 +171,14 @@ def merge(
     ]
 
 
-def draft_surface(group: Group, T_map_view: Float64, config: Config) -> Draft | None:
+def draft_surface(
+    group: Group, views: list[View], T_map_view: Float64, config: Config
+) -> Draft | None:
     """Fit the plane and draw the outline of a merged surface; None where it has no area."""
     polygon = _merged_outline(group, T_map_view, config.surfaces.merge_distance)
     if polygon.is_empty:
         return None
+    polygon = _with_hidden_places(polygon, group, views, T_map_view, config)
     T = np.stack([T_map_view[m.view] for m in group.members])
     R = T[:, :3, :3]
     means = np.stack([m.patch.mean for m in group.members])
@@ -193,6 +206,57 @@ def _merged_outline(group: Group, T_map_view: Float64, distance: float) -> Polyg
     closed = _close(union, 0.505 * max(distance, SHADOW, min(spacing, MOST_SPACING)))
     whole = polygons_of(shapely.make_valid(closed.simplify(SIMPLIFY)))
     return _largest(whole)
+
+
+def _with_hidden_places(
+    polygon: Polygon, group: Group, views: list[View], T_map_view: Float64, config: Config
+) -> Polygon:
+    """Close wide notches and holes of a surface that nothing was seen through."""
+    closed = polygons_of(_close(polygon, 0.5 * HIDDEN).simplify(SIMPLIFY))
+    added = polygons_of(closed.difference(polygon))
+    height = float(np.mean([_height(m, T_map_view) for m in group.members]))
+    hidden = [
+        part
+        for part in added.geoms
+        if part.area >= PROBE**2 and _is_hidden(part, height, views, T_map_view, config)
+    ]
+    if not hidden:
+        return polygon
+    # Parts touch the outline along its edge: a hair of overlap makes one polygon of them.
+    grown = [part.buffer(1e-3, join_style="mitre") for part in hidden]
+    union = shapely.union_all([polygon, *grown], grid_size=GRID)
+    return _largest(polygons_of(shapely.make_valid(union.simplify(SIMPLIFY))))
+
+
+def _height(member: PlacedPatch, T_map_view: Float64) -> float:
+    return float(transform(T_map_view[member.view], member.patch.mean[None])[0, 2])
+
+
+def _is_hidden(
+    part: Polygon, height: float, views: list[View], T_map_view: Float64, config: Config
+) -> bool:
+    """Tell whether no view looked through a place at a height, but for its rim."""
+    points = _probes(part, height)
+    if len(points) == 0:
+        return False
+    through = np.zeros(len(points), bool)
+    for view, T_map in zip(views, T_map_view):
+        local = transform(inverse(T_map), points)
+        if np.hypot(local[:, 0], local[:, 1]).min() <= view.reach:
+            margin = np.full(len(points), config.views.clear_margin)
+            through |= view.free.contains(local, margin)
+    return bool(through.mean() <= HIDDEN_SHARE)
+
+
+def _probes(part: Polygon, height: float) -> Float64:
+    """Return points (N, 3) all over a polygon, at a height."""
+    x_min, y_min, x_max, y_max = part.bounds
+    grid = np.meshgrid(
+        np.arange(x_min + 0.5 * PROBE, x_max, PROBE), np.arange(y_min + 0.5 * PROBE, y_max, PROBE)
+    )
+    xy = np.stack([axis.ravel() for axis in grid], axis=1)
+    xy = xy[shapely.contains_xy(part, xy[:, 0], xy[:, 1])]
+    return np.column_stack([xy, np.full(len(xy), height)])
 
 
 def _close(area: shapely.Geometry, reach: float) -> shapely.Geometry:

@@ -156,7 +156,7 @@ class SurfaceMap:
         left = carve(views, T, config)
         placed = surviving_patches(views, left, config)
         groups = merge(placed, T, placement.cov_tilt, config)
-        drafts = [d for d in (draft_surface(g, T, config) for g in groups) if d is not None]
+        drafts = [d for d in (draft_surface(g, views, T, config) for g in groups) if d is not None]
         drafts = [d for d in drafts if d.polygon.area >= config.surfaces.min_area]
         floor_z = find_floor(drafts, config)
         drafts = [d for d in drafts if _is_wanted(d, floor_z, config)]

@@ -150,9 +150,9 @@ def test_heights_count_from_the_floor():
     low = Room([Board(1.4, 0.0, 0.8, 0.8, 0.2)], floor=Board(0.0, 0.0, 12.0, 12.0, -0.3))
     mapped = build([(low, (0, 0, 0), 10)])
     assert mapped.floor_z == pytest.approx(-0.3, abs=1e-6)
-    (seat,) = standing(mapped)
-    assert seat.height == pytest.approx(0.2, abs=1e-6)
-    assert seat.label == "seat"
+    (table,) = standing(mapped)
+    assert table.height == pytest.approx(0.2, abs=1e-6)
+    assert table.label == "table"
 
 
 def test_no_floor_is_no_height():

@@ -1,0 +1,50 @@
+"""Places on a surface that things hide are part of it; places that were looked through are not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from room import Board, Room, Screen
+from shapely import Polygon
+from test_surface_map import build, overlap, standing
+
+HERE = (0.0, 0.0, 0.0)
+
+
+class OneSurface(Room):
+    """A room whose boards are handed over as one surface."""
+
+    def look(self, pose, stamp_ns):
+        cloud, intervals = super().look(pose, stamp_ns)
+        return replace(cloud, surface=np.minimum(cloud.surface, 1)), intervals
+
+
+def u_shape(gap):
+    """Three boards that make a table with a gap cut into its near side."""
+    side = 0.5 * (1.4 - gap)
+    return [
+        Board(1.9, 0.0, 0.3, 1.4, 0.74),
+        Board(1.5, 0.5 * (gap + side), 0.5, side, 0.74),
+        Board(1.5, -0.5 * (gap + side), 0.5, side, 0.74),
+    ]
+
+
+def share_filled(surface, gap):
+    hole = Polygon([(1.3, -0.4 * gap), (1.7, -0.4 * gap), (1.7, 0.4 * gap), (1.3, 0.4 * gap)])
+    return Polygon(surface.boundary[:, :2]).intersection(hole).area / hole.area
+
+
+@pytest.mark.parametrize("gap", [0.25, 0.4])
+def test_a_gap_that_was_looked_through_stays_open(gap):
+    (table,) = standing(build([(OneSurface(u_shape(gap)), HERE, 10)]))
+    assert share_filled(table, gap) < 0.2
+
+
+def test_the_shadow_of_a_thing_is_closed():
+    """A thing 0.3 m wide on a table hides what is behind it, up to the table's far edge."""
+    board = Board(1.6, 0.0, 1.0, 1.4, 0.74)
+    thing = Screen(1.45, -0.15, 1.45, 0.15, 1.1)
+    (table,) = standing(build([(Room([board], [thing]), HERE, 10)]))
+    (alone,) = standing(build([(Room([board]), HERE, 10)]))
+    assert overlap(table, board) > overlap(alone, board) - 0.05
+    assert np.isfinite(table.boundary).all()

@@ -37,8 +37,9 @@ from tccm_ros.config import Config  # noqa: E402
 from tccm_ros.mapping.center_cores import center_cores, find_core_plane  # noqa: E402
 from tccm_ros.mapping.cuboids import TICK, Cuboids  # noqa: E402
 from tccm_ros.mapping.part_map import PartMapBuilder  # noqa: E402
-from tccm_ros.mapping.planes import PlaneFits, find_planes, without_plane  # noqa: E402
+from tccm_ros.mapping.planes import PlaneFits, find_planes, select, without_plane  # noqa: E402
 from tccm_ros.pipeline import run_bag  # noqa: E402
+from tccm_ros.sim.scene import Motion, Scene  # noqa: E402
 from tccm_ros.sim.situations import Cycle, cycle  # noqa: E402
 
 CONFIG = Config()
@@ -176,35 +177,57 @@ def figure_eleven(folder: Path) -> None:
     print(f"\n### Fig. 11\n\n{len(cores)} center cores; the front leans by 1 deg and shows it.")
 
 
-def plate(center: Array, normal: Array, size: float, step: float = 0.008) -> Array:
-    """Return points on a square plate, m."""
-    normal = normal / np.linalg.norm(normal)
-    u = np.cross(normal, (0.0, 0.0, 1.0))
-    u /= np.linalg.norm(u)
-    at = np.arange(-size / 2, size / 2, step)
-    a, b = (k.ravel()[:, None] for k in np.meshgrid(at, at))
-    return center + a * u + b * np.cross(normal, u)
+def seen(scene: Scene, seed: int = 1, sigma: float = 0.0025) -> Array:
+    """Return the points of one sweep over a scene, in the region of interest, m."""
+    rig = cycle("a", 0.0)
+    x, y = np.cos(rig.bearings), np.sin(rig.bearings)
+    across = np.broadcast_to(y, rig.tilts.shape)
+    rays = np.stack([x * np.cos(rig.tilts), across, -x * np.sin(rig.tilts)], -1).reshape(-1, 3)
+    origins = np.broadcast_to(eye(rig), rays.shape)
+    ranges, codes = scene.freeze().cast(origins, rays, rig.times.reshape(-1), 30.0)
+    ranges = ranges + sigma * np.random.default_rng(seed).standard_normal(len(ranges))
+    hit = codes >= 0
+    points = origins[hit] + ranges[hit, None] * rays[hit]
+    return points[in_region(points)]
+
+
+def held_plate() -> Scene:
+    """Return a person behind a table, who moves a white plate to the front of the robot."""
+    scene = Scene()
+    scene.floor_and_ceiling((-4.0, 8.0), (-6.0, 6.0))
+    scene.table("table", (0.8, 1.2), 0.700, (0.9, 0.0))
+    scene.cylinder("person", 0.17, 1.75, (1.75, 0.1, 0.875))
+    # The plate comes in from the left at 0.15 m/s and hides part of the person and of the table.
+    motion = Motion.through([(0.0, 0.0, 0.10, 0.0), (2.0, 0.0, -0.20, 0.0)])
+    scene.box("plate", (0.35, 0.35, 0.01), (0.75, 0.0, 1.05), (0.0, -0.7, 0.3), motion=motion)
+    scene.cylinder("forearm", 0.04, 0.45, (1.1, 0.05, 1.1), (0.0, 1.45, 0.0), motion=motion)
+    return scene
+
+
+def boxed_table() -> Scene:
+    """Return a table with a package box on it."""
+    scene = Scene()
+    scene.floor_and_ceiling((-4.0, 8.0), (-6.0, 6.0))
+    scene.table("table", (0.8, 1.2), 0.700, (0.9, 0.0))
+    scene.box("package", (0.25, 0.35, 0.20), (0.95, 0.05, 0.80), (0.0, 0.0, 0.2))
+    return scene
 
 
 def figure_twelve(folder: Path) -> None:
-    """Draw a plate held before the robot, and a box on the table: two planes each."""
-    rng = np.random.default_rng(0)
-    table = cycle("a", 0.0025, 1)
-    points = table.points[in_region(table.points)]
-    held = plate(np.array([0.55, 0.0, 1.05]), np.array([-0.8, 0.2, 0.6]), 0.3)
-    held = held + rng.normal(0, 0.0025, held.shape)
-    boxed = cycle("c", 0.0025, 1)
-    figure, axes = plt.subplots(1, 2, figsize=(10, 5), subplot_kw={"projection": "3d"})
-    print("\n### Fig. 12: two planes each\n")
-    for panel, cloud, title, place in (
-        (axes[0], np.concatenate([points, held]), "a plate before the robot", eye(table)),
-        (axes[1], boxed.points[in_region(boxed.points)], "boxes on a table", eye(boxed)),
+    """Draw a plate that a person holds before the robot, and a package on a table."""
+    place = eye(cycle("a", 0.0))
+    figure, axes = plt.subplots(2, 2, figsize=(10, 9), subplot_kw={"projection": "3d"})
+    print("\n### Fig. 12: a plate held by a person, a package on a table\n")
+    for column, (title, scene) in enumerate(
+        (("a plate before the robot", held_plate()), ("a package on a table", boxed_table()))
     ):
-        cuboids = map_of(cloud)
+        cuboids = map_of(seen(scene))
         fits = find_planes(cuboids, CONFIG, place)
-        draw_map(panel, cuboids, fits.labels)
-        draw_outlines(panel, fits)
-        panel.set_title(f"{title}: {len(fits)} planes")
+        draw_map(axes[0][column], cuboids)
+        draw_map(axes[1][column], select(cuboids, fits.labels >= 0), fits.labels[fits.labels >= 0])
+        draw_outlines(axes[1][column], fits)
+        axes[0][column].set_title(title)
+        axes[1][column].set_title(f"what belongs to its {len(fits)} planes")
         for fit in fits:
             tilt = np.degrees(np.arccos(min(1.0, abs(fit.normal[2]))))
             print(f"- {title}: tilt {tilt:.1f} deg, {fit.support} points, {fit.area:.3f} m2")

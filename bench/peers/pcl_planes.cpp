@@ -2,11 +2,11 @@
 //
 // usage: pcl_planes THRESHOLD REPEATS FILE...
 // FILE holds little-endian float32 x y z. For each file one line:
-// seconds (median) inliers a b c d, of a x + b y + c z + d = 0.
+// seconds of processor time (median) inliers a b c d, of a x + b y + c z + d = 0.
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <cstdlib>
+#include <ctime>
 #include <vector>
 
 #include <pcl/ModelCoefficients.h>
@@ -18,6 +18,12 @@
 #include <pcl/segmentation/sac_segmentation.h>
 
 using Cloud = pcl::PointCloud<pcl::PointXYZ>;
+
+static double thread_time() {
+  timespec now;
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
+  return now.tv_sec + 1e-9 * now.tv_nsec;
+}
 
 static Cloud::Ptr read(const char *path) {
   Cloud::Ptr cloud(new Cloud);
@@ -51,9 +57,9 @@ int main(int argc, char **argv) {
       segmentation.setMethodType(pcl::SAC_RANSAC);
       segmentation.setDistanceThreshold(threshold);
       segmentation.setInputCloud(cloud);
-      const auto start = std::chrono::steady_clock::now();
+      const double start = thread_time();
       segmentation.segment(inliers, plane);
-      times.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+      times.push_back(thread_time() - start);
     }
     std::nth_element(times.begin(), times.begin() + times.size() / 2, times.end());
     std::printf("%.9f %zu", times[times.size() / 2], inliers.indices.size());

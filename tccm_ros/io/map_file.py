@@ -27,8 +27,8 @@ from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
 from tccm_ros.errors import MapError, OutputError, one_line
-from tccm_ros.io.numbers import array_archive
 from tccm_ros.io.folder import finish_moves
+from tccm_ros.io.numbers import array_archive
 from tccm_ros.io.ply import surface_color
 from tccm_ros.io.typestore import TypestoreMessages
 from tccm_ros.messages.markers import Place, surface_markers, wall_markers

@@ -70,7 +70,8 @@ class RetainedWindow:
         Parameters
         ----------
         map_
-            The map; its part maps are replaced by those of the retained sweeps.
+            The map; its part maps are replaced by those of the retained sweeps. Those of a loaded
+            map have no scans to be made of again, and leave it.
         correction
             Applied to the odometry of every knot. The sweeps themselves stay as they are, so that a
             later correction starts from odometry again.

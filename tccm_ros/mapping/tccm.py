@@ -218,6 +218,8 @@ class TccmProcessor:
     def load(self, path: Path | str) -> None:
         """Go on with a saved map: its cycles come before those to come.
 
+        What was seen through and the scans retained so far belong to another map and are forgotten.
+
         Raises
         ------
         MapError
@@ -226,6 +228,9 @@ class TccmProcessor:
         self.map, self._frame_id = load_map(path, self.config)
         newest = self.map.cycles[-1] if self.map.parts else -1
         self._mapper.cycles = TiltCycles(self.config, newest + 1)
+        self.seen_free.clear()
+        if self._retained is not None:
+            self._retained.clear()
 
     def _take(self, posed: list[PosedScan]) -> list[CycleResult]:
         self._mapper.add_tilt(self.synchroniser.tilt_samples())

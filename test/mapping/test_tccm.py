@@ -291,6 +291,22 @@ def test_rebuild_under_corrected_poses():
         run(room())[0].rebuild(lambda stamps: np.eye(4))
 
 
+def test_a_loaded_map_does_not_mix_with_what_was_retained(tmp_path):
+    kept = settings(map={"retain_points": True})
+    processor, results = run(room(), kept)
+    processor.save(tmp_path / "map.npz")
+    saved = processor.map.pieces.tobytes()
+    processor.load(tmp_path / "map.npz")
+    assert processor.map.pieces.tobytes() == saved
+    # Nothing of before is known to be free, and there are no scans to make the map of again.
+    front = [[1.0, 0.0, 1.2]]
+    assert processor.query().points(front).tolist() == [Occupancy.UNKNOWN]
+    assert run(room(), kept)[0].query().points(front).tolist() == [Occupancy.FREE]
+    processor.rebuild(lambda stamps: np.broadcast_to(np.eye(4), (len(stamps), 4, 4)))
+    assert processor.map.cycles == []
+    assert len(results) > 0
+
+
 def test_free_space_in_front_of_the_robot():
     processor, _ = run(room())
     states = processor.query().points([[0.7, 0.0, 0.6], [1.3, 0.0, 0.4], [3.5, 0.0, 1.0]])

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
+from tccm_ros.messages.markers import triangulate
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
@@ -80,6 +81,8 @@ def _sweep_once(config_json: str) -> tuple[CycleResult, ...]:
         results += processor.add(record)
     results += processor.finish()
     processor.map.cuboids()
+    for plane in results[-1].planes:  # as their markers are made
+        triangulate(plane.boundary, plane.holes, plane.normal)
     return tuple(results)
 
 

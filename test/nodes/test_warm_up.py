@@ -14,6 +14,7 @@ from numba.core.dispatcher import Dispatcher
 from tccm_ros.config import Config
 from tccm_ros.io.bags import DEFAULT_TOPICS, BagReader
 from tccm_ros.nodes.map_folder import write_map
+from tccm_ros.messages.markers import triangulate
 from tccm_ros.nodes.warm_up import warm_up_slam, warm_up_tccm
 from tccm_ros.pipeline import Pipeline
 from tccm_ros.records import Scan
@@ -38,6 +39,8 @@ solution = pipeline.solve()
 assert pipeline.cycles and solution.surfaces and solution.slam.walls
 for result in pipeline.cycles:
     result.free_places()
+    for plane in result.planes:
+        triangulate(plane.boundary, plane.holes, plane.normal)
 print(*sorted(compiled() - before), sep="\\n")
 """
 BAGS = Path(__file__).resolve().parents[2] / "bags"

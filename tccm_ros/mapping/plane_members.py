@@ -34,8 +34,8 @@ STRICT = 2.0
 """The same near an edge, where mixed cells are to be expected."""
 
 ROUNDS = 3
-SETTLED = 0.01
-"""A fit is refined until the points that it takes change by less than this share."""
+SETTLED = 0.9
+"""A fit that takes this share of the points needs no second look."""
 
 
 @njit(nogil=True, cache=True)
@@ -172,7 +172,6 @@ def fit_lying(M: Array, members: Int, deep: Flags, plane: Plane, total: Array) -
     if inside[0] > max(20.0, 0.15 * everything):
         plane = pooled_plane(inside)
     # A guess that leans refuses much of the surface; what it takes is the better guess.
-    taken = 0.0
     for _ in range(ROUNDS):
         total[:] = 0.0
         for k in range(len(members)):
@@ -183,9 +182,8 @@ def fit_lying(M: Array, members: Int, deep: Flags, plane: Plane, total: Array) -
         if total[0] < 3.0:
             return plane
         plane = pooled_plane(total)
-        if abs(total[0] - taken) <= SETTLED * taken:
+        if total[0] > SETTLED * everything:
             break
-        taken = total[0]
     return plane
 
 

@@ -44,7 +44,10 @@ def header(stamp_ns: int, frame: str) -> SimpleNamespace:
 
 @st.composite
 def scan_messages(draw):
-    numbers = ("angle_min", "angle_increment", "time_increment", "range_min", "range_max")
+    numbers = (
+        "angle_min", "angle_max", "angle_increment", "time_increment", "scan_time", "range_min",
+        "range_max",
+    )  # fmt: skip
     fields = {name: draw(mostly_sane) for name in numbers}
     values = np.array(draw(ranges), np.float32)
     return SimpleNamespace(header=header(draw(stamps), draw(frames)), ranges=values, **fields)

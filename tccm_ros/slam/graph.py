@@ -12,9 +12,11 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csc_matrix
 
 from tccm_ros.geometry import spatial, wrap_angle
 from tccm_ros.slam.factors import Factor, Key
+from tccm_ros.slam.marginals import marginal_blocks
 
 __all__ = ["GraphSolution", "IncrementalGraph", "PoseGraph", "solve_graph"]
 
@@ -34,7 +36,7 @@ class GraphSolution:
     values: gtsam.Values
     graph: gtsam.NonlinearFactorGraph
     iterations: int
-    _marginals: list[gtsam.Marginals | gtsam.ISAM2]
+    _marginals: dict[int, Float64]
 
     def pose(self, key: Key) -> Float64:
         """Return T_map_frame float64 (4, 4)."""
@@ -51,8 +53,8 @@ class GraphSolution:
     def covariance(self, key: Key) -> Float64:
         """Return the marginal covariance in GTSAM's tangent order of the variable."""
         if not self._marginals:
-            self._marginals.append(_marginals(self.graph, self.values))
-        return np.asarray(self._marginals[0].marginalCovariance(key.symbol))
+            self._marginals.update(_marginals(self.graph, self.values))
+        return self._marginals[key.symbol]
 
     def planar_covariance(self, key: Key) -> Float64:
         """Return the covariance float64 (3, 3) of (x, y, yaw) in the pose's own frame."""
@@ -70,16 +72,20 @@ class GraphSolution:
         return np.array([self.graph.at(i).error(self.values) for i in indices])
 
 
-def _marginals(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values
-) -> gtsam.Marginals | gtsam.ISAM2:
-    """Eliminate by Cholesky; by QR where that refuses poses known to tens of metres only."""
-    try:
-        return gtsam.Marginals(graph, values)
-    except RuntimeError:
-        isam = gtsam.ISAM2(_isam_params("QR"))
-        isam.update(graph, values)
-        return isam
+def _marginals(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> dict[int, Float64]:
+    """Return the marginal covariance of every variable by its symbol.
+
+    GTSAM gives them one by one, and in a graph whose views see each other again and again each
+    takes a tenth of a solution.
+    """
+    linear = graph.linearize(values)
+    symbols = list(values.keys())
+    zeros = values.zeroVectors()
+    dims = np.array([zeros.at(symbol).size for symbol in symbols], np.int64)
+    row, column, entry = linear.sparseJacobian_()
+    shape = int(row.max(initial=0.0)), int(dims.sum()) + 1
+    A = csc_matrix((entry, (row.astype(int) - 1, column.astype(int) - 1)), shape=shape)
+    return dict(zip(symbols, marginal_blocks(A[:, :-1], dims)))
 
 
 def _isam_params(factorization: str) -> gtsam.ISAM2Params:
@@ -132,7 +138,7 @@ class PoseGraph:
         params.setlambdaInitial(1e-6)
         optimizer = gtsam.LevenbergMarquardtOptimizer(self._graph, self._values, params)
         self._values = optimizer.optimize()
-        return GraphSolution(self._values, self._graph, int(optimizer.iterations()), [])
+        return GraphSolution(self._values, self._graph, int(optimizer.iterations()), {})
 
 
 class IncrementalGraph:

@@ -220,9 +220,10 @@ def _scores(shape: Shape, rules: Labels) -> dict[str, float]:
     low = 0.0 if shape.backed else LOW * _fit(shape, rules.low_table)
     sofa = _fit(shape, rules.sofa) if shape.backed else 0.0
     is_bed = shape.width >= BED[0] and shape.length >= BED[1]
+    counter = _fit(shape, rules.counter) * (0.7 + 0.3 * min(1.0, 3.0 * shape.at_wall))
     return {
         "table": max(_fit(shape, rules.table), low) * away * (not shape.carried),
-        "counter": _fit(shape, rules.counter) * (0.7 + 0.3 * min(1.0, 3.0 * shape.at_wall)),
+        "counter": counter * (not shape.carried),
         "seat": max(_fit(shape, rules.seat) * (0.8 if slender else 1.0), sofa),
         "bed": _fit(shape, rules.bed) * is_bed,
         "shelf": _fit(shape, rules.shelf) * (1.0 if shape.stacked else 0.3),

@@ -99,5 +99,7 @@ def test_without_moveit_nothing_is_published(monkeypatch):
         raise ModuleNotFoundError(kind)
 
     monkeypatch.setattr(collision, "message_class", absent)
-    objects = CollisionObjects(SimpleNamespace(), AnyMessages(), "map")
-    objects.publish([TABLE], 1)
+    made = []
+    node = SimpleNamespace(create_publisher=lambda *arguments: made.append(arguments))
+    CollisionObjects(node, AnyMessages(), "map").publish([TABLE], 1)
+    assert made == []

@@ -22,6 +22,7 @@ def test_no_publisher_is_named(ros):
     inputs, _ = watched(ros)
     inputs.problems()
     ros.spin_until(lambda: any("nobody publishes '/tilt_scan'" in p for p in inputs.problems()))
+    assert len(inputs.problems()) == 1
 
 
 def test_an_input_that_is_not_needed_may_be_absent(ros):

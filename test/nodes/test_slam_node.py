@@ -1,5 +1,7 @@
 """The SLAM node over DDS: tf and pose, map and grid, save, load and reset."""
 
+import json
+
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
@@ -138,3 +140,4 @@ def test_autosave_writes_without_being_asked(ros, tmp_path):
     node = slam(ros, save__directory=str(folder), save__autosave_minutes=0.01)
     ros.spin_until(lambda: (folder / "map.mcap").exists())
     settle(ros, node)
+    assert json.loads((folder / "surfaces.json").read_text())["surfaces"] == []

@@ -43,6 +43,7 @@ def test_joints_without_scans_name_the_scan_topic(ros):
     robot.play([(t, r) for t, r in recording(2) if t != "tilt_scan"], node)
     node.all_problems()
     ros.spin_until(lambda: "nobody publishes '/tilt_scan'" in problems(node))
+    assert "nobody publishes '/joint_states'" not in problems(node)
 
 
 def test_no_description_says_what_to_publish_or_set(ros):
@@ -149,6 +150,7 @@ def test_lost_messages_are_counted(ros):
     for _ in range(600):  # without spinning: the queue holds 200
         robot.publish("tilt_scan", scan)
     ros.spin_until(lambda: node.inputs.lost().get("/tilt_scan", 0) > 0)
+    assert node.inputs.counts()["/tilt_scan"] + node.inputs.lost()["/tilt_scan"] <= 601
 
 
 def test_the_restart_of_a_publisher_is_no_loss(ros):

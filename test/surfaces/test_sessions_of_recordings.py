@@ -34,16 +34,20 @@ def first(rig):
     return run(OFFICE[0], rig)
 
 
-def test_three_places_of_one_office_become_one_map(rig, first):
+@pytest.fixture(scope="module")
+def places(rig, first):
+    """The second and the third place, each gone on with the map before."""
     second = run(OFFICE[1], rig, first[0])
-    saved, solution = run(OFFICE[2], rig, second[0])
+    return second, run(OFFICE[2], rig, second[0])
+
+
+def test_three_places_of_one_office_become_one_map(rig, first, places):
+    second, (saved, solution) = places
     assert second[1].session.found
     assert solution.session.found
-    floor, *rest = floors(solution)
+    floor = floors(solution)[0]
     assert {view.stamp_ns for view in floor.views} == {s.view.stamp_ns for s in saved.views}
     assert floor.area > 1.2 * floors(first[1])[0].area
-    # A far piece under desks, seen by one place alone, leans by 5 deg and stays apart.
-    assert sum(s.area for s in rest) < 0.1 * floor.area
     assert abs(floor.height - floors(first[1])[0].height) < 0.01
     shared_surfaces = [s for s in solution.surfaces if s.label != "floor" and len(s.views) > 1]
     assert shared_surfaces, "furniture that two places saw is one surface"
@@ -52,6 +56,16 @@ def test_three_places_of_one_office_become_one_map(rig, first):
     apart = planar(inverse(straight.session.T_map_session) @ solution.session.T_map_session)
     assert np.hypot(apart[0], apart[1]) < 0.10
     assert abs(apart[2]) < np.radians(2.0)
+
+
+@pytest.mark.xfail(
+    strict=True,
+    reason="a far piece of 1.2 m2 that leans by 5 deg is not merged: 5.3 % of the floor",
+)
+def test_the_floor_leaves_hardly_a_piece(places):
+    _, (_, solution) = places
+    floor, *rest = floors(solution)
+    assert sum(s.area for s in rest) < 0.05 * floor.area
 
 
 @pytest.mark.parametrize("other", ["dlut_A605", "dlut_A607", "dlut_A609"])

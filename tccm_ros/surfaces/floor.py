@@ -12,9 +12,6 @@ __all__ = ["find_floor", "is_floor"]
 LEAST_AREA = 0.3
 """The floor is at least this large, m2."""
 
-LEAST_SHARE = 0.2
-"""And at least this share of the largest low surface: reflections lie below the floor."""
-
 TOLERANCE = 0.06
 """A far floor, seen by a base that leans, is still floor within this height, m."""
 
@@ -22,17 +19,20 @@ TOLERANCE = 0.06
 def find_floor(drafts: list[Draft], config: Config) -> float | None:
     """Return the height of the floor in map, m; None where no floor was seen.
 
-    The floor is the lowest large surface that does not lie above `surfaces.max_floor_height`.
+    The floor is the height at which most of the low surfaces' area lies, the lower one of two that
+    are alike. The lowest surface would not do: reflections lie below the floor, and so does a far
+    floor where the tilt zero is wrong.
     """
     low = [d for d in drafts if d.height <= config.surfaces.max_floor_height]
-    large = max((d.polygon.area for d in low), default=0.0)
-    low = [d for d in low if d.polygon.area >= max(LEAST_AREA, LEAST_SHARE * large)]
+    low = [d for d in low if d.polygon.area >= LEAST_AREA]
     if not low:
         return None
-    lowest = min(d.height for d in low)
-    level = [d for d in low if d.height <= lowest + TOLERANCE]
-    weights = np.array([d.polygon.area for d in level])
-    return float(np.average([d.height for d in level], weights=weights))
+    heights = np.array([d.height for d in low])
+    areas = np.array([d.polygon.area for d in low])
+    near = np.abs(heights[:, None] - heights) <= TOLERANCE
+    support = near @ areas
+    best = np.lexsort((heights, -support))[0]
+    return float(np.average(heights[near[best]], weights=areas[near[best]]))
 
 
 def is_floor(draft: Draft, floor_z: float | None) -> bool:

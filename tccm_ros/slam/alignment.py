@@ -75,10 +75,7 @@ def align(
     prior = start if prior is None else prior
     weight = np.zeros((3, 3)) if prior_information is None else prior_information
     pose, information, inliers, rms = _align(
-        line_map.points,
-        line_map.normals,
-        line_map.origin,
-        line_map.starts,
+        line_map,
         points,
         normals,
         np.asarray(start, float),
@@ -92,10 +89,7 @@ def align(
 
 @njit(nogil=True, cache=True)
 def _align(
-    map_points: Float64,
-    map_normals: Float64,
-    origin: Float64,
-    starts: NDArray[np.int32],
+    line_map: LineMap,
     points: Float64,
     normals: Float64,
     start: Float64,
@@ -109,9 +103,7 @@ def _align(
     inliers, rms = 0.0, 0.0
     for step in range(MAX_STEPS):
         radius = max(reach * 0.7**step, 6.0 * sigma)
-        inliers, rms = _normal_equations(
-            map_points, map_normals, origin, starts, points, normals, pose, sigma, radius, H, b
-        )
+        inliers, rms = _normal_equations(line_map, points, normals, pose, sigma, radius, H, b)
         A = H + prior_information
         difference = pose - prior
         difference[2] = np.arctan2(np.sin(difference[2]), np.cos(difference[2]))
@@ -130,10 +122,7 @@ def _align(
 
 @njit(nogil=True, cache=True)
 def _normal_equations(
-    map_points: Float64,
-    map_normals: Float64,
-    origin: Float64,
-    starts: NDArray[np.int32],
+    line_map: LineMap,
     points: Float64,
     normals: Float64,
     pose: Float64,
@@ -153,11 +142,11 @@ def _normal_equations(
         nx = c * normals[i, 0] - s * normals[i, 1]
         ny = s * normals[i, 0] + c * normals[i, 1]
         x, y = rx + pose[0], ry + pose[1]
-        j = _nearest(map_points, map_normals, origin, starts, x, y, nx, ny, radius)
+        j = _nearest(line_map, x, y, nx, ny, radius)
         if j < 0:
             continue
-        dx, dy = x - map_points[j, 0], y - map_points[j, 1]
-        mx, my = map_normals[j, 0], map_normals[j, 1]
+        dx, dy = x - line_map.points[j, 0], y - line_map.points[j, 1]
+        mx, my = line_map.normals[j, 0], line_map.normals[j, 1]
         count += 1
         if mx != 0.0 or my != 0.0:
             r = mx * dx + my * dy
@@ -191,10 +180,7 @@ def _add(H: Float64, b: Float64, J: Float64, r: float, w: float) -> None:  # pra
 
 @njit(nogil=True, cache=True)
 def _nearest(
-    map_points: Float64,
-    map_normals: Float64,
-    origin: Float64,
-    starts: NDArray[np.int32],
+    line_map: LineMap,
     x: float,
     y: float,
     nx: float,
@@ -202,13 +188,18 @@ def _nearest(
     radius: float,
 ) -> int:  # pragma: no cover - compiled
     """Return the nearest map point within `radius` that does not face away, or -1."""
-    cx, cy = int(np.floor((x - origin[0]) / BUCKET)), int(np.floor((y - origin[1]) / BUCKET))
+    starts = line_map.starts
+    px, py = x - line_map.origin[0], y - line_map.origin[1]
+    low_x, high_x = int(np.floor((px - radius) / BUCKET)), int(np.floor((px + radius) / BUCKET))
+    low_y, high_y = int(np.floor((py - radius) / BUCKET)), int(np.floor((py + radius) / BUCKET))
     best, least = -1, radius * radius
-    for gx in range(max(cx - 1, 0), min(cx + 2, starts.shape[0])):
-        for gy in range(max(cy - 1, 0), min(cy + 2, starts.shape[1])):
+    for gx in range(max(low_x, 0), min(high_x + 1, starts.shape[0])):
+        for gy in range(max(low_y, 0), min(high_y + 1, starts.shape[1])):
             for j in range(starts[gx, gy, 0], starts[gx, gy, 1]):
-                dx, dy = x - map_points[j, 0], y - map_points[j, 1]
+                dx, dy = x - line_map.points[j, 0], y - line_map.points[j, 1]
                 d = dx * dx + dy * dy
-                if d < least and map_normals[j, 0] * nx + map_normals[j, 1] * ny > -0.1:
-                    best, least = j, d
+                if d < least:
+                    dot = line_map.normals[j, 0] * nx + line_map.normals[j, 1] * ny
+                    if dot > -0.1:
+                        best, least = j, d
     return best

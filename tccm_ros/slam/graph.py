@@ -21,6 +21,7 @@ from tccm_ros.slam.marginals import marginal_blocks
 __all__ = ["GraphSolution", "IncrementalGraph", "PoseGraph", "solve_graph"]
 
 Float64 = NDArray[np.float64]
+Journal = list[tuple[list[Factor], dict[Key, Float64]] | None]
 
 MAX_ITERATIONS = 50
 RELATIVE_TOLERANCE = 1e-5
@@ -88,7 +89,7 @@ def _marginals(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> dict[
     return dict(zip(symbols, marginal_blocks(A[:, :-1], dims)))
 
 
-def _isam_params(factorization: str) -> gtsam.ISAM2Params:
+def _isam_params(factorization: str, relinearize_skip: int) -> gtsam.ISAM2Params:
     """Return parameters with elimination by ``CHOLESKY`` or ``QR``.
 
     Cholesky gives up ("indeterminate") where a row of the square-root information falls below
@@ -97,7 +98,7 @@ def _isam_params(factorization: str) -> gtsam.ISAM2Params:
     """
     params = gtsam.ISAM2Params()
     params.setRelinearizeThreshold(RELINEARIZE)
-    params.relinearizeSkip = 10
+    params.relinearizeSkip = relinearize_skip
     params.setFactorization(factorization)
     return params
 
@@ -142,10 +143,14 @@ class PoseGraph:
 
 
 class IncrementalGraph:
-    """The same factors while driving: ISAM2, a few milliseconds a step (paper, III.B)."""
+    """The same factors while driving: ISAM2, a few milliseconds a step (paper, III.B).
 
-    def __init__(self) -> None:
-        self._journal: list[tuple[list[Factor], dict[Key, Float64]] | None] = []
+    Each `relinearize_skip` steps, variables that have moved are linearised anew.
+    """
+
+    def __init__(self, relinearize_skip: int = 10) -> None:
+        self._skip = relinearize_skip
+        self._journal: Journal = []
         self._replay("CHOLESKY")
 
     def add(self, factors: Iterable[Factor], poses: Mapping[Key, Float64]) -> None:
@@ -181,7 +186,7 @@ class IncrementalGraph:
 
     def _replay(self, factorization: str) -> None:
         """Do all steps of the journal anew."""
-        self._isam = gtsam.ISAM2(_isam_params(factorization))
+        self._isam = gtsam.ISAM2(_isam_params(factorization, self._skip))
         self._landmarks: set[Key] = set()
         for step in self._journal:
             if step is not None:
@@ -204,13 +209,13 @@ class IncrementalGraph:
         if self._journal and self._journal[-1] is not None:
             self._journal.append(None)
 
-    def freeze_state(self) -> list[tuple[list[Factor], dict[Key, Float64]] | None]:
+    def freeze_state(self) -> tuple[int, Journal]:
         """Return what was added and when it was read: ISAM2 itself cannot be written."""
-        return self._journal
+        return self._skip, self._journal
 
-    def thaw_state(self, journal: list[tuple[list[Factor], dict[Key, Float64]] | None]) -> None:
+    def thaw_state(self, state: tuple[int, Journal]) -> None:
         """Do again, in the same order, what `freeze_state` tells."""
-        self._journal = list(journal)
+        self._skip, self._journal = state
         try:
             self._replay("CHOLESKY")
         except RuntimeError:
@@ -218,15 +223,16 @@ class IncrementalGraph:
 
 
 def _planar_poses(values: gtsam.Values, keys: Sequence[Key]) -> Float64:
-    """Return planar poses float64 (N, 3) of keys in ascending order of their symbols."""
+    """Return planar poses float64 (N, 3) of keyframes."""
     if not keys:
         return np.zeros((0, 3))
-    result = np.empty((len(keys), 3))
-    for i, key in enumerate(keys):
-        value = values.atPose3(key.symbol)
-        result[i] = value.x(), value.y(), value.rotation().yaw() - key.turn
-    result[:, 2] = wrap_angle(result[:, 2])
-    return result
+    poses = gtsam.utilities.allPose3s(values)
+    matrices = gtsam.utilities.extractPose3(poses)
+    known = np.array(poses.keys(), np.uint64)
+    rows = matrices[np.searchsorted(known, np.array([key.symbol for key in keys], np.uint64))]
+    # A row is R (3 x 3, row by row) and t.
+    yaw = np.arctan2(rows[:, 3], rows[:, 0]) - np.array([key.turn for key in keys])
+    return np.column_stack([rows[:, 9], rows[:, 10], wrap_angle(yaw)])
 
 
 def solve_graph(factors: Sequence[Factor], poses: Mapping[Key, Float64]) -> GraphSolution:

@@ -8,6 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tccm_ros.slam.point_sets import extent_near_median
+
 __all__ = ["CELL", "UNKNOWN", "LikelihoodGrid", "make_likelihood_grid"]
 
 Float64 = NDArray[np.float64]
@@ -66,21 +68,27 @@ def make_likelihood_grid(
     outside = UNKNOWN if rays is not None else 0
     if not len(points):
         return LikelihoodGrid(np.full((levels, 1, 1), outside, np.uint8), np.zeros(2), outside)
-    centre = np.median(points, axis=0)
-    half = 0.5 * MAX_CELLS * CELL
-    near = points[np.all(np.abs(points - centre) < half, axis=1)]
+    near, low, high = extent_near_median(points, 0.5 * MAX_CELLS * CELL)
     margin = (STAMP + 1 + 2**levels) * CELL
-    origin = near.min(axis=0) - margin
-    shape = ((near.max(axis=0) + margin - origin) / CELL).astype(np.int64) + 1
-    grid = np.full((levels, shape[0], shape[1]), outside, np.uint8)
+    origin = low - margin
+    shape = ((high + margin - origin) / CELL).astype(np.int64) + 1
+    grid = np.empty((levels, shape[0], shape[1]), np.uint8)
+    grid[0] = outside
     if rays is not None:
         _clear(grid[0], rays[0], rays[1], origin)
-    offsets = np.arange(-STAMP, STAMP + 1) * CELL
-    squares = offsets[:, None] ** 2 + offsets[None, :] ** 2
-    stamp = np.rint(255.0 * np.exp(-0.5 * squares / BLUR**2)).astype(np.uint8)
-    _draw(grid[0], near, origin, stamp)
+    _draw(grid[0], points[near], origin, _BLURRED)
     _build_levels(grid)
     return LikelihoodGrid(grid, origin, outside)
+
+
+def _blurred_point() -> UInt8:
+    """Return the likelihoods in the cells around a map point."""
+    offsets = np.arange(-STAMP, STAMP + 1) * CELL
+    squares = offsets[:, None] ** 2 + offsets[None, :] ** 2
+    return np.rint(255.0 * np.exp(-0.5 * squares / BLUR**2)).astype(np.uint8)
+
+
+_BLURRED = _blurred_point()
 
 
 @njit(nogil=True, cache=True)
@@ -113,16 +121,13 @@ def _draw(grid: UInt8, points: Float64, origin: Float64, stamp: UInt8) -> None: 
                     grid[x, y] = stamp[a, b]
 
 
-@njit(nogil=True, cache=True)
-def _build_levels(grid: UInt8) -> None:  # pragma: no cover - compiled
-    rows, columns = grid.shape[1], grid.shape[2]
-    for h in range(1, grid.shape[0]):
+def _build_levels(grid: UInt8) -> None:
+    """Fill each level with the maxima over 2 x 2 places of the one below, held at the far edges."""
+    pairs = np.empty_like(grid[0])
+    for h in range(1, len(grid)):
         step = 1 << (h - 1)
-        for x in range(rows):
-            x2 = min(x + step, rows - 1)
-            for y in range(columns):
-                y2 = min(y + step, columns - 1)
-                grid[h, x, y] = max(
-                    max(grid[h - 1, x, y], grid[h - 1, x2, y]),
-                    max(grid[h - 1, x, y2], grid[h - 1, x2, y2]),
-                )
+        below, above = grid[h - 1], grid[h]
+        np.maximum(below[:-step], below[step:], out=pairs[:-step])
+        np.maximum(below[-step:], below[-1], out=pairs[-step:])
+        np.maximum(pairs[:, :-step], pairs[:, step:], out=above[:, :-step])
+        np.maximum(pairs[:, -step:], pairs[:, -1:], out=above[:, -step:])

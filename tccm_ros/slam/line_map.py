@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.slam.se2 import place, turn
+from tccm_ros.slam.point_sets import extent_near_median, place_scans
 
 __all__ = ["LineMap", "make_line_map"]
 
@@ -25,9 +25,8 @@ MAX_SIDE = 4096
 """Buckets along a side, at most: points beyond belong to no room and are dropped."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LineMap:
-    """Points and normals, float64 (N, 2), sorted into buckets.
+class LineMap(NamedTuple):
+    """Points and normals, float64 (N, 2), sorted into buckets; compiled code takes it as it is.
 
     Attributes
     ----------
@@ -44,9 +43,6 @@ class LineMap:
     origin: Float64
     starts: Int32
 
-    def __len__(self) -> int:
-        return len(self.points)
-
 
 def make_line_map(poses: Float64, points: list[Float64], normals: list[Float64]) -> LineMap:
     """Put scans into one map; the first scan to see a place defines it.
@@ -58,18 +54,16 @@ def make_line_map(poses: Float64, points: list[Float64], normals: list[Float64])
     points, normals
         K arrays float64 (N_k, 2) in the scans' frames.
     """
-    p = np.concatenate([place(pose, q) for pose, q in zip(poses, points)])
-    n = np.concatenate([turn(pose, q) for pose, q in zip(poses, normals)])
+    counts = np.array([len(q) for q in points])
+    p, n = place_scans(poses, counts, np.concatenate(points), np.concatenate(normals))
     if not len(p):
         return LineMap(p, n, np.zeros(2), np.zeros((1, 1, 2), np.int32))
-    centre = np.median(p, axis=0)
-    near = np.all(np.abs(p - centre) < 0.5 * MAX_SIDE * BUCKET - BUCKET, axis=1)
+    near, low, high = extent_near_median(p, 0.5 * MAX_SIDE * BUCKET - BUCKET)
     p, n = p[near], n[near]
-    origin = p.min(axis=0) - 1.5 * BUCKET
-    shape = ((p.max(axis=0) - origin) / BUCKET).astype(np.int64) + 3
+    origin = low - 1.5 * BUCKET
+    shape = ((high - origin) / BUCKET).astype(np.int64) + 3
     keep = _thin(p, n, origin, shape)
-    p, n, starts = _sort_into_buckets(p[keep], n[keep], origin, shape)
-    return LineMap(p, n, origin, starts)
+    return LineMap(*_sort_into_buckets(p[keep], n[keep], origin, shape))
 
 
 @njit(nogil=True, cache=True)
@@ -81,11 +75,10 @@ def _thin(
     links = np.full(len(points), -1, np.int32)
     keep = np.zeros(len(points), np.bool_)
     for i in range(len(points)):
-        cx = int((points[i, 0] - origin[0]) / BUCKET)
-        cy = int((points[i, 1] - origin[1]) / BUCKET)
+        x, y = points[i, 0] - origin[0], points[i, 1] - origin[1]
         found = False
-        for gx in range(cx - 1, cx + 2):
-            for gy in range(cy - 1, cy + 2):
+        for gx in range(int((x - SPACING) / BUCKET), int((x + SPACING) / BUCKET) + 1):
+            for gy in range(int((y - SPACING) / BUCKET), int((y + SPACING) / BUCKET) + 1):
                 j = heads[gx, gy]
                 while j >= 0 and not found:
                     dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
@@ -96,6 +89,7 @@ def _thin(
                     j = links[j]
         if not found:
             keep[i] = True
+            cx, cy = int(x / BUCKET), int(y / BUCKET)
             links[i], heads[cx, cy] = heads[cx, cy], i
     return keep
 
@@ -103,8 +97,8 @@ def _thin(
 @njit(nogil=True, cache=True)
 def _sort_into_buckets(
     points: Float64, normals: Float64, origin: Float64, shape: NDArray[np.int64]
-) -> tuple[Float64, Float64, Int32]:  # pragma: no cover - compiled
-    """Counting sort by bucket; the order within a bucket stays."""
+) -> tuple[Float64, Float64, Float64, Int32]:  # pragma: no cover - compiled
+    """Counting sort by bucket; the order within a bucket stays. Returns the parts of a LineMap."""
     starts = np.zeros((shape[0], shape[1], 2), np.int32)
     cells = np.empty((len(points), 2), np.int32)
     for i in range(len(points)):
@@ -122,4 +116,4 @@ def _sort_into_buckets(
         k = starts[cells[i, 0], cells[i, 1], 1]
         p[k], q[k] = points[i], normals[i]
         starts[cells[i, 0], cells[i, 1], 1] = k + 1
-    return p, q, starts
+    return p, q, origin, starts

@@ -15,16 +15,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from tccm_ros.config import Config
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.consistency import consistent_with
 from tccm_ros.slam.correlation import correlate
-from tccm_ros.slam.factors import BetweenKeyframes, Factor, Key
+from tccm_ros.slam.factors import BetweenKeyframes, Key
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.graph import IncrementalGraph
+from tccm_ros.slam.path_lengths import lengths_from
 from tccm_ros.slam.proposals import COARSE_STEP, Proposal, Window, propose
 from tccm_ros.slam.se2 import between, compose, inverse
 from tccm_ros.slam.submaps import Patch, Submap, make_patch, make_submap
@@ -73,6 +72,10 @@ LOOP_LENGTH = 0.5
 CACHED_SUBMAPS, CACHED_LOST = 60, 250
 """Submaps that are kept for the next keyframes, and while lost: 1 MB each."""
 
+BATCH = 10
+"""Keyframes that wait for each other before the live graph takes them: an update costs the same for
+one as for a few."""
+
 ROUGH_STEP = 4
 """Each fourth point of a search tells in which order to look everywhere."""
 
@@ -81,6 +84,11 @@ def loop_factor(proposal: Proposal, keys: Sequence[Key], weight: float = 1.0) ->
     """Return the factor of a proposal."""
     a, b = keys[proposal.a], keys[proposal.b]
     return BetweenKeyframes(a, b, proposal.delta, proposal.cov, weight)
+
+
+def _ends_of(loops: Sequence[Proposal]) -> NDArray[np.int64]:
+    """Return the keyframes that loops tie, int64 (L, 2)."""
+    return np.array([(p.a, p.b) for p in loops], np.int64).reshape(-1, 2)
 
 
 @dataclass(slots=True)
@@ -92,7 +100,7 @@ class LoopCloser:
     keyframes, chain
         Of all sessions, shared with who adds to them.
     poses
-        float64 (3,) each: where the keyframes are believed to be. Those of a session that is not
+        float64 (K, 3): where the keyframes are believed to be. Those of a session that is not
         tied yet are in that session's own frame.
     accepted, rejected
         Proposals, in order of discovery.
@@ -101,14 +109,18 @@ class LoopCloser:
     config: Config
     keyframes: list[GraphKeyframe]
     chain: Chain
-    poses: list[Float64] = field(default_factory=list)
+    poses: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
     accepted: list[Proposal] = field(default_factory=list)
     rejected: list[Proposal] = field(default_factory=list)
-    _graph: IncrementalGraph = field(default_factory=IncrementalGraph)
+    _graph: IncrementalGraph = field(default_factory=lambda: IncrementalGraph(relinearize_skip=1))
+    _waiting: list[int] = field(default_factory=list)
+    _fresh: list[Proposal] = field(default_factory=list)
     _tied: set[int] = field(default_factory=lambda: {0})
     _recent: list[Proposal] = field(default_factory=list)
     _pending: list[Proposal] = field(default_factory=list)
-    _path: list[float] = field(default_factory=list)
+    _steps: Float64 = field(default_factory=lambda: np.zeros(0))
+    _path: Float64 = field(default_factory=lambda: np.zeros(0))
+    _ends: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     _cache: dict[int, Submap] = field(default_factory=dict)
 
     @property
@@ -125,31 +137,40 @@ class LoopCloser:
         """Take keyframe `k`, the newest."""
         keyframe = self.keyframes[k]
         starts = k == 0 or self.keyframes[k - 1].session != keyframe.session
-        self._lengthen(keyframe)
         pose = keyframe.pose if starts else compose(self.poses[-1], keyframe.delta)
-        self.poses.append(pose)
+        self._append(keyframe, pose)
         if keyframe.session in self._tied:
-            self._graph.add(self.chain.factors_of(k), {self.chain.keys[k]: pose})
+            self._waiting.append(k)
+        if len(self._waiting) >= BATCH:
+            self._update()
         if self.config.loops.enabled:
             self._query(k)
 
     def load(self, poses: Float64, loops: Sequence[Proposal]) -> None:
         """Start from a saved map: keyframes that are in the chain, their poses, its loops."""
-        for k, pose in enumerate(poses):
-            keyframe = self.keyframes[k]
-            self._lengthen(keyframe)
-            self.poses.append(np.asarray(pose, float))
+        for keyframe, pose in zip(self.keyframes, poses):
+            self._append(keyframe, pose)
             self._tied.add(keyframe.session)
-        keys = self.chain.keys
-        factors = [f for k in range(len(keys)) for f in self.chain.factors_of(k)]
-        factors += [loop_factor(p, keys) for p in loops]
         self.accepted = list(loops)
-        self._graph.add(factors, dict(zip(keys, self.poses)))
+        self._ends = _ends_of(loops)
+        self._waiting, self._fresh = list(range(len(poses))), list(loops)
+        self._update()
 
-    def _lengthen(self, keyframe: GraphKeyframe) -> None:
+    def _append(self, keyframe: GraphKeyframe, pose: Float64) -> None:
         x, y, yaw = keyframe.delta
-        length = float(np.hypot(x, y) + 0.2 * abs(yaw))
-        self._path.append(length + (self._path[-1] if self._path else 0.0))
+        step = float(np.hypot(x, y) + 0.2 * abs(yaw))
+        starts = not keyframe.id or self.keyframes[keyframe.id - 1].session != keyframe.session
+        self._path = np.append(self._path, step + (self._path[-1] if len(self._path) else 0.0))
+        self._steps = np.append(self._steps, np.inf if starts else step)
+        self.poses = np.concatenate([self.poses, pose[None]])
+
+    def _update(self) -> None:
+        """Hand keyframes and loops that wait to the live graph."""
+        keys = self.chain.keys
+        factors = [factor for k in self._waiting for factor in self.chain.factors_of(k)]
+        factors += [loop_factor(p, keys) for p in self._fresh]
+        self._graph.add(factors, {keys[k]: self.poses[k].copy() for k in self._waiting})
+        self._waiting, self._fresh = [], []
 
     def _query(self, k: int) -> None:
         lost = self.keyframes[k].session not in self._tied
@@ -212,16 +233,15 @@ class LoopCloser:
     def _candidates(self, k: int) -> list[tuple[int, Window]]:
         """Return submap centres of earlier passes near k, and where to look in each."""
         loops = self.config.loops
-        path = np.array(self._path)
         centres = np.arange(SUBMAP_HALF, k - SUBMAP_HALF, SUBMAP_STEP)
+        path, poses = self._path, self.poses
         centres = centres[path[k] - path[centres] >= loops.min_path]
         if not len(centres):
             return []
-        poses = np.array(self.poses)
         away = np.hypot(*(poses[centres, :2] - poses[k, :2]).T)
         if not (away <= OVERLAP + loops.max_window).any():
             return []
-        tied = self._distance(k, path)[centres]
+        tied = self._distance(k)[centres]
         reach = np.minimum(loops.max_window, BASE_WINDOW[0] + loops.drift * tied)
         turn = np.minimum(MAX_TURN, BASE_WINDOW[1] + loops.drift_angle * tied)
         eligible = np.flatnonzero((away <= OVERLAP + reach) & np.isfinite(tied))
@@ -245,16 +265,9 @@ class LoopCloser:
             if self.keyframes[c].session != session and self.keyframes[c].session in self._tied
         ]
 
-    def _distance(self, k: int, path: Float64) -> Float64:
+    def _distance(self, k: int) -> Float64:
         """Return the shortest path (m) in the graph from k to all keyframes before it."""
-        ends = np.array([(p.a, p.b) for p in self.accepted], np.int64).reshape(-1, 2)
-        sessions = np.array([x.session for x in self.keyframes[: k + 1]])
-        joined = np.flatnonzero(np.diff(sessions) == 0)
-        rows = np.concatenate([joined, ends[:, 0]])
-        columns = np.concatenate([joined + 1, ends[:, 1]])
-        lengths = np.concatenate([np.diff(path[: k + 1])[joined], np.full(len(ends), LOOP_LENGTH)])
-        weights = coo_matrix((lengths + 1e-6, (rows, columns)), shape=(k + 1, k + 1))
-        return np.asarray(dijkstra(weights.tocsr(), directed=False, indices=k))
+        return lengths_from(k, self._steps[: k + 1], self._ends, LOOP_LENGTH)
 
     def _submap(self, centre: int, most: int = CACHED_SUBMAPS) -> Submap:
         if centre not in self._cache:
@@ -278,43 +291,36 @@ class LoopCloser:
         self._accept(fresh)
 
     def _accept(self, fresh: list[Proposal]) -> None:
-        new: dict[Key, Float64] = {}
-        factors: list[Factor] = [loop_factor(p, self.chain.keys) for p in fresh]
         session = self.keyframes[fresh[-1].b].session
-        if session not in self._tied:
-            new = self._tie(session, fresh[-1])
-            factors = [
-                f for k in self._members(session) for f in self.chain.factors_of(k)
-            ] + factors
+        tie = session not in self._tied
+        if tie:
+            self._tie(session, fresh[-1])
         error = np.array([between(p.delta, self._step(p)) for p in fresh])
         self.accepted.extend(fresh)
-        self._graph.add(factors, new)
+        self._ends = np.concatenate([self._ends, _ends_of(fresh)])
+        self._fresh.extend(fresh)
         far = np.hypot(error[:, 0], error[:, 1]).max() > MOVED[0]
-        if new or far or np.abs(error[:, 2]).max() > MOVED[1]:
+        if tie or far or np.abs(error[:, 2]).max() > MOVED[1]:
+            self._update()
             self._graph.add([], {})
             self._read_back()
 
     def _step(self, proposal: Proposal) -> Float64:
         return between(self.poses[proposal.a], self.poses[proposal.b])
 
-    def _members(self, session: int) -> list[int]:
-        return [x.id for x in self.keyframes[: len(self.poses)] if x.session == session]
-
-    def _tie(self, session: int, loop: Proposal) -> dict[Key, Float64]:
-        """Move a session to where a loop closure puts it; return its keyframes' poses."""
+    def _tie(self, session: int, loop: Proposal) -> None:
+        """Move a session to where a loop closure puts it; it waits for the live graph then."""
         T = compose(compose(self.poses[loop.a], loop.delta), inverse(self.poses[loop.b]))
-        members = self._members(session)
+        members = [x.id for x in self.keyframes[: len(self.poses)] if x.session == session]
         for k in members:
             self.poses[k] = compose(T, self.poses[k])
         self._tied.add(session)
-        return {self.chain.keys[k]: self.poses[k] for k in members}
+        self._waiting.extend(members)
 
     def _read_back(self) -> None:
         """Take all poses from the graph."""
         known = [k for k in range(len(self.poses)) if self.keyframes[k].session in self._tied]
-        poses = self._graph.planar_poses([self.chain.keys[k] for k in known])
-        for k, pose in zip(known, poses):
-            self.poses[k] = pose
+        self.poses[known] = self._graph.planar_poses([self.chain.keys[k] for k in known])
 
     def freeze_state(self) -> dict[str, Any]:
         """Return all but the submaps at hand, which are made again."""

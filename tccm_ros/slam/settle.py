@@ -19,7 +19,10 @@ Float64 = NDArray[np.float64]
 
 
 def settle_loops(
-    chain: Chain, poses: Sequence[Float64], tied: Collection[int], loops: Sequence[Proposal]
+    chain: Chain,
+    poses: Sequence[Float64] | Float64,
+    tied: Collection[int],
+    loops: Sequence[Proposal],
 ) -> tuple[Float64, NDArray[np.bool_]]:
     """Optimise the chain with its loops and find those that contradict the rest.
 

@@ -133,6 +133,18 @@ def test_the_map_is_thinned_and_sorted_into_buckets():
     alike = lines.normals @ lines.normals.T > 0.5
     np.fill_diagonal(alike, False)
     assert gaps[alike].min() >= SPACING
-    assert lines.starts[..., 1].max() == len(lines)
+    assert lines.starts[..., 1].max() == len(lines.points)
     sizes = lines.starts[..., 1] - lines.starts[..., 0]
-    assert sizes.sum() == len(lines)
+    assert sizes.sum() == len(lines.points)
+
+
+def test_a_coarse_cell_holds_the_largest_of_the_cells_that_it_covers():
+    """A score on a coarse level bounds the scores below it; at the far edges cells are held."""
+    lines, _, _ = room_map()
+    grid = make_likelihood_grid(lines.points, rays=(np.zeros_like(lines.points), lines.points))
+    finest = grid.levels[0]
+    for h, level in enumerate(grid.levels):
+        size = 2**h
+        held = np.pad(finest, (0, size - 1), mode="edge")
+        windows = np.lib.stride_tricks.sliding_window_view(held, (size, size))
+        assert np.array_equal(level, windows.max(axis=(2, 3)))

@@ -6,10 +6,12 @@ are kept in ticks of 0.1 mm, so that adding and subtracting points is exact (DES
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from tccm_ros.mapping.caps import Caps, no_caps
 
 __all__ = ["TICK", "TICKS_PER_M", "Columns", "Cuboids"]
 
@@ -65,6 +67,8 @@ class Cuboids:
     cycles, cycle_offsets
         int32 (M,) and int64 (N + 1,): the ordered cycles (the paper's msnlist) of cuboid i are
         ``cycles[cycle_offsets[i]:cycle_offsets[i + 1]]``.
+    caps
+        Moments of the points at the tops, where they are known.
     """
 
     cell_size: float
@@ -77,6 +81,7 @@ class Cuboids:
     S: NDArray[np.float64]
     cycles: NDArray[np.int32]
     cycle_offsets: NDArray[np.int64]
+    caps: Caps = field(default_factory=no_caps)
 
     def __len__(self) -> int:
         return len(self.ix)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tccm_ros.mapping.caps import Caps, no_caps, sum_caps
 from tccm_ros.mapping.cuboids import TICK, TICKS_PER_M, Cuboids
 
 __all__ = ["PartMap", "PartPoints", "cell_keys", "key_cells"]
@@ -152,4 +153,16 @@ class PartMap:
             S=self.moments[:, 4:].astype(np.float64),
             cycles=np.full(n, self.cycle, np.int32),
             cycle_offsets=np.arange(n + 1, dtype=np.int64),
+            caps=self.caps(),
         )
+
+    def caps(self) -> Caps:
+        """Return the caps of the cuboids; none are known where the points are not kept."""
+        if self.points is None:
+            return no_caps()
+        n = len(self)
+        of, sums = np.empty(n, np.int32), np.zeros((n + 1, 10))
+        caps = sum_caps(
+            self.points.packed, self.moments[:, 0], self.points.first, self.bounds[:, 1], of, sums
+        )
+        return Caps(of, sums[:caps])

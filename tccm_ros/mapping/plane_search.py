@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tccm_ros.mapping.caps import move_caps
 from tccm_ros.mapping.linking import is_deep, link
 from tccm_ros.mapping.moments import gather, plane_of, residuals_of
 from tccm_ros.mapping.plane_blocks import BLOCK_BITS, find_patches, sort_into_blocks
@@ -45,6 +46,8 @@ def segment(
     count: Array,
     s: Array,
     S: Array,
+    cap_of: Int,
+    cap_sums: Array,
     cell: float,
     tick: float,
     origin: Array,
@@ -56,6 +59,8 @@ def segment(
     ----------
     ix, iy, bottom, top, count, s, S
         As in `Cuboids`, N > 0.
+    cap_of, cap_sums
+        As in `Caps`.
     cell, tick
         Edge of a cell in ticks, and a tick in m.
     origin
@@ -72,6 +77,7 @@ def segment(
     n = len(ix)
     M = np.empty((n, 10))
     gather(ix, iy, count, s, S, cell, tick, origin, M)
+    caps = move_caps(ix, iy, cap_of, cap_sums, cell, tick, origin)
     low_x, low_y = ix[0], iy.min()
     rows = ((ix[n - 1] - low_x) >> BLOCK_BITS) + 1
     wide = ((iy.max() - low_y) >> BLOCK_BITS) + 1
@@ -103,6 +109,8 @@ def segment(
                 iy,
                 bottom,
                 top,
+                cap_of,
+                caps,
                 members,
                 plane,
                 tick,
@@ -157,6 +165,8 @@ def split_and_fit(
     iy: Int,
     bottom: Int,
     top: Int,
+    cap_of: Int,
+    caps: Array,
     members: Int,
     plane: Plane,
     tick: float,
@@ -190,7 +200,9 @@ def split_and_fit(
         one, its_deep = take_set(members, deep, root, k, size[k])
         row = planes[found]
         if is_standing:
-            fitted = fit_standing(M, ix, iy, bottom, top, one, plane, tick, ground, row[8:18])
+            fitted = fit_standing(
+                M, ix, iy, bottom, top, cap_of, caps, one, plane, tick, ground, row[8:18]
+            )
         else:
             fitted = fit_lying(M, one, its_deep, plane, row[8:18])
         if is_plane(row, limits):

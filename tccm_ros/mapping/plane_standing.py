@@ -4,11 +4,13 @@ The points of one spot on a board fall in two cells, before and behind the wall 
 refuse one cell and keep the other would shift the plane, so *places* are judged whole: the cuboids
 of one step along the board that overlap in height.
 
-Where a board ends in a level surface, as a shelf's front in its top, the highest place of a step is
-a *rim*: it may hold points of that surface, all at the rim's height, up to a cell behind the board.
-Moments cannot tell which points they are, but they can be weighed by their depth below the rim: the
-sum of (z_rim - z) e, with e the distance from the plane, knows nothing of what lies at z_rim. So a
-rim gives this one equation instead of its mean, with three quarters of the information.
+Where a board ends in a level surface, as a shelf's front in its top, the highest place of a step
+is a *rim*: it may hold points of that surface, all at the rim's height, up to a cell behind the
+board. A part map knows the moments of its cuboids' caps, and a rim's are taken off. An integration
+map does not; there moments cannot tell which points they are, but they can be weighed by their
+depth below the rim: the sum of (z_rim - z) e, with e the distance from the plane, knows nothing of
+what lies at z_rim. So a rim gives this one equation instead of its mean, with three quarters of the
+information.
 """
 
 import math
@@ -17,6 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tccm_ros.mapping.caps import CAP_DEPTH
 from tccm_ros.mapping.moments import residuals_of
 from tccm_ros.mapping.plane_members import NOISE_FLOOR, Plane, is_mixed
 
@@ -112,9 +115,28 @@ def link_standing(ix: Int, iy: Int, members: Int, plane: Plane) -> Int:
 
 @njit(nogil=True, cache=True)
 def pool_places(
-    M: Array, ix: Int, iy: Int, bottom: Int, top: Int, members: Int, plane: Plane
+    M: Array,
+    ix: Int,
+    iy: Int,
+    bottom: Int,
+    top: Int,
+    cap_of: Int,
+    caps: Array,
+    members: Int,
+    plane: Plane,
 ) -> tuple[Array, Int]:
     """Pool the cuboids of each step along a standing plane that overlap in height.
+
+    Where caps are known those of rims are left out, and no rim remains.
+
+    Parameters
+    ----------
+    M, ix, iy, bottom, top
+        Moments, cells and heights of the map's cuboids.
+    cap_of, caps
+        Row of each cuboid's cap, and the caps' moments, see `Caps`; of length 0 if not known.
+    members, plane
+        The plane's cuboids, and the plane.
 
     Returns
     -------
@@ -123,6 +145,51 @@ def pool_places(
     rim : int32 (P,)
         Top of a rim, ticks; `NO_RIM` for the other places.
     """
+    order, start = sort_into_steps(ix, iy, bottom, members, plane)
+    pooled = np.zeros((len(members), 10))
+    rim = np.full(len(members), NO_RIM, np.int32)
+    tops = np.empty(len(start) - 1)
+    begins = np.empty(len(members) + 1, np.int32)
+    places, steps = 0, 0
+    for b in range(len(start) - 1):
+        if start[b] == start[b + 1]:
+            continue
+        high = NO_RIM
+        for j in range(start[b], start[b + 1]):
+            i = order[j]
+            if high < bottom[i]:
+                begins[places] = j
+                places += 1
+            high = max(high, top[i])
+            m, into = M[i], pooled[places - 1]
+            for c in range(10):
+                into[c] += m[c]
+        rim[places - 1] = high
+        tops[steps] = high
+        steps += 1
+    begins[places] = len(members)
+    least = np.median(tops[:steps]) - RIM_REACH
+    for p in range(places):
+        if rim[p] < least:
+            rim[p] = NO_RIM
+    if len(cap_of) == 0:
+        return pooled[:places], rim[:places]
+    kept = 0
+    for p in range(places):
+        if rim[p] != NO_RIM:
+            for i in order[begins[p] : begins[p + 1]]:
+                if top[i] >= rim[p] - CAP_DEPTH:
+                    pooled[p] -= M[i] if cap_of[i] < 0 else caps[cap_of[i]]
+            if pooled[p, 0] < 0.5:
+                continue
+        pooled[kept] = pooled[p]
+        kept += 1
+    return pooled[:kept], np.full(kept, NO_RIM, np.int32)
+
+
+@njit(nogil=True, cache=True)
+def sort_into_steps(ix: Int, iy: Int, bottom: Int, members: Int, plane: Plane) -> tuple[Int, Int]:
+    """Return a standing plane's cuboids by step and rising, and where each step begins in them."""
     bins, count = bins_along(ix, iy, members, plane)
     start = np.zeros(count + 1, np.int32)
     for b in bins:
@@ -139,29 +206,7 @@ def pool_places(
             order[j] = order[j - 1]
             j -= 1
         order[j] = i
-    pooled = np.zeros((len(members), 10))
-    rim = np.full(len(members), NO_RIM, np.int32)
-    tops = np.empty(count)
-    places, steps = 0, 0
-    for b in range(count):
-        if start[b] == start[b + 1]:
-            continue
-        high = NO_RIM
-        for j in range(start[b], start[b + 1]):
-            i = order[j]
-            places += high < bottom[i]
-            high = max(high, top[i])
-            m, into = M[i], pooled[places - 1]
-            for c in range(10):
-                into[c] += m[c]
-        rim[places - 1] = high
-        tops[steps] = high
-        steps += 1
-    least = np.median(tops[:steps]) - RIM_REACH
-    for p in range(places):
-        if rim[p] < least:
-            rim[p] = NO_RIM
-    return pooled[:places], rim[:places]
+    return order, start
 
 
 @njit(nogil=True, cache=True)
@@ -171,6 +216,8 @@ def fit_standing(
     iy: Int,
     bottom: Int,
     top: Int,
+    cap_of: Int,
+    caps: Array,
     members: Int,
     plane: Plane,
     tick: float,
@@ -181,8 +228,8 @@ def fit_standing(
 
     Parameters
     ----------
-    M, ix, iy, bottom, top, members
-        Moments, cells and heights, and the cuboids of one connected set.
+    M, ix, iy, bottom, top, cap_of, caps, members
+        As in `pool_places`; the cuboids of one connected set.
     plane
         A first guess.
     tick, ground
@@ -191,15 +238,35 @@ def fit_standing(
         float64 (10,), written: pooled moments of the places that shaped the fit; a rim counts for
         as many points as its equation is worth.
     """
-    pooled, rim = pool_places(M, ix, iy, bottom, top, members, plane)
+    pooled, rim = pool_places(M, ix, iy, bottom, top, cap_of, caps, members, plane)
     low = np.inf
     for p in range(len(pooled)):
         low = min(low, pooled[p, 3] / pooled[p, 0])
     layer = np.empty(len(pooled), np.int32)
     for p in range(len(pooled)):
         layer[p] = int((pooled[p, 3] / pooled[p, 0] - low) / LAYER)
+    plane = through_median(pooled, plane)
     for _ in range(ROUNDS):
         plane = improve(pooled, rim, layer, plane, tick, ground, total)
+    return plane
+
+
+@njit(nogil=True, cache=True)
+def through_median(pooled: Array, plane: Plane) -> Plane:
+    """Shift a plane to the median place, by points.
+
+    A guess through all members lies between a board and what stands a centimetre behind its foot;
+    tested against it, the board itself could be refused.
+    """
+    nx, ny, nz, d, noise = plane
+    off = np.empty(len(pooled))
+    for p in range(len(pooled)):
+        off[p] = residuals_of(pooled[p], nx, ny, nz, d)[0] / pooled[p, 0]
+    half = 0.5 * pooled[:, 0].sum()
+    for p in np.argsort(off):
+        half -= pooled[p, 0]
+        if half <= 0.0:
+            return nx, ny, nz, d + off[p], noise
     return plane
 
 

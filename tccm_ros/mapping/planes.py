@@ -208,7 +208,7 @@ def find_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> Plane
     origin = np.rint(view * TICKS_PER_M)
     labels, rows = segment(
         cuboids.ix, cuboids.iy, cuboids.bottom, cuboids.top, cuboids.count, cuboids.s, cuboids.S,
-        cuboids.cell_size * TICKS_PER_M, TICK, origin,
+        cuboids.caps.of, cuboids.caps.moments, cuboids.cell_size * TICKS_PER_M, TICK, origin,
         (p.max_rms, float(p.min_points), p.min_area, p.flatness),
     )  # fmt: skip
     normals, offsets, level = _oriented(rows, view, origin, math.cos(p.horizontal_angle))

@@ -81,6 +81,7 @@ def _sweep_once(config_json: str) -> tuple[CycleResult, ...]:
         results += processor.add(record)
     results += processor.finish()
     processor.map.cuboids()
+    results[-1].part.cuboids()  # with its caps
     for plane in results[-1].planes:  # as their markers are made
         triangulate(plane.boundary, plane.holes, plane.normal)
     return tuple(results)

@@ -1,0 +1,110 @@
+"""Caps of cuboids: the moments of the points at a cuboid's top, apart from the rest.
+
+Where a board ends in a level surface, the highest cuboid of each cell holds points of both. What is
+foreign to the board lies at the top; with its moments known apart they can be taken off, exactly.
+A part map still has its points, so their caps are summed when its cuboids are asked for; an
+integration map's originals have no points any more, and it has no caps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.mapping.moments import gather
+
+__all__ = ["CAP_DEPTH", "Caps", "move_caps", "no_caps", "sum_caps"]
+
+CAP_DEPTH = 150
+"""Depth of a cap, ticks: the noise of a level surface that is seen at an angle, both ways."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Caps:
+    """The caps of a map's cuboids.
+
+    Attributes
+    ----------
+    of
+        int32 (N,): the row of each cuboid's cap; -1 where all its points lie within the cap's depth
+        of its top, so that the cap is the whole cuboid. Of length 0 where caps are not known.
+    moments
+        float64 (C, 10), ticks: count, sums and products as in `Cuboids`.
+    """
+
+    of: NDArray[np.int32]
+    moments: NDArray[np.float64]
+
+
+def no_caps() -> Caps:
+    """Return what a map has whose points are gone."""
+    return Caps(np.zeros(0, np.int32), np.zeros((0, 10)))
+
+
+@njit(nogil=True, cache=True)
+def sum_caps(points: Any, counts: Any, first: Any, tops: Any, of: Any, sums: Any) -> Any:
+    """Sum the points at the tops of cuboids.
+
+    Parameters
+    ----------
+    points
+        int64 (M, 2), see `part.PartPoints`.
+    counts, first, tops
+        int64 (N,), int32 (N,) and int32 (N,): points, first point and top, ticks, of each cuboid.
+    of, sums
+        int32 (N,) and float64 (N, 10), zero: receive what `Caps` has.
+
+    Returns
+    -------
+    int
+        Number of caps.
+    """
+    caps = 0
+    for k in range(len(first)):
+        begin, end = first[k], first[k] + counts[k]
+        lowest = np.int64(tops[k]) - CAP_DEPTH
+        into, in_cap = sums[caps], 0
+        for i in range(begin, end):
+            word = points[i, 0]
+            z = word >> 32
+            if z < lowest:
+                continue
+            x, y = float((word >> 16) & 0xFFFF), float(word & 0xFFFF)
+            h = float(z)
+            in_cap += 1
+            into[0] += 1.0
+            into[1] += x
+            into[2] += y
+            into[3] += h
+            into[4] += x * x
+            into[5] += x * y
+            into[6] += x * h
+            into[7] += y * y
+            into[8] += y * h
+            into[9] += h * h
+        if in_cap < end - begin:
+            of[k] = caps
+            caps += 1
+        else:
+            of[k] = -1
+            into[:] = 0.0
+    return caps
+
+
+@njit(nogil=True, cache=True)
+def move_caps(ix: Any, iy: Any, cap_of: Any, sums: Any, cell: Any, tick: Any, origin: Any) -> Any:
+    """Move the moments of all caps to one origin, as `gather` does with the cuboids'."""
+    owner = np.empty(len(sums), np.int32)
+    for k in range(len(cap_of)):
+        if cap_of[k] >= 0:
+            owner[cap_of[k]] = k
+    moved = np.empty((len(sums), 10))
+    gather(
+        ix[owner], iy[owner], sums[:, 0].copy(), sums[:, 1:4].copy(), sums[:, 4:].copy(),
+        cell, tick, origin, moved,
+    )  # fmt: skip
+    return moved

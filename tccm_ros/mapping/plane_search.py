@@ -18,7 +18,8 @@ from tccm_ros.mapping.plane_members import (
     fit_lying,
     pooled_plane,
 )
-from tccm_ros.mapping.plane_standing import fit_standing, link_standing
+from tccm_ros.mapping.plane_places import link_standing
+from tccm_ros.mapping.plane_standing import fit_standing
 
 __all__ = ["PLANE_COLUMNS", "segment"]
 

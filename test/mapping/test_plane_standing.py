@@ -11,15 +11,9 @@ from tccm_ros.mapping.caps import move_caps
 from tccm_ros.mapping.cuboids import TICK, TICKS_PER_M
 from tccm_ros.mapping.moments import gather
 from tccm_ros.mapping.part_map import PartMapBuilder
-from tccm_ros.mapping.plane_standing import (
-    NO_RIM,
-    add_place,
-    bins_along,
-    fit_standing,
-    pool_places,
-    rim_moments,
-    solve,
-)
+from tccm_ros.mapping.plane_equations import add_place, rim_moments, solve
+from tccm_ros.mapping.plane_places import NO_RIM, bins_along, pool_places
+from tccm_ros.mapping.plane_standing import fit_standing
 from tccm_ros.mapping.planes import find_planes
 
 CONFIG = Config()
@@ -154,6 +148,12 @@ def test_with_caps_a_shelf_is_as_exact_as_a_fit_to_its_points(sigma):
     # Means of 40 tests are within 4 of their own deviations; deviations within a fifth.
     assert abs(np.mean(ours)) < 4.0 * np.std(fitted) / np.sqrt(40)
     assert np.std(ours) < 1.2 * np.std(fitted)
+
+
+def test_a_board_of_one_line_is_no_plane():
+    rng = np.random.default_rng(8)
+    line = board(rng, 300, sigma=0.0025, height=(0.7, 0.7), rows=1)
+    assert len(find_planes(built_map(line), CONFIG, EYE)) == 0
 
 
 def test_a_board_that_steps_back_at_its_foot_is_not_refused():

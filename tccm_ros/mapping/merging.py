@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numba import carray, njit
 
-from tccm_ros.mapping.binning import lowest_bit
+from tccm_ros.mapping.bits import lowest_bit
 from tccm_ros.mapping.originals import pointer_to
 
 __all__ = ["compose_cuboids", "count_composites", "join_pieces", "merge_part", "owners"]

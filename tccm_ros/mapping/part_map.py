@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.config import Config
 from tccm_ros.errors import ConfigError
+from tccm_ros.mapping import bin_layout as layout
 from tccm_ros.mapping import binning
 from tccm_ros.mapping.cuboids import TICKS_PER_M
 from tccm_ros.mapping.part import PartMap, PartPoints
@@ -58,8 +59,8 @@ class PartMapBuilder:
         depth = max(round(config.map.cuboid_depth * TICKS_PER_M), 1)
         adaptive = config.map.gap == "adaptive"
         self._as_printed = config.map.mode == "paper"
-        self._limits = np.zeros(binning.N_LIMITS)
-        self._limits[: binning.REGION_IN] = (
+        self._limits = np.zeros(layout.N_LIMITS)
+        self._limits[: layout.REGION_IN] = (
             TICKS_PER_M,
             cell_ticks(config),
             depth,
@@ -68,7 +69,7 @@ class PartMapBuilder:
         )
         self.set_region(config.map.region)
         self._state = TileState()
-        self._work = np.zeros(binning.WORK_SIZE, np.int32)
+        self._work = np.zeros(layout.WORK_SIZE, np.int32)
         self._directions: dict[tuple[float, float, int], Float32] = {}
         self._scratch: _Scratch | None = None
         self._stamps: list[int] = []
@@ -78,10 +79,10 @@ class PartMapBuilder:
     def set_region(self, region: tuple[float, ...] | None) -> None:
         """Set the region of interest, in `map.region_frame`, m; None for all."""
         in_base = self._config.region_frame == "base"
-        where = binning.REGION_IN_BASE if in_base else binning.REGION_IN_ODOM
-        self._limits[binning.REGION_IN] = binning.NO_REGION if region is None else where
+        where = layout.REGION_IN_BASE if in_base else layout.REGION_IN_ODOM
+        self._limits[layout.REGION_IN] = layout.NO_REGION if region is None else where
         if region is not None:
-            self._limits[binning.REGION : binning.NORMAL] = region
+            self._limits[layout.REGION : layout.NORMAL] = region
 
     @property
     def points(self) -> int:
@@ -200,7 +201,7 @@ class PartMapBuilder:
         self._begin()
 
     def _begin(self) -> None:
-        self._limits[binning.HAS_NORMAL] = 0.0
+        self._limits[layout.HAS_NORMAL] = 0.0
         self._stamps, self._ends, self._at_most = [], [], 0
 
     def _end_scan(self, stamp_ns: int, points: int) -> None:

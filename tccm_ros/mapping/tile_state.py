@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.mapping import binning
+from tccm_ros.mapping import bin_layout as layout
 
 __all__ = ["TileState"]
 
@@ -36,27 +36,27 @@ class TileState:
         self.room = 1 << 15
         self.records: NDArray[np.int64] = np.zeros(2 * self.room, np.int64)
         self.directory: NDArray[np.int32] = np.zeros(0, np.int32)
-        self.counts: NDArray[np.int32] = np.zeros(_FIRST_SLOTS * binning.CELLS_PER_TILE, np.int32)
-        self.bits: NDArray[np.uint64] = np.zeros(_FIRST_SLOTS * binning.TILE, np.uint64)
-        self.meta: NDArray[np.int64] = np.zeros(binning.N_META, np.int64)
-        self.meta[binning.LOWEST], self.meta[binning.HIGHEST] = _NO_HEIGHTS
+        self.counts: NDArray[np.int32] = np.zeros(_FIRST_SLOTS * layout.CELLS_PER_TILE, np.int32)
+        self.bits: NDArray[np.uint64] = np.zeros(_FIRST_SLOTS * layout.TILE, np.uint64)
+        self.meta: NDArray[np.int64] = np.zeros(layout.N_META, np.int64)
+        self.meta[layout.LOWEST], self.meta[layout.HIGHEST] = _NO_HEIGHTS
 
     @property
     def points(self) -> int:
         """Points binned so far."""
-        return int(self.meta[binning.N_POINTS])
+        return int(self.meta[layout.N_POINTS])
 
     @property
     def next_beam(self) -> int:
         """Beam at which the kernel stopped."""
-        return int(self.meta[binning.NEXT_BEAM])
+        return int(self.meta[layout.NEXT_BEAM])
 
     @property
     def heights(self) -> tuple[int, int]:
         """The least and the greatest height so far, ticks; (0, 0) without points."""
         if self.points == 0:
             return 0, 0
-        return int(self.meta[binning.LOWEST]), int(self.meta[binning.HIGHEST])
+        return int(self.meta[layout.LOWEST]), int(self.meta[layout.HIGHEST])
 
     def make_room(self, count: int) -> None:
         """Make room for so many points in all."""
@@ -67,7 +67,7 @@ class TileState:
 
     def grow(self, wanted: int) -> None:
         """Give the kernel what it asked for."""
-        if wanted == binning.GROW_TILES:
+        if wanted == layout.GROW_TILES:
             self._grow_directory()
         else:
             self.counts = _doubled(self.counts)
@@ -76,21 +76,21 @@ class TileState:
     def clear(self, *, listed: bool) -> None:
         """Forget all points; `listed` if counts and bits are already back at zero."""
         meta = self.meta
-        slots = int(meta[binning.N_SLOTS])
+        slots = int(meta[layout.N_SLOTS])
         if not listed:
-            self.counts[: slots * binning.CELLS_PER_TILE] = 0
-            self.bits[: slots * binning.TILE] = 0
+            self.counts[: slots * layout.CELLS_PER_TILE] = 0
+            self.bits[: slots * layout.TILE] = 0
         self.directory[:] = -1
-        meta[binning.N_POINTS] = meta[binning.N_SLOTS] = 0
-        meta[binning.LOWEST], meta[binning.HIGHEST] = _NO_HEIGHTS
+        meta[layout.N_POINTS] = meta[layout.N_SLOTS] = 0
+        meta[layout.LOWEST], meta[layout.HIGHEST] = _NO_HEIGHTS
 
     def _grow_directory(self) -> None:
         """Cover the box of tiles that was asked for, and what is in use."""
         meta = self.meta
-        x0, x1, y0, y1 = (int(v) for v in meta[binning.BOX_X0 : binning.LOWEST])
-        slots = int(meta[binning.N_SLOTS])
-        old_x0, old_y0 = int(meta[binning.TILE_X0]), int(meta[binning.TILE_Y0])
-        old_nx, old_ny = int(meta[binning.TILES_X]), int(meta[binning.TILES_Y])
+        x0, x1, y0, y1 = (int(v) for v in meta[layout.BOX_X0 : layout.LOWEST])
+        slots = int(meta[layout.N_SLOTS])
+        old_x0, old_y0 = int(meta[layout.TILE_X0]), int(meta[layout.TILE_Y0])
+        old_nx, old_ny = int(meta[layout.TILES_X]), int(meta[layout.TILES_Y])
         x0, x1 = x0 - _TILE_MARGIN, x1 + _TILE_MARGIN + 1
         y0, y1 = y0 - _TILE_MARGIN, y1 + _TILE_MARGIN + 1
         if slots:
@@ -103,7 +103,7 @@ class TileState:
             old = self.directory.reshape(old_nx, old_ny)
             directory[left : left + old_nx, low : low + old_ny] = old
         self.directory = directory.reshape(-1)
-        meta[binning.TILE_X0 : binning.TILES_Y + 1] = x0, y0, n_x, n_y
+        meta[layout.TILE_X0 : layout.TILES_Y + 1] = x0, y0, n_x, n_y
 
 
 def _doubled(array: Any) -> Any:

@@ -22,7 +22,7 @@ from tccm_rig import (
 
 from tccm_ros.errors import ConfigError
 from tccm_ros.geometry import interpolate_poses, transform
-from tccm_ros.mapping.binning import lowest_bit
+from tccm_ros.mapping.bits import lowest_bit
 from tccm_ros.mapping.part import cell_keys, key_cells
 from tccm_ros.mapping.part_map import PartMapBuilder
 from tccm_ros.mapping.union import HISTOGRAM_SIZE, find_cuboids

@@ -1,0 +1,28 @@
+"""Bits of a word, by the processor's own instructions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
+
+__all__ = ["lowest_bit"]
+
+
+def _cttz(typing_context: Any, word: Any) -> Any:
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.cttz(arguments[0], ir.Constant(ir.IntType(1), 1))
+
+    return types.int64(types.uint64), build
+
+
+_trailing_zeros: Any = intrinsic(_cttz)
+"""The processor's own instruction."""
+
+
+@njit(nogil=True, cache=True)
+def lowest_bit(word: Any) -> Any:
+    """Return the index of the lowest set bit of a uint64 that is not zero."""
+    return _trailing_zeros(word)

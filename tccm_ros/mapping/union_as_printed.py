@@ -1,0 +1,96 @@
+"""Cuboids by Eq. (1) as the paper prints it, point by point: `map.mode: paper`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+__all__ = ["unite_as_printed"]
+
+
+@njit(nogil=True, cache=True)
+def unite_as_printed(
+    points: Any, n: Any, begins: Any, cell_keys: Any, n_cells: Any, keys: Any, bounds: Any,
+    firsts: Any,
+) -> Any:  # fmt: skip
+    """Grow the cuboids of each cell by Eq. (1) as printed, point by point in their order.
+
+    A point at or below a cuboid's top u and not further below its bottom than d0 extends it by
+    u - z, even where it was inside; a point above the top, within the cuboid's own depth d of it,
+    raises it. Cuboids that then overlap are bound (section III.A). Arguments and result are those
+    of `union._unite_intervals`, but a cell's points are in the order in which they came; they are
+    reordered, so that those of a cuboid follow each other.
+    """
+    grown = np.empty((n, 2), np.int64)
+    k, last = np.int64(n), np.int64(n)
+    for cell in range(n_cells - 1, -1, -1):
+        first = last - 1
+        while begins[first] == 0:
+            first -= 1
+        n_grown = 0
+        for i in range(first, last):
+            n_grown = _grow(grown, n_grown, points[2 * i] >> 32, points[2 * i + 1] >> 32)
+        n_grown = _bind_overlaps(grown, n_grown)
+        begins[first:last] = 0
+        end = last
+        for j in range(n_grown):  # from the top down, to the back of what is left
+            bottom, top = grown[j, 0], grown[j, 1]
+            end = _take_inside(points, first, end, bottom, top)
+            k -= 1
+            keys[k] = cell_keys[cell]
+            bounds[2 * k], bounds[2 * k + 1] = bottom, top
+            firsts[k], begins[end] = end, -1
+        last = first
+    return k
+
+
+@njit(nogil=True, cache=True)
+def _grow(grown: Any, n: Any, z: Any, d0: Any) -> Any:
+    """Put a point into the first of n cuboids (bottom, top) that takes it, or a new one; return n.
+
+    Eq. (1) as printed.
+    """
+    for j in range(n):
+        bottom, top = grown[j, 0], grown[j, 1]
+        if bottom - d0 <= z <= top:
+            grown[j, 0] = bottom - (top - z)
+            return n
+        if top < z <= top + (top - bottom):
+            grown[j, 1] = z
+            return n
+    grown[n, 0], grown[n, 1] = z - d0, z
+    return n + 1
+
+
+@njit(nogil=True, cache=True)
+def _bind_overlaps(intervals: Any, n: Any) -> Any:
+    """Sort n intervals (bottom, top) by falling top and unite those that touch; return how many."""
+    for i in range(1, n):
+        bottom, top, j = intervals[i, 0], intervals[i, 1], i
+        while j > 0 and intervals[j - 1, 1] < top:
+            intervals[j, 0], intervals[j, 1] = intervals[j - 1, 0], intervals[j - 1, 1]
+            j -= 1
+        intervals[j, 0], intervals[j, 1] = bottom, top
+    m = 0
+    for i in range(1, n):
+        if intervals[i, 1] >= intervals[m, 0]:
+            intervals[m, 0] = min(intervals[m, 0], intervals[i, 0])
+        else:
+            m += 1
+            intervals[m, 0], intervals[m, 1] = intervals[i, 0], intervals[i, 1]
+    return m + 1
+
+
+@njit(nogil=True, cache=True)
+def _take_inside(points: Any, first: Any, end: Any, bottom: Any, top: Any) -> Any:
+    """Move the points within [bottom, top] to the back of [first, end); return where they begin."""
+    begin = end
+    for i in range(end - 1, first - 1, -1):
+        if bottom <= points[2 * i] >> 32 <= top:
+            begin -= 1
+            for c in range(2):
+                a, b = 2 * begin + c, 2 * i + c
+                points[a], points[b] = points[b], points[a]
+    return begin

@@ -40,9 +40,9 @@ class Recorder(TccmProcessor):
         super().__init__(config, **kwargs)
         self.sweeps: list[Any] = []
 
-    def _result(self, sweep: Any) -> CycleResult:
+    def _result(self, sweep: Any, *args: Any) -> CycleResult:
         self.sweeps.append(sweep)
-        return super()._result(sweep)
+        return super()._result(sweep, *args)
 
 
 class Stages:

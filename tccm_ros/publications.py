@@ -16,7 +16,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
 from tccm_ros.mapping.center_cores import center_cores
 from tccm_ros.mapping.cuboids import TICK, Cuboids
-from tccm_ros.mapping.tccm import CycleResult
+from tccm_ros.mapping.tccm import CyclePlanes, CycleResult
 from tccm_ros.messages import surface_cloud_message, view_message
 from tccm_ros.messages.markers import (
     MarkerSet,
@@ -103,9 +103,21 @@ class CyclePublications:
         cuboids
             Gives the integration map after that cycle.
         """
+        yield self.planes(result.found)
+        yield from self.after_planes(result, cuboids)
+
+    def planes(self, found: CyclePlanes) -> Publication:
+        """Return the markers of a cycle's planes."""
+        place = Place(self._types, found.stamp_ns, found.frame_id)
+        build = self._array("planes", lambda: plane_markers(place, found.planes), found.stamp_ns)
+        return Publication("planes", MARKERS, build)
+
+    def after_planes(
+        self, result: CycleResult, cuboids: Callable[[], Cuboids]
+    ) -> Iterator[Publication]:
+        """Yield all but the planes, as `of`."""
         place = Place(self._types, result.stamp_ns, result.frame_id)
         markers: dict[str, Callable[[], list[Any]]] = {
-            "planes": lambda: plane_markers(place, result.planes),
             "objects": lambda: object_markers(place, result.objects),
             "cuboids": lambda: self._cuboids(place, cuboids()),
             "center_cores": lambda: _cores(place, cuboids()),

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,15 +43,25 @@ from tccm_ros.records import (
 from tccm_ros.scan import project, valid_beams
 from tccm_ros.sync import Synchroniser
 
-__all__ = ["CycleResult", "TccmProcessor", "TccmRecord"]
+__all__ = ["CyclePlanes", "CycleResult", "TccmProcessor", "TccmRecord"]
 
 TccmRecord = RobotDescription | JointSample | TransformSample | Odometry | Scan
+
+OnPlanes = Callable[["CyclePlanes"], object]
 
 STILL_SPEED = 0.02
 """Below this the base stands still, m/s (`views.when: still`)."""
 
 STILL_TURN_RATE = np.deg2rad(0.5)
 """Below this the base stands still, rad/s."""
+
+
+class CyclePlanes(NamedTuple):
+    """The planes of a tilt cycle, known before the rest of its result: as in `CycleResult`."""
+
+    stamp_ns: int
+    frame_id: str
+    planes: list[PlaneRecord]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,6 +123,11 @@ class CycleResult:
         return find_free_places(chosen, self.objects, self.place_size)
 
     @property
+    def found(self) -> CyclePlanes:
+        """The planes alone."""
+        return CyclePlanes(self.stamp_ns, self.frame_id, self.planes)
+
+    @property
     def is_still(self) -> bool:
         """Whether the base stood still for the whole sweep."""
         return self.base_speed < STILL_SPEED and self.base_turn_rate < STILL_TURN_RATE
@@ -161,18 +177,22 @@ class TccmProcessor:
         """Scans that were not used, by reason."""
         return self.synchroniser.dropped + self._mapper.dropped
 
-    def add(self, record: TccmRecord) -> list[CycleResult]:
-        """Take one record; return the cycles that are complete now, in order."""
+    def add(self, record: TccmRecord, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:
+        """Take one record; return the cycles that are complete now, in order.
+
+        `on_planes` is called with the planes of each as soon as they are known: the rest takes
+        about as long again.
+        """
         posed = self.synchroniser.add(record)
         if self.synchroniser.jumps != self._jumps:
             self._jumps = self.synchroniser.jumps
             self.clear_map()
-        return self._take(posed)
+        return self._take(posed, on_planes)
 
-    def finish(self) -> list[CycleResult]:
+    def finish(self, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:
         """Close the open sweep: the input has ended."""
-        results = self._take(self.synchroniser.flush())
-        return results + [self._result(sweep) for sweep in self._mapper.finish()]
+        results = self._take(self.synchroniser.flush(), on_planes)
+        return results + [self._result(sweep, on_planes) for sweep in self._mapper.finish()]
 
     def reset(self) -> None:
         """Begin anew, with nothing known of the robot."""
@@ -232,14 +252,15 @@ class TccmProcessor:
         if self._retained is not None:
             self._retained.clear()
 
-    def _take(self, posed: list[PosedScan]) -> list[CycleResult]:
+    def _take(self, posed: list[PosedScan], on_planes: OnPlanes) -> list[CycleResult]:
         self._mapper.add_tilt(self.synchroniser.tilt_samples())
         for scan in posed:
             self._mapper.add_scan(scan)
         complete_ns = self._complete_ns()
         if complete_ns is not None:
             self._mapper.cycles.advance(complete_ns)
-        return [self._result(sweep) for sweep in self._mapper.take(complete_ns or -(2**62))]
+        sweeps = self._mapper.take(complete_ns or -(2**62))
+        return [self._result(sweep, on_planes) for sweep in sweeps]
 
     def _complete_ns(self) -> int | None:
         """Return the time before which nothing can come any more: message time less the waits."""
@@ -261,7 +282,7 @@ class TccmProcessor:
         keep[project(posed, self.config, shapes).beams] = True
         return keep
 
-    def _result(self, sweep: Sweep) -> CycleResult:
+    def _result(self, sweep: Sweep, on_planes: OnPlanes) -> CycleResult:
         if self.config.map.clear_seen_through:
             sweep.part = see_through(sweep, self.map, self.config)
         part = sweep.part
@@ -275,6 +296,7 @@ class TccmProcessor:
         cuboids = part.cuboids() if self.config.planes.source == "part" else self.map.cuboids()
         fits = find_planes(cuboids, self.config, viewpoint)
         planes = self._planes.update(fits)
+        on_planes(CyclePlanes(sweep.stamp_ns, self._frame_id, planes))
         objects = self._objects.update(find_objects(cuboids, fits, planes, self.config))
         speed, turn_rate = sweep.base_speeds()
         base = self.kinematics.base or ""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.time import Time
 
-from tccm_ros.messages import MAX_SCAN_S
+from tccm_ros.records import Scan
 
 __all__ = ["is_clock_missing", "on_backward_jump", "stamp_on_receipt", "steady_timer"]
 
@@ -35,20 +35,17 @@ def on_backward_jump(node: Node, threshold_s: float, callback: Callable[[str], N
     return node.get_clock().create_jump_callback(threshold, post_callback=jumped)
 
 
-def stamp_on_receipt(node: Node, message: Any) -> Any:
-    """Stamp a message with the time of its arrival, for drivers that have no clock.
+def stamp_on_receipt(node: Node, record: Any) -> Any:
+    """Return a record with the time of its arrival, for drivers that have no clock.
 
     A scan is sent after its last beam: its stamp, that of its first beam, is so much earlier.
     """
+    if not hasattr(record, "stamp_ns"):
+        return record
     arrival_ns = int(node.get_clock().now().nanoseconds)
-    if hasattr(message, "time_increment"):
-        sweep_s = message.time_increment * max(len(message.ranges) - 1, 0)
-        arrival_ns -= round(sweep_s * 1e9) if 0.0 <= sweep_s <= MAX_SCAN_S else 0
-    stamp = Time(nanoseconds=max(arrival_ns, 0)).to_msg()
-    for stamped in getattr(message, "transforms", [message]):
-        if hasattr(stamped, "header"):
-            stamped.header.stamp = stamp
-    return message
+    if isinstance(record, Scan):
+        arrival_ns -= max(record.end_ns - record.stamp_ns, 0)
+    return replace(record, stamp_ns=max(arrival_ns, 0))
 
 
 def steady_timer(node: Node, period_s: float, callback: Callable[[], None]) -> Any:

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.qos import subscription_events
 from tccm_ros.nodes.ros_types import message_class
 
@@ -51,10 +52,13 @@ class Inputs:
         The node that subscribes.
     silence_s
         An input without messages for this long, in s of the node clock, is a problem.
+    intake
+        Takes the messages; by default the node's executor does.
     """
 
-    def __init__(self, node: Node, silence_s: float):
+    def __init__(self, node: Node, silence_s: float, intake: Intake | None = None):
         self._node = node
+        self._intake = intake
         self._silence_ns = round(silence_s * 1e9)
         self._start_ns: int | None = None
         self._inputs: list[Input] = []
@@ -75,23 +79,26 @@ class Inputs:
         self._inputs.append(entry)
 
         def counted(message: Any, info: Any) -> None:
-            entry.count += 1
             entry.last_ns = self._now()
             self._count_lost(entry, info["publication_sequence_number"])
             callback(message)
+            entry.count += 1  # now, so that who sees the count finds the record queued
 
         def warn(text: str) -> None:
             self._incompatible[entry.topic] = text
             self._node.get_logger().warning(text)
 
-        self._node.create_subscription(
+        subscription = self._node.create_subscription(
             message_class(type_name),
             topic,
             counted,  # type: ignore[arg-type]  # the message's info is a second argument
             qos,
             raw=raw,
+            callback_group=self._intake.group if self._intake else None,
             event_callbacks=subscription_events(entry.topic, warn),
         )
+        if self._intake is not None:
+            self._intake.add(subscription)
 
     def counts(self) -> dict[str, int]:
         """Return the messages received by topic."""

@@ -13,6 +13,7 @@ from tccm_ros.geometry import planar, spatial
 from tccm_ros.messages import transform_message
 from tccm_ros.messages.results import pose_covariance_message
 from tccm_ros.messages.types import MessageTypes
+from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.nodes.tf import TfPublisher, has_tf2_msgs
 from tccm_ros.records import TransformSample
@@ -33,6 +34,8 @@ class LivePosePublisher:
     ----------
     node, types, config
         The node, its message classes, and groups `frames`, `tf` and `odometry`.
+    intake
+        Of the node: calls back when /tf is due.
 
     Attributes
     ----------
@@ -42,7 +45,7 @@ class LivePosePublisher:
         Whether the place of this session in a map that was loaded is known.
     """
 
-    def __init__(self, node: Node, types: MessageTypes, config: Config):
+    def __init__(self, node: Node, types: MessageTypes, config: Config, intake: Intake):
         self._types, self._config = types, config
         self.map_frame = config.frames.map_name
         self.odom_frame = config.frames.odom_name
@@ -57,9 +60,9 @@ class LivePosePublisher:
         self._transform = node.create_publisher(
             message_class("geometry_msgs/msg/TransformStamped"), "~/map_to_odom", 10
         )
-        self._tf = self._start_tf(node)
+        self._tf = self._start_tf(node, intake)
 
-    def _start_tf(self, node: Node) -> TfPublisher | None:
+    def _start_tf(self, node: Node, intake: Intake) -> TfPublisher | None:
         if not self._config.tf.publish:
             return None
         if not has_tf2_msgs():
@@ -67,7 +70,7 @@ class LivePosePublisher:
                 "tf2_msgs is not installed: map -> odom is on ~/map_to_odom alone"
             )
             return None
-        return TfPublisher(node, self._config.tf.rate, self.transform)
+        return TfPublisher(node, intake, self._config.tf.rate, self.transform)
 
     def forget(self) -> None:
         """Publish nothing until the next scan."""

@@ -1,4 +1,8 @@
-"""Publishers that build a message only when someone listens, and again for a late viewer."""
+"""Publishers that build a message only when someone listens, and again for a late viewer.
+
+Messages are made of the typestore's classes and published as bytes: a map of markers has thousands
+of points, each of which would be an object of rosidl's classes.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,7 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from tccm_ros.io.typestore import TypestoreMessages
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.publications import Publication
 
@@ -24,6 +29,8 @@ class Outputs:
     ----------
     node
         The node that publishes.
+    types
+        Message classes of what is published.
     topics
         Types by topic name; the name is private to the node, unless it is in `shared`.
     profiles
@@ -44,6 +51,7 @@ class Outputs:
     def __init__(
         self,
         node: Node,
+        types: TypestoreMessages,
         topics: Mapping[str, str],
         profiles: Mapping[str, QoSProfile],
         post: Callable[[Callable[[], None]], object],
@@ -51,6 +59,7 @@ class Outputs:
         shared: Iterable[str] = (),
     ):
         self._context = node.context
+        self._types = types
         self._always = frozenset(always)
         self._post = post
         self._newest: dict[str, Publication] = {}
@@ -81,7 +90,8 @@ class Outputs:
         publisher = self._publishers[name]
         if name in self._always or publisher.get_subscription_count():
             self.built += 1
-            publisher.publish(self._newest.pop(name).build())
+            newest = self._newest.pop(name)
+            publisher.publish(bytes(self._types.serialize(newest.msgtype, newest.build())))
 
     def _on_match(self, name: str) -> Any:
         def matched(info: Any) -> None:

@@ -82,7 +82,8 @@ def subscription_events(topic: str, warn: Callable[[str], object]) -> Subscripti
             f"from it; {ADVICE.get(_policy(info), 'change the publisher')}"
         )
 
-    return SubscriptionEventCallbacks(incompatible_qos=incompatible)
+    # Another type is told by `Inputs`: rclpy's own callback for it would only be waited for.
+    return SubscriptionEventCallbacks(incompatible_qos=incompatible, use_default_callbacks=False)
 
 
 def publisher_events(topic: str, warn: Callable[[str], object]) -> PublisherEventCallbacks:

@@ -1,6 +1,6 @@
 """What both nodes share: parameters, watched inputs, a worker that owns the processor, diagnostics.
 
-Callbacks convert a message and queue its records; a worker thread gives them to the processor and
+The intake reads messages and queues their records; a worker thread gives them to the processor and
 publishes the results. So a long step never blocks the intake, and what an overloaded node drops is
 whole scans, counted.
 """
@@ -19,33 +19,24 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from tccm_ros.errors import TccmError, one_line
-from tccm_ros.messages import (
-    joint_sample_from_message,
-    odometry_from_message,
-    robot_description_from_message,
-    scan_from_message,
-    transforms_from_message,
-)
+from tccm_ros.io.typestore import TypestoreMessages
 from tccm_ros.nodes.clock import is_clock_missing, on_backward_jump, stamp_on_receipt
 from tccm_ros.nodes.diagnostics import Diagnostics
 from tccm_ros.nodes.drops import DropWatch
 from tccm_ros.nodes.inputs import Inputs, Watch
+from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.params import declare_config, follow_changes
 from tccm_ros.nodes.qos import latched, sensor, static_transforms
+from tccm_ros.nodes.readers import record_reader
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.tf import has_tf2_msgs
 from tccm_ros.nodes.worker import Worker
 from tccm_ros.records import RobotDescription, Scan, TransformSample
 from tccm_ros.sync import Synchroniser
 
-__all__ = ["CLOUD", "LASER_SCAN", "SensorNode", "is_latched"]
+__all__ = ["LASER_SCAN", "SensorNode", "is_latched"]
 
 LASER_SCAN = "sensor_msgs/msg/LaserScan"
-JOINT_STATE = "sensor_msgs/msg/JointState"
-ODOMETRY = "nav_msgs/msg/Odometry"
-TF = "tf2_msgs/msg/TFMessage"
-STRING = "std_msgs/msg/String"
-CLOUD = "sensor_msgs/msg/PointCloud2"
 
 MAX_KNOWN = 1000
 """Latched records (fixed transforms, the robot description) that are kept for a new start."""
@@ -54,7 +45,12 @@ MAX_KNOWN = 1000
 class SensorNode(Node):
     """A node that turns sensor messages into records and feeds them to a processor.
 
-    A subclass makes its processor, then calls `listen` and `start_diagnostics`.
+    A subclass makes its processor, then calls `listen` and, when it is complete, `start`.
+
+    Attributes
+    ----------
+    types, bulk_types
+        Message classes: rosidl's, and those that hold tables of points as arrays (`Outputs`).
     """
 
     def __init__(self, name: str, **kwargs: Any):
@@ -62,7 +58,9 @@ class SensorNode(Node):
         self.config = declare_config(self)
         follow_changes(self, self.config)
         self.types = RosidlMessages()
-        self.inputs = Inputs(self, self.config.qos.silence)
+        self.bulk_types = TypestoreMessages()
+        self.intake = Intake(self, partial(self.refuse, "intake"))
+        self.inputs = Inputs(self, self.config.qos.silence, self.intake)
         self.refused: Counter[str] = Counter()
         self.overload: Counter[str] = Counter()
         self.longest_step_s = 0.0
@@ -104,54 +102,44 @@ class SensorNode(Node):
 
     def listen(self, scan_topic: str, *, is_needed: bool = True) -> None:
         """Subscribe to a laser and to what places it."""
-        subscribe = partial(self.subscribe, qos=sensor(self.config.qos.reliability))
-        watch: Watch = "needed" if is_needed else "stream"
-        subscribe(LASER_SCAN, scan_topic, scan_from_message, watch=watch)
-        subscribe(ODOMETRY, "odom", odometry_from_message)
-        subscribe(JOINT_STATE, "joint_states", joint_sample_from_message)
+        measured = sensor(self.config.qos.reliability)
         self.subscribe(
-            STRING,
-            "robot_description",
-            robot_description_from_message,
-            qos=latched(),
-            watch="event",
+            "scan", measured, topic=scan_topic, watch="needed" if is_needed else "stream"
         )
+        self.subscribe("odom", measured)
+        self.subscribe("joint_states", measured)
+        self.subscribe("robot_description", latched(), watch="event")
         if has_tf2_msgs():
-            subscribe(TF, "/tf", transforms_from_message, watch="event")
-            static = partial(transforms_from_message, is_static=True)
-            self.subscribe(TF, "/tf_static", static, qos=static_transforms(), watch="event")
+            self.subscribe("tf", measured, topic="/tf", watch="event")
+            self.subscribe("tf_static", static_transforms(), topic="/tf_static", watch="event")
 
     def subscribe(
         self,
-        type_name: str,
-        topic: str,
-        convert: Callable[[Any], Any],
-        *,
+        role: str,
         qos: QoSProfile,
+        *,
+        topic: str = "",
         watch: Watch = "stream",
         is_measured: bool = True,
     ) -> None:
-        """Subscribe to a topic whose messages become records.
+        """Subscribe to the messages of a role (`messages.READERS`), which become records.
 
-        What is not measured but computed (`is_measured`) keeps its stamp in any case.
+        The topic has the role's name if it is not given. What is not measured but computed
+        (`is_measured`) keeps its stamp in any case.
         """
+        type_name, read = record_reader(role)
         on_receipt = is_measured and self.config.qos.stamp == "receive"
 
-        def callback(message: Any) -> None:
-            if on_receipt:
-                message = stamp_on_receipt(self, message)
-            self._convert(convert, message, topic)
+        def callback(data: bytes) -> None:
+            try:
+                records = read(data)
+            except TccmError as error:
+                self.refuse(topic or role, error)
+                return
+            for record in records:
+                self.take(stamp_on_receipt(self, record) if on_receipt else record)
 
-        self.inputs.subscribe(type_name, topic, callback, qos, watch=watch)
-
-    def _convert(self, convert: Callable[[Any], Any], message: Any, topic: str) -> None:
-        try:
-            records = convert(message)
-        except TccmError as error:
-            self.refuse(topic, error)
-            return
-        for record in records if isinstance(records, list) else [records]:
-            self.take(record)
+        self.inputs.subscribe(type_name, topic or role, callback, qos, watch=watch, raw=True)
 
     def take(self, record: Any) -> None:
         """Queue a record for the worker; scans are dropped when it cannot keep up."""
@@ -222,15 +210,21 @@ class SensorNode(Node):
         self.get_logger().warning(f"{reason}: the map begins anew")
         self.worker.post(self.begin_anew)
 
+    def start(self) -> None:
+        """Take messages and publish /diagnostics from now on."""
+        self.diagnostics = Diagnostics(self, self.all_problems, self._all_values)
+        self.intake.start()
+
     def close(self) -> None:
         """Finish what waits."""
         self.worker.close()
 
-    # --- diagnostics ---
+    def destroy_node(self) -> None:
+        """End the intake before its subscriptions are gone."""
+        self.intake.close()
+        super().destroy_node()
 
-    def start_diagnostics(self) -> None:
-        """Publish /diagnostics from now on."""
-        self.diagnostics = Diagnostics(self, self.all_problems, self._all_values)
+    # --- diagnostics ---
 
     def all_problems(self) -> list[str]:
         """Return what is wrong now, one line each."""

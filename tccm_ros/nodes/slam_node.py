@@ -14,7 +14,6 @@ from std_srvs.srv import Trigger
 
 from tccm_ros.errors import MapError
 from tccm_ros.io.occupancy import occupancy_grid
-from tccm_ros.messages import surface_cloud_from_message, view_from_message
 from tccm_ros.messages.results import grid_message
 from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.collision import CollisionObjects
@@ -23,17 +22,19 @@ from tccm_ros.nodes.map_folder import read_map, write_map
 from tccm_ros.nodes.outputs import Outputs
 from tccm_ros.nodes.qos import hand_over, latched, sensor
 from tccm_ros.nodes.run import run
-from tccm_ros.nodes.sensor_node import CLOUD, LASER_SCAN, SensorNode, is_latched
+from tccm_ros.nodes.sensor_node import LASER_SCAN, SensorNode, is_latched
 from tccm_ros.nodes.warm_up import warm_up_slam
-from tccm_ros.publications import SOLUTION_TOPICS, Publication, SolutionPublications
+from tccm_ros.publications import (
+    HAND_OVER_TOPICS,
+    SOLUTION_TOPICS,
+    Publication,
+    SolutionPublications,
+)
 from tccm_ros.records import Scan, ScanPose, SurfaceCloud
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.sync import Synchroniser
 
 __all__ = ["SlamNode", "main"]
-
-HAND_OVER = {"tccm/surfaces": surface_cloud_from_message, "tccm/view": view_from_message}
-"""What the TCCM node hands over: a pair for each tilt cycle, so silence is no problem."""
 
 GRID, GRID_TOPIC = "nav_msgs/msg/OccupancyGrid", "map"
 """For navigation, latched; saved as map.pgm and map.yaml."""
@@ -61,11 +62,13 @@ class SlamNode(SensorNode):
         self._next_solve_s = 0.0
         self._shown_ns = -1
         self._has_tilt_scan = False
-        self.live = LivePosePublisher(self, self.types, self.config)
-        self._publications = SolutionPublications(self.types, self.live.map_frame)
+        self.live = LivePosePublisher(self, self.types, self.config, self.intake)
+        self._publications = SolutionPublications(self.bulk_types, self.live.map_frame)
         topics = {**SOLUTION_TOPICS, GRID_TOPIC: GRID}
         profiles = dict.fromkeys(topics, latched())
-        self._outputs = Outputs(self, topics, profiles, self.worker.post, shared=(GRID_TOPIC,))
+        self._outputs = Outputs(
+            self, self.bulk_types, topics, profiles, self.worker.post, shared=(GRID_TOPIC,)
+        )
         self._boxes = CollisionObjects(self, self.types, self.live.map_frame)
         self.listen("scan", is_needed=False)
         self._listen_to_tccm()
@@ -73,11 +76,13 @@ class SlamNode(SensorNode):
         self.create_service(Trigger, "~/load_map", self._on_load_map)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self._start_autosave()
-        self.start_diagnostics()
+        self.start()
 
     def _listen_to_tccm(self) -> None:
-        for topic, convert in HAND_OVER.items():
-            self.subscribe(CLOUD, topic, convert, qos=hand_over(), watch="event", is_measured=False)
+        for role in HAND_OVER_TOPICS:
+            self.subscribe(
+                role, hand_over(), topic=f"tccm/{role}", watch="event", is_measured=False
+            )
         # Of the tilting laser only the stamps count: those of the trajectory, where there is no
         # level laser. They are read from the serialised message.
         self.inputs.subscribe(
@@ -179,7 +184,8 @@ class SlamNode(SensorNode):
         cells, size, origin = np.zeros((0, 0), np.int8), 0.05, np.eye(4)
         if grid is not None:
             cells, size, origin[:2, 3] = grid.cells, grid.resolution, grid.origin
-        return grid_message(self.types, self.newest_ns, self.live.map_frame, cells, size, origin)
+        frame = self.live.map_frame
+        return grid_message(self.bulk_types, self.newest_ns, frame, cells, size, origin)
 
     def _save_where_set(self) -> None:
         self.save(self.save_folder())

@@ -12,7 +12,7 @@ from std_srvs.srv import SetBool, Trigger
 from tccm_ros.calibrate.rig_check import RigCheck
 from tccm_ros.io.exports import cuboids_archive
 from tccm_ros.io.folder import output_folder
-from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
+from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.nodes.outputs import Outputs
 from tccm_ros.nodes.qos import hand_over, latched
 from tccm_ros.nodes.run import run
@@ -35,19 +35,24 @@ class TccmNode(SensorNode):
         self._frame_id = self.config.frames.odom_name
         self._rig_check = RigCheck()
         self._rig_problems: tuple[str, ...] = ()
-        self._publications = CyclePublications(self.types, self.config)
+        self._publications = CyclePublications(self.bulk_types, self.config)
         profiles = {
             topic: hand_over() if topic in HAND_OVER_TOPICS else latched() for topic in CYCLE_TOPICS
         }
         self._outputs = Outputs(
-            self, CYCLE_TOPICS, profiles, self.worker.post, always=HAND_OVER_TOPICS
+            self,
+            self.bulk_types,
+            CYCLE_TOPICS,
+            profiles,
+            self.worker.post,
+            always=HAND_OVER_TOPICS,
         )
         self.listen("tilt_scan")
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save_map", self._on_save_map)
         self.create_service(Trigger, "~/take_view", self._on_take_view)
         self.create_service(SetBool, "~/pause", self._on_pause)
-        self.start_diagnostics()
+        self.start()
 
     @property
     def synchroniser(self) -> Synchroniser:
@@ -78,8 +83,11 @@ class TccmNode(SensorNode):
     # --- in the worker ---
 
     def feed(self, record: Any) -> None:
-        """Give one record to the processor and publish the cycles that it completes."""
-        self._publish(self.processor.add(record))
+        """Give one record to the processor and publish the cycles that it completes.
+
+        Planes go out as soon as they are known.
+        """
+        self._publish(self.processor.add(record, self._publish_planes))
 
     def begin(self) -> None:
         """Forget the map and the robot."""
@@ -89,14 +97,18 @@ class TccmNode(SensorNode):
 
     def save(self, folder: Path) -> None:
         """Close the open sweep and write cuboids.npz."""
-        self._publish(self.processor.finish())
+        self._publish(self.processor.finish(self._publish_planes))
         archive = cuboids_archive(self.processor.map.cuboids(), self.config, self._frame_id)
         with output_folder(folder) as made:
             (made / "cuboids.npz").write_bytes(archive)
 
+    def _publish_planes(self, found: CyclePlanes) -> None:
+        self._outputs.publish([self._publications.planes(found)])
+
     def _publish(self, results: Iterable[CycleResult]) -> None:
         for result in results:
-            self._outputs.publish(self._publications.of(result, self.processor.map.cuboids))
+            rest = self._publications.after_planes(result, self.processor.map.cuboids)
+            self._outputs.publish(rest)
             self._frame_id = result.frame_id
             self._rig_check.add(result)
             self._rig_problems = tuple(self._rig_check.problems())

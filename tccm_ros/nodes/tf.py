@@ -8,6 +8,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.ros_types import message_class
 
 __all__ = ["TfPublisher", "has_tf2_msgs"]
@@ -29,17 +30,22 @@ class TfPublisher:
     ----------
     node
         The node that publishes.
+    intake
+        Calls back when a publication is due.
     rate_hz
         Of publication.
     current
         Returns a geometry_msgs/TransformStamped, or None before the first scan.
     """
 
-    def __init__(self, node: Node, rate_hz: float, current: Callable[[], Any | None]):
+    def __init__(
+        self, node: Node, intake: Intake, rate_hz: float, current: Callable[[], Any | None]
+    ):
         self._message = message_class("tf2_msgs/msg/TFMessage")
         self._current = current
         self._publisher = node.create_publisher(self._message, "/tf", QoSProfile(depth=100))
-        self._timer = node.create_timer(1.0 / rate_hz, self.publish)
+        timer = node.create_timer(1.0 / rate_hz, self.publish, callback_group=intake.group)
+        intake.add_timer(timer)
 
     def publish(self) -> None:
         """Publish the transform, if there is one."""

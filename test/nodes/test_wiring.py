@@ -147,8 +147,11 @@ def test_lost_messages_are_counted(ros):
     # What was lost before the first message that came cannot be told.
     robot.publish("tilt_scan", scan, node)
     ros.spin_until(lambda: node.inputs.counts()["/tilt_scan"] == 1)
-    for _ in range(600):  # without spinning: the queue holds 200
+    gate, take = threading.Event(), node.take
+    node.take = lambda record: (gate.wait(), take(record))
+    for _ in range(600):  # while the intake is held: the queue holds 200
         robot.publish("tilt_scan", scan)
+    gate.set()
     ros.spin_until(lambda: node.inputs.lost().get("/tilt_scan", 0) > 0)
     assert node.inputs.counts()["/tilt_scan"] + node.inputs.lost()["/tilt_scan"] <= 601
 

@@ -1,0 +1,149 @@
+"""Sensor messages, taken by a thread that waits for nothing else.
+
+An executor of rclpy makes, for each callback, a wait set of all that its nodes have (services,
+timers, events, subscriptions), a task and two coroutines, and wakes up once more after it: a
+millisecond of processor time. A laser, joints and odometry are 200 messages a second. Here the
+subscriptions alone are waited for, in one wait set, as `rclpy.wait_for_message` does; executors
+have the rest of the node as ever. The events of a subscription (an incompatible QoS) are waited for
+here as well: with Fast DDS, who waits for these wakes up at each message. So are timers of a high
+rate.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from typing import Any, cast
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+
+__all__ = ["Intake"]
+
+LOOK_NS = 500_000_000
+"""A signal shuts a context down without a word: it is looked at so often."""
+
+
+class Intake:
+    """Calls the callbacks of subscriptions and quick timers, in a thread of its own.
+
+    Parameters
+    ----------
+    node
+        Its subscriptions and timers are to be made in the callback group `group`.
+    on_error
+        Called in the thread with what a callback raised; the intake goes on.
+
+    Attributes
+    ----------
+    group
+        Keeps executors from what is in it.
+    """
+
+    def __init__(self, node: Node, on_error: Callable[[Exception], None]):
+        self.group = _Kept()
+        self._context = node.context
+        self._on_error = on_error
+        self._subscriptions: list[Subscription] = []
+        self._timers: list[Timer] = []
+        self._is_done = False
+        self._stop = GuardCondition(None, None, context=node.context)
+        self._thread = threading.Thread(
+            target=self._run, name=f"{node.get_name()} intake", daemon=True
+        )
+
+    def add(self, subscription: Subscription) -> None:
+        """Take the messages of a subscription; all are added before `start`."""
+        self._subscriptions.append(subscription)
+
+    def add_timer(self, timer: Timer) -> None:
+        """Call a timer back when it is due; all are added before `start`."""
+        self._timers.append(timer)
+
+    def start(self) -> None:
+        """Take messages from now on."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread; messages that wait are not taken any more."""
+        self._is_done = True
+        with suppress(_rclpy.RCLError, _rclpy.InvalidHandle):
+            self._stop.trigger()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._stop.destroy()
+
+    def _run(self) -> None:
+        context = self._context.handle
+        if context is None:
+            return
+        entities: list[Any] = [*self._subscriptions, *self._timers]
+        events: list[Any] = []
+        for subscription in self._subscriptions:
+            events += cast("list[Any]", subscription.event_handlers)
+        with ExitStack() as held, suppress(_rclpy.InvalidHandle):
+            for owner in (context, self._stop.handle, *(e.handle for e in entities), *events):
+                held.enter_context(owner)
+            size = len(self._subscriptions), 1, len(self._timers), 0, 0, len(events)
+            wait_set = _rclpy.WaitSet(*size, context)
+            while self._context.ok() and not self._is_done:
+                try:
+                    self._wait(wait_set, events)
+                except _rclpy.RCLError:
+                    # A signal shuts the context down at any moment.
+                    if self._context.ok():
+                        raise
+
+    def _wait(self, wait_set: Any, events: list[Any]) -> None:
+        """Wait for something and take it."""
+        wait_set.clear_entities()
+        for subscription in self._subscriptions:
+            wait_set.add_subscription(subscription.handle)
+        for timer in self._timers:
+            wait_set.add_timer(timer.handle)
+        for event in events:
+            event.add_to_wait_set(wait_set)
+        wait_set.add_guard_condition(self._stop.handle)
+        wait_set.wait(LOOK_NS)
+        ready = wait_set.get_ready_entities("subscription")
+        due = wait_set.get_ready_entities("timer")
+        for subscription in self._subscriptions:
+            if subscription.handle.pointer in ready:
+                handle = subscription.handle
+                taken = handle.take_message(subscription.msg_type, subscription.raw)
+                self._call(subscription.callback, taken)
+        for timer in self._timers:
+            if timer.handle.pointer in due and timer.handle.is_timer_ready():
+                timer.handle.call_timer()
+                self._call(timer.callback, ())
+        for event in events:
+            if event.is_ready(wait_set):
+                data = event.take_data()
+                self._call(event.callback, None if data is None else (data,))
+
+    def _call(self, callback: Callable[..., object], taken: tuple[Any, ...] | None) -> None:
+        if taken is None or self._is_done:
+            return
+        try:
+            callback(*taken)
+        except Exception as error:
+            if self._context.ok():
+                self._on_error(error)
+
+
+class _Kept(CallbackGroup):
+    """What is in it no executor takes."""
+
+    def can_execute(self, entity: Any) -> bool:
+        return False
+
+    def beginning_execution(self, entity: Any) -> bool:
+        return False
+
+    def ending_execution(self, entity: Any) -> None:
+        """Nothing is counted."""

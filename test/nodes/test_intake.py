@@ -1,0 +1,62 @@
+"""The intake takes messages without an executor, goes on after an error, and ends when told to."""
+
+import pytest
+from rclpy.node import Node
+from std_msgs.msg import String
+
+from tccm_ros.nodes.inputs import Inputs
+from tccm_ros.nodes.intake import Intake
+from tccm_ros.nodes.qos import sensor
+
+STRING = "std_msgs/msg/String"
+
+
+@pytest.fixture
+def heard(ros):
+    """Return (intake, texts received, errors, publish): the listener's node is never spun."""
+    node, errors, got = Node("probe", context=ros.another_context()), [], []
+    intake = Intake(node, errors.append)
+    inputs = Inputs(node, 0.0, intake)
+
+    def take(message) -> None:
+        if message.data == "bad":
+            raise ValueError(message.data)
+        got.append(message.data)
+
+    inputs.subscribe(STRING, "words", take, sensor("reliable"))
+    timer = node.create_timer(0.01, lambda: got.append("tick"), callback_group=intake.group)
+    intake.add_timer(timer)
+    talker = ros.add(Node("talker", context=ros.another_context()))
+    publisher = talker.create_publisher(String, "words", 10)
+    intake.start()
+    ros.connect(talker, node, "/words")
+    yield intake, got, errors, lambda text: publisher.publish(String(data=text))
+    intake.close()
+    node.destroy_node()
+
+
+def test_messages_and_timers_need_no_executor(ros, heard):
+    _, got, _, publish = heard
+    publish("one")
+    ros.spin_until(lambda: "one" in got)
+    ros.spin_until(lambda: got.count("tick") >= 3)
+    assert got.count("one") == 1
+
+
+def test_an_error_does_not_end_it(ros, heard):
+    _, got, errors, publish = heard
+    publish("bad")
+    publish("one")
+    ros.spin_until(lambda: "one" in got)
+    assert [str(error) for error in errors] == ["bad"]
+
+
+def test_nothing_is_taken_after_the_end(ros, heard):
+    intake, got, _, publish = heard
+    ros.spin_until(lambda: "tick" in got)
+    intake.close()
+    before = len(got)
+    publish("late")
+    for _ in range(5):
+        ros.executor.spin_once(timeout_sec=0.02)
+    assert len(got) == before

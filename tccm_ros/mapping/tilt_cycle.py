@@ -16,6 +16,15 @@ __all__ = ["Span", "TiltCycles"]
 
 START_OF_TIME = -(2**62)
 
+NEAR = 0.25
+"""As near to where the joint is furthest as this share of the dead band, it is there."""
+
+SURE = 4.0
+"""A joint at a known end has turned when it is back by this many times its usual unsteadiness."""
+
+MEMORY = 0.1
+"""Share of the newest sample in the mean unsteadiness: it is that of the last ten samples."""
+
 
 @dataclass(frozen=True, slots=True)
 class Span:
@@ -72,6 +81,8 @@ class TiltCycles:
         self._start_ns = START_OF_TIME
         self._decided_ns = START_OF_TIME
         self._last: tuple[int, float] | None = None
+        self._ends: dict[int, float] = {}
+        self._step, self._unsteady = 0.0, self._dead_band
 
     @property
     def open_start_ns(self) -> int:
@@ -105,7 +116,14 @@ class TiltCycles:
             self._while_moving(stamp_ns, angle)
         else:
             self._while_resting(stamp_ns, angle)
+        if self._last is not None:
+            self._note_step(angle - self._last[1])
         self._last = (stamp_ns, angle)
+
+    def _note_step(self, step: float) -> None:
+        """Follow how unsteady the joint's steps are: jitter, but acceleration as well."""
+        self._unsteady += MEMORY * (abs(step - self._step) - self._unsteady)
+        self._step = step
 
     def advance(self, now_ns: int) -> None:
         """Close the open sweep if no sample can come any more that would go on with it."""
@@ -184,7 +202,7 @@ class TiltCycles:
         if self._direction * (angle - self._extreme) > 0.0:
             self._extreme, self._extreme_ns = angle, stamp_ns
             self._sweep = max(self._sweep, abs(angle - self._leg_start))
-        if self._direction * (self._extreme - angle) > self._dead_band:
+        if self._direction * (self._extreme - angle) > self._reversal():
             self._turn(stamp_ns, angle)
         elif abs(angle - self._anchor) > self._dead_band:
             self._anchor_at(stamp_ns, angle)
@@ -199,9 +217,22 @@ class TiltCycles:
         else:
             self._decided_ns = max(self._decided_ns, arrival_ns)
 
+    def _reversal(self) -> float:
+        """Return how far back the joint must be to have turned.
+
+        Where it turned the last time it is sure to turn again, and need not go all through the
+        dead band. If it does go on, the cycle has ended that much too early and no other is made:
+        the rest is too short for a sweep.
+        """
+        end = self._ends.get(self._direction)
+        is_sweep = abs(self._extreme - self._leg_start) >= self._min_sweep
+        if end is None or not is_sweep or abs(self._extreme - end) > self._dead_band:
+            return self._dead_band
+        return min(max(NEAR * self._dead_band, SURE * self._unsteady), self._dead_band)
+
     def _arrival_ns(self) -> int:
         """When the joint came to where it now is furthest, within a quarter of the dead band."""
-        near = self._extreme - self._direction * 0.25 * self._dead_band
+        near = self._extreme - self._direction * NEAR * self._dead_band
         while len(self._since) > 1 and self._direction * (self._since[0][1] - near) < 0.0:
             self._since.popleft()
         return min(self._since[0][0], self._extreme_ns)
@@ -209,6 +240,7 @@ class TiltCycles:
     def _turn(self, stamp_ns: int, angle: float) -> None:
         if abs(self._extreme - self._leg_start) >= self._min_sweep:
             self._close(self._extreme_ns, "turn", True)
+            self._ends[self._direction] = self._extreme
             self._sweep = 0.0
         self._direction = -self._direction
         self._leg_start = self._extreme

@@ -211,3 +211,50 @@ def test_any_motion_is_cut_without_gaps(legs):
         angle += list(np.linspace(angle[-1], goal, ramp + 1)[1:]) + [goal] * rest
     spans = cut(np.arange(len(angle)) / RATE, angle)
     assert spans[-1].end_ns == round((len(angle) - 1) / RATE * 1e9) + 1
+
+
+def certain_after(times, angles, **settings):
+    """Return how long after each turn it was known, s."""
+    cycles, late = TiltCycles(Config.model_validate({"cycle": settings})), []
+    for t, a in zip(times, angles, strict=True):
+        cycles.add(round(t * 1e9), float(a))
+        while cycles.closed:
+            span = cycles.closed.popleft()
+            if span.reason == "turn":
+                late.append(t - span.end_ns * 1e-9)
+    return np.array(late)
+
+
+def test_a_turn_where_the_joint_turned_before_is_known_sooner():
+    t = clock(8 * HALF)
+    late = certain_after(t, -AMPLITUDE * np.cos(np.pi * t / HALF))
+    # Back by the dead band of 10 mrad, or by a quarter of it, at a curvature of 2.08 rad/s2.
+    assert late[:2] == pytest.approx(np.sqrt(2 * 0.010 / 2.08), abs=1.5 / RATE)
+    assert late[2:] == pytest.approx(np.sqrt(2 * 0.0025 / 2.08), abs=1.5 / RATE)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_joint_that_jitters_needs_the_whole_dead_band(seed):
+    t = clock(20 * HALF)
+    jitter = np.random.default_rng(seed).normal(0, 0.0015, len(t))
+    found = sweeps(cut(t, jitter - AMPLITUDE * np.cos(np.pi * t / HALF)))
+    assert len(found) == 20
+    # Within three sigma of jitter of the end: 66 ms at that curvature.
+    assert [end for _, end in found[:-1]] == pytest.approx(HALF * np.arange(1, 20), abs=0.08)
+
+
+@pytest.mark.parametrize("back", [0.004, 0.008])
+def test_a_joint_that_goes_on_past_its_known_end_makes_no_cycle_more(back):
+    # Two sweeps to and fro between -0.5 and 0.5, then one that steps back at 0.5 and goes on to 1.
+    corners = [-0.5, 0.5, -0.5, 0.5, -0.5, 0.5, 0.5 - back, 1.0, -0.5, 0.5]
+    legs = [
+        np.linspace(a, b, max(round(abs(b - a) * 150), 3))[1:]
+        for a, b in itertools.pairwise(corners)
+    ]
+    angle = np.concatenate([[corners[0]], *legs])
+    times = np.arange(len(angle)) / RATE
+    found = sweeps(cut(times, angle))
+    assert len(found) == 8
+    ends = [angle[np.searchsorted(times, end - 1e-9)] for _, end in found[:-1]]
+    assert ends[:5] == pytest.approx([0.5, -0.5, 0.5, -0.5, 0.5], abs=0.01)
+    assert ends[-1] == pytest.approx(-0.5, abs=0.01)

@@ -15,6 +15,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 from shapely.geometry import Polygon
+from shapely.geometry.base import BaseGeometry
 
 from tccm_ros.geometry import inverse, level, transform
 from tccm_ros.mapping.tccm import CycleResult
@@ -39,6 +40,9 @@ MIN_CUBOIDS, MIN_REACH = 150, 1.0
 #: Level planes this far apart cannot both be seen where one hides the other, m, if they share this
 #: part of the smaller one.
 DOUBLED, SHARED = (0.012, 0.06), 0.4
+
+#: How far a sound base leans while it drives, rad.
+LEAN = np.deg2rad(0.3)
 
 Float64 = NDArray[np.float64]
 
@@ -80,7 +84,7 @@ class RigCheck:
         floor = _floor(result)
         if floor is not None:
             self._floors.append(floor)
-        self._doubled = _doubled(result.planes)
+        self._doubled = _doubled(result.planes, result.T_odom_base)
 
     def findings(self) -> list[Finding]:
         """Return what the last cycles show, the most certain first."""
@@ -223,20 +227,35 @@ def _robust(A: Float64, z: Float64, counts: Float64) -> Float64:
     return np.asarray(fit, float)
 
 
-def _doubled(planes: list[PlaneRecord]) -> tuple[float, float] | None:
-    """Return distance and height of two level planes that lie over each other, None if none do."""
+def _doubled(planes: list[PlaneRecord], T_odom_base: Float64) -> tuple[float, float] | None:
+    """Return distance and height of two level planes that lie over each other, None if none do.
+
+    The distance is that of the smaller one's middle from the larger one's plane: heights differ
+    along a floor that leans by a fraction of a degree. A base that leans while it drives lifts
+    what is far from it.
+    """
     flat = [p for p in planes if p.kind == "horizontal"]
     for a, b in combinations(flat, 2):
-        apart = abs(float(a.centroid[2] - b.centroid[2]))
-        if DOUBLED[0] < apart < DOUBLED[1] and _overlap(a.boundary, b.boundary) > SHARED:
+        small, large = sorted((a, b), key=lambda p: p.area)
+        apart = abs(float(small.centroid @ large.normal - large.offset))
+        lifted = LEAN * float(np.linalg.norm(small.centroid[:2] - T_odom_base[:2, 3]))
+        if DOUBLED[0] + lifted < apart < DOUBLED[1] and _overlap(small, large) > SHARED:
             return apart, float(min(a.centroid[2], b.centroid[2]))
     return None
 
 
-def _overlap(a: Float64, b: Float64) -> float:
-    """Return the shared area of two outlines seen from above, as a share of the smaller."""
-    if len(a) < 3 or len(b) < 3:
-        return 0.0
-    first, second = Polygon(a[:, :2]).buffer(0), Polygon(b[:, :2]).buffer(0)
+def _overlap(a: PlaneRecord, b: PlaneRecord) -> float:
+    """Return the shared area of two planes seen from above, as a share of the smaller.
+
+    What lies in a hole of the other shares nothing with it.
+    """
+    first, second = _area(a), _area(b)
     smaller = min(first.area, second.area)
     return float(first.intersection(second).area / smaller) if smaller > 0.0 else 0.0
+
+
+def _area(plane: PlaneRecord) -> BaseGeometry:
+    if len(plane.boundary) < 3:
+        return Polygon()
+    holes = [hole[:, :2] for hole in plane.holes if len(hole) >= 3]
+    return Polygon(plane.boundary[:, :2], holes).buffer(0)

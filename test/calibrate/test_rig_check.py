@@ -1,10 +1,13 @@
 """The check while mapping names the error that a simulated rig has, and is silent without one."""
 
+import numpy as np
 import pytest
 
 from tccm_ros.calibrate import RigCheck
+from tccm_ros.calibrate.rig_check import _doubled
 from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import TccmProcessor
+from tccm_ros.records import PlaneRecord
 from tccm_ros.sim import Options, run
 
 
@@ -40,3 +43,49 @@ def test_an_error_is_named_first(errors: dict, name: str, size: float | None):
     assert next(iter(found)) == name
     # The base leans by 0.07 deg at each place.
     assert size is None or found[name] == pytest.approx(size, abs=0.004)
+
+
+def square(height, *, side=1.0, at=(0.0, 0.0), slope=0.0, hole=None) -> PlaneRecord:
+    """Return a level plane over a square, which rises by `slope` along x."""
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2.0
+
+    def ring(width):
+        xy = width * corners + at
+        return np.column_stack([xy, height + slope * xy[:, 0]])
+
+    normal = np.array([-slope, 0.0, 1.0]) / np.hypot(slope, 1.0)
+    boundary = ring(side)
+    return PlaneRecord(
+        id=0, kind="horizontal", normal=normal, offset=float(normal @ boundary[0]),
+        covariance=np.eye(3), support=1000, area=side**2, quality=1.0, boundary=boundary,
+        holes=() if hole is None else (ring(hole),), rms=0.002, centroid=boundary.mean(axis=0),
+    )  # fmt: skip
+
+
+def at_origin(planes) -> list[tuple[str, float]]:
+    check = RigCheck()
+    check._doubled = _doubled(planes, np.eye(4))
+    return [(finding.name, finding.size) for finding in check.findings()]
+
+
+def test_two_planes_one_above_the_other_are_a_surface_mapped_twice():
+    found = at_origin([square(0.70), square(0.72, side=0.8)])
+    assert found == [("doubled surface", pytest.approx(0.02))]
+
+
+@pytest.mark.parametrize(
+    "planes",
+    [
+        pytest.param([square(0.70), square(0.71)], id="noise"),
+        pytest.param([square(0.70), square(0.78)], id="a shelf"),
+        pytest.param([square(0.70), square(0.72, at=(2.0, 0.0))], id="beside"),
+        pytest.param([square(0.70, hole=0.6), square(0.72, side=0.5)], id="in a hole"),
+        pytest.param(
+            [square(0.0, side=9.0, slope=0.005), square(0.02, side=0.8, at=(4.0, 0.0))],
+            id="on a floor that leans",
+        ),
+        pytest.param([square(0.70, at=(4.0, 0.0)), square(0.72, at=(4.0, 0.0))], id="far away"),
+    ],
+)
+def test_other_planes_are_not_doubled(planes):
+    assert at_origin(planes) == []

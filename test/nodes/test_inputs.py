@@ -34,21 +34,33 @@ def test_an_input_that_is_not_needed_may_be_absent(ros):
 
 
 def test_another_type_is_named(ros):
-    inputs, _ = watched(ros)
+    inputs, received = watched(ros)
     # One participant cannot have two types on a topic; another process can.
     talker = Node("talker", context=ros.another_context())
     talker.create_publisher(JointState, "tilt_scan", 10)
     ros.spin_until(
         lambda: any("published as sensor_msgs/msg/JointState" in p for p in inputs.problems())
     )
+    assert inputs.problems() == [
+        f"'/tilt_scan' is published as sensor_msgs/msg/JointState, {SCAN} is expected; remap the "
+        "topic"
+    ]
+    assert received == []
 
 
 def test_an_incompatible_qos_is_named(ros):
-    inputs, _ = watched(ros, "reliable")
+    inputs, received = watched(ros, "reliable")
     talker = ros.add(Node("talker", context=ros.context))
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    talker.create_publisher(LaserScan, "tilt_scan", best_effort)
+    publisher = talker.create_publisher(LaserScan, "tilt_scan", best_effort)
     ros.spin_until(lambda: any("incompatible reliability" in p for p in inputs.problems()))
+    (problem,) = inputs.problems()
+    assert "a publisher of '/tilt_scan'" in problem
+    assert "qos.reliability" in problem
+    publisher.publish(LaserScan())
+    for _ in range(5):
+        ros.executor.spin_once(timeout_sec=0.02)
+    assert received == []
 
 
 def test_messages_end_the_problem(ros):

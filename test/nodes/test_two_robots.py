@@ -54,5 +54,9 @@ def test_both_are_on_the_one_tf(ros):
     for name in ("r1", "r2"):
         node = slam(ros, namespace=name, frames__prefix=f"{name}/")
         ros.robot(namespace=name, prefix=f"{name}/").play(recording(1, prefix=f"{name}/"), node)
-    seen = lambda: {(t.header.frame_id, t.child_frame_id) for m in tf for t in m.transforms}  # noqa: E731
-    ros.spin_until(lambda: seen() == {("r1/map", "r1/odom"), ("r2/map", "r2/odom")})
+    pairs = lambda m: {(t.header.frame_id, t.child_frame_id) for t in m.transforms}  # noqa: E731
+    expected = {("r1/map", "r1/odom"), ("r2/map", "r2/odom")}
+    ros.spin_until(lambda: expected <= set().union(*map(pairs, tf)))
+    # Each message is of one robot, and no frame of one hangs on a frame of the other.
+    assert set().union(*map(pairs, tf)) == expected
+    assert all(len(pairs(message)) == 1 for message in tf)

@@ -31,6 +31,7 @@ from tccm_ros.config import Config  # noqa: E402
 from tccm_ros.evaluate.surfaces import SurfaceScore, score_surfaces  # noqa: E402
 from tccm_ros.geometry import inverse, spatial, transform  # noqa: E402
 from tccm_ros.io.exports import surfaces_table  # noqa: E402
+from tccm_ros.io.numbers import json_text  # noqa: E402
 from tccm_ros.pipeline import Pipeline  # noqa: E402
 from tccm_ros.records import Scan  # noqa: E402
 from tccm_ros.sim import Options, Simulation, build_world, truth  # noqa: E402
@@ -160,7 +161,7 @@ def score(solution: SurfaceSolution, simulation: Simulation) -> SurfaceScore:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "found.json").write_text(
-            json.dumps(surfaces_table(solution.surfaces, solution.floor_z, "map"))
+            json_text(surfaces_table(solution.surfaces, solution.floor_z, "map"))
         )
         (folder / "truth.json").write_text(json.dumps(truth.surfaces(simulation)))
         return score_surfaces(folder / "found.json", folder / "truth.json")

@@ -1,15 +1,21 @@
 """Which surfaces touch: exact to the bit of a brute-force search, and fast.
 
 A point cloud is a set of patches, stored one after the other. Two patches touch where any of their
-points come within a distance of each other. Patches that touch, directly or over others, are one
-component; a pair that is already connected need not be searched.
+points come within a distance of each other. They *meet* where they do so in x and y, whatever their
+heights: of a step, the points that happen to touch would tell too little. Patches that touch and
+agree in height where they meet, directly or over others, are one component; a pair that is already
+connected need not be searched.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from tccm_ros.surfaces.patch_planes import PatchPlanes, agree
 
 __all__ = ["box_pairs", "connect", "patch_boxes"]
 
@@ -90,6 +96,25 @@ def box_pairs(boxes: Float64, distance: float) -> Int64:
     return pairs[np.lexsort((pairs[:, 0], pairs[:, 1]))]
 
 
+class _Grid(NamedTuple):
+    """The points of one patch, sorted into square cells in x and y.
+
+    Attributes
+    ----------
+    edge, nx, ny
+        Of a cell, m, and how many cells there are along x and y.
+    starts, indices
+        int64 (nx * ny + 1,) and (N,): cell c holds the points
+        ``indices[starts[c]:starts[c + 1]]``.
+    """
+
+    edge: float
+    nx: int
+    ny: int
+    starts: Int64
+    indices: Int64
+
+
 @njit(nogil=True, cache=True)
 def _shape(box: Float64, count: int, edge: float) -> tuple[float, int, int]:
     """Choose the edge of a patch's grid, at least `edge`, so that it has few empty cells."""
@@ -102,10 +127,9 @@ def _shape(box: Float64, count: int, edge: float) -> tuple[float, int, int]:
 
 
 @njit(nogil=True, cache=True)
-def _grid(
-    points: Float64, start: int, stop: int, box: Float64, edge: float, nx: int, ny: int
-) -> tuple[Int64, Int64]:
-    """Sort a patch's points into cells: (starts of the cells, indices of the points)."""
+def _grid(points: Float64, start: int, stop: int, box: Float64, least_edge: float) -> _Grid:
+    """Sort the points of a patch into cells."""
+    edge, nx, ny = _shape(box, stop - start, least_edge)
     starts = np.zeros(nx * ny + 1, np.int64)
     cells = np.empty(stop - start, np.int64)
     for i in range(start, stop):
@@ -120,42 +144,52 @@ def _grid(
         cell = cells[i - start]
         indices[fill[cell]] = i
         fill[cell] += 1
-    return starts, indices
+    return _Grid(edge, nx, ny, starts, indices)
 
 
 @njit(nogil=True, cache=True)
-def _point_touches(
+def _mark_near(
     points: Float64,
-    i: int,
+    start: int,
+    stop: int,
     box: Float64,
-    edge: float,
-    nx: int,
-    ny: int,
-    starts: Int64,
-    indices: Int64,
-    square: float,
+    grid: _Grid,
+    distance: float,
+    rise: float,
+    near: NDArray[np.bool_],
 ) -> bool:
-    """Return whether point i comes within the distance of any point of a gridded patch."""
-    cx = int(np.floor((points[i, 0] - box[0]) / edge))
-    cy = int(np.floor((points[i, 1] - box[1]) / edge))
-    for gx in range(max(cx - 1, 0), min(cx + 2, nx)):
-        for gy in range(max(cy - 1, 0), min(cy + 2, ny)):
-            cell = gx * ny + gy
-            for k in range(starts[cell], starts[cell + 1]):
-                dx = points[i, 0] - points[indices[k], 0]
-                dy = points[i, 1] - points[indices[k], 1]
-                dz = points[i, 2] - points[indices[k], 2]
-                if dx * dx + dy * dy + dz * dz <= square:
-                    return True
-    return False
+    """Mark which of the points start to stop come within the distance of a gridded patch.
 
-
-@njit(nogil=True, cache=True)
-def _near_box(points: Float64, i: int, box: Float64, reach: float) -> bool:
-    for k in range(3):
-        if points[i, k] < box[k] - reach or points[i, k] > box[k + 3] + reach:
-            return False
-    return True
+    Differences in height count `rise` times: once, and then the first point found ends the
+    search, or not at all. One long loop: calls for each point would cost more than all else.
+    """
+    square, found = distance * distance, False
+    low, high = box - grid.edge, box + grid.edge
+    for i in range(start, stop):
+        near[i] = False
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        if not (low[0] <= x <= high[3] and low[1] <= y <= high[4]):
+            continue
+        cx, cy = int(np.floor((x - box[0]) / grid.edge)), int(np.floor((y - box[1]) / grid.edge))
+        for gx in (cx, cx - 1, cx + 1):  # the middle first: most points are near one there
+            for gy in (cy, cy - 1, cy + 1):
+                if not (0 <= gx < grid.nx and 0 <= gy < grid.ny):
+                    continue
+                cell = gx * grid.ny + gy
+                for k in range(grid.starts[cell], grid.starts[cell + 1]):
+                    j = grid.indices[k]
+                    dx, dy, dz = x - points[j, 0], y - points[j, 1], rise * (z - points[j, 2])
+                    if dx * dx + dy * dy + dz * dz <= square:
+                        near[i] = True
+                        break
+                if near[i]:
+                    break
+            if near[i]:
+                break
+        found |= near[i]
+        if found and rise > 0.0:
+            break
+    return found
 
 
 @njit(nogil=True, cache=True)
@@ -168,9 +202,15 @@ def _root(parent: Int64, p: int) -> int:
 
 @njit(nogil=True, cache=True)
 def connect(
-    points: Float64, offsets: Int64, boxes: Float64, pairs: Int64, distance: float
+    points: Float64,
+    offsets: Int64,
+    boxes: Float64,
+    pairs: Int64,
+    distance: float,
+    planes: PatchPlanes,
+    largest_step: float,
 ) -> tuple[Int64, Int64]:
-    """Connect the pairs of patches that touch.
+    """Connect the pairs of patches that touch and agree in height where they meet.
 
     Parameters
     ----------
@@ -182,6 +222,8 @@ def connect(
         int64 (M, 2), candidates (q, p), q < p, sorted by (p, q).
     distance
         Patches touch where two of their points are at most this far apart, m.
+    planes, largest_step
+        Of the patches, and m: as in `agree`.
 
     Returns
     -------
@@ -193,28 +235,31 @@ def connect(
     parent = np.arange(len(offsets) - 1)
     takers = np.empty((len(pairs), 2), np.int64)
     taken = 0
-    reach, square = distance * SLACK, distance * distance
+    meets = np.zeros(len(points), np.bool_)
+    edge = distance * SLACK
     gridded = -1
-    edge, nx, ny = reach, 1, 1
-    starts, indices = np.zeros(1, np.int64), np.zeros(1, np.int64)
+    grid = _Grid(edge, 1, 1, np.zeros(1, np.int64), np.zeros(1, np.int64))
     for m in range(len(pairs)):
         q, p = pairs[m, 0], pairs[m, 1]
         rq, rp = _root(parent, q), _root(parent, p)
         if rq == rp:
             continue
         if gridded != p:
-            edge, nx, ny = _shape(boxes[p], offsets[p + 1] - offsets[p], reach)
-            starts, indices = _grid(points, offsets[p], offsets[p + 1], boxes[p], edge, nx, ny)
+            grid = _grid(points, offsets[p], offsets[p + 1], boxes[p], edge)
             gridded = p
-        for i in range(offsets[q], offsets[q + 1]):
-            if _near_box(points, i, boxes[p], reach) and _point_touches(
-                points, i, boxes[p], edge, nx, ny, starts, indices, square
-            ):
-                if rp != p:
-                    takers[taken, 0], takers[taken, 1] = min(rq, rp), max(rq, rp)
-                    taken += 1
-                parent[max(rq, rp)] = min(rq, rp)
-                break
+        first, last = offsets[q], offsets[q + 1]
+        if not _mark_near(points, first, last, boxes[p], grid, distance, 1.0, meets):
+            continue
+        _mark_near(points, first, last, boxes[p], grid, distance, 0.0, meets)
+        other = _grid(points, first, last, boxes[q], edge)
+        first, last = offsets[p], offsets[p + 1]
+        _mark_near(points, first, last, boxes[q], other, distance, 0.0, meets)
+        if not agree(points, offsets, meets, planes, q, p, largest_step):
+            continue
+        if rp != p:
+            takers[taken, 0], takers[taken, 1] = min(rq, rp), max(rq, rp)
+            taken += 1
+        parent[max(rq, rp)] = min(rq, rp)
     for p in range(len(parent)):
         parent[p] = _root(parent, p)
     return parent, takers[:taken]

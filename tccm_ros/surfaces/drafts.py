@@ -15,10 +15,23 @@ from tccm_ros.geometry import inverse, transform
 from tccm_ros.surfaces.carving import Survivors
 from tccm_ros.surfaces.contact import box_pairs, connect, patch_boxes
 from tccm_ros.surfaces.outline import horizontal_outline, polygons_of
-from tccm_ros.surfaces.patch_planes import coplanar, fit_plane, pool_moments, stack_planes
+from tccm_ros.surfaces.patch_planes import fit_plane, pool_moments, stack_planes
 from tccm_ros.surfaces.views import Patch, View, first_numbers
 
-__all__ = ["Draft", "Group", "PlacedPatch", "draft_surface", "merge", "surviving_patches"]
+__all__ = [
+    "GRID",
+    "HIDDEN",
+    "PROBE",
+    "Draft",
+    "Group",
+    "PlacedPatch",
+    "close_gaps",
+    "draft_surface",
+    "is_hidden",
+    "largest_part",
+    "merge",
+    "surviving_patches",
+]
 
 Float64 = NDArray[np.float64]
 
@@ -109,6 +122,10 @@ class Draft:
         z = (self.offset - points_xy @ self.normal[:2]) / self.normal[2]
         return np.column_stack([points_xy, z])
 
+    def height_at(self, place: Float64) -> float:
+        """Return the height of the plane at a place (x, y), m."""
+        return float(self.lift(place[None])[0, 2])
+
 
 def surviving_patches(views: list[View], left: Survivors, config: Config) -> list[PlacedPatch]:
     """Return the patches of which anything is left."""
@@ -158,8 +175,10 @@ def merge(
     pairs = box_pairs(boxes, config.surfaces.merge_distance)
     view = np.array([p.view for p in placed])
     planes = stack_planes([p.patch for p in placed], view, T_map_view, cov_tilt)
-    pairs = pairs[coplanar(planes, boxes, pairs, config.surfaces.max_step)]
-    root, takers = connect(points, offsets, boxes, pairs, config.surfaces.merge_distance)
+    limits = config.surfaces
+    root, takers = connect(
+        points, offsets, boxes, pairs, limits.merge_distance, planes, limits.max_step
+    )
     founders: dict[int, list[int]] = {}
     for taken in takers[:, 1]:
         founders.setdefault(int(root[taken]), []).append(placed[taken].number)
@@ -203,36 +222,36 @@ def _merged_outline(group: Group, T_map_view: Float64, distance: float) -> Polyg
         parts.append(affine_transform(member.patch.outline, matrix))
     union = shapely.union_all(parts, grid_size=GRID)
     spacing = min(m.patch.spacing for m in group.members)
-    closed = _close(union, 0.505 * max(distance, SHADOW, min(spacing, MOST_SPACING)))
+    closed = close_gaps(union, 0.505 * max(distance, SHADOW, min(spacing, MOST_SPACING)))
     whole = polygons_of(shapely.make_valid(closed.simplify(SIMPLIFY)))
-    return _largest(whole)
+    return largest_part(whole)
 
 
 def _with_hidden_places(
     polygon: Polygon, group: Group, views: list[View], T_map_view: Float64, config: Config
 ) -> Polygon:
     """Close wide notches and holes of a surface that nothing was seen through."""
-    closed = polygons_of(_close(polygon, 0.5 * HIDDEN).simplify(SIMPLIFY))
+    closed = polygons_of(close_gaps(polygon, 0.5 * HIDDEN).simplify(SIMPLIFY))
     added = polygons_of(closed.difference(polygon))
     height = float(np.mean([_height(m, T_map_view) for m in group.members]))
     hidden = [
         part
         for part in added.geoms
-        if part.area >= PROBE**2 and _is_hidden(part, height, views, T_map_view, config)
+        if part.area >= PROBE**2 and is_hidden(part, height, views, T_map_view, config)
     ]
     if not hidden:
         return polygon
     # Parts touch the outline along its edge: a hair of overlap makes one polygon of them.
     grown = [part.buffer(1e-3, join_style="mitre") for part in hidden]
     union = shapely.union_all([polygon, *grown], grid_size=GRID)
-    return _largest(polygons_of(shapely.make_valid(union.simplify(SIMPLIFY))))
+    return largest_part(polygons_of(shapely.make_valid(union.simplify(SIMPLIFY))))
 
 
 def _height(member: PlacedPatch, T_map_view: Float64) -> float:
     return float(transform(T_map_view[member.view], member.patch.mean[None])[0, 2])
 
 
-def _is_hidden(
+def is_hidden(
     part: Polygon, height: float, views: list[View], T_map_view: Float64, config: Config
 ) -> bool:
     """Tell whether no view looked through a place at a height, but for its rim."""
@@ -259,10 +278,11 @@ def _probes(part: Polygon, height: float) -> Float64:
     return np.column_stack([xy, np.full(len(xy), height)])
 
 
-def _close(area: shapely.Geometry, reach: float) -> shapely.Geometry:
+def close_gaps(area: shapely.Geometry, reach: float) -> shapely.Geometry:
     """Close gaps of up to twice `reach`, m."""
     return area.buffer(reach, quad_segs=4).buffer(-reach, quad_segs=4)
 
 
-def _largest(area: MultiPolygon) -> Polygon:
+def largest_part(area: MultiPolygon) -> Polygon:
+    """Return the largest of polygons; an empty one where there is none."""
     return min(area.geoms, key=lambda part: (-part.area, part.bounds), default=Polygon())

@@ -1,19 +1,21 @@
 """Planes of patches in the map, with how well they are known, and which are coplanar.
 
-A patch's height near its middle is the height field ``h(x, y) = z + a (x - x0) + b (y - y0)``.
-Its covariance over (z, a, b) is that of the fit and that of the pose that the patch hangs on.
+A patch's height is the height field ``h(x, y) = z + a (x - x0) + b (y - y0)``, and where it meets
+another patch what its points there say of it: a large patch is bent by what is wrong with the
+sensor, and the plane of a sparse one is not worth much where it ends.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.surfaces.views import Patch
 
-__all__ = ["PatchPlanes", "coplanar", "fit_plane", "pool_moments", "stack_planes"]
+__all__ = ["PatchPlanes", "agree", "fit_plane", "pool_moments", "stack_planes"]
 
 Float64 = NDArray[np.float64]
 
@@ -27,26 +29,27 @@ GATE = 3.0
 """Sigmas within which two planes count as one."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PatchPlanes:
-    """Height fields of P patches in map.
+class PatchPlanes(NamedTuple):
+    """Height fields of P patches in map; a named tuple, as kernels take no other class.
 
     Attributes
     ----------
-    view
+    view_index
         int64 (P,), view of each patch: patches of one view share their pose's error.
     centroid
         float64 (P, 3), m.
     slope
         float64 (P, 2), dz/dx and dz/dy.
-    cov_fit, cov_pose
-        float64 (P, 3, 3) of (z, a, b) at the centroid.
+    noise
+        float64 (P,), variance of the height of one point about the plane, m2.
+    cov_pose
+        float64 (P, 3, 3) of (z, a, b) at the centroid, from the pose that the patch hangs on.
     """
 
-    view: NDArray[np.int64]
+    view_index: NDArray[np.int64]
     centroid: Float64
     slope: Float64
-    cov_fit: Float64
+    noise: Float64
     cov_pose: Float64
 
 
@@ -75,10 +78,15 @@ def pool_moments(counts: Float64, means: Float64, covs: Float64) -> tuple[float,
     return total, mean, cov
 
 
+def point_variance(cov: Float64) -> float:
+    """Return the variance of one point's height about the plane of points with `cov`, m2."""
+    normal, variances = fit_plane(cov)
+    return float(variances[0] / max(normal[2], 0.5) ** 2 + FLATNESS**2)
+
+
 def fit_covariance(cov: Float64, count: int) -> Float64:
     """Return the covariance of (z, a, b) of a fit to points with covariance `cov` (3, 3)."""
-    normal, variances = fit_plane(cov)
-    noise = variances[0] / max(normal[2], 0.5) ** 2 + FLATNESS**2
+    noise = point_variance(cov)
     result = np.zeros((3, 3))
     result[0, 0] = noise / min(count, EFFECTIVE_POINTS)
     floor = FLATNESS**2 * np.eye(2)
@@ -131,53 +139,68 @@ def stack_planes(
     """
     P = len(patches)
     centroid, slope = np.zeros((P, 3)), np.zeros((P, 2))
-    cov_fit, cov_pose = np.zeros((P, 3, 3)), np.zeros((P, 3, 3))
+    noise, cov_pose = np.zeros(P), np.zeros((P, 3, 3))
     for p, patch in enumerate(patches):
         T = T_map_view[view[p]]
         cov = T[:3, :3] @ patch.cov @ T[:3, :3].T
         normal, _ = fit_plane(cov)
         centroid[p] = T[:3, :3] @ patch.mean + T[:3, 3]
         slope[p] = -normal[:2] / max(normal[2], 0.1)
-        cov_fit[p] = fit_covariance(cov, patch.count)
+        noise[p] = point_variance(cov)
         cov_pose[p] = pose_covariance(T, cov_tilt[view[p]], centroid[p])
-    return PatchPlanes(view, centroid, slope, cov_fit, cov_pose)
+    return PatchPlanes(view, centroid, slope, noise, cov_pose)
 
 
-def coplanar(
-    planes: PatchPlanes, boxes: Float64, pairs: NDArray[np.int64], largest_step: float
-) -> NDArray[np.bool_]:
-    """Tell which pairs of patches lie in one plane, within their uncertainty.
+@njit(nogil=True, cache=True)
+def agree(
+    points: Float64,
+    offsets: NDArray[np.int64],
+    meets: NDArray[np.bool_],
+    planes: PatchPlanes,
+    q: int,
+    p: int,
+    largest_step: float,
+) -> bool:
+    """Tell whether two patches have one height where they meet, within their uncertainty.
 
-    The heights are compared in the middle of the overlap of the two boxes, or of the gap between
-    them; they differ by less than GATE sigmas and never by more than `largest_step`.
+    The height of either in the middle of the meeting is that of its plane, raised by the mean
+    residual of its points there. They differ by less than GATE sigmas and never by more than
+    `largest_step`.
 
     Parameters
     ----------
+    points, offsets
+        float64 (N, 3), m, and int64 (P + 1,); patch p holds
+        ``points[offsets[p]:offsets[p + 1]]``.
+    meets
+        bool (N,), of either patch the points that meet the other, at least one.
     planes
         Of P patches.
-    boxes
-        float64 (P, 6), x_min y_min z_min x_max y_max z_max, m.
-    pairs
-        int64 (M, 2).
+    q, p
+        Two patches.
     largest_step
         m.
-
-    Returns
-    -------
-    bool (M,)
     """
-    q, p = pairs[:, 0], pairs[:, 1]
-    middle = 0.5 * (
-        np.maximum(boxes[q, :2], boxes[p, :2]) + np.minimum(boxes[q, 3:5], boxes[p, 3:5])
-    )
-    height, variance = np.zeros((2, len(pairs))), np.full(len(pairs), 2.0 * FLATNESS**2)
-    for side, patch in enumerate((q, p)):
-        arm = middle - planes.centroid[patch, :2]
-        height[side] = planes.centroid[patch, 2] + np.sum(planes.slope[patch] * arm, axis=1)
-        J = np.concatenate([np.ones((len(pairs), 1)), arm], axis=1)
-        cov = planes.cov_fit[patch] + np.where(
-            (planes.view[q] != planes.view[p])[:, None, None], planes.cov_pose[patch], 0.0
-        )
-        variance += np.einsum("mi,mij,mj->m", J, cov, J)
-    step = np.abs(height[0] - height[1])
-    return step <= np.minimum(GATE * np.sqrt(variance), largest_step)
+    x, y, count = 0.0, 0.0, 0
+    for patch in (q, p):
+        for i in range(offsets[patch], offsets[patch + 1]):
+            if meets[i]:
+                x, y, count = x + points[i, 0], y + points[i, 1], count + 1
+    x, y = x / count, y / count
+    step, variance = 0.0, 2.0 * FLATNESS**2
+    for patch, sign in ((q, 1.0), (p, -1.0)):
+        slope, centroid = planes.slope[patch], planes.centroid[patch]
+        total, count = 0.0, 0
+        for i in range(offsets[patch], offsets[patch + 1]):
+            if meets[i]:
+                # The plane through this point, at the middle of the meeting.
+                total += (
+                    points[i, 2] + slope[0] * (x - points[i, 0]) + slope[1] * (y - points[i, 1])
+                )
+                count += 1
+        step += sign * total / count
+        variance += planes.noise[patch] / min(count, EFFECTIVE_POINTS)
+        if planes.view_index[q] != planes.view_index[p]:
+            arm = np.array([1.0, x - centroid[0], y - centroid[1]])
+            variance += arm @ planes.cov_pose[patch] @ arm
+    return abs(step) <= min(GATE * np.sqrt(variance), largest_step)

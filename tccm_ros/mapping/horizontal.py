@@ -12,9 +12,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.mapping.cuboids import TICKS_PER_M, Cuboids
-from tccm_ros.mapping.linking import link, link_eight
+from tccm_ros.mapping.linking import join, link, root_of
 
 __all__ = ["label_horizontal"]
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int32]
 
 
 def label_horizontal(
@@ -47,24 +50,33 @@ def label_horizontal(
         return np.full(0, -1, np.int32)
     threshold = height_threshold * TICKS_PER_M
     if neighbourhood == "eight":
-        root = link_eight(cuboids.ix, cuboids.iy, cuboids.top, threshold)
+        root = _link_eight(cuboids.ix, cuboids.iy, cuboids.top, threshold)
     else:
-        mean = _mean_heights(cuboids.s, cuboids.count)
-        root = link(cuboids.ix, cuboids.iy, cuboids.top, mean, threshold)[0]
+        return _label_by_spacing(
+            cuboids.ix, cuboids.iy, cuboids.top, cuboids.s, cuboids.count, threshold, min_cuboids
+        )
     return _number(root, min_cuboids)
 
 
 @njit(nogil=True, cache=True)
-def _mean_heights(s: NDArray[np.float64], count: NDArray[np.float64]) -> NDArray[np.int32]:
+def _label_by_spacing(
+    ix: Int, iy: Int, top: Int, s: Array, count: Array, threshold: float, least: int
+) -> Int:
+    """Label what `linking.link` connects."""
+    return _number(link(ix, iy, top, _mean_heights(s, count), threshold)[0], least)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _mean_heights(s: Array, count: Array) -> Int:
     """Return the mean height of each cuboid, ticks."""
     mean = np.empty(len(count), np.int32)
     for i in range(len(count)):
-        mean[i] = int(np.rint(s[i, 2] / count[i]))
+        mean[i] = np.int32(np.rint(s[i, 2] / count[i]))
     return mean
 
 
 @njit(nogil=True, cache=True)
-def _number(root: NDArray[np.int32], least: int) -> NDArray[np.int32]:
+def _number(root: Int, least: int) -> Int:
     """Turn set representatives (the smallest index of each set) into labels from 0."""
     n = len(root)
     size = np.zeros(n, np.int32)
@@ -80,3 +92,38 @@ def _number(root: NDArray[np.int32], least: int) -> NDArray[np.int32]:
         else:
             labels[i] = labels[r]
     return labels
+
+
+@njit(nogil=True, cache=True)
+def _link_eight(ix: Int, iy: Int, top: Int, threshold: float) -> Int:
+    """Label the connected sets of touching cells, as published (IV.A).
+
+    Parameters
+    ----------
+    ix, iy, top, threshold
+        As in `linking.link`.
+
+    Returns
+    -------
+    int32 (N,): the smallest index of each cuboid's set.
+    """
+    n = len(ix)
+    parent = np.arange(n).astype(np.int32)
+    # One pointer follows the cells (x - 1, y - 1) of the sorted list.
+    side = 0
+    for i in range(n):
+        while ix[side] < ix[i] - 1 or (ix[side] == ix[i] - 1 and iy[side] < iy[i] - 1):
+            side += 1
+        j = side
+        while ix[j] == ix[i] - 1 and iy[j] <= iy[i] + 1:
+            if abs(top[j] - top[i]) < threshold:
+                join(parent, i, j)
+            j += 1
+        j = i - 1
+        while j >= 0 and ix[j] == ix[i] and iy[j] >= iy[i] - 1:
+            if iy[j] == iy[i] - 1 and abs(top[j] - top[i]) < threshold:
+                join(parent, i, j)
+            j -= 1
+    for i in range(n):
+        parent[i] = root_of(parent, i)
+    return parent

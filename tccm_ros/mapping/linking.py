@@ -10,21 +10,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["accept_links", "find_links", "is_deep", "link", "link_eight", "patches_of"]
+from tccm_ros.mapping.link_search import STEPS, find_links, find_links_in_plane
+
+__all__ = ["STEPS", "join", "link", "link_in_plane", "root_of", "spacing"]
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int32]
+Flags = NDArray[np.bool_]
+Sides = NDArray[np.uint8]
 
 PATCH_BITS = 4
 """A patch in which the spacing is estimated is 2**4 cells wide."""
 
-STEPS = 32
-"""Steps of this many cells and more are no links."""
-
-OBSTACLES = 3
-"""A search ends behind so many occupied cells that hold nothing of the same height: whatever lies
-further off is not a neighbour. Without it a wall's cells, which have no neighbours at all, cost
-most of the time."""
+ALL_SIDES = 15
 
 
 @njit(nogil=True, cache=True)
@@ -47,86 +45,6 @@ def join(parent: Int, i: int, j: int) -> None:
         parent[b] = a
     elif b < a:
         parent[a] = b
-
-
-@njit(nogil=True, cache=True)
-def is_level(top: Int, mean: Int, i: int, j: int, limit: int) -> bool:
-    """Tell whether two cuboids have the same height: by their tops or by their means."""
-    return abs(top[i] - top[j]) < limit or abs(mean[i] - mean[j]) < limit
-
-
-@njit(nogil=True, cache=True)
-def find_links(
-    ix: Int, iy: Int, top: Int, mean: Int, threshold: float, parent: Int
-) -> tuple[Int, Int]:
-    """Find for each cuboid the nearest one of the same height behind it in its column and its row.
-
-    Cuboids in one cell, and cells that touch at a corner only, are joined in `parent` at once.
-
-    Returns
-    -------
-    back_x, back_y
-        int32 (N,), indices, -1 for none.
-    """
-    n = len(ix)
-    limit = int(np.ceil(threshold))
-    low_y = iy.min()
-    # Chains of the cuboids of each column, newest first.
-    last = np.full(iy.max() - low_y + 3, -1, np.int32)
-    before = np.empty(n, np.int32)
-    back_x, back_y = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
-    row = 0
-    for i in range(n):
-        x, y = ix[i], iy[i]
-        if ix[row] != x:
-            row = i
-        j, cell, passed = i - 1, y, 0
-        while j >= row and y - iy[j] < STEPS:
-            if iy[j] != cell:
-                cell = iy[j]
-                passed += 1
-                if passed > OBSTACLES:
-                    break
-            if is_level(top, mean, i, j, limit):
-                back_y[i] = j
-                if cell == y:
-                    join(parent, i, j)
-                    back_y[i] = back_y[j]
-                break
-            j -= 1
-        c = y - low_y + 1
-        j = last[c]
-        before[i] = j
-        last[c] = i
-        cell, passed = x, 0
-        while j >= 0 and x - ix[j] < STEPS:
-            if ix[j] != cell:
-                cell = ix[j]
-                passed += 1
-                if passed > OBSTACLES:
-                    break
-            if cell != x and is_level(top, mean, i, j, limit):
-                back_x[i] = j
-                break
-            j = before[j]
-        # The cell behind in the column leads to both corners, that in the row to the nearer one.
-        if back_x[i] < 0 or x - ix[back_x[i]] > 1:
-            join_corner(ix, top, mean, limit, before, last[c + 1], i, parent)
-            if back_y[i] < 0 or y - iy[back_y[i]] > 1:
-                join_corner(ix, top, mean, limit, before, last[c - 1], i, parent)
-    return back_x, back_y
-
-
-@njit(nogil=True, cache=True)
-def join_corner(
-    ix: Int, top: Int, mean: Int, limit: int, before: Int, j: int, i: int, parent: Int
-) -> None:
-    """Join cuboid i to one of its height in the next column and the row behind, j and before."""
-    while j >= 0 and ix[i] - ix[j] < 2:
-        if ix[j] != ix[i] and is_level(top, mean, i, j, limit):
-            join(parent, i, j)
-            return
-        j = before[j]
 
 
 @njit(nogil=True, cache=True)
@@ -153,10 +71,8 @@ def spacing(histogram: Int, fallback: float) -> float:
 
 
 @njit(nogil=True, cache=True)
-def accept_links(cell: Int, patch: Int, patches: int, back: Int, parent: Int) -> Array:
-    """Keep the links along one axis that are shorter than twice the local spacing, and join them.
-
-    Returns the local spacing of each patch along the axis, cells.
+def limits_of(cell: Int, patch: Int, patches: int, back: Int) -> Array:
+    """Return for each patch twice its local spacing along one axis, cells, float64 (patches,).
 
     Parameters
     ----------
@@ -165,27 +81,22 @@ def accept_links(cell: Int, patch: Int, patches: int, back: Int, parent: Int) ->
     patch
         int32 (N,), patch of each cuboid; `patches` is their number.
     back
-        int32 (N,), of `find_links`; rejected links become -1.
-    parent
-        int32 (N,), joined.
+        int32 (N,), of `find_links`.
     """
+    # The first column counts those without a link, so that counting needs no branch.
     histogram = np.zeros((patches + 1, STEPS), np.int32)
     for i in range(len(cell)):
-        if back[i] >= 0:
-            histogram[patch[i], cell[i] - cell[back[i]]] += 1
+        j = back[i]
+        histogram[patch[i], cell[i] - cell[j] if j >= 0 else 0] += 1
+    histogram[:, 0] = 0
     for p in range(patches):
-        histogram[patches] += histogram[p]
+        for k in range(STEPS):
+            histogram[patches, k] += histogram[p, k]
     overall = spacing(histogram[patches], 1.0)
-    usual = np.empty(patches)
+    limit = np.empty(patches)
     for p in range(patches):
-        usual[p] = max(spacing(histogram[p], overall), 1.0)
-    for i in range(len(cell)):
-        if back[i] >= 0:
-            if cell[i] - cell[back[i]] < 2.0 * usual[patch[i]]:
-                join(parent, i, back[i])
-            else:
-                back[i] = -1
-    return usual
+        limit[p] = 2.0 * max(spacing(histogram[p], overall), 1.0)
+    return limit
 
 
 @njit(nogil=True, cache=True)
@@ -198,6 +109,64 @@ def patches_of(ix: Int, iy: Int) -> tuple[Int, int]:
     for i in range(n):
         patch[i] = ((ix[i] - low_x) >> PATCH_BITS) * wide + ((iy[i] - low_y) >> PATCH_BITS)
     return patch, (((ix[n - 1] - low_x) >> PATCH_BITS) + 1) * wide
+
+
+@njit(nogil=True, cache=True)
+def accept_links(ix: Int, iy: Int, back_x: Int, back_y: Int, touching: Int) -> tuple[Int, Sides]:
+    """Keep the links that are shorter than twice the local spacing, and label what they connect.
+
+    Parameters
+    ----------
+    ix, iy
+        As in `link`.
+    back_x, back_y, touching
+        Of `find_links`; rejected links become -1.
+
+    Returns
+    -------
+    root : int32 (N,)
+        The smallest index of each cuboid's set.
+    sides : uint8 (N,)
+        The sides on which each cuboid has a link; `ALL_SIDES` if on all four.
+    """
+    n = len(ix)
+    patch, patches = patches_of(ix, iy)
+    limit_x = limits_of(ix, patch, patches, back_x)
+    limit_y = limits_of(iy, patch, patches, back_y)
+    # What is linked along a row is one run; only runs are united.
+    run, parent, first = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.int32)
+    sides = np.zeros(n, np.uint8)
+    runs = 0
+    for i in range(n):
+        p, j, mine = patch[i], back_y[i], 0
+        if j >= 0 and iy[i] - iy[j] < limit_y[p]:
+            r = run[j]
+            mine = 4
+            sides[j] |= 8
+        else:
+            back_y[i] = -1
+            r = runs
+            parent[r], first[r] = r, i
+            runs += 1
+        run[i] = r
+        j = back_x[i]
+        if j >= 0:
+            if ix[i] - ix[j] < limit_x[p]:
+                join(parent, r, run[j])
+                mine |= 1
+                sides[j] |= 2
+            else:
+                back_x[i] = -1
+        sides[i] = mine
+    for k in range(len(touching)):
+        join(parent, run[touching[k, 0]], run[touching[k, 1]])
+    # Parents have smaller numbers, so one pass leads all to the first run of their set.
+    for r in range(runs):
+        parent[r] = parent[parent[r]]
+        first[r] = first[parent[r]]
+    for i in range(n):
+        run[i] = first[run[i]]
+    return run, sides
 
 
 @njit(nogil=True, cache=True)
@@ -221,68 +190,38 @@ def link(ix: Int, iy: Int, top: Int, mean: Int, threshold: float) -> tuple[Int, 
     back_x, back_y : int32 (N,)
         The links.
     """
-    n = len(ix)
-    parent = np.arange(n).astype(np.int32)
-    back_x, back_y = find_links(ix, iy, top, mean, threshold, parent)
-    patch, patches = patches_of(ix, iy)
-    accept_links(ix, patch, patches, back_x, parent)
-    accept_links(iy, patch, patches, back_y, parent)
-    for i in range(n):
-        parent[i] = root_of(parent, i)
-    return parent, back_x, back_y
+    back_x, back_y, touching = find_links(ix, iy, top, mean, threshold)
+    return accept_links(ix, iy, back_x, back_y, touching)[0], back_x, back_y
 
 
 @njit(nogil=True, cache=True)
-def is_deep(back_x: Int, back_y: Int) -> NDArray[np.bool_]:
-    """Tell which cuboids are at least two links inside their set, from the links of `link`."""
-    n = len(back_x)
-    sides = np.zeros(n, np.int32)
-    for i in range(n):
-        if back_x[i] >= 0:
-            sides[i] |= 1
-            sides[back_x[i]] |= 2
-        if back_y[i] >= 0:
-            sides[i] |= 4
-            sides[back_y[i]] |= 8
-    deep = sides == 15
-    for i in range(n):
-        for j in (back_x[i], back_y[i]):
-            if j >= 0:
-                deep[i] &= sides[j] == 15
-                deep[j] &= sides[i] == 15
-    return deep
-
-
-@njit(nogil=True, cache=True)
-def link_eight(ix: Int, iy: Int, top: Int, threshold: float) -> Int:
-    """Label the connected sets of touching cells, as published (IV.A).
-
-    Parameters
-    ----------
-    ix, iy, top, threshold
-        As in `link`.
+def link_in_plane(ix: Int, iy: Int) -> tuple[Int, Flags]:
+    """Label the connected sets of cuboids that all lie in one plane, whatever their heights.
 
     Returns
     -------
-    int32 (N,): the smallest index of each cuboid's set.
+    root : int32 (N,)
+        The smallest index of each cuboid's set.
+    deep : bool (N,)
+        Which cuboids are at least two links inside their set.
     """
-    n = len(ix)
-    parent = np.arange(n).astype(np.int32)
-    # One pointer follows the cells (x - 1, y - 1) of the sorted list.
-    side = 0
-    for i in range(n):
-        while ix[side] < ix[i] - 1 or (ix[side] == ix[i] - 1 and iy[side] < iy[i] - 1):
-            side += 1
-        j = side
-        while ix[j] == ix[i] - 1 and iy[j] <= iy[i] + 1:
-            if abs(top[j] - top[i]) < threshold:
-                join(parent, i, j)
-            j += 1
-        j = i - 1
-        while j >= 0 and ix[j] == ix[i] and iy[j] >= iy[i] - 1:
-            if iy[j] == iy[i] - 1 and abs(top[j] - top[i]) < threshold:
-                join(parent, i, j)
-            j -= 1
-    for i in range(n):
-        parent[i] = root_of(parent, i)
-    return parent
+    back_x, back_y, touching = find_links_in_plane(ix, iy)
+    root, sides = accept_links(ix, iy, back_x, back_y, touching)
+    return root, is_deep(back_x, back_y, sides)
+
+
+@njit(nogil=True, cache=True)
+def is_deep(back_x: Int, back_y: Int, sides: Sides) -> Flags:
+    """Tell which cuboids have links on all sides, and their neighbours as well."""
+    deep = np.ones(len(sides), np.bool_)
+    for i in range(len(sides)):
+        x, y = back_x[i], back_y[i]
+        if sides[i] == ALL_SIDES:
+            deep[i] &= (sides[x] == ALL_SIDES) & (sides[y] == ALL_SIDES)
+        else:
+            deep[i] = False
+            if x >= 0:
+                deep[x] = False
+            if y >= 0:
+                deep[y] = False
+    return deep

@@ -20,8 +20,9 @@ FLAT = 1e-9
 """Variance of 0.1 mm quantisation (m2, rounded up): no plane is known to be flatter."""
 
 
-NEWTON_STEPS = 30
-"""Enough for a double root, where each step halves what is left."""
+FIRST_STEPS = 3
+MORE_STEPS = 30
+"""Enough for a double root, where each step leaves a third."""
 
 
 @njit(nogil=True, cache=True)
@@ -69,36 +70,47 @@ def gather(
         m[9] = (S[i, 5] + oz * (2.0 * sz + n * oz)) * tick2
 
 
+@njit(nogil=True, cache=True, error_model="numpy")
+def root_step(trace: float, minors: float, det: float, x: float) -> float:
+    """Return a step of Halley's method from x towards the smallest eigenvalue, 0 if x is beyond."""
+    value = det - x * (minors - x * (trace - x))
+    slope = minors - x * (2.0 * trace - 3.0 * x)
+    step = value * slope / (slope * slope - value * (trace - 3.0 * x))
+    return step if (value > 0.0) & (slope > 0.0) else 0.0
+
+
 @njit(nogil=True, cache=True)
 def eigenvalues(
     xx: float, xy: float, xz: float, yy: float, yz: float, zz: float
 ) -> tuple[float, float, float]:
     """Return the eigenvalues of a covariance, falling.
 
-    Newton's method on the characteristic polynomial, from 0: below its smallest root it rises to it
+    Halley's method on the characteristic polynomial, from 0: below its smallest root it rises to it
     without overshooting, in a few steps where that root stands apart, as for every plane. It is
-    several times faster than the trigonometric form.
+    several times faster than the trigonometric form. The first steps are taken unasked, so that the
+    processor can work on several planes at once.
     """
     trace = xx + yy + zz
     minors = xx * yy - xy * xy + xx * zz - xz * xz + yy * zz - yz * yz
     det = xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
     l3 = 0.0
-    for _ in range(NEWTON_STEPS):
-        value = det - l3 * (minors - l3 * (trace - l3))
-        slope = minors - l3 * (2.0 * trace - 3.0 * l3)
-        if value <= 0.0 or slope <= 0.0:
-            break
-        step = value / slope
+    for _ in range(FIRST_STEPS):
+        step = root_step(trace, minors, det, l3)
         l3 += step
+    for _ in range(MORE_STEPS):
         if step <= 1e-9 * l3:
             break
+        step = root_step(trace, minors, det, l3)
+        l3 += step
     rest = trace - l3
     root = math.sqrt(max(0.25 * rest * rest - (minors - l3 * rest), 0.0))
     return 0.5 * rest + root, 0.5 * rest - root, l3
 
 
 @njit(nogil=True, cache=True)
-def plane_of(m: Array) -> tuple[float, float, float, float, float, float, float]:
+def plane_of(
+    m: Array | tuple[float, ...],
+) -> tuple[float, float, float, float, float, float, float]:
     """Fit the least-squares plane of a moment vector.
 
     Returns

@@ -99,6 +99,21 @@ def pool(
 
 
 @njit(nogil=True, cache=True)
+def may_span(m: Array, least: float) -> bool:
+    """Tell whether the second eigenvalue of the points' covariance may be `least`: lines cannot.
+
+    With minors l1 l2 + l1 l3 + l2 l3 and l1 a third of the trace at least, l2 is at most three
+    times their ratio.
+    """
+    k = 1.0 / m[0]
+    px, py, pz = m[1] * k, m[2] * k, m[3] * k
+    xx, xy, xz = m[4] * k - px * px, m[5] * k - px * py, m[6] * k - px * pz
+    yy, yz, zz = m[7] * k - py * py, m[8] * k - py * pz, m[9] * k - pz * pz
+    minors = xx * yy - xy * xy + xx * zz - xz * xz + yy * zz - yz * yz
+    return 3.0 * minors >= least * (xx + yy + zz)
+
+
+@njit(nogil=True, cache=True)
 def find_patches(
     M: Array,
     start: Int,
@@ -144,21 +159,28 @@ def find_patches(
     low, high = np.empty(n, np.int32), np.empty(n, np.int32)
     tall, following = np.empty(n, np.bool_), np.empty(n, np.int32)
     block_of = np.empty(n, np.int32)
-    head = np.full(rows * wide, -1, np.int32)
     used = 0
     tall_variance = cell * cell
     for b in range(rows * wide):
+        begin = used
         for k in range(start[b], start[b + 1]):
             i = order[k]
-            mz = M[i, 3] / M[i, 0]
-            is_tall = M[i, 9] / M[i, 0] - mz * mz > tall_variance
-            before = used
-            used = pool(
-                head, following, low, high, tall, moments, used, b, bottom[i], top[i], is_tall,
-                M[i], 0,
-            )  # fmt: skip
-            if used > before:
-                block_of[before] = b
+            m = M[i]
+            lo, hi = bottom[i], top[i]
+            is_tall = m[9] * m[0] - m[3] * m[3] > tall_variance * m[0] * m[0]
+            # The newest pool is the likeliest: cuboids come in order.
+            g = used - 1
+            while g >= begin and (tall[g] != is_tall or lo > high[g] or hi < low[g]):
+                g -= 1
+            if g >= begin:
+                low[g], high[g] = min(low[g], lo), max(high[g], hi)
+                for c in range(10):
+                    moments[g, c] += m[c]
+            else:
+                block_of[used], low[used], high[used], tall[used] = b, lo, hi, is_tall
+                for c in range(10):
+                    moments[used, c] = m[c]
+                used += 1
 
     patch_moments = np.empty((used, 10))
     patch_planes = np.empty((used, 5))
@@ -172,7 +194,7 @@ def find_patches(
         kept = 0
         for g in range(used):
             m = moments[g]
-            decided = m[0] >= min_count
+            decided = m[0] >= min_count and may_span(m, least_span)
             if decided:
                 nx, ny, nz, d, _, l2, l3 = plane_of(m)
                 decided = l2 >= least_span

@@ -89,13 +89,22 @@ def grow_regions(
             for bx in range(max(x0 - 1, 0), min(x0 + size + 1, rows)):
                 inside = x0 <= bx < x0 + size
                 for by in range(max(y0 - 1, 0), min(y0 + size + 1, wide)):
-                    node = head[bx * wide + by]
                     if inside and size > 2 and y0 < by < y0 + size - 1:
                         continue
+                    b = bx * wide + by
+                    node, kept = head[b], -1
                     while node >= 0:
                         p = node_patch[node]
-                        node = node_next[node]
-                        if region[p] >= 0 or seen[p] == regions:
+                        node, this = node_next[node], node
+                        if region[p] >= 0:
+                            # Out of the list: nobody needs to look at it again.
+                            if kept < 0:
+                                head[b] = node
+                            else:
+                                node_next[kept] = node
+                            continue
+                        kept = this
+                        if seen[p] == regions:
                             continue
                         seen[p] = regions
                         _, second = residuals_of(moments[p], nx, ny, nz, d)

@@ -20,6 +20,11 @@ Flags = NDArray[np.bool_]
 Plane = tuple[float, float, float, float, float]
 """nx, ny, nz, offset, variance across."""
 
+Moments = tuple[float, float, float, float, float, float, float, float, float, float]
+
+NOTHING = (0.0,) * 10
+"""Moments of no points."""
+
 GATE = 4.0
 """A cuboid whose mean is within this many standard deviations of a plane belongs to it: one point
 in 16,000 is further away, so that the noise's tails are not cut off and do not pull."""
@@ -39,23 +44,60 @@ SETTLED = 0.9
 
 
 @njit(nogil=True, cache=True)
-def is_mixed(n: float, second: float, variance: float, deviations: float) -> bool:
-    """Tell whether points scatter more about a plane than its noise explains.
+def most_scatter(n: float, deviations: float) -> float:
+    """Return the largest sum of squared distances that noise explains for n points, in variances.
 
-    The sum of squares of n normal distances is chi-square: mean n, variance 2 n; the last term
-    allows a few points their tail. The test is even: it refuses both sides of the plane alike.
+    The sum of n squares is chi-square: mean n, variance 2 n; the last term allows a few points
+    their tail. `deviations` is 2 at least.
     """
-    excess = second - variance * n
-    if excess <= 0.0:
-        return False
-    return excess > variance * deviations * (math.sqrt(2.0 * n) + deviations - 2.0)
+    return n + deviations * (math.sqrt(2.0 * n) + deviations - 2.0)
 
 
 @njit(nogil=True, cache=True)
-def pooled_plane(total: Array) -> Plane:
+def is_mixed(n: float, second: float, variance: float, deviations: float) -> bool:
+    """Tell whether points scatter more about a plane than its noise explains.
+
+    The test is even: it refuses both sides of the plane alike.
+    """
+    return second > variance * most_scatter(n, deviations)
+
+
+@njit(nogil=True, cache=True)
+def pooled_plane(total: Array | Moments) -> Plane:
     """Return the plane of a moment vector, with the noise floor."""
     nx, ny, nz, d, _, _, variance = plane_of(total)
     return nx, ny, nz, d, max(variance, NOISE_FLOOR * NOISE_FLOOR)
+
+
+@njit(nogil=True, cache=True)
+def add_scaled(total: Moments, m: Array, weight: float) -> Moments:
+    """Return moments with others added, times a weight; a tuple, so that it stays in registers."""
+    return (
+        total[0] + weight * m[0], total[1] + weight * m[1], total[2] + weight * m[2],
+        total[3] + weight * m[3], total[4] + weight * m[4], total[5] + weight * m[5],
+        total[6] + weight * m[6], total[7] + weight * m[7], total[8] + weight * m[8],
+        total[9] + weight * m[9],
+    )  # fmt: skip
+
+
+@njit(nogil=True, cache=True)
+def squares_about(plane: Plane) -> Moments:
+    """Return the weights of moments in the sum of their points' squared distances to a plane."""
+    nx, ny, nz, d, _ = plane
+    return (
+        d * d, -2.0 * d * nx, -2.0 * d * ny, -2.0 * d * nz,
+        nx * nx, 2.0 * nx * ny, 2.0 * nx * nz, ny * ny, 2.0 * ny * nz, nz * nz,
+    )  # fmt: skip
+
+
+@njit(nogil=True, cache=True)
+def dot(weights: Moments, m: Array) -> float:
+    """Return the weighted sum of moments."""
+    return (
+        (weights[0] * m[0] + weights[1] * m[1] + weights[2] * m[2])
+        + (weights[3] * m[3] + weights[4] * m[4] + weights[5] * m[5])
+        + (weights[6] * m[6] + weights[7] * m[7] + weights[8] * m[8] + weights[9] * m[9])
+    )
 
 
 @njit(nogil=True, cache=True)
@@ -99,32 +141,28 @@ def claim(
     """
     nx, ny, nz, d, variance = plane
     gate = GATE * math.sqrt(variance)
-    total = np.zeros(10)
+    total = NOTHING
     refit_at = max(1.5 * weight, 30.0)
     low, high, count, first = len(M), -1, 0, 0
     while first < queued:
         b = queue[first]
         first += 1
-        hit = False
+        before = count
         for k in range(start[b], start[b + 1]):
             i = order[k]
-            if labels[i] >= 0:
-                continue
             m = M[i]
             # Most of what is not of the plane is told by its mean, for half the work.
-            if abs(nx * m[1] + ny * m[2] + nz * m[3] - m[0] * d) > gate * m[0]:
+            one = abs(nx * m[1] + ny * m[2] + nz * m[3] - m[0] * d)
+            if (one > gate * m[0]) | (labels[i] >= 0):
                 continue
             _, two = residuals_of(m, nx, ny, nz, d)
             if two > m[0] * gate * gate:
                 continue
-            hit = True
             flags[i] = mark
             low, high = min(low, i), max(high, i)
             count += 1
-            if not is_mixed(m[0], two, variance, LENIENT):
-                for c in range(10):
-                    total[c] += m[c]
-        if not hit:
+            total = add_scaled(total, m, 1.0 - is_mixed(m[0], two, variance, LENIENT))
+        if count == before:
             continue
         if total[0] > refit_at:
             nx, ny, nz, d, variance = pooled_plane(total)
@@ -137,13 +175,12 @@ def claim(
                     stamp[x * wide + y] = mark
                     queue[queued] = x * wide + y
                     queued += 1
-    members = np.empty(count, np.int32)
+    members = np.empty(count + 1, np.int32)
     used = 0
     for i in range(low, high + 1):
-        if flags[i] == mark:
-            members[used] = i
-            used += 1
-    return members
+        members[used] = i
+        used += flags[i] == mark
+    return members[:count]
 
 
 @njit(nogil=True, cache=True)
@@ -161,34 +198,32 @@ def fit_lying(M: Array, members: Int, deep: Flags, plane: Plane, total: Array) -
     total
         float64 (10,), written: pooled moments of the fit.
     """
-    inside, everything = np.zeros(10), 0.0
-    for k in range(len(members)):
+    n = len(members)
+    # The most that a cuboid's points may scatter, in variances, does not depend on the plane.
+    most = np.empty(n)
+    inside, everything = NOTHING, 0.0
+    squares = squares_about(plane)
+    for k in range(n):
         m = M[members[k]]
         everything += m[0]
-        if deep[k] and fits(m, plane, LENIENT):
-            for c in range(10):
-                inside[c] += m[c]
+        most[k] = most_scatter(m[0], LENIENT if deep[k] else STRICT)
+        takes = deep[k] & (dot(squares, m) <= plane[4] * most[k])
+        inside = add_scaled(inside, m, 1.0 * takes)
     # A small surface has no inside to speak of; then the first guess has to do.
     if inside[0] > max(20.0, 0.15 * everything):
         plane = pooled_plane(inside)
     # A guess that leans refuses much of the surface; what it takes is the better guess.
     for _ in range(ROUNDS):
-        total[:] = 0.0
-        for k in range(len(members)):
+        pooled = NOTHING
+        squares = squares_about(plane)
+        for k in range(n):
             m = M[members[k]]
-            if fits(m, plane, LENIENT if deep[k] else STRICT):
-                for c in range(10):
-                    total[c] += m[c]
-        if total[0] < 3.0:
+            pooled = add_scaled(pooled, m, 1.0 * (dot(squares, m) <= plane[4] * most[k]))
+        for c in range(10):
+            total[c] = pooled[c]
+        if pooled[0] < 3.0:
             return plane
-        plane = pooled_plane(total)
-        if total[0] > SETTLED * everything:
+        plane = pooled_plane(pooled)
+        if pooled[0] > SETTLED * everything:
             break
     return plane
-
-
-@njit(nogil=True, cache=True)
-def fits(m: Array, plane: Plane, deviations: float) -> bool:
-    """Tell whether a cuboid's scatter about a plane is explained by its noise."""
-    _, two = residuals_of(m, plane[0], plane[1], plane[2], plane[3])
-    return not is_mixed(m[0], two, plane[4], deviations)

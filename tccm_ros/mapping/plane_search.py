@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.mapping.caps import move_caps
-from tccm_ros.mapping.linking import is_deep, link
+from tccm_ros.mapping.linking import link_in_plane
 from tccm_ros.mapping.moments import gather, plane_of, residuals_of
 from tccm_ros.mapping.plane_blocks import BLOCK_BITS, find_patches, sort_into_blocks
 from tccm_ros.mapping.plane_growth import grow_regions
@@ -33,9 +33,9 @@ STEEP = 0.20
 PATCH_POINTS = 6
 """Least points of a flat patch: a plane has three parameters, and needs as many to judge it."""
 
-PLANE_COLUMNS = 18
+PLANE_COLUMNS = 19
 """Columns of a plane's row: 0..3 normal and offset, 4..6 variances along and across, falling,
-7 points of all its cuboids, 8..17 moments of the fit."""
+7 points of all its cuboids, 8..17 moments of the fit, 18 whether it is level."""
 
 
 @njit(nogil=True, cache=True)
@@ -52,7 +52,8 @@ def segment(
     cell: float,
     tick: float,
     origin: Array,
-    limits: tuple[float, float, float, float],
+    view: Array,
+    limits: tuple[float, float, float, float, float],
 ) -> tuple[Int, Array]:
     """Find all planes of a map.
 
@@ -66,14 +67,18 @@ def segment(
         Edge of a cell in ticks, and a tick in m.
     origin
         float64 (3,), ticks: the moments' origin.
+    view
+        float64 (3,), m: where the laser was.
     limits
         Largest standard deviation across, m; least points; least area, m2; largest ratio of the
-        standard deviations across and along the narrower side.
+        standard deviations across and along the narrower side; least vertical component of a level
+        plane's normal.
 
     Returns
     -------
     labels : int32 (N,)
     planes : float64 (P, PLANE_COLUMNS)
+        Normals of level planes point up, others towards the laser.
     """
     n = len(ix)
     M = np.empty((n, 10))
@@ -121,7 +126,26 @@ def segment(
                 planes,
                 found,
             )
+    for row in planes[:found]:
+        orient(row, view, origin * tick, limits[4])
     return labels, planes[:found]
+
+
+@njit(nogil=True, cache=True)
+def orient(row: Array, view: Array, start: Array, level: float) -> None:
+    """Turn a plane's normal up or towards the laser, and bring its offset from `start` to the map.
+
+    Normals whose vertical component is `level` at least belong to level planes.
+    """
+    nx, ny, nz, d = row[0], row[1], row[2], row[3]
+    height = nz
+    row[18] = abs(nz) >= level
+    if abs(nz) < level:
+        height = nx * (view[0] - start[0]) + ny * (view[1] - start[1]) + nz * (view[2] - start[2])
+        height -= d
+    sign = math.copysign(1.0, height)
+    d += nx * start[0] + ny * start[1] + nz * start[2]
+    row[0], row[1], row[2], row[3] = sign * nx, sign * ny, sign * nz, sign * d
 
 
 @njit(nogil=True, cache=True)
@@ -172,7 +196,7 @@ def split_and_fit(
     plane: Plane,
     tick: float,
     ground: float,
-    limits: tuple[float, float, float, float],
+    limits: tuple[float, float, float, float, float],
     labels: Int,
     planes: Array,
     found: int,
@@ -187,14 +211,8 @@ def split_and_fit(
         root = link_standing(ix, iy, members, plane)
         deep = np.ones(n, np.bool_)
     else:
-        level = np.zeros(n, np.int32)
-        root, back_x, back_y = link(ix[members], iy[members], level, level, 1.0)
-        deep = is_deep(back_x, back_y)
-    support = np.zeros(n)
-    size = np.zeros(n, np.int32)
-    for k in range(n):
-        support[root[k]] += M[members[k], 0]
-        size[root[k]] += 1
+        root, deep = link_in_plane(ix[members], iy[members])
+    support, size = sizes_of_sets(M, members, root)
     for k in range(n):
         if support[k] < limits[1]:
             continue
@@ -216,6 +234,22 @@ def split_and_fit(
 
 
 @njit(nogil=True, cache=True)
+def sizes_of_sets(M: Array, members: Int, root: Int) -> tuple[Array, Int]:
+    """Return the points and the cuboids of each set, at its smallest index."""
+    support, size = np.zeros(len(root)), np.zeros(len(root), np.int32)
+    # Sums go on in registers for as long as the set is the same.
+    k = 0
+    while k < len(root):
+        r, first, points = root[k], k, 0.0
+        while k < len(root) and root[k] == r:
+            points += M[members[k], 0]
+            k += 1
+        support[r] += points
+        size[r] += k - first
+    return support, size
+
+
+@njit(nogil=True, cache=True)
 def take_set(members: Int, deep: Flags, root: Int, k: int, size: int) -> tuple[Int, Flags]:
     """Return the members of the set whose smallest index is k, and which of them are deep."""
     one, its_deep = np.empty(size, np.int32), np.empty(size, np.bool_)
@@ -228,9 +262,9 @@ def take_set(members: Int, deep: Flags, root: Int, k: int, size: int) -> tuple[I
 
 
 @njit(nogil=True, cache=True)
-def is_plane(row: Array, limits: tuple[float, float, float, float]) -> bool:
+def is_plane(row: Array, limits: tuple[float, float, float, float, float]) -> bool:
     """Fill in a plane's row from its moments, and tell whether it is large and flat enough."""
-    max_rms, min_points, min_area, flatness = limits
+    max_rms, min_points, min_area, flatness, _ = limits
     m = row[8:18]
     if m[0] < 0.5 * min_points:
         return False
@@ -246,14 +280,18 @@ def label_members(M: Array, members: Int, plane: Plane, labels: Int, label: int)
     """Label the members that are within the gate of the final plane, and return their points."""
     nx, ny, nz, d, variance = plane
     points, squares, support = 0.0, 0.0, 0.0
-    for i in members:
-        points += M[i, 0]
-        squares += residuals_of(M[i], nx, ny, nz, d)[1]
+    sums = np.empty((len(members), 2))
+    for k in range(len(members)):
+        m = M[members[k]]
+        sums[k, 0], sums[k, 1] = residuals_of(m, nx, ny, nz, d)
+        points += m[0]
+        squares += sums[k, 1]
     # A warped table scatters more as a whole than where the fit was allowed to look.
     gate = GATE * math.sqrt(max(variance, squares / points))
-    for i in members:
-        one, two = residuals_of(M[i], nx, ny, nz, d)
-        if abs(one) <= gate * M[i, 0] and two <= M[i, 0] * gate * gate:
+    for k in range(len(members)):
+        i = members[k]
+        n = M[i, 0]
+        if (abs(sums[k, 0]) <= gate * n) & (sums[k, 1] <= n * gate * gate):
             labels[i] = label
-            support += M[i, 0]
+            support += n
     return support

@@ -20,7 +20,7 @@ from tccm_ros.config import Config
 from tccm_ros.mapping.boundary import Outline, members_by_plane, outlines
 from tccm_ros.mapping.cuboids import TICK, TICKS_PER_M, Cuboids
 from tccm_ros.mapping.moments import FLAT, axes_of, tangents, uncertainty_of
-from tccm_ros.mapping.plane_search import segment
+from tccm_ros.mapping.plane_search import PLANE_COLUMNS, segment
 
 __all__ = ["PlaneFit", "PlaneFits", "find_planes", "without_plane"]
 
@@ -166,13 +166,37 @@ class PlaneFits(Sequence[PlaneFit]):
         int32 (N,), index of each cuboid's plane, -1 for none.
     """
 
-    def __init__(self, cuboids: Cuboids, labels: NDArray[np.int32], fits: list[PlaneFit]) -> None:
+    def __init__(
+        self, cuboids: Cuboids, labels: NDArray[np.int32], rows: Array, origin: Array
+    ) -> None:
         self.cuboids = cuboids
         self.labels = labels
-        self._fits = fits
+        self._rows = rows
+        self._origin = origin
+
+    @cached_property
+    def _fits(self) -> list[PlaneFit]:
+        """One `PlaneFit` per row of `plane_search.segment`; `origin` is that of their moments."""
+        rows = self._rows
+        owned = PlaneCuboids(self.cuboids, self.labels, rows[:, :3].copy(), rows[:, 3].copy())
+        x, y, z = self._origin.tolist()
+        return [
+            PlaneFit(
+                index=index,
+                kind="horizontal" if row[18] else "any",
+                normal=row[:3],
+                offset=float(row[3]),
+                support=round(float(row[7])),
+                rms=math.sqrt(row[6]),
+                moments=row[8:18],
+                origin=(x, y, z),
+                owned=owned,
+            )
+            for index, row in enumerate(rows)
+        ]
 
     def __len__(self) -> int:
-        return len(self._fits)
+        return len(self._rows)
 
     def __getitem__(self, index):  # type: ignore[no-untyped-def]
         return self._fits[index]
@@ -199,51 +223,19 @@ def find_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> Plane
     PlaneFits
         Deterministic: the same cuboids give the same planes in the same order.
     """
-    view = np.asarray(viewpoint, float)
-    labels = np.full(len(cuboids), -1, np.int32)
-    fits: list[PlaneFit] = []
-    if len(cuboids) == 0:
-        return PlaneFits(cuboids, labels, fits)
-    p = config.planes
+    view = np.ascontiguousarray(viewpoint, float)
     origin = np.rint(view * TICKS_PER_M)
+    if len(cuboids) == 0:
+        none = np.full(0, -1, np.int32)
+        return PlaneFits(cuboids, none, np.zeros((0, PLANE_COLUMNS)), origin * TICK)
+    p = config.planes
     labels, rows = segment(
         cuboids.ix, cuboids.iy, cuboids.bottom, cuboids.top, cuboids.count, cuboids.s, cuboids.S,
         cuboids.caps.of, cuboids.caps.moments, cuboids.cell_size * TICKS_PER_M, TICK, origin,
-        (p.max_rms, float(p.min_points), p.min_area, p.flatness),
+        view,
+        (p.max_rms, float(p.min_points), p.min_area, p.flatness, math.cos(p.horizontal_angle)),
     )  # fmt: skip
-    normals, offsets, level = _oriented(rows, view, origin, math.cos(p.horizontal_angle))
-    owned = PlaneCuboids(cuboids, labels, normals, offsets)
-    x, y, z = (origin * TICK).tolist()
-    for index, row in enumerate(rows):
-        fits.append(
-            PlaneFit(
-                index=index,
-                kind="horizontal" if level[index] else "any",
-                normal=normals[index],
-                offset=float(offsets[index]),
-                support=round(float(row[7])),
-                rms=math.sqrt(row[6]),
-                moments=row[8:18],
-                origin=(x, y, z),
-                owned=owned,
-            )
-        )
-    return PlaneFits(cuboids, labels, fits)
-
-
-def _oriented(
-    rows: Array, view: Array, origin: Array, level: float
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return normals, offsets in the map's frame, and which planes are horizontal.
-
-    `rows` are those of `segment`, whose planes are relative to `origin`, ticks.
-    """
-    start = origin * TICK
-    is_level = np.abs(rows[:, 2]) >= level
-    height = np.where(is_level, rows[:, 2], rows[:, :3] @ (view - start) - rows[:, 3])
-    sign = np.copysign(1.0, height)
-    offsets = rows[:, 3] + rows[:, :3] @ start
-    return sign[:, None] * rows[:, :3], sign * offsets, is_level
+    return PlaneFits(cuboids, labels, rows, origin * TICK)
 
 
 def without_plane(fits: PlaneFits, *indices: int) -> Cuboids:

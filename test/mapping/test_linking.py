@@ -4,7 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tccm_ros.mapping.linking import OBSTACLES, STEPS, find_links, link
+from tccm_ros.mapping.link_search import OBSTACLES, STEPS, find_links
+from tccm_ros.mapping.linking import link, link_in_plane
 
 
 def cells(seed, n, wide, heights):
@@ -29,9 +30,11 @@ def nearest(along, across, z, i):
 @settings(deadline=None, max_examples=60)
 def test_links_lead_to_the_nearest_of_the_same_height(seed, n, wide, heights):
     ix, iy, z = cells(seed, n, wide, heights)
-    parent = np.arange(len(ix)).astype(np.int32)
     far = np.arange(len(ix), dtype=np.int32) * 1000  # means that decide nothing
-    back_x, back_y = find_links(ix, iy, z, far, 50.0, parent)
+    back_x, back_y, touching = find_links(ix, iy, z, far, 50.0)
+    for i, j in touching:
+        assert (j < i) & (z[j] == z[i])
+        assert max(ix[i] - ix[j], abs(iy[i] - iy[j])) < 2
     for i in range(len(ix)):
         assert nearest(ix, iy, z, i) == (ix[i] - ix[back_x[i]] if back_x[i] >= 0 else -1)
         assert nearest(iy, ix, z, i) == (iy[i] - iy[back_y[i]] if back_y[i] >= 0 else -1)
@@ -53,3 +56,27 @@ def test_sets_are_named_by_their_first_and_hold_what_is_linked(seed, n):
     for i in range(len(ix)):
         near = (abs(ix - ix[i]) <= 1) & (abs(iy - iy[i]) <= 1) & (z == z[i])
         assert (root[near] == root[i]).all()
+
+
+@given(st.integers(0, 10_000), st.integers(1, 150), st.integers(1, 20), st.integers(1, 3))
+@settings(deadline=None, max_examples=60)
+def test_links_in_a_plane_are_those_of_one_height(seed, n, wide, heights):
+    # Cells may hold several cuboids of one plane.
+    ix, iy, _ = cells(seed, n, wide, heights)
+    level = np.zeros(len(ix), np.int32)
+    root, back_x, back_y = link(ix, iy, level, level, 1.0)
+    root_in_plane, deep = link_in_plane(ix, iy)
+    np.testing.assert_array_equal(root_in_plane, root)
+    np.testing.assert_array_equal(deep, two_links_inside(back_x, back_y))
+
+
+def two_links_inside(back_x, back_y):
+    """Return which have links both ways along both axes, and neighbours that have them too."""
+    n = len(back_x)
+    linked = [set() for _ in range(n)]
+    for axis, back in enumerate((back_x, back_y)):
+        for i in np.flatnonzero(back >= 0):
+            linked[i].add((axis, "back", back[i]))
+            linked[back[i]].add((axis, "on", i))
+    inside = [len({(a, way) for a, way, _ in links}) == 4 for links in linked]
+    return [inside[i] and all(inside[j] for _, _, j in linked[i]) for i in range(n)]

@@ -50,8 +50,9 @@ MAP_ODOM = "geometry_msgs/msg/TransformStamped"
 LAST_ONLY = ("cuboids", "center_cores")
 """Topics of a cycle that are written for the last cycle alone."""
 
-GROWING = ("surfaces", "surface_cloud")
-"""Topics of the solution that are written whenever a surface is new, the others once."""
+GROWING = ("surfaces",)
+"""Topics of the solution that are written whenever a surface is new, the others once: the whole
+cloud each time would make the file grow with the square of the recording."""
 
 
 class _Due(NamedTuple):

@@ -46,13 +46,11 @@ Bridge = Callable[[Draft, Draft], Polygon | None]
 """Returns what two pieces have between them if they are one surface, otherwise None."""
 
 MayJoin = Callable[[Draft, Draft, Float64], bool]
-"""Tells of two pieces and a place (x, y) between them whether they are level enough."""
+"""Tells whether two pieces are level enough with each other at a place (x, y)."""
 
-FACING = 0.5
-"""The pieces face each other along this share of the narrower one's width at least."""
-
-MOST_RISE = 0.1
-"""Pieces that differ more in height where they are nearest, m, are not looked at."""
+FACING, WIDE = 0.5, 1.0
+"""The pieces face each other along this share of the narrower one's width at least, of which more
+than so much (m) does not count: rooms meet in doorways."""
 
 
 def join(drafts: Sequence[Draft], bridge: Bridge) -> list[Draft]:
@@ -142,7 +140,7 @@ def hidden_place(
     a, b
         Two pieces.
     may_join
-        Whether they are level enough with each other.
+        Whether they are level enough where they are nearest.
     views, T_map_view
         All views, and float64 (V, 4, 4).
     config
@@ -152,18 +150,18 @@ def hidden_place(
     """
     if not shapely.dwithin(a.polygon, b.polygon, HIDDEN):
         return None
-    nearest = shapely.shortest_line(a.polygon, b.polygon).centroid.coords[0]
-    if abs(a.height_at(np.array(nearest)) - b.height_at(np.array(nearest))) > MOST_RISE:
+    nearest = np.array(shapely.shortest_line(a.polygon, b.polygon).centroid.coords[0])
+    if not may_join(a, b, nearest):
         return None
     union = shapely.union_all([a.polygon, b.polygon], grid_size=GRID)
     between = polygons_of(close_gaps(union, 0.5 * HIDDEN).difference(union))
-    width = min(_width(a.polygon), _width(b.polygon))
+    width = min(_width(a.polygon), _width(b.polygon), WIDE)
     for part in sorted(between.geoms, key=lambda part: (-part.area, part.bounds)):
         if part.area < PROBE**2 or _facing(part, a, b) < FACING * width:
             continue
         place = np.array(part.centroid.coords[0])
         height = 0.5 * (a.height_at(place) + b.height_at(place)) - depth
-        if may_join(a, b, place) and is_hidden(part, height, views, T_map_view, config):
+        if is_hidden(part, height, views, T_map_view, config):
             return part
     return None
 

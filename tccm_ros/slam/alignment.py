@@ -18,6 +18,10 @@ ISOTROPIC_SHARE = 0.15
 """Information of a point without a normal, in each direction, relative to one on a line: where it
 was hit on an object of unknown shape is known to a few centimetres only."""
 
+UNCONFIRMED, ENOUGH = 0.1, 0.5
+"""Weight of what a single scan of the map saw, be it people who walk along, where at least this
+share of the neighbours is confirmed; where the robot sees new ground, all count alike."""
+
 MAX_STEPS = 25
 STEP_DONE = 1e-5
 """A step (m, rad) below this ends the alignment: a hundredth of the noise of a result."""
@@ -34,6 +38,8 @@ class Alignment(NamedTuple):
         float64 (3, 3) of (x, y, yaw): x, y along the map's axes; the prior not included.
     inliers
         Share of the scan's points with a neighbour in the map.
+    confirmed
+        Share of the scan's points whose neighbour is confirmed.
     rms
         Of the inliers' distances to their lines, m.
     """
@@ -41,6 +47,7 @@ class Alignment(NamedTuple):
     pose: Float64
     information: Float64
     inliers: float
+    confirmed: float
     rms: float
 
 
@@ -74,7 +81,7 @@ def align(
     """
     prior = start if prior is None else prior
     weight = np.zeros((3, 3)) if prior_information is None else prior_information
-    pose, information, inliers, rms = _align(
+    result = _align(
         line_map,
         points,
         normals,
@@ -84,7 +91,7 @@ def align(
         np.asarray(weight, float),
         float(min(reach, BUCKET)),
     )
-    return Alignment(pose, information, inliers, rms)
+    return Alignment(*result)
 
 
 @njit(nogil=True, cache=True)
@@ -97,13 +104,15 @@ def _align(
     prior: Float64,
     prior_information: Float64,
     reach: float,
-) -> tuple[Float64, Float64, float, float]:  # pragma: no cover - compiled
+) -> tuple[Float64, Float64, float, float, float]:  # pragma: no cover - compiled
     pose = start.copy()
     H, b = np.zeros((3, 3)), np.zeros(3)
-    inliers, rms = 0.0, 0.0
+    inliers, confirmed, rms = 0.0, 0.0, 0.0
     for step in range(MAX_STEPS):
         radius = max(reach * 0.7**step, 6.0 * sigma)
-        inliers, rms = _normal_equations(line_map, points, normals, pose, sigma, radius, H, b)
+        inliers, confirmed, rms = _normal_equations(
+            line_map, points, normals, pose, sigma, radius, H, b
+        )
         A = H + prior_information
         difference = pose - prior
         difference[2] = np.arctan2(np.sin(difference[2]), np.cos(difference[2]))
@@ -117,7 +126,7 @@ def _align(
         if small and radius <= 6.0 * sigma:
             break
     pose[2] = np.arctan2(np.sin(pose[2]), np.cos(pose[2]))
-    return pose, H, inliers, rms
+    return pose, H, inliers, confirmed, rms
 
 
 @njit(nogil=True, cache=True)
@@ -130,12 +139,16 @@ def _normal_equations(
     radius: float,
     H: Float64,
     b: Float64,
-) -> tuple[float, float]:  # pragma: no cover - compiled
-    """Sum J^T W J into H and J^T W r into b; return share of inliers and rms of residuals."""
+) -> tuple[float, float, float]:  # pragma: no cover - compiled
+    """Sum J^T W J into H and J^T W r into b.
+
+    Returns the shares of inliers and of confirmed ones, and the rms of residuals.
+    """
     H[:], b[:] = 0.0, 0.0
+    H1, b1 = np.zeros((3, 3)), np.zeros(3)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     J = np.empty(3)
-    count, total = 0, 0.0
+    count, confirmed, total = 0, 0, 0.0
     for i in range(len(points)):
         rx = c * points[i, 0] - s * points[i, 1]
         ry = s * points[i, 0] + c * points[i, 1]
@@ -148,19 +161,27 @@ def _normal_equations(
         dx, dy = x - line_map.points[j, 0], y - line_map.points[j, 1]
         mx, my = line_map.normals[j, 0], line_map.normals[j, 1]
         count += 1
+        G, g = H1, b1
+        if line_map.confirmed[j]:
+            G, g = H, b
+            confirmed += 1
         if mx != 0.0 or my != 0.0:
             r = mx * dx + my * dy
             J[0], J[1], J[2] = mx, my, my * rx - mx * ry
-            _add(H, b, J, r, _robust(r, sigma) / (sigma * sigma))
+            _add(G, g, J, r, _robust(r, sigma) / (sigma * sigma))
             total += r * r
         else:
             w = ISOTROPIC_SHARE * _robust(np.sqrt(dx * dx + dy * dy), 2.0 * sigma) / sigma**2
             J[0], J[1], J[2] = 1.0, 0.0, -ry
-            _add(H, b, J, dx, w)
+            _add(G, g, J, dx, w)
             J[0], J[1], J[2] = 0.0, 1.0, rx
-            _add(H, b, J, dy, w)
+            _add(G, g, J, dy, w)
             total += 0.5 * (dx * dx + dy * dy)
-    return count / max(len(points), 1), np.sqrt(total / max(count, 1))
+    share = UNCONFIRMED if confirmed >= ENOUGH * count else 1.0
+    H += share * H1
+    b += share * b1
+    n = max(len(points), 1)
+    return count / n, confirmed / n, np.sqrt(total / max(count, 1))
 
 
 @njit(nogil=True, cache=True)

@@ -20,7 +20,8 @@ from tccm_ros.slam.correlation import correlate
 from tccm_ros.slam.level_scan import LevelScan
 from tccm_ros.slam.likelihood_grid import LikelihoodGrid, make_likelihood_grid
 from tccm_ros.slam.line_map import LineMap, make_line_map
-from tccm_ros.slam.se2 import between, compose, fuse
+from tccm_ros.slam.odometry_scale import OdometryScale
+from tccm_ros.slam.se2 import between, compose, fuse, rotate_covariance
 from tccm_ros.snapshot import fields_of, set_fields
 
 __all__ = ["FrontEnd", "GraphKeyframe", "Placed", "motion_covariance", "odometry_covariance"]
@@ -41,6 +42,9 @@ DOUBTED_INLIERS = 0.7
 
 LOST_INLIERS = 0.25
 """Below this share of matched points a match says nothing."""
+
+CONFIRMING_KEYFRAMES = 3
+"""In a map of fewer, hardly anything has been seen twice."""
 
 NEW_GROUND = 0.65
 """Below this share of matched points a scan becomes a keyframe early: it sees something new."""
@@ -120,6 +124,11 @@ class FrontEnd:
     _last: LevelScan | None = None
     _step: Float64 = field(default_factory=lambda: np.zeros(3))
     _moving: bool = False
+    _scale: OdometryScale = field(default_factory=OdometryScale)
+    _information: Float64 | None = None
+    _anchor: Float64 = field(default_factory=lambda: np.zeros(3))
+    _anchor_odom: Float64 = field(default_factory=lambda: np.zeros(3))
+    _anchor_cov: Float64 = field(default_factory=lambda: np.zeros((3, 3)))
 
     def add(self, scan: LevelScan, start: Float64 | None = None) -> Placed:
         """Place a scan; `start` (3,) is the first one's pose in the front end's map."""
@@ -138,8 +147,8 @@ class FrontEnd:
     def _track(self, scan: LevelScan) -> Float64:
         """Follow the robot to a scan; return the covariance (3, 3) of its place in its keyframe."""
         before, keyframe = self.pose, self.keyframes[-1]
-        predicted, prior_cov = self._predict(scan)
-        self.pose, cov, inliers = self._match(scan, predicted, prior_cov)
+        predicted, prior, prior_cov = self._predict(scan)
+        self.pose, cov, inliers = self._match(scan, predicted, prior, prior_cov)
         self._step = between(before, self.pose)
         moved = between(keyframe.pose, self.pose)
         distance, turn = float(np.hypot(moved[0], moved[1])), abs(float(moved[2]))
@@ -147,36 +156,59 @@ class FrontEnd:
         far = distance > graph.keyframe_distance or turn > graph.keyframe_angle
         early = inliers < NEW_GROUND and distance + turn > 0.4 * graph.keyframe_distance
         if far or early:
+            self._learn_scale(scan, moved)
             self._add_keyframe(scan, cov)
             return np.zeros((3, 3))
         return cov
 
-    def _predict(self, scan: LevelScan) -> tuple[Float64, Float64]:
-        """Return the expected pose and the covariance of the motion since the last keyframe."""
+    def _learn_scale(self, scan: LevelScan, moved: Float64) -> None:
+        keyframe = self.keyframes[-1]
+        if self._information is None or self._anchor is not keyframe.pose:
+            return
+        odometry = between(keyframe.scan.odom, scan.odom)
+        information = rotate_covariance(self._information, -float(keyframe.pose[2]))
+        noise = odometry_covariance(odometry, self.config.odometry)
+        self._scale.update(odometry, moved, information, noise)
+
+    def _predict(self, scan: LevelScan) -> tuple[Float64, Float64, Float64]:
+        """Return where the robot is by the last scan, by odometry since the anchor, and the
+        covariance of odometry.
+
+        Odometry's position counts from the last keyframe, and not from scan to scan: people who
+        walk along pull each scan back a little, and would meet no resistance. Its heading counts
+        from scan to scan: that is where wheels slip, and walls tell it everywhere.
+        """
         assert self._last is not None
-        step = between(self._last.odom, scan.odom)
-        since = between(self.keyframes[-1].scan.odom, scan.odom)
+        step = self._scale.corrected(between(self._last.odom, scan.odom))
+        since = self._scale.corrected(between(self._anchor_odom, scan.odom))
         self._moving = self._moving or bool(abs(step[0]) + abs(step[1]) + abs(step[2]) > 1e-9)
         if not self._moving:
             # No odometry: the robot goes on as it went, within what robots accelerate.
-            return compose(self.pose, self._step), np.diag([0.15**2, 0.15**2, 0.15**2])
-        return compose(self.pose, step), odometry_covariance(since, self.config.odometry)
+            expected = compose(self.pose, self._step)
+            return expected, expected, np.diag([0.15**2, 0.15**2, 0.15**2])
+        expected, prior = compose(self.pose, step), compose(self._anchor, since)
+        prior[2] = expected[2]
+        cov = self._anchor_cov + odometry_covariance(since, self.config.odometry)
+        return expected, prior, cov
 
     def _match(
-        self, scan: LevelScan, predicted: Float64, prior_cov: Float64
+        self, scan: LevelScan, predicted: Float64, prior: Float64, prior_cov: Float64
     ) -> tuple[Float64, Float64, float]:
         """Return the pose, its covariance in its own frame and the share of inliers."""
+        self._information = None
         if self._map is None or not self.config.matching.enabled or len(scan.points) < 5:
             return predicted, prior_cov, 1.0
-        result = self._align_near(scan, predicted, prior_cov, self._window(prior_cov))
+        result = self._align_near(scan, predicted, prior, prior_cov, self._window(prior_cov))
         if result.inliers < DOUBTED_INLIERS:
             wide = self._search_wide(scan, predicted, result)
             if wide is not result:
                 # Odometry was wrong by more than its model: it says nothing about this motion.
                 result, prior_cov = wide, LOOSE_COV
+                self._anchor, self._anchor_odom = wide.pose, scan.odom
+                self._anchor_cov = LOOSE_COV
         if result.inliers < LOST_INLIERS:
             return predicted, 4.0 * prior_cov, result.inliers
-        information = result.information / self.config.matching.correlated_beams
+        self._information = information = result.information / self.config.matching.correlated_beams
         cov = fuse(information, float(result.pose[2]), prior_cov)
         return result.pose, cov, result.inliers
 
@@ -188,7 +220,12 @@ class FrontEnd:
         )
 
     def _align_near(
-        self, scan: LevelScan, centre: Float64, prior_cov: Float64, window: tuple[float, float]
+        self,
+        scan: LevelScan,
+        centre: Float64,
+        prior: Float64,
+        prior_cov: Float64,
+        window: tuple[float, float],
     ) -> Alignment:
         assert self._map is not None
         sigma_xy, sigma_yaw = float(prior_cov[0, 0] ** 0.5), float(prior_cov[2, 2] ** 0.5)
@@ -198,23 +235,28 @@ class FrontEnd:
             self._map.grid, scan.search_points, centre, window, angle_step=step, penalty=penalty
         )
         # Odometry's covariance is diagonal, and the same along any two axes of the plane.
-        prior = np.diag(1.0 / np.diag(prior_cov))
+        information = np.diag(1.0 / np.diag(prior_cov))
         return align(
             self._map.lines,
             scan.points,
             scan.normals,
             start.pose if start.score > 0.0 else centre,
             self.config.matching.range_sigma,
-            centre,
             prior,
+            information,
         )
 
     def _search_wide(self, scan: LevelScan, predicted: Float64, near: Alignment) -> Alignment:
-        """Odometry may have jumped: look around where the robot was and where it should be."""
-        best = near
+        """Odometry may have jumped: look around where the robot was and where it should be.
+
+        People who walk along make it look as if the robot stood still. They are elsewhere in each
+        keyframe, so only what two keyframes have seen speaks against odometry.
+        """
+        best, few = near, len(self.keyframes) < CONFIRMING_KEYFRAMES
         for centre in (predicted, self.pose, compose(self.pose, self._step)):
-            found = self._align_near(scan, centre, LOOSE_COV, (1.0, 0.6))
-            if found.inliers > best.inliers + 0.1:
+            found = self._align_near(scan, centre, centre, LOOSE_COV, (1.0, 0.6))
+            gain = found.inliers - best.inliers if few else found.confirmed - best.confirmed
+            if gain > 0.1:
                 best = found
         return best
 
@@ -225,6 +267,8 @@ class FrontEnd:
             self.first_id + len(self.keyframes), scan, self.pose.copy(), delta, cov, self.session
         )
         self.keyframes.append(keyframe)
+        self._anchor, self._anchor_odom = keyframe.pose, scan.odom
+        self._anchor_cov = np.zeros((3, 3))
         self._rebuild_map()
 
     def _rebuild_map(self) -> None:

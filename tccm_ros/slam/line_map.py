@@ -21,6 +21,10 @@ BUCKET = 0.30
 SPACING = 0.05
 """A point nearer than this (m) to one that is there already, and facing its way, adds nothing."""
 
+ALONG, ACROSS, ALIKE = 0.15, 0.04, 0.9
+"""Points of two scans show one surface where they are this near along it and across it (m) and
+their normals agree (cosine); without normals, where they are as near as it is across."""
+
 MAX_SIDE = 4096
 """Buckets along a side, at most: points beyond belong to no room and are dropped."""
 
@@ -36,12 +40,16 @@ class LineMap(NamedTuple):
         float64 (2,), lower corner of the bucket grid.
     starts
         int32 (rows, columns, 2): first point of each bucket and the one past its last.
+    confirmed
+        bool (N,), whether another scan saw a surface there, too: one that moves along with the
+        robot is elsewhere in each scan.
     """
 
     points: Float64
     normals: Float64
     origin: Float64
     starts: Int32
+    confirmed: NDArray[np.bool_]
 
 
 def make_line_map(poses: Float64, points: list[Float64], normals: list[Float64]) -> LineMap:
@@ -57,13 +65,17 @@ def make_line_map(poses: Float64, points: list[Float64], normals: list[Float64])
     counts = np.array([len(q) for q in points])
     p, n = place_scans(poses, counts, np.concatenate(points), np.concatenate(normals))
     if not len(p):
-        return LineMap(p, n, np.zeros(2), np.zeros((1, 1, 2), np.int32))
+        return LineMap(p, n, np.zeros(2), np.zeros((1, 1, 2), np.int32), np.zeros(0, bool))
     near, low, high = extent_near_median(p, 0.5 * MAX_SIDE * BUCKET - BUCKET)
+    scan = np.repeat(np.arange(len(counts)), counts)[near]
     p, n = p[near], n[near]
     origin = low - 1.5 * BUCKET
     shape = ((high - origin) / BUCKET).astype(np.int64) + 3
     keep = _thin(p, n, origin, shape)
-    return LineMap(*_sort_into_buckets(p[keep], n[keep], origin, shape))
+    kept, starts = _sort_into_buckets(p[keep], origin, shape)
+    kept = np.flatnonzero(keep)[kept]
+    confirmed = _confirmed(p[kept], n[kept], scan[kept], origin, starts, p, n, scan)
+    return LineMap(p[kept], n[kept], origin, starts, confirmed)
 
 
 @njit(nogil=True, cache=True)
@@ -96,9 +108,12 @@ def _thin(
 
 @njit(nogil=True, cache=True)
 def _sort_into_buckets(
-    points: Float64, normals: Float64, origin: Float64, shape: NDArray[np.int64]
-) -> tuple[Float64, Float64, Float64, Int32]:  # pragma: no cover - compiled
-    """Counting sort by bucket; the order within a bucket stays. Returns the parts of a LineMap."""
+    points: Float64, origin: Float64, shape: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], Int32]:  # pragma: no cover - compiled
+    """Counting sort by bucket: the points' new order, and each bucket's first and last.
+
+    The order within a bucket stays.
+    """
     starts = np.zeros((shape[0], shape[1], 2), np.int32)
     cells = np.empty((len(points), 2), np.int32)
     for i in range(len(points)):
@@ -111,9 +126,41 @@ def _sort_into_buckets(
             n = starts[x, y, 1]
             starts[x, y, 0] = starts[x, y, 1] = total
             total += n
-    p, q = np.empty_like(points), np.empty_like(normals)
+    order = np.empty(len(points), np.int64)
     for i in range(len(points)):
         k = starts[cells[i, 0], cells[i, 1], 1]
-        p[k], q[k] = points[i], normals[i]
+        order[k] = i
         starts[cells[i, 0], cells[i, 1], 1] = k + 1
-    return p, q, origin, starts
+    return order, starts
+
+
+@njit(nogil=True, cache=True)
+def _confirmed(
+    points: Float64,
+    normals: Float64,
+    scan: NDArray[np.int64],
+    origin: Float64,
+    starts: Int32,
+    all_points: Float64,
+    all_normals: Float64,
+    all_scan: NDArray[np.int64],
+) -> NDArray[np.bool_]:  # pragma: no cover - compiled
+    """Mark the points of a map whose surface another scan saw within ALONG and ACROSS."""
+    confirmed = np.zeros(len(points), np.bool_)
+    for i in range(len(all_points)):
+        x, y = all_points[i, 0] - origin[0], all_points[i, 1] - origin[1]
+        nx, ny = all_normals[i, 0], all_normals[i, 1]
+        for gx in range(int((x - ALONG) / BUCKET), int((x + ALONG) / BUCKET) + 1):
+            for gy in range(int((y - ALONG) / BUCKET), int((y + ALONG) / BUCKET) + 1):
+                for j in range(starts[gx, gy, 0], starts[gx, gy, 1]):
+                    if confirmed[j] or scan[j] == all_scan[i]:
+                        continue
+                    dx, dy = points[j, 0] - all_points[i, 0], points[j, 1] - all_points[i, 1]
+                    distance2 = dx * dx + dy * dy
+                    dot = normals[j, 0] * nx + normals[j, 1] * ny
+                    if dot > ALIKE:
+                        away = nx * dx + ny * dy
+                        confirmed[j] = distance2 < ALONG * ALONG and abs(away) < ACROSS
+                    else:
+                        confirmed[j] = distance2 < ACROSS * ACROSS
+    return confirmed

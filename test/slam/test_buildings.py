@@ -46,6 +46,24 @@ def test_a_court_with_the_same_doors_all_around(robot):
     assert error < 0.1 * plan.errors(run.truth, odometry)[0]
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_people_who_walk_along_are_not_the_map(seed):
+    """Six of them ahead hide much of the building, and are always where they were a scan before."""
+    building = buildings.offices(5, alike=False)
+    run, solution = solve(building, buildings.ROBOTS["accompanied"], seed=seed)
+    accepted, wrong = buildings.loops_of(run, solution)
+    assert accepted >= 5
+    assert wrong == 0
+    assert plan.errors(run.truth, solution.poses)[0] < 0.25
+
+
+def test_odometry_with_a_wrong_scale_along_corridors_that_say_little():
+    """10 % too short: where walls ahead show it, it is learnt, and the corridors are as long."""
+    run, solution = solve(buildings.court(50.0, 20.0), buildings.ROBOTS["coarse"])
+    assert buildings.loops_of(run, solution)[1] == 0
+    assert plan.errors(run.truth, solution.poses)[0] < 0.15
+
+
 def test_walls_do_not_hurt_behind_glass():
     building = buildings.block(20.0, glass=0.6)
     run, solution = solve(building, buildings.ROBOTS["crowded"])

@@ -5,11 +5,12 @@ import plan
 import pytest
 
 from tccm_ros.config import Config
+from tccm_ros.geometry import transform2
 from tccm_ros.slam.alignment import align
 from tccm_ros.slam.correlation import correlate, support
 from tccm_ros.slam.level_scan import level_scan, thin_with_normals
 from tccm_ros.slam.likelihood_grid import CELL, make_likelihood_grid
-from tccm_ros.slam.line_map import SPACING, make_line_map
+from tccm_ros.slam.line_map import ACROSS, ALIKE, ALONG, SPACING, make_line_map
 
 ROOM = np.concatenate([plan.box(-2, -2, 3, 2.5), plan.box(1.0, 1.5, 1.6, 2.5)])
 
@@ -148,3 +149,26 @@ def test_a_coarse_cell_holds_the_largest_of_the_cells_that_it_covers():
         held = np.pad(finest, (0, size - 1), mode="edge")
         windows = np.lib.stride_tricks.sliding_window_view(held, (size, size))
         assert np.array_equal(level, windows.max(axis=(2, 3)))
+
+
+def test_a_surface_is_confirmed_by_another_scan():
+    """Against a brute force over all pairs of points of different scans."""
+    _, poses, scans = room_map()
+    placed = [transform2(pose, s.points) for pose, s in zip(poses, scans)]
+    turned = [transform2(np.array([0.0, 0.0, p[2]]), s.normals) for p, s in zip(poses, scans)]
+    lines = make_line_map(poses, [s.points for s in scans], [s.normals for s in scans])
+    p, n = np.concatenate(placed), np.concatenate(turned)
+    scan = np.repeat(np.arange(len(scans)), [len(s.points) for s in scans])
+    for point, normal, confirmed in zip(lines.points, lines.normals, lines.confirmed):
+        own = scan[np.argmin(np.abs(p - point).sum(axis=1))]
+        away = np.hypot(*(p - point).T)
+        alike = n @ normal > ALIKE
+        across = np.abs(np.sum(n * (point - p), axis=1))
+        same = np.where(alike, (away < ALONG) & (across < ACROSS), away < ACROSS)
+        assert confirmed == bool((same & (scan != own)).any())
+    assert 0.1 < lines.confirmed.mean() < 1.0
+
+
+def test_one_scan_alone_confirms_nothing():
+    scan = scan_at([0.0, 0.0, 0.0])
+    assert not make_line_map(np.zeros((1, 3)), [scan.points], [scan.normals]).confirmed.any()

@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+
+from tccm_ros.slam.odometry_scale import OdometryScale
+
+COV = np.diag([0.02**2, 0.02**2, 0.01**2])
+STRONG, NONE = np.diag([1e6, 1e6, 1e6]), np.diag([0.0, 1e6, 1e6])
+
+
+def drive(truth, information, steps=200, seed=0):
+    """Drive steps of 0.3 m; what is placed is the mean of matching and odometry."""
+    random = np.random.default_rng(seed)
+    scale = OdometryScale()
+    for _ in range(steps):
+        odometry = np.array([0.3 / truth + random.normal() * 0.005, 0.0, 0.0])
+        share = information[0, 0] / (information[0, 0] + 1.0 / COV[0, 0])
+        placed = share * 0.3 + (1.0 - share) * scale.value * odometry[0]
+        scale.update(odometry, np.array([placed, 0.0, 0.0]), information, COV)
+    return scale
+
+
+@pytest.mark.parametrize("truth", [0.9, 0.97, 1.0, 1.1])
+def test_matching_shows_the_scale(truth):
+    # 5 mm on 0.3 m, 200 times: 0.12 %; the rest is what the filter takes for noise.
+    assert drive(truth, STRONG).value == pytest.approx(truth, abs=0.01)
+
+
+@pytest.mark.parametrize("truth", [0.9, 1.1])
+def test_weak_matching_shows_it_slowly_but_without_bias(truth):
+    weak = np.diag([500.0, 500.0, 500.0])
+    assert drive(truth, weak, steps=3000).value == pytest.approx(truth, abs=0.015)
+
+
+def test_a_corridor_shows_nothing():
+    scale = drive(1.1, NONE)
+    assert scale.value == pytest.approx(1.0, abs=0.01)
+
+
+def test_slips_turns_and_short_steps_show_nothing():
+    scale = OdometryScale()
+    for odometry in ([0.3, 0.0, 0.5], [0.1, 0.0, 0.0], [1.2, 0.0, 0.0]):
+        scale.update(np.array(odometry), np.array([0.3, 0.0, 0.0]), STRONG, COV)
+    assert scale.value == 1.0
+
+
+def test_only_translations_are_scaled():
+    assert OdometryScale(1.1).corrected(np.array([1.0, 2.0, 0.5])) == pytest.approx([1.1, 2.2, 0.5])

@@ -52,13 +52,15 @@ def ransac_segments(
     state = np.uint64(0x9E3779B97F4A7C15)
     label = 0
     while len(free) >= max(min_points, 2):
+        # Side by side, so that counting is vector code.
+        xs, ys = beams[free, 0], beams[free, 1]
         best = np.empty(0, np.int64)
         for _ in range(trials):
             state = _next(state)
             i = free[int((state >> np.uint64(33)) % np.uint64(len(free)))]
             state = _next(state)
             j = free[int((state >> np.uint64(33)) % np.uint64(len(free)))]
-            if i == j or _count(beams, free, i, j, distance) <= len(best):
+            if i == j or _count(xs, ys, beams[i], beams[j], distance) <= len(best):
                 continue
             inliers = _support(beams, free, i, j, distance, max_gap)
             if len(inliers) > len(best):
@@ -88,15 +90,14 @@ def _next(state: np.uint64) -> np.uint64:  # pragma: no cover - compiled
 
 @njit(nogil=True, cache=True)
 def _count(
-    beams: Float64, free: NDArray[np.int64], i: int, j: int, distance: float
+    xs: Float64, ys: Float64, a: Float64, b: Float64, distance: float
 ) -> int:  # pragma: no cover - compiled
-    """Return how many free points are near the line i-j, with or without gaps."""
-    px, py = beams[i, 0], beams[i, 1]
-    dx, dy = beams[j, 0] - px, beams[j, 1] - py
+    """Return how many points are near the line a-b, with or without gaps."""
+    px, py, dx, dy = a[0], a[1], b[0] - a[0], b[1] - a[1]
     limit = distance * np.sqrt(dx * dx + dy * dy)
     count = 0
-    for k in free:
-        count += abs(dx * (beams[k, 1] - py) - dy * (beams[k, 0] - px)) <= limit
+    for k in range(len(xs)):
+        count += abs(dx * (ys[k] - py) - dy * (xs[k] - px)) <= limit
     return count
 
 

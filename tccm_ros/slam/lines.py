@@ -66,23 +66,37 @@ def extract_lines(beams: Float64, origin: Float64, config: Config) -> Lines:
     config
         ``lines.*`` and ``matching.range_sigma``.
     """
-    lines = config.lines
-    beams = np.ascontiguousarray(beams, float)
-    if lines.extractor == "ransac":
-        labels = ransac_segments(
-            beams, lines.distance, lines.max_gap, lines.min_points, lines.min_length, lines.trials
-        )
+    x = config.lines
+    sigma = config.matching.range_sigma
+    limits = x.distance, x.max_gap, x.min_points, x.min_length, x.trials
+    beams = np.ascontiguousarray(beams, np.float64)
+    return Lines(*_extract(beams, origin, sigma, x.extractor == "ransac", limits))
+
+
+@njit(nogil=True, cache=True)
+def _extract(
+    beams: Float64,
+    origin: Float64,
+    sigma: float,
+    ransac: bool,
+    limits: tuple[float, float, int, float, int],
+) -> tuple[Float64, Float64, Float64, Float64, NDArray[np.int64]]:  # pragma: no cover - compiled
+    """Return the fields of `Lines`: from beams to covariances in one compiled call."""
+    distance, max_gap, min_points, min_length, trials = limits
+    if ransac:
+        labels = ransac_segments(beams, distance, max_gap, min_points, min_length, trials)
     else:
-        labels = split_segments(beams, lines.distance, lines.max_gap, lines.min_points)
-    rows = _fit_all(
-        beams,
-        labels,
-        np.asarray(origin, float),
-        config.matching.range_sigma,
-        lines.min_points,
-        lines.min_length,
-    )
-    return _as_lines(rows)
+        labels = split_segments(beams, distance, max_gap, min_points)
+    rows = _fit_all(beams, labels, origin, sigma, min_points, min_length)
+    n = len(rows)
+    cov, endpoints, count = np.empty((n, 2, 2)), np.empty((n, 2, 2)), np.empty(n, np.int64)
+    for k in range(n):
+        cov[k, 0, 0], cov[k, 1, 1] = rows[k, 2], rows[k, 4]
+        cov[k, 0, 1] = cov[k, 1, 0] = rows[k, 3]
+        endpoints[k, 0, 0], endpoints[k, 0, 1] = rows[k, 5], rows[k, 6]
+        endpoints[k, 1, 0], endpoints[k, 1, 1] = rows[k, 7], rows[k, 8]
+        count[k] = int(rows[k, 9])
+    return rows[:, 0].copy(), rows[:, 1].copy(), cov, endpoints, count
 
 
 @njit(nogil=True, cache=True)
@@ -111,7 +125,8 @@ def _fit_all(
     fill = starts[:-1].copy()
     for i in range(len(labels)):
         if labels[i] >= 0:
-            points[fill[labels[i]]] = beams[i]
+            to = fill[labels[i]]
+            points[to, 0], points[to, 1] = beams[i, 0], beams[i, 1]
             fill[labels[i]] += 1
     count = 0
     for k in range(len(sums)):
@@ -122,11 +137,3 @@ def _fit_all(
         if np.hypot(row[7] - row[5], row[8] - row[6]) >= min_length:
             count += 1
     return rows[:count]
-
-
-def _as_lines(rows: Float64) -> Lines:
-    cov = np.empty((len(rows), 2, 2))
-    cov[:, 0, 0], cov[:, 1, 1] = rows[:, 2], rows[:, 4]
-    cov[:, 0, 1] = cov[:, 1, 0] = rows[:, 3]
-    endpoints = rows[:, 5:9].reshape(-1, 2, 2).copy()
-    return Lines(rows[:, 0].copy(), rows[:, 1].copy(), cov, endpoints, rows[:, 9].astype(np.int64))

@@ -14,9 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from tccm_ros.calibrate.estimate import estimate
 from tccm_ros.calibrate.judge import UNITS, Judgement, judge
-from tccm_ros.calibrate.problem import Trust
+from tccm_ros.calibrate.layout import Trust
 from tccm_ros.calibrate.quality import Flatness, all_beams, flatness, select
-from tccm_ros.calibrate.sweeps import Recording, read_recording
+from tccm_ros.calibrate.reading import read_recording
+from tccm_ros.calibrate.sweeps import Recording
 from tccm_ros.config import Config, Rig
 from tccm_ros.progress import Bars, Silent
 
@@ -243,7 +244,8 @@ def _flatness(judgement: Judgement, recording: Recording) -> tuple[Any, Any, Any
     beams = all_beams(recording.sweeps)
     floor = float(x[layout.floor]) if found.free[layout.floor] else None
     ceiling = float(x[layout.ceiling.start]) if found.free[layout.ceiling.start] else None
-    seen = select(beams, model, found.values, floor, ceiling)
+    heights = model.place(beams, found.values)[:, 2]
+    seen = select(recording.sweeps, heights, floor, ceiling)
     both = []
     for values in (found.configured, found.values):
         points = model.place(beams, values)

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.calibrate.layout import Layout, Trust
 from tccm_ros.calibrate.model import RigModel, RigValues
 from tccm_ros.calibrate.patches import Patches, cut_patches
-from tccm_ros.calibrate.problem import Layout, LevelHits, Problem, Trust
+from tccm_ros.calibrate.problem import LevelHits, Problem
 from tccm_ros.calibrate.search import first_guess
 from tccm_ros.calibrate.solver import Solution, solve
 from tccm_ros.calibrate.surroundings import (

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.calibrate.estimate import Estimate
+from tccm_ros.calibrate.layout import LEVEL_PARAMETERS, Layout
 from tccm_ros.calibrate.model import RIG_PARAMETERS
-from tccm_ros.calibrate.problem import LEVEL_PARAMETERS, Layout
 from tccm_ros.calibrate.solver import covariance
 from tccm_ros.calibrate.surroundings import FLOOR
 

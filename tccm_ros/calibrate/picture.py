@@ -34,11 +34,13 @@ def write_picture(calibration: Calibration, path: Path | str) -> None:
     found = calibration.judgement.estimate
     layout, model, x = found.problem.layout, found.problem.model, found.solution.x
     first = int(np.flatnonzero(calibration.recording.places == 0)[-1]) + 1
-    beams = all_beams(calibration.recording.sweeps[:first])
-    beams = beams.take(np.arange(0, len(beams.sweep), max(len(beams.sweep) // MOST, 1)))
+    sweeps = calibration.recording.sweeps[:first]
+    beams = all_beams(sweeps)
     floor = float(x[layout.floor]) if found.free[layout.floor] else None
     ceiling = float(x[layout.ceiling.start]) if found.free[layout.ceiling.start] else None
-    seen = select(beams, model, found.values, floor, ceiling)
+    seen = select(sweeps, model.place(beams, found.values)[:, 2], floor, ceiling)
+    some = np.arange(0, len(beams.sweep), max(len(beams.sweep) // MOST, 1))
+    beams, seen = beams.take(some), Seen(seen.floor[some], seen.ceiling[some])
     near = np.linalg.norm(beams.points, axis=1) < REACH
     with canvas(10.0, 6.4) as (figure, _):
         for row, (title, values) in enumerate(

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
 
-from tccm_ros.calibrate.model import Beams, RigModel, RigValues
+from tccm_ros.calibrate.model import Beams
 from tccm_ros.calibrate.sweeps import TiltSweep
 
-__all__ = ["Flatness", "Seen", "all_beams", "flatness", "select"]
+__all__ = ["MIN_HITS", "Flatness", "Seen", "all_beams", "cell_means", "flatness", "select"]
 
 #: Edge of a cell whose mean height is taken, m, and hits that it must have to be looked at, and
 #: to shape the plane.
@@ -19,6 +20,9 @@ CELL, MIN_HITS, FEW_HITS = 0.25, 50, 8
 
 #: Hits within this of the plane belong to it, m.
 NEAR = 0.05
+
+#: Scans and beams on either side of a hit that have to be near the plane as well.
+AROUND = 2
 
 Int64 = NDArray[np.int64]
 Float64 = NDArray[np.float64]
@@ -71,15 +75,39 @@ def all_beams(sweeps: Sequence[TiltSweep]) -> Beams:
 
 
 def select(
-    beams: Beams, model: RigModel, values: RigValues, floor: float | None, ceiling: float | None
+    sweeps: Sequence[TiltSweep], heights: Float64, floor: float | None, ceiling: float | None
 ) -> Seen:
-    """Return the hits near the heights of floor and ceiling under a rig."""
-    z = model.place(beams, values)[:, 2]
-    none = np.zeros(len(z), bool)
+    """Return the hits on floor and ceiling.
+
+    A hit is on the floor if it and all hits around it (`AROUND`) are near the floor's height: the
+    foot of what stands on a floor is not floor, and neither is a beam that its edge cut.
+
+    Parameters
+    ----------
+    sweeps
+        All sweeps.
+    heights
+        float64 (N,), m, of every valid hit of all sweeps, in the order of `all_beams`.
+    floor, ceiling
+        Their heights, m; None where there is none.
+    """
+    none = np.zeros(len(heights), bool)
     return Seen(
-        none if floor is None else np.abs(z - floor) < NEAR,
-        none if ceiling is None else np.abs(z - ceiling) < NEAR,
+        none if floor is None else _inner(sweeps, np.abs(heights - floor) < NEAR),
+        none if ceiling is None else _inner(sweeps, np.abs(heights - ceiling) < NEAR),
     )
+
+
+def _inner(sweeps: Sequence[TiltSweep], near: Bool) -> Bool:
+    """Return which hits have only hits around them that are near, too."""
+    window, parts, first = np.ones((2 * AROUND + 1, 2 * AROUND + 1)), [], 0
+    for sweep in sweeps:
+        seen = np.isfinite(sweep.ranges)
+        grid = np.zeros(seen.shape, bool)
+        grid[seen] = near[first : first + int(seen.sum())]
+        first += int(seen.sum())
+        parts.append(binary_erosion(grid, window, border_value=1)[seen])
+    return np.concatenate(parts)
 
 
 def flatness(points: Float64) -> Flatness | None:
@@ -90,7 +118,7 @@ def flatness(points: Float64) -> Flatness | None:
     points
         float64 (N, 3), m, of one surface that is roughly level.
     """
-    means, counts = _cell_means(points)
+    _, means, counts = cell_means(points, points[:, :2])
     if len(means) < 4:
         return None
     weights = np.minimum(counts, MIN_HITS)
@@ -109,14 +137,27 @@ def flatness(points: Float64) -> Flatness | None:
     )
 
 
-def _cell_means(points: Float64) -> tuple[Float64, Int64]:
-    """Return the means of the cells with some hits, float64 (C, 3), and their numbers of hits."""
+def cell_means(points: Float64, at: Float64) -> tuple[Int64, Float64, Int64]:
+    """Return the means of points by cell.
+
+    Parameters
+    ----------
+    points
+        float64 (N, 3), m.
+    at
+        float64 (N, 2), m, what says in which cell of `CELL` a point is.
+
+    Returns
+    -------
+    tuple of arrays
+        Cells int64 (C, 2) with at least `FEW_HITS` hits, their means float64 (C, 3), m, and their
+        numbers of hits int64 (C,).
+    """
     if len(points) == 0:
-        return np.zeros((0, 3)), np.zeros(0, np.int64)
-    cells = np.floor(points[:, :2] / CELL).astype(np.int64)
-    _, index, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+        return np.zeros((0, 2), np.int64), np.zeros((0, 3)), np.zeros(0, np.int64)
+    numbers = np.floor(at / CELL).astype(np.int64)
+    cells, index, counts = np.unique(numbers, axis=0, return_inverse=True, return_counts=True)
     index = index.reshape(-1)
     sums = np.stack([np.bincount(index, points[:, i]) for i in range(3)], axis=1)
     enough = counts >= FEW_HITS
-    means: Float64 = sums[enough] / counts[enough, None]
-    return means, counts[enough]
+    return cells[enough], sums[enough] / counts[enough, None], counts[enough]

@@ -8,6 +8,7 @@ from itertools import pairwise
 from math import pi, radians
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tccm_ros.sim.flat import flat_scene, stop_and_scan
 from tccm_ros.sim.joints import sweeps
@@ -23,6 +24,7 @@ Point = tuple[float, float]
 
 CEILING = 2.6
 RAMP = radians(4.0)
+ROOM_SPEED = 0.5  # m/s, of the robot in the room to calibrate in
 LOOK_UP, LOOK_DOWN = 0.25, -1.0  # rad, of the joint that turns the other way
 
 
@@ -65,19 +67,33 @@ def room(options: Options) -> World:
         rise = length * np.sin(RAMP) / 2.0
         place = (3.9, -1.8, rise - 0.05 * np.cos(RAMP))
         scene.box("ramp", (length, 1.6, 0.1), place, (0.0, -RAMP, 0.0))
-    if options.people:
-        scene.person("person", [(3.0, 3.0, -2.6), (8.0, 2.2, 2.6)])
     limits = options.sweep_limits or (-0.9, 1.0)
     pause = 2.0 * (options.sweep_period or 4.0) + 0.4
-    route = [
-        Waypoint(0.0, 0.0, 0.0, pause),
-        Waypoint(0.6, 0.5, 1.9, pause),
-        Waypoint(-0.4, 0.3, -2.2, pause),
-    ]
+    route = _again(
+        [
+            Waypoint(0.0, 0.0, 0.0, pause),
+            Waypoint(0.6, 0.5, 1.9, pause),
+            Waypoint(-0.4, 0.3, -2.2, pause),
+        ],
+        options.laps,
+    )
+    if options.people:
+        scene.person("person", _before(route, drive(route, options.lean, ROOM_SPEED).stops))
     changed = options.model_copy(
         update={"sweep_limits": limits, "sweep_period": options.sweep_period or 4.0}
     )
-    return stop_and_scan("room", scene, _again(route, options.laps), changed)
+    return stop_and_scan("room", scene, route, changed, ROOM_SPEED)
+
+
+def _before(route: Sequence[Waypoint], stops: NDArray[np.float64]) -> list[tuple[float, ...]]:
+    """Return (time, x, y) of a person who walks past before the robot at each of its stops."""
+    keys: list[tuple[float, ...]] = []
+    for stop, (start, end) in zip(route, stops.tolist(), strict=True):
+        heading = stop.heading or 0.0
+        c, s = np.cos(heading), np.sin(heading)
+        for time, side in ((start, -1.2), (end, 1.2)):
+            keys.append((time, stop.x + 1.7 * c - side * s, stop.y + 1.7 * s + side * c))
+    return keys
 
 
 def _clutter(scene: Scene, count: int) -> None:

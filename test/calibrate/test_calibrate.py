@@ -7,8 +7,11 @@ import pytest
 from shared_data import shared
 
 from tccm_ros.calibrate import Calibration, calibrate
+from tccm_ros.calibrate.quality import select
+from tccm_ros.calibrate.sweeps import TiltSweep
 from tccm_ros.config_file import read_config
 from tccm_ros.sim import Options, simulate
+from tccm_ros.sim import run as run_room
 
 FLOOR_Z = 0.0
 
@@ -17,7 +20,13 @@ CASES = {
     "mount and delay": {"laser_roll": 0.02, "laser_height": 0.03, "joint_time_offset": 0.012},
     "level laser": {"level_error": (0.03, -0.02, 0.0, 0.0, 0.0, 0.02)},
     "clutter and people": {"tilt_offset": -0.05, "clutter": 40, "ramp": True, "people": True},
-}
+    # The laser looks down by 0.3 rad at most: the floor begins 2 m away.
+    "floor far away": {
+        "tilt_offset": 0.14, "tilt_scale": 0.965, "laser_roll": 0.02, "laser_height": 0.03,
+        "joint_time_offset": 0.012, "clutter": 40, "ramp": True, "people": True,
+        "sweep_limits": (-0.9, 0.3),
+    },
+}  # fmt: skip
 
 
 def run(folder: Path, **options) -> Calibration:
@@ -60,6 +69,39 @@ def test_known_errors_are_recovered(name: str, tmp_path: Path):
         assert error < DEMANDED.get(quantity.name, np.inf), (quantity, error)
 
 
+def test_a_person_is_in_the_way_of_the_sweeps():
+    """So that the case with people is one."""
+
+    def ranges(people: bool) -> np.ndarray:
+        options = Options(tilt_beams=61, sweep_period=2.0, faults=False, people=people)
+        messages = [m for m in run_room("room", options=options) if m.topic == "/tilt_scan"]
+        return np.array([record.ranges for m in messages for record in m.records])
+
+    changed = np.abs(ranges(True) - ranges(False)) > 0.1
+    assert changed.mean() > 0.01
+    assert all(third.any() for third in np.array_split(changed, 3)), "one for each stop"
+
+
+def test_the_foot_of_a_cabinet_is_not_floor():
+    """Hits on an upright face begin at the floor's height; floor they are not."""
+    rows, columns = 40, 30
+    heights = np.zeros((rows, columns))
+    heights[20:, :15] = 0.01 * np.arange(20)[:, None]  # a face, from the floor up
+    ranges = np.ones((rows, columns), np.float32)
+    ranges[5, 25] = np.nan
+    sweep = TiltSweep(None, 0, None, ranges, np.zeros(columns), np.zeros((rows, 4, 4)), (0, 1))
+    seen = np.isfinite(ranges)
+    floor = np.zeros((rows, columns), bool)
+    floor[seen] = select([sweep], heights[seen], 0.0, None).floor
+    low_face = floor[20:, :15]
+    assert not low_face[3:].any(), "only hits whose neighbours are all within 5 cm"
+    assert not floor[3:8, 23:28].any(), "nor beside a lost hit"
+    assert floor[:3].all()
+    assert floor[8:21].all()
+    assert floor[20:, 17:].all()
+    assert not select([sweep], heights[seen], None, 0.5).floor.any()
+
+
 def test_without_the_floors_height_the_laser_stays_where_it_is(tmp_path: Path):
     simulate("room", tmp_path / "bag", options=Options(tilt_beams=121, sweep_period=2.0))
     found = calibrate(tmp_path / "bag")
@@ -90,6 +132,7 @@ def test_rooms_of_one_real_robot_agree_within_their_covariances():
         assert not by_name["joint_time_offset"].is_determined
         assert found.floor[1].tilt < np.deg2rad(0.2)
         assert found.floor[0].tilt > np.deg2rad(10.0)
+        assert found.floor[1].rms < 0.005
     spread = np.abs(np.array(values)[:, None] - np.array(values)[None])
     allowed = 3.0 * np.hypot(np.array(sigmas)[:, None], np.array(sigmas)[None])
     assert (spread <= allowed).all()

@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import os
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -80,7 +81,8 @@ class Driver(Node):
         examples = {topic: message for _, topic, message in messages}
         self.pubs = {topic: self._publisher(topic, m) for topic, m in examples.items()}
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.create_subscription(MarkerArray, "/tccm/planes", self._on_planes, latched)
+        # As bytes: a message of some hundred markers takes Python longer than it is on its way.
+        self.create_subscription(MarkerArray, "/tccm/planes", self._on_planes, latched, raw=True)
         self.create_subscription(PointCloud2, "/tccm/surfaces", lambda _: None, 50)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, 10)
         self.shift_ns = 0
@@ -94,10 +96,10 @@ class Driver(Node):
         )
         return self.create_publisher(type(message), topic, profile)
 
-    def _on_planes(self, message: MarkerArray) -> None:
-        if message.markers:
-            stamp = stamp_ns_from_message(message.markers[0].header.stamp)
-            self.planes.append((time.time(), stamp))
+    def _on_planes(self, data: bytes) -> None:
+        now, (count, sec, nanosec) = time.time(), struct.unpack_from("<IiI", data, 4)
+        if count:
+            self.planes.append((now, sec * 10**9 + nanosec))
 
     def _on_report(self, message: DiagnosticArray) -> None:
         for status in message.status:

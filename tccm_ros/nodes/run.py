@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -33,6 +34,7 @@ def run(*factories: Callable[[], Node]) -> None:
         rclpy.init()
         try:
             nodes.extend(factory() for factory in factories)
+            _forget_start()
             _spin(nodes)
         except TccmError as error:
             print(f"tccm: {one_line(error)}", file=sys.stderr)
@@ -40,6 +42,15 @@ def run(*factories: Callable[[], Node]) -> None:
     _close(nodes)
     rclpy.try_shutdown()
     sys.exit(status)
+
+
+def _forget_start() -> None:
+    """Have the garbage collector pass over what modules and compiled kernels are made of.
+
+    It lives until the end, and going through it takes 0.1 s each time, in the midst of a cycle.
+    """
+    gc.collect()
+    gc.freeze()
 
 
 def _spin(nodes: Sequence[Node]) -> None:

@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.calibrate.rig_check import RigCheck
 from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.messages.markers import triangulate
@@ -82,6 +83,9 @@ def _sweep_once(config_json: str) -> tuple[CycleResult, ...]:
     results += processor.finish()
     processor.map.cuboids()
     results[-1].part.cuboids()  # with its caps
+    check = RigCheck()
+    for result in results:
+        check.add(result)
     for plane in results[-1].planes:  # as their markers are made
         triangulate(plane.boundary, plane.holes, plane.normal)
     return tuple(results)

@@ -11,6 +11,7 @@ import gc, sys
 from dataclasses import replace
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
+from tccm_ros.calibrate.rig_check import RigCheck
 from tccm_ros.config import Config
 from tccm_ros.io.bags import DEFAULT_TOPICS, BagReader
 from tccm_ros.nodes.map_folder import write_map
@@ -37,7 +38,9 @@ with BagReader(Path(sys.argv[1])) as reader:
 pipeline.finish()
 solution = pipeline.solve()
 assert pipeline.cycles and solution.surfaces and solution.slam.walls
+check = RigCheck()
 for result in pipeline.cycles:
+    check.add(result)
     result.free_places()
     for plane in result.planes:
         triangulate(plane.boundary, plane.holes, plane.normal)

@@ -126,7 +126,7 @@ class FrontEnd:
     _moving: bool = False
     _scale: OdometryScale = field(default_factory=OdometryScale)
     _information: Float64 | None = None
-    _anchor: Float64 = field(default_factory=lambda: np.zeros(3))
+    _by_odometry: Float64 = field(default_factory=lambda: np.zeros(3))
     _anchor_odom: Float64 = field(default_factory=lambda: np.zeros(3))
     _anchor_cov: Float64 = field(default_factory=lambda: np.zeros((3, 3)))
 
@@ -163,7 +163,7 @@ class FrontEnd:
 
     def _learn_scale(self, scan: LevelScan, moved: Float64) -> None:
         keyframe = self.keyframes[-1]
-        if self._information is None or self._anchor is not keyframe.pose:
+        if self._information is None or self._anchor_cov.any():
             return
         odometry = between(keyframe.scan.odom, scan.odom)
         information = rotate_covariance(self._information, -float(keyframe.pose[2]))
@@ -176,7 +176,8 @@ class FrontEnd:
 
         Odometry's position counts from the last keyframe, and not from scan to scan: people who
         walk along pull each scan back a little, and would meet no resistance. Its heading counts
-        from scan to scan: that is where wheels slip, and walls tell it everywhere.
+        from scan to scan, also for the direction of its steps: that is where wheels slip, and
+        walls tell it everywhere.
         """
         assert self._last is not None
         step = self._scale.corrected(between(self._last.odom, scan.odom))
@@ -186,8 +187,9 @@ class FrontEnd:
             # No odometry: the robot goes on as it went, within what robots accelerate.
             expected = compose(self.pose, self._step)
             return expected, expected, np.diag([0.15**2, 0.15**2, 0.15**2])
-        expected, prior = compose(self.pose, step), compose(self._anchor, since)
-        prior[2] = expected[2]
+        expected = compose(self.pose, step)
+        self._by_odometry[:2] += expected[:2] - self.pose[:2]
+        prior = np.array([self._by_odometry[0], self._by_odometry[1], expected[2]])
         cov = self._anchor_cov + odometry_covariance(since, self.config.odometry)
         return expected, prior, cov
 
@@ -204,7 +206,7 @@ class FrontEnd:
             if wide is not result:
                 # Odometry was wrong by more than its model: it says nothing about this motion.
                 result, prior_cov = wide, LOOSE_COV
-                self._anchor, self._anchor_odom = wide.pose, scan.odom
+                self._by_odometry, self._anchor_odom = wide.pose.copy(), scan.odom
                 self._anchor_cov = LOOSE_COV
         if result.inliers < LOST_INLIERS:
             return predicted, 4.0 * prior_cov, result.inliers
@@ -267,7 +269,7 @@ class FrontEnd:
             self.first_id + len(self.keyframes), scan, self.pose.copy(), delta, cov, self.session
         )
         self.keyframes.append(keyframe)
-        self._anchor, self._anchor_odom = keyframe.pose, scan.odom
+        self._by_odometry, self._anchor_odom = keyframe.pose.copy(), scan.odom
         self._anchor_cov = np.zeros((3, 3))
         self._rebuild_map()
 

@@ -131,33 +131,42 @@ def improve(
         if rim[p] == NO_RIM:
             into[2] += n
             into[3] += sums[p, 0]
+    usual, is_refused = np.empty(len(layers)), np.empty(len(layers), np.bool_)
+    for j in range(len(layers)):
+        every, two, rest, one = layers[j]
+        usual[j] = (two + PRIOR * noise) / (every + PRIOR)
+        is_refused[j] = is_shifted(rest, rest, one, noise)
     equations = np.zeros((3, 4))
     total[:] = 0.0
-    squares, points = 0.0, 0.0
+    # The places of a layer have one weight: their moments are added up, and make one equation.
+    taken, squares = np.zeros((len(layers), 10)), 0.0
     for p in range(len(pooled)):
-        m = pooled[p]
-        every, two, rest, one = layers[layer[p]]
-        usual = (two + PRIOR * noise) / (every + PRIOR)
-        lenient, share = max(noise, usual), 1.0
+        m, j = pooled[p], layer[p]
+        lenient = max(noise, usual[j])
         if rim[p] == NO_RIM:
-            if is_shifted(rest, rest, one, noise):
-                continue
-            if is_shifted(m[0], m[0], sums[p, 0], lenient):
+            if is_refused[j] or is_shifted(m[0], m[0], sums[p, 0], lenient):
                 continue
             if is_mixed(m[0], sums[p, 1], lenient, DEVIATIONS):
                 continue
-            add_place(equations, m, plane, ux, uy, 1.0 / usual)
+            into = taken[j]
+            for c in range(10):
+                into[c] += m[c]
             squares += sums[p, 1]
-            points += m[0]
         else:
             sides = rim_moments(m, plane, ux, uy, rim[p] * tick - ground)
             w, _, _, we, w2 = sides
             if w2 <= LEAST_DEPTH * LEAST_DEPTH * m[0] or is_shifted(w2, w, we, lenient):
                 continue
-            add_rim(equations, sides, 1.0 / usual)
+            add_rim(equations, sides, 1.0 / usual[j])
             share = w * w / (w2 * m[0])
+            for c in range(10):
+                total[c] += share * m[c]
+    points = 0.0
+    for j in range(len(layers)):
+        add_place(equations, taken[j], plane, ux, uy, 1.0 / usual[j])
+        points += taken[j, 0]
         for c in range(10):
-            total[c] += share * m[c]
+            total[c] += taken[j, c]
     if total[0] < LEAST_POINTS:
         return plane
     a, b, g = solve(equations)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gc
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from types import FrameType
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -30,6 +32,7 @@ def run(*factories: Callable[[], Node]) -> None:
     """
     status = 0
     nodes: list[Node] = []
+    interrupts = _Interrupts()
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.init()
         try:
@@ -39,9 +42,28 @@ def run(*factories: Callable[[], Node]) -> None:
         except TccmError as error:
             print(f"tccm: {one_line(error)}", file=sys.stderr)
             status = 1
+        except Exception:
+            # What is interrupted while it compiles comes out as anything.
+            if not interrupts.seen:
+                raise
     _close(nodes)
     rclpy.try_shutdown()
     sys.exit(status)
+
+
+class _Interrupts:
+    """Notes SIGINT, also where the KeyboardInterrupt that it raises is swallowed.
+
+    To be made before rclpy is initialised, whose handler calls the one before it.
+    """
+
+    def __init__(self) -> None:
+        self.seen = False
+        signal.signal(signal.SIGINT, self._note)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        self.seen = True
+        signal.default_int_handler(number, frame)
 
 
 def _forget_start() -> None:

@@ -36,6 +36,43 @@ def test_a_signal_ends_both_nodes_with_a_saved_map_and_status_0(ros, tmp_path, n
     assert [p.name for p in tmp_path.iterdir()] == ["map"]
 
 
+SWALLOWED = """
+import os, signal
+from tccm_ros.nodes.run import run
+
+def factory():
+    try:  # as a callback of the compiler does
+        os.kill(os.getpid(), signal.SIGINT)
+        raise SystemExit(3)
+    except KeyboardInterrupt:
+        pass
+    raise RuntimeError("no compiled object yet")
+
+run(factory)
+"""
+
+
+def test_a_signal_that_the_compiler_swallows_ends_a_node_with_status_0(domain):
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+    done = subprocess.run(
+        [sys.executable, "-c", SWALLOWED], env=environment, capture_output=True, text=True,
+        timeout=PATIENCE_S, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_an_error_at_the_start_is_no_signal(domain):
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+    script = SWALLOWED.replace("os.kill(os.getpid(), signal.SIGINT)", "raise KeyboardInterrupt")
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=environment, capture_output=True, text=True,
+        timeout=PATIENCE_S, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "RuntimeError" in done.stderr
+
+
 def test_a_bad_parameter_ends_with_one_line_and_status_1(domain):
     with started(domain, "tccm_node", *settings(map__cell_size=1)) as process:
         output, _ = process.communicate(timeout=PATIENCE_S)

@@ -10,6 +10,7 @@ from tccm_ros.mapping.caps import move_caps
 from tccm_ros.mapping.linking import link_in_plane
 from tccm_ros.mapping.moments import gather, plane_of, residuals_of
 from tccm_ros.mapping.plane_blocks import BLOCK_BITS, find_patches, sort_into_blocks
+from tccm_ros.mapping.plane_disputes import give_back
 from tccm_ros.mapping.plane_growth import grow_regions
 from tccm_ros.mapping.plane_members import (
     GATE,
@@ -126,9 +127,13 @@ def segment(
                 planes,
                 found,
             )
-    for row in planes[:found]:
+    planes = planes[:found]
+    planes = give_back(
+        M, start, order, rows, wide, queue, stamp, labels, planes, np.abs(planes[:, 2]) < STEEP
+    )
+    for row in planes:
         orient(row, view, origin * tick, limits[4])
-    return labels, planes[:found]
+    return labels, planes
 
 
 @njit(nogil=True, cache=True)

@@ -44,6 +44,12 @@ ALONG = 0.8
 BED = (0.8, 1.6)
 """No bed is smaller than this, m."""
 
+SLENDER = 3.0
+"""A band is so many times as long as it is wide."""
+
+NARROW = 0.4
+"""Width of a box, m, up to which ragged edges are a good part of it."""
+
 RAGGED = 0.08
 """Outlines stray this far from straight edges, m."""
 
@@ -71,7 +77,8 @@ class Shape:
     height
         Above the floor (above the map's origin where no floor is known).
     width
-        Of the narrowest box around the outline; an L-shaped counter is as wide as its arms.
+        Of the narrowest box around the outline; an L-shaped counter is as wide as its arms, and a
+        narrow band as on the mean.
     length
         Of the narrowest box.
     area
@@ -154,12 +161,15 @@ def _width(polygon: shapely.Polygon, edges: Float64) -> float:
     """Return the width of a surface from its outline and the edges (2,) of its box, m.
 
     What fills less than half of its box is a band with a bend: it is as wide as the rectangle of
-    the same area and perimeter. The outline is smoothed first, as a ragged edge is long.
+    the same area and perimeter. The outline is smoothed first, as a ragged edge is long. A narrow
+    band without a bend is as wide as on the mean: waves of its edges would make up much of its box.
     """
-    smooth = shapely.Polygon(polygon.exterior).simplify(RAGGED)
+    whole = shapely.Polygon(polygon.exterior)
+    smooth = whole.simplify(RAGGED)
     half, area = smooth.exterior.length / 2.0, smooth.area
     if area > 0.5 * edges[0] * edges[1]:
-        return float(edges[0])
+        is_narrow = edges[0] <= min(NARROW, edges[1] / SLENDER)
+        return float(whole.area / edges[1] if is_narrow else edges[0])
     return float((half - np.sqrt(max(half**2 - 4.0 * area, 0.0))) / 2.0)
 
 
@@ -215,7 +225,7 @@ def _fit(shape: Shape, rule: Rule) -> float:
 
 def _scores(shape: Shape, rules: Labels) -> dict[str, float]:
     """Return the score of each label; what stands near and above raises or rules out."""
-    slender = shape.length >= 3.0 * shape.width
+    slender = shape.length >= SLENDER * shape.width
     away = 1.0 - 0.4 * shape.at_wall
     low = 0.0 if shape.backed else LOW * _fit(shape, rules.low_table)
     sofa = _fit(shape, rules.sofa) if shape.backed else 0.0

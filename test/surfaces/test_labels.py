@@ -32,3 +32,12 @@ def test_the_rules_know_the_ranges_of_the_configuration():
     rules = Config().labels
     assert rules.counter[0] < 0.9 < rules.counter[1]
     assert rules.seat[1] < rules.table[1]
+
+
+def test_a_narrow_band_with_wavy_edges_is_as_wide_as_on_the_mean():
+    x = np.linspace(0.0, 2.0, 41)
+    wave = 0.04 * np.sin(2.0 * np.pi * x / 0.5)
+    ring = [*zip(x, wave, strict=True), *zip(x[::-1], 0.24 + wave[::-1], strict=True)]
+    band = shapely.Polygon(ring)
+    assert edges(band)[0] == pytest.approx(0.32, abs=0.01)
+    assert _width(band, edges(band)) == pytest.approx(0.24, abs=0.025)

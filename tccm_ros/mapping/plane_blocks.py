@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.mapping.moments import plane_of
 
-__all__ = ["BLOCK_BITS", "LEVELS", "find_patches", "sort_into_blocks"]
+__all__ = ["BLOCK_BITS", "LEVELS", "find_patches", "queue_around", "sort_into_blocks"]
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int32]
@@ -60,6 +60,21 @@ def sort_into_blocks(
         order[fill[b]] = i
         fill[b] += 1
     return start, order
+
+
+@njit(nogil=True, cache=True)
+def queue_around(
+    b: int, mark: int, rows: int, wide: int, queue: Int, queued: int, stamp: Int
+) -> int:
+    """Queue the blocks around block b that have not the mark yet; return how many are queued."""
+    bx, by = b // wide, b % wide
+    for x in range(max(bx - 1, 0), min(bx + 2, rows)):
+        for y in range(max(by - 1, 0), min(by + 2, wide)):
+            if stamp[x * wide + y] != mark:
+                stamp[x * wide + y] = mark
+                queue[queued] = x * wide + y
+                queued += 1
+    return queued
 
 
 @njit(nogil=True, cache=True)

@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.mapping.moments import residuals_of
+from tccm_ros.mapping.plane_blocks import queue_around
 from tccm_ros.mapping.plane_members import GATE, NOISE_FLOOR
 
 __all__ = ["give_back"]
@@ -124,19 +125,6 @@ def blocks_by_plane(
                 first[p + 1] += 1
             last = p
     return first, blocks, is_held
-
-
-@njit(nogil=True, cache=True)
-def queue_around(b: int, q: int, rows: int, wide: int, queue: Int, queued: int, stamp: Int) -> int:
-    """Queue the blocks around block b that plane q has not looked at yet."""
-    bx, by = b // wide, b % wide
-    for x in range(max(bx - 1, 0), min(bx + 2, rows)):
-        for y in range(max(by - 1, 0), min(by + 2, wide)):
-            if stamp[x * wide + y] != q:
-                stamp[x * wide + y] = q
-                queue[queued] = x * wide + y
-                queued += 1
-    return queued
 
 
 @njit(nogil=True, cache=True)

@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.mapping.moments import plane_of, residuals_of
+from tccm_ros.mapping.plane_blocks import queue_around
 
 __all__ = ["GATE", "NOISE_FLOOR", "Plane", "claim", "fit_lying", "is_mixed", "pooled_plane"]
 
@@ -168,13 +169,7 @@ def claim(
             nx, ny, nz, d, variance = pooled_plane(total)
             gate = GATE * math.sqrt(variance)
             refit_at = 1.5 * total[0]
-        bx, by = b // wide, b % wide
-        for x in range(max(bx - 1, 0), min(bx + 2, rows)):
-            for y in range(max(by - 1, 0), min(by + 2, wide)):
-                if stamp[x * wide + y] != mark:
-                    stamp[x * wide + y] = mark
-                    queue[queued] = x * wide + y
-                    queued += 1
+        queued = queue_around(b, mark, rows, wide, queue, queued, stamp)
     members = np.empty(count + 1, np.int32)
     used = 0
     for i in range(low, high + 1):

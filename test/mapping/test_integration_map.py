@@ -64,6 +64,7 @@ def test_equals_brute_force(cycles, window):
     for cycle, points in enumerate(cycles):
         map_.add(part_of(points, cycle, settings))
         kept = [(k, cycles[k], {}) for k in range(max(0, cycle - window + 1), cycle + 1)]
+        assert map_.cycles == [k for k, _, _ in kept]
         check(map_, kept)
 
 

@@ -386,7 +386,9 @@ class Views(Group):
     when: Literal["always", "still"] = param(
         "always", "still: only sweeps in which the base stood still"
     )
-    cell_size: float = param(0.10, "column of the seen-through view", unit="m", gt=0.01, le=1.0)
+    cell_size: float = param(
+        0.10, "column of the seen-through view", unit="m", gt=0.01, le=1.0, read_only=True
+    )
     reach: float = param(
         5.0, "distance up to which a sweep tells what it saw through", unit="m", gt=0.0, le=50.0
     )
@@ -484,15 +486,22 @@ class Qos(Group):
         "header", "receive: stamps of arrival, for drivers without a clock", read_only=True
     )
     silence: float = param(
-        5.0, "an input that is silent this long is reported", unit="s", gt=0.0, le=3600.0
+        5.0,
+        "an input that is silent this long is reported",
+        unit="s",
+        gt=0.0,
+        le=3600.0,
+        read_only=True,
     )
 
 
 class Tf(Group):
     """The transform map -> odom."""
 
-    publish: bool = param(True, "publish map -> odom on /tf where tf2_msgs is installed")
-    rate: float = param(20.0, "of map -> odom", unit="Hz", gt=0.0, le=200.0, read_only=True)
+    publish: bool = param(
+        True, "publish map -> odom on /tf where tf2_msgs is installed", read_only=True
+    )
+    rate: float = param(20.0, "of map -> odom", unit="Hz", gt=0.0, le=200.0)
     transform_tolerance: float = param(
         0.1, "map -> odom is stamped this much after the newest scan", unit="s", ge=0.0, le=10.0
     )
@@ -539,7 +548,12 @@ class Config(Group):
     save: Save = Field(default_factory=Save)
     markers: Markers = Field(default_factory=Markers)
     clock_jump: float = param(
-        2.0, "a backward step of time beyond this resets the map", unit="s", gt=0.0, le=3600.0
+        2.0,
+        "a backward step of time beyond this resets the map",
+        unit="s",
+        gt=0.0,
+        le=3600.0,
+        read_only=True,
     )
     sync_timeout: float = param(
         0.5,
@@ -547,6 +561,7 @@ class Config(Group):
         unit="s",
         gt=0.0,
         le=60.0,
+        read_only=True,
     )
 
 

@@ -232,6 +232,12 @@ class Mapper:
 
     def _close(self, span: Span) -> Sweep | None:
         scans, self._open = self._open, []
+        sweep = self._sweep(span, scans)
+        # A new region counts from the next sweep on: a part map has one.
+        self._builder.set_region(self._config.map.region)
+        return sweep
+
+    def _sweep(self, span: Span, scans: list[SweepScan]) -> Sweep | None:
         if span.cycle is None:
             self.dropped[span.reason] += len(scans)
             self._builder.clear()

@@ -176,7 +176,7 @@ class ObjectTracker:
     """Gives each object an id that stays while it stands within `objects.track_distance`."""
 
     def __init__(self, config: Config) -> None:
-        self._reach = config.objects.track_distance
+        self._config = config.objects
         self._known: list[TabletopObject] = []
         self._next_id = 0
 
@@ -186,7 +186,7 @@ class ObjectTracker:
             (math.dist(new.center, old.center), i, old.id)
             for i, new in enumerate(objects)
             for old in self._known
-            if math.dist(new.center, old.center) <= self._reach
+            if math.dist(new.center, old.center) <= self._config.track_distance
         )
         ids: dict[int, int] = {}
         for _, i, old_id in pairs:

@@ -53,7 +53,7 @@ class TiltCycles:
     Parameters
     ----------
     config
-        Group `cycle`.
+        Group `cycle`; a change counts from the next sample on.
     first_cycle
         Number of the first cycle.
 
@@ -64,12 +64,7 @@ class TiltCycles:
     """
 
     def __init__(self, config: Config, first_cycle: int = 0) -> None:
-        limits = config.cycle
-        self._dead_band = limits.dead_band
-        self._min_sweep = limits.min_sweep
-        self._rest_ns = round(limits.rest_time * 1e9)
-        self._gap_ns = round(limits.max_gap * 1e9)
-        self._max_ns = round(limits.max_time * 1e9)
+        self._limits = config.cycle
         self.closed: deque[Span] = deque()
         self._cycle = first_cycle
         self.clear()
@@ -82,7 +77,7 @@ class TiltCycles:
         self._decided_ns = START_OF_TIME
         self._last: tuple[int, float] | None = None
         self._ends: dict[int, float] = {}
-        self._step, self._unsteady = 0.0, self._dead_band
+        self._step, self._unsteady = 0.0, self._limits.dead_band
 
     @property
     def open_start_ns(self) -> int:
@@ -104,7 +99,7 @@ class TiltCycles:
         if self._last is not None:
             if stamp_ns <= self._last[0]:
                 return
-            if stamp_ns - self._last[0] > self._gap_ns:
+            if stamp_ns - self._last[0] > _ns(self._limits.max_gap):
                 self._lose_joint()
         if self._state == "silent":
             known = self._last is not None
@@ -127,7 +122,7 @@ class TiltCycles:
 
     def advance(self, now_ns: int) -> None:
         """Close the open sweep if no sample can come any more that would go on with it."""
-        if self._last is not None and now_ns - self._last[0] > self._gap_ns:
+        if self._last is not None and now_ns - self._last[0] > _ns(self._limits.max_gap):
             self._lose_joint()
 
     def finish(self) -> None:
@@ -145,7 +140,7 @@ class TiltCycles:
         if self._state == "resting":
             self._close(end_ns, "joint rests", False)
         else:
-            self._close(end_ns, reason, self._sweep >= self._min_sweep)
+            self._close(end_ns, reason, self._sweep >= self._limits.min_sweep)
         self._state = "silent"
         self._decided_ns = end_ns
 
@@ -174,9 +169,9 @@ class TiltCycles:
         self._since: deque[tuple[int, float]] = deque([(stamp_ns, angle)])
 
     def _while_starting(self, stamp_ns: int, angle: float) -> None:
-        if abs(angle - self._anchor) > self._dead_band:
+        if abs(angle - self._anchor) > self._limits.dead_band:
             self._set_off(stamp_ns, angle)
-        elif stamp_ns - self._anchor_ns > self._rest_ns:
+        elif stamp_ns - self._anchor_ns > _ns(self._limits.rest_time):
             self._state = "resting"
             self._still_ns = self._decided_ns = stamp_ns
 
@@ -191,11 +186,11 @@ class TiltCycles:
 
     def _while_resting(self, stamp_ns: int, angle: float) -> None:
         away = abs(angle - self._anchor)
-        if away > self._dead_band:
+        if away > self._limits.dead_band:
             self._close(self._still_ns, "joint rests", False)
             self._sweep = 0.0
             self._set_off(stamp_ns, angle)
-        elif away <= 0.5 * self._dead_band:
+        elif away <= 0.5 * self._limits.dead_band:
             self._still_ns = self._decided_ns = stamp_ns
 
     def _while_moving(self, stamp_ns: int, angle: float) -> None:
@@ -204,15 +199,15 @@ class TiltCycles:
             self._sweep = max(self._sweep, abs(angle - self._leg_start))
         if self._direction * (self._extreme - angle) > self._reversal():
             self._turn(stamp_ns, angle)
-        elif abs(angle - self._anchor) > self._dead_band:
+        elif abs(angle - self._anchor) > self._limits.dead_band:
             self._anchor_at(stamp_ns, angle)
         else:
             self._since.append((stamp_ns, angle))
         arrival_ns = self._arrival_ns()
-        if stamp_ns - self._anchor_ns > self._rest_ns:
+        if stamp_ns - self._anchor_ns > _ns(self._limits.rest_time):
             self._rest(arrival_ns, stamp_ns, angle)
-        elif stamp_ns - self._start_ns > self._max_ns:
-            self._close(arrival_ns, "time", self._sweep >= self._min_sweep)
+        elif stamp_ns - self._start_ns > _ns(self._limits.max_time):
+            self._close(arrival_ns, "time", self._sweep >= self._limits.min_sweep)
             self._leg_start, self._sweep = self._extreme, 0.0
         else:
             self._decided_ns = max(self._decided_ns, arrival_ns)
@@ -224,21 +219,21 @@ class TiltCycles:
         dead band. If it does go on, the cycle has ended that much too early and no other is made:
         the rest is too short for a sweep.
         """
-        end = self._ends.get(self._direction)
-        is_sweep = abs(self._extreme - self._leg_start) >= self._min_sweep
-        if end is None or not is_sweep or abs(self._extreme - end) > self._dead_band:
-            return self._dead_band
-        return min(max(NEAR * self._dead_band, SURE * self._unsteady), self._dead_band)
+        end, dead_band = self._ends.get(self._direction), self._limits.dead_band
+        is_sweep = abs(self._extreme - self._leg_start) >= self._limits.min_sweep
+        if end is None or not is_sweep or abs(self._extreme - end) > dead_band:
+            return dead_band
+        return min(max(NEAR * dead_band, SURE * self._unsteady), dead_band)
 
     def _arrival_ns(self) -> int:
         """When the joint came to where it now is furthest, within a quarter of the dead band."""
-        near = self._extreme - self._direction * NEAR * self._dead_band
+        near = self._extreme - self._direction * NEAR * self._limits.dead_band
         while len(self._since) > 1 and self._direction * (self._since[0][1] - near) < 0.0:
             self._since.popleft()
         return min(self._since[0][0], self._extreme_ns)
 
     def _turn(self, stamp_ns: int, angle: float) -> None:
-        if abs(self._extreme - self._leg_start) >= self._min_sweep:
+        if abs(self._extreme - self._leg_start) >= self._limits.min_sweep:
             self._close(self._extreme_ns, "turn", True)
             self._ends[self._direction] = self._extreme
             self._sweep = 0.0
@@ -249,7 +244,11 @@ class TiltCycles:
         self._anchor_at(stamp_ns, angle)
 
     def _rest(self, arrival_ns: int, stamp_ns: int, angle: float) -> None:
-        self._close(arrival_ns, "rest", self._sweep >= self._min_sweep)
+        self._close(arrival_ns, "rest", self._sweep >= self._limits.min_sweep)
         self._state = "resting"
         self._anchor = angle
         self._still_ns = self._decided_ns = stamp_ns
+
+
+def _ns(seconds: float) -> int:
+    return round(seconds * 1e9)

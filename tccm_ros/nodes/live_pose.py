@@ -70,7 +70,7 @@ class LivePosePublisher:
                 "tf2_msgs is not installed: map -> odom is on ~/map_to_odom alone"
             )
             return None
-        return TfPublisher(node, intake, self._config.tf.rate, self.transform)
+        return TfPublisher(node, intake, self._config.tf, self.transform)
 
     def forget(self) -> None:
         """Publish nothing until the next scan."""

@@ -8,6 +8,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from tccm_ros.config import Tf
 from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.ros_types import message_class
 
@@ -24,7 +25,7 @@ def has_tf2_msgs() -> bool:
 
 
 class TfPublisher:
-    """Publishes a transform at a fixed rate from its first value on.
+    """Publishes a transform at a rate, from its first value on.
 
     Parameters
     ----------
@@ -32,20 +33,25 @@ class TfPublisher:
         The node that publishes.
     intake
         Calls back when a publication is due.
-    rate_hz
-        Of publication.
+    config
+        Its `rate`, of publication; a change counts from the next publication on.
     current
         Returns a geometry_msgs/TransformStamped, or None before the first scan.
     """
 
-    def __init__(
-        self, node: Node, intake: Intake, rate_hz: float, current: Callable[[], Any | None]
-    ):
+    def __init__(self, node: Node, intake: Intake, config: Tf, current: Callable[[], Any | None]):
         self._message = message_class("tf2_msgs/msg/TFMessage")
         self._current = current
         self._publisher = node.create_publisher(self._message, "/tf", QoSProfile(depth=100))
-        timer = node.create_timer(1.0 / rate_hz, self.publish, callback_group=intake.group)
-        intake.add_timer(timer)
+        self._config, self._rate = config, config.rate
+        self._timer = node.create_timer(1.0 / self._rate, self._tick, callback_group=intake.group)
+        intake.add_timer(self._timer)
+
+    def _tick(self) -> None:
+        if self._rate != self._config.rate:
+            self._rate = self._config.rate
+            self._timer.timer_period_ns = round(1e9 / self._rate)
+        self.publish()
 
     def publish(self) -> None:
         """Publish the transform, if there is one."""

@@ -3,10 +3,16 @@
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
+from robot import START_NS, URDF, Listener, recording, slam, tccm
 
-from tccm_ros.config import Config, parameters
+from tccm_ros.config import Config, Group, parameters
 from tccm_ros.errors import ConfigError
+from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.nodes.params import declare_config, follow_changes, ros_type
+from tccm_ros.nodes.ros_types import message_class
+from tccm_ros.nodes.tf import has_tf2_msgs
+from tccm_ros.records import RobotDescription
+from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 
 def make(ros, **overrides):
@@ -70,3 +76,74 @@ def test_live_changes_are_checked_and_applied(ros):
         assert not result.successful
         assert result.reason
     assert config.planes.source == "map"
+
+
+class Reads:
+    """Notes which parameters are read, while processors are made and afterwards."""
+
+    def __init__(self, monkeypatch, config):
+        self.phase, self.made, self.run = "none", set(), set()
+        self._names = dict(self._walk(config, ""))
+        plain = Group.__getattribute__
+
+        def read(group, key):
+            name = self._names.get((type(group), key))
+            if name and self.phase != "none":
+                (self.made if self.phase == "made" else self.run).add(name)
+            return plain(group, key)
+
+        monkeypatch.setattr(Group, "__getattribute__", read)
+
+    def _walk(self, group, prefix):
+        for key, value in group:
+            if isinstance(value, Group):
+                yield from self._walk(value, f"{prefix}{key}.")
+            else:
+                yield (type(group), key), prefix + key
+
+
+def test_what_can_be_changed_is_read_again_after_the_start(monkeypatch):
+    config = Config()
+    reads = Reads(monkeypatch, config)
+    reads.phase = "made"
+    tccm, slam = TccmProcessor(config), SurfaceSlam(config)
+    reads.phase = "run"
+    for processor in (tccm, slam):
+        processor.add(RobotDescription(URDF.format(p="", kind="revolute")))
+    for topic, record in recording(4, speed=0.2):
+        for result in tccm.add(record) if topic != "scan" else ():
+            slam.add(result.surfaces)
+            slam.add(result.view)
+        if topic != "tilt_scan":
+            slam.add(record)
+    slam.finish()
+    slam.solve()
+    reads.phase = "none"
+    live = {parameter.name for parameter in parameters() if not parameter.read_only}
+    assert "map.region" in reads.run
+    assert not (reads.made - reads.run) & live
+
+
+def test_a_region_set_while_the_node_runs_counts_from_the_next_cycle_on(ros):
+    node, robot = tccm(ros), ros.robot()
+    robot.play(recording(2), node)
+    wide = node.processor.map.parts[-1].cuboids()
+    region = [0.3, 1.3, -0.6, 0.6, 0.5, 1.0]
+    assert node.set_parameters([RosParameter("map.region", value=region)])[0].successful
+    robot.play(recording(3, start_ns=START_NS + 20_000_000_000), node)
+    narrow = node.processor.map.parts[-1].cuboids()
+    assert wide.ix.max() * wide.cell_size > 2.5
+    assert 0.28 <= narrow.ix.min() * narrow.cell_size <= narrow.ix.max() * narrow.cell_size <= 1.3
+
+
+@pytest.mark.skipif(not has_tf2_msgs(), reason="tf2_msgs is not installed")
+def test_the_rate_of_tf_can_be_changed_while_the_node_runs(ros):
+    node, robot, viewer = slam(ros, tf__rate=2.0), ros.robot(), Listener(ros)
+    tf = viewer.listen(message_class("tf2_msgs/msg/TFMessage"), "/tf")
+    ros.connect(node, viewer.node, "/tf")
+    robot.play(recording(1), node)
+    timer = node.live._tf._timer
+    assert timer.timer_period_ns == 500_000_000
+    assert node.set_parameters([RosParameter("tf.rate", value=100.0)])[0].successful
+    ros.spin_until(lambda: len(tf) > 2)
+    assert timer.timer_period_ns == 10_000_000

@@ -102,8 +102,27 @@ def median_ms(call: Callable[[], object], repeats: int = 50) -> float:
     return 1e3 * statistics.median(times)
 
 
-def pcl_planes(clouds: Sequence[Array], threshold: float = 0.01, repeats: int = 1):
-    """Run PCL's RANSAC (C++); return (ms, normal, offset) per cloud, or None without PCL."""
+def pcl_planes(
+    clouds: Sequence[Array], trials: int, threshold: float = 0.01, repeats: int = 1
+) -> list[Array] | None:
+    """Run PCL's RANSAC (C++) on clouds; return None without PCL.
+
+    Parameters
+    ----------
+    clouds
+        float64 (M, 3) each, m.
+    trials
+        RANSAC's most trials; it ends before when it is 99 % sure.
+    threshold
+        m.
+    repeats
+        Runs on each cloud, all with other draws.
+
+    Returns
+    -------
+    list of float64 (repeats, 6)
+        ms, inliers, normal and offset, for each cloud.
+    """
     compiler, config = shutil.which("g++"), shutil.which("pkg-config")
     names = sorted(Path("/usr/include").glob("pcl-*"))
     if compiler is None or not names:
@@ -125,8 +144,10 @@ def pcl_planes(clouds: Sequence[Array], threshold: float = 0.01, repeats: int = 
             files.append(Path(folder) / f"{i}.bin")
             files[-1].write_bytes(cloud.astype("<f4").tobytes())
         out = subprocess.run(
-            [str(program), str(threshold), str(repeats), *map(str, files)],
+            [str(program), str(threshold), str(trials), str(repeats), *map(str, files)],
             check=True, capture_output=True, text=True,
         ).stdout  # fmt: skip
-    rows = [np.array(line.split(), float) for line in out.splitlines()]
-    return [(1e3 * row[0], row[2:5], -row[5]) for row in rows]
+    rows = np.array([line.split() for line in out.splitlines()], float)
+    # Seconds, inliers, a, b, c, d with a x + b y + c z + d = 0.
+    rows *= (1e3, 1.0, 1.0, 1.0, 1.0, -1.0)
+    return list(rows.reshape(len(clouds), repeats, 6))

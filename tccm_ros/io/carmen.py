@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from tccm_ros.errors import LogError, OutputError
 from tccm_ros.geometry import between2, spatial, wrap_angle
 from tccm_ros.io.bag_writer import BagWriter
-from tccm_ros.io.carmen_lines import SCAN_KINDS, CarmenLog, ScanLine, read_log
+from tccm_ros.io.carmen_lines import SCAN_KINDS, CarmenLog, OdomLine, ScanLine, read_log
+from tccm_ros.io.log_times import increasing_stamps, without_outliers, without_resets
 from tccm_ros.messages import (
     odometry_message,
     robot_description_message,
@@ -27,15 +28,9 @@ from tccm_ros.messages import (
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Odometry, RobotDescription, Scan, TransformSample
 
-__all__ = ["ImportedLog", "import_carmen", "increasing_stamps"]
+__all__ = ["ImportedLog", "import_carmen"]
 
 BASE, LASER, ODOM = "base_link", "laser", "odom"
-
-MIN_STEP_NS = 1_000
-"""Least time between two scans, ns."""
-
-STAMP_OUTLIER_NS = 10_000_000_000
-"""A stamp this far from the median of its four neighbours and itself is a damaged line."""
 
 SICK_NO_RETURN_M = 81.8
 """The SICK LMS codes 8183 to 8191 cm mean no return, dazzle and the like."""
@@ -132,8 +127,9 @@ def import_carmen(
             f"{log}: no scans; expected lines of {', '.join(SCAN_KINDS)}, lines found: {found} "
             f"({read.damaged} damaged)"
         )
-    scans = _without_outliers(read.scans[kind])
-    times = [scan.time_ns for scan in scans]
+    scans = without_outliers(read.scans[kind])
+    read.odometry = without_outliers(read.odometry)
+    times, clock = _clock(scans, read)
     stamps = increasing_stamps(times)
     laser = _laser_offset(scans, read)
     no_return, range_max = _no_return(scans)
@@ -143,55 +139,33 @@ def import_carmen(
         for scan, stamp in zip(scans, stamps, strict=True):
             _write_scan(writer, scan, stamp, no_return, range_max)
             bars.advance(1.0)
-        written = _write_odometry(writer, scans, stamps, read)
+        written = _write_odometry(writer, scans, stamps, read, clock)
         (writer.folder / "stamps.csv").write_text(_stamps_csv(scans, stamps), encoding="ascii")
     return ImportedLog(
         kind=kind,
         scans=len(scans),
         odometry=written,
         damaged=read.damaged + len(read.scans[kind]) - len(scans),
-        steps_back=sum(b < a for a, b in pairwise(times)),
+        steps_back=sum(b.time_ns < a.time_ns for a, b in pairwise(scans)),
         moved_s=max(abs(a - b) for a, b in zip(times, stamps)) * 1e-9,
         laser=(float(laser[0]), float(laser[1]), float(laser[2])),
         range_max=range_max,
     )
 
 
-def increasing_stamps(times_ns: Sequence[int], step_ns: int = MIN_STEP_NS) -> list[int]:
-    """Return the increasing stamps that are nearest to some times by least squares.
+def _clock(scans: list[ScanLine], log: CarmenLog) -> tuple[list[int], dict[int, int]]:
+    """Return a time of each scan, and that of each line by its number, by a clock that goes on.
 
-    Pool-adjacent-violators on integers: exact, and times that increase already stay as they are.
-
-    Parameters
-    ----------
-    times_ns
-        Times in the true order, ns.
-    step_ns
-        Least difference between two stamps, ns.
+    Where the computers' clock stands still, the logger's is taken.
     """
-    sums: list[int] = []
-    counts: list[int] = []
-    for k, time in enumerate(times_ns):
-        sums.append(time - k * step_ns)
-        counts.append(1)
-        while len(sums) > 1 and sums[-2] * counts[-1] > sums[-1] * counts[-2]:
-            total, count = sums.pop(), counts.pop()
-            sums[-1] += total
-            counts[-1] += count
-    means = [total // count for total, count in zip(sums, counts) for _ in range(count)]
-    return [mean + k * step_ns for k, mean in enumerate(means)]
-
-
-def _without_outliers(scans: list[ScanLine]) -> list[ScanLine]:
-    """Drop scans whose stamp is far from those around: one of them would drag hundreds along."""
-    times = np.array([scan.time_ns for scan in scans], np.int64)
-    if len(times) < 5:
-        return scans
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(times, 2, mode="reflect"), 5)
-    near = np.abs(times - np.median(around, axis=1)) < STAMP_OUTLIER_NS
-    monotone = np.ones(len(times), bool)
-    monotone[1:-1] = (times[:-2] <= times[1:-1]) & (times[1:-1] <= times[2:])
-    return [scan for scan, keep in zip(scans, near | monotone) if keep]
+    if len({scan.time_ns for scan in scans}) == 1 and len({s.logged_ns for s in scans}) > 1:
+        times = without_resets([scan.logged_ns for scan in scans])
+        return times, {scan.line: time for scan, time in zip(scans, times)}
+    lines: list[ScanLine | OdomLine] = [*scans, *log.odometry]
+    lines.sort(key=lambda line: line.line)
+    times = without_resets([line.time_ns for line in lines])
+    at = {line.line: time for line, time in zip(lines, times)}
+    return [at[scan.line] for scan in scans], at
 
 
 def _laser_offset(scans: list[ScanLine], log: CarmenLog) -> NDArray[np.float64]:
@@ -268,7 +242,11 @@ def _write_scan(
 
 
 def _write_odometry(
-    writer: BagWriter, scans: list[ScanLine], stamps: Sequence[int], log: CarmenLog
+    writer: BagWriter,
+    scans: list[ScanLine],
+    stamps: Sequence[int],
+    log: CarmenLog,
+    clock: dict[int, int],
 ) -> int:
     """Write ODOM lines where the scans have no odometry of their own; return how many there are.
 
@@ -278,7 +256,7 @@ def _write_odometry(
     paired = sum(scan.odometry is not None for scan in scans)
     if paired:
         return paired
-    times = increasing_stamps([line.time_ns for line in log.odometry])
+    times = increasing_stamps([clock.get(line.line, line.time_ns) for line in log.odometry])
     for line, stamp in zip(log.odometry, times):
         _write_pose(writer, stamp, line.pose)
     return len(times)

@@ -9,6 +9,9 @@ Formats as the logs' own headers give them; angles in rad, distances in m, times
                 ipc_time host logger_time
     ODOM x y theta tv rv accel  ipc_time host logger_time
     PARAM name value ..
+
+Some logs state one reading less than a FLASER line has; the poses then end where the host's name
+stands.
 """
 
 from __future__ import annotations
@@ -55,8 +58,12 @@ class ScanLine:
     ----------
     index
         Of the scan among those of its kind in the file, from 0, damaged ones included.
-    time_ns
-        ipc_time, ns.
+    line
+        Of the file, from 0.
+    time_ns, logged_ns
+        ipc_time and logger_time, ns; the latter -1 where the line has none.
+    stated
+        Number of readings by the line's own count.
     angle_min, angle_increment
         rad.
     range_max
@@ -68,7 +75,10 @@ class ScanLine:
     """
 
     index: int
+    line: int
     time_ns: int
+    logged_ns: int
+    stated: int
     angle_min: float
     angle_increment: float
     range_max: float
@@ -79,8 +89,9 @@ class ScanLine:
 
 @dataclass(frozen=True, slots=True)
 class OdomLine:
-    """Odometry on a line of its own: time in ns, pose (x, y, yaw)."""
+    """Odometry on line `line` of the file: time in ns, pose (x, y, yaw)."""
 
+    line: int
     time_ns: int
     pose: Pose2
 
@@ -119,12 +130,13 @@ def read_log(path: Path) -> CarmenLog:
     log = CarmenLog()
     try:
         with _open(path) as stream:
-            for line in _lines(stream):
-                _take(log, line)
+            for number, line in enumerate(_lines(stream)):
+                _take(log, line, number)
     except (OSError, EOFError, zlib.error) as error:
         raise LogError(f"{path}: cannot be read ({one_line(error)})") from None
     except OverflowError as error:
         raise LogError(f"{path}: {one_line(error)}") from None
+    _drop_miscounted(log)
     return log
 
 
@@ -148,7 +160,7 @@ def _lines(stream: IO[bytes]) -> Iterator[bytes]:
         yield line
 
 
-def _take(log: CarmenLog, line: bytes) -> None:
+def _take(log: CarmenLog, line: bytes, number: int) -> None:
     """Add one line to the log."""
     first = line[:64].split(None, 1)
     kind = first[0].decode("ascii", "replace") if first else ""
@@ -161,23 +173,49 @@ def _take(log: CarmenLog, line: bytes) -> None:
         if kind == "PARAM":
             log.parameters[words[1]] = words[2]
         elif kind == "ODOM":
-            log.odometry.append(OdomLine(_time_ns(words[7]), _pose(words[1:4])))
+            log.odometry.append(OdomLine(number, _time_ns(words[7]), _pose(words[1:4])))
         else:
             read = _flaser if kind == "FLASER" else _new_laser
-            log.scans.setdefault(kind, []).append(read(words, index))
+            log.scans.setdefault(kind, []).append(read(words, index, number))
     except (ValueError, IndexError):
         log.damaged += 1
 
 
-def _flaser(words: list[str], index: int) -> ScanLine:
+def _drop_miscounted(log: CarmenLog) -> None:
+    """Drop lines whose number of readings is not what they state, unless most are so.
+
+    One line alone has a reading that was torn in two, and its bearings are wrong from there on.
+    """
+    for kind, scans in log.scans.items():
+        counted = [scan for scan in scans if len(scan.ranges) == scan.stated]
+        if 2 * len(counted) >= len(scans):
+            log.damaged += len(scans) - len(counted)
+            log.scans[kind] = counted
+
+
+def _flaser(words: list[str], index: int, number: int) -> ScanLine:
     ranges, after = _readings(words, 1)
+    stated = len(ranges)
+    if len(words) > after + 8 and _is_number(words[after + 7]) and not _is_number(words[after + 8]):
+        ranges, after = np.append(ranges, float(words[after])), after + 1
     rest = words[after:]
     angle_min, increment = _bearings(len(ranges))
-    laser, odometry = _pose(rest[:3]), _pose(rest[3:6])
-    return ScanLine(index, _time_ns(rest[6]), angle_min, increment, 0.0, ranges, laser, odometry)
+    return ScanLine(
+        index,
+        number,
+        _time_ns(rest[6]),
+        _logged_ns(rest[8:9]),
+        stated,
+        angle_min,
+        increment,
+        0.0,
+        ranges,
+        _pose(rest[:3]),
+        _pose(rest[3:6]),
+    )
 
 
-def _new_laser(words: list[str], index: int) -> ScanLine:
+def _new_laser(words: list[str], index: int, number: int) -> ScanLine:
     """Read ROBOTLASER1 and RAWLASER1, which differ in the poses."""
     start, _, step, range_max = _numbers(words[2:6])
     ranges, after = _readings(words, 8)
@@ -186,7 +224,19 @@ def _new_laser(words: list[str], index: int) -> ScanLine:
     laser = odometry = None
     if words[0].startswith("ROBOT"):
         laser, odometry, rest = _pose(rest[:3]), _pose(rest[3:6]), rest[11:]
-    return ScanLine(index, _time_ns(rest[0]), start, step, range_max, ranges, laser, odometry)
+    return ScanLine(
+        index,
+        number,
+        _time_ns(rest[0]),
+        _logged_ns(rest[2:3]),
+        len(ranges),
+        start,
+        step,
+        range_max,
+        ranges,
+        laser,
+        odometry,
+    )
 
 
 def _readings(words: list[str], at: int) -> tuple[NDArray[np.float64], int]:
@@ -217,6 +267,22 @@ def _numbers(words: list[str]) -> list[float]:
 def _pose(words: list[str]) -> Pose2:
     x, y, theta = _numbers(words)
     return x, y, theta
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _logged_ns(words: list[str]) -> int:
+    """Return the logger's time, if there is one, else -1."""
+    try:
+        return _time_ns(words[0])
+    except (ValueError, IndexError):
+        return -1
 
 
 def _time_ns(word: str) -> int:

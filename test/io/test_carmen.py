@@ -17,7 +17,8 @@ from shared_data import shared
 from tccm_ros.errors import LogError, OutputError, TccmError
 from tccm_ros.geometry import compose2, planar
 from tccm_ros.io.bags import BagReader
-from tccm_ros.io.carmen import import_carmen, increasing_stamps
+from tccm_ros.io.carmen import import_carmen
+from tccm_ros.io.log_times import increasing_stamps, without_resets
 from tccm_ros.records import Odometry, RobotDescription, Scan, TransformSample
 
 START = 976_052_857
@@ -266,6 +267,110 @@ def test_the_same_log_gives_the_same_bytes(tmp_path):
     for file in ("bag.mcap", "metadata.yaml", "stamps.csv"):
         first, second = (tmp_path / name / "bag" / file for name in ("one", "two"))
         assert first.read_bytes() == second.read_bytes()
+
+
+HEADER = """\
+# CARMEN Logfile
+# file format is one message per line
+# message_name [message contents] ipc_timestamp ipc_hostname logger_timestamp
+# FLASER num_readings [range_readings] x y theta odom_x odom_y odom_theta
+PARAM robot_use_laser on nohost 0
+PARAM robot_frontlaser_offset 0.0 nohost 0
+SYNC dummy 0 nohost 0
+TRUEPOS 0 0 0 0 0 0 0 nohost 0"""
+
+
+def test_what_is_no_scan_is_left_out_and_a_last_line_that_is_cut_is_damaged(tmp_path):
+    whole = [flaser(START + k, (0.1 * k, 0.0, 0.0)) for k in range(5)]
+    lines = [HEADER, *whole[:4], f"MARKER 1 2 3 {START} nohost 0", whole[4][: len(whole[4]) // 2]]
+    (tmp_path / "a.clf").write_text("\n".join(lines))
+    found = import_carmen(tmp_path / "a.clf", tmp_path / "bag")
+    assert (found.scans, found.odometry, found.damaged) == (4, 4, 1)
+
+
+def test_one_reading_more_than_stated_on_all_lines(tmp_path):
+    """`FLASER 180` with 181 readings: the bearings are those of 181, and the poses are found."""
+    rows = [[1.0 + 0.01 * i for i in range(181)] for _ in range(6)]
+    poses = [(0.1 * k, 0.2, 0.3) for k in range(6)]
+    lines = [flaser(START + k, poses[k], ranges=row) for k, row in enumerate(rows)]
+    lines = [line.replace("FLASER 181", "FLASER 180") for line in lines]
+    found = import_carmen(write_log(tmp_path / "a.clf", lines), tmp_path / "bag")
+    assert (found.scans, found.damaged) == (6, 0)
+    got = records(tmp_path / "bag")
+    scan = next(r for r in got if isinstance(r, Scan))
+    np.testing.assert_allclose(scan.ranges, rows[0], atol=0.006)
+    assert math.degrees(scan.angle_increment) == pytest.approx(1.0)
+    odometry = [planar(r.T_odom_base) for r in got if isinstance(r, Odometry)]
+    np.testing.assert_allclose(odometry, poses, atol=1e-9)
+
+
+def test_one_reading_more_than_stated_on_one_line_is_damage(tmp_path):
+    lines = [flaser(START + k) for k in range(6)]
+    lines[3] = lines[3].replace("1.50", "1. 50", 1)
+    found = import_carmen(write_log(tmp_path / "a.clf", lines), tmp_path / "bag")
+    assert (found.scans, found.damaged) == (5, 1)
+
+
+def test_remission_values_are_skipped(tmp_path):
+    line = (
+        "ROBOTLASER1 0 -1.570796 3.141593 0.785398 50 0.010000 1 5 1.00 2.00 3.00 4.00 5.00 "
+        "5 100 200 300 400 500 {x}.2 0.0 0.0 {x}.0 0.0 0.0 0.1 0.0 0.5 0.5 100000 {time} host 1.5"
+    )
+    lines = [line.format(x=k, time=f"{START + k}.500000") for k in range(5)]
+    found = import_carmen(write_log(tmp_path / "a.log", lines), tmp_path / "bag")
+    assert (found.scans, found.damaged, found.laser) == (5, 0, (0.2, 0.0, 0.0))
+    got = records(tmp_path / "bag")
+    scan = next(r for r in got if isinstance(r, Scan))
+    assert scan.ranges.tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
+    assert scan.stamp_ns == START * 10**9 + 500_000_000
+    odometry = [planar(r.T_odom_base)[0] for r in got if isinstance(r, Odometry)]
+    assert odometry == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("step", [-3600.0, -float(START)])
+def test_a_clock_that_is_set_back_goes_on(tmp_path, step):
+    times = [START + 0.2 * k + (step if k >= 10 else 0.0) for k in range(20)]
+    found = import_carmen(
+        write_log(tmp_path / "a.clf", [flaser(t) for t in times]), tmp_path / "bag"
+    )
+    stamps = [s.stamp_ns for s in scans_of(tmp_path / "bag")]
+    # Microseconds of the log's text.
+    np.testing.assert_allclose(np.diff(stamps), 200_000_000, atol=2_000)
+    assert (found.scans, found.damaged, found.steps_back) == (20, 0, 1)
+
+
+def test_a_clock_that_is_set_back_takes_its_odometry_along(tmp_path):
+    lines = []
+    for k in range(20):
+        time = START + k - (5000 if k >= 10 else 0)
+        lines.append(f"ODOM {k}.0 0 0 0 0 0 {time}.000000 host 0")
+        lines.append(f"RAWLASER1 0 -1.5 3.1 0.5 80 0.01 0 3 1 2 3 0 {time}.500000 host 0")
+    import_carmen(write_log(tmp_path / "a.log", lines), tmp_path / "bag")
+    got = records(tmp_path / "bag")
+    odometry = [r.stamp_ns for r in got if isinstance(r, Odometry)]
+    scans = [r.stamp_ns for r in got if isinstance(r, Scan)]
+    between = np.array([t for pair in zip(odometry, scans) for t in pair])
+    assert len(between) == 40
+    assert (np.diff(between) > 0).all()
+
+
+@pytest.mark.parametrize(("logged", "step"), [(0.2, 200_000_000), (0.0, 1_000)])
+def test_a_clock_that_stands_still_leaves_the_loggers(tmp_path, logged, step):
+    lines = [flaser(START).rsplit(" ", 1)[0] + f" {5 + logged * k:.6f}" for k in range(8)]
+    import_carmen(write_log(tmp_path / "a.clf", lines), tmp_path / "bag")
+    stamps = [s.stamp_ns for s in scans_of(tmp_path / "bag")]
+    np.testing.assert_array_equal(np.diff(stamps), step)
+    text = (tmp_path / "bag" / "stamps.csv").read_text().splitlines()
+    assert text[1].startswith(f"0,{START}.000000000,")
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.integers(0, 9 * 10**9), min_size=1, max_size=20))
+def test_only_a_clock_set_back_by_far_is_changed(times):
+    assert without_resets(times) == times
+    assert without_resets([t + 10**11 for t in times] + times)[: len(times)] == [
+        t + 10**11 for t in times
+    ]
 
 
 words = st.sampled_from(

@@ -1,0 +1,86 @@
+"""The times of a log as increasing stamps: its lines are in true order, its clock may not be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+__all__ = ["increasing_stamps", "without_outliers", "without_resets"]
+
+MIN_STEP_NS = 1_000
+"""Least time between two stamps, ns."""
+
+OUTLIER_NS = 10_000_000_000
+"""A stamp this far from the median of its four neighbours and itself is a damaged line."""
+
+RESET_NS = 10_000_000_000
+"""A clock that is this much earlier than on the line before was set back: logs of several hosts
+step back by a second at most."""
+
+
+class Timed(Protocol):
+    """A line of a log with a time."""
+
+    @property
+    def time_ns(self) -> int: ...
+
+
+Line = TypeVar("Line", bound=Timed)
+
+
+def without_outliers(lines: list[Line]) -> list[Line]:
+    """Drop lines whose time is far from those around: one of them would drag hundreds along."""
+    times = np.array([line.time_ns for line in lines], np.int64)
+    if len(times) < 5:
+        return lines
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(times, 2, mode="reflect"), 5)
+    near = np.abs(times - np.median(around, axis=1)) < OUTLIER_NS
+    monotone = np.ones(len(times), bool)
+    monotone[1:-1] = (times[:-2] <= times[1:-1]) & (times[1:-1] <= times[2:])
+    return [line for line, keep in zip(lines, near | monotone) if keep]
+
+
+def without_resets(times_ns: Sequence[int]) -> list[int]:
+    """Return times of a clock that goes on where it was set back.
+
+    Parameters
+    ----------
+    times_ns
+        Times in the true order, ns.
+    """
+    if not len(times_ns):
+        return []
+    steps = [now - before for before, now in pairwise(times_ns)]
+    usual = int(np.median([step for step in steps if step >= 0] or [0]))
+    times = [times_ns[0]]
+    for step in steps:
+        times.append(times[-1] + (usual if step < -RESET_NS else step))
+    return times
+
+
+def increasing_stamps(times_ns: Sequence[int], step_ns: int = MIN_STEP_NS) -> list[int]:
+    """Return the increasing stamps that are nearest to some times by least squares.
+
+    Pool-adjacent-violators on integers: exact, and times that increase already stay as they are.
+
+    Parameters
+    ----------
+    times_ns
+        Times in the true order, ns.
+    step_ns
+        Least difference between two stamps, ns.
+    """
+    sums: list[int] = []
+    counts: list[int] = []
+    for k, time in enumerate(times_ns):
+        sums.append(time - k * step_ns)
+        counts.append(1)
+        while len(sums) > 1 and sums[-2] * counts[-1] > sums[-1] * counts[-2]:
+            total, count = sums.pop(), counts.pop()
+            sums[-1] += total
+            counts[-1] += count
+    means = [total // count for total, count in zip(sums, counts) for _ in range(count)]
+    return [mean + k * step_ns for k, mean in enumerate(means)]

@@ -29,7 +29,12 @@ from tccm_ros.messages.markers import (
     surface_markers,
     wall_markers,
 )
-from tccm_ros.messages.results import map_cloud_message, path_message, surface_map_message
+from tccm_ros.messages.results import (
+    map_cloud_message,
+    obstacle_cloud_message,
+    path_message,
+    surface_map_message,
+)
 from tccm_ros.messages.types import MessageTypes
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
@@ -50,6 +55,7 @@ CYCLE_TOPICS = {
     "cuboids": MARKERS,
     "center_cores": MARKERS,
     "map_cloud": CLOUD,
+    "obstacles": CLOUD,
     "surfaces": CLOUD,
     "view": CLOUD,
 }
@@ -124,6 +130,7 @@ class CyclePublications:
         }
         clouds: dict[str, Callable[[], Any]] = {
             "map_cloud": lambda: _map_cloud(place, cuboids()),
+            "obstacles": lambda: _obstacles(place, cuboids()),
             "surfaces": lambda: surface_cloud_message(self._types, result.surfaces),
             "view": lambda: view_message(self._types, result.view),
         }
@@ -171,6 +178,10 @@ def _map_cloud(place: Place, cuboids: Cuboids) -> Any:
     return map_cloud_message(
         *place, _tops(cuboids), _depths(cuboids), cuboids.count, _newest(cuboids)
     )
+
+
+def _obstacles(place: Place, cuboids: Cuboids) -> Any:
+    return obstacle_cloud_message(*place, _tops(cuboids), _depths(cuboids))
 
 
 class SolutionPublications:

@@ -3,8 +3,8 @@
 Log time, publish time and order follow the records that caused the messages. What belongs to a
 tilt cycle is that cycle's; poses, walls and surfaces are those of the final solution, each from
 the time at which it was first seen, so that the map grows while it plays. Markers of cuboids
-and center cores are large and written once, for the last cycle; ``map_cloud`` has every cycle's
-exact values.
+and center cores and the obstacles are large and written once, for the last cycle; ``map_cloud``
+has every cycle's exact values.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ TF = "tf2_msgs/msg/TFMessage"
 MAP_ODOM_TOPIC = SLAM + "map_to_odom"
 MAP_ODOM = "geometry_msgs/msg/TransformStamped"
 
-LAST_ONLY = ("cuboids", "center_cores")
+LAST_ONLY = ("cuboids", "center_cores", "obstacles")
 """Topics of a cycle that are written for the last cycle alone."""
 
 GROWING = ("surfaces",)

@@ -17,6 +17,7 @@ from tccm_ros.messages.types import MessageError, MessageTypes, header_message
 
 __all__ = [
     "MAP_ROW",
+    "POINT_ROW",
     "SURFACE_MAP_ROW",
     "SURFACE_ROW",
     "VIEW_ROW",
@@ -35,6 +36,9 @@ MAP_ROW = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("depth", "<f4"), ("count", "<u4"), ("cycle", "<u4")]
 )
 """A row of ~/map_cloud: a cuboid."""
+
+POINT_ROW = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
+"""A row of ~/obstacles."""
 
 SURFACE_MAP_ROW = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("id", "<u4"), ("rgb", "<u4")]

@@ -8,18 +8,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tccm_ros.messages.pointcloud import MAP_ROW, SURFACE_MAP_ROW, cloud_message
+from tccm_ros.messages.pointcloud import MAP_ROW, POINT_ROW, SURFACE_MAP_ROW, cloud_message
 from tccm_ros.messages.types import MessageTypes, header_message, pose_message, stamp_message
 
 __all__ = [
+    "OBSTACLE_STEP",
     "DiagnosticStatus",
     "diagnostics_message",
     "grid_message",
     "map_cloud_message",
+    "obstacle_cloud_message",
     "path_message",
     "pose_covariance_message",
     "surface_map_message",
 ]
+
+OBSTACLE_STEP = 0.05
+"""Points of a cuboid are this far apart, m: a cell of an ordinary costmap."""
 
 
 def map_cloud_message(
@@ -53,6 +58,32 @@ def map_cloud_message(
     rows["depth"] = depth
     rows["count"] = np.rint(np.asarray(count, float))
     rows["cycle"] = cycle
+    return cloud_message(types, stamp_ns, frame_id, rows)
+
+
+def obstacle_cloud_message(
+    types: MessageTypes, stamp_ns: int, frame_id: str, tops: ArrayLike, depth: ArrayLike
+) -> Any:
+    """Return ~/obstacles, a sensor_msgs/PointCloud2 that fills each cuboid with points.
+
+    A costmap marks where points are, and looks at nothing but their heights: a cuboid that reaches
+    from the floor to above the robot needs points all along.
+
+    Parameters
+    ----------
+    types, stamp_ns, frame_id
+        Message classes and header.
+    tops
+        (N, 3), m: centre of the cell and upper end of the cuboid.
+    depth
+        (N,), m; a point at the top, and one each `OBSTACLE_STEP` below it.
+    """
+    steps = np.floor(np.asarray(depth, np.float64) / OBSTACLE_STEP + 1e-9).astype(np.int64)
+    ends = np.cumsum(steps + 1)
+    below = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - steps - 1, steps + 1)
+    xyz = np.repeat(np.asarray(tops, np.float64).reshape(-1, 3), steps + 1, axis=0)
+    xyz[:, 2] -= OBSTACLE_STEP * below
+    rows = np.ascontiguousarray(xyz, np.float32).view(POINT_ROW).reshape(-1)
     return cloud_message(types, stamp_ns, frame_id, rows)
 
 

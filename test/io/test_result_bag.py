@@ -133,7 +133,7 @@ def test_every_topic_of_the_nodes_and_no_diagnostics(messages):
     counts = {topic: len(found) for topic, found in messages.items()}
     assert counts == {
         "/tccm/planes": 3, "/tccm/objects": 3, "/tccm/cuboids": 1, "/tccm/map_cloud": 3,
-        "/tccm/center_cores": 1,
+        "/tccm/center_cores": 1, "/tccm/obstacles": 1,
         "/tccm/surfaces": 3, "/tccm/view": 3, "/tf": 3, "/surface_slam/map_to_odom": 3,
         "/pose": 30, "/surface_slam/path": 1, "/surface_slam/walls": 1,
         "/surface_slam/surfaces": 3, "/surface_slam/surface_cloud": 1,

@@ -3,12 +3,14 @@ import pytest
 from message_families import family, to_bag_message
 
 from tccm_ros.geometry import pose_from_rpy
-from tccm_ros.messages.pointcloud import MAP_ROW, SURFACE_MAP_ROW, cloud_rows
+from tccm_ros.messages.pointcloud import MAP_ROW, POINT_ROW, SURFACE_MAP_ROW, cloud_rows
 from tccm_ros.messages.results import (
+    OBSTACLE_STEP,
     DiagnosticStatus,
     diagnostics_message,
     grid_message,
     map_cloud_message,
+    obstacle_cloud_message,
     path_message,
     pose_covariance_message,
     surface_map_message,
@@ -28,6 +30,26 @@ def test_map_cloud_has_the_exact_values(types):
     rows = cloud_rows(to_bag_message(types, "sensor_msgs/msg/PointCloud2", message), MAP_ROW)
     expected = np.array([(0.01, 0.03, 0.7, 0.03, 7, 4)], MAP_ROW)
     assert rows.tobytes() == expected.tobytes()
+
+
+def test_obstacles_fill_each_cuboid_from_its_top_down(types):
+    rng = np.random.default_rng(3)
+    tops, depth = rng.uniform(-1.0, 2.0, (50, 3)), rng.uniform(0.0, 0.4, 50)
+    depth[0] = OBSTACLE_STEP  # a whole number of steps: the lower end is a point as well
+    expected = []
+    for (x, y, z), d in zip(tops, depth):
+        k = 0
+        while k * OBSTACLE_STEP <= d + 1e-9:
+            expected.append((x, y, z - k * OBSTACLE_STEP))
+            k += 1
+    message = obstacle_cloud_message(types, STAMP, "odom", tops, depth)
+    rows = cloud_rows(to_bag_message(types, "sensor_msgs/msg/PointCloud2", message), POINT_ROW)
+    assert rows.tobytes() == np.array(expected, np.float32).tobytes()
+
+
+def test_no_cuboids_no_obstacles(types):
+    message = obstacle_cloud_message(types, STAMP, "odom", np.zeros((0, 3)), [])
+    assert message.width == 0
 
 
 def test_surface_cloud_has_identity_and_colour(types):

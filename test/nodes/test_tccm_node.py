@@ -40,6 +40,23 @@ def test_a_cycle_gives_the_hand_over_and_the_markers(ros):
     assert {m.action for m in planes[-1].markers} <= {Marker.ADD, Marker.DELETE}
 
 
+def test_obstacles_mark_a_costmap_as_a_laser_at_each_height_would(ros):
+    node, robot, viewer = tccm(ros), ros.robot(), Listener(ros)
+    clouds = viewer.listen(PointCloud2, "/tccm/obstacles", latched=True)
+    robot.play(recording(3), node)
+    ros.spin_until(lambda: clouds)
+    cloud = clouds[-1]
+    assert [(f.name, f.datatype) for f in cloud.fields] == [("x", 7), ("y", 7), ("z", 7)]
+    assert cloud.header.frame_id == "odom"
+    points = np.frombuffer(bytes(cloud.data), np.float32).reshape(-1, 3)
+    # What an obstacle layer does: of the points between two heights, each marks its cell.
+    high = points[(points[:, 2] > 0.1) & (points[:, 2] < 1.8)]
+    marked = {(int(i), int(j)) for i, j in np.floor(high[:, :2] / 0.1)}
+    assert (8, 0) in marked  # the table
+    assert {(30, 0), (30, 5)} <= marked or {(29, 0), (29, 5)} <= marked  # the wall, at 3.0 m
+    assert not {(20, j) for j in range(-5, 6)} & marked  # the floor between them
+
+
 def test_markers_cost_nothing_when_nobody_listens_and_a_late_viewer_gets_all(ros):
     node, robot = tccm(ros), ros.robot()
     robot.play(recording(3), node)

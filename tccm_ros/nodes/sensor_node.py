@@ -20,7 +20,12 @@ from rclpy.qos import QoSProfile
 
 from tccm_ros.errors import TccmError, one_line
 from tccm_ros.io.typestore import TypestoreMessages
-from tccm_ros.nodes.clock import is_clock_missing, on_backward_jump, stamp_on_receipt
+from tccm_ros.nodes.clock import (
+    is_clock_missing,
+    on_backward_jump,
+    stamp_on_receipt,
+    steady_timer,
+)
 from tccm_ros.nodes.diagnostics import Diagnostics
 from tccm_ros.nodes.drops import DropWatch
 from tccm_ros.nodes.inputs import Inputs, Watch
@@ -89,6 +94,14 @@ class SensorNode(Node):
     @abstractmethod
     def begin(self) -> None:
         """Forget everything (in the worker)."""
+
+    @abstractmethod
+    def end_input(self) -> None:
+        """Work on what waits for more input, as at the end of a bag (in the worker)."""
+
+    @abstractmethod
+    def write(self, folder: Path) -> None:
+        """Write the map as it is (in the worker)."""
 
     def problems(self) -> Iterable[str]:
         """Return what is wrong beside the inputs, one line each."""
@@ -186,6 +199,11 @@ class SensorNode(Node):
         for record in list(self._known.values()):
             self.feed(record)
 
+    def save(self, folder: Path) -> None:
+        """Write the map of all that has come, as at the end of a bag (in the worker)."""
+        self.end_input()
+        self.write(folder)
+
     # --- services ---
 
     async def answer(self, job: Callable[[], object], response: Any, done: str = "") -> Any:
@@ -213,10 +231,18 @@ class SensorNode(Node):
     def start(self) -> None:
         """Take messages and publish /diagnostics from now on."""
         self.diagnostics = Diagnostics(self, self.all_problems, self._all_values)
+        if self.config.save.autosave_minutes > 0.0:
+            steady_timer(self, 60.0 * self.config.save.autosave_minutes, self._autosave)
         self.intake.start()
 
+    def _autosave(self) -> None:
+        """Have the map written; the open sweep and the scans that wait are not disturbed."""
+        self.worker.post(lambda: self.write(self.save_folder()))
+
     def close(self) -> None:
-        """Finish what waits."""
+        """Finish what waits; save, if asked to."""
+        if self.config.save.on_shutdown:
+            self.worker.wait(lambda: self.save(self.save_folder()))
         self.worker.close()
 
     def destroy_node(self) -> None:

@@ -15,7 +15,6 @@ from std_srvs.srv import Trigger
 from tccm_ros.errors import MapError
 from tccm_ros.io.occupancy import occupancy_grid
 from tccm_ros.messages.results import grid_message
-from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.collision import CollisionObjects
 from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.map_folder import read_map, write_map
@@ -75,7 +74,6 @@ class SlamNode(SensorNode):
         self.create_service(Trigger, "~/save_map", self._on_save_map)
         self.create_service(Trigger, "~/load_map", self._on_load_map)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self._start_autosave()
         self.start()
 
     def _listen_to_tccm(self) -> None:
@@ -93,14 +91,6 @@ class SlamNode(SensorNode):
             watch="event",
             raw=True,
         )
-
-    def _start_autosave(self) -> None:
-        minutes = self.config.save.autosave_minutes
-        if minutes > 0:
-            steady_timer(self, 60.0 * minutes, self._autosave)
-
-    def _autosave(self) -> None:
-        self.worker.post(self._save_where_set)
 
     @property
     def synchroniser(self) -> Synchroniser:
@@ -124,12 +114,6 @@ class SlamNode(SensorNode):
         if self.config.qos.stamp == "header" and not self.processor.counts["level scans"]:
             stamp_ns, self._has_tilt_scan = raw_stamp_ns(data), True
             self.worker.offer(lambda: self.processor.add_pose_stamp(stamp_ns), is_droppable=True)
-
-    def close(self) -> None:
-        """Finish what waits; save, if asked to."""
-        if self.config.save.on_shutdown:
-            self.worker.wait(self._save_where_set)
-        super().close()
 
     # --- in the worker ---
 
@@ -187,12 +171,12 @@ class SlamNode(SensorNode):
         frame = self.live.map_frame
         return grid_message(self.bulk_types, self.newest_ns, frame, cells, size, origin)
 
-    def _save_where_set(self) -> None:
-        self.save(self.save_folder())
-
-    def save(self, folder: Path) -> None:
-        """Solve with all that has come, as at the end of a bag, and write the map."""
+    def end_input(self) -> None:
+        """Pose or drop the scans that wait."""
         self.processor.finish()
+
+    def write(self, folder: Path) -> None:
+        """Solve with all that has come and write the map."""
         if self._waits_for_scan:
             raise MapError("no level scan since the map was loaded: there is nothing new to save")
         solution = self.processor.solve()

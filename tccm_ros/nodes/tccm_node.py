@@ -74,12 +74,6 @@ class TccmNode(SensorNode):
         if not self.is_paused or is_latched(record):
             super().take(record)
 
-    def close(self) -> None:
-        """Finish what waits; save, if asked to."""
-        if self.config.save.on_shutdown:
-            self.worker.wait(lambda: self.save(self.save_folder()))
-        super().close()
-
     # --- in the worker ---
 
     def feed(self, record: Any) -> None:
@@ -95,9 +89,12 @@ class TccmNode(SensorNode):
         self._rig_check.clear()
         self._rig_problems = ()
 
-    def save(self, folder: Path) -> None:
-        """Close the open sweep and write cuboids.npz."""
+    def end_input(self) -> None:
+        """Close the open sweep."""
         self._publish(self.processor.finish(self._publish_planes))
+
+    def write(self, folder: Path) -> None:
+        """Write cuboids.npz."""
         archive = cuboids_archive(self.processor.map.cuboids(), self.config, self._frame_id)
         with output_folder(folder) as made:
             (made / "cuboids.npz").write_bytes(archive)

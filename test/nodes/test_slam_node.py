@@ -141,3 +141,10 @@ def test_autosave_writes_without_being_asked(ros, tmp_path):
     ros.spin_until(lambda: (folder / "map.mcap").exists())
     settle(ros, node)
     assert json.loads((folder / "surfaces.json").read_text())["surfaces"] == []
+    # A scan that waits for what brackets it is not given up for it.
+    ahead = [(t, r) for t, r in recording(1) if r.stamp_ns < later(0.5) or t == "scan"]
+    ros.robot().play(ahead, node)
+    (folder / "map.mcap").unlink()
+    ros.spin_until(lambda: (folder / "map.mcap").exists())
+    settle(ros, node)
+    assert not node.dropped

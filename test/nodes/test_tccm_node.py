@@ -134,6 +134,25 @@ def test_save_map_writes_the_cuboids(ros, tmp_path):
         assert len(archive["ix"]) == len(node.processor.map.cuboids())
 
 
+def test_autosave_writes_the_map_and_cuts_no_sweep(ros, tmp_path):
+    records = list(recording(4))
+    quiet, robot = tccm(ros), ros.robot()
+    robot.play(records, quiet)
+    ros.remove(quiet)
+    node = tccm(ros, save__directory=str(tmp_path / "auto"), save__autosave_minutes=0.005)
+    half = next(i for i, (_, r) in enumerate(records) if r.stamp_ns > later(2.5))
+    robot.play(records[:half], node)
+    cycles = node.processor.counts["cycles"]
+    assert cycles >= 1
+    (tmp_path / "auto" / "cuboids.npz").unlink(missing_ok=True)
+    ros.spin_until((tmp_path / "auto" / "cuboids.npz").exists)
+    settle(ros, node)
+    assert node.processor.counts["cycles"] == cycles
+    robot.play(records[half:], node)
+    assert node.processor.counts == quiet.processor.counts
+    assert not node.dropped
+
+
 def test_a_folder_that_cannot_be_written_is_an_answer(ros, tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")

@@ -22,9 +22,9 @@ from rclpy.parameter import Parameter as RosParameter
 
 from tccm_ros.config import Config, Parameter, parameters
 from tccm_ros.config_file import validated
-from tccm_ros.errors import ConfigError, TccmError
+from tccm_ros.errors import ConfigError, TccmError, suggest
 
-__all__ = ["declare_config", "follow_changes", "ros_type", "ros_value"]
+__all__ = ["declare_config", "follow_changes", "ros_type", "ros_value", "type_advice"]
 
 INT64_MAX = 2**63 - 1
 
@@ -98,7 +98,19 @@ def declare_config(node: Node, base: Config | None = None) -> Config:
     for parameter in parameters():
         default = _lookup(defaults, parameter.name)
         values[parameter.name] = _config_value(parameter, _declare(node, parameter, default))
+    _warn_of_unknown(node)
     return _changed(Config(), values)
+
+
+def _warn_of_unknown(node: Node) -> None:
+    """Name what was set but is no parameter: a misspelt one would go unseen."""
+    known = [parameter.name for parameter in parameters()]
+    for name in node._parameter_overrides:
+        if not node.has_parameter(name) and not name.startswith("qos_overrides."):
+            hint = suggest(name, known)
+            node.get_logger().warning(
+                f"parameter {name} is set but there is none of this name{hint}"
+            )
 
 
 def _declare(node: Node, parameter: Parameter, default: Any) -> Any:
@@ -108,7 +120,8 @@ def _declare(node: Node, parameter: Parameter, default: Any) -> Any:
         ).value
     except InvalidParameterTypeException:
         found = node._parameter_overrides[parameter.name].value
-        raise ConfigError(f"parameter {parameter.name}: {_type_advice(parameter, found)}") from None
+        advice = type_advice(ros_type(parameter), found)
+        raise ConfigError(f"parameter {parameter.name}: {advice}") from None
     except InvalidParameterValueException:
         found = node._parameter_overrides[parameter.name].value
         raise ConfigError(
@@ -117,8 +130,8 @@ def _declare(node: Node, parameter: Parameter, default: Any) -> Any:
         ) from None
 
 
-def _type_advice(parameter: Parameter, found: Any) -> str:
-    wanted = ros_type(parameter)
+def type_advice(wanted: RosParameter.Type, found: Any) -> str:
+    """Return what to write where a value of another type was found."""
     if wanted is RosParameter.Type.DOUBLE and isinstance(found, int):
         return f"a float is expected, found the integer {found}; write {found}.0"
     if wanted is RosParameter.Type.DOUBLE_ARRAY:

@@ -16,7 +16,9 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock as RclClock
 from rclpy.clock import ClockType
 from rclpy.duration import Duration
+from rclpy.exceptions import InvalidParameterTypeException, ParameterUninitializedException
 from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
@@ -25,6 +27,7 @@ from std_srvs.srv import SetBool
 from tccm_ros.errors import BagError, ConfigError
 from tccm_ros.io.bags import BagMessage, BagReader
 from tccm_ros.messages.types import stamp_message
+from tccm_ros.nodes.params import type_advice
 from tccm_ros.nodes.qos import SENSOR_DEPTH
 from tccm_ros.nodes.ros_types import RosidlMessages, message_class
 from tccm_ros.nodes.run import run
@@ -70,11 +73,11 @@ class PlayerNode(Node):
     def __init__(self, **kwargs: Any):
         super().__init__("player", **kwargs)
         for name, (default, meaning) in PARAMETERS.items():
-            self.declare_parameter(name, default, ParameterDescriptor(description=meaning))
+            self._declare(name, default, meaning)
         self.is_done = False
         self.sent: Counter[str] = Counter()
         self._reader = BagReader(_bag_path(self._value("bag")))
-        self._start_ns = self._reader.start_ns + round(self._value("start") * 1e9)
+        self._start_ns = self._reader.start_ns + round(self._skipped() * 1e9)
         self._timeline = Timeline(
             self._start_ns, _positive("rate", self._value("rate")), is_paused=self._value("paused")
         )
@@ -103,8 +106,27 @@ class PlayerNode(Node):
 
     # --- set up ---
 
+    def _declare(self, name: str, default: object, meaning: str) -> None:
+        try:
+            self.declare_parameter(name, default, ParameterDescriptor(description=meaning))
+        except InvalidParameterTypeException:
+            wanted = RosParameter.Type.from_parameter_value(default)
+            advice = type_advice(wanted, self._parameter_overrides[name].value)
+            raise ConfigError(f"parameter {name}: {advice}") from None
+
     def _value(self, name: str) -> Any:
-        return self.get_parameter(name).value
+        try:
+            return self.get_parameter(name).value
+        except ParameterUninitializedException:  # an empty list, which has no type
+            return PARAMETERS[name][0]
+
+    def _skipped(self) -> float:
+        """Return the parameter `start`, s."""
+        start = float(self._value("start"))
+        length = (self._reader.end_ns - self._reader.start_ns) * 1e-9
+        if not 0.0 <= start <= length:
+            raise ConfigError(f"parameter start: {start} found, the bag has 0 to {length:.1f} s")
+        return start
 
     def _topics(self) -> dict[str, str]:
         wanted = {topic for topic in self._value("topics") if topic}
@@ -138,8 +160,8 @@ class PlayerNode(Node):
         )
 
     def _open(self) -> Iterator[BagMessage]:
-        duration = self._value("duration")
-        end_ns = self._start_ns + round(duration * 1e9) if duration > 0 else None
+        duration = _not_negative("duration", self._value("duration"))
+        end_ns = self._start_ns + round(duration * 1e9) if duration > 0.0 else None
         latched = {topic for topic in self._publishers_by_topic if self._reader.qos(topic).latched}
         for message in self._reader.messages(self._publishers_by_topic):
             if end_ns is not None and message.log_ns > end_ns:
@@ -215,6 +237,12 @@ def _bag_path(text: str) -> Path:
 def _positive(name: str, value: float) -> float:
     if not value > 0:
         raise ConfigError(f"parameter {name}: {value} found, a positive number is expected")
+    return value
+
+
+def _not_negative(name: str, value: float) -> float:
+    if not value >= 0:
+        raise ConfigError(f"parameter {name}: {value} found, 0 or more is expected")
     return value
 
 

@@ -13,12 +13,23 @@ import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
 
 from tccm_ros.errors import TccmError, one_line
 
 __all__ = ["run"]
 
 RCLError = rclpy_implementation.RCLError
+ARGUMENT_ERRORS = (
+    RCLError,
+    rclpy_implementation.RCLInvalidROSArgsError,
+    rclpy_implementation.UnknownROSArgsError,
+)
+
+USAGE = (
+    "usage: NODE [--ros-args [-p group.key:=value] [--params-file FILE] [-r from:=to] "
+    "[-r __ns:=/robot1]]; `tccm parameters` prints every parameter"
+)
 
 
 def run(*factories: Callable[[], Node]) -> None:
@@ -34,7 +45,7 @@ def run(*factories: Callable[[], Node]) -> None:
     nodes: list[Node] = []
     interrupts = _Interrupts()
     with suppress(KeyboardInterrupt, ExternalShutdownException):
-        rclpy.init()
+        _init()
         try:
             nodes.extend(factory() for factory in factories)
             _forget_start()
@@ -49,6 +60,31 @@ def run(*factories: Callable[[], Node]) -> None:
     _close(nodes)
     rclpy.try_shutdown()
     sys.exit(status)
+
+
+def _init() -> None:
+    """Initialise rclpy; end with one line where an argument or a parameter file is wrong.
+
+    rclpy passes over what it does not know: who asks for help, or errs, would get a running node.
+    """
+    try:
+        words = remove_ros_args(sys.argv)[1:]
+        if words:
+            _explain(words[0])
+        rclpy.init()
+    except ARGUMENT_ERRORS as error:
+        reason = str(error).removeprefix("failed to initialize rcl: ").partition(", at /")[0]
+        print(f"tccm: {' '.join(reason.split())}", file=sys.stderr)
+        sys.exit(1)
+
+
+def _explain(word: str) -> None:
+    """End with how a node is started."""
+    if word in ("-h", "--help"):
+        print(USAGE)
+        sys.exit(0)
+    print(f"tccm: {word!r} is no argument of a node; {USAGE}", file=sys.stderr)
+    sys.exit(2)
 
 
 class _Interrupts:

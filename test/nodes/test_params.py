@@ -51,6 +51,14 @@ def test_a_bad_value_at_start_says_what_to_write(ros, name, value, advice):
         declare_config(node)
 
 
+def test_a_misspelt_parameter_is_named_with_the_nearest(ros, capfd):
+    declare_config(make(ros, map__cel_size=0.05, use_sim_time=False))
+    warnings = capfd.readouterr().err
+    assert "parameter map.cel_size" in warnings
+    assert "did you mean 'map.cell_size'?" in warnings
+    assert "use_sim_time" not in warnings
+
+
 def test_live_changes_are_checked_and_applied(ros):
     node = make(ros)
     config = declare_config(node)

@@ -38,10 +38,16 @@ def bag(tmp_path_factory):
     return path
 
 
-def player(ros, bag, **values):
+def player(ros, bag, *words, **values):
     overrides = [Parameter("bag", value=str(bag))]
     overrides += [Parameter(name, value=value) for name, value in values.items()]
-    return ros.add(PlayerNode(context=ros.context, parameter_overrides=overrides))
+    return ros.add(
+        PlayerNode(
+            context=ros.context,
+            parameter_overrides=overrides,
+            cli_args=["--ros-args", *words] if words else None,
+        )
+    )
 
 
 def listener(ros):
@@ -83,6 +89,19 @@ def test_start_and_duration_cut_the_bag(ros, bag):
     assert [round(m.position[0], 6) for m in got] == [round(i * 0.01, 6) for i in range(100, 151)]
 
 
+def test_a_topic_is_remapped_alone(ros, bag):
+    node, got = listener(ros)
+    elsewhere, models = [], []
+    node.create_subscription(JointState, "/arm/states", elsewhere.append, QoSProfile(depth=COUNT))
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    node.create_subscription(String, "robot_description", models.append, latched)
+    playing = player(
+        ros, bag, "-r", "/joint_states:=/arm/states", rate=20.0, wait_for_subscribers=20.0
+    )
+    ros.spin_until(lambda: playing.is_done and len(elsewhere) == COUNT and models)
+    assert not got
+
+
 def test_pause_holds_and_loop_starts_over(ros, bag):
     _, got = listener(ros)
     playing = player(ros, bag, rate=50.0, loop=True, paused=True, topics=["/joint_states"])
@@ -104,5 +123,11 @@ def test_a_bad_bag_or_rate_is_an_error_of_one_line(ros, tmp_path, bag):
         player(ros, tmp_path / "nowhere")
     with pytest.raises(ConfigError, match="rate"):
         player(ros, bag, rate=0.0)
+    with pytest.raises(ConfigError, match=r"integer 2; write 2\.0"):
+        player(ros, bag, rate=2)
+    with pytest.raises(ConfigError, match="the bag has 0 to 3"):
+        player(ros, bag, start=1000.0)
+    with pytest.raises(ConfigError, match="duration"):
+        player(ros, bag, duration=-1.0)
     with pytest.raises(BagError, match="no topic /absent"):
         player(ros, bag, topics=["/absent"])

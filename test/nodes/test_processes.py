@@ -81,6 +81,23 @@ def test_a_bad_parameter_ends_with_one_line_and_status_1(domain):
     assert "Traceback" not in output
 
 
+@pytest.mark.parametrize(
+    ("arguments", "status", "text"),
+    [
+        (["--ros-args", "--params-file", "/nowhere.yaml"], 1, "/nowhere.yaml"),
+        (["--ros-args", "-p", "bogus"], 1, "bogus"),
+        (["--nonsense"], 2, "'--nonsense' is no argument of a node; usage:"),
+        (["--help"], 0, "usage:"),
+    ],
+)
+def test_what_is_no_argument_is_answered_with_one_line(domain, arguments, status, text):
+    with started(domain, "player_node", *arguments) as process:
+        output, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == status
+    assert text in output
+    assert output.count("\n") == 1
+
+
 def test_a_killed_tccm_node_is_started_again_and_the_pair_goes_on(ros):
     node, robot = slam(ros), ros.robot()
     start_ns = START_NS

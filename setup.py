@@ -31,10 +31,10 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "tccm_node = tccm_ros.nodes.tccm_node:main",
-            "slam_node = tccm_ros.nodes.slam_node:main",
-            "player_node = tccm_ros.nodes.player_node:main",
-            "all_in_one = tccm_ros.nodes.all_in_one:main",
+            "tccm_node = tccm_ros.nodes.start:tccm_node",
+            "slam_node = tccm_ros.nodes.start:slam_node",
+            "player_node = tccm_ros.nodes.start:player_node",
+            "all_in_one = tccm_ros.nodes.start:all_in_one",
             "tccm = tccm_ros.cli:main",
         ],
     },

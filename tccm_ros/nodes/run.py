@@ -7,15 +7,16 @@ import signal
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from types import FrameType
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions, install_signal_handlers
 from rclpy.utilities import remove_ros_args
 
 from tccm_ros.errors import TccmError, one_line
+from tccm_ros.nodes.start import leave_at_a_signal
 
 __all__ = ["run"]
 
@@ -35,28 +36,27 @@ USAGE = (
 def run(*factories: Callable[[], Node]) -> None:
     """Spin the nodes in one executor until SIGINT, SIGTERM or an error that one line explains.
 
+    A signal before all nodes are made ends the process at once.
+
     Parameters
     ----------
     factories
         Make the nodes, after rclpy is initialised. A node with a `close` method has it called
         before it is destroyed; nodes that all have `is_done` end the run.
     """
+    leave_at_a_signal()
     status = 0
     nodes: list[Node] = []
-    interrupts = _Interrupts()
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         _init()
         try:
             nodes.extend(factory() for factory in factories)
             _forget_start()
+            _handle_signals()
             _spin(nodes)
         except TccmError as error:
             print(f"tccm: {one_line(error)}", file=sys.stderr)
             status = 1
-        except Exception:
-            # What is interrupted while it compiles comes out as anything.
-            if not interrupts.seen:
-                raise
     _close(nodes)
     rclpy.try_shutdown()
     sys.exit(status)
@@ -71,7 +71,7 @@ def _init() -> None:
         words = remove_ros_args(sys.argv)[1:]
         if words:
             _explain(words[0])
-        rclpy.init()
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except ARGUMENT_ERRORS as error:
         reason = str(error).removeprefix("failed to initialize rcl: ").partition(", at /")[0]
         print(f"tccm: {' '.join(reason.split())}", file=sys.stderr)
@@ -87,19 +87,12 @@ def _explain(word: str) -> None:
     sys.exit(2)
 
 
-class _Interrupts:
-    """Notes SIGINT, also where the KeyboardInterrupt that it raises is swallowed.
-
-    To be made before rclpy is initialised, whose handler calls the one before it.
-    """
-
-    def __init__(self) -> None:
-        self.seen = False
-        signal.signal(signal.SIGINT, self._note)
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        self.seen = True
-        signal.default_int_handler(number, frame)
+def _handle_signals() -> None:
+    """Have SIGINT and SIGTERM shut rclpy down: from now on there is something to save."""
+    # rclpy's handler calls the one before it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    install_signal_handlers()
 
 
 def _forget_start() -> None:

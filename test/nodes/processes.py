@@ -14,7 +14,12 @@ PATIENCE_S = 300.0
 def started(domain: int, module: str, *arguments: str):
     """Start a node; whatever happens, it is gone at the end."""
     process = subprocess.Popen(
-        [sys.executable, "-c", f"from tccm_ros.nodes.{module} import main; main()", *arguments],
+        [
+            sys.executable,
+            "-c",
+            f"from tccm_ros.nodes.start import {module}; {module}()",
+            *arguments,
+        ],
         env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

@@ -36,6 +36,33 @@ def test_a_signal_ends_both_nodes_with_a_saved_map_and_status_0(ros, tmp_path, n
     assert [p.name for p in tmp_path.iterdir()] == ["map"]
 
 
+DURING_IMPORTS = """
+import builtins, os, signal
+from tccm_ros.nodes import start
+
+plain = builtins.__import__
+
+def kill(name, *args, **fields):
+    if name.startswith("rclpy"):
+        builtins.__import__ = plain
+        os.kill(os.getpid(), signal.{name})
+    return plain(name, *args, **fields)
+
+builtins.__import__ = kill
+start.tccm_node()
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
+def test_a_signal_during_the_imports_ends_a_node_with_status_0(domain, name):
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+    done = subprocess.run(
+        [sys.executable, "-c", DURING_IMPORTS.format(name=name)], env=environment,
+        capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
 SWALLOWED = """
 import os, signal
 from tccm_ros.nodes.run import run

@@ -1,0 +1,51 @@
+"""Entry points of the nodes: a signal ends them quietly from the first moment on.
+
+What a node imports takes a second and more, kernels that are compiled for the first time half a
+minute. Until its nodes are there, nothing is to be saved and nothing half-written: it just ends,
+with status 0.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from importlib import import_module
+from types import FrameType
+
+__all__ = ["all_in_one", "leave_at_a_signal", "player_node", "slam_node", "tccm_node"]
+
+
+def tccm_node() -> None:
+    """Run tccm_node."""
+    _start("tccm_node")
+
+
+def slam_node() -> None:
+    """Run slam_node."""
+    _start("slam_node")
+
+
+def player_node() -> None:
+    """Run player_node."""
+    _start("player_node")
+
+
+def all_in_one() -> None:
+    """Run tccm_node and slam_node in one process."""
+    _start("all_in_one")
+
+
+def _start(name: str) -> None:
+    leave_at_a_signal()
+    import_module(f"tccm_ros.nodes.{name}").main()
+
+
+def leave_at_a_signal() -> None:
+    """Have SIGINT and SIGTERM end the process, until they are handled otherwise."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _leave)
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    # An exception would come out of any import as anything, and crash the compiler.
+    os._exit(0)

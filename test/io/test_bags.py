@@ -1,4 +1,5 @@
 import os
+import tracemalloc
 from collections import Counter
 
 import numpy as np
@@ -24,6 +25,9 @@ from tccm_ros.errors import BagError, TopicError
 from tccm_ros.io.bag_writer import BagWriter
 from tccm_ros.io.bags import DEFAULT_TOPICS, BagReader, remap_topics
 from tccm_ros.io.offered_qos import Qos
+
+MANY = 1_000_000 if os.environ.get("TCCM_LONG") else 100_000
+"""Messages of a long bag."""
 
 
 def summary(records):
@@ -145,6 +149,43 @@ def write_splits(folder, parts, names):
         mcap_bag(folder / name, messages[k::parts] if parts < 0 else messages[
             k * len(messages) // parts : (k + 1) * len(messages) // parts])  # fmt: skip
     return folder
+
+
+def long_bag(path, count):
+    """Write many messages that are alike, as fast as may be."""
+    types = {topic: (kind, message) for topic, kind, _, message in sample_messages(1)}
+    kind, message = types["/joint_states"]
+    data = bytes(TYPES.serialize(kind, message))
+    if path.suffix == ".mcap":
+        with path.open("wb") as stream:
+            writer = Writer(stream)
+            writer.start("ros2")
+            schema = writer.register_schema(kind, "ros2msg", TYPES.definition(kind).encode())
+            channel = writer.register_channel("/joint_states", "cdr", schema)
+            for k in range(count):
+                writer.add_message(channel, START + k, data, START + k)
+            writer.finish()
+        return path
+    with RosbagsWriter(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection("/joint_states", kind, typestore=TYPES._store)
+        for k in range(count):
+            writer.write(connection, START + k, data)
+    return path
+
+
+@pytest.mark.parametrize("name", ["bag.mcap", "sqlite"])
+def test_memory_does_not_grow_with_the_length_of_a_bag(tmp_path, name):
+    peaks = []
+    for count in (20_000, MANY):
+        path = long_bag(tmp_path / f"{count}_{name}", count)
+        tracemalloc.start()
+        with BagReader(path) as bag:
+            read = sum(1 for _ in bag.records(DEFAULT_TOPICS))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert read == count
+    # What grows is the index of an mcap's chunks: some hundred bytes for each megabyte.
+    assert peaks[1] < peaks[0] + 1_000_000
 
 
 def test_splits_are_one_bag_in_any_order_of_names(tmp_path, reference):

@@ -15,9 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.mapping.moments import gather
-
-__all__ = ["CAP_DEPTH", "Caps", "move_caps", "no_caps", "sum_caps"]
+__all__ = ["CAP_DEPTH", "Caps", "no_caps", "sum_caps"]
 
 CAP_DEPTH = 150
 """Depth of a cap, ticks: the noise of a level surface that is seen at an angle, both ways."""
@@ -93,18 +91,3 @@ def sum_caps(points: Any, counts: Any, first: Any, tops: Any, of: Any, sums: Any
             of[k] = -1
             into[:] = 0.0
     return caps
-
-
-@njit(nogil=True, cache=True)
-def move_caps(ix: Any, iy: Any, cap_of: Any, sums: Any, cell: Any, tick: Any, origin: Any) -> Any:
-    """Move the moments of all caps to one origin, as `gather` does with the cuboids'."""
-    owner = np.empty(len(sums), np.int32)
-    for k in range(len(cap_of)):
-        if cap_of[k] >= 0:
-            owner[cap_of[k]] = k
-    moved = np.empty((len(sums), 10))
-    gather(
-        ix[owner], iy[owner], sums[:, 0].copy(), sums[:, 1:4].copy(), sums[:, 4:].copy(),
-        cell, tick, origin, moved,
-    )  # fmt: skip
-    return moved

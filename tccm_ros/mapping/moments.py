@@ -11,10 +11,23 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["FLAT", "axes_of", "gather", "plane_of", "residuals_of", "tangents", "uncertainty_of"]
+__all__ = [
+    "FLAT",
+    "Moments",
+    "axes_of",
+    "gather",
+    "moved",
+    "plane_of",
+    "residuals_of",
+    "tangents",
+    "uncertainty_of",
+]
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int32]
+
+Moments = tuple[float, float, float, float, float, float, float, float, float, float]
+"""Count, sums of x y z and of xx xy xz yy yz zz."""
 
 FLAT = 1e-9
 """Variance of 0.1 mm quantisation (m2, rounded up): no plane is known to be flatter."""
@@ -23,6 +36,41 @@ FLAT = 1e-9
 FIRST_STEPS = 3
 MORE_STEPS = 30
 """Enough for a double root, where each step leaves a third."""
+
+
+@njit(nogil=True, cache=True)
+def moved(
+    ix: int,
+    iy: int,
+    n: float,
+    sx: float,
+    sy: float,
+    sz: float,
+    xx: float,
+    xy: float,
+    xz: float,
+    yy: float,
+    yz: float,
+    zz: float,
+    cell: float,
+    tick: float,
+    origin: Array,
+) -> Moments:
+    """Return the moments of a cuboid of cell (ix, iy) about an origin, m. See `gather`."""
+    tick2 = tick * tick
+    ox, oy, oz = np.rint(ix * cell) - origin[0], np.rint(iy * cell) - origin[1], -origin[2]
+    return (
+        n,
+        (sx + n * ox) * tick,
+        (sy + n * oy) * tick,
+        (sz + n * oz) * tick,
+        (xx + ox * (2.0 * sx + n * ox)) * tick2,
+        (xy + ox * sy + oy * sx + n * ox * oy) * tick2,
+        (xz + ox * sz + oz * sx + n * ox * oz) * tick2,
+        (yy + oy * (2.0 * sy + n * oy)) * tick2,
+        (yz + oy * sz + oz * sy + n * oy * oz) * tick2,
+        (zz + oz * (2.0 * sz + n * oz)) * tick2,
+    )
 
 
 @njit(nogil=True, cache=True)
@@ -50,24 +98,13 @@ def gather(
     out
         float64 (N, 10), written.
     """
-    tick2 = tick * tick
     for i in range(len(ix)):
-        n = count[i]
-        ox = np.rint(ix[i] * cell) - origin[0]
-        oy = np.rint(iy[i] * cell) - origin[1]
-        oz = -origin[2]
-        sx, sy, sz = s[i, 0], s[i, 1], s[i, 2]
-        m = out[i]
-        m[0] = n
-        m[1] = (sx + n * ox) * tick
-        m[2] = (sy + n * oy) * tick
-        m[3] = (sz + n * oz) * tick
-        m[4] = (S[i, 0] + ox * (2.0 * sx + n * ox)) * tick2
-        m[5] = (S[i, 1] + ox * sy + oy * sx + n * ox * oy) * tick2
-        m[6] = (S[i, 2] + ox * sz + oz * sx + n * ox * oz) * tick2
-        m[7] = (S[i, 3] + oy * (2.0 * sy + n * oy)) * tick2
-        m[8] = (S[i, 4] + oy * sz + oz * sy + n * oy * oz) * tick2
-        m[9] = (S[i, 5] + oz * (2.0 * sz + n * oz)) * tick2
+        m = moved(
+            ix[i], iy[i], count[i], s[i, 0], s[i, 1], s[i, 2],
+            S[i, 0], S[i, 1], S[i, 2], S[i, 3], S[i, 4], S[i, 5], cell, tick, origin,
+        )  # fmt: skip
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = m[0], m[1], m[2], m[3], m[4]
+        out[i, 5], out[i, 6], out[i, 7], out[i, 8], out[i, 9] = m[5], m[6], m[7], m[8], m[9]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")

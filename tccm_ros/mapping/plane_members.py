@@ -10,7 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.mapping.moments import plane_of, residuals_of
+from tccm_ros.mapping.bits import lowest_bit
+from tccm_ros.mapping.moments import Moments, plane_of, residuals_of
 from tccm_ros.mapping.plane_blocks import queue_around
 
 __all__ = ["GATE", "NOISE_FLOOR", "Plane", "claim", "fit_lying", "is_mixed", "pooled_plane"]
@@ -18,10 +19,9 @@ __all__ = ["GATE", "NOISE_FLOOR", "Plane", "claim", "fit_lying", "is_mixed", "po
 Array = NDArray[np.float64]
 Int = NDArray[np.int32]
 Flags = NDArray[np.bool_]
+Words = NDArray[np.uint64]
 Plane = tuple[float, float, float, float, float]
 """nx, ny, nz, offset, variance across."""
-
-Moments = tuple[float, float, float, float, float, float, float, float, float, float]
 
 NOTHING = (0.0,) * 10
 """Moments of no points."""
@@ -113,7 +113,7 @@ def claim(
     stamp: Int,
     mark: int,
     labels: Int,
-    flags: Int,
+    is_taken: Words,
     plane: Plane,
     weight: float,
 ) -> Int:
@@ -131,8 +131,8 @@ def claim(
         Blocks queued before have ``stamp == mark``.
     labels
         int32 (N,): only cuboids with -1 are claimed.
-    flags
-        int32 (N,), work space.
+    is_taken
+        uint64, a bit for each cuboid: work space, zero before and after.
     plane, weight
         Plane of the region, and its points.
 
@@ -144,7 +144,7 @@ def claim(
     gate = GATE * math.sqrt(variance)
     total = NOTHING
     refit_at = max(1.5 * weight, 30.0)
-    low, high, count, first = len(M), -1, 0, 0
+    count, first = 0, 0
     while first < queued:
         b = queue[first]
         first += 1
@@ -159,8 +159,7 @@ def claim(
             _, two = residuals_of(m, nx, ny, nz, d)
             if two > m[0] * gate * gate:
                 continue
-            flags[i] = mark
-            low, high = min(low, i), max(high, i)
+            is_taken[i >> 6] |= np.uint64(1) << np.uint64(i & 63)
             count += 1
             total = add_scaled(total, m, 1.0 - is_mixed(m[0], two, variance, LENIENT))
         if count == before:
@@ -170,12 +169,22 @@ def claim(
             gate = GATE * math.sqrt(variance)
             refit_at = 1.5 * total[0]
         queued = queue_around(b, mark, rows, wide, queue, queued, stamp)
-    members = np.empty(count + 1, np.int32)
+    return drain(is_taken, count)
+
+
+@njit(nogil=True, cache=True)
+def drain(is_set: Words, count: int) -> Int:
+    """Return the indices of the `count` bits that are set, rising, and clear them."""
+    members = np.empty(count, np.int32)
     used = 0
-    for i in range(low, high + 1):
-        members[used] = i
-        used += flags[i] == mark
-    return members[:count]
+    for k in range(len(is_set)):
+        word = is_set[k]
+        is_set[k] = 0
+        while word != 0:
+            members[used] = 64 * k + lowest_bit(word)
+            used += 1
+            word &= word - np.uint64(1)
+    return members
 
 
 @njit(nogil=True, cache=True)

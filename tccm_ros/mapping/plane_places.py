@@ -17,6 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.mapping.caps import CAP_DEPTH
+from tccm_ros.mapping.plane_map import PlaneMap, cap_of
 from tccm_ros.mapping.plane_members import Plane
 
 __all__ = ["NO_RIM", "bins_along", "link_standing", "pool_places"]
@@ -88,29 +89,17 @@ def link_standing(ix: Int, iy: Int, members: Int, plane: Plane) -> Int:
 
 
 @njit(nogil=True, cache=True)
-def pool_places(
-    M: Array,
-    ix: Int,
-    iy: Int,
-    bottom: Int,
-    top: Int,
-    cap_of: Int,
-    caps: Array,
-    members: Int,
-    plane: Plane,
-) -> tuple[Array, Int]:
+def pool_places(cuboids: PlaneMap, members: Int, plane: Plane) -> tuple[Array, Int]:
     """Pool the cuboids of each step along a standing plane that overlap in height.
 
     Where caps are known those of rims are left out, and no rim remains.
 
     Parameters
     ----------
-    M, ix, iy, bottom, top
-        Moments, cells and heights of the map's cuboids.
-    cap_of, caps
-        Row of each cuboid's cap, and the caps' moments, see `Caps`; of length 0 if not known.
+    cuboids
+        Those of the map.
     members, plane
-        The plane's cuboids, and the plane.
+        Those of the plane, and the plane.
 
     Returns
     -------
@@ -119,8 +108,9 @@ def pool_places(
     rim : int32 (P,)
         Top of a rim, ticks; `NO_RIM` for the other places.
     """
-    order, start = sort_into_steps(ix, iy, bottom, members, plane)
-    pooled = np.zeros((len(members), 10))
+    M, bottom, top = cuboids.M, cuboids.bottom, cuboids.top
+    order, start = sort_into_steps(cuboids.ix, cuboids.iy, bottom, members, plane)
+    pooled = np.empty((len(members), 10))
     rim = np.full(len(members), NO_RIM, np.int32)
     tops = np.empty(len(start) - 1)
     begins = np.empty(len(members) + 1, np.int32)
@@ -133,11 +123,13 @@ def pool_places(
             i = order[j]
             if high < bottom[i]:
                 begins[places] = j
+                for c in range(10):
+                    pooled[places, c] = M[i, c]
                 places += 1
+            else:
+                for c in range(10):
+                    pooled[places - 1, c] += M[i, c]
             high = max(high, top[i])
-            m, into = M[i], pooled[places - 1]
-            for c in range(10):
-                into[c] += m[c]
         rim[places - 1] = high
         tops[steps] = high
         steps += 1
@@ -146,17 +138,21 @@ def pool_places(
     for p in range(places):
         if rim[p] < least:
             rim[p] = NO_RIM
-    if len(cap_of) == 0:
+    if len(cuboids.cap_rows) == 0:
         return pooled[:places], rim[:places]
     kept = 0
     for p in range(places):
         if rim[p] != NO_RIM:
-            for i in order[begins[p] : begins[p + 1]]:
-                if top[i] >= rim[p] - CAP_DEPTH:
-                    pooled[p] -= M[i] if cap_of[i] < 0 else caps[cap_of[i]]
+            for j in range(begins[p], begins[p + 1]):
+                if top[order[j]] >= rim[p] - CAP_DEPTH:
+                    cap = cap_of(cuboids, order[j])
+                    for c in range(10):
+                        pooled[p, c] -= cap[c]
             if pooled[p, 0] < 0.5:
                 continue
-        pooled[kept] = pooled[p]
+        if kept < p:
+            for c in range(10):
+                pooled[kept, c] = pooled[p, c]
         kept += 1
     return pooled[:kept], np.full(kept, NO_RIM, np.int32)
 

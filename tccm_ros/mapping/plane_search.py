@@ -6,12 +6,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.mapping.caps import move_caps
 from tccm_ros.mapping.linking import link_in_plane
-from tccm_ros.mapping.moments import gather, plane_of, residuals_of
+from tccm_ros.mapping.moments import plane_of, residuals_of
 from tccm_ros.mapping.plane_blocks import BLOCK_BITS, find_patches, sort_into_blocks
 from tccm_ros.mapping.plane_disputes import give_back
 from tccm_ros.mapping.plane_growth import grow_regions
+from tccm_ros.mapping.plane_map import PlaneMap, plane_map
 from tccm_ros.mapping.plane_members import (
     GATE,
     Plane,
@@ -22,7 +22,7 @@ from tccm_ros.mapping.plane_members import (
 from tccm_ros.mapping.plane_places import link_standing
 from tccm_ros.mapping.plane_standing import fit_standing
 
-__all__ = ["PLANE_COLUMNS", "segment"]
+__all__ = ["PLANE_COLUMNS", "planes_of", "segment"]
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int32]
@@ -40,7 +40,7 @@ PLANE_COLUMNS = 19
 
 
 @njit(nogil=True, cache=True)
-def segment(
+def planes_of(
     ix: Int,
     iy: Int,
     bottom: Int,
@@ -48,7 +48,7 @@ def segment(
     count: Array,
     s: Array,
     S: Array,
-    cap_of: Int,
+    cap_rows: Int,
     cap_sums: Array,
     cell: float,
     tick: float,
@@ -56,18 +56,23 @@ def segment(
     view: Array,
     limits: tuple[float, float, float, float, float],
 ) -> tuple[Int, Array]:
+    """Find all planes of a map's arrays: as `plane_map` and `segment` do, in one compiled call."""
+    cuboids = plane_map(ix, iy, bottom, top, count, s, S, cap_rows, cap_sums, cell, tick, origin)
+    return segment(cuboids, view, limits)
+
+
+@njit(nogil=True, cache=True)
+def segment(
+    cuboids: PlaneMap,
+    view: Array,
+    limits: tuple[float, float, float, float, float],
+) -> tuple[Int, Array]:
     """Find all planes of a map.
 
     Parameters
     ----------
-    ix, iy, bottom, top, count, s, S
-        As in `Cuboids`, N > 0.
-    cap_of, cap_sums
-        As in `Caps`.
-    cell, tick
-        Edge of a cell in ticks, and a tick in m.
-    origin
-        float64 (3,), ticks: the moments' origin.
+    cuboids
+        Those of the map, N > 0.
     view
         float64 (3,), m: where the laser was.
     limits
@@ -81,10 +86,9 @@ def segment(
     planes : float64 (P, PLANE_COLUMNS)
         Normals of level planes point up, others towards the laser.
     """
+    M, ix, iy, bottom, top = cuboids[:5]
+    cell, tick = cuboids.cell, cuboids.tick
     n = len(ix)
-    M = np.empty((n, 10))
-    gather(ix, iy, count, s, S, cell, tick, origin, M)
-    caps = move_caps(ix, iy, cap_of, cap_sums, cell, tick, origin)
     low_x, low_y = ix[0], iy.min()
     rows = ((ix[n - 1] - low_x) >> BLOCK_BITS) + 1
     wide = ((iy.max() - low_y) >> BLOCK_BITS) + 1
@@ -95,7 +99,7 @@ def segment(
     region, pooled = grow_regions(moments, patches, place, rows, wide, limits[0])
     first, by_region = patches_by_region(region, len(pooled))
 
-    labels, flags = np.full(n, -1, np.int32), np.full(n, -1, np.int32)
+    labels, is_taken = np.full(n, -1, np.int32), np.zeros((n >> 6) + 1, np.uint64)
     stamp, queue = np.full(rows * wide, -1, np.int32), np.empty(rows * wide, np.int32)
     planes = np.empty((n // 2 + 1, PLANE_COLUMNS))
     found = 0
@@ -106,33 +110,15 @@ def segment(
         queued = blocks_of(by_region[first[r] : first[r + 1]], place, rows, wide, queue, stamp, r)
         plane = pooled_plane(pooled[r])
         members = claim(
-            M, start, order, rows, wide, queue, queued, stamp, r, labels, flags, plane,
-            pooled[r, 0],
+            M, start, order, rows, wide, queue, queued, stamp, r, labels, is_taken,
+            plane, pooled[r, 0],
         )  # fmt: skip
         if len(members) > 2:
-            found = split_and_fit(
-                M,
-                ix,
-                iy,
-                bottom,
-                top,
-                cap_of,
-                caps,
-                members,
-                plane,
-                tick,
-                origin[2] * tick,
-                limits,
-                labels,
-                planes,
-                found,
-            )
+            found = split_and_fit(cuboids, members, plane, limits, labels, planes, found)
     planes = planes[:found]
-    planes = give_back(
-        M, start, order, rows, wide, queue, stamp, labels, planes, np.abs(planes[:, 2]) < STEEP
-    )
+    planes = give_back(M, start, order, rows, wide, labels, planes, np.abs(planes[:, 2]) < STEEP)
     for row in planes:
-        orient(row, view, origin * tick, limits[4])
+        orient(row, view, cuboids.origin * tick, limits[4])
     return labels, planes
 
 
@@ -190,17 +176,9 @@ def blocks_of(
 
 @njit(nogil=True, cache=True)
 def split_and_fit(
-    M: Array,
-    ix: Int,
-    iy: Int,
-    bottom: Int,
-    top: Int,
-    cap_of: Int,
-    caps: Array,
+    cuboids: PlaneMap,
     members: Int,
     plane: Plane,
-    tick: float,
-    ground: float,
     limits: tuple[float, float, float, float, float],
     labels: Int,
     planes: Array,
@@ -210,6 +188,7 @@ def split_and_fit(
 
     Returns the number of planes found so far.
     """
+    M, ix, iy = cuboids.M, cuboids.ix, cuboids.iy
     n = len(members)
     is_standing = abs(plane[2]) < STEEP
     if is_standing:
@@ -224,9 +203,7 @@ def split_and_fit(
         one, its_deep = take_set(members, deep, root, k, size[k])
         row = planes[found]
         if is_standing:
-            fitted = fit_standing(
-                M, ix, iy, bottom, top, cap_of, caps, one, plane, tick, ground, row[8:18]
-            )
+            fitted = fit_standing(cuboids, one, plane, row[8:18])
         else:
             fitted = fit_lying(M, one, its_deep, plane, row[8:18])
         if is_plane(row, limits):

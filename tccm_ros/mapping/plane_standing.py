@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.mapping.moments import residuals_of
 from tccm_ros.mapping.plane_equations import add_place, add_rim, rim_moments, solve
+from tccm_ros.mapping.plane_map import PlaneMap
 from tccm_ros.mapping.plane_members import NOISE_FLOOR, Plane, is_mixed
 from tccm_ros.mapping.plane_places import NO_RIM, pool_places
 
@@ -24,6 +25,7 @@ __all__ = ["fit_standing"]
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int32]
+Flags = NDArray[np.bool_]
 
 LAYER = 0.25
 """Height, m, of the layers in which noise is estimated, as it depends on the beams' incidence, and
@@ -39,6 +41,12 @@ PRIOR = 20.0
 """Points that the noise of the whole plane counts for in the noise of a layer."""
 
 ROUNDS = 3
+SETTLED = 0.9
+"""A round that takes what the last one took is the last, unless it finds this much less variance:
+then the next one may refuse more."""
+
+SLICES = 256
+"""Slices of the places' distances in which their median is looked for."""
 
 LEAST_POINTS = 10.0
 """With fewer points left after the tests the guess has to do."""
@@ -48,35 +56,20 @@ LEAST_DEPTH = 0.01
 
 
 @njit(nogil=True, cache=True)
-def fit_standing(
-    M: Array,
-    ix: Int,
-    iy: Int,
-    bottom: Int,
-    top: Int,
-    cap_of: Int,
-    caps: Array,
-    members: Int,
-    plane: Plane,
-    tick: float,
-    ground: float,
-    total: Array,
-) -> Plane:
+def fit_standing(cuboids: PlaneMap, members: Int, plane: Plane, total: Array) -> Plane:
     """Fit a standing plane by weighted least squares over its places.
 
     Parameters
     ----------
-    M, ix, iy, bottom, top, cap_of, caps, members
-        As in `pool_places`; the cuboids of one connected set.
+    cuboids, members
+        The map, and its cuboids in one connected set.
     plane
         A first guess.
-    tick, ground
-        A tick, and the height of the moments' origin, m.
     total
         float64 (10,), written: pooled moments of the places that shaped the fit; a rim counts for
         as many points as its equation is worth.
     """
-    pooled, rim = pool_places(M, ix, iy, bottom, top, cap_of, caps, members, plane)
+    pooled, rim = pool_places(cuboids, members, plane)
     total[:] = 0.0
     if len(pooled) == 0:
         return plane
@@ -87,8 +80,16 @@ def fit_standing(
     for p in range(len(pooled)):
         layer[p] = int((pooled[p, 3] / pooled[p, 0] - low) / LAYER)
     plane = through_median(pooled, plane)
+    ground = cuboids.origin[2] * cuboids.tick
+    is_taken = np.zeros(len(pooled), np.bool_)
+    taken = np.zeros((layer.max() + 1, 10))
     for _ in range(ROUNDS):
-        plane = improve(pooled, rim, layer, plane, tick, ground, total)
+        before = plane[4]
+        plane, changes = improve(
+            pooled, rim, layer, plane, cuboids.tick, ground, is_taken, taken, total
+        )
+        if changes == 0 and plane[4] > SETTLED * before:
+            break
     return plane
 
 
@@ -101,26 +102,61 @@ def through_median(pooled: Array, plane: Plane) -> Plane:
     """
     nx, ny, nz, d, noise = plane
     off = np.empty(len(pooled))
+    low, high, half = np.inf, -np.inf, 0.0
     for p in range(len(pooled)):
-        off[p] = residuals_of(pooled[p], nx, ny, nz, d)[0] / pooled[p, 0]
-    half = 0.5 * pooled[:, 0].sum()
-    for p in np.argsort(off):
-        half -= pooled[p, 0]
-        if half <= 0.0:
-            return nx, ny, nz, d + off[p], noise
-    return plane
+        m = pooled[p]
+        off[p] = (nx * m[1] + ny * m[2] + nz * m[3]) / m[0] - d
+        low, high = min(low, off[p]), max(high, off[p])
+        half += 0.5 * m[0]
+    # A guess needs no sorting: the middle of the slice in which the median is.
+    slices = np.zeros(SLICES + 1)
+    width = max((high - low) / SLICES, 1e-12)
+    for p in range(len(pooled)):
+        slices[int((off[p] - low) / width)] += pooled[p, 0]
+    k = 0
+    while k < SLICES and half > slices[k]:
+        half -= slices[k]
+        k += 1
+    return nx, ny, nz, d + low + (k + 0.5) * width, noise
 
 
 @njit(nogil=True, cache=True)
 def improve(
-    pooled: Array, rim: Int, layer: Int, plane: Plane, tick: float, ground: float, total: Array
-) -> Plane:
-    """Refit a standing plane to the places that it explains; `total` is written."""
+    pooled: Array,
+    rim: Int,
+    layer: Int,
+    plane: Plane,
+    tick: float,
+    ground: float,
+    is_taken: Flags,
+    taken: Array,
+    total: Array,
+) -> tuple[Plane, int]:
+    """Refit a standing plane to the places that it explains.
+
+    Parameters
+    ----------
+    pooled, rim
+        Of `pool_places`.
+    layer
+        int32 (P,), of each place.
+    plane, tick, ground
+        The last one, a tick, and the height of the moments' origin, m.
+    is_taken, taken
+        bool (P,) and float64 (L, 10), changed: the places that the last round took, and their
+        moments by layer.
+    total
+        float64 (10,), written.
+
+    Returns
+    -------
+    The plane, and how many places are taken or left other than in the last round.
+    """
     nx, ny, nz, d, noise = plane
     slope = math.hypot(nx, ny)
     ux, uy = -ny / slope, nx / slope
     # Per layer: points and squares of all places, then points and sum of those that are no rims.
-    layers = np.zeros((layer.max() + 1, 4))
+    layers = np.zeros((len(taken), 4))
     sums = np.empty((len(pooled), 2))
     for p in range(len(pooled)):
         n = pooled[p, 0]
@@ -139,20 +175,25 @@ def improve(
     equations = np.zeros((3, 4))
     total[:] = 0.0
     # The places of a layer have one weight: their moments are added up, and make one equation.
-    taken, squares = np.zeros((len(layers), 10)), 0.0
+    squares, changes = 0.0, 0
     for p in range(len(pooled)):
-        m, j = pooled[p], layer[p]
+        n, j = pooled[p, 0], layer[p]
         lenient = max(noise, usual[j])
         if rim[p] == NO_RIM:
-            if is_refused[j] or is_shifted(m[0], m[0], sums[p, 0], lenient):
-                continue
-            if is_mixed(m[0], sums[p, 1], lenient, DEVIATIONS):
-                continue
-            into = taken[j]
-            for c in range(10):
-                into[c] += m[c]
-            squares += sums[p, 1]
+            takes = not (
+                is_refused[j]
+                or is_shifted(n, n, sums[p, 0], lenient)
+                or is_mixed(n, sums[p, 1], lenient, DEVIATIONS)
+            )
+            squares += sums[p, 1] * takes
+            if takes != is_taken[p]:
+                is_taken[p] = takes
+                changes += 1
+                sign = 1.0 if takes else -1.0
+                for c in range(10):
+                    taken[j, c] += sign * pooled[p, c]
         else:
+            m = pooled[p]
             sides = rim_moments(m, plane, ux, uy, rim[p] * tick - ground)
             w, _, _, we, w2 = sides
             if w2 <= LEAST_DEPTH * LEAST_DEPTH * m[0] or is_shifted(w2, w, we, lenient):
@@ -168,14 +209,14 @@ def improve(
         for c in range(10):
             total[c] += taken[j, c]
     if total[0] < LEAST_POINTS:
-        return plane
+        return plane, changes
     a, b, g = solve(equations)
     # What was e = n p - d is now e - a - b s - g z.
     nx, ny, nz, d = nx - b * ux, ny - b * uy, nz - g, d + a
     k = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
     if points > 0.0:
         noise = max(squares / points, NOISE_FLOOR * NOISE_FLOOR)
-    return nx * k, ny * k, nz * k, d * k, noise
+    return (nx * k, ny * k, nz * k, d * k, noise), changes
 
 
 @njit(nogil=True, cache=True)

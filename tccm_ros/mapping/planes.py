@@ -20,7 +20,7 @@ from tccm_ros.config import Config
 from tccm_ros.mapping.boundary import Outline, members_by_plane, outlines
 from tccm_ros.mapping.cuboids import TICK, TICKS_PER_M, Cuboids
 from tccm_ros.mapping.moments import FLAT, axes_of, tangents, uncertainty_of
-from tccm_ros.mapping.plane_search import PLANE_COLUMNS, segment
+from tccm_ros.mapping.plane_search import PLANE_COLUMNS, planes_of
 
 __all__ = ["PlaneFit", "PlaneFits", "find_planes", "without_plane"]
 
@@ -229,11 +229,11 @@ def find_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> Plane
         none = np.full(0, -1, np.int32)
         return PlaneFits(cuboids, none, np.zeros((0, PLANE_COLUMNS)), origin * TICK)
     p = config.planes
-    labels, rows = segment(
+    limits = p.max_rms, float(p.min_points), p.min_area, p.flatness, math.cos(p.horizontal_angle)
+    labels, rows = planes_of(
         cuboids.ix, cuboids.iy, cuboids.bottom, cuboids.top, cuboids.count, cuboids.s, cuboids.S,
         cuboids.caps.of, cuboids.caps.moments, cuboids.cell_size * TICKS_PER_M, TICK, origin,
-        view,
-        (p.max_rms, float(p.min_points), p.min_area, p.flatness, math.cos(p.horizontal_angle)),
+        view, limits,
     )  # fmt: skip
     return PlaneFits(cuboids, labels, rows, origin * TICK)
 

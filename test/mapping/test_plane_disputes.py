@@ -6,7 +6,13 @@ from plane_rig import EYE, part_map
 
 from tccm_ros.config import Config
 from tccm_ros.mapping.plane_blocks import sort_into_blocks
-from tccm_ros.mapping.plane_disputes import CLOSER, OFF, give_back
+from tccm_ros.mapping.plane_disputes import (
+    CLOSER,
+    OFF,
+    give_back,
+    level_planes_around,
+    level_planes_by_block,
+)
 from tccm_ros.mapping.plane_members import GATE
 from tccm_ros.mapping.planes import find_planes
 
@@ -98,8 +104,7 @@ def test_the_rule_is_that_of_plain_distances(seed):
     start, order = sort_into_blocks(cells, cells, 0, 0, 1, 1)
     expected = plain_give_back(points, labels, planes, is_standing)
     had = planes[1, 7]
-    work = np.empty(1, np.int32), np.empty(1, np.int32)
-    left = give_back(M, start, order, 1, 1, *work, labels, planes, is_standing)
+    left = give_back(M, start, order, 1, 1, labels, planes, is_standing)
     if (expected == 1).sum() < 0.5 * had:  # it lost too much, and is gone
         number = np.array([0, -1, 1, -1])
         expected = number[expected]
@@ -109,3 +114,25 @@ def test_the_rule_is_that_of_plain_distances(seed):
     np.testing.assert_array_equal(labels, expected)
     counts = [(labels == k).sum() for k in range(len(left))]
     np.testing.assert_array_equal(left[:, 7], counts)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_level_planes_around_a_block_are_those_of_its_cells(seed):
+    rng = np.random.default_rng(seed)
+    n, planes, rows, wide = 120, 6, 4, 5
+    x, y = rng.integers(0, 4 * rows, n), rng.integers(0, 4 * wide, n)
+    x[:2], y[:2] = (0, 4 * rows - 1), (0, 4 * wide - 1)
+    order = np.lexsort((y, x))
+    x, y = x[order].astype(np.int32), y[order].astype(np.int32)
+    labels = rng.integers(-1, planes, n).astype(np.int32)
+    is_standing = rng.random(planes) < 0.5
+    start, by_block = sort_into_blocks(x, y, 0, 0, wide, rows * wide)
+    first, level, is_held = level_planes_by_block(start, by_block, labels, is_standing)
+    near = np.empty(planes, np.int32)
+    for b in range(rows * wide):
+        inside = (x // 4 == b // wide) & (y // 4 == b % wide) & (labels >= 0)
+        assert is_held[b] == is_standing[labels[inside]].any()
+        around = (abs(x // 4 - b // wide) <= 1) & (abs(y // 4 - b % wide) <= 1) & (labels >= 0)
+        expected = sorted({int(p) for p in labels[around] if not is_standing[p]})
+        count = level_planes_around(b, rows, wide, first, level, near)
+        assert near[:count].tolist() == expected

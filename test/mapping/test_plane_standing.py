@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 from plane_rig import EYE, least_squares, part_map
 
 from tccm_ros.config import Config
-from tccm_ros.mapping.caps import move_caps
+from tccm_ros.mapping.caps import CAP_DEPTH
 from tccm_ros.mapping.cuboids import TICK, TICKS_PER_M
-from tccm_ros.mapping.moments import gather
 from tccm_ros.mapping.part_map import PartMapBuilder
 from tccm_ros.mapping.plane_equations import add_place, rim_moments, solve
-from tccm_ros.mapping.plane_places import NO_RIM, bins_along, pool_places
-from tccm_ros.mapping.plane_standing import fit_standing
+from tccm_ros.mapping.plane_map import plane_map
+from tccm_ros.mapping.plane_places import NO_RIM, RIM_REACH, bins_along, pool_places
+from tccm_ros.mapping.plane_standing import SLICES, fit_standing, through_median
 from tccm_ros.mapping.planes import find_planes
 
 CONFIG = Config()
@@ -48,23 +48,12 @@ def shelf_top(rng, n, yaw=0.0, distance=0.61, depth=0.3, sigma=0.001, width=0.9,
     return points + z[:, None] * Z
 
 
-def moved_moments(cuboids):
-    origin = np.rint(EYE * TICKS_PER_M)
-    M = np.empty((len(cuboids), 10))
-    gather(
-        cuboids.ix, cuboids.iy, cuboids.count, cuboids.s, cuboids.S,
-        cuboids.cell_size * TICKS_PER_M, TICK, origin, M,
-    )  # fmt: skip
-    return M
-
-
-def caps_of(cuboids):
-    return (
-        cuboids.caps.of,
-        move_caps(
-            cuboids.ix, cuboids.iy, cuboids.caps.of, cuboids.caps.moments,
-            cuboids.cell_size * TICKS_PER_M, TICK, np.rint(EYE * TICKS_PER_M),
-        ),
+def moved(cuboids):
+    """Return a map as the kernels read it, about the laser."""
+    return plane_map(
+        cuboids.ix, cuboids.iy, cuboids.bottom, cuboids.top, cuboids.count, cuboids.s, cuboids.S,
+        cuboids.caps.of, cuboids.caps.moments, cuboids.cell_size * TICKS_PER_M, TICK,
+        np.rint(EYE * TICKS_PER_M),
     )  # fmt: skip
 
 
@@ -108,18 +97,52 @@ def test_places_hold_both_sides_of_the_wall_between_cells():
     # The board stands at x = 0.600, the wall between two cells: noise puts half before it.
     rng = np.random.default_rng(0)
     cuboids = part_map(board(rng, 4000, distance=0.6))
-    M = moved_moments(cuboids)
+    arrays = moved(cuboids)
     members = np.arange(len(cuboids), dtype=np.int32)
-    plane = (1.0, 0.0, 0.0, 0.6, 6e-6)
-    pooled, rim = pool_places(
-        M, cuboids.ix, cuboids.iy, cuboids.bottom, cuboids.top, *caps_of(cuboids), members, plane
-    )
-    np.testing.assert_allclose(pooled.sum(axis=0), M.sum(axis=0), rtol=1e-9)
+    pooled, rim = pool_places(arrays, members, (1.0, 0.0, 0.0, 0.6, 6e-6))
+    np.testing.assert_allclose(pooled.sum(axis=0), arrays.M.sum(axis=0), rtol=1e-9)
     large = pooled[:, 0] > 40
     off = abs(pooled[large, 1] / pooled[large, 0] - 0.6)
     # Half a Gaussian would be 0.8 sigma = 2 mm off.
     assert (off < 5 * 0.0025 / np.sqrt(pooled[large, 0])).all()
     assert (rim[rim != NO_RIM] > 11_900).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_places_without_their_rims_are_sums_over_points_below(seed):
+    # A board in one row of cells: a step is a column, and a rim is its highest cuboid.
+    rng = np.random.default_rng(seed)
+    points = board(rng, 2000, distance=0.61, sigma=0.001, rows=400)
+    cuboids = built_map(points)
+    members = np.arange(len(cuboids), dtype=np.int32)
+    pooled, rim = pool_places(moved(cuboids), members, (1.0, 0.0, 0.0, 0.61, 1e-6))
+    assert (rim == NO_RIM).all()
+    heights = np.rint(points[:, 2] * TICKS_PER_M)
+    column = np.floor(np.rint(points[:, 1] * TICKS_PER_M) / 200).astype(int)
+    least = np.median([heights[column == c].max() for c in np.unique(column)]) - RIM_REACH
+    count, total = 0, 0.0
+    for c in np.unique(column):
+        z = heights[column == c]
+        below = (z < z.max() - CAP_DEPTH) | (z.max() < least)
+        count, total = count + below.sum(), total + (z[below] * TICK - EYE[2]).sum()
+    assert pooled[:, 0].sum() == count
+    assert pooled[:, 3].sum() == pytest.approx(total, abs=1e-6)
+
+
+@given(st.integers(0, 10_000), st.integers(1, 60))
+@settings(deadline=None, max_examples=40)
+def test_the_guess_goes_through_the_median_place(seed, places):
+    rng = np.random.default_rng(seed)
+    off, weight = rng.uniform(-0.02, 0.02, places), rng.integers(1, 30, places)
+    pooled = np.stack(
+        [w * moments_of(np.array([[0.6 + e, 0.1, 0.5]])) for e, w in zip(off, weight, strict=True)]
+    )
+    plane = through_median(pooled, (1.0, 0.0, 0.0, 0.6, 1e-6))
+    width = np.ptp(off) / SLICES + 1e-9
+    # The median is between two places where the weights halve there.
+    ranked = np.sort(np.repeat(off, weight))
+    middle = ranked[(len(ranked) - 1) // 2], ranked[len(ranked) // 2]
+    assert middle[0] - width <= plane[3] - 0.6 <= middle[1] + width
 
 
 def test_steps_do_not_depend_on_noise():
@@ -164,10 +187,7 @@ def test_a_board_that_steps_back_at_its_foot_is_not_refused():
     cuboids = built_map(np.concatenate([front, foot]))
     members = np.arange(len(cuboids), dtype=np.int32)
     total = np.zeros(10)
-    plane = fit_standing(
-        moved_moments(cuboids), cuboids.ix, cuboids.iy, cuboids.bottom, cuboids.top,
-        *caps_of(cuboids), members, (1.0, 0.0, 0.0, 0.615, 1e-5), TICK, EYE[2], total,
-    )  # fmt: skip
+    plane = fit_standing(moved(cuboids), members, (1.0, 0.0, 0.0, 0.615, 1e-5), total)
     assert plane[3] + plane[2] * (EYE[2] - 0.92) == pytest.approx(0.61, abs=5e-4)
     assert total[0] > 1500
 
@@ -209,13 +229,9 @@ def test_a_fit_without_rims_is_weighted_least_squares():
     rng = np.random.default_rng(5)
     points = board(rng, 5000)
     cuboids = part_map(points)
-    M = moved_moments(cuboids)
     members = np.arange(len(cuboids), dtype=np.int32)
     total = np.zeros(10)
-    plane = fit_standing(
-        M, cuboids.ix, cuboids.iy, cuboids.bottom, cuboids.top, *caps_of(cuboids), members,
-        (1.0, 0.0, 0.0, 0.611, 1e-5), TICK, EYE[2], total,
-    )  # fmt: skip
+    plane = fit_standing(moved(cuboids), members, (1.0, 0.0, 0.0, 0.611, 1e-5), total)
     # One standard deviation of least squares is 0.035 mm.
     assert plane[3] + plane[2] * EYE[2] == pytest.approx(0.61, abs=1.5e-4)
     assert plane[4] == pytest.approx(0.0025**2, rel=0.15)

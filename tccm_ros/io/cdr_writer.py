@@ -33,6 +33,11 @@ _CODES: Final = {
     "float32": "f", "float64": "d",
 }  # fmt: skip
 _COUNT = struct.Struct("<I").pack
+_GAPS: Final = (b"", b"\0\0\0", b"\0\0", b"\0")
+"""What comes before a count, by the length so far modulo 4, of which the encapsulation is one."""
+
+_NO_TEXT: Final = tuple(gap + b"\1\0\0\0\0" for gap in _GAPS)
+"""An empty text after such a gap: a marker has four of them."""
 
 Step = Callable[[Any, bytearray], None]
 """Appends some fields of a message to its bytes."""
@@ -140,7 +145,8 @@ class CdrWriter:
 
         def step(message: Any, out: bytearray) -> None:
             items = get(message)
-            _begin(items, size, out)
+            if not _begin(items, size, out):
+                return
             if isinstance(items, np.ndarray):
                 _append_rows(items, self.row(msgtype), out)
                 return
@@ -163,13 +169,15 @@ def _pad(out: bytearray, size: int) -> None:
     out += bytes(-(len(out) - len(ENCAPSULATION)) % size)
 
 
-def _begin(items: Any, size: int | None, out: bytearray) -> None:
+def _begin(items: Any, size: int | None, out: bytearray) -> int:
     """Write the length of a sequence; check that of an array, which is not written."""
+    length = len(items)
     if size is None:
-        _pad(out, 4)
-        out += _COUNT(len(items))
-    elif len(items) != size:
-        raise ValueError(f"{len(items)} values, expected {size}")
+        out += _GAPS[len(out) & 3]
+        out += _COUNT(length)
+    elif length != size:
+        raise ValueError(f"{length} values, expected {size}")
+    return length
 
 
 def _numbers(run: Sequence[tuple[str, str]]) -> Step:
@@ -224,8 +232,11 @@ def _texts(path: str, size: int | None) -> Step:
 
 
 def _append_text(text: str, out: bytearray) -> None:
+    if not text:
+        out += _NO_TEXT[len(out) & 3]
+        return
     data = text.encode()
-    _pad(out, 4)
+    out += _GAPS[len(out) & 3]
     out += _COUNT(len(data) + 1)
     out += data
     out += b"\0"
@@ -236,7 +247,8 @@ def _array(path: str, base: str, size: int | None) -> Step:
 
     def step(message: Any, out: bytearray) -> None:
         items = get(message)
-        _begin(items, size, out)
+        if not _begin(items, size, out):
+            return
         _append_rows(np.asarray(items).reshape(-1, 1), row, out)
 
     return step

@@ -227,16 +227,11 @@ def _area_markers(
 ) -> list[Any]:
     """Return the filled area and the outline, holes included."""
     corners, triangles = _fill(boundary, holes, normal)
-    edges, start = [], 0
-    for ring in (boundary, *holes):
-        if len(ring) >= 3:
-            ends = np.repeat(np.arange(start, start + len(ring)), 2)
-            edges.append(np.append(ends[1:], start))
-            start += len(ring)
-    if not edges:
+    if not len(corners):
         return []
+    edges = _edges([len(ring) for ring in (boundary, *holes) if len(ring) >= 3])
     # A corner is one message, however many triangles and edges meet there.
-    points = _points(place.types, corners, np.concatenate([triangles.ravel(), *edges]))
+    points = _points(place.types, corners, np.concatenate([triangles.ravel(), edges]))
     markers = []
     if len(triangles):
         filled, unit = points[: triangles.size], (1.0, 1.0, 1.0)
@@ -245,6 +240,16 @@ def _area_markers(
     lines, width = points[triangles.size :], (0.01, 0.0, 0.0)
     markers.append(_marker(place, "outline", identity, LINE_LIST, width, color, points=lines))
     return markers
+
+
+def _edges(lengths: Sequence[int]) -> NDArray[np.int64]:
+    """Return the corners at the ends of each edge of closed rings that lie one after the other."""
+    ends = np.cumsum(lengths)
+    edges = np.empty((ends[-1], 2), np.int64)
+    edges[:, 0] = np.arange(ends[-1])
+    edges[:, 1] = edges[:, 0] + 1
+    edges[ends - 1, 1] = ends - lengths
+    return edges.ravel()
 
 
 def plane_markers(place: Place, planes: Iterable[PlaneRecord]) -> list[Any]:

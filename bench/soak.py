@@ -6,6 +6,9 @@ Prints, for each stretch of simulated time, resident memory, the graph's size, t
 longest step (processor time), the time of a solution as the SLAM node makes it while driving, and
 how long another thread stood still meanwhile: gtsam holds the interpreter, and the intake of
 messages is such a thread.
+
+With `--tilt` it is the TCCM node's processor instead, with the messages of its planes: one lap of
+the tilting laser is simulated and sent again and again, each time with later stamps.
 """
 
 from __future__ import annotations
@@ -14,12 +17,17 @@ import argparse
 import os
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tccm_ros.config import Config
+from tccm_ros.io.typestore import TypestoreMessages
 from tccm_ros.mapping.tccm import TccmProcessor
+from tccm_ros.publications import CyclePublications
+from tccm_ros.records import JointSample
 from tccm_ros.sim.engine import Simulation
 from tccm_ros.sim.options import Options
 from tccm_ros.sim.worlds import build_world
@@ -28,6 +36,9 @@ from tccm_ros.surfaces.surface_slam import SurfaceSlam
 TCCM_TOPICS = ("/tilt_scan", "/odom", "/joint_states", "/robot_description")
 SLAM_TOPICS = ("/scan", "/odom", "/joint_states", "/robot_description")
 WORLD, LAP_S = "load", 20.0
+JOINT_STEP_NS = 10_000_000
+"""Of the simulator's joint samples."""
+
 TICK_S = 0.001
 
 
@@ -65,31 +76,83 @@ def memory_mb() -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--hours", type=float, default=2.0)
-    parser.add_argument("--tilt", action="store_true", help="with the tilting laser")
+    parser.add_argument("--tilt", action="store_true", help="the TCCM node instead")
     parser.add_argument("--report", type=float, default=600.0, help="stretch, simulated s")
     arguments = parser.parse_args()
-    options = Options(laps=max(1, round(3600.0 * arguments.hours / LAP_S)), tilt=arguments.tilt)
+    (soak_tccm if arguments.tilt else soak_slam)(arguments.hours, arguments.report)
+
+
+def soak_slam(hours: float, stretch_s: float) -> None:
+    """Drive the level laser round a room."""
+    options = Options(laps=max(1, round(3600.0 * hours / LAP_S)), tilt=False)
     simulation = Simulation(build_world(WORLD, options), 0, options)
-    tccm = TccmProcessor(Config(), expects_odometry=True)
     slam = SurfaceSlam(Config(), expects_odometry=True)
     print("| hour | memory | keyframes | 99 % of steps | longest step | solve | stood still |")
     print("|---|---|---|---|---|---|---|", flush=True)
     steps: list[float] = []
-    due_ns = simulation.start_ns + round(arguments.report * 1e9)
+    due_ns = simulation.start_ns + round(stretch_s * 1e9)
     for published in simulation.run():
         for record in published.records:
             start = time.process_time()
-            if arguments.tilt and published.topic in TCCM_TOPICS:
-                for result in tccm.add(record):
-                    slam.add(result.surfaces)
-                    slam.add(result.view)
             if published.topic in SLAM_TOPICS:
                 slam.add(record)
             steps.append(time.process_time() - start)
         if published.log_ns >= due_ns:
             report(slam, (published.log_ns - simulation.start_ns) / 3.6e12, steps)
-            due_ns += round(arguments.report * 1e9)
+            due_ns += round(stretch_s * 1e9)
             steps.clear()
+
+
+def soak_tccm(hours: float, stretch_s: float) -> None:
+    """Tilt a laser without end."""
+    records, lap_ns = tilting_lap()
+    types, config = TypestoreMessages(), Config()
+    processor = TccmProcessor(config, expects_odometry=True)
+    publications = CyclePublications(types, config)
+    print("| hour | memory | cycles | 99 % of steps | longest step | cuboids | scans dropped |")
+    print("|---|---|---|---|---|---|---|", flush=True)
+    steps: list[float] = []
+    due_s = stretch_s
+    for lap in range(round(3600.0 * hours * 1e9 / lap_ns)):
+        for record in records:
+            start = time.process_time()
+            for result in processor.add(later(record, lap * lap_ns)):
+                for due in publications.of(result, processor.map.cuboids):
+                    types.serialize(due.msgtype, due.build())
+            steps.append(time.process_time() - start)
+        if (lap + 1) * lap_ns * 1e-9 >= due_s:
+            ms, dropped = 1e3 * np.array(steps), sum(processor.dropped.values())
+            print(
+                f"| {(lap + 1) * lap_ns / 3.6e12:.2f} | {memory_mb():.0f} MB | "
+                f"{processor.counts['cycles']} | {np.quantile(ms, 0.99):.1f} ms | "
+                f"{ms.max():.0f} ms | {len(processor.map.cuboids())} | {dropped} |",
+                flush=True,
+            )
+            due_s += stretch_s
+            steps.clear()
+
+
+def tilting_lap() -> tuple[list[Any], int]:
+    """Return the records of a lap, and how much later the next one begins, ns."""
+    options = Options(laps=1)
+    simulation = Simulation(build_world(WORLD, options), 0, options)
+    records = [
+        record
+        for published in simulation.run()
+        for record in published.records
+        if published.topic in TCCM_TOPICS
+    ]
+    stamps = [record.stamp_ns for record in records if isinstance(record, JointSample)]
+    return records, max(stamps) - min(stamps) + JOINT_STEP_NS
+
+
+def later(record: Any, shift_ns: int) -> Any:
+    """Return a record with a later stamp; the robot description has none."""
+    return (
+        replace(record, stamp_ns=record.stamp_ns + shift_ns)
+        if hasattr(record, "stamp_ns")
+        else record
+    )
 
 
 def report(slam: SurfaceSlam, hour: float, steps: list[float]) -> None:

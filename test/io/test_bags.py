@@ -51,13 +51,13 @@ def reference(tmp_path_factory):
     return read(write_sample(tmp_path_factory.mktemp("reference") / "bag"))
 
 
-def rosbags_bag(path, plugin, mode=None):
+def rosbags_bag(path, plugin, mode=None, messages=None):
     writer = RosbagsWriter(path, version=9, storage_plugin=plugin)
     if mode is not None:
         writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
         connections = {}
-        for topic, msgtype, stamp, message in sample_messages():
+        for topic, msgtype, stamp, message in messages or sample_messages():
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, msgtype, typestore=TYPES._store)
             writer.write(connections[topic], stamp, TYPES.serialize(msgtype, message))
@@ -191,6 +191,18 @@ def test_memory_does_not_grow_with_the_length_of_a_bag(tmp_path, name):
 def test_splits_are_one_bag_in_any_order_of_names(tmp_path, reference):
     assert read(write_splits(tmp_path / "a", 3, ["b_0.mcap", "b_1.mcap", "b_2.mcap"])) == reference
     assert read(write_splits(tmp_path / "b", 3, ["z.mcap", "y.mcap", "x.mcap"])) == reference
+
+
+@pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def test_splits_that_are_compressed_and_have_no_metadata(tmp_path, reference, plugin):
+    folder, messages = tmp_path / "bag", sample_messages()
+    folder.mkdir()
+    for k in range(3):
+        part = messages[k * len(messages) // 3 : (k + 1) * len(messages) // 3]
+        made = rosbags_bag(tmp_path / f"part{k}", plugin, CompressionMode.FILE, part)
+        (content,) = made.glob("*.zstd")
+        content.rename(folder / f"bag_{k}{''.join(content.suffixes)}")
+    assert read(folder) == reference
 
 
 def test_a_missing_split_is_named(tmp_path):

@@ -2,6 +2,7 @@ import json
 
 import numpy as np
 import pytest
+import yaml
 from shapely import Polygon
 from slam_run import drive, new_slam
 
@@ -226,10 +227,23 @@ def test_the_grid_is_free_to_the_wall(tmp_path):
 
     assert (cell(2.02, 0.0), cell(1.0, 0.0), cell(2.3, 0.0), cell(0.0, 0.7)) == (100, 0, -1, -1)
     save_grid(tmp_path, "map", grid)
-    data = (tmp_path / "map.pgm").read_bytes()
-    assert data.startswith(b"P5\n")
-    assert len(data.split(b"255\n", 1)[1]) == grid.cells.size
-    assert "resolution: 0.05" in (tmp_path / "map.yaml").read_text()
+    cells, resolution, origin = as_map_server_reads(tmp_path / "map.yaml")
+    assert cells.tobytes() == grid.cells.tobytes()
+    assert (resolution, origin) == (0.05, pytest.approx([*grid.origin, 0.0]))
+
+
+def as_map_server_reads(path):
+    """Read a map by the rules of nav2_map_server's trinary mode."""
+    about = yaml.safe_load(path.read_text())
+    kind, size, depth, data = (path.parent / about["image"]).read_bytes().split(b"\n", 3)
+    width, height = map(int, size.split())
+    assert (kind, depth, about["mode"]) == (b"P5", b"255", "trinary")
+    shades = np.frombuffer(data, np.uint8).reshape(height, width)[::-1] / 255.0
+    occupied = shades if about["negate"] else 1.0 - shades
+    cells = np.full(shades.shape, -1, np.int8)
+    cells[occupied > about["occupied_thresh"]] = 100
+    cells[occupied < about["free_thresh"]] = 0
+    return cells, about["resolution"], about["origin"]
 
 
 def test_no_level_laser_no_grid():

@@ -112,7 +112,7 @@ class Outcome:
     messages
         Messages read, by topic.
     unreadable
-        Messages that could not be used, by topic.
+        Messages that could not be used, by topic and what was wrong with the first.
     bag_duration
         s.
     session
@@ -286,7 +286,7 @@ def run_bag(
         with clock.stage("keep"):
             run = pipeline.interrupt()
         pipeline.finish()
-        _check_used(pipeline, reader)
+        _check_used(pipeline, reader, topics)
         solution = pipeline.solve()
         if not pipeline.slam.is_placed(solution):
             raise MapError(
@@ -302,7 +302,7 @@ def run_bag(
             pipeline.slam,
             solution,
             messages,
-            reader.dropped,
+            Counter({f"{t}: {reader.problems[t]}": n for t, n in reader.dropped.items()}),
             reader.duration,
             session,
             run,
@@ -373,8 +373,14 @@ def _feed(
             last_ns = log_ns
 
 
-def _check_used(pipeline: Pipeline, reader: BagReader) -> None:
+def _check_used(pipeline: Pipeline, reader: BagReader, topics: Mapping[str, str]) -> None:
     """Raise what explains why a laser that is there gave nothing at all."""
+    counts = {info.name: info.count for info in reader.topics()}
+    for topic in (topics[role] for role in SCAN_ROLES):
+        if counts.get(topic) and reader.dropped[topic] == counts[topic]:
+            raise BagError(
+                f"{reader.path}: no message on {topic} could be used: {reader.problems[topic]}"
+            )
     for laser, sync, used in (
         ("tilting", pipeline.tccm.synchroniser, pipeline.tccm.counts["cycles"]),
         ("level", pipeline.slam.sync, pipeline.slam.counts["level scans"]),

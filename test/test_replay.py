@@ -7,15 +7,18 @@ import pytest
 
 from tccm_ros.config import Config
 from tccm_ros.config_file import read_config
-from tccm_ros.errors import MapError, TopicError
+from tccm_ros.errors import BagError, MapError, TopicError
 from tccm_ros.evaluate.surfaces import score_surfaces
 from tccm_ros.evaluate.trajectory_errors import absolute_errors, poses_at
 from tccm_ros.evaluate.truth_files import read_tum
 from tccm_ros.geometry import planar, spatial
+from tccm_ros.io.bag_writer import BagWriter
 from tccm_ros.io.bags import BagReader
+from tccm_ros.io.typestore import TypestoreMessages
 from tccm_ros.replay import replay
 
 BAGS = Path(__file__).resolve().parents[1] / "bags"
+TYPES = TypestoreMessages()
 FILES = [
     "surfaces.json",
     "surfaces.ply",
@@ -118,6 +121,19 @@ def test_other_names_and_an_upside_down_laser(tmp_path):
 def test_a_topic_of_another_type_is_an_error(tmp_path):
     with pytest.raises(TopicError, match="TFMessage"):
         replay(BAGS / "walkthrough", tmp_path / "no", Config(), remap=["tilt_scan:=/tf_static"])
+    assert not (tmp_path / "no").exists()
+
+
+def test_a_laser_whose_every_message_is_wrong_is_an_error_that_says_why(tmp_path):
+    with BagReader(BAGS / "walkthrough") as reader, BagWriter(tmp_path / "bag") as writer:
+        types = {info.name: info.msgtype for info in reader.topics()}
+        for message in reader.messages(types):
+            record = TYPES.deserialize(types[message.topic], message.data)
+            if message.topic == "/tilt_scan":
+                record.time_increment = -1e-5
+            writer.write(message.topic, types[message.topic], message.log_ns, record)
+    with pytest.raises(BagError, match=r"/tilt_scan.* beams -1e-05 s apart"):
+        replay(tmp_path / "bag", tmp_path / "no", Config(), pictures=False)
     assert not (tmp_path / "no").exists()
 
 

@@ -124,14 +124,36 @@ def test_a_topic_of_another_type_is_an_error(tmp_path):
     assert not (tmp_path / "no").exists()
 
 
-def test_a_laser_whose_every_message_is_wrong_is_an_error_that_says_why(tmp_path):
-    with BagReader(BAGS / "walkthrough") as reader, BagWriter(tmp_path / "bag") as writer:
+def rewrite(bag, out, change):
+    """Copy a bag, with `change` applied to the messages of its tilting laser."""
+    with BagReader(bag) as reader, BagWriter(out) as writer:
         types = {info.name: info.msgtype for info in reader.topics()}
         for message in reader.messages(types):
             record = TYPES.deserialize(types[message.topic], message.data)
             if message.topic == "/tilt_scan":
-                record.time_increment = -1e-5
+                change(record)
             writer.write(message.topic, types[message.topic], message.log_ns, record)
+
+
+def test_beams_that_are_lost_here_and_there_lose_no_surface(tmp_path):
+    rng = np.random.default_rng(0)
+
+    def lose(scan):
+        lost = rng.random(len(scan.ranges)) < 0.03
+        scan.ranges = np.where(lost, np.float32(0.0), scan.ranges)
+
+    rewrite(BAGS / "flat", tmp_path / "bag", lose)
+    replay(tmp_path / "bag", tmp_path / "map", Config(), pictures=False)
+    score = score_surfaces(tmp_path / "map" / "surfaces.json", BAGS / "flat" / "truth.json")
+    assert score.found == len(score.matches), score.text()
+    assert max(abs(m.height_error) for m in score.matches) < 0.005, score.text()
+
+
+def test_a_laser_whose_every_message_is_wrong_is_an_error_that_says_why(tmp_path):
+    def spoil(scan):
+        scan.time_increment = -1e-5
+
+    rewrite(BAGS / "walkthrough", tmp_path / "bag", spoil)
     with pytest.raises(BagError, match=r"/tilt_scan.* beams -1e-05 s apart"):
         replay(tmp_path / "bag", tmp_path / "no", Config(), pictures=False)
     assert not (tmp_path / "no").exists()

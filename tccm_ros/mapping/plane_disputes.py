@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.mapping.moments import residuals_of
 from tccm_ros.mapping.plane_members import GATE, NOISE_FLOOR
+from tccm_ros.mapping.plane_rows import keep_planes
 
 __all__ = ["give_back"]
 
@@ -71,7 +72,7 @@ def give_back(
             if count > 0:
                 take_disputed(M, order[start[b] : start[b + 1]], near[:count], labels, planes,
                               is_standing)  # fmt: skip
-    return drop_robbed(labels, planes, before, is_standing)
+    return keep_planes(labels, planes, ~is_standing | (planes[:, 7] >= KEPT * before))
 
 
 @njit(nogil=True, cache=True)
@@ -161,21 +162,3 @@ def take_disputed(
                 labels[i] = q
                 planes[p, 7] -= n
                 planes[q, 7] += n
-
-
-@njit(nogil=True, cache=True)
-def drop_robbed(labels: Int, planes: Array, before: Array, is_standing: Flags) -> Array:
-    """Drop the upright planes that lost most of their points, and number the rest anew."""
-    number = np.empty(len(planes), np.int32)
-    kept = 0
-    for p in range(len(planes)):
-        number[p] = -1
-        if not is_standing[p] or planes[p, 7] >= KEPT * before[p]:
-            number[p] = kept
-            planes[kept] = planes[p]
-            kept += 1
-    if kept < len(planes):
-        for i in range(len(labels)):
-            if labels[i] >= 0:
-                labels[i] = number[labels[i]]
-    return planes[:kept]

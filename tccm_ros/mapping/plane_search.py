@@ -10,6 +10,7 @@ from tccm_ros.mapping.linking import link_in_plane
 from tccm_ros.mapping.moments import plane_of, residuals_of
 from tccm_ros.mapping.plane_blocks import BLOCK_BITS, find_patches, sort_into_blocks
 from tccm_ros.mapping.plane_disputes import give_back
+from tccm_ros.mapping.plane_edges import drop_edges
 from tccm_ros.mapping.plane_growth import grow_regions
 from tccm_ros.mapping.plane_map import PlaneMap, plane_map
 from tccm_ros.mapping.plane_members import (
@@ -20,9 +21,10 @@ from tccm_ros.mapping.plane_members import (
     pooled_plane,
 )
 from tccm_ros.mapping.plane_places import link_standing
+from tccm_ros.mapping.plane_rows import PLANE_COLUMNS
 from tccm_ros.mapping.plane_standing import fit_standing
 
-__all__ = ["PLANE_COLUMNS", "planes_of", "segment"]
+__all__ = ["planes_of", "segment"]
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int32]
@@ -33,10 +35,6 @@ STEEP = 0.20
 
 PATCH_POINTS = 6
 """Least points of a flat patch: a plane has three parameters, and needs as many to judge it."""
-
-PLANE_COLUMNS = 19
-"""Columns of a plane's row: 0..3 normal and offset, 4..6 variances along and across, falling,
-7 points of all its cuboids, 8..17 moments of the fit, 18 whether it is level."""
 
 
 @njit(nogil=True, cache=True)
@@ -116,7 +114,10 @@ def segment(
         if len(members) > 2:
             found = split_and_fit(cuboids, members, plane, limits, labels, planes, found)
     planes = planes[:found]
-    planes = give_back(M, start, order, rows, wide, labels, planes, np.abs(planes[:, 2]) < STEEP)
+    is_standing = np.abs(planes[:, 2]) < STEEP
+    planes = give_back(M, start, order, rows, wide, labels, planes, is_standing)
+    is_standing = np.abs(planes[:, 2]) < STEEP
+    planes = drop_edges(cuboids, start, order, (low_x, low_y), wide, labels, planes, is_standing)
     for row in planes:
         orient(row, view, cuboids.origin * tick, limits[4])
     return labels, planes

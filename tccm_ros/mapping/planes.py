@@ -20,7 +20,8 @@ from tccm_ros.config import Config
 from tccm_ros.mapping.boundary import Outline, members_by_plane, outlines
 from tccm_ros.mapping.cuboids import TICK, TICKS_PER_M, Cuboids
 from tccm_ros.mapping.moments import FLAT, axes_of, tangents, uncertainty_of
-from tccm_ros.mapping.plane_search import PLANE_COLUMNS, planes_of
+from tccm_ros.mapping.plane_rows import PLANE_COLUMNS
+from tccm_ros.mapping.plane_search import planes_of
 
 __all__ = ["PlaneFit", "PlaneFits", "find_planes", "without_plane"]
 

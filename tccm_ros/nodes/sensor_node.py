@@ -260,6 +260,12 @@ class SensorNode(Node):
     def _problems(self) -> Iterable[str]:
         if is_clock_missing(self):
             yield "use_sim_time is set but nobody publishes /clock; start the player or simulator"
+        if self.get_node_names_and_namespaces().count((self.get_name(), self.get_namespace())) > 1:
+            yield (
+                f"another node is called {self.get_fully_qualified_name()}, and what both publish "
+                "is mixed up; end one (one that was killed is gone in half a minute), or give it "
+                "another namespace (-r __ns:=/robot2)"
+            )
         problem = self.synchroniser.problem
         if problem is not None:
             yield str(problem)

@@ -186,3 +186,13 @@ def test_a_start_before_the_robot_description(ros):
     robot.play(records[len(records) // 2 :], node)
     assert node.processor.counts["cycles"] >= 1
     assert np.isfinite(node.processor.map.cuboids().top).all()
+
+
+def test_two_nodes_of_one_name_are_told(ros):
+    first = tccm(ros)
+    assert not any("another node" in text for text in first.all_problems())
+    second = tccm(ros)
+    for node in (first, second):
+        ros.spin_until(
+            lambda n=node: any("another node is called /tccm" in t for t in n.all_problems())
+        )

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from tccm_ros.calibrate import Calibration, calibrate
 from tccm_ros.calibrate.judge import UNITS
-from tccm_ros.calibrate.quality import MIN_HITS, Flatness, all_beams, cell_means, select
+from tccm_ros.calibrate.quality import MIN_HITS, Flatness, cell_means
+from tccm_ros.calibrate.room import seen_in
 from tccm_ros.report.figure import canvas, save_png
 
 Float64 = NDArray[np.float64]
@@ -31,12 +32,15 @@ Cells = dict[tuple[int, int], float]
 HEADER = (
     "| recording | zero, deg | scale | roll, deg | height, mm | floor level, deg | "
     "ceiling level, deg | parallel, deg | ceiling less floor along x, y, deg | "
-    "floor cells, mm rms |\n|---|---|---|---|---|---|---|---|---|---|"
+    "of that unevenness, deg | floor cells, mm rms |\n|---|---|---|---|---|---|---|---|---|---|---|"
 )
 ROOM_HEADER = (
-    "| pair | apart, m | in cells of | cells | correlation | difference, mm rms | "
-    "each, mm rms |\n|---|---|---|---|---|---|---|"
+    "| pair | apart, m | turned, deg | in cells of | cells | correlation | difference, mm rms | "
+    "each, mm rms |\n|---|---|---|---|---|---|---|---|"
 )
+
+#: Cells along a block whose unevenness belongs together (1 m), and how often blocks are drawn.
+BLOCK, DRAWS = 4, 400
 
 #: Walls of two recordings of one room are the same within this: rad, m.
 SAME_ANGLE, SAME_DISTANCE = 0.1, 0.6
@@ -44,23 +48,26 @@ SAME_ANGLE, SAME_DISTANCE = 0.1, 0.6
 
 def row(found: Calibration) -> str:
     """Return one line of the table; before -> after where both are shown."""
-    cells = [found.bag]
+    room = found.rooms[0]
+    cells = [room.bag]
     for q in found.judgement.quantities[:4]:
         _, factor = UNITS[q.name]
         factor = 1.0 if q.name == "tilt_scale" else factor
         digits = 4 if q.name == "tilt_scale" else 1 if q.name == "height" else 2
         sigma = "open" if q.sigma is None else f"{q.sigma * factor:.{digits}f}"
         cells.append(f"{q.value * factor:.{digits}f} ± {sigma}")
-    for before, after in (found.floor, found.ceiling):
+    for before, after in (room.floor, room.ceiling):
         both = before is not None and after is not None
         cells.append(
             f"{np.rad2deg(before.tilt):.2f} → {np.rad2deg(after.tilt):.2f}" if both else "-"
         )
-    angles = found.parallel
+    angles = room.parallel
     cells.append("-" if angles is None else " → ".join(f"{np.rad2deg(a):.2f}" for a in angles))
-    floor, ceiling = found.floor[1], found.ceiling[1]
+    floor, ceiling = room.floor[1], room.ceiling[1]
     both = floor is not None and ceiling is not None
-    cells.append("{:+.2f}, {:+.2f}".format(*(slopes(ceiling) - slopes(floor))) if both else "-")
+    apart = slopes(ceiling) - slopes(floor) if both else None
+    cells.append("-" if apart is None else "{:+.2f}, {:+.2f}".format(*apart))
+    cells.append("-" if apart is None else "{:.2f}, {:.2f}".format(*unevenness(found)))
     cells.append("-" if floor is None or floor.rms is None else f"{floor.rms * 1e3:.1f}")
     return "| " + " | ".join(cells) + " |"
 
@@ -70,6 +77,35 @@ def slopes(surface: Flatness) -> Float64:
     a, b, c = surface.normal
     result: Float64 = np.rad2deg(np.arctan2([-a, -b], c))
     return result
+
+
+def unevenness(found: Calibration) -> Float64:
+    """Return what the slopes of ceiling less floor owe to which parts were seen, (2,), deg.
+
+    Surfaces are not flat, and other parts of them would give other slopes: the standard deviation
+    over slopes of floor and ceiling put together from blocks that are drawn at random.
+    """
+    estimate = found.judgement.estimate
+    beams, seen = seen_in(found.judgement, found.recording, 0)
+    points = estimate.problem.model.place(beams, estimate.values)
+    draw = np.random.default_rng(0)
+    floors, ceilings = (_drawn(points[on], draw) for on in (seen.floor, seen.ceiling))
+    result: Float64 = np.rad2deg(np.std(ceilings - floors, axis=0))
+    return result
+
+
+def _drawn(points: Float64, draw: np.random.Generator) -> Float64:
+    """Return the slopes (DRAWS, 2) of as many blocks as there are, drawn with repetition."""
+    cells, means, counts = cell_means(points, points[:, :2])
+    of_block = np.unique(cells // BLOCK, axis=0, return_inverse=True)[1].reshape(-1)
+    blocks = int(of_block.max()) + 1
+    A = np.column_stack([np.ones(len(means)), means[:, :2]])
+    found = []
+    for _ in range(DRAWS):
+        times = np.bincount(draw.integers(0, blocks, blocks), minlength=blocks)[of_block]
+        root = np.sqrt(np.minimum(counts, MIN_HITS) * times)
+        found.append(np.linalg.lstsq(A * root[:, None], means[:, 2] * root, rcond=None)[0][1:])
+    return np.array(found)
 
 
 @dataclass(frozen=True)
@@ -85,11 +121,10 @@ class Floor:
         """Take the hits that count in the table, and the walls."""
         estimate = found.judgement.estimate
         layout, x, model = estimate.problem.layout, estimate.solution.x, estimate.problem.model
-        beams = all_beams(found.recording.sweeps)
+        beams, seen = seen_in(found.judgement, found.recording, 0)
         points = model.place(beams, estimate.values)
-        seen = select(found.recording.sweeps, points[:, 2], float(x[layout.floor]), None)
         walls = np.array([x[layout.wall(i)][:2] for i in range(layout.walls)])
-        return cls(found.bag, points[seen.floor], walls)
+        return cls(found.bags[0], points[seen.floor], walls)
 
     def register(self, other: Floor) -> tuple[float, Float64]:
         """Return the yaw and the shift (2,) that lay the other's walls on these."""
@@ -122,13 +157,14 @@ def compare(floors: list[Floor]) -> list[Cells]:
     print(ROOM_HEADER)
     for i, j in combinations(range(len(floors)), 2):
         apart = float(np.linalg.norm(poses[i][1] - poses[j][1]))
+        turned = np.rad2deg(abs(poses[i][0] - poses[j][0]))
         for frame, maps in (("room", in_room), ("base", in_base)):
             both = sorted(maps[i].keys() & maps[j].keys())
             z = 1e3 * np.array([[maps[i][cell], maps[j][cell]] for cell in both])
             each, difference = np.sqrt(np.mean(z**2)), np.sqrt(np.mean((z[:, 0] - z[:, 1]) ** 2))
             print(
-                f"| {floors[i].bag}, {floors[j].bag} | {apart:.2f} | {frame} | {len(both)} | "
-                f"{np.corrcoef(z.T)[0, 1]:.2f} | {difference:.1f} | {each:.1f} |"
+                f"| {floors[i].bag}, {floors[j].bag} | {apart:.2f} | {turned:.1f} | {frame} | "
+                f"{len(both)} | {np.corrcoef(z.T)[0, 1]:.2f} | {difference:.1f} | {each:.1f} |"
             )
     return in_room
 

@@ -166,7 +166,9 @@ def compare(
 
 @app.command()
 def calibrate(
-    bag: BagArgument,
+    bags: Annotated[
+        list[Path], typer.Argument(metavar="BAG...", help="one or several bags of one rig")
+    ],
     out: Annotated[Path, typer.Option("--out", help="the parameter file")] = Path("rig.yaml"),
     floor_z: Annotated[
         float | None, typer.Option("--floor-z", help="height of the floor in the base frame, m")
@@ -177,7 +179,7 @@ def calibrate(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Estimate tilt zero, scale, roll, height and delay from a recording of a room."""
+    """Estimate tilt zero, scale, roll, height and delay from recordings of rooms."""
     from tccm_ros.calibrate import calibrate as run
     from tccm_ros.calibrate.files import write_calibration
     from tccm_ros.config_file import read_config
@@ -185,7 +187,7 @@ def calibrate(
 
     settings = read_config(config, set)
     with progress(quiet or as_json) as bars:
-        found = run(bag, settings, remap, floor_z=floor_z, bars=bars)
+        found = run(bags, settings, remap, floor_z=floor_z, bars=bars)
         bars.start("picture", 1.0)
         rig, result, picture = write_calibration(found, out)
     text = f"{found.text()}\nrig       {rig}  (use it with --config)\nresult    {result}"

@@ -1,4 +1,4 @@
-"""`tccm calibrate`: estimate the rig from a bag and write it as a configuration."""
+"""`tccm calibrate`: estimate the rig from recordings and write it as a configuration."""
 
 from __future__ import annotations
 
@@ -12,29 +12,35 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tccm_ros.calibrate.agreement import Agreement, compare
 from tccm_ros.calibrate.estimate import estimate
 from tccm_ros.calibrate.judge import UNITS, Judgement, judge
 from tccm_ros.calibrate.layout import Trust
-from tccm_ros.calibrate.quality import Flatness, all_beams, flatness, select
-from tccm_ros.calibrate.reading import read_recording
+from tccm_ros.calibrate.reading import MAX_SWEEPS, read_recording
+from tccm_ros.calibrate.room import Room, rooms
 from tccm_ros.calibrate.sweeps import Recording
+from tccm_ros.calibrate.together import join
 from tccm_ros.config import Config, Rig
+from tccm_ros.errors import BagError
 from tccm_ros.progress import Bars, Silent
 
 __all__ = ["Calibration", "calibrate"]
 
+
+#: Sweeps of all bags together that are used, and of each bag at least.
+ALL_SWEEPS, MIN_SWEEPS = 48, 4
 
 Pose6 = tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """What a recording says of a rig.
+    """What recordings say of a rig.
 
     Attributes
     ----------
-    bag
-        Name of the bag.
+    bags
+        Names of the bags.
     rig
         The corrected parameters of the group `rig`; what is not determined is as configured.
     before
@@ -43,22 +49,21 @@ class Calibration:
         Quantities with standard deviations and covariance, and why others were left alone.
     recording
         What was used.
-    floor, ceiling
-        Flatness (before, after) of the same hits, None where too little was seen.
-    parallel
-        Angle between floor and ceiling (before, after), rad, None without both.
+    rooms
+        Floor and ceiling of each bag.
+    agreement
+        How well several bags agree on the rig, None for one.
     assumptions
         What the result rests on, one sentence each.
     """
 
-    bag: str
+    bags: tuple[str, ...]
     rig: Rig
     before: Rig
     judgement: Judgement
     recording: Recording
-    floor: tuple[Flatness | None, Flatness | None]
-    ceiling: tuple[Flatness | None, Flatness | None]
-    parallel: tuple[float, float] | None
+    rooms: tuple[Room, ...]
+    agreement: Agreement | None
     assumptions: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
@@ -66,8 +71,8 @@ class Calibration:
         names = self.judgement.determined
         return {
             "format": "tccm_ros/calibration",
-            "version": 1,
-            "bag": self.bag,
+            "version": 2,
+            "bags": list(self.bags),
             "rig": _changed(self.rig),
             "quantities": {
                 q.name: {
@@ -82,40 +87,27 @@ class Calibration:
                 "order": list(names),
                 "matrix": [[float(f"{v:.6e}") for v in row] for row in self.judgement.covariance],
             },
-            "floor": [_flatness_json(f) for f in self.floor],
-            "ceiling": [_flatness_json(f) for f in self.ceiling],
-            "parallel": None if self.parallel is None else [round(a, 6) for a in self.parallel],
-            "sweeps": len(self.recording.sweeps),
-            "places": int(self.recording.places.max()) + 1,
+            "rooms": [room.to_json() for room in self.rooms],
+            "agreement": None if self.agreement is None else self.agreement.to_json(),
             "assumptions": list(self.assumptions),
         }
 
     def text(self) -> str:
         """Return the result for people."""
-        lines = [f"{self.bag}: {_count(len(self.recording.sweeps), 'sweep')}"]
+        lines = [f"{', '.join(self.bags)}: {_count(len(self.recording.sweeps), 'sweep')}"]
         for q in self.judgement.quantities:
             unit, factor = UNITS[q.name]
             sigma = "" if q.sigma is None else f" +- {q.sigma * factor:.4f}"
             state = "" if q.is_determined else f"  left alone: {q.reason}"
             lines.append(f"  {q.name:<18} {q.value * factor:9.4f}{sigma} {unit}".rstrip() + state)
-        for name, (before, after) in (("floor", self.floor), ("ceiling", self.ceiling)):
-            if before is not None and after is not None:
-                flat = ""
-                if before.rms is not None and after.rms is not None:
-                    flat = f", flat to {before.rms * 1e3:.1f} -> {after.rms * 1e3:.1f} mm"
-                lines.append(
-                    f"  {name:<18} level to {np.rad2deg(before.tilt):.2f} -> "
-                    f"{np.rad2deg(after.tilt):.2f} deg{flat} in {after.cells} cells"
-                )
-        if self.parallel is not None:
-            a, b = np.rad2deg(self.parallel)
-            lines.append(f"  floor and ceiling  parallel to {a:.2f} -> {b:.2f} deg")
+        for room in self.rooms:
+            lines += [f"  {room.bag}" for _ in self.rooms[1:2]] + room.text()
         return "\n".join([*lines, *(f"  {text}" for text in self.assumptions)])
 
     def yaml(self) -> str:
         """Return a parameter file for ``--config`` and ``--params-file``, with comments."""
         lines = [
-            f"# Made by `tccm calibrate {self.bag}`.",
+            f"# Made by `tccm calibrate {' '.join(self.bags)}`.",
             *(f"# {text}" for text in self.assumptions),
             *(
                 f"# {q.name}: left alone, {q.reason}"
@@ -146,7 +138,7 @@ class Calibration:
 
 
 def calibrate(
-    bag: Path | str,
+    bags: Path | str | Sequence[Path | str],
     config: Config | None = None,
     remap: Sequence[str] = (),
     *,
@@ -154,12 +146,12 @@ def calibrate(
     trust: Trust | None = None,
     bars: Bars | None = None,
 ) -> Calibration:
-    """Estimate what is wrong with a rig from a recording of a floor, and perhaps ceiling and walls.
+    """Estimate what is wrong with a rig from recordings of a floor, and perhaps ceiling and walls.
 
     Parameters
     ----------
-    bag
-        A rosbag2 folder, an .mcap or a .db3 file.
+    bags
+        One or several rosbag2 folders, .mcap or .db3 files, all of one rig.
     config
         What the rig is believed to be; what is not determined stays so.
     remap
@@ -175,17 +167,26 @@ def calibrate(
     Raises
     ------
     BagError, TopicError, FrameError, UrdfError
-        Where the bag cannot be read, the laser cannot be placed, or nothing flat was seen.
+        Where a bag cannot be read, the laser cannot be placed, nothing flat was seen, or bags are
+        not of one rig.
     """
     config, trust, bars = config or Config(), trust or Trust(), bars or Silent()
-    recording = read_recording(bag, config, remap, bars)
+    paths = [bags] if isinstance(bags, Path | str) else list(bags)
+    if len({Path(path).resolve() for path in paths}) < len(paths):
+        raise BagError("a bag is given twice, which tells nothing new; give each bag once")
+    most = int(np.clip(ALL_SWEEPS // len(paths), MIN_SWEEPS, MAX_SWEEPS))
+    recordings = [read_recording(path, config, remap, bars, most=most) for path in paths]
+    recording = join(recordings)
     floor_z = recording.footprint_z if floor_z is None else floor_z
+    agreement = None
+    if len(recordings) > 1:
+        alone = [estimate(one, config, floor_z, trust, bars) for one in recordings]
+        agreement = compare(recording.bags, alone)
+        agreement.check()
     judgement = judge(estimate(recording, config, floor_z, trust, bars), floor_z)
-    rig = _rig(judgement, config.rig)
-    floor, ceiling, parallel = _flatness(judgement, recording)
     return Calibration(
-        Path(bag).name, rig, config.rig, judgement, recording, floor, ceiling, parallel,
-        _assumptions(recording, trust),
+        recording.bags, _rig(judgement, config.rig), config.rig, judgement, recording,
+        rooms(judgement, recording), agreement, _assumptions(recording, trust),
     )  # fmt: skip
 
 
@@ -235,42 +236,6 @@ def _changed(rig: Rig) -> dict[str, Any]:
         "joint_time_offset": rig.joint_time_offset,
         "mount_correction": list(rig.mount_correction),
         "level_correction": list(rig.level_correction),
-    }
-
-
-def _flatness(judgement: Judgement, recording: Recording) -> tuple[Any, Any, Any]:
-    found = judgement.estimate
-    layout, model, x = found.problem.layout, found.problem.model, found.solution.x
-    beams = all_beams(recording.sweeps)
-    floor = float(x[layout.floor]) if found.free[layout.floor] else None
-    ceiling = float(x[layout.ceiling.start]) if found.free[layout.ceiling.start] else None
-    heights = model.place(beams, found.values)[:, 2]
-    seen = select(recording.sweeps, heights, floor, ceiling)
-    both = []
-    for values in (found.configured, found.values):
-        points = model.place(beams, values)
-        both.append((flatness(points[seen.floor]), flatness(points[seen.ceiling])))
-    (floor_before, ceiling_before), (floor_after, ceiling_after) = both
-    parallel = tuple(
-        float(np.arccos(min(abs(np.dot(f.normal, c.normal)), 1.0)))
-        for f, c in both
-        if f is not None and c is not None
-    )
-    return (
-        (floor_before, floor_after),
-        (ceiling_before, ceiling_after),
-        parallel if len(parallel) == 2 else None,
-    )
-
-
-def _flatness_json(found: Flatness | None) -> dict[str, Any] | None:
-    if found is None:
-        return None
-    return {
-        "tilt": round(found.tilt, 6),
-        "rms": None if found.rms is None else round(found.rms, 6),
-        "height": round(found.height, 6),
-        "cells": found.cells,
     }
 
 

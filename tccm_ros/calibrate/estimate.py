@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from tccm_ros.calibrate.layout import Layout, Trust
 from tccm_ros.calibrate.model import RigModel, RigValues
 from tccm_ros.calibrate.patches import Patches, cut_patches
-from tccm_ros.calibrate.problem import LevelHits, Problem
+from tccm_ros.calibrate.problem import LevelHits, Planes, Problem
 from tccm_ros.calibrate.search import first_guess
 from tccm_ros.calibrate.solver import Solution, solve
 from tccm_ros.calibrate.surroundings import (
@@ -21,6 +21,7 @@ from tccm_ros.calibrate.surroundings import (
     Surroundings,
     assign,
     find_planes,
+    near_another,
 )
 from tccm_ros.calibrate.sweeps import LevelScans, Recording
 from tccm_ros.config import Config
@@ -166,8 +167,11 @@ class _Work:
     def search(self, values: RigValues) -> Surroundings:
         """Find the planes under a rig."""
         centers, normals = self._placed(values)
-        found = find_planes(centers, normals, self.places, float(self.model.pivot[2]))
-        if found.floor is None and found.ceiling is None and not found.walls:
+        found = find_planes(
+            centers, normals, self.places, self.recording.bag, float(self.model.pivot[2])
+        )
+        levels = (found.floor, *found.ceilings)
+        if all(height is None for height in levels) and not found.walls:
             raise BagError("neither floor, ceiling nor walls were seen; record a room")
         return found
 
@@ -188,10 +192,11 @@ class _Work:
         level_gate: float,
     ) -> Estimate:
         """Say which patches lie on which planes, and solve."""
-        layout = Layout(len(surroundings.walls), int(self.recording.places.max()) + 1)
+        rec = self.recording
+        layout = Layout(len(rec.bags), len(surroundings.walls), len(rec.bag))
         problem = Problem(
-            self.model, self.patches.hits, self.patches.patch, self.places, surroundings, (),
-            pose_from_rpy(self.config.rig.level_correction), self.trust, layout,
+            self.model, self.patches.hits, self.patches.patch, self.places, rec.bag, rec.poses,
+            surroundings, (), pose_from_rpy(self.config.rig.level_correction), self.trust, layout,
             blur=gates[0] / 6.0,
         )  # fmt: skip
         if x is None:
@@ -220,7 +225,9 @@ class _Work:
         planes = _seen_planes(problem, x)
         plane = assign(centers, normals, self.places, self.patches.spread, planes, gates)
         of_hit = plane[self.patches.patch]
-        on = of_hit != NO_PLANE
+        everywhere = self.model.place(self.patches.hits, values)
+        at = self.places[self.patches.patch]
+        on = (of_hit != NO_PLANE) & ~near_another(everywhere, at, of_hit, planes)
         hits, place = self.patches.hits.take(on), self.places[self.patches.patch[on]]
         problem = replace(problem, hits=hits, plane=of_hit[on], place=place)
         placed = self.model.place(hits, values)
@@ -237,7 +244,8 @@ class _Work:
         free[layout.rig] = free[layout.bias] = True
         seen = np.bincount(problem.plane, minlength=FIRST_WALL + layout.walls) > 0
         free[layout.floor] = seen[FLOOR]
-        free[layout.ceiling] = seen[CEILING]
+        for bag in np.unique(problem.bag[problem.place[problem.plane == CEILING]]).tolist():
+            free[layout.ceiling(bag)] = True
         for number in range(layout.walls):
             free[layout.wall(number)] = seen[FIRST_WALL + number]
         for place in np.unique(problem.place).tolist():
@@ -249,14 +257,15 @@ class _Work:
         return free
 
 
-def _seen_planes(problem: Problem, x: Float64) -> tuple[Float64, Float64, Int64]:
-    """Return the planes as `assign` wants them; what was not found is out of reach."""
-    normals, offsets = problem.planes(x)
-    found = problem.surroundings
-    offsets[FLOOR] = offsets[FLOOR] if found.floor is not None else np.inf
-    offsets[CEILING] = offsets[CEILING] if found.ceiling is not None else np.inf
-    where = np.array([-1, -1, *(wall.place for wall in found.walls)], np.int64)
-    return normals, offsets, where
+def _seen_planes(problem: Problem, x: Float64) -> Planes:
+    """Return the planes with those that were not found out of reach."""
+    planes, found = problem.planes(x), problem.surroundings
+    if found.floor is None:
+        planes.offsets[planes.number == FLOOR] = np.inf
+    hidden = np.array([height is None for height in found.ceilings])
+    ceilings = planes.number == CEILING
+    planes.offsets[ceilings] = np.where(hidden[problem.bag], np.inf, planes.offsets[ceilings])
+    return planes
 
 
 def _on_walls(

@@ -14,7 +14,7 @@ from tccm_ros.calibrate.model import RIG_PARAMETERS
 from tccm_ros.calibrate.solver import covariance
 from tccm_ros.calibrate.surroundings import FLOOR
 
-__all__ = ["Judgement", "Quantity", "judge"]
+__all__ = ["UNITS", "Judgement", "Quantity", "columns", "judge"]
 
 #: A parameter with a larger standard deviation is not determined: rad, 1, m, s.
 LIMITS: Mapping[str, float] = {
@@ -73,27 +73,28 @@ class Judgement:
 def judge(estimate: Estimate, floor_z: float | None) -> Judgement:
     """Give up what is not determined, one by one, and solve again without it."""
     layout, reasons = estimate.problem.layout, _never_free(estimate, floor_z)
-    columns = _columns(layout)
+    column = columns(layout)
     while True:
         cov = covariance(estimate.solution, estimate.free, estimate.sigmas)
         sigmas = np.full(layout.size, np.nan)
         sigmas[estimate.free] = np.sqrt(np.diag(cov))
-        weak = [n for n in LIMITS if sigmas[columns[n]] > LIMITS[n]]
+        weak = [n for n in LIMITS if sigmas[column[n]] > LIMITS[n]]
         if not weak:
             break
         name = weak[0]
-        reasons[name] = _too_weak(name, sigmas[columns[name]])
-        estimate = _without(estimate, columns[name])
+        reasons[name] = _too_weak(name, sigmas[column[name]])
+        estimate = _without(estimate, column[name])
     quantities = tuple(
-        _quantity(name, estimate, columns[name], float(sigmas[columns[name]]), reasons)
+        _quantity(name, estimate, column[name], float(sigmas[column[name]]), reasons)
         for name in (*RIG_PARAMETERS, *LEVEL_PARAMETERS)
     )
-    kept = [columns[q.name] for q in quantities if q.is_determined]
+    kept = [column[q.name] for q in quantities if q.is_determined]
     place = np.cumsum(estimate.free) - 1
     return Judgement(estimate, quantities, cov[np.ix_(place[kept], place[kept])])
 
 
-def _columns(layout: Layout) -> dict[str, int]:
+def columns(layout: Layout) -> dict[str, int]:
+    """Return where each quantity is in the vector of parameters."""
     rig = {name: layout.rig.start + i for i, name in enumerate(RIG_PARAMETERS)}
     return rig | {name: layout.level.start + i for i, name in enumerate(LEVEL_PARAMETERS)}
 

@@ -51,18 +51,28 @@ WIDE_LEVEL = np.array([0.5, 0.5, 0.3])
 class Layout:
     """Where parameters are in the vector.
 
-    Rig, level laser, the tilting laser's range bias, floor, ceiling, walls, leans.
+    Rig, level laser, the tilting laser's range bias, floor, the ceiling of each bag, walls, leans.
     """
 
     rig: ClassVar[slice] = slice(0, 5)
     level: ClassVar[slice] = slice(5, 8)
     bias: ClassVar[int] = 8
     floor: ClassVar[int] = 9
-    ceiling: ClassVar[slice] = slice(10, 13)
-    first_wall: ClassVar[int] = 13
+    first_ceiling: ClassVar[int] = 10
 
+    bags: int
     walls: int
     places: int
+
+    def ceiling(self, bag: int) -> slice:
+        """Return the height of a bag's ceiling at its first place, and its slopes along x and y."""
+        first = self.first_ceiling + 3 * bag
+        return slice(first, first + 3)
+
+    @property
+    def first_wall(self) -> int:
+        """Where the walls begin."""
+        return self.first_ceiling + 3 * self.bags
 
     def wall(self, number: int) -> slice:
         """Return phi, rho and the angle against upright of a wall."""

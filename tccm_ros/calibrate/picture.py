@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from tccm_ros.calibrate.calibration import Calibration
 from tccm_ros.calibrate.model import RigValues
-from tccm_ros.calibrate.quality import Seen, all_beams, select
+from tccm_ros.calibrate.quality import Seen
+from tccm_ros.calibrate.room import seen_in
 from tccm_ros.report.figure import canvas, save_png
 
 __all__ = ["write_picture"]
@@ -31,14 +32,9 @@ def write_picture(calibration: Calibration, path: Path | str) -> None:
     OutputError
         If the picture cannot be written.
     """
-    found = calibration.judgement.estimate
-    layout, model, x = found.problem.layout, found.problem.model, found.solution.x
-    first = int(np.flatnonzero(calibration.recording.places == 0)[-1]) + 1
-    sweeps = calibration.recording.sweeps[:first]
-    beams = all_beams(sweeps)
-    floor = float(x[layout.floor]) if found.free[layout.floor] else None
-    ceiling = float(x[layout.ceiling.start]) if found.free[layout.ceiling.start] else None
-    seen = select(sweeps, model.place(beams, found.values)[:, 2], floor, ceiling)
+    found, recording = calibration.judgement.estimate, calibration.recording
+    model, first = found.problem.model, slice(0, int((recording.places == 0).sum()))
+    beams, seen = seen_in(calibration.judgement, recording, 0, first)
     some = np.arange(0, len(beams.sweep), max(len(beams.sweep) // MOST, 1))
     beams, seen = beams.take(some), Seen(seen.floor[some], seen.ceiling[some])
     near = np.linalg.norm(beams.points, axis=1) < REACH
@@ -49,7 +45,7 @@ def write_picture(calibration: Calibration, path: Path | str) -> None:
             points = model.place(beams, values)
             side = figure.add_axes((0.06, 0.56 - 0.49 * row, 0.58, 0.38))
             _draw_side(side, points, near, seen)
-            side.set_title(f"{calibration.bag}, {title}: {_settings(values)}", fontsize=9)
+            side.set_title(f"{calibration.bags[0]}, {title}: {_settings(values)}", fontsize=9)
             bend = figure.add_axes((0.72, 0.56 - 0.49 * row, 0.26, 0.38))
             _draw_floor(bend, points[seen.floor & near])
             bend.set_title("floor by distance", fontsize=9)

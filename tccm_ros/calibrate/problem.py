@@ -9,6 +9,7 @@ leaning base, and how well.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ from tccm_ros.calibrate.surroundings import CEILING, FIRST_WALL, FLOOR, Surround
 from tccm_ros.calibrate.sweeps import LevelScans
 from tccm_ros.geometry import pose
 
-__all__ = ["LevelHits", "Linearised", "Problem"]
+__all__ = ["LevelHits", "Linearised", "Planes", "Problem"]
 
 Int64 = NDArray[np.int64]
 Float64 = NDArray[np.float64]
@@ -33,6 +34,19 @@ class LevelHits:
     scans: LevelScans
     place: int
     wall: Int64
+
+
+class Planes(NamedTuple):
+    """All planes as seen from level bases: the floor, the ceiling at each place, then the walls.
+
+    Normals float64 (Q, 3) towards the laser, offsets float64 (Q,), m, numbers of the planes
+    int64 (Q,), and the place int64 (Q,) from which each is seen so, -1 for all places.
+    """
+
+    normals: Float64
+    offsets: Float64
+    number: Int64
+    place: Int64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,6 +74,9 @@ class Problem:
         Places the hits.
     hits, plane, place
         Hits, and the plane and the place of each, int64 (N,).
+    bag, poses
+        The bag int64 (P,) and the pose float64 (P, 3) of each place, as in `Recording`: a ceiling
+        that slopes slopes the same way in the room, other ways for bases with other headings.
     surroundings
         Where the numbers of planes come from.
     level
@@ -77,6 +94,8 @@ class Problem:
     hits: Beams
     plane: Int64
     place: Int64
+    bag: Int64
+    poses: Float64
     surroundings: Surroundings
     level: tuple[LevelHits, ...]
     T_level_mount: Float64
@@ -144,8 +163,10 @@ class Problem:
     ) -> tuple[Float64, Float64, Float64]:
         """Return residuals (m), derivatives without the rig's, and normals by leaning bases."""
         layout = self.layout
-        normals, offsets = self.planes(x)
-        n, d = normals[plane], offsets[plane]
+        planes = self.planes(x)
+        row = np.where(plane == CEILING, 1 + place, plane + layout.places - 1)
+        row[plane == FLOOR] = 0
+        n, d = planes.normals[row], planes.offsets[row]
         leans = np.array([x[layout.lean(p)] for p in range(layout.places)])[place]
         w = np.column_stack([leans, np.zeros(len(leans))])
         level = points + np.cross(w, points)
@@ -155,18 +176,24 @@ class Problem:
         J[rows, lean] = n[:, 2] * points[:, 1] - n[:, 1] * points[:, 2]
         J[rows, lean + 1] = n[:, 0] * points[:, 2] - n[:, 2] * points[:, 0]
         J[plane == FLOOR, layout.floor] = -1.0
-        self._ceiling_derivatives(J, level, plane == CEILING)
+        self._ceiling_derivatives(J, level, plane, place)
         self._wall_derivatives(J, x, level, plane)
         residuals = np.sum(n * level, axis=1) - d
         seen_in_base = n + np.cross(n, w)
         return residuals, J, seen_in_base
 
-    def _ceiling_derivatives(self, J: Float64, points: Float64, on: NDArray[np.bool_]) -> None:
-        """Write those of the residual -(z - h) + x a + y b: the ceiling's normal points down."""
-        ceiling = self.layout.ceiling
-        J[on, ceiling.start] = 1.0
-        J[on, ceiling.start + 1] = points[on, 0]
-        J[on, ceiling.start + 2] = points[on, 1]
+    def _ceiling_derivatives(self, J: Float64, points: Float64, plane: Int64, place: Int64) -> None:
+        """Write those of the residual -(z - h) + x a + y b: the ceiling's normal points down.
+
+        Here x and y are in the frame of the bag's first place.
+        """
+        on = np.flatnonzero(plane == CEILING)
+        at = self.poses[place[on]]
+        c, s = np.cos(at[:, 2]), np.sin(at[:, 2])
+        first = self.layout.first_ceiling + 3 * self.bag[place[on]]
+        J[on, first] = 1.0
+        J[on, first + 1] = at[:, 0] + c * points[on, 0] - s * points[on, 1]
+        J[on, first + 2] = at[:, 1] + s * points[on, 0] + c * points[on, 1]
 
     def _wall_derivatives(self, J: Float64, x: Float64, points: Float64, plane: Int64) -> None:
         for number in range(self.layout.walls):
@@ -179,16 +206,26 @@ class Problem:
                 points[on, 0] * c + points[on, 1] * s
             )
 
-    def planes(self, x: Float64) -> tuple[Float64, Float64]:
-        """Return normals float64 (Q, 3) towards the laser and offsets float64 (Q,), m."""
-        layout = self.layout
-        height, a, b = x[layout.ceiling]
-        normals, offsets = [[0.0, 0.0, 1.0], [a, b, -1.0]], [x[layout.floor], -height]
+    def planes(self, x: Float64) -> Planes:
+        """Return all planes under parameters float64 (P,)."""
+        layout, places = self.layout, range(self.layout.places)
+        normals, offsets = [[0.0, 0.0, 1.0]], [float(x[layout.floor])]
+        for number, (at_x, at_y, yaw) in zip(self.bag.tolist(), self.poses.tolist()):
+            height, a, b = x[layout.ceiling(number)].tolist()
+            c, s = np.cos(yaw), np.sin(yaw)
+            normals.append([c * a + s * b, c * b - s * a, -1.0])
+            offsets.append(-height - a * at_x - b * at_y)
         for number in range(layout.walls):
-            phi, rho, tilt = x[layout.wall(number)]
+            phi, rho, tilt = x[layout.wall(number)].tolist()
             normals.append([np.cos(phi) * np.cos(tilt), np.sin(phi) * np.cos(tilt), np.sin(tilt)])
             offsets.append(rho)
-        return np.array(normals), np.array(offsets)
+        walls = self.surroundings.walls
+        numbers = [FLOOR, *(CEILING for _ in places), *(FIRST_WALL + i for i in range(len(walls)))]
+        seen_from = [-1, *places, *(wall.place for wall in walls)]
+        return Planes(
+            np.array(normals), np.array(offsets), np.array(numbers, np.int64),
+            np.array(seen_from, np.int64),
+        )  # fmt: skip
 
     def level_mount(self, values: Float64, T_base_laser: Float64) -> Float64:
         """Return the correction of the level laser's mount for x, y, yaw at the laser itself."""
@@ -203,7 +240,8 @@ class Problem:
         x = np.zeros(self.layout.size)
         x[self.layout.rig], x[self.layout.level] = values.vector(), level
         x[self.layout.floor] = self.surroundings.floor or 0.0
-        x[self.layout.ceiling.start] = self.surroundings.ceiling or 0.0
+        for bag, height in enumerate(self.surroundings.ceilings):
+            x[self.layout.ceiling(bag).start] = height or 0.0
         for number, wall in enumerate(self.surroundings.walls):
             x[self.layout.wall(number)] = wall.phi, wall.rho, 0.0
         return x
@@ -220,7 +258,8 @@ class Problem:
         means[layout.rig], sigmas[layout.rig] = guess.vector(), WIDE
         sigmas[layout.level] = WIDE_LEVEL
         sigmas[layout.bias] = trust.range_bias * share
-        sigmas[layout.ceiling.start + 1 : layout.ceiling.stop] = trust.ceiling * share
+        for bag in range(layout.bags):
+            sigmas[layout.ceiling(bag)][1:] = trust.ceiling * share
         for number in range(layout.walls):
             sigmas[layout.wall(number).stop - 1] = trust.upright * share
         for place in range(layout.places):

@@ -62,10 +62,10 @@ class Seen:
     ceiling: Bool
 
 
-def all_beams(sweeps: Sequence[TiltSweep]) -> Beams:
-    """Return every valid hit of all sweeps."""
+def all_beams(sweeps: Sequence[TiltSweep], first: int = 0) -> Beams:
+    """Return every valid hit of all sweeps, which are numbered from `first`."""
     parts = []
-    for number, sweep in enumerate(sweeps):
+    for number, sweep in enumerate(sweeps, first):
         rows, columns = np.nonzero(np.isfinite(sweep.ranges))
         r, angle = sweep.ranges[rows, columns].astype(float), sweep.bearings[columns]
         points = np.column_stack([r * np.cos(angle), r * np.sin(angle), np.zeros(len(r))])

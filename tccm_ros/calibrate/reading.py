@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tccm_ros.calibrate.sweeps import LevelScans, Recording, TiltSweep, is_near
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, TopicError
-from tccm_ros.geometry import inverse
+from tccm_ros.geometry import inverse, planar
 from tccm_ros.io.bags import DEFAULT_TOPICS, BagReader, remap_topics
 from tccm_ros.kinematics import LaserKinematics
 from tccm_ros.kinematics.chain import Chain, JointReading, Part
@@ -65,9 +65,14 @@ def uncorrected(config: Config) -> Config:
 
 
 def read_recording(
-    bag: Path | str, config: Config, remap: Sequence[str] = (), bars: Bars | None = None
+    bag: Path | str,
+    config: Config,
+    remap: Sequence[str] = (),
+    bars: Bars | None = None,
+    *,
+    most: int = MAX_SWEEPS,
 ) -> Recording:
-    """Read the sweeps and the level scans of a bag.
+    """Read the sweeps, at most so many, and the level scans of a bag.
 
     Raises
     ------
@@ -98,7 +103,7 @@ def read_recording(
         level.finish()
     if not tilt.sweeps:
         raise _no_sweep(bag, tilt.sync)
-    return _recording(tilt, level)
+    return _recording(Path(bag).name, tilt, level, most)
 
 
 def _no_sweep(bag: Path | str, sync: Synchroniser) -> BagError | FrameError:
@@ -210,13 +215,17 @@ def _fill(track: Track, source: Track, rows: NDArray[np.bool_]) -> None:
         track.append(stamp_ns, value)
 
 
-def _recording(tilt: _TiltReader, level: _LevelReader) -> Recording:
+def _recording(name: str, tilt: _TiltReader, level: _LevelReader, most: int) -> Recording:
     still = [sweep for sweep in tilt.sweeps if sweep.is_still]
-    sweeps = _spread(still or tilt.sweeps, MAX_SWEEPS)
+    sweeps = _spread(still or tilt.sweeps, most)
     places = _places(sweeps)
+    firsts = [sweeps[i].T_place for i in np.unique(places, return_index=True)[1].tolist()]
     return Recording(
+        (name,),
         sweeps,
         places,
+        np.zeros(len(firsts), np.int64),
+        planar(inverse(firsts[0]) @ np.array(firsts)),
         _level_scans(level, sweeps, places),
         tilt.kinematics.base or "",
         _footprint_z(tilt.kinematics),
@@ -251,8 +260,7 @@ def _level_scans(
         scans = [p for p in level.posed if start_ns <= p.scan.stamp_ns <= end_ns]
         rows = np.unique(np.linspace(0, len(scans) - 1, LEVEL_SCANS).astype(int))
         if scans:
-            base = mine[0].T_odom_base[len(mine[0].T_odom_base) // 2]
-            found[place] = _level_points([scans[i] for i in rows], base)
+            found[place] = _level_points([scans[i] for i in rows], mine[0].T_place)
     return found
 
 

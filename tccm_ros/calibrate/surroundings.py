@@ -1,4 +1,4 @@
-"""The planes of a building in a recording: one floor, one ceiling, and walls at each place."""
+"""The planes of buildings: one floor, a ceiling for each bag, and walls at each place."""
 
 from __future__ import annotations
 
@@ -8,7 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["CEILING", "FLOOR", "NO_PLANE", "Surroundings", "Wall", "assign", "find_planes"]
+__all__ = [
+    "CEILING",
+    "CORNER",
+    "FLOOR",
+    "NO_PLANE",
+    "Surroundings",
+    "Wall",
+    "assign",
+    "find_planes",
+    "near_another",
+]
 
 FLOOR, CEILING, FIRST_WALL, NO_PLANE = 0, 1, 2, -1
 """Numbers of planes: walls follow after the ceiling."""
@@ -28,6 +38,10 @@ MIN_LEVEL, MIN_WALL = 12, 14
 #: Patches of one wall are within this of its plane, m, and turned by less, rad.
 WALL_DISTANCE, WALL_ANGLE = 0.10, np.deg2rad(9.0)
 
+#: Hits this near a second plane count for neither, m. At the foot of a wall, gates of 3 cm would
+#: take the lowest hits on the wall for floor, all of them too high.
+CORNER = 0.08
+
 #: Walls at one place, and patches that are tried as its walls.
 MAX_WALLS, TRIED = 8, 200
 
@@ -46,14 +60,16 @@ class Wall:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What was found; heights in m, None where there is none."""
+    """What was found; heights in m, None where there is none; a ceiling for each bag."""
 
     floor: float | None
-    ceiling: float | None
+    ceilings: tuple[float | None, ...]
     walls: tuple[Wall, ...]
 
 
-def find_planes(centers: Float64, normals: Float64, places: Int64, laser_z: float) -> Surroundings:
+def find_planes(
+    centers: Float64, normals: Float64, places: Int64, bag: Int64, laser_z: float
+) -> Surroundings:
     """Find floor, ceiling and walls among patches.
 
     Parameters
@@ -62,11 +78,15 @@ def find_planes(centers: Float64, normals: Float64, places: Int64, laser_z: floa
         float64 (P, 3), seen from each patch's place; normals towards the laser.
     places
         int64 (P,), the place of each patch.
+    bag
+        int64 (places,), the bag of each place. Bags may be of rooms with other ceilings; the floor
+        has one height, as the base stands on it.
     laser_z
         Height of the laser, m: the floor is below it, the ceiling above.
     """
     z, up = centers[:, 2], normals[:, 2]
     level = np.cos(LOOSE_ANGLE)
+    of_bag, hangs = bag[places], (up < -level) & (z > laser_z)
     walls = [
         wall
         for place in np.unique(places).tolist()
@@ -74,7 +94,10 @@ def find_planes(centers: Float64, normals: Float64, places: Int64, laser_z: floa
     ]
     return Surroundings(
         _level(z[(up > level) & (z < laser_z)], lowest=True),
-        _level(z[(up < -level) & (z > laser_z)], lowest=False),
+        tuple(
+            _level(z[hangs & (of_bag == number)], lowest=False)
+            for number in range(int(bag.max()) + 1)
+        ),
         tuple(walls),
     )
 
@@ -120,15 +143,34 @@ def _walls(
     return walls
 
 
+def near_another(
+    points: Float64, places: Int64, plane: Int64, planes: tuple[Float64, Float64, Int64, Int64]
+) -> NDArray[np.bool_]:
+    """Return which hits are near a second plane: in a corner it cannot be told which one was hit.
+
+    Parameters
+    ----------
+    points, places, plane
+        float64 (N, 3), m; int64 (N,), the place and the number of the plane of each.
+    planes
+        As in `assign`.
+    """
+    result = np.zeros(len(points), bool)
+    for normal, offset, number, where in zip(*planes):
+        near = np.abs(points @ normal - offset) < CORNER
+        result |= near & (plane != number) & ((where == -1) | (where == places))
+    return result
+
+
 def assign(
     centers: Float64,
     normals: Float64,
     places: Int64,
     spread: Float64,
-    planes: tuple[Float64, Float64, Int64],
+    planes: tuple[Float64, Float64, Int64, Int64],
     gates: tuple[float, float],
 ) -> Int64:
-    """Return the plane of each patch, `NO_PLANE` where none is near and parallel enough.
+    """Return the number of each patch's plane, `NO_PLANE` where none is near and parallel enough.
 
     Parameters
     ----------
@@ -137,16 +179,17 @@ def assign(
     spread
         float64 (P,), rad, uncertainty of the normals.
     planes
-        Normals float64 (Q, 3) towards the laser, offsets float64 (Q,) and places int64 (Q,), -1
-        for planes that are seen from all places.
+        Normals float64 (Q, 3) towards the laser, offsets float64 (Q,), numbers int64 (Q,), and
+        places int64 (Q,), -1 for planes that are seen from all places.
     gates
         Largest distance, m, and angle, rad.
     """
-    n, d, where = planes
+    n, d, numbers, where = planes
     distance = np.abs(centers @ n.T - d)
     angle = np.arccos(np.clip(normals @ n.T, -1.0, 1.0))
     ok = (distance < gates[0]) & (angle < gates[1] + 2.0 * spread[:, None])
     ok &= (where == -1) | (where == places[:, None])
     cost = np.where(ok, distance, np.inf)
     best = np.argmin(cost, axis=1)
-    return np.where(np.isfinite(cost[np.arange(len(best)), best]), best, NO_PLANE)
+    found = np.isfinite(cost[np.arange(len(best)), best])
+    return np.where(found, numbers[best], NO_PLANE)

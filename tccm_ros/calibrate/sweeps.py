@@ -56,7 +56,13 @@ class TiltSweep:
     @property
     def place(self) -> Float64:
         """The base in the middle of the sweep, float64 (3,): x, y, yaw in odom."""
-        return planar(self.T_odom_base[len(self.T_odom_base) // 2])
+        return planar(self.T_place)
+
+    @property
+    def T_place(self) -> Float64:
+        """Return T_odom_base in the middle of the sweep, float64 (4, 4)."""
+        T: Float64 = self.T_odom_base[len(self.T_odom_base) // 2]
+        return T
 
     @property
     def is_still(self) -> bool:
@@ -65,7 +71,7 @@ class TiltSweep:
 
     def T_place_base(self) -> Float64:
         """Return the base during each scan seen from `place`, float64 (R, 4, 4)."""
-        return inverse(self.T_odom_base[len(self.T_odom_base) // 2]) @ self.T_odom_base
+        return inverse(self.T_place) @ self.T_odom_base
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,14 +98,20 @@ class LevelScans:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """What is used of a bag.
+    """What is used of one or several bags.
 
     Attributes
     ----------
+    bags
+        Names of the bags.
     sweeps
-        In order of time.
+        By bag, each bag's in order of time.
     places
         int64 (S,), the place of each sweep: sweeps from where the base stood still are together.
+    bag
+        int64 (P,), the bag of each place.
+    poses
+        float64 (P, 3), x, y, yaw of the base at each place, seen from the first place of its bag.
     level
         Scans of the level laser by place.
     base, footprint_z
@@ -109,12 +121,20 @@ class Recording:
         Whether sweeps had to be used in which the base moved.
     """
 
+    bags: tuple[str, ...]
     sweeps: Sequence[TiltSweep]
     places: Int64
+    bag: Int64
+    poses: Float64
     level: Mapping[int, LevelScans]
     base: str
     footprint_z: float | None
     moving: bool
+
+    def sweeps_of(self, bag: int) -> tuple[int, int]:
+        """Return the numbers of a bag's first sweep and of the one after its last."""
+        mine = np.flatnonzero(self.bag[self.places] == bag)
+        return int(mine[0]), int(mine[-1]) + 1
 
 
 def is_near(poses: Float64, place: Float64) -> NDArray[np.bool_]:

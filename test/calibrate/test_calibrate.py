@@ -8,6 +8,7 @@ from shared_data import shared
 
 from tccm_ros.calibrate import Calibration, calibrate
 from tccm_ros.calibrate.quality import select
+from tccm_ros.calibrate.surroundings import CORNER, near_another
 from tccm_ros.calibrate.sweeps import TiltSweep
 from tccm_ros.config_file import read_config
 from tccm_ros.sim import Options, simulate
@@ -102,6 +103,24 @@ def test_the_foot_of_a_cabinet_is_not_floor():
     assert not select([sweep], heights[seen], None, 0.5).floor.any()
 
 
+def test_hits_in_corners_belong_to_no_plane():
+    """Against a loop over hits and planes; a plane of another place hides nothing."""
+    random = np.random.default_rng(3)
+    points, places = random.uniform(-1.0, 1.0, (300, 3)), random.integers(0, 2, 300)
+    normals = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    planes = normals, np.array([-0.5, 0.2, np.inf]), np.array([0, 2, 3]), np.array([-1, 0, 1])
+    plane = random.choice([0, 2, 3], 300)
+    found = near_another(points, places, plane, planes)
+    for i, point in enumerate(points):
+        near = [
+            number
+            for normal, offset, number, place in zip(*planes)
+            if abs(normal @ point - offset) < CORNER and place in (-1, places[i])
+        ]
+        assert found[i] == any(number != plane[i] for number in near)
+    assert 0 < found.sum() < 300
+
+
 def test_without_the_floors_height_the_laser_stays_where_it_is(tmp_path: Path):
     simulate("room", tmp_path / "bag", options=Options(tilt_beams=121, sweep_period=2.0))
     found = calibrate(tmp_path / "bag")
@@ -118,7 +137,7 @@ def test_the_file_is_a_configuration_that_corrects_the_rig(tmp_path: Path):
     assert config.rig.tilt_offset == found.rig.tilt_offset
     again = calibrate(tmp_path / "bag", config, floor_z=FLOOR_Z)
     assert again.rig.tilt_offset == pytest.approx(found.rig.tilt_offset, abs=2e-4)
-    assert again.floor[0].tilt < np.deg2rad(0.1)
+    assert again.rooms[0].floor[0].tilt < np.deg2rad(0.1)
 
 
 def test_rooms_of_one_real_robot_agree_within_their_covariances():
@@ -130,9 +149,10 @@ def test_rooms_of_one_real_robot_agree_within_their_covariances():
         values.append([by_name[n].value for n in names])
         sigmas.append([by_name[n].sigma for n in names])
         assert not by_name["joint_time_offset"].is_determined
-        assert found.floor[1].tilt < np.deg2rad(0.2)
-        assert found.floor[0].tilt > np.deg2rad(10.0)
-        assert found.floor[1].rms < 0.005
+        before, after = found.rooms[0].floor
+        assert after.tilt < np.deg2rad(0.2)
+        assert before.tilt > np.deg2rad(10.0)
+        assert after.rms < 0.005
     spread = np.abs(np.array(values)[:, None] - np.array(values)[None])
     allowed = 3.0 * np.hypot(np.array(sigmas)[:, None], np.array(sigmas)[None])
     assert (spread <= allowed).all()

@@ -37,8 +37,8 @@ WITHOUT_URDF = f"""
 def rig_file(tmp_path):
     """Return rig.yaml as `tccm calibrate` writes it."""
     judgement = Judgement(None, (), np.zeros((0, 0)))
-    path, nothing = tmp_path / "rig.yaml", (None, None)
-    found = Calibration("room", CALIBRATED, Rig(), judgement, None, nothing, nothing, None, ("x",))
+    path = tmp_path / "rig.yaml"
+    found = Calibration(("room",), CALIBRATED, Rig(), judgement, None, (), None, ("x",))
     path.write_text(found.yaml())
     return path
 

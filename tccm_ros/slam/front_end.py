@@ -17,6 +17,7 @@ from tccm_ros.config import Config
 from tccm_ros.config import Odometry as OdometryConfig
 from tccm_ros.slam.alignment import Alignment, align
 from tccm_ros.slam.correlation import correlate
+from tccm_ros.slam.evidence import evidence_for
 from tccm_ros.slam.level_scan import LevelScan
 from tccm_ros.slam.likelihood_grid import LikelihoodGrid, make_likelihood_grid
 from tccm_ros.slam.line_map import LineMap, make_line_map
@@ -45,6 +46,9 @@ LOST_INLIERS = 0.25
 
 CONFIRMING_KEYFRAMES = 3
 """In a map of fewer, hardly anything has been seen twice."""
+
+AGAINST_ODOMETRY, AGAINST_NOTHING = 0.3, 0.1
+"""A pose that odometry rules out, or where there is none, needs this much more evidence."""
 
 NEW_GROUND = 0.65
 """Below this share of matched points a scan becomes a keyframe early: it sees something new."""
@@ -249,18 +253,21 @@ class FrontEnd:
         )
 
     def _search_wide(self, scan: LevelScan, predicted: Float64, near: Alignment) -> Alignment:
-        """Odometry may have jumped: look around where the robot was and where it should be.
+        """Odometry may have jumped: look around where the robot was and where it should be."""
+        found = [
+            self._align_near(scan, centre, centre, LOOSE_COV, (1.0, 0.6))
+            for centre in (predicted, self.pose, compose(self.pose, self._step))
+        ]
+        evidence = [self._evidence(scan, alignment) for alignment in (near, *found)]
+        best = int(np.argmax(evidence[1:]))
+        against = AGAINST_ODOMETRY if self._moving else AGAINST_NOTHING
+        return found[best] if evidence[1 + best] > evidence[0] + against else near
 
-        People who walk along make it look as if the robot stood still. They are elsewhere in each
-        keyframe, so only what two keyframes have seen speaks against odometry.
-        """
-        best, few = near, len(self.keyframes) < CONFIRMING_KEYFRAMES
-        for centre in (predicted, self.pose, compose(self.pose, self._step)):
-            found = self._align_near(scan, centre, centre, LOOSE_COV, (1.0, 0.6))
-            gain = found.inliers - best.inliers if few else found.confirmed - best.confirmed
-            if gain > 0.1:
-                best = found
-        return best
+    def _evidence(self, scan: LevelScan, alignment: Alignment) -> float:
+        assert self._map is not None
+        if len(self.keyframes) < CONFIRMING_KEYFRAMES:
+            return alignment.inliers
+        return evidence_for(alignment, scan, self._map.lines)
 
     def _add_keyframe(self, scan: LevelScan, cov: Float64) -> None:
         first = not self.keyframes
@@ -279,6 +286,7 @@ class FrontEnd:
             np.stack([k.pose for k in recent]),
             [k.scan.points for k in recent],
             [k.scan.normals for k in recent],
+            [k.scan.origin for k in recent],
         )
         self._map = _LocalMap(lines, make_likelihood_grid(lines.points, 3))
 

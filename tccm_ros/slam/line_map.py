@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.slam.point_sets import extent_near_median, place_scans
+from tccm_ros.slam.seen_through import passes_and_hits
 
 __all__ = ["LineMap", "make_line_map"]
 
@@ -52,8 +53,12 @@ class LineMap(NamedTuple):
     confirmed: NDArray[np.bool_]
 
 
-def make_line_map(poses: Float64, points: list[Float64], normals: list[Float64]) -> LineMap:
+def make_line_map(
+    poses: Float64, points: list[Float64], normals: list[Float64], origins: list[Float64]
+) -> LineMap:
     """Put scans into one map; the first scan to see a place defines it.
+
+    What more scans saw through than saw has moved, and is not in the map.
 
     Parameters
     ----------
@@ -61,6 +66,8 @@ def make_line_map(poses: Float64, points: list[Float64], normals: list[Float64])
         float64 (K, 3), the scans' planar poses in the map's frame.
     points, normals
         K arrays float64 (N_k, 2) in the scans' frames.
+    origins
+        K arrays float64 (2,), the laser in the scans' frames.
     """
     counts = np.array([len(q) for q in points])
     p, n = place_scans(poses, counts, np.concatenate(points), np.concatenate(normals))
@@ -71,9 +78,12 @@ def make_line_map(poses: Float64, points: list[Float64], normals: list[Float64])
     p, n = p[near], n[near]
     origin = low - 1.5 * BUCKET
     shape = ((high - origin) / BUCKET).astype(np.int64) + 3
-    keep = _thin(p, n, origin, shape)
-    kept, starts = _sort_into_buckets(p[keep], origin, shape)
-    kept = np.flatnonzero(keep)[kept]
+    stay = np.flatnonzero(_thin(p, n, origin, shape))
+    lasers, _ = place_scans(poses, np.ones_like(counts), np.stack(origins), np.zeros_like(poses))
+    passes, hits = passes_and_hits(p[stay], lasers, np.bincount(scan, minlength=len(counts)), p)
+    stay = stay[passes <= hits]
+    order, starts = _sort_into_buckets(p[stay], origin, shape)
+    kept = stay[order]
     confirmed = _confirmed(p[kept], n[kept], scan[kept], origin, starts, p, n, scan)
     return LineMap(p[kept], n[kept], origin, starts, confirmed)
 

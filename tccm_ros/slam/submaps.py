@@ -52,7 +52,10 @@ def make_submap(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> S
     members = keyframes[first : last + 1]
     poses = between2(keyframes[centre].pose, np.stack([k.pose for k in members]))
     lines = make_line_map(
-        poses, [k.scan.points for k in members], [k.scan.normals for k in members]
+        poses,
+        [k.scan.points for k in members],
+        [k.scan.normals for k in members],
+        [k.scan.origin for k in members],
     )
     origins = [place(q, k.scan.origin[None]) for q, k in zip(poses, members)]
     counts = [len(k.scan.points) for k in members]
@@ -71,6 +74,7 @@ def make_patch(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> Pa
         poses,
         [keyframes[k].scan.points for k in order],
         [keyframes[k].scan.normals for k in order],
+        [keyframes[k].scan.origin for k in order],
     )
     return Patch(
         centre,

@@ -350,6 +350,71 @@ def block(size: float = 36.0, *, glass: float = 0.0) -> Building:
     return Building(walls, panes, route)
 
 
+def rooms(count: int = 11, *, spread: float = 0.15, seed: int = 0) -> Building:
+    """Return a corridor of 2 m with similar rooms of 3.6 m on both sides, most of them entered.
+
+    Each has the same three pieces of furniture, moved by up to `spread` (m); some are missing. The
+    robot goes up, down, and up the corridor again: what Freiburg's building 079 is like.
+    """
+    random = np.random.default_rng(seed)
+    pitch, half, deep = 3.6, 1.0, 5.0
+    length = count * pitch
+    doors = [(k * pitch + 1.3, k * pitch + 2.2) for k in range(count)]
+    pieces = [np.array([[x, half], [x, -half]]) for x in (0.0, length)]
+    for side in (1.0, -1.0):
+        pieces += _wall_with_gaps((0, side * half), (length, side * half), doors)
+        pieces.append(np.array([[0, side * (half + deep)], [length, side * (half + deep)]]))
+        for k in range(count + 1):
+            pieces.append(np.array([[k * pitch, side * half], [k * pitch, side * (half + deep)]]))
+        for k in range(count):
+            for x, y, w, h in ((2.3, 2.0, 1.0, 1.6), (0.2, 3.2, 0.8, 1.5), (0.1, 0.4, 0.5, 1.2)):
+                x, y = np.array([k * pitch + x, half + y]) + random.uniform(-spread, spread, 2)
+                if random.random() < 0.85:
+                    low, high = sorted((side * y, side * (y + h)))
+                    pieces += list(plan.box(x, low, x + w, high))
+
+    def visit(k: int, side: float) -> list[tuple[float, float]]:
+        x = k * pitch + 1.75
+        return [(x, 0.0), (x, 3.0 * side), (x - 0.2, 4.0 * side), (x, 3.0 * side), (x, 0.0)]
+
+    route = [(0.8, 0.0)]
+    for k in range(count):
+        route += visit(k, 1.0 if k % 2 == 0 else -1.0)
+    route.append((length - 0.8, 0.0))
+    for k in reversed(range(count)):
+        route += visit(k, -1.0 if k % 2 == 0 else 1.0)
+    route += [(0.8, 0.0), (length - 0.8, 0.0), (0.5 * length, 0.0)]
+    return _building(pieces, route)
+
+
+def campus(length: float = 250.0, width: float = 215.0, *, seed: int = 0) -> Building:
+    """Return corridors 3 m wide around and across four blocks; the first loop closes after 550 m.
+
+    Door niches at a distance of their own along each corridor, and a few cupboards: as large as
+    MIT's Killian Court.
+    """
+    random = np.random.default_rng(seed)
+    half, middle, across = 1.5, 0.44 * length, 0.4 * width
+    corners = [(-half, -half), (-half, width + half), (length + half, width + half)]
+    corners += [(length + half, -half), (-half, -half)]
+    walls = list(pairwise(corners))
+    for x0, x1 in ((half, middle - half), (middle + half, length - half)):
+        for y0, y1 in ((half, across - half), (across + half, width - half)):
+            walls += pairwise([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)])
+    pieces: list[Float64] = []
+    for a, b in walls:
+        pieces += _niches(a, b, 5.0 + random.uniform(0.0, 3.0), 1.2, 0.15)
+    for _ in range(30):
+        x, y = random.uniform(0.0, [length, width])
+        wide, deep = random.uniform([0.3, 0.2], [1.2, 0.5])
+        pieces += list(plan.box(x, -half, x + wide, deep - half))
+        pieces += list(plan.box(-half, y, deep - half, y + wide))
+    e, w, m, h = length, width, middle, across
+    route = [(0.0, 0.0), (m, 0.0), (m, h), (e, h), (e, 0.0), (m, 0.0), (m, w), (0.0, w)]
+    route += [(0.0, h), (m, h), (m, w), (e, w), (e, h), (0.6 * e, h)]
+    return _building(pieces, route)
+
+
 ROBOTS = {
     "good": Robot(),
     "slipping": Robot(drift=0.008, scale=1.03, noise=(0.03, 0.03), slips=(0.04, 0.15)),
@@ -358,6 +423,8 @@ ROBOTS = {
     "accompanied": Robot(company=6, drift=0.006),
     "coarse": Robot(quantum=0.05, scale=0.9, drift=0.002),
     "near-sighted": Robot(reach=8.0, noise=(0.02, 0.02)),
+    "fine": Robot(beams=360, noise=(0.02, 0.02), sigma=0.015, people=3, missing=0.03),
+    "rough": Robot(sigma=0.015, drift=0.006, scale=1.02, noise=(0.03, 0.03), slips=(0.02, 0.1)),
 }
 
 

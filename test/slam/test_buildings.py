@@ -57,6 +57,23 @@ def test_people_who_walk_along_are_not_the_map(seed):
     assert plan.errors(run.truth, solution.poses)[0] < 0.25
 
 
+def test_people_who_walk_along_a_corridor_do_not_hold_the_robot_back():
+    """Walls on both sides look the same everywhere: standing still would explain all but niches."""
+    run, solution = solve(buildings.block(20.0), buildings.ROBOTS["accompanied"])
+    accepted, wrong = buildings.loops_of(run, solution)
+    assert accepted >= 5
+    assert wrong == 0
+    assert plan.errors(run.truth, solution.poses)[0] < 0.1
+
+
+def test_similar_rooms_along_a_corridor():
+    run, solution = solve(buildings.rooms(4, spread=0.05), buildings.ROBOTS["fine"])
+    accepted, wrong = buildings.loops_of(run, solution)
+    assert accepted >= 10
+    assert wrong == 0
+    assert plan.errors(run.truth, solution.poses)[0] < 0.05
+
+
 def test_odometry_with_a_wrong_scale_along_corridors_that_say_little():
     """10 % too short: where walls ahead show it, it is learnt, and the corridors are as long."""
     run, solution = solve(buildings.court(50.0, 20.0), buildings.ROBOTS["coarse"])

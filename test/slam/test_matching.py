@@ -20,11 +20,20 @@ def scan_at(pose, seed=0, sigma=0.005):
     return level_scan(run.scans[0], Config())
 
 
+def map_of(poses, scans):
+    return make_line_map(
+        poses,
+        [s.points for s in scans],
+        [s.normals for s in scans],
+        [s.origin for s in scans],
+    )
+
+
 def room_map():
     """Scans from three places in one map, whose frame is the floor plan's."""
     poses = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0], [0.5, -0.5, -2.0]])
     scans = [scan_at(p, seed=k) for k, p in enumerate(poses)]
-    lines = make_line_map(poses, [s.points for s in scans], [s.normals for s in scans])
+    lines = map_of(poses, scans)
     return lines, poses, scans
 
 
@@ -107,7 +116,7 @@ def test_along_a_corridor_alignment_knows_nothing_and_keeps_the_prior():
     walls = np.array([[[-40.0, 1.0], [40.0, 1.0]], [[-40.0, -1.0], [40.0, -1.0]]])
     run = plan.drive(walls, np.array([[0.0, 0, 0], [0, 0, 0]]), mount=(0, 0, 0))
     scan = level_scan(run.scans[0], Config())
-    lines = make_line_map(np.zeros((1, 3)), [scan.points], [scan.normals])
+    lines = map_of(np.zeros((1, 3)), [scan])
     prior = np.array([0.3, 0.02, 0.01])
     weight = np.diag([100.0, 100.0, 100.0])
     result = align(lines, scan.points, scan.normals, prior, 0.02, prior, weight)
@@ -156,7 +165,7 @@ def test_a_surface_is_confirmed_by_another_scan():
     _, poses, scans = room_map()
     placed = [transform2(pose, s.points) for pose, s in zip(poses, scans)]
     turned = [transform2(np.array([0.0, 0.0, p[2]]), s.normals) for p, s in zip(poses, scans)]
-    lines = make_line_map(poses, [s.points for s in scans], [s.normals for s in scans])
+    lines = map_of(poses, scans)
     p, n = np.concatenate(placed), np.concatenate(turned)
     scan = np.repeat(np.arange(len(scans)), [len(s.points) for s in scans])
     for point, normal, confirmed in zip(lines.points, lines.normals, lines.confirmed):
@@ -171,4 +180,4 @@ def test_a_surface_is_confirmed_by_another_scan():
 
 def test_one_scan_alone_confirms_nothing():
     scan = scan_at([0.0, 0.0, 0.0])
-    assert not make_line_map(np.zeros((1, 3)), [scan.points], [scan.normals]).confirmed.any()
+    assert not map_of(np.zeros((1, 3)), [scan]).confirmed.any()

@@ -1,10 +1,10 @@
 """Whole runs in simulated buildings that are hard to map, with and without walls.
 
 Stand-ins for logs that are not here: identical offices, a court of several hundred metres, crossing
-corridors behind glass. Usage: python bench/slam_buildings.py [BUILDING ...] [--robots NAME ...].
-Prints a table of the rms error after
-alignment and of the mean error over pairs of poses less than 3 m apart with more than 10 m of path
-between them; asserts nothing.
+corridors behind glass, a campus. Usage: python bench/slam_buildings.py [BUILDING ...]
+[--robots NAME ...] [--seeds N] [--walls]. Prints a table of the rms error after alignment and of
+the mean error over pairs of poses less than 3 m apart with more than 10 m of path between them;
+asserts nothing.
 """
 
 from __future__ import annotations
@@ -32,19 +32,22 @@ BUILDINGS = {
     "glass block": lambda: buildings.block(glass=0.6),
     "court": lambda: buildings.court(),
     "large court": lambda: buildings.court(220.0, 60.0),
+    "rooms": lambda: buildings.rooms(),
+    "campus": lambda: buildings.campus(),
 }
 
 MOST_ROWS = 700
 """Poses of which pairs are compared: a relation each few scans."""
 
 HEAD = (
-    f"{'building':14} {'robot':13} {'walls':5} {'path':>6} {'scans':>6} {'odometry':>8} "
-    f"{'rms, m':>7} {'deg':>6} {'pairs m':>8} {'deg':>6} {'loops':>6} {'wrong':>6} {'CPU s':>6}"
+    f"{'building':14} {'robot':13} {'seed':>4} {'walls':5} {'path':>6} {'scans':>6} "
+    f"{'odometry':>8} {'rms, m':>7} {'deg':>6} {'pairs m':>8} {'deg':>6} "
+    f"{'loops':>6} {'wrong':>6} {'CPU s':>6}"
 )
 
 
-def bench(name: str, robot: str, walls: bool) -> None:
-    run = buildings.drive(BUILDINGS[name](), buildings.ROBOTS[robot])
+def bench(name: str, robot: str, walls: bool, seed: int) -> None:
+    run = buildings.drive(BUILDINGS[name](), buildings.ROBOTS[robot], seed=seed)
     config = Config()
     config.walls.enabled = walls
     start = time.process_time()
@@ -63,10 +66,10 @@ def bench(name: str, robot: str, walls: bool) -> None:
     pairs = relation_errors(found[i], found[j], inverse(truth[i]) @ truth[j])
     accepted, wrong = buildings.loops_of(run, solution)
     print(
-        f"{name:14} {robot:13} {'on' if walls else 'off':5} {path:6.0f} {len(run.scans):6d} "
-        f"{plan.errors(run.truth, odometry)[0]:8.1f} {rms:7.3f} {np.degrees(turn):6.3f} "
-        f"{pairs.translation.mean():8.4f} {np.degrees(pairs.rotation.mean()):6.3f} "
-        f"{accepted:6d} {wrong:6d} {seconds:6.1f}",
+        f"{name:14} {robot:13} {seed:4d} {'on' if walls else 'off':5} {path:6.0f} "
+        f"{len(run.scans):6d} {plan.errors(run.truth, odometry)[0]:8.1f} "
+        f"{rms:7.3f} {np.degrees(turn):6.3f} {pairs.translation.mean():8.4f} "
+        f"{np.degrees(pairs.rotation.mean()):6.3f} {accepted:6d} {wrong:6d} {seconds:6.1f}",
         flush=True,
     )
 
@@ -75,12 +78,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("buildings", nargs="*", default=list(BUILDINGS), help=", ".join(BUILDINGS))
     parser.add_argument("--robots", nargs="*", default=list(buildings.ROBOTS))
+    parser.add_argument("--seeds", type=int, default=1, help="runs of each")
+    parser.add_argument("--walls", action="store_true", help="no runs without walls")
     options = parser.parse_args()
     print(HEAD)
     for name in options.buildings:
         for robot in options.robots:
-            for walls in (True, False):
-                bench(name, robot, walls)
+            for seed in range(options.seeds):
+                for walls in (True,) if options.walls else (True, False):
+                    bench(name, robot, walls, seed)
 
 
 if __name__ == "__main__":

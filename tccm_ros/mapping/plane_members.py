@@ -13,8 +13,19 @@ from numpy.typing import NDArray
 from tccm_ros.mapping.bits import lowest_bit
 from tccm_ros.mapping.moments import Moments, plane_of, residuals_of
 from tccm_ros.mapping.plane_blocks import queue_around
+from tccm_ros.mapping.plane_map import PlaneMap
 
-__all__ = ["GATE", "NOISE_FLOOR", "Plane", "claim", "fit_lying", "is_mixed", "pooled_plane"]
+__all__ = [
+    "GATE",
+    "GENTLE",
+    "NOISE_FLOOR",
+    "Plane",
+    "claim",
+    "fit_lying",
+    "is_mixed",
+    "pooled_plane",
+    "shares_cell",
+]
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int32]
@@ -38,6 +49,9 @@ LENIENT = 4.0
 
 STRICT = 2.0
 """The same near an edge, where mixed cells are to be expected."""
+
+GENTLE = 0.8
+"""Planes with a larger vertical component of the normal rise by less than a cell over a cell."""
 
 ROUNDS = 3
 SETTLED = 0.9
@@ -188,13 +202,30 @@ def drain(is_set: Words, count: int) -> Int:
 
 
 @njit(nogil=True, cache=True)
-def fit_lying(M: Array, members: Int, deep: Flags, plane: Plane, total: Array) -> Plane:
+def shares_cell(cuboids: PlaneMap, members: Int, k: int) -> bool:
+    """Tell whether another member stands in the cell of member k; members are sorted by cell."""
+    ix, iy, i = cuboids.ix, cuboids.iy, members[k]
+    is_shared = False
+    if k > 0:
+        j = members[k - 1]
+        is_shared = (ix[i] == ix[j]) & (iy[i] == iy[j])
+    if k + 1 < len(members):
+        j = members[k + 1]
+        is_shared |= (ix[i] == ix[j]) & (iy[i] == iy[j])
+    return is_shared
+
+
+@njit(nogil=True, cache=True)
+def fit_lying(cuboids: PlaneMap, members: Int, deep: Flags, plane: Plane, total: Array) -> Plane:
     """Fit a plane whose cells lie side by side: first to its inside, then with its edges.
+
+    A plane that rises by less than a cell over a cell passes each cell once. Where several cuboids
+    of one cell are within the gate, as at the front below a small top, none of them may shape it.
 
     Parameters
     ----------
-    M, members
-        Moments, and the cuboids of one connected set.
+    cuboids, members
+        The map, and its cuboids in one connected set.
     deep
         bool (M,), of `is_deep`.
     plane
@@ -202,7 +233,8 @@ def fit_lying(M: Array, members: Int, deep: Flags, plane: Plane, total: Array) -
     total
         float64 (10,), written: pooled moments of the fit.
     """
-    n = len(members)
+    n, M = len(members), cuboids.M
+    is_flat = abs(plane[2]) > GENTLE
     # The most that a cuboid's points may scatter, in variances, does not depend on the plane.
     most = np.empty(n)
     inside, everything = NOTHING, 0.0
@@ -211,6 +243,8 @@ def fit_lying(M: Array, members: Int, deep: Flags, plane: Plane, total: Array) -
         m = M[members[k]]
         everything += m[0]
         most[k] = most_scatter(m[0], LENIENT if deep[k] else STRICT)
+        if is_flat and shares_cell(cuboids, members, k):
+            most[k] = -1.0
         takes = deep[k] & (dot(squares, m) <= plane[4] * most[k])
         inside = add_scaled(inside, m, 1.0 * takes)
     # A small surface has no inside to speak of; then the first guess has to do.

@@ -15,10 +15,12 @@ from tccm_ros.mapping.plane_growth import grow_regions
 from tccm_ros.mapping.plane_map import PlaneMap, plane_map
 from tccm_ros.mapping.plane_members import (
     GATE,
+    GENTLE,
     Plane,
     claim,
     fit_lying,
     pooled_plane,
+    shares_cell,
 )
 from tccm_ros.mapping.plane_places import link_standing
 from tccm_ros.mapping.plane_rows import PLANE_COLUMNS
@@ -206,12 +208,12 @@ def split_and_fit(
         if is_standing:
             fitted = fit_standing(cuboids, one, plane, row[8:18])
         else:
-            fitted = fit_lying(M, one, its_deep, plane, row[8:18])
+            fitted = fit_lying(cuboids, one, its_deep, plane, row[8:18])
         if is_plane(row, limits):
             if is_standing:
                 # Its rims are in the moments, but not as points of the plane.
                 row[0], row[1], row[2], row[3], row[6] = fitted
-            row[7] = label_members(M, one, fitted, labels, found)
+            row[7] = label_members(cuboids, one, fitted, labels, found)
             found += 1
     return found
 
@@ -259,18 +261,23 @@ def is_plane(row: Array, limits: tuple[float, float, float, float, float]) -> bo
 
 
 @njit(nogil=True, cache=True)
-def label_members(M: Array, members: Int, plane: Plane, labels: Int, label: int) -> float:
+def label_members(cuboids: PlaneMap, members: Int, plane: Plane, labels: Int, label: int) -> float:
     """Label the members that are within the gate of the final plane, and return their points."""
+    M, is_flat = cuboids.M, abs(plane[2]) > GENTLE
     nx, ny, nz, d, variance = plane
     points, squares, support = 0.0, 0.0, 0.0
     sums = np.empty((len(members), 2))
     for k in range(len(members)):
         m = M[members[k]]
         sums[k, 0], sums[k, 1] = residuals_of(m, nx, ny, nz, d)
+        if is_flat and shares_cell(cuboids, members, k):
+            continue
         points += m[0]
         squares += sums[k, 1]
     # A warped table scatters more as a whole than where the fit was allowed to look.
-    gate = GATE * math.sqrt(max(variance, squares / points))
+    if points > 0.0:
+        variance = max(variance, squares / points)
+    gate = GATE * math.sqrt(variance)
     for k in range(len(members)):
         i = members[k]
         n = M[i, 0]

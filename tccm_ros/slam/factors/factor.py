@@ -1,0 +1,43 @@
+"""What the graph asks of a factor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.slam.factors.keys import Key
+
+__all__ = ["Factor", "NoLandmark"]
+
+Float64 = NDArray[np.float64]
+
+
+class Factor(Protocol):
+    """What the graph asks of a factor."""
+
+    @property
+    def landmark(self) -> Key | None:
+        """The landmark that this factor can start, if it has one."""
+
+    def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
+        """Add the GTSAM form."""
+
+    def initial(self, pose_of: Callable[[Key], Float64]) -> list[tuple[Key, Any]]:
+        """Return start values for landmarks that no other part of the graph starts."""
+
+
+class NoLandmark:
+    """A factor between variables that others start."""
+
+    @property
+    def landmark(self) -> Key | None:
+        """None."""
+        return None
+
+    def initial(self, pose_of: Callable[[Key], Float64]) -> list[tuple[Key, Any]]:
+        """Start nothing."""
+        return []

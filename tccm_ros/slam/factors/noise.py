@@ -1,0 +1,55 @@
+"""Noise models, and covariances in the order of a pose's tangent."""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.slam.factors.keys import turn_matrix
+
+__all__ = ["BLIND", "PLANAR_SIGMA", "gaussian", "huber", "planar_covariance", "turn_covariance"]
+
+Float64 = NDArray[np.float64]
+
+PLANAR_SIGMA = 1e-5
+"""Roll, pitch (rad) and z (m) of a keyframe: small enough to vanish, large enough to be stable."""
+
+BLIND = 1e3
+"""Standard deviation (m, rad) of what a factor does not measure."""
+
+HUBER_K = 1.345
+"""Huber threshold in standard deviations: 95 % efficient for Gaussian noise."""
+
+
+def gaussian(covariance: Float64) -> gtsam.noiseModel.Gaussian:
+    """Return the noise of a covariance (N, N)."""
+    return gtsam.noiseModel.Gaussian.Covariance(np.asarray(covariance, float))
+
+
+def huber(noise: gtsam.noiseModel.Base) -> gtsam.noiseModel.Robust:
+    """Return a noise with tails: what is far off counts as much as what is not."""
+    return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(HUBER_K), noise)
+
+
+def planar_covariance(cov_xyyaw: Float64, z_roll_pitch: tuple[float, float, float]) -> Float64:
+    """Spread a covariance of (x, y, yaw) to GTSAM's (roll, pitch, yaw, x, y, z).
+
+    Parameters
+    ----------
+    cov_xyyaw
+        float64 (3, 3), m and rad.
+    z_roll_pitch
+        Standard deviations of z (m), roll and pitch (rad).
+    """
+    cov = np.zeros((6, 6))
+    cov[np.ix_([3, 4, 2], [3, 4, 2])] = cov_xyyaw
+    z, roll, pitch = z_roll_pitch
+    cov[0, 0], cov[1, 1], cov[5, 5] = roll**2, pitch**2, z**2
+    return cov
+
+
+def turn_covariance(cov_xyyaw: Float64, turn: float) -> Float64:
+    """Express a covariance of (x, y, yaw) in a frame turned by `turn` about z."""
+    R = turn_matrix(turn)[:3, :3]
+    return R.T @ np.asarray(cov_xyyaw, float) @ R

@@ -1,0 +1,53 @@
+"""Surfaces, as views see them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.slam.factors.keys import Key, surface_key, view_key
+from tccm_ros.slam.factors.noise import gaussian
+
+__all__ = ["ViewPlane"]
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewPlane:
+    """View `view` saw surface `surface` as the plane ``normal . p = offset`` in its own frame.
+
+    `cov` is float64 (3, 3) of (rotation about u, rotation about v, offset at the view's origin),
+    rad and m, where u, v are any two tangents that the caller used; only rotation-isotropic
+    covariances keep their meaning for another choice of u, v.
+    """
+
+    view: int
+    surface: int
+    normal: Float64
+    offset: float
+    cov: Float64
+
+    def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
+        """Add an oriented-plane factor."""
+        keys = view_key(self.view).symbol, surface_key(self.surface).symbol
+        measured = np.array([*self.normal, -self.offset])
+        graph.add(gtsam.OrientedPlane3Factor(measured, gaussian(self.cov), *keys))
+
+    @property
+    def landmark(self) -> Key:
+        """The surface."""
+        return surface_key(self.surface)
+
+    def initial(self, pose_of: Callable[[Key], Float64]) -> list[tuple[Key, Any]]:
+        """Start the surface where the first of its factors sees it."""
+        T_map_view = pose_of(view_key(self.view))
+        normal = T_map_view[:3, :3] @ np.asarray(self.normal, float)
+        offset = self.offset + normal @ T_map_view[:3, 3]
+        plane = gtsam.OrientedPlane3(np.array([*normal, -offset]))
+        return [(surface_key(self.surface), plane)]

@@ -1,0 +1,54 @@
+"""Walls, as keyframes see them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.slam.factors.keys import Key
+from tccm_ros.slam.factors.noise import gaussian
+
+__all__ = ["WallObservation"]
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WallObservation:
+    """Keyframe `keyframe` saw wall `wall` as the line (phi, rho) in its base frame.
+
+    `cov` is float64 (2, 2) of (phi, rho), with the correlation (DESIGN section 7). phi points from
+    the robot through the wall, so that each side of a wall is a wall of its own.
+    """
+
+    keyframe: Key
+    wall: Key
+    phi: float
+    rho: float
+    cov: Float64
+
+    def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
+        """Add an oriented-plane factor; its residual is (-sin dphi, 0, drho)."""
+        v_phi, c, v_rho = self.cov[0, 0], self.cov[0, 1], self.cov[1, 1]
+        cov = np.array([[v_phi, 0.0, -c], [0.0, v_phi, 0.0], [-c, 0.0, v_rho]])
+        phi = self.phi - self.keyframe.turn
+        measured = np.array([np.cos(phi), np.sin(phi), 0.0, -self.rho])
+        keys = self.keyframe.symbol, self.wall.symbol
+        graph.add(gtsam.OrientedPlane3Factor(measured, gaussian(cov), *keys))
+
+    @property
+    def landmark(self) -> Key:
+        """The wall."""
+        return self.wall
+
+    def initial(self, pose_of: Callable[[Key], Float64]) -> list[tuple[Key, Any]]:
+        """Start the wall where the first of its factors sees it."""
+        T = pose_of(self.keyframe)
+        normal = T[:3, :3] @ np.array([np.cos(self.phi), np.sin(self.phi), 0.0])
+        rho = self.rho + normal @ T[:3, 3]
+        return [(self.wall, gtsam.OrientedPlane3(np.array([normal[0], normal[1], 0.0, -rho])))]

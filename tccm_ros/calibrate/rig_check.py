@@ -84,7 +84,14 @@ class RigCheck:
         floor = _floor(result)
         if floor is not None:
             self._floors.append(floor)
-        self._doubled = _doubled(result.planes, result.T_odom_base)
+        self._doubled = _doubled(result.planes, result.T_odom_base, LEAN + 2.0 * self._slope())
+
+    def _slope(self) -> float:
+        """Return how steep the floor is on average, rad: seen from two sides, twice that."""
+        if not self._floors:
+            return 0.0
+        slopes = [(floor.forward, floor.left) for floor in self._floors]
+        return float(np.hypot(*np.mean(slopes, axis=0)))
 
     def findings(self) -> list[Finding]:
         """Return what the last cycles show, the most certain first."""
@@ -227,18 +234,20 @@ def _robust(A: Float64, z: Float64, counts: Float64) -> Float64:
     return np.asarray(fit, float)
 
 
-def _doubled(planes: list[PlaneRecord], T_odom_base: Float64) -> tuple[float, float] | None:
+def _doubled(
+    planes: list[PlaneRecord], T_odom_base: Float64, lean: float = LEAN
+) -> tuple[float, float] | None:
     """Return distance and height of two level planes that lie over each other, None if none do.
 
     The distance is that of the smaller one's middle from the larger one's plane: heights differ
-    along a floor that leans by a fraction of a degree. A base that leans while it drives lifts
-    what is far from it.
+    along a floor that leans by a fraction of a degree. A base that leans while it drives, or a tilt
+    zero that is wrong, lifts what is far from the base: by `lean`, rad.
     """
     flat = [p for p in planes if p.kind == "horizontal"]
     for a, b in combinations(flat, 2):
         small, large = sorted((a, b), key=lambda p: p.area)
         apart = abs(float(small.centroid @ large.normal - large.offset))
-        lifted = LEAN * float(np.linalg.norm(small.centroid[:2] - T_odom_base[:2, 3]))
+        lifted = lean * float(np.linalg.norm(small.centroid[:2] - T_odom_base[:2, 3]))
         if DOUBLED[0] + lifted < apart < DOUBLED[1] and _overlap(small, large) > SHARED:
             return apart, float(min(a.centroid[2], b.centroid[2]))
     return None

@@ -73,6 +73,13 @@ def test_two_planes_one_above_the_other_are_a_surface_mapped_twice():
     assert found == [("doubled surface", pytest.approx(0.02))]
 
 
+def test_a_floor_that_is_tilted_in_all_cycles_lifts_what_is_far_away():
+    planes = [square(0.70, at=(2.0, 0.0)), square(0.73, at=(2.0, 0.0), side=0.8)]
+    lean = 0.02  # rad: 40 mm at 2 m
+    assert _doubled(planes, np.eye(4)) is not None
+    assert _doubled(planes, np.eye(4), lean) is None
+
+
 @pytest.mark.parametrize(
     "planes",
     [

@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.mapping.beams import sweep_beams
+from tccm_ros.mapping.level_strips import level_strips
 from tccm_ros.mapping.mapper import Sweep
 from tccm_ros.mapping.merging import owners
 from tccm_ros.mapping.part import PartMap
 from tccm_ros.mapping.planes import PlaneFit, PlaneFits
 from tccm_ros.mapping.segmentation import segment
 from tccm_ros.mapping.view import FreeColumns
+from tccm_ros.mapping.wall_contact import beside_boards
 from tccm_ros.records import SurfaceCloud, ViewIntervals
 
 __all__ = ["plane_labels", "surface_cloud", "view_intervals"]
@@ -25,6 +27,9 @@ PLANE_SIGMAS = 3.0
 
 PLANE_SLACK = 0.005
 """plus this, m: the rms of a clean plane is that of its noise alone."""
+
+UPRIGHT = 0.35
+"""Planes with a smaller vertical component of the normal stand: no strip lies on them."""
 
 BEAMS_PER_COLUMN = 2.0
 """Beams per column at the end of the reach are enough to see through."""
@@ -78,32 +83,52 @@ def surface_cloud(
             points = transform(T_base_odom, part.positions())
             labels = segment(points, config)
             points, surface = points[labels >= 0], labels[labels >= 0].astype(np.int64)
-        elif levels:
-            labels = plane_labels(part, fits)[part.point_cuboids()]
-            points, surface = _on_planes(part, labels, levels)
+        else:
+            points, surface = _level_points(part, fits, levels, viewpoint)
             points = transform(T_base_odom, points)
     return SurfaceCloud(
         sweep.stamp_ns, frame_id, points.astype(np.float32), surface.astype(np.uint32)
     )
 
 
-def _on_planes(
-    part: PartMap, labels: NDArray[np.int32], levels: list[PlaneFit]
+def _level_points(
+    part: PartMap, fits: PlaneFits, levels: list[PlaneFit], viewpoint: Float64
 ) -> tuple[Float64, NDArray[np.int64]]:
-    """Return the points near their plane and their surface's index, counted over what is there."""
+    """Return the points of level planes and strips, and their surface's index, from 0."""
+    labels = plane_labels(part, fits)[part.point_cuboids()]
+    stands = np.array([abs(f.normal[2]) < UPRIGHT for f in fits] + [False])
+    wanted = np.flatnonzero(~stands[labels])
+    labels, points = labels[wanted], part.positions(wanted)
+    surface = np.full(len(points), -1, np.int64)
+    on = _on_planes(points, labels, levels)
+    surface[on] = labels[on]
+    strips = level_strips(points, part.lines(wanted), surface < 0, viewpoint)
+    surface[strips >= 0] = len(fits) + strips[strips >= 0]
+    surface[beside_boards(points, surface, fits, stands)] = -1
+    chosen = surface >= 0
+    _, surface = np.unique(surface[chosen], return_inverse=True)
+    return points[chosen], surface.reshape(-1)
+
+
+def _on_planes(
+    points: Float64, labels: NDArray[np.int32], levels: list[PlaneFit]
+) -> NDArray[np.int64]:
+    """Return the rows of the points that are near their level plane."""
+    if not levels:
+        return np.zeros(0, np.int64)
     count = max(f.index for f in levels) + 1
-    is_level = np.zeros(max(count, int(labels.max()) + 1) + 1, np.bool_)  # the last is for -1
+    is_level = np.zeros(
+        max(count, int(labels.max(initial=-1)) + 1) + 1, np.bool_
+    )  # the last is for -1
     is_level[[f.index for f in levels]] = True
-    chosen = is_level[labels]
-    points, labels = part.positions(chosen), labels[chosen]
+    chosen = np.flatnonzero(is_level[labels])
     normals, offsets, slack = np.zeros((count, 3)), np.zeros(count), np.zeros(count)
     for fit in levels:
         normals[fit.index], offsets[fit.index] = fit.normal, fit.offset
         slack[fit.index] = PLANE_SIGMAS * fit.rms + PLANE_SLACK
-    distance = np.abs(np.einsum("ij,ij->i", points, normals[labels]) - offsets[labels])
-    near = distance <= slack[labels]
-    _, surface = np.unique(labels[near], return_inverse=True)
-    return points[near], surface.reshape(-1)
+    of = labels[chosen]
+    distance = np.abs(np.einsum("ij,ij->i", points[chosen], normals[of]) - offsets[of])
+    return chosen[distance <= slack[of]]
 
 
 def view_intervals(

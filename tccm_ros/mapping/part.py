@@ -16,6 +16,8 @@ Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
 Float64 = NDArray[np.float64]
 
+_LOW = np.int64(0xFFFFFFFF)
+
 
 def cell_keys(ix: ArrayLike, iy: ArrayLike) -> Int64:
     """Return int64 keys that sort cells by (ix, iy)."""
@@ -114,13 +116,19 @@ class PartMap:
             return np.zeros(0, np.int32)
         return np.repeat(np.arange(len(self), dtype=np.int32), self.moments[:, 0])
 
-    def positions(self, chosen: NDArray[np.bool_] | None = None) -> Float64:
+    def lines(self, chosen: Int64) -> Int64:
+        """Return the number of the scan of some points (indices, int64 (K,)) within the cycle."""
+        if self.points is None:
+            return np.zeros(0, np.int64)
+        return self.points.packed[chosen, 1] & _LOW
+
+    def positions(self, chosen: NDArray[np.bool_] | Int64 | None = None) -> Float64:
         """Return the positions of the points, in the order of `point_cuboids`.
 
         Parameters
         ----------
         chosen
-            bool (M,), which points; all by default.
+            bool (M,) or indices, which points; all by default.
 
         Returns
         -------

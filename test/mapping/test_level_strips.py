@@ -1,0 +1,132 @@
+"""Level strips: a ledge before a wall under few lines of a sweep, and upright things."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tccm_ros.mapping.level_runs import FEWEST, LEVEL, RUN_COLUMNS, SIGMAS, find_runs
+from tccm_ros.mapping.level_strips import level_strips
+
+EYE = np.array([0.0, 0.0, 1.39])
+BEAM, STEP = math.radians(0.25), math.radians(0.45)
+WALL = 2.5
+
+
+def sweep(yaw, sigma, seed, boxes, wall=True):
+    """Return points (N, 3) and lines (N,) of a sweep over boxes (x, y, z spans) before a wall.
+
+    The scene is turned by `yaw` about the laser. What no box and no wall stops is left out.
+    """
+    rng = np.random.default_rng(seed)
+    bearings = np.arange(-0.6, 0.6, BEAM)
+    points, lines = [], []
+    for line, tilt in enumerate(np.arange(-0.05, 0.35, STEP)):
+        tilts = tilt + STEP * (bearings - bearings[0]) / (2.0 * math.pi)
+        ray = np.stack(
+            [np.cos(bearings) * np.cos(tilts), np.sin(bearings), -np.cos(bearings) * np.sin(tilts)]
+        )
+        x, y = (math.cos(yaw) * ray[0] + math.sin(yaw) * ray[1],
+                math.cos(yaw) * ray[1] - math.sin(yaw) * ray[0])  # fmt: skip
+        turned = np.stack([x, y, ray[2]])
+        far = WALL / x if wall else np.full(len(x), np.inf)
+        for box in boxes:
+            with np.errstate(divide="ignore"):
+                ends = (np.array(box) - EYE[:, None])[:, :, None] / turned[:, None, :]
+            enter, leave = ends.min(axis=1).max(axis=0), ends.max(axis=1).min(axis=0)
+            far = np.where((enter <= leave) & (enter > 0.0), np.minimum(far, enter), far)
+        seen = np.isfinite(far)
+        far = far + rng.normal(0.0, sigma, len(far))
+        points.append(EYE + (ray * far).T[seen])
+        lines.append(np.full(int(seen.sum()), line))
+    return np.concatenate(points), np.concatenate(lines)
+
+
+def on_wall(points, yaw):
+    return np.abs(points[:, 0] * math.cos(yaw) + points[:, 1] * math.sin(yaw) - WALL) < 0.02
+
+
+LEDGE = ((WALL - 0.2, WALL), (-0.5, 0.5), (1.0, 1.05))
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.1, 0.3, -0.45])
+@pytest.mark.parametrize("sigma", [0.0025, 0.006])
+def test_a_ledge_under_few_lines_is_one_strip_at_its_height(yaw, sigma):
+    points, lines = sweep(yaw, sigma, 1, [LEDGE])
+    strip = level_strips(points, lines, ~on_wall(points, yaw), EYE)
+    on_top = (np.abs(points[:, 2] - 1.05) < 1e-9 + 3.0 * sigma * 0.2) & ~on_wall(points, yaw)
+    chosen = strip >= 0
+    assert set(strip[chosen].tolist()) == {0}
+    assert len(np.unique(lines[chosen])) <= 6
+    assert np.count_nonzero(chosen & on_top) > 0.7 * np.count_nonzero(on_top)
+    # The mean of n heights, each sigma times the slope of the beam; a few of the front's rim.
+    assert points[chosen, 2].mean() == pytest.approx(1.05, abs=0.002)
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_upright_things_before_a_wall_have_no_strips(seed):
+    rng = np.random.default_rng(seed)
+    boxes = []
+    for _ in range(6):  # too high to see onto, and each of another depth
+        x, y = rng.uniform(1.5, 2.4), rng.uniform(-0.8, 0.8)
+        boxes.append(((x, x + 0.1), (y, y + rng.uniform(0.1, 0.5)), (0.0, 1.8)))
+    yaw = rng.uniform(-0.4, 0.4)
+    points, lines = sweep(yaw, 0.006, seed, boxes)
+    strip = level_strips(points, lines, ~on_wall(points, yaw), EYE)
+    assert not (strip >= 0).any()
+
+
+def test_two_things_of_one_height_a_line_apart_are_not_one():
+    boxes = [((1.9, 1.96), (-0.06, 0.06), (1.0, 1.2)), ((2.16, 2.22), (-0.06, 0.06), (1.0, 1.2))]
+    points, lines = sweep(0.0, 0.0025, 0, boxes, wall=False)
+    strip = level_strips(points, lines, np.ones(len(points), bool), EYE)
+    for k in range(strip.max() + 1):
+        assert np.ptp(points[strip == k, 0]) < 0.1
+
+
+@given(st.integers(0, 10_000))
+@settings(deadline=None, max_examples=15)
+def test_the_order_of_points_does_not_matter(seed):
+    points, lines = sweep(0.2, 0.006, seed, [LEDGE])
+    candidates = ~on_wall(points, 0.2)
+    order = np.random.default_rng(seed).permutation(len(points))
+    straight = level_strips(points, lines, candidates, EYE)
+    np.testing.assert_array_equal(
+        level_strips(points[order], lines[order], candidates[order], EYE), straight[order]
+    )
+
+
+@given(st.integers(0, 10_000), st.floats(0.0, 0.006), st.floats(-0.4, 0.4))
+@settings(deadline=None, max_examples=20)
+def test_runs_are_straight_level_and_of_one_line(seed, sigma, yaw):
+    points, lines = sweep(yaw, sigma, seed, [LEDGE])
+    seen = points - EYE
+    azimuth = np.arctan2(seen[:, 1], seen[:, 0])
+    order = np.lexsort((azimuth, lines))
+    seen, azimuth, lines = seen[order], azimuth[order], lines[order].astype(np.int64)
+    of_point, runs = find_runs(lines, seen, azimuth, BEAM)
+    assert set(of_point.tolist()) <= set(range(-1, len(runs)))
+    for k, row in enumerate(runs):
+        own = np.flatnonzero(of_point == k)
+        z, a = seen[own, 2], azimuth[own]
+        assert len(own) == row[5] >= FEWEST
+        assert set(lines[own].tolist()) == {row[0]}
+        assert (row[1], row[2]) == (a[0], a[-1])
+        assert row[3] == pytest.approx(z.mean(), abs=1e-9)
+        half = len(own) // 2
+        halves = seen[own[:half], :2].mean(axis=0), seen[own[-half:], :2].mean(axis=0)
+        np.testing.assert_allclose(row[6:], np.concatenate(halves), atol=1e-9)
+        slope, middle = np.polyfit(a, z, 1)
+        noise = math.sqrt(np.square(z - slope * a - middle).sum() / (len(own) - 2))
+        rise = abs(slope) * math.sqrt(12.0) * a.std()
+        assert rise <= LEVEL + SIGMAS * noise * math.sqrt(12.0 / len(own)) + 1e-9
+        assert row[4] == pytest.approx(noise / math.sqrt(len(own)), abs=1e-7)
+
+
+def test_nothing_has_no_strips():
+    nothing = level_strips(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, bool), EYE)
+    assert nothing.shape == (0,)
+    runs = find_runs(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), BEAM)[1]
+    assert runs.shape == (0, RUN_COLUMNS)

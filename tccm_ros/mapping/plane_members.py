@@ -24,7 +24,7 @@ __all__ = [
     "fit_lying",
     "is_mixed",
     "pooled_plane",
-    "shares_cell",
+    "sharing_cells",
 ]
 
 Array = NDArray[np.float64]
@@ -202,17 +202,15 @@ def drain(is_set: Words, count: int) -> Int:
 
 
 @njit(nogil=True, cache=True)
-def shares_cell(cuboids: PlaneMap, members: Int, k: int) -> bool:
-    """Tell whether another member stands in the cell of member k; members are sorted by cell."""
-    ix, iy, i = cuboids.ix, cuboids.iy, members[k]
-    is_shared = False
-    if k > 0:
-        j = members[k - 1]
-        is_shared = (ix[i] == ix[j]) & (iy[i] == iy[j])
-    if k + 1 < len(members):
-        j = members[k + 1]
-        is_shared |= (ix[i] == ix[j]) & (iy[i] == iy[j])
-    return is_shared
+def sharing_cells(ix: Int, iy: Int, members: Int) -> Flags:
+    """Tell which members, sorted by cell, have others in their cells, bool (M,)."""
+    is_sharing = np.zeros(len(members), np.bool_)
+    for k in range(1, len(members)):
+        i, j = members[k], members[k - 1]
+        same = (ix[i] == ix[j]) & (iy[i] == iy[j])
+        is_sharing[k] = same
+        is_sharing[k - 1] |= same
+    return is_sharing
 
 
 @njit(nogil=True, cache=True)
@@ -235,6 +233,7 @@ def fit_lying(cuboids: PlaneMap, members: Int, deep: Flags, plane: Plane, total:
     """
     n, M = len(members), cuboids.M
     is_flat = abs(plane[2]) > GENTLE
+    is_sharing = sharing_cells(cuboids.ix, cuboids.iy, members)
     # The most that a cuboid's points may scatter, in variances, does not depend on the plane.
     most = np.empty(n)
     inside, everything = NOTHING, 0.0
@@ -243,7 +242,7 @@ def fit_lying(cuboids: PlaneMap, members: Int, deep: Flags, plane: Plane, total:
         m = M[members[k]]
         everything += m[0]
         most[k] = most_scatter(m[0], LENIENT if deep[k] else STRICT)
-        if is_flat and shares_cell(cuboids, members, k):
+        if is_flat & is_sharing[k]:
             most[k] = -1.0
         takes = deep[k] & (dot(squares, m) <= plane[4] * most[k])
         inside = add_scaled(inside, m, 1.0 * takes)

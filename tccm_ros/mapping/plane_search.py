@@ -20,7 +20,7 @@ from tccm_ros.mapping.plane_members import (
     claim,
     fit_lying,
     pooled_plane,
-    shares_cell,
+    sharing_cells,
 )
 from tccm_ros.mapping.plane_places import link_standing
 from tccm_ros.mapping.plane_rows import PLANE_COLUMNS
@@ -264,16 +264,16 @@ def is_plane(row: Array, limits: tuple[float, float, float, float, float]) -> bo
 def label_members(cuboids: PlaneMap, members: Int, plane: Plane, labels: Int, label: int) -> float:
     """Label the members that are within the gate of the final plane, and return their points."""
     M, is_flat = cuboids.M, abs(plane[2]) > GENTLE
+    is_sharing = sharing_cells(cuboids.ix, cuboids.iy, members)
     nx, ny, nz, d, variance = plane
     points, squares, support = 0.0, 0.0, 0.0
     sums = np.empty((len(members), 2))
     for k in range(len(members)):
         m = M[members[k]]
         sums[k, 0], sums[k, 1] = residuals_of(m, nx, ny, nz, d)
-        if is_flat and shares_cell(cuboids, members, k):
-            continue
-        points += m[0]
-        squares += sums[k, 1]
+        counts = not (is_flat and is_sharing[k])
+        points += m[0] * counts
+        squares += sums[k, 1] * counts
     # A warped table scatters more as a whole than where the fit was allowed to look.
     if points > 0.0:
         variance = max(variance, squares / points)

@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from tccm_ros.mapping.footprints import convex_hull, rectangle
+from tccm_ros.mapping.outlines.footprints import convex_hull, rectangle
 from tccm_ros.mapping.placement import where_fits
 from tccm_ros.records import PlaneRecord, TabletopObject
 

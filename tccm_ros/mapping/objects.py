@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.config import Config
 from tccm_ros.mapping.cuboids import TICK, TICKS_PER_M, Cuboids
-from tccm_ros.mapping.footprints import (
+from tccm_ros.mapping.outlines.footprints import (
     clusters,
     convex_hull,
     corners_of,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from tccm_ros.config import Config
-from tccm_ros.mapping.overlap import shared_shares
+from tccm_ros.mapping.outlines.overlap import shared_shares
 from tccm_ros.mapping.planes import PlaneFit, PlaneFits
 from tccm_ros.records import PlaneRecord
 

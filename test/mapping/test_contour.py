@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from shapely import LinearRing, Point, Polygon, contains_xy, hausdorff_distance
 
-from tccm_ros.mapping.contour import crosses, largest_polygon, signed_area, simplify, trace
-from tccm_ros.mapping.raster import EMPTY, SAMPLE
+from tccm_ros.mapping.outlines.contour import crosses, largest_polygon, signed_area, simplify, trace
+from tccm_ros.mapping.outlines.raster import EMPTY, SAMPLE
 
 MASKS = arrays.arrays(np.bool_, st.tuples(st.integers(1, 9), st.integers(1, 9)))
 SEEDS = st.integers(0, 2**32 - 1)

@@ -10,7 +10,13 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
-from tccm_ros.mapping.footprints import clusters, convex_hull, distance_to_ring, over, rectangle
+from tccm_ros.mapping.outlines.footprints import (
+    clusters,
+    convex_hull,
+    distance_to_ring,
+    over,
+    rectangle,
+)
 
 SEEDS = st.integers(0, 2**32 - 1)
 

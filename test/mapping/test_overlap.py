@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Polygon
 
-from tccm_ros.mapping.overlap import shared_share, shared_shares
+from tccm_ros.mapping.outlines.overlap import shared_share, shared_shares
 
 
 def star(seed, n, centre):

@@ -5,16 +5,16 @@ import pytest
 from plane_rig import EYE, part_map
 
 from tccm_ros.config import Config
-from tccm_ros.mapping.plane_blocks import sort_into_blocks
-from tccm_ros.mapping.plane_disputes import (
+from tccm_ros.mapping.planes import find_planes
+from tccm_ros.mapping.planes.blocks import sort_into_blocks
+from tccm_ros.mapping.planes.disputes import (
     CLOSER,
     OFF,
     give_back,
     level_planes_around,
     level_planes_by_block,
 )
-from tccm_ros.mapping.plane_members import GATE
-from tccm_ros.mapping.planes import find_planes
+from tccm_ros.mapping.planes.members import GATE
 
 CONFIG = Config()
 SIGMA = 0.003

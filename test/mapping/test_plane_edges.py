@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from tccm_ros.mapping.plane_blocks import BLOCK_BITS, sort_into_blocks
-from tccm_ros.mapping.plane_edges import EDGE, FLATTER, REACH, drop_edges
-from tccm_ros.mapping.plane_map import PlaneMap
-from tccm_ros.mapping.plane_rows import PLANE_COLUMNS
+from tccm_ros.mapping.planes.blocks import BLOCK_BITS, sort_into_blocks
+from tccm_ros.mapping.planes.edges import EDGE, FLATTER, REACH, drop_edges
+from tccm_ros.mapping.planes.plane_map import PlaneMap
+from tccm_ros.mapping.planes.rows import PLANE_COLUMNS
 
 
 def sample(rng):

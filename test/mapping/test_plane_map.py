@@ -11,8 +11,8 @@ from tccm_ros.config import Config
 from tccm_ros.mapping.caps import CAP_DEPTH
 from tccm_ros.mapping.cuboids import TICK, TICKS_PER_M
 from tccm_ros.mapping.part_map import PartMapBuilder
-from tccm_ros.mapping.plane_map import cap_of, plane_map
-from tccm_ros.mapping.plane_members import drain, fit_lying, sharing_cells
+from tccm_ros.mapping.planes.members import drain, fit_lying, sharing_cells
+from tccm_ros.mapping.planes.plane_map import cap_of, plane_map
 
 
 def sums_of(points):

@@ -10,11 +10,11 @@ from tccm_ros.config import Config
 from tccm_ros.mapping.caps import CAP_DEPTH
 from tccm_ros.mapping.cuboids import TICK, TICKS_PER_M
 from tccm_ros.mapping.part_map import PartMapBuilder
-from tccm_ros.mapping.plane_equations import add_place, rim_moments, solve
-from tccm_ros.mapping.plane_map import plane_map
-from tccm_ros.mapping.plane_places import NO_RIM, RIM_REACH, bins_along, pool_places
-from tccm_ros.mapping.plane_standing import SLICES, fit_standing, through_median
 from tccm_ros.mapping.planes import find_planes
+from tccm_ros.mapping.planes.equations import add_place, rim_moments, solve
+from tccm_ros.mapping.planes.places import NO_RIM, RIM_REACH, bins_along, pool_places
+from tccm_ros.mapping.planes.plane_map import plane_map
+from tccm_ros.mapping.planes.standing import SLICES, fit_standing, through_median
 
 CONFIG = Config()
 X, Y, Z = np.eye(3)

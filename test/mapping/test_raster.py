@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from tccm_ros.mapping.linking import STEPS
-from tccm_ros.mapping.raster import (
+from tccm_ros.mapping.outlines.raster import (
     EMPTY,
     FILLED,
     MARGIN,

@@ -10,9 +10,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.mapping.plane_blocks import BLOCK_BITS
-from tccm_ros.mapping.plane_map import PlaneMap
-from tccm_ros.mapping.plane_rows import keep_planes
+from tccm_ros.mapping.planes.blocks import BLOCK_BITS
+from tccm_ros.mapping.planes.plane_map import PlaneMap
+from tccm_ros.mapping.planes.rows import keep_planes
 
 __all__ = ["drop_edges"]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.mapping.raster import EMPTY
+from tccm_ros.mapping.outlines.raster import EMPTY
 
 __all__ = ["crosses", "largest_polygon", "signed_area", "simplify", "trace"]
 

@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.mapping.moments import FLAT, plane_of, residuals_of
-from tccm_ros.mapping.plane_blocks import flatness_order
+from tccm_ros.mapping.planes.blocks import flatness_order
 
 __all__ = ["cover", "grow_regions"]
 

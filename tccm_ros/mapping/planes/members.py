@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from tccm_ros.mapping.bits import lowest_bit
 from tccm_ros.mapping.moments import Moments, plane_of, residuals_of
-from tccm_ros.mapping.plane_blocks import queue_around
-from tccm_ros.mapping.plane_map import PlaneMap
+from tccm_ros.mapping.planes.blocks import queue_around
+from tccm_ros.mapping.planes.plane_map import PlaneMap
 
 __all__ = [
     "GATE",

@@ -1,6 +1,6 @@
 """Standing planes: boards and walls, whose cells form a line and whose noise the cells' walls cut.
 
-They are fitted by weighted least squares over their places (`plane_places`), each of which is
+They are fitted by weighted least squares over their places (`planes.places`), each of which is
 accepted or refused whole: for its own mean and scatter, and as part of its layer.
 
 Where the caps of rims are not known, moments cannot tell which points of a rim are the board's, but
@@ -16,10 +16,10 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.mapping.moments import residuals_of
-from tccm_ros.mapping.plane_equations import add_place, add_rim, rim_moments, solve
-from tccm_ros.mapping.plane_map import PlaneMap
-from tccm_ros.mapping.plane_members import NOISE_FLOOR, Plane, is_mixed
-from tccm_ros.mapping.plane_places import NO_RIM, pool_places
+from tccm_ros.mapping.planes.equations import add_place, add_rim, rim_moments, solve
+from tccm_ros.mapping.planes.members import NOISE_FLOOR, Plane, is_mixed
+from tccm_ros.mapping.planes.places import NO_RIM, pool_places
+from tccm_ros.mapping.planes.plane_map import PlaneMap
 
 __all__ = ["fit_standing"]
 

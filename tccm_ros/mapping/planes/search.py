@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 
 from tccm_ros.mapping.linking import link_in_plane
 from tccm_ros.mapping.moments import plane_of, residuals_of
-from tccm_ros.mapping.plane_blocks import BLOCK_BITS, find_patches, sort_into_blocks
-from tccm_ros.mapping.plane_disputes import give_back
-from tccm_ros.mapping.plane_edges import drop_edges
-from tccm_ros.mapping.plane_growth import grow_regions
-from tccm_ros.mapping.plane_map import PlaneMap, plane_map
-from tccm_ros.mapping.plane_members import (
+from tccm_ros.mapping.planes.blocks import BLOCK_BITS, find_patches, sort_into_blocks
+from tccm_ros.mapping.planes.disputes import give_back
+from tccm_ros.mapping.planes.edges import drop_edges
+from tccm_ros.mapping.planes.growth import grow_regions
+from tccm_ros.mapping.planes.members import (
     GATE,
     GENTLE,
     Plane,
@@ -22,9 +21,10 @@ from tccm_ros.mapping.plane_members import (
     pooled_plane,
     sharing_cells,
 )
-from tccm_ros.mapping.plane_places import link_standing
-from tccm_ros.mapping.plane_rows import PLANE_COLUMNS
-from tccm_ros.mapping.plane_standing import fit_standing
+from tccm_ros.mapping.planes.places import link_standing
+from tccm_ros.mapping.planes.plane_map import PlaneMap, plane_map
+from tccm_ros.mapping.planes.rows import PLANE_COLUMNS
+from tccm_ros.mapping.planes.standing import fit_standing
 
 __all__ = ["planes_of", "segment"]
 

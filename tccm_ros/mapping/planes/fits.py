@@ -1,7 +1,7 @@
 """All planes of a map, by pooled moments: exact least-squares fits without touching a point.
 
-The detector works on cuboid moments alone. `plane_blocks` pools cuboids into flat patches,
-`plane_growth` grows regions of patches, and `plane_members` decides cuboid by cuboid, links what
+The detector works on cuboid moments alone. `planes.blocks` pools cuboids into flat patches,
+`planes.growth` grows regions of patches, and `planes.members` decides cuboid by cuboid, links what
 hangs together and fits. Planes of any tilt are found at once, each as exactly as a least-squares
 fit to the points of its cuboids.
 """
@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tccm_ros.config import Config
-from tccm_ros.mapping.boundary import Outline, members_by_plane, outlines
 from tccm_ros.mapping.cuboids import TICK, TICKS_PER_M, Cuboids
 from tccm_ros.mapping.moments import FLAT, axes_of, tangents, uncertainty_of
-from tccm_ros.mapping.plane_rows import PLANE_COLUMNS
-from tccm_ros.mapping.plane_search import planes_of
+from tccm_ros.mapping.outlines.boundary import Outline, members_by_plane, outlines
+from tccm_ros.mapping.planes.rows import PLANE_COLUMNS
+from tccm_ros.mapping.planes.search import planes_of
 
-__all__ = ["PlaneFit", "PlaneFits", "find_planes", "without_plane"]
+__all__ = ["PlaneFit", "PlaneFits", "find_planes", "select", "without_plane"]
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.mapping import raster as r
-from tccm_ros.mapping.contour import largest_polygon, trace
 from tccm_ros.mapping.cuboids import TICK, TICKS_PER_M, Cuboids
+from tccm_ros.mapping.outlines import raster as r
+from tccm_ros.mapping.outlines.contour import largest_polygon, trace
 
 __all__ = ["Outline", "members_by_plane", "outlines"]
 

@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.mapping.contour import is_inside
 from tccm_ros.mapping.linking import join, root_of
+from tccm_ros.mapping.outlines.contour import is_inside
 
 __all__ = [
     "clusters",

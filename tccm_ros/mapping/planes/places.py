@@ -17,8 +17,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.mapping.caps import CAP_DEPTH
-from tccm_ros.mapping.plane_map import PlaneMap, cap_of
-from tccm_ros.mapping.plane_members import Plane
+from tccm_ros.mapping.planes.members import Plane
+from tccm_ros.mapping.planes.plane_map import PlaneMap, cap_of
 
 __all__ = ["NO_RIM", "bins_along", "link_standing", "pool_places"]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.mapping.plane_members import Plane
+from tccm_ros.mapping.planes.members import Plane
 
 __all__ = ["add_place", "add_rim", "rim_moments", "solve"]
 

@@ -12,8 +12,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.mapping.moments import residuals_of
-from tccm_ros.mapping.plane_members import GATE, NOISE_FLOOR
-from tccm_ros.mapping.plane_rows import keep_planes
+from tccm_ros.mapping.planes.members import GATE, NOISE_FLOOR
+from tccm_ros.mapping.planes.rows import keep_planes
 
 __all__ = ["give_back"]
 

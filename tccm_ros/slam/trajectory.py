@@ -20,6 +20,10 @@ Float64 = NDArray[np.float64]
 AT_SCAN = (0.001, 0.0005)
 """Standard deviation (m, rad) of a pose at the very stamp of a scan, beside the scan's own."""
 
+AROUND_NS = 500_000_000
+"""A view is laid together over a sweep by odometry: what it errs within this before and after the
+stamp, half a sweep of an ordinary tilting laser in all, is in the view as well."""
+
 
 @dataclass(slots=True)
 class OdometryTrack:
@@ -116,7 +120,8 @@ def place_stamps(
     Returns
     -------
     keyframes int64 (V,), poses float64 (V, 3) in them, and covariances float64 (V, 3, 3) of
-    (x, y, yaw) in the frames of the poses: that of the scan before, and of the way from there.
+    (x, y, yaw) in the frames of the poses: that of the scan before, of the way from there, and of
+    the motion during the sweep, which is none for a base that stands still.
     """
     known = np.array([p.stamp_ns for p in placed], np.int64)
     index = np.zeros(len(stamps_ns), np.int64)
@@ -133,6 +138,10 @@ def place_stamps(
             after = placed[min(i + 1, len(placed) - 1)]
             poses[v] = _between_scans(here, after, keyframes, int(stamp))
         covs[v] = here.cov + motion_covariance(between(here.pose, poses[v]), model, AT_SCAN)
+        for side in (-AROUND_NS, AROUND_NS):
+            end = odometry.at(int(stamp) + side)
+            if now is not None and end is not None:
+                covs[v] += motion_covariance(between(now, end), model)
     return index, poses, covs
 
 

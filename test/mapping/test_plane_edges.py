@@ -37,8 +37,8 @@ def plainly(ix, iy, bottom, top, labels, planes, is_standing):
         flatter = ~is_standing & (FLATTER * planes[:, 6] <= planes[p, 6])
         held = i[(labels >= 0) & flatter[labels]]
         own = i[labels == p]
-        share = beside[np.ix_(own, held)].any(axis=1).sum() / max(len(own), 1)
-        if is_standing[p] or not flatter.any() or share < EDGE:
+        off = len(own) - beside[np.ix_(own, held)].any(axis=1).sum()
+        if is_standing[p] or not flatter.any() or off > (1.0 - EDGE) * len(own):
             kept.append(p)
     return kept
 

@@ -68,14 +68,32 @@ def drop_edges(
     suspect = (variance > FLATTER * variance.min()) & ~is_standing
     if not suspect.any():
         return planes
-    own, beside = np.zeros(len(planes), np.int32), np.zeros(len(planes), np.int32)
+    own, off = np.zeros(len(planes), np.int32), np.zeros(len(planes), np.int32)
+    for p in labels:
+        if p >= 0:
+            own[p] += 1
+    flattest = flattest_by_block(start, order, labels, variance)
     for i in range(len(labels)):
         p = labels[i]
         if p >= 0 and suspect[p]:
-            own[p] += 1
             most = variance[p] / FLATTER
-            beside[p] += is_beside(cuboids, i, start, order, low, wide, labels, variance, most)
-    return keep_planes(labels, planes, ~suspect | (beside < EDGE * own))
+            if not is_beside(cuboids, i, start, order, low, wide, labels, variance, flattest, most):
+                off[p] += 1
+                # Most planes are none's edge, which their first cuboids tell.
+                suspect[p] = off[p] <= (1.0 - EDGE) * own[p]
+    return keep_planes(labels, planes, ~suspect)
+
+
+@njit(nogil=True, cache=True)
+def flattest_by_block(start: Int, order: Int, labels: Int, variance: Array) -> Array:
+    """Return the least variance of the planes of each block's cuboids, inf where there are none."""
+    flattest = np.full(len(start) - 1, np.inf)
+    for block in range(len(flattest)):
+        for k in range(start[block], start[block + 1]):
+            p = labels[order[k]]
+            if p >= 0:
+                flattest[block] = min(flattest[block], variance[p])
+    return flattest
 
 
 @njit(nogil=True, cache=True)
@@ -88,6 +106,7 @@ def is_beside(
     wide: int,
     labels: Int,
     variance: Array,
+    flattest: Array,
     most: float,
 ) -> bool:
     """Tell whether cuboid i is beside one of a plane whose variance is `most` at most."""
@@ -98,6 +117,8 @@ def is_beside(
     for bx in range(max(first_x, 0), min(last_x + 1, rows)):
         for by in range(max(first_y, 0), min(last_y + 1, wide)):
             block = bx * wide + by
+            if flattest[block] > most:
+                continue
             for k in range(start[block], start[block + 1]):
                 j = order[k]
                 q = labels[j]

@@ -28,6 +28,11 @@ FLATNESS = 0.004
 GATE = 3.0
 """Sigmas within which two planes count as one."""
 
+STEEP = 0.8
+"""Vertical component of the normal below which no plane is that of a level surface."""
+
+UP = np.array([0.0, 0.0, 1.0])
+
 
 class PatchPlanes(NamedTuple):
     """Height fields of P patches in map; a named tuple, as kernels take no other class.
@@ -56,6 +61,9 @@ class PatchPlanes(NamedTuple):
 def fit_plane(cov: Float64) -> tuple[Float64, Float64]:
     """Fit the exact least-squares plane to points of covariance `cov`, float64 (3, 3).
 
+    Surfaces are level, or nearly so. A fit that is steep is one to points that are a line, across
+    which nothing is told: the plane is then the most level one through that line.
+
     Returns
     -------
     normal : float64 (3,)
@@ -65,6 +73,11 @@ def fit_plane(cov: Float64) -> tuple[Float64, Float64]:
     """
     variances, axes = np.linalg.eigh(cov)
     normal = axes[:, 0] if axes[2, 0] >= 0.0 else -axes[:, 0]
+    if normal[2] < STEEP:
+        along = axes[:, 2]
+        level = UP - along[2] * along
+        length = float(np.linalg.norm(level))
+        normal = level / length if length > STEEP else UP
     return normal, np.maximum(variances, 0.0)
 
 

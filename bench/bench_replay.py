@@ -15,8 +15,8 @@ from pathlib import Path
 from statistics import median
 
 from tccm_ros.config import Config
-from tccm_ros.pipeline import Stopwatch
 from tccm_ros.replay import PROCESSING, WRITING, replay
+from tccm_ros.stopwatch import Stopwatch
 
 BAGS = Path(__file__).resolve().parents[1] / "bags"
 

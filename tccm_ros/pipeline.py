@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
@@ -18,11 +17,12 @@ from tccm_ros.mapping.tccm import CycleResult, TccmProcessor, TccmRecord
 from tccm_ros.messages import Record
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Odometry, Scan
+from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.continuation import Continuation, last_sample
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
-__all__ = ["Outcome", "Pipeline", "Session", "Stopwatch", "run_bag"]
+__all__ = ["Outcome", "Pipeline", "Session", "run_bag"]
 
 SCAN_ROLES = ("tilt_scan", "scan")
 
@@ -34,44 +34,6 @@ OPENING_NS = 5_000_000_000
 
 PARTS_KEPT = 400
 """Cycles whose part maps are kept for result.mcap: memory stays bounded in a bag of hours."""
-
-
-class Stopwatch:
-    """Seconds spent in each stage, by name in order of first use.
-
-    Parameters
-    ----------
-    now
-        The clock, s; a benchmark on a busy machine takes that of the process.
-    """
-
-    def __init__(self, now: Callable[[], float] = time.perf_counter) -> None:
-        self.seconds: dict[str, float] = {}
-        self._now = now
-        self._stages: dict[str, _Stage] = {}
-
-    def stage(self, name: str) -> _Stage:
-        """Add the time inside a `with` block to a stage; a stage is not entered twice at once."""
-        stage = self._stages.get(name)
-        if stage is None:
-            stage = self._stages[name] = _Stage(name, self.seconds, self._now)
-        return stage
-
-
-class _Stage:
-    """A context that adds up its time; a class, as it is entered for every record of a bag."""
-
-    __slots__ = ("_name", "_now", "_seconds", "_start")
-
-    def __init__(self, name: str, seconds: dict[str, float], now: Callable[[], float]) -> None:
-        self._name, self._seconds, self._now, self._start = name, seconds, now, 0.0
-        seconds[name] = 0.0
-
-    def __enter__(self) -> None:
-        self._start = self._now()
-
-    def __exit__(self, *_: object) -> None:
-        self._seconds[self._name] += self._now() - self._start
 
 
 @dataclass(frozen=True, slots=True)

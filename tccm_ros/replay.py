@@ -25,11 +25,12 @@ from tccm_ros.io.folder import output_folder
 from tccm_ros.io.map_file import load_map, save_map
 from tccm_ros.io.result_bag import write_result_bag
 from tccm_ros.mapping.tccm import CycleResult
-from tccm_ros.pipeline import Outcome, Stopwatch, run_bag
+from tccm_ros.pipeline import Outcome, run_bag
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.report.html_report import write_report
 from tccm_ros.report.pictures import write_pictures
 from tccm_ros.report.viewing import report_map
+from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.census import Census, count_surfaces
 from tccm_ros.surfaces.scene_objects import SceneObject, scene_objects
 

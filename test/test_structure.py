@@ -13,6 +13,7 @@ ROOMS = [
     "config_file",
     "config_text",
     "progress",
+    "stopwatch",
     "snapshot",
     "geometry",
     "records",

@@ -100,7 +100,7 @@ def _level_points(
     wanted = np.flatnonzero(~stands[labels])
     labels, points = labels[wanted], part.positions(wanted)
     surface = np.full(len(points), -1, np.int64)
-    on = _on_planes(points, labels, levels)
+    on = _on_planes(points, labels, levels, len(fits))
     surface[on] = labels[on]
     strips = level_strips(points, part.lines(wanted), surface < 0, viewpoint)
     surface[strips >= 0] = len(fits) + strips[strips >= 0]
@@ -111,21 +111,16 @@ def _level_points(
 
 
 def _on_planes(
-    points: Float64, labels: NDArray[np.int32], levels: list[PlaneFit]
+    points: Float64, labels: NDArray[np.int32], levels: list[PlaneFit], planes: int
 ) -> NDArray[np.int64]:
-    """Return the rows of the points that are near their level plane."""
-    if not levels:
-        return np.zeros(0, np.int64)
-    count = max(f.index for f in levels) + 1
-    is_level = np.zeros(
-        max(count, int(labels.max(initial=-1)) + 1) + 1, np.bool_
-    )  # the last is for -1
-    is_level[[f.index for f in levels]] = True
-    chosen = np.flatnonzero(is_level[labels])
-    normals, offsets, slack = np.zeros((count, 3)), np.zeros(count), np.zeros(count)
+    """Return the rows of the points that are near their plane, where that is one of the levels."""
+    is_level = np.zeros(planes + 1, np.bool_)  # the last is for -1
+    normals, offsets, slack = np.zeros((planes, 3)), np.zeros(planes), np.zeros(planes)
     for fit in levels:
+        is_level[fit.index] = True
         normals[fit.index], offsets[fit.index] = fit.normal, fit.offset
         slack[fit.index] = PLANE_SIGMAS * fit.rms + PLANE_SLACK
+    chosen = np.flatnonzero(is_level[labels])
     of = labels[chosen]
     distance = np.abs(np.einsum("ij,ij->i", points[chosen], normals[of]) - offsets[of])
     return chosen[distance <= slack[of]]

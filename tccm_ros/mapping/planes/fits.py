@@ -231,11 +231,11 @@ def find_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> Plane
         return PlaneFits(cuboids, none, np.zeros((0, PLANE_COLUMNS)), origin * TICK)
     p = config.planes
     limits = p.max_rms, float(p.min_points), p.min_area, p.flatness, math.cos(p.horizontal_angle)
-    labels, rows = planes_of(
+    arrays = (
         cuboids.ix, cuboids.iy, cuboids.bottom, cuboids.top, cuboids.count, cuboids.s, cuboids.S,
         cuboids.caps.of, cuboids.caps.moments, cuboids.cell_size * TICKS_PER_M, TICK, origin,
-        view, limits,
     )  # fmt: skip
+    labels, rows = planes_of(arrays, view, limits)
     return PlaneFits(cuboids, labels, rows, origin * TICK)
 
 

@@ -1,6 +1,7 @@
 """All planes of a map, from its cuboids' moments: the one kernel behind `find_planes`."""
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -41,24 +42,10 @@ PATCH_POINTS = 6
 
 @njit(nogil=True, cache=True)
 def planes_of(
-    ix: Int,
-    iy: Int,
-    bottom: Int,
-    top: Int,
-    count: Array,
-    s: Array,
-    S: Array,
-    cap_rows: Int,
-    cap_sums: Array,
-    cell: float,
-    tick: float,
-    origin: Array,
-    view: Array,
-    limits: tuple[float, float, float, float, float],
+    arrays: tuple[Any, ...], view: Array, limits: tuple[float, float, float, float, float]
 ) -> tuple[Int, Array]:
-    """Find all planes of a map's arrays: as `plane_map` and `segment` do, in one compiled call."""
-    cuboids = plane_map(ix, iy, bottom, top, count, s, S, cap_rows, cap_sums, cell, tick, origin)
-    return segment(cuboids, view, limits)
+    """Find all planes in what `plane_map` takes: it and `segment` in one compiled call."""
+    return segment(plane_map(*arrays), view, limits)
 
 
 @njit(nogil=True, cache=True)

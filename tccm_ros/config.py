@@ -459,10 +459,13 @@ class Labels(Group):
     shelf: Rule = label_rule((0.10, 2.20, 0.12, 0.65, 0.04, 2.0), "a board over or under another")
     ledge: Rule = label_rule((0.30, 2.20, 0.03, 0.25, 0.02, 1.0), "something long and narrow")
     step: Rule = label_rule(
-        (0.30, 1.60, 0.10, 1.0, 0.02, 1.5), "a low step on a larger surface, like a stove"
+        (0.30, 1.60, 0.10, 1.0, 0.02, 1.5), "a low step on a larger surface, or a tread of stairs"
     )
     step_height: tuple[float, float] = param(
         (0.015, 0.15), "a step rises this much above the surface that carries it", unit="m"
+    )
+    stair_rise: tuple[float, float] = param(
+        (0.12, 0.23), "treads of stairs rise this much above each other", unit="m"
     )
     shelf_gap: tuple[float, float] = param(
         (0.12, 0.70), "boards of a shelf are this far apart", unit="m"

@@ -304,8 +304,8 @@ class Surface:
     views
         The views that are part of it, in stamp order.
     took
-        Numbers of the other patches that founded surfaces of their own until they merged into
-        this one.
+        Numbers of its other patches: ids of surfaces that went into this one, and that a part of it
+        has when it parts from it.
     """
 
     id: int

@@ -29,7 +29,8 @@ from tccm_ros.publications import (
     Publication,
     SolutionPublications,
 )
-from tccm_ros.records import Scan, ScanPose, SurfaceCloud
+from tccm_ros.records import Scan, ScanPose, Surface, SurfaceCloud
+from tccm_ros.surfaces.lineage import changes
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.sync import Synchroniser
 
@@ -60,6 +61,7 @@ class SlamNode(SensorNode):
         self._unsolved: Counter[str] = Counter()
         self._next_solve_s = 0.0
         self._shown_ns = -1
+        self._surfaces: tuple[Surface, ...] = ()
         self._has_tilt_scan = False
         self.live = LivePosePublisher(self, self.types, self.config, self.intake)
         self._publications = SolutionPublications(self.bulk_types, self.live.map_frame)
@@ -161,6 +163,9 @@ class SlamNode(SensorNode):
         self._outputs.publish(self._publications.of(solution, self.newest_ns))
         self._outputs.publish([Publication(GRID_TOPIC, GRID, self._grid)])
         self._boxes.publish(solution.surfaces, self.newest_ns)
+        for change in changes(self._surfaces, solution.surfaces):
+            self.get_logger().info(str(change))
+        self._surfaces = solution.surfaces
 
     def _grid(self) -> Any:
         """Return the level scans as a nav_msgs/OccupancyGrid; empty without a level laser."""
@@ -204,6 +209,7 @@ class SlamNode(SensorNode):
     def _forget(self) -> None:
         self.live.forget()
         self._shown_ns = -1
+        self._surfaces = ()
         self._has_tilt_scan = False
         self.newest_ns = 0
         self._unsolved.clear()

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tccm_ros.config import Config, Labels
 from tccm_ros.surfaces.drafts import Draft
 from tccm_ros.surfaces.floor import is_floor
+from tccm_ros.surfaces.stairs import box_sides, treads
 
 __all__ = ["Label", "label_surfaces"]
 
@@ -42,7 +43,14 @@ ALONG = 0.8
 """and runs along this share of its seat."""
 
 BED = (0.8, 1.6)
-"""No bed is smaller than this, m."""
+"""No bed is smaller than this, m,"""
+
+FILLED = 0.75
+"""and it fills this share of its box: what has the shape of an L is a sofa."""
+
+DEEPER = 0.75
+"""Of a board over another, whose depth is less than this share of the lower one's, nothing follows
+for the lower one: boards hang over worktops and desks."""
 
 SLENDER = 3.0
 """A band is so many times as long as it is wide."""
@@ -62,7 +70,17 @@ UNDECIDED = 0.75
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """A name and how sure it is, 0 to 1."""
+    """A name and how sure it is.
+
+    Attributes
+    ----------
+    name
+        One of the labels, or ``other``.
+    confidence
+        How well the rules of the name are met, less half of how well those of the next one are: at
+        least `labels.min_confidence`, 1 at most. Of ``other``: how far the best name is from being
+        met; 0 where two names fit.
+    """
 
     name: str
     confidence: float
@@ -91,6 +109,10 @@ class Shape:
         Whether it rises a step's height above a surface that carries it.
     backed
         Whether something higher runs along one of its long sides, as the back of a sofa does.
+    filled
+        Share of its narrowest box that lies within its outline.
+    in_flight
+        Whether it is one of several treads, each beside and above the one before.
     """
 
     height: float
@@ -101,6 +123,8 @@ class Shape:
     stacked: bool
     carried: bool
     backed: bool
+    filled: float
+    in_flight: bool
 
 
 def label_surfaces(
@@ -120,12 +144,15 @@ def label_surfaces(
         Uses the group ``labels``.
     """
     near_walls = _near_walls(walls, config.labels.wall_distance)
+    others = [draft for draft in drafts if not is_floor(draft, floor_z)]
+    stairs = {id(draft) for draft in treads(others, config.labels)}
     labels = []
     for draft in drafts:
         if is_floor(draft, floor_z):
             labels.append(Label("floor", 1.0))
         else:
-            labels.append(_best(_shape(draft, drafts, floor_z, near_walls, config), config.labels))
+            shape = _shape(draft, others, floor_z, near_walls, config, id(draft) in stairs)
+            labels.append(_best(shape, config.labels))
     return labels
 
 
@@ -136,14 +163,15 @@ def _near_walls(walls: Float64 | None, distance: float) -> shapely.Geometry:
 
 def _shape(
     draft: Draft,
-    drafts: list[Draft],
+    surfaces: list[Draft],
     floor_z: float | None,
     near_walls: shapely.Geometry,
     config: Config,
+    in_flight: bool,
 ) -> Shape:
-    box = np.asarray(shapely.oriented_envelope(draft.polygon).exterior.coords)
-    edges = np.sort(np.hypot(*np.diff(box[:3], axis=0).T))
-    others = [d for d in drafts if d is not draft and not is_floor(d, floor_z)]
+    """Look at a surface among all that are not floor."""
+    edges = box_sides(draft.polygon)
+    others = [d for d in surfaces if d is not draft]
     outline = draft.polygon.exterior
     return Shape(
         height=draft.height - (floor_z or 0.0),
@@ -154,6 +182,8 @@ def _shape(
         stacked=any(_is_stacked(draft, other, config.labels) for other in others),
         carried=any(_is_carried(draft, other, config.labels) for other in others),
         backed=any(_is_back(other, draft, float(edges[1]), config.labels) for other in others),
+        filled=float(shapely.Polygon(outline).area / (edges[0] * edges[1])),
+        in_flight=in_flight,
     )
 
 
@@ -174,9 +204,14 @@ def _width(polygon: shapely.Polygon, edges: Float64) -> float:
 
 
 def _is_stacked(draft: Draft, other: Draft, rules: Labels) -> bool:
-    """Return whether two surfaces are boards over each other, of a similar size."""
+    """Return whether a surface is a board over or under another one of a similar size."""
     low, high = rules.shelf_gap
     if not low <= abs(draft.height - other.height) <= high:
+        return False
+    if (
+        other.height > draft.height
+        and box_sides(other.polygon)[0] < DEEPER * box_sides(draft.polygon)[0]
+    ):
         return False
     shared = draft.polygon.intersection(other.polygon).area
     return bool(shared >= OVERLAP * max(draft.polygon.area, other.polygon.area))
@@ -201,11 +236,13 @@ def _is_back(back: Draft, seat: Draft, length: float, rules: Labels) -> bool:
     low, high = rules.back_height
     if not low <= back.height - seat.height <= high:
         return False
-    box = np.asarray(shapely.oriented_envelope(back.polygon).exterior.coords)
-    width = np.hypot(*np.diff(box[:3], axis=0).T).min()
     over = back.polygon.intersection(seat.polygon).area
     beside = seat.polygon.exterior.intersection(back.polygon.buffer(rules.wall_distance)).length
-    return bool(width <= BACK and over < OVERLAP * back.polygon.area and beside >= ALONG * length)
+    return bool(
+        box_sides(back.polygon)[0] <= BACK
+        and over < OVERLAP * back.polygon.area
+        and beside >= ALONG * length
+    )
 
 
 def _met(value: float, low: float, high: float, fade: float) -> float:
@@ -231,14 +268,15 @@ def _scores(shape: Shape, rules: Labels) -> dict[str, float]:
     sofa = _fit(shape, rules.sofa) if shape.backed else 0.0
     is_bed = shape.width >= BED[0] and shape.length >= BED[1]
     counter = _fit(shape, rules.counter) * (0.7 + 0.3 * min(1.0, 3.0 * shape.at_wall))
+    ledge = _fit(shape, rules.ledge) * (0.7 + 0.3 * min(1.0, 3.0 * shape.at_wall))
     return {
         "table": max(_fit(shape, rules.table), low) * away * (not shape.carried),
         "counter": counter * (not shape.carried),
         "seat": max(_fit(shape, rules.seat) * (0.8 if slender else 1.0), sofa),
-        "bed": _fit(shape, rules.bed) * is_bed,
+        "bed": _fit(shape, rules.bed) * (is_bed and shape.filled >= FILLED),
         "shelf": _fit(shape, rules.shelf) * (1.0 if shape.stacked else 0.3),
-        "ledge": _fit(shape, rules.ledge) * slender * (0.7 + 0.3 * min(1.0, 3.0 * shape.at_wall)),
-        "step": _fit(shape, rules.step) * shape.carried,
+        "ledge": ledge * (slender and not shape.in_flight),
+        "step": _fit(shape, rules.step) * (shape.carried or shape.in_flight),
     }
 
 
@@ -248,6 +286,7 @@ def _best(shape: Shape, rules: Labels) -> Label:
         scores = {name: s * (1.0 if name == "shelf" else 0.6) for name, s in scores.items()}
     order = sorted(scores, key=lambda name: (-scores[name], name))
     best, second = scores[order[0]], scores[order[1]]
-    if best < rules.min_confidence or second > UNDECIDED * best:
-        return Label("other", round(1.0 - best, 6))
-    return Label(order[0], round(best * (1.0 - 0.5 * second / best), 6))
+    confidence = best - 0.5 * second
+    if confidence < rules.min_confidence or second > UNDECIDED * best:
+        return Label("other", round(float(1.0 - best), 6))
+    return Label(order[0], round(float(confidence), 6))

@@ -3,15 +3,23 @@
 A patch is numbered over all views in stamp order. A surface is called by its oldest patch; where
 a newer view of the same place replaced that patch, its heir carries the name on. Names follow from
 the views alone, not from the order in which they arrived or how often the map was built.
+
+What a surface took are the names that its other patches have, or had before they were replaced:
+whatever poses an earlier solution had, a surface that has gone into this one is among them, and one
+that parts from it is not any more. `changes` says so of two solutions.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from tccm_ros.records import Surface
 from tccm_ros.surfaces.carving import Survivors
 from tccm_ros.surfaces.drafts import Group
 from tccm_ros.surfaces.views import View, first_numbers
 
-__all__ = ["Lineage"]
+__all__ = ["Change", "Lineage", "changes"]
 
 
 class Lineage:
@@ -26,14 +34,14 @@ class Lineage:
     """
 
     def __init__(self, views: list[View], left: Survivors):
-        self._oldest: dict[int, int] = {}
+        self._names: dict[int, set[int]] = {}
         self._first_seen: dict[int, int] = {}
         self._last_seen: dict[int, int] = {}
         first = first_numbers(views)
         for start, view in zip(first, views):
             for p, patch in enumerate(view.patches):
                 number, seen = patch.number, patch.first_seen_ns
-                self._oldest[start + p] = start + (p if number is None else number)
+                self._names[start + p] = {start + (p if number is None else number)}
                 self._first_seen[start + p] = view.stamp_ns if seen is None else seen
                 self._last_seen[start + p] = view.stamp_ns
         for v, view in enumerate(views):
@@ -43,17 +51,19 @@ class Lineage:
                     self._inherit(first[v] + p, first[w] + q)
 
     def _inherit(self, older: int, heir: int) -> None:
-        self._oldest[heir] = min(self._oldest[heir], self._oldest[older])
+        self._names[heir] |= self._names[older]
         self._first_seen[heir] = min(self._first_seen[heir], self._first_seen[older])
+
+    def _names_of(self, group: Group) -> set[int]:
+        return set().union(*(self._names[member.number] for member in group.members))
 
     def name(self, group: Group) -> int:
         """Return the id of a surface."""
-        return min(self._oldest[member.number] for member in group.members)
+        return min(self._names_of(group))
 
     def took(self, group: Group) -> tuple[int, ...]:
-        """Return the ids of the surfaces that merged into this one."""
-        names = {self._oldest[number] for number in group.founders}
-        return tuple(sorted(names - {self.name(group)}))
+        """Return the other names of its patches: ids of surfaces that are part of this one now."""
+        return tuple(sorted(self._names_of(group))[1:])
 
     def first_seen_ns(self, group: Group) -> int:
         """Return the stamp of the first view that saw the surface."""
@@ -62,3 +72,43 @@ class Lineage:
     def last_seen_ns(self, group: Group) -> int:
         """Return the stamp of the last view that saw the surface."""
         return max(self._last_seen[member.number] for member in group.members)
+
+
+class Change(NamedTuple):
+    """What became of a surface.
+
+    Attributes
+    ----------
+    id
+        Of the surface as it is now.
+    took
+        Ids of surfaces that there were, and that are part of it now.
+    parted_from
+        Id of the surface that it was part of; None where it was there, or is new.
+    """
+
+    id: int
+    took: tuple[int, ...]
+    parted_from: int | None
+
+    def __str__(self) -> str:
+        parts = [f"took {', '.join(map(str, self.took))}"] if self.took else []
+        if self.parted_from is not None:
+            parts.append(f"parted from {self.parted_from}")
+        return f"surface {self.id} " + " and ".join(parts)
+
+
+def changes(before: Sequence[Surface], after: Sequence[Surface]) -> list[Change]:
+    """Return the merges and splits between two solutions of one map, by id.
+
+    Views must not have come in between the older ones: numbers of patches are counted.
+    """
+    known = {surface.id for surface in before}
+    owners = {name: surface.id for surface in before for name in surface.took}
+    found = []
+    for surface in after:
+        took = tuple(name for name in surface.took if name in known)
+        parted_from = None if surface.id in known else owners.get(surface.id)
+        if took or parted_from is not None:
+            found.append(Change(surface.id, took, parted_from))
+    return found

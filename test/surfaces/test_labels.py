@@ -1,14 +1,34 @@
-"""Labels of outlines that a person would name, and "other" where a person would ask."""
+"""Labels of surfaces that a person would name, and "other" where a person would ask."""
 
 import numpy as np
 import pytest
 import shapely
-from shapely import affinity, box
+from shapely import Point, affinity, box
+from test_furniture import draft
 
-from tccm_ros.config import Config
-from tccm_ros.surfaces.labels import _width
+from tccm_ros.config import Config, Labels
+from tccm_ros.surfaces.labels import _width, label_surfaces
 
 L_COUNTER = shapely.union_all([box(0, 0, 2.4, 0.6), box(1.8, -2.1, 2.4, 0.6)])
+
+
+WALL = np.array([[[-3.0, -0.01], [6.0, -0.01]]])
+
+
+def names(*parts, walls=None, config=None, turn=0.0):
+    """Return the labels of outlines at heights, as a map has them; each keeps its confidence."""
+    rng = np.random.default_rng(1)
+    drafts = [draft(affinity.rotate(p, turn, origin=(0, 0)), z, rng) for p, z in parts]
+    return [(x.name, x.confidence) for x in label_surfaces(drafts, 0.0, walls, config or Config())]
+
+
+def only(parts, **more):
+    return [name for name, _ in names(*parts, **more)]
+
+
+SHELF = [(box(0, 0, 0.8, 0.3), z) for z in (0.35, 0.7, 1.05, 1.4)]
+STAIRS = [(box(0.27 * k, 0, 0.27 * k + 0.26, 0.9), 0.17 * (k + 1)) for k in range(2, 8)]
+DESK, WORKTOP = (box(0, 0, 1.4, 0.6), 0.74), (box(0, 0, 2.4, 0.6), 0.91)
 
 
 def edges(polygon):
@@ -41,3 +61,116 @@ def test_a_narrow_band_with_wavy_edges_is_as_wide_as_on_the_mean():
     band = shapely.Polygon(ring)
     assert edges(band)[0] == pytest.approx(0.32, abs=0.01)
     assert _width(band, edges(band)) == pytest.approx(0.24, abs=0.025)
+
+
+CASES = [
+    ([(box(0, 0, 3, 3), 0.01)], ["floor"]),
+    ([(Point(0, 0).buffer(0.5), 0.74)], ["table"]),
+    ([(box(0, 0, 1.1, 0.6), 0.42)], ["table"]),
+    ([(L_COUNTER, 0.91)], ["counter"]),
+    ([(Point(0, 0).buffer(0.4), 1.08)], ["counter"]),
+    (SHELF, ["shelf"] * 4),
+    ([(box(0, 0, 0.45, 0.42), 0.45)], ["seat"]),
+    ([(box(0, 0, 2.0, 1.4), 0.5), (box(-0.1, 0, -0.01, 1.4), 1.0)], ["bed", "ledge"]),
+    ([(box(0, 0, 1.2, 0.2), 0.9)], ["ledge"]),
+    ([WORKTOP, (box(0.8, 0.05, 1.4, 0.55), 0.96)], ["counter", "step"]),
+    (STAIRS, ["step"] * 6),
+    ([(box(0, 0, 0.4, 0.4), 0.55)], ["other"]),
+]
+"""Surfaces, and what a person would call them."""
+
+
+@pytest.mark.parametrize("turn", [0.0, 33.0, 118.0])
+@pytest.mark.parametrize(("parts", "expected"), CASES)
+def test_every_label_is_reached(parts, expected, turn):
+    assert only(parts, turn=turn) == expected
+
+
+def test_these_are_all_labels():
+    known = {"floor", "table", "counter", "shelf", "seat", "bed", "ledge", "step", "other"}
+    assert {name for _, expected in CASES for name in expected} == known
+
+
+@pytest.mark.parametrize(("lower", "name"), [(DESK, "table"), (WORKTOP, "counter")])
+@pytest.mark.parametrize("depth", [0.25, 0.4])
+def test_a_board_over_a_desk_or_a_worktop_makes_no_shelf_of_it(lower, name, depth):
+    length = lower[0].bounds[2]
+    for boards in ([1.2], [1.2, 1.55]):
+        above = [(box(0, 0, length, depth), z) for z in boards]
+        found = only([lower, *above], walls=WALL)
+        assert found[0] == name
+        assert set(found[1:]) <= {"shelf", "ledge"}
+
+
+def test_two_treads_are_no_stairs_and_neither_are_boards_over_each_other():
+    assert "step" not in only(STAIRS[:2])
+    assert "step" not in only([(box(0, 0, 0.9, 0.26), z) for z in (0.5, 0.67, 0.84, 1.01)])
+    # Boxes of different heights in a row, too deep for treads.
+    deep = [(box(0.7 * k, 0, 0.7 * k + 0.69, 0.9), 0.4 + 0.17 * k) for k in range(3)]
+    assert "step" not in only(deep)
+
+
+def test_what_has_the_shape_of_an_l_is_no_bed():
+    sofa = shapely.union_all([box(0, 0, 2.4, 0.9), box(1.6, -1.0, 2.4, 0.9)])
+    assert only([(sofa, 0.44)]) == ["other"]
+    assert only([(box(0, 0, 2.4, 1.9), 0.44)]) == ["bed"]
+
+
+def furniture(seed):
+    """Outlines of any size at any height, alone in a room."""
+    rng = np.random.default_rng(seed)
+    return [(box(0, 0, *rng.uniform(0.1, 2.2, 2)), rng.uniform(0.3, 1.5)) for _ in range(300)]
+
+
+def test_no_name_is_given_below_the_least_confidence():
+    for least in (0.3, 0.5, 0.8):
+        rules = Config.model_validate({"labels": {"min_confidence": least}})
+        found = [names(one, config=rules)[0] for one in furniture(0)]
+        named = [confidence for name, confidence in found if name != "other"]
+        assert named
+        assert min(named) >= least
+        assert all(0.0 <= confidence <= 1.0 for _, confidence in found)
+
+
+def test_a_higher_least_confidence_only_takes_names_away():
+    strict = Config.model_validate({"labels": {"min_confidence": 0.8}})
+    changed = 0
+    for one in furniture(1):
+        (before, _), (after, _) = names(one)[0], names(one, config=strict)[0]
+        assert after in (before, "other")
+        changed += after != before
+    assert changed
+
+
+RULES = ("table", "counter", "low_table", "seat", "sofa", "bed", "shelf", "ledge", "step")
+NOWHERE = (9.0, 9.1, 0.1, 0.2, 0.1, 0.2)
+EXAMPLES = {
+    "table": [(box(0, 0, 1.4, 0.8), 0.74)],
+    "counter": [WORKTOP],
+    "low_table": [(box(0, 0, 1.1, 0.6), 0.42)],
+    "seat": [(box(0, 0, 0.45, 0.42), 0.45)],
+    "sofa": [(box(0, 0, 1.9, 0.6), 0.44), (box(-0.1, 0.61, 2.0, 0.8), 0.8)],
+    "bed": [(box(0, 0, 2.0, 0.9), 0.5)],
+    "shelf": SHELF[1:],
+    "ledge": [(box(0, 0, 1.2, 0.2), 0.9)],
+    "step": [(box(0.8, 0.05, 1.4, 0.55), 0.96), WORKTOP],
+}
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_a_rule_that_is_changed_takes_effect(rule):
+    calls = {"low_table": "table", "sofa": "seat"}
+    assert only(EXAMPLES[rule])[0] == calls.get(rule, rule)
+    without = Config.model_validate({"labels": {rule: NOWHERE}})
+    assert only(EXAMPLES[rule], config=without)[0] != calls.get(rule, rule)
+
+
+def test_there_is_an_example_for_each_rule():
+    rules = Labels().model_dump()
+    group = {name for name, value in rules.items() if isinstance(value, tuple) and len(value) == 6}
+    assert group == set(RULES) == set(EXAMPLES)
+
+
+def test_the_rise_of_stairs_is_a_rule():
+    flat = Config.model_validate({"labels": {"stair_rise": (0.3, 0.4)}})
+    assert "step" not in only(STAIRS, config=flat)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from room import Board, Room, Screen
@@ -5,16 +7,19 @@ from shapely import Polygon
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
+from tccm_ros.surfaces.lineage import Change, changes
 from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPlacement, default_tilt_covariance
 
 TABLE = Board(1.5, 0.0, 0.8, 1.4, 0.74)
 
 
-def build(looks, poses=None, config=None, order=None):
+def build(looks, poses=None, config=None, order=None, *, sees_through=True):
     """Map sweeps (room, pose, stamp) at their true poses, or at others."""
     config = config or Config()
     surface_map = SurfaceMap(config)
     records = [r for room, pose, stamp in looks for r in room.look(pose, stamp)]
+    if not sees_through:
+        records = records[::2]
     for k in order if order is not None else range(len(records)):
         surface_map.add(records[k])
     stamps = sorted({stamp for _, _, stamp in looks})
@@ -80,6 +85,10 @@ def test_a_loop_closure_merges_and_splits_and_ids_stay():
     first = min(s.id for s in standing(apart))
     assert len(standing(apart)) == 2
     assert [s.id for s in standing(together)] == [first]
+    other = max(s.id for s in standing(apart))
+    assert standing(together)[0].took == (other,)
+    assert Change(first, (other,), None) in changes(apart.surfaces, together.surfaces)
+    assert Change(other, (), first) in changes(together.surfaces, apart.surfaces)
     again = build(looks, poses=[(0, 0, 0), (6.2, 0.3, 3.14)])
     assert [s.id for s in again.surfaces] == [s.id for s in apart.surfaces]
 
@@ -93,7 +102,43 @@ def test_a_view_that_joins_two_surfaces_says_which_it_took():
     assert len(apart) == 2
     (joined,) = standing(build([*looks, (Room([long_board]), (0, 0.3, 0), 30)]))
     assert joined.id == apart[0]
-    assert joined.took == (apart[1],)
+    assert apart[1] in joined.took
+
+
+def test_two_pieces_of_one_view_that_a_newer_one_replaces_are_named():
+    """A pole before a table; from the same place, without it, the table is in one piece."""
+    pole = Screen(1.0, -0.2, 1.0, 0.2, 2.0)
+    board = Board(1.5, 0.0, 0.6, 2.2, 0.74)
+    wide = Board(1.5, 0.0, 0.6, 0.6, 0.74)
+    left, right = replace(board, y=-0.8, depth=0.6), replace(board, y=0.8, depth=0.6)
+    apart = standing(build([(Room([left, right], [pole]), (0, 0, 0), 10)]))
+    assert len(apart) == 2
+    looks = [(Room([left, right], [pole]), (0, 0, 0), 10), (Room([board, wide]), (0, 0, 0), 20)]
+    (table,) = standing(build(looks))
+    assert [table.id] + [n for n in table.took if n == apart[1].id] == [s.id for s in apart]
+
+
+def test_every_id_of_one_solution_is_found_in_another():
+    """Wherever poses put the views, a surface's id is an id, or one that a surface took."""
+    room = Room([TABLE, Board(1.3, 1.6, 0.7, 0.6, 0.74)])
+    looks = [(room, (0, 0, 0), 10), (room, (0.2, 0.9, 0.1), 20), (room, (3.2, 0.3, 3.14), 30)]
+    rng = np.random.default_rng(4)
+    truth = np.array([pose for _, pose, _ in looks])
+    solutions = [
+        build(looks, list(truth + rng.uniform(-s, s, (3, 3)) * [1, 1, 0.1]), sees_through=False)
+        for s in (0.0, 0.2, 0.5, 2.0)
+    ]
+    assert len({len(m.surfaces) for m in solutions}) > 1, "something merges or splits"
+    for one in solutions:
+        for other in solutions:
+            names = [name for s in other.surfaces for name in (s.id, *s.took)]
+            assert len(names) == len(set(names)), "a name has one owner"
+            told = {c.id: c for c in changes(one.surfaces, other.surfaces)}
+            for surface in other.surfaces:
+                if surface.id not in {s.id for s in one.surfaces}:
+                    assert told[surface.id].parted_from in {s.id for s in one.surfaces}
+            gone = {s.id for s in one.surfaces} - {s.id for s in other.surfaces}
+            assert gone == {name for c in told.values() for name in c.took}
 
 
 def test_a_table_that_was_moved_is_moved_in_the_map():

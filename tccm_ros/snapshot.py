@@ -18,7 +18,8 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from sys import intern
+from typing import Any, Literal
 
 import numpy as np
 import shapely
@@ -180,7 +181,7 @@ class _Frost:
             raise TypeError(f"a snapshot has no form of an array of {x.dtype}")
         by_columns = x.ndim > 1 and x.flags.f_contiguous and not x.flags.c_contiguous
         pool = x.dtype.str.lstrip("<|=")
-        self.pools.setdefault(pool, []).append(x.ravel(order="F" if by_columns else "C"))
+        self.pools.setdefault(pool, []).append(x.ravel(order=_order(x.dtype, by_columns)))
         start = self._lengths[pool]
         self._lengths[pool] += x.size
         return ["array", pool, start, list(x.shape), by_columns, bool(x.flags.writeable)]
@@ -272,10 +273,19 @@ class _Thaw:
         end = start + int(np.prod(shape, dtype=np.int64))
         if not 0 <= start <= end <= len(self._arrays[pool]):
             raise ValueError(f"numbers {start} to {end} of {len(self._arrays[pool])}")
-        array = self._arrays[pool][start:end].reshape(shape, order="F" if by_columns else "C")
+        numbers = self._arrays[pool][start:end]
+        array = numbers.reshape(shape, order=_order(numbers.dtype, by_columns))
         array = array.copy(order="F" if by_columns else "C")
         array.flags.writeable = writeable
         return array
+
+
+def _order(dtype: np.dtype[Any], by_columns: bool) -> Literal["C", "F"]:
+    """Return in which order the numbers of an array are kept, whatever their order in memory.
+
+    Integers always by columns: these have like numbers, and become small in a file.
+    """
+    return "F" if by_columns or dtype.kind != "f" else "C"
 
 
 def fields_of(x: Any, *left_out: str) -> dict[str, Any]:
@@ -289,7 +299,7 @@ def fields_of(x: Any, *left_out: str) -> dict[str, Any]:
 def set_fields(x: Any, fields: Mapping[str, Any]) -> None:
     """Set an object's fields, frozen or not."""
     for name, value in fields.items():
-        object.__setattr__(x, name, value)
+        object.__setattr__(x, intern(name), value)  # Python keeps names: each only once
 
 
 def _room(module: str) -> str:

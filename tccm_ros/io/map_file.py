@@ -1,22 +1,20 @@
 """A map in one file: an mcap that holds what a session needs to go on, and opens in Foxglove.
 
-The state is an attachment of named arrays with a checksum of its own, the interrupted run another;
-topics beside them show the surfaces, points and walls. Files are written beside their place and
-moved there.
+The state is an attachment of named arrays with a checksum of its own: the map and, where it is
+known, the interrupted run. Topics beside it show the surfaces, points and walls. Files are written
+beside their place and moved there.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
-import json
 import os
 import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,26 +26,28 @@ from numpy.typing import NDArray
 
 from tccm_ros.errors import MapError, OutputError, one_line
 from tccm_ros.io.folder import finish_moves
-from tccm_ros.io.numbers import array_archive
+from tccm_ros.io.map_arrays import map_of_arrays, map_to_arrays
+from tccm_ros.io.packed import pack_arrays, unpack_arrays
 from tccm_ros.io.ply import surface_color
 from tccm_ros.io.typestore import TypestoreMessages
 from tccm_ros.messages.markers import Place, surface_markers, wall_markers
 from tccm_ros.messages.results import surface_map_message
-from tccm_ros.surfaces.continuation import Continuation, LastSample
-from tccm_ros.surfaces.saved_map import SavedMap, SavedView
+from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
-from tccm_ros.surfaces.view_arrays import pack_views, unpack_views
 
 __all__ = ["FORMAT", "VERSION", "load_map", "save_map"]
 
 FORMAT = "tccm_ros/map"
-VERSION = 1
-ATTACHMENT = "map.npz"
-RUN = "run.npz"
-"""The run in the middle of which the map was saved; a file without it is a map all the same."""
+VERSION = 2
+ATTACHMENT = "state"
+"""Arrays of the map and of the run in the middle of which it was saved; without a run it is a map
+all the same."""
 
-CHECKSUMS = {ATTACHMENT: "sha256", RUN: "run_sha256"}
+CHECKSUMS = {ATTACHMENT: "sha256"}
 """Where the metadata has the checksum of an attachment."""
+
+CHECKSUMS_1 = {"map.npz": "sha256", "run.npz": "run_sha256"}
+"""The same of version 1: archives of NumPy."""
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER = struct.Struct("<QQI")
@@ -55,8 +55,6 @@ FOOTER = struct.Struct("<QQI")
 
 DATA_END = 13
 """Bytes of the record before the summary: opcode, length, checksum of all before it."""
-
-Arrays = dict[str, NDArray[Any]]
 
 
 def save_map(
@@ -88,6 +86,8 @@ def save_map(
         path.parent.mkdir(parents=True, exist_ok=True)
         with beside.open("wb") as stream:
             _write(stream, saved, solution, frame_id)
+            stream.flush()
+            os.fsync(stream.fileno())  # a rename that outlives its content would be an empty map
         os.replace(beside, path)
     except OSError as error:
         with suppress(OSError):
@@ -96,19 +96,16 @@ def save_map(
 
 
 def _write(stream: Any, saved: SavedMap, solution: SurfaceSolution, frame_id: str) -> None:
-    attached = {ATTACHMENT: array_archive(_pack(saved))}
-    if saved.run is not None:
-        attached[RUN] = array_archive(_pack_run(saved.run), level=1)
+    state = pack_arrays(map_to_arrays(saved))
     writer = Writer(
         stream, compression=CompressionType.ZSTD, enable_crcs=True, enable_data_crcs=True
     )
     writer.start(profile="ros2", library="tccm_ros")
     stamp = max((s.view.stamp_ns for s in saved.views), default=0)
     _write_topics(writer, solution, stamp, frame_id)
+    writer.add_attachment(stamp, stamp, ATTACHMENT, "application/zstd", state)
     about = {"format": FORMAT, "version": str(VERSION)}
-    for name, data in attached.items():
-        writer.add_attachment(stamp, stamp, name, "application/zip", data)
-        about[CHECKSUMS[name]] = hashlib.sha256(data).hexdigest()
+    about[CHECKSUMS[ATTACHMENT]] = hashlib.sha256(state).hexdigest()
     writer.add_metadata(FORMAT, about)
     writer.finish()
 
@@ -168,11 +165,11 @@ def load_map(path: Path | str) -> SavedMap:
         raise MapError(f"{path}: cannot be read ({one_line(error)})") from None
     except (McapError, ValueError, EOFError, struct.error, zlib.error, StopIteration) as error:
         raise MapError(f"{path}: damaged or not a map ({one_line(error)})") from None
-    _check(path, about, attached)
+    version = _check(path, about, attached)
     try:
-        saved = _unpack(_arrays(attached[ATTACHMENT]))
-        run = _unpack_run(_arrays(attached[RUN])) if RUN in attached else None
-        return replace(saved, run=run)
+        if version == 1:
+            return map_of_arrays(_arrays_1(attached))
+        return map_of_arrays(unpack_arrays(attached[ATTACHMENT]))
     except (
         OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error
     ) as error:  # fmt: skip
@@ -206,66 +203,30 @@ def _read(stream: Any) -> tuple[Mapping[str, str], dict[str, bytes]]:
     """Return the file's metadata and its attachments, as far as they are there."""
     reader = make_reader(stream, validate_crcs=True)
     about = next((m.metadata for m in reader.iter_metadata() if m.name == FORMAT), {})
-    return about, {a.name: a.data for a in reader.iter_attachments() if a.name in CHECKSUMS}
+    known = {*CHECKSUMS, *CHECKSUMS_1}
+    return about, {a.name: a.data for a in reader.iter_attachments() if a.name in known}
 
 
-def _check(path: Path, about: Mapping[str, str], attached: Mapping[str, bytes]) -> None:
+def _check(path: Path, about: Mapping[str, str], attached: Mapping[str, bytes]) -> int:
+    """Return the version of a map that is whole."""
     if about.get("format") != FORMAT:
         raise MapError(f"{path}: an mcap, but not a map of {FORMAT}; a bag cannot be gone on with")
     version = about.get("version", "")
-    if not version.isdigit() or int(version) > VERSION:
+    if not (version.isascii() and version.isdigit()) or int(version) > VERSION:
         raise MapError(f"{path}: version {version}, but this tccm_ros reads {VERSION}; update it")
-    wanted = {name: about[key] for name, key in CHECKSUMS.items() if key in about}
+    sums = CHECKSUMS_1 if int(version) == 1 else CHECKSUMS
+    wanted = {name: about[key] for name, key in sums.items() if key in about}
     found = {name: hashlib.sha256(data).hexdigest() for name, data in attached.items()}
-    if found != wanted or ATTACHMENT not in found:
+    if found != wanted or next(iter(sums)) not in found:
         raise MapError(f"{path}: damaged (its checksum does not fit)")
+    return int(version)
 
 
-def _arrays(archive: bytes) -> Arrays:
-    with np.load(io.BytesIO(archive), allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays.files}
-
-
-def _pack(saved: SavedMap) -> Arrays:
-    views = pack_views([s.view for s in saved.views])
-    about = np.frombuffer(json.dumps({"views": len(saved.views)}).encode(), np.uint8)
-    return {
-        "about": about,
-        **{f"walls/{name}": array for name, array in sorted(saved.walls.items())},
-        **{f"views/{name}": array for name, array in sorted(views.items())},
-        "anchor/keyframe": np.array([s.keyframe for s in saved.views], np.int64),
-        "anchor/hangs": np.array([s.hangs for s in saved.views], bool),
-        "anchor/T": np.array([s.T_anchor_view for s in saved.views], float).reshape(-1, 4, 4),
-        "anchor/cov_tilt": np.array([s.cov_tilt for s in saved.views], float).reshape(-1, 3, 3),
-    }
-
-
-def _unpack(arrays: Arrays) -> SavedMap:
-    def group(prefix: str) -> Arrays:
-        return {n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}
-
-    anchors = group("anchor/")
-    views = unpack_views(group("views/"))
-    names = anchors["keyframe"].tolist(), anchors["hangs"].tolist()
-    rows = zip(views, *names, anchors["T"], anchors["cov_tilt"], strict=True)
-    return SavedMap(group("walls/"), tuple(SavedView(*row) for row in rows))
-
-
-def _pack_run(run: Continuation) -> Arrays:
-    about = {
-        "software": run.software,
-        "configuration": run.configuration,
-        "last": run.last.to_json(),
-    }
-    text = np.frombuffer(json.dumps(about, sort_keys=True).encode(), np.uint8)
-    return {"about": text, **{f"state/{name}": array for name, array in run.state.items()}}
-
-
-def _unpack_run(arrays: Arrays) -> Continuation:
-    about = json.loads(arrays.pop("about").tobytes())
-    return Continuation(
-        about["software"],
-        about["configuration"],
-        LastSample.from_json(about["last"]),
-        {name.removeprefix("state/"): array for name, array in arrays.items()},
-    )
+def _arrays_1(attached: Mapping[str, bytes]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a map of version 1."""
+    found = {}
+    for name, archive in attached.items():
+        with np.load(io.BytesIO(archive), allow_pickle=False) as arrays:
+            group = name.removesuffix(".npz")
+            found.update({f"{group}/{key}": arrays[key] for key in arrays.files})
+    return found

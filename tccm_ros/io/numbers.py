@@ -112,16 +112,8 @@ def _bracketed(left: str, items: list[str], right: str, level: int) -> str:
     return left + "\n" + ",\n".join(pad + item for item in items) + "\n" + " " * level + right
 
 
-def array_archive(arrays: Mapping[str, NDArray[Any]], level: int = 6) -> bytes:
-    """Return arrays as a compressed .npz file: no pickle, the same arrays give the same bytes.
-
-    Parameters
-    ----------
-    arrays
-        By name.
-    level
-        Effort of the compression: 1 is five times as fast as 6, and 10 % larger.
-    """
+def array_archive(arrays: Mapping[str, NDArray[Any]]) -> bytes:
+    """Return arrays as a compressed .npz file: no pickle, the same arrays give the same bytes."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, array in arrays.items():

@@ -1,11 +1,17 @@
+import gc
+import hashlib
 import json
 import os
-import resource
+import subprocess
+import sys
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from shapely import Polygon
 from slam_run import PLACES, TABLE, drive, new_slam
 
@@ -13,10 +19,12 @@ from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError
 from tccm_ros.geometry import planar
 from tccm_ros.io.exports import surfaces_table
+from tccm_ros.io.map_arrays import map_to_arrays
 from tccm_ros.io.map_file import load_map, save_map
-from tccm_ros.io.numbers import json_text
+from tccm_ros.io.numbers import array_archive, json_text
 from tccm_ros.surfaces.continuation import Continuation, LastSample
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
+from tccm_ros.surfaces.view_arrays import pack_views
 
 
 @pytest.fixture(scope="module")
@@ -107,10 +115,10 @@ def test_a_truncated_file_is_an_error(saved, share):
 
 def test_a_newer_file_is_an_error(run, saved, monkeypatch):
     slam, solution = run
-    monkeypatch.setattr("tccm_ros.io.map_file.VERSION", 2)
+    monkeypatch.setattr("tccm_ros.io.map_file.VERSION", 3)
     save_map(saved, slam.saved(solution), solution)
     monkeypatch.undo()
-    with pytest.raises(MapError, match="version 2"):
+    with pytest.raises(MapError, match="version 3"):
         load_map(saved)
 
 
@@ -130,14 +138,33 @@ def test_a_place_that_cannot_be_written_is_an_error(run, tmp_path):
     assert os.listdir(tmp_path) == ["file"]
 
 
+def growth(act, times):
+    """Return the bytes that Python and NumPy hold more after some calls."""
+    tracemalloc.start()
+    try:
+        act()
+        gc.collect()
+        before = tracemalloc.get_traced_memory()[0]
+        for _ in range(times):
+            act()
+        gc.collect()
+        return tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+
+
+def held(path):
+    """Return the bytes of the views of a loaded map."""
+    views = [s.view for s in load_map(path).views]
+    return sum(array.nbytes for array in pack_views(views).values())
+
+
 def test_memory_stays_flat_over_100_loads(saved):
-    for _ in range(10):
-        load_map(saved)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    for _ in range(100):
-        load_map(saved)
-    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    assert grown * 1024 < 10 * saved.stat().st_size + 20_000_000
+    load_map(saved)
+    kept = []
+    flat = growth(lambda: load_map(saved), 100)
+    assert flat < 0.2 * held(saved)
+    assert growth(lambda: kept.append(load_map(saved)), 1) > 0.8 * held(saved), "a leak is seen"
 
 
 @pytest.fixture
@@ -173,12 +200,131 @@ def test_a_damaged_run_is_a_clear_error(saved_run, where):
 
 def test_memory_stays_flat_over_100_runs_taken_up(saved_run):
     def take_up():
-        load_map(saved_run).run.processors(Config())["slam"].solve()
+        return load_map(saved_run).run.processors(Config())["slam"]
 
-    for _ in range(10):
-        take_up()
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    for _ in range(100):
-        take_up()
-    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-    assert grown * 1024 < 10 * saved_run.stat().st_size + 20_000_000
+    take_up().solve()
+    kept = []
+    assert growth(take_up, 100) < 0.2 * held(saved_run)
+    assert growth(lambda: kept.append(take_up()), 1) > 0.8 * held(saved_run), "a leak is seen"
+
+
+def test_it_opens_with_what_foxglove_reads(run, saved):
+    """Every message is read by the definitions in the file alone, none of this package's."""
+    with saved.open("rb") as stream:
+        rows = [(s, c, m.data) for s, c, m in make_reader(stream).iter_messages()]
+    assert len(rows) == 3
+    for schema, channel, data in rows:
+        assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
+        store = get_typestore(Stores.EMPTY)
+        store.register(get_types_from_msg(schema.data.decode(), schema.name))
+        message = store.deserialize_cdr(data, schema.name)
+        if channel.topic == "/surface_slam/surface_cloud":
+            assert message.width * message.height == len(run[1].mapped.points)
+            assert message.header.frame_id == "map"
+        else:
+            assert len(message.markers) > 0 or channel.topic == "/surface_slam/walls"
+
+
+def save_version_1(path, saved):
+    """Write a map as version 1 had it: two archives of NumPy, each with a checksum."""
+    archives = {"map.npz": {}, "run.npz": {}}
+    for name, array in map_to_arrays(saved).items():
+        group, _, key = name.partition("/")
+        archives[f"{group}.npz"][key] = array
+    about = {"format": "tccm_ros/map", "version": "1"}
+    with path.open("wb") as stream:
+        writer = Writer(stream, enable_crcs=True, enable_data_crcs=True)
+        writer.start(profile="ros2")
+        for (name, arrays), key in zip(archives.items(), ("sha256", "run_sha256"), strict=True):
+            if arrays:
+                data = array_archive(arrays)
+                writer.add_attachment(0, 0, name, "application/zip", data)
+                about[key] = hashlib.sha256(data).hexdigest()
+        writer.add_metadata("tccm_ros/map", about)
+        writer.finish()
+
+
+def test_a_map_of_version_1_is_read(run, saved, saved_run, tmp_path):
+    for path in (saved, saved_run):
+        save_version_1(tmp_path / "old.mcap", load_map(path))
+        save_map(tmp_path / "new.mcap", load_map(tmp_path / "old.mcap"), run[1])
+        assert (tmp_path / "new.mcap").read_bytes() == path.read_bytes()
+
+
+def test_a_damaged_map_of_version_1_is_an_error(saved, tmp_path):
+    save_version_1(tmp_path / "old.mcap", load_map(saved))
+    data = bytearray((tmp_path / "old.mcap").read_bytes())
+    data[len(data) // 2] ^= 1
+    (tmp_path / "old.mcap").write_bytes(data)
+    with pytest.raises(MapError, match=r"^[^\n]*old\.mcap[^\n]*$"):
+        load_map(tmp_path / "old.mcap")
+
+
+def test_no_byte_can_be_wrong(saved_run):
+    """Bytes all over the file, and each one of its beginning and of its last 400."""
+    whole = saved_run.read_bytes()
+    places = np.random.default_rng(0).integers(0, len(whole), 150)
+    for place in [*range(60), *places.tolist(), *range(len(whole) - 400, len(whole))]:
+        data = bytearray(whole)
+        data[place] ^= 1 << (place % 8)
+        saved_run.write_bytes(data)
+        with pytest.raises(MapError) as refused:
+            load_map(saved_run)
+        assert str(refused.value).startswith(str(saved_run)), place
+        assert "\n" not in str(refused.value)
+
+
+SAVE_AND_DIE = """
+import os, sys
+from pathlib import Path
+from mcap.writer import Writer
+from tccm_ros.io.map_file import load_map, save_map
+
+path, where = Path(sys.argv[1]), sys.argv[2]
+saved = load_map(path)
+solution = SOLUTION
+
+def die(*arguments, **options):
+    os._exit(9)
+
+owner, _, name = where.rpartition(".")
+setattr(Writer if owner == "Writer" else os, name, die)
+save_map(path, saved, solution)
+"""
+NO_SOLUTION = (
+    "__import__('types').SimpleNamespace(surfaces=(), mapped=__import__('types').SimpleNamespace("
+    "points=__import__('numpy').zeros((0, 3), 'f4'), surface_id=__import__('numpy').zeros(0, 'u4')"
+    "), slam=__import__('types').SimpleNamespace(walls=()))"
+)
+
+
+@pytest.mark.parametrize(
+    "where", ["Writer.add_message", "Writer.add_attachment", "Writer.finish", "os.fsync",
+              "os.replace", "os._exit"]
+)  # fmt: skip
+def test_a_kill_leaves_the_old_map_or_the_new(saved, where):
+    before = saved.read_bytes()
+    script = SAVE_AND_DIE.replace("SOLUTION", NO_SOLUTION)
+    done = subprocess.run([sys.executable, "-c", script, saved, where], check=False)
+    if where == "os._exit":
+        assert done.returncode == 0
+        assert saved.read_bytes() != before
+    else:
+        assert done.returncode == 9
+        assert saved.read_bytes() == before
+    load_map(saved)
+
+
+def test_the_content_is_on_the_disk_before_the_name(run, tmp_path, monkeypatch):
+    steps = []
+    for name in ("fsync", "replace"):
+        real = getattr(os, name)
+
+        def noted(*arguments, real=real, name=name):
+            steps.append(name)
+            return real(*arguments)
+
+        monkeypatch.setattr(os, name, noted)
+    slam, solution = run
+    save_map(tmp_path / "map.mcap", slam.saved(solution), solution)
+    assert steps == ["fsync", "replace"]

@@ -1,5 +1,6 @@
 """The main job on the bundled bags: a recorded bag in, a map of surfaces out."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ FILES = [
     "surfaces.json",
     "surfaces.ply",
     "surfaces.geojson",
+    "surfaces.scene",
     "objects.json",
     "walls.json",
     "graph.json",
@@ -54,6 +56,26 @@ def test_the_flat_has_its_furniture(flat):
     assert len(score.matches) == 20
     assert score.found >= 18, score.text()
     assert score.false == ()
+
+
+def test_the_corners_of_the_floor_plan_are_closed(flat):
+    walls = json.loads((flat / "walls.json").read_text())["walls"]
+    features = json.loads((flat / "surfaces.geojson").read_text())["features"]
+    lines = {
+        f["properties"]["id"]: {tuple(end) for end in f["geometry"]["coordinates"]}
+        for f in features
+        if f["properties"]["kind"] == "wall"
+    }
+    corners = {(min(w["id"], k), max(w["id"], k)) for w in walls for k in w["corners"]}
+    assert len(corners) >= 8
+    assert all(lines[a] & lines[b] for a, b in corners)
+
+
+def test_the_planning_scene_holds_all_but_the_floor(flat):
+    surfaces = json.loads((flat / "surfaces.json").read_text())["surfaces"]
+    text = (flat / "surfaces.scene").read_text()
+    names = [line for line in text.splitlines() if line.startswith("* ")]
+    assert names == [f"* tccm_surface_{s['id']}" for s in surfaces if s["label"] != "floor"]
 
 
 def test_the_trajectory_is_better_than_raw_odometry(flat):

@@ -14,6 +14,7 @@ from tccm_ros.errors import OutputError, one_line
 from tccm_ros.geometry import quaternion, spatial
 from tccm_ros.io.geojson import feature_collection
 from tccm_ros.io.numbers import Stamp, array_archive, json_text, rounded
+from tccm_ros.io.planning import scene_text
 from tccm_ros.io.ply import surface_ply
 from tccm_ros.mapping.cuboids import TICK, Cuboids
 from tccm_ros.mapping.horizontal import label_horizontal
@@ -93,6 +94,7 @@ def write_solution(folder: Path, solution: SurfaceSolution, config: Config) -> N
         "surfaces.geojson": feature_collection(solution.surfaces, solution.slam.walls, map_frame),
     }
     files: dict[str, bytes] = {name: json_text(table).encode() for name, table in tables.items()}
+    files["surfaces.scene"] = scene_text(solution.surfaces).encode()
     files["surfaces.ply"] = surface_ply(solution.mapped.points, solution.mapped.surface_id)
     files["trajectory.tum"] = trajectory_text(solution.trajectory_ns, solution.trajectory).encode()
     _write(folder, files)

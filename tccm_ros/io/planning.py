@@ -1,11 +1,13 @@
 """Surfaces as collision objects for a planning scene: boxes and meshes with poses, as plain data.
 
 A box is what shape_msgs/SolidPrimitive wants, a mesh what shape_msgs/Mesh wants; messages are made
-where message classes are known.
+where message classes are known. `scene_text` is a file that MoveIt reads: "Import" in RViz, or
+``PlanningScene::loadGeometryFromStream``.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,12 +15,28 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from tccm_ros.geometry import pose
+from tccm_ros.geometry import pose, quaternion
+from tccm_ros.io.numbers import rounded
 from tccm_ros.records import Surface
 
-__all__ = ["Box", "Mesh", "surface_box", "surface_mesh"]
+__all__ = [
+    "OBJECT_PREFIX",
+    "Box",
+    "Mesh",
+    "scene_text",
+    "surface_box",
+    "surface_mesh",
+    "surface_shape",
+]
 
 Float64 = NDArray[np.float64]
+
+OBJECT_PREFIX = "tccm_surface_"
+"""Of the names of collision objects, so that those of others stay."""
+
+FILLED = 0.75
+"""A surface that fills less than this share of its box is a mesh: the box of a bent counter would
+block the room before it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +53,51 @@ class Mesh:
 
     vertices: Float64
     triangles: NDArray[np.int64]
+
+
+def surface_shape(surface: Surface, thickness: float = 0.02) -> Box | Mesh:
+    """Return a surface as a box, which planners like, or as a mesh where that is too much.
+
+    Parameters
+    ----------
+    surface
+        Of the map.
+    thickness
+        m; its top is the surface.
+    """
+    box = surface_box(surface, thickness)
+    if surface.area / surface.normal[2] < FILLED * box.size[0] * box.size[1]:
+        return surface_mesh(surface, thickness)
+    return box
+
+
+def scene_text(surfaces: Iterable[Surface], name: str = "tccm_ros") -> str:
+    """Return all surfaces but the floor as the text of a MoveIt planning scene (``.scene``).
+
+    The robot stands on the floor: as an object it would be in collision all the time. The form is
+    the older one of two, which all versions of MoveIt read: for each object its shapes, for each
+    shape its pose (x y z, then the quaternion x y z w) and its colour.
+    """
+    lines = [name]
+    for surface in surfaces:
+        if surface.label == "floor":
+            continue
+        shape = surface_shape(surface)
+        lines += [f"* {OBJECT_PREFIX}{surface.id}", "1"]
+        T = np.eye(4)
+        if isinstance(shape, Box):
+            T = shape.T_map_box
+            lines += ["box", _numbers(shape.size)]
+        else:
+            lines += ["mesh", f"{len(shape.vertices)} {len(shape.triangles)}"]
+            lines += [_numbers(vertex) for vertex in shape.vertices]
+            lines += [" ".join(map(str, triangle)) for triangle in shape.triangles.tolist()]
+        lines += [_numbers(T[:3, 3]), _numbers(quaternion(T[None])[0]), "0 0 0 0"]
+    return "\n".join([*lines, ".", ""])
+
+
+def _numbers(values: Float64) -> str:
+    return " ".join(f"{rounded(v):.6f}" for v in values)
 
 
 def surface_box(surface: Surface, thickness: float = 0.02) -> Box:

@@ -1,5 +1,6 @@
-"""Surfaces as MoveIt collision objects: a thin box under each, where moveit_msgs is installed.
+"""Surfaces as MoveIt collision objects: a thin slab under each, where moveit_msgs is installed.
 
+It is a box, or a mesh where a box would block much more than the surface (`surface_shape`).
 MoveIt's planning scene monitor listens on ``collision_object``. A surface that is gone is removed.
 """
 
@@ -8,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from tccm_ros.io.planning import surface_box
+from tccm_ros.io.planning import OBJECT_PREFIX, Box, Mesh, surface_shape
 from tccm_ros.messages.types import MessageTypes, header_message, pose_message
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.records import Surface
@@ -19,9 +21,6 @@ from tccm_ros.records import Surface
 __all__ = ["CollisionObjects", "collision_messages"]
 
 COLLISION_OBJECT = "moveit_msgs/msg/CollisionObject"
-
-PREFIX = "tccm_surface_"
-"""Of the names of collision objects, so that those of others stay."""
 
 SOLID_BOX = 1
 """shape_msgs/SolidPrimitive BOX."""
@@ -34,21 +33,36 @@ def collision_messages(
     header = header_message(types, stamp_ns, frame_id)
     for identity in sorted(gone):
         yield types.make(
-            COLLISION_OBJECT, header=header, id=f"{PREFIX}{identity}", operation=types.octet(1)
+            COLLISION_OBJECT,
+            header=header,
+            id=f"{OBJECT_PREFIX}{identity}",
+            operation=types.octet(1),
         )
     for surface in surfaces:
-        box = surface_box(surface)
-        solid = types.make(
-            "shape_msgs/msg/SolidPrimitive", type=SOLID_BOX, dimensions=types.array("f8", box.size)
-        )
         yield types.make(
             COLLISION_OBJECT,
             header=header,
-            id=f"{PREFIX}{surface.id}",
-            primitives=[solid],
-            primitive_poses=[pose_message(types, box.T_map_box)],
+            id=f"{OBJECT_PREFIX}{surface.id}",
             operation=types.octet(0),
+            **_shape_fields(types, surface_shape(surface)),
         )
+
+
+def _shape_fields(types: MessageTypes, shape: Box | Mesh) -> dict[str, list[Any]]:
+    """Return the fields of a CollisionObject with a shape and its pose."""
+    if isinstance(shape, Box):
+        sides = types.array("f8", shape.size)
+        solid = types.make("shape_msgs/msg/SolidPrimitive", type=SOLID_BOX, dimensions=sides)
+        return {"primitives": [solid], "primitive_poses": [pose_message(types, shape.T_map_box)]}
+    mesh = types.make(
+        "shape_msgs/msg/Mesh",
+        triangles=[
+            types.make("shape_msgs/msg/MeshTriangle", vertex_indices=np.uint32(corners))
+            for corners in shape.triangles
+        ],
+        vertices=types.rows("geometry_msgs/msg/Point", shape.vertices),
+    )
+    return {"meshes": [mesh], "mesh_poses": [pose_message(types, np.eye(4))]}
 
 
 class CollisionObjects:

@@ -23,6 +23,7 @@ FILES = {
     "graph.json",
     "planes.json",
     "surfaces.geojson",
+    "surfaces.scene",
     "summary.json",
     "timing.json",
     "surfaces.ply",
@@ -83,17 +84,29 @@ def test_the_ply_holds_every_point(folder, solution):
     np.testing.assert_array_equal(rows["id"], solution.mapped.surface_id)
 
 
+def test_the_ply_is_read_by_its_header_alone(folder, solution):
+    data = (folder / "surfaces.ply").read_bytes()
+    header, body = data.split(b"end_header\n", 1)
+    lines = [line.split() for line in header.decode("ascii").splitlines()]
+    assert lines[:2] == [["ply"], ["format", "binary_little_endian", "1.0"]]
+    kinds = {"float": "<f4", "uchar": "u1", "uint": "<u4"}
+    dtype = [(name, kinds[kind]) for word, kind, name in lines[3:] if word == "property"]
+    assert len(dtype) == len(lines) - 3
+    (_, element, count) = lines[2]
+    assert element == "vertex"
+    rows = np.frombuffer(body, dtype)
+    assert len(rows) == int(count) == len(solution.mapped.points)
+    np.testing.assert_array_equal(rows["surface_id"], solution.mapped.surface_id)
+    for surface in solution.surfaces:
+        mine = rows[rows["surface_id"] == surface.id]
+        assert len({tuple(row) for row in mine[["red", "green", "blue"]].tolist()}) == 1
+        assert np.median(mine["z"]) == pytest.approx(surface.height, abs=0.01)
+
+
 def test_the_trajectory_has_a_line_for_each_tilt_scan(folder):
     lines = (folder / "trajectory.tum").read_text().splitlines()
     assert [line.split()[0] for line in lines] == [f"{k}.000000000" for k in range(1, 5)]
     assert all(len(line.split()) == 8 for line in lines)
-
-
-def test_geojson_rings_are_closed(folder):
-    collection = json.loads((folder / "surfaces.geojson").read_text())
-    assert collection["type"] == "FeatureCollection"
-    ring = collection["features"][0]["geometry"]["coordinates"][0]
-    assert ring[0] == ring[-1]
 
 
 def test_cuboids_need_no_pickle(folder):

@@ -8,6 +8,7 @@ import pytest
 
 from tccm_ros.nodes import collision
 from tccm_ros.nodes.collision import CollisionObjects, collision_messages
+from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.records import Surface
 
 ADD, REMOVE = b"\x00", b"\x01"
@@ -28,6 +29,9 @@ class AnyMessages:
 
     def array(self, dtype, values):
         return np.asarray(values, dtype)
+
+    def rows(self, msgtype, table):
+        return [tuple(row) for row in np.asarray(table)]
 
     def octet(self, value):
         return bytes([value])
@@ -68,6 +72,31 @@ def test_the_top_of_the_box_is_the_surface():
     assert (q.x, q.y) == pytest.approx((0.0, 0.0))
     long_side = 2.0 * np.arctan2(q.z, q.w) + (0.0 if solid.dimensions[0] > 1.0 else np.pi / 2)
     assert np.sin(long_side) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_bent_counter_is_a_mesh_that_leaves_the_room_before_it():
+    ring = [[0, 0], [2, 0], [2, 2], [1.4, 2], [1.4, 0.6], [0, 0.6]]
+    boundary = np.column_stack([np.array(ring, float), np.full(6, 0.9)])
+    bent = replace(TABLE, boundary=boundary, area=2.04, offset=0.9, centroid=boundary.mean(axis=0))
+    (message,) = collision_messages(RosidlShapes(), 5, "map", [bent], set())
+    (mesh,), (pose,) = message.meshes, message.mesh_poses
+    assert not hasattr(message, "primitives")
+    corners = np.array([[p.x, p.y, p.z] for p in mesh.vertices])
+    faces = corners[np.array([t.vertex_indices for t in mesh.triangles])]
+    a, b, c = faces.transpose(1, 0, 2)
+    volume = np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0
+    assert volume == pytest.approx(0.02 * 2.04), "counter-clockwise from outside, 2 cm thick"
+    assert corners[:, 2].max() == pytest.approx(0.9)
+    assert (pose.position.z, pose.orientation.w) == (0.0, 1.0)
+
+
+class RosidlShapes(RosidlMessages):
+    """Real messages but of moveit_msgs, which is not on every machine."""
+
+    def make(self, msgtype, /, **fields):
+        if msgtype.startswith("moveit_msgs/"):
+            return SimpleNamespace(msgtype=msgtype, **fields)
+        return super().make(msgtype, **fields)
 
 
 def test_all_but_the_floor_are_shown_and_what_is_gone_is_removed(publisher):

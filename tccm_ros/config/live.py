@@ -1,0 +1,56 @@
+"""What only a running node has: topics, tf, saving and markers. No result depends on it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from tccm_ros.config.declaring import Group, param
+
+__all__ = ["Markers", "Qos", "Save", "Tf"]
+
+
+class Qos(Group):
+    """Quality of service of the sensor subscriptions."""
+
+    reliability: Literal["best_effort", "reliable"] = param(
+        "best_effort", "reliability asked of scan publishers", read_only=True
+    )
+    stamp: Literal["header", "receive"] = param(
+        "header", "receive: stamps of arrival, for drivers without a clock", read_only=True
+    )
+    silence: float = param(
+        5.0,
+        "an input that is silent this long is reported",
+        unit="s",
+        gt=0.0,
+        le=3600.0,
+        read_only=True,
+    )
+
+
+class Tf(Group):
+    """The transform map -> odom."""
+
+    publish: bool = param(
+        True, "publish map -> odom on /tf where tf2_msgs is installed", read_only=True
+    )
+    rate: float = param(20.0, "of map -> odom", unit="Hz", gt=0.0, le=200.0)
+    transform_tolerance: float = param(
+        0.1, "map -> odom is stamped this much after the newest scan", unit="s", ge=0.0, le=10.0
+    )
+
+
+class Save(Group):
+    """Where and when a live node saves."""
+
+    directory: str = param("tccm_map", "folder that ~/save_map writes and ~/load_map reads")
+    on_shutdown: bool = param(False, "save when the node is told to stop")
+    autosave_minutes: float = param(
+        0.0, "save this often; 0 never", unit="min", ge=0.0, le=1440.0, read_only=True
+    )
+
+
+class Markers(Group):
+    """What the markers show."""
+
+    cuboid_color: Literal["height", "age"] = param("height", "what colours a cuboid")

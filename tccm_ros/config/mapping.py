@@ -1,0 +1,129 @@
+"""The TCCM: tilt cycles, maps, planes and objects."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from tccm_ros.config.declaring import Group, param
+
+__all__ = ["CenterCore", "Cycle", "Map", "Objects", "Planes"]
+
+Box = tuple[float, float, float, float, float, float]
+
+
+class Cycle(Group):
+    """Tilt cycles from the joint alone."""
+
+    dead_band: float = param(
+        0.010, "reversals smaller than this are encoder jitter", unit="rad", gt=0.0, le=0.5
+    )
+    min_sweep: float = param(
+        0.10, "a sweep shorter than this is joined to the next", unit="rad", gt=0.0, le=3.0
+    )
+    rest_time: float = param(
+        0.5, "a cycle closes when the joint rests this long", unit="s", gt=0.0, le=60.0
+    )
+    max_gap: float = param(
+        0.5, "a gap in the joint samples longer than this closes a cycle", unit="s", gt=0.0, le=60.0
+    )
+    max_time: float = param(30.0, "a cycle is closed after this time", unit="s", gt=0.0, le=600.0)
+
+
+class Map(Group):
+    """The part maps and the integration map."""
+
+    cell_size: float = param(0.02, "edge of a cell", unit="m", ge=0.002, le=1.0, read_only=True)
+    window_cycles: int = param(
+        10, "part maps in the integration map", ge=1, le=1000, read_only=True
+    )
+    cuboid_depth: float = param(
+        0.03,
+        "depth d0 below a point that its cuboid covers",
+        unit="m",
+        gt=0.0,
+        le=1.0,
+        read_only=True,
+    )
+    gap: Literal["fixed", "adaptive"] = param(
+        "adaptive", "adaptive: d0 grows with range x angular step", read_only=True
+    )
+    gap_factor: float = param(
+        1.5,
+        "adaptive gap: depth in units of range x the larger of the angles between beams and "
+        "between scan lines",
+        ge=0.0,
+        le=10.0,
+        read_only=True,
+    )
+    max_depth: float = param(
+        0.30, "adaptive gap: the largest depth", unit="m", gt=0.0, le=3.0, read_only=True
+    )
+    mode: Literal["union", "paper"] = param(
+        "union", "paper: Eq. (1) as printed, as a baseline", read_only=True
+    )
+    region: Box | None = param(
+        None,
+        "region of interest in region_frame: x_min x_max y_min y_max z_min z_max; empty: all",
+        unit="m",
+    )
+    region_frame: Literal["base", "odom"] = param(
+        "base", "base: the region follows the robot", read_only=True
+    )
+    clear_seen_through: bool = param(
+        False, "a beam of the newest cycle that passed through a cuboid removes it"
+    )
+    retain_points: bool = param(
+        False, "keep the points of the window so that it can be rebuilt", read_only=True
+    )
+
+
+class Planes(Group):
+    """The pooled-moment plane detector and the tracking of planes."""
+
+    source: Literal["map", "part"] = param("map", "detect in the integration map or the part map")
+    height_threshold: float = param(
+        0.010, "largest step in height between neighbours of one surface", unit="m", gt=0.0, le=0.2
+    )
+    horizontal_angle: float = param(
+        0.10, "a plane within this angle of level is horizontal", unit="rad", gt=0.0, le=0.8
+    )
+    min_points: int = param(50, "points that support a plane", ge=4)
+    min_area: float = param(0.02, "area of a plane", unit="m2", ge=0.0)
+    max_rms: float = param(
+        0.015, "largest standard deviation of the points across a plane", unit="m", gt=0.0, le=0.2
+    )
+    flatness: float = param(
+        0.15, "largest ratio of the standard deviations across and along a plane", gt=0.0, le=0.5
+    )
+    track_distance: float = param(
+        0.03, "a plane that moved less across itself is the same plane", unit="m", gt=0.0, le=1.0
+    )
+    track_angle: float = param(
+        0.15, "a plane that turned less is the same plane", unit="rad", gt=0.0, le=1.0
+    )
+    track_cycles: int = param(3, "cycles that a hidden plane keeps its id", ge=0, le=1000)
+
+
+class CenterCore(Group):
+    """The paper's center-core detector, a baseline."""
+
+    trials: int = param(50, "random trials", ge=1, le=10000)
+    cores: int = param(3, "center cores drawn in a trial (l)", ge=2, le=100)
+    min_quality: float = param(0.15, "least val of Eq. (8)", unit="m2", ge=0.0)
+    angle_threshold: float = param(0.30, "Eq. (7) and belonging", unit="rad", gt=0.0, le=1.5)
+    distance_threshold: float = param(0.02, "belonging", unit="m", gt=0.0, le=0.5)
+
+
+class Objects(Group):
+    """What stands on a surface, and where there is room."""
+
+    min_height: float = param(0.02, "an object rises at least this", unit="m", gt=0.0, le=1.0)
+    max_height: float = param(0.60, "only what is lower is an object", unit="m", gt=0.0, le=3.0)
+    cluster_distance: float = param(0.05, "gap that separates objects", unit="m", gt=0.0, le=1.0)
+    min_points: int = param(8, "points of an object", ge=1)
+    track_distance: float = param(
+        0.15, "an object that moved less is the same", unit="m", gt=0.0, le=2.0
+    )
+    place_size: tuple[float, float] = param(
+        (0.15, 0.15), "width and depth of what should be put down", unit="m"
+    )

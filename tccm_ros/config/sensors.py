@@ -1,0 +1,110 @@
+"""What is known of the robot: names of frames, where the lasers are, which beams count."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from tccm_ros.config.declaring import Group, param
+
+__all__ = ["Frames", "Rig", "ScanFilter"]
+
+Pose6 = tuple[float, float, float, float, float, float]
+
+
+class Frames(Group):
+    """Names that are found from the data unless they are set (DESIGN section 3)."""
+
+    base: str = param("", "base frame; empty: child frame of the odometry", read_only=True)
+    odom: str = param("odom", "odometry frame when there is no odometry", read_only=True)
+    map: str = param("map", "map frame", read_only=True)
+    tilt_joint: str = param(
+        "", "tilting joint; empty: the moving joint nearest to the laser", read_only=True
+    )
+    prefix: str = param(
+        "", "put before map and odom frame names, for several robots", read_only=True
+    )
+
+    @property
+    def map_name(self) -> str:
+        """Name of the map frame, with the prefix."""
+        return self.prefix + self.map
+
+    @property
+    def odom_name(self) -> str:
+        """Name of the odometry frame where nothing else names it, with the prefix."""
+        return self.prefix + self.odom
+
+
+class Rig(Group):
+    """Where the lasers are when no robot description says so, and corrections of a real rig."""
+
+    kinematics: Literal["auto", "urdf", "tf", "rig"] = param(
+        "auto", "where the lasers are: robot description, recorded tf or this group", read_only=True
+    )
+    tilt_laser: Pose6 | None = param(
+        None,
+        "tilting laser in base at joint zero: x y z roll pitch yaw (m, rad); the joint turns about "
+        "tilt_axis through tilt_center",
+        unit="m, rad",
+        read_only=True,
+    )
+    tilt_center: tuple[float, float, float] | None = param(
+        None,
+        "a point of the tilt axis in base; empty: the laser's own place",
+        unit="m",
+        read_only=True,
+    )
+    tilt_axis: tuple[float, float, float] = param(
+        (0.0, 1.0, 0.0), "tilt axis in base; +y tilts down with growing angle", read_only=True
+    )
+    level_laser: Pose6 | None = param(
+        None, "level laser in base: x y z roll pitch yaw", unit="m, rad", read_only=True
+    )
+    tilt_offset: float = param(
+        0.0, "added to the measured tilt angle", unit="rad", ge=-3.2, le=3.2, read_only=True
+    )
+    tilt_scale: float = param(
+        1.0, "multiplies the measured tilt angle before the offset", ge=0.5, le=2.0, read_only=True
+    )
+    joint_time_offset: float = param(
+        0.0, "added to the stamps of the joint samples", unit="s", ge=-1.0, le=1.0, read_only=True
+    )
+    mount_correction: Pose6 = param(
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        "correction of the tilting laser's mount, x y z roll pitch yaw, applied in base before "
+        "the chain: T_base_laser = T_correction * T_chain",
+        unit="m, rad",
+        read_only=True,
+    )
+    level_correction: Pose6 = param(
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        "correction of the level laser's pose, as mount_correction",
+        unit="m, rad",
+        read_only=True,
+    )
+
+
+class ScanFilter(Group):
+    """From ranges to points."""
+
+    shadow_angle: float = param(
+        0.14,
+        "a beam whose line to its neighbour's hit lies within this angle of the beam is a mixed "
+        "pixel and is dropped, unless it is in line with its neighbours; 0 turns the filter off",
+        unit="rad",
+        ge=0.0,
+        le=1.0,
+    )
+    shadow_jump: float = param(
+        0.03,
+        "smaller steps in range between neighbours are noise, not mixed pixels",
+        unit="m",
+        ge=0.0,
+        le=1.0,
+    )
+    min_range: float = param(0.0, "ranges below this are dropped", unit="m", ge=0.0)
+    max_range: float = param(30.0, "ranges above this are dropped", unit="m", gt=0.0)
+    self_filter: bool = param(
+        True, "drop points inside the robot's own collision boxes, spheres and cylinders"
+    )
+    self_padding: float = param(0.02, "margin around the robot's links", unit="m", ge=0.0, le=0.5)

@@ -1,0 +1,56 @@
+"""All groups of parameters in one configuration."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from tccm_ros.config.declaring import Group, param
+from tccm_ros.config.live import Markers, Qos, Save, Tf
+from tccm_ros.config.mapping import CenterCore, Cycle, Map, Objects, Planes
+from tccm_ros.config.sensors import Frames, Rig, ScanFilter
+from tccm_ros.config.slam import Graph, Lines, Loops, Matching, Odometry, Walls
+from tccm_ros.config.surfaces import Labels, Surfaces, Views
+
+__all__ = ["Config"]
+
+
+class Config(Group):
+    """All parameters."""
+
+    frames: Frames = Field(default_factory=Frames)
+    rig: Rig = Field(default_factory=Rig)
+    scan: ScanFilter = Field(default_factory=ScanFilter)
+    cycle: Cycle = Field(default_factory=Cycle)
+    map: Map = Field(default_factory=Map)
+    planes: Planes = Field(default_factory=Planes)
+    center_core: CenterCore = Field(default_factory=CenterCore)
+    objects: Objects = Field(default_factory=Objects)
+    lines: Lines = Field(default_factory=Lines)
+    matching: Matching = Field(default_factory=Matching)
+    odometry: Odometry = Field(default_factory=Odometry)
+    walls: Walls = Field(default_factory=Walls)
+    graph: Graph = Field(default_factory=Graph)
+    loops: Loops = Field(default_factory=Loops)
+    views: Views = Field(default_factory=Views)
+    surfaces: Surfaces = Field(default_factory=Surfaces)
+    labels: Labels = Field(default_factory=Labels)
+    qos: Qos = Field(default_factory=Qos)
+    tf: Tf = Field(default_factory=Tf)
+    save: Save = Field(default_factory=Save)
+    markers: Markers = Field(default_factory=Markers)
+    clock_jump: float = param(
+        2.0,
+        "a backward step of time beyond this resets the map",
+        unit="s",
+        gt=0.0,
+        le=3600.0,
+        read_only=True,
+    )
+    sync_timeout: float = param(
+        0.5,
+        "longest wait for samples that bracket a scan, in message time",
+        unit="s",
+        gt=0.0,
+        le=60.0,
+        read_only=True,
+    )

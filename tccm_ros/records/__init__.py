@@ -1,0 +1,36 @@
+"""The typed records that processors take and give.
+
+Stamps are integer nanoseconds; arrays have the dtype that the message has, so that a record made
+from a bag, from a live message or by the pipeline is the same record. Records are immutable by
+convention: whoever holds one may keep it.
+"""
+
+from tccm_ros.records.cycle import PlaneRecord, SurfaceCloud, TabletopObject, ViewIntervals
+from tccm_ros.records.sensors import (
+    JointSample,
+    Odometry,
+    PosedScan,
+    RobotDescription,
+    Scan,
+    TransformSample,
+)
+from tccm_ros.records.solution import Keyframe, Loop, ScanPose, Surface, SurfaceSighting, Wall
+
+__all__ = [
+    "JointSample",
+    "Keyframe",
+    "Loop",
+    "Odometry",
+    "PlaneRecord",
+    "PosedScan",
+    "RobotDescription",
+    "Scan",
+    "ScanPose",
+    "Surface",
+    "SurfaceCloud",
+    "SurfaceSighting",
+    "TabletopObject",
+    "TransformSample",
+    "ViewIntervals",
+    "Wall",
+]

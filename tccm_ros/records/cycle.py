@@ -1,0 +1,134 @@
+"""What a tilt cycle gives: the hand-over to the surface map, planes and objects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "PlaneRecord",
+    "SurfaceCloud",
+    "TabletopObject",
+    "ViewIntervals",
+]
+
+Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceCloud:
+    """The hand-over of one tilt cycle: points of its horizontal surfaces (DESIGN section 4).
+
+    Attributes
+    ----------
+    stamp_ns
+        Middle of the sweep's first and last used beam.
+    frame_id
+        Base frame; the points are moved to where the base was at the stamp.
+    points
+        float32 (N, 3), m.
+    surface
+        uint32 (N,), index of the surface within this cloud, from 0.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    points: Float32
+    surface: NDArray[np.uint32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewIntervals:
+    """The free intervals that one tilt cycle saw through, per column of ``views.cell_size``.
+
+    Attributes
+    ----------
+    stamp_ns, frame_id
+        As in the SurfaceCloud of the same cycle.
+    intervals
+        float32 (N, 4): x y of the column's centre, z_low, z_high; m. A column may have several.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    intervals: Float32
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneRecord:
+    """A tracked plane of one cycle, in the frame of the map it was found in.
+
+    Attributes
+    ----------
+    id
+        Identity over cycles.
+    kind
+        ``horizontal`` or ``any``.
+    normal, offset
+        Unit normal float64 (3,), ``normal . p = offset``; horizontal normals point up, others
+        towards the sensor.
+    covariance
+        float64 (3, 3) of (rotation about u, rotation about v, offset at the centroid) in rad and
+        m, with u, v the tangent directions of `geometry` of the detector.
+    support
+        Points.
+    area
+        m2, of the boundary less the holes.
+    quality
+        val of Eq. (8), m2.
+    boundary
+        float64 (N, 3), open ring, counter-clockwise seen against the normal.
+    holes
+        Rings as `boundary`, clockwise.
+    rms
+        Distance of the points to the plane, m.
+    centroid
+        float64 (3,), mean of the points.
+    """
+
+    id: int
+    kind: str
+    normal: Float64
+    offset: float
+    covariance: Float64
+    support: int
+    area: float
+    quality: float
+    boundary: Float64
+    holes: tuple[Float64, ...]
+    rms: float
+    centroid: Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TabletopObject:
+    """Something that stands on a surface.
+
+    Attributes
+    ----------
+    id
+        Identity over cycles.
+    plane
+        PlaneRecord.id of the surface that it stands on.
+    center
+        float64 (3,), of the box, in the map's frame.
+    size
+        float64 (3,), edge lengths along the box's x, y, z.
+    yaw
+        Of the box's x axis, rad, in (-pi/2, pi/2].
+    footprint
+        float64 (N, 2), open ring, convex.
+    points
+        Points measured on it.
+    """
+
+    id: int
+    plane: int
+    center: Float64
+    size: Float64
+    yaw: float
+    footprint: Float64 = field(default_factory=lambda: np.zeros((0, 2)))
+    points: int = 0

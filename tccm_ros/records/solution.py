@@ -1,0 +1,174 @@
+"""Poses, loops, walls and surfaces of the map, all in its frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "Keyframe",
+    "Loop",
+    "ScanPose",
+    "Surface",
+    "SurfaceSighting",
+    "Wall",
+]
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanPose:
+    """Where the base was at the first beam of a level scan, as known when the scan arrived.
+
+    Attributes
+    ----------
+    stamp_ns
+        Stamp of the scan.
+    pose
+        float64 (3,), (x, y, yaw) of base in map, m and rad.
+    keyframe
+        Id of the keyframe that the scan became, or -1.
+    """
+
+    stamp_ns: int
+    pose: Float64
+    keyframe: int = -1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Keyframe:
+    """A pose of the graph: pose float64 (3,), (x, y, yaw) of base in map."""
+
+    id: int
+    stamp_ns: int
+    pose: Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Loop:
+    """A proposed loop closure.
+
+    Attributes
+    ----------
+    from_id, to_id
+        Keyframes, ``from_id < to_id``.
+    delta
+        float64 (3,), planar pose of `to_id` in `from_id` as matched.
+    accepted
+        Whether it is a factor of the graph.
+    reason
+        Why it was accepted or rejected.
+    """
+
+    from_id: int
+    to_id: int
+    delta: Float64
+    accepted: bool
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wall:
+    """A wall: an infinite line ``x cos phi + y sin phi = rho`` in map with an observed extent.
+
+    Attributes
+    ----------
+    id
+        Index within the solution.
+    phi
+        Direction of the normal, rad, in (-pi, pi]; the origin of map lies on its negative side.
+    rho
+        Distance from the origin, m, >= 0.
+    endpoints
+        float64 (2, 2), ends of the observed extent, in the order of the tangent
+        (-sin phi, cos phi).
+    observations
+        Line measurements that support it.
+    covariance
+        float64 (2, 2) of (phi, rho), rad and m.
+    corners
+        Ids of walls that share an endpoint, ascending.
+    """
+
+    id: int
+    phi: float
+    rho: float
+    endpoints: Float64
+    observations: int
+    covariance: Float64
+    corners: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceSighting:
+    """One view that a surface was measured in.
+
+    Attributes
+    ----------
+    stamp_ns
+        Stamp of the view.
+    keyframe
+        Keyframe nearest in time; -1 where there is none.
+    points
+        Points measured on the surface.
+    """
+
+    stamp_ns: int
+    keyframe: int
+    points: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """A horizontal surface of the surface map, in the map frame.
+
+    Attributes
+    ----------
+    id
+        Stays with the surface over merges and splits: the number of its oldest patch.
+    label, confidence
+        What it is (``other`` is an answer), and how sure that is, 0 to 1.
+    height
+        z at the centroid, m, in map.
+    normal, offset
+        Unit normal float64 (3,), up; ``normal . p = offset``.
+    area
+        m2, of the boundary less the holes.
+    centroid
+        float64 (3,), mean of the points.
+    boundary
+        float64 (N, 3), open ring, counter-clockwise seen from above.
+    holes
+        Rings as `boundary`, clockwise.
+    points
+        Points measured, before thinning.
+    height_std
+        Standard deviation of the points' distances from the plane, m.
+    first_seen_ns, last_seen_ns
+        Stamps of the first and the last view that measured it, replaced views included.
+    views
+        The views that are part of it, in stamp order.
+    took
+        Numbers of its other patches: ids of surfaces that went into this one, and that a part of it
+        has when it parts from it.
+    """
+
+    id: int
+    label: str
+    confidence: float
+    height: float
+    normal: Float64
+    offset: float
+    area: float
+    centroid: Float64
+    boundary: Float64
+    holes: tuple[Float64, ...]
+    points: int
+    height_std: float
+    first_seen_ns: int
+    last_seen_ns: int
+    views: tuple[SurfaceSighting, ...]
+    took: tuple[int, ...] = ()

@@ -1,30 +1,31 @@
 """Records to messages and back, and the messages that only go out, for any message classes."""
 
-from tccm_ros.messages.sensors import (
+from tccm_ros.messages.reading import (
     MAX_SCAN_S,
     READERS,
-    MessageError,
-    MessageTypes,
     Record,
     frame_name,
     joint_sample,
     joint_sample_from_message,
-    joint_sample_message,
     odometry_from_message,
-    odometry_message,
     robot_description_from_message,
-    robot_description_message,
     scan_from_message,
-    scan_message,
     scan_record,
     stamp_ns_from_message,
     surface_cloud_from_message,
-    surface_cloud_message,
-    transform_message,
     transform_sample,
     transforms_from_message,
-    transforms_message,
     view_from_message,
+)
+from tccm_ros.messages.types import MessageError, MessageTypes
+from tccm_ros.messages.writing import (
+    joint_sample_message,
+    odometry_message,
+    robot_description_message,
+    scan_message,
+    surface_cloud_message,
+    transform_message,
+    transforms_message,
     view_message,
 )
 

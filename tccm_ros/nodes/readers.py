@@ -9,8 +9,7 @@ from contextlib import suppress
 from rclpy.serialization import deserialize_message
 
 from tccm_ros.io.cdr import FAST_READERS, NotPlain
-from tccm_ros.messages import READERS
-from tccm_ros.messages.sensors import Record
+from tccm_ros.messages import READERS, Record
 from tccm_ros.nodes.ros_types import message_class
 
 __all__ = ["Reader", "record_reader"]

@@ -1,6 +1,4 @@
-import math
-from contextlib import suppress
-from types import SimpleNamespace
+"""What is written is read back as it was, in both families of messages."""
 
 import numpy as np
 import pytest
@@ -12,9 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from tccm_ros.geometry import pose, pose_from_rpy
 from tccm_ros.messages import (
-    READERS,
     MessageError,
-    Record,
     joint_sample_from_message,
     joint_sample_message,
     odometry_from_message,
@@ -84,24 +80,6 @@ def test_empty_scan(types):
     assert len(scan_from_message(scan_message(types, make_scan([]))).ranges) == 0
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"angle_min": math.nan},
-        {"angle_increment": math.inf},
-        {"time_increment": -1e-4},
-        {"time_increment": 100.0},
-        {"range_max": math.nan},
-    ],
-)
-def test_scan_that_no_processor_can_use_is_refused(changes):
-    message = scan_message(TYPESTORE, make_scan([1.0, 2.0]))
-    for key, value in changes.items():
-        setattr(message, key, value)
-    with pytest.raises(MessageError):
-        scan_from_message(message)
-
-
 def test_joint_sample_round_trip_and_unknown_positions(types):
     sample = JointSample(STAMP, ("wheel", "tilt", "neck"), np.array([1.0, np.nan, -0.25]))
     message = joint_sample_message(types, sample)
@@ -112,37 +90,11 @@ def test_joint_sample_round_trip_and_unknown_positions(types):
     assert back.stamp_ns == STAMP
 
 
-def test_joint_state_without_positions_is_an_empty_sample(types):
-    message = joint_sample_message(types, JointSample(STAMP, ("tilt",), np.zeros(0)))
-    assert joint_sample_from_message(message).names == ()
-
-
-def test_joint_state_with_too_few_positions_is_refused():
-    message = joint_sample_message(TYPESTORE, JointSample(STAMP, ("a", "b"), np.zeros(1)))
-    with pytest.raises(MessageError, match="2 names and 1 positions"):
-        joint_sample_from_message(message)
-
-
 def test_odometry_round_trip(types):
     message = odometry_message(types, Odometry(STAMP, "odom", "base_link", T))
     back = odometry_from_message(to_bag_message(types, "nav_msgs/msg/Odometry", message))
     assert (back.stamp_ns, back.frame_id, back.child_frame_id) == (STAMP, "odom", "base_link")
     np.testing.assert_allclose(back.T_odom_base, T, atol=1e-14)
-
-
-@pytest.mark.parametrize("quaternion", [(0, 0, 0, 0), (math.nan, 0, 0, 1), (0, 0, math.inf, 1)])
-def test_odometry_without_a_rotation_is_refused(quaternion):
-    message = odometry_message(TYPESTORE, Odometry(STAMP, "odom", "base", T))
-    orientation = message.pose.pose.orientation
-    orientation.x, orientation.y, orientation.z, orientation.w = map(float, quaternion)
-    with pytest.raises(MessageError):
-        odometry_from_message(message)
-
-
-def test_quaternions_are_normalised():
-    message = odometry_message(TYPESTORE, Odometry(STAMP, "odom", "base", np.eye(4)))
-    message.pose.pose.orientation.w = 0.999
-    np.testing.assert_allclose(odometry_from_message(message).T_odom_base, np.eye(4))
 
 
 @settings(max_examples=100, deadline=None)
@@ -177,14 +129,6 @@ def test_transforms_round_trip():
         (STAMP + 1, "base", "laser", True),
     ]
     np.testing.assert_allclose(back[0].T_parent_child, T, atol=1e-14)
-
-
-def test_slashes_before_frame_names_are_dropped():
-    message = transforms_message(
-        TYPESTORE, [TransformSample(STAMP, "/base_link", "/laser", np.eye(4), False)]
-    )
-    (sample,) = transforms_from_message(message)
-    assert (sample.parent, sample.child) == ("base_link", "laser")
 
 
 def test_robot_description_round_trip(types):
@@ -238,15 +182,6 @@ def test_view_round_trip_keeps_open_intervals(types):
     assert bits(back.intervals) == bits(intervals)
 
 
-def test_hand_over_with_points_that_are_not_finite_is_refused():
-    points = np.array([[0, 0, np.nan]], np.float32)
-    message = surface_cloud_message(
-        TYPESTORE, SurfaceCloud(STAMP, "base", points, np.zeros(1, np.uint32))
-    )
-    with pytest.raises(MessageError, match="not finite"):
-        surface_cloud_from_message(message)
-
-
 def test_stamp_beyond_a_message_is_refused():
     scan = Scan(2**31 * 10**9, "laser", 0.0, 0.1, 0.0, 0.0, 1.0, np.zeros(1, np.float32))
     with pytest.raises(MessageError, match="stamp"):
@@ -256,28 +191,3 @@ def test_stamp_beyond_a_message_is_refused():
 def test_negative_stamps_round_trip():
     scan = Scan(-1, "laser", 0.0, 0.1, 0.0, 0.0, 1.0, np.zeros(1, np.float32))
     assert scan_from_message(scan_message(TYPESTORE, scan)).stamp_ns == -1
-
-
-def test_every_reader_refuses_or_reads_default_messages():
-    for msgtype, read in READERS.values():
-        try:
-            records = read(TYPESTORE.make(msgtype))
-        except MessageError:
-            continue
-        assert len(records) <= 1
-
-
-@settings(max_examples=60, deadline=None)
-@given(data=st.binary(max_size=200), role=st.sampled_from(sorted(READERS)))
-def test_reader_never_fails_otherwise_than_by_message_error(data, role):
-    """Whatever bytes deserialise to, the reader gives records or a MessageError."""
-    msgtype, read = READERS[role]
-    records = []
-    with suppress(MessageError):
-        records = read(TYPESTORE.deserialize(msgtype, b"\0\1\0\0" + data))
-    assert all(isinstance(record, Record) for record in records)
-
-
-def test_readers_take_any_object_with_the_fields():
-    message = SimpleNamespace(data="<robot/>")
-    assert robot_description_from_message(message).urdf == "<robot/>"

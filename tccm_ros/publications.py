@@ -18,12 +18,10 @@ from tccm_ros.mapping.center_cores import center_cores
 from tccm_ros.mapping.cuboids import TICK, Cuboids
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult
 from tccm_ros.messages import surface_cloud_message, view_message
+from tccm_ros.messages.marker_parts import MarkerSet, Place, identity_color
 from tccm_ros.messages.markers import (
-    MarkerSet,
-    Place,
     core_markers,
     cuboid_markers,
-    identity_color,
     object_markers,
     plane_markers,
     surface_markers,

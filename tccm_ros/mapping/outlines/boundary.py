@@ -1,8 +1,9 @@
 """The true outlines of planes: holes stay holes, an L stays an L.
 
 A lying plane is outlined in the map's cells and lifted onto the plane, a standing one in columns
-along its level direction. How samples become a raster is told in `raster`, how that becomes rings
-in `contour`. All planes of a map are outlined in one compiled call.
+along its level direction. How samples become a raster is told in `raster`, `gaps` and
+`edge_cells`, how that becomes rings in `contour`. All planes of a map are outlined in one compiled
+call.
 """
 
 from __future__ import annotations
@@ -15,8 +16,22 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.mapping.cuboids import TICK, TICKS_PER_M, Cuboids
-from tccm_ros.mapping.outlines import raster as r
 from tccm_ros.mapping.outlines.contour import largest_polygon, trace
+from tccm_ros.mapping.outlines.edge_cells import (
+    extend_edges,
+    find_edges,
+    reach_lying,
+    reach_standing,
+)
+from tccm_ros.mapping.outlines.gaps import close_combs, fill_gaps, find_gaps
+from tccm_ros.mapping.outlines.raster import (
+    EMPTY,
+    MARGIN,
+    draw_runs,
+    measure_standing,
+    runs_lying,
+    runs_standing,
+)
 
 __all__ = ["Outline", "members_by_plane", "outlines"]
 
@@ -182,8 +197,8 @@ def frame_of(runs: Int) -> tuple[int, int, int, int]:
     for k in range(len(runs)):
         low_a, high_a = min(low_a, runs[k, 0]), max(high_a, runs[k, 0])
         low_b, high_b = min(low_b, runs[k, 1]), max(high_b, runs[k, 2])
-    rows, columns = high_a - low_a + 1 + 2 * r.MARGIN, high_b - low_b + 1 + 2 * r.MARGIN
-    return low_a - r.MARGIN, low_b - r.MARGIN, rows, columns
+    rows, columns = high_a - low_a + 1 + 2 * MARGIN, high_b - low_b + 1 + 2 * MARGIN
+    return low_a - MARGIN, low_b - MARGIN, rows, columns
 
 
 @njit(nogil=True, cache=True)
@@ -206,16 +221,16 @@ def lying(
         low_y, high_y = min(low_y, iy[i]), max(high_y, iy[i])
     coarse = coarseness(high_x - low_x + 1.0, high_y - low_y + 1.0)
     runs = np.empty((len(members), 3), np.int32)
-    r.runs_lying(ix, iy, members, coarse, runs)
+    runs_lying(ix, iy, members, coarse, runs)
     low_a, low_b, rows, columns = frame_of(runs)
-    raster = np.full((rows, columns), r.EMPTY, np.int32)
-    samples = r.draw_runs(raster, runs, low_a, low_b)
-    gaps, usual_a, usual_b = r.find_gaps(raster, samples)
-    r.fill_gaps(raster, gaps, usual_a, usual_b)
-    edges = r.find_edges(raster)
+    raster = np.full((rows, columns), EMPTY, np.int32)
+    samples = draw_runs(raster, runs, low_a, low_b)
+    gaps, usual_a, usual_b = find_gaps(raster, samples)
+    fill_gaps(raster, gaps, usual_a, usual_b)
+    edges = find_edges(raster)
     reach = np.empty((len(edges), 4))
     scale = 1.0 / (1 << coarse)
-    r.reach_lying(raster, runs, low_a, low_b, count, s, S, ix, iy, members, size, scale, reach)
+    reach_lying(raster, runs, low_a, low_b, count, s, S, ix, iy, members, size, scale, reach)
     vertices, ends, area = polygon(raster, edges, reach, usual_a, usual_b, samples)
     vertices[:, 0] += low_a
     vertices[:, 1] += low_b
@@ -230,7 +245,7 @@ def standing(
     """Outline a standing plane from its front; as `lying`, a along u and b upwards."""
     slope = math.hypot(normal[0], normal[1])
     extent = np.empty((len(members), 4))
-    r.measure_standing(
+    measure_standing(
         count, s, S, ix, iy, bottom, top, members, size, -normal[1] / slope, normal[0] / slope,
         extent,
     )  # fmt: skip
@@ -238,15 +253,15 @@ def standing(
     upwards = extent[:, 3].max() - extent[:, 2].min()
     cell = size * (1 << coarseness(across / size + 2.0, upwards / size + 2.0))
     runs = np.empty((len(members), 3), np.int32)
-    r.runs_standing(extent, 1.0 / cell, runs)
+    runs_standing(extent, 1.0 / cell, runs)
     low_a, low_b, rows, columns = frame_of(runs)
-    raster = np.full((rows, columns), r.EMPTY, np.int32)
-    samples = r.draw_runs(raster, runs, low_a, low_b)
-    gaps, usual_a, usual_b = r.find_gaps(raster, samples)
-    r.fill_gaps(raster, gaps, usual_a, usual_b)
-    edges = r.find_edges(raster)
+    raster = np.full((rows, columns), EMPTY, np.int32)
+    samples = draw_runs(raster, runs, low_a, low_b)
+    gaps, usual_a, usual_b = find_gaps(raster, samples)
+    fill_gaps(raster, gaps, usual_a, usual_b)
+    edges = find_edges(raster)
     reach = np.empty((len(edges), 4))
-    r.reach_standing(raster, runs, low_a, low_b, extent, 1.0 / cell, reach)
+    reach_standing(raster, runs, low_a, low_b, extent, 1.0 / cell, reach)
     vertices, ends, area = polygon(raster, edges, reach, usual_a, usual_b, samples)
     vertices[:, 0] += low_a
     vertices[:, 1] += low_b
@@ -258,8 +273,8 @@ def polygon(
     raster: Int, edges: Int, reach: Array, usual_a: Array, usual_b: Array, samples: int
 ) -> tuple[Array, Int, float]:
     """Return the largest polygon of a raster without specks, in its cells."""
-    r.extend_edges(raster, edges, reach, usual_a, usual_b)
-    r.close_combs(raster, usual_a.max(), usual_b.max())
+    extend_edges(raster, edges, reach, usual_a, usual_b)
+    close_combs(raster, usual_a.max(), usual_b.max())
     vertices, ends = trace(raster, reach)
     return largest_polygon(vertices, ends, TOLERANCE, LEAST_HOLE / samples)
 

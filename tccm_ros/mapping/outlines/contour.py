@@ -11,8 +11,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.mapping.outlines.raster import EMPTY
+from tccm_ros.mapping.outlines.rings import crosses, is_inside, signed_area, simplify
 
-__all__ = ["crosses", "largest_polygon", "signed_area", "simplify", "trace"]
+__all__ = ["largest_polygon", "trace"]
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int32]
@@ -109,141 +110,6 @@ def edge_at(cell: int, reach: Array, side: int, border: int) -> float:
     if cell < 0 or abs(reach[cell, side] - border) > 1.0:
         return float(border)
     return border + min(max(reach[cell, side] - border, -INSIDE), INSIDE)
-
-
-@njit(nogil=True, cache=True)
-def signed_area(ring: Array) -> float:
-    """Return the area of a ring, positive if counter-clockwise."""
-    total, j = 0.0, len(ring) - 1
-    for i in range(len(ring)):
-        total += ring[j, 0] * ring[i, 1] - ring[i, 0] * ring[j, 1]
-        j = i
-    return 0.5 * total
-
-
-@njit(nogil=True, cache=True)
-def is_inside(ring: Array, x: float, y: float) -> bool:
-    """Tell whether a point is inside a ring."""
-    inside, j = False, len(ring) - 1
-    for i in range(len(ring)):
-        if (ring[i, 1] > y) != (ring[j, 1] > y):
-            t = (y - ring[i, 1]) / (ring[j, 1] - ring[i, 1])
-            if x < ring[i, 0] + t * (ring[j, 0] - ring[i, 0]):
-                inside = not inside
-        j = i
-    return inside
-
-
-@njit(nogil=True, cache=True)
-def simplify(ring: Array, tolerance: float) -> Array:
-    """Leave out corners of a ring that lie within a tolerance of what remains.
-
-    Douglas and Peucker's rule, from the lowest corner and the one that is furthest from it. A ring
-    may be left with two corners: it encloses nothing at that tolerance.
-    """
-    n = len(ring)
-    keep = np.zeros(n + 1, np.bool_)
-    first = 0
-    for i in range(1, n):
-        if ring[i, 0] < ring[first, 0] or (
-            ring[i, 0] == ring[first, 0] and ring[i, 1] < ring[first, 1]
-        ):
-            first = i
-    far, most = 0, -1.0
-    for i in range(n):
-        x, y = ring[(first + i) % n, 0] - ring[first, 0], ring[(first + i) % n, 1] - ring[first, 1]
-        if x * x + y * y > most:
-            far, most = i, x * x + y * y
-    keep[0] = keep[far] = keep[n] = True
-    stack = np.empty((n + 2, 2), np.int32)
-    stack[0, 0], stack[0, 1] = 0, far
-    stack[1, 0], stack[1, 1] = far, n
-    height = 2
-    while height:
-        height -= 1
-        i, j = stack[height, 0], stack[height, 1]
-        p, q = (first + i) % n, (first + j) % n
-        dx, dy = ring[q, 0] - ring[p, 0], ring[q, 1] - ring[p, 1]
-        length2 = dx * dx + dy * dy
-        at, worst = -1, tolerance * tolerance
-        for k in range(i + 1, j):
-            m = first + k if first + k < n else first + k - n
-            x, y = ring[m, 0] - ring[p, 0], ring[m, 1] - ring[p, 1]
-            t = min(max((x * dx + y * dy) / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
-            x, y = x - t * dx, y - t * dy
-            if x * x + y * y > worst:
-                at, worst = k, x * x + y * y
-        if at >= 0:
-            keep[at] = True
-            stack[height, 0], stack[height, 1] = i, at
-            stack[height + 1, 0], stack[height + 1, 1] = at, j
-            height += 2
-    out, used = np.empty((keep[:n].sum(), 2)), 0
-    for i in range(n):
-        if keep[i]:
-            out[used] = ring[(first + i) % n]
-            used += 1
-    return out
-
-
-@njit(nogil=True, cache=True)
-def crosses(vertices: Array, ends: Int) -> bool:
-    """Tell whether any two sides of some rings cross or touch, neighbours of a ring excepted."""
-    n = len(vertices)
-    after = np.empty(n, np.int32)
-    start = 0
-    for r in range(len(ends)):
-        for i in range(start, ends[r]):
-            after[i] = i + 1 if i + 1 < ends[r] else start
-        start = ends[r]
-    low, high = np.empty(n), np.empty(n)
-    for i in range(n):
-        low[i] = min(vertices[i, 0], vertices[after[i], 0])
-        high[i] = max(vertices[i, 0], vertices[after[i], 0])
-    order = np.argsort(low)
-    for k in range(n):
-        i = order[k]
-        for m in range(k + 1, n):
-            j = order[m]
-            if low[j] > high[i]:
-                break
-            if after[i] == j or after[j] == i:
-                if folds(vertices, i, after[i], j, after[j]):
-                    return True
-            elif sides_meet(vertices, i, after[i], j, after[j]):
-                return True
-    return False
-
-
-@njit(nogil=True, cache=True)
-def turn(v: Array, p: int, q: int, r: int) -> float:
-    """Return twice the signed area of three vertices."""
-    return (v[q, 0] - v[p, 0]) * (v[r, 1] - v[p, 1]) - (v[q, 1] - v[p, 1]) * (v[r, 0] - v[p, 0])
-
-
-@njit(nogil=True, cache=True)
-def sides_meet(v: Array, p: int, q: int, r: int, s: int) -> bool:
-    """Tell whether two sides p q and r s have a point in common."""
-    if min(v[p, 1], v[q, 1]) > max(v[r, 1], v[s, 1]) or min(v[r, 1], v[s, 1]) > max(
-        v[p, 1], v[q, 1]
-    ):
-        return False
-    if min(v[p, 0], v[q, 0]) > max(v[r, 0], v[s, 0]) or min(v[r, 0], v[s, 0]) > max(
-        v[p, 0], v[q, 0]
-    ):
-        return False
-    return turn(v, p, q, r) * turn(v, p, q, s) <= 0.0 and turn(v, r, s, p) * turn(v, r, s, q) <= 0.0
-
-
-@njit(nogil=True, cache=True)
-def folds(v: Array, p: int, q: int, r: int, s: int) -> bool:
-    """Tell whether two sides with a common vertex lie on each other."""
-    if q == r:
-        a, b, c = p, q, s
-    else:
-        a, b, c = r, s, q
-    along = (v[a, 0] - v[b, 0]) * (v[c, 0] - v[b, 0]) + (v[a, 1] - v[b, 1]) * (v[c, 1] - v[b, 1])
-    return turn(v, a, b, c) == 0.0 and along >= 0.0
 
 
 @njit(nogil=True, cache=True)

@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.mapping.linking import join, root_of
-from tccm_ros.mapping.outlines.contour import is_inside
+from tccm_ros.mapping.outlines.rings import is_inside
 
 __all__ = [
     "clusters",

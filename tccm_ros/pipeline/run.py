@@ -1,28 +1,25 @@
-"""A recorded bag through the processors: the same ones as the live nodes', fed from a file."""
+"""A bag through the pipeline: topics, how it begins, every record, whether they were of use."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
-from typing import Literal, cast
 
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, MapError, TopicError
 from tccm_ros.io.bags import DEFAULT_TOPICS, BagReader, remap_topics
-from tccm_ros.io.cycles import CycleHistory
-from tccm_ros.mapping.tccm import CycleResult, TccmProcessor, TccmRecord
 from tccm_ros.messages import Record
+from tccm_ros.pipeline.outcome import Outcome, Session
+from tccm_ros.pipeline.processors import Pipeline
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Odometry, Scan
 from tccm_ros.stopwatch import Stopwatch
-from tccm_ros.surfaces.continuation import Continuation, last_sample
+from tccm_ros.surfaces.continuation import last_sample
 from tccm_ros.surfaces.saved_map import SavedMap
-from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
-__all__ = ["Outcome", "Pipeline", "Session", "run_bag"]
+__all__ = ["run_bag"]
 
 SCAN_ROLES = ("tilt_scan", "scan")
 
@@ -31,171 +28,6 @@ LoggedRecord = tuple[str, int, Record]
 
 OPENING_NS = 5_000_000_000
 """So much of a bag tells whether it goes on with the run that was saved."""
-
-PARTS_KEPT = 400
-"""Cycles whose part maps are kept for result.mcap: memory stays bounded in a bag of hours."""
-
-
-@dataclass(frozen=True, slots=True)
-class Session:
-    """How a bag begins.
-
-    Attributes
-    ----------
-    kind
-        ``first``: with nothing; ``continued``: where the saved run was interrupted; ``new``: a
-        session of its own, whose place in the saved map has to be found.
-    reason
-        Why it is a new one.
-    """
-
-    kind: Literal["first", "continued", "new"]
-    reason: str
-
-
-@dataclass(slots=True, eq=False)
-class Outcome:
-    """What a replay has found, before it is written.
-
-    Attributes
-    ----------
-    config
-        As it was run.
-    earlier
-        The tilt cycles of the run that this bag goes on with: their planes and objects.
-    cycles
-        The tilt cycles of this bag, without their points.
-    history
-        Coarse part maps of every cycle, for the report.
-    tccm, slam
-        The processors at the end: the integration map, counts and drops.
-    solution
-        Trajectory, walls and surfaces.
-    messages
-        Messages read, by topic.
-    unreadable
-        Messages that could not be used, by topic and what was wrong with the first.
-    bag_duration
-        s.
-    session
-        How the bag begins.
-    run
-        The run before its end, for the next bag of the same recording; None if nothing came.
-    """
-
-    config: Config
-    earlier: list[CycleResult]
-    cycles: list[CycleResult]
-    history: CycleHistory
-    tccm: TccmProcessor
-    slam: SurfaceSlam
-    solution: SurfaceSolution
-    messages: Counter[str] = field(default_factory=Counter)
-    unreadable: Counter[str] = field(default_factory=Counter)
-    bag_duration: float = 0.0
-    session: Session = Session("first", "")
-    run: Continuation | None = None
-
-
-class Pipeline:
-    """The two processors and the hand-over between them."""
-
-    def __init__(
-        self,
-        config: Config,
-        *,
-        expects_odometry: bool,
-        saved: SavedMap | None = None,
-        clock: Stopwatch | None = None,
-    ):
-        self.config = config
-        self.clock = clock or Stopwatch()
-        self.tccm = TccmProcessor(config, expects_odometry=expects_odometry)
-        self.slam = (
-            SurfaceSlam(config, expects_odometry=expects_odometry)
-            if saved is None
-            else SurfaceSlam.from_saved(config, saved, expects_odometry=expects_odometry)
-        )
-        self.earlier: list[CycleResult] = []
-        self.cycles: list[CycleResult] = []
-        self.history = CycleHistory(config.map.window_cycles)
-        self.last: Odometry | Scan | None = None
-
-    def go_on_with(self, run: Continuation) -> None:
-        """Take up an interrupted run where it was.
-
-        Raises
-        ------
-        MapError
-            If its state is damaged.
-        """
-        processors = run.processors(self.config)
-        self.tccm, self.slam = processors["tccm"], processors["slam"]
-        self.earlier = processors["cycles"]
-
-    def interrupt(self) -> Continuation | None:
-        """Return the run as it is now, for `go_on_with`; None if it has not begun."""
-        if self.last is None:
-            return None
-        cycles = [*self.earlier, *map(_outline, self.cycles)]
-        processors = {"tccm": self.tccm, "slam": self.slam, "cycles": cycles}
-        return Continuation.of(processors, last_sample(self.last), self.config)
-
-    def add(self, role: str, record: Record) -> list[CycleResult]:
-        """Give one record to whom it concerns; return the cycles that are complete now."""
-        results: list[CycleResult] = []
-        if isinstance(record, Odometry) or (
-            isinstance(record, Scan) and not isinstance(self.last, Odometry)
-        ):
-            self.last = record
-        if role != "scan":
-            with self.clock.stage("tccm"):
-                results = self.tccm.add(cast(TccmRecord, record))
-        with self.clock.stage("slam"):
-            if role != "tilt_scan":
-                self.slam.add(record)
-            elif isinstance(record, Scan):
-                self.slam.add_pose_stamp(record.stamp_ns)
-        self._hand_over(results)
-        return results
-
-    def finish(self) -> list[CycleResult]:
-        """Take the end of the input."""
-        with self.clock.stage("tccm"):
-            results = self.tccm.finish()
-        self._hand_over(results)
-        with self.clock.stage("slam"):
-            self.slam.finish()
-        return results
-
-    def solve(self) -> SurfaceSolution:
-        """Optimise the graph and build the surface map."""
-        with self.clock.stage("solve"):
-            return self.slam.solve()
-
-    def _hand_over(self, results: Sequence[CycleResult]) -> None:
-        for result in results:
-            with self.clock.stage("slam"):
-                self.slam.add(result.surfaces)
-                self.slam.add(result.view)
-            with self.clock.stage("history"):
-                self.history.add(result.cycle, result.stamp_ns, result.part.cuboids())
-            self.cycles.append(replace(result, part=result.part.without_points()))
-            if len(self.cycles) > PARTS_KEPT:
-                old = self.cycles[-PARTS_KEPT - 1]
-                self.cycles[-PARTS_KEPT - 1] = replace(old, part=old.part.without_cuboids())
-
-
-def _outline(cycle: CycleResult) -> CycleResult:
-    """Return a cycle's planes and objects alone."""
-    return replace(
-        cycle,
-        part=cycle.part.without_points().without_cuboids(),
-        surfaces=replace(
-            cycle.surfaces, points=cycle.surfaces.points[:0], surface=cycle.surfaces.surface[:0]
-        ),
-        view=replace(cycle.view, intervals=cycle.view.intervals[:0]),
-    )
 
 
 def run_bag(

@@ -1,0 +1,123 @@
+"""The two processors and the hand-over between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import cast
+
+from tccm_ros.config import Config
+from tccm_ros.io.cycles import CycleHistory
+from tccm_ros.mapping.tccm import CycleResult, TccmProcessor, TccmRecord
+from tccm_ros.messages import Record
+from tccm_ros.records import Odometry, Scan
+from tccm_ros.stopwatch import Stopwatch
+from tccm_ros.surfaces.continuation import Continuation, last_sample
+from tccm_ros.surfaces.saved_map import SavedMap
+from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
+
+__all__ = ["Pipeline"]
+
+PARTS_KEPT = 400
+"""Cycles whose part maps are kept for result.mcap: memory stays bounded in a bag of hours."""
+
+
+class Pipeline:
+    """Both processors of a run, fed record by record."""
+
+    def __init__(
+        self,
+        config: Config,
+        *,
+        expects_odometry: bool,
+        saved: SavedMap | None = None,
+        clock: Stopwatch | None = None,
+    ):
+        self.config = config
+        self.clock = clock or Stopwatch()
+        self.tccm = TccmProcessor(config, expects_odometry=expects_odometry)
+        self.slam = (
+            SurfaceSlam(config, expects_odometry=expects_odometry)
+            if saved is None
+            else SurfaceSlam.from_saved(config, saved, expects_odometry=expects_odometry)
+        )
+        self.earlier: list[CycleResult] = []
+        self.cycles: list[CycleResult] = []
+        self.history = CycleHistory(config.map.window_cycles)
+        self.last: Odometry | Scan | None = None
+
+    def go_on_with(self, run: Continuation) -> None:
+        """Take up an interrupted run where it was.
+
+        Raises
+        ------
+        MapError
+            If its state is damaged.
+        """
+        processors = run.processors(self.config)
+        self.tccm, self.slam = processors["tccm"], processors["slam"]
+        self.earlier = processors["cycles"]
+
+    def interrupt(self) -> Continuation | None:
+        """Return the run as it is now, for `go_on_with`; None if it has not begun."""
+        if self.last is None:
+            return None
+        cycles = [*self.earlier, *map(_outline, self.cycles)]
+        processors = {"tccm": self.tccm, "slam": self.slam, "cycles": cycles}
+        return Continuation.of(processors, last_sample(self.last), self.config)
+
+    def add(self, role: str, record: Record) -> list[CycleResult]:
+        """Give one record to whom it concerns; return the cycles that are complete now."""
+        results: list[CycleResult] = []
+        if isinstance(record, Odometry) or (
+            isinstance(record, Scan) and not isinstance(self.last, Odometry)
+        ):
+            self.last = record
+        if role != "scan":
+            with self.clock.stage("tccm"):
+                results = self.tccm.add(cast(TccmRecord, record))
+        with self.clock.stage("slam"):
+            if role != "tilt_scan":
+                self.slam.add(record)
+            elif isinstance(record, Scan):
+                self.slam.add_pose_stamp(record.stamp_ns)
+        self._hand_over(results)
+        return results
+
+    def finish(self) -> list[CycleResult]:
+        """Take the end of the input."""
+        with self.clock.stage("tccm"):
+            results = self.tccm.finish()
+        self._hand_over(results)
+        with self.clock.stage("slam"):
+            self.slam.finish()
+        return results
+
+    def solve(self) -> SurfaceSolution:
+        """Optimise the graph and build the surface map."""
+        with self.clock.stage("solve"):
+            return self.slam.solve()
+
+    def _hand_over(self, results: Sequence[CycleResult]) -> None:
+        for result in results:
+            with self.clock.stage("slam"):
+                self.slam.add(result.surfaces)
+                self.slam.add(result.view)
+            with self.clock.stage("history"):
+                self.history.add(result.cycle, result.stamp_ns, result.part.cuboids())
+            self.cycles.append(replace(result, part=result.part.without_points()))
+            if len(self.cycles) > PARTS_KEPT:
+                old = self.cycles[-PARTS_KEPT - 1]
+                self.cycles[-PARTS_KEPT - 1] = replace(old, part=old.part.without_cuboids())
+
+
+def _outline(cycle: CycleResult) -> CycleResult:
+    """Return a cycle's planes and objects alone."""
+    return replace(
+        cycle,
+        part=cycle.part.without_points().without_cuboids(),
+        surfaces=replace(
+            cycle.surfaces, points=cycle.surfaces.points[:0], surface=cycle.surfaces.surface[:0]
+        ),
+        view=replace(cycle.view, intervals=cycle.view.intervals[:0]),
+    )

@@ -1,11 +1,4 @@
-"""Scans with their poses, in stamp order, however the topics interleave.
-
-A scan is given as soon as odometry and all joints between base and laser bracket it; samples
-further apart than half of `sync_timeout` do not. Until then it waits in message time: at least
-`sync_timeout`, and longer only while what it waits for is late but still comes. What cannot be
-posed is dropped whole and counted by reason; nothing is extrapolated. So topics may arrive
-`sync_timeout / 2` apart, and it does not show in what is given.
-"""
+"""Scans in stamp order: records are admitted, scans wait until they can be posed."""
 
 from __future__ import annotations
 
@@ -21,8 +14,6 @@ from tccm_ros.config import Config
 from tccm_ros.errors import FrameError
 from tccm_ros.kinematics import LaserKinematics
 from tccm_ros.kinematics.base_motion import BaseMotion
-from tccm_ros.kinematics.chain import Chain, JointReading
-from tccm_ros.kinematics.tracks import Track
 from tccm_ros.records import (
     JointSample,
     Odometry,
@@ -32,6 +23,7 @@ from tccm_ros.records import (
     TransformSample,
 )
 from tccm_ros.stamps import StampGuard
+from tccm_ros.sync.posing import Posing
 
 __all__ = ["MAX_WAITING", "SyncRecord", "Synchroniser"]
 
@@ -46,7 +38,6 @@ SCAN_STREAM = "scan"
 
 SyncRecord = RobotDescription | JointSample | TransformSample | Odometry | Scan
 
-Int64 = NDArray[np.int64]
 Float64 = NDArray[np.float64]
 
 
@@ -89,17 +80,18 @@ class Synchroniser:
         self.longest_scan_ns = 0
         self.kinematics = kinematics
         self.expects_odometry = expects_odometry
-        self.motion = BaseMotion(config, kinematics.frames)
-        self._timeout_ns = round(config.sync_timeout * 1e9)
-        self._max_gap_ns = self._timeout_ns // 2
-        self._late_joints_ns = max(0, round(-config.rig.joint_time_offset * 1e9))
+        self._posing = Posing(config, kinematics)
         self._guard: StampGuard[Scan | JointSample | TransformSample | Odometry] = StampGuard(
             round(config.clock_jump * 1e9)
         )
         self._waiting: list[tuple[int, int, Scan]] = []
         self._order = 0
         self._newest_scan_ns: int | None = None
-        self._silence: dict[Track, tuple[int, int]] = {}
+
+    @property
+    def motion(self) -> BaseMotion:
+        """How the base moves."""
+        return self._posing.motion
 
     @property
     def problem(self) -> FrameError | None:
@@ -205,15 +197,18 @@ class Synchroniser:
         self.jumps += 1
         self.dropped["clock jump"] += len(self._waiting)
         self._waiting.clear()
-        self._silence.clear()
         self._newest_scan_ns = None
-        self.kinematics.clear_samples()
-        self.motion.clear_samples()
+        self._posing.clear_samples()
 
     def _release(self, *, ended: bool = False) -> list[PosedScan]:
         posed: list[PosedScan] = []
         while self._waiting:
-            outcome = self._judge(self._waiting[0][2], ended)
+            outcome = self._posing.judge(
+                self._waiting[0][2],
+                self._guard.now(SCAN_STREAM),
+                ended=ended,
+                expects_odometry=self.expects_odometry,
+            )
             if outcome is None:
                 break
             heapq.heappop(self._waiting)
@@ -224,74 +219,9 @@ class Synchroniser:
                 posed.append(outcome)
         return posed
 
-    def _judge(self, scan: Scan, ended: bool) -> PosedScan | str | None:
-        """Return the posed scan, or why it is dropped, or None while it has to wait."""
-        start_ns, end_ns = min(scan.stamp_ns, scan.end_ns), max(scan.stamp_ns, scan.end_ns)
-        now_ns = self._guard.now(SCAN_STREAM)
-        late = ended or now_ns is None or now_ns > end_ns + self._timeout_ns + self._late_joints_ns
-        if self.motion.mode is None and (not late or self.expects_odometry):
-            return "no odometry" if late else None
-        try:
-            chain = self.kinematics.find(scan.frame_id, final=late)
-        except FrameError:
-            return "no way from base to laser"
-        if chain is None:
-            return None
-        if self.motion.mode is None:
-            self.motion.decide(self.kinematics.base or "")
-        for reason, track in self._needs(chain):
-            if track.brackets(start_ns, end_ns, self._max_gap_ns):
-                continue
-            hopeless = self._has_no_more(track, end_ns, now_ns or 0)
-            given_up = ended or (late and hopeless)
-            if given_up and reason == "no joint samples":
-                self.kinematics.explain_missing(chain)
-            return reason if given_up else None
-        knots = self.kinematics.knots(
-            chain, start_ns, end_ns, *self.motion.stamps_within(start_ns, end_ns)
-        )
-        return PosedScan(scan, knots, self._base_poses(knots), chain.at(knots))
-
-    def _needs(self, chain: Chain) -> list[tuple[str, Track]]:
-        """Return the tracks that must bracket a scan, and what is missing where one does not."""
-        needs: list[tuple[str, Track]] = [("no odometry", track) for track in self.motion.tracks]
-        between = self.kinematics.odometry_chain
-        for part, _ in (*chain.parts, *(between.parts if between is not None else ())):
-            by_joint = isinstance(part, JointReading)
-            needs.append(("no joint samples" if by_joint else "no transform", part.track))
-        return needs
-
-    def _has_no_more(self, track: Track, end_ns: int, now_ns: int) -> bool:
-        """Return whether no sample can be hoped for that would bracket a scan.
-
-        The track has passed the scan's end, or none of its samples came while message time went on
-        by `sync_timeout`: a stream that is late but comes is waited for.
-        """
-        if len(track) and track.stamps_ns[-1] >= end_ns:
-            return True
-        heard, since_ns = self._silence.get(track, (-1, 0))
-        if heard != track.heard:
-            self._silence[track] = (track.heard, now_ns)
-            return False
-        return now_ns - since_ns > self._timeout_ns
-
-    def _base_poses(self, knots_ns: Int64) -> Float64:
-        """Return T_odom_base (K, 4, 4), where odometry may follow another frame of the robot."""
-        T = self.motion.at(knots_ns)
-        between = self.kinematics.odometry_chain
-        if between is None or self.motion.mode != "odometry":
-            return T
-        return T @ between.at(knots_ns)
-
     def T_odom_base(self, stamp_ns: int) -> Float64 | None:
         """Return T_odom_base float64 (4, 4) at a stamp, None where nothing brackets it."""
-        between = self.kinematics.odometry_chain
-        tracks: list[Track] = [*self.motion.tracks, *(between.tracks if between else ())]
-        if self.motion.mode is None or not all(
-            track.brackets(stamp_ns, stamp_ns, self._max_gap_ns) for track in tracks
-        ):
-            return None
-        return self._base_poses(np.array([stamp_ns], np.int64))[0]
+        return self._posing.T_odom_base(stamp_ns)
 
 
 def _stream(record: Scan | JointSample | TransformSample | Odometry) -> Hashable:

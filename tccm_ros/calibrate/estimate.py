@@ -7,23 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.calibrate.assignment import assigned, determinable
 from tccm_ros.calibrate.layout import Layout, Trust
 from tccm_ros.calibrate.model import RigModel, RigValues
 from tccm_ros.calibrate.patches import Patches, cut_patches
-from tccm_ros.calibrate.problem import LevelHits, Planes, Problem
+from tccm_ros.calibrate.problem import Problem
 from tccm_ros.calibrate.search import first_guess
 from tccm_ros.calibrate.solver import Solution, solve
-from tccm_ros.calibrate.surroundings import (
-    CEILING,
-    FIRST_WALL,
-    FLOOR,
-    NO_PLANE,
-    Surroundings,
-    assign,
-    find_planes,
-    near_another,
-)
-from tccm_ros.calibrate.sweeps import LevelScans, Recording
+from tccm_ros.calibrate.surroundings import Surroundings, find_planes
+from tccm_ros.calibrate.sweeps import Recording
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError
 from tccm_ros.geometry import pose_from_rpy
@@ -48,12 +40,8 @@ ROUGH = 0.1
 #: Planes are looked for anew before each of the first rounds.
 SEARCHES = 3
 
-#: Distance to a wall within which a hit of the level laser may be on it in each round, m, and how
-#: far beyond what the tilting laser saw of the wall.
-LEVEL_GATES, BEYOND = (0.30, 0.15, 0.10, 0.06, 0.04, 0.04), 0.2
-
-#: Time offsets show where speeds of the joint that are not a line in its angle have this share.
-VARIED_SPEED = 0.3
+#: Distance to a wall within which a hit of the level laser may be on it in each round, m.
+LEVEL_GATES = (0.30, 0.15, 0.10, 0.06, 0.04, 0.04)
 
 Int64 = NDArray[np.int64]
 Float64 = NDArray[np.float64]
@@ -166,7 +154,9 @@ class _Work:
 
     def search(self, values: RigValues) -> Surroundings:
         """Find the planes under a rig."""
-        centers, normals = self._placed(values)
+        at = self.patches.centers
+        centers = self.model.place(at, values)
+        normals = self.model.turn(at, values, self.patches.normals)
         found = find_planes(
             centers, normals, self.places, self.recording.bag, float(self.model.pivot[2])
         )
@@ -174,13 +164,6 @@ class _Work:
         if all(height is None for height in levels) and not found.walls:
             raise BagError("neither floor, ceiling nor walls were seen; record a room")
         return found
-
-    def _placed(self, values: RigValues) -> tuple[Float64, Float64]:
-        patches = self.patches
-        return (
-            self.model.place(patches.centers, values),
-            self.model.turn(patches.centers, values, patches.normals),
-        )
 
     def refine(
         self,
@@ -204,108 +187,15 @@ class _Work:
             if self.floor_z is not None and surroundings.floor is not None:
                 x[layout.rig.start + 3] += self.floor_z - surroundings.floor
                 x[layout.floor] = self.floor_z
-        problem = self._assigned(problem, x, gates, level_gate)
+        problem = assigned(problem, x, rec, self.patches, gates, level_gate)
         rough = gates[0] > ROUGH
         means, sigmas = problem.priors(self.guess)
         strict = problem.priors(self.guess, STRICT)[1]
         if self.floor_z is not None:
             means[layout.floor], sigmas[layout.floor] = self.floor_z, self.trust.floor
             strict[layout.floor] = self.trust.floor
-        free = self._free(problem, values)
+        free = determinable(problem, values, floor_is_known=self.floor_z is not None)
         if rough:
             free[[layout.rig.start + 1, layout.rig.start + 4, layout.bias]] = False
         solution = solve(problem, x, free, means, strict)
         return Estimate(problem, solution, free, means, sigmas, strict, self.configured)
-
-    def _assigned(
-        self, problem: Problem, x: Float64, gates: tuple[float, float], level_gate: float
-    ) -> Problem:
-        values = RigValues.of_vector(x[problem.layout.rig])
-        centers, normals = self._placed(values)
-        planes = _seen_planes(problem, x)
-        plane = assign(centers, normals, self.places, self.patches.spread, planes, gates)
-        of_hit = plane[self.patches.patch]
-        everywhere = self.model.place(self.patches.hits, values)
-        at = self.places[self.patches.patch]
-        on = (of_hit != NO_PLANE) & ~near_another(everywhere, at, of_hit, planes)
-        hits, place = self.patches.hits.take(on), self.places[self.patches.patch[on]]
-        problem = replace(problem, hits=hits, plane=of_hit[on], place=place)
-        placed = self.model.place(hits, values)
-        level = tuple(
-            _on_walls(problem, x, scans, at, placed, level_gate)
-            for at, scans in sorted(self.recording.level.items())
-        )
-        return replace(problem, level=level)
-
-    def _free(self, problem: Problem, values: RigValues) -> Bool:
-        """Return which parameters have hits that may determine them."""
-        layout = problem.layout
-        free = np.zeros(layout.size, bool)
-        free[layout.rig] = free[layout.bias] = True
-        seen = np.bincount(problem.plane, minlength=FIRST_WALL + layout.walls) > 0
-        free[layout.floor] = seen[FLOOR]
-        for bag in np.unique(problem.bag[problem.place[problem.plane == CEILING]]).tolist():
-            free[layout.ceiling(bag)] = True
-        for number in range(layout.walls):
-            free[layout.wall(number)] = seen[FIRST_WALL + number]
-        for place in np.unique(problem.place).tolist():
-            free[layout.lean(place)] = True
-        free[layout.rig.start + 3] = self.floor_z is not None and bool(seen[FLOOR])
-        free[layout.rig.start + 4] = speeds_vary(problem, values)
-        walls = {int(w) for hits in problem.level for w in np.unique(hits.wall) if w >= 0}
-        free[layout.level] = bool(walls)
-        return free
-
-
-def _seen_planes(problem: Problem, x: Float64) -> Planes:
-    """Return the planes with those that were not found out of reach."""
-    planes, found = problem.planes(x), problem.surroundings
-    if found.floor is None:
-        planes.offsets[planes.number == FLOOR] = np.inf
-    hidden = np.array([height is None for height in found.ceilings])
-    ceilings = planes.number == CEILING
-    planes.offsets[ceilings] = np.where(hidden[problem.bag], np.inf, planes.offsets[ceilings])
-    return planes
-
-
-def _on_walls(
-    problem: Problem, x: Float64, scans: LevelScans, place: int, placed: Float64, gate: float
-) -> LevelHits:
-    """Say which hits of the level laser lie on which wall that the tilting laser saw."""
-    T = problem.level_mount(x[problem.layout.level], scans.T_base_laser) @ scans.T_base_laser
-    T = scans.T_place_base @ T
-    points = np.einsum("nij,nj->ni", T[:, :3, :3], scans.points) + T[:, :3, 3]
-    nearest, wall = np.full(len(points), gate), np.full(len(points), -1, np.int64)
-    for number, found in enumerate(problem.surroundings.walls):
-        mine = problem.plane == FIRST_WALL + number
-        if found.place != place or not mine.any():
-            continue
-        phi, rho, _ = x[problem.layout.wall(number)]
-        along = np.array([-np.sin(phi), np.cos(phi)])
-        limits = np.quantile(placed[mine, :2] @ along, [0.01, 0.99])
-        at = points[:, :2] @ along
-        distance = np.abs(points[:, :2] @ [np.cos(phi), np.sin(phi)] - rho)
-        better = (distance < nearest) & (at > limits[0] - BEYOND) & (at < limits[1] + BEYOND)
-        nearest[better], wall[better] = distance[better], number
-    return LevelHits(scans, place, wall)
-
-
-def speeds_vary(problem: Problem, values: RigValues) -> bool:
-    """Return whether a time offset looks different from a zero and a scale.
-
-    One-way sweeps at an even speed shift all angles alike, and so does a zero.
-    """
-    if not len(problem.plane):
-        return False
-    model, step = problem.model, 2e-3
-    early, late = (
-        model.measured(
-            problem.hits,
-            replace(values, joint_time_offset=values.joint_time_offset + shift),
-        )
-        for shift in (step, -step)
-    )
-    speed, angle = (late - early) / (2.0 * step), (late + early) / 2.0
-    A = np.column_stack([np.ones(len(angle)), angle])
-    rest = speed - A @ np.linalg.lstsq(A, speed, rcond=None)[0]
-    return bool(np.std(rest) > VARIED_SPEED * np.sqrt(np.mean(speed**2)) > 0.0)

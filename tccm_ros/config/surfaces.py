@@ -41,7 +41,7 @@ class Surfaces(Group):
     """The surface map."""
 
     segmentation: Literal["tccm", "seed"] = param(
-        "tccm", "seed: iterative RANSAC and clustering as published", read_only=True
+        "tccm", "seed: RANSAC, clustering and merging as published", read_only=True
     )
     min_points: int = param(500, "seed: least points of a cluster", ge=3)
     seed_distance: float = param(

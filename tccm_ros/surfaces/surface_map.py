@@ -24,6 +24,7 @@ from tccm_ros.surfaces.labels import Label, label_surfaces
 from tccm_ros.surfaces.lineage import Lineage
 from tccm_ros.surfaces.outline import polygon_rings
 from tccm_ros.surfaces.patch_planes import fit_plane
+from tccm_ros.surfaces.published import merge_by_distance
 from tccm_ros.surfaces.views import View, empty_view, heir_of, with_cloud, with_intervals
 
 __all__ = ["MappedSurfaces", "SurfaceMap", "ViewPlacement", "default_tilt_covariance"]
@@ -156,12 +157,18 @@ class SurfaceMap:
         views, config, T = self.views, self._config, placement.T_map_view
         left = carve(views, T, config)
         placed = surviving_patches(views, left, config)
-        groups = merge(placed, T, placement.cov_tilt, config)
+        is_published = config.surfaces.segmentation == "seed"
+        if is_published:
+            groups = merge_by_distance(placed, T, config.surfaces.merge_distance)
+        else:
+            groups = merge(placed, T, placement.cov_tilt, config)
         drafts = [d for d in (draft_surface(g, views, T, config) for g in groups) if d is not None]
-        drafts = join_pieces(drafts, views, T, placement.cov_tilt, config)
+        if not is_published:
+            drafts = join_pieces(drafts, views, T, placement.cov_tilt, config)
         drafts = [d for d in drafts if d.polygon.area >= config.surfaces.min_area]
         floor_z = find_floor(drafts, config)
-        drafts = join_floor(drafts, floor_z, views, T, config)
+        if not is_published:
+            drafts = join_floor(drafts, floor_z, views, T, config)
         drafts = [d for d in drafts if _is_wanted(d, floor_z, config)]
         lineage = Lineage(views, left)
         drafts.sort(key=lambda draft: lineage.name(draft.group))

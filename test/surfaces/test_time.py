@@ -1,0 +1,106 @@
+"""What was moved, carried away or hidden, over several views, and over a save in between."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from room import Board, Room, Screen
+from test_surface_map import overlap, standing
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import spatial
+from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPlacement, default_tilt_covariance
+from tccm_ros.surfaces.view_arrays import pack_views, unpack_views
+
+TABLE = Board(1.6, -0.9, 0.8, 0.9, 0.74)
+STOOL = Board(1.3, 0.9, 0.4, 0.4, 0.46)
+PERSON = Screen(0.7, -0.9, 0.9, -0.2, 1.8)
+"""Stands before the table."""
+
+PLACES = [(0, 0, 0), (-0.4, 0.2, 0.0), (0.1, -0.5, 0.2), (-0.2, 0.6, -0.2), (0, 0, 0), (0.3, 0, 0)]
+
+
+def look_at(rooms, *, saved_after=None):
+    """Map a room as it changes, from one place after the other; perhaps save and load between."""
+    surface_map = SurfaceMap(Config())
+    for k, (room, place) in enumerate(zip(rooms, PLACES, strict=False)):
+        for record in room.look(place, 10 * k + 10):
+            surface_map.add(record)
+        if k == saved_after:
+            packed = pack_views(surface_map.views)
+            surface_map = SurfaceMap(Config())
+            for view in unpack_views(packed):
+                surface_map.add_view(view)
+    count = len(rooms)
+    where = spatial(np.array(PLACES[:count], float))
+    placement = ViewPlacement(where, default_tilt_covariance(count), np.arange(count))
+    return {round(s.height, 2): s for s in standing(surface_map.build(placement))}
+
+
+BOTH = Room([TABLE, STOOL])
+HIDDEN = Room([TABLE, STOOL], [PERSON])
+MOVED = Room([replace(TABLE, y=TABLE.y - 1.1), STOOL])
+NO_TABLE, NO_STOOL = Room([STOOL]), Room([TABLE])
+
+SAVES = [None, 0, 1, 2]
+
+
+@pytest.mark.parametrize("saved_after", SAVES)
+def test_what_a_person_hides_stays_with_its_id(saved_after):
+    before = look_at([BOTH])
+    after = look_at([BOTH, HIDDEN, HIDDEN, BOTH], saved_after=saved_after)
+    meanwhile = look_at([BOTH, HIDDEN, HIDDEN], saved_after=saved_after)
+    for height, board in ((0.74, TABLE), (0.46, STOOL)):
+        assert meanwhile[height].id == after[height].id == before[height].id
+        assert overlap(after[height], board) > 0.8
+        assert (after[height].first_seen_ns, after[height].last_seen_ns) == (10, 40)
+    assert len(after) == len(meanwhile) == 2
+
+
+def test_what_is_hidden_was_last_seen_before():
+    hidden = Screen(0.6, -2.4, 0.9, 0.0, 1.8)
+    found = look_at([BOTH, Room([TABLE, STOOL], [hidden]), Room([TABLE, STOOL], [hidden])])
+    assert (found[0.74].first_seen_ns, found[0.46].first_seen_ns) == (10, 10)
+    assert found[0.46].last_seen_ns == 30
+    assert found[0.74].last_seen_ns < 30
+
+
+@pytest.mark.parametrize("saved_after", SAVES)
+def test_what_was_carried_away_is_gone_and_stays_gone(saved_after):
+    for rooms in ([BOTH, NO_TABLE], [BOTH, BOTH, NO_TABLE], [BOTH, NO_TABLE, NO_TABLE]):
+        found = look_at(rooms, saved_after=saved_after)
+        assert set(found) == {0.46}
+        assert found[0.46].id == look_at([BOTH])[0.46].id
+
+
+@pytest.mark.parametrize("saved_after", SAVES)
+def test_what_was_hidden_first_and_carried_away_then_is_gone(saved_after):
+    assert set(look_at([BOTH, HIDDEN, NO_TABLE], saved_after=saved_after)) == {0.46}
+
+
+@pytest.mark.parametrize("saved_after", SAVES)
+def test_what_comes_back_is_there_again_and_new(saved_after):
+    found = look_at([BOTH, NO_TABLE, BOTH], saved_after=saved_after)
+    assert found[0.74].first_seen_ns == 30
+    assert found[0.74].id not in {s.id for s in look_at([BOTH]).values()}
+    assert overlap(found[0.74], TABLE) > 0.75
+
+
+@pytest.mark.parametrize("saved_after", SAVES)
+def test_what_was_moved_is_where_it_is_now(saved_after):
+    moved = MOVED.boards[0]
+    found = look_at([BOTH, MOVED, MOVED], saved_after=saved_after)
+    assert len(found) == 2
+    assert overlap(found[0.74], moved) > 0.7
+    assert (found[0.74].first_seen_ns, found[0.74].last_seen_ns) == (20, 30)
+    assert found[0.46].first_seen_ns == 10
+    back = look_at([BOTH, MOVED, BOTH, BOTH], saved_after=saved_after)
+    assert overlap(back[0.74], TABLE) > 0.75
+    assert len(back) == 2
+
+
+@pytest.mark.parametrize("saved_after", SAVES)
+def test_one_goes_while_the_other_is_hidden(saved_after):
+    found = look_at([BOTH, Room([TABLE], [PERSON])], saved_after=saved_after)
+    assert set(found) == {0.74}
+    assert found[0.74].id == look_at([BOTH])[0.74].id

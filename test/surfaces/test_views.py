@@ -1,0 +1,123 @@
+"""Views: compact, exact in their moments, and moved as a whole with the pose they hang on."""
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from room import Board, Room
+from test_surface_map import build, standing
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import compose2, transform2
+from tccm_ros.records import SurfaceCloud, ViewIntervals
+from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPlacement, default_tilt_covariance
+from tccm_ros.surfaces.view_arrays import pack_views
+from tccm_ros.surfaces.views import empty_view, thin_cloud, with_cloud
+
+CONFIG = Config()
+TABLE, STOOL = Board(1.5, 0.3, 0.8, 1.2, 0.74), Board(1.2, -1.2, 0.4, 0.4, 0.46)
+
+
+def cloud(points, surface=None):
+    points = np.asarray(points, np.float32)
+    surface = np.zeros(len(points)) if surface is None else surface
+    return SurfaceCloud(7, "base", points, np.asarray(surface, np.uint32))
+
+
+def board(count, seed=0, x=1.0, z=0.7):
+    rng = np.random.default_rng(seed)
+    xy = rng.uniform([x, -0.4], [x + 1.2, 0.4], (count, 2))
+    return np.column_stack([xy, z + rng.normal(0.0, 0.003, count)])
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 400), st.sampled_from([0.01, 0.02, 0.05]))
+def test_thinning_keeps_one_point_for_each_voxel_and_every_weight(seed, count, voxel):
+    points = board(count, seed).astype(np.float32)
+    thinned, weights = thin_cloud(points, voxel)
+    cells = {tuple(c) for c in np.floor(points.astype(float) / voxel).astype(int).tolist()}
+    assert len(thinned) == len(cells)
+    assert weights.sum() == count
+    mean = (thinned.astype(float) * weights[:, None]).sum(axis=0) / count
+    assert mean == pytest.approx(points.astype(float).mean(axis=0), abs=1e-6)
+
+
+def test_moments_are_those_of_all_points_not_of_the_thinned_ones():
+    points = np.float32(board(40_000))
+    (patch,) = with_cloud(empty_view(7, 0, CONFIG), cloud(points), CONFIG).patches
+    assert patch.count == 40_000
+    assert len(patch.points) < 0.8 * 40_000
+    exact = points.astype(float)
+    assert patch.mean == pytest.approx(exact.mean(axis=0), abs=1e-12)
+    assert patch.cov == pytest.approx(np.cov(exact.T, bias=True), abs=1e-12)
+
+
+def test_a_view_of_more_points_is_not_larger():
+    """Four times the beams of one board: as many voxels, hardly more bytes."""
+
+    def size(count):
+        surface_map = SurfaceMap(CONFIG)
+        surface_map.add(cloud(board(count)))
+        return sum(a.nbytes for a in pack_views(surface_map.views).values())
+
+    assert size(160_000) < 1.25 * size(40_000)
+
+
+def test_a_view_moves_with_its_pose_and_with_nothing_else():
+    """Another place of the whole graph: the same surfaces, moved; the bag is not asked again."""
+    room = Room([TABLE, STOOL])
+    looks = [(room, (0.0, 0.0, 0.0), 10), (room, (0.2, 0.9, -0.3), 20)]
+    shift = np.array([4.0, -7.0, 0.8])
+    here = build(looks)
+    there = build(looks, poses=[tuple(compose2(shift, np.array(p, float))) for _, p, _ in looks])
+    assert [s.id for s in here.surfaces] == [s.id for s in there.surfaces]
+    for one, other in zip(here.surfaces, there.surfaces, strict=True):
+        assert (one.label, one.points) == (other.label, other.points)
+        assert other.height == pytest.approx(one.height, abs=1e-9)
+        assert other.centroid[:2] == pytest.approx(transform2(shift, one.centroid[None, :2])[0])
+        moved = shapely.Polygon(transform2(shift, one.boundary[:, :2]))
+        assert shapely.Polygon(other.boundary[:, :2]).symmetric_difference(moved).area < (
+            0.01 * one.area
+        )
+
+
+def test_each_view_is_moved_by_its_own_pose():
+    """Only the second view's pose is corrected: what the first alone saw stays."""
+    rooms = Room([STOOL]), Room([Board(1.5, 1.2, 0.8, 0.8, 0.74)])
+    looks = [(rooms[0], (0.0, 0.0, 0.0), 10), (rooms[1], (0.0, 0.8, 0.0), 20)]
+    before = {round(s.height, 2): s for s in standing(build(looks, sees_through=False))}
+    poses = [(0.0, 0.0, 0.0), (0.0, 1.1, 0.0)]
+    after = {round(s.height, 2): s for s in standing(build(looks, poses, sees_through=False))}
+    np.testing.assert_array_equal(after[0.46].boundary, before[0.46].boundary)
+    assert after[0.74].centroid == pytest.approx(np.add(before[0.74].centroid, (0, 0.3, 0)))
+
+
+def test_halves_that_come_in_any_order_and_twice_are_one_view():
+    records = Room([TABLE]).look((0, 0, 0), 7)
+    orders = ([0, 1], [1, 0], [0, 0, 1], [1, 0, 1])
+    packed = []
+    for order in orders:
+        surface_map = SurfaceMap(CONFIG)
+        for k in order:
+            surface_map.add(records[k])
+        packed.append(pack_views(surface_map.views))
+    for other in packed[1:]:
+        for name, array in packed[0].items():
+            np.testing.assert_array_equal(array, other[name])
+
+
+def test_a_place_seen_from_afar_in_a_few_lines_counts():
+    """Four lines of a sweep, 12 cm apart, 48 points: less than a tenth of the published 500."""
+    x, y = np.meshgrid(4.0 + 0.12 * np.arange(4), np.linspace(-0.4, 0.4, 12))
+    far = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.74)])
+    floor = board(3000, z=0.0)
+    points = np.concatenate([floor, far])
+    surface_map = SurfaceMap(CONFIG)
+    surface_map.add(cloud(points, [0] * len(floor) + [1] * len(far)))
+    surface_map.add(ViewIntervals(7, "base", np.zeros((0, 4), np.float32)))
+    placement = ViewPlacement(np.eye(4)[None], default_tilt_covariance(1), np.zeros(1, np.int64))
+    (table,) = standing(surface_map.build(placement))
+    assert table.points == 48
+    assert table.area == pytest.approx(0.36 * 0.8, rel=0.35)
+    assert table.height == pytest.approx(0.74, abs=1e-6)

@@ -70,10 +70,12 @@ def replay(
 
 @app.command()
 def info(path: BagArgument, as_json: JsonOption = False) -> None:
-    """Show what is in a bag, and what a replay of it would miss."""
+    """Show what is in a bag, and what a replay of it would miss; or what is in a saved map."""
     from tccm_ros.info import bag_info
+    from tccm_ros.io.map_file import is_map
+    from tccm_ros.io.map_info import map_info
 
-    found = bag_info(path)
+    found = map_info(path) if is_map(path) else bag_info(path)
     _tell(found.to_json(), found.text(), False, as_json)
 
 

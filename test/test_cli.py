@@ -164,6 +164,39 @@ def test_info_gives_no_laser_two_roles(capsys, monkeypatch, tmp_path):
     assert "scan:=/head_scan" not in out.replace("tilt_scan:=/head_scan", "")
 
 
+def test_info_of_a_map(capsys, monkeypatch, tmp_path):
+    run(capsys, monkeypatch, "replay", BAGS / "walkthrough", "--out", tmp_path, "--no-pictures")
+    path = tmp_path / "map.mcap"
+    status, out, _ = run(capsys, monkeypatch, "info", path)
+    assert status == 0
+    assert out.startswith(f"{path}: a saved map, ")
+    assert "goes on as if in one piece" in out
+    _, out, _ = run(capsys, monkeypatch, "info", path, "--json")
+    found = json.loads(out)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert (found["sessions"], found["keyframes"]) == (1, summary["counts"]["keyframes"])
+    assert found["size"] == path.stat().st_size
+
+
+@pytest.mark.parametrize("command", ["info", "replay"])
+def test_a_damaged_map_is_one_line_and_status_1(capsys, monkeypatch, tmp_path, command):
+    run(capsys, monkeypatch, "replay", BAGS / "walkthrough", "--out", tmp_path, "--no-pictures")
+    path = tmp_path / "map.mcap"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    arguments = ["info", path]
+    if command == "replay":
+        out = tmp_path / "out"
+        arguments = ["replay", BAGS / "walkthrough", "--map", path, "--out", out]
+    status, _, error = run(capsys, monkeypatch, *arguments)
+    assert status == 1
+    assert error.count("\n") == 1
+    assert str(path) in error
+    assert "damaged" in error
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

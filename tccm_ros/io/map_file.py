@@ -35,7 +35,7 @@ from tccm_ros.messages.results import surface_map_message
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
-__all__ = ["FORMAT", "VERSION", "load_map", "save_map"]
+__all__ = ["FORMAT", "VERSION", "is_map", "load_map", "save_map"]
 
 FORMAT = "tccm_ros/map"
 VERSION = 2
@@ -142,6 +142,14 @@ def _write_topics(writer: Writer, solution: SurfaceSolution, stamp: int, frame_i
             schemas[msgtype] = writer.register_schema(msgtype, "ros2msg", definition)
         channel = writer.register_channel(topic, "cdr", schemas[msgtype])
         writer.add_message(channel, stamp, bytes(types.serialize(msgtype, message)), stamp)
+
+
+def is_map(path: Path | str) -> bool:
+    """Return whether a file says of itself that it is a map, be it whole or not."""
+    with suppress(OSError, McapError, ValueError, EOFError, struct.error), open(path, "rb") as file:
+        summary = make_reader(file).get_summary()
+        return summary is not None and any(m.name == FORMAT for m in summary.metadata_indexes)
+    return False
 
 
 def load_map(path: Path | str) -> SavedMap:

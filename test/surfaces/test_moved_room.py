@@ -1,0 +1,115 @@
+"""A simulated recording: a table moves, a stool goes, a crate comes, a person hides a cupboard."""
+
+import json
+from dataclasses import replace
+
+import pytest
+from shapely import Polygon
+
+from tccm_ros.config import Config
+from tccm_ros.io.bags import DEFAULT_TOPICS, BagReader
+from tccm_ros.io.exports import surfaces_table
+from tccm_ros.io.map_file import load_map, save_map
+from tccm_ros.io.numbers import json_text
+from tccm_ros.pipeline import Pipeline
+from tccm_ros.records import Odometry
+from tccm_ros.sim import Options, simulate
+
+CHANGE_S = 12.0
+"""Stamp, s from the start, at which the furniture has changed and was not seen again yet."""
+
+
+def in_view(surface):
+    return surface.label != "floor" and surface.area >= 0.1
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    bag = tmp_path_factory.mktemp("moved") / "bag"
+    simulate("moved", bag, options=Options(people=True))
+    with BagReader(bag) as reader:
+        records = [(role, record) for role, _, record in reader.records(DEFAULT_TOPICS)]
+    truth = json.loads((bag / "truth.json").read_text())
+    return records, truth
+
+
+def half_of(records):
+    stamps = [r.stamp_ns for _, r in records if isinstance(r, Odometry)]
+    before = stamps[0] + int(CHANGE_S * 1e9)
+    return next(k for k, (_, r) in enumerate(records) if getattr(r, "stamp_ns", 0) > before)
+
+
+def ended(pipeline, records):
+    for role, record in records:
+        pipeline.add(role, record)
+    run = pipeline.interrupt()
+    pipeline.finish()
+    return run, pipeline.solve()
+
+
+@pytest.fixture(scope="module")
+def solutions(recording, tmp_path_factory):
+    """The map before the change, and after it: gone on with from a file."""
+    records, _ = recording
+    half = half_of(records)
+    first = Pipeline(Config(), expects_odometry=True)
+    run, before = ended(first, records[:half])
+    path = tmp_path_factory.mktemp("map") / "map.mcap"
+    save_map(path, replace(first.slam.saved(before), run=run), before)
+    second = Pipeline(Config(), expects_odometry=True)
+    second.go_on_with(load_map(path).run)
+    _, after = ended(second, records[half:])
+    return before, after
+
+
+def at(solution, entry):
+    """Return the surfaces of the map that overlap a true one, at its height."""
+    outline = Polygon([p[:2] for p in entry["boundary"]])
+    return [
+        s
+        for s in solution.surfaces
+        if abs(s.height - entry["height"]) < 0.03
+        and Polygon(s.boundary[:, :2]).intersection(outline).area > 0.3 * outline.area
+    ]
+
+
+def test_the_map_is_that_of_the_room_as_it_is_now(recording, solutions):
+    _, truth = recording
+    _, after = solutions
+    names = {entry["label"]: entry for entry in truth["surfaces"]}
+    assert set(names) == {"moved table", "cupboard", "crate"}
+    for entry in names.values():
+        (surface,) = at(after, entry)
+        outline = Polygon([p[:2] for p in entry["boundary"]])
+        found = Polygon(surface.boundary[:, :2])
+        assert found.intersection(outline).area / found.union(outline).area > 0.7
+        assert surface.height == pytest.approx(entry["height"], abs=0.005)
+    assert sum(map(in_view, after.surfaces)) == 3, "nothing is left at old places"
+
+
+def test_what_was_carried_away_was_there_and_is_gone(recording, solutions):
+    _, truth = recording
+    (stool,) = truth["gone"]
+    before, after = solutions
+    assert len(at(before, stool)) == 1
+    assert at(after, stool) == []
+
+
+def test_what_the_person_hides_keeps_its_id_and_its_dates(recording, solutions):
+    _, truth = recording
+    before, after = solutions
+    cupboard = next(e for e in truth["surfaces"] if e["label"] == "cupboard")
+    (old,), (new,) = at(before, cupboard), at(after, cupboard)
+    assert (new.id, new.first_seen_ns) == (old.id, old.first_seen_ns)
+    assert [v.points for v in old.views] == [v.points for v in new.views][: len(old.views)]
+    again = sum(v.points for v in new.views) - old.points
+    assert again < 0.1 * old.points, "the person hides it"
+    crate = next(e for e in truth["surfaces"] if e["label"] == "crate")
+    assert at(before, crate) == []
+    assert at(after, crate)[0].first_seen_ns > old.last_seen_ns
+
+
+def test_in_one_piece_it_is_the_same_map(recording, solutions):
+    _, whole = ended(Pipeline(Config(), expects_odometry=True), recording[0])
+    tables = [surfaces_table(x.surfaces, x.floor_z, "map") for x in (whole, solutions[1])]
+    assert json_text(tables[0]) == json_text(tables[1])

@@ -150,7 +150,7 @@ class Surface:
     first_seen_ns, last_seen_ns
         Stamps of the first and the last view that measured it, replaced views included.
     views
-        The views that are part of it, in stamp order.
+        The views that are part of it, in the order of sessions and stamps.
     took
         Numbers of its other patches: ids of surfaces that went into this one, and that a part of it
         has when it parts from it.

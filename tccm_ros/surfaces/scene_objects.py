@@ -54,7 +54,8 @@ def scene_objects(
         Rings float64 (N, 3) in map by surface.
     """
     footprints = {s.id: Polygon(s.boundary[:, :2]) for s in solution.surfaces}
-    latest = {s.id: max(view.stamp_ns for view in s.views) for s in solution.surfaces}
+    # In the order of sessions: the clock of an earlier one may have been ahead.
+    latest = {s.id: s.views[-1].stamp_ns for s in solution.surfaces}
     stamps = solution.view_stamps_ns.tolist()
     objects: list[SceneObject] = []
     free: dict[int, list[Float64]] = {}

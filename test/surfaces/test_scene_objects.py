@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -5,6 +6,7 @@ import pytest
 
 from tccm_ros.config import Config
 from tccm_ros.pipeline import run_bag
+from tccm_ros.records import SurfaceSighting
 from tccm_ros.surfaces import scene_objects as module
 
 BAG = Path(__file__).resolve().parents[2] / "bags" / "walkthrough"
@@ -34,3 +36,13 @@ def test_free_places_lie_on_their_surface(outcome):
         for ring in rings:
             height = ring @ surfaces[identity].normal - surfaces[identity].offset
             assert np.abs(height.mean()) < module.REACH
+
+
+def test_an_earlier_session_whose_clock_was_ahead_hides_no_object(outcome):
+    expected, _ = module.scene_objects(outcome.solution, outcome.cycles)
+    assert expected
+    ahead = SurfaceSighting(outcome.cycles[-1].stamp_ns + 10**12, 0, 500)
+    surfaces = [replace(s, views=(ahead, *s.views)) for s in outcome.solution.surfaces]
+    mapped = replace(outcome.solution.mapped, surfaces=tuple(surfaces))
+    found, _ = module.scene_objects(replace(outcome.solution, mapped=mapped), outcome.cycles)
+    assert [(o.id, o.surface) for o in found] == [(o.id, o.surface) for o in expected]

@@ -174,3 +174,11 @@ def test_there_is_an_example_for_each_rule():
 def test_the_rise_of_stairs_is_a_rule():
     flat = Config.model_validate({"labels": {"stair_rise": (0.3, 0.4)}})
     assert "step" not in only(STAIRS, config=flat)
+
+
+def test_where_two_names_fit_neither_is_given():
+    """A bed of 0.9 m with a rim along its side is a sofa as well."""
+    bed, rim = box(0, 0, 2.0, 0.9), box(0, 0.91, 2.0, 1.05)
+    assert only([(bed, 0.45)]) == ["bed"]
+    (name, confidence), _ = names((bed, 0.45), (rim, 0.85))
+    assert (name, confidence) == ("other", 0.0)

@@ -89,7 +89,7 @@ def surfaces_table(results: Results) -> str:
         name = Markup(f"{swatch}{escape(surface.label)}")
         spread = "" if surface.height_std is None else f"{surface.height_std * 1000:.1f}"
         seen = "" if surface.last_seen is None else f"{surface.last_seen - results.start:.1f}"
-        height = f"{surface.height - results.ground:.3f}"
+        height = f"{surface.height - results.ground:z.3f}"
         rows.append(
             (surface.id, name, height, f"{surface.area:.2f}", spread, len(surface.views), seen)
         )

@@ -49,7 +49,9 @@ def _common(
 def replay(
     bag: BagArgument,
     out: Annotated[Path, typer.Option("--out", help="folder for the results")],
-    map: Annotated[Path | None, typer.Option("--map", help="go on with a saved map")] = None,
+    map: Annotated[
+        Path | None, typer.Option("--map", help="go on with a map: map.mcap, or its folder")
+    ] = None,
     config: ConfigOption = None,
     set: SetOption = [],  # noqa: B006
     remap: RemapOption = [],  # noqa: B006
@@ -63,6 +65,8 @@ def replay(
     from tccm_ros.replay import replay as run
 
     settings = read_config(config, set)
+    if map is not None and map.is_dir():
+        map /= "map.mcap"
     with progress(quiet or as_json) as bars:
         summary = run(bag, out, settings, saved_map=map, remap=remap, pictures=pictures, bars=bars)
     _tell(summary.to_json(), summary.text(), quiet, as_json)

@@ -58,7 +58,11 @@ class Shares:
 class _Rate(ProgressColumn):
     def render(self, task: Task) -> Text:
         speed = task.finished_speed or task.speed
-        return Text("" if speed is None else f"{speed:.0f} {task.fields['unit']}/s")
+        if speed is None:
+            return Text("")
+        if task.fields["unit"] == "s":  # seconds of a recording in a second
+            return Text(f"{speed:.1f} x real time")
+        return Text(f"{speed:.0f} {task.fields['unit']}/s")
 
 
 class _Shown:

@@ -82,7 +82,7 @@ class Summary:
         lines = [
             f"{surfaces.text()}, {counts['objects']} objects, {counts['walls']} walls, "
             f"{counts['cycles']} tilt cycles, {counts['keyframes']} keyframes, "
-            f"{counts['loops_accepted']} loops; {self.real_time_factor:.0f} x real time",
+            f"{counts['loops_accepted']} loops; {_times(self.real_time_factor)} real time",
         ]
         session = self.content["session"]
         if session["kind"] == "continued":
@@ -96,6 +96,10 @@ class Summary:
             lines.append(f"pictures  {self.out / 'map.png'}, {self.out / 'map3d.png'}")
             lines.append(f"report    {self.out / 'report.html'}  (open it in a browser)")
         return "\n".join(lines)
+
+
+def _times(factor: float) -> str:
+    return f"{factor:.0f} x" if factor >= 10.0 else f"{factor:.1f} x"
 
 
 def replay(

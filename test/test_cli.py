@@ -197,6 +197,13 @@ def test_a_damaged_map_is_one_line_and_status_1(capsys, monkeypatch, tmp_path, c
     assert not (tmp_path / "out").exists()
 
 
+def test_the_folder_of_a_map_stands_for_its_map(capsys, monkeypatch, tmp_path):
+    bag, out = BAGS / "walkthrough", tmp_path / "out"
+    status, _, error = run(capsys, monkeypatch, "replay", bag, "--map", tmp_path, "--out", out)
+    assert status == 1
+    assert f"{tmp_path / 'map.mcap'}: no such map" in error
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -178,7 +178,10 @@ def _columns(path: Path | str, *, stamps: int, numbers: int) -> tuple[Int64, Flo
             times.append([_nanoseconds(x) for x in row[:stamps]])
             values.append([float(x) for x in row[stamps : stamps + numbers]])
         except (ValueError, InvalidOperation):
-            raise LogError(f"{path}: row {k} is not made of numbers") from None
+            raise LogError(
+                f"{path}: row {k} is not made of numbers; expected a trajectory (TUM), relations "
+                "or a reference"
+            ) from None
         if len(times[-1]) + len(values[-1]) < stamps + numbers or not np.all(
             np.isfinite(values[-1])
         ):

@@ -85,7 +85,9 @@ def open_storage(path: Path) -> StorageFile:
         if head == sqlite_file.MAGIC:
             return SqliteFile(path)
         if not head.startswith(mcap_records.MAGIC):
-            raise StorageDamage("neither mcap nor sqlite3; expected a rosbag2 folder or a .mcap")
+            raise StorageDamage(
+                "neither mcap nor sqlite3; expected a rosbag2 folder, a .mcap or a .db3"
+            )
         return McapFile(path)
 
 

@@ -18,6 +18,7 @@ PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3,$(if $(shell $(p
 .PHONY: demo test bench lint build params figures api clean
 
 demo: $(STAMP)
+	@find tccm_ros -name '*.nbi' | grep -q . || echo "the first replay compiles for two or three minutes, once"
 	@$(BIN)/tccm replay $(DEMO) --out $(OUT)
 
 test: $(STAMP)
@@ -39,7 +40,7 @@ $(STAMP): requirements.txt setup.py
 	@test -n "$(PYTHON)" || { echo "no Python 3.11 or 3.12 with venv found; install python3 and python3-venv, or say make PYTHON=..."; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "installing into $(VENV) (about a minute, once)"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -r requirements.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e . 2>/dev/null
 	-@$(BIN)/python tools/generate_tf2_msgs.py
 	@touch $(STAMP)
@@ -54,7 +55,8 @@ params: $(STAMP)
 	p = pathlib.Path('README.md'); head, mid, tail = re.split('(?s)(<!-- parameters -->\n).*?(?=<!-- /parameters -->)', p.read_text()); \
 	p.write_text(head + mid + as_markdown() + tail)"
 
-# The pictures of the README and of docs/how_it_works.md, by the demo's own code.
+# The pictures of the README and of docs/how_it_works.md, by the demo's own code; the other pages name the command above
+# each of their pictures.
 figures: demo
 	@$(BIN)/python -c "from tccm_ros.report.figures import write_figures; write_figures('$(OUT)', 'docs/images')"
 

@@ -132,7 +132,9 @@ def evaluate(
         poses = score_trajectory(folder / "trajectory.tum", path, stamps=stamps)
         _tell(poses.as_dict(), poses.table(), False, as_json)
         if plot is not None:
-            poses.plot(plot)
+            from tccm_ros.evaluate.plot import plot_score
+
+            plot_score(poses, plot)
 
 
 @app.command()

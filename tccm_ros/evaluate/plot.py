@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-if TYPE_CHECKING:
-    from tccm_ros.evaluate.score import TrajectoryScore
+from tccm_ros.errors import OutputError, one_line
+from tccm_ros.evaluate.score import TrajectoryScore
 
 __all__ = ["plot_score"]
 
 
-def plot_score(score: TrajectoryScore, path: Path) -> None:
-    """Draw both trajectories, if there are any, and the cumulative errors; no metadata."""
+def plot_score(score: TrajectoryScore, path: Path | str) -> None:
+    """Draw both trajectories, if there are any, and the cumulative errors as PNG; no metadata.
+
+    Raises
+    ------
+    OutputError
+        If the picture cannot be written.
+    """
     figure = Figure(figsize=(12.0, 5.5), layout="constrained")
     FigureCanvasAgg(figure)
     way, spread = figure.subplots(1, 2)
@@ -37,4 +42,7 @@ def plot_score(score: TrajectoryScore, path: Path) -> None:
     spread.set_xlim(left=0.0)
     spread.grid(alpha=0.3)
     spread.legend(fontsize=8)
-    figure.savefig(path, format="png", dpi=100, metadata={"Software": None})
+    try:
+        figure.savefig(path, format="png", dpi=100, metadata={"Software": None})
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({one_line(error)})") from None

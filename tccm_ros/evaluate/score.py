@@ -1,4 +1,4 @@
-"""`tccm evaluate` for trajectories: a result folder against a truth file, as table and plot."""
+"""`tccm evaluate` for trajectories: a result folder against a truth file, as table and figures."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.errors import LogError, OutputError, one_line
+from tccm_ros.errors import LogError
 from tccm_ros.evaluate.trajectory_errors import (
     Errors,
     absolute_errors,
@@ -75,15 +75,6 @@ class TrajectoryScore:
         if self.missing:
             rows.append(f"{self.missing} rows of the truth have no pose in the trajectory")
         return "\n".join(rows)
-
-    def plot(self, path: Path | str) -> None:
-        """Draw trajectory and truth, and the distribution of each measure, as PNG."""
-        from tccm_ros.evaluate.plot import plot_score
-
-        try:
-            plot_score(self, Path(path))
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written ({one_line(error)})") from None
 
 
 def _figures(errors: Errors) -> dict[str, Any]:

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from tccm_ros.errors import LogError
+from tccm_ros.evaluate.plot import plot_score
 from tccm_ros.evaluate.score import score_trajectory
 from tccm_ros.evaluate.trajectory_errors import (
     Errors,
@@ -188,8 +189,8 @@ def test_a_result_against_each_kind_of_truth(tmp_path):
     score = score_trajectory(result, relations)
     assert [len(e) for e in score.errors.values()] == [2, 2]
     assert max(e.translation.max() for e in score.errors.values()) < 1e-6
-    score.plot(tmp_path / "one.png")
-    score_trajectory(result, relations).plot(tmp_path / "two.png")
+    plot_score(score, tmp_path / "one.png")
+    plot_score(score_trajectory(result, relations), tmp_path / "two.png")
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
 
 

@@ -1,10 +1,10 @@
 """Whole runs in simulated buildings that are hard to map, with and without walls.
 
 Stand-ins for logs that are not here: identical offices, a court of several hundred metres, crossing
-corridors behind glass, a campus. Usage: python bench/slam_buildings.py [BUILDING ...]
-[--robots NAME ...] [--seeds N] [--walls]. Prints a table of the rms error after alignment and of
-the mean error over pairs of poses less than 3 m apart with more than 10 m of path between them;
-asserts nothing.
+corridors behind glass, a campus, plain corridors. Usage: python bench/slam_buildings.py
+[BUILDING ...] [--robots NAME ...] [--seeds N] [--first SEED] [--layouts] [--walls]. Prints a table
+of the rms error after alignment and of the mean error over pairs of poses less than 3 m apart with
+more than 10 m of path between them; asserts nothing.
 """
 
 from __future__ import annotations
@@ -33,8 +33,19 @@ BUILDINGS = {
     "court": lambda: buildings.court(),
     "large court": lambda: buildings.court(220.0, 60.0),
     "rooms": lambda: buildings.rooms(),
+    "alike rooms": lambda: buildings.rooms(spread=0.03, seed=1),
     "campus": lambda: buildings.campus(),
+    "plain block": lambda: buildings.plain_block(),
+    "row of loops": lambda: buildings.row_of_loops(),
 }
+
+DRAWN = {
+    "rooms": lambda seed: buildings.rooms(seed=seed),
+    "campus": lambda seed: buildings.campus(seed=seed),
+    "plain block": lambda seed: buildings.plain_block(seed=seed),
+    "row of loops": lambda seed: buildings.row_of_loops(seed=seed),
+}
+"""Buildings whose layout `--layouts` draws with the seed."""
 
 MOST_ROWS = 700
 """Poses of which pairs are compared: a relation each few scans."""
@@ -46,8 +57,9 @@ HEAD = (
 )
 
 
-def bench(name: str, robot: str, walls: bool, seed: int) -> None:
-    run = buildings.drive(BUILDINGS[name](), buildings.ROBOTS[robot], seed=seed)
+def bench(name: str, robot: str, walls: bool, seed: int, drawn: bool) -> None:
+    building = DRAWN[name](seed) if drawn and name in DRAWN else BUILDINGS[name]()
+    run = buildings.drive(building, buildings.ROBOTS[robot], seed=seed)
     config = Config()
     config.walls.enabled = walls
     start = time.process_time()
@@ -79,14 +91,16 @@ def main() -> None:
     parser.add_argument("buildings", nargs="*", default=list(BUILDINGS), help=", ".join(BUILDINGS))
     parser.add_argument("--robots", nargs="*", default=list(buildings.ROBOTS))
     parser.add_argument("--seeds", type=int, default=1, help="runs of each")
+    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    parser.add_argument("--layouts", action="store_true", help="another layout with each seed")
     parser.add_argument("--walls", action="store_true", help="no runs without walls")
     options = parser.parse_args()
     print(HEAD)
     for name in options.buildings:
         for robot in options.robots:
-            for seed in range(options.seeds):
+            for seed in range(options.first, options.first + options.seeds):
                 for walls in (True,) if options.walls else (True, False):
-                    bench(name, robot, walls, seed)
+                    bench(name, robot, walls, seed, options.layouts)
 
 
 if __name__ == "__main__":

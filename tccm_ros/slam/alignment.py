@@ -22,6 +22,10 @@ UNCONFIRMED, ENOUGH = 0.1, 0.5
 """Weight of what a single scan of the map saw, be it people who walk along, where at least this
 share of the neighbours is confirmed; where the robot sees new ground, all count alike."""
 
+CLEARER = 3.0
+"""A direction in which the map says less than this many times what the noise of its normals would
+say anyway is not known from the map: along a corridor, that noise alone looks like information."""
+
 MAX_STEPS = 25
 STEP_DONE = 1e-5
 """A step (m, rad) below this ends the alignment: a hundredth of the noise of a result."""
@@ -35,7 +39,8 @@ class Alignment(NamedTuple):
     pose
         float64 (3,), of the scan in the map.
     information
-        float64 (3, 3) of (x, y, yaw): x, y along the map's axes; the prior not included.
+        float64 (3, 3) of (x, y, yaw): x, y along the map's axes; the prior not included. It is
+        zero in a direction of which the map says no more than noise would.
     inliers
         Share of the scan's points with a neighbour in the map.
     confirmed
@@ -106,13 +111,14 @@ def _align(
     reach: float,
 ) -> tuple[Float64, Float64, float, float, float]:  # pragma: no cover - compiled
     pose = start.copy()
-    H, b = np.zeros((3, 3)), np.zeros(3)
+    H, noise, b = np.zeros((3, 3)), np.zeros((2, 2)), np.zeros(3)
     inliers, confirmed, rms = 0.0, 0.0, 0.0
     for step in range(MAX_STEPS):
         radius = max(reach * 0.7**step, 6.0 * sigma)
         inliers, confirmed, rms = _normal_equations(
-            line_map, points, normals, pose, sigma, radius, H, b
+            line_map, points, normals, pose, sigma, radius, H, noise, b
         )
+        _drop_what_noise_says(H, noise, b)
         A = H + prior_information
         difference = pose - prior
         difference[2] = np.arctan2(np.sin(difference[2]), np.cos(difference[2]))
@@ -138,14 +144,17 @@ def _normal_equations(
     sigma: float,
     radius: float,
     H: Float64,
+    noise: Float64,
     b: Float64,
 ) -> tuple[float, float, float]:  # pragma: no cover - compiled
     """Sum J^T W J into H and J^T W r into b.
 
+    `noise` becomes the part of H's first two rows and columns that stems from normals that are
+    off by their standard deviation: E[n n^T] holds their variance in the wall's own direction.
     Returns the shares of inliers and of confirmed ones, and the rms of residuals.
     """
-    H[:], b[:] = 0.0, 0.0
-    H1, b1 = np.zeros((3, 3)), np.zeros(3)
+    H[:], noise[:], b[:] = 0.0, 0.0, 0.0
+    H1, noise1, b1 = np.zeros((3, 3)), np.zeros((2, 2)), np.zeros(3)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     J = np.empty(3)
     count, confirmed, total = 0, 0, 0.0
@@ -161,14 +170,19 @@ def _normal_equations(
         dx, dy = x - line_map.points[j, 0], y - line_map.points[j, 1]
         mx, my = line_map.normals[j, 0], line_map.normals[j, 1]
         count += 1
-        G, g = H1, b1
+        G, N, g = H1, noise1, b1
         if line_map.confirmed[j]:
-            G, g = H, b
+            G, N, g = H, noise, b
             confirmed += 1
         if mx != 0.0 or my != 0.0:
             r = mx * dx + my * dy
             J[0], J[1], J[2] = mx, my, my * rx - mx * ry
-            _add(G, g, J, r, _robust(r, sigma) / (sigma * sigma))
+            w = _robust(r, sigma) / (sigma * sigma)
+            _add(G, g, J, r, w)
+            w *= line_map.variances[j]
+            N[0, 0] += w * my * my
+            N[0, 1] -= w * mx * my
+            N[1, 1] += w * mx * mx
             total += r * r
         else:
             w = ISOTROPIC_SHARE * _robust(np.sqrt(dx * dx + dy * dy), 2.0 * sigma) / sigma**2
@@ -179,9 +193,29 @@ def _normal_equations(
             total += 0.5 * (dx * dx + dy * dy)
     share = UNCONFIRMED if confirmed >= ENOUGH * count else 1.0
     H += share * H1
+    noise += share * noise1
+    noise[1, 0] = noise[0, 1]
     b += share * b1
     n = max(len(points), 1)
     return count / n, confirmed / n, np.sqrt(total / max(count, 1))
+
+
+@njit(nogil=True, cache=True)
+def _drop_what_noise_says(H: Float64, noise: Float64, b: Float64) -> None:  # pragma: no cover
+    """Take the direction out of H and b in which they say least of the position, if that is noise.
+
+    A step along it would follow the noise, and its information would be believed.
+    """
+    mid, half = 0.5 * (H[0, 0] + H[1, 1]), np.hypot(0.5 * (H[0, 0] - H[1, 1]), H[0, 1])
+    angle = 0.5 * np.arctan2(2.0 * H[0, 1], H[0, 0] - H[1, 1])
+    # Across the direction of the most information.
+    x, y = -np.sin(angle), np.cos(angle)
+    by_noise = x * x * noise[0, 0] + 2.0 * x * y * noise[0, 1] + y * y * noise[1, 1]
+    if mid - half >= CLEARER * by_noise:
+        return
+    keep = np.array([[1.0 - x * x, -x * y, 0.0], [-x * y, 1.0 - y * y, 0.0], [0.0, 0.0, 1.0]])
+    H[:] = keep @ H @ keep
+    b[:] = keep @ b
 
 
 @njit(nogil=True, cache=True)

@@ -21,6 +21,10 @@ bend of two submaps."""
 GROWTH = (0.02, 0.003)
 """How the closing error grows (1/m, rad/m) with the path between the proposals on either side."""
 
+KNOWS_PLACE = 0.5
+"""A proposal whose standard deviation (m) is larger in some direction does not say where the robot
+is: along a plain corridor. It agrees with all, and so confirms none that does."""
+
 CHI2 = 11.3
 """99 % of three degrees of freedom."""
 
@@ -54,9 +58,26 @@ def consistent_with(
     along = np.array([abs(path[p.a] - path[one.a]) + abs(path[p.b] - path[one.b]) for p in others])
     sigma_xy = TOLERANCE[0] + GROWTH[0] * along
     sigma_yaw = TOLERANCE[1] + GROWTH[1] * along
-    spread = np.array([p.spread for p in others]) + one.spread
-    chi2 = (error[:, 0] ** 2 + error[:, 1] ** 2) / (sigma_xy**2 + spread)
-    return np.asarray(chi2 + error[:, 2] ** 2 / sigma_yaw**2 < CHI2)
+    cov = _in_frames_of(one, others, between2(poses[one.b], b)[:, 2])
+    xx, xy, yy = cov[:, 0, 0] + sigma_xy**2, cov[:, 0, 1], cov[:, 1, 1] + sigma_xy**2
+    x, y = error[:, 0], error[:, 1]
+    chi2 = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
+    agree = chi2 + error[:, 2] ** 2 / sigma_yaw**2 < CHI2
+    return np.asarray(agree & (_knows_place(others) == _knows_place([one])))
+
+
+def _in_frames_of(one: Proposal, others: Sequence[Proposal], yaws: Float64) -> Float64:
+    """Return the sum of the positions' covariances of `one` and of each other, (N, 2, 2), in the
+    frame of the other's b, which stands at `yaws` (N,) in that of one's b.
+    """
+    c, s = np.cos(yaws), np.sin(yaws)
+    turns = np.array([[c, s], [-s, c]]).transpose(2, 0, 1)
+    turned = turns @ one.cov[:2, :2] @ turns.transpose(0, 2, 1)
+    return np.asarray(np.array([p.cov[:2, :2] for p in others]) + turned)
+
+
+def _knows_place(proposals: Sequence[Proposal]) -> NDArray[np.bool_]:
+    return np.array([p.spread < KNOWS_PLACE**2 for p in proposals])
 
 
 def largest_consistent_set(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.slam.likelihood_grid import CELL, UNKNOWN, LikelihoodGrid
 
-__all__ = ["Correlation", "correlate", "support"]
+__all__ = ["Correlation", "correlate", "known_likelihood", "support"]
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -151,6 +151,28 @@ def support(grid: LikelihoodGrid, points: Float64, pose: Float64) -> tuple[float
     """Return the shares of points (N, 2), placed at `pose` (3,), on walls and in free space."""
     near, free = _support(grid.levels, grid.origin, points, np.asarray(pose, float))
     return near / max(len(points), 1), free / max(len(points), 1)
+
+
+def known_likelihood(grid: LikelihoodGrid, points: Float64, pose: Float64) -> float:
+    """Return the mean likelihood of the points (N, 2), placed at `pose` (3,), that fall where
+    beams have been; 0 where none does.
+    """
+    return float(_known_likelihood(grid.levels, grid.origin, points, np.asarray(pose, float)))
+
+
+@njit(nogil=True, cache=True)
+def _known_likelihood(
+    levels: UInt8, origin: Float64, points: Float64, pose: Float64
+) -> float:  # pragma: no cover - compiled
+    cells = np.empty((len(points), 2), np.int32)
+    _rotate(points, origin, pose, pose[2], cells)
+    total, known = 0, 0
+    for i in range(len(points)):
+        x, y = cells[i, 0], cells[i, 1]
+        if 0 <= x < levels.shape[1] and 0 <= y < levels.shape[2] and levels[0, x, y] != UNKNOWN:
+            total += levels[0, x, y]
+            known += 1
+    return total / (255.0 * max(known, 1))
 
 
 @njit(nogil=True, cache=True)

@@ -21,7 +21,10 @@ THIN_DISTANCE = 0.04
 """Beams closer than this (m) along a scan say the same and are averaged."""
 
 NORMAL_BEAMS = 3
-"""Neighbours on either side that a normal is fitted to."""
+"""Neighbours on either side that a normal is fitted to at first."""
+
+WIDER = (1, 2, 4)
+"""Where noise hides the direction of a short piece of wall, a longer one shows it."""
 
 SEARCH_POINTS = 100
 """Points that a search scores, about."""
@@ -108,23 +111,25 @@ def thin_with_normals(
     points = points[:count].copy()
     normals = np.zeros((count, 2))
     for i in range(count):
-        _fit_normal(points, i, origin, step, normals)
+        for times in WIDER:
+            if _fit_normal(points, i, origin, step, times, normals):
+                break
     return points, normals
 
 
 @njit(nogil=True, cache=True)
 def _fit_normal(
-    points: Float64, i: int, origin: Float64, step: float, normals: Float64
-) -> None:  # pragma: no cover - compiled
-    """Write the normal of point i, if it has one."""
+    points: Float64, i: int, origin: Float64, step: float, times: int, normals: Float64
+) -> bool:  # pragma: no cover - compiled
+    """Write the normal of point i, if a neighbourhood this many times as large has one."""
     rx, ry = points[i, 0] - origin[0], points[i, 1] - origin[1]
     spacing = np.sqrt(rx * rx + ry * ry) * step
-    reach = min(max(MIN_REACH, 4.0 * spacing), MAX_REACH)
+    reach = min(times * max(MIN_REACH, 4.0 * spacing), MAX_REACH)
     sx = sy = sxx = sxy = syy = 0.0
     n = 0
     for side in (-1, 1):
         j = i if side < 0 else i + 1
-        for _ in range(NORMAL_BEAMS + (1 if side < 0 else 0)):
+        for _ in range(times * NORMAL_BEAMS + (1 if side < 0 else 0)):
             if j < 0 or j >= len(points):
                 break
             x, y = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
@@ -134,13 +139,14 @@ def _fit_normal(
             sxx, sxy, syy = sxx + x * x, sxy + x * y, syy + y * y
             j += side
     if n < 3:
-        return
+        return False
     sx, sy = sx / n, sy / n
     a, b, c = sxx / n - sx * sx, sxy / n - sx * sy, syy / n - sy * sy
     mid, half = 0.5 * (a + c), np.sqrt(0.25 * (a - c) ** 2 + b * b)
     if mid - half > FLATNESS * FLATNESS * (mid + half):
-        return
+        return False
     angle = 0.5 * np.arctan2(2.0 * b, a - c) + 0.5 * np.pi
     nx, ny = np.cos(angle), np.sin(angle)
     sign = -1.0 if nx * rx + ny * ry > 0.0 else 1.0
     normals[i, 0], normals[i, 1] = sign * nx, sign * ny
+    return True

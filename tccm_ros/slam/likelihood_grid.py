@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.slam.point_sets import extent_near_median
 
-__all__ = ["CELL", "UNKNOWN", "LikelihoodGrid", "make_likelihood_grid"]
+__all__ = ["CELL", "UNKNOWN", "LikelihoodGrid", "make_likelihood_grid", "with_unknown"]
 
 Float64 = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -81,11 +81,22 @@ def make_likelihood_grid(
     return LikelihoodGrid(grid, origin, outside)
 
 
+def with_unknown(grid: LikelihoodGrid, likelihood: float) -> LikelihoodGrid:
+    """Return a grid in which places that no beam has been to have another likelihood, 0..1."""
+    value = np.uint8(np.clip(np.rint(255.0 * likelihood), 0, 255))
+    levels = np.empty_like(grid.levels)
+    levels[0] = np.where(grid.levels[0] == UNKNOWN, value, grid.levels[0])
+    _build_levels(levels)
+    return LikelihoodGrid(levels, grid.origin, int(value))
+
+
 def _blurred_point() -> UInt8:
     """Return the likelihoods in the cells around a map point."""
     offsets = np.arange(-STAMP, STAMP + 1) * CELL
     squares = offsets[:, None] ** 2 + offsets[None, :] ** 2
-    return np.rint(255.0 * np.exp(-0.5 * squares / BLUR**2)).astype(np.uint8)
+    stamp = np.rint(255.0 * np.exp(-0.5 * squares / BLUR**2)).astype(np.uint8)
+    # What is known is not UNKNOWN.
+    return np.where(stamp == UNKNOWN, np.uint8(UNKNOWN - 1), stamp)
 
 
 _BLURRED = _blurred_point()

@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 
 from tccm_ros.slam.point_sets import extent_near_median, place_scans
 from tccm_ros.slam.seen_through import passes_and_hits
+from tccm_ros.slam.surface_normals import BUCKET, fit_missing_normals, mean_normals
 
-__all__ = ["LineMap", "make_line_map"]
+__all__ = ["BUCKET", "LineMap", "make_line_map"]
 
 Float64 = NDArray[np.float64]
 Int32 = NDArray[np.int32]
-
-BUCKET = 0.30
-"""Edge of a bucket, m: the search radius, so that 3 x 3 buckets hold every neighbour."""
 
 SPACING = 0.05
 """A point nearer than this (m) to one that is there already, and facing its way, adds nothing."""
@@ -44,6 +42,8 @@ class LineMap(NamedTuple):
     confirmed
         bool (N,), whether another scan saw a surface there, too: one that moves along with the
         robot is elsewhere in each scan.
+    variances
+        float64 (N,), of the normals' directions, rad^2; zero without a normal.
     """
 
     points: Float64
@@ -51,12 +51,13 @@ class LineMap(NamedTuple):
     origin: Float64
     starts: Int32
     confirmed: NDArray[np.bool_]
+    variances: Float64
 
 
 def make_line_map(
     poses: Float64, points: list[Float64], normals: list[Float64], origins: list[Float64]
 ) -> LineMap:
-    """Put scans into one map; the first scan to see a place defines it.
+    """Put scans into one map; the first scan to see a place defines it, all tell its normal.
 
     What more scans saw through than saw has moved, and is not in the map.
 
@@ -72,30 +73,37 @@ def make_line_map(
     counts = np.array([len(q) for q in points])
     p, n = place_scans(poses, counts, np.concatenate(points), np.concatenate(normals))
     if not len(p):
-        return LineMap(p, n, np.zeros(2), np.zeros((1, 1, 2), np.int32), np.zeros(0, bool))
+        nothing = np.zeros(0)
+        return LineMap(
+            p, n, np.zeros(2), np.zeros((1, 1, 2), np.int32), nothing.astype(bool), nothing
+        )
     near, low, high = extent_near_median(p, 0.5 * MAX_SIDE * BUCKET - BUCKET)
     scan = np.repeat(np.arange(len(counts)), counts)[near]
     p, n = p[near], n[near]
     origin = low - 1.5 * BUCKET
     shape = ((high - origin) / BUCKET).astype(np.int64) + 3
-    stay = np.flatnonzero(_thin(p, n, origin, shape))
+    owner = _thin(p, n, origin, shape)
+    stay = np.flatnonzero(owner == np.arange(len(p)))
     lasers, _ = place_scans(poses, np.ones_like(counts), np.stack(origins), np.zeros_like(poses))
     passes, hits = passes_and_hits(p[stay], lasers, np.bincount(scan, minlength=len(counts)), p)
     stay = stay[passes <= hits]
     order, starts = _sort_into_buckets(p[stay], origin, shape)
     kept = stay[order]
-    confirmed = _confirmed(p[kept], n[kept], scan[kept], origin, starts, p, n, scan)
-    return LineMap(p[kept], n[kept], origin, starts, confirmed)
+    mean, variances = mean_normals(n, owner)
+    at, mean, variances = p[kept], mean[kept], variances[kept]
+    fit_missing_normals(at, mean, variances, lasers[scan[kept]], origin, starts, p)
+    confirmed = _confirmed(at, mean, scan[kept], origin, starts, p, n, scan)
+    return LineMap(at, mean, origin, starts, confirmed, variances)
 
 
 @njit(nogil=True, cache=True)
 def _thin(
     points: Float64, normals: Float64, origin: Float64, shape: NDArray[np.int64]
-) -> NDArray[np.bool_]:  # pragma: no cover - compiled
-    """Mark the points that are not within SPACING of an earlier one that faces their way."""
+) -> NDArray[np.int64]:  # pragma: no cover - compiled
+    """Return for each point the earlier one within SPACING that faces its way, or itself."""
     heads = np.full((shape[0], shape[1]), -1, np.int32)
     links = np.full(len(points), -1, np.int32)
-    keep = np.zeros(len(points), np.bool_)
+    owner = np.arange(len(points))
     for i in range(len(points)):
         x, y = points[i, 0] - origin[0], points[i, 1] - origin[1]
         found = False
@@ -108,12 +116,13 @@ def _thin(
                         dot = normals[j, 0] * normals[i, 0] + normals[j, 1] * normals[i, 1]
                         plain = normals[i, 0] == 0.0 and normals[i, 1] == 0.0
                         found = dot > 0.5 or plain
+                        if found:
+                            owner[i] = j
                     j = links[j]
         if not found:
-            keep[i] = True
             cx, cy = int(x / BUCKET), int(y / BUCKET)
             links[i], heads[cx, cy] = heads[cx, cy], i
-    return keep
+    return owner
 
 
 @njit(nogil=True, cache=True)

@@ -67,7 +67,7 @@ MOVED = (0.08, 0.015)
 """A loop closure that contradicts the estimate by more (m, rad) moves all keyframes at once."""
 
 LOOP_LENGTH = 0.5
-"""A loop closure ties its ends as well as this much path (m)."""
+"""A loop closure ties its ends at best as well as this much path (m)."""
 
 CACHED_SUBMAPS, CACHED_LOST = 60, 250
 """Submaps that are kept for the next keyframes, and while lost: 1 MB each."""
@@ -84,6 +84,11 @@ def loop_factor(proposal: Proposal, keys: Sequence[Key], weight: float = 1.0) ->
     """Return the factor of a proposal."""
     a, b = keys[proposal.a], keys[proposal.b]
     return BetweenKeyframes(a, b, proposal.delta, proposal.cov, weight)
+
+
+def _lengths_of(loops: Sequence[Proposal], drift: float) -> Float64:
+    """Return the path (m) that ties as well as each loop does in its weakest direction, (L,)."""
+    return np.array([max(LOOP_LENGTH, p.spread**0.5 / drift) for p in loops])
 
 
 def _ends_of(loops: Sequence[Proposal]) -> NDArray[np.int64]:
@@ -121,6 +126,7 @@ class LoopCloser:
     _steps: Float64 = field(default_factory=lambda: np.zeros(0))
     _path: Float64 = field(default_factory=lambda: np.zeros(0))
     _ends: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    _ties: Float64 = field(default_factory=lambda: np.zeros(0))
     _cache: dict[int, Submap] = field(default_factory=dict)
 
     @property
@@ -152,7 +158,7 @@ class LoopCloser:
             self._append(keyframe, pose)
             self._tied.add(keyframe.session)
         self.accepted = list(loops)
-        self._ends = _ends_of(loops)
+        self._ends, self._ties = _ends_of(loops), _lengths_of(loops, self.config.loops.drift)
         self._waiting, self._fresh = list(range(len(poses))), list(loops)
         self._update()
 
@@ -267,7 +273,7 @@ class LoopCloser:
 
     def _distance(self, k: int) -> Float64:
         """Return the shortest path (m) in the graph from k to all keyframes before it."""
-        return lengths_from(k, self._steps[: k + 1], self._ends, LOOP_LENGTH)
+        return lengths_from(k, self._steps[: k + 1], self._ends, self._ties)
 
     def _submap(self, centre: int, most: int = CACHED_SUBMAPS) -> Submap:
         if centre not in self._cache:
@@ -298,6 +304,8 @@ class LoopCloser:
         error = np.array([between(p.delta, self._step(p)) for p in fresh])
         self.accepted.extend(fresh)
         self._ends = np.concatenate([self._ends, _ends_of(fresh)])
+        ties = _lengths_of(fresh, self.config.loops.drift)
+        self._ties = np.concatenate([self._ties, ties])
         self._fresh.extend(fresh)
         far = np.hypot(error[:, 0], error[:, 1]).max() > MOVED[0]
         if tie or far or np.abs(error[:, 2]).max() > MOVED[1]:

@@ -13,7 +13,7 @@ Float64 = NDArray[np.float64]
 
 @njit(nogil=True, cache=True)
 def lengths_from(
-    start: int, steps: Float64, loops: NDArray[np.int64], loop_length: float
+    start: int, steps: Float64, loops: NDArray[np.int64], ties: Float64
 ) -> Float64:  # pragma: no cover - compiled
     """Return the length of the shortest path from one keyframe to all, float64 (K,), m.
 
@@ -28,8 +28,8 @@ def lengths_from(
         float64 (K,), the way from the keyframe before, m; infinite where a session begins.
     loops
         int64 (L, 2), keyframes that a loop closure ties.
-    loop_length
-        Length of a loop closure, m.
+    ties
+        float64 (L,), the length of each loop closure, m.
     """
     lengths = np.full(len(steps), np.inf)
     lengths[start] = 0.0
@@ -42,8 +42,8 @@ def lengths_from(
         changed = False
         for i in range(len(loops)):
             a, b = loops[i, 0], loops[i, 1]
-            if lengths[b] + loop_length < lengths[a]:
-                lengths[a], changed = lengths[b] + loop_length, True
-            if lengths[a] + loop_length < lengths[b]:
-                lengths[b], changed = lengths[a] + loop_length, True
+            if lengths[b] + ties[i] < lengths[a]:
+                lengths[a], changed = lengths[b] + ties[i], True
+            if lengths[a] + ties[i] < lengths[b]:
+                lengths[b], changed = lengths[a] + ties[i], True
     return lengths

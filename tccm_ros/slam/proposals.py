@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.config import Config
-from tccm_ros.slam.alignment import align
-from tccm_ros.slam.correlation import correlate, support
+from tccm_ros.config import Config, Loops
+from tccm_ros.slam.alignment import Alignment, align
+from tccm_ros.slam.correlation import correlate, known_likelihood, support
+from tccm_ros.slam.likelihood_grid import with_unknown
 from tccm_ros.slam.se2 import rotate_covariance
 from tccm_ros.slam.submaps import Patch, Submap
 
@@ -26,6 +27,13 @@ COARSE_STEP = 0.025
 
 AMBIGUOUS_FROM = 0.8
 """Windows of this half width (m) or more can hold a second place that looks the same."""
+
+SEARCH_WEIGHT = 0.01
+"""Score that a search gives away at one standard deviation from where the graph expects the match:
+along a corridor, the match that overlaps most would win otherwise."""
+
+UNKNOWN_SIGMA = 20.0
+"""Standard deviation (m, rad) where a match says nothing: along a plain corridor."""
 
 APART = (0.7, 0.35)
 """Poses further apart than this (m, or rad) are different places."""
@@ -51,9 +59,33 @@ class Window:
     least: float = 0.0
 
     @property
+    def span(self) -> tuple[float, float]:
+        """Half widths, m and rad."""
+        return self.reach, self.turn
+
+    @property
+    def anywhere(self) -> bool:
+        """Whether the centre is no expectation."""
+        return self.turn > 1.0
+
+    @property
     def angle_step(self) -> float:
         """Angle between the turns of the search; 0: as fine as the grid."""
-        return COARSE_STEP if self.turn > 1.0 else 0.0
+        return COARSE_STEP if self.anywhere else 0.0
+
+    @property
+    def information(self) -> Float64:
+        """What the centre is worth, float64 (3, 3): half the window is a standard deviation."""
+        sigmas = np.array([self.reach, self.reach, self.turn]) * 0.5 + 0.05
+        return np.diag(1.0 / sigmas**2)
+
+    @property
+    def penalty(self) -> tuple[float, float]:
+        """Score lost per m^2 and rad^2 away from the centre."""
+        if self.anywhere:
+            return 0.0, 0.0
+        information = SEARCH_WEIGHT * self.information
+        return float(information[0, 0]), float(information[2, 2])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +97,8 @@ class Proposal:
     a, b
         Keyframes; `a` is the submap's centre.
     delta, cov
-        Planar pose (3,) of b in a; covariance (3, 3) of (x, y, yaw) in b's frame.
+        Planar pose (3,) of b in a; covariance (3, 3) of (x, y, yaw) in b's frame: of the match
+        alone, without what was expected, so that an expectation is not believed twice.
     inliers, score
         Shares of matched points and of likelihood, 0..1.
     window
@@ -100,38 +133,44 @@ def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Pro
         but is not good enough or not alone.
     """
     loops, sigma = config.loops, config.matching.range_sigma
-    span = (window.reach, window.turn)
     found = correlate(
         submap.grid,
         patch.search_points,
         window.centre,
-        span,
+        window.span,
         angle_step=window.angle_step,
+        penalty=window.penalty,
         least=max(loops.min_score, window.least),
     )
     if found.score < 0.0:
         return None
-    loose = np.array([window.reach, window.reach, window.turn]) * 0.5 + 0.05
-    prior = np.diag(1.0 / loose**2)
     result = align(
-        submap.lines, patch.points, patch.normals, found.pose, sigma, window.centre, prior
+        submap.lines,
+        patch.points,
+        patch.normals,
+        found.pose,
+        sigma,
+        window.centre,
+        window.information,
     )
-    information = result.information / config.matching.correlated_beams + prior
-    cov = np.asarray(np.linalg.inv(information), np.float64)
-    cov = rotate_covariance(cov, -float(result.pose[2]))
-    cov = cov + np.diag([MATCH_FLOOR[0] ** 2, MATCH_FLOOR[0] ** 2, MATCH_FLOOR[1] ** 2])
-    reason = ""
     near, free = support(submap.grid, patch.points, result.pose)
+    reason = ""
     if near < loops.min_inliers:
         reason = f"only {near:.2f} of the points match"
     elif free > loops.max_contradiction:
         reason = f"{free:.2f} of the points lie in free space"
+    elif result.inliers < 0.5 * near:
+        reason = "most points lie on the backs of walls"
     elif _apart(result.pose, found.pose):
         reason = "alignment leaves the correlative match"
     elif window.reach >= AMBIGUOUS_FROM:
         second = _second_place(submap, patch, window, result.pose, found.score, loops.ambiguity)
-        if second > 0.0:
+        better = 0.0 if second else _better_where_known(submap, patch, window, result.pose, loops)
+        if second:
             reason = f"ambiguous: another place matches {second:.2f} as well"
+        elif better:
+            reason = f"ambiguous: where it is known, another place matches {better:.2f} as well"
+    cov = _covariance(result, config.matching.correlated_beams)
     return Proposal(
         submap.centre,
         patch.centre,
@@ -142,6 +181,14 @@ def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Pro
         window.reach,
         reason,
     )
+
+
+def _covariance(result: Alignment, correlated_beams: float) -> Float64:
+    """Return the covariance (3, 3) of a match in the frame of its patch."""
+    information = result.information / correlated_beams + np.eye(3) / UNKNOWN_SIGMA**2
+    cov = np.asarray(np.linalg.inv(information), np.float64)
+    cov = rotate_covariance(cov, -float(result.pose[2]))
+    return cov + np.diag([MATCH_FLOOR[0] ** 2, MATCH_FLOOR[0] ** 2, MATCH_FLOOR[1] ** 2])
 
 
 def _apart(a: Float64, b: Float64) -> bool:
@@ -157,9 +204,39 @@ def _second_place(
         submap.grid,
         patch.search_points,
         window.centre,
-        (window.reach, window.turn),
+        window.span,
         angle_step=window.angle_step,
         least=share * score,
         exclude=(best, APART[0], APART[1]),
     )
     return other.score / score if other.score > 0.0 else 0.0
+
+
+def _better_where_known(
+    submap: Submap, patch: Patch, window: Window, best: Float64, loops: Loops
+) -> float:
+    """Return how well another place agrees where the submap knows it, relative to the best, if
+    better; else 0.
+
+    A score is the larger the more of the patch the submap covers, so that the right place, where
+    the robot comes back from the other side, may score less than a wrong one further in. Here what
+    is not known counts as much as what matches at the best place, and the place that this names
+    must match as a loop must.
+    """
+    agreement = known_likelihood(submap.grid, patch.search_points, best)
+    other = correlate(
+        with_unknown(submap.grid, agreement),
+        patch.search_points,
+        window.centre,
+        window.span,
+        angle_step=window.angle_step,
+        penalty=window.penalty,
+        least=agreement,
+        exclude=(best, APART[0], APART[1]),
+    )
+    if other.score < 0.0:
+        return 0.0
+    near, free = support(submap.grid, patch.points, other.pose)
+    if near < loops.min_inliers or free > loops.max_contradiction:
+        return 0.0
+    return known_likelihood(submap.grid, patch.search_points, other.pose) / agreement

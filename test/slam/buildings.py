@@ -415,6 +415,55 @@ def campus(length: float = 250.0, width: float = 215.0, *, seed: int = 0) -> Bui
     return _building(pieces, route)
 
 
+def plain_block(size: float = 50.0, *, seed: int = 0) -> Building:
+    """Return four blocks with crossing corridors 2.4 m wide and little to see in them.
+
+    Door niches of 10 cm at a distance of their own along each side, and nothing else: what the
+    ACES building of Austin is like.
+    """
+    random = np.random.default_rng(seed)
+    half, gap = 1.2, 0.5 * size
+    pieces = list(plan.box(-half, -half, size + half, size + half))
+    for i in range(2):
+        for j in range(2):
+            x0, y0 = i * gap + half, j * gap + half
+            x1, y1 = (i + 1) * gap - half, (j + 1) * gap - half
+            for a, b in pairwise([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)]):
+                pieces += _niches(a, b, 6.0 + random.uniform(0.0, 4.0), 1.0, 0.1)
+    m, e = gap, size
+    route = [(0.0, 0.0), (e, 0.0), (e, e), (0.0, e), (0.0, 0.0), (m, 0.0), (m, e), (e, e)]
+    route += [(e, m), (0.0, m), (0.0, 0.0), (e, 0.0), (e, m), (m, m), (m, 0.0)]
+    return _building(pieces, route)
+
+
+def row_of_loops(
+    count: int = 4, length: float = 80.0, width: float = 45.0, *, seed: int = 0
+) -> Building:
+    """Return loops of 250 m in a row, each beside the last, and a way back along all of them.
+
+    Corridors of 2.6 m with door niches, a cupboard now and then: the other thing that is hard
+    about MIT's Killian Court.
+    """
+    random = np.random.default_rng(seed)
+    half, end = 1.3, count * length
+    walls = list(pairwise([(-half, -half), (-half, width + half), (end + half, width + half)]))
+    walls += pairwise([(end + half, width + half), (end + half, -half), (-half, -half)])
+    for k in range(count):
+        x0, x1, y0, y1 = k * length + half, (k + 1) * length - half, half, width - half
+        walls += pairwise([(x0, y0), (x1, y0), (x1, y1), (x0, y1), (x0, y0)])
+    pieces: list[Float64] = []
+    for a, b in walls:
+        pieces += _niches(a, b, 4.0 + random.uniform(0.0, 4.0), 1.1, 0.12)
+    for x in random.uniform(0.0, end, 4 * count):
+        pieces += list(plan.box(x, -half, x + random.uniform(0.4, 1.2), 0.35 - half))
+    route = [(0.0, 0.0)]
+    for k in range(count):
+        a, b = k * length, (k + 1) * length
+        route += [(b, 0.0), (b, width), (a, width), (a, 0.0), (b, 0.0)]
+    route += [(end, width), (0.0, width), (0.0, 0.0), (0.5 * length, 0.0)]
+    return _building(pieces, route)
+
+
 ROBOTS = {
     "good": Robot(),
     "slipping": Robot(drift=0.008, scale=1.03, noise=(0.03, 0.03), slips=(0.04, 0.15)),
@@ -424,6 +473,10 @@ ROBOTS = {
     "coarse": Robot(quantum=0.05, scale=0.9, drift=0.002),
     "near-sighted": Robot(reach=8.0, noise=(0.02, 0.02)),
     "fine": Robot(beams=360, noise=(0.02, 0.02), sigma=0.015, people=3, missing=0.03),
+    "noisy": Robot(
+        sigma=0.025, drift=0.01, scale=0.97, noise=(0.03, 0.03), slips=(0.02, 0.1), missing=0.02
+    ),
+    "swerving": Robot(sigma=0.02, drift=0.015, scale=1.02, noise=(0.03, 0.05), slips=(0.05, 0.2)),
     "rough": Robot(sigma=0.015, drift=0.006, scale=1.02, noise=(0.03, 0.03), slips=(0.02, 0.1)),
 }
 

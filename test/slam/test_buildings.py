@@ -81,6 +81,17 @@ def test_odometry_with_a_wrong_scale_along_corridors_that_say_little():
     assert plan.errors(run.truth, solution.poses)[0] < 0.15
 
 
+@pytest.mark.parametrize("seed", [0, 2])
+def test_plain_corridors_seen_through_noise(seed):
+    """Ranges are off by 2.5 cm, and a niche of 10 cm each 6 to 10 m is all that tells the place."""
+    building = buildings.plain_block(30.0, seed=seed)
+    run, solution = solve(building, buildings.ROBOTS["noisy"], seed=seed)
+    accepted, wrong = buildings.loops_of(run, solution)
+    assert accepted >= 20
+    assert wrong == 0
+    assert plan.errors(run.truth, solution.poses)[0] < 0.1
+
+
 def test_walls_do_not_hurt_behind_glass():
     building = buildings.block(20.0, glass=0.6)
     run, solution = solve(building, buildings.ROBOTS["crowded"])

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -60,6 +62,24 @@ def test_graduated_weights_drop_the_wrong_half_that_got_through(seed):
     assert kept[right].mean() > 0.9
     apart = between2(poses[:90], poses[100:190]) - between2(truth[:90], truth[100:190])
     assert np.hypot(*apart[:, :2].T).max() < 0.1
+
+
+def test_what_does_not_know_its_place_along_a_corridor_confirms_no_place():
+    """It agrees with its like, across the corridor; along it there is nothing to agree on."""
+    truth, _, _, path = two_laps(drift=0.0)
+    made, _ = loops(truth, 0.0)
+    along = np.diag([20.0**2, 0.02**2, 0.006**2])
+    vague = [replace(p, cov=along) for p in made]
+    assert consistent_with(vague[0], vague[1:6], truth, path).all()
+    assert not consistent_with(made[0], vague[1:6], truth, path).any()
+    assert not consistent_with(vague[0], made[1:6], truth, path).any()
+    # Off by 3 m in b's own frame: along x it may be, across it may not.
+    ahead, beside = (
+        replace(vague[0], delta=compose2(vague[0].delta, shift))
+        for shift in ([3.0, 0.0, 0.0], [0.0, 3.0, 0.0])
+    )
+    assert consistent_with(ahead, vague[:1], truth, path).all()
+    assert not consistent_with(beside, vague[:1], truth, path).any()
 
 
 def test_proposals_agree_along_a_pass_and_disagree_when_shifted():

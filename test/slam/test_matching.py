@@ -7,9 +7,9 @@ import pytest
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform2
 from tccm_ros.slam.alignment import align
-from tccm_ros.slam.correlation import correlate, support
+from tccm_ros.slam.correlation import correlate, known_likelihood, support
 from tccm_ros.slam.level_scan import level_scan, thin_with_normals
-from tccm_ros.slam.likelihood_grid import CELL, make_likelihood_grid
+from tccm_ros.slam.likelihood_grid import CELL, UNKNOWN, make_likelihood_grid, with_unknown
 from tccm_ros.slam.line_map import ACROSS, ALIKE, ALONG, SPACING, make_line_map
 
 ROOM = np.concatenate([plan.box(-2, -2, 3, 2.5), plan.box(1.0, 1.5, 1.6, 2.5)])
@@ -99,6 +99,31 @@ def test_support_tells_walls_from_free_space():
     assert free > 0.6
 
 
+@pytest.mark.parametrize("shift", [0.0, 1.5, 30.0])
+def test_where_no_beam_has_been_may_count_as_much_as_what_is_known(shift):
+    """Then a score tells by its sign alone whether what is known is better than that."""
+    lines, poses, scans = room_map()
+    rays = (np.repeat(poses[:1, :2], len(lines.points), axis=0), lines.points)
+    grid = make_likelihood_grid(lines.points, rays=rays)
+    points = np.add(scans[0].points, [shift, 0.0])
+    cells = np.floor((points - grid.origin) / CELL).astype(int)
+    inside = np.all((cells >= 0) & (cells < grid.levels.shape[1:]), axis=1)
+    values = np.full(len(points), UNKNOWN)
+    values[inside] = grid.levels[0][tuple(cells[inside].T)]
+    known = values != UNKNOWN
+    expected = values[known].mean() / 255.0 if known.any() else 0.0
+    assert known_likelihood(grid, points, np.zeros(3)) == pytest.approx(expected)
+    neutral = with_unknown(grid, 0.6)
+    assert neutral.outside == 153
+    filled = np.where(known, values, 153).mean() / 255.0
+    found = correlate(neutral, points, np.zeros(3), (0.0, 0.0), angle_step=1.0)
+    assert found.score == pytest.approx(filled)
+    if known.any():
+        assert np.sign(found.score - 0.6) == np.sign(expected - 0.6)
+    for coarse, fine in zip(neutral.levels[1:], neutral.levels):
+        assert np.all(coarse >= fine)
+
+
 @pytest.mark.parametrize("truth", [(0.2, 0.1, 0.1), (-0.5, 0.3, -0.6), (1.0, -1.0, 2.0)])
 def test_alignment_finds_the_pose(truth):
     lines, _, _ = room_map()
@@ -120,7 +145,6 @@ def test_along_a_corridor_alignment_knows_nothing_and_keeps_the_prior():
     prior = np.array([0.3, 0.02, 0.01])
     weight = np.diag([100.0, 100.0, 100.0])
     result = align(lines, scan.points, scan.normals, prior, 0.02, prior, weight)
-    # Nearly: the few far points without a normal pull a little towards where they were.
     assert result.pose[0] == pytest.approx(0.3, abs=0.08)
     assert abs(result.pose[1]) < 0.01
     values = np.linalg.eigvalsh(result.information[:2, :2])

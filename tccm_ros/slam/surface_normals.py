@@ -1,0 +1,152 @@
+"""Normals of a local map from all scans that saw a place, and how far they can be trusted.
+
+A normal fitted to a few beams of one scan is off by some hundredths of a radian, and leans along
+the wall as often to one side as to the other. Several scans together know it better. What stays
+unknown matters along a corridor: there, walls say of the robot's place only what noise says.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ["AROUND", "BUCKET", "fit_missing_normals", "mean_normals"]
+
+Float64 = NDArray[np.float64]
+Int32 = NDArray[np.int32]
+Int64 = NDArray[np.int64]
+
+BUCKET = 0.30
+"""Edge of a map's bucket, m."""
+
+AROUND = 0.2
+"""Points of all scans within this distance (m) of a point without a normal may show one."""
+
+LEAST_POINTS = 4
+"""Fewer points show no direction that could be judged."""
+
+FLATNESS = 0.2
+"""Largest ratio of a neighbourhood's thickness to its length that still has a normal."""
+
+
+@njit(nogil=True, cache=True)
+def mean_normals(
+    normals: Float64, owner: Int64
+) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
+    """Return the mean normal of each group of points, and the variance of its direction.
+
+    The scatter of single normals around their groups' means is taken to be the same in all of the
+    map: many groups have one member, which scatters around nothing.
+
+    Parameters
+    ----------
+    normals
+        float64 (N, 2), unit normals or zero.
+    owner
+        int64 (N,), the point that stands for each point's group.
+
+    Returns
+    -------
+    Unit normals float64 (N, 2) at the owners, zero where the owner has none, and variances
+    float64 (N,), rad^2
+    """
+    total, count = np.zeros_like(normals), np.zeros(len(normals))
+    for i in range(len(normals)):
+        j = owner[i]
+        if _is_zero(normals[i]) or _is_zero(normals[j]):
+            continue
+        total[j] += normals[i]
+        count[j] += 1.0
+    squares, freedom = 0.0, 0.0
+    for j in range(len(normals)):
+        if count[j] > 0.0:
+            length = np.hypot(total[j, 0], total[j, 1])
+            # Of small angles a: the sum of cos a falls short of their number by half that of a^2.
+            squares += 2.0 * (count[j] - length)
+            freedom += count[j] - 1.0
+            total[j] /= length
+    scatter = squares / max(freedom, 1.0)
+    return total, np.where(count > 0.0, scatter / np.maximum(count, 1.0), 0.0)
+
+
+@njit(nogil=True, cache=True)
+def fit_missing_normals(
+    points: Float64,
+    normals: Float64,
+    variances: Float64,
+    lasers: Float64,
+    origin: Float64,
+    starts: Int32,
+    all_points: Float64,
+) -> None:  # pragma: no cover - compiled
+    """Fit a normal to what all scans saw around each point that has none, where that is flat.
+
+    Beams far along a corridor are too far apart for a normal in their own scan; several scans
+    together fill the gaps. Corners and small things stay without.
+
+    Parameters
+    ----------
+    points, normals, variances
+        float64 (N, 2), (N, 2) and (N,) of a map, sorted into buckets; the latter two are changed.
+    lasers
+        float64 (N, 2), from where each was seen: normals point there.
+    origin, starts
+        float64 (2,) and int32 (rows, columns, 2), the buckets.
+    all_points
+        float64 (M, 2), of all scans.
+    """
+    missing = np.zeros(len(points), np.bool_)
+    for k in range(len(points)):
+        missing[k] = _is_zero(normals[k])
+    if not missing.any():
+        return
+    sums = np.zeros((len(points), 6))
+    for i in range(len(all_points)):
+        x, y = all_points[i, 0] - origin[0], all_points[i, 1] - origin[1]
+        for gx in range(int((x - AROUND) / BUCKET), int((x + AROUND) / BUCKET) + 1):
+            for gy in range(int((y - AROUND) / BUCKET), int((y + AROUND) / BUCKET) + 1):
+                for k in range(starts[gx, gy, 0], starts[gx, gy, 1]):
+                    if missing[k]:
+                        _count_in(all_points[i] - points[k], sums[k])
+    for k in range(len(points)):
+        if missing[k] and sums[k, 0] >= LEAST_POINTS:
+            _fit(points[k], lasers[k], sums[k], normals[k], variances[k : k + 1])
+
+
+@njit(nogil=True, cache=True)
+def _count_in(away: Float64, sums: Float64) -> None:  # pragma: no cover - compiled
+    dx, dy = away
+    if dx * dx + dy * dy < AROUND * AROUND:
+        sums[0] += 1.0
+        sums[1] += dx
+        sums[2] += dy
+        sums[3] += dx * dx
+        sums[4] += dx * dy
+        sums[5] += dy * dy
+
+
+@njit(nogil=True, cache=True)
+def _fit(
+    point: Float64, laser: Float64, sums: Float64, normal: Float64, variance: Float64
+) -> None:  # pragma: no cover - compiled
+    """Write the normal of the least spread of moments, and its variance, if there is one."""
+    n = sums[0]
+    sx, sy = sums[1] / n, sums[2] / n
+    a, b, c = sums[3] / n - sx * sx, sums[4] / n - sx * sy, sums[5] / n - sy * sy
+    mid, half = 0.5 * (a + c), np.hypot(0.5 * (a - c), b)
+    thick, long = max(mid - half, 0.0), mid + half
+    if half == 0.0 or thick > FLATNESS * FLATNESS * long:
+        return
+    angle = 0.5 * np.arctan2(2.0 * b, a - c) + 0.5 * np.pi
+    nx, ny = np.cos(angle), np.sin(angle)
+    towards = nx * (laser[0] - point[0]) + ny * (laser[1] - point[1])
+    sign = 1.0 if towards > 0.0 else -1.0
+    normal[0], normal[1] = sign * nx, sign * ny
+    # Of a line's direction: across, over along.
+    variance[0] = thick / ((n - 2.0) * long)
+
+
+@njit(nogil=True, cache=True)
+def _is_zero(normal: Float64) -> bool:  # pragma: no cover - compiled
+    return bool(normal[0] == 0.0 and normal[1] == 0.0)

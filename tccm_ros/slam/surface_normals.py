@@ -54,9 +54,10 @@ def mean_normals(
     total, count = np.zeros_like(normals), np.zeros(len(normals))
     for i in range(len(normals)):
         j = owner[i]
-        if _is_zero(normals[i]) or _is_zero(normals[j]):
+        if _is_zero(normals, i) or _is_zero(normals, j):
             continue
-        total[j] += normals[i]
+        total[j, 0] += normals[i, 0]
+        total[j, 1] += normals[i, 1]
         count[j] += 1.0
     squares, freedom = 0.0, 0.0
     for j in range(len(normals)):
@@ -65,7 +66,8 @@ def mean_normals(
             # Of small angles a: the sum of cos a falls short of their number by half that of a^2.
             squares += 2.0 * (count[j] - length)
             freedom += count[j] - 1.0
-            total[j] /= length
+            total[j, 0] /= length
+            total[j, 1] /= length
     scatter = squares / max(freedom, 1.0)
     return total, np.where(count > 0.0, scatter / np.maximum(count, 1.0), 0.0)
 
@@ -96,34 +98,39 @@ def fit_missing_normals(
     all_points
         float64 (M, 2), of all scans.
     """
-    missing = np.zeros(len(points), np.bool_)
+    missing, wanted = np.zeros(len(points), np.bool_), np.zeros(starts.shape[:2], np.bool_)
     for k in range(len(points)):
-        missing[k] = _is_zero(normals[k])
-    if not missing.any():
-        return
+        if _is_zero(normals, k):
+            missing[k] = True
+            x, y = points[k, 0] - origin[0], points[k, 1] - origin[1]
+            wanted[int(x / BUCKET), int(y / BUCKET)] = True
     sums = np.zeros((len(points), 6))
     for i in range(len(all_points)):
         x, y = all_points[i, 0] - origin[0], all_points[i, 1] - origin[1]
         for gx in range(int((x - AROUND) / BUCKET), int((x + AROUND) / BUCKET) + 1):
             for gy in range(int((y - AROUND) / BUCKET), int((y + AROUND) / BUCKET) + 1):
+                if not wanted[gx, gy]:
+                    continue
                 for k in range(starts[gx, gy, 0], starts[gx, gy, 1]):
                     if missing[k]:
-                        _count_in(all_points[i] - points[k], sums[k])
+                        dx = all_points[i, 0] - points[k, 0]
+                        dy = all_points[i, 1] - points[k, 1]
+                        if dx * dx + dy * dy < AROUND * AROUND:
+                            _count_in(dx, dy, sums, k)
     for k in range(len(points)):
         if missing[k] and sums[k, 0] >= LEAST_POINTS:
             _fit(points[k], lasers[k], sums[k], normals[k], variances[k : k + 1])
 
 
 @njit(nogil=True, cache=True)
-def _count_in(away: Float64, sums: Float64) -> None:  # pragma: no cover - compiled
-    dx, dy = away
-    if dx * dx + dy * dy < AROUND * AROUND:
-        sums[0] += 1.0
-        sums[1] += dx
-        sums[2] += dy
-        sums[3] += dx * dx
-        sums[4] += dx * dy
-        sums[5] += dy * dy
+def _count_in(dx: float, dy: float, sums: Float64, k: int) -> None:  # pragma: no cover - compiled
+    """Add a point's moments about point k."""
+    sums[k, 0] += 1.0
+    sums[k, 1] += dx
+    sums[k, 2] += dy
+    sums[k, 3] += dx * dx
+    sums[k, 4] += dx * dy
+    sums[k, 5] += dy * dy
 
 
 @njit(nogil=True, cache=True)
@@ -148,5 +155,5 @@ def _fit(
 
 
 @njit(nogil=True, cache=True)
-def _is_zero(normal: Float64) -> bool:  # pragma: no cover - compiled
-    return bool(normal[0] == 0.0 and normal[1] == 0.0)
+def _is_zero(normals: Float64, i: int) -> bool:  # pragma: no cover - compiled
+    return bool(normals[i, 0] == 0.0 and normals[i, 1] == 0.0)

@@ -102,8 +102,7 @@ def _level_points(
     surface = np.full(len(points), -1, np.int64)
     on = _on_planes(points, labels, levels, len(fits))
     surface[on] = labels[on]
-    strips = level_strips(points, part.lines(wanted), surface < 0, viewpoint)
-    surface[strips >= 0] = len(fits) + strips[strips >= 0]
+    surface = level_strips(points, part.lines(wanted), surface, viewpoint)
     surface[beside_boards(points, surface, fits, stands)] = -1
     chosen = surface >= 0
     _, surface = np.unique(surface[chosen], return_inverse=True)

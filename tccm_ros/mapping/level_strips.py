@@ -4,8 +4,12 @@ The laser looks along a ledge, or onto a board just below it, so flatly that one
 sweep lie on it: too few cells for a plane. Yet each line tells more than its few points say. Where
 the lines of a tilting laser run over upright things, each lies at a height of its own, a line's
 spacing above the one before. Two lines at *one* height, one further away than the other, lie on
-something level. So runs of neighbouring beams at one height are found in each line, and runs of
-neighbouring lines are put together that have one height within what the noise leaves open.
+something level. So runs of neighbouring beams at one height are found in each line, and
+
+- a run that lies on a level plane in part lies on it as a whole;
+- runs of neighbouring lines that have one height within what the noise leaves open are a strip;
+- a long run that nothing is straight above or below of is handed over by itself: whether it is one
+  of a ledge, other views tell.
 """
 
 from __future__ import annotations
@@ -40,22 +44,22 @@ UPRIGHT_SHARE = 0.5
 are straight above or below. One run of two may: it lies at the rim of a board."""
 
 STRAIGHT = 0.015
-"""Straight above or below is within this, m: two to three deviations of the noisiest laser."""
+"""Straight above or below is within this, m: nearly two deviations of what lies between two beams
+of the noisiest laser."""
 
 LEAST_POINTS = 20
 """Points of a strip."""
 
 LEAST_WIDTH = 0.03
-"""Width of a strip, m, as that of an even spread: an upright thing has none."""
+"""Width of a strip, m, as that of an even spread: an upright thing has none. What is narrower is a
+line, and must not go on upright anywhere."""
 
 LEAST_LENGTH = 0.30
 """And its length, m: what is shorter and as narrow is the top of a thing."""
 
 
-def level_strips(
-    points: Float64, lines: Index, candidates: Flags, viewpoint: Float64
-) -> NDArray[np.int32]:
-    """Find the strips of a sweep.
+def level_strips(points: Float64, lines: Index, surface: Index, viewpoint: Float64) -> Index:
+    """Complete the level surfaces of a sweep by what its lines tell.
 
     Parameters
     ----------
@@ -63,17 +67,17 @@ def level_strips(
         float64 (M, 3), m, in odom.
     lines
         int64 (M,), the scan of each point within the sweep.
-    candidates
-        bool (M,), those that may be of a strip.
+    surface
+        int64 (M,), the level plane of each point, -1 for none.
     viewpoint
         float64 (3,), the laser in odom.
 
     Returns
     -------
-    int32 (M,), number of each point's strip, from 0; -1 for none.
+    int64 (M,), `surface` where a point has one. Of the others: the plane on which their run lies,
+    or the number of their strip, which follow those of the planes; -1 for none.
     """
-    strips = np.full(len(points), -1, np.int32)
-    chosen = np.flatnonzero(candidates & (points[:, 2] < viewpoint[2]))
+    chosen = np.flatnonzero(points[:, 2] < viewpoint[2])
     scan = lines[chosen]
     seen = points[chosen] - viewpoint
     azimuth = np.arctan2(seen[:, 1], seen[:, 0])
@@ -81,12 +85,27 @@ def level_strips(
     chosen, scan, seen, azimuth = chosen[order], scan[order], seen[order], azimuth[order]
     step = _usual_step(scan, azimuth)
     of_point, runs = find_runs(scan, seen, azimuth, step)
-    upright = goes_on_upright(scan, seen, azimuth, step, runs)
-    roots = link_runs(runs, upright, step)
-    number = _large_enough(roots, of_point, runs, seen)
-    on = of_point >= 0
-    strips[chosen[on]] = number[of_point[on]]
-    return strips
+    upright = goes_on_upright(scan, seen, azimuth, step, of_point, runs)
+    strips = _strips(link_runs(runs, upright, step), upright, of_point, runs, seen)
+    strips[strips >= 0] += surface.max(initial=-1) + 1
+    plane = _plane_of_runs(of_point, surface[chosen], len(runs))
+    of_run = np.where(plane < 0, strips, np.where(upright, -1, plane))
+    completed = surface.copy()
+    of_none = (of_point >= 0) & (surface[chosen] < 0)
+    completed[chosen[of_none]] = of_run[of_point[of_none]]
+    return completed
+
+
+def _plane_of_runs(of_point: Index, surface: Index, runs: int) -> Index:
+    """Return the level plane on which most points of each run lie, int64 (R,), -1 for none."""
+    on = (of_point >= 0) & (surface >= 0)
+    pairs, count = np.unique(
+        np.column_stack([of_point[on], surface[on]]), axis=0, return_counts=True
+    )
+    plane = np.full(runs, -1, np.int64)
+    for k in np.lexsort((-pairs[:, 1], count)):  # the last one stands: most points, first plane
+        plane[pairs[k, 0]] = pairs[k, 1]
+    return plane
 
 
 def _usual_step(scan: Index, azimuth: Float64) -> float:
@@ -97,27 +116,47 @@ def _usual_step(scan: Index, azimuth: Float64) -> float:
 
 @njit(nogil=True, cache=True)
 def goes_on_upright(
-    scan: Index, seen: Float64, azimuth: Float64, step: float, runs: Float64
+    scan: Index, seen: Float64, azimuth: Float64, step: float, of_point: Index, runs: Float64
 ) -> Flags:
-    """Tell of which runs the line before or after lies straight above or below; bool (R,)."""
+    """Tell of which runs the line before or after lies straight above or below; bool (R,).
+
+    It does where it is as far away at the same bearing, whatever corners the run has.
+    """
     upright = np.zeros(len(runs), np.bool_)
+    own = np.empty(len(scan), np.int64)
     for r in range(len(runs)):
-        row = runs[r]
-        dx, dy = row[8] - row[6], row[9] - row[7]
-        length = math.sqrt(dx * dx + dy * dy)
+        row, count = runs[r], 0
+        first, end = np.searchsorted(scan, int(row[0])), np.searchsorted(scan, int(row[0]) + 1)
+        first += np.searchsorted(azimuth[first:end], row[1])
+        while count < row[5]:
+            if of_point[first] == r:
+                own[count] = first
+                count += 1
+            first += 1
         beams = (row[2] - row[1]) / step + 1.0 if step > 0.0 else 1.0
         for line in (row[0] - 1.0, row[0] + 1.0):
-            same = 0
+            same, m = 0, 0
             k, end = np.searchsorted(scan, int(line)), np.searchsorted(scan, int(line) + 1)
             k += np.searchsorted(azimuth[k:end], row[1])
             while k < end and azimuth[k] <= row[2]:
-                away = dx * (seen[k, 1] - row[7]) - dy * (seen[k, 0] - row[6])
+                while m < count - 2 and azimuth[own[m + 1]] < azimuth[k]:
+                    m += 1
+                away = distance_at(seen, azimuth, own[m], own[m + 1], azimuth[k])
                 rises = abs(seen[k, 2] - row[3]) > 2.0 * LEVEL
-                same += rises and abs(away) <= STRAIGHT * length
+                same += rises and abs(away - math.hypot(seen[k, 0], seen[k, 1])) <= STRAIGHT
                 k += 1
             if same >= UPRIGHT_SHARE * beams:
                 upright[r] = True
     return upright
+
+
+@njit(nogil=True, cache=True)
+def distance_at(seen: Float64, azimuth: Float64, a: int, b: int, bearing: float) -> float:
+    """Return how far away, seen from above, the line between two points is at a bearing, m."""
+    wide = azimuth[b] - azimuth[a]
+    share = (bearing - azimuth[a]) / wide if wide > 0.0 else 0.0
+    near, far = math.hypot(seen[a, 0], seen[a, 1]), math.hypot(seen[b, 0], seen[b, 1])
+    return near + min(max(share, 0.0), 1.0) * (far - near)
 
 
 @njit(nogil=True, cache=True)
@@ -160,19 +199,25 @@ def distance_between(a: Float64, b: Float64) -> tuple[float, float]:
     return apart, 2.0 * math.sqrt(ex * ex + ey * ey)
 
 
-def _large_enough(roots: Index, of_point: Index, runs: Float64, seen: Float64) -> NDArray[np.int32]:
-    """Return the number of each run's strip, -1 where it is too small; int32 (R,)."""
-    number, found = np.full(len(runs), -1, np.int32), 0
-    of_root = np.full(len(of_point), -1, np.int64)
-    of_root[of_point >= 0] = roots[of_point[of_point >= 0]]
-    for root in np.unique(roots):
-        its = roots == root
-        if len(np.unique(runs[its, 0])) < 2 or runs[its, 5].sum() < LEAST_POINTS:
-            continue
-        spread = np.linalg.eigvalsh(np.cov(seen[of_root == root, :2].T))
-        width, length = np.sqrt(12.0 * np.maximum(spread, 0.0))
-        if width < LEAST_WIDTH or length < LEAST_LENGTH:
-            continue
-        number[its] = found
-        found += 1
-    return number
+def _strips(roots: Index, upright: Flags, of_point: Index, runs: Float64, seen: Float64) -> Index:
+    """Return the number of each run's strip, from 0, -1 where it is too small; int64 (R,)."""
+    _, group = np.unique(roots, return_inverse=True)
+    on = of_point >= 0
+    width, length = _extents(group[of_point[on]], seen[on, :2])
+    lines = np.unique(np.column_stack([group, runs[:, 0]]), axis=0)[:, 0].astype(np.int64)
+    points = np.bincount(group, runs[:, 5])
+    is_strip = (np.bincount(lines) > 1) & (width >= LEAST_WIDTH) & (points >= LEAST_POINTS)
+    is_line = np.bincount(group, upright) == 0
+    chosen = (length >= LEAST_LENGTH) & (is_strip | is_line)
+    number = np.where(chosen, np.cumsum(chosen) - 1, -1)
+    return number[group]
+
+
+def _extents(group: Index, xy: Float64) -> tuple[Float64, Float64]:
+    """Return width and length of groups of points, float64 (G,), m, as those of an even spread."""
+    count = np.bincount(group)
+    x, y = (np.bincount(group, xy[:, k]) / count for k in range(2))
+    dx, dy = xy[:, 0] - x[group], xy[:, 1] - y[group]
+    xx, xy_, yy = (np.bincount(group, product) / count for product in (dx * dx, dx * dy, dy * dy))
+    middle, half = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy_)
+    return np.sqrt(12.0 * np.maximum(middle - half, 0.0)), np.sqrt(12.0 * (middle + half))

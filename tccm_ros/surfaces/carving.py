@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, planar, transform, wrap_angle
-from tccm_ros.surfaces.patch_planes import fit_plane
+from tccm_ros.surfaces.patch_planes import fit_plane, is_line
 from tccm_ros.surfaces.views import KEY_STEP, Patch, View, column_keys
 
 __all__ = ["Survivors", "carve", "superseded"]
@@ -83,7 +83,8 @@ def superseded(older: View, newer: View, config: Config) -> dict[int, int] | Non
     """Tell whether a newer view of the same place, taken without a move, makes an older one idle.
 
     It does where nothing is left of the older one's patches and where it looked through all that
-    the older one did.
+    the older one did. Single lines of a sweep do not count: they cover nothing, and the newer view
+    has its own.
 
     Returns
     -------
@@ -94,7 +95,8 @@ def superseded(older: View, newer: View, config: Config) -> dict[int, int] | Non
     if np.count_nonzero(known) < REPLACED * len(known):
         return None
     left = carve([older, newer], np.stack([np.eye(4)] * 2), config)
-    if any(mask.any() for mask in left.keep[0]):
+    rest = zip(older.patches, left.keep[0], strict=True)
+    if any(mask.any() and not is_line(patch.cov) for patch, mask in rest):
         return None
     return {p: q for (v, p), (_, q) in left.heirs.items() if v == 0}
 

@@ -7,28 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import MultiPolygon, Polygon
+from shapely import Polygon
 from shapely.affinity import affine_transform
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.surfaces.carving import Survivors
 from tccm_ros.surfaces.contact import box_pairs, connect, patch_boxes
-from tccm_ros.surfaces.outline import horizontal_outline, polygons_of
-from tccm_ros.surfaces.patch_planes import fit_plane, pool_moments, stack_planes
+from tccm_ros.surfaces.outline import covered_area, horizontal_outline
+from tccm_ros.surfaces.patch_planes import fit_plane, is_line, pool_moments, stack_planes
+from tccm_ros.surfaces.polygons import GRID, close_gaps, largest_part, polygons_of
 from tccm_ros.surfaces.views import Patch, View, first_numbers
 
 __all__ = [
-    "GRID",
     "HIDDEN",
     "PROBE",
     "Draft",
     "Group",
     "PlacedPatch",
-    "close_gaps",
     "draft_surface",
     "is_hidden",
-    "largest_part",
     "merge",
     "surviving_patches",
 ]
@@ -54,9 +52,6 @@ PROBE = 0.04
 
 MOST_SPACING = 0.2
 """Gaps are closed up to the finest spacing of a surface's views, but never more than this, m."""
-
-GRID = 1e-6
-"""Outlines are snapped to this grid, m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,7 +188,10 @@ def merge(
 def draft_surface(
     group: Group, views: list[View], T_map_view: Float64, config: Config
 ) -> Draft | None:
-    """Fit the plane and draw the outline of a merged surface; None where it has no area."""
+    """Fit the plane and draw the outline of a merged surface; None where it has no area.
+
+    Points on a line have none either, whatever the outline of their noise is.
+    """
     polygon = _merged_outline(group, T_map_view, config.surfaces.merge_distance)
     if polygon.is_empty:
         return None
@@ -208,18 +206,27 @@ def draft_surface(
         np.einsum("kij,kj->ki", R, means) + T[:, :3, 3],
         np.einsum("kij,kjl,kml->kim", R, covs, R),
     )
+    if is_line(cov):
+        return None
     normal, _ = fit_plane(cov)
     return Draft(group, polygon, mean, cov, normal, float(normal @ mean), int(total))
 
 
 def _merged_outline(group: Group, T_map_view: Float64, distance: float) -> Polygon:
-    """Unite the outlines of patches; gaps of `distance` between them are closed."""
+    """Unite the outlines of patches; gaps of `distance` between them are closed.
+
+    The lines of one view lie between those of another: what the points of all cover together is
+    more than what each view's do.
+    """
     parts = []
     for member in group.members:
         T = T_map_view[member.view]
         shift = T[:2, 3] + T[:2, 2] * member.patch.mean[2]
         matrix = [T[0, 0], T[0, 1], T[1, 0], T[1, 1], *shift]
         parts.append(affine_transform(member.patch.outline, matrix))
+    if len(parts) > 1:
+        clouds = [transform(T_map_view[m.view], m.patch.points) for m in group.members]
+        parts.append(covered_area(np.concatenate(clouds)[:, :2], distance)[0])
     union = shapely.union_all(parts, grid_size=GRID)
     spacing = min(m.patch.spacing for m in group.members)
     closed = close_gaps(union, 0.505 * max(distance, SHADOW, min(spacing, MOST_SPACING)))
@@ -276,13 +283,3 @@ def _probes(part: Polygon, height: float) -> Float64:
     xy = np.stack([axis.ravel() for axis in grid], axis=1)
     xy = xy[shapely.contains_xy(part, xy[:, 0], xy[:, 1])]
     return np.column_stack([xy, np.full(len(xy), height)])
-
-
-def close_gaps(area: shapely.Geometry, reach: float) -> shapely.Geometry:
-    """Close gaps of up to twice `reach`, m."""
-    return area.buffer(reach, quad_segs=4).buffer(-reach, quad_segs=4)
-
-
-def largest_part(area: MultiPolygon) -> Polygon:
-    """Return the largest of polygons; an empty one where there is none."""
-    return min(area.geoms, key=lambda part: (-part.area, part.bounds), default=Polygon())

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from tccm_ros.config import Config
-from tccm_ros.surfaces.drafts import Draft, largest_part
+from tccm_ros.surfaces.drafts import Draft
 from tccm_ros.surfaces.joining import hidden_place, join, views_of
-from tccm_ros.surfaces.outline import polygons_of
+from tccm_ros.surfaces.polygons import largest_part, polygons_of
 from tccm_ros.surfaces.views import View
 
 __all__ = ["find_floor", "is_floor", "join_floor"]

@@ -18,16 +18,12 @@ from shapely import Polygon
 
 from tccm_ros.config import Config
 from tccm_ros.surfaces.drafts import (
-    GRID,
     HIDDEN,
     PROBE,
     Draft,
     Group,
-    close_gaps,
     is_hidden,
-    largest_part,
 )
-from tccm_ros.surfaces.outline import polygons_of
 from tccm_ros.surfaces.patch_planes import (
     FLATNESS,
     GATE,
@@ -36,6 +32,7 @@ from tccm_ros.surfaces.patch_planes import (
     pool_moments,
     pose_covariance,
 )
+from tccm_ros.surfaces.polygons import GRID, close_gaps, largest_part, polygons_of
 from tccm_ros.surfaces.views import View
 
 __all__ = ["Bridge", "MayJoin", "hidden_place", "join", "join_pieces", "views_of"]

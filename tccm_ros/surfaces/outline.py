@@ -11,9 +11,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError, cKDTree
-from shapely import MultiPolygon, Polygon
+from shapely import MultiPolygon
 
-__all__ = ["horizontal_outline", "polygon_rings", "polygons_of"]
+from tccm_ros.surfaces.expected_edge import expected_area
+from tccm_ros.surfaces.polygons import GRID, polygons_of
+
+__all__ = ["covered_area", "horizontal_outline"]
 
 Float64 = NDArray[np.float64]
 
@@ -26,35 +29,34 @@ NEIGHBOURS = 24
 QUANTILE = 0.4
 """Of the neighbours' largest gaps: along a border up to half of them look across it."""
 
-EDGE = 0.35
-"""The edge lies between the last line that hit and the next that missed: outlines are widened by
-this share of the spacing."""
-
-MOST_EDGE = 0.025
-"""And by no more than this, m."""
-
-GRID = 1e-6
-"""Outlines are snapped to this grid, m, so that unions do not depend on rounding."""
-
 Mesh = tuple[Float64, NDArray[np.int64], Float64]
 
 
 def horizontal_outline(points_xy: Float64, least_gap: float) -> tuple[MultiPolygon, float]:
-    """Return the outline of points and how densely they lie.
+    """Return the outline of what a view saw of a surface, and how densely its points lie.
 
     Parameters
     ----------
     points_xy
-        float64 (N, 2), m, without duplicates.
+        float64 (N, 2), m, without duplicates, in the base frame: the robot is at the origin.
     least_gap
         Gaps up to this are closed however dense the points are, m.
 
     Returns
     -------
     outline : MultiPolygon
-        Disjoint parts, possibly none.
+        The area that the points cover, with far edges where they are expected; possibly empty.
     spacing : float
         Median of the local spacing, m; 0 where there is no outline.
+    """
+    area, spacing = covered_area(points_xy, least_gap)
+    return expected_area(area, spacing), spacing
+
+
+def covered_area(points_xy: Float64, least_gap: float) -> tuple[MultiPolygon, float]:
+    """Return the area that points cover, as disjoint parts, and their spacing, m.
+
+    The parameters are those of `horizontal_outline`, but for the frame, which may be any.
     """
     mesh = _mesh(_thin(points_xy, 0.5 * least_gap))
     gap = 0.25 * _gap_by_area(*mesh)
@@ -65,15 +67,7 @@ def horizontal_outline(points_xy: Float64, least_gap: float) -> tuple[MultiPolyg
         return MultiPolygon(), 0.0
     local = _local_spacing(points, triangles, longest)
     limit = np.maximum(least_gap, SPACING_FACTOR * np.median(local[triangles], axis=1))
-    spacing = float(np.median(local))
-    return _widen(_area_of(points, triangles[longest <= limit]), spacing), spacing
-
-
-def _widen(area: MultiPolygon, spacing: float) -> MultiPolygon:
-    """Move the outline out to where the edge is expected; parts may then overlap."""
-    reach = min(EDGE * spacing, MOST_EDGE)
-    parts = [part.buffer(reach, join_style="mitre", mitre_limit=2.0) for part in area.geoms]
-    return MultiPolygon([p for part in parts for p in polygons_of(part).geoms])
+    return _area_of(points, triangles[longest <= limit]), float(np.median(local))
 
 
 def _mesh(points_xy: Float64) -> Mesh:
@@ -142,30 +136,3 @@ def _local_spacing(points_xy: Float64, triangles: NDArray[np.int64], longest: Fl
     _, near = cKDTree(points_xy).query(points_xy, k=count)
     rank = int(QUANTILE * (count - 1))
     return np.partition(own[near.reshape(-1, count)], rank, axis=1)[:, rank]
-
-
-def polygons_of(geometry: shapely.Geometry) -> MultiPolygon:
-    """Return the polygons of any geometry, without its lines and points."""
-    parts = [g for g in shapely.get_parts(geometry) if isinstance(g, Polygon) and not g.is_empty]
-    return MultiPolygon(parts)
-
-
-def polygon_rings(polygon: Polygon) -> tuple[Float64, tuple[Float64, ...]]:
-    """Return a polygon's rings, open, in a canonical order.
-
-    Returns
-    -------
-    boundary : float64 (N, 2)
-        Counter-clockwise, from the vertex with the least (x, y).
-    holes : tuple of float64 (N, 2)
-        Clockwise, each from its least vertex, sorted by it.
-    """
-    oriented = shapely.geometry.polygon.orient(polygon, 1.0)
-    holes = [_open_ring(ring) for ring in oriented.interiors]
-    return _open_ring(oriented.exterior), tuple(sorted(holes, key=lambda ring: tuple(ring[0])))
-
-
-def _open_ring(ring: shapely.LinearRing) -> Float64:
-    points = np.asarray(ring.coords, float)[:-1, :2]
-    first = int(np.lexsort((points[:, 1], points[:, 0]))[0])
-    return np.roll(points, -first, axis=0)

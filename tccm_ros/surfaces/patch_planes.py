@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.surfaces.views import Patch
 
-__all__ = ["PatchPlanes", "agree", "fit_plane", "pool_moments", "stack_planes"]
+__all__ = ["PatchPlanes", "agree", "fit_plane", "is_line", "pool_moments", "stack_planes"]
 
 Float64 = NDArray[np.float64]
 
@@ -32,6 +32,9 @@ STEEP = 0.8
 """Vertical component of the normal below which no plane is that of a level surface."""
 
 UP = np.array([0.0, 0.0, 1.0])
+
+LEAST_WIDTH = 0.03
+"""Width of a surface, m, as that of an even spread: what is narrower is a line of a sweep."""
 
 
 class PatchPlanes(NamedTuple):
@@ -79,6 +82,11 @@ def fit_plane(cov: Float64) -> tuple[Float64, Float64]:
         length = float(np.linalg.norm(level))
         normal = level / length if length > STEEP else UP
     return normal, np.maximum(variances, 0.0)
+
+
+def is_line(cov: Float64) -> bool:
+    """Tell whether points of covariance `cov`, float64 (3, 3), m2, lie on a line."""
+    return bool(12.0 * np.linalg.eigvalsh(cov)[1] < LEAST_WIDTH**2)
 
 
 def pool_moments(counts: Float64, means: Float64, covs: Float64) -> tuple[float, Float64, Float64]:

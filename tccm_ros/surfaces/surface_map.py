@@ -22,8 +22,8 @@ from tccm_ros.surfaces.floor import find_floor, is_floor, join_floor
 from tccm_ros.surfaces.joining import join_pieces
 from tccm_ros.surfaces.labels import Label, label_surfaces
 from tccm_ros.surfaces.lineage import Lineage
-from tccm_ros.surfaces.outline import polygon_rings
 from tccm_ros.surfaces.patch_planes import fit_plane
+from tccm_ros.surfaces.polygons import polygon_rings
 from tccm_ros.surfaces.published import merge_by_distance
 from tccm_ros.surfaces.views import View, empty_view, heir_of, with_cloud, with_intervals
 

@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from tccm_ros.errors import MapError
-from tccm_ros.surfaces.outline import polygons_of
+from tccm_ros.surfaces.polygons import polygons_of
 from tccm_ros.surfaces.views import FreeColumns, Patch, View
 
 __all__ = ["pack_views", "unpack_views"]

@@ -18,7 +18,8 @@ WALL = 2.5
 def sweep(yaw, sigma, seed, boxes, wall=True):
     """Return points (N, 3) and lines (N,) of a sweep over boxes (x, y, z spans) before a wall.
 
-    The scene is turned by `yaw` about the laser. What no box and no wall stops is left out.
+    The scene is turned by `yaw` about the laser. What no box stops is left out: points of the wall
+    are known to be upright.
     """
     rng = np.random.default_rng(seed)
     bearings = np.arange(-0.6, 0.6, BEAM)
@@ -41,11 +42,14 @@ def sweep(yaw, sigma, seed, boxes, wall=True):
         far = far + rng.normal(0.0, sigma, len(far))
         points.append(EYE + (ray * far).T[seen])
         lines.append(np.full(int(seen.sum()), line))
-    return np.concatenate(points), np.concatenate(lines)
+    points, lines = np.concatenate(points), np.concatenate(lines)
+    before = np.abs(points[:, 0] * math.cos(yaw) + points[:, 1] * math.sin(yaw) - WALL) >= 0.02
+    return points[before], lines[before]
 
 
-def on_wall(points, yaw):
-    return np.abs(points[:, 0] * math.cos(yaw) + points[:, 1] * math.sin(yaw) - WALL) < 0.02
+def strips_of(points, lines, surface=None):
+    nothing = np.full(len(points), -1, np.int64)
+    return level_strips(points, lines, nothing if surface is None else surface, EYE)
 
 
 LEDGE = ((WALL - 0.2, WALL), (-0.5, 0.5), (1.0, 1.05))
@@ -55,14 +59,45 @@ LEDGE = ((WALL - 0.2, WALL), (-0.5, 0.5), (1.0, 1.05))
 @pytest.mark.parametrize("sigma", [0.0025, 0.006])
 def test_a_ledge_under_few_lines_is_one_strip_at_its_height(yaw, sigma):
     points, lines = sweep(yaw, sigma, 1, [LEDGE])
-    strip = level_strips(points, lines, ~on_wall(points, yaw), EYE)
-    on_top = (np.abs(points[:, 2] - 1.05) < 1e-9 + 3.0 * sigma * 0.2) & ~on_wall(points, yaw)
+    strip = strips_of(points, lines)
+    on_top = np.abs(points[:, 2] - 1.05) < 1e-9 + 3.0 * sigma * 0.2
     chosen = strip >= 0
     assert set(strip[chosen].tolist()) == {0}
     assert len(np.unique(lines[chosen])) <= 6
     assert np.count_nonzero(chosen & on_top) > 0.7 * np.count_nonzero(on_top)
     # The mean of n heights, each sigma times the slope of the beam; a few of the front's rim.
     assert points[chosen, 2].mean() == pytest.approx(1.05, abs=0.002)
+
+
+@pytest.mark.parametrize("known", [0.3, 0.6])
+def test_a_run_that_lies_on_a_plane_in_part_lies_on_it_as_a_whole(known):
+    points, lines = sweep(0.1, 0.0025, 1, [LEDGE])
+    strip = strips_of(points, lines)
+    along = points @ [-math.sin(0.1), math.cos(0.1), 0.0]
+    surface = np.where((strip >= 0) & (along < known - 0.5), 7, -1)
+    completed = strips_of(points, lines, surface)
+    np.testing.assert_array_equal(completed[surface >= 0], 7)
+    for line in np.unique(lines[surface >= 0]):
+        its = (lines == line) & (strip >= 0)
+        assert np.all(completed[its] == 7)
+
+
+def test_a_line_that_nothing_is_above_or_below_of_is_handed_over_by_itself():
+    points, lines = sweep(0.1, 0.0025, 1, [LEDGE])
+    strip = strips_of(points, lines)
+    longest = np.bincount(lines[strip >= 0]).argmax()
+    alone = (lines == longest) & (strip >= 0)
+    assert set(strips_of(points[alone], lines[alone]).tolist()) == {0}
+    half = alone & (points @ [-math.sin(0.1), math.cos(0.1), 0.0] < -0.25)  # a quarter of a metre
+    assert set(strips_of(points[half], lines[half]).tolist()) == {-1}
+
+
+def test_a_line_of_the_front_of_a_box_is_not():
+    front = ((1.5, 1.6), (-0.4, 0.4), (0.0, 1.2))
+    points, lines = sweep(0.0, 0.0025, 1, [front], wall=False)
+    points, lines = points[points[:, 0] < 1.52], lines[points[:, 0] < 1.52]
+    assert len(points) > 500
+    assert not (strips_of(points, lines) >= 0).any()
 
 
 @pytest.mark.parametrize("seed", range(16))
@@ -74,14 +109,14 @@ def test_upright_things_before_a_wall_have_no_strips(seed):
         boxes.append(((x, x + 0.1), (y, y + rng.uniform(0.1, 0.5)), (0.0, 1.8)))
     yaw = rng.uniform(-0.4, 0.4)
     points, lines = sweep(yaw, 0.006, seed, boxes)
-    strip = level_strips(points, lines, ~on_wall(points, yaw), EYE)
+    strip = strips_of(points, lines)
     assert not (strip >= 0).any()
 
 
 def test_two_things_of_one_height_a_line_apart_are_not_one():
     boxes = [((1.9, 1.96), (-0.06, 0.06), (1.0, 1.2)), ((2.16, 2.22), (-0.06, 0.06), (1.0, 1.2))]
     points, lines = sweep(0.0, 0.0025, 0, boxes, wall=False)
-    strip = level_strips(points, lines, np.ones(len(points), bool), EYE)
+    strip = strips_of(points, lines)
     for k in range(strip.max() + 1):
         assert np.ptp(points[strip == k, 0]) < 0.1
 
@@ -90,12 +125,9 @@ def test_two_things_of_one_height_a_line_apart_are_not_one():
 @settings(deadline=None, max_examples=15)
 def test_the_order_of_points_does_not_matter(seed):
     points, lines = sweep(0.2, 0.006, seed, [LEDGE])
-    candidates = ~on_wall(points, 0.2)
     order = np.random.default_rng(seed).permutation(len(points))
-    straight = level_strips(points, lines, candidates, EYE)
-    np.testing.assert_array_equal(
-        level_strips(points[order], lines[order], candidates[order], EYE), straight[order]
-    )
+    straight = strips_of(points, lines)
+    np.testing.assert_array_equal(strips_of(points[order], lines[order]), straight[order])
 
 
 @given(st.integers(0, 10_000), st.floats(0.0, 0.006), st.floats(-0.4, 0.4))
@@ -126,7 +158,7 @@ def test_runs_are_straight_level_and_of_one_line(seed, sigma, yaw):
 
 
 def test_nothing_has_no_strips():
-    nothing = level_strips(np.zeros((0, 3)), np.zeros(0, np.int64), np.zeros(0, bool), EYE)
+    nothing = strips_of(np.zeros((0, 3)), np.zeros(0, np.int64))
     assert nothing.shape == (0,)
     runs = find_runs(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), BEAM)[1]
     assert runs.shape == (0, RUN_COLUMNS)

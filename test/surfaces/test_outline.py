@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import shapely
 
-from tccm_ros.surfaces.outline import horizontal_outline, polygon_rings
+from tccm_ros.surfaces.outline import horizontal_outline
+from tccm_ros.surfaces.polygons import polygon_rings
 
 L_SHAPE = shapely.Polygon([(0, 0), (2, 0), (2, 0.6), (0.6, 0.6), (0.6, 2), (0, 2)])
 

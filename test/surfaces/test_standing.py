@@ -8,6 +8,7 @@ from room import Board, Room, Screen
 from test_surface_map import TABLE, standing
 
 from tccm_ros.config import Config
+from tccm_ros.records import SurfaceCloud
 from tccm_ros.surfaces.surface_map import (
     UNSETTLED,
     SurfaceMap,
@@ -112,3 +113,45 @@ def test_a_table_that_was_carried_away_is_gone(gone):
     stand(surface_map, sweeps(Room([TABLE]), 12))
     stand(surface_map, sweeps(Room([] if gone else [TABLE]), 20, start=12))
     assert len(standing(built(surface_map))) == (0 if gone else 1)
+
+
+def test_single_lines_of_a_sweep_are_no_surface_and_keep_no_view():
+    lines = [
+        replace(view, patches=(*view.patches, *line_view(0.9 + 0.01 * (k % 3)).patches))
+        for k, view in enumerate(sweeps(Room([TABLE]), 40))
+    ]
+    surface_map = SurfaceMap(Config())
+    stand(surface_map, lines)
+    assert len(surface_map.views) == UNSETTLED + 1
+    (table,) = standing(built(surface_map))
+    assert table.height == pytest.approx(TABLE.z, abs=0.005)
+
+
+def line_view(x):
+    """A view of a single line of a sweep, 1.2 m high."""
+    y = np.linspace(-0.4, 0.4, 60)
+    rng = np.random.default_rng(1)
+    points = np.stack([x + rng.normal(0.0, 0.002, 60), y, np.full(60, 1.2)], axis=1)
+    cloud = SurfaceCloud(10, "base", points.astype(np.float32), np.zeros(60, np.uint32))
+    one = SurfaceMap(Config())
+    one.add(cloud)
+    return one.views[0]
+
+
+def test_the_lines_of_several_views_make_a_surface():
+    """Three lines of three views 4 cm apart are a ledge 8 cm deep."""
+    surface_map = SurfaceMap(Config())
+    for k, x in enumerate((0.90, 0.94, 0.98)):
+        surface_map.add_view(replace(line_view(x), stamp_ns=10 + k))
+    places = np.stack([np.eye(4)] * 3)
+    places[:, 0, 3] = [0.0, 0.3, 0.6]  # different places: none replaces another
+    for k in range(3):
+        view = surface_map.views[k]
+        patch = view.patches[0]
+        moved = patch.points - np.float32([places[k, 0, 3], 0.0, 0.0])
+        patch = replace(patch, points=moved, mean=patch.mean - [places[k, 0, 3], 0.0, 0.0])
+        surface_map.add_view(replace(view, patches=(patch,)))
+    placement = ViewPlacement(places, default_tilt_covariance(3), np.zeros(3, np.int64))
+    (ledge,) = surface_map.build(placement).surfaces
+    assert ledge.area == pytest.approx(0.08 * 0.8, abs=0.03)
+    assert ledge.height == pytest.approx(1.2, abs=1e-6)

@@ -99,12 +99,12 @@ def level_strips(points: Float64, lines: Index, surface: Index, viewpoint: Float
 def _plane_of_runs(of_point: Index, surface: Index, runs: int) -> Index:
     """Return the level plane on which most points of each run lie, int64 (R,), -1 for none."""
     on = (of_point >= 0) & (surface >= 0)
-    pairs, count = np.unique(
-        np.column_stack([of_point[on], surface[on]]), axis=0, return_counts=True
-    )
+    planes = surface.max(initial=0) + 1
+    pairs, count = np.unique(of_point[on] * planes + surface[on], return_counts=True)
+    run, of_run = np.divmod(pairs, planes)
     plane = np.full(runs, -1, np.int64)
-    for k in np.lexsort((-pairs[:, 1], count)):  # the last one stands: most points, first plane
-        plane[pairs[k, 0]] = pairs[k, 1]
+    order = np.lexsort((-of_run, count))  # the last one stands: most points, first plane
+    plane[run[order]] = of_run[order]
     return plane
 
 
@@ -204,9 +204,12 @@ def _strips(roots: Index, upright: Flags, of_point: Index, runs: Float64, seen: 
     _, group = np.unique(roots, return_inverse=True)
     on = of_point >= 0
     width, length = _extents(group[of_point[on]], seen[on, :2])
-    lines = np.unique(np.column_stack([group, runs[:, 0]]), axis=0)[:, 0].astype(np.int64)
+    line = runs[:, 0].astype(np.int64)
+    first, last = np.full(len(width), line.max(initial=0)), np.zeros(len(width), np.int64)
+    np.minimum.at(first, group, line)
+    np.maximum.at(last, group, line)
     points = np.bincount(group, runs[:, 5])
-    is_strip = (np.bincount(lines) > 1) & (width >= LEAST_WIDTH) & (points >= LEAST_POINTS)
+    is_strip = (first < last) & (width >= LEAST_WIDTH) & (points >= LEAST_POINTS)
     is_line = np.bincount(group, upright) == 0
     chosen = (length >= LEAST_LENGTH) & (is_strip | is_line)
     number = np.where(chosen, np.cumsum(chosen) - 1, -1)

@@ -215,8 +215,8 @@ def draft_surface(
 def _merged_outline(group: Group, T_map_view: Float64, distance: float) -> Polygon:
     """Unite the outlines of patches; gaps of `distance` between them are closed.
 
-    The lines of one view lie between those of another: what the points of all cover together is
-    more than what each view's do.
+    Where lines are far apart, those of one view lie between those of another: what the points of
+    such views cover together is more than what each view's do.
     """
     parts = []
     for member in group.members:
@@ -224,8 +224,9 @@ def _merged_outline(group: Group, T_map_view: Float64, distance: float) -> Polyg
         shift = T[:2, 3] + T[:2, 2] * member.patch.mean[2]
         matrix = [T[0, 0], T[0, 1], T[1, 0], T[1, 1], *shift]
         parts.append(affine_transform(member.patch.outline, matrix))
-    if len(parts) > 1:
-        clouds = [transform(T_map_view[m.view], m.patch.points) for m in group.members]
+    sparse = [m for m in group.members if not 0.0 < m.patch.spacing < distance]
+    if len(sparse) > 1:
+        clouds = [transform(T_map_view[m.view], m.patch.points) for m in sparse]
         parts.append(covered_area(np.concatenate(clouds)[:, :2], distance)[0])
     union = shapely.union_all(parts, grid_size=GRID)
     spacing = min(m.patch.spacing for m in group.members)

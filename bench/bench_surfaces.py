@@ -44,7 +44,7 @@ def by_voxels(points: Float64, offsets: Int64, planes: PatchPlanes) -> Int64:
     """Merge as the surface map does, with the heights where surfaces meet."""
     boxes = patch_boxes(points, offsets)
     pairs = box_pairs(boxes, DISTANCE)
-    return connect(points, offsets, boxes, pairs, DISTANCE, planes, STEP)[0]
+    return connect(points, offsets, boxes, pairs, DISTANCE, planes, STEP)
 
 
 def by_trees(points: Float64, offsets: Int64) -> Int64:

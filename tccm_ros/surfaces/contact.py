@@ -209,7 +209,7 @@ def connect(
     distance: float,
     planes: PatchPlanes,
     largest_step: float,
-) -> tuple[Int64, Int64]:
+) -> Int64:
     """Connect the pairs of patches that touch and agree in height where they meet.
 
     Parameters
@@ -227,14 +227,9 @@ def connect(
 
     Returns
     -------
-    root : int64 (P,)
-        The least patch of each patch's component.
-    takers : int64 (K, 2)
-        (a, b), a < b: patch b founded a component of its own that a later patch connected to a's.
+    int64 (P,), the least patch of each patch's component.
     """
     parent = np.arange(len(offsets) - 1)
-    takers = np.empty((len(pairs), 2), np.int64)
-    taken = 0
     meets = np.zeros(len(points), np.bool_)
     edge = distance * SLACK
     gridded = -1
@@ -256,10 +251,7 @@ def connect(
         _mark_near(points, first, last, boxes[q], other, distance, 0.0, meets)
         if not agree(points, offsets, meets, planes, q, p, largest_step):
             continue
-        if rp != p:
-            takers[taken, 0], takers[taken, 1] = min(rq, rp), max(rq, rp)
-            taken += 1
         parent[max(rq, rp)] = min(rq, rp)
     for p in range(len(parent)):
         parent[p] = _root(parent, p)
-    return parent, takers[:taken]
+    return parent

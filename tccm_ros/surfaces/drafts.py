@@ -23,7 +23,7 @@ __all__ = [
     "HIDDEN",
     "PROBE",
     "Draft",
-    "Group",
+    "Members",
     "PlacedPatch",
     "draft_surface",
     "is_hidden",
@@ -73,12 +73,8 @@ class PlacedPatch:
     patch: Patch
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Group:
-    """Patches that are one surface, and the founders of surfaces that merged into it."""
-
-    members: tuple[PlacedPatch, ...]
-    founders: tuple[int, ...]
+Members = tuple[PlacedPatch, ...]
+"""Patches that are one surface, in the order of their numbers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +83,7 @@ class Draft:
 
     Attributes
     ----------
-    group
+    members
         Its patches.
     polygon
         Outline in x and y of map.
@@ -99,7 +95,7 @@ class Draft:
         Points measured.
     """
 
-    group: Group
+    members: Members
     polygon: Polygon
     mean: Float64
     cov: Float64
@@ -149,7 +145,7 @@ def _rest(patch: Patch, keep: NDArray[np.bool_], config: Config) -> Patch | None
 
 def merge(
     placed: list[PlacedPatch], T_map_view: Float64, cov_tilt: Float64, config: Config
-) -> list[Group]:
+) -> list[Members]:
     """Merge patches that touch and are coplanar.
 
     Parameters
@@ -171,36 +167,26 @@ def merge(
     view = np.array([p.view for p in placed])
     planes = stack_planes([p.patch for p in placed], view, T_map_view, cov_tilt)
     limits = config.surfaces
-    root, takers = connect(
-        points, offsets, boxes, pairs, limits.merge_distance, planes, limits.max_step
-    )
-    founders: dict[int, list[int]] = {}
-    for taken in takers[:, 1]:
-        founders.setdefault(int(root[taken]), []).append(placed[taken].number)
-    return [
-        Group(
-            tuple(placed[k] for k in np.flatnonzero(root == r)), tuple(sorted(founders.get(r, [])))
-        )
-        for r in np.unique(root).tolist()
-    ]
+    root = connect(points, offsets, boxes, pairs, limits.merge_distance, planes, limits.max_step)
+    return [tuple(placed[k] for k in np.flatnonzero(root == r)) for r in np.unique(root).tolist()]
 
 
 def draft_surface(
-    group: Group, views: list[View], T_map_view: Float64, config: Config
+    members: Members, views: list[View], T_map_view: Float64, config: Config
 ) -> Draft | None:
     """Fit the plane and draw the outline of a merged surface; None where it has no area.
 
     Points on a line have none either, whatever the outline of their noise is.
     """
-    polygon = _merged_outline(group, T_map_view, config.surfaces.merge_distance)
+    polygon = _merged_outline(members, T_map_view, config.surfaces.merge_distance)
     if polygon.is_empty:
         return None
-    polygon = _with_hidden_places(polygon, group, views, T_map_view, config)
-    T = np.stack([T_map_view[m.view] for m in group.members])
+    polygon = _with_hidden_places(polygon, members, views, T_map_view, config)
+    T = np.stack([T_map_view[m.view] for m in members])
     R = T[:, :3, :3]
-    means = np.stack([m.patch.mean for m in group.members])
-    covs = np.stack([m.patch.cov for m in group.members])
-    counts = np.array([float(m.patch.count) for m in group.members])
+    means = np.stack([m.patch.mean for m in members])
+    covs = np.stack([m.patch.cov for m in members])
+    counts = np.array([float(m.patch.count) for m in members])
     total, mean, cov = pool_moments(
         counts,
         np.einsum("kij,kj->ki", R, means) + T[:, :3, 3],
@@ -209,39 +195,39 @@ def draft_surface(
     if is_line(cov):
         return None
     normal, _ = fit_plane(cov)
-    return Draft(group, polygon, mean, cov, normal, float(normal @ mean), int(total))
+    return Draft(members, polygon, mean, cov, normal, float(normal @ mean), int(total))
 
 
-def _merged_outline(group: Group, T_map_view: Float64, distance: float) -> Polygon:
+def _merged_outline(members: Members, T_map_view: Float64, distance: float) -> Polygon:
     """Unite the outlines of patches; gaps of `distance` between them are closed.
 
     Where lines are far apart, those of one view lie between those of another: what the points of
     such views cover together is more than what each view's do.
     """
     parts = []
-    for member in group.members:
+    for member in members:
         T = T_map_view[member.view]
         shift = T[:2, 3] + T[:2, 2] * member.patch.mean[2]
         matrix = [T[0, 0], T[0, 1], T[1, 0], T[1, 1], *shift]
         parts.append(affine_transform(member.patch.outline, matrix))
-    sparse = [m for m in group.members if not 0.0 < m.patch.spacing < distance]
+    sparse = [m for m in members if not 0.0 < m.patch.spacing < distance]
     if len(sparse) > 1:
         clouds = [transform(T_map_view[m.view], m.patch.points) for m in sparse]
         parts.append(covered_area(np.concatenate(clouds)[:, :2], distance)[0])
     union = shapely.union_all(parts, grid_size=GRID)
-    spacing = min(m.patch.spacing for m in group.members)
+    spacing = min(m.patch.spacing for m in members)
     closed = close_gaps(union, 0.505 * max(distance, SHADOW, min(spacing, MOST_SPACING)))
     whole = polygons_of(shapely.make_valid(closed.simplify(SIMPLIFY)))
     return largest_part(whole)
 
 
 def _with_hidden_places(
-    polygon: Polygon, group: Group, views: list[View], T_map_view: Float64, config: Config
+    polygon: Polygon, members: Members, views: list[View], T_map_view: Float64, config: Config
 ) -> Polygon:
     """Close wide notches and holes of a surface that nothing was seen through."""
     closed = polygons_of(close_gaps(polygon, 0.5 * HIDDEN).simplify(SIMPLIFY))
     added = polygons_of(closed.difference(polygon))
-    height = float(np.mean([_height(m, T_map_view) for m in group.members]))
+    height = float(np.mean([_height(m, T_map_view) for m in members]))
     hidden = [
         part
         for part in added.geoms

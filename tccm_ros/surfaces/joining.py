@@ -21,7 +21,6 @@ from tccm_ros.surfaces.drafts import (
     HIDDEN,
     PROBE,
     Draft,
-    Group,
     is_hidden,
 )
 from tccm_ros.surfaces.patch_planes import (
@@ -113,7 +112,7 @@ def _coplanar(T_map_view: Float64, cov_tilt: Float64, config: Config) -> MayJoin
             J = np.array([1.0, arm[0], arm[1]])
             cov = fit_covariance(draft.cov, draft.count)
             if apart:
-                view = max(draft.group.members, key=lambda m: m.patch.count).view
+                view = max(draft.members, key=lambda m: m.patch.count).view
                 cov = cov + pose_covariance(T_map_view[view], cov_tilt[view], draft.mean)
             variance += float(J @ cov @ J)
         return bool(step <= min(GATE * np.sqrt(variance), config.surfaces.max_step))
@@ -165,7 +164,7 @@ def hidden_place(
 
 def views_of(draft: Draft) -> set[int]:
     """Return the views that saw any of a surface."""
-    return {member.view for member in draft.group.members}
+    return {member.view for member in draft.members}
 
 
 def _facing(part: Polygon, a: Draft, b: Draft) -> float:
@@ -187,10 +186,8 @@ def _joined(pieces: Sequence[Draft], between: Sequence[Polygon]) -> Draft:
     # A place between touches the pieces along its edges: a hair of overlap makes one of them.
     places = [place.buffer(2e-3, join_style="mitre") for place in between]
     union = shapely.union_all([*(piece.polygon for piece in pieces), *places], grid_size=GRID)
-    members = [member for piece in pieces for member in piece.group.members]
+    members = [member for piece in pieces for member in piece.members]
     members.sort(key=lambda member: member.number)
-    firsts = sorted(min(m.number for m in piece.group.members) for piece in pieces)
-    founders = {*firsts[1:], *(number for piece in pieces for number in piece.group.founders)}
     total, mean, cov = pool_moments(
         np.array([float(piece.count) for piece in pieces]),
         np.stack([piece.mean for piece in pieces]),
@@ -199,7 +196,7 @@ def _joined(pieces: Sequence[Draft], between: Sequence[Polygon]) -> Draft:
     normal, _ = fit_plane(cov)
     return replace(
         pieces[0],
-        group=Group(tuple(members), tuple(sorted(founders))),
+        members=tuple(members),
         polygon=largest_part(polygons_of(shapely.make_valid(union))),
         mean=mean,
         cov=cov,

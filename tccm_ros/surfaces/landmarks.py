@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.config import Config
 from tccm_ros.slam.factors import ViewPlane
-from tccm_ros.surfaces.drafts import Group, PlacedPatch, merge
+from tccm_ros.surfaces.drafts import Members, PlacedPatch, merge
 from tccm_ros.surfaces.patch_planes import fit_covariance, fit_plane
 
 __all__ = ["plane_factors"]
@@ -34,16 +34,16 @@ def plane_factors(
     """
     factors: list[ViewPlane] = []
     landmark = 0
-    for group in merge(placed, T_map_view, cov_tilt, config):
-        members = _informative(group)
+    for surface in merge(placed, T_map_view, cov_tilt, config):
+        members = _informative(surface)
         if len({member.view for member in members}) > 1:
             factors += [_factor(member, landmark) for member in members]
             landmark += 1
     return factors
 
 
-def _informative(group: Group) -> list[PlacedPatch]:
-    return [m for m in group.members if m.patch.count > 3 and _tilt_variance(m) <= MOST_TILT**2]
+def _informative(members: Members) -> list[PlacedPatch]:
+    return [m for m in members if m.patch.count > 3 and _tilt_variance(m) <= MOST_TILT**2]
 
 
 def _tilt_variance(member: PlacedPatch) -> float:

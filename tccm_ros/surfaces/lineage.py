@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from tccm_ros.records import Surface
 from tccm_ros.surfaces.carving import Survivors
-from tccm_ros.surfaces.drafts import Group
+from tccm_ros.surfaces.drafts import Members
 from tccm_ros.surfaces.views import View, first_numbers
 
 __all__ = ["Change", "Lineage", "changes"]
@@ -54,24 +54,24 @@ class Lineage:
         self._names[heir] |= self._names[older]
         self._first_seen[heir] = min(self._first_seen[heir], self._first_seen[older])
 
-    def _names_of(self, group: Group) -> set[int]:
-        return set().union(*(self._names[member.number] for member in group.members))
+    def _names_of(self, members: Members) -> set[int]:
+        return set().union(*(self._names[member.number] for member in members))
 
-    def name(self, group: Group) -> int:
+    def name(self, members: Members) -> int:
         """Return the id of a surface."""
-        return min(self._names_of(group))
+        return min(self._names_of(members))
 
-    def took(self, group: Group) -> tuple[int, ...]:
+    def took(self, members: Members) -> tuple[int, ...]:
         """Return the other names of its patches: ids of surfaces that are part of this one now."""
-        return tuple(sorted(self._names_of(group))[1:])
+        return tuple(sorted(self._names_of(members))[1:])
 
-    def first_seen_ns(self, group: Group) -> int:
+    def first_seen_ns(self, members: Members) -> int:
         """Return the stamp of the first view that saw the surface."""
-        return min(self._first_seen[member.number] for member in group.members)
+        return min(self._first_seen[member.number] for member in members)
 
-    def last_seen_ns(self, group: Group) -> int:
+    def last_seen_ns(self, members: Members) -> int:
         """Return the stamp of the last view that saw the surface."""
-        return max(self._last_seen[member.number] for member in group.members)
+        return max(self._last_seen[member.number] for member in members)
 
 
 class Change(NamedTuple):

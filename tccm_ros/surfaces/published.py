@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.geometry import transform
 from tccm_ros.surfaces.contact import box_pairs, connect, patch_boxes
-from tccm_ros.surfaces.drafts import Group, PlacedPatch
+from tccm_ros.surfaces.drafts import Members, PlacedPatch
 from tccm_ros.surfaces.patch_planes import PatchPlanes
 
 __all__ = ["merge_by_distance"]
@@ -19,7 +19,7 @@ __all__ = ["merge_by_distance"]
 
 def merge_by_distance(
     placed: list[PlacedPatch], T_map_view: NDArray[np.float64], distance: float
-) -> list[Group]:
+) -> list[Members]:
     """Merge patches any of whose points come within a distance.
 
     Parameters
@@ -38,11 +38,8 @@ def merge_by_distance(
     points = np.concatenate(clouds)
     boxes = patch_boxes(points, offsets)
     pairs = box_pairs(boxes, distance)
-    root, _ = connect(points, offsets, boxes, pairs, distance, _unknown(len(placed)), np.inf)
-    return [
-        Group(tuple(placed[k] for k in np.flatnonzero(root == r)), ())
-        for r in np.unique(root).tolist()
-    ]
+    root = connect(points, offsets, boxes, pairs, distance, _unknown(len(placed)), np.inf)
+    return [tuple(placed[k] for k in np.flatnonzero(root == r)) for r in np.unique(root).tolist()]
 
 
 def _unknown(count: int) -> PatchPlanes:

@@ -171,7 +171,7 @@ class SurfaceMap:
             drafts = join_floor(drafts, floor_z, views, T, config)
         drafts = [d for d in drafts if _is_wanted(d, floor_z, config)]
         lineage = Lineage(views, left)
-        drafts.sort(key=lambda draft: lineage.name(draft.group))
+        drafts.sort(key=lambda draft: lineage.name(draft.members))
         labels = label_surfaces(drafts, floor_z, walls, config)
         surfaces = [
             _surface(draft, label, lineage, views, placement.keyframes)
@@ -195,10 +195,10 @@ def _surface(
 ) -> Surface:
     boundary, holes = polygon_rings(draft.polygon)
     points: dict[int, int] = {}
-    for member in draft.group.members:
+    for member in draft.members:
         points[member.view] = points.get(member.view, 0) + member.patch.count
     return Surface(
-        id=lineage.name(draft.group),
+        id=lineage.name(draft.members),
         label=label.name,
         confidence=label.confidence,
         height=draft.height,
@@ -210,12 +210,12 @@ def _surface(
         holes=tuple(draft.lift(hole) for hole in holes),
         points=draft.count,
         height_std=float(np.sqrt(fit_plane(draft.cov)[1][0])),
-        first_seen_ns=lineage.first_seen_ns(draft.group),
-        last_seen_ns=lineage.last_seen_ns(draft.group),
+        first_seen_ns=lineage.first_seen_ns(draft.members),
+        last_seen_ns=lineage.last_seen_ns(draft.members),
         views=tuple(
             SurfaceSighting(views[v].stamp_ns, int(keyframes[v]), points[v]) for v in sorted(points)
         ),
-        took=lineage.took(draft.group),
+        took=lineage.took(draft.members),
     )
 
 
@@ -224,7 +224,7 @@ def _mapped(
 ) -> MappedSurfaces:
     clouds, ids = [np.zeros((0, 3))], [np.zeros(0, np.uint32)]
     for surface, draft in zip(surfaces, drafts):
-        for member in draft.group.members:
+        for member in draft.members:
             clouds.append(transform(T_map_view[member.view], member.patch.points))
             ids.append(np.full(len(member.patch.points), surface.id, np.uint32))
     return MappedSurfaces(
@@ -232,5 +232,5 @@ def _mapped(
         floor_z,
         np.concatenate(clouds).astype(np.float32),
         np.concatenate(ids),
-        tuple(draft.group.members for draft in drafts),
+        tuple(draft.members for draft in drafts),
     )

@@ -112,7 +112,7 @@ def test_merging_equals_brute_force(seed, count):
     placed = [PlacedPatch(k, 0, one) for k, one in enumerate(patches)]
     groups = merge_by_distance(placed, np.eye(4)[None], 0.05)
     expected = [tuple(np.flatnonzero(root == r)) for r in np.unique(root)]
-    assert [tuple(m.number for m in group.members) for group in groups] == expected
+    assert [tuple(m.number for m in group) for group in groups] == expected
 
 
 def test_no_patches_no_surfaces():

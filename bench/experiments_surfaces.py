@@ -18,13 +18,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
-from shapely import Polygon
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(Path(__file__).resolve().parent)]
 
+from in_view import edge_errors, seen_share, true_hits, true_outlines  # noqa: E402
 from random_flats import random_flat  # noqa: E402
 
 from tccm_ros.config import Config  # noqa: E402
@@ -40,13 +39,6 @@ from tccm_ros.sim.world import World  # noqa: E402
 from tccm_ros.surfaces.surface_slam import SurfaceSolution  # noqa: E402
 
 Array = NDArray[np.float64]
-
-THIN, NEAR = 0.02, 0.05
-"""Beams' ends are thinned to this grid; a place this near to one was in view, m."""
-
-LEVEL, INSET = 0.015, 0.02
-"""A beam's end is on a surface this near to its height and this far inside its outline, m: what hit
-its front, or the wall behind, did not see it."""
 
 IN_VIEW = 0.7
 """A surface of which a smaller share was hit by any beam was not in view."""
@@ -104,36 +96,6 @@ def play(world: World, seed: int, options: Options, config: Config) -> Run:
     return Run(pipeline, simulation, live, np.concatenate(hits))
 
 
-def true_hits(simulation: Simulation, scan: Scan) -> Array:
-    """Return where the beams of a scan ended, float64 (N, 3) in map, thinned to `THIN`."""
-    offsets = simulation.rig.tilt.offsets
-    T_world_laser = simulation.laser_poses(
-        scan.frame_id, (scan.stamp_ns - EPOCH_NS) * 1e-9 + offsets
-    )
-    bearings, ranges = simulation.rig.tilt.bearings, np.nan_to_num(scan.ranges, posinf=0.0)
-    ends = (
-        np.stack([np.cos(bearings), np.sin(bearings), np.zeros_like(bearings)], 1) * ranges[:, None]
-    )
-    good = ranges > 0.3
-    points = np.einsum("bij,bj->bi", T_world_laser[good, :3, :3], ends[good])
-    points = transform(truth.map_from_world(simulation), points + T_world_laser[good, :3, 3])
-    return np.unique(np.round(points / THIN), axis=0) * THIN
-
-
-def seen_share(outline: Polygon, height: float, hits: Array) -> float:
-    """Return which share of a true surface lies within `NEAR` of a beam's end on it."""
-    x_min, y_min, x_max, y_max = outline.bounds
-    chosen = np.abs(hits[:, 2] - height) <= LEVEL
-    chosen &= (hits[:, 0] > x_min) & (hits[:, 0] < x_max)
-    chosen &= (hits[:, 1] > y_min) & (hits[:, 1] < y_max)
-    on = np.unique(hits[chosen, :2], axis=0)
-    on = on[shapely.contains_xy(outline.buffer(-INSET), on[:, 0], on[:, 1])]
-    if not len(on):
-        return 0.0
-    covered = shapely.union_all(shapely.buffer(shapely.points(on), NEAR, quad_segs=2))
-    return float(covered.intersection(outline).area / outline.area)
-
-
 def solve(run: Run, *, registration: bool = True) -> SurfaceSolution:
     """Build the map, with or without the registration of views."""
     slam = run.pipeline.slam
@@ -171,16 +133,13 @@ def score(solution: SurfaceSolution, simulation: Simulation) -> SurfaceScore:
         return score_surfaces(folder / "found.json", folder / "truth.json")
 
 
-def shares(run: Run) -> list[float]:
+def shares(run: Run, score: SurfaceScore) -> list[float]:
     """Return the share of each true surface that was in view, in the order of the score."""
-    result = []
-    for surface in truth.surfaces(run.simulation)["surfaces"]:
-        if surface["label"] == "floor":
-            continue
-        rings = [[point[:2] for point in ring] for ring in surface["holes"]]
-        outline = Polygon([point[:2] for point in surface["boundary"]], rings)
-        result.append(seen_share(outline, surface["height"], run.hits))
-    return result
+    outlines = true_outlines(run.simulation)
+    return [
+        seen_share(outline, match.height, run.hits)
+        for outline, match in zip(outlines, score.matches)
+    ]
 
 
 def pair(values: Array) -> str:
@@ -214,7 +173,7 @@ def section_five(ours: Run, seed_run: Run) -> None:
     views = [{s.id: len(s.views) for s in m.surfaces} for m in (seed_map, ours_map)]
     print("| surface | in view | published: overlap | mm | views | ours: overlap | mm | views |")
     print("|---|---|---|---|---|---|---|---|")
-    for old, new, share in zip(a.matches, b.matches, shares(ours)):
+    for old, new, share in zip(a.matches, b.matches, shares(ours, b)):
         cells = [f"{share:.2f}"]
         for match, count in ((old, views[0]), (new, views[1])):
             if match.is_found and match.found is not None:
@@ -227,23 +186,28 @@ def section_five(ours: Run, seed_run: Run) -> None:
     print(f"| false, 0.1 m2 and more | | {len(a.false)} | | | {len(b.false)} | | |\n")
 
 
-def flats(count: int) -> None:
+def flats(first: int, count: int) -> None:
     """Print how well flats at random are found, every other one with `HARD` noise."""
     print("### Flats at random, surfaces of 0.1 m2 and more\n")
     print(
         "| flat | noise | surfaces | overlap >= 0.7 | of these in view | overlap >= 0.7 | "
-        "largest height error, mm | false |"
+        "largest height error, mm | edges in view | error, mm rms | within a spacing | false |"
     )
-    print("|---|---|---|---|---|---|---|---|")
-    for seed in range(1, count + 1):
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
+    for seed in range(first, first + count):
         options = HARD if seed % 2 else Options()
         run = play(random_flat(seed, options), seed, options, Config())
-        result = score(solve(run), run.simulation)
+        solution = solve(run)
+        result = score(solution, run.simulation)
         large = [m for m in result.matches if m.area >= 0.1]
         seen = [
-            m for m, share in zip(result.matches, shares(run)) if m in large and share >= IN_VIEW
+            m
+            for m, share in zip(result.matches, shares(run, result))
+            if m in large and share >= IN_VIEW
         ]
         errors = [abs(match.height_error) for match in large if match.is_found]
+        edges = edge_errors(solution, result, run.simulation, run.hits)
+        within = np.count_nonzero(np.abs(edges[:, 0]) <= edges[:, 1])
         for match in seen:
             if match.overlap < GOOD:
                 print(f"in view, overlap {match.overlap:.2f}: {match.label}", file=sys.stderr)
@@ -251,7 +215,9 @@ def flats(count: int) -> None:
             f"| {seed} | {'hard' if seed % 2 else 'usual'} | {len(large)} | "
             f"{sum(match.overlap >= GOOD for match in large)} | {len(seen)} | "
             f"{sum(match.overlap >= GOOD for match in seen)} | "
-            f"{1e3 * max(errors, default=0.0):.1f} | {len(result.false)} |",
+            f"{1e3 * max(errors, default=0.0):.1f} | {len(edges)} | "
+            f"{1e3 * np.sqrt(np.mean(np.square(edges[:, 0]))):.0f} | {within} | "
+            f"{len(result.false)} |",
             flush=True,
         )
     print()
@@ -276,6 +242,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", choices=("five", "claim", "flats"), help="one of the parts")
     parser.add_argument("--flats", type=int, default=8, help="how many flats at random")
+    parser.add_argument("--first", type=int, default=1, help="seed of the first of them")
     arguments = parser.parse_args()
     config, options = Config(), Options()
     if arguments.only in (None, "five", "claim"):
@@ -287,7 +254,7 @@ def main() -> None:
         if arguments.only != "five":
             main_claim(flat)
     if arguments.only in (None, "flats"):
-        flats(arguments.flats)
+        flats(arguments.first, arguments.flats)
 
 
 if __name__ == "__main__":

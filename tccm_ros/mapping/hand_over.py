@@ -12,6 +12,7 @@ from tccm_ros.mapping.level_strips import level_strips
 from tccm_ros.mapping.mapper import Sweep
 from tccm_ros.mapping.merging import owners
 from tccm_ros.mapping.part import PartMap
+from tccm_ros.mapping.plane_noise import are_too_thick
 from tccm_ros.mapping.planes import PlaneFit, PlaneFits
 from tccm_ros.mapping.segmentation import segment
 from tccm_ros.mapping.view import FreeColumns
@@ -95,10 +96,13 @@ def _level_points(
     part: PartMap, fits: PlaneFits, levels: list[PlaneFit], viewpoint: Float64
 ) -> tuple[Float64, NDArray[np.int64]]:
     """Return the points of level planes and strips, and their surface's index, from 0."""
-    labels = plane_labels(part, fits)[part.point_cuboids()]
+    labels, points = plane_labels(part, fits)[part.point_cuboids()], part.positions()
+    normals = np.array([f.normal for f in fits]).reshape(-1, 3)
+    thick = are_too_thick(points, labels, normals, np.array([f.rms for f in fits]), viewpoint)
+    levels = [f for f in levels if not thick[f.index]]
     stands = np.array([abs(f.normal[2]) < UPRIGHT for f in fits] + [False])
     wanted = np.flatnonzero(~stands[labels])
-    labels, points = labels[wanted], part.positions(wanted)
+    labels, points = labels[wanted], points[wanted]
     surface = np.full(len(points), -1, np.int64)
     on = _on_planes(points, labels, levels, len(fits))
     surface[on] = labels[on]

@@ -1,0 +1,72 @@
+"""Planes that are thicker than the laser is noisy.
+
+A plane is as thick as the noise of the ranges makes it, seen at the angle at which the beams meet
+it: a table top that the laser looks along is flat to a millimetre where a wall before it is not.
+A level plane through the front of a ledge and its top is thicker than that by far.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["are_too_thick", "range_noise"]
+
+Float64 = NDArray[np.float64]
+
+LEAST_SLOPE = 0.02
+"""Beams are taken to meet planes at least this steeply (sine): flatter ones are never straight."""
+
+SIGMAS = 3.0
+"""A plane may be this many times as thick as the noise of the ranges makes it,"""
+
+UNEVEN = 0.005
+"""plus this, m: neither surfaces nor sensors are perfect."""
+
+
+def are_too_thick(
+    points: Float64, labels: NDArray[np.int32], normals: Float64, rms: Float64, viewpoint: Float64
+) -> NDArray[np.bool_]:
+    """Tell which planes of a sweep are thicker than the noise of the sweep's ranges explains.
+
+    Parameters
+    ----------
+    points
+        float64 (M, 3), m.
+    labels
+        int32 (M,), plane of each point, -1 for none.
+    normals, rms
+        float64 (F, 3), unit, and (F,), m, of the planes.
+    viewpoint
+        float64 (3,), the laser.
+
+    Returns
+    -------
+    bool (F,); planes without points are not.
+    """
+    slope, count = _slopes(points, labels, normals, viewpoint)
+    noise = range_noise(rms / slope, count)
+    return np.asarray((rms > SIGMAS * noise * slope + UNEVEN) & (count > 0))
+
+
+def range_noise(implied: Float64, count: NDArray[np.int64]) -> float:
+    """Return the noise of the ranges that most points' planes imply: the weighted median, m."""
+    if not count.any():
+        return 0.0
+    order = np.argsort(implied, kind="stable")
+    total = np.cumsum(count[order])
+    return float(implied[order[np.searchsorted(total, 0.5 * total[-1])]])
+
+
+def _slopes(
+    points: Float64, labels: NDArray[np.int32], normals: Float64, viewpoint: Float64
+) -> tuple[Float64, NDArray[np.int64]]:
+    """Return the sine of the angle at which beams meet each plane, rms, and its points, (F,)."""
+    on = labels >= 0
+    of = labels[on]
+    beams = points[on] - viewpoint
+    across = np.einsum("ij,ij->i", beams, normals[of])
+    square = across**2 / np.maximum(np.einsum("ij,ij->i", beams, beams), 1e-12)
+    count = np.bincount(of, minlength=len(normals))
+    mean = np.bincount(of, square, len(normals)) / np.maximum(count, 1)
+    return np.maximum(np.sqrt(mean), LEAST_SLOPE), count

@@ -44,6 +44,9 @@ Bridge = Callable[[Draft, Draft], Polygon | None]
 MayJoin = Callable[[Draft, Draft, Float64], bool]
 """Tells whether two pieces are level enough with each other at a place (x, y)."""
 
+BEHIND = 0.05
+"""Pieces on two sides of a wall have their middles at least so far from it, m."""
+
 FACING, WIDE = 0.5, 1.0
 """The pieces face each other along this share of the narrower one's width at least, of which more
 than so much (m) does not count: rooms meet in doorways."""
@@ -81,6 +84,7 @@ def join_pieces(
     views: list[View],
     T_map_view: Float64,
     cov_tilt: Float64,
+    walls: Float64,
     config: Config,
 ) -> list[Draft]:
     """Join pieces that are level with each other and between which nobody could look.
@@ -93,11 +97,31 @@ def join_pieces(
         V views.
     T_map_view, cov_tilt
         float64 (V, 4, 4) and (V, 3, 3) of (z, roll, pitch).
+    walls
+        float64 (W, 2, 2), ends of the walls in map, m: nobody looks through a wall, and what
+        stands behind it is something else.
     config
         Uses `surfaces.max_step` and `views.clear_margin`.
     """
     may_join = _coplanar(T_map_view, cov_tilt, config)
-    return join(drafts, lambda a, b: hidden_place(a, b, may_join, views, T_map_view, config))
+
+    def bridge(a: Draft, b: Draft) -> Polygon | None:
+        place = hidden_place(a, b, may_join, views, T_map_view, config)
+        return None if place is None or _is_wall_between(a, b, walls) else place
+
+    return join(drafts, bridge)
+
+
+def _is_wall_between(a: Draft, b: Draft, walls: Float64) -> bool:
+    """Tell whether the shortest way from one piece to another leads through a wall."""
+    way = shapely.shortest_line(a.polygon, b.polygon)
+    crossed = walls[shapely.intersects(shapely.linestrings(walls), way)]
+    along = crossed[:, 1] - crossed[:, 0]
+    normals = np.column_stack([-along[:, 1], along[:, 0]])
+    normals /= np.maximum(np.linalg.norm(along, axis=1), GRID)[:, None]
+    side = [((d.mean[:2] - crossed[:, 0]) * normals).sum(axis=1) for d in (a, b)]
+    apart = (np.minimum(*side) <= -BEHIND) & (np.maximum(*side) >= BEHIND)
+    return bool(apart.any())
 
 
 def _coplanar(T_map_view: Float64, cov_tilt: Float64, config: Config) -> MayJoin:

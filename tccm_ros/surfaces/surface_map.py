@@ -152,8 +152,10 @@ class SurfaceMap:
         placement
             Where the views are, in the order of `views`.
         walls
-            float64 (W, 2, 2), ends of the walls in map, for the labels.
+            float64 (W, 2, 2), ends of the walls in map: nothing is joined through them, and they
+            serve for the labels.
         """
+        walls = np.zeros((0, 2, 2)) if walls is None else walls
         views, config, T = self.views, self._config, placement.T_map_view
         left = carve(views, T, config)
         placed = surviving_patches(views, left, config)
@@ -164,7 +166,7 @@ class SurfaceMap:
             groups = merge(placed, T, placement.cov_tilt, config)
         drafts = [d for d in (draft_surface(g, views, T, config) for g in groups) if d is not None]
         if not is_published:
-            drafts = join_pieces(drafts, views, T, placement.cov_tilt, config)
+            drafts = join_pieces(drafts, views, T, placement.cov_tilt, walls, config)
         drafts = [d for d in drafts if d.polygon.area >= config.surfaces.min_area]
         floor_z = find_floor(drafts, config)
         if not is_published:

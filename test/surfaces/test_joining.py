@@ -18,7 +18,7 @@ HALVES = [Board(1.6, -0.475, 0.5, 0.65, 0.75), Board(1.6, 0.475, 0.5, 0.65, 0.75
 """Two tables in the place of the sideboard, 0.3 m apart."""
 
 
-def build(records, poses):
+def build(records, poses, walls=None):
     surface_map = SurfaceMap(Config())
     for record in records:
         surface_map.add(record)
@@ -26,12 +26,12 @@ def build(records, poses):
     placement = ViewPlacement(
         spatial(np.array(poses, float)), default_tilt_covariance(count), np.arange(count)
     )
-    return surface_map.build(placement).surfaces
+    return surface_map.build(placement, walls).surfaces
 
 
-def look(room, *poses):
+def look(room, *poses, walls=None):
     records = [r for k, pose in enumerate(poses) for r in room.look(pose, 10 * k + 10)]
-    return [s for s in build(records, poses) if s.label != "floor"]
+    return [s for s in build(records, poses, walls) if s.label != "floor"]
 
 
 def overlap(surface, board):
@@ -53,6 +53,15 @@ def test_a_hidden_gap_is_joined_until_a_view_looks_through_it():
     room = Room(HALVES, [Screen(1.2, -0.14, 1.2, 0.14, 1.8)])
     assert len(look(room, (0, 0, 0))) == 1
     assert len(look(room, (0, 0, 0), (3.2, 0.0, np.pi))) == 2
+
+
+def test_tables_of_one_height_on_two_sides_of_a_wall_are_two():
+    room = Room(HALVES, [Screen(1.2, -0.14, 1.2, 0.14, 1.8)])
+    behind = np.array([[[1.8, -1.0], [1.8, 1.0]]])  # ends at a wall, as most furniture does
+    between = np.array([[[0.5, 0.0], [2.5, 0.0]]])
+    elsewhere = np.array([[[3.0, 0.0], [5.0, 0.0]]])
+    for walls, count in ((behind, 1), (elsewhere, 1), (between, 2)):
+        assert len(look(room, (0, 0, 0), walls=walls)) == count
 
 
 def test_a_step_over_a_hidden_gap_stays_a_step():

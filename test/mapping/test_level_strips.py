@@ -6,9 +6,30 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
-from tccm_ros.mapping.level_runs import FEWEST, LEVEL, RUN_COLUMNS, SIGMAS, find_runs
-from tccm_ros.mapping.level_strips import level_strips
+from tccm_ros.mapping.level_runs import (
+    BEAM_GAPS,
+    BENT,
+    FEWEST,
+    LEVEL,
+    RUN_COLUMNS,
+    SIGMAS,
+    TOLERANCE,
+    find_runs,
+    is_near,
+)
+from tccm_ros.mapping.level_strips import (
+    APART,
+    LINES,
+    STRAIGHT,
+    UPRIGHT_SHARE,
+    WIDEST,
+    goes_on_upright,
+    level_strips,
+    link_runs,
+)
 
 EYE = np.array([0.0, 0.0, 1.39])
 BEAM, STEP = math.radians(0.25), math.radians(0.45)
@@ -162,3 +183,120 @@ def test_nothing_has_no_strips():
     assert nothing.shape == (0,)
     runs = find_runs(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), BEAM)[1]
     assert runs.shape == (0, RUN_COLUMNS)
+
+
+def sorted_sweep(seed, sigma=0.004):
+    """Return lines, points from the laser and azimuths of a cluttered scene, sorted."""
+    rng = np.random.default_rng(seed)
+    boxes = [LEDGE]
+    for _ in range(4):
+        x, y, z = rng.uniform(1.3, 2.2), rng.uniform(-0.8, 0.6), rng.uniform(0.4, 1.3)
+        boxes.append(((x, x + 0.2), (y, y + 0.3), (z - 0.3, z)))
+    points, lines = sweep(rng.uniform(-0.3, 0.3), sigma, seed, boxes)
+    seen = points - EYE
+    azimuth = np.arctan2(seen[:, 1], seen[:, 0])
+    order = np.lexsort((azimuth, lines))
+    return lines[order].astype(np.int64), seen[order], azimuth[order]
+
+
+def plain_runs(lines, seen, azimuth):
+    """The runs of find_runs in plain Python: what is near and as high, cut where it bends."""
+    of_point, found = np.full(len(lines), -1), 0
+    start = 0
+    while start < len(lines):
+        members, k = [], start
+        last = start
+        while k < len(lines) and lines[k] == lines[start]:
+            if azimuth[k] - azimuth[last] > BEAM_GAPS * BEAM:
+                break
+            height = np.mean(seen[members, 2]) if members else seen[k, 2]
+            if of_point[k] < 0 and abs(seen[k, 2] - height) <= TOLERANCE and is_near(seen, last, k):
+                members.append(k)
+                last = k
+            k += 1
+        parts = [members]
+        while parts:
+            part = parts.pop()
+            if len(part) < FEWEST:
+                continue
+            a, z = azimuth[part], seen[part, 2]
+            squares = squared_rest(a, z)
+            noise = math.sqrt(squares / (len(part) - 2))
+            rise = abs(np.polyfit(a, z, 1)[0]) * math.sqrt(12.0) * a.std()
+            if rise <= LEVEL + SIGMAS * noise * math.sqrt(12.0 / len(part)):
+                of_point[part] = found
+                found += 1
+                continue
+            rests = [squared_rest(a[:c], z[:c]) + squared_rest(a[c:], z[c:])
+                     for c in range(3, len(part) - 2)]  # fmt: skip
+            if rests and min(rests) < BENT * squares:
+                cut = 3 + int(np.argmin(rests))
+                parts += [part[cut:], part[:cut]]
+        start = last + 1
+    return of_point
+
+
+def squared_rest(a, z):
+    return float(np.square(z - np.polyval(np.polyfit(a, z, 1), a)).sum())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_runs_equal_plain_python(seed):
+    lines, seen, azimuth = sorted_sweep(seed)
+    of_point, runs = find_runs(lines, seen, azimuth, BEAM)
+    assert len(runs) > 10
+    np.testing.assert_array_equal(of_point, plain_runs(lines, seen, azimuth))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_goes_on_upright_equals_interpolation(seed):
+    lines, seen, azimuth = sorted_sweep(seed)
+    of_point, runs = find_runs(lines, seen, azimuth, BEAM)
+    distance = np.hypot(seen[:, 0], seen[:, 1])
+    expected = np.zeros(len(runs), bool)
+    for r, row in enumerate(runs):
+        own = of_point == r
+        for line in (row[0] - 1, row[0] + 1):
+            there = (lines == line) & (azimuth >= row[1]) & (azimuth <= row[2])
+            away = distance[there] - np.interp(azimuth[there], azimuth[own], distance[own])
+            rises = np.abs(seen[there, 2] - row[3]) > 2.0 * LEVEL
+            same = np.count_nonzero(rises & (np.abs(away) <= STRAIGHT))
+            expected[r] |= same >= UPRIGHT_SHARE * ((row[2] - row[1]) / BEAM + 1.0)
+    assert expected.any()
+    assert not expected.all()
+    upright = goes_on_upright(lines, seen, azimuth, BEAM, of_point, runs)
+    np.testing.assert_array_equal(upright, expected)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_linked_runs_equal_all_pairs(seed):
+    lines, seen, azimuth = sorted_sweep(seed)
+    of_point, runs = find_runs(lines, seen, azimuth, BEAM)
+    upright = goes_on_upright(lines, seen, azimuth, BEAM, of_point, runs)
+    pairs = [(a, b) for b in range(len(runs)) for a in range(b) if may_link(runs, upright, a, b)]
+    graph = coo_array((np.ones(len(pairs)), np.array(pairs).reshape(-1, 2).T), [len(runs)] * 2)
+    _, expected = connected_components(graph, directed=False)
+    roots = link_runs(runs, upright, BEAM)
+    assert len(pairs) > 2
+    same = roots[:, None] == roots[None]
+    np.testing.assert_array_equal(same, expected[:, None] == expected[None])
+
+
+def may_link(runs, upright, a, b):
+    one, other = runs[a], runs[b]
+    overlap = min(one[2], other[2]) - max(one[1], other[1])
+    noise = math.hypot(one[4], other[4])
+    short, long = sorted((one, other), key=lambda run: np.hypot(*(run[8:10] - run[6:8])))
+    if np.hypot(*(one[8:10] - one[6:8])) == np.hypot(*(other[8:10] - other[6:8])):
+        short, long = other, one
+    along = (long[8:10] - long[6:8]) / np.hypot(*(long[8:10] - long[6:8]))
+    offset = 0.5 * (short[6:8] + short[8:10]) - long[6:8]
+    apart = abs(along[0] * offset[1] - along[1] * offset[0])
+    length = 2.0 * np.hypot(*(short[8:10] - short[6:8]))
+    return (
+        0 < abs(one[0] - other[0]) <= LINES
+        and not (upright[a] and upright[b])
+        and overlap >= -BEAM_GAPS * BEAM
+        and abs(one[3] - other[3]) <= LEVEL + SIGMAS * noise
+        and APART <= apart <= min(WIDEST, length)
+    )

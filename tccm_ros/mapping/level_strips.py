@@ -8,8 +8,8 @@ something level. So runs of neighbouring beams at one height are found in each l
 
 - a run that lies on a level plane in part lies on it as a whole;
 - runs of neighbouring lines that have one height within what the noise leaves open are a strip;
-- a long run that nothing is straight above or below of is handed over by itself: whether it is one
-  of a ledge, other views tell.
+- a long straight run that nothing is straight above or below of is handed over by itself: whether
+  it is one of a ledge, other views tell.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ LEAST_POINTS = 20
 
 LEAST_WIDTH = 0.03
 """Width of a strip, m, as that of an even spread: an upright thing has none. What is narrower is a
-line, and must not go on upright anywhere."""
+line, and must not go on upright anywhere. A line that bends is neither."""
 
 LEAST_LENGTH = 0.30
 """And its length, m: what is shorter and as narrow is the top of a thing."""
@@ -208,10 +208,10 @@ def _strips(roots: Index, upright: Flags, of_point: Index, runs: Float64, seen: 
     first, last = np.full(len(width), line.max(initial=0)), np.zeros(len(width), np.int64)
     np.minimum.at(first, group, line)
     np.maximum.at(last, group, line)
-    points = np.bincount(group, runs[:, 5])
-    is_strip = (first < last) & (width >= LEAST_WIDTH) & (points >= LEAST_POINTS)
-    is_line = np.bincount(group, upright) == 0
-    chosen = (length >= LEAST_LENGTH) & (is_strip | is_line)
+    is_wide = (first < last) & (width >= LEAST_WIDTH)
+    is_line = (np.bincount(group, upright) == 0) & (width < LEAST_WIDTH)
+    is_large = (np.bincount(group, runs[:, 5]) >= LEAST_POINTS) & (length >= LEAST_LENGTH)
+    chosen = is_large & (is_wide | is_line)
     number = np.where(chosen, np.cumsum(chosen) - 1, -1)
     return number[group]
 

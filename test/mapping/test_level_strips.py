@@ -113,6 +113,15 @@ def test_a_line_that_nothing_is_above_or_below_of_is_handed_over_by_itself():
     assert set(strips_of(points[half], lines[half]).tolist()) == {-1}
 
 
+@pytest.mark.parametrize(
+    ("bend", "count", "expected"), [(0.0, 40, 0), (0.12, 40, -1), (0.0, 8, -1)]
+)
+def test_a_line_alone_is_straight_and_has_many_beams(bend, count, expected):
+    y = np.linspace(-0.3, 0.3, count)
+    points = np.column_stack([2.0 + bend * np.abs(y) / 0.3, y, np.full(count, 1.0)])
+    assert set(strips_of(points, np.zeros(count, np.int64)).tolist()) == {expected}
+
+
 def test_a_line_of_the_front_of_a_box_is_not():
     front = ((1.5, 1.6), (-0.4, 0.4), (0.0, 1.2))
     points, lines = sweep(0.0, 0.0025, 1, [front], wall=False)

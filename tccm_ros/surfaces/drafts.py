@@ -50,6 +50,10 @@ HIDDEN_SHARE = 0.15
 PROBE = 0.04
 """Places are probed this far apart, m."""
 
+LARGE = 4.0
+"""Of surfaces larger than this, m2, no narrow parts are looked for between the lines of several
+views: that is the floor, and its points are many."""
+
 MOST_SPACING = 0.2
 """Gaps are closed up to the finest spacing of a surface's views, but never more than this, m."""
 
@@ -210,11 +214,12 @@ def _merged_outline(members: Members, T_map_view: Float64, distance: float) -> P
         shift = T[:2, 3] + T[:2, 2] * member.patch.mean[2]
         matrix = [T[0, 0], T[0, 1], T[1, 0], T[1, 1], *shift]
         parts.append(affine_transform(member.patch.outline, matrix))
-    sparse = [m for m in members if not 0.0 < m.patch.spacing < distance]
-    if len(sparse) > 1:
-        clouds = [transform(T_map_view[m.view], m.patch.points) for m in sparse]
-        parts.append(covered_area(np.concatenate(clouds)[:, :2], distance)[0])
     union = shapely.union_all(parts, grid_size=GRID)
+    sparse = [m for m in members if not 0.0 < m.patch.spacing < distance]
+    if len(sparse) > 1 and union.area < LARGE:
+        clouds = [transform(T_map_view[m.view], m.patch.points) for m in sparse]
+        together, _ = covered_area(np.concatenate(clouds)[:, :2], distance)
+        union = shapely.union_all([union, together], grid_size=GRID)
     spacing = min(m.patch.spacing for m in members)
     closed = close_gaps(union, 0.505 * max(distance, SHADOW, min(spacing, MOST_SPACING)))
     whole = polygons_of(shapely.make_valid(closed.simplify(SIMPLIFY)))

@@ -98,7 +98,8 @@ def _level_points(
     """Return the points of level planes and strips, and their surface's index, from 0."""
     labels, points = plane_labels(part, fits)[part.point_cuboids()], part.positions()
     normals = np.array([f.normal for f in fits]).reshape(-1, 3)
-    thick = are_too_thick(points, labels, normals, np.array([f.rms for f in fits]), viewpoint)
+    offsets, rms = np.array([f.offset for f in fits]), np.array([f.rms for f in fits])
+    thick = are_too_thick(points, labels, normals, offsets, rms, viewpoint)
     levels = [f for f in levels if not thick[f.index]]
     stands = np.array([abs(f.normal[2]) < UPRIGHT for f in fits] + [False])
     wanted = np.flatnonzero(~stands[labels])

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from tccm_ros.mapping.level_runs import BEAM_GAPS, LEVEL, SIGMAS, find_runs
 from tccm_ros.mapping.linking import join, root_of
 
-__all__ = ["level_strips"]
+__all__ = ["LEAST_WIDTH", "level_strips"]
 
 Float64 = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -25,7 +25,12 @@ UNEVEN = 0.005
 
 
 def are_too_thick(
-    points: Float64, labels: NDArray[np.int32], normals: Float64, rms: Float64, viewpoint: Float64
+    points: Float64,
+    labels: NDArray[np.int32],
+    normals: Float64,
+    offsets: Float64,
+    rms: Float64,
+    viewpoint: Float64,
 ) -> NDArray[np.bool_]:
     """Tell which planes of a sweep are thicker than the noise of the sweep's ranges explains.
 
@@ -35,8 +40,8 @@ def are_too_thick(
         float64 (M, 3), m.
     labels
         int32 (M,), plane of each point, -1 for none.
-    normals, rms
-        float64 (F, 3), unit, and (F,), m, of the planes.
+    normals, offsets, rms
+        float64 (F, 3), unit, and (F,) and (F,), m, of the planes: ``normal . p = offset``.
     viewpoint
         float64 (3,), the laser.
 
@@ -44,7 +49,7 @@ def are_too_thick(
     -------
     bool (F,); planes without points are not.
     """
-    slope, count = _slopes(points, labels, normals, viewpoint)
+    slope, count = _slopes(points, labels, normals, offsets, viewpoint)
     noise = range_noise(rms / slope, count)
     return np.asarray((rms > SIGMAS * noise * slope + UNEVEN) & (count > 0))
 
@@ -59,14 +64,20 @@ def range_noise(implied: Float64, count: NDArray[np.int64]) -> float:
 
 
 def _slopes(
-    points: Float64, labels: NDArray[np.int32], normals: Float64, viewpoint: Float64
+    points: Float64,
+    labels: NDArray[np.int32],
+    normals: Float64,
+    offsets: Float64,
+    viewpoint: Float64,
 ) -> tuple[Float64, NDArray[np.int64]]:
-    """Return the sine of the angle at which beams meet each plane, rms, and its points, (F,)."""
+    """Return the sine of the angle at which beams meet each plane, rms, and its points, (F,).
+
+    It is the distance of the laser from the plane over the length of the beam.
+    """
     on = labels >= 0
-    of = labels[on]
-    beams = points[on] - viewpoint
-    across = np.einsum("ij,ij->i", beams, normals[of])
-    square = across**2 / np.maximum(np.einsum("ij,ij->i", beams, beams), 1e-12)
+    of, beams = labels[on], points[on] - viewpoint
+    inverse = 1.0 / np.maximum(np.einsum("ij,ij->i", beams, beams), 1e-12)
     count = np.bincount(of, minlength=len(normals))
-    mean = np.bincount(of, square, len(normals)) / np.maximum(count, 1)
-    return np.maximum(np.sqrt(mean), LEAST_SLOPE), count
+    mean = np.bincount(of, inverse, len(normals)) / np.maximum(count, 1)
+    slope = np.abs(normals @ viewpoint - offsets) * np.sqrt(mean)
+    return np.maximum(slope, LEAST_SLOPE), count

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tccm_ros.mapping.level_strips import LEAST_WIDTH
 from tccm_ros.surfaces.views import Patch
 
 __all__ = ["PatchPlanes", "agree", "fit_plane", "is_line", "pool_moments", "stack_planes"]
@@ -32,9 +33,6 @@ STEEP = 0.8
 """Vertical component of the normal below which no plane is that of a level surface."""
 
 UP = np.array([0.0, 0.0, 1.0])
-
-LEAST_WIDTH = 0.03
-"""Width of a surface, m, as that of an even spread: what is narrower is a line of a sweep."""
 
 
 class PatchPlanes(NamedTuple):

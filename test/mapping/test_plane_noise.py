@@ -20,7 +20,7 @@ def seen(spans, sigma, rng, count=800):
 
 
 def room(sigma, seed, thickness=0.0):
-    """Return a wall, a floor, a far ledge of some thickness: points, labels, normals, rms."""
+    """Return points and labels of a wall, a floor and a far ledge, and the planes of these."""
     rng = np.random.default_rng(seed)
     wall = seen(((3.0, 3.0), (-2.0, 2.0), (0.0, 2.0)), sigma, rng)
     floor = seen(((1.0, 2.5), (-1.0, 1.0), (0.0, 0.0)), sigma, rng)
@@ -29,7 +29,8 @@ def room(sigma, seed, thickness=0.0):
     planes = [wall, floor, ledge]
     labels = np.repeat(np.arange(3, dtype=np.int32), [len(p) for p in planes])
     rms = np.array([(p @ n).std() for p, n in zip(planes, normals)])
-    return np.concatenate(planes), labels, normals, rms
+    offsets = np.array([(p @ n).mean() for p, n in zip(planes, normals)])
+    return np.concatenate(planes), labels, normals, offsets, rms
 
 
 @given(st.integers(0, 10_000), st.floats(0.0, 0.03))
@@ -44,15 +45,15 @@ def test_a_plane_through_front_and_top_of_a_ledge_is_too_thick(sigma):
 
 
 def test_points_of_no_plane_and_planes_without_points_do_not_matter():
-    points, labels, normals, rms = room(0.005, 1, thickness=0.05)
+    points, labels, normals, offsets, rms = room(0.005, 1, thickness=0.05)
     far = np.random.default_rng(0).uniform(-5.0, 5.0, (5000, 3))
     points = np.concatenate([points, far])
     labels = np.concatenate([labels, np.full(5000, -1, np.int32)])
     normals, rms = np.concatenate([normals, normals[:1]]), np.append(rms, 0.5)
-    thick = are_too_thick(points, labels, normals, rms, EYE)
+    thick = are_too_thick(points, labels, normals, np.append(offsets, 3.0), rms, EYE)
     assert thick.tolist() == [False, False, True, False]
     nothing = are_too_thick(
-        np.zeros((0, 3)), np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros(0), EYE
+        np.zeros((0, 3)), np.zeros(0, np.int32), np.zeros((0, 3)), np.zeros(0), np.zeros(0), EYE
     )
     assert nothing.shape == (0,)
 

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from message_families import family, to_bag_message
+from message_families import to_bag_message
 
 from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.messages.pointcloud import MAP_ROW, POINT_ROW, SURFACE_MAP_ROW, cloud_rows
@@ -17,11 +17,6 @@ from tccm_ros.messages.results import (
 )
 
 STAMP = 1_700_000_000_000_000_005
-
-
-@pytest.fixture(params=["typestore", "rosidl"])
-def types(request):
-    return family(request.param)
 
 
 def test_map_cloud_has_the_exact_values(types):

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from message_families import TYPESTORE, family
+from message_families import TYPESTORE
+from sample_records import STAMP, T, make_scan
 
-from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.messages import (
     READERS,
     MessageError,
@@ -30,22 +30,9 @@ from tccm_ros.messages import (
 from tccm_ros.records import (
     JointSample,
     Odometry,
-    Scan,
     SurfaceCloud,
     TransformSample,
 )
-
-STAMP = 1_700_000_000_123_456_789
-T = pose_from_rpy([1.0, -2.0, 0.5, 0.1, -0.2, 3.0])
-
-
-@pytest.fixture(params=["typestore", "rosidl"])
-def types(request):
-    return family(request.param)
-
-
-def make_scan(ranges):
-    return Scan(STAMP, "laser", -1.5, 0.25, 0.0001, 0.05, 30.0, np.asarray(ranges, np.float32))
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from message_families import TYPESTORE, family, to_bag_message
+from message_families import TYPESTORE, to_bag_message
+from sample_records import STAMP, T, make_scan
 from scipy.spatial.transform import Rotation
 
-from tccm_ros.geometry import pose, pose_from_rpy
+from tccm_ros.geometry import pose
 from tccm_ros.messages import (
     MessageError,
     joint_sample_from_message,
@@ -36,22 +37,10 @@ from tccm_ros.records import (
     ViewIntervals,
 )
 
-STAMP = 1_700_000_000_123_456_789
-T = pose_from_rpy([1.0, -2.0, 0.5, 0.1, -0.2, 3.0])
-
-
-@pytest.fixture(params=["typestore", "rosidl"])
-def types(request):
-    return family(request.param)
-
 
 def bits(array):
     """Compare floats bit by bit, so that nan payloads and -0.0 count."""
     return np.ascontiguousarray(array).view(np.uint8).tolist()
-
-
-def make_scan(ranges):
-    return Scan(STAMP, "laser", -1.5, 0.25, 0.0001, 0.05, 30.0, np.asarray(ranges, np.float32))
 
 
 def test_scan_returns_as_it_went_with_every_special_range(types):

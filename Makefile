@@ -51,14 +51,14 @@ clean:
 # The shipped YAML and the README's table are made from the configuration classes.
 params: $(STAMP)
 	@$(BIN)/tccm parameters > config/tccm.yaml
-	@$(BIN)/python -c "import re, pathlib; from tccm_ros.config_text import as_markdown; \
+	@$(BIN)/python -c "import re, pathlib; from tccm_ros.config.text import as_markdown; \
 	p = pathlib.Path('README.md'); head, mid, tail = re.split('(?s)(<!-- parameters -->\n).*?(?=<!-- /parameters -->)', p.read_text()); \
 	p.write_text(head + mid + as_markdown() + tail)"
 
 # The pictures of the README and of docs/how_it_works.md, by the demo's own code; the other pages name the command above
 # each of their pictures.
 figures: demo
-	@$(BIN)/python -c "from tccm_ros.report.figures import write_figures; write_figures('$(OUT)', 'docs/images')"
+	@$(BIN)/python -c "from tccm_ros.pipeline.report.figures import write_figures; write_figures('$(OUT)', 'docs/images')"
 
 # The API reference, from the docstrings: out/api/index.html.
 api: $(STAMP)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from tccm_ros.sim import Options, simulate
+from tccm_ros.pipeline.sim import Options, simulate
 
 
 class Bundled(NamedTuple):

@@ -17,17 +17,17 @@ from typing import Any
 
 import numpy as np
 
+from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
+from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
-from tccm_ros.io.bags import DEFAULT_TOPICS, BagReader
-from tccm_ros.io.typestore import TypestoreMessages
-from tccm_ros.mapping.hand_over import surface_cloud, view_intervals
-from tccm_ros.mapping.integration_map import IntegrationMap
-from tccm_ros.mapping.objects import ObjectTracker, find_objects
-from tccm_ros.mapping.planes import find_planes
-from tccm_ros.mapping.seen_free import SeenFree
+from tccm_ros.cuboids.integration_map import IntegrationMap
+from tccm_ros.cuboids.seen_free import SeenFree
+from tccm_ros.mapping.surface_message import surface_cloud, view_intervals
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
-from tccm_ros.mapping.tracking import PlaneTracker
-from tccm_ros.publications import CyclePublications
+from tccm_ros.planes import find_planes
+from tccm_ros.planes.tracking import PlaneTracker
+from tccm_ros.ros.publications import CyclePublications
+from tccm_ros.tabletop.objects import ObjectTracker, find_objects
 
 FLAT = Path(__file__).resolve().parents[1] / "bags" / "flat"
 REPEATS = 5

@@ -27,18 +27,18 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from tccm_ros.messages import (
+from tccm_ros.nodes.ros_types import RosidlMessages
+from tccm_ros.pipeline.sim.engine import Simulation
+from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.worlds import build_world
+from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan
+from tccm_ros.ros import (
     joint_sample_message,
     odometry_message,
     robot_description_message,
     scan_message,
     stamp_ns_from_message,
 )
-from tccm_ros.nodes.ros_types import RosidlMessages
-from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan
-from tccm_ros.sim.engine import Simulation
-from tccm_ros.sim.options import Options
-from tccm_ros.sim.worlds import build_world
 
 NODES = ("tccm_node", "slam_node")
 WAIT_S = 120.0

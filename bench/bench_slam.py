@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
+from tccm_ros.bags.carmen import import_carmen
+from tccm_ros.bags.reader import BagReader
 from tccm_ros.config import Config
-from tccm_ros.evaluate.trajectory_errors import nees, pairs_that_meet, relation_errors
-from tccm_ros.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.geometry import between2, compose2, inverse, spatial
-from tccm_ros.io.bags import BagReader
-from tccm_ros.io.carmen import import_carmen
+from tccm_ros.pipeline.evaluate.trajectory_errors import nees, pairs_that_meet, relation_errors
+from tccm_ros.pipeline.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.records import Odometry, PosedScan, Scan
 from tccm_ros.slam.chain import turn_for
 from tccm_ros.slam.factors import (
@@ -41,7 +41,7 @@ HERE = Path(__file__).resolve().parent
 
 def load_plan():
     """Load the tests' floor plan: truth that shares no code with the package."""
-    path = HERE.parent / "test" / "slam" / "plan.py"
+    path = HERE.parent / "test" / "helpers" / "plan.py"
     spec = importlib.util.spec_from_file_location("plan", path)
     module = importlib.util.module_from_spec(spec)
     sys.modules["plan"] = module

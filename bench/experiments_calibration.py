@@ -20,11 +20,11 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
-from tccm_ros.calibrate import Calibration, calibrate
-from tccm_ros.calibrate.judge import UNITS
-from tccm_ros.calibrate.quality import MIN_HITS, Flatness, cell_means
-from tccm_ros.calibrate.room import seen_in
-from tccm_ros.report.figure import canvas, save_png
+from tccm_ros.pipeline.calibrate import Calibration, calibrate
+from tccm_ros.pipeline.calibrate.observability import UNITS
+from tccm_ros.pipeline.calibrate.quality import MIN_HITS, Flatness, cell_means
+from tccm_ros.pipeline.calibrate.room import seen_in
+from tccm_ros.pipeline.report.figure import canvas, save_png
 
 Float64 = NDArray[np.float64]
 Cells = dict[tuple[int, int], float]

@@ -33,14 +33,14 @@ from plane_scenes import (  # noqa: E402
     sweep_map,
 )
 
+from tccm_ros.baselines.center_cores import center_cores, find_core_plane  # noqa: E402
 from tccm_ros.config import Config  # noqa: E402
-from tccm_ros.mapping.center_cores import center_cores, find_core_plane  # noqa: E402
-from tccm_ros.mapping.cuboids import TICK, Cuboids  # noqa: E402
-from tccm_ros.mapping.part_map import PartMapBuilder  # noqa: E402
-from tccm_ros.mapping.planes import PlaneFits, find_planes, select, without_plane  # noqa: E402
+from tccm_ros.cuboids.cuboids import TICK, Cuboids  # noqa: E402
+from tccm_ros.cuboids.part_map import PartMapBuilder  # noqa: E402
 from tccm_ros.pipeline import run_bag  # noqa: E402
-from tccm_ros.sim.scene import Motion, Scene  # noqa: E402
-from tccm_ros.sim.situations import Cycle, cycle  # noqa: E402
+from tccm_ros.pipeline.sim.scene import Motion, Scene  # noqa: E402
+from tccm_ros.pipeline.sim.situations import Cycle, cycle  # noqa: E402
+from tccm_ros.planes import PlaneFits, find_planes, select, without_plane  # noqa: E402
 
 CONFIG = Config()
 Array = NDArray[np.float64]

@@ -27,15 +27,15 @@ from in_view import edge_errors, seen_share, true_hits, true_outlines  # noqa: E
 from random_flats import random_flat  # noqa: E402
 
 from tccm_ros.config import Config  # noqa: E402
-from tccm_ros.evaluate.surfaces import SurfaceScore, score_surfaces  # noqa: E402
 from tccm_ros.geometry import inverse, spatial, transform  # noqa: E402
-from tccm_ros.io.exports import surfaces_table  # noqa: E402
-from tccm_ros.io.numbers import json_text  # noqa: E402
 from tccm_ros.pipeline import Pipeline  # noqa: E402
+from tccm_ros.pipeline.evaluate.surfaces import SurfaceScore, score_surfaces  # noqa: E402
+from tccm_ros.pipeline.sim import Options, Simulation, build_world, truth  # noqa: E402
+from tccm_ros.pipeline.sim.engine import EPOCH_NS  # noqa: E402
+from tccm_ros.pipeline.sim.world import World  # noqa: E402
 from tccm_ros.records import Scan  # noqa: E402
-from tccm_ros.sim import Options, Simulation, build_world, truth  # noqa: E402
-from tccm_ros.sim.engine import EPOCH_NS  # noqa: E402
-from tccm_ros.sim.world import World  # noqa: E402
+from tccm_ros.results.exports import surfaces_table  # noqa: E402
+from tccm_ros.results.numbers import json_text  # noqa: E402
 from tccm_ros.surfaces.surface_slam import SurfaceSolution  # noqa: E402
 
 Array = NDArray[np.float64]

@@ -1,8 +1,8 @@
 """Flats with furniture at random, to judge the surface map over more than one layout.
 
-``random_flat(seed, options)`` is a world like those of ``tccm_ros.sim``: two or three rooms in a
-row, furniture along the walls and in the middle, a robot that stops two or three times in each
-room and comes back. The same seed gives the same flat.
+``random_flat(seed, options)`` is a world like those of ``tccm_ros.pipeline.sim``: two or three
+rooms in a row, furniture along the walls and in the middle, a robot that stops two or three times
+in each room and comes back. The same seed gives the same flat.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from tccm_ros.sim.flat import chair, shelves, stop_and_scan
-from tccm_ros.sim.motion import Waypoint
-from tccm_ros.sim.options import Options
-from tccm_ros.sim.scene import Scene
-from tccm_ros.sim.world import World
+from tccm_ros.pipeline.sim.flat import chair, shelves, stop_and_scan
+from tccm_ros.pipeline.sim.motion import Waypoint
+from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.scene import Scene
+from tccm_ros.pipeline.sim.world import World
 
 __all__ = ["random_flat"]
 

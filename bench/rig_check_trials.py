@@ -17,11 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tccm_ros.calibrate import RigCheck, calibrate
+from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
 from tccm_ros.config import Config
-from tccm_ros.io.bags import DEFAULT_TOPICS, BagReader
 from tccm_ros.mapping.tccm import TccmProcessor
-from tccm_ros.sim import Options, run
+from tccm_ros.pipeline.calibrate import RigCheck, calibrate
+from tccm_ros.pipeline.sim import Options, run
 
 DEG = float(np.deg2rad(1.0))
 

@@ -16,9 +16,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
+from tccm_ros.bags.carmen import import_carmen
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform2
-from tccm_ros.io.carmen import import_carmen
 from tccm_ros.slam.level_scan import level_scan
 from tccm_ros.slam.wall_slam import WallSlam
 

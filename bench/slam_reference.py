@@ -19,10 +19,10 @@ import numpy as np
 from bench_slam import HERE, scans_of
 from scipy.spatial import cKDTree
 
+from tccm_ros.bags.carmen import import_carmen
 from tccm_ros.config import Config
-from tccm_ros.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.geometry import planar, transform2
-from tccm_ros.io.carmen import import_carmen
+from tccm_ros.pipeline.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.slam.level_scan import level_scan
 
 NEAR, MATCHED = 4.0, 0.10  # m

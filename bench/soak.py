@@ -23,14 +23,14 @@ from typing import Any
 
 import numpy as np
 
+from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
-from tccm_ros.io.typestore import TypestoreMessages
 from tccm_ros.mapping.tccm import TccmProcessor
-from tccm_ros.publications import CyclePublications
+from tccm_ros.pipeline.sim.engine import Simulation
+from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import JointSample
-from tccm_ros.sim.engine import Simulation
-from tccm_ros.sim.options import Options
-from tccm_ros.sim.worlds import build_world
+from tccm_ros.ros.publications import CyclePublications
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 TCCM_TOPICS = ("/tilt_scan", "/odom", "/joint_states", "/robot_description")

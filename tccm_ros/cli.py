@@ -60,9 +60,9 @@ def replay(
     as_json: JsonOption = False,
 ) -> None:
     """Turn a recorded bag into planes, walls, a trajectory and one map of surfaces."""
-    from tccm_ros.config_file import read_config
+    from tccm_ros.config.file import read_config
+    from tccm_ros.pipeline.replay import replay as run
     from tccm_ros.progress import progress
-    from tccm_ros.replay import replay as run
 
     settings = read_config(config, set)
     if map is not None and map.is_dir():
@@ -75,9 +75,9 @@ def replay(
 @app.command()
 def info(path: BagArgument, as_json: JsonOption = False) -> None:
     """Show what is in a bag, and what a replay of it would miss; or what is in a saved map."""
-    from tccm_ros.info import bag_info
-    from tccm_ros.io.map_file import is_map
-    from tccm_ros.io.map_info import map_info
+    from tccm_ros.pipeline.info import bag_info
+    from tccm_ros.results.map_file import is_map
+    from tccm_ros.results.map_info import map_info
 
     found = map_info(path) if is_map(path) else bag_info(path)
     _tell(found.to_json(), found.text(), False, as_json)
@@ -93,9 +93,9 @@ def simulate(
     quiet: QuietOption = False,
 ) -> None:
     """Simulate a robot in a world and write its bag and the truth."""
+    from tccm_ros.pipeline.sim import WORLDS, options_from_settings
+    from tccm_ros.pipeline.sim import simulate as run
     from tccm_ros.progress import Shares, progress
-    from tccm_ros.sim import WORLDS, options_from_settings
-    from tccm_ros.sim import simulate as run
 
     if world == "list":
         typer.echo("\n".join(f"{name:<12} {meaning}" for name, (_, meaning) in WORLDS.items()))
@@ -121,8 +121,8 @@ def evaluate(
     as_json: JsonOption = False,
 ) -> None:
     """Compare surfaces and trajectory with the truth."""
-    from tccm_ros.evaluate.score import score_trajectory
-    from tccm_ros.evaluate.surfaces import score_surfaces
+    from tccm_ros.pipeline.evaluate.score import score_trajectory
+    from tccm_ros.pipeline.evaluate.surfaces import score_surfaces
 
     for path in truth:
         if path.suffix == ".json":
@@ -132,7 +132,7 @@ def evaluate(
         poses = score_trajectory(folder / "trajectory.tum", path, stamps=stamps)
         _tell(poses.as_dict(), poses.table(), False, as_json)
         if plot is not None:
-            from tccm_ros.evaluate.plot import plot_score
+            from tccm_ros.pipeline.evaluate.plot import plot_score
 
             plot_score(poses, plot)
 
@@ -141,9 +141,9 @@ def evaluate(
 def view(target: Annotated[Path, typer.Argument(help="a result folder, a map or a bag")]) -> None:
     """Open the report in the browser; a map or a bag is worked out first, beside itself."""
     from tccm_ros.config import Config
+    from tccm_ros.pipeline.replay import report_of
+    from tccm_ros.pipeline.report.viewing import view as show
     from tccm_ros.progress import progress
-    from tccm_ros.replay import report_of
-    from tccm_ros.report.viewing import view as show
 
     with progress() as bars:
         report = report_of(target, Config(), bars)
@@ -162,8 +162,8 @@ def compare(
     ] = False,
 ) -> None:
     """Show which surfaces came, went or moved between two maps."""
-    from tccm_ros.report.compare import compare as run
-    from tccm_ros.report.compare_page import write_comparison
+    from tccm_ros.pipeline.report.compare import compare as run
+    from tccm_ros.pipeline.report.compare_page import write_comparison
 
     comparison = run(before, after, lay_over=lay_over)
     _tell({}, comparison.text(), False, False)
@@ -188,9 +188,9 @@ def calibrate(
     as_json: JsonOption = False,
 ) -> None:
     """Estimate tilt zero, scale, roll, height and delay from recordings of rooms."""
-    from tccm_ros.calibrate import calibrate as run
-    from tccm_ros.calibrate.files import write_calibration
-    from tccm_ros.config_file import read_config
+    from tccm_ros.config.file import read_config
+    from tccm_ros.pipeline.calibrate import calibrate as run
+    from tccm_ros.pipeline.calibrate.files import write_calibration
     from tccm_ros.progress import progress
 
     settings = read_config(config, set)
@@ -209,7 +209,7 @@ def import_carmen(
     quiet: QuietOption = False,
 ) -> None:
     """Turn a CARMEN log into a bag."""
-    from tccm_ros.io.carmen import import_carmen as run
+    from tccm_ros.bags.carmen import import_carmen as run
     from tccm_ros.progress import progress
 
     with progress(quiet) as bars:
@@ -224,7 +224,7 @@ def recover(
     quiet: QuietOption = False,
 ) -> None:
     """Save what can be read of a damaged bag into a new one."""
-    from tccm_ros.io.recover import recover as run
+    from tccm_ros.bags.recover import recover as run
     from tccm_ros.progress import progress
 
     with progress(quiet) as bars:
@@ -235,7 +235,7 @@ def recover(
 @app.command()
 def parameters() -> None:
     """Print every parameter as a YAML file: default, unit, range, meaning."""
-    from tccm_ros.config_text import as_yaml
+    from tccm_ros.config.text import as_yaml
 
     typer.echo(as_yaml(), nl=False)
 

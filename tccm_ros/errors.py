@@ -13,6 +13,7 @@ __all__ = [
     "FrameError",
     "LogError",
     "MapError",
+    "MessageError",
     "OutputError",
     "TccmError",
     "TopicError",
@@ -56,6 +57,10 @@ class MapError(TccmError):
 
 class OutputError(TccmError):
     """A place that cannot be written."""
+
+
+class MessageError(TccmError):
+    """A message whose content contradicts itself or cannot be used."""
 
 
 def suggest(name: str, known: Iterable[str], *, limit: int = 12) -> str:

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from tccm_ros.config import Config
+from tccm_ros.cuboids.tilt_cycle import TiltCycles
 from tccm_ros.errors import FrameError, MapError
-from tccm_ros.kinematics.tracks import ScalarTrack
-from tccm_ros.mapping.tilt_cycle import TiltCycles
 from tccm_ros.records import Odometry
+from tccm_ros.robot.tracks import ScalarTrack
 from tccm_ros.slam.factors import Key
 from tccm_ros.snapshot import TABLE, freeze, thaw
 
@@ -140,7 +140,7 @@ def forged(*entries):
         ["object", "os", "system", []],
         ["object", "subprocess", "Popen", []],
         ["named", "builtins", "tuple", []],
-        ["object", "tccm_ros.io.bags", "BagReader", []],
+        ["object", "tccm_ros.bags.reader", "BagReader", []],
         ["object", "tccm_ros.slam.graph", "gtsam", []],
         ["object", "tccm_ros.slam.graph", "solve_graph", []],
         ["object", "tccm_ros.slam.graph", "NDArray", []],

@@ -2,9 +2,8 @@
 
     python tools/result_hashes.py [--data FOLDER] [--only NAME ...] > hashes.txt
 
-Run it before and after a change that should not alter results, and compare the two files with diff. A
-line is `recording file sha256`. CARMEN logs are imported first. Recordings that are missing are
-named on stderr.
+Run it before and after a change that should not alter results, and compare the two files with
+diff. A line is `recording file sha256`. CARMEN logs are imported first.
 """
 
 from __future__ import annotations

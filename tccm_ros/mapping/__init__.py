@@ -1,1 +1,1 @@
-"""The Time-series Composite Cuboid Map: from ranges to cuboids, planes and objects."""
+"""The TCCM as one processor: from points to planes, objects and the surface message."""

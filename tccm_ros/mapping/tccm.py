@@ -12,22 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.config import Config
+from tccm_ros.cuboids.clearing import see_through
+from tccm_ros.cuboids.cycle_builder import Mapper, Sweep
+from tccm_ros.cuboids.integration_map import IntegrationMap
+from tccm_ros.cuboids.part import PartMap
+from tccm_ros.cuboids.queries import MapQuery
+from tccm_ros.cuboids.retained import Correction, RetainedWindow
+from tccm_ros.cuboids.saved_window import load_map, save_map
+from tccm_ros.cuboids.seen_free import SeenFree
+from tccm_ros.cuboids.tilt_cycle import TiltCycles
 from tccm_ros.errors import ConfigError
-from tccm_ros.kinematics import LaserKinematics
-from tccm_ros.mapping.clearing import see_through
-from tccm_ros.mapping.free_places import FreePlaces, find_free_places
-from tccm_ros.mapping.hand_over import surface_cloud, view_intervals
-from tccm_ros.mapping.integration_map import IntegrationMap
-from tccm_ros.mapping.map_state import load_map, save_map
-from tccm_ros.mapping.mapper import Mapper, Sweep
-from tccm_ros.mapping.objects import ObjectTracker, find_objects
-from tccm_ros.mapping.part import PartMap
-from tccm_ros.mapping.planes import find_planes
-from tccm_ros.mapping.queries import MapQuery
-from tccm_ros.mapping.retained import Correction, RetainedWindow
-from tccm_ros.mapping.seen_free import SeenFree
-from tccm_ros.mapping.tilt_cycle import TiltCycles
-from tccm_ros.mapping.tracking import PlaneTracker
+from tccm_ros.mapping.surface_message import surface_cloud, view_intervals
+from tccm_ros.planes import find_planes
+from tccm_ros.planes.tracking import PlaneTracker
 from tccm_ros.records import (
     JointSample,
     Odometry,
@@ -40,8 +37,11 @@ from tccm_ros.records import (
     TransformSample,
     ViewIntervals,
 )
-from tccm_ros.scan import project, valid_beams
-from tccm_ros.sync import Synchroniser
+from tccm_ros.robot import LaserKinematics
+from tccm_ros.robot.synchroniser import Synchroniser
+from tccm_ros.sensors.laser_scan import project, valid_beams
+from tccm_ros.tabletop.free_places import FreePlaces, find_free_places
+from tccm_ros.tabletop.objects import ObjectTracker, find_objects
 
 __all__ = ["CyclePlanes", "CycleResult", "TccmProcessor", "TccmRecord"]
 

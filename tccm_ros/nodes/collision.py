@@ -13,10 +13,10 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from tccm_ros.io.planning import OBJECT_PREFIX, Box, Mesh, surface_shape
-from tccm_ros.messages.types import MessageTypes, header_message, pose_message
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.records import Surface
+from tccm_ros.results.planning import OBJECT_PREFIX, Box, Mesh, surface_shape
+from tccm_ros.ros.types import MessageTypes, header_message, pose_message
 
 __all__ = ["CollisionObjects", "collision_messages"]
 

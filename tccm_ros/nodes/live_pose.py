@@ -10,13 +10,13 @@ from rclpy.node import Node
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar, spatial
-from tccm_ros.messages import transform_message
-from tccm_ros.messages.results import pose_covariance_message
-from tccm_ros.messages.types import MessageTypes
 from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.nodes.tf import TfPublisher, has_tf2_msgs
 from tccm_ros.records import TransformSample
+from tccm_ros.ros import transform_message
+from tccm_ros.ros.results import pose_covariance_message
+from tccm_ros.ros.types import MessageTypes
 from tccm_ros.slam.front_end import odometry_covariance
 from tccm_ros.slam.se2 import between, compose
 from tccm_ros.slam.wall_slam import LivePose

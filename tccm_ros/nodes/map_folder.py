@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tccm_ros.io.exports import write_solution
-from tccm_ros.io.folder import output_folder
-from tccm_ros.io.map_file import load_map, save_map
-from tccm_ros.io.occupancy import occupancy_grid, save_grid
+from tccm_ros.results.exports import write_solution
+from tccm_ros.results.folder import output_folder
+from tccm_ros.results.map_file import load_map, save_map
+from tccm_ros.results.occupancy import occupancy_grid, save_grid
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 

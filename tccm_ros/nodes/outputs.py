@@ -13,9 +13,9 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from tccm_ros.io.typestore import TypestoreMessages
+from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.nodes.ros_types import message_class
-from tccm_ros.publications import Publication
+from tccm_ros.ros.publications import Publication
 
 __all__ = ["Outputs"]
 

@@ -24,14 +24,14 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool
 
+from tccm_ros.bags.reader import BagMessage, BagReader
 from tccm_ros.errors import BagError, ConfigError
-from tccm_ros.io.bags import BagMessage, BagReader
-from tccm_ros.messages.types import stamp_message
 from tccm_ros.nodes.params import type_advice
 from tccm_ros.nodes.qos import SENSOR_DEPTH
 from tccm_ros.nodes.ros_types import RosidlMessages, message_class
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.timeline import Timeline
+from tccm_ros.ros.types import stamp_message
 
 __all__ = ["PlayerNode", "main"]
 

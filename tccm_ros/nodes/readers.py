@@ -8,9 +8,10 @@ from contextlib import suppress
 
 from rclpy.serialization import deserialize_message
 
-from tccm_ros.io.cdr import FAST_READERS, NotPlain
-from tccm_ros.messages import READERS, Record
+from tccm_ros.cdr.reading import FAST_READERS, NotPlain
 from tccm_ros.nodes.ros_types import message_class
+from tccm_ros.records.building import Record
+from tccm_ros.ros import READERS
 
 __all__ = ["Reader", "record_reader"]
 

@@ -18,8 +18,8 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import TccmError, one_line
-from tccm_ros.io.typestore import TypestoreMessages
 from tccm_ros.nodes.clock import (
     is_clock_missing,
     on_backward_jump,
@@ -37,7 +37,7 @@ from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.tf import has_tf2_msgs
 from tccm_ros.nodes.worker import Worker
 from tccm_ros.records import RobotDescription, Scan, TransformSample
-from tccm_ros.sync import Synchroniser
+from tccm_ros.robot.synchroniser import Synchroniser
 
 __all__ = ["LASER_SCAN", "SensorNode", "is_latched"]
 

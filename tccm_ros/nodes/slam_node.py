@@ -13,8 +13,6 @@ import numpy as np
 from std_srvs.srv import Trigger
 
 from tccm_ros.errors import MapError
-from tccm_ros.io.occupancy import occupancy_grid
-from tccm_ros.messages.results import grid_message
 from tccm_ros.nodes.collision import CollisionObjects
 from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.map_folder import read_map, write_map
@@ -23,16 +21,18 @@ from tccm_ros.nodes.qos import hand_over, latched, sensor
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import LASER_SCAN, SensorNode, is_latched
 from tccm_ros.nodes.warm_up import warm_up_slam
-from tccm_ros.publications import (
+from tccm_ros.records import Scan, ScanPose, Surface, SurfaceCloud
+from tccm_ros.results.occupancy import occupancy_grid
+from tccm_ros.robot.synchroniser import Synchroniser
+from tccm_ros.ros.publications import (
     HAND_OVER_TOPICS,
     SOLUTION_TOPICS,
     Publication,
     SolutionPublications,
 )
-from tccm_ros.records import Scan, ScanPose, Surface, SurfaceCloud
-from tccm_ros.surfaces.lineage import changes
+from tccm_ros.ros.results import grid_message
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
-from tccm_ros.sync import Synchroniser
+from tccm_ros.surfaces.track_ids import changes
 
 __all__ = ["SlamNode", "main"]
 

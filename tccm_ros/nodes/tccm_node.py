@@ -9,17 +9,17 @@ from typing import Any
 
 from std_srvs.srv import SetBool, Trigger
 
-from tccm_ros.calibrate.rig_check import RigCheck
-from tccm_ros.io.exports import cuboids_archive
-from tccm_ros.io.folder import output_folder
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.nodes.outputs import Outputs
 from tccm_ros.nodes.qos import hand_over, latched
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode, is_latched
 from tccm_ros.nodes.warm_up import warm_up_tccm
-from tccm_ros.publications import CYCLE_TOPICS, HAND_OVER_TOPICS, CyclePublications
-from tccm_ros.sync import Synchroniser
+from tccm_ros.pipeline.calibrate.rig_check import RigCheck
+from tccm_ros.results.exports import cuboids_archive
+from tccm_ros.results.folder import output_folder
+from tccm_ros.robot.synchroniser import Synchroniser
+from tccm_ros.ros.publications import CYCLE_TOPICS, HAND_OVER_TOPICS, CyclePublications
 
 __all__ = ["TccmNode", "main"]
 

@@ -12,11 +12,11 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.calibrate.rig_check import RigCheck
 from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
-from tccm_ros.messages.polygons import triangulate
+from tccm_ros.pipeline.calibrate.rig_check import RigCheck
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan
+from tccm_ros.ros.polygons import triangulate
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 __all__ = ["warm_up_slam", "warm_up_tccm"]

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from tccm_ros.config import Config
-from tccm_ros.io.cycles import CycleHistory
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
+from tccm_ros.results.cycles import CycleHistory
 from tccm_ros.surfaces.continuation import Continuation
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 

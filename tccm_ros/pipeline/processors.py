@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import cast
 
 from tccm_ros.config import Config
-from tccm_ros.io.cycles import CycleHistory
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor, TccmRecord
-from tccm_ros.messages import Record
 from tccm_ros.records import Odometry, Scan
+from tccm_ros.records.building import Record
+from tccm_ros.results.cycles import CycleHistory
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.continuation import Continuation, last_sample
 from tccm_ros.surfaces.saved_map import SavedMap

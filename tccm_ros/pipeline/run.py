@@ -7,14 +7,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 
+from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, MapError, TopicError
-from tccm_ros.io.bags import DEFAULT_TOPICS, BagReader, remap_topics
-from tccm_ros.messages import Record
 from tccm_ros.pipeline.outcome import Outcome, Session
 from tccm_ros.pipeline.processors import Pipeline
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Odometry, Scan
+from tccm_ros.records.building import Record
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.continuation import last_sample
 from tccm_ros.surfaces.saved_map import SavedMap

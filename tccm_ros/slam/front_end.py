@@ -17,10 +17,10 @@ from tccm_ros.config import Config
 from tccm_ros.config import Odometry as OdometryConfig
 from tccm_ros.slam.alignment import Alignment, align
 from tccm_ros.slam.correlation import correlate
-from tccm_ros.slam.evidence import evidence_for
 from tccm_ros.slam.level_scan import LevelScan
 from tccm_ros.slam.likelihood_grid import LikelihoodGrid, make_likelihood_grid
 from tccm_ros.slam.line_map import LineMap, make_line_map
+from tccm_ros.slam.odometry_checks import evidence_for
 from tccm_ros.slam.odometry_scale import OdometryScale
 from tccm_ros.slam.se2 import between, compose, fuse, rotate_covariance
 from tccm_ros.snapshot import fields_of, set_fields

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar
 from tccm_ros.records import PosedScan
-from tccm_ros.scan import project_level
+from tccm_ros.sensors.laser_scan import project_level
 
 __all__ = ["LevelScan", "level_scan", "thin_with_normals"]
 

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from tccm_ros.config import Config
 from tccm_ros.slam.chain import Chain
-from tccm_ros.slam.consistency import consistent_with
 from tccm_ros.slam.correlation import correlate
 from tccm_ros.slam.factors import BetweenKeyframes, Key
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.graph import IncrementalGraph
+from tccm_ros.slam.loop_consistency import consistent_with
+from tccm_ros.slam.loop_proposals import COARSE_STEP, Proposal, Window, propose
 from tccm_ros.slam.path_lengths import lengths_from
-from tccm_ros.slam.proposals import COARSE_STEP, Proposal, Window, propose
 from tccm_ros.slam.se2 import between, compose, inverse
 from tccm_ros.slam.submaps import Patch, Submap, make_patch, make_submap
 from tccm_ros.snapshot import fields_of, set_fields

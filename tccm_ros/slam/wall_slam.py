@@ -20,12 +20,12 @@ from tccm_ros.slam.graph import GraphSolution
 from tccm_ros.slam.landmarks import judge_walls, wall_factors, wall_records
 from tccm_ros.slam.level_scan import LevelScan, level_scan
 from tccm_ros.slam.lines import Lines, extract_lines
+from tccm_ros.slam.loop_proposals import Proposal
+from tccm_ros.slam.loop_selection import settle_loops
 from tccm_ros.slam.loops import LoopCloser, loop_factor
-from tccm_ros.slam.proposals import Proposal
+from tccm_ros.slam.saved_walls import pack_state, unpack_state
 from tccm_ros.slam.se2 import between, compose, inverse
-from tccm_ros.slam.settle import settle_loops
 from tccm_ros.slam.solution import Solution
-from tccm_ros.slam.state import pack_state, unpack_state
 from tccm_ros.slam.structure import structure_factors
 from tccm_ros.slam.trajectory import OdometryTrack, place_stamps, scan_poses
 from tccm_ros.slam.walls import WallTable, associate_walls, confirmations

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from tccm_ros.config import Config
-from tccm_ros.surfaces.drafts import Draft
 from tccm_ros.surfaces.joining import hidden_place, join, views_of
+from tccm_ros.surfaces.merged_patches import Draft
 from tccm_ros.surfaces.polygons import largest_part, polygons_of
 from tccm_ros.surfaces.views import View
 

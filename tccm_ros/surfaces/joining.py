@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from tccm_ros.config import Config
-from tccm_ros.surfaces.drafts import (
+from tccm_ros.surfaces.merged_patches import (
     HIDDEN,
     PROBE,
     Draft,

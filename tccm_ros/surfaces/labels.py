@@ -14,8 +14,8 @@ import shapely
 from numpy.typing import NDArray
 
 from tccm_ros.config import Config, Labels
-from tccm_ros.surfaces.drafts import Draft
 from tccm_ros.surfaces.floor import is_floor
+from tccm_ros.surfaces.merged_patches import Draft
 from tccm_ros.surfaces.stairs import box_sides, treads
 
 __all__ = ["Label", "label_surfaces"]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.config import Config
 from tccm_ros.slam.factors import ViewPlane
-from tccm_ros.surfaces.drafts import Members, PlacedPatch, merge
+from tccm_ros.surfaces.merged_patches import Members, PlacedPatch, merge
 from tccm_ros.surfaces.patch_planes import fit_covariance, fit_plane
 
 __all__ = ["plane_factors"]

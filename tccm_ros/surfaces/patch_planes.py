@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.mapping.level_strips import LEAST_WIDTH
+from tccm_ros.planes.level_strips import LEAST_WIDTH
 from tccm_ros.surfaces.views import Patch
 
 __all__ = ["PatchPlanes", "agree", "fit_plane", "is_line", "pool_moments", "stack_planes"]

@@ -15,8 +15,8 @@ from tccm_ros.geometry import between2, compose2, inverse, planar, spatial, tran
 from tccm_ros.slam.factors import BetweenViews, Factor, planar_covariance
 from tccm_ros.slam.solution import Solution
 from tccm_ros.surfaces.carving import Survivors, carve
-from tccm_ros.surfaces.drafts import surviving_patches
 from tccm_ros.surfaces.landmarks import plane_factors
+from tccm_ros.surfaces.merged_patches import surviving_patches
 from tccm_ros.surfaces.side_matching import SideMatch, match_sides
 from tccm_ros.surfaces.sides import Sides, find_sides
 from tccm_ros.surfaces.views import View

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from tccm_ros.config import Labels
-from tccm_ros.surfaces.drafts import Draft
+from tccm_ros.surfaces.merged_patches import Draft
 
 __all__ = ["box_sides", "treads"]
 

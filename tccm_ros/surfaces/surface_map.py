@@ -17,14 +17,20 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import transform
 from tccm_ros.records import Surface, SurfaceCloud, SurfaceSighting, ViewIntervals
 from tccm_ros.surfaces.carving import carve, superseded
-from tccm_ros.surfaces.drafts import Draft, PlacedPatch, draft_surface, merge, surviving_patches
 from tccm_ros.surfaces.floor import find_floor, is_floor, join_floor
 from tccm_ros.surfaces.joining import join_pieces
 from tccm_ros.surfaces.labels import Label, label_surfaces
-from tccm_ros.surfaces.lineage import Lineage
+from tccm_ros.surfaces.merged_patches import (
+    Draft,
+    PlacedPatch,
+    draft_surface,
+    merge,
+    surviving_patches,
+)
+from tccm_ros.surfaces.merging_as_published import merge_by_distance
 from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.polygons import polygon_rings
-from tccm_ros.surfaces.published import merge_by_distance
+from tccm_ros.surfaces.track_ids import Lineage
 from tccm_ros.surfaces.views import View, empty_view, heir_of, with_cloud, with_intervals
 
 __all__ = ["MappedSurfaces", "SurfaceMap", "ViewPlacement", "default_tilt_covariance"]

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, inverse, planar, spatial
-from tccm_ros.kinematics import LaserKinematics
 from tccm_ros.records import (
     JointSample,
     Odometry,
@@ -25,14 +24,15 @@ from tccm_ros.records import (
     TransformSample,
     ViewIntervals,
 )
+from tccm_ros.robot import LaserKinematics
+from tccm_ros.robot.synchroniser import Synchroniser
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.wall_slam import LivePose, WallSlam
 from tccm_ros.surfaces.registration import register_views
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView
-from tccm_ros.surfaces.session import SessionPlace, place_session
+from tccm_ros.surfaces.session_alignment import SessionPlace, place_session
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPlacement
 from tccm_ros.surfaces.views import View
-from tccm_ros.sync import Synchroniser
 
 __all__ = ["SurfaceRecord", "SurfaceSlam", "SurfaceSolution"]
 

@@ -3,9 +3,6 @@
 Nothing in a file is executed: YAML tags, pickles and XML entities are refused.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from campaign import fuzzed
@@ -13,15 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tccm_ros.config import Config, parameters
-from tccm_ros.config_file import read_config
+from tccm_ros.config.file import read_config
 from tccm_ros.errors import ConfigError, MapError, UrdfError
-from tccm_ros.io.map_file import load_map, save_map
 from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.records import RobotDescription
+from tccm_ros.results.map_file import load_map, save_map
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "nodes"))
-robot = pytest.importorskip("robot", reason="rclpy is not installed")
+robot = pytest.importorskip("live_robot", reason="rclpy is not installed")
 
 URDF = robot.URDF.format(p="", kind="revolute")
 

@@ -9,15 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tccm_ros.config import Config
-from tccm_ros.errors import TccmError
+from tccm_ros.errors import MessageError, TccmError
 from tccm_ros.mapping.tccm import TccmProcessor
-from tccm_ros.messages import (
-    MessageError,
-    joint_sample_from_message,
-    odometry_from_message,
-    scan_from_message,
-)
 from tccm_ros.records import JointSample, Odometry, Scan, TransformSample
+from tccm_ros.ros import joint_sample_from_message, odometry_from_message, scan_from_message
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 START_NS = 1_700_000_000_000_000_000

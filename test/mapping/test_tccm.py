@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from mapped_room import BOX, FLOOR, HALF_TIME, TABLE, WALL, base_at, ns, record, settings
 
+from tccm_ros.cuboids.queries import Occupancy
 from tccm_ros.errors import ConfigError
 from tccm_ros.geometry import inverse, transform
-from tccm_ros.mapping.queries import Occupancy
 from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.records import JointSample, Odometry, Scan
 

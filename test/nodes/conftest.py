@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 import rclpy
+from live_robot import Robot, is_connected, topics_of
 from processes import PATIENCE_S
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
-from robot import Robot, is_connected, topics_of
 
 DOMAINS = range(1, 100)
 """Domains whose ports lie below the ephemeral ones."""

@@ -8,14 +8,14 @@ import time
 from pathlib import Path
 
 import pytest
+from live_robot import overrides, slam, tccm
 from rclpy.node import Node
-from robot import overrides, slam, tccm
 from std_srvs.srv import Trigger
 
+from tccm_ros.bags.reader import BagReader
 from tccm_ros.config import Config
-from tccm_ros.io.bags import BagReader
 from tccm_ros.nodes.player_node import PlayerNode
-from tccm_ros.replay import replay
+from tccm_ros.pipeline.replay import replay
 
 MOST_BEHIND = 60
 """Messages of one topic that may wait: with a burst of the player less than a queue holds."""

@@ -1,9 +1,9 @@
 """ROS parameters agree with the configuration, and bad ones are explained."""
 
 import pytest
+from live_robot import START_NS, URDF, Listener, recording, slam, tccm
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
-from robot import START_NS, URDF, Listener, recording, slam, tccm
 
 from tccm_ros.config import Config, Group, parameters
 from tccm_ros.errors import ConfigError

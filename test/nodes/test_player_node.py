@@ -9,12 +9,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
+from tccm_ros.bags.typestore import TypestoreMessages
+from tccm_ros.bags.writer import BagWriter
 from tccm_ros.errors import BagError, ConfigError
-from tccm_ros.io.bag_writer import BagWriter
-from tccm_ros.io.typestore import TypestoreMessages
-from tccm_ros.messages import joint_sample_message, robot_description_message
 from tccm_ros.nodes.player_node import PlayerNode
 from tccm_ros.records import JointSample, RobotDescription
+from tccm_ros.ros import joint_sample_message, robot_description_message
 
 COUNT = 300
 PERIOD_NS = 10_000_000

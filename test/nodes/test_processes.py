@@ -7,11 +7,12 @@ import subprocess
 import sys
 import textwrap
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
+from live_robot import START_NS, Listener, recording, settle, slam
 from processes import PATIENCE_S, settings, started, stop
-from robot import START_NS, Listener, recording, settle, slam
 from std_srvs.srv import Trigger
 
 from tccm_ros.nodes.map_folder import read_map
@@ -157,7 +158,7 @@ SAVE_FOREVER = """
     import os, sys
     from pathlib import Path
     sys.path.insert(0, sys.argv[1])
-    from robot import URDF, recording
+    from live_robot import URDF, recording
     from tccm_ros.config import Config
     from tccm_ros.mapping.tccm import TccmProcessor
     from tccm_ros.nodes.map_folder import write_map
@@ -190,7 +191,7 @@ SAVE_FOREVER = """
 def test_kill_9_during_a_save_loses_nothing_that_was_saved(tmp_path):
     folder = tmp_path / "map"
     script = textwrap.dedent(SAVE_FOREVER)
-    here = os.path.dirname(__file__)
+    here = str(Path(__file__).resolve().parents[1] / "helpers")
     with subprocess.Popen(
         [sys.executable, "-c", script, here, str(folder)],
         stdin=subprocess.PIPE,

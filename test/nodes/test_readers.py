@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from tccm_ros import messages
+from tccm_ros import ros
+from tccm_ros.errors import MessageError
 from tccm_ros.nodes.readers import record_reader
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.records import (
@@ -24,15 +25,15 @@ T[:3, 3] = 1.0, 2.0, 3.0
 NS = 1_600_000_000_123_456_789
 TRANSFORM = TransformSample(NS, "odom", "base", T, False)
 RECORDS = {
-    "scan": (messages.scan_message, Scan(
+    "scan": (ros.scan_message, Scan(
         NS, "laser", -1.0, 0.5, 0.25, 0.125, 9.0, np.arange(5, dtype=np.float32))),
-    "joint_states": (messages.joint_sample_message, JointSample(
+    "joint_states": (ros.joint_sample_message, JointSample(
         NS, ("tilt", "wheel"), np.array([0.5, -1.0]))),
-    "odom": (messages.odometry_message, Odometry(NS, "odom", "base", T)),
-    "robot_description": (messages.robot_description_message, RobotDescription("<robot/>")),
-    "surfaces": (messages.surface_cloud_message, SurfaceCloud(
+    "odom": (ros.odometry_message, Odometry(NS, "odom", "base", T)),
+    "robot_description": (ros.robot_description_message, RobotDescription("<robot/>")),
+    "surfaces": (ros.surface_cloud_message, SurfaceCloud(
         NS, "base", np.ones((3, 3), np.float32), np.arange(3, dtype=np.uint32))),
-    "view": (messages.view_message, ViewIntervals(NS, "base", np.ones((2, 4), np.float32))),
+    "view": (ros.view_message, ViewIntervals(NS, "base", np.ones((2, 4), np.float32))),
 }  # fmt: skip
 
 
@@ -59,7 +60,7 @@ def test_a_record_comes_back(role):
 
 def test_what_cannot_be_used_is_refused():
     _, read = record_reader("odom")
-    message = messages.odometry_message(RosidlMessages(), RECORDS["odom"][1])
+    message = ros.odometry_message(RosidlMessages(), RECORDS["odom"][1])
     message.pose.pose.position.x = float("nan")
-    with pytest.raises(messages.MessageError):
+    with pytest.raises(MessageError):
         read(serialize_message(message))

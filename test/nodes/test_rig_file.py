@@ -2,18 +2,18 @@
 
 import numpy as np
 import pytest
+from live_robot import HEIGHT, URDF, recording, slam, tccm
 from rclpy.serialization import deserialize_message, serialize_message
-from robot import HEIGHT, URDF, recording, slam, tccm
 from sensor_msgs.msg import LaserScan
 
-from tccm_ros.calibrate.calibration import Calibration
-from tccm_ros.calibrate.judge import Judgement
 from tccm_ros.config import Config, Rig
-from tccm_ros.config_file import read_config
+from tccm_ros.config.file import read_config
 from tccm_ros.mapping.tccm import TccmProcessor
-from tccm_ros.messages import scan_from_message, scan_message
 from tccm_ros.nodes.ros_types import RosidlMessages
+from tccm_ros.pipeline.calibrate.calibration import Calibration
+from tccm_ros.pipeline.calibrate.observability import Judgement
 from tccm_ros.records import RobotDescription
+from tccm_ros.ros import scan_from_message, scan_message
 
 CALIBRATED = Rig(
     tilt_offset=0.021,

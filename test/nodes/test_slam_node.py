@@ -5,15 +5,15 @@ import json
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+from live_robot import START_NS, Listener, recording, settle, slam, tccm
 from nav_msgs.msg import OccupancyGrid, Path
-from robot import START_NS, Listener, recording, settle, slam, tccm
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-from tccm_ros.messages import stamp_ns_from_message
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.nodes.slam_node import raw_stamp_ns
 from tccm_ros.nodes.tf import has_tf2_msgs
+from tccm_ros.ros import stamp_ns_from_message
 
 SECOND = 1_000_000_000
 needs_tf = pytest.mark.skipif(not has_tf2_msgs(), reason="tf2_msgs is not installed")

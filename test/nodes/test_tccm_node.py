@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from robot import START_NS, TABLE, Listener, recording, settle, tccm
+from live_robot import START_NS, TABLE, Listener, recording, settle, tccm
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from tccm_ros.messages import surface_cloud_from_message, view_from_message
+from tccm_ros.ros import surface_cloud_from_message, view_from_message
 
 SECOND = 1_000_000_000
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from robot import START_NS, Listener, recording, settle, slam, tccm
+from live_robot import START_NS, Listener, recording, settle, slam, tccm
 from rosgraph_msgs.msg import Clock
 
 from tccm_ros.config import Config
-from tccm_ros.messages.types import stamp_message
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.records import JointSample
+from tccm_ros.ros.types import stamp_message
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 SECOND = 1_000_000_000

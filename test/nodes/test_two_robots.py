@@ -2,7 +2,7 @@
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from robot import Listener, recording, slam, tccm
+from live_robot import Listener, recording, slam, tccm
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 

@@ -11,11 +11,11 @@ import gc, sys
 from dataclasses import replace
 from pathlib import Path
 from numba.core.dispatcher import Dispatcher
-from tccm_ros.calibrate.rig_check import RigCheck
+from tccm_ros.pipeline.calibrate.rig_check import RigCheck
 from tccm_ros.config import Config
-from tccm_ros.io.bags import DEFAULT_TOPICS, BagReader
+from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
 from tccm_ros.nodes.map_folder import write_map
-from tccm_ros.messages.polygons import triangulate
+from tccm_ros.ros.polygons import triangulate
 from tccm_ros.nodes.warm_up import warm_up_slam, warm_up_tccm
 from tccm_ros.pipeline import Pipeline
 from tccm_ros.records import Scan

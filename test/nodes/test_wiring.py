@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from live_robot import Listener, recording, slam, tccm
 from nav_msgs.msg import Odometry as OdometryMessage
-from robot import Listener, recording, slam, tccm
 from sensor_msgs.msg import JointState, LaserScan, PointCloud2
 from visualization_msgs.msg import MarkerArray
 

@@ -6,9 +6,9 @@ import pytest
 
 from tccm_ros.config import Config
 from tccm_ros.slam.alignment import align
-from tccm_ros.slam.evidence import evidence_for
 from tccm_ros.slam.level_scan import level_scan
 from tccm_ros.slam.line_map import make_line_map
+from tccm_ros.slam.odometry_checks import evidence_for
 from tccm_ros.slam.seen_through import MARGIN, SECTORS, passes_and_hits
 
 ROOM = np.concatenate([plan.box(-2, -2, 6, 2), plan.box(3.0, 1.4, 3.6, 2)])

@@ -10,15 +10,15 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
-from tccm_ros.io.bags import DEFAULT_TOPICS, BagReader
-from tccm_ros.io.exports import planes_table, surfaces_table, trajectory_text, walls_table
-from tccm_ros.io.map_file import load_map, save_map
-from tccm_ros.io.numbers import json_text
 from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.pipeline import Pipeline
-from tccm_ros.replay import replay
+from tccm_ros.pipeline.replay import replay
+from tccm_ros.results.exports import planes_table, surfaces_table, trajectory_text, walls_table
+from tccm_ros.results.map_file import load_map, save_map
+from tccm_ros.results.numbers import json_text
 from tccm_ros.snapshot import TABLE, freeze, thaw
 from tccm_ros.surfaces.continuation import Continuation, LastSample
 

@@ -5,10 +5,10 @@ from collections import Counter
 import numpy as np
 import pytest
 import shapely
+from furniture import draft
 from shapely import affinity, box
 
 from tccm_ros.config import Config
-from tccm_ros.surfaces.drafts import Draft
 from tccm_ros.surfaces.labels import label_surfaces
 
 SIZES = {
@@ -23,13 +23,6 @@ SIZES = {
     "bed": ((1.95, 2.1), (0.85, 1.8), (0.42, 0.62), "bed"),
 }
 FLATS = 120
-
-
-def draft(polygon, height, rng):
-    """A surface as a map has it: the outline loses a few centimetres, the height some mm."""
-    seen = polygon.buffer(-rng.uniform(0.0, 0.02))
-    x, y, z = *seen.centroid.coords[0], height + rng.normal(0.0, 0.003)
-    return Draft(None, seen, np.array([x, y, z]), np.eye(3), np.array([0.0, 0.0, 1.0]), z, 1000)  # type: ignore[arg-type]
 
 
 def place(length, depth, rng, at):

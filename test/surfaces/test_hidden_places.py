@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from room import Board, Room, Screen
 from shapely import Polygon
-from test_surface_map import build, overlap, standing
+from surface_maps import build, overlap, standing
 
 HERE = (0.0, 0.0, 0.0)
 

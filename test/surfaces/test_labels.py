@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 import shapely
+from furniture import draft
 from shapely import Point, affinity, box
-from test_furniture import draft
 
 from tccm_ros.config import Config, Labels
 from tccm_ros.surfaces.labels import _width, label_surfaces

@@ -6,14 +6,14 @@ from dataclasses import replace
 import pytest
 from shapely import Polygon
 
+from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
 from tccm_ros.config import Config
-from tccm_ros.io.bags import DEFAULT_TOPICS, BagReader
-from tccm_ros.io.exports import surfaces_table
-from tccm_ros.io.map_file import load_map, save_map
-from tccm_ros.io.numbers import json_text
 from tccm_ros.pipeline import Pipeline
+from tccm_ros.pipeline.sim import Options, simulate
 from tccm_ros.records import Odometry
-from tccm_ros.sim import Options, simulate
+from tccm_ros.results.exports import surfaces_table
+from tccm_ros.results.map_file import load_map, save_map
+from tccm_ros.results.numbers import json_text
 
 CHANGE_S = 12.0
 """Stamp, s from the start, at which the furniture has changed and was not seen again yet."""

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from test_surface_map import overlap, standing
+from surface_maps import overlap, standing
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
+from tccm_ros.surfaces.saved_views import pack_views, unpack_views
 from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPlacement, default_tilt_covariance
-from tccm_ros.surfaces.view_arrays import pack_views, unpack_views
 
 TABLE = Board(1.6, -0.9, 0.8, 0.9, 0.74)
 STOOL = Board(1.3, 0.9, 0.4, 0.4, 0.46)

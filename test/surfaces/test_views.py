@@ -6,13 +6,13 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from room import Board, Room
-from test_surface_map import build, standing
+from surface_maps import build, standing
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, transform2
 from tccm_ros.records import SurfaceCloud, ViewIntervals
+from tccm_ros.surfaces.saved_views import pack_views
 from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPlacement, default_tilt_covariance
-from tccm_ros.surfaces.view_arrays import pack_views
 from tccm_ros.surfaces.views import empty_view, thin_cloud, with_cloud
 
 CONFIG = Config()

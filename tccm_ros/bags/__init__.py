@@ -1,0 +1,1 @@
+"""Recordings: bags and CARMEN logs, read, written and recovered."""

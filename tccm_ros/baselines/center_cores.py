@@ -1,0 +1,288 @@
+"""Center cores, and the plane detector that the paper builds on them (IV.B, IV.C), as a baseline.
+
+The center core of a cuboid is the long axis of the ellipsoid of its points. A trial draws a few
+cores; if they lie in one plane, the cores that belong to it are gathered and judged by Eq. (8). The
+best of 10 or 50 trials is the plane.
+
+Where the printed formulas are incomplete: the normals b of Eq. (6) are given one sign before they
+are averaged, pairs of parallel, aligned cores (b = 0) are skipped, and Eq. (8) is taken over the
+ends and the middle of all cores that belong, in m2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.config import Config
+from tccm_ros.cuboids.cuboids import Cuboids
+
+__all__ = ["CenterCores", "CorePlane", "center_cores", "cluster_cores", "find_core_plane"]
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int64]
+
+LEAST_POINTS = 3
+"""A cuboid of fewer points has no axis worth the name."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CenterCores:
+    """The long axes of cuboids.
+
+    Attributes
+    ----------
+    cuboid
+        int64 (K,), index of each core's cuboid.
+    center
+        float64 (K, 3), mean of its points, m.
+    axis
+        float64 (K, 3), unit direction; the largest component is positive.
+    length
+        float64 (K,), standard deviation along the axis, m.
+    """
+
+    cuboid: Int
+    center: Array
+    axis: Array
+    length: Array
+
+    def __len__(self) -> int:
+        return len(self.cuboid)
+
+    def ends(self) -> Array:
+        """Return both ends of each core, two standard deviations out, float64 (K, 2, 3), m."""
+        reach = (2.0 * self.length)[:, None] * self.axis
+        return np.stack([self.center - reach, self.center + reach], axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CorePlane:
+    """A plane found from center cores.
+
+    Attributes
+    ----------
+    normal, offset
+        Unit normal float64 (3,) and offset, ``normal . p = offset``, m.
+    cores
+        int64 (M,), indices of the cores that belong to it.
+    quality
+        Val of Eq. (8), m2.
+    """
+
+    normal: Array
+    offset: float
+    cores: Int
+    quality: float
+
+
+def center_cores(cuboids: Cuboids, min_length: float = 0.0) -> CenterCores:
+    """Return the center cores of a map.
+
+    Parameters
+    ----------
+    cuboids
+        The map.
+    min_length
+        Shorter cores are left out, m (standard deviation along the axis).
+    """
+    chosen = np.flatnonzero(cuboids.count >= LEAST_POINTS)
+    xx, xy, xz, yy, yz, zz = cuboids.cov()[chosen].T
+    matrices = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
+    values, vectors = np.linalg.eigh(matrices)
+    axis, length = vectors[:, :, 2], np.sqrt(np.maximum(values[:, 2], 0.0))
+    largest = np.take_along_axis(axis, np.abs(axis).argmax(axis=1)[:, None], axis=1)
+    axis = axis * np.where(largest < 0.0, -1.0, 1.0)
+    keep = length > min_length
+    return CenterCores(chosen[keep], cuboids.mean()[chosen[keep]], axis[keep], length[keep])
+
+
+def find_core_plane(
+    cores: CenterCores, config: Config, trials: int | None = None, seed: int = 0
+) -> CorePlane | None:
+    """Find the best plane by random trials (IV.C).
+
+    Parameters
+    ----------
+    cores
+        Of one map.
+    config
+        Group `center_core`: cores drawn in a trial, thresholds, trials, least quality.
+    trials
+        In place of `center_core.trials`.
+    seed
+        Of the random draws: the same seed gives the same plane.
+
+    Returns
+    -------
+    CorePlane or None
+        None where no trial gives at least `center_core.min_quality`.
+    """
+    c = config.center_core
+    count = c.trials if trials is None else trials
+    if len(cores) < c.cores:
+        return None
+    draws = np.random.default_rng(seed).random((count, c.cores))
+    best = _best_trial(
+        cores.center, cores.axis, cores.length, draws, c.angle_threshold, c.distance_threshold
+    )
+    normal, offset, quality = best[:3], float(best[3]), float(best[4])
+    if quality < c.min_quality:
+        return None
+    belongs = _belongs(cores.center, cores.axis, best, c.angle_threshold, c.distance_threshold)
+    return CorePlane(normal, offset, np.flatnonzero(belongs), quality)
+
+
+@njit(nogil=True, cache=True)
+def _best_trial(
+    center: Array, axis: Array, length: Array, draws: Array, angle: float, distance: float
+) -> Array:
+    """Return normal, offset and val of the best trial, float64 (5,); val 0 if there is none."""
+    best = np.zeros(5)
+    plane = np.zeros(5)
+    chosen = np.empty(draws.shape[1], np.int64)
+    for trial in range(len(draws)):
+        for k in range(len(chosen)):
+            chosen[k] = int(draws[trial, k] * len(center))
+        if not _common_plane(center, axis, length, chosen, angle, plane):
+            continue
+        plane[4] = _quality(center, axis, length, plane, angle, distance)
+        if plane[4] > best[4]:
+            best[:] = plane
+    return best
+
+
+@njit(nogil=True, cache=True)
+def _common_plane(
+    center: Array, axis: Array, length: Array, chosen: Int, angle: float, plane: Array
+) -> bool:
+    """Fill in the plane of a few cores by Eq. (6) and (7), and tell whether they have one."""
+    count = len(chosen)
+    total = np.zeros(3)
+    first = np.zeros(3)
+    normals = np.empty((count * (count - 1), 3))
+    used = 0
+    for i in range(count):
+        for j in range(count):
+            a = center[chosen[i]] - center[chosen[j]]
+            size = math.sqrt(a @ a)
+            if i == j or size < 1e-6:
+                continue
+            b = np.cross(axis[chosen[j]], a)
+            norm = math.sqrt(b @ b)
+            if norm < 1e-3 * size:
+                continue
+            b /= norm
+            if used == 0:
+                first[:] = b
+            elif b @ first < 0.0:
+                b = -b
+            normals[used] = b
+            total += b
+            used += 1
+    if used < 2:
+        return False
+    least = math.cos(angle)
+    for i in range(used):
+        for j in range(i):
+            if abs(normals[i] @ normals[j]) < least:
+                return False
+    norm = math.sqrt(total @ total)
+    if norm < 1e-9:
+        return False
+    longest = chosen[np.argmax(length[chosen])]
+    plane[:3] = total / norm
+    plane[3] = plane[:3] @ center[longest]
+    return True
+
+
+@njit(nogil=True, cache=True)
+def _belongs(
+    center: Array, axis: Array, plane: Array, angle: float, distance: float
+) -> NDArray[np.bool_]:
+    """Tell which cores lie in a plane: along it, and near it."""
+    least = math.sin(angle)
+    result = np.empty(len(center), np.bool_)
+    for k in range(len(center)):
+        lean = axis[k, 0] * plane[0] + axis[k, 1] * plane[1] + axis[k, 2] * plane[2]
+        off = center[k, 0] * plane[0] + center[k, 1] * plane[1] + center[k, 2] * plane[2]
+        result[k] = abs(lean) < least and abs(off - plane[3]) < distance
+    return result
+
+
+@njit(nogil=True, cache=True)
+def _quality(
+    center: Array, axis: Array, length: Array, plane: Array, angle: float, distance: float
+) -> float:
+    """Return val of Eq. (8) over the cores that belong: l1 l2 / l3 of their covariance, m2.
+
+    A core counts with its own spread along its axis, as its points do.
+    """
+    belongs = _belongs(center, axis, plane, angle, distance)
+    n = 0
+    total = np.zeros(3)
+    second = np.zeros((3, 3))
+    for k in range(len(center)):
+        if belongs[k]:
+            n += 1
+            for i in range(3):
+                total[i] += center[k, i]
+                for j in range(3):
+                    spread = length[k] * length[k] * axis[k, i] * axis[k, j]
+                    second[i, j] += center[k, i] * center[k, j] + spread
+    if n < 3:
+        return 0.0
+    mean = total / n
+    for i in range(3):
+        for j in range(3):
+            second[i, j] = second[i, j] / n - mean[i] * mean[j]
+    values = np.linalg.eigvalsh(second)
+    # 0.1 mm quantisation (1e-9 m2) is the flattest that a set of cores can be known to be.
+    return values[2] * values[1] / max(values[0], 1e-9)
+
+
+def cluster_cores(cores: CenterCores, chosen: Int, distance: float) -> NDArray[np.int32]:
+    """Group the cores of a plane whose centres are within a distance of each other (IV.C).
+
+    Parameters
+    ----------
+    cores, chosen
+        All cores, and the indices of those to group, int64 (M,).
+    distance
+        m.
+
+    Returns
+    -------
+    int32 (M,): the group of each, from 0, in the order of each group's first core.
+    """
+    return _clusters(cores.center[chosen], distance)
+
+
+@njit(nogil=True, cache=True)
+def _clusters(center: Array, distance: float) -> NDArray[np.int32]:
+    n = len(center)
+    label = np.full(n, -1, np.int32)
+    queue = np.empty(n, np.int64)
+    used = 0
+    for seed in range(n):
+        if label[seed] >= 0:
+            continue
+        label[seed] = used
+        queue[0] = seed
+        first, end = 0, 1
+        while first < end:
+            a = queue[first]
+            first += 1
+            for b in range(n):
+                if label[b] < 0:
+                    gap = center[a] - center[b]
+                    if gap @ gap <= distance * distance:
+                        label[b] = used
+                        queue[end] = b
+                        end += 1
+        used += 1
+    return label

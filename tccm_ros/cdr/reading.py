@@ -1,0 +1,198 @@
+"""Records straight from CDR bytes, for the four types that most of a bag's messages have.
+
+A bag has ten odometry, joint and tf messages for each scan; building a message object for each of
+them would be most of the time of a replay. Names are read once: the next message has the same
+bytes in their place. What is not plain little-endian CDR of the expected size is left to the
+typestore, which reads it or says what is wrong.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.records import JointSample, Odometry, Scan, TransformSample
+from tccm_ros.records.building import (
+    Record,
+    frame_name,
+    joint_sample,
+    pose_matrix,
+    scan_record,
+    transform_sample,
+)
+
+__all__ = ["FAST_READERS", "MAX_TRAILING_BYTES", "NotPlain"]
+
+ENCAPSULATION = b"\0\1"
+ORIGIN = 4
+"""Alignment counts from behind the encapsulation header."""
+
+STAMP_END = ORIGIN + 8
+
+AFTER_POSE_BYTES = 8 * (36 + 6 + 36)
+"""Covariance of the pose, twist and its covariance."""
+
+_U32 = struct.Struct("<I").unpack_from
+_STAMP = struct.Struct("<iI").unpack_from
+_POSE = struct.Struct("<7d").unpack_from
+_BEAMS = struct.Struct("<7f").unpack_from
+POSE_BYTES = 56
+BEAMS_BYTES = 28
+
+
+MAX_TRAILING_BYTES = 15
+"""Bytes after a message that are accepted: rclpy's serialize_message leaves up to 8 where
+sequences are empty, and DDS pads to 4."""
+
+
+class NotPlain(ValueError):
+    """Bytes that are left to the typestore."""
+
+
+def _align(at: int, size: int) -> int:
+    return (at - ORIGIN + size - 1 & -size) + ORIGIN
+
+
+def _text(data: bytes, at: int) -> tuple[str, int]:
+    """Return a string at a place (aligned first) and where it ends."""
+    at = _align(at, 4)
+    (length,) = _U32(data, at)
+    end = at + 4 + length
+    if length < 1 or end > len(data) or data[end - 1]:
+        raise NotPlain
+    return data[at + 4 : end - 1].decode(), end
+
+
+def _header(data: bytes, at: int) -> tuple[int, str, int]:
+    """Return stamp in ns, frame, and where the header ends."""
+    at = _align(at, 4)
+    sec, nanosec = _STAMP(data, at)
+    frame, end = _text(data, at + 8)
+    return sec * 1_000_000_000 + nanosec, frame, end
+
+
+def _numbers(data: bytes, at: int, dtype: str, size: int) -> tuple[NDArray[Any], int]:
+    """Return a sequence of numbers of `size` bytes (a view), and where it ends."""
+    at = _align(at, 4)
+    (count,) = _U32(data, at)
+    if count == 0:
+        return np.zeros(0, dtype), at + 4
+    start = _align(at + 4, size)
+    end = start + size * count
+    if end > len(data):
+        raise NotPlain
+    return np.frombuffer(data, dtype, count, start), end
+
+
+class _Names:
+    """Reads what stands between a message's stamp and its numbers: names, mostly the last ones.
+
+    Parameters
+    ----------
+    read
+        Gives the names of a message, and where they end.
+    """
+
+    def __init__(self, read: Callable[[bytes], tuple[tuple[str, ...], int]]) -> None:
+        self._read = read
+        self._last: tuple[bytes | None, tuple[str, ...], int] = (None, (), 0)
+
+    def __call__(self, data: bytes) -> tuple[int, tuple[str, ...], int]:
+        """Return the stamp in ns, the names and where they end."""
+        sec, nanosec = _STAMP(data, ORIGIN)
+        known, names, end = self._last
+        if data[STAMP_END:end] != known:
+            names, end = self._read(data)
+            self._last = (data[STAMP_END:end], names, end)
+        return sec * 1_000_000_000 + nanosec, names, end
+
+
+def _check(data: bytes, end: int) -> None:
+    if data[:2] != ENCAPSULATION or not 0 <= len(data) - end <= MAX_TRAILING_BYTES:
+        raise NotPlain
+
+
+def _frames_of_odometry(data: bytes) -> tuple[tuple[str, ...], int]:
+    frame, at = _text(data, STAMP_END)
+    child, at = _text(data, at)
+    return (frame_name(frame), frame_name(child)), _align(at, 8)
+
+
+def _names_of_joints(data: bytes) -> tuple[tuple[str, ...], int]:
+    _, at = _text(data, STAMP_END)
+    at = _align(at, 4)
+    (count,) = _U32(data, at)
+    at += 4
+    names = []
+    for _ in range(count):
+        name, at = _text(data, at)
+        names.append(name)
+    return tuple(names), at
+
+
+def _frame_of_scan(data: bytes) -> tuple[tuple[str, ...], int]:
+    frame, at = _text(data, STAMP_END)
+    return (frame,), _align(at, 4)
+
+
+_odometry_names = _Names(_frames_of_odometry)
+_joint_names = _Names(_names_of_joints)
+_scan_names = _Names(_frame_of_scan)
+
+
+def _odometry(data: bytes) -> tuple[Odometry]:
+    stamp_ns, (frame, child), at = _odometry_names(data)
+    _check(data, at + POSE_BYTES + AFTER_POSE_BYTES)
+    numbers = _POSE(data, at)
+    return (Odometry(stamp_ns, frame, child, pose_matrix(numbers[:3], numbers[3:], "odometry")),)
+
+
+def _joint_sample(data: bytes) -> tuple[JointSample]:
+    stamp_ns, names, at = _joint_names(data)
+    positions, at = _numbers(data, at, "<f8", 8)
+    _, at = _numbers(data, at, "<f8", 8)
+    _, at = _numbers(data, at, "<f8", 8)
+    _check(data, at)
+    return (joint_sample(stamp_ns, names, positions),)
+
+
+def _scan(data: bytes) -> tuple[Scan]:
+    stamp_ns, (frame,), at = _scan_names(data)
+    numbers = _BEAMS(data, at)
+    ranges, at = _numbers(data, at + BEAMS_BYTES, "<f4", 4)
+    _, at = _numbers(data, at, "<f4", 4)
+    _check(data, at)
+    return (scan_record(stamp_ns, frame, numbers, ranges),)
+
+
+def _transforms(data: bytes, is_static: bool = False) -> list[TransformSample]:
+    (count,) = _U32(data, ORIGIN)
+    at = ORIGIN + 4
+    found = []
+    for _ in range(count):
+        stamp_ns, parent, at = _header(data, at)
+        child, at = _text(data, at)
+        at = _align(at, 8)
+        found.append((stamp_ns, (parent, child), _POSE(data, at)))
+        at += POSE_BYTES
+    _check(data, at)
+    return [
+        transform_sample(stamp_ns, frames, numbers[:3], numbers[3:], is_static)
+        for stamp_ns, frames, numbers in found
+    ]
+
+
+FAST_READERS: Mapping[str, Callable[[bytes], Sequence[Record]]] = {
+    "scan": _scan,
+    "tilt_scan": _scan,
+    "joint_states": _joint_sample,
+    "odom": _odometry,
+    "tf": _transforms,
+    "tf_static": lambda data: _transforms(data, is_static=True),
+}
+"""By role; they raise NotPlain, struct.error or UnicodeDecodeError for what the typestore shall
+read, and MessageError as the readers of messages do."""

@@ -1,0 +1,171 @@
+"""Seen-through clearing: a beam that passed through a cuboid takes it away within that cycle.
+
+What a cycle cleared is kept with its part map as *voids*: intervals of height per cell, taken
+from all older part maps. So a rebuild replays the clearing, and taking the part map out of the map
+takes its clearing out as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.config import Config
+from tccm_ros.cuboids.beams import sweep_beams
+from tccm_ros.cuboids.cuboids import TICKS_PER_M
+from tccm_ros.cuboids.cycle_builder import Sweep
+from tccm_ros.cuboids.integration_map import IntegrationMap
+from tccm_ros.cuboids.merging import join_pieces, merge_part
+from tccm_ros.cuboids.part import PartMap
+
+__all__ = ["see_through"]
+
+MARGIN = 0.010
+"""A beam must pass at least this deep inside a cuboid, m: what grazes a surface leaves it."""
+
+STOP_CELLS = 2.0
+"""A beam is followed to this many cells before its end: there it is at the surface it hit."""
+
+
+def see_through(sweep: Sweep, map_: IntegrationMap, config: Config) -> PartMap:
+    """Find what the newest sweep saw through.
+
+    Parameters
+    ----------
+    sweep
+        The newest sweep.
+    map_
+        The map that it is about to be added to.
+    config
+        `map.window_cycles` and `scan.max_range` are used.
+
+    Returns
+    -------
+    PartMap
+        The sweep's part map with its voids.
+    """
+    part = sweep.part
+    keys, spans = _older(part, map_, config.map.window_cycles)
+    if len(keys) == 0:
+        return part
+    cell = config.map.cell_size
+    table, first = _index_cells(keys)
+    passed = np.zeros(len(keys), np.bool_)
+    for scan in sweep.scans:
+        origins, ends, hits = sweep_beams(scan, config.scan.max_range)
+        mark_passed(
+            origins, ends, hits, cell, keys, spans * (1.0 / TICKS_PER_M), table, first, passed
+        )
+    return replace(part, void_keys=keys[passed], void_bounds=spans[passed])
+
+
+def _older(
+    part: PartMap, map_: IntegrationMap, window: int
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Return the cuboids that older part maps will have once the newest is in: keys and spans."""
+    keys, pieces = map_.keys, map_.pieces
+    room = len(keys) + 2 * len(part) + 1
+    left_keys, left = np.empty(room, np.int64), np.empty((room, 4), np.int32)
+    n = merge_part(
+        keys, pieces, len(keys), part.keys, part.bounds, -1, part.cycle - window + 1,
+        left_keys, left,
+    )  # fmt: skip
+    cells, spans = np.empty(n, np.int64), np.empty((n, 2), np.int32)
+    m = join_pieces(left_keys, left, n, cells, spans)
+    return cells[:m].copy(), spans[:m].copy()
+
+
+@njit(nogil=True, cache=True)
+def _slot(key: Any, mask: Any) -> Any:
+    """Return where to look for a cell first: the key's bits, mixed."""
+    mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
+    return np.int64(mixed >> np.uint64(20)) & mask
+
+
+@njit(nogil=True, cache=True)
+def _index_cells(keys: Any) -> Any:
+    """Return an open hash table: slot -> key, slot -> index of the cell's first cuboid or -1."""
+    size = 64
+    while size < 2 * len(keys):
+        size *= 2
+    table, first = np.zeros(size, np.int64), np.full(size, -1, np.int64)
+    for i in range(len(keys)):
+        if i > 0 and keys[i] == keys[i - 1]:
+            continue
+        slot = _slot(keys[i], size - 1)
+        while first[slot] >= 0:
+            slot = (slot + 1) & (size - 1)
+        table[slot], first[slot] = keys[i], i
+    return table, first
+
+
+@njit(nogil=True, cache=True)
+def _mark_cell(
+    key: Any, low: Any, high: Any, keys: Any, spans: Any, table: Any, first: Any, passed: Any
+) -> None:
+    """Mark the cuboids of a cell that heights [low, high] pass at least `MARGIN` inside."""
+    mask = len(table) - 1
+    slot = _slot(key, mask)
+    while first[slot] >= 0 and table[slot] != key:
+        slot = (slot + 1) & mask
+    i = first[slot]
+    while 0 <= i < len(keys) and keys[i] == key:
+        if low < spans[i, 1] - MARGIN and high > spans[i, 0] + MARGIN:
+            passed[i] = True
+        i += 1
+
+
+@njit(nogil=True, cache=True)
+def mark_passed(
+    origins: Any,
+    ends: Any,
+    hits: Any,
+    cell: Any,
+    keys: Any,
+    spans: Any,
+    table: Any,
+    first: Any,
+    passed: Any,
+) -> None:
+    """Follow beams from cell to cell and mark the cuboids that they pass through.
+
+    Parameters
+    ----------
+    origins, ends, hits
+        float64 (N, 3), m, in the map's frame, and bool (N,): whether a beam ended on something.
+    cell
+        Edge of a cell, m.
+    keys, spans
+        int64 (C,) sorted cells and float64 (C, 2), bottom and top, m.
+    table, first
+        Of `_index_cells`.
+    passed
+        bool (C,), set where a beam passed.
+    """
+    for i in range(len(origins)):
+        ox, oy, oz = origins[i, 0] / cell, origins[i, 1] / cell, origins[i, 2]
+        dx, dy = ends[i, 0] / cell - ox, ends[i, 1] / cell - oy
+        dz = ends[i, 2] - oz
+        level = np.hypot(dx, dy)
+        stop = 1.0 if not hits[i] else (level - STOP_CELLS) / max(level, 1e-9)
+        if stop <= 0.0:
+            continue
+        ix, iy = np.int64(np.floor(ox)), np.int64(np.floor(oy))
+        step_x, step_y = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
+        t, t_next = 0.0, 0.0
+        while t_next < stop:
+            tx = ((ix + (dx > 0.0)) - ox) / dx if dx != 0.0 else np.inf
+            ty = ((iy + (dy > 0.0)) - oy) / dy if dy != 0.0 else np.inf
+            t_next = min(min(tx, ty), stop)
+            z0, z1 = oz + t * dz, oz + t_next * dz
+            key = (ix << 32) + iy
+            _mark_cell(key, min(z0, z1), max(z0, z1), keys, spans, table, first, passed)
+            t = t_next
+            if tx <= ty:
+                ix += step_x
+            else:
+                iy += step_y

@@ -1,0 +1,369 @@
+"""Which cuboids of a surface hang together, when beams leave empty cells between scan lines.
+
+Each cuboid looks back along its row (-y) and its column (-x) for the nearest cuboid of the same
+surface. The typical step between them is the local sample spacing, per patch and direction; a step
+is a link if it is shorter than twice that spacing. Where every cell is filled the spacing is one
+cell, and this is the paper's 8-neighbourhood (IV.A).
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = [
+    "OBSTACLES",
+    "STEPS",
+    "find_links",
+    "join",
+    "link",
+    "link_in_plane",
+    "root_of",
+    "spacing",
+]
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int32]
+Flags = NDArray[np.bool_]
+Sides = NDArray[np.uint8]
+
+PATCH_BITS = 4
+"""A patch in which the spacing is estimated is 2**4 cells wide."""
+
+ALL_SIDES = 15
+
+STEPS = 32
+"""Steps of this many cells and more are no links."""
+
+OBSTACLES = 3
+"""A search ends behind so many occupied cells that hold nothing of the same height: whatever lies
+further off is not a neighbour. Without it a wall's cells, which have no neighbours at all, cost
+most of the time."""
+
+
+@njit(nogil=True, cache=True)
+def is_level(top: Int, mean: Int, i: int, j: int, limit: int) -> bool:
+    """Tell whether two cuboids have the same height: by their tops or by their means."""
+    return (abs(top[i] - top[j]) < limit) | (abs(mean[i] - mean[j]) < limit)
+
+
+@njit(nogil=True, cache=True)
+def find_links(ix: Int, iy: Int, top: Int, mean: Int, threshold: float) -> tuple[Int, Int, Int]:
+    """Find for each cuboid the nearest one of the same height behind it in its column and its row.
+
+    Returns
+    -------
+    back_x, back_y
+        int32 (N,), indices, -1 for none.
+    touching
+        int32 (T, 2), pairs of cuboids of the same height that belong together whatever the spacing:
+        in one cell, or in cells that touch at a corner only.
+    """
+    n = len(ix)
+    limit = int(np.ceil(threshold))
+    low_y = iy.min()
+    # Chains of the cuboids of each column, newest first.
+    last = np.full(iy.max() - low_y + 3, -1, np.int32)
+    before = np.empty(n, np.int32)
+    back_x, back_y = np.empty(n, np.int32), np.empty(n, np.int32)
+    touching, pairs = np.empty((3 * n, 2), np.int32), 0
+    row, row_x = 0, ix[0]
+    for i in range(n):
+        x, y = ix[i], iy[i]
+        if x != row_x:
+            row, row_x = i, x
+        found_y, gap_y = -1, STEPS
+        j, cell, passed = i - 1, y, 0
+        while j >= row:
+            if iy[j] != cell:
+                cell = iy[j]
+                passed += 1
+                if passed > OBSTACLES or y - cell >= STEPS:
+                    break
+            if is_level(top, mean, i, j, limit):
+                found_y = j
+                if cell == y:
+                    touching[pairs, 0], touching[pairs, 1] = i, j
+                    pairs += 1
+                    found_y = back_y[j]
+                if found_y >= 0:
+                    gap_y = y - iy[found_y]
+                break
+            j -= 1
+        back_y[i] = found_y
+        c = y - low_y + 1
+        j = last[c]
+        before[i] = j
+        last[c] = i
+        found_x, gap_x = -1, STEPS
+        cell, passed = x, 0
+        while j >= 0:
+            if ix[j] != cell:
+                cell = ix[j]
+                passed += 1
+                if passed > OBSTACLES or x - cell >= STEPS:
+                    break
+            if cell != x and is_level(top, mean, i, j, limit):
+                found_x, gap_x = j, x - cell
+                break
+            j = before[j]
+        back_x[i] = found_x
+        # The cell behind in the column leads to both corners, that in the row to the nearer one.
+        if gap_x > 1:
+            j = level_corner(ix, top, mean, limit, before, last[c + 1], i)
+            if j >= 0:
+                touching[pairs, 0], touching[pairs, 1] = i, j
+                pairs += 1
+            if gap_y > 1:
+                j = level_corner(ix, top, mean, limit, before, last[c - 1], i)
+                if j >= 0:
+                    touching[pairs, 0], touching[pairs, 1] = i, j
+                    pairs += 1
+    return back_x, back_y, touching[:pairs]
+
+
+@njit(nogil=True, cache=True)
+def level_corner(ix: Int, top: Int, mean: Int, limit: int, before: Int, j: int, i: int) -> int:
+    """Return a cuboid of the height of i in the row behind, j or before it in its column, or -1."""
+    while j >= 0 and ix[i] - ix[j] < 2:
+        if ix[j] != ix[i] and is_level(top, mean, i, j, limit):
+            return j
+        j = before[j]
+    return -1
+
+
+@njit(nogil=True, cache=True)
+def find_links_in_plane(ix: Int, iy: Int) -> tuple[Int, Int, Int]:
+    """Find the links of cuboids that all lie in one plane: as `find_links` where all is level."""
+    n = len(ix)
+    low_y = iy.min()
+    last = np.full(iy.max() - low_y + 3, -1, np.int32)
+    # The row of the last cuboid of each column; far behind where there is none.
+    last_x = np.full(len(last), ix[0] - STEPS, np.int32)
+    back_x, back_y = np.empty(n, np.int32), np.empty(n, np.int32)
+    touching, pairs = np.empty((3 * n, 2), np.int32), 0
+    before_x, before_y = ix[0] - 1, 0
+    for i in range(n):
+        x, y = ix[i], iy[i]
+        c = y - low_y + 1
+        gap_y = y - before_y if x == before_x else STEPS
+        before_x, before_y = x, y
+        if gap_y == 0:
+            touching[pairs, 0], touching[pairs, 1] = i, i - 1
+            pairs += 1
+            back_x[i], back_y[i] = back_x[i - 1], back_y[i - 1]
+            last[c] = i
+            continue
+        back_y[i] = i - 1 if gap_y < STEPS else -1
+        gap_x = x - last_x[c]
+        back_x[i] = last[c] if gap_x < STEPS else -1
+        last[c], last_x[c] = i, x
+        if gap_x > 1:
+            if x - last_x[c + 1] == 1:
+                touching[pairs, 0], touching[pairs, 1] = i, last[c + 1]
+                pairs += 1
+            if gap_y > 1 and x - last_x[c - 1] == 1:
+                touching[pairs, 0], touching[pairs, 1] = i, last[c - 1]
+                pairs += 1
+    return back_x, back_y, touching[:pairs]
+
+
+@njit(nogil=True, cache=True)
+def root_of(parent: Int, i: int) -> int:
+    """Return the representative of i, halving the path on the way."""
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@njit(nogil=True, cache=True)
+def join(parent: Int, i: int, j: int) -> None:
+    """Unite the sets of i and j under the smaller index."""
+    a, b = parent[i], parent[j]
+    if a == b:
+        return
+    a, b = root_of(parent, a), root_of(parent, b)
+    if a < b:
+        parent[b] = a
+    elif b < a:
+        parent[a] = b
+
+
+@njit(nogil=True, cache=True)
+def spacing(histogram: Int, fallback: float) -> float:
+    """Return the typical step of a histogram of steps: the mean of those up to 1.5 x the median.
+
+    A few long steps, over a gap or a missing return, must not raise it. `fallback` is returned
+    where there are fewer than four steps.
+    """
+    total = 0
+    for k in range(STEPS):
+        total += histogram[k]
+    if total < 4:
+        return fallback
+    below, median = 0, 0
+    while 2 * (below + histogram[median]) < total:
+        below += histogram[median]
+        median += 1
+    steps, weight = 0, 0
+    for k in range(min(STEPS, median + (median + 1) // 2 + 1)):
+        steps += histogram[k]
+        weight += histogram[k] * k
+    return weight / steps
+
+
+@njit(nogil=True, cache=True)
+def limits_of(cell: Int, patch: Int, patches: int, back: Int) -> Array:
+    """Return for each patch twice its local spacing along one axis, cells, float64 (patches,).
+
+    Parameters
+    ----------
+    cell
+        int32 (N,), coordinate along the axis.
+    patch
+        int32 (N,), patch of each cuboid; `patches` is their number.
+    back
+        int32 (N,), of `find_links`.
+    """
+    # The first column counts those without a link, so that counting needs no branch.
+    histogram = np.zeros((patches + 1, STEPS), np.int32)
+    for i in range(len(cell)):
+        j = back[i]
+        histogram[patch[i], cell[i] - cell[j] if j >= 0 else 0] += 1
+    histogram[:, 0] = 0
+    for p in range(patches):
+        for k in range(STEPS):
+            histogram[patches, k] += histogram[p, k]
+    overall = spacing(histogram[patches], 1.0)
+    limit = np.empty(patches)
+    for p in range(patches):
+        limit[p] = 2.0 * max(spacing(histogram[p], overall), 1.0)
+    return limit
+
+
+@njit(nogil=True, cache=True)
+def patches_of(ix: Int, iy: Int) -> tuple[Int, int]:
+    """Return the patch of each cell, sorted by (ix, iy), and the number of patches."""
+    n = len(ix)
+    low_x, low_y = ix[0], iy.min()
+    wide = ((iy.max() - low_y) >> PATCH_BITS) + 1
+    patch = np.empty(n, np.int32)
+    for i in range(n):
+        patch[i] = ((ix[i] - low_x) >> PATCH_BITS) * wide + ((iy[i] - low_y) >> PATCH_BITS)
+    return patch, (((ix[n - 1] - low_x) >> PATCH_BITS) + 1) * wide
+
+
+@njit(nogil=True, cache=True)
+def accept_links(ix: Int, iy: Int, back_x: Int, back_y: Int, touching: Int) -> tuple[Int, Sides]:
+    """Keep the links that are shorter than twice the local spacing, and label what they connect.
+
+    Parameters
+    ----------
+    ix, iy
+        As in `link`.
+    back_x, back_y, touching
+        Of `find_links`; rejected links become -1.
+
+    Returns
+    -------
+    root : int32 (N,)
+        The smallest index of each cuboid's set.
+    sides : uint8 (N,)
+        The sides on which each cuboid has a link; `ALL_SIDES` if on all four.
+    """
+    n = len(ix)
+    patch, patches = patches_of(ix, iy)
+    limit_x = limits_of(ix, patch, patches, back_x)
+    limit_y = limits_of(iy, patch, patches, back_y)
+    # What is linked along a row is one run; only runs are united.
+    run, parent, first = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.int32)
+    sides = np.zeros(n, np.uint8)
+    runs = 0
+    for i in range(n):
+        p, j, mine = patch[i], back_y[i], 0
+        if j >= 0 and iy[i] - iy[j] < limit_y[p]:
+            r = run[j]
+            mine = 4
+            sides[j] |= 8
+        else:
+            back_y[i] = -1
+            r = runs
+            parent[r], first[r] = r, i
+            runs += 1
+        run[i] = r
+        j = back_x[i]
+        if j >= 0:
+            if ix[i] - ix[j] < limit_x[p]:
+                join(parent, r, run[j])
+                mine |= 1
+                sides[j] |= 2
+            else:
+                back_x[i] = -1
+        sides[i] = mine
+    for k in range(len(touching)):
+        join(parent, run[touching[k, 0]], run[touching[k, 1]])
+    # Parents have smaller numbers, so one pass leads all to the first run of their set.
+    for r in range(runs):
+        parent[r] = parent[parent[r]]
+        first[r] = first[parent[r]]
+    for i in range(n):
+        run[i] = first[run[i]]
+    return run, sides
+
+
+@njit(nogil=True, cache=True)
+def link(ix: Int, iy: Int, top: Int, mean: Int, threshold: float) -> tuple[Int, Int, Int]:
+    """Label the connected sets of cuboids.
+
+    Parameters
+    ----------
+    ix, iy
+        int32 (N,), N > 0, cells, sorted by (ix, iy).
+    top, mean
+        int32 (N,), ticks: neighbours are linked only if one of the two differs by less than
+        `threshold`.
+    threshold
+        Ticks.
+
+    Returns
+    -------
+    root : int32 (N,)
+        The smallest index of each cuboid's set.
+    back_x, back_y : int32 (N,)
+        The links.
+    """
+    back_x, back_y, touching = find_links(ix, iy, top, mean, threshold)
+    return accept_links(ix, iy, back_x, back_y, touching)[0], back_x, back_y
+
+
+@njit(nogil=True, cache=True)
+def link_in_plane(ix: Int, iy: Int) -> tuple[Int, Flags]:
+    """Label the connected sets of cuboids that all lie in one plane, whatever their heights.
+
+    Returns
+    -------
+    root : int32 (N,)
+        The smallest index of each cuboid's set.
+    deep : bool (N,)
+        Which cuboids are at least two links inside their set.
+    """
+    back_x, back_y, touching = find_links_in_plane(ix, iy)
+    root, sides = accept_links(ix, iy, back_x, back_y, touching)
+    return root, is_deep(back_x, back_y, sides)
+
+
+@njit(nogil=True, cache=True)
+def is_deep(back_x: Int, back_y: Int, sides: Sides) -> Flags:
+    """Tell which cuboids have links on all sides, and their neighbours as well."""
+    deep = np.ones(len(sides), np.bool_)
+    for i in range(len(sides)):
+        x, y = back_x[i], back_y[i]
+        if sides[i] == ALL_SIDES:
+            deep[i] &= (sides[x] == ALL_SIDES) & (sides[y] == ALL_SIDES)
+        else:
+            deep[i] = False
+            if x >= 0:
+                deep[x] = False
+            if y >= 0:
+                deep[y] = False
+    return deep

@@ -1,0 +1,275 @@
+"""Compiled loops of the integration map: who owns what, and what the map says where.
+
+A piece is a row (bottom, top, cycle, index): what is left visible of cuboid `index` of the part map
+`cycle`. Pieces are sorted by (cell, bottom) and do not overlap within a cell.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import carray, njit
+
+from tccm_ros.cuboids.bits import lowest_bit
+from tccm_ros.cuboids.part_addresses import pointer_to
+
+__all__ = ["compose_cuboids", "count_composites", "join_pieces", "merge_part", "owners"]
+
+_HALF = 2**31
+_U0, _U1, _U2, _U3, _U4 = (np.uint64(i) for i in range(5))
+_ANY = 2**40
+"""Length of arrays that are known by their address alone."""
+
+_LAST = 2**62
+"""Beyond all cells and heights."""
+
+
+@njit(nogil=True, cache=True)
+def merge_part(
+    old_keys: Any,
+    old: Any,
+    n_old: Any,
+    keys: Any,
+    bounds: Any,
+    cycle: Any,
+    oldest: Any,
+    out_keys: Any,
+    out: Any,
+) -> Any:
+    """Put the newest part map over the pieces of the older ones; one pass over both.
+
+    Where the newest covers an older piece it owns the overlap: older pieces become shorter (at
+    the top, at the bottom), are divided in two, or vanish.
+
+    Parameters
+    ----------
+    old_keys, old, n_old
+        int64 (>= n_old,) cells and int32 (>= n_old, 4) pieces, sorted.
+    keys, bounds
+        int64 (N,) and int32 (N, 2): the newest part map's cells and intervals, sorted, not
+        touching within a cell.
+    cycle
+        Number of the newest part map; negative if it only takes away (voids).
+    oldest
+        Pieces of older cycles than this are left out.
+    out_keys, out
+        Receive the pieces; room for ``n_old + 2 N + 1`` rows.
+
+    Returns
+    -------
+    int
+        Number of pieces written.
+    """
+    # Flat rows of a length that the compiler knows, and indices that cannot count from the end.
+    rows, new_rows, out_rows = old.reshape(-1), bounds.reshape(-1), out.reshape(-1)
+    n: Any = _U0
+    j: Any = _U0
+    n_new, shown = np.uint64(len(keys)), np.uint64(cycle >= 0)
+    cell, cover = np.int64(_LAST), np.int64(0)
+    # The next newer interval: its cell, bottom and top.
+    key, low, high = _next(keys, new_rows, j)
+    for i in range(np.uint64(n_old)):
+        here = old_keys[i]
+        if here != cell:
+            while key < here:
+                _write(out_keys, out_rows, n, key, low, high, cycle, j)
+                n += shown
+                j += _U1
+                key, low, high = _next(keys, new_rows, j)
+            cell, cover = here, np.int64(-_LAST)
+        row = _U4 * i
+        bottom, top = max(np.int64(rows[row]), cover), np.int64(rows[row + _U1])
+        c, index = rows[row + _U2], rows[row + _U3]
+        kept = c >= oldest
+        # What is below the next newer interval is written, and counted only if it is there: that
+        # is faster than to ask first.
+        end = min(top, low) if key == here else top
+        _write(out_keys, out_rows, n, here, bottom, end, c, index)
+        n += np.uint64(kept & (end > bottom))
+        while key == here and low < top:
+            _write(out_keys, out_rows, n, key, low, high, cycle, j)
+            n += shown
+            cover = high
+            j += _U1
+            key, low, high = _next(keys, new_rows, j)
+            bottom = max(bottom, cover)
+            end = min(top, low) if key == here else top
+            _write(out_keys, out_rows, n, here, bottom, end, c, index)
+            n += np.uint64(kept & (end > bottom))
+    while j < n_new:
+        _write(out_keys, out_rows, n, key, low, high, cycle, j)
+        n += shown
+        j += _U1
+        key, low, high = _next(keys, new_rows, j)
+    return np.int64(n)
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _write(
+    keys: Any, rows: Any, n: Any, key: Any, bottom: Any, top: Any, cycle: Any, index: Any
+) -> None:
+    """Write piece n."""
+    keys[n] = key
+    row = _U4 * n
+    rows[row], rows[row + _U1], rows[row + _U2], rows[row + _U3] = bottom, top, cycle, index
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _next(keys: Any, rows: Any, j: Any) -> Any:
+    """Return cell, bottom and top of interval j; a cell beyond all after the last."""
+    if j < np.uint64(len(keys)):
+        row = _U2 * j
+        return keys[j], np.int64(rows[row]), np.int64(rows[row + _U1])
+    return np.int64(_LAST), np.int64(_LAST), np.int64(_LAST)
+
+
+@njit(nogil=True, cache=True)
+def count_composites(keys: Any, pieces: Any, n: Any) -> Any:
+    """Return the number of composite cuboids: runs of touching pieces of one cell."""
+    count = 0
+    for i in range(n):
+        if i == 0 or keys[i] != keys[i - 1] or pieces[i, 0] != pieces[i - 1, 1]:
+            count += 1
+    return count
+
+
+@njit(nogil=True, cache=True)
+def join_pieces(keys: Any, pieces: Any, n: Any, cells: Any, spans: Any) -> Any:
+    """Write cell and (bottom, top) of each composite cuboid; return how many there are."""
+    k = 0
+    for i in range(n):
+        if i == 0 or keys[i] != keys[i - 1] or pieces[i, 0] != pieces[i - 1, 1]:
+            cells[k], spans[k, 0] = keys[i], pieces[i, 0]
+            k += 1
+        spans[k - 1, 1] = pieces[i, 1]
+    return k
+
+
+@njit(nogil=True, cache=True)
+def compose_cuboids(
+    keys: Any,
+    pieces: Any,
+    n: Any,
+    addresses: Any,
+    first_cycle: Any,
+    cells: Any,
+    spans: Any,
+    count: Any,
+    s: Any,
+    S: Any,
+    cycles: Any,
+    offsets: Any,
+) -> Any:
+    """Join touching pieces to composite cuboids and add up their weighted moments.
+
+    A piece weighs its length over its original's. Moments are added from the lowest piece to the
+    highest, so that equal pieces give equal sums to the last bit.
+
+    Parameters
+    ----------
+    keys, pieces, n
+        The pieces.
+    addresses, first_cycle
+        Where the originals are (`originals.Originals`), and the cycle of the first row.
+    cells, spans
+        int32 (2, C): receive ix and iy, bottom and top.
+    count, s, S
+        float64 (C,), (C, 3), (C, 6): receive counts and moments.
+    cycles, offsets
+        Receive the ordered cycles of each composite, int32 (n,), and where they begin, int64.
+
+    Returns
+    -------
+    int
+        Number of entries in `cycles`.
+    """
+    k, used, begin = -1, 0, 0
+    # A window of up to 64 cycles is a word of bits: no sorting, and nothing to mispredict.
+    narrow, seen = len(addresses) <= 64, np.uint64(0)
+    a0 = a1 = a2 = a3 = a4 = a5 = a6 = a7 = a8 = a9 = 0.0
+    for i in range(n + 1):
+        if i == n or i == 0 or keys[i] != keys[i - 1] or pieces[i, 0] != pieces[i - 1, 1]:
+            if k >= 0:
+                spans[1, k] = pieces[i - 1, 1]
+                count[k], s[k, 0], s[k, 1], s[k, 2] = a0, a1, a2, a3
+                S[k, 0], S[k, 1], S[k, 2] = a4, a5, a6
+                S[k, 3], S[k, 4], S[k, 5] = a7, a8, a9
+            while seen != _U0:
+                cycles[used] = first_cycle + lowest_bit(seen)
+                seen &= seen - _U1
+                used += 1
+            k += 1
+            offsets[k] = begin = used
+            if i == n:
+                break
+            ix = (keys[i] + _HALF) >> 32
+            cells[0, k], cells[1, k] = ix, keys[i] - (ix << 32)
+            spans[0, k] = pieces[i, 0]
+            a0 = a1 = a2 = a3 = a4 = a5 = a6 = a7 = a8 = a9 = 0.0
+        cycle, index = pieces[i, 2], 10 * np.int64(pieces[i, 3])
+        k_cycle = np.uint64(cycle - first_cycle)
+        moments = carray(pointer_to(addresses[k_cycle, 0]), (_ANY,), np.int64)
+        bounds = carray(pointer_to(addresses[k_cycle, 1]), (_ANY,), np.int32)
+        at = 2 * np.int64(pieces[i, 3])
+        length = bounds[np.uint64(at + 1)] - bounds[np.uint64(at)]
+        weight = np.float64(pieces[i, 1] - pieces[i, 0]) / np.float64(length)
+        a0 += weight * moments[np.uint64(index + 0)]
+        a1 += weight * moments[np.uint64(index + 1)]
+        a2 += weight * moments[np.uint64(index + 2)]
+        a3 += weight * moments[np.uint64(index + 3)]
+        a4 += weight * moments[np.uint64(index + 4)]
+        a5 += weight * moments[np.uint64(index + 5)]
+        a6 += weight * moments[np.uint64(index + 6)]
+        a7 += weight * moments[np.uint64(index + 7)]
+        a8 += weight * moments[np.uint64(index + 8)]
+        a9 += weight * moments[np.uint64(index + 9)]
+        if narrow:
+            seen |= _U1 << np.uint64(cycle - first_cycle)
+        else:
+            used = _insert_cycle(cycles, begin, used, cycle)
+    return used
+
+
+@njit(nogil=True, cache=True)
+def _insert_cycle(cycles: Any, begin: Any, end: Any, cycle: Any) -> Any:
+    """Put a cycle in order into cycles[begin:end], unless it is there; return the new end."""
+    j = end
+    while j > begin and cycles[j - 1] > cycle:
+        j -= 1
+    if j > begin and cycles[j - 1] == cycle:
+        return end
+    for m in range(end, j, -1):
+        cycles[m] = cycles[m - 1]
+    cycles[j] = cycle
+    return end + 1
+
+
+@njit(nogil=True, cache=True)
+def owners(ix: Any, iy: Any, bottom: Any, keys: Any, bounds: Any) -> Any:
+    """Return the cuboid of a map that each cuboid of its part map lies in; one pass over both.
+
+    Parameters
+    ----------
+    ix, iy, bottom
+        int32 (N,), of the map, N > 0, sorted.
+    keys, bounds
+        int64 (M,) and int32 (M, 2), of a part map that the map has taken, sorted.
+
+    Returns
+    -------
+    int64 (M,): the highest cuboid of the same cell that does not begin above it.
+    """
+    owner = np.empty(len(keys), np.int64)
+    i, n = 0, len(ix)
+    for j in range(len(keys)):
+        x = (keys[j] + _HALF) >> 32
+        y = keys[j] - (x << 32)
+        while i + 1 < n and (
+            ix[i] < x
+            or (ix[i] == x and iy[i] < y)
+            or (ix[i + 1] == x and iy[i + 1] == y and bottom[i + 1] <= bounds[j, 0])
+        ):
+            i += 1
+        owner[j] = i
+    return owner

@@ -1,0 +1,71 @@
+"""The originals of the window where they lie: a table of addresses, by which kernels read them.
+
+Part maps are made one by one and never changed. To have them in one array they would be copied in
+every cycle; a table of where each begins is enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from tccm_ros.cuboids.part import PartMap
+
+__all__ = ["Originals", "pointer_to"]
+
+
+def _inttoptr(typing_context: Any, address: Any) -> Any:
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
+
+    return types.voidptr(types.int64), build
+
+
+pointer_to: Any = intrinsic(_inttoptr)
+"""In a kernel: the pointer to an address, int64. For `numba.carray`, which trusts it."""
+
+
+class Originals:
+    """Where the cuboids of the part maps of a window are."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[PartMap, tuple[int, int], tuple[NDArray[Any], ...]]] = {}
+
+    def addresses(self, parts: Sequence[PartMap]) -> NDArray[np.int64]:
+        """Return where the moments and the bounds of each cycle's part map are.
+
+        Parameters
+        ----------
+        parts
+            Part maps, oldest first.
+
+        Returns
+        -------
+        int64 (K, 2), a row per cycle from that of the oldest part map on, 0 where there is none.
+        Good until the next call, as long as this object lives.
+        """
+        known = self._known
+        self._known = {
+            p.cycle: known[p.cycle] if p.cycle in known and known[p.cycle][0] is p else _found(p)
+            for p in parts
+        }
+        first = parts[0].cycle if parts else 0
+        table = np.zeros((parts[-1].cycle - first + 1 if parts else 1, 2), np.int64)
+        for cycle, (_, addresses, _) in self._known.items():
+            table[cycle - first] = addresses
+        return table
+
+
+def _found(part: PartMap) -> tuple[PartMap, tuple[int, int], tuple[NDArray[Any], ...]]:
+    rows = (
+        np.ascontiguousarray(part.moments, np.int64),
+        np.ascontiguousarray(part.bounds, np.int32),
+    )
+    moments, bounds = (int(array.__array_interface__["data"][0]) for array in rows)
+    return part, (moments, bounds), rows

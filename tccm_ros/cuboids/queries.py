@@ -1,0 +1,266 @@
+"""What a manipulation planner asks of the map: is a place free, occupied or never seen, since when.
+
+All questions are vectorised and in the map's frame. What is occupied is exact to the cell; what is
+free is known per column of ``views.cell_size``, from what the window's cycles saw through.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
+from tccm_ros.cuboids.integration_map import IntegrationMap
+from tccm_ros.cuboids.part import cell_keys
+from tccm_ros.cuboids.seen_free import NEVER, SeenFree
+
+__all__ = ["MapQuery", "Measurement", "Occupancy", "select"]
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+
+class Occupancy(IntEnum):
+    """The state of a place."""
+
+    UNKNOWN = -1
+    FREE = 0
+    OCCUPIED = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """One original cuboid behind a place of the map.
+
+    Attributes
+    ----------
+    cycle
+        Its cycle.
+    start_ns, end_ns
+        First and last used beam of the cycle.
+    first_ns, last_ns
+        Stamps of the first and the last scan that measured the cuboid.
+    points
+        Its points.
+    """
+
+    cycle: int
+    start_ns: int
+    end_ns: int
+    first_ns: int
+    last_ns: int
+    points: int
+
+
+class MapQuery:
+    """Questions to an integration map as it is now.
+
+    Parameters
+    ----------
+    map_
+        The map.
+    seen_free
+        What the window's cycles saw through; without it nothing is known to be free.
+    """
+
+    def __init__(self, map_: IntegrationMap, seen_free: SeenFree | None = None) -> None:
+        self._map = map_
+        self._free = seen_free
+        self.cuboids = map_.cuboids()
+        self._columns = self.cuboids.columns()
+        self._cell = round(self.cuboids.cell_size * TICKS_PER_M)
+
+    def points(self, points: ArrayLike) -> NDArray[np.int8]:
+        """Return the `Occupancy` of points (N, 3), m, as int8 (N,)."""
+        xyz = np.asarray(points, np.float64).reshape(-1, 3)
+        result = np.full(len(xyz), Occupancy.UNKNOWN, np.int8)
+        if self._free is not None:
+            result[self._free.last_seen(xyz) != NEVER] = Occupancy.FREE
+        result[self._at(xyz) >= 0] = Occupancy.OCCUPIED
+        return result
+
+    def boxes(self, boxes: ArrayLike, spacing: float = 0.02) -> NDArray[np.int8]:
+        """Return the `Occupancy` of boxes along the axes.
+
+        Parameters
+        ----------
+        boxes
+            (N, 6), m: x_min x_max y_min y_max z_min z_max, as `map.region`.
+        spacing
+            A box is free if points of it, this far apart, were all seen to be free, m.
+
+        Returns
+        -------
+        int8 (N,). A box is occupied if a cuboid reaches into it: its cell and its heights overlap
+        the box, or touch it.
+        """
+        b = np.asarray(boxes, np.float64).reshape(-1, 6)
+        ticks = np.floor(b * TICKS_PER_M + 0.5).astype(np.int64)
+        hit = np.zeros(len(b), np.bool_)
+        columns = self._columns
+        find_overlaps(columns.keys, columns.first, columns.spans, ticks, self._cell, hit)
+        result = np.where(hit, Occupancy.OCCUPIED, Occupancy.UNKNOWN).astype(np.int8)
+        for i in np.flatnonzero(~hit):
+            if self._free is not None and self._is_free(b[i], spacing):
+                result[i] = Occupancy.FREE
+        return result
+
+    def last_seen(self, points: ArrayLike) -> Int64:
+        """Return when the places of points (N, 3) were last seen, free or occupied; ns or NEVER."""
+        xyz = np.asarray(points, np.float64).reshape(-1, 3)
+        free = self._free.last_seen(xyz) if self._free else np.full(len(xyz), NEVER, np.int64)
+        at, c = self._at(xyz), self.cuboids
+        newest = np.full(len(c) + 1, NEVER, np.int64)
+        if len(c):
+            # Cycles are in order, the newest is the last.
+            cycles = c.cycles[c.cycle_offsets[1:] - 1]
+            ends = {part.cycle: part.end_ns for part in self._map.parts}
+            newest[:-1] = [ends[int(cycle)] for cycle in cycles]
+        return np.maximum(free, newest[at])
+
+    def trace(self, point: ArrayLike) -> list[Measurement]:
+        """Return the measurements behind the cuboid at a point (3,), oldest cycle first.
+
+        All originals that touch each other there are named; none if nothing is there.
+        """
+        at = int(self._at(np.asarray(point, np.float64).reshape(1, 3))[0])
+        if at < 0:
+            return []
+        c, pieces = self.cuboids, self._map.pieces
+        inside = (
+            (self._map.keys == cell_keys(c.ix[at], c.iy[at]))
+            & (pieces[:, 0] >= c.bottom[at])
+            & (pieces[:, 1] <= c.top[at])
+        )
+        result = []
+        for cycle, index in np.unique(pieces[inside, 2:], axis=0).tolist():
+            part = self._map.part(cycle)
+            first_ns, last_ns = part.seen_ns[index].tolist()
+            count = int(part.moments[index, 0])
+            result.append(Measurement(cycle, part.start_ns, part.end_ns, first_ns, last_ns, count))
+        return result
+
+    def height_map(
+        self, region: tuple[float, float, float, float], z_max: float = np.inf
+    ) -> NDArray[np.float32]:
+        """Return the highest top per cell.
+
+        Parameters
+        ----------
+        region
+            x_min, x_max, y_min, y_max, m; all cells that it touches are given.
+        z_max
+            Only cuboids whose bottom is below this are looked at, m; their tops are cut here.
+
+        Returns
+        -------
+        float32 (X, Y), m; nan where there is nothing. Element (0, 0) is the cell of
+        (x_min, y_min).
+        """
+        size = self.cuboids.cell_size
+        low = np.floor(np.array(region[::2]) / size + 1e-9).astype(np.int64)
+        high = np.ceil(np.array(region[1::2]) / size - 1e-9).astype(np.int64)
+        heights = np.full(np.maximum(high - low, 0), np.nan, np.float32)
+        c = self.cuboids
+        ix, iy = c.ix - low[0], c.iy - low[1]
+        inside = (ix >= 0) & (iy >= 0) & (ix < heights.shape[0]) & (iy < heights.shape[1])
+        inside &= c.bottom < z_max * TICKS_PER_M
+        # In order of bottom within a cell: the highest is written last.
+        tops = np.minimum(c.top[inside] / TICKS_PER_M, z_max)
+        heights[ix[inside], iy[inside]] = tops
+        return heights
+
+    def cuboids_in(self, box: ArrayLike) -> Cuboids:
+        """Return the cuboids that reach into a box (6,), m: as `boxes`."""
+        b = np.floor(np.asarray(box, np.float64) * TICKS_PER_M + 0.5).astype(np.int64)
+        c = self.cuboids
+        x, y = c.ix.astype(np.int64) * self._cell, c.iy.astype(np.int64) * self._cell
+        inside = (x <= b[1]) & (x + self._cell > b[0]) & (y <= b[3]) & (y + self._cell > b[2])
+        return select(c, inside & (c.bottom <= b[5]) & (c.top >= b[4]))
+
+    def _at(self, xyz: Float64) -> Int64:
+        """Return the cuboid at each point, -1 for none."""
+        ticks = np.floor(xyz * TICKS_PER_M + 0.5).astype(np.int64)
+        wanted = cell_keys(ticks[:, 0] // self._cell, ticks[:, 1] // self._cell)
+        columns, heights = self._columns, ticks[:, 2].copy()
+        return find_cuboids(columns.keys, columns.first, columns.spans, wanted, heights)
+
+    def _is_free(self, box: Float64, spacing: float) -> bool:
+        axes = [
+            np.linspace(low, high, max(int(np.ceil((high - low) / spacing)) + 1, 1))
+            for low, high in box.reshape(3, 2)
+        ]
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        assert self._free is not None
+        return bool((self._free.last_seen(grid) != NEVER).all())
+
+
+def select(cuboids: Cuboids, chosen: NDArray[np.bool_]) -> Cuboids:
+    """Return the chosen cuboids, bool (N,), in their order."""
+    lengths = np.diff(cuboids.cycle_offsets)
+    return Cuboids(
+        cuboids.cell_size,
+        cuboids.ix[chosen],
+        cuboids.iy[chosen],
+        cuboids.bottom[chosen],
+        cuboids.top[chosen],
+        cuboids.count[chosen],
+        cuboids.s[chosen],
+        cuboids.S[chosen],
+        cuboids.cycles[np.repeat(chosen, lengths)],
+        np.concatenate([[0], np.cumsum(lengths[chosen])]).astype(np.int64),
+    )
+
+
+@njit(nogil=True, cache=True)
+def _first_of(keys: Any, key: Any) -> Any:
+    """Return the first index whose key is not below `key`."""
+    low, high = 0, len(keys)
+    while low < high:
+        middle = (low + high) // 2
+        if keys[middle] < key:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@njit(nogil=True, cache=True)
+def find_cuboids(keys: Any, first: Any, spans: Any, wanted: Any, heights: Any) -> Any:
+    """Return the cuboid at each (cell, height), int64 (N,), -1 for none; ends are inside.
+
+    `keys`, `first` and `spans` are those of `Columns`. Of two that touch there, the upper one.
+    """
+    found = np.full(len(wanted), -1, np.int64)
+    for i in range(len(wanted)):
+        at = _first_of(keys, wanted[i])
+        if at == len(keys) or keys[at] != wanted[i]:
+            continue
+        for k in range(first[at], first[at + 1]):
+            if spans[k, 0] <= heights[i] <= spans[k, 1]:
+                found[i] = k
+    return found
+
+
+@njit(nogil=True, cache=True)
+def find_overlaps(keys: Any, first: Any, spans: Any, boxes: Any, cell: Any, hit: Any) -> None:
+    """Mark the boxes int64 (B, 6), ticks, that a cuboid of the `Columns` reaches into."""
+    for i in range(len(boxes)):
+        x0, x1, y0, y1, z0, z1 = (
+            boxes[i, 0] // cell, boxes[i, 1] // cell, boxes[i, 2] // cell,
+            boxes[i, 3] // cell, boxes[i, 4], boxes[i, 5],
+        )  # fmt: skip
+        for ix in range(x0, x1 + 1):
+            at = _first_of(keys, (ix << 32) + y0)
+            last = (ix << 32) + y1
+            while at < len(keys) and keys[at] <= last and not hit[i]:
+                for k in range(first[at], first[at + 1]):
+                    hit[i] |= spans[k, 0] <= z1 and spans[k, 1] >= z0
+                at += 1
+            if hit[i]:
+                break

@@ -1,0 +1,285 @@
+"""The union of intervals in each cell: from binned points to the cuboids of a part map.
+
+A point at height z with depth d covers [z - d, z]; a cuboid is a connected component of the union
+of its cell's intervals (touching counts as connected). Moments are whole ticks, so that the result
+is exact and does not depend on the order of the points.
+
+Points are sorted by cell and height (radix sort: first by height, then by cell, whose counts are
+known). One pass downwards finds the cuboids, one upwards sums their moments. Most cuboids have one
+to three points, and no processor can predict where they end; so nothing here branches on it: what
+differs between two cases is masked. It takes the same time whatever the points and their order.
+Arrays are flat, so that rows have a length that the compiler knows.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from tccm_ros.cuboids.union_as_printed import unite_as_printed
+
+__all__ = [
+    "HISTOGRAM_SIZE",
+    "find_cuboids",
+    "sum_cuboids",
+]
+
+_DIGIT_BITS = 8
+"""At most; the ends of 256 runs of points fit into the first cache."""
+
+HISTOGRAM_SIZE = 2 << _DIGIT_BITS
+"""Elements of `histogram`: the counts of a digit and of the next."""
+
+_LOW = np.int64(0xFFFFFFFF)
+_U1, _U2, _U10, _U32 = np.uint64(1), np.uint64(2), np.uint64(10), np.uint64(32)
+
+
+@njit(nogil=True, cache=True)
+def _order_by_height(
+    records: Any, n: Any, lowest: Any, highest: Any, pairs: Any, spare: Any, histogram: Any,
+    order: Any,
+) -> None:  # fmt: skip
+    """Order points by rising height, equal ones as they came: radix sort, lowest digit first.
+
+    Parameters
+    ----------
+    records, n
+        int64 (>= 2 n,), two words for each of n points, see `binning.bin_scan`.
+    lowest, highest
+        The least and the greatest height, ticks.
+    pairs, spare, histogram
+        Scratch: uint64 (>= n,) twice, int64 (HISTOGRAM_SIZE,).
+    order
+        int32 (>= n,), receives the points' numbers.
+    """
+    bits = 0
+    while (highest - lowest) >> bits:
+        bits += 1
+    passes = max((bits + _DIGIT_BITS - 1) // _DIGIT_BITS, 1)
+    width = (bits + passes - 1) // passes
+    size = np.uint64(1 << width)
+    mask, half = size - _U1, np.uint64(HISTOGRAM_SIZE // 2)
+    histogram[:] = 0
+    for i in range(np.uint64(n)):
+        height = np.uint64((records[_U2 * i] >> 32) - lowest)
+        pairs[i] = (height << _U32) | i
+        histogram[height & mask] += 1
+    for p in range(passes):
+        shift, next_shift = np.uint64(32 + p * width), np.uint64(32 + (p + 1) * width)
+        this, other = half * np.uint64(p & 1), half * np.uint64(1 - (p & 1))
+        position = np.int64(0)
+        for b in range(size):
+            count = histogram[this + b]
+            histogram[this + b] = position
+            histogram[other + b] = 0
+            position += count
+        if p < passes - 1:
+            for i in range(np.uint64(n)):
+                pair = pairs[i]
+                b = this + ((pair >> shift) & mask)
+                spare[np.uint64(histogram[b])] = pair
+                histogram[b] += 1
+                histogram[other + ((pair >> next_shift) & mask)] += 1
+            pairs, spare = spare, pairs
+        else:
+            for i in range(np.uint64(n)):
+                pair = pairs[i]
+                b = this + ((pair >> shift) & mask)
+                order[np.uint64(histogram[b])] = pair
+                histogram[b] += 1
+
+
+@njit(nogil=True, cache=True)
+def _gather_points(
+    records: Any, n: Any, order: Any, scan_ends: Any, scan_of: Any, counts: Any, points: Any
+) -> None:
+    """Order the records by cell, and within a cell as `order` says.
+
+    Parameters
+    ----------
+    records, n, order
+        As in `_order_by_height`.
+    scan_ends, scan_of
+        int32 (S,), the number of records after each scan; scratch, int32 (>= n,).
+    counts
+        int32, per address: the next free position; left as the position after the last.
+    points
+        int64 (2 n,), receives (z << 32 | place) and (depth << 32 | number of the scan).
+    """
+    i = np.uint64(0)
+    for scan in range(len(scan_ends)):
+        end = np.uint64(scan_ends[scan])
+        scan_of[i:end] = scan
+        i = end
+    for j in range(np.uint64(n)):
+        i = np.uint64(order[j])
+        word = records[_U2 * i + _U1]
+        address = np.uint64(word & _LOW)
+        position = np.uint64(counts[address])
+        counts[address] += 1
+        points[_U2 * position] = records[_U2 * i]
+        points[_U2 * position + _U1] = (word & ~_LOW) | scan_of[i]
+
+
+@njit(nogil=True, cache=True)
+def _mark_cells(starts: Any, n_cells: Any, addresses: Any, counts: Any, begins: Any) -> None:
+    """Mark with -1 where cells begin, and the end of the last; set their counts back to zero."""
+    begins[: np.int64(starts[n_cells]) + 1] = 0
+    for cell in range(np.uint64(n_cells)):
+        begins[np.uint64(starts[cell])] = -1
+        counts[np.uint64(addresses[cell])] = 0
+    begins[np.uint64(starts[n_cells])] = -1
+
+
+@njit(nogil=True, cache=True)
+def _unite_intervals(
+    points: Any, n: Any, begins: Any, cell_keys: Any, n_cells: Any, keys: Any, bounds: Any,
+    firsts: Any,
+) -> Any:  # fmt: skip
+    """Unite the intervals of each cell, from the last point to the first.
+
+    Cuboids are written from the end of the arrays on, so that they come out in rising order.
+
+    Parameters
+    ----------
+    points, n
+        int64 (2 n,) of `_gather_points`, by cell and rising height.
+    begins
+        int8 (n + 1,), -1 where a cell begins, and at n; then where a cuboid begins.
+    cell_keys, n_cells
+        int64 (>= n_cells,), the cells in order.
+    keys, bounds, firsts
+        int64 (>= n,), int32 (>= 2 n,) and int32 (>= n,): receive each cuboid's cell, bottom and
+        top, and first point, in the rows up to n.
+
+    Returns
+    -------
+    int
+        Row of the first cuboid; the rows before it are not used.
+    """
+    k, cell = np.int64(n), np.int64(n_cells)
+    reach = top = np.int64(0)
+    for j in range(np.uint64(n)):
+        i = np.uint64(n) - _U1 - j
+        z = points[_U2 * i] >> 32
+        bottom = z - (points[_U2 * i + _U1] >> 32)
+        # Masks: -1 where it is so, 0 where not. The point above is of another cell, or what is
+        # above does not reach down to this one; then it is the top of a new cuboid.
+        left = np.int64(begins[i + _U1])
+        is_new = left | ((z - reach) >> 63)
+        begins[i + _U1] = is_new
+        k += is_new
+        cell += left
+        top ^= (top ^ z) & is_new
+        lower = bottom - reach
+        reach += lower & ((lower >> 63) | is_new)
+        u = np.uint64(k)
+        keys[u] = cell_keys[np.uint64(cell)]
+        bounds[_U2 * u], bounds[_U2 * u + _U1] = reach, top
+        firsts[u] = i
+    begins[np.uint64(0)] = -1
+    return k
+
+
+@njit(nogil=True, cache=True)
+def find_cuboids(
+    records: Any,
+    n: Any,
+    lowest: Any,
+    highest: Any,
+    scan_ends: Any,
+    n_cells: Any,
+    cells: Any,
+    starts: Any,
+    addresses: Any,
+    counts: Any,
+    as_printed: Any,
+    pairs: Any,
+    spare: Any,
+    histogram: Any,
+    order: Any,
+    scans: Any,
+    points: Any,
+    begins: Any,
+    keys: Any,
+    bounds: Any,
+    firsts: Any,
+) -> Any:
+    """Make the cuboids of a part map: sort its points, and unite their intervals.
+
+    Parameters
+    ----------
+    records, n, lowest, highest, scan_ends
+        See `_order_by_height` and `_gather_points`.
+    n_cells, cells, starts, addresses, counts
+        Of `binning.list_cells`; the counts are set back to zero.
+    as_printed
+        Whether cuboids grow by Eq. (1) as printed, in the order of the points.
+    pairs, spare, histogram, order, scans
+        Scratch: uint64 (>= n,) twice, int64 (HISTOGRAM_SIZE,), int32 (>= n,) twice.
+    points, begins, keys, bounds, firsts
+        Receive the sorted points, where cuboids begin, and the cuboids: `_unite_intervals`.
+
+    Returns
+    -------
+    int
+        Row of the first cuboid; the rows before it are not used.
+    """
+    if as_printed:
+        for i in range(n):
+            order[i] = i
+    else:
+        _order_by_height(records, n, lowest, highest, pairs, spare, histogram, order)
+    _gather_points(records, n, order, scan_ends, scans, counts, points)
+    _mark_cells(starts, n_cells, addresses, counts, begins)
+    if as_printed:
+        return unite_as_printed(points, n, begins, cells, n_cells, keys, bounds, firsts)
+    return _unite_intervals(points, n, begins, cells, n_cells, keys, bounds, firsts)
+
+
+@njit(nogil=True, cache=True)
+def sum_cuboids(points: Any, n: Any, begins: Any, stamps: Any, sums: Any, seen: Any) -> None:
+    """Sum the moments of each cuboid; find the first and the last scan that measured it.
+
+    Parameters
+    ----------
+    points, n
+        int64 (2 n,) of `_gather_points`, the points of a cuboid one after the other.
+    begins
+        int8 (>= n,), -1 where a cuboid begins.
+    stamps
+        int64 (S,), of the scans.
+    sums
+        int64 (10 C,), receives count, sums x y z, sums of xx xy xz yy yz zz.
+    seen
+        int64 (2 C,), receives the stamps of the first and the last scan.
+    """
+    k = np.int64(-1)
+    n1 = sx = sy = sz = xx = xy = xz = yy = yz = zz = low = high = np.int64(0)
+    for i in range(np.uint64(n)):
+        is_new = np.int64(begins[i])
+        k -= is_new
+        kept = ~is_new
+        word, scan = points[_U2 * i], points[_U2 * i + _U1] & _LOW
+        x, y, z = (word >> 16) & 0xFFFF, word & 0xFFFF, word >> 32
+        n1 = (n1 & kept) + 1
+        sx = (sx & kept) + x
+        sy = (sy & kept) + y
+        sz = (sz & kept) + z
+        xx = (xx & kept) + x * x
+        xy = (xy & kept) + x * y
+        xz = (xz & kept) + x * z
+        yy = (yy & kept) + y * y
+        yz = (yz & kept) + y * z
+        zz = (zz & kept) + z * z
+        low += (scan - low) & (((scan - low) >> 63) | is_new)
+        high += (scan - high) & (((high - scan) >> 63) | is_new)
+        # Written for every point, and right with the cuboid's last.
+        m, s = _U10 * np.uint64(k), _U2 * np.uint64(k)
+        sums[m] = n1
+        sums[m + np.uint64(1)], sums[m + np.uint64(2)], sums[m + np.uint64(3)] = sx, sy, sz
+        sums[m + np.uint64(4)], sums[m + np.uint64(5)], sums[m + np.uint64(6)] = xx, xy, xz
+        sums[m + np.uint64(7)], sums[m + np.uint64(8)], sums[m + np.uint64(9)] = yy, yz, zz
+        seen[s], seen[s + _U1] = stamps[np.uint64(low)], stamps[np.uint64(high)]

@@ -1,1 +1,0 @@
-"""Files: bags, CARMEN logs, saved maps and exports."""

@@ -1,0 +1,301 @@
+"""The true outlines of planes: holes stay holes, an L stays an L.
+
+A lying plane is outlined in the map's cells and lifted onto the plane, a standing one in columns
+along its level direction. How samples become a raster is told in `raster`, `gaps` and
+`edge_cells`, how that becomes rings in `contour`. All planes of a map are outlined in one compiled
+call.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, Cuboids
+from tccm_ros.outlines.contour import largest_polygon, trace
+from tccm_ros.outlines.edge_cells import (
+    extend_edges,
+    find_edges,
+    reach_lying,
+    reach_standing,
+)
+from tccm_ros.outlines.gaps import close_combs, fill_gaps, find_gaps
+from tccm_ros.outlines.raster import (
+    EMPTY,
+    MARGIN,
+    draw_runs,
+    measure_standing,
+    runs_lying,
+    runs_standing,
+)
+
+__all__ = ["Outline", "members_by_plane", "outlines"]
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int32]
+Index = NDArray[np.int64]
+
+STEEP = 0.35
+"""Planes with a smaller vertical component of the normal (above 70 deg) are outlined by columns."""
+
+LEAST_HOLE = 6.0
+"""Holes smaller than this many samples' share of the area are gaps between samples."""
+
+TOLERANCE = 1.0
+"""Corners that move the outline by less than this, in cells, are left out: an edge is not
+known better than to its cell."""
+
+MOST_CELLS = 65_536
+"""A raster of more cells is made coarser: a floor needs no outline to the centimetre."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """Outline of a plane.
+
+    Attributes
+    ----------
+    boundary
+        float64 (N, 3), open ring in the map's frame, counter-clockwise seen against the normal.
+    holes
+        Rings as `boundary`, clockwise.
+    area
+        m2, of the boundary less the holes.
+    """
+
+    boundary: Array
+    holes: tuple[Array, ...]
+    area: float
+
+
+@njit(nogil=True, cache=True)
+def members_by_plane(labels: Int, planes: int) -> tuple[Index, Index]:
+    """Sort cuboids by plane, -1 left out.
+
+    Returns
+    -------
+    members : int64 (M,)
+        Indices of cuboids, rising within a plane.
+    starts : int64 (planes + 1,)
+        Where those of each plane begin.
+    """
+    starts = np.zeros(planes + 2, np.int64)
+    for label in labels:
+        if label >= 0:
+            starts[label + 2] += 1
+    for p in range(1, planes + 2):
+        starts[p] += starts[p - 1]
+    members = np.empty(starts[planes + 1], np.int64)
+    for i in range(len(labels)):
+        if labels[i] >= 0:
+            members[starts[labels[i] + 1]] = i
+            starts[labels[i] + 1] += 1
+    return members, starts[: planes + 1]
+
+
+def outlines(
+    cuboids: Cuboids, members: Index, starts: Index, normals: Array, offsets: Array
+) -> list[Outline]:
+    """Return the outline of each plane of a map. Of several pieces the largest is taken.
+
+    Parameters
+    ----------
+    cuboids
+        The map.
+    members, starts
+        Of `members_by_plane`.
+    normals, offsets
+        float64 (F, 3) and (F,): the planes, ``normal . p = offset``, in m and the map's frame.
+    """
+    c = cuboids
+    vertices, ends, rings, areas = outline_planes(
+        c.count, c.s, c.S, c.ix, c.iy, c.bottom, c.top, members, starts, normals, offsets,
+        c.cell_size * TICKS_PER_M, TICK,
+    )  # fmt: skip
+    found, start, first = [], 0, 0
+    for area, last in zip(areas.tolist(), rings.tolist(), strict=True):
+        parts = []
+        for end in ends[first:last].tolist():
+            parts.append(vertices[start:end])
+            start = end
+        first = last
+        found.append(Outline(parts[0] if parts else np.zeros((0, 3)), tuple(parts[1:]), area))
+    return found
+
+
+@njit(nogil=True, cache=True)
+def outline_planes(
+    count: Array, s: Array, S: Array, ix: Int, iy: Int, bottom: Int, top: Int, members: Index,
+    starts: Index, normals: Array, offsets: Array, size: float, tick: float,
+) -> tuple[Array, Index, Index, Array]:  # fmt: skip
+    """Outline planes (`outlines`).
+
+    Returns
+    -------
+    vertices : float64 (V, 3)
+        Of all rings, m.
+    ends : int64 (R,)
+        Where each ring ends in `vertices`.
+    rings : int64 (F,)
+        Where the rings of each plane end in `ends`; the first is the boundary.
+    areas : float64 (F,)
+        m2.
+    """
+    planes = len(normals)
+    vertices, used = np.empty((1024, 3)), 0
+    ends, rings, areas = np.empty(256, np.int64), np.empty(planes, np.int64), np.zeros(planes)
+    total = 0
+    for f in range(planes):
+        chosen = members[starts[f] : starts[f + 1]]
+        normal = normals[f]
+        if len(chosen) and abs(normal[2]) >= STEEP:
+            flat, flat_ends, area, cell = lying(count, s, S, ix, iy, chosen, size)
+        elif len(chosen):
+            flat, flat_ends, area, cell = standing(
+                count, s, S, ix, iy, bottom, top, chosen, size, normal
+            )
+        else:
+            rings[f] = total
+            continue
+        while used + len(flat) > len(vertices):
+            more = np.empty((2 * len(vertices), 3))
+            more[:used] = vertices[:used]
+            vertices = more
+        while total + len(flat_ends) > len(ends):
+            longer = np.empty(2 * len(ends), np.int64)
+            longer[:total] = ends[:total]
+            ends = longer
+        lift(flat, flat_ends, normal, offsets[f], cell * tick, vertices[used:])
+        for end in flat_ends:
+            ends[total] = used + end
+            total += 1
+        used += len(flat)
+        rings[f] = total
+        steep = abs(normal[2]) if abs(normal[2]) >= STEEP else math.hypot(normal[0], normal[1])
+        areas[f] = area * (cell * tick) ** 2 / steep
+    return vertices[:used].copy(), ends[:total].copy(), rings, areas
+
+
+@njit(nogil=True, cache=True)
+def coarseness(rows: float, columns: float) -> int:
+    """Return by which power of two cells are made wider, so that there are not too many."""
+    coarse = 0
+    while rows * columns > MOST_CELLS * 4.0**coarse:
+        coarse += 1
+    return coarse
+
+
+@njit(nogil=True, cache=True)
+def frame_of(runs: Int) -> tuple[int, int, int, int]:
+    """Return the first cell and the shape of the raster that runs need, with its margin."""
+    low_a, high_a = runs[0, 0], runs[0, 0]
+    low_b, high_b = runs[0, 1], runs[0, 2]
+    for k in range(len(runs)):
+        low_a, high_a = min(low_a, runs[k, 0]), max(high_a, runs[k, 0])
+        low_b, high_b = min(low_b, runs[k, 1]), max(high_b, runs[k, 2])
+    rows, columns = high_a - low_a + 1 + 2 * MARGIN, high_b - low_b + 1 + 2 * MARGIN
+    return low_a - MARGIN, low_b - MARGIN, rows, columns
+
+
+@njit(nogil=True, cache=True)
+def lying(
+    count: Array, s: Array, S: Array, ix: Int, iy: Int, members: Index, size: float
+) -> tuple[Array, Int, float, float]:
+    """Outline a lying plane from above.
+
+    Returns
+    -------
+    vertices, ends, area
+        As `contour.largest_polygon`; a along x and b along y, from the map's origin.
+    cell
+        Edge of a cell, ticks.
+    """
+    low_x = high_x = ix[members[0]]
+    low_y = high_y = iy[members[0]]
+    for i in members:
+        low_x, high_x = min(low_x, ix[i]), max(high_x, ix[i])
+        low_y, high_y = min(low_y, iy[i]), max(high_y, iy[i])
+    coarse = coarseness(high_x - low_x + 1.0, high_y - low_y + 1.0)
+    runs = np.empty((len(members), 3), np.int32)
+    runs_lying(ix, iy, members, coarse, runs)
+    low_a, low_b, rows, columns = frame_of(runs)
+    raster = np.full((rows, columns), EMPTY, np.int32)
+    samples = draw_runs(raster, runs, low_a, low_b)
+    gaps, usual_a, usual_b = find_gaps(raster, samples)
+    fill_gaps(raster, gaps, usual_a, usual_b)
+    edges = find_edges(raster)
+    reach = np.empty((len(edges), 4))
+    scale = 1.0 / (1 << coarse)
+    reach_lying(raster, runs, low_a, low_b, count, s, S, ix, iy, members, size, scale, reach)
+    vertices, ends, area = polygon(raster, edges, reach, usual_a, usual_b, samples)
+    vertices[:, 0] += low_a
+    vertices[:, 1] += low_b
+    return vertices, ends, area, size / scale
+
+
+@njit(nogil=True, cache=True)
+def standing(
+    count: Array, s: Array, S: Array, ix: Int, iy: Int, bottom: Int, top: Int, members: Index,
+    size: float, normal: Array,
+) -> tuple[Array, Int, float, float]:  # fmt: skip
+    """Outline a standing plane from its front; as `lying`, a along u and b upwards."""
+    slope = math.hypot(normal[0], normal[1])
+    extent = np.empty((len(members), 4))
+    measure_standing(
+        count, s, S, ix, iy, bottom, top, members, size, -normal[1] / slope, normal[0] / slope,
+        extent,
+    )  # fmt: skip
+    across = extent[:, 0].max() - extent[:, 0].min()
+    upwards = extent[:, 3].max() - extent[:, 2].min()
+    cell = size * (1 << coarseness(across / size + 2.0, upwards / size + 2.0))
+    runs = np.empty((len(members), 3), np.int32)
+    runs_standing(extent, 1.0 / cell, runs)
+    low_a, low_b, rows, columns = frame_of(runs)
+    raster = np.full((rows, columns), EMPTY, np.int32)
+    samples = draw_runs(raster, runs, low_a, low_b)
+    gaps, usual_a, usual_b = find_gaps(raster, samples)
+    fill_gaps(raster, gaps, usual_a, usual_b)
+    edges = find_edges(raster)
+    reach = np.empty((len(edges), 4))
+    reach_standing(raster, runs, low_a, low_b, extent, 1.0 / cell, reach)
+    vertices, ends, area = polygon(raster, edges, reach, usual_a, usual_b, samples)
+    vertices[:, 0] += low_a
+    vertices[:, 1] += low_b
+    return vertices, ends, area, cell
+
+
+@njit(nogil=True, cache=True)
+def polygon(
+    raster: Int, edges: Int, reach: Array, usual_a: Array, usual_b: Array, samples: int
+) -> tuple[Array, Int, float]:
+    """Return the largest polygon of a raster without specks, in its cells."""
+    extend_edges(raster, edges, reach, usual_a, usual_b)
+    close_combs(raster, usual_a.max(), usual_b.max())
+    vertices, ends = trace(raster, reach)
+    return largest_polygon(vertices, ends, TOLERANCE, LEAST_HOLE / samples)
+
+
+@njit(nogil=True, cache=True)
+def lift(flat: Array, ends: Int, normal: Array, offset: float, cell: float, out: Array) -> None:
+    """Write the points of a plane, m, for rings in cells; against the normal they turn left."""
+    nx, ny, nz = normal[0], normal[1], normal[2]
+    slope = math.hypot(nx, ny)
+    for k in range(len(flat)):
+        a, b = flat[k, 0] * cell, flat[k, 1] * cell
+        if abs(nz) >= STEEP:
+            out[k, 0], out[k, 1], out[k, 2] = a, b, (offset - a * nx - b * ny) / nz
+        else:
+            # The point of the plane at height b and place a along its level direction.
+            back = (offset - b * nz) / slope
+            out[k, 0] = (-ny * a + nx * back) / slope
+            out[k, 1] = (nx * a + ny * back) / slope
+            out[k, 2] = b
+    if nz <= -STEEP:
+        start = 0
+        for end in ends:
+            out[start:end] = out[start:end][::-1].copy()
+            start = end

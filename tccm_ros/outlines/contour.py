@@ -1,0 +1,178 @@
+"""Rings around the full cells of a raster, as few corners as describe them.
+
+The rings are those of marching squares: each side between a full and an empty cell has one point,
+on the line between the two middles, moved to where the surface ends, and each turn has a corner.
+So rings never cross or touch, whatever the reaches are. Corners are then left out by Douglas and
+Peucker's rule, as long as the rings still do not cross.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.outlines.raster import EMPTY
+from tccm_ros.outlines.rings import crosses, is_inside, signed_area, simplify
+
+__all__ = ["largest_polygon", "trace"]
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int32]
+
+INSIDE = 0.49
+"""A point is moved by less than half a cell from its side: the rings stay apart."""
+
+HALVINGS = 6
+"""How often the tolerance is halved before every corner is kept."""
+
+
+@njit(nogil=True, cache=True)
+def trace(raster: Int, reach: Array) -> tuple[Array, Int]:
+    """Walk around all sets of full cells, the full side on the left; cells that touch at a corner
+    only are apart.
+
+    Parameters
+    ----------
+    raster
+        int32 (A, B) of `raster`, empty at its rim.
+    reach
+        float64 (E, 4), of the edge cells.
+
+    Returns
+    -------
+    vertices : float64 (V, 2)
+        In cells; outer rings counter-clockwise, holes clockwise.
+    ends : int32 (R,)
+        Where each ring ends in `vertices`.
+    """
+    rows, columns = raster.shape
+    done = np.zeros((rows, columns), np.bool_)  # sides that run in +a, below their cell
+    vertices, ends = np.empty((1024, 2)), np.empty(64, np.int32)
+    used, rings = 0, 0
+    for a0 in range(1, rows):
+        for b0 in range(1, columns):
+            if raster[a0, b0] == EMPTY or raster[a0, b0 - 1] != EMPTY or done[a0, b0]:
+                continue
+            # A corner (a, b) is the low corner of cell (a, b); heading 0 +a, 1 +b, 2 -a, 3 -b.
+            a, b, heading, first, turned = a0, b0, 0, used, False
+            while True:
+                if used + 2 > len(vertices):
+                    more = np.empty((2 * len(vertices), 2))
+                    more[:used] = vertices[:used]
+                    vertices = more
+                closed = heading == 0 and done[a, b]
+                if closed:
+                    x, y = vertices[first, 0], vertices[first, 1]
+                elif heading == 0:
+                    done[a, b] = True
+                    x, y = a + 0.5, edge_at(raster[a, b], reach, 2, b)
+                    a += 1
+                    left, right = raster[a, b] != EMPTY, raster[a, b - 1] != EMPTY
+                elif heading == 1:
+                    x, y = edge_at(raster[a - 1, b], reach, 1, a), b + 0.5
+                    b += 1
+                    left, right = raster[a - 1, b] != EMPTY, raster[a, b] != EMPTY
+                elif heading == 2:
+                    x, y = a - 0.5, edge_at(raster[a - 1, b - 1], reach, 3, b)
+                    a -= 1
+                    left, right = raster[a - 1, b - 1] != EMPTY, raster[a - 1, b] != EMPTY
+                else:
+                    x, y = edge_at(raster[a, b - 1], reach, 0, a), b - 0.5
+                    b -= 1
+                    left, right = raster[a, b - 1] != EMPTY, raster[a - 1, b - 1] != EMPTY
+                if turned:
+                    # The corner between the side before and this one.
+                    along_b = heading == 0 or heading == 2
+                    vertices[used, 0] = vertices[used - 1, 0] if along_b else x
+                    vertices[used, 1] = y if along_b else vertices[used - 1, 1]
+                    used += 1
+                if closed:
+                    break
+                vertices[used, 0], vertices[used, 1] = x, y
+                used += 1
+                # Where two cells touch at a corner, the rings cut it: they would touch as well.
+                turned = left == right
+                if not left:
+                    heading = (heading + 1) % 4
+                elif right:
+                    heading = (heading + 3) % 4
+            if rings == len(ends):
+                longer = np.empty(2 * rings, np.int32)
+                longer[:rings] = ends
+                ends = longer
+            ends[rings] = used
+            rings += 1
+    return vertices[:used], ends[:rings]
+
+
+@njit(nogil=True, cache=True)
+def edge_at(cell: int, reach: Array, side: int, border: int) -> float:
+    """Return where the surface ends near a side of a cell; the border where nothing is known."""
+    if cell < 0 or abs(reach[cell, side] - border) > 1.0:
+        return float(border)
+    return border + min(max(reach[cell, side] - border, -INSIDE), INSIDE)
+
+
+@njit(nogil=True, cache=True)
+def largest_polygon(
+    vertices: Array, ends: Int, tolerance: float, least_hole: float
+) -> tuple[Array, Int, float]:
+    """Return the largest of the polygons that rings enclose, with few corners.
+
+    Parameters
+    ----------
+    vertices, ends
+        Of `trace`.
+    tolerance
+        Corners within this of what remains are left out, cells.
+    least_hole
+        Holes smaller than this share of the polygon's area are closed.
+
+    Returns
+    -------
+    vertices, ends
+        The outer ring, counter-clockwise, and the holes, clockwise. They do not cross or touch.
+    area : float
+        Square cells, less the holes.
+    """
+    shell_start, shell_end, largest, start = 0, 0, 0.0, 0
+    for end in ends:
+        area = signed_area(vertices[start:end])
+        if area > largest:
+            shell_start, shell_end, largest = start, end, area
+        start = end
+    if largest <= 0.0:
+        return np.zeros((0, 2)), np.zeros(0, np.int32), 0.0
+    shell = vertices[shell_start:shell_end]
+    rings = [shell]
+    start = 0
+    for end in ends:
+        ring = vertices[start:end]
+        start = end
+        if -signed_area(ring) > least_hole * largest and is_inside(shell, ring[0, 0], ring[0, 1]):
+            rings.append(ring)
+    return join_rings(rings, tolerance)
+
+
+@njit(nogil=True, cache=True)
+def join_rings(rings: list[Array], tolerance: float) -> tuple[Array, Int, float]:
+    """Simplify rings, the outer one first, so far that they do not cross; put them together."""
+    total = 0
+    for ring in rings:
+        total += len(ring)
+    vertices, ends = np.empty((total, 2)), np.empty(len(rings), np.int32)
+    for attempt in range(HALVINGS + 1):
+        used, kept, area = 0, 0, 0.0
+        for r in range(len(rings)):
+            ring = rings[r]
+            if attempt < HALVINGS:
+                ring = simplify(ring, tolerance * 0.5**attempt)
+            if r > 0 and len(ring) < 3:
+                continue
+            vertices[used : used + len(ring)] = ring
+            used += len(ring)
+            ends[kept] = used
+            kept += 1
+            area += signed_area(ring)
+        if used > 2 and area > 0.0 and not crosses(vertices[:used], ends[:kept]):
+            break
+    return vertices[:used].copy(), ends[:kept].copy(), area

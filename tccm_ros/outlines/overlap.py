@@ -1,0 +1,120 @@
+"""The area that two outlines share, by lines laid across them."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.cuboids.moments import tangents
+
+__all__ = ["shared_share", "shared_shares"]
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+LINES = 48
+"""Lines across the part where both outlines may be: enough to tell who overlaps whom most."""
+
+
+@njit(nogil=True, cache=True)
+def shared_shares(
+    a: Array, ends_a: Index, normals: Array, b: Array, ends_b: Index, pairs: Index
+) -> Array:
+    """Return the share of the smaller area that pairs of planar rings have in common.
+
+    Parameters
+    ----------
+    a, ends_a
+        float64 (V, 3), corners of rings, and int64 (A,), where each ring ends.
+    normals
+        float64 (A, 3): a pair is seen against the normal of its first ring.
+    b, ends_b
+        As `a`, the other rings.
+    pairs
+        int64 (P, 2), a ring of `a` and one of `b`.
+
+    Returns
+    -------
+    float64 (P,), 0 to 1.
+    """
+    shares = np.empty(len(pairs))
+    for k in range(len(pairs)):
+        i, j = pairs[k, 0], pairs[k, 1]
+        u, v = tangents(normals[i])
+        first = flat(a[ends_a[i - 1] if i else 0 : ends_a[i]], u, v)
+        second = flat(b[ends_b[j - 1] if j else 0 : ends_b[j]], u, v)
+        shares[k] = shared_share(first, second)
+    return shares
+
+
+@njit(nogil=True, cache=True)
+def flat(ring: Array, u: Array, v: Array) -> Array:
+    """Return the coordinates (N, 2) of a ring (N, 3) along two directions."""
+    out = np.empty((len(ring), 2))
+    for i in range(len(ring)):
+        x, y, z = ring[i, 0], ring[i, 1], ring[i, 2]
+        out[i, 0] = x * u[0] + y * u[1] + z * u[2]
+        out[i, 1] = x * v[0] + y * v[1] + z * v[2]
+    return out
+
+
+@njit(nogil=True, cache=True)
+def shared_share(a: Array, b: Array) -> float:
+    """Return the share of the smaller area that two rings (N, 2) have in common, 0 to 1.
+
+    What is inside is counted by crossings, so that a ring may cross itself.
+    """
+    if len(a) < 3 or len(b) < 3:
+        return 0.0
+    low, high = max(a[:, 1].min(), b[:, 1].min()), min(a[:, 1].max(), b[:, 1].max())
+    if low >= high or max(a[:, 0].min(), b[:, 0].min()) >= min(a[:, 0].max(), b[:, 0].max()):
+        return 0.0
+    smaller = min(area(a), area(b))
+    if smaller <= 0.0:
+        return 0.0
+    cuts_a, cuts_b = np.empty(len(a)), np.empty(len(b))
+    total, step = 0.0, (high - low) / LINES
+    for line in range(LINES):
+        y = low + (line + 0.5) * step
+        total += shared_length(cuts_a[: cut(a, y, cuts_a)], cuts_b[: cut(b, y, cuts_b)])
+    return min(total * step / smaller, 1.0)
+
+
+@njit(nogil=True, cache=True)
+def area(ring: Array) -> float:
+    """Return the area that a ring encloses, its turning sense ignored."""
+    total, j = 0.0, len(ring) - 1
+    for i in range(len(ring)):
+        total += ring[j, 0] * ring[i, 1] - ring[i, 0] * ring[j, 1]
+        j = i
+    return 0.5 * abs(total)
+
+
+@njit(nogil=True, cache=True)
+def cut(ring: Array, y: float, cuts: Array) -> int:
+    """Write where a ring crosses a line of constant y, rising; return how often."""
+    n, j = 0, len(ring) - 1
+    for i in range(len(ring)):
+        if (ring[i, 1] > y) != (ring[j, 1] > y):
+            t = (y - ring[i, 1]) / (ring[j, 1] - ring[i, 1])
+            x = ring[i, 0] + t * (ring[j, 0] - ring[i, 0])
+            k = n
+            while k > 0 and cuts[k - 1] > x:
+                cuts[k] = cuts[k - 1]
+                k -= 1
+            cuts[k] = x
+            n += 1
+        j = i
+    return n
+
+
+@njit(nogil=True, cache=True)
+def shared_length(a: Array, b: Array) -> float:
+    """Return the length that is in both of two sets of intervals, given by their sorted ends."""
+    i, j, total = 0, 0, 0.0
+    while i + 1 < len(a) and j + 1 < len(b):
+        total += max(min(a[i + 1], b[j + 1]) - max(a[i], b[j]), 0.0)
+        if a[i + 1] < b[j + 1]:
+            i += 2
+        else:
+            j += 2
+    return total

@@ -1,0 +1,159 @@
+"""Which hits lie on which planes, and which parameters these may determine."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.pipeline.calibrate.model import RigValues
+from tccm_ros.pipeline.calibrate.patches import Patches
+from tccm_ros.pipeline.calibrate.problem import LevelHits, Planes, Problem
+from tccm_ros.pipeline.calibrate.surroundings import (
+    CEILING,
+    FIRST_WALL,
+    FLOOR,
+    NO_PLANE,
+    assign,
+    near_another,
+)
+from tccm_ros.pipeline.calibrate.sweeps import LevelScans, Recording
+
+__all__ = ["assigned", "determinable"]
+
+#: How far beyond what the tilting laser saw of a wall a hit of the level laser may be on it, m.
+BEYOND = 0.2
+
+#: Time offsets show where speeds of the joint that are not a line in its angle have this share.
+VARIED_SPEED = 0.3
+
+Float64 = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+
+def assigned(
+    problem: Problem,
+    x: Float64,
+    recording: Recording,
+    patches: Patches,
+    gates: tuple[float, float],
+    level_gate: float,
+) -> Problem:
+    """Say which hits lie on which planes under what was estimated so far.
+
+    Parameters
+    ----------
+    problem
+        With its planes; its hits are replaced.
+    x
+        float64 (P,), the estimate.
+    recording, patches
+        What was measured.
+    gates
+        Largest distance (m) and angle (rad) of a patch to its plane.
+    level_gate
+        Largest distance of a hit of the level laser to its wall, m.
+    """
+    model, places = problem.model, recording.places[patches.centers.sweep]
+    values = RigValues.of_vector(x[problem.layout.rig])
+    centers = model.place(patches.centers, values)
+    normals = model.turn(patches.centers, values, patches.normals)
+    planes = _seen_planes(problem, x)
+    plane = assign(centers, normals, places, patches.spread, planes, gates)
+    of_hit = plane[patches.patch]
+    everywhere = model.place(patches.hits, values)
+    at = places[patches.patch]
+    on = (of_hit != NO_PLANE) & ~near_another(everywhere, at, of_hit, planes)
+    hits, place = patches.hits.take(on), places[patches.patch[on]]
+    problem = replace(problem, hits=hits, plane=of_hit[on], place=place)
+    placed = model.place(hits, values)
+    level = tuple(
+        _on_walls(problem, x, scans, at, placed, level_gate)
+        for at, scans in sorted(recording.level.items())
+    )
+    return replace(problem, level=level)
+
+
+def determinable(problem: Problem, values: RigValues, *, floor_is_known: bool) -> Bool:
+    """Return which parameters have hits that may determine them, bool (P,).
+
+    Parameters
+    ----------
+    problem
+        With its hits assigned.
+    values
+        The rig.
+    floor_is_known
+        Whether the floor's height in the base frame is given: else the laser's height is not seen.
+    """
+    layout = problem.layout
+    free = np.zeros(layout.size, bool)
+    free[layout.rig] = free[layout.bias] = True
+    seen = np.bincount(problem.plane, minlength=FIRST_WALL + layout.walls) > 0
+    free[layout.floor] = seen[FLOOR]
+    for bag in np.unique(problem.bag[problem.place[problem.plane == CEILING]]).tolist():
+        free[layout.ceiling(bag)] = True
+    for number in range(layout.walls):
+        free[layout.wall(number)] = seen[FIRST_WALL + number]
+    for place in np.unique(problem.place).tolist():
+        free[layout.lean(place)] = True
+    free[layout.rig.start + 3] = floor_is_known and bool(seen[FLOOR])
+    free[layout.rig.start + 4] = _speeds_vary(problem, values)
+    walls = {int(w) for hits in problem.level for w in np.unique(hits.wall) if w >= 0}
+    free[layout.level] = bool(walls)
+    return free
+
+
+def _seen_planes(problem: Problem, x: Float64) -> Planes:
+    """Return the planes with those that were not found out of reach."""
+    planes, found = problem.planes(x), problem.surroundings
+    if found.floor is None:
+        planes.offsets[planes.number == FLOOR] = np.inf
+    hidden = np.array([height is None for height in found.ceilings])
+    ceilings = planes.number == CEILING
+    planes.offsets[ceilings] = np.where(hidden[problem.bag], np.inf, planes.offsets[ceilings])
+    return planes
+
+
+def _on_walls(
+    problem: Problem, x: Float64, scans: LevelScans, place: int, placed: Float64, gate: float
+) -> LevelHits:
+    """Say which hits of the level laser lie on which wall that the tilting laser saw."""
+    T = problem.level_mount(x[problem.layout.level], scans.T_base_laser) @ scans.T_base_laser
+    T = scans.T_place_base @ T
+    points = np.einsum("nij,nj->ni", T[:, :3, :3], scans.points) + T[:, :3, 3]
+    nearest, wall = np.full(len(points), gate), np.full(len(points), -1, np.int64)
+    for number, found in enumerate(problem.surroundings.walls):
+        mine = problem.plane == FIRST_WALL + number
+        if found.place != place or not mine.any():
+            continue
+        phi, rho, _ = x[problem.layout.wall(number)]
+        along = np.array([-np.sin(phi), np.cos(phi)])
+        limits = np.quantile(placed[mine, :2] @ along, [0.01, 0.99])
+        at = points[:, :2] @ along
+        distance = np.abs(points[:, :2] @ [np.cos(phi), np.sin(phi)] - rho)
+        better = (distance < nearest) & (at > limits[0] - BEYOND) & (at < limits[1] + BEYOND)
+        nearest[better], wall[better] = distance[better], number
+    return LevelHits(scans, place, wall)
+
+
+def _speeds_vary(problem: Problem, values: RigValues) -> bool:
+    """Return whether a time offset looks different from a zero and a scale.
+
+    One-way sweeps at an even speed shift all angles alike, and so does a zero.
+    """
+    if not len(problem.plane):
+        return False
+    model, step = problem.model, 2e-3
+    early, late = (
+        model.measured(
+            problem.hits,
+            replace(values, joint_time_offset=values.joint_time_offset + shift),
+        )
+        for shift in (step, -step)
+    )
+    speed, angle = (late - early) / (2.0 * step), (late + early) / 2.0
+    A = np.column_stack([np.ones(len(angle)), angle])
+    rest = speed - A @ np.linalg.lstsq(A, speed, rcond=None)[0]
+    return bool(np.std(rest) > VARIED_SPEED * np.sqrt(np.mean(speed**2)) > 0.0)

@@ -1,0 +1,243 @@
+"""`tccm calibrate`: estimate the rig from recordings and write it as a configuration."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tccm_ros.config import Config, Rig
+from tccm_ros.errors import BagError
+from tccm_ros.pipeline.calibrate.agreement import Agreement, compare
+from tccm_ros.pipeline.calibrate.estimate import estimate
+from tccm_ros.pipeline.calibrate.layout import Trust
+from tccm_ros.pipeline.calibrate.observability import UNITS, Judgement, judge
+from tccm_ros.pipeline.calibrate.reading import MAX_SWEEPS, read_recording
+from tccm_ros.pipeline.calibrate.room import Room, rooms
+from tccm_ros.pipeline.calibrate.sweeps import Recording
+from tccm_ros.pipeline.calibrate.together import join
+from tccm_ros.progress import Bars, Silent
+
+__all__ = ["Calibration", "calibrate"]
+
+
+#: Sweeps of all bags together that are used, and of each bag at least.
+ALL_SWEEPS, MIN_SWEEPS = 48, 4
+
+Pose6 = tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """What recordings say of a rig.
+
+    Attributes
+    ----------
+    bags
+        Names of the bags.
+    rig
+        The corrected parameters of the group `rig`; what is not determined is as configured.
+    before
+        The configured ones.
+    judgement
+        Quantities with standard deviations and covariance, and why others were left alone.
+    recording
+        What was used.
+    rooms
+        Floor and ceiling of each bag.
+    agreement
+        How well several bags agree on the rig, None for one.
+    assumptions
+        What the result rests on, one sentence each.
+    """
+
+    bags: tuple[str, ...]
+    rig: Rig
+    before: Rig
+    judgement: Judgement
+    recording: Recording
+    rooms: tuple[Room, ...]
+    agreement: Agreement | None
+    assumptions: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return everything as plain numbers, rounded to 1e-6."""
+        names = self.judgement.determined
+        return {
+            "format": "tccm_ros/calibration",
+            "version": 2,
+            "bags": list(self.bags),
+            "rig": _changed(self.rig),
+            "quantities": {
+                q.name: {
+                    "value": round(q.value, 6),
+                    "sigma": None if q.sigma is None else round(q.sigma, 6),
+                    "determined": q.is_determined,
+                    "reason": q.reason,
+                }
+                for q in self.judgement.quantities
+            },
+            "covariance": {
+                "order": list(names),
+                "matrix": [[float(f"{v:.6e}") for v in row] for row in self.judgement.covariance],
+            },
+            "rooms": [room.to_json() for room in self.rooms],
+            "agreement": None if self.agreement is None else self.agreement.to_json(),
+            "assumptions": list(self.assumptions),
+        }
+
+    def text(self) -> str:
+        """Return the result for people."""
+        lines = [f"{', '.join(self.bags)}: {_count(len(self.recording.sweeps), 'sweep')}"]
+        for q in self.judgement.quantities:
+            unit, factor = UNITS[q.name]
+            sigma = "" if q.sigma is None else f" +- {q.sigma * factor:.4f}"
+            state = "" if q.is_determined else f"  left alone: {q.reason}"
+            lines.append(f"  {q.name:<18} {q.value * factor:9.4f}{sigma} {unit}".rstrip() + state)
+        for room in self.rooms:
+            lines += [f"  {room.bag}" for _ in self.rooms[1:2]] + room.text()
+        return "\n".join([*lines, *(f"  {text}" for text in self.assumptions)])
+
+    def yaml(self) -> str:
+        """Return a parameter file for ``--config`` and ``--params-file``, with comments."""
+        lines = [
+            f"# Made by `tccm calibrate {' '.join(self.bags)}`.",
+            *(f"# {text}" for text in self.assumptions),
+            *(
+                f"# {q.name}: left alone, {q.reason}"
+                for q in self.judgement.quantities
+                if not q.is_determined
+            ),
+            "/**:",
+            "  ros__parameters:",
+            "    rig:",
+        ]
+        for key, value in _changed(self.rig).items():
+            text = json.dumps(value)
+            lines.append(f"      {key}: {text}{self._comment(key)}")
+        return "\n".join(lines) + "\n"
+
+    def _comment(self, key: str) -> str:
+        parts = {
+            "mount_correction": ("roll", "height"),
+            "level_correction": ("level_x", "level_y", "level_yaw"),
+        }.get(key, (key,))
+        notes = []
+        for q in self.judgement.quantities:
+            if q.name in parts and q.sigma is not None:
+                unit, factor = UNITS[q.name]
+                text = f"{q.name} {q.value * factor:.4f} +- {q.sigma * factor:.4f} {unit}"
+                notes.append(text.rstrip())
+        return f"  # {', '.join(notes)}" if notes else "  # as it was"
+
+
+def calibrate(
+    bags: Path | str | Sequence[Path | str],
+    config: Config | None = None,
+    remap: Sequence[str] = (),
+    *,
+    floor_z: float | None = None,
+    trust: Trust | None = None,
+    bars: Bars | None = None,
+) -> Calibration:
+    """Estimate what is wrong with a rig from recordings of a floor, and perhaps ceiling and walls.
+
+    Parameters
+    ----------
+    bags
+        One or several rosbag2 folders, .mcap or .db3 files, all of one rig.
+    config
+        What the rig is believed to be; what is not determined stays so.
+    remap
+        ``scan:=/base_scan`` for topics with other names.
+    floor_z
+        Height of the floor in the base frame, m. None: 0 where a frame whose name ends in
+        ``footprint`` says so, else the height of the laser stays.
+    trust
+        What is taken for granted of buildings and bases.
+    bars
+        Where progress is shown.
+
+    Raises
+    ------
+    BagError, TopicError, FrameError, UrdfError
+        Where a bag cannot be read, the laser cannot be placed, nothing flat was seen, or bags are
+        not of one rig.
+    """
+    config, trust, bars = config or Config(), trust or Trust(), bars or Silent()
+    paths = [bags] if isinstance(bags, Path | str) else list(bags)
+    if len({Path(path).resolve() for path in paths}) < len(paths):
+        raise BagError("a bag is given twice, which tells nothing new; give each bag once")
+    most = int(np.clip(ALL_SWEEPS // len(paths), MIN_SWEEPS, MAX_SWEEPS))
+    recordings = [read_recording(path, config, remap, bars, most=most) for path in paths]
+    recording = join(recordings)
+    floor_z = recording.footprint_z if floor_z is None else floor_z
+    agreement = None
+    if len(recordings) > 1:
+        alone = [estimate(one, config, floor_z, trust, bars) for one in recordings]
+        agreement = compare(recording.bags, alone)
+        agreement.check()
+    judgement = judge(estimate(recording, config, floor_z, trust, bars), floor_z)
+    return Calibration(
+        recording.bags, _rig(judgement, config.rig), config.rig, judgement, recording,
+        rooms(judgement, recording), agreement, _assumptions(recording, trust),
+    )  # fmt: skip
+
+
+def _assumptions(recording: Recording, trust: Trust) -> tuple[str, ...]:
+    places = int(recording.places.max()) + 1
+    where = "one place" if places == 1 else f"{places} places"
+    lean = (
+        f"A leaning base looks like a wrong tilt zero or roll: the base is taken to stand level "
+        f"within {np.rad2deg(trust.lean):.2g} deg at each of {where}; more places and headings "
+        f"average it out."
+    )
+    if not recording.moving:
+        return (lean,)
+    return (lean, "The base moved during all sweeps: odometry errors are in the result.")
+
+
+def _rig(judgement: Judgement, configured: Rig) -> Rig:
+    found = judgement.estimate
+    layout, x = found.problem.layout, found.solution.x
+    values = found.values
+    mount = _rpy(found.problem.model.mount(values))
+    level = configured.level_correction
+    for hits in found.problem.level[:1]:
+        T = found.problem.level_mount(x[layout.level], hits.scans.T_base_laser)
+        level = _rpy(T)
+    updates = {
+        "tilt_offset": round(values.tilt_offset, 6),
+        "tilt_scale": round(values.tilt_scale, 6),
+        "joint_time_offset": round(values.joint_time_offset, 6),
+        "mount_correction": mount,
+        "level_correction": level,
+    }
+    return configured.model_copy(update=updates)
+
+
+def _rpy(T: NDArray[np.float64]) -> Pose6:
+    """Return x, y, z, roll, pitch, yaw of a pose, without negative zeros."""
+    angles = Rotation.from_matrix(T[:3, :3]).as_euler("xyz")
+    x, y, z, roll, pitch, yaw = (round(float(v), 6) + 0.0 for v in (*T[:3, 3], *angles))
+    return x, y, z, roll, pitch, yaw
+
+
+def _changed(rig: Rig) -> dict[str, Any]:
+    return {
+        "tilt_offset": rig.tilt_offset,
+        "tilt_scale": rig.tilt_scale,
+        "joint_time_offset": rig.joint_time_offset,
+        "mount_correction": list(rig.mount_correction),
+        "level_correction": list(rig.level_correction),
+    }
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" + ("" if number == 1 else "s")

@@ -1,0 +1,201 @@
+"""From a recording to the rig: guess, find planes, refine through narrowing gates, judge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.config import Config
+from tccm_ros.errors import BagError
+from tccm_ros.geometry import pose_from_rpy
+from tccm_ros.pipeline.calibrate.assignment import assigned, determinable
+from tccm_ros.pipeline.calibrate.layout import Layout, Trust
+from tccm_ros.pipeline.calibrate.model import RigModel, RigValues
+from tccm_ros.pipeline.calibrate.patches import Patches, cut_patches
+from tccm_ros.pipeline.calibrate.problem import Problem
+from tccm_ros.pipeline.calibrate.search import first_guess
+from tccm_ros.pipeline.calibrate.solver import Solution, solve
+from tccm_ros.pipeline.calibrate.surroundings import Surroundings, find_planes
+from tccm_ros.pipeline.calibrate.sweeps import Recording
+from tccm_ros.progress import Bars, Silent
+
+__all__ = ["Estimate", "estimate"]
+
+#: Largest distance (m) and angle (rad) of a patch to its plane in each round.
+GATES = tuple(
+    (distance, float(np.deg2rad(angle)))
+    for distance, angle in ((0.30, 12.0), (0.15, 8.0), (0.08, 5.0), (0.05, 3.5), (0.03, 2.5),
+                            (0.03, 2.5))
+)  # fmt: skip
+
+#: Share of what walls and ceilings may lean that is left while solving.
+STRICT = 0.05
+
+#: While gates are wider than this, m, scale, time offset and range bias stay: furniture that is
+#: taken for floor or wall would bend them.
+ROUGH = 0.1
+
+#: Planes are looked for anew before each of the first rounds.
+SEARCHES = 3
+
+#: Distance to a wall within which a hit of the level laser may be on it in each round, m.
+LEVEL_GATES = (0.30, 0.15, 0.10, 0.06, 0.04, 0.04)
+
+Int64 = NDArray[np.int64]
+Float64 = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """The minimum, with all that its judgement needs.
+
+    Attributes
+    ----------
+    problem, solution
+        What was solved.
+    free
+        bool (P,), parameters that were estimated.
+    means, sigmas
+        float64 (P,), the priors.
+    strict
+        float64 (P,), the priors that were solved with: walls upright and ceilings level, so that
+        a wrong scale cannot hide in walls that lean. How far they may really lean (`sigmas`)
+        counts in the covariance.
+    configured
+        What the configuration said of the rig.
+    """
+
+    problem: Problem
+    solution: Solution
+    free: Bool
+    means: Float64
+    sigmas: Float64
+    strict: Float64
+    configured: RigValues
+
+    @property
+    def values(self) -> RigValues:
+        """The rig."""
+        return RigValues.of_vector(self.solution.x[self.problem.layout.rig])
+
+    def again(self, free: Bool, x: Float64) -> Estimate:
+        """Solve again with other free parameters."""
+        solution = solve(self.problem, x, free, self.means, self.strict)
+        return replace(self, solution=solution, free=free)
+
+
+def estimate(
+    recording: Recording,
+    config: Config,
+    floor_z: float | None,
+    trust: Trust,
+    bars: Bars | None = None,
+) -> Estimate:
+    """Estimate everything that might be determined.
+
+    Parameters
+    ----------
+    recording
+        What the bag holds.
+    config
+        What the rig is believed to be.
+    floor_z
+        Height of the floor in the base frame, m; None where it is not known.
+    trust
+        What is taken for granted.
+    bars
+        Where progress is shown.
+
+    Raises
+    ------
+    BagError
+        Where neither floor, ceiling nor walls were seen.
+    """
+    bars = bars or Silent()
+    bars.start("estimate", len(GATES) + 1.0)
+    model = RigModel(recording.sweeps, config.rig)
+    configured = RigValues.of_rig(config.rig)
+    values = first_guess(recording.sweeps, model, configured)
+    patches = cut_patches(dict(enumerate(recording.sweeps)), model, values)
+    work = _Work(recording, model, patches, config, floor_z, trust, configured, values)
+    bars.advance(1.0)
+    level = np.zeros(3)
+    found: Estimate | None = None
+    for number, gates in enumerate(GATES):
+        if found is None or number < SEARCHES:
+            surroundings = work.search(values)
+            x = None
+        else:
+            x = found.solution.x
+        found = work.refine(surroundings, values, level, x, gates, LEVEL_GATES[number])
+        values, level = found.values, found.solution.x[found.problem.layout.level]
+        bars.advance(1.0)
+    assert found is not None
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Work:
+    recording: Recording
+    model: RigModel
+    patches: Patches
+    config: Config
+    floor_z: float | None
+    trust: Trust
+    configured: RigValues
+    guess: RigValues
+
+    @property
+    def places(self) -> Int64:
+        return self.recording.places[self.patches.centers.sweep]
+
+    def search(self, values: RigValues) -> Surroundings:
+        """Find the planes under a rig."""
+        at = self.patches.centers
+        centers = self.model.place(at, values)
+        normals = self.model.turn(at, values, self.patches.normals)
+        found = find_planes(
+            centers, normals, self.places, self.recording.bag, float(self.model.pivot[2])
+        )
+        levels = (found.floor, *found.ceilings)
+        if all(height is None for height in levels) and not found.walls:
+            raise BagError("neither floor, ceiling nor walls were seen; record a room")
+        return found
+
+    def refine(
+        self,
+        surroundings: Surroundings,
+        values: RigValues,
+        level: Float64,
+        x: Float64 | None,
+        gates: tuple[float, float],
+        level_gate: float,
+    ) -> Estimate:
+        """Say which patches lie on which planes, and solve."""
+        rec = self.recording
+        layout = Layout(len(rec.bags), len(surroundings.walls), len(rec.bag))
+        problem = Problem(
+            self.model, self.patches.hits, self.patches.patch, self.places, rec.bag, rec.poses,
+            surroundings, (), pose_from_rpy(self.config.rig.level_correction), self.trust, layout,
+            blur=gates[0] / 6.0,
+        )  # fmt: skip
+        if x is None:
+            x = problem.start(values, level)
+            if self.floor_z is not None and surroundings.floor is not None:
+                x[layout.rig.start + 3] += self.floor_z - surroundings.floor
+                x[layout.floor] = self.floor_z
+        problem = assigned(problem, x, rec, self.patches, gates, level_gate)
+        rough = gates[0] > ROUGH
+        means, sigmas = problem.priors(self.guess)
+        strict = problem.priors(self.guess, STRICT)[1]
+        if self.floor_z is not None:
+            means[layout.floor], sigmas[layout.floor] = self.floor_z, self.trust.floor
+            strict[layout.floor] = self.trust.floor
+        free = determinable(problem, values, floor_is_known=self.floor_z is not None)
+        if rough:
+            free[[layout.rig.start + 1, layout.rig.start + 4, layout.bias]] = False
+        solution = solve(problem, x, free, means, strict)
+        return Estimate(problem, solution, free, means, sigmas, strict, self.configured)

@@ -1,0 +1,232 @@
+"""The forward model: where beams hit, as a function of what may be wrong with the rig."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tccm_ros.config import Rig
+from tccm_ros.geometry import pose, pose_from_rpy
+from tccm_ros.pipeline.calibrate.sweeps import TiltSweep
+from tccm_ros.robot.chain import Chain, JointReading, Part, twist_angle
+
+__all__ = ["RIG_PARAMETERS", "Beams", "RigModel", "RigValues"]
+
+RIG_PARAMETERS = ("tilt_offset", "tilt_scale", "roll", "height", "joint_time_offset")
+"""Order of the parameters of the tilting laser in vectors and covariances."""
+
+#: Step of the derivative by the tilt angle, rad, and by the time offset, s.
+ANGLE_STEP, TIME_STEP = 1e-5, 1e-3
+
+Int64 = NDArray[np.int64]
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class RigValues:
+    """What places the tilting laser.
+
+    Attributes
+    ----------
+    tilt_offset, tilt_scale
+        True tilt = tilt_scale * measured + tilt_offset, rad.
+    roll, height
+        Turn of the tilt axis's mount about the level direction across the axis, through the axis,
+        rad, and its way up, m; both on top of the configured mount.
+    joint_time_offset
+        Added to the stamps of joint samples, s.
+    """
+
+    tilt_offset: float = 0.0
+    tilt_scale: float = 1.0
+    roll: float = 0.0
+    height: float = 0.0
+    joint_time_offset: float = 0.0
+
+    @classmethod
+    def of_rig(cls, rig: Rig) -> RigValues:
+        """Return what a configuration says."""
+        return cls(rig.tilt_offset, rig.tilt_scale, 0.0, 0.0, rig.joint_time_offset)
+
+    def vector(self) -> Float64:
+        """Return the values in the order of `RIG_PARAMETERS`, float64 (5,)."""
+        return np.array([getattr(self, name) for name in RIG_PARAMETERS])
+
+    @classmethod
+    def of_vector(cls, values: Float64) -> RigValues:
+        """Return the values of a vector in the order of `RIG_PARAMETERS`."""
+        return cls(**dict(zip(RIG_PARAMETERS, np.asarray(values, float).tolist())))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Beams:
+    """Beams of any sweeps, sorted by sweep.
+
+    Attributes
+    ----------
+    sweep
+        int64 (N,), the sweep of each.
+    stamps_ns
+        int64 (N,).
+    points
+        float64 (N, 3), m, the hits in the laser's frame.
+    T_place_base
+        float64 (N, 4, 4), the base seen from the sweep's place.
+    """
+
+    sweep: Int64
+    stamps_ns: Int64
+    points: Float64
+    T_place_base: Float64
+
+    def take(self, rows: NDArray[np.bool_] | Int64) -> Beams:
+        """Return some of the beams; rows must keep them sorted by sweep."""
+        return Beams(
+            self.sweep[rows], self.stamps_ns[rows], self.points[rows], self.T_place_base[rows]
+        )
+
+
+class RigModel:
+    """Places beams in the base.
+
+    Parameters
+    ----------
+    sweeps
+        With uncorrected chains.
+    rig
+        The configured mount, on top of which roll and height come.
+
+    Attributes
+    ----------
+    pivot
+        float64 (3,), a point of the tilt axis in the base, m.
+    roll_axis
+        float64 (3,), the level direction across the tilt axis that is nearest to forward.
+    """
+
+    def __init__(self, sweeps: Sequence[TiltSweep], rig: Rig) -> None:
+        self._sweeps = sweeps
+        self._T_mount = pose_from_rpy(rig.mount_correction)
+        self.pivot, axis = self._tilt_axis()
+        across = np.array([axis[1], -axis[0], 0.0])
+        length = float(np.linalg.norm(across))
+        across = across / length if length > 0.5 else np.array([1.0, 0.0, 0.0])
+        largest = 0 if abs(across[0]) > 0.1 else 1
+        self.roll_axis: Float64 = across * np.sign(across[largest])
+
+    def _tilt_axis(self) -> tuple[Float64, Float64]:
+        """Return a point and the direction of the tilt axis in the base, in the first sweep."""
+        sweep = self._sweeps[0]
+        chain = sweep.chain
+        before = Chain(chain.fixed[: sweep.tilt + 1], chain.parts[: sweep.tilt])
+        middle = np.array([(sweep.span_ns[0] + sweep.span_ns[1]) // 2], np.int64)
+        T = self._T_mount @ before.at(middle)[0]
+        part = chain.parts[sweep.tilt][0]
+        if isinstance(part, JointReading):
+            return T[:3, 3], T[:3, :3] @ part.axis
+        T = T @ part.track.at(middle)[0]
+        axis = part.axis if part.axis is not None else np.array([0.0, 1.0, 0.0])
+        return T[:3, 3], T[:3, :3] @ axis
+
+    def mount(self, values: RigValues) -> Float64:
+        """Return the correction of the mount, T_base_base float64 (4, 4)."""
+        R = Rotation.from_rotvec(values.roll * self.roll_axis).as_matrix()
+        up = np.array([0.0, 0.0, values.height])
+        turn: Float64 = pose(R, self.pivot - R @ self.pivot + up) @ self._T_mount
+        return turn
+
+    def T_base_laser(self, sweep: int, stamps_ns: Int64, values: RigValues) -> Float64:
+        """Return T_base_laser float64 (K, 4, 4) at stamps int64 (K,) of a sweep."""
+        data = self._sweeps[sweep]
+        chain = data.chain
+        parts = list(chain.parts)
+        part, backwards = parts[data.tilt]
+        parts[data.tilt] = (_corrected(part, values), backwards)
+        fixed = chain.fixed.copy()
+        fixed[0] = self.mount(values) @ fixed[0]
+        return Chain(fixed, tuple(parts)).at(self._shifted(data, stamps_ns, values))
+
+    @staticmethod
+    def _shifted(data: TiltSweep, stamps_ns: Int64, values: RigValues) -> Int64:
+        """Return the stamps that the joint samples had, within what there are samples of."""
+        shifted = stamps_ns - round(values.joint_time_offset * 1e9)
+        known = [
+            (part.track.stamps_ns[0], part.track.stamps_ns[-1]) for part, _ in data.chain.parts
+        ]
+        return np.clip(shifted, max(k[0] for k in known), min(k[1] for k in known))
+
+    def place(self, beams: Beams, values: RigValues) -> Float64:
+        """Return the hits float64 (N, 3), m, seen from each sweep's place."""
+        return self._map(beams, values, beams.points, 1.0)
+
+    def turn(self, beams: Beams, values: RigValues, directions: Float64) -> Float64:
+        """Return directions float64 (N, 3) of the laser's frame as seen from the sweep's place."""
+        return self._map(beams, values, directions, 0.0)
+
+    def _map(self, beams: Beams, values: RigValues, vectors: Float64, is_point: float) -> Float64:
+        result = np.empty_like(vectors)
+        for sweep, rows in _slices(beams.sweep):
+            T = beams.T_place_base[rows] @ self.T_base_laser(sweep, beams.stamps_ns[rows], values)
+            turned = np.einsum("nij,nj->ni", T[:, :3, :3], vectors[rows])
+            result[rows] = turned + is_point * T[:, :3, 3]
+        return result
+
+    def measured(self, beams: Beams, values: RigValues) -> Float64:
+        """Return the measured tilt angles float64 (N,), rad: without scale and offset."""
+        angles = np.empty(len(beams.sweep))
+        for sweep, rows in _slices(beams.sweep):
+            data = self._sweeps[sweep]
+            part = data.chain.parts[data.tilt][0]
+            stamps = self._shifted(data, beams.stamps_ns[rows], values)
+            if isinstance(part, JointReading):
+                angles[rows] = part.at(stamps)
+            elif part.axis is not None:
+                angles[rows] = twist_angle(part.track.at(stamps), part.axis)
+        return angles
+
+    def jacobian(self, beams: Beams, values: RigValues, placed: Float64) -> Float64:
+        """Return the derivatives float64 (N, 3, 5) of the hits by `RIG_PARAMETERS`.
+
+        Parameters
+        ----------
+        beams, values
+            As in `place`.
+        placed
+            What `place` gave for them.
+        """
+        turned = self.place(beams, replace(values, tilt_offset=values.tilt_offset + ANGLE_STEP))
+        by_angle = (turned - placed) / ANGLE_STEP
+        late, early = (
+            self.place(beams, replace(values, joint_time_offset=values.joint_time_offset + step))
+            for step in (TIME_STEP, -TIME_STEP)
+        )
+        by_roll = np.cross(self.roll_axis, placed - self.pivot)
+        by_height = np.broadcast_to(np.array([0.0, 0.0, 1.0]), placed.shape)
+        columns = [
+            by_angle,
+            self.measured(beams, values)[:, None] * by_angle,
+            by_roll,
+            by_height,
+            (late - early) / (2.0 * TIME_STEP),
+        ]
+        return np.stack(columns, axis=-1)
+
+
+def _corrected(part: Part, values: RigValues) -> Part:
+    """Return the tilt joint with scale and offset."""
+    if isinstance(part, JointReading):
+        scale = values.tilt_scale
+        offset = scale * part.offset + values.tilt_offset
+        return replace(part, scale=scale * part.scale, offset=offset)
+    return replace(part, scale=values.tilt_scale, offset=values.tilt_offset)
+
+
+def _slices(sweep: Int64) -> list[tuple[int, slice]]:
+    """Return each sweep's rows."""
+    numbers, firsts = np.unique(sweep, return_index=True)
+    ends = [*firsts[1:].tolist(), len(sweep)]
+    return [(n, slice(a, b)) for n, a, b in zip(numbers.tolist(), firsts.tolist(), ends)]

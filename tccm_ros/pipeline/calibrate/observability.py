@@ -1,0 +1,152 @@
+"""What a recording determines, and what it leaves open and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.pipeline.calibrate.estimate import Estimate
+from tccm_ros.pipeline.calibrate.layout import LEVEL_PARAMETERS, Layout
+from tccm_ros.pipeline.calibrate.model import RIG_PARAMETERS
+from tccm_ros.pipeline.calibrate.solver import covariance
+from tccm_ros.pipeline.calibrate.surroundings import FLOOR
+
+__all__ = ["UNITS", "Judgement", "Quantity", "columns", "judge"]
+
+#: A parameter with a larger standard deviation is not determined: rad, 1, m, s.
+LIMITS: Mapping[str, float] = {
+    "joint_time_offset": 0.005,
+    "tilt_scale": 0.02,
+    "roll": float(np.deg2rad(0.5)),
+    "height": 0.02,
+    "tilt_offset": float(np.deg2rad(0.5)),
+    "level_x": 0.03,
+    "level_y": 0.03,
+    "level_yaw": float(np.deg2rad(0.5)),
+}
+"""In the order in which they are given up: what is least often wrong goes first."""
+
+ADVICE: Mapping[str, str] = {
+    "tilt_offset": "record a level floor from 1 to 4 m, at several places",
+    "tilt_scale": "sweep from the floor near the robot up to the ceiling or high up the walls",
+    "roll": "record a floor or ceiling that reaches far to both sides",
+    "joint_time_offset": "record sweeps up and down, fast ones too, while the base stands",
+    "level": "record two walls that are not parallel and that both lasers see",
+}
+
+Float64 = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One parameter: its value, its standard deviation (None if it was left alone), and why."""
+
+    name: str
+    value: float
+    sigma: float | None
+    reason: str = ""
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether it was estimated."""
+        return self.sigma is not None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgement:
+    """The final estimate, each quantity, and the covariance float64 (D, D) of those determined."""
+
+    estimate: Estimate
+    quantities: tuple[Quantity, ...]
+    covariance: Float64
+
+    @property
+    def determined(self) -> tuple[str, ...]:
+        """Names in the order of the covariance."""
+        return tuple(q.name for q in self.quantities if q.is_determined)
+
+
+def judge(estimate: Estimate, floor_z: float | None) -> Judgement:
+    """Give up what is not determined, one by one, and solve again without it."""
+    layout, reasons = estimate.problem.layout, _never_free(estimate, floor_z)
+    column = columns(layout)
+    while True:
+        cov = covariance(estimate.solution, estimate.free, estimate.sigmas)
+        sigmas = np.full(layout.size, np.nan)
+        sigmas[estimate.free] = np.sqrt(np.diag(cov))
+        weak = [n for n in LIMITS if sigmas[column[n]] > LIMITS[n]]
+        if not weak:
+            break
+        name = weak[0]
+        reasons[name] = _too_weak(name, sigmas[column[name]])
+        estimate = _without(estimate, column[name])
+    quantities = tuple(
+        _quantity(name, estimate, column[name], float(sigmas[column[name]]), reasons)
+        for name in (*RIG_PARAMETERS, *LEVEL_PARAMETERS)
+    )
+    kept = [column[q.name] for q in quantities if q.is_determined]
+    place = np.cumsum(estimate.free) - 1
+    return Judgement(estimate, quantities, cov[np.ix_(place[kept], place[kept])])
+
+
+def columns(layout: Layout) -> dict[str, int]:
+    """Return where each quantity is in the vector of parameters."""
+    rig = {name: layout.rig.start + i for i, name in enumerate(RIG_PARAMETERS)}
+    return rig | {name: layout.level.start + i for i, name in enumerate(LEVEL_PARAMETERS)}
+
+
+def _quantity(
+    name: str, estimate: Estimate, column: int, sigma: float, reasons: Mapping[str, str]
+) -> Quantity:
+    value = float(estimate.solution.x[column])
+    if estimate.free[column]:
+        return Quantity(name, value, sigma)
+    return Quantity(name, value, None, reasons.get(name, "nothing was seen that shows it"))
+
+
+def _without(estimate: Estimate, column: int) -> Estimate:
+    free, x = estimate.free.copy(), estimate.solution.x.copy()
+    free[column] = False
+    rig = estimate.problem.layout.rig
+    left = np.zeros(len(x))
+    left[rig] = estimate.configured.vector()
+    x[column] = left[column]
+    return estimate.again(free, x)
+
+
+def _never_free(estimate: Estimate, floor_z: float | None) -> dict[str, str]:
+    """Return why parameters were not estimated at all."""
+    reasons = {
+        "joint_time_offset": "all sweeps go one way at an even speed, where a delay looks like a "
+        f"zero: {ADVICE['joint_time_offset']}",
+        "height": "no floor was seen"
+        if not (estimate.problem.plane == FLOOR).any()
+        else "the height of the floor in the base frame is not known: give --floor-z",
+    }
+    for name in LEVEL_PARAMETERS:
+        reasons[name] = f"no level scans on walls that the tilting laser saw: {ADVICE['level']}"
+    return reasons
+
+
+def _too_weak(name: str, sigma: float) -> str:
+    advice = ADVICE.get("level" if name.startswith("level") else name, "")
+    unit, factor = UNITS[name]
+    text = f"only known to {sigma * factor:.3g} {unit}".rstrip()
+    return f"{text}: {advice}" if advice else text
+
+
+UNITS: Mapping[str, tuple[str, float]] = {
+    "tilt_offset": ("deg", float(np.rad2deg(1.0))),
+    "tilt_scale": ("", 1.0),
+    "roll": ("deg", float(np.rad2deg(1.0))),
+    "height": ("mm", 1000.0),
+    "joint_time_offset": ("ms", 1000.0),
+    "level_x": ("mm", 1000.0),
+    "level_y": ("mm", 1000.0),
+    "level_yaw": ("deg", float(np.rad2deg(1.0))),
+}
+"""Unit in which each quantity is shown, and the factor to it."""

@@ -1,0 +1,185 @@
+"""Flat patches: blocks of neighbouring beams in neighbouring scans that lie in one plane.
+
+Whether a block is flat hardly depends on the rig's errors (a wrong tilt zero turns it as a whole),
+so patches are cut once and then placed again and again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.geometry import inverse, transform
+from tccm_ros.pipeline.calibrate.model import Beams, RigModel, RigValues
+from tccm_ros.pipeline.calibrate.sweeps import TiltSweep
+
+__all__ = ["Patches", "cut_patches"]
+
+#: Beams of a block, and at least this many scans and beams, and hits.
+BEAMS, MIN_SIDE, MIN_HITS = 36, 3, 12
+
+#: A flat patch is no thicker than this, m (standard deviation), or this share of its width.
+MAX_THICKNESS, MAX_SHARE = 0.025, 0.25
+
+#: A patch is wider than long by no more than this factor (the smaller of its two widths counts).
+MIN_WIDTH_SHARE = 0.05
+
+#: Hits kept of each patch, and of all patches together.
+HITS, MIN_KEPT, ALL_HITS = 20, 3, 16_000
+
+Int64 = NDArray[np.int64]
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patches:
+    """P patches with some hits of each.
+
+    Attributes
+    ----------
+    centers
+        Centroids as beams of the middle of the patch.
+    normals
+        float64 (P, 3), towards the laser, in its frame at that time.
+    spread
+        float64 (P,), standard deviation of the normal from noise, rad.
+    hits
+        The hits.
+    patch
+        int64 (N,), the patch of each hit.
+    """
+
+    centers: Beams
+    normals: Float64
+    spread: Float64
+    hits: Beams
+    patch: Int64
+
+    def __len__(self) -> int:
+        return len(self.normals)
+
+
+def cut_patches(sweeps: Mapping[int, TiltSweep], model: RigModel, values: RigValues) -> Patches:
+    """Cut all sweeps into blocks and keep the flat ones.
+
+    Parameters
+    ----------
+    sweeps
+        Sweeps by their number, in order.
+    model, values
+        Places the beams; it need not be right.
+    """
+    beams = sum(int(np.isfinite(sweep.ranges).sum()) for sweep in sweeps.values())
+    most = int(np.clip(ALL_HITS * BEAMS / max(beams, 1), MIN_KEPT, HITS))
+    parts = [_cut(number, sweep, model, values, most) for number, sweep in sweeps.items()]
+    firsts = np.cumsum([0, *(len(part) for part in parts)])
+    return Patches(
+        _join([part.centers for part in parts]),
+        np.concatenate([part.normals for part in parts]),
+        np.concatenate([part.spread for part in parts]),
+        _join([part.hits for part in parts]),
+        np.concatenate([part.patch + first for part, first in zip(parts, firsts)]),
+    )
+
+
+def _join(parts: Sequence[Beams]) -> Beams:
+    return Beams(
+        np.concatenate([p.sweep for p in parts]),
+        np.concatenate([p.stamps_ns for p in parts]),
+        np.concatenate([p.points for p in parts]),
+        np.concatenate([p.T_place_base for p in parts]),
+    )
+
+
+def _cut(number: int, sweep: TiltSweep, model: RigModel, values: RigValues, most: int) -> Patches:
+    rows, columns = np.nonzero(np.isfinite(sweep.ranges))
+    beams = _beams(number, sweep, rows, columns)
+    blocks = _blocks(beams, sweep, columns, model, values)
+    order = np.argsort(blocks, kind="stable")
+    kept, patch, size = _full(blocks[order])
+    order, placed = order[kept], model.place(beams, values)[order[kept]]
+    mean, normal, widths = _fit(placed, patch, size)
+    flat = (widths[:, 0] < MAX_THICKNESS) & (widths[:, 0] < MAX_SHARE * widths[:, 1])
+    flat &= widths[:, 1] > MIN_WIDTH_SHARE * widths[:, 2]
+    middle = order[np.cumsum(size) - size + size // 2]
+    T_place_laser = _laser_poses(number, beams.take(middle), model, values)
+    T_laser_place = inverse(T_place_laser)
+    centers = beams.take(middle)
+    points = transform(T_laser_place, mean[:, None, :])[:, 0]
+    normals = np.einsum("nij,nj->ni", T_laser_place[:, :3, :3], normal)
+    normals *= -np.sign(np.sum(normals * points, axis=1, keepdims=True))
+    centers = Beams(centers.sweep, centers.stamps_ns, points, centers.T_place_base)
+    some = _some(size, flat, most)
+    by_time = np.argsort(beams.stamps_ns[order[some]], kind="stable")
+    new = np.cumsum(flat) - 1
+    spread = widths[:, 0] / np.sqrt(size) / np.maximum(widths[:, 1], 1e-6)
+    return Patches(
+        centers.take(flat),
+        normals[flat],
+        spread[flat],
+        beams.take(order[some][by_time]),
+        new[patch[some]][by_time],
+    )
+
+
+def _beams(number: int, sweep: TiltSweep, rows: Int64, columns: Int64) -> Beams:
+    r = sweep.ranges[rows, columns].astype(float)
+    angle = sweep.bearings[columns]
+    points = np.column_stack([r * np.cos(angle), r * np.sin(angle), np.zeros(len(r))])
+    T = sweep.T_place_base()[rows]
+    return Beams(np.full(len(r), number), sweep.stamps_ns[rows, columns], points, T)
+
+
+def _blocks(
+    beams: Beams, sweep: TiltSweep, columns: Int64, model: RigModel, values: RigValues
+) -> Int64:
+    """Return the block of each beam: square, of equal steps of tilt and bearing."""
+    tilt = model.measured(beams, values)
+    between_lines = float(np.ptp(tilt)) / max(len(sweep.ranges) - 1, 1)
+    between_beams = float(np.ptp(sweep.bearings)) / max(len(sweep.bearings) - 1, 1)
+    side = np.sqrt(BEAMS * between_lines * between_beams)
+    high = max(side, MIN_SIDE * between_lines, 1e-6)
+    wide = max(round(side / max(between_beams, 1e-9)), MIN_SIDE)
+    up = np.floor((tilt - tilt.min()) / high).astype(np.int64)
+    result: Int64 = up * (len(sweep.bearings) // wide + 1) + columns // wide
+    return result
+
+
+def _full(blocks: Int64) -> tuple[NDArray[np.bool_], Int64, Int64]:
+    """Return which sorted entries are in blocks with enough hits, their patch, and its size."""
+    _, index, counts = np.unique(blocks, return_inverse=True, return_counts=True)
+    enough = counts >= MIN_HITS
+    kept = enough[index]
+    return kept, (np.cumsum(enough) - 1)[index[kept]], counts[enough]
+
+
+def _fit(points: Float64, patch: Int64, size: Int64) -> tuple[Float64, Float64, Float64]:
+    """Return means, normals (P, 3) and standard deviations (P, 3) along the three axes, rising."""
+    n = len(size)
+    mean = np.stack([np.bincount(patch, points[:, i], n) for i in range(3)], axis=1) / size[:, None]
+    d = points - mean[patch]
+    cov = np.empty((n, 3, 3))
+    for i in range(3):
+        for j in range(i, 3):
+            cov[:, i, j] = cov[:, j, i] = np.bincount(patch, d[:, i] * d[:, j], n) / size
+    spread, axes = np.linalg.eigh(cov)
+    return mean, axes[:, :, 0], np.sqrt(np.maximum(spread, 0.0))
+
+
+def _laser_poses(number: int, beams: Beams, model: RigModel, values: RigValues) -> Float64:
+    T: Float64 = beams.T_place_base @ model.T_base_laser(number, beams.stamps_ns, values)
+    return T
+
+
+def _some(size: Int64, wanted: NDArray[np.bool_], most: int) -> Int64:
+    """Return the rows of at most so many hits of each wanted patch, evenly spread."""
+    firsts = np.cumsum(size) - size
+    rows = [
+        first + np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
+        for first, count, ok in zip(firsts.tolist(), size.tolist(), wanted.tolist())
+        if ok
+    ]
+    return np.concatenate(rows) if rows else np.zeros(0, np.int64)

@@ -1,0 +1,85 @@
+"""The room from the side and its floor, before and after calibration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from tccm_ros.pipeline.calibrate.calibration import Calibration
+from tccm_ros.pipeline.calibrate.model import RigValues
+from tccm_ros.pipeline.calibrate.quality import Seen
+from tccm_ros.pipeline.calibrate.room import seen_in
+from tccm_ros.pipeline.report.figure import canvas, save_png
+
+__all__ = ["write_picture"]
+
+#: Hits that are drawn at most, and how far away, m.
+MOST, REACH = 25_000, 9.0
+
+ROOM, FLOOR, CEILING = "#9aa3ad", "#d55e00", "#0072b2"
+
+Float64 = NDArray[np.float64]
+
+
+def write_picture(calibration: Calibration, path: Path | str) -> None:
+    """Draw the first place from the side, before and after, with floor and ceiling in colour.
+
+    Raises
+    ------
+    OutputError
+        If the picture cannot be written.
+    """
+    found, recording = calibration.judgement.estimate, calibration.recording
+    model, first = found.problem.model, slice(0, int((recording.places == 0).sum()))
+    beams, seen = seen_in(calibration.judgement, recording, 0, first)
+    some = np.arange(0, len(beams.sweep), max(len(beams.sweep) // MOST, 1))
+    beams, seen = beams.take(some), Seen(seen.floor[some], seen.ceiling[some])
+    near = np.linalg.norm(beams.points, axis=1) < REACH
+    with canvas(10.0, 6.4) as (figure, _):
+        for row, (title, values) in enumerate(
+            (("before", found.configured), ("after", found.values))
+        ):
+            points = model.place(beams, values)
+            side = figure.add_axes((0.06, 0.56 - 0.49 * row, 0.58, 0.38))
+            _draw_side(side, points, near, seen)
+            side.set_title(f"{calibration.bags[0]}, {title}: {_settings(values)}", fontsize=9)
+            bend = figure.add_axes((0.72, 0.56 - 0.49 * row, 0.26, 0.38))
+            _draw_floor(bend, points[seen.floor & near])
+            bend.set_title("floor by distance", fontsize=9)
+        save_png(figure, path)
+
+
+def _settings(values: RigValues) -> str:
+    zero, roll = np.rad2deg([values.tilt_offset, values.roll])
+    return f"zero {zero:.2f} deg, scale {values.tilt_scale:.4f}, roll {roll:.2f} deg"
+
+
+def _draw_side(axes: Axes, points: Float64, near: NDArray[np.bool_], seen: Seen) -> None:
+    for rows, color in (
+        (near & ~seen.floor & ~seen.ceiling, ROOM),
+        (near & seen.floor, FLOOR),
+        (near & seen.ceiling, CEILING),
+    ):
+        axes.scatter(points[rows, 0], points[rows, 2], s=0.5, c=color, linewidths=0.0)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x in base, m", fontsize=8)
+    axes.set_ylabel("z, m", fontsize=8)
+    axes.tick_params(labelsize=8)
+    axes.grid(lw=0.3)
+
+
+def _draw_floor(axes: Axes, points: Float64) -> None:
+    """Draw the height of the floor against the distance from the base."""
+    if len(points) == 0:
+        return
+    distance = np.hypot(points[:, 0], points[:, 1])
+    middle = float(np.median(points[:, 2]))
+    axes.scatter(distance, 1e3 * (points[:, 2] - middle), s=0.5, c=FLOOR, linewidths=0.0)
+    axes.axhline(0.0, color="#15181c", lw=0.6)
+    axes.set_xlabel("distance, m", fontsize=8)
+    axes.set_ylabel("height less median, mm", fontsize=8)
+    axes.tick_params(labelsize=8)
+    axes.grid(lw=0.3)

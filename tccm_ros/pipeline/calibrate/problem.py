@@ -1,0 +1,286 @@
+"""The least-squares problem: rig, planes and leaning bases against hits on floor, ceiling, walls.
+
+A hit p (seen from its place), the place's small lean (a turn w about x and y) and a plane with
+normal n and offset d give the residual ``n . (p + w x p) - d``. What is taken for granted about
+buildings and bases has a standard deviation and is a prior: that is what tells a wrong zero from a
+leaning base, and how well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from tccm_ros.geometry import pose
+from tccm_ros.pipeline.calibrate.layout import WIDE, WIDE_LEVEL, Layout, Trust
+from tccm_ros.pipeline.calibrate.model import Beams, RigModel, RigValues
+from tccm_ros.pipeline.calibrate.surroundings import CEILING, FIRST_WALL, FLOOR, Surroundings
+from tccm_ros.pipeline.calibrate.sweeps import LevelScans
+
+__all__ = ["LevelHits", "Linearised", "Planes", "Problem"]
+
+Int64 = NDArray[np.int64]
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LevelHits:
+    """Hits of the level laser that lie on walls: by place; `wall` is -1 for those on none."""
+
+    scans: LevelScans
+    place: int
+    wall: Int64
+
+
+class Planes(NamedTuple):
+    """All planes as seen from level bases: the floor, the ceiling at each place, then the walls.
+
+    Normals float64 (Q, 3) towards the laser, offsets float64 (Q,), m, numbers of the planes
+    int64 (Q,), and the place int64 (Q,) from which each is seen so, -1 for all places.
+    """
+
+    normals: Float64
+    offsets: Float64
+    number: Int64
+    place: Int64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Linearised:
+    """Residuals float64 (N,) in standard deviations, their derivatives (N, P), and clusters.
+
+    `sigma` float64 (N,), m, is what a residual was divided by. Residuals of one cluster share
+    errors: they lie in one place of one plane.
+    """
+
+    residuals: Float64
+    jacobian: Float64
+    sigma: Float64
+    cluster: Int64
+    is_level: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """Hits of the tilting laser on planes, and of the level laser on walls.
+
+    Attributes
+    ----------
+    model
+        Places the hits.
+    hits, plane, place
+        Hits, and the plane and the place of each, int64 (N,).
+    bag, poses
+        The bag int64 (P,) and the pose float64 (P, 3) of each place, as in `Recording`: a ceiling
+        that slopes slopes the same way in the room, other ways for bases with other headings.
+    surroundings
+        Where the numbers of planes come from.
+    level
+        Hits of the level laser.
+    T_level_mount
+        The configured correction of the level laser's mount, float64 (4, 4).
+    trust
+        What is taken for granted.
+    blur
+        Added to the standard deviation of every residual, m: wide at first, 0 at last, so that no
+        plane pulls before all planes are known roughly.
+    """
+
+    model: RigModel
+    hits: Beams
+    plane: Int64
+    place: Int64
+    bag: Int64
+    poses: Float64
+    surroundings: Surroundings
+    level: tuple[LevelHits, ...]
+    T_level_mount: Float64
+    trust: Trust
+    layout: Layout
+    blur: float
+
+    def linearise(self, x: Float64) -> Linearised:
+        """Return residuals and derivatives at parameters float64 (P,)."""
+        parts = [self._tilt_part(x), *(self._level_part(x, hits) for hits in self.level)]
+        return Linearised(
+            *(np.concatenate([getattr(part, name) for part in parts])
+              for name in ("residuals", "jacobian", "sigma", "cluster", "is_level"))
+        )  # fmt: skip
+
+    def _tilt_part(self, x: Float64) -> Linearised:
+        layout, values = self.layout, RigValues.of_vector(x[self.layout.rig])
+        ranges = np.linalg.norm(self.hits.points, axis=1)
+        beams = self.model.turn(self.hits, values, self.hits.points / ranges[:, None])
+        placed = self.model.place(self.hits, values) + x[layout.bias] * beams
+        by_rig = self.model.jacobian(self.hits, values, placed - x[layout.bias] * beams)
+        residuals, J, normals = self._against_planes(x, placed, self.plane, self.place)
+        J[:, layout.rig] = np.einsum("ni,nij->nj", normals, by_rig)
+        cosine = np.sum(normals * beams, axis=1)
+        J[:, layout.bias] = cosine
+        cluster = _clusters(placed, self.plane, self.place, normals)
+        sigma = self._sigma(cosine, ranges, cluster)
+        is_level = np.zeros(len(ranges), bool)
+        return Linearised(residuals / sigma, J / sigma[:, None], sigma, cluster, is_level)
+
+    def _level_part(self, x: Float64, level: LevelHits) -> Linearised:
+        layout, on = self.layout, level.wall >= 0
+        T = self.level_mount(x[layout.level], level.scans.T_base_laser) @ level.scans.T_base_laser
+        T = level.scans.T_place_base[on] @ T
+        placed = np.einsum("nij,nj->ni", T[:, :3, :3], level.scans.points[on]) + T[:, :3, 3]
+        place = np.full(on.sum(), level.place)
+        plane = level.wall[on] + FIRST_WALL
+        residuals, J, normals = self._against_planes(x, placed, plane, place)
+        R = level.scans.T_place_base[on][:, :3, :3]
+        J[:, layout.level.start : layout.level.start + 2] = np.einsum(
+            "ni,nij->nj", normals, R[:, :, :2]
+        )
+        arm = placed - T[:, :3, 3]
+        J[:, layout.level.stop - 1] = normals[:, 1] * arm[:, 0] - normals[:, 0] * arm[:, 1]
+        beams = arm / np.maximum(level.scans.ranges[on], 1e-3)[:, None]
+        cluster = _clusters(placed, plane, place, normals)
+        sigma = self._sigma(np.sum(normals * beams, axis=1), level.scans.ranges[on], cluster)
+        is_level = np.ones(len(sigma), bool)
+        return Linearised(residuals / sigma, J / sigma[:, None], sigma, -1 - cluster, is_level)
+
+    def _sigma(self, cosine: Float64, ranges: Float64, cluster: Int64) -> Float64:
+        """Return the standard deviation of each residual, m.
+
+        What the hits of a cluster share (the plane is not flat, the laser errs alike) counts once
+        for the cluster, however many they are.
+        """
+        trust = self.trust
+        shared = trust.flatness**2 * np.bincount(cluster, minlength=1)[cluster]
+        across = ranges * np.sqrt(np.maximum(1.0 - cosine**2, 0.0)) * trust.angle_noise
+        own = (trust.range_noise * cosine) ** 2 + across**2 + shared
+        return np.sqrt(own + self.blur**2 * (cosine**2 + GRAZING**2))
+
+    def _against_planes(
+        self, x: Float64, points: Float64, plane: Int64, place: Int64
+    ) -> tuple[Float64, Float64, Float64]:
+        """Return residuals (m), derivatives without the rig's, and normals by leaning bases."""
+        layout = self.layout
+        planes = self.planes(x)
+        row = np.where(plane == CEILING, 1 + place, plane + layout.places - 1)
+        row[plane == FLOOR] = 0
+        n, d = planes.normals[row], planes.offsets[row]
+        leans = np.array([x[layout.lean(p)] for p in range(layout.places)])[place]
+        w = np.column_stack([leans, np.zeros(len(leans))])
+        level = points + np.cross(w, points)
+        J = np.zeros((len(points), layout.size))
+        rows = np.arange(len(points))
+        lean = layout.first_wall + 3 * layout.walls + 2 * place
+        J[rows, lean] = n[:, 2] * points[:, 1] - n[:, 1] * points[:, 2]
+        J[rows, lean + 1] = n[:, 0] * points[:, 2] - n[:, 2] * points[:, 0]
+        J[plane == FLOOR, layout.floor] = -1.0
+        self._ceiling_derivatives(J, level, plane, place)
+        self._wall_derivatives(J, x, level, plane)
+        residuals = np.sum(n * level, axis=1) - d
+        seen_in_base = n + np.cross(n, w)
+        return residuals, J, seen_in_base
+
+    def _ceiling_derivatives(self, J: Float64, points: Float64, plane: Int64, place: Int64) -> None:
+        """Write those of the residual -(z - h) + x a + y b: the ceiling's normal points down.
+
+        Here x and y are in the frame of the bag's first place.
+        """
+        on = np.flatnonzero(plane == CEILING)
+        at = self.poses[place[on]]
+        c, s = np.cos(at[:, 2]), np.sin(at[:, 2])
+        first = self.layout.first_ceiling + 3 * self.bag[place[on]]
+        J[on, first] = 1.0
+        J[on, first + 1] = at[:, 0] + c * points[on, 0] - s * points[on, 1]
+        J[on, first + 2] = at[:, 1] + s * points[on, 0] + c * points[on, 1]
+
+    def _wall_derivatives(self, J: Float64, x: Float64, points: Float64, plane: Int64) -> None:
+        for number in range(self.layout.walls):
+            on, columns = plane == FIRST_WALL + number, self.layout.wall(number)
+            phi, _, tilt = x[columns]
+            c, s = np.cos(phi), np.sin(phi)
+            J[on, columns.start] = (points[on, 1] * c - points[on, 0] * s) * np.cos(tilt)
+            J[on, columns.start + 1] = -1.0
+            J[on, columns.start + 2] = points[on, 2] * np.cos(tilt) - np.sin(tilt) * (
+                points[on, 0] * c + points[on, 1] * s
+            )
+
+    def planes(self, x: Float64) -> Planes:
+        """Return all planes under parameters float64 (P,)."""
+        layout, places = self.layout, range(self.layout.places)
+        normals, offsets = [[0.0, 0.0, 1.0]], [float(x[layout.floor])]
+        for number, (at_x, at_y, yaw) in zip(self.bag.tolist(), self.poses.tolist()):
+            height, a, b = x[layout.ceiling(number)].tolist()
+            c, s = np.cos(yaw), np.sin(yaw)
+            normals.append([c * a + s * b, c * b - s * a, -1.0])
+            offsets.append(-height - a * at_x - b * at_y)
+        for number in range(layout.walls):
+            phi, rho, tilt = x[layout.wall(number)].tolist()
+            normals.append([np.cos(phi) * np.cos(tilt), np.sin(phi) * np.cos(tilt), np.sin(tilt)])
+            offsets.append(rho)
+        walls = self.surroundings.walls
+        numbers = [FLOOR, *(CEILING for _ in places), *(FIRST_WALL + i for i in range(len(walls)))]
+        seen_from = [-1, *places, *(wall.place for wall in walls)]
+        return Planes(
+            np.array(normals), np.array(offsets), np.array(numbers, np.int64),
+            np.array(seen_from, np.int64),
+        )  # fmt: skip
+
+    def level_mount(self, values: Float64, T_base_laser: Float64) -> Float64:
+        """Return the correction of the level laser's mount for x, y, yaw at the laser itself."""
+        at = (self.T_level_mount @ T_base_laser)[:3, 3]
+        R = Rotation.from_rotvec([0.0, 0.0, values[2]]).as_matrix()
+        shift = np.array([values[0], values[1], 0.0])
+        T: Float64 = pose(R, at + shift - R @ at) @ self.T_level_mount
+        return T
+
+    def start(self, values: RigValues, level: Float64) -> Float64:
+        """Return the parameters that the found planes and level bases give, float64 (P,)."""
+        x = np.zeros(self.layout.size)
+        x[self.layout.rig], x[self.layout.level] = values.vector(), level
+        x[self.layout.floor] = self.surroundings.floor or 0.0
+        for bag, height in enumerate(self.surroundings.ceilings):
+            x[self.layout.ceiling(bag).start] = height or 0.0
+        for number, wall in enumerate(self.surroundings.walls):
+            x[self.layout.wall(number)] = wall.phi, wall.rho, 0.0
+        return x
+
+    def priors(self, guess: RigValues, share: float = 1.0) -> tuple[Float64, Float64]:
+        """Return means and standard deviations of all parameters, float64 (P,) each.
+
+        `share` multiplies those of upright walls and level ceilings.
+
+        Infinite where nothing is taken for granted; those of the rig are only `WIDE`.
+        """
+        layout, trust = self.layout, self.trust
+        means, sigmas = np.zeros(layout.size), np.full(layout.size, np.inf)
+        means[layout.rig], sigmas[layout.rig] = guess.vector(), WIDE
+        sigmas[layout.level] = WIDE_LEVEL
+        sigmas[layout.bias] = trust.range_bias * share
+        for bag in range(layout.bags):
+            sigmas[layout.ceiling(bag)][1:] = trust.ceiling * share
+        for number in range(layout.walls):
+            sigmas[layout.wall(number).stop - 1] = trust.upright * share
+        for place in range(layout.places):
+            sigmas[layout.lean(place)] = trust.lean
+        return means, sigmas
+
+
+#: How much of `Problem.blur` counts where a beam grazes its plane: errors of ranges count by the
+#: cosine of incidence. Without that, squeezing a room would make it flat.
+GRAZING = 0.2
+
+#: Hits of one plane within cells of this size share their errors, m.
+CLUSTER = 0.5
+
+
+def _clusters(points: Float64, plane: Int64, place: Int64, normals: Float64) -> Int64:
+    """Return a number for each cell of each plane at each place."""
+    drop = np.argmax(np.abs(normals), axis=1)
+    rows = np.arange(len(points))
+    u, v = points[rows, (drop + 1) % 3], points[rows, (drop + 2) % 3]
+    cell_u, cell_v = ((np.floor(w / CLUSTER).astype(np.int64) % 4096) for w in (u, v))
+    keys = ((place * 4096 + plane) * 4096 + cell_u) * 4096 + cell_v
+    result: Int64 = np.unique(keys, return_inverse=True)[1]
+    return result

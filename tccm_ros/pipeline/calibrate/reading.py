@@ -1,0 +1,302 @@
+"""From a bag to a recording: scans cut into sweeps, sweeps by place, level scans beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
+from tccm_ros.config import Config
+from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
+from tccm_ros.errors import BagError, FrameError, TopicError
+from tccm_ros.geometry import inverse, planar
+from tccm_ros.pipeline.calibrate.sweeps import LevelScans, Recording, TiltSweep, is_near
+from tccm_ros.progress import Bars, Silent
+from tccm_ros.records import PosedScan, RobotDescription, SurfaceCloud, ViewIntervals
+from tccm_ros.robot import LaserKinematics
+from tccm_ros.robot.chain import Chain, JointReading, Part
+from tccm_ros.robot.frames import build_chain, find_path, frames_of
+from tccm_ros.robot.synchroniser import Synchroniser, SyncRecord
+from tccm_ros.robot.tilt_angle import find_axis
+from tccm_ros.robot.tracks import PoseTrack, ScalarTrack, Track
+from tccm_ros.robot.urdf import Joint
+from tccm_ros.sensors.laser_scan import beam_stamps, bearings, valid_beams
+
+__all__ = ["read_recording", "uncorrected"]
+
+#: Joint samples are kept this long before and after a sweep, for time offsets to be tried.
+TRACK_MARGIN_NS = 1_000_000_000
+
+#: Sweeps that are used; more add time, not accuracy.
+MAX_SWEEPS = 24
+
+#: Level scans that are used at each place.
+LEVEL_SCANS = 6
+
+#: Fewer scans make no sweep.
+MIN_SCANS = 8
+
+#: A sweep is taken when message time is this much later: all that belongs to it is there.
+WAIT_NS = 2_000_000_000
+
+Int64 = NDArray[np.int64]
+Float64 = NDArray[np.float64]
+
+
+def uncorrected(config: Config) -> Config:
+    """Return the configuration with all corrections of the rig taken out."""
+    zero = (0.0,) * 6
+    rig = config.rig.model_copy(
+        update={
+            "tilt_offset": 0.0,
+            "tilt_scale": 1.0,
+            "joint_time_offset": 0.0,
+            "mount_correction": zero,
+            "level_correction": zero,
+        }
+    )
+    return config.model_copy(update={"rig": rig})
+
+
+def read_recording(
+    bag: Path | str,
+    config: Config,
+    remap: Sequence[str] = (),
+    bars: Bars | None = None,
+    *,
+    most: int = MAX_SWEEPS,
+) -> Recording:
+    """Read the sweeps, at most so many, and the level scans of a bag.
+
+    Raises
+    ------
+    BagError, TopicError, FrameError, UrdfError
+        Where the bag cannot be read, has no tilting scans, or the laser cannot be placed.
+    """
+    raw, bars = uncorrected(config), bars or Silent()
+    topics = remap_topics(remap, DEFAULT_TOPICS)
+    with BagReader(bag) as reader:
+        counts = {info.name: info.count for info in reader.topics()}
+        if not counts.get(topics["tilt_scan"]):
+            raise TopicError(reader.missing("tilt_scan", topics["tilt_scan"]))
+        has_odometry = bool(counts.get(topics["odom"]))
+        tilt = _TiltReader(raw, has_odometry)
+        level = _LevelReader(raw, has_odometry)
+        bars.start("read", reader.duration, "s")
+        last_ns = reader.start_ns
+        for role, log_ns, record in reader.records(topics):
+            bars.advance((log_ns - last_ns) * 1e-9)
+            last_ns = log_ns
+            if isinstance(record, SurfaceCloud | ViewIntervals):
+                continue
+            if role != "scan":
+                tilt.add(record)
+            if role != "tilt_scan":
+                level.add(record)
+        tilt.finish()
+        level.finish()
+    if not tilt.sweeps:
+        raise _no_sweep(bag, tilt.sync)
+    return _recording(Path(bag).name, tilt, level, most)
+
+
+def _no_sweep(bag: Path | str, sync: Synchroniser) -> BagError | FrameError:
+    if sync.problem is not None:
+        return FrameError(f"{bag}: {sync.problem}")
+    reasons = ", ".join(f"{n} {why}" for why, n in sorted(sync.dropped.items()))
+    return BagError(
+        f"{bag}: the tilting laser makes no sweep" + (f" (dropped: {reasons})" if reasons else "")
+    )
+
+
+class _TiltReader:
+    """Cuts the scans of the tilting laser into sweeps."""
+
+    def __init__(self, config: Config, has_odometry: bool) -> None:
+        self._config = config
+        self.kinematics = LaserKinematics(config, "tilt")
+        self.sync = Synchroniser(config, self.kinematics, expects_odometry=has_odometry)
+        self._cycles = TiltCycles(config)
+        self._posed: list[PosedScan] = []
+        self._now_ns = 0
+        self.sweeps: list[TiltSweep] = []
+
+    def add(self, record: SyncRecord) -> None:
+        """Take one record."""
+        if not isinstance(record, RobotDescription):
+            self._now_ns = max(self._now_ns, record.stamp_ns)
+        self._posed += self.sync.add(record)
+        self._advance(self._now_ns - WAIT_NS)
+
+    def finish(self) -> None:
+        """Take the end of the input."""
+        self._posed += self.sync.flush()
+        self._advance(-1)
+        self._cycles.finish()
+        self._advance(2**62)
+
+    def _advance(self, until_ns: int) -> None:
+        """Make sweeps of the spans that ended before a stamp: all that belongs to them is here."""
+        for stamp_ns, angle in self.sync.tilt_samples():
+            self._cycles.add(stamp_ns, angle)
+        closed = self._cycles.closed
+        while closed and closed[0].end_ns < until_ns:
+            self._close(closed.popleft())
+
+    def _close(self, span: Span) -> None:
+        mine = [p for p in self._posed if p.scan.end_ns < span.end_ns]
+        self._posed = self._posed[len(mine) :]
+        mine = [p for p in mine if p.scan.stamp_ns >= span.start_ns]
+        if span.cycle is not None and len(mine) >= MIN_SCANS:
+            self.sweeps.append(_sweep(mine, self.kinematics, self._config))
+
+
+class _LevelReader:
+    """Keeps scans of the level laser, with their poses."""
+
+    def __init__(self, config: Config, has_odometry: bool) -> None:
+        self.kinematics = LaserKinematics(config, "level")
+        self.sync = Synchroniser(config, self.kinematics, expects_odometry=has_odometry)
+        self.posed: list[PosedScan] = []
+
+    def add(self, record: SyncRecord) -> None:
+        """Take one record; a level laser that cannot be placed is left out."""
+        self.posed += self.sync.add(record)
+
+    def finish(self) -> None:
+        """Take the end of the input."""
+        self.posed += self.sync.flush()
+
+
+def _sweep(scans: Sequence[PosedScan], kinematics: LaserKinematics, config: Config) -> TiltSweep:
+    beams = len(scans[0].scan.ranges)
+    scans = [p for p in scans if len(p.scan.ranges) == beams]
+    stamps = np.array([beam_stamps(p.scan) for p in scans])
+    ranges = np.array(
+        [np.where(valid_beams(p.scan, config), p.scan.ranges, np.nan) for p in scans], np.float32
+    )
+    span = int(stamps.min()), int(stamps.max())
+    chain, tilt = _copy_chain(kinematics, scans[0].scan.frame_id, span)
+    T_odom_base = np.array([p.T_odom_base[len(p.T_odom_base) // 2] for p in scans])
+    return TiltSweep(chain, tilt, stamps, ranges, bearings(scans[0].scan), T_odom_base, span)
+
+
+def _copy_chain(
+    kinematics: LaserKinematics, frame: str, span_ns: tuple[int, int]
+) -> tuple[Chain, int]:
+    """Return the chain to the laser with the samples of one sweep, and its tilt joint's index."""
+    chain = kinematics.find(frame, final=True)
+    assert chain is not None
+    limits = span_ns[0] - TRACK_MARGIN_NS, span_ns[1] + TRACK_MARGIN_NS
+    parts = tuple((_copy_part(part, limits), backwards) for part, backwards in chain.parts)
+    names = [part.name for part, _ in parts]
+    return Chain(chain.fixed.copy(), parts), names.index(str(kinematics.tilt_joint))
+
+
+def _copy_part(part: Part, limits: tuple[int, int]) -> Part:
+    within = (part.track.stamps_ns >= limits[0]) & (part.track.stamps_ns <= limits[1])
+    if isinstance(part, JointReading):
+        joint = ScalarTrack()
+        _fill(joint, part.track, within)
+        return replace(part, track=joint)
+    moving = PoseTrack()
+    _fill(moving, part.track, within)
+    return replace(part, track=moving, axis=find_axis(moving))
+
+
+def _fill(track: Track, source: Track, rows: NDArray[np.bool_]) -> None:
+    for stamp_ns, value in zip(source.stamps_ns[rows].tolist(), source.values[rows]):
+        track.append(stamp_ns, value)
+
+
+def _recording(name: str, tilt: _TiltReader, level: _LevelReader, most: int) -> Recording:
+    still = [sweep for sweep in tilt.sweeps if sweep.is_still]
+    sweeps = _spread(still or tilt.sweeps, most)
+    places = _places(sweeps)
+    firsts = [sweeps[i].T_place for i in np.unique(places, return_index=True)[1].tolist()]
+    return Recording(
+        (name,),
+        sweeps,
+        places,
+        np.zeros(len(firsts), np.int64),
+        planar(inverse(firsts[0]) @ np.array(firsts)),
+        _level_scans(level, sweeps, places),
+        tilt.kinematics.base or "",
+        _footprint_z(tilt.kinematics),
+        moving=not still,
+    )
+
+
+def _spread(sweeps: Sequence[TiltSweep], most: int) -> list[TiltSweep]:
+    """Return at most so many sweeps, in pairs that follow each other, spread over the time."""
+    if len(sweeps) <= most:
+        return list(sweeps)
+    firsts = np.unique(np.linspace(0, len(sweeps) - 2, most // 2).astype(int))
+    return [sweeps[i] for i in sorted({*firsts.tolist(), *(firsts + 1).tolist()})]
+
+
+def _places(sweeps: Sequence[TiltSweep]) -> Int64:
+    """Number the places: a sweep from where the one before was made is at the same place."""
+    numbers = [0]
+    for before, sweep in pairwise(sweeps):
+        together = before.is_still and sweep.is_still and is_near(sweep.place, before.place)
+        numbers.append(numbers[-1] + (0 if together else 1))
+    return np.array(numbers, np.int64)
+
+
+def _level_scans(
+    level: _LevelReader, sweeps: Sequence[TiltSweep], places: Int64
+) -> dict[int, LevelScans]:
+    found: dict[int, LevelScans] = {}
+    for place in np.unique(places).tolist():
+        mine = [sweep for sweep, at in zip(sweeps, places) if at == place]
+        start_ns, end_ns = mine[0].span_ns[0], mine[-1].span_ns[1]
+        scans = [p for p in level.posed if start_ns <= p.scan.stamp_ns <= end_ns]
+        rows = np.unique(np.linspace(0, len(scans) - 1, LEVEL_SCANS).astype(int))
+        if scans:
+            found[place] = _level_points([scans[i] for i in rows], mine[0].T_place)
+    return found
+
+
+def _level_points(scans: Sequence[PosedScan], T_odom_place: Float64) -> LevelScans:
+    points, poses, ranges = [], [], []
+    for posed in scans:
+        scan = posed.scan
+        seen = np.isfinite(scan.ranges)
+        seen &= (scan.ranges > scan.range_min) & (scan.ranges < scan.range_max)
+        r, angle = scan.ranges[seen].astype(float), bearings(scan)[seen]
+        points.append(np.column_stack([r * np.cos(angle), r * np.sin(angle), np.zeros(len(r))]))
+        T = inverse(T_odom_place) @ posed.T_odom_base[0]
+        poses.append(np.broadcast_to(T, (len(r), 4, 4)))
+        ranges.append(r)
+    return LevelScans(
+        np.concatenate(points),
+        scans[0].T_base_laser[0],
+        np.concatenate(poses),
+        np.concatenate(ranges),
+    )
+
+
+def _footprint_z(kinematics: LaserKinematics) -> float | None:
+    """Return the height in the base of a frame that lies on the floor by its name."""
+    edges = kinematics.frames.view(urdf=True, tf=True, moving_tf=False)
+    base = kinematics.base or ""
+    for frame in sorted({base, *frames_of(edges)}):
+        if not frame.endswith("footprint"):
+            continue
+        if frame == base:
+            return 0.0
+        with suppress(FrameError):
+            chain = build_chain(find_path(base, frame, edges), _no_joint)
+            return float(chain.fixed[0][2, 3])
+    return None
+
+
+def _no_joint(joint: Joint) -> JointReading:
+    raise FrameError(f"joint '{joint.name}' moves the footprint")

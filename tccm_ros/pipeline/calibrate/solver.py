@@ -1,0 +1,110 @@
+"""Robust Gauss-Newton, and covariances that stay honest where errors are shared."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.pipeline.calibrate.problem import Linearised, Problem
+
+__all__ = ["Solution", "covariance", "solve"]
+
+#: Residuals of this many standard deviations count half (Geman and McClure's weights).
+HALF = 3.0
+
+ROUNDS, SMALL_STEP = 8, 1e-3
+"""Most rounds, and the step in standard deviations at which they end."""
+
+Float64 = NDArray[np.float64]
+Bool = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """Parameters float64 (P,), the last linearisation, weights (N,), and the noise's scale."""
+
+    x: Float64
+    linearised: Linearised
+    weights: Float64
+    scale: float
+
+
+def solve(problem: Problem, x: Float64, free: Bool, means: Float64, sigmas: Float64) -> Solution:
+    """Minimise the weighted residuals over the free parameters.
+
+    Parameters
+    ----------
+    problem
+        What is minimised.
+    x
+        float64 (P,), where to start; those that are not free stay.
+    free
+        bool (P,).
+    means, sigmas
+        Priors, float64 (P,); infinite sigmas are none.
+    """
+    x = x.copy()
+    prior = 1.0 / sigmas[free] ** 2
+    for _ in range(ROUNDS):
+        lin = problem.linearise(x)
+        weights, scale = _weights(lin)
+        root = np.sqrt(weights)[:, None] / scale
+        J, r = lin.jacobian * root, lin.residuals * root[:, 0]
+        H = (J.T @ J)[np.ix_(free, free)] + np.diag(prior)
+        g = (J.T @ r)[free] + prior * (x - means)[free]
+        step = -_solve_scaled(H, g)
+        x[free] += step
+        if np.all(np.abs(step) * np.sqrt(np.diag(H)) < SMALL_STEP):
+            break
+    lin = problem.linearise(x)
+    weights, scale = _weights(lin)
+    return Solution(x, lin, weights, scale)
+
+
+def _solve_scaled(H: Float64, g: Float64) -> Float64:
+    """Solve H s = g for parameters of very different units; what H does not see stays."""
+    size = np.sqrt(np.maximum(np.diag(H), 1e-30))
+    result: Float64 = np.linalg.lstsq(H / np.outer(size, size), g / size, rcond=1e-12)[0] / size
+    return result
+
+
+def _weights(lin: Linearised) -> tuple[Float64, float]:
+    """Return robust weights float64 (N,) and the scale of the residuals, at least 1."""
+    if len(lin.residuals) == 0:
+        return np.zeros(0), 1.0
+    scale = max(1.4826 * float(np.median(np.abs(lin.residuals))), 1.0)
+    u = lin.residuals / (scale * HALF)
+    return 1.0 / (1.0 + u**2) ** 2, scale
+
+
+def covariance(solution: Solution, free: Bool, sigmas: Float64) -> Float64:
+    """Return the covariance float64 (F, F) of the free parameters.
+
+    The sandwich over clusters of hits that share their errors, with variances no smaller than
+    those of independent noise.
+
+    Parameters
+    ----------
+    solution
+        At the minimum.
+    free
+        bool (P,).
+    sigmas
+        Priors that count, float64 (P,); infinite for none.
+    """
+    lin, scale = solution.linearised, solution.scale
+    J, w = lin.jacobian[:, free], solution.weights / scale**2
+    prior = np.diag(1.0 / sigmas[free] ** 2)
+    H = J.T @ (w[:, None] * J) + prior
+    size = np.sqrt(np.maximum(np.diag(H), 1e-30))
+    inverse = np.linalg.pinv(H / np.outer(size, size), rcond=1e-13, hermitian=True)
+    inverse = inverse / np.outer(size, size)
+    _, cluster = np.unique(lin.cluster, return_inverse=True)
+    pulls = np.zeros((int(cluster.max()) + 1, J.shape[1]))
+    np.add.at(pulls, cluster, (w * lin.residuals)[:, None] * J)
+    shared = inverse @ (pulls.T @ pulls + prior) @ inverse
+    grow = np.sqrt(np.maximum(np.diag(inverse) / np.maximum(np.diag(shared), 1e-300), 1.0))
+    result: Float64 = shared * np.outer(grow, grow)
+    return result

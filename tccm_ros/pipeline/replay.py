@@ -1,0 +1,282 @@
+"""`tccm replay`: a bag in, a folder of results out, whole or not at all."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import platform
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros import __version__
+from tccm_ros.config import Config
+from tccm_ros.errors import MapError
+from tccm_ros.geometry import inverse, spatial
+from tccm_ros.mapping.tccm import CycleResult
+from tccm_ros.pipeline import Outcome, run_bag
+from tccm_ros.pipeline.report.html_report import write_report
+from tccm_ros.pipeline.report.pictures import write_pictures
+from tccm_ros.pipeline.report.viewing import report_map
+from tccm_ros.progress import Bars, Silent
+from tccm_ros.results.cycles import save_cycles
+from tccm_ros.results.exports import write_results
+from tccm_ros.results.folder import output_folder
+from tccm_ros.results.map_file import load_map, save_map
+from tccm_ros.results.result_bag import write_result_bag
+from tccm_ros.stopwatch import Stopwatch
+from tccm_ros.surfaces.scene_objects import SceneObject, scene_objects
+from tccm_ros.surfaces.surface_counts import Census, count_surfaces
+
+__all__ = ["Summary", "replay", "report_of"]
+
+LIBRARIES = ("gtsam", "numba", "numpy", "scipy", "shapely")
+
+PROCESSING = ("read", "tccm", "slam", "history", "solve", "objects")
+"""Stages of the real-time factor: reading and all processing, without imports and pictures."""
+
+WRITING = ("keep", "write")
+"""Stages that make the result files, but for the pictures: the run's state for the map, and all."""
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What a replay tells when it is done.
+
+    Attributes
+    ----------
+    out
+        Folder of the results.
+    content
+        What summary.json holds.
+    seconds
+        Time of each stage, s.
+    real_time_factor
+        Seconds of the bag in a second of processing.
+    """
+
+    out: Path
+    content: dict[str, Any]
+    seconds: dict[str, float]
+    real_time_factor: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return everything as plain data."""
+        return {
+            "out": str(self.out),
+            **self.content,
+            "real_time_factor": self.real_time_factor,
+        }
+
+    def text(self) -> str:
+        """Return a few lines for people."""
+        counts = self.content["counts"]
+        dropped = counts["dropped"]
+        surfaces = Census(counts["surfaces"], counts["small_surfaces"])
+        lines = [
+            f"{surfaces.text()}, {counts['objects']} objects, {counts['walls']} walls, "
+            f"{counts['cycles']} tilt cycles, {counts['keyframes']} keyframes, "
+            f"{counts['loops_accepted']} loops; {_times(self.real_time_factor)} real time",
+        ]
+        session = self.content["session"]
+        if session["kind"] == "continued":
+            lines.append("goes on with the run that was saved")
+        elif session["kind"] == "new":
+            lines.append(f"a new session in the saved map: {session['reason']}")
+        if dropped:
+            lines.append("dropped: " + ", ".join(f"{n} {why}" for why, n in dropped.items()))
+        lines.append(f"map       {self.out / 'surfaces.json'}")
+        if (self.out / "report.html").exists():
+            lines.append(f"pictures  {self.out / 'map.png'}, {self.out / 'map3d.png'}")
+            lines.append(f"report    {self.out / 'report.html'}  (open it in a browser)")
+        return "\n".join(lines)
+
+
+def _times(factor: float) -> str:
+    return f"{factor:.0f} x" if factor >= 10.0 else f"{factor:.1f} x"
+
+
+def replay(
+    bag: Path | str,
+    out: Path | str,
+    config: Config,
+    *,
+    saved_map: Path | str | None = None,
+    remap: Sequence[str] = (),
+    pictures: bool = True,
+    bars: Bars | None = None,
+    clock: Stopwatch | None = None,
+) -> Summary:
+    """Run a bag and write its results.
+
+    Parameters
+    ----------
+    bag
+        A rosbag2 folder, an .mcap or a .db3 file.
+    out
+        Folder of the results; made if needed, its result files replaced.
+    config
+        The configuration.
+    saved_map
+        A map to go on with: the map.mcap of an earlier replay or of a live node.
+    remap
+        ``scan:=/base_scan`` for topics with other names.
+    pictures
+        Whether map.png, map3d.png and report.html are made.
+    bars
+        Where progress is shown.
+    clock
+        Where the time of each stage is added up.
+
+    Raises
+    ------
+    TccmError
+        Of any family; nothing is left in `out` then.
+    """
+    bars, clock = bars or Silent(), clock or Stopwatch()
+    with output_folder(out) as folder:
+        saved = None if saved_map is None else load_map(saved_map)
+        outcome = run_bag(bag, config, remap=remap, saved=saved, bars=bars, clock=clock)
+        bars.start("write", 1.0)
+        with clock.stage("objects"):
+            cycles = [*outcome.earlier, *outcome.cycles]
+            scene = scene_objects(outcome.solution, cycles)
+        with clock.stage("write"):
+            content = _write(folder, outcome, cycles, scene)
+        summary = Summary(Path(out), content, clock.seconds, _real_time_factor(outcome, clock))
+        _write_timing(folder, summary)
+        _keep_stamps(Path(bag), folder)
+        if pictures:
+            bars.start("pictures", 1.0)
+            with clock.stage("pictures"):
+                write_pictures(folder)
+            _write_timing(folder, summary)
+            with clock.stage("report"):
+                write_report(folder)
+    return summary
+
+
+def _write(
+    folder: Path,
+    outcome: Outcome,
+    cycles: Sequence[CycleResult],
+    scene: tuple[Sequence[SceneObject], Mapping[int, Any]],
+) -> dict[str, Any]:
+    config, solution = outcome.config, outcome.solution
+    cuboids = outcome.tccm.map.cuboids() if cycles else None
+    content = _summary(outcome)
+    content["counts"]["objects"] = len(scene[0])
+    write_results(
+        folder, solution, cycles, cuboids, config, scene=scene, summary=content, timing={}
+    )
+    save_cycles(folder / "cycles.npz", outcome.history.parts(_T_map_odom(outcome)))
+    write_result_bag(folder / "result.mcap", outcome.cycles, solution, config)
+    map_frame = config.frames.prefix + config.frames.map
+    saved = dataclasses.replace(outcome.slam.saved(solution), run=outcome.run)
+    save_map(folder / "map.mcap", saved, solution, map_frame)
+    return content
+
+
+def _T_map_odom(outcome: Outcome) -> NDArray[np.float64]:
+    """Return where the odometry frame was in map at each cycle, (C, 4, 4)."""
+    stamps = np.array([cycle.stamp_ns for cycle in outcome.cycles], np.int64)
+    T_odom_base = np.array([cycle.T_odom_base for cycle in outcome.cycles]).reshape(-1, 4, 4)
+    return spatial(outcome.solution.slam.pose_at(stamps)) @ inverse(T_odom_base)
+
+
+def _keep_stamps(bag: Path, folder: Path) -> None:
+    """Copy the stamps of an imported log, through which `tccm evaluate` matches references."""
+    stamps = bag / "stamps.csv"
+    if stamps.is_file():
+        shutil.copyfile(stamps, folder / stamps.name)
+
+
+def _summary(outcome: Outcome) -> dict[str, Any]:
+    slam, solution = outcome.slam, outcome.solution
+    cycles = [*outcome.earlier, *outcome.cycles]
+    dropped = outcome.tccm.dropped + slam.dropped + outcome.unreadable
+    surfaces = count_surfaces(solution.surfaces)
+    accepted = sum(loop.accepted for loop in solution.slam.loops)
+    return {
+        "versions": _versions(),
+        "bag_duration": round(outcome.bag_duration, 6),
+        "session": {"kind": outcome.session.kind, "reason": outcome.session.reason},
+        "counts": {
+            "messages": dict(sorted(outcome.messages.items())),
+            "scans_used": {
+                "tilt": outcome.tccm.counts["scans used"],
+                "level": slam.counts["level scans"],
+            },
+            "dropped": dict(sorted(dropped.items())),
+            "cycles": len(cycles),
+            "planes": len({p.id for cycle in cycles for p in cycle.planes}),
+            "keyframes": len(solution.slam.keyframes),
+            "walls": len(solution.slam.walls),
+            "loops_accepted": accepted,
+            "loops_rejected": len(solution.slam.loops) - accepted,
+            "surfaces": surfaces.counted,
+            "small_surfaces": surfaces.small,
+        },
+        "config": outcome.config.model_dump(mode="json"),
+    }
+
+
+def _versions() -> dict[str, str]:
+    found = {"tccm_ros": __version__, "python": platform.python_version()}
+    for name in LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # a library that apt installed without metadata
+            found[name] = "unknown"
+    return found
+
+
+def _real_time_factor(outcome: Outcome, clock: Stopwatch) -> float:
+    seconds = sum(clock.seconds.get(stage, 0.0) for stage in PROCESSING)
+    return outcome.bag_duration / seconds if seconds else 0.0
+
+
+def _write_timing(folder: Path, summary: Summary) -> None:
+    timing = {
+        "seconds": {name: round(value, 6) for name, value in summary.seconds.items()},
+        "real_time_factor": round(summary.real_time_factor, 3),
+    }
+    (folder / "timing.json").write_text(json.dumps(timing, indent=1) + "\n")
+
+
+def report_of(target: Path | str, config: Config, bars: Bars | None = None) -> Path:
+    """Return a folder with the report of a result folder, a saved map or a bag.
+
+    A map or a bag is worked out first, into a folder beside the working directory's files that is
+    named after it.
+
+    Raises
+    ------
+    TccmError
+        If the target is missing, none of these, or damaged.
+    """
+    target = Path(target)
+    if (target / "surfaces.json").exists():
+        return target
+    if not target.exists():
+        raise MapError(f"{target}: no such result folder, map or bag")
+    out = Path(f"{target.stem}_report")
+    if target.is_file() and _is_map(target):
+        report_map(target, out, config)
+    else:
+        replay(target, out, config, bars=bars)
+    return out
+
+
+def _is_map(path: Path) -> bool:
+    try:
+        load_map(path)
+    except MapError:
+        return False
+    return True

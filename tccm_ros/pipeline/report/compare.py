@@ -1,0 +1,182 @@
+"""What differs between two maps of one place: surfaces that came, went or moved; walls; paths.
+
+Two replays of a bag, or a map and its continuation, are in one frame. Other recordings begin
+elsewhere: there the second map is laid over the first by what both have.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from tccm_ros.errors import MapError
+from tccm_ros.pipeline.report.align import describe, find_alignment, moved_results
+from tccm_ros.pipeline.report.changes import KINDS, Change, Item, surface_changes, wall_changes
+from tccm_ros.results.folder_reader import Results, Trajectory, load_results
+from tccm_ros.results.shapes import SurfaceShape, WallLine
+
+__all__ = ["Comparison", "PathDifference", "compare", "compare_results"]
+
+STAMP_GAP = 0.05
+"""Poses of two trajectories this near in time belong together, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class PathDifference:
+    """Distance between poses at the same times.
+
+    Attributes
+    ----------
+    length_before, length_after
+        Path lengths, m.
+    poses
+        Poses that both trajectories have.
+    rms, largest
+        m; None where there are none.
+    """
+
+    length_before: float
+    length_after: float
+    poses: int
+    rms: float | None
+    largest: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """Two maps side by side.
+
+    Attributes
+    ----------
+    before, after
+        The maps, both in the first one's frame.
+    surfaces, walls, path
+        What differs.
+    laid_over
+        Planar pose (x, y, yaw) of the second map's frame in the first's, where it was found by
+        what both have; None where the frames are one.
+    """
+
+    before: Results
+    after: Results
+    surfaces: tuple[Change[SurfaceShape], ...]
+    walls: tuple[Change[WallLine], ...]
+    path: PathDifference
+    laid_over: tuple[float, float, float] | None = None
+
+    def counts(self, changes: Sequence[Change[Item]]) -> str:
+        """Return how many of each kind there are, in words."""
+        counts = Counter(change.kind for change in changes)
+        return ", ".join(f"{counts[kind]} {kind}" for kind in KINDS)
+
+    def surface_rows(self) -> Iterator[tuple[str, ...]]:
+        """Yield kind, label, ids, heights over the floor, areas and shift of each surface."""
+        for change in self.surfaces:
+            a, b = change.before, change.after
+            shift = ""
+            if a is not None and b is not None:
+                shift = f"{np.linalg.norm(b.centroid[:2] - a.centroid[:2]):.3f}"
+            yield (
+                change.kind,
+                _both(a, b, lambda s: s.label),
+                _both(a, b, lambda s: str(s.id)),
+                _both_heights(a, b, self.before.ground, self.after.ground),
+                _both(a, b, lambda s: f"{s.area:.2f}"),
+                shift,
+            )
+
+    def text(self) -> str:
+        """Return everything as lines for a terminal."""
+        head = ("", "label", "id", "height, m", "area, m2", "shift, m")
+        rows = [head, *self.surface_rows()]
+        widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
+        lines = ["  ".join(c.ljust(w) for c, w in zip(row, widths)).rstrip() for row in rows]
+        lines.append(f"surfaces: {self.counts(self.surfaces)}")
+        lines.append(f"walls: {self.counts(self.walls)}")
+        lines.append(f"paths: {self.path_text()}")
+        if self.laid_over is not None:
+            lines.append(f"the second map was laid over the first: {describe(self.laid_over)}")
+        return "\n".join(lines)
+
+    def path_text(self) -> str:
+        """Return the paths' lengths and difference in words."""
+        path = self.path
+        text = f"{path.length_before:.2f} m and {path.length_after:.2f} m"
+        if path.rms is None:
+            return text + ", at different times"
+        apart = f"{path.rms:.3f} m apart (rms of {path.poses}), {path.largest:.3f} m at most"
+        return f"{text}, {apart}"
+
+
+def _both(
+    a: SurfaceShape | None, b: SurfaceShape | None, show: Callable[[SurfaceShape], str]
+) -> str:
+    """Return a value, or ``old -> new`` where it differs."""
+    shown = [show(s) for s in (a, b) if s is not None]
+    return shown[0] if len(set(shown)) == 1 else " -> ".join(shown)
+
+
+def _both_heights(
+    a: SurfaceShape | None, b: SurfaceShape | None, ground_a: float, ground_b: float
+) -> str:
+    heights = [s.height - g for s, g in ((a, ground_a), (b, ground_b)) if s is not None]
+    shown = [f"{height:.3f}" for height in heights]
+    return shown[0] if len(set(shown)) == 1 else " -> ".join(shown)
+
+
+def compare(folder_a: Path | str, folder_b: Path | str, *, lay_over: bool = False) -> Comparison:
+    """Compare two result folders, the first as it was and the second as it is.
+
+    Parameters
+    ----------
+    folder_a, folder_b
+        What ``tccm replay --out`` wrote.
+    lay_over
+        Whether the second map has another frame and is laid over the first.
+
+    Raises
+    ------
+    MapError
+        If a folder or one of its files is missing or damaged, or if too little is in both maps
+        to lay one over the other.
+    """
+    before, after = load_results(folder_a), load_results(folder_b)
+    if not lay_over:
+        return compare_results(before, after)
+    pose = find_alignment(before, after)
+    if pose is None:
+        raise MapError(
+            f"{folder_b}: too few surfaces and walls of {folder_a} are found again; "
+            "are these maps of one place?"
+        )
+    comparison = compare_results(before, moved_results(after, pose))
+    x, y, yaw = (round(float(value), 6) for value in pose)
+    return replace(comparison, laid_over=(x, y, yaw))
+
+
+def compare_results(before: Results, after: Results) -> Comparison:
+    """Compare two maps in one frame."""
+    return Comparison(
+        before,
+        after,
+        tuple(surface_changes(before, after)),
+        tuple(wall_changes(before.walls, after.walls)),
+        _path_difference(before.trajectory, after.trajectory),
+    )
+
+
+def _path_difference(before: Trajectory, after: Trajectory) -> PathDifference:
+    lengths = before.length, after.length
+    if len(before.stamps) == 0 or len(after.stamps) == 0:
+        return PathDifference(*lengths, 0, None, None)
+    at = before.nearest(after.stamps)
+    near = np.abs(before.stamps[at] - after.stamps) <= STAMP_GAP
+    if not near.any():
+        return PathDifference(*lengths, 0, None, None)
+    apart = np.linalg.norm((before.positions[at] - after.positions)[near, :2], axis=1)
+    rms = float(np.sqrt(np.mean(apart**2)))
+    return PathDifference(*lengths, int(near.sum()), rms, float(apart.max()))

@@ -1,0 +1,196 @@
+"""Two maps side by side, as a picture and as a page."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Sequence
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from tccm_ros.errors import OutputError, one_line
+from tccm_ros.pipeline.report import palette
+from tccm_ros.pipeline.report.align import describe
+from tccm_ros.pipeline.report.changes import Kind
+from tccm_ros.pipeline.report.compare import Comparison
+from tccm_ros.pipeline.report.figure import (
+    canvas,
+    draw_labels,
+    polygon,
+    sample_ring,
+    save_png,
+    show_extent,
+)
+from tccm_ros.pipeline.report.map_picture import extent
+from tccm_ros.pipeline.report.tables import table
+from tccm_ros.results.folder_reader import Results
+from tccm_ros.results.shapes import SurfaceShape, WallLine
+
+__all__ = ["write_comparison"]
+
+COLORS: dict[Kind, str] = {
+    "same": "#9aa5b1",
+    "moved": "#e69f00",
+    "came": "#009e73",
+    "went": "#d55e00",
+}
+"""Colours of changes, distinct for colour-blind readers; what went is hatched as well."""
+
+WIDTH = 12.0
+HEIGHTS = (3.0, 10.0)
+TITLE = 0.35
+LEGEND = 0.42
+
+
+def write_comparison(comparison: Comparison, folder: Path | str) -> tuple[Path, Path]:
+    """Write compare.png and compare.html into a folder, made if needed, and return their paths.
+
+    Raises
+    ------
+    OutputError
+        If one cannot be written.
+    """
+    folder = Path(folder)
+    picture, page = folder / "compare.png", folder / "compare.html"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        page.write_text(_page(comparison), encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise OutputError(f"{page}: cannot be written ({one_line(error)})") from None
+    draw_comparison(comparison, picture)
+    return picture, page
+
+
+def draw_comparison(comparison: Comparison, path: Path | str | BinaryIO) -> None:
+    """Draw both maps with the same limits into a PNG, the same bytes for the same maps."""
+    corners = [extent(comparison.before), extent(comparison.after)]
+    low, high = np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)
+    scale = WIDTH / 2.0 / (high[0] - low[0])
+    maps = float(np.clip((high[1] - low[1]) * scale, *HEIGHTS))
+    height = maps + TITLE + LEGEND
+    with canvas(WIDTH, height) as (figure, left):
+        right = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        sides = ((left, comparison.before, "before"), (right, comparison.after, "after"))
+        for index, (axes, results, title) in enumerate(sides):
+            axes.set_axis_off()
+            axes.set_position((index * 0.5, LEGEND / height, 0.5, maps / height))
+            middle = index * 0.5 + 0.25
+            figure.text(middle, 1.0 - TITLE / height / 2, title, ha="center", va="center", size=11)
+            _draw_side(axes, comparison, results, (low, high))
+        figure.legend(handles=_legend(), loc="lower center", ncols=5, frameon=False)
+        save_png(figure, path)
+
+
+def _draw_side(
+    axes: Axes,
+    comparison: Comparison,
+    results: Results,
+    corners: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> None:
+    show_extent(axes, corners[0], corners[1])
+    is_after = results is comparison.after
+    shown: list[SurfaceShape] = []
+    for change in comparison.surfaces:
+        surface = change.after if is_after else change.before
+        if surface is not None and len(surface.boundary) > 2:
+            _draw_surface(axes, surface, change.kind)
+            shown.append(surface)
+        if is_after and change.kind == "moved" and change.before and change.after:
+            _draw_move(axes, change.before, change.after)
+    for wall_change in comparison.walls:
+        wall = wall_change.after if is_after else wall_change.before
+        if wall is not None:
+            _draw_wall(axes, wall, wall_change.kind)
+    path = results.trajectory.positions
+    axes.plot(path[:, 0], path[:, 1], color=palette.PATH, lw=0.9, zorder=6)
+    to_pixels = axes.transData.transform
+    obstacles = [sample_ring(to_pixels(s.boundary[:, :2])) for s in shown]
+    obstacles += [sample_ring(to_pixels(w.endpoints), closed=False) for w in results.walls]
+    draw_labels(
+        axes,
+        [f"{s.label} {s.id}\n{s.height - results.ground:.2f} m" for s in shown],
+        np.array([s.label_point[:2] for s in shown]).reshape(-1, 2),
+        [palette.VIEW] * len(shown),
+        np.concatenate([np.zeros((0, 2)), *obstacles]),
+        size=8.0,
+    )
+
+
+def _draw_surface(axes: Axes, surface: SurfaceShape, kind: Kind) -> None:
+    rings = [ring[:, :2] for ring in (surface.boundary, *surface.holes) if len(ring) > 2]
+    color = COLORS[kind]
+    axes.add_patch(polygon(rings, fc=color, ec="none", alpha=0.45, zorder=3))
+    hatch = "///" if kind == "went" else None
+    axes.add_patch(polygon(rings, fill=False, ec=color, lw=1.5, hatch=hatch, zorder=4))
+
+
+def _draw_move(axes: Axes, before: SurfaceShape, after: SurfaceShape) -> None:
+    axes.add_patch(polygon([before.boundary[:, :2]], fill=False, ec=COLORS["moved"], lw=1.0,
+                           ls=(0, (3, 2)), zorder=4))  # fmt: skip
+    arrow = {"arrowstyle": "->", "color": palette.VIEW, "lw": 1.2}
+    end, start = ((float(s.centroid[0]), float(s.centroid[1])) for s in (after, before))
+    axes.annotate("", end, start, arrowprops=arrow, zorder=5)
+
+
+def _draw_wall(axes: Axes, wall: WallLine, kind: Kind) -> None:
+    color = palette.WALL if kind == "same" else COLORS[kind]
+    style = "solid" if kind != "went" else (0, (2, 1))
+    axes.plot(*wall.endpoints.T, color=color, lw=3.0, ls=style, zorder=5)
+
+
+def _legend() -> Sequence[Patch | Line2D]:
+    changes = [
+        Patch(fc=color, ec=color, alpha=0.6, label=kind, hatch="///" if kind == "went" else None)
+        for kind, color in COLORS.items()
+    ]
+    return [*changes, Line2D([], [], color=palette.WALL, lw=3, label="wall")]
+
+
+def _laid_over(comparison: Comparison) -> str:
+    if comparison.laid_over is None:
+        return ""
+    return f"\n<p>the second map was laid over the first: {describe(comparison.laid_over)}</p>"
+
+
+def _page(comparison: Comparison) -> str:
+    buffer = io.BytesIO()
+    draw_comparison(comparison, buffer)
+    content = base64.b64encode(buffer.getvalue()).decode("ascii")
+    style = (
+        files("tccm_ros.pipeline.report").joinpath("viewer", "page.css").read_text(encoding="utf-8")
+    )
+    head = ("change", "label", "id", "height over floor, m", "area, m²", "shift, m")
+    rows = table(head, comparison.surface_rows(), numbers=(5,))
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<link rel="icon" href="data:,">
+<title>tccm_ros: two maps</title>
+<style>
+{style}</style>
+</head>
+<body>
+<header><h1>Two maps</h1>
+<p>surfaces: {escape(comparison.counts(comparison.surfaces))}</p>
+<p>walls: {escape(comparison.counts(comparison.walls))}</p>
+<p>paths: {escape(comparison.path_text())}</p>{_laid_over(comparison)}</header>
+<main>
+<section id="maps">
+<img alt="both maps" width="1150" src="data:image/png;base64,{content}">
+</section>
+<section id="surfaces"><h2>Surfaces</h2>
+<div class="wide">{rows}</div></section>
+</main>
+</body>
+</html>
+"""

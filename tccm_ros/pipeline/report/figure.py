@@ -1,0 +1,170 @@
+"""Figures that come out the same, byte for byte, wherever they are drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import matplotlib
+import matplotlib.style
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
+from matplotlib.patheffects import withStroke
+from numpy.typing import NDArray
+from PIL import Image
+
+from tccm_ros.errors import OutputError, one_line
+from tccm_ros.pipeline.report.label_layout import LabelRequest, place_labels
+
+__all__ = ["canvas", "draw_labels", "polygon", "sample_ring", "save_png", "show_extent"]
+
+DPI = 200
+"""Twice the width that a README shows, for sharp text."""
+
+FONT = 9.0
+"""Points; 12 pixels at README size."""
+
+OBSTACLE_STEP = 6.0
+"""Pixels between the points that stand for a line that labels avoid."""
+
+
+@contextmanager
+def canvas(width: float, height: float) -> Iterator[tuple[Figure, Axes]]:
+    """Give an empty figure of width x height inches with one frameless axes over all of it.
+
+    The user's own matplotlib settings do not show; the font is the one that comes with matplotlib.
+    """
+    settings: dict[Any, Any] = {"font.family": ["DejaVu Sans"], "font.size": FONT}
+    with matplotlib.style.context("default"), matplotlib.rc_context(settings):
+        figure = Figure(figsize=(width, height), dpi=DPI)
+        FigureCanvasAgg(figure)
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        axes.set_axis_off()
+        yield figure, axes
+
+
+def show_extent(axes: Axes, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
+    """Show all between two corners (2,) on one scale in x and y, in the middle of the axes."""
+    size = np.array(axes.get_window_extent().size, np.float64)
+    scale = float(np.max((high - low) / size))
+    middle, half = 0.5 * (low + high), 0.5 * scale * size
+    axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
+    axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
+
+
+def save_png(figure: Figure, path: Path | str | BinaryIO) -> None:
+    """Write a PNG of at most 256 colours, without metadata.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    drawn = FigureCanvasAgg(figure)
+    drawn.draw()
+    pixels = np.ascontiguousarray(np.asarray(drawn.buffer_rgba())[..., :3])
+    # Flat colours and their edges: a palette looks the same and takes a quarter of the bytes.
+    image = Image.fromarray(pixels).quantize(
+        256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE
+    )
+    try:
+        image.save(path, format="PNG", optimize=True)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({one_line(error)})") from None
+
+
+def polygon(rings: Sequence[NDArray[np.float64]], **style: Any) -> PathPatch:
+    """Return a patch of one outline and its holes; rings are open, float64 (N, 2)."""
+    vertices: list[NDArray[np.float64]] = []
+    codes: list[int] = []
+    for index, ring in enumerate(rings):
+        vertices.append(np.concatenate([_wound(ring, ccw=index == 0), ring[:1]]))
+        codes += [int(Outline.MOVETO)] + [int(Outline.LINETO)] * (len(ring) - 1)
+        codes.append(int(Outline.CLOSEPOLY))
+    return PathPatch(Outline(np.concatenate(vertices), codes), **style)
+
+
+def _wound(ring: NDArray[np.float64], *, ccw: bool) -> NDArray[np.float64]:
+    """Return the ring counter-clockwise or clockwise: fills leave out what winds the other way."""
+    x, y = ring[:, 0], ring[:, 1]
+    area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    return ring if (area > 0.0) == ccw else ring[::-1]
+
+
+def sample_ring(points: NDArray[np.float64], *, closed: bool = True) -> NDArray[np.float64]:
+    """Return points every few pixels along a line in pixels, float64 (M, 2)."""
+    ends = np.roll(points, -1, axis=0) if closed else points[1:]
+    starts = points if closed else points[:-1]
+    pieces = [np.zeros((0, 2))]
+    for start, end in zip(starts, ends, strict=True):
+        count = max(int(np.hypot(*(end - start)) / OBSTACLE_STEP), 1)
+        share = np.arange(count)[:, None] / count
+        pieces.append(start + share * (end - start))
+    return np.concatenate(pieces)
+
+
+def draw_labels(
+    axes: Axes,
+    texts: Sequence[str],
+    anchors: NDArray[np.float64],
+    colors: Sequence[str],
+    obstacles: NDArray[np.float64],
+    *,
+    size: float = FONT,
+    zorder: float = 20.0,
+) -> None:
+    """Write labels near their anchors without covering one another, with leaders where they moved.
+
+    Parameters
+    ----------
+    axes
+        With its final limits set.
+    texts, anchors, colors
+        One each per label, the most important first; anchors float64 (N, 2) in data units.
+    obstacles
+        float64 (M, 2), pixels; see `place_labels`.
+    size, zorder
+        Points, and drawing order.
+    """
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    to_pixels = axes.transData
+    halo = [withStroke(linewidth=2.6, foreground="white", alpha=0.92)]
+    written = [
+        axes.text(x, y, text, ha="center", va="center", fontsize=size, linespacing=1.05,
+                  color="#15181c", zorder=zorder, path_effects=halo)
+        for text, (x, y) in zip(texts, anchors, strict=True)
+    ]  # fmt: skip
+    requests = []
+    for item, anchor in zip(written, anchors, strict=True):
+        box = item.get_window_extent(renderer)
+        requests.append(
+            LabelRequest(to_pixels.transform(anchor), np.array([box.width, box.height]))
+        )
+    area = axes.get_window_extent(renderer)
+    limits = np.array([[area.x0, area.y0], [area.x1, area.y1]])
+    centers = place_labels(requests, limits, obstacles)
+    for item, request, center, color in zip(written, requests, centers, colors, strict=True):
+        item.set_position(tuple(to_pixels.inverted().transform(center)))
+        if np.any(np.abs(center - request.anchor) > 0.5 * request.size):
+            _leader(axes, request, center, color, zorder - 1.0)
+
+
+def _leader(
+    axes: Axes, request: LabelRequest, center: NDArray[np.float64], color: str, zorder: float
+) -> None:
+    """Draw a line from the label's edge to its anchor."""
+    offset = request.anchor - center
+    reach = np.min((0.5 * request.size + 2.0) / np.maximum(np.abs(offset), 1e-9))
+    ends = np.stack([center + offset * min(reach, 1.0), request.anchor])
+    x, y = axes.transData.inverted().transform(ends).T
+    halo = [withStroke(linewidth=2.2, foreground="white")]
+    axes.plot(x, y, color=color, lw=1.1, zorder=zorder, path_effects=halo)
+    axes.plot(x[1:], y[1:], "o", color=color, ms=3.0, mec="white", mew=0.6, zorder=zorder)

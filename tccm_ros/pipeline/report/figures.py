@@ -1,0 +1,119 @@
+"""The pictures of the README and the documentation, made from a result folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from numpy.typing import NDArray
+
+from tccm_ros.errors import MapError, OutputError, one_line
+from tccm_ros.geometry import transform
+from tccm_ros.pipeline.report import palette
+from tccm_ros.pipeline.report.figure import canvas, save_png
+from tccm_ros.pipeline.report.map3d_picture import write_map3d
+from tccm_ros.pipeline.report.map_picture import extent, write_map
+from tccm_ros.results.cycles import CycleParts
+from tccm_ros.results.folder_reader import Results, load_results
+
+__all__ = ["write_figures", "write_forgetting"]
+
+PANELS = 4
+WIDTH = 9.0
+TITLE = 0.3
+HEIGHTS = (1.2, 4.0)
+CUT_M = (0.12, 1.6)
+"""Cuboids that begin above the floor and below the ceiling, m over the floor: the furniture."""
+
+OLD, NEW = np.array(to_rgb("#dfe4ea")), np.array(to_rgb("#0b3c6f"))
+
+
+def write_figures(folder: Path | str, out: Path | str) -> list[Path]:
+    """Draw map.png, map3d.png and, where there are cycles, forgetting.png into a folder.
+
+    Parameters
+    ----------
+    folder
+        What ``tccm replay --out`` wrote.
+    out
+        Where the pictures go; made if needed.
+
+    Raises
+    ------
+    MapError
+        If a file is missing or damaged.
+    OutputError
+        If a picture cannot be written.
+    """
+    results, out = load_results(folder), Path(out)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be made ({one_line(error)})") from None
+    writers: dict[str, Callable[[Results, Path], None]] = {
+        "map.png": write_map,
+        "map3d.png": write_map3d,
+    }
+    if results.cycles is not None and len(results.cycles):
+        writers["forgetting.png"] = write_forgetting
+    for name, write in writers.items():
+        write(results, out / name)
+    return [out / name for name in writers]
+
+
+def write_forgetting(results: Results, path: Path | str) -> None:
+    """Draw the integration map from above after some cycles: dark is new, pale is old.
+
+    Raises
+    ------
+    MapError
+        If the folder has no cycles.
+    OutputError
+        If the picture cannot be written.
+    """
+    cycles = results.cycles
+    if cycles is None or len(cycles) == 0:
+        raise MapError(f"{results.folder}: no cycles.npz; replay the bag again")
+    low, high = extent(results)
+    shown = np.unique(np.linspace(min(2, len(cycles) - 1), len(cycles) - 1, PANELS).astype(int))
+    width = WIDTH / PANELS
+    tall = float(np.clip(width * (high[1] - low[1]) / (high[0] - low[0]), *HEIGHTS))
+    with canvas(WIDTH, tall + TITLE) as (figure, _):
+        for index, at in enumerate(shown.tolist()):
+            axes = figure.add_axes((index / PANELS, 0.0, 0.98 / PANELS, tall / (tall + TITLE)))
+            axes.set_axis_off()
+            axes.set_xlim(low[0], high[0])
+            axes.set_ylim(low[1], high[1])
+            axes.set_aspect("equal")
+            _draw_cycle(axes, results, cycles, at)
+            axes.set_title(f"after cycle {cycles.cycles[at]}", fontsize=9)
+        save_png(figure, path)
+
+
+def _draw_cycle(axes: Axes, results: Results, cycles: CycleParts, at: int) -> None:
+    first = max(at + 1 - cycles.window, 0)
+    begin, end = cycles.offsets[first], cycles.offsets[at + 1]
+    rows = slice(begin, end)
+    cell = np.stack([cycles.ix[rows], cycles.iy[rows]], axis=1) + 0.5
+    points = np.column_stack([cell * cycles.cell_size, cycles.top[rows] * 0.01])
+    bottom = cycles.bottom[rows] * 0.01 - results.ground
+    x, y, z = transform(cycles.T_map_odom[at], points).T
+    age = at - np.repeat(np.arange(first, at + 1), np.diff(cycles.offsets[first : at + 2]))
+    kept = (z - results.ground > CUT_M[0]) & (bottom < CUT_M[1])
+    colors = _age_colors(age[kept], cycles.window)
+    axes.scatter(x[kept], y[kept], c=colors, s=0.8, marker="s", linewidths=0.0, zorder=2)
+    for wall in results.walls:
+        axes.plot(*wall.endpoints.T, color=palette.WALL, lw=0.6, alpha=0.5, zorder=1)
+    path = results.trajectory
+    if len(path.stamps):
+        here = int(path.nearest(np.array([cycles.stamps_ns[at] * 1e-9]))[0])
+        axes.plot(*path.positions[: here + 1, :2].T, color=palette.PALETTE[5], lw=0.8, zorder=3)
+        axes.plot(*path.positions[here, :2], "o", ms=3.5, color=palette.PALETTE[5], zorder=4)
+
+
+def _age_colors(age: NDArray[np.int64], window: int) -> NDArray[np.float64]:
+    share = np.clip(age / max(window - 1, 1), 0.0, 1.0)[:, None]
+    return NEW + share * (OLD - NEW)

@@ -1,0 +1,244 @@
+"""map3d.png: the map in perspective, as Fig. 8 of the surface mapping paper.
+
+Everything is a flat piece, projected once and painted from far to near, so that outlines with
+holes, text and lines keep the quality of the picture from above.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from tccm_ros.pipeline.report import palette
+from tccm_ros.pipeline.report.camera import Camera, look_at
+from tccm_ros.pipeline.report.figure import (
+    canvas,
+    draw_labels,
+    polygon,
+    sample_ring,
+    save_png,
+    show_extent,
+)
+from tccm_ros.pipeline.report.map_picture import box_corners, extent
+from tccm_ros.results.folder_reader import Results
+from tccm_ros.results.shapes import ObjectBox, SurfaceShape, WallLine
+
+__all__ = ["view_camera", "write_map3d"]
+
+WIDTH = 9.0
+HEIGHTS = (3.6, 8.0)
+WALL_HEIGHT = 0.9
+"""Walls are drawn this high, m: enough to read the rooms, low enough to see over."""
+
+WALL_PIECE = 0.5
+"""Walls are painted in pieces of this length, m, so that far and near are in order."""
+
+ELEVATION = np.deg2rad(38.0)
+AZIMUTHS = np.deg2rad([-66.0, 24.0])
+"""From where a map that is wide in x, and one that is wide in y, is looked at."""
+
+PAINT_STEP = 1e-3
+"""By how much what lies over something is nearer in the order of painting, m."""
+
+DISTANCE = 1.9
+"""Camera distance in units of the map's larger side."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """A flat piece: rings float64 (N, 3) in map, or an open line where `is_line`.
+
+    Pieces of one `body` (an index of `_bodies`) are painted together, others by their own distance.
+    """
+
+    rings: Sequence[NDArray[np.float64]]
+    style: dict[str, Any] = field(default_factory=dict)
+    is_line: bool = False
+    body: int | None = None
+
+
+def write_map3d(results: Results, path: Path | str | BinaryIO) -> None:
+    """Draw the map in perspective into a PNG, the same bytes for the same results."""
+    camera = view_camera(results)
+    low, high = _picture_limits(results, camera)
+    scale = WIDTH / (high[0] - low[0])
+    height = float(np.clip((high[1] - low[1]) * scale, *HEIGHTS))
+    with canvas(WIDTH, height) as (figure, axes):
+        show_extent(axes, low, high)
+        for piece in _ground(results):
+            _paint(axes, camera, piece, 1.0)
+        depths = _body_depths(results, camera)
+        pieces = sorted(_pieces(results), key=lambda p: _order(p, camera, depths))
+        for order, piece in enumerate(pieces):
+            _paint(axes, camera, piece, 3.0 + order / len(pieces))
+        _label(axes, camera, results)
+        save_png(figure, path)
+
+
+def view_camera(results: Results) -> Camera:
+    """Return a camera that sees the whole map with its longer side across the picture."""
+    low, high = extent(results)
+    side = high - low
+    azimuth = AZIMUTHS[0] if side[0] >= side[1] else AZIMUTHS[1]
+    target = np.array([*(0.5 * (low + high)), results.ground + 0.3])
+    return look_at(target, azimuth, ELEVATION, DISTANCE * float(side.max()))
+
+
+def _picture_limits(
+    results: Results, camera: Camera
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the corners of everything in the picture's units, with a margin."""
+    rings = [r for piece in (*_ground(results), *_pieces(results)) for r in piece.rings]
+    if not rings:
+        (x0, y0), (x1, y1) = extent(results)
+        rings = [np.array([[x0, y0, 0.0], [x1, y0, 0.0], [x1, y1, 0.0], [x0, y1, 0.0]])]
+    points = camera.project(np.concatenate(rings))
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = 0.05 * float(np.max(high - low)) + 1e-6
+    return low - margin, high + margin
+
+
+def _ground(results: Results) -> Iterator[Piece]:
+    """Give what lies on the floor: the floor, shadows of the surfaces, the path."""
+    ground = results.ground
+    for surface in results.surfaces:
+        if surface.is_floor and len(surface.boundary) > 2:
+            style = {"fc": palette.FLOOR, "ec": "#d4d9df", "lw": 0.8}
+            yield Piece([_flat(ring, ground) for ring in _rings(surface)], style)
+    for surface in results.standing:
+        if len(surface.boundary) > 2:
+            shadow = {"fc": "#000000", "ec": "none", "alpha": 0.10}
+            yield Piece([_flat(ring, ground) for ring in _rings(surface)], shadow)
+    if len(results.trajectory.stamps) > 1:
+        path = _flat(results.trajectory.positions, ground)
+        yield Piece([path], {"color": palette.PATH, "lw": 1.2}, is_line=True)
+    for place in _view_places(results):
+        style = {"color": palette.VIEW, "marker": "o", "ms": 3.6, "mec": "white", "mew": 0.6}
+        yield Piece([_flat(place[None], ground)], style, is_line=True)
+
+
+def _pieces(results: Results) -> Iterator[Piece]:
+    """Give what stands on the floor, in no order."""
+    for wall in results.walls:
+        yield from _wall(wall, results.ground)
+    colors = palette.surface_colors(results.surfaces)
+    surfaces = results.standing
+    for body, surface in enumerate(surfaces):
+        if len(surface.boundary) > 2:
+            yield from _surface(surface, colors[surface.id], results.ground, body)
+    for body, box in enumerate(results.tabletop, len(surfaces)):
+        yield from _box(box, body)
+
+
+def _bodies(results: Results) -> list[NDArray[np.float64]]:
+    """Return the outlines of the surfaces, then of the objects, float64 (N, 3) each."""
+    outlines = [surface.boundary for surface in results.standing]
+    return outlines + [_flat(box_corners(box), float(box.center[2])) for box in results.tabletop]
+
+
+def _body_depths(results: Results, camera: Camera) -> list[float]:
+    """Return how far each body is for the order of painting, m.
+
+    Seen from above, what lies over something else must be painted after it, although its middle
+    may be farther away (a mug at the far end of a table).
+    """
+    bodies = _bodies(results)
+    depths = [camera.distance(body) if len(body) else 0.0 for body in bodies]
+    upwards = sorted((float(b[:, 2].mean()), i) for i, b in enumerate(bodies) if len(b))
+    for rank, (_, upper) in enumerate(upwards):
+        for _, lower in upwards[:rank]:
+            if _overlap(bodies[upper][:, :2], bodies[lower][:, :2]):
+                depths[upper] = min(depths[upper], depths[lower] - PAINT_STEP)
+    return depths
+
+
+def _overlap(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+    """Return whether the bounding boxes of two outlines (N, 2) share a point."""
+    return bool(np.all((a.min(axis=0) <= b.max(axis=0)) & (b.min(axis=0) <= a.max(axis=0))))
+
+
+def _order(piece: Piece, camera: Camera, depths: Sequence[float]) -> tuple[float, float]:
+    """Return the key of painting: far bodies first, and of one body the far sides first."""
+    own = camera.distance(piece.rings[0])
+    return -(own if piece.body is None else depths[piece.body]), -own
+
+
+def _surface(surface: SurfaceShape, color: str, ground: float, body: int) -> Iterator[Piece]:
+    for corner in _corners(surface.boundary):
+        foot = np.array([corner[0], corner[1], ground])
+        style = {"color": color, "lw": 0.9, "alpha": 0.55}
+        yield Piece([np.stack([corner, foot])], style, is_line=True)
+    yield Piece(_rings(surface), {"fc": color, "ec": "none", "alpha": 0.82}, body=body)
+    yield Piece(_rings(surface), {"fill": False, "ec": color, "lw": 1.5}, body=body)
+
+
+def _corners(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the four corners that stand out in the diagonal directions, each once, (<= 4, 3)."""
+    directions = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+    return ring[np.unique(np.argmax(ring[:, :2] @ directions.T, axis=0))]
+
+
+def _wall(wall: WallLine, ground: float) -> Iterator[Piece]:
+    start, end = wall.endpoints
+    count = max(int(np.ceil(np.hypot(*(end - start)) / WALL_PIECE)), 1)
+    ends = start + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - start)
+    low, high = (np.column_stack([ends, np.full(count + 1, ground + h)]) for h in (0, WALL_HEIGHT))
+    for i in range(count):
+        panel = np.stack([low[i], low[i + 1], high[i + 1], high[i]])
+        yield Piece([panel], {"fc": palette.WALL, "ec": "none", "alpha": 0.20})
+        style = {"color": palette.WALL, "solid_capstyle": "round"}
+        yield Piece([low[i : i + 2]], {**style, "lw": 2.2}, is_line=True)
+        yield Piece([high[i : i + 2]], {**style, "lw": 0.8, "alpha": 0.6}, is_line=True)
+
+
+def _box(box: ObjectBox, body: int) -> Iterator[Piece]:
+    low, high = (_flat(box_corners(box), box.center[2] + s * box.size[2] / 2) for s in (-1, 1))
+    style = {"fc": palette.OBJECT, "ec": "white", "lw": 0.4, "alpha": 0.7}
+    for i in range(4):
+        j = (i + 1) % 4
+        yield Piece([np.stack([low[i], low[j], high[j], high[i]])], style, body=body)
+    yield Piece([high], {**style, "fc": "#7c6552"}, body=body)
+
+
+def _rings(surface: SurfaceShape) -> list[NDArray[np.float64]]:
+    return [ring for ring in (surface.boundary, *surface.holes) if len(ring) > 2]
+
+
+def _flat(points: NDArray[np.float64], z: float) -> NDArray[np.float64]:
+    return np.column_stack([points[:, :2], np.full(len(points), z)])
+
+
+def _view_places(results: Results) -> NDArray[np.float64]:
+    path = results.trajectory
+    if len(path.stamps) == 0:
+        return np.zeros((0, 3))
+    return path.positions[np.unique(path.nearest(results.view_stamps()))]
+
+
+def _paint(axes: Axes, camera: Camera, piece: Piece, zorder: float) -> None:
+    seen = [camera.project(ring) for ring in piece.rings]
+    if piece.is_line:
+        axes.plot(*seen[0].T, zorder=zorder, **piece.style)
+    else:
+        axes.add_patch(polygon(seen, zorder=zorder, joinstyle="round", **piece.style))
+
+
+def _label(axes: Axes, camera: Camera, results: Results) -> None:
+    colors = palette.surface_colors(results.surfaces)
+    standing = sorted(results.standing, key=lambda s: (-s.area, s.id))
+    to_pixels = axes.transData.transform
+    outlines = [sample_ring(to_pixels(camera.project(s.boundary))) for s in standing]
+    draw_labels(
+        axes,
+        [f"{s.label} {s.height - results.ground:.2f} m" for s in standing],
+        np.array([camera.project(s.label_point) for s in standing]).reshape(-1, 2),
+        [colors[s.id] for s in standing],
+        np.concatenate([np.zeros((0, 2)), *outlines]),
+        size=8.0,
+    )

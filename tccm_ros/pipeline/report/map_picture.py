@@ -1,0 +1,182 @@
+"""map.png: the map from above, as Fig. 7 of the surface mapping paper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
+from matplotlib.patheffects import withStroke
+from numpy.typing import NDArray
+
+from tccm_ros.pipeline.report import palette
+from tccm_ros.pipeline.report.figure import (
+    canvas,
+    draw_labels,
+    polygon,
+    sample_ring,
+    save_png,
+    show_extent,
+)
+from tccm_ros.results.folder_reader import Results
+from tccm_ros.results.shapes import ObjectBox, SurfaceShape
+
+__all__ = ["box_corners", "draw_map", "extent", "write_map"]
+
+WIDTH = 9.0
+"""Inches; the height follows the map."""
+
+HEIGHTS = (3.6, 12.0)
+LEGEND_HEIGHT = 0.42
+MARGIN_M = 0.35
+SCALE_BARS = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+HEADING_M = 0.16
+
+
+def write_map(results: Results, path: Path | str | BinaryIO) -> None:
+    """Draw the map from above into a PNG, the same bytes for the same results."""
+    low, high = extent(results)
+    scale = WIDTH / (high[0] - low[0])
+    height = float(np.clip((high[1] - low[1]) * scale, *HEIGHTS)) + LEGEND_HEIGHT
+    with canvas(WIDTH, height) as (figure, axes):
+        axes.set_position((0.0, LEGEND_HEIGHT / height, 1.0, 1.0 - LEGEND_HEIGHT / height))
+        figure.patch.set_facecolor("white")
+        draw_map(axes, results, low, high)
+        handles = _legend(results)
+        if handles:
+            figure.legend(
+                handles=handles, loc="lower center", ncols=len(handles), frameon=False,
+                handlelength=1.6, columnspacing=1.4, borderpad=0.2,
+            )  # fmt: skip
+        save_png(figure, path)
+
+
+def extent(results: Results) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the corners of what is worth drawing, with a margin, float64 (2,) each, m."""
+    shown = [s.boundary[:, :2] for s in results.surfaces]
+    shown += [s.boundary[:, :2] for s in results.truth]
+    shown += [wall.endpoints for wall in results.walls]
+    shown.append(results.trajectory.positions[:, :2])
+    points = np.concatenate(shown)
+    if len(points) == 0:
+        points = np.array([[-1.0, -1.0], [1.0, 1.0]])
+    low, high = points.min(axis=0), points.max(axis=0)
+    room = np.maximum(1.0 - 0.5 * (high - low), 0.0)
+    margin = MARGIN_M + 0.02 * float(np.max(high - low))
+    return low - room - margin, high + room + margin
+
+
+def draw_map(
+    axes: Axes, results: Results, low: NDArray[np.float64], high: NDArray[np.float64]
+) -> None:
+    """Draw the map between two corners in map (m) into frameless axes."""
+    show_extent(axes, low, high)
+    colors = palette.surface_colors(results.surfaces)
+    for surface in sorted(results.surfaces, key=lambda s: (s.height, s.id)):
+        _draw_surface(axes, surface, colors[surface.id])
+    for known in results.truth:
+        axes.add_patch(polygon([known.boundary[:, :2]], fill=False, ec=palette.TRUTH,
+                               lw=0.9, ls=(0, (4, 3)), zorder=6))  # fmt: skip
+    for box in results.tabletop:
+        _draw_object(axes, box)
+    for wall in results.walls:
+        axes.plot(*wall.endpoints.T, color=palette.WALL, lw=4.0, solid_capstyle="round", zorder=8)
+    _draw_path(axes, results)
+    _draw_scale_bar(axes)
+    standing = sorted(results.standing, key=lambda s: (-s.area, s.id))
+    draw_labels(
+        axes,
+        [f"{s.label}\n{s.height - results.ground:.2f} m" for s in standing],
+        np.array([s.label_point[:2] for s in standing]).reshape(-1, 2),
+        [colors[s.id] for s in standing],
+        _obstacles(axes, results),
+    )
+
+
+def box_corners(box: ObjectBox) -> NDArray[np.float64]:
+    """Return the corners of an object's box seen from above, float64 (4, 2), m."""
+    half = 0.5 * box.size[:2]
+    c, s = np.cos(box.yaw), np.sin(box.yaw)
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+    return corners @ np.array([[c, s], [-s, c]]) + box.center[:2]
+
+
+def _draw_surface(axes: Axes, surface: SurfaceShape, color: str) -> None:
+    rings = [ring[:, :2] for ring in (surface.boundary, *surface.holes) if len(ring) >= 3]
+    if not rings:
+        return
+    if surface.is_floor:
+        axes.add_patch(polygon(rings, fc=color, ec="none", zorder=1))
+        return
+    # Lower surfaces first and all half open, so that shelves one above the other all show.
+    axes.add_patch(polygon(rings, fc=color, ec="none", alpha=0.62, zorder=3))
+    axes.add_patch(polygon(rings, fill=False, ec=color, lw=1.6, zorder=4))
+
+
+def _draw_object(axes: Axes, box: ObjectBox) -> None:
+    """Draw an object's box half open: what it stands on should show."""
+    corners = box_corners(box)
+    axes.add_patch(polygon([corners], fc=palette.OBJECT, ec="none", alpha=0.35, zorder=5))
+    axes.add_patch(polygon([corners], fill=False, ec=palette.OBJECT, lw=0.9, zorder=7))
+
+
+def _draw_path(axes: Axes, results: Results) -> None:
+    path = results.trajectory
+    if len(path.stamps) == 0:
+        return
+    axes.plot(*path.positions[:, :2].T, color=palette.PATH, lw=1.1, zorder=9)
+    axes.plot(*path.positions[0, :2], "s", ms=5, color=palette.PATH, mec="white", zorder=10)
+    at = path.nearest(results.view_stamps())
+    places = path.T_map_base[np.unique(at)]
+    if len(places):
+        x, y, dx, dy = places[:, 0, 3], places[:, 1, 3], places[:, 0, 0], places[:, 1, 0]
+        axes.quiver(x, y, dx, dy, color=palette.VIEW, angles="xy", scale_units="xy", width=0.0022,
+                    scale=1.0 / HEADING_M, headwidth=4, headlength=4, zorder=10)  # fmt: skip
+        axes.plot(x, y, "o", ms=3.6, color=palette.VIEW, mec="white", mew=0.6, zorder=11)
+
+
+def _draw_scale_bar(axes: Axes) -> None:
+    x0, x1 = axes.get_xlim()
+    y0, y1 = axes.get_ylim()
+    width, height = x1 - x0, y1 - y0
+    length = max((bar for bar in SCALE_BARS if bar <= 0.22 * width), default=SCALE_BARS[0])
+    left, bottom = x0 + 0.02 * width, y0 + 0.012 * width
+    thick = 0.006 * width
+    for part, color in ((0, palette.VIEW), (1, "white")):
+        axes.add_patch(Rectangle((left + part * length / 2, bottom), length / 2, thick,
+                                 fc=color, ec=palette.VIEW, lw=0.8, zorder=15))  # fmt: skip
+    axes.text(left + length / 2, bottom + thick + 0.004 * max(width, height), f"{length:g} m",
+              ha="center", va="bottom", zorder=15, color=palette.VIEW,
+              path_effects=[withStroke(linewidth=2.5, foreground="white")])  # fmt: skip
+
+
+def _obstacles(axes: Axes, results: Results) -> NDArray[np.float64]:
+    """Return points along walls and outlines that labels should not cover, pixels."""
+    to_pixels = axes.transData.transform
+    lines = [sample_ring(to_pixels(w.endpoints), closed=False) for w in results.walls]
+    lines += [sample_ring(to_pixels(s.boundary[:, :2])) for s in results.standing]
+    lines += [to_pixels(box_corners(box)) for box in results.tabletop]
+    return np.concatenate([np.zeros((0, 2)), *lines])
+
+
+def _legend(results: Results) -> Sequence[Line2D | Patch]:
+    handles: list[Line2D | Patch] = []
+    if results.standing:
+        handles.append(Patch(fc=palette.PALETTE[0], alpha=0.62, label="surface, height over floor"))
+    if any(s.is_floor for s in results.surfaces):
+        handles.append(Patch(fc=palette.FLOOR, ec="#c9ced4", lw=0.6, label="floor seen"))
+    if results.tabletop:
+        handles.append(Patch(fc="#c3bbb4", ec=palette.OBJECT, label="object"))
+    if results.walls:
+        handles.append(Line2D([], [], color=palette.WALL, lw=4, label="wall"))
+    if len(results.trajectory.stamps):
+        handles.append(Line2D([], [], color=palette.PATH, lw=1.2, label="path of the base"))
+    if len(results.view_stamps()):
+        handles.append(Line2D([], [], color=palette.VIEW, marker="o", ms=4, lw=0, label="3D view"))
+    if results.truth:
+        handles.append(Line2D([], [], color=palette.TRUTH, lw=0.9, ls=(0, (4, 3)), label="truth"))
+    return handles

@@ -1,0 +1,68 @@
+"""Colours that stay distinct for colour-blind readers, on paper and on screens."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.results.shapes import SurfaceShape
+
+__all__ = ["FLOOR", "OBJECT", "PALETTE", "PATH", "TRUTH", "VIEW", "WALL", "surface_colors"]
+
+PALETTE = (
+    "#0072b2",
+    "#e69f00",
+    "#009e73",
+    "#cc79a7",
+    "#56b4e9",
+    "#d55e00",
+    "#999933",
+    "#882255",
+    "#44aa99",
+    "#ddcc77",
+    "#332288",
+    "#aa4499",
+)
+"""Okabe and Ito's colours, then Tol's muted ones where they differ enough from the first."""
+
+FLOOR = "#eef0f2"
+WALL = "#3a3f47"
+PATH = "#7a828c"
+VIEW = "#1f2328"
+OBJECT = "#5b4636"
+TRUTH = "#111111"
+
+
+def surface_colors(surfaces: Sequence[SurfaceShape]) -> dict[int, str]:
+    """Give every surface a colour of `PALETTE` so that equal colours lie far apart.
+
+    In the order of ids each surface takes the colour whose nearest bearer is farthest from it,
+    the first of the palette among equals; the floor is pale.
+
+    Parameters
+    ----------
+    surfaces
+        In any order; the result depends on ids and centroids alone.
+
+    Returns
+    -------
+    dict
+        Surface id -> ``#rrggbb``.
+    """
+    colors: dict[int, str] = {}
+    bearers: dict[str, list[NDArray[np.float64]]] = {color: [] for color in PALETTE}
+    for surface in sorted(surfaces, key=lambda s: s.id):
+        if surface.is_floor:
+            colors[surface.id] = FLOOR
+            continue
+        distance = {c: _nearest(surface.centroid, seen) for c, seen in bearers.items()}
+        best = max(PALETTE, key=lambda color: distance[color])
+        bearers[best].append(surface.centroid)
+        colors[surface.id] = best
+    return colors
+
+
+def _nearest(place: NDArray[np.float64], others: Sequence[NDArray[np.float64]]) -> float:
+    return min((float(np.linalg.norm(place - other)) for other in others), default=np.inf)

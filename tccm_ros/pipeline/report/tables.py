@@ -1,0 +1,196 @@
+"""The report's tables as HTML; everything that comes from a file is escaped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from html import escape
+from typing import Any
+
+from tccm_ros.config import parameters
+from tccm_ros.pipeline.report import palette
+from tccm_ros.results.folder_reader import Results
+from tccm_ros.surfaces.surface_counts import count_surfaces
+
+__all__ = [
+    "configuration",
+    "configuration_table",
+    "counts_table",
+    "drops_table",
+    "flatten",
+    "headline",
+    "loops_table",
+    "surfaces_table",
+    "table",
+    "timing_table",
+]
+
+CONFIGURATION = ("config", "configuration")
+"""Keys of summary.json under either of which the configuration is."""
+
+DROPS = "dropped"
+"""Keys of summary.json that hold scans dropped by reason start so."""
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[Any]], numbers: Sequence[int] = ()) -> str:
+    """Return an HTML table.
+
+    Parameters
+    ----------
+    head
+        Column titles, escaped here.
+    rows
+        Cells: text is escaped, `Markup` is not.
+    numbers
+        Columns that are aligned to the right.
+    """
+    kind = [' class="number"' if i in numbers else "" for i in range(len(head))]
+    titles = "".join(f"<th{k}>{escape(title)}</th>" for k, title in zip(kind, head, strict=True))
+    lines = [f"<table><thead><tr>{titles}</tr></thead><tbody>"]
+    for row in rows:
+        cells = "".join(f"<td{k}>{_cell(cell)}</td>" for k, cell in zip(kind, row, strict=True))
+        lines.append(f"<tr>{cells}</tr>")
+    return "\n".join([*lines, "</tbody></table>"])
+
+
+class Markup(str):
+    """HTML that is not to be escaped."""
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, Markup):
+        return value
+    return escape("" if value is None else str(value))
+
+
+def headline(results: Results) -> str:
+    """Return the map in one line of plain text."""
+    standing = results.standing
+    parts = [
+        count_surfaces(standing).text(),
+        _count(len(results.walls), "wall"),
+        _count(len(results.view_stamps()), "3D view"),
+        _count(len(results.planes), "cycle"),
+        f"{results.trajectory.length:.1f} m driven",
+    ]
+    area = sum(s.area for s in standing)
+    return ", ".join(parts) + f"; {area:.2f} m² to put things on"
+
+
+def _count(number: int, name: str) -> str:
+    return f"{number} {name}{'' if number == 1 else 's'}"
+
+
+def surfaces_table(results: Results) -> str:
+    """Return the surfaces with their colours, by id."""
+    colors = palette.surface_colors(results.surfaces)
+    rows = []
+    for surface in sorted(results.surfaces, key=lambda s: s.id):
+        swatch = Markup(f'<span class="swatch" style="background:{colors[surface.id]}"></span>')
+        name = Markup(f"{swatch}{escape(surface.label)}")
+        spread = "" if surface.height_std is None else f"{surface.height_std * 1000:.1f}"
+        seen = "" if surface.last_seen is None else f"{surface.last_seen - results.start:.1f}"
+        height = f"{surface.height - results.ground:z.3f}"
+        rows.append(
+            (surface.id, name, height, f"{surface.area:.2f}", spread, len(surface.views), seen)
+        )
+    head = (
+        "id",
+        "label",
+        "height over floor, m",
+        "area, m²",
+        "spread, mm",
+        "views",
+        "last seen, s",
+    )
+    return table(head, rows, numbers=(0, 2, 3, 4, 5, 6))
+
+
+def loops_table(results: Results) -> str:
+    """Return the loop closures that were proposed, or nothing where there were none."""
+    if not results.graph.loops:
+        return ""
+    rows = [
+        (loop.start, loop.end, "accepted" if loop.accepted else "refused", loop.reason)
+        for loop in results.graph.loops
+    ]
+    return table(("from keyframe", "to keyframe", "", "why"), rows, numbers=(0, 1))
+
+
+def counts_table(summary: Mapping[str, Any]) -> str:
+    """Return everything of summary.json but the configuration and what was dropped."""
+    found = flatten(_counted(summary))
+    rows = [(_reason(key), _value(v)) for key, v in found if not _is_drop(key)]
+    return table(("count", "value"), rows, numbers=(1,)) if rows else ""
+
+
+def drops_table(summary: Mapping[str, Any]) -> str:
+    """Return the scans that were dropped, by reason."""
+    rows = [(_reason(key), _value(v)) for key, v in flatten(_counted(summary)) if _is_drop(key)]
+    if not rows:
+        return '<p class="note">no scan was dropped</p>'
+    return table(("reason", "scans"), rows, numbers=(1,))
+
+
+def configuration(summary: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the configuration that summary.json holds; empty where it holds none."""
+    return next((summary[k] for k in CONFIGURATION if summary.get(k)), {})
+
+
+def _counted(summary: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in summary.items() if key not in CONFIGURATION}
+
+
+def _is_drop(key: str) -> bool:
+    return any(part.startswith(DROPS) for part in key.split(SEPARATOR))
+
+
+def _reason(key: str) -> str:
+    return SEPARATOR.join(part for part in key.split(SEPARATOR) if part not in (DROPS, "counts"))
+
+
+def timing_table(timing: Mapping[str, Any]) -> str:
+    """Return timing.json as it is."""
+    rows = [(key, _value(v)) for key, v in flatten(timing)]
+    return table(("stage", "value"), rows, numbers=(1,))
+
+
+def configuration_table(summary: Mapping[str, Any]) -> str:
+    """Return the configuration; what differs from the defaults is marked."""
+    found = dict(flatten(configuration(summary), joiner="."))
+    known = {p.name: p for p in parameters()}
+    lines = ["<table><thead><tr><th>parameter</th><th>value</th><th>unit</th><th>meaning</th>"]
+    lines.append("</tr></thead><tbody>")
+    for name, value in found.items():
+        parameter = known.get(name)
+        default = _plain(parameter.default) if parameter else value
+        mark = "" if _plain(value) == default else ' class="changed"'
+        unit, meaning = (parameter.unit, parameter.meaning) if parameter else ("", "")
+        cells = "".join(f"<td>{_cell(c)}</td>" for c in (name, _value(value), unit, meaning))
+        lines.append(f"<tr{mark}>{cells}</tr>")
+    return "\n".join([*lines, "</tbody></table>"])
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, (tuple, list)) else value
+
+
+SEPARATOR = ": "
+
+
+def flatten(tree: Any, prefix: str = "", joiner: str = SEPARATOR) -> Iterator[tuple[str, Any]]:
+    """Yield the leaves of nested mappings with their joined keys, in the order of the file."""
+    if not isinstance(tree, Mapping):
+        yield prefix, tree
+        return
+    for key, value in tree.items():
+        yield from flatten(value, f"{prefix}{joiner}{key}" if prefix else str(key), joiner)
+
+
+def _value(value: Any) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, (list, tuple)):
+        return ", ".join(_value(v) for v in value)
+    return str(value)

@@ -1,0 +1,102 @@
+"""Open a report in the browser: of a result folder, or of a saved map."""
+
+from __future__ import annotations
+
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+
+from tccm_ros.config import Config
+from tccm_ros.errors import MapError, OutputError
+from tccm_ros.pipeline.report.html_report import write_report
+from tccm_ros.pipeline.report.pictures import write_pictures
+from tccm_ros.results.exports import write_solution
+from tccm_ros.results.folder import output_folder
+from tccm_ros.results.map_file import load_map
+from tccm_ros.surfaces.surface_slam import SurfaceSlam
+
+__all__ = ["find_report", "report_map", "view"]
+
+REPORT = "report.html"
+
+
+def view(target: Path | str, *, open_page: Callable[[str], object] = webbrowser.open) -> Path:
+    """Show a result folder in the browser, its report written first where there is none.
+
+    Parameters
+    ----------
+    target
+        A result folder, or a report.html.
+    open_page
+        Opens an address; returns False where it cannot.
+
+    Returns
+    -------
+    Path
+        The report.
+
+    Raises
+    ------
+    MapError
+        If the target is neither, or is damaged.
+    OutputError
+        If the report cannot be written, or no browser opens (the path is named).
+    """
+    report = find_report(Path(target))
+    if open_page(report.resolve().as_uri()) is False:
+        raise OutputError(f"{report}: no browser opens here; open this file in one")
+    return report
+
+
+def find_report(target: Path) -> Path:
+    """Return the report of a result folder; a missing one, or one older than the map, is written.
+
+    Raises
+    ------
+    MapError, OutputError
+        As `view`.
+    """
+    if target.is_file() and target.suffix == ".html":
+        return target
+    surfaces = target / "surfaces.json"
+    if not surfaces.is_file():
+        raise MapError(
+            f"{target}: no surfaces.json here; expected a folder that 'tccm replay --out' wrote"
+        )
+    report = target / REPORT
+    if report.is_file() and report.stat().st_mtime >= surfaces.stat().st_mtime:
+        return report
+    return write_report(target)
+
+
+def report_map(saved: Path | str, folder: Path | str, config: Config | None = None) -> Path:
+    """Write the surfaces, walls, trajectory, pictures and report of a saved map.
+
+    Parameters
+    ----------
+    saved
+        What ``~/save_map`` or ``tccm replay`` saved to go on with.
+    folder
+        Where the files go; made if needed.
+    config
+        As the map was made; the defaults if None.
+
+    Returns
+    -------
+    Path
+        The report, for `view`.
+
+    Raises
+    ------
+    MapError
+        If the map is missing, damaged or of another version.
+    OutputError
+        If the folder cannot be written.
+    """
+    config = config or Config()
+    solution = SurfaceSlam.from_saved(config, load_map(saved)).solve()
+    with output_folder(folder) as made:
+        write_solution(made, solution, config)
+        write_pictures(made)
+        write_report(made)
+    return Path(folder) / REPORT

@@ -1,0 +1,277 @@
+"""Run a world: the records that its robot would publish, in the order they would arrive."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from tccm_ros.pipeline.sim.joints import Profile
+from tccm_ros.pipeline.sim.lasers import Laser, footprint, measure
+from tccm_ros.pipeline.sim.motion import wheel_odometry
+from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.rigid import rigid
+from tccm_ros.pipeline.sim.rigs import Joint, Rig
+from tccm_ros.pipeline.sim.scene import FrozenScene, Scene
+from tccm_ros.pipeline.sim.world import World, with_options
+from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan, TransformSample
+
+__all__ = ["EPOCH_NS", "Published", "Simulation"]
+
+Array = NDArray[np.float64]
+Record = RobotDescription | TransformSample | JointSample | Odometry | Scan
+
+EPOCH_NS = 1_600_000_000_000_000_000
+"""Stamp of the world's time 0."""
+
+JOINT_PERIOD_NS, ODOMETRY_PERIOD_NS = 10_000_000, 20_000_000
+JOINT_DELAY_NS, ODOMETRY_DELAY_NS, SCAN_DELAY_NS = 1_000_000, 3_000_000, 2_000_000
+"""How long after a measurement its message is out."""
+
+BLOCK = 500
+"""Samples of joints or odometry that are computed together."""
+
+MARGIN_NS = 40_000_000
+"""Joints and odometry are published this long before the first scan and after the last."""
+
+
+class Published(NamedTuple):
+    """One message: when it is out (ns), its topic, and its record or (on /tf) records."""
+
+    log_ns: int
+    topic: str
+    records: tuple[Record, ...]
+
+    @property
+    def transforms(self) -> tuple[TransformSample, ...]:
+        """Those of the records that are transforms."""
+        return tuple(r for r in self.records if isinstance(r, TransformSample))
+
+
+@dataclass(frozen=True)
+class _Mount:
+    """Where one laser is, and where its scans go."""
+
+    laser: Laser
+    frame: str
+    topic: str
+    windows: Array
+
+
+class Simulation:
+    """A world with a seed and options.
+
+    Parameters
+    ----------
+    world
+        The world.
+    seed
+        Of all noise: the same seed gives the same records.
+    options
+        Variations.
+    """
+
+    def __init__(self, world: World, seed: int = 0, options: Options | None = None) -> None:
+        self.world = world
+        self.options = options or Options()
+        self.rig = with_options(world.rig, self.options)
+        self.scene = world.scene.freeze()
+        self._bodies = _frozen_bodies(self.rig) if self.options.self_hits else {}
+        self._seeds = np.random.SeedSequence(seed).spawn(3)
+        self._true_rig = self.rig.mounted(
+            self.rig.tilt_joint,
+            (0.0, 0.0, self.options.laser_height),
+            (self.options.laser_roll, 0.0, 0.0),
+        )
+        level_joint = self.rig.chain(self.rig.level_frame)[-1].name
+        error = self.options.level_error
+        self._true_rig = self._true_rig.mounted(level_joint, error[:3], error[3:])
+        wheels = wheel_odometry(
+            world.drive,
+            self.rig.errors,
+            self.rig.odom_start,
+            np.random.default_rng(self._seeds[0]),
+        )
+        self._wheels = np.ascontiguousarray(wheels.T)
+        steps = np.hypot(*np.diff(world.drive.states[:, :2], axis=0).T)
+        self._path = np.concatenate([[0.0], np.cumsum(steps)])
+
+    @property
+    def start_ns(self) -> int:
+        """Stamp of the world's time 0."""
+        return EPOCH_NS
+
+    @property
+    def duration_ns(self) -> int:
+        """Length of the recording, ns."""
+        return round(self.world.duration * 1e9)
+
+    def run(self) -> Iterator[Published]:
+        """Yield what is published, in order of its time of publication."""
+        rig, topics = self.rig, self.rig.topics
+        always = np.array([[-np.inf, np.inf]])
+        level = _Mount(rig.level, rig.level_frame, topics.scan, always)
+        windows = always if self.options.always else self.world.tilt_windows
+        tilt = _Mount(rig.tilt, rig.tilt_frame, topics.tilt_scan, windows)
+        streams = [
+            self._description(),
+            self._joints(),
+            self._odometry(),
+            self._scans(level, np.random.default_rng(self._seeds[1])),
+        ]
+        if self.options.tilt:
+            streams.append(self._scans(tilt, np.random.default_rng(self._seeds[2])))
+        yield from heapq.merge(*streams, key=lambda message: message.log_ns)
+
+    def true_poses(self, times: Array) -> Array:
+        """Return T_world_base, float64 (B, 4, 4), at times (B,) in s."""
+        return self.world.drive.poses(times, self.rig.base_height)
+
+    def laser_poses(self, frame: str, times: Array) -> Array:
+        """Return the true T_world_laser, float64 (B, 4, 4), at times (B,) in s."""
+        return self.true_poses(times) @ self._link_poses(frame, times)
+
+    def _link_poses(self, frame: str, times: Array) -> Array:
+        """Return the true T_base_frame, float64 (B, 4, 4), at times (B,) in s."""
+        if frame == self.rig.base:
+            return np.broadcast_to(np.eye(4), (len(times), 4, 4))
+        positions = {name: profile.at(times) for name, profile in self.world.joints.items()}
+        return self._true_rig.laser_poses(frame, positions, len(times))
+
+    def _description(self) -> Iterator[Published]:
+        """Yield the robot description and the fixed joints."""
+        log_ns = EPOCH_NS
+        if self.options.description:
+            yield Published(log_ns, "/robot_description", (RobotDescription(self.rig.urdf()),))
+        fixed = tuple(
+            TransformSample(log_ns, j.parent, j.child, rigid(j.xyz, j.rpy), True)
+            for j in self.rig.joints
+            if not j.moves
+        )
+        yield Published(log_ns, "/tf_static", fixed)
+
+    def _joints(self) -> Iterator[Published]:
+        """Yield the joint states, as the encoders report them."""
+        options, rig = self.options, self.rig
+        names = (*rig.moving, *rig.wheels)
+        late_ns = round(options.joint_time_offset * 1e9)
+        moving = [joint for joint in rig.joints if joint.moves]
+        tilt = rig.moving.index(rig.tilt_joint)
+        for times_ns in _blocks(self.duration_ns, JOINT_PERIOD_NS):
+            true = self._joint_positions(np.asarray(times_ns * 1e-9, np.float64))
+            true[:, tilt] = (true[:, tilt] - options.tilt_offset) / options.tilt_scale
+            for now_ns, row in zip(times_ns.tolist(), np.round(true / rig.encoder) * rig.encoder):
+                sample = JointSample(EPOCH_NS + now_ns - late_ns, names, row.copy())
+                log_ns = EPOCH_NS + now_ns + JOINT_DELAY_NS
+                yield Published(log_ns, rig.topics.joint_states, (sample,))
+                if options.publish_tf:
+                    positions = dict(zip(names, row))
+                    turned = tuple(_joint_transform(j, sample, positions[j.name]) for j in moving)
+                    yield Published(log_ns, "/tf", turned)
+
+    def _joint_positions(self, times: Array) -> Array:
+        """Return the true positions (B, J) of the moving joints, then of the wheels."""
+        rest = Profile.rest(0.0)
+        turning = [self.world.joints.get(name, rest).at(times) for name in self.rig.moving]
+        drive = self.world.drive
+        path = np.interp(times, drive.times, self._path)
+        apart = np.interp(times, drive.times, drive.columns[2]) * self.rig.wheel_distance / 2.0
+        wheels = [(path - apart) / self.rig.wheel_radius, (path + apart) / self.rig.wheel_radius]
+        return np.column_stack([*turning, *wheels])
+
+    def _odometry(self) -> Iterator[Published]:
+        """Yield the wheel odometry."""
+        rig, drive = self.rig, self.world.drive
+        for times_ns in _blocks(self.duration_ns, ODOMETRY_PERIOD_NS):
+            poses = [np.interp(times_ns * 1e-9, drive.times, column) for column in self._wheels]
+            for now_ns, x, y, yaw in zip(times_ns.tolist(), *poses):
+                T_odom_base = rigid((x, y, 0.0), (0.0, 0.0, yaw))
+                stamp_ns = EPOCH_NS + now_ns
+                record = Odometry(stamp_ns, rig.odom_frame, rig.base, T_odom_base)
+                log_ns = stamp_ns + ODOMETRY_DELAY_NS
+                yield Published(log_ns, rig.topics.odom, (record,))
+                if self.options.publish_tf:
+                    sample = TransformSample(stamp_ns, rig.odom_frame, rig.base, T_odom_base, False)
+                    yield Published(log_ns, "/tf", (sample,))
+
+    def _scans(self, mount: _Mount, random: Generator) -> Iterator[Published]:
+        """Yield the scans of one laser that begin and end within its windows."""
+        laser = mount.laser
+        period_ns, sweep = round(laser.period * 1e9), float(laser.offsets[-1])
+        for start_ns in range(MARGIN_NS, self.duration_ns - MARGIN_NS - period_ns, period_ns):
+            start, end = start_ns * 1e-9, start_ns * 1e-9 + sweep
+            if not np.any((mount.windows[:, 0] <= start) & (end <= mount.windows[:, 1])):
+                continue
+            stamp_ns = EPOCH_NS + start_ns
+            ranges = self._ranges(mount, start + laser.offsets, random)
+            scan = Scan(stamp_ns, mount.frame, *_limits(laser), ranges)
+            yield Published(stamp_ns + round(sweep * 1e9) + SCAN_DELAY_NS, mount.topic, (scan,))
+
+    def _ranges(self, mount: _Mount, times: Array, random: Generator) -> NDArray[np.float32]:
+        """Return what a laser reports for beams at these times, float32 (B,)."""
+        laser = mount.laser
+        T_base_laser = self._link_poses(mount.frame, times)
+        bearings = laser.bearings
+        center = np.stack([np.cos(bearings), np.sin(bearings), np.zeros_like(bearings)], axis=-1)
+        reach = laser.range_max + 1.0
+        exact = self._cast(T_base_laser, center, times, reach)
+        rim = None
+        if laser.mixed > 0.0:
+            rays = footprint(bearings, laser.divergence, random)
+            rim = self._cast(T_base_laser, rays, times, reach)
+        return measure(laser, exact, rim, random)
+
+    def _cast(self, T_base_laser: Array, rays: Array, times: Array, reach: float) -> Array:
+        """Return exact ranges along rays (B, 3) of the laser's frame: to the world or the robot."""
+        ranges = _cast(self.scene, self.true_poses(times) @ T_base_laser, rays, times, reach)
+        for link, body in self._bodies.items():
+            T_link_laser = T_base_laser
+            if link != self.rig.base:
+                T_link_laser = np.linalg.inv(self._link_poses(link, times)) @ T_base_laser
+            own = _cast(body, T_link_laser, rays, times, reach)
+            ranges = np.minimum(ranges, own)
+        return ranges
+
+
+def _cast(scene: FrozenScene, T_scene_laser: Array, rays: Array, times: Array, reach: float) -> (
+    Array
+):  # fmt: skip
+    """Return exact ranges along rays (B, 3) of a laser's frame."""
+    directions = np.einsum("bij,bj->bi", T_scene_laser[:, :3, :3], rays)
+    origins = np.ascontiguousarray(T_scene_laser[:, :3, 3])
+    return scene.cast(origins, directions, times, reach)[0]
+
+
+def _limits(laser: Laser) -> tuple[float, float, float, float, float]:
+    """Return angle_min, angle_increment, time_increment, range_min, range_max as in a message."""
+    first, step, time = (
+        float(np.float32(v)) for v in (laser.angle_min, laser.angle_increment, laser.time_increment)
+    )
+    return first, step, time, float(np.float32(laser.range_min)), float(np.float32(laser.range_max))
+
+
+def _frozen_bodies(rig: Rig) -> dict[str, FrozenScene]:
+    """Return the robot's own boxes for rays, by link, in the link's frame."""
+    scenes: dict[str, Scene] = {}
+    for body in rig.bodies:
+        scenes.setdefault(body.link, Scene()).box(body.link, body.size, body.center)
+    return {link: scene.freeze() for link, scene in scenes.items()}
+
+
+def _blocks(duration_ns: int, period_ns: int) -> Iterator[NDArray[np.int64]]:
+    """Yield the times of periodic samples, ns, a block at a time."""
+    span_ns = BLOCK * period_ns
+    for start_ns in range(0, duration_ns + 1, span_ns):
+        yield np.arange(start_ns, min(start_ns + span_ns, duration_ns + 1), period_ns)
+
+
+def _joint_transform(joint: Joint, sample: JointSample, position: float) -> TransformSample:
+    """Return the transform of a joint that turns about one axis of its own."""
+    turn = rigid((0.0, 0.0, 0.0), tuple(position * a for a in joint.axis))
+    T = rigid(joint.xyz, joint.rpy) @ turn
+    return TransformSample(sample.stamp_ns, joint.parent, joint.child, T, False)

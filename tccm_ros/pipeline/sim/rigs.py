@@ -1,0 +1,183 @@
+"""What a robot is made of: joints, bodies, lasers and names, and its robot description."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.pipeline.sim.lasers import Laser
+from tccm_ros.pipeline.sim.motion import OdometryErrors
+from tccm_ros.pipeline.sim.rigid import chain_poses, rigid
+
+__all__ = ["Body", "Joint", "Rig", "Topics"]
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+USUAL_ERRORS = OdometryErrors()
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint as in URDF: `xyz` (m) and `rpy` (rad) of the child in the parent at zero.
+
+    A joint with an axis turns about it (in the child's frame); without one it is fixed.
+    """
+
+    name: str
+    parent: str
+    child: str
+    xyz: Vector
+    rpy: Vector = (0.0, 0.0, 0.0)
+    axis: Vector = (0.0, 0.0, 0.0)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it turns."""
+        return self.axis != (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Body:
+    """A box of a link: its edges and its centre in the link's frame, m."""
+
+    link: str
+    size: Vector
+    center: Vector
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Names of the topics that a robot publishes."""
+
+    tilt_scan: str = "/tilt_scan"
+    scan: str = "/scan"
+    joint_states: str = "/joint_states"
+    odom: str = "/odom"
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A robot.
+
+    Attributes
+    ----------
+    base, base_height
+        Base frame, and how high its origin is above the floor, m.
+    joints
+        All joints, parents first.
+    tilt, tilt_frame, tilt_joint
+        The tilting laser, its frame, and the joint that tilts it.
+    level, level_frame
+        The level laser and its frame.
+    wheels
+        Joints of the left and the right wheel; their radius and distance, m.
+    encoder
+        Step of the joints' encoders, rad.
+    odom_frame, odom_start
+        Odometry frame, and where the odometry starts in it (x, y, yaw).
+    """
+
+    name: str
+    base: str
+    base_height: float
+    joints: tuple[Joint, ...]
+    bodies: tuple[Body, ...]
+    tilt: Laser
+    tilt_frame: str
+    tilt_joint: str
+    level: Laser
+    level_frame: str
+    wheels: tuple[str, str]
+    wheel_radius: float
+    wheel_distance: float
+    encoder: float
+    topics: Topics = Topics()
+    odom_frame: str = "odom"
+    odom_start: Vector = (0.0, 0.0, 0.0)
+    errors: OdometryErrors = USUAL_ERRORS
+
+    @cached_property
+    def moving(self) -> tuple[str, ...]:
+        """Names of the joints that turn, without the wheels."""
+        return tuple(j.name for j in self.joints if j.moves and j.name not in self.wheels)
+
+    def chain(self, frame: str) -> tuple[Joint, ...]:
+        """Return the joints from the base to a frame."""
+        parents = {joint.child: joint for joint in self.joints}
+        chain: list[Joint] = []
+        while frame != self.base:
+            chain.insert(0, parents[frame])
+            frame = parents[frame].parent
+        return tuple(chain)
+
+    def laser_poses(self, frame: str, positions: dict[str, Array], count: int) -> Array:
+        """Return T_base_laser, float64 (count, 4, 4).
+
+        Parameters
+        ----------
+        frame
+            Frame of the laser.
+        positions
+            By joint: float64 (count,), rad; joints that are not named are at zero.
+        count
+            Number of poses.
+        """
+        chain = self.chain(frame)
+        origins = np.array([rigid(joint.xyz, joint.rpy) for joint in chain])
+        axes = np.array([joint.axis for joint in chain])
+        rest = np.zeros(count)
+        angles = np.column_stack([positions.get(joint.name, rest) for joint in chain])
+        return chain_poses(origins, axes, angles)
+
+    def mounted(self, frame_of: str, xyz: Vector, rpy: Vector) -> Rig:
+        """Return the rig with the joint `frame_of` moved by `xyz` and turned by `rpy` (added)."""
+        joints = tuple(
+            replace(
+                joint,
+                xyz=tuple(np.add(joint.xyz, xyz).tolist()),
+                rpy=tuple(np.add(joint.rpy, rpy).tolist()),
+            )
+            if joint.name == frame_of
+            else joint
+            for joint in self.joints
+        )
+        return replace(self, joints=joints)
+
+    def urdf(self) -> str:
+        """Return the robot description, with the bodies as collision boxes."""
+        links = [self.base, *(joint.child for joint in self.joints)]
+        lines = ['<?xml version="1.0"?>', f'<robot name="{self.name}">']
+        for link in links:
+            boxes = [body for body in self.bodies if body.link == link]
+            lines.append(f'  <link name="{link}"' + (">" if boxes else "/>"))
+            for body in boxes:
+                lines.append(
+                    f'    <collision><origin xyz="{_text(body.center)}" rpy="0 0 0"/>'
+                    f'<geometry><box size="{_text(body.size)}"/></geometry></collision>'
+                )
+            lines += ["  </link>"] if boxes else []
+        for joint in self.joints:
+            lines += _urdf_joint(joint, is_wheel=joint.name in self.wheels)
+        return "\n".join([*lines, "</robot>", ""])
+
+
+def _text(values: Vector) -> str:
+    return " ".join(f"{value:.10g}" for value in values)
+
+
+def _urdf_joint(joint: Joint, is_wheel: bool) -> list[str]:
+    kind = "fixed" if not joint.moves else "continuous" if is_wheel else "revolute"
+    lines = [
+        f'  <joint name="{joint.name}" type="{kind}">',
+        f'    <parent link="{joint.parent}"/><child link="{joint.child}"/>',
+        f'    <origin xyz="{_text(joint.xyz)}" rpy="{_text(joint.rpy)}"/>',
+    ]
+    if joint.moves:
+        lines.append(f'    <axis xyz="{_text(joint.axis)}"/>')
+    if kind == "revolute":
+        lines.append('    <limit lower="-2.0" upper="2.0" effort="10" velocity="5"/>')
+    return [*lines, "  </joint>"]

@@ -1,0 +1,284 @@
+"""What stands in a world: boxes and cylinders, some of which move, appear or go away."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal, TypedDict, Unpack
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tccm_ros.pipeline.sim import raycast
+from tccm_ros.pipeline.sim.raycast import ABSENT, BOX, CYLINDER, Grid, Solids
+from tccm_ros.pipeline.sim.rigid import rigid, rotation_rpy
+
+__all__ = ["FrozenScene", "Motion", "Scene", "Solid"]
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+CELL = 0.5  # m, of the grid that finds solids by place
+FEW = 32  # with so few solids a grid costs more than it saves
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Where a solid is over time, by straight lines between key frames.
+
+    `times` float64 (K,), s, increasing; `offsets` float64 (K, 4): x, y, z in m and yaw in rad,
+    added to the solid's own place (the yaw turns about the solid's own centre).
+    """
+
+    times: Array
+    offsets: Array
+
+    def at(self, time: float) -> Array:
+        """Return the offset (x, y, z, yaw) at a time, float64 (4,); it rests outside the keys."""
+        return np.array([np.interp(time, self.times, column) for column in self.offsets.T])
+
+    @staticmethod
+    def through(keys: Sequence[Sequence[float]]) -> Motion:
+        """Return the motion through rows of (time, x, y, z) or (time, x, y, z, yaw)."""
+        rows = np.array([[*key, 0.0][:5] for key in keys], float)
+        return Motion(rows[:, 0], rows[:, 1:])
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """One box or cylinder.
+
+    Attributes
+    ----------
+    shape
+        ``box`` or ``cylinder`` (axis z).
+    T_world_solid
+        float64 (4, 4), of its centre.
+    half
+        Half edges, or (radius, radius, half height), m.
+    name
+        What it is a part of.
+    surface
+        The horizontal surface that its top belongs to by design, or empty. Tops of one name make
+        one surface.
+    role
+        ``floor``, ``wall``, ``ceiling``, ``furniture``, ``object`` or ``person``.
+    motion, span
+        How it moves, and from when until when it is there, s.
+    """
+
+    shape: Literal["box", "cylinder"]
+    T_world_solid: Array
+    half: Vector
+    name: str
+    surface: str = ""
+    role: str = "furniture"
+    motion: Motion | None = None
+    span: tuple[float, float] = (-np.inf, np.inf)
+
+    @property
+    def is_still(self) -> bool:
+        """Whether it is at one place for ever."""
+        return self.motion is None and self.span == (-np.inf, np.inf)
+
+    @property
+    def ball(self) -> float:
+        """Radius of a ball around it, m."""
+        x, y, z = self.half
+        return float(np.hypot(x, z) if self.shape == "cylinder" else np.sqrt(x * x + y * y + z * z))
+
+    @property
+    def reach(self) -> Array:
+        """Half edges of its axis-aligned bounding box, float64 (3,)."""
+        return np.abs(self.T_world_solid[:3, :3]) @ np.asarray(self.half)
+
+
+class Traits(TypedDict, total=False):
+    """What a solid may be besides its shape: see `Solid`."""
+
+    surface: str
+    role: str
+    motion: Motion
+    span: tuple[float, float]
+
+
+@dataclass
+class Scene:
+    """A list of solids, and short ways to add to it. Lengths in m, angles in rad."""
+
+    solids: list[Solid] = field(default_factory=list)
+    wall_faces: list[tuple[tuple[float, float], tuple[float, float]]] = field(default_factory=list)
+
+    def box(
+        self,
+        name: str,
+        size: ArrayLike,
+        center: ArrayLike,
+        rpy: Vector = (0, 0, 0),
+        **traits: Unpack[Traits],
+    ) -> None:
+        """Add a box with edges `size` about `center`."""
+        x, y, z = np.asarray(size, float) / 2.0
+        self.solids.append(Solid("box", rigid(center, rpy), (x, y, z), name, **traits))
+
+    def block(
+        self, name: str, x: tuple[float, float], y: tuple[float, float], z: tuple[float, float],
+        **traits: Unpack[Traits],
+    ) -> None:  # fmt: skip
+        """Add an upright box between the limits of x, y and z."""
+        low, high = np.array([x, y, z], float).T
+        self.box(name, high - low, (low + high) / 2.0, **traits)
+
+    def cylinder(
+        self,
+        name: str,
+        radius: float,
+        height: float,
+        center: ArrayLike,
+        rpy: Vector = (0, 0, 0),
+        **traits: Unpack[Traits],
+    ) -> None:
+        """Add a cylinder about `center` with its axis along the turned z."""
+        half = (radius, radius, height / 2.0)
+        self.solids.append(Solid("cylinder", rigid(center, rpy), half, name, **traits))
+
+    def floor_and_ceiling(
+        self, x: tuple[float, float], y: tuple[float, float], height: float | None = None
+    ) -> None:
+        """Add a floor at z = 0 and, where a height is given, a ceiling."""
+        self.block("floor", x, y, (-0.1, 0.0), role="floor")
+        if height is not None:
+            self.block("ceiling", x, y, (height, height + 0.1), role="ceiling")
+
+    def wall(
+        self,
+        name: str,
+        start: tuple[float, float],
+        end: tuple[float, float],
+        height: float = 2.5,
+        thickness: float = 0.1,
+        two_sided: bool = False,
+    ) -> None:
+        """Add a wall whose face runs from start to end; its body lies to the right of that."""
+        along = np.subtract(end, start)
+        length = float(np.hypot(*along))
+        ux, uy = along / length
+        middle = np.add(start, end) / 2.0 + thickness / 2.0 * np.array([uy, -ux])
+        self.wall_faces.append((start, end))
+        if two_sided:
+            x, y = thickness * uy, -thickness * ux
+            self.wall_faces.append(((end[0] + x, end[1] + y), (start[0] + x, start[1] + y)))
+        self.box(
+            name,
+            (length, thickness, height),
+            (*middle, height / 2.0),
+            (0.0, 0.0, float(np.arctan2(uy, ux))),
+            role="wall",
+        )
+
+    def table(
+        self,
+        name: str,
+        size: tuple[float, float],
+        height: float,
+        center: tuple[float, float],
+        yaw: float = 0.0,
+        board: float = 0.03,
+        **traits: Unpack[Traits],
+    ) -> None:
+        """Add a table: a board with its top at `height`, and four legs."""
+        R = rotation_rpy(0.0, 0.0, yaw)[:2, :2]
+        place = (*center, height - board / 2.0)
+        traits = {"surface": name, **traits}
+        self.box(name, (*size, board), place, (0.0, 0.0, yaw), **traits)
+        traits["surface"] = ""
+        for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
+            x, y = R @ (sx * (size[0] / 2.0 - 0.05), sy * (size[1] / 2.0 - 0.05)) + center
+            leg = height - board
+            self.box(name, (0.05, 0.05, leg), (x, y, leg / 2.0), (0.0, 0.0, yaw), **traits)
+
+    def person(self, name: str, keys: Sequence[Sequence[float]]) -> None:
+        """Add a person, two cylinders, who is there from the first to the last (time, x, y)."""
+        motion = Motion.through([(t, x, y, 0.0) for t, x, y in keys])
+        span = (float(keys[0][0]), float(keys[-1][0]))
+        for radius, low, high in ((0.12, 0.0, 0.85), (0.2, 0.85, 1.75)):
+            self.cylinder(
+                name, radius, high - low, (0.0, 0.0, (low + high) / 2.0),
+                role="person", motion=motion, span=span,
+            )  # fmt: skip
+
+    def freeze(self) -> FrozenScene:
+        """Make the scene ready for rays."""
+        return FrozenScene(tuple(self.solids))
+
+
+class FrozenScene:
+    """A scene that rays can be cast into."""
+
+    def __init__(self, solids: tuple[Solid, ...]) -> None:
+        self.solids = solids
+        self._moving = [i for i, solid in enumerate(solids) if not solid.is_still]
+        self._arrays = Solids(
+            np.array([BOX if s.shape == "box" else CYLINDER for s in solids], np.int8),
+            np.array([s.T_world_solid[:3, 3] for s in solids]),
+            np.zeros((len(solids), 3)),
+            np.array([s.T_world_solid[:3, :3].T for s in solids]),
+            np.array([s.half for s in solids], float),
+            np.array([s.ball for s in solids]) + 1e-6,
+        )
+        self._grid = _grid(solids)
+
+    def cast(
+        self,
+        origins: Array,
+        directions: Array,
+        times: Array,
+        max_range: float = 100.0,
+    ) -> tuple[Array, NDArray[np.int64]]:
+        """Return exact ranges (B,) and codes (B,) of rays, each at its own time.
+
+        Things move in straight lines from the first of the times to the last, as `raycast.cast`
+        has it; `times` (B,) are s on the world's clock.
+        """
+        start = float(times[0])
+        self._place(start, float(times[-1]))
+        return raycast.cast(self._arrays, self._grid, origins, directions, times - start, max_range)
+
+    def _place(self, start: float, end: float) -> None:
+        """Put what moves to where it is at `start`, with its velocity until `end`."""
+        for i in self._moving:
+            solid = self.solids[i]
+            is_there = solid.span[0] <= start < solid.span[1]
+            kind = BOX if solid.shape == "box" else CYLINDER
+            self._arrays.kind[i] = kind if is_there else ABSENT
+            if solid.motion is None:
+                continue
+            now = solid.motion.at(start)
+            later = solid.motion.at(end) if end > start else now
+            self._arrays.center[i] = solid.T_world_solid[:3, 3] + now[:3]
+            self._arrays.velocity[i] = (later[:3] - now[:3]) / max(end - start, 1e-9)
+            R_world_solid = rotation_rpy(0.0, 0.0, now[3]) @ solid.T_world_solid[:3, :3]
+            self._arrays.R_solid_world[i] = R_world_solid.T
+
+
+def _grid(solids: tuple[Solid, ...]) -> Grid:
+    """Sort the solids that stand still into cells; large and moving ones are everywhere."""
+    boxes = np.array([(s.T_world_solid[:2, 3], s.reach[:2]) for s in solids])
+    low, high = boxes[:, 0] - boxes[:, 1], boxes[:, 0] + boxes[:, 1]
+    origin, span = low.min(axis=0) - 1e-3, high.max(axis=0) - low.min(axis=0) + 2e-3
+    is_few = len(solids) <= FEW
+    nx, ny = (1, 1) if is_few else (int(n) for n in np.ceil(span / CELL))
+    first = np.floor((low - origin) / CELL).astype(int)
+    last = np.floor((high - origin) / CELL).astype(int)
+    covered = np.prod(last - first + 1, axis=1)
+    everywhere, cells = [], [[] for _ in range(nx * ny)]  # type: ignore[var-annotated]
+    for i, solid in enumerate(solids):
+        if is_few or not solid.is_still or covered[i] > 0.25 * nx * ny:
+            everywhere.append(i)
+            continue
+        for cx in range(first[i, 0], last[i, 0] + 1):
+            for cy in range(first[i, 1], last[i, 1] + 1):
+                cells[cx * ny + cy].append(i)
+    start = np.cumsum([0, *(len(items) for items in cells)])
+    items = np.array([i for cell in cells for i in cell], np.int64)
+    return Grid(origin, CELL, nx, ny, start, items, np.array(everywhere, np.int64))

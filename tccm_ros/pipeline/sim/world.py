@@ -1,0 +1,84 @@
+"""A world: what stands in it, which robot is there, and what the robot does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.pipeline.sim.joints import Profile
+from tccm_ros.pipeline.sim.motion import Drive
+from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.rigs import Rig
+from tccm_ros.pipeline.sim.scene import Scene
+
+__all__ = ["Builder", "World", "with_options"]
+
+
+@dataclass(frozen=True)
+class World:
+    """All that a simulation needs.
+
+    Attributes
+    ----------
+    name
+        As on the command line.
+    scene
+        What stands there.
+    rig
+        The robot as it describes itself.
+    drive
+        Its true motion.
+    joints
+        By joint: its true position over time; joints that are not named rest at zero.
+    tilt_windows
+        float64 (W, 2): from when until when the tilting laser publishes, s.
+    """
+
+    name: str
+    scene: Scene
+    rig: Rig
+    drive: Drive
+    joints: dict[str, Profile] = field(default_factory=dict)
+    tilt_windows: NDArray[np.float64] = field(default_factory=lambda: np.array([[-np.inf, np.inf]]))
+
+    @property
+    def duration(self) -> float:
+        """Until the last sample of the drive, s."""
+        return float(self.drive.times[-1])
+
+
+Builder = Callable[[Options], World]
+
+
+def with_options(rig: Rig, options: Options) -> Rig:
+    """Return the rig with the options that concern its sensors and its odometry."""
+    tilt, level, errors = rig.tilt, rig.level, rig.errors
+    if options.sigma is not None:
+        tilt = replace(tilt, sigma=options.sigma)
+    if options.quantum is not None:
+        tilt = replace(tilt, quantum=options.quantum)
+    if options.level_sigma is not None:
+        level = replace(level, sigma=options.level_sigma)
+    if options.tilt_beams is not None:
+        sweep = tilt.time_increment * (tilt.beams - 1)
+        step = sweep / (options.tilt_beams - 1)
+        tilt = replace(tilt, beams=options.tilt_beams, time_increment=step)
+    if options.tilt_period is not None:
+        tilt = replace(tilt, period=options.tilt_period)
+    if not options.faults:
+        tilt = replace(tilt, mixed=0.0, lost=0.0, invalid=0.0)
+        level = replace(level, mixed=0.0, lost=0.0, invalid=0.0)
+    errors = replace(
+        errors,
+        scale=1.0 + options.odometry * (errors.scale - 1.0),
+        turn_scale=1.0 + options.odometry * (errors.turn_scale - 1.0),
+        drift=options.odometry * errors.drift,
+        noise=options.odometry * errors.noise,
+        turn_noise=options.odometry * errors.turn_noise,
+    )
+    if options.heading_drift is not None:
+        errors = replace(errors, drift=options.heading_drift)
+    return replace(rig, tilt=tilt, level=level, errors=errors)

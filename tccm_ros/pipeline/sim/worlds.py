@@ -1,0 +1,42 @@
+"""The worlds by name."""
+
+from __future__ import annotations
+
+from tccm_ros.errors import ConfigError, suggest
+from tccm_ros.pipeline.sim.flat import flat
+from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.ring import ring
+from tccm_ros.pipeline.sim.rooms import load, moved, room, upside_down
+from tccm_ros.pipeline.sim.tabletop import shelf, situation, walkthrough
+from tccm_ros.pipeline.sim.world import Builder, World
+
+__all__ = ["WORLDS", "build_world"]
+
+WORLDS: dict[str, tuple[Builder, str]] = {
+    "flat": (flat, "a kitchen and a living room; the robot stops in places to scan"),
+    "ring": (ring, "a ring of corridors, 100 m around, with 12 mrad/m of heading drift"),
+    "room": (room, "floor, ceiling and walls to calibrate in; options clutter, ramp, people"),
+    "moved": (moved, "a room seen twice; a table moves, a stool goes, a crate comes in between"),
+    "upside_down": (upside_down, "a laser that hangs upside down, and other topic and frame names"),
+    "situation_a": (situation("a"), "a table, 1.2 m x 0.8 m"),
+    "situation_b": (situation("b"), "the front of a shelf"),
+    "situation_c": (situation("c"), "A turned, with boxes on it and an arm that moves over it"),
+    "situation_d": (situation("d"), "B turned, with an open drawer and knobs"),
+    "shelf": (shelf, "a shelf with an open drawer, scanned while waist and neck move"),
+    "walkthrough": (walkthrough, "A with a person who walks past and things that come and go"),
+    "load": (load, "20 s of 1,081 beams at 40 Hz, while driving"),
+}
+"""For each name: what builds the world, and what is in it."""
+
+
+def build_world(name: str, options: Options | None = None) -> World:
+    """Return a world.
+
+    Raises
+    ------
+    ConfigError
+        For a name that no world has.
+    """
+    if name not in WORLDS:
+        raise ConfigError(f"no world '{name}'{suggest(name, WORLDS)}")
+    return WORLDS[name][0](options or Options())

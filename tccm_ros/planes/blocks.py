@@ -1,0 +1,273 @@
+"""Flat patches: cuboids pooled in blocks, and in larger blocks where samples are sparse.
+
+The cells are grouped in square blocks. In each block cuboids that overlap in height are pooled, the
+tall ones (walls) apart from the flat ones. A pool whose points span an area and lie in a plane is a
+*patch*. A pool that is only a line, as where one scan line crosses the block, is handed to the
+block of twice the size, and so on: a pyramid whose level follows the sample spacing.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.cuboids.moments import plane_of
+
+__all__ = ["BLOCK_BITS", "LEVELS", "find_patches", "queue_around", "sort_into_blocks"]
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int32]
+Flags = NDArray[np.bool_]
+
+BLOCK_BITS = 2
+"""A block of the lowest level is 2**2 cells wide."""
+
+LEVELS = 5
+"""Levels of the pyramid: the largest block is 16 times as wide as the smallest."""
+
+SPAN = 0.15
+"""A pool spans an area if its second standard deviation exceeds this share of the block's width
+(a filled block has 0.29)."""
+
+
+@njit(nogil=True, cache=True)
+def sort_into_blocks(
+    ix: Int, iy: Int, low_x: int, low_y: int, wide: int, blocks: int
+) -> tuple[Int, Int]:
+    """Sort cuboids into blocks of the lowest level.
+
+    Returns
+    -------
+    start : int32 (blocks + 1,)
+        Where the cuboids of block ``bx * wide + by`` begin in `order`.
+    order : int32 (N,)
+        Cuboids by block, in their own order within it.
+    """
+    n = len(ix)
+    block = np.empty(n, np.int32)
+    start = np.zeros(blocks + 1, np.int32)
+    for i in range(n):
+        b = ((ix[i] - low_x) >> BLOCK_BITS) * wide + ((iy[i] - low_y) >> BLOCK_BITS)
+        block[i] = b
+        start[b + 1] += 1
+    for b in range(blocks):
+        start[b + 1] += start[b]
+    fill = start.copy()
+    order = np.empty(n, np.int32)
+    for i in range(n):
+        b = block[i]
+        order[fill[b]] = i
+        fill[b] += 1
+    return start, order
+
+
+@njit(nogil=True, cache=True)
+def queue_around(
+    b: int, mark: int, rows: int, wide: int, queue: Int, queued: int, stamp: Int
+) -> int:
+    """Queue the blocks around block b that have not the mark yet; return how many are queued."""
+    bx, by = b // wide, b % wide
+    for x in range(max(bx - 1, 0), min(bx + 2, rows)):
+        for y in range(max(by - 1, 0), min(by + 2, wide)):
+            if stamp[x * wide + y] != mark:
+                stamp[x * wide + y] = mark
+                queue[queued] = x * wide + y
+                queued += 1
+    return queued
+
+
+@njit(nogil=True, cache=True)
+def pool(
+    head: Int,
+    following: Int,
+    low: Int,
+    high: Int,
+    tall: Flags,
+    moments: Array,
+    used: int,
+    block: int,
+    lo: int,
+    hi: int,
+    is_tall: bool,
+    m: Array,
+    gap: int,
+) -> int:
+    """Add moments to the pool of a block that meets [lo, hi] but for a gap, or begin a new one.
+
+    Returns the number of pools used so far.
+    """
+    g = head[block]
+    while g >= 0:
+        if tall[g] == is_tall and lo <= high[g] + gap and hi >= low[g] - gap:
+            low[g], high[g] = min(low[g], lo), max(high[g], hi)
+            for k in range(10):
+                moments[g, k] += m[k]
+            return used
+        g = following[g]
+    following[used] = head[block]
+    head[block] = used
+    low[used], high[used], tall[used] = lo, hi, is_tall
+    for k in range(10):
+        moments[used, k] = m[k]
+    return used + 1
+
+
+@njit(nogil=True, cache=True)
+def may_span(m: Array, least: float) -> bool:
+    """Tell whether the second eigenvalue of the points' covariance may be `least`: lines cannot.
+
+    With minors l1 l2 + l1 l3 + l2 l3 and l1 a third of the trace at least, l2 is at most three
+    times their ratio.
+    """
+    k = 1.0 / m[0]
+    px, py, pz = m[1] * k, m[2] * k, m[3] * k
+    xx, xy, xz = m[4] * k - px * px, m[5] * k - px * py, m[6] * k - px * pz
+    yy, yz, zz = m[7] * k - py * py, m[8] * k - py * pz, m[9] * k - pz * pz
+    minors = xx * yy - xy * xy + xx * zz - xz * xz + yy * zz - yz * yz
+    return 3.0 * minors >= least * (xx + yy + zz)
+
+
+@njit(nogil=True, cache=True)
+def find_patches(
+    M: Array,
+    start: Int,
+    order: Int,
+    bottom: Int,
+    top: Int,
+    rows: int,
+    wide: int,
+    cell: float,
+    cell_ticks: float,
+    max_rms: float,
+    min_count: float,
+) -> tuple[Array, Array, Int]:
+    """Find the flat patches of all levels.
+
+    Parameters
+    ----------
+    M
+        float64 (N, 10), moments.
+    start, order
+        Of `sort_into_blocks`.
+    bottom, top
+        int32 (N,), ticks.
+    rows, wide
+        Blocks of the lowest level in x and y.
+    cell, cell_ticks
+        Edge of a cell, m and ticks.
+    max_rms
+        Largest standard deviation across a patch, m.
+    min_count
+        Least points of a patch.
+
+    Returns
+    -------
+    moments : float64 (K, 10)
+    planes : float64 (K, 5)
+        nx, ny, nz, d, variance across.
+    place : int32 (K, 3)
+        Level, and block (bx, by) of that level.
+    """
+    n = len(order)
+    moments = np.empty((n, 10))
+    low, high = np.empty(n, np.int32), np.empty(n, np.int32)
+    tall, following = np.empty(n, np.bool_), np.empty(n, np.int32)
+    block_of = np.empty(n, np.int32)
+    used = 0
+    tall_variance = cell * cell
+    for b in range(rows * wide):
+        begin = used
+        for k in range(start[b], start[b + 1]):
+            i = order[k]
+            m = M[i]
+            lo, hi = bottom[i], top[i]
+            is_tall = m[9] * m[0] - m[3] * m[3] > tall_variance * m[0] * m[0]
+            # The newest pool is the likeliest: cuboids come in order.
+            g = used - 1
+            while g >= begin and (tall[g] != is_tall or lo > high[g] or hi < low[g]):
+                g -= 1
+            if g >= begin:
+                low[g], high[g] = min(low[g], lo), max(high[g], hi)
+                for c in range(10):
+                    moments[g, c] += m[c]
+            else:
+                block_of[used], low[used], high[used], tall[used] = b, lo, hi, is_tall
+                for c in range(10):
+                    moments[used, c] = m[c]
+                used += 1
+
+    patch_moments = np.empty((used, 10))
+    patch_planes = np.empty((used, 5))
+    place = np.empty((used, 3), np.int32)
+    patches = 0
+    level_wide = wide
+    level_rows = rows
+    for level in range(LEVELS):
+        width = cell * (1 << (BLOCK_BITS + level))
+        least_span = SPAN * width * SPAN * width
+        kept = 0
+        for g in range(used):
+            m = moments[g]
+            decided = m[0] >= min_count and may_span(m, least_span)
+            if decided:
+                nx, ny, nz, d, _, l2, l3 = plane_of(m)
+                decided = l2 >= least_span
+                if decided and l3 <= max_rms * max_rms:
+                    for k in range(10):
+                        patch_moments[patches, k] = m[k]
+                    planes = patch_planes[patches]
+                    planes[0], planes[1], planes[2], planes[3], planes[4] = nx, ny, nz, d, l3
+                    place[patches, 0] = level
+                    place[patches, 1] = block_of[g] // level_wide
+                    place[patches, 2] = block_of[g] % level_wide
+                    patches += 1
+            if not decided:
+                for k in range(10):
+                    moments[kept, k] = m[k]
+                low[kept], high[kept], tall[kept] = low[g], high[g], tall[g]
+                block_of[kept] = block_of[g]
+                kept += 1
+        if kept == 0 or level == LEVELS - 1:
+            break
+        # Hand what is left to the blocks of twice the size; pools are compacted in place, as the
+        # number used never overtakes the one read.
+        # What is sparse is sparse in height too: scan lines climb a wall in steps.
+        gap = int(cell_ticks * (1 << level))
+        next_wide, next_rows = (level_wide + 1) >> 1, (level_rows + 1) >> 1
+        head = np.full(next_rows * next_wide, -1, np.int32)
+        used = 0
+        row = np.empty(10)
+        for g in range(kept):
+            b = (block_of[g] // level_wide >> 1) * next_wide + (block_of[g] % level_wide >> 1)
+            for k in range(10):
+                row[k] = moments[g, k]
+            before = used
+            used = pool(
+                head, following, low, high, tall, moments, used, b, low[g], high[g], tall[g], row,
+                gap,
+            )  # fmt: skip
+            if used > before:
+                block_of[before] = b
+        level_wide, level_rows = next_wide, next_rows
+    return patch_moments[:patches], patch_planes[:patches], place[:patches]
+
+
+@njit(nogil=True, cache=True)
+def flatness_order(planes: Array) -> Int:
+    """Return patches by growing thickness, in powers of two; equal ones keep their order."""
+    classes = 24
+    n = len(planes)
+    key = np.empty(n, np.int32)
+    start = np.zeros(classes + 1, np.int32)
+    for i in range(n):
+        # 2**-34 m2 is (7.6 um)2, below which thickness is quantisation.
+        key[i] = min(classes - 1, max(0, int(math.log2(planes[i, 4] + 1e-12)) + 34))
+        start[key[i] + 1] += 1
+    for k in range(classes):
+        start[k + 1] += start[k]
+    order = np.empty(n, np.int32)
+    for i in range(n):
+        order[start[key[i]]] = i
+        start[key[i]] += 1
+    return order

@@ -1,0 +1,272 @@
+"""All planes of a map, by pooled moments: exact least-squares fits without touching a point.
+
+The detector works on cuboid moments alone. `planes.blocks` pools cuboids into flat patches,
+`planes.growth` grows regions of patches, and `planes.members` decides cuboid by cuboid, links what
+hangs together and fits. Planes of any tilt are found at once, each as exactly as a least-squares
+fit to the points of its cuboids.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tccm_ros.config import Config
+from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, Cuboids
+from tccm_ros.cuboids.moments import FLAT, axes_of, tangents, uncertainty_of
+from tccm_ros.outlines.boundary import Outline, members_by_plane, outlines
+from tccm_ros.planes.plane_table import PLANE_COLUMNS
+from tccm_ros.planes.search import planes_of
+
+__all__ = ["PlaneFit", "PlaneFits", "find_planes", "select", "without_plane"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneCuboids:
+    """The cuboids of all planes of a map, sorted by plane when that is asked for.
+
+    Attributes
+    ----------
+    cuboids, labels
+        The map, and the plane of each of its cuboids.
+    normals, offsets
+        float64 (F, 3) and (F,), the planes.
+    """
+
+    cuboids: Cuboids
+    labels: NDArray[np.int32]
+    normals: Array
+    offsets: Array
+
+    @cached_property
+    def _sorted(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        return members_by_plane(self.labels, len(self.offsets))
+
+    @cached_property
+    def outlines(self) -> list[Outline]:
+        """The outline of each plane."""
+        return outlines(self.cuboids, *self._sorted, self.normals, self.offsets)
+
+    def members(self, index: int) -> NDArray[np.int64]:
+        """Return the indices of a plane's cuboids, rising."""
+        members, starts = self._sorted
+        return members[starts[index] : starts[index + 1]]
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneFit:
+    """One plane of a map, in its frame. What costs time is worked out when it is asked for.
+
+    Attributes
+    ----------
+    index
+        Label of its cuboids in `PlaneFits.labels`.
+    kind
+        ``horizontal`` or ``any``.
+    normal, offset
+        Unit normal float64 (3,) and offset, m: ``normal . p = offset``. Horizontal normals point
+        up, others towards the viewpoint.
+    support
+        Points of all its cuboids.
+    rms
+        Standard deviation of the fit's points across the plane, m.
+    moments, origin
+        Moments float64 (10,) of the points that shaped the fit, about an origin, m.
+    owned
+        The cuboids of this and the other planes of the map.
+    """
+
+    index: int
+    kind: str
+    normal: Array
+    offset: float
+    support: int
+    rms: float
+    moments: Array
+    origin: tuple[float, float, float]
+    owned: PlaneCuboids
+
+    @property
+    def weight(self) -> float:
+        """Points that shaped the fit."""
+        return float(self.moments[0])
+
+    @cached_property
+    def centroid(self) -> Array:
+        """Mean of the points that shaped the fit, float64 (3,), m."""
+        return self.moments[1:4] / self.moments[0] + self.origin
+
+    @cached_property
+    def scatter(self) -> Array:
+        """Covariance of the points that shaped the fit, float64 (3, 3), m2."""
+        return axes_of(self.moments)[1]
+
+    @cached_property
+    def tangents(self) -> tuple[Array, Array]:
+        """Level direction u and slope direction v; (u, v, normal) is right-handed."""
+        return tangents(self.normal)
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (3, 3) of (rotation about u, rotation about v, offset at the centroid).
+
+        Of least squares with equal, independent noise of `rms` in every point, in rad and m.
+        """
+        return self._uncertainty[0]
+
+    @property
+    def quality(self) -> float:
+        """Val of Eq. (8), l1 l2 / l3 of the points' covariance, m2."""
+        return float(self._uncertainty[1])
+
+    @cached_property
+    def _uncertainty(self) -> tuple[Array, float]:
+        return uncertainty_of(self.moments, self.normal, max(self.rms**2, FLAT))
+
+    @cached_property
+    def members(self) -> NDArray[np.int64]:
+        """Indices of its cuboids."""
+        return self.owned.members(self.index)
+
+    @cached_property
+    def outline(self) -> Outline:
+        """The true outline, with holes. With the first one those of all planes are made."""
+        return self.owned.outlines[self.index]
+
+    @property
+    def boundary(self) -> Array:
+        """Outer ring of `outline`."""
+        return self.outline.boundary
+
+    @property
+    def holes(self) -> tuple[Array, ...]:
+        """Inner rings of `outline`."""
+        return self.outline.holes
+
+    @property
+    def area(self) -> float:
+        """Area of `outline`, m2."""
+        return self.outline.area
+
+
+class PlaneFits(Sequence[PlaneFit]):
+    """The planes of one map, by falling support, and the label of each cuboid.
+
+    Attributes
+    ----------
+    cuboids
+        The map.
+    labels
+        int32 (N,), index of each cuboid's plane, -1 for none.
+    """
+
+    def __init__(
+        self, cuboids: Cuboids, labels: NDArray[np.int32], rows: Array, origin: Array
+    ) -> None:
+        self.cuboids = cuboids
+        self.labels = labels
+        self._rows = rows
+        self._origin = origin
+
+    @cached_property
+    def _fits(self) -> list[PlaneFit]:
+        """One `PlaneFit` per row of `plane_search.segment`; `origin` is that of their moments."""
+        rows = self._rows
+        owned = PlaneCuboids(self.cuboids, self.labels, rows[:, :3].copy(), rows[:, 3].copy())
+        x, y, z = self._origin.tolist()
+        return [
+            PlaneFit(
+                index=index,
+                kind="horizontal" if row[18] else "any",
+                normal=row[:3],
+                offset=float(row[3]),
+                support=round(float(row[7])),
+                rms=math.sqrt(row[6]),
+                moments=row[8:18],
+                origin=(x, y, z),
+                owned=owned,
+            )
+            for index, row in enumerate(rows)
+        ]
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __getitem__(self, index):  # type: ignore[no-untyped-def]
+        return self._fits[index]
+
+    def __iter__(self) -> Iterator[PlaneFit]:
+        return iter(self._fits)
+
+
+def find_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> PlaneFits:
+    """Find all planes of a part map or an integration map.
+
+    Parameters
+    ----------
+    cuboids
+        The map.
+    config
+        Group `planes`.
+    viewpoint
+        (3,), m, in the map's frame: where the laser was. Normals of planes that are not horizontal
+        point towards it.
+
+    Returns
+    -------
+    PlaneFits
+        Deterministic: the same cuboids give the same planes in the same order.
+    """
+    view = np.ascontiguousarray(viewpoint, float)
+    origin = np.rint(view * TICKS_PER_M)
+    if len(cuboids) == 0:
+        none = np.full(0, -1, np.int32)
+        return PlaneFits(cuboids, none, np.zeros((0, PLANE_COLUMNS)), origin * TICK)
+    p = config.planes
+    limits = p.max_rms, float(p.min_points), p.min_area, p.flatness, math.cos(p.horizontal_angle)
+    arrays = (
+        cuboids.ix, cuboids.iy, cuboids.bottom, cuboids.top, cuboids.count, cuboids.s, cuboids.S,
+        cuboids.caps.of, cuboids.caps.moments, cuboids.cell_size * TICKS_PER_M, TICK, origin,
+    )  # fmt: skip
+    labels, rows = planes_of(arrays, view, limits)
+    return PlaneFits(cuboids, labels, rows, origin * TICK)
+
+
+def without_plane(fits: PlaneFits, *indices: int) -> Cuboids:
+    """Return the map without the cuboids of the given planes (the paper's Fig. 7, lowest row).
+
+    Parameters
+    ----------
+    fits
+        What `find_planes` returned.
+    indices
+        Planes to take out; all horizontal ones if none is given.
+    """
+    taken = indices or tuple(fit.index for fit in fits if fit.kind == "horizontal")
+    return select(fits.cuboids, ~np.isin(fits.labels, taken))
+
+
+def select(cuboids: Cuboids, keep: NDArray[np.bool_]) -> Cuboids:
+    """Return the cuboids for which `keep` (bool (N,)) is true."""
+    lengths = np.diff(cuboids.cycle_offsets)[keep]
+    offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+    kept_cycles = np.repeat(keep, np.diff(cuboids.cycle_offsets))
+    return Cuboids(
+        cuboids.cell_size,
+        cuboids.ix[keep],
+        cuboids.iy[keep],
+        cuboids.bottom[keep],
+        cuboids.top[keep],
+        cuboids.count[keep],
+        cuboids.s[keep],
+        cuboids.S[keep],
+        cuboids.cycles[kept_cycles],
+        offsets,
+    )

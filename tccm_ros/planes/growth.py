@@ -1,0 +1,123 @@
+"""Regions: neighbouring patches that lie in one plane, grown over the pyramid's blocks."""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.cuboids.moments import FLAT, plane_of, residuals_of
+from tccm_ros.planes.blocks import flatness_order
+
+__all__ = ["cover", "grow_regions"]
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int32]
+
+JOIN = 2.5
+"""A patch joins a region if its rms about the region's plane is within this factor of its noise."""
+
+SLACK = 0.002
+"""... plus this, m: surfaces are not perfectly flat, and small patches know their noise badly."""
+
+
+@njit(nogil=True, cache=True)
+def cover(place: Int, rows: int, wide: int) -> tuple[Int, Int, Int]:
+    """List for each block of the lowest level the patches that cover it.
+
+    Returns
+    -------
+    head : int32 (rows * wide,)
+        First node of each block, -1 for none.
+    node_patch, node_next : int32 (L,)
+        The lists.
+    """
+    total = 0
+    for p in range(len(place)):
+        total += 1 << (2 * place[p, 0])
+    head = np.full(rows * wide, -1, np.int32)
+    node_patch, node_next = np.empty(total, np.int32), np.empty(total, np.int32)
+    used = 0
+    for p in range(len(place)):
+        level = place[p, 0]
+        size = 1 << level
+        x0, y0 = place[p, 1] << level, place[p, 2] << level
+        for bx in range(x0, min(x0 + size, rows)):
+            for by in range(y0, min(y0 + size, wide)):
+                b = bx * wide + by
+                node_patch[used], node_next[used] = p, head[b]
+                head[b] = used
+                used += 1
+    return head, node_patch, node_next
+
+
+@njit(nogil=True, cache=True)
+def grow_regions(
+    moments: Array, planes: Array, place: Int, rows: int, wide: int, max_rms: float
+) -> tuple[Int, Array]:
+    """Grow regions from the flattest patches.
+
+    Returns
+    -------
+    region : int32 (K,)
+        Region of each patch.
+    pooled : float64 (R, 10)
+        Moments of each region.
+    """
+    n = len(moments)
+    head, node_patch, node_next = cover(place, rows, wide)
+    region = np.full(n, -1, np.int32)
+    seen = np.full(n, -1, np.int32)
+    queue = np.empty(n, np.int32)
+    pooled = np.empty((n, 10))
+    regions = 0
+    for seed in flatness_order(planes):
+        if region[seed] >= 0:
+            continue
+        m = pooled[regions]
+        m[:] = moments[seed]
+        nx, ny, nz, d, variance = planes[seed]
+        region[seed], seen[seed] = regions, regions
+        queue[0] = seed
+        first, end = 0, 1
+        refit_at = 1.3 * m[0]
+        while first < end:
+            level = place[queue[first], 0]
+            size = 1 << level
+            x0, y0 = place[queue[first], 1] << level, place[queue[first], 2] << level
+            first += 1
+            for bx in range(max(x0 - 1, 0), min(x0 + size + 1, rows)):
+                inside = x0 <= bx < x0 + size
+                for by in range(max(y0 - 1, 0), min(y0 + size + 1, wide)):
+                    if inside and size > 2 and y0 < by < y0 + size - 1:
+                        continue
+                    b = bx * wide + by
+                    node, kept = head[b], -1
+                    while node >= 0:
+                        p = node_patch[node]
+                        node, this = node_next[node], node
+                        if region[p] >= 0:
+                            # Out of the list: nobody needs to look at it again.
+                            if kept < 0:
+                                head[b] = node
+                            else:
+                                node_next[kept] = node
+                            continue
+                        kept = this
+                        if seen[p] == regions:
+                            continue
+                        seen[p] = regions
+                        _, second = residuals_of(moments[p], nx, ny, nz, d)
+                        noise = math.sqrt(variance + FLAT)
+                        if second > moments[p, 0] * min(JOIN * noise + SLACK, max_rms) ** 2:
+                            continue
+                        region[p] = regions
+                        queue[end] = p
+                        end += 1
+                        for k in range(10):
+                            m[k] += moments[p, k]
+                        if m[0] > refit_at:
+                            nx, ny, nz, d, _, _, variance = plane_of(m)
+                            refit_at = 1.3 * m[0]
+        regions += 1
+    return region, pooled[:regions]

@@ -1,0 +1,266 @@
+"""Which cuboids belong to a plane, and which of them may shape its fit.
+
+Belonging is generous: whatever is within the gate, so that the noise's tails are not cut off.
+Shaping is careful: a cell at an edge mixes the surface with what is below or beside it.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.cuboids.bits import lowest_bit
+from tccm_ros.cuboids.moments import Moments, plane_of, residuals_of
+from tccm_ros.planes.blocks import queue_around
+from tccm_ros.planes.plane_map import PlaneMap
+
+__all__ = [
+    "GATE",
+    "GENTLE",
+    "NOISE_FLOOR",
+    "Plane",
+    "claim",
+    "fit_lying",
+    "is_mixed",
+    "pooled_plane",
+    "sharing_cells",
+]
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int32]
+Flags = NDArray[np.bool_]
+Words = NDArray[np.uint64]
+Plane = tuple[float, float, float, float, float]
+"""nx, ny, nz, offset, variance across."""
+
+NOTHING = (0.0,) * 10
+"""Moments of no points."""
+
+GATE = 4.0
+"""A cuboid whose mean is within this many standard deviations of a plane belongs to it: one point
+in 16,000 is further away, so that the noise's tails are not cut off and do not pull."""
+
+NOISE_FLOOR = 0.00025
+"""Least standard deviation for gates, m: ranges are quantised, tables are not perfect."""
+
+LENIENT = 4.0
+"""Deviations of the chi-square test for a cuboid deep inside a surface: hardly any is refused."""
+
+STRICT = 2.0
+"""The same near an edge, where mixed cells are to be expected."""
+
+GENTLE = 0.8
+"""Planes with a larger vertical component of the normal rise by less than a cell over a cell."""
+
+ROUNDS = 3
+SETTLED = 0.9
+"""A fit that takes this share of the points needs no second look."""
+
+
+@njit(nogil=True, cache=True)
+def most_scatter(n: float, deviations: float) -> float:
+    """Return the largest sum of squared distances that noise explains for n points, in variances.
+
+    The sum of n squares is chi-square: mean n, variance 2 n; the last term allows a few points
+    their tail. `deviations` is 2 at least.
+    """
+    return n + deviations * (math.sqrt(2.0 * n) + deviations - 2.0)
+
+
+@njit(nogil=True, cache=True)
+def is_mixed(n: float, second: float, variance: float, deviations: float) -> bool:
+    """Tell whether points scatter more about a plane than its noise explains.
+
+    The test is even: it refuses both sides of the plane alike.
+    """
+    return second > variance * most_scatter(n, deviations)
+
+
+@njit(nogil=True, cache=True)
+def pooled_plane(total: Array | Moments) -> Plane:
+    """Return the plane of a moment vector, with the noise floor."""
+    nx, ny, nz, d, _, _, variance = plane_of(total)
+    return nx, ny, nz, d, max(variance, NOISE_FLOOR * NOISE_FLOOR)
+
+
+@njit(nogil=True, cache=True)
+def add_scaled(total: Moments, m: Array, weight: float) -> Moments:
+    """Return moments with others added, times a weight; a tuple, so that it stays in registers."""
+    return (
+        total[0] + weight * m[0], total[1] + weight * m[1], total[2] + weight * m[2],
+        total[3] + weight * m[3], total[4] + weight * m[4], total[5] + weight * m[5],
+        total[6] + weight * m[6], total[7] + weight * m[7], total[8] + weight * m[8],
+        total[9] + weight * m[9],
+    )  # fmt: skip
+
+
+@njit(nogil=True, cache=True)
+def squares_about(plane: Plane) -> Moments:
+    """Return the weights of moments in the sum of their points' squared distances to a plane."""
+    nx, ny, nz, d, _ = plane
+    return (
+        d * d, -2.0 * d * nx, -2.0 * d * ny, -2.0 * d * nz,
+        nx * nx, 2.0 * nx * ny, 2.0 * nx * nz, ny * ny, 2.0 * ny * nz, nz * nz,
+    )  # fmt: skip
+
+
+@njit(nogil=True, cache=True)
+def dot(weights: Moments, m: Array) -> float:
+    """Return the weighted sum of moments."""
+    return (
+        (weights[0] * m[0] + weights[1] * m[1] + weights[2] * m[2])
+        + (weights[3] * m[3] + weights[4] * m[4] + weights[5] * m[5])
+        + (weights[6] * m[6] + weights[7] * m[7] + weights[8] * m[8] + weights[9] * m[9])
+    )
+
+
+@njit(nogil=True, cache=True)
+def claim(
+    M: Array,
+    start: Int,
+    order: Int,
+    rows: int,
+    wide: int,
+    queue: Int,
+    queued: int,
+    stamp: Int,
+    mark: int,
+    labels: Int,
+    is_taken: Words,
+    plane: Plane,
+    weight: float,
+) -> Int:
+    """Flood from a region's blocks over all blocks that hold cuboids of its plane.
+
+    Parameters
+    ----------
+    M
+        float64 (N, 10), moments.
+    start, order, rows, wide
+        Of `sort_into_blocks`.
+    queue, queued
+        Blocks to begin with; work space for all blocks.
+    stamp, mark
+        Blocks queued before have ``stamp == mark``.
+    labels
+        int32 (N,): only cuboids with -1 are claimed.
+    is_taken
+        uint64, a bit for each cuboid: work space, zero before and after.
+    plane, weight
+        Plane of the region, and its points.
+
+    Returns
+    -------
+    int32 (M,): the cuboids, in order.
+    """
+    nx, ny, nz, d, variance = plane
+    gate = GATE * math.sqrt(variance)
+    total = NOTHING
+    refit_at = max(1.5 * weight, 30.0)
+    count, first = 0, 0
+    while first < queued:
+        b = queue[first]
+        first += 1
+        before = count
+        for k in range(start[b], start[b + 1]):
+            i = order[k]
+            m = M[i]
+            # Most of what is not of the plane is told by its mean, for half the work.
+            one = abs(nx * m[1] + ny * m[2] + nz * m[3] - m[0] * d)
+            if (one > gate * m[0]) | (labels[i] >= 0):
+                continue
+            _, two = residuals_of(m, nx, ny, nz, d)
+            if two > m[0] * gate * gate:
+                continue
+            is_taken[i >> 6] |= np.uint64(1) << np.uint64(i & 63)
+            count += 1
+            total = add_scaled(total, m, 1.0 - is_mixed(m[0], two, variance, LENIENT))
+        if count == before:
+            continue
+        if total[0] > refit_at:
+            nx, ny, nz, d, variance = pooled_plane(total)
+            gate = GATE * math.sqrt(variance)
+            refit_at = 1.5 * total[0]
+        queued = queue_around(b, mark, rows, wide, queue, queued, stamp)
+    return drain(is_taken, count)
+
+
+@njit(nogil=True, cache=True)
+def drain(is_set: Words, count: int) -> Int:
+    """Return the indices of the `count` bits that are set, rising, and clear them."""
+    members = np.empty(count, np.int32)
+    used = 0
+    for k in range(len(is_set)):
+        word = is_set[k]
+        is_set[k] = 0
+        while word != 0:
+            members[used] = 64 * k + lowest_bit(word)
+            used += 1
+            word &= word - np.uint64(1)
+    return members
+
+
+@njit(nogil=True, cache=True)
+def sharing_cells(ix: Int, iy: Int, members: Int) -> Flags:
+    """Tell which members, sorted by cell, have others in their cells, bool (M,)."""
+    is_sharing = np.zeros(len(members), np.bool_)
+    for k in range(1, len(members)):
+        i, j = members[k], members[k - 1]
+        same = (ix[i] == ix[j]) & (iy[i] == iy[j])
+        is_sharing[k] = same
+        is_sharing[k - 1] |= same
+    return is_sharing
+
+
+@njit(nogil=True, cache=True)
+def fit_lying(cuboids: PlaneMap, members: Int, deep: Flags, plane: Plane, total: Array) -> Plane:
+    """Fit a plane whose cells lie side by side: first to its inside, then with its edges.
+
+    A plane that rises by less than a cell over a cell passes each cell once. Where several cuboids
+    of one cell are within the gate, as at the front below a small top, none of them may shape it.
+
+    Parameters
+    ----------
+    cuboids, members
+        The map, and its cuboids in one connected set.
+    deep
+        bool (M,), of `is_deep`.
+    plane
+        A first guess.
+    total
+        float64 (10,), written: pooled moments of the fit.
+    """
+    n, M = len(members), cuboids.M
+    is_flat = abs(plane[2]) > GENTLE
+    is_sharing = sharing_cells(cuboids.ix, cuboids.iy, members)
+    # The most that a cuboid's points may scatter, in variances, does not depend on the plane.
+    most = np.empty(n)
+    inside, everything = NOTHING, 0.0
+    squares = squares_about(plane)
+    for k in range(n):
+        m = M[members[k]]
+        everything += m[0]
+        most[k] = most_scatter(m[0], LENIENT if deep[k] else STRICT)
+        if is_flat & is_sharing[k]:
+            most[k] = -1.0
+        takes = deep[k] & (dot(squares, m) <= plane[4] * most[k])
+        inside = add_scaled(inside, m, 1.0 * takes)
+    # A small surface has no inside to speak of; then the first guess has to do.
+    if inside[0] > max(20.0, 0.15 * everything):
+        plane = pooled_plane(inside)
+    # A guess that leans refuses much of the surface; what it takes is the better guess.
+    for _ in range(ROUNDS):
+        pooled = NOTHING
+        squares = squares_about(plane)
+        for k in range(n):
+            m = M[members[k]]
+            pooled = add_scaled(pooled, m, 1.0 * (dot(squares, m) <= plane[4] * most[k]))
+        for c in range(10):
+            total[c] = pooled[c]
+        if pooled[0] < 3.0:
+            return plane
+        plane = pooled_plane(pooled)
+        if pooled[0] > SETTLED * everything:
+            break
+    return plane

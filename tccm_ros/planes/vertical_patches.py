@@ -1,0 +1,179 @@
+"""The places of a standing plane: what a fit judges whole.
+
+The points of one spot on a board fall in two cells, before and behind the wall between them. To
+refuse one cell and keep the other would shift the plane, so *places* are judged whole: the cuboids
+of one step along the board that overlap in height.
+
+Where a board ends in a level surface, as a shelf's front in its top, the highest place of a step
+is a *rim*: it may hold points of that surface, all at the rim's height, up to a cell behind the
+board. A part map knows the moments of its cuboids' caps, and a rim's are taken off; of an
+integration map it is only told which places are rims.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.cuboids.caps import CAP_DEPTH
+from tccm_ros.planes.inliers import Plane
+from tccm_ros.planes.plane_map import PlaneMap, cap_of
+
+__all__ = ["NO_RIM", "bins_along", "link_standing", "pool_places"]
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int32]
+
+RIM_REACH = 40
+"""A highest place is a rim unless it ends this far, ticks, below the usual height: a level surface
+reaches its own height in each cell that it is in."""
+
+NO_RIM = -(1 << 31)
+"""What stands for no height."""
+
+
+@njit(nogil=True, cache=True)
+def bins_along(ix: Int, iy: Int, members: Int, plane: Plane) -> tuple[Int, int]:
+    """Return the step of each cuboid along the level direction of a standing plane, and how many.
+
+    A step is as wide as a cell. Cells count by their middle, so that noise does not decide.
+    """
+    slope = math.hypot(plane[0], plane[1])
+    ux, uy = -plane[1] / slope, plane[0] / slope
+    along = np.empty(len(members))
+    low = np.inf
+    for k in range(len(members)):
+        along[k] = ux * ix[members[k]] + uy * iy[members[k]]
+        low = min(low, along[k])
+    bins = np.empty(len(members), np.int32)
+    count = 0
+    for k in range(len(members)):
+        bins[k] = int(along[k] - low + 0.5)
+        count = max(count, bins[k] + 1)
+    return bins, count
+
+
+@njit(nogil=True, cache=True)
+def link_standing(ix: Int, iy: Int, members: Int, plane: Plane) -> Int:
+    """Return the connected sets of a standing plane's cuboids: runs along its level direction.
+
+    As in `linking.link`, the smallest index of each set; a gap of twice the usual step ends a run.
+    """
+    place, bins = bins_along(ix, iy, members, plane)
+    run = np.full(bins, -1, np.int32)
+    for k in range(len(place)):
+        run[place[k]] = 0
+    steps, count, last = 0, 0, -1
+    for b in range(bins):
+        if run[b] == 0:
+            if last >= 0:
+                steps += min(b - last, 8)
+                count += 1
+            last = b
+    limit = max(2.0 * steps / max(count, 1), 2.5)
+    runs, last = 0, 0
+    for b in range(bins):
+        if run[b] == 0:
+            runs += b - last >= limit
+            run[b] = runs
+            last = b
+    first = np.full(runs + 1, -1, np.int32)
+    root = np.empty(len(place), np.int32)
+    for k in range(len(place)):
+        r = run[place[k]]
+        if first[r] < 0:
+            first[r] = k
+        root[k] = first[r]
+    return root
+
+
+@njit(nogil=True, cache=True)
+def pool_places(cuboids: PlaneMap, members: Int, plane: Plane) -> tuple[Array, Int]:
+    """Pool the cuboids of each step along a standing plane that overlap in height.
+
+    Where caps are known those of rims are left out, and no rim remains.
+
+    Parameters
+    ----------
+    cuboids
+        Those of the map.
+    members, plane
+        Those of the plane, and the plane.
+
+    Returns
+    -------
+    pooled : float64 (P, 10)
+        Moments of the places, by step and rising.
+    rim : int32 (P,)
+        Top of a rim, ticks; `NO_RIM` for the other places.
+    """
+    M, bottom, top = cuboids.M, cuboids.bottom, cuboids.top
+    order, start = sort_into_steps(cuboids.ix, cuboids.iy, bottom, members, plane)
+    pooled = np.empty((len(members), 10))
+    rim = np.full(len(members), NO_RIM, np.int32)
+    tops = np.empty(len(start) - 1)
+    begins = np.empty(len(members) + 1, np.int32)
+    places, steps = 0, 0
+    for b in range(len(start) - 1):
+        if start[b] == start[b + 1]:
+            continue
+        high = NO_RIM
+        for j in range(start[b], start[b + 1]):
+            i = order[j]
+            if high < bottom[i]:
+                begins[places] = j
+                for c in range(10):
+                    pooled[places, c] = M[i, c]
+                places += 1
+            else:
+                for c in range(10):
+                    pooled[places - 1, c] += M[i, c]
+            high = max(high, top[i])
+        rim[places - 1] = high
+        tops[steps] = high
+        steps += 1
+    begins[places] = len(members)
+    least = np.median(tops[:steps]) - RIM_REACH
+    for p in range(places):
+        if rim[p] < least:
+            rim[p] = NO_RIM
+    if len(cuboids.cap_rows) == 0:
+        return pooled[:places], rim[:places]
+    kept = 0
+    for p in range(places):
+        if rim[p] != NO_RIM:
+            for j in range(begins[p], begins[p + 1]):
+                if top[order[j]] >= rim[p] - CAP_DEPTH:
+                    cap = cap_of(cuboids, order[j])
+                    for c in range(10):
+                        pooled[p, c] -= cap[c]
+            if pooled[p, 0] < 0.5:
+                continue
+        if kept < p:
+            for c in range(10):
+                pooled[kept, c] = pooled[p, c]
+        kept += 1
+    return pooled[:kept], np.full(kept, NO_RIM, np.int32)
+
+
+@njit(nogil=True, cache=True)
+def sort_into_steps(ix: Int, iy: Int, bottom: Int, members: Int, plane: Plane) -> tuple[Int, Int]:
+    """Return a standing plane's cuboids by step and rising, and where each step begins in them."""
+    bins, count = bins_along(ix, iy, members, plane)
+    start = np.zeros(count + 1, np.int32)
+    for b in bins:
+        start[b + 1] += 1
+    for b in range(count):
+        start[b + 1] += start[b]
+    fill = start.copy()
+    order = np.empty(len(members), np.int32)
+    for k in range(len(members)):
+        i, b = members[k], bins[k]
+        j = fill[b]
+        fill[b] += 1
+        while j > start[b] and bottom[order[j - 1]] > bottom[i]:
+            order[j] = order[j - 1]
+            j -= 1
+        order[j] = i
+    return order, start

@@ -1,0 +1,142 @@
+"""Records from the numbers of a message, checked: the same rules for messages and bare CDR bytes.
+
+Content that no processor can use raises `MessageError`; callers count it as a drop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.errors import MessageError
+from tccm_ros.records.cycle import SurfaceCloud, ViewIntervals
+from tccm_ros.records.sensors import (
+    JointSample,
+    Odometry,
+    RobotDescription,
+    Scan,
+    TransformSample,
+)
+
+__all__ = [
+    "MAX_SCAN_S",
+    "Record",
+    "Vector",
+    "frame_name",
+    "joint_sample",
+    "pose_matrix",
+    "scan_record",
+    "transform_sample",
+]
+
+Vector = Sequence[float]
+"""A few numbers: a translation, a quaternion."""
+
+Record = (
+    Scan
+    | JointSample
+    | Odometry
+    | TransformSample
+    | RobotDescription
+    | SurfaceCloud
+    | ViewIntervals
+)
+
+MAX_SCAN_S = 60.0
+"""Longest sweep of one scan that is believed, s; the slowest lasers take a few seconds."""
+
+
+def frame_name(name: str) -> str:
+    """Return a frame name without the leading slash that bags converted from ROS 1 have."""
+    return str(name).lstrip("/")
+
+
+def scan_record(
+    stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: NDArray[np.float32]
+) -> Scan:
+    """Return the scan of the numbers of a sensor_msgs/LaserScan.
+
+    Parameters
+    ----------
+    stamp_ns, frame_id
+        Header.
+    numbers
+        angle_min, angle_max, angle_increment, time_increment, scan_time, range_min, range_max.
+    ranges
+        float32 (N,).
+    """
+    angle_min, _, angle_increment, time_increment, _, range_min, range_max = map(float, numbers)
+    finite = (angle_min, angle_increment, time_increment, range_min)
+    if not all(map(math.isfinite, finite)) or math.isnan(range_max):
+        raise MessageError("scan has angles, times or limits that are not numbers")
+    if not 0.0 <= time_increment * len(ranges) <= MAX_SCAN_S:
+        raise MessageError(
+            f"scan has {len(ranges)} beams {time_increment:g} s apart, "
+            f"expected 0 to {MAX_SCAN_S:g} s in all"
+        )
+    return Scan(
+        stamp_ns=stamp_ns,
+        frame_id=frame_name(frame_id),
+        angle_min=angle_min,
+        angle_increment=angle_increment,
+        time_increment=time_increment,
+        range_min=range_min,
+        range_max=range_max,
+        ranges=ranges,
+    )
+
+
+def joint_sample(
+    stamp_ns: int, names: Sequence[str], positions: NDArray[np.float64]
+) -> JointSample:
+    """Return a sample of what a joint state says."""
+    if len(positions) == 0:
+        names = ()
+    if len(positions) != len(names):
+        raise MessageError(f"joint state has {len(names)} names and {len(positions)} positions")
+    if not all(map(math.isfinite, positions.tolist())):
+        known = np.isfinite(positions)
+        names = [name for name, k in zip(names, known) if k]
+        positions = positions[known]
+    return JointSample(stamp_ns, tuple(names), positions)
+
+
+def transform_sample(
+    stamp_ns: int, frames: tuple[str, str], t: Vector, q: Vector, is_static: bool
+) -> TransformSample:
+    """Return a transform (parent, child)."""
+    parent, child = map(frame_name, frames)
+    T = pose_matrix(t, q, f"transform {parent} -> {child}")
+    return TransformSample(stamp_ns, parent, child, T, is_static)
+
+
+def pose_matrix(t: Vector, q: Vector, what: str) -> NDArray[np.float64]:
+    """Return T (4, 4) of a translation (x, y, z) and a quaternion (x, y, z, w), normalised.
+
+    Raises
+    ------
+    MessageError
+        Where a number is not finite, or the quaternion is zero; `what` is the subject.
+    """
+    if not all(map(math.isfinite, (*q, *t))):
+        raise MessageError(f"{what} has a pose that is not finite")
+    norm = math.hypot(*q)
+    if not 1e-6 < norm < 1e6:
+        raise MessageError(f"{what} has a quaternion {tuple(q)} that is no rotation")
+    return _matrix(t, [value / norm for value in q])
+
+
+def _matrix(t: Vector, unit_q: Vector) -> NDArray[np.float64]:
+    """Return T (4, 4); written out because scipy takes ten times as long for a single pose."""
+    x, y, z, w = unit_q
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), t[0]],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), t[1]],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), t[2]],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )

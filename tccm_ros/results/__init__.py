@@ -1,0 +1,1 @@
+"""Result files and saved maps: written, read back, and exported."""

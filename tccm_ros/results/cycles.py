@@ -1,0 +1,242 @@
+"""The time series for the report: every cycle's part map, coarsened, in one small file.
+
+``cycles.npz`` lets the report show what the map held after any cycle: the newest n part maps.
+Cells are joined to at least `CELL_SIZE` and heights rounded outwards to centimetres, so that an
+hour of mapping stays a few megabytes. What is exact is in ``cuboids.npz``.
+"""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
+from tccm_ros.errors import MapError, OutputError, one_line
+
+__all__ = ["CycleHistory", "CycleParts", "coarsen", "load_cycles", "save_cycles"]
+
+CELL_SIZE = 0.05
+"""Smallest edge of a coarse cell, m."""
+
+MAX_CUBOIDS = 1_200_000
+"""Cells grow until no more cuboids than this are left: about 5 MB, and smooth in a browser."""
+
+TICKS_PER_CM = TICKS_PER_M // 100
+JOIN_GAP_CM = 2
+"""Coarse cuboids nearer than this in height are one: finer is not seen at this scale."""
+
+FORMAT = 1
+LIMIT = np.iinfo(np.int16).max
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CycleParts:
+    """The coarse part maps of C cycles with N cuboids in all.
+
+    Attributes
+    ----------
+    cell_size
+        Edge of a coarse cell, m.
+    window
+        Part maps that the integration map held (``map.window_cycles``).
+    cycles
+        int32 (C,), increasing.
+    stamps_ns
+        int64 (C,).
+    offsets
+        int64 (C + 1,): cycle i has the cuboids ``offsets[i]:offsets[i + 1]``.
+    ix, iy
+        int16 (N,), coarse cell in the odometry frame, sorted by (ix, iy, bottom) in each cycle.
+    bottom, top
+        int16 (N,), cm.
+    T_map_odom
+        float64 (C, 4, 4), where the odometry frame was in map at each cycle, after the last
+        optimisation.
+    """
+
+    cell_size: float
+    window: int
+    cycles: NDArray[np.int32]
+    stamps_ns: NDArray[np.int64]
+    offsets: NDArray[np.int64]
+    ix: NDArray[np.int16]
+    iy: NDArray[np.int16]
+    bottom: NDArray[np.int16]
+    top: NDArray[np.int16]
+    T_map_odom: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.cycles)
+
+
+class CycleHistory:
+    """Collects part maps as they close, each coarsened at once so that memory stays small."""
+
+    def __init__(self, window: int):
+        """Start empty; `window` is ``map.window_cycles``."""
+        self.window = window
+        self._cell_size = CELL_SIZE
+        self._cycles: list[int] = []
+        self._stamps_ns: list[int] = []
+        self._parts: list[NDArray[np.int64]] = []
+
+    def add(self, cycle: int, stamp_ns: int, part: Cuboids) -> None:
+        """Append the part map of one cycle, in the odometry frame."""
+        factor = max(1, int(np.ceil(CELL_SIZE / part.cell_size - 1e-9)))
+        self._cell_size = factor * part.cell_size
+        self._cycles.append(cycle)
+        self._stamps_ns.append(stamp_ns)
+        self._parts.append(
+            coarsen(
+                part.ix.astype(np.int64) // factor,
+                part.iy.astype(np.int64) // factor,
+                part.bottom.astype(np.int64) // TICKS_PER_CM,
+                -(-part.top.astype(np.int64) // TICKS_PER_CM),
+            )
+        )
+
+    def parts(self, T_map_odom: NDArray[np.float64]) -> CycleParts:
+        """Return all cycles as one table.
+
+        Parameters
+        ----------
+        T_map_odom
+            float64 (C, 4, 4), one for each cycle that was added. A cycle that saw nothing knows
+            no pose: that of the cycle before is taken (or after, at the beginning).
+        """
+        parts, cell_size = self._parts, self._cell_size
+        while _must_grow(parts):
+            parts = [coarsen(p[0] // 2, p[1] // 2, p[2], p[3]) for p in parts]
+            cell_size *= 2.0
+        table = np.concatenate([np.zeros((4, 0), np.int64), *parts], axis=1)
+        ix, iy, bottom, top = np.clip(table, -LIMIT, LIMIT).astype(np.int16)
+        return CycleParts(
+            cell_size,
+            self.window,
+            np.array(self._cycles, np.int32),
+            np.array(self._stamps_ns, np.int64),
+            np.cumsum([0, *(p.shape[1] for p in parts)], dtype=np.int64),
+            ix,
+            iy,
+            bottom,
+            top,
+            _carried(np.asarray(T_map_odom, float).reshape(len(parts), 4, 4), self._parts),
+        )
+
+
+def _carried(
+    T_map_odom: NDArray[np.float64], parts: list[NDArray[np.int64]]
+) -> NDArray[np.float64]:
+    """Return the poses, those of empty parts replaced by the last before or the first after."""
+    known = np.flatnonzero([part.shape[1] > 0 for part in parts])
+    if len(known) == 0:
+        return T_map_odom
+    before = np.searchsorted(known, np.arange(len(parts)), side="right") - 1
+    return T_map_odom[known[np.maximum(before, 0)]]
+
+
+def _must_grow(parts: list[NDArray[np.int64]]) -> bool:
+    if sum(p.shape[1] for p in parts) > MAX_CUBOIDS:
+        return True
+    return any(p.size > 0 and np.abs(p[:2]).max() > LIMIT for p in parts)
+
+
+def coarsen(
+    ix: NDArray[np.int64],
+    iy: NDArray[np.int64],
+    bottom: NDArray[np.int64],
+    top: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """Join the intervals of each cell that touch or nearly touch.
+
+    Parameters
+    ----------
+    ix, iy, bottom, top
+        int64 (N,): coarse cells, and intervals in cm; any order, cells may repeat.
+
+    Returns
+    -------
+    int64 (4, M)
+        Rows ix, iy, bottom, top, sorted by (ix, iy, bottom); the intervals of a cell are disjoint.
+    """
+    order = np.lexsort((top, bottom, iy, ix))
+    ix, iy, bottom, top = ix[order], iy[order], bottom[order], top[order]
+    if len(ix) == 0:
+        return np.zeros((4, 0), np.int64)
+    new_cell = np.r_[True, (np.diff(ix) != 0) | (np.diff(iy) != 0)]
+    # A running maximum that starts anew in each cell: every cell gets its own range of numbers.
+    span = int(top.max() - top.min()) + 1
+    base = np.cumsum(new_cell) * span - top.min()
+    reach = np.maximum.accumulate(top + base) - base
+    starts = new_cell.copy()
+    starts[1:] |= bottom[1:] > reach[:-1] + JOIN_GAP_CM
+    first = np.flatnonzero(starts)
+    return np.stack([ix[first], iy[first], bottom[first], np.maximum.reduceat(top, first)])
+
+
+def save_cycles(path: Path | str, parts: CycleParts) -> None:
+    """Write cycles.npz; the same parts give the same bytes.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
+    names = [
+        name for name in CycleParts.__dataclass_fields__ if name not in ("cell_size", "window")
+    ]
+    arrays = {name: getattr(parts, name) for name in names}
+    try:
+        np.savez_compressed(
+            path,
+            format=np.int64(FORMAT),
+            cell_size=np.float64(parts.cell_size),
+            window=np.int64(parts.window),
+            **arrays,
+        )
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({one_line(error)})") from None
+
+
+def load_cycles(path: Path | str) -> CycleParts:
+    """Read cycles.npz.
+
+    Raises
+    ------
+    MapError
+        If the file is missing, damaged or of another version.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            found = {name: arrays[name] for name in arrays.files}
+    except FileNotFoundError:
+        raise MapError(f"{path}: no such file") from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise MapError(f"{path}: damaged ({one_line(error)})") from None
+    missing = sorted({"format", *CycleParts.__dataclass_fields__} - set(found))
+    if missing:
+        raise MapError(f"{path}: damaged, '{missing[0]}' is missing")
+    if int(found.pop("format")) != FORMAT:
+        raise MapError(f"{path}: another version than {FORMAT}; write it again")
+    cell_size, window = float(found.pop("cell_size")), int(found.pop("window"))
+    parts = CycleParts(cell_size=cell_size, window=window, **found)
+    _check(path, parts)
+    return parts
+
+
+def _check(path: Path | str, parts: CycleParts) -> None:
+    count = len(parts.ix)
+    same = all(len(a) == count for a in (parts.iy, parts.bottom, parts.top))
+    whole = (
+        len(parts.offsets) == len(parts) + 1
+        and parts.offsets[0] == 0
+        and parts.offsets[-1] == count
+    )
+    poses = parts.T_map_odom.shape == (len(parts), 4, 4) and len(parts.stamps_ns) == len(parts)
+    if not (same and whole and poses and bool(np.all(np.diff(parts.offsets) >= 0))):
+        raise MapError(f"{path}: damaged, its arrays do not belong together")

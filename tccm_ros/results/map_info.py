@@ -1,0 +1,84 @@
+"""`tccm info` of a saved map: what is in it, and whether a recording can go on with its run."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from tccm_ros.results.map_file import load_map
+from tccm_ros.snapshot import software
+
+__all__ = ["MapInfo", "map_info"]
+
+
+@dataclass(frozen=True, slots=True)
+class MapInfo:
+    """What is in a saved map.
+
+    Attributes
+    ----------
+    path
+        The file.
+    size
+        Bytes.
+    sessions, views, keyframes
+        How many there are.
+    first, last
+        Stamps of the first and the last view, s; None where there is none.
+    run
+        What becomes of a recording that begins where the map's ended.
+    """
+
+    path: Path
+    size: int
+    sessions: int
+    views: int
+    keyframes: int
+    first: float | None
+    last: float | None
+    run: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Return everything as plain data."""
+        return {**asdict(self), "path": str(self.path)}
+
+    def text(self) -> str:
+        """Return the same for people."""
+        counts = (
+            f"{self.views} views of {self.sessions} session{'' if self.sessions == 1 else 's'}, "
+            f"{self.keyframes} keyframes"
+        )
+        size = f"{1e-6 * self.size:.1f} MB"
+        head = f"{self.path}: a saved map, {size}"
+        return f"{head}\n{counts}\n{self.run}"
+
+
+def map_info(path: Path | str) -> MapInfo:
+    """Read what is in a saved map.
+
+    Raises
+    ------
+    MapError
+        For a map that is damaged, or of a newer version.
+    """
+    path = Path(path)
+    saved = load_map(path)
+    stamps = [view.view.stamp_ns for view in saved.views]
+    run = "a recording that goes on where it ended begins a new session"
+    if saved.run is None:
+        run += ": the run is not in it"
+    elif saved.run.software != software():
+        run += ": it was saved by another version of the software"
+    else:
+        run = "a recording that begins where it ended goes on as if in one piece"
+    return MapInfo(
+        path,
+        path.stat().st_size,
+        len({view.view.session for view in saved.views}),
+        len(saved.views),
+        len(saved.walls.get("keyframe_stamp_ns", ())),
+        1e-9 * min(stamps) if stamps else None,
+        1e-9 * max(stamps) if stamps else None,
+        run,
+    )

@@ -1,0 +1,149 @@
+"""Surfaces as collision objects for a planning scene: boxes and meshes with poses, as plain data.
+
+A box is what shape_msgs/SolidPrimitive wants, a mesh what shape_msgs/Mesh wants; messages are made
+where message classes are known. `scene_text` is a file that MoveIt reads: "Import" in RViz, or
+``PlanningScene::loadGeometryFromStream``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from tccm_ros.geometry import pose, quaternion
+from tccm_ros.records import Surface
+from tccm_ros.results.numbers import rounded
+
+__all__ = [
+    "OBJECT_PREFIX",
+    "Box",
+    "Mesh",
+    "scene_text",
+    "surface_box",
+    "surface_mesh",
+    "surface_shape",
+]
+
+Float64 = NDArray[np.float64]
+
+OBJECT_PREFIX = "tccm_surface_"
+"""Of the names of collision objects, so that those of others stay."""
+
+FILLED = 0.75
+"""A surface that fills less than this share of its box is a mesh: the box of a bent counter would
+block the room before it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """A box: T_map_box float64 (4, 4), of its middle, and size float64 (3,), m."""
+
+    T_map_box: Float64
+    size: Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """A closed mesh in map: vertices float64 (N, 3), triangles int64 (M, 3), normals outwards."""
+
+    vertices: Float64
+    triangles: NDArray[np.int64]
+
+
+def surface_shape(surface: Surface, thickness: float = 0.02) -> Box | Mesh:
+    """Return a surface as a box, which planners like, or as a mesh where that is too much.
+
+    Parameters
+    ----------
+    surface
+        Of the map.
+    thickness
+        m; its top is the surface.
+    """
+    box = surface_box(surface, thickness)
+    if surface.area / surface.normal[2] < FILLED * box.size[0] * box.size[1]:
+        return surface_mesh(surface, thickness)
+    return box
+
+
+def scene_text(surfaces: Iterable[Surface], name: str = "tccm_ros") -> str:
+    """Return all surfaces but the floor as the text of a MoveIt planning scene (``.scene``).
+
+    The robot stands on the floor: as an object it would be in collision all the time. The form is
+    the older one of two, which all versions of MoveIt read: for each object its shapes, for each
+    shape its pose (x y z, then the quaternion x y z w) and its colour.
+    """
+    lines = [name]
+    for surface in surfaces:
+        if surface.label == "floor":
+            continue
+        shape = surface_shape(surface)
+        lines += [f"* {OBJECT_PREFIX}{surface.id}", "1"]
+        T = np.eye(4)
+        if isinstance(shape, Box):
+            T = shape.T_map_box
+            lines += ["box", _numbers(shape.size)]
+        else:
+            lines += ["mesh", f"{len(shape.vertices)} {len(shape.triangles)}"]
+            lines += [_numbers(vertex) for vertex in shape.vertices]
+            lines += [" ".join(map(str, triangle)) for triangle in shape.triangles.tolist()]
+        lines += [_numbers(T[:3, 3]), _numbers(quaternion(T[None])[0]), "0 0 0 0"]
+    return "\n".join([*lines, ".", ""])
+
+
+def _numbers(values: Float64) -> str:
+    return " ".join(f"{rounded(v):.6f}" for v in values)
+
+
+def surface_box(surface: Surface, thickness: float = 0.02) -> Box:
+    """Return the smallest box under a surface's outline; its top lies in the surface's plane.
+
+    Holes and notches are filled: a planner that avoids the box avoids the surface.
+    """
+    rectangle = shapely.oriented_envelope(Polygon(surface.boundary[:, :2]))
+    corners = np.asarray(rectangle.exterior.coords)[:4]
+    edge = corners[1] - corners[0]
+    x = np.array([*edge, 0.0]) / np.linalg.norm(edge)
+    x -= (x @ surface.normal) * surface.normal
+    x /= np.linalg.norm(x)
+    R = np.stack([x, np.cross(surface.normal, x), surface.normal], axis=1)
+    local = surface.boundary @ R
+    low, high = local.min(axis=0), local.max(axis=0)
+    size = np.array([high[0] - low[0], high[1] - low[1], thickness])
+    middle = np.array([*(0.5 * (low + high))[:2], surface.offset - 0.5 * thickness])
+    return Box(pose(R, R @ middle), size)
+
+
+def surface_mesh(surface: Surface, thickness: float = 0.02) -> Mesh:
+    """Return the slab under a surface, with its holes and its true outline."""
+    rings = [surface.boundary, *surface.holes]
+    top = np.concatenate(rings)
+    polygon = Polygon(surface.boundary[:, :2], [hole[:, :2] for hole in surface.holes])
+    faces = _triangles(polygon, top[:, :2])
+    count, down = len(top), thickness * surface.normal
+    sides = []
+    start = 0
+    for ring in rings:
+        a = start + np.arange(len(ring))
+        b = start + (np.arange(len(ring)) + 1) % len(ring)
+        sides.append(np.stack([a, a + count, b], axis=1))
+        sides.append(np.stack([b, a + count, b + count], axis=1))
+        start += len(ring)
+    triangles = np.concatenate([faces, faces[:, ::-1] + count, *sides])
+    return Mesh(np.concatenate([top, top - down]), triangles.astype(np.int64))
+
+
+def _triangles(polygon: Polygon, vertices: Float64) -> NDArray[np.int64]:
+    """Triangulate a polygon; int64 (T, 3) into `vertices` (N, 2), counter-clockwise."""
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
+    index = {tuple(v): k for k, v in enumerate(vertices.tolist())}
+    faces = []
+    for part in parts:
+        ring = np.asarray(shapely.geometry.polygon.orient(part).exterior.coords)[:3]
+        faces.append([index[tuple(v)] for v in ring.tolist()])
+    return np.array(faces, np.int64).reshape(-1, 3)

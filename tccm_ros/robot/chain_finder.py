@@ -1,0 +1,238 @@
+"""The chain from the base to a laser: names are found, not set (DESIGN section 3).
+
+The base is the odometry's child frame where the robot has it, else a root; the tilt joint is the
+turning joint nearest to the laser. The chain comes from the robot description, from tf, or from the
+configured rig; an ambiguity is an error that names the candidates.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.config import Config
+from tccm_ros.errors import FrameError, suggest
+from tccm_ros.geometry import pose, pose_from_rpy
+from tccm_ros.robot.chain import Chain, JointReading, MovingTransform, Part
+from tccm_ros.robot.frames import (
+    Edges,
+    FrameTree,
+    ancestors,
+    build_chain,
+    find_path,
+    frames_of,
+)
+from tccm_ros.robot.joint_tracks import JointTracks
+from tccm_ros.robot.urdf import Joint, RobotModel
+
+__all__ = ["ChainFinder"]
+
+#: Name of the base where nothing names it.
+DEFAULT_BASE = "base_link"
+
+Float64 = NDArray[np.float64]
+
+
+class ChainFinder:
+    """Finds chains in what is known of the robot.
+
+    Parameters
+    ----------
+    config
+        Groups `frames` and `rig` are used.
+    role
+        ``tilt``: the laser turns with a tilt joint; ``level``: it does not.
+    frames, joints
+        What is known.
+
+    Attributes
+    ----------
+    odometry_child
+        The frame that odometry follows, None before odometry came.
+    base
+        Base frame, None until a chain was found.
+    odometry_chain
+        From `odometry_child` to the base, None where they are the same.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        role: Literal["tilt", "level"],
+        frames: FrameTree,
+        joints: JointTracks,
+    ):
+        self.odometry_child: str | None = None
+        self.base: str | None = config.frames.base or None
+        self.odometry_chain: Chain | None = None
+        self._config = config
+        self._role = role
+        self._frames = frames
+        self._joints = joints
+
+    def find(self, laser: str, *, final: bool) -> Chain | None:
+        """Find the chain to a laser; None while a source that would be preferred may still come.
+
+        Raises
+        ------
+        FrameError
+            Where there is no way, no such joint, or an ambiguity.
+        """
+        source = self._config.rig.kinematics
+        if source == "rig":
+            return self._rig_chain()
+        model = None if source == "tf" else self._frames.model
+        if source != "tf" and model is None and not final:
+            return None
+        if source == "urdf" and model is None:
+            raise FrameError("no robot description was received; publish it on robot_description")
+        edges = self._frames.view(urdf=source != "tf", tf=True, moving_tf=source != "urdf")
+        known = frames_of(edges)
+        if source == "auto" and laser not in known and self._has_rig():
+            return self._rig_chain() if final else None
+        base = self._find_base(laser, known, model)
+        if source == "auto" and self._is_silent(base, laser, edges):
+            if not final:
+                return None
+            edges = self._with_tf_for_silent_joints(base, laser, edges)
+        self.base = base
+        self.odometry_chain = self._odometry_chain(base, known, edges)
+        return build_chain(find_path(base, laser, edges), self.reading)
+
+    def _odometry_chain(self, base: str, known: set[str], edges: Edges) -> Chain | None:
+        if self.odometry_child is None or self.odometry_child in (base, ""):
+            return None
+        if self.odometry_child not in known:
+            return None
+        return build_chain(find_path(self.odometry_child, base, edges), self.reading)
+
+    def _find_base(self, laser: str, known: set[str], model: RobotModel | None) -> str:
+        """Return the base: configured, the odometry's child, or a root (DESIGN section 3)."""
+        if self._config.frames.base:
+            return self._config.frames.base
+        child = self.odometry_child
+        if child and (child in known or (model and child in model.links) or model is None):
+            return child
+        odom = self._config.frames.odom_name
+        moved = [e.child for e in self._frames.tf.values() if e.parent == odom]
+        if model is not None:
+            inside = [frame for frame in moved if frame in model.links]
+            return inside[0] if len(inside) == 1 else model.root
+        if not known:
+            raise FrameError("no frames at all: neither a robot description nor tf was received")
+        return moved[0] if len(moved) == 1 else self._base_in_tf(laser)
+
+    def _base_in_tf(self, laser: str) -> str:
+        """Return the base where tf alone tells: below what moves the robot, above the tilt joint.
+
+        Raises
+        ------
+        FrameError
+            Where a tilting laser hangs on several moving transforms: any of them may be the
+            robot's own motion.
+        """
+        above = ancestors(laser, dict(self._frames.tf))
+        moving = [f for f in above[:-1] if self._frames.tf[f].T_parent_child is None]
+        if self._role == "level":
+            return moving[0] if moving else above[-1]
+        if len(moving) > 1:
+            candidates = sorted([*moving[1:], above[-1]])
+            raise FrameError(
+                "the base frame is ambiguous, set frames.base" + suggest("", candidates)
+            )
+        return above[-1]
+
+    def _silent_joints(self, base: str, laser: str, edges: Edges) -> list[Joint]:
+        moving = [
+            edge
+            for edge, _ in find_path(base, laser, edges)
+            if isinstance(edge, Joint) and edge.motion in ("turn", "slide")
+        ]
+        return [joint for joint in moving if not len(self.reading(joint).track)]
+
+    def _is_silent(self, base: str, laser: str, edges: Edges) -> bool:
+        return bool(self._silent_joints(base, laser, edges))
+
+    def _with_tf_for_silent_joints(self, base: str, laser: str, edges: Edges) -> Edges:
+        """Return the edges with tf's in place of joints of which no sample came."""
+        replaced = dict(edges)
+        for joint in self._silent_joints(base, laser, edges):
+            if joint.child in self._frames.tf:
+                replaced[joint.child] = self._frames.tf[joint.child]
+        return replaced
+
+    def reading(self, joint: Joint) -> JointReading:
+        """Follow a joint's samples, or those of the joints that it mimics, in turn."""
+        scale, offset, source, seen = 1.0, 0.0, joint, {joint.name}
+        by_name = self.model_joints()
+        while source.mimic is not None:
+            offset += scale * source.mimic.offset
+            scale *= source.mimic.multiplier
+            if source.mimic.joint in seen:
+                raise FrameError(f"joint '{joint.name}' mimics itself")
+            seen.add(source.mimic.joint)
+            source = by_name[source.mimic.joint]
+        track = self._joints.of(source.name)
+        return JointReading(joint.name, track, joint.axis, joint.motion == "turn", scale, offset)
+
+    def model_joints(self) -> dict[str, Joint]:
+        """Return the joints of the robot description by their names."""
+        model = self._frames.model
+        return {} if model is None else {joint.name: joint for joint in model.joints.values()}
+
+    def _has_rig(self) -> bool:
+        rig = self._config.rig
+        return (rig.tilt_laser if self._role == "tilt" else rig.level_laser) is not None
+
+    def _rig_chain(self) -> Chain:
+        rig = self._config.rig
+        self.base = self._config.frames.base or self.odometry_child or DEFAULT_BASE
+        self.odometry_chain = None
+        laser = rig.tilt_laser if self._role == "tilt" else rig.level_laser
+        if laser is None:
+            raise FrameError(f"rig.{self._role}_laser is not set: the laser's place is not known")
+        T_base_laser = pose_from_rpy(laser)
+        if self._role == "level":
+            return Chain(T_base_laser[None], ())
+        center = np.array(rig.tilt_center or laser[:3])
+        length = float(np.linalg.norm(rig.tilt_axis))
+        if length < 1e-9:
+            raise FrameError("rig.tilt_axis is zero; a direction is expected")
+        axis = np.array(rig.tilt_axis) / length
+        name = self._config.frames.tilt_joint or self._only_joint()
+        reading = JointReading(name, self._joints.of(name), axis, True)
+        fixed = np.array([pose(np.eye(3), center), pose(np.eye(3), -center) @ T_base_laser])
+        return Chain(fixed, ((reading, False),))
+
+    def _only_joint(self) -> str:
+        names = self._joints.heard()
+        if len(names) != 1:
+            raise FrameError(
+                "the tilt joint is not known" + suggest("", names) + "; set frames.tilt_joint"
+            )
+        return names[0]
+
+    def tilt_part(self, chain: Chain) -> Part:
+        """Return the tilt joint: as configured, else the turning one nearest to the laser.
+
+        Raises
+        ------
+        FrameError
+            Where there is none; the message names the joints that are there.
+        """
+        turning = [p for p, _ in chain.parts if isinstance(p, MovingTransform) or p.turns]
+        wanted = self._config.frames.tilt_joint
+        if wanted:
+            for part in turning:
+                if part.name == wanted:
+                    return part
+            names = {part.name for part in turning} | set(self.model_joints())
+            raise FrameError(f"no joint '{wanted}' between base and laser" + suggest(wanted, names))
+        if not turning:
+            raise FrameError(
+                "no moving joint between base and laser, but a tilting laser needs one"
+                + suggest("", self.model_joints())
+            )
+        return turning[-1]

@@ -1,0 +1,200 @@
+"""The tree of frames, from the robot description and from tf, and the ways through it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.errors import FrameError, suggest
+from tccm_ros.geometry import inverse
+from tccm_ros.records import TransformSample
+from tccm_ros.robot.chain import Chain, JointReading, MovingTransform, Part
+from tccm_ros.robot.tracks import PoseTrack
+from tccm_ros.robot.urdf import Joint, RobotModel
+
+__all__ = [
+    "Edges",
+    "FrameTree",
+    "TfEdge",
+    "ancestors",
+    "build_chain",
+    "find_path",
+    "frames_of",
+    "plain_name",
+]
+
+#: More frames than any robot has; what comes above is not kept.
+MAX_FRAMES = 4096
+
+Int64 = NDArray[np.int64]
+Float64 = NDArray[np.float64]
+
+
+@dataclass(slots=True, eq=False)
+class TfEdge:
+    """One transform of tf: static (T_parent_child) or moving (track)."""
+
+    parent: str
+    child: str
+    T_parent_child: Float64 | None
+    track: PoseTrack
+
+
+#: Frames by child: where a frame hangs, and how.
+Edges = dict[str, Joint | TfEdge]
+
+
+class FrameTree:
+    """Frames by their parents. A link's place in the robot description wins over tf's.
+
+    Attributes
+    ----------
+    version
+        Grows when the structure changes, so that chains have to be found again.
+    """
+
+    def __init__(self) -> None:
+        self.model: RobotModel | None = None
+        self.tf: dict[str, TfEdge] = {}
+        self.version = 0
+
+    def set_model(self, model: RobotModel) -> None:
+        """Take a robot description in place of the one before."""
+        self.model = model
+        self.version += 1
+
+    def add_transform(self, sample: TransformSample) -> bool:
+        """Take one transform of tf; return whether it is of use.
+
+        The first parent that a frame was given stays, and samples have to be newer than the one
+        before.
+        """
+        parent, child = plain_name(sample.parent), plain_name(sample.child)
+        edge = self.tf.get(child)
+        if edge is None:
+            if len(self.tf) >= MAX_FRAMES or parent == child:
+                return False
+            edge = self.tf[child] = TfEdge(parent, child, None, PoseTrack())
+            self.version += 1
+        if edge.parent != parent:
+            return False
+        if not sample.is_static:
+            return edge.track.append_pose(sample.stamp_ns, sample.T_parent_child)
+        if edge.T_parent_child is None or not np.array_equal(
+            edge.T_parent_child, sample.T_parent_child
+        ):
+            edge.T_parent_child = sample.T_parent_child
+            self.version += 1
+        return True
+
+    def clear_samples(self) -> None:
+        """Forget moving transforms; what is static stays."""
+        for child in [c for c, edge in self.tf.items() if edge.T_parent_child is None]:
+            del self.tf[child]
+        self.version += 1
+
+    def view(self, *, urdf: bool, tf: bool, moving_tf: bool) -> Edges:
+        """Return the edges by child frame, of the sources that count."""
+        edges: Edges = {}
+        if tf:
+            edges.update(
+                (child, edge)
+                for child, edge in self.tf.items()
+                if moving_tf or edge.T_parent_child is not None
+            )
+        if urdf and self.model is not None:
+            edges.update(self.model.joints)
+        return edges
+
+
+def plain_name(frame: str) -> str:
+    """Return a frame's name without the leading slash that old recordings have."""
+    return frame.removeprefix("/")
+
+
+def frames_of(edges: Edges) -> set[str]:
+    """Return the names of all frames of a tree."""
+    return set(edges) | {edge.parent for edge in edges.values()}
+
+
+def ancestors(frame: str, edges: Edges) -> list[str]:
+    """Return a frame and its ancestors up to the root; a ring ends where it closes."""
+    line = [frame]
+    seen = {frame}
+    while line[-1] in edges:
+        parent = edges[line[-1]].parent
+        if parent in seen:
+            break
+        seen.add(parent)
+        line.append(parent)
+    return line
+
+
+def find_path(a: str, b: str, edges: Edges) -> list[tuple[Joint | TfEdge, bool]]:
+    """Return the edges from frame a to frame b, each with whether it is run through backwards.
+
+    Raises
+    ------
+    FrameError
+        Where there is no way; the message names the frames.
+    """
+    up, down = ancestors(a, edges), ancestors(b, edges)
+    shared = next((frame for frame in up if frame in set(down)), None)
+    if shared is None:
+        known = frames_of(edges)
+        missing = [frame for frame in (a, b) if frame not in known]
+        raise FrameError(
+            f"no way from base '{a}' to laser '{b}'"
+            + (
+                f": no frame '{missing[0]}'" + suggest(missing[0], known)
+                if missing
+                else ": they are in separate trees; publish the transform that joins them"
+            )
+        )
+    there = [(edges[frame], True) for frame in up[: up.index(shared)]]
+    back = [(edges[frame], False) for frame in down[: down.index(shared)]]
+    return there + back[::-1]
+
+
+def build_chain(
+    path: list[tuple[Joint | TfEdge, bool]], reading: Callable[[Joint], JointReading]
+) -> Chain:
+    """Make a chain of a path; `reading` says where a joint's position comes from.
+
+    Raises
+    ------
+    FrameError
+        For a floating or planar joint.
+    """
+    fixed, parts = [np.eye(4)], []
+    for edge, backwards in path:
+        for before, part, after in _links(edge, backwards, reading):
+            fixed[-1] = fixed[-1] @ before
+            if part is not None:
+                parts.append((part, backwards))
+                fixed.append(after)
+    return Chain(np.array(fixed), tuple(parts))
+
+
+def _links(
+    edge: Joint | TfEdge, backwards: bool, reading: Callable[[Joint], JointReading]
+) -> Iterator[tuple[Float64, Part | None, Float64]]:
+    one = np.eye(4)
+    if isinstance(edge, TfEdge):
+        if edge.T_parent_child is None:
+            yield one, MovingTransform(edge.child, edge.track), one
+        else:
+            yield inverse(edge.T_parent_child) if backwards else edge.T_parent_child, None, one
+        return
+    origin = inverse(edge.T_parent_joint) if backwards else edge.T_parent_joint
+    if edge.motion == "fixed":
+        yield origin, None, one
+    elif edge.motion == "loose":
+        raise FrameError(f"joint '{edge.name}' between base and laser is floating or planar")
+    elif backwards:
+        yield one, reading(edge), origin
+    else:
+        yield origin, reading(edge), one

@@ -1,0 +1,45 @@
+"""Records to messages and back, and the messages that only go out, for any message classes."""
+
+from tccm_ros.ros.reading import (
+    READERS,
+    joint_sample_from_message,
+    odometry_from_message,
+    robot_description_from_message,
+    scan_from_message,
+    stamp_ns_from_message,
+    surface_cloud_from_message,
+    transforms_from_message,
+    view_from_message,
+)
+from tccm_ros.ros.types import MessageTypes
+from tccm_ros.ros.writing import (
+    joint_sample_message,
+    odometry_message,
+    robot_description_message,
+    scan_message,
+    surface_cloud_message,
+    transform_message,
+    transforms_message,
+    view_message,
+)
+
+__all__ = [
+    "READERS",
+    "MessageTypes",
+    "joint_sample_from_message",
+    "joint_sample_message",
+    "odometry_from_message",
+    "odometry_message",
+    "robot_description_from_message",
+    "robot_description_message",
+    "scan_from_message",
+    "scan_message",
+    "stamp_ns_from_message",
+    "surface_cloud_from_message",
+    "surface_cloud_message",
+    "transform_message",
+    "transforms_from_message",
+    "transforms_message",
+    "view_from_message",
+    "view_message",
+]

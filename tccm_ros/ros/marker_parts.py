@@ -1,0 +1,132 @@
+"""What markers are made of: a place in time and space, colours, points, text, complete messages."""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Sequence
+from copy import copy
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tccm_ros.ros.types import MessageTypes, header_message
+
+__all__ = [
+    "ARROW",
+    "CUBE",
+    "CUBE_LIST",
+    "LINE_LIST",
+    "TRIANGLE_LIST",
+    "Color",
+    "MarkerSet",
+    "Place",
+    "identity_color",
+    "make_marker",
+    "marker_points",
+    "scale_color",
+    "text_marker",
+]
+
+ARROW, CUBE, LINE_LIST, CUBE_LIST, TEXT, TRIANGLE_LIST = 0, 1, 5, 6, 9, 11
+ADD, DELETE = 0, 2
+
+TEXT_HEIGHT = 0.06
+
+GOLDEN_RATIO = 0.618033988749895
+
+Color = tuple[float, float, float]
+
+
+class Place(NamedTuple):
+    """Where and when a list of markers is."""
+
+    types: MessageTypes
+    stamp_ns: int
+    frame_id: str
+
+
+class MarkerSet:
+    """Makes each message complete: ADD for all markers, DELETE for those of the message before."""
+
+    def __init__(self, types: MessageTypes) -> None:
+        self._types = types
+        self._shown: dict[tuple[str, int], str] = {}
+
+    def message(self, markers: Sequence[Any], stamp_ns: int) -> Any:
+        """Return a visualization_msgs/MarkerArray with `markers` and the needed deletions."""
+        shown = {(marker.ns, int(marker.id)): marker.header.frame_id for marker in markers}
+        gone = sorted(self._shown.keys() - shown.keys())
+        deletions = [
+            self._types.make(
+                "visualization_msgs/msg/Marker",
+                header=header_message(self._types, stamp_ns, self._shown[key]),
+                ns=key[0],
+                id=key[1],
+                action=DELETE,
+            )
+            for key in gone
+        ]
+        self._shown = shown
+        return self._types.make(
+            "visualization_msgs/msg/MarkerArray", markers=[*deletions, *markers]
+        )
+
+
+def identity_color(identity: int) -> Color:
+    """Return the colour of an id, 0 to 1; neighbouring ids differ strongly (golden ratio)."""
+    return colorsys.hsv_to_rgb(identity * GOLDEN_RATIO % 1.0, 0.65, 0.95)
+
+
+def scale_color(fraction: float) -> Color:
+    """Return the colour at 0 (blue) to 1 (red) of a scale."""
+    return colorsys.hsv_to_rgb(0.67 * (1.0 - min(max(fraction, 0.0), 1.0)), 0.85, 0.95)
+
+
+def marker_points(types: MessageTypes, xyz: ArrayLike, chosen: ArrayLike | None = None) -> Any:
+    """Return (N, 3) m as geometry_msgs/Point messages, or the chosen rows of them."""
+    rows = np.asarray(xyz, np.float64).reshape(-1, 3)
+    return types.rows("geometry_msgs/msg/Point", rows, chosen)
+
+
+def _color_message(types: MessageTypes, color: Color, alpha: float = 1.0) -> Any:
+    r, g, b = color
+    return types.make("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=alpha)
+
+
+def make_marker(
+    place: Place,
+    ns: str,
+    identity: int,
+    kind: int,
+    scale: Sequence[float],
+    color: Color,
+    alpha: float = 1.0,
+    **fields: Any,
+) -> Any:
+    """Return a visualization_msgs/Marker of one kind; `fields` are set as they are."""
+    x, y, z = (max(float(value), 0.0) for value in scale)
+    marker = copy(_blank(place))
+    marker.ns, marker.id, marker.type = ns, int(identity), kind
+    marker.scale = place.types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+    marker.color = _color_message(place.types, color, alpha)
+    for name, value in fields.items():
+        setattr(marker, name, value)
+    return marker
+
+
+@lru_cache(maxsize=2)
+def _blank(place: Place) -> Any:
+    """Return a marker to copy: most of its many parts are the same in all markers of a message."""
+    header = header_message(place.types, place.stamp_ns, place.frame_id)
+    return place.types.make("visualization_msgs/msg/Marker", header=header, action=ADD)
+
+
+def text_marker(place: Place, ns: str, identity: int, at: NDArray[np.float64], text: str) -> Any:
+    """Return white text at a point float64 (3,), m."""
+    x, y, z = at.tolist()
+    scale = (0.0, 0.0, TEXT_HEIGHT)
+    point = place.types.make("geometry_msgs/msg/Point", x=x, y=y, z=z)
+    where = place.types.make("geometry_msgs/msg/Pose", position=point)
+    return make_marker(place, ns, identity, TEXT, scale, (1.0, 1.0, 1.0), pose=where, text=text)

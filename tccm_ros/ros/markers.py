@@ -1,0 +1,198 @@
+"""Pictures of records for RViz and Foxglove: visualization_msgs/Marker lists.
+
+A builder returns the markers of one message; `MarkerSet` makes of them a complete MarkerArray that
+also deletes what the message before had. Clouds of boxes and lines are one marker per class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tccm_ros.geometry import pose
+from tccm_ros.records import PlaneRecord, Surface, TabletopObject, Wall
+from tccm_ros.ros.marker_parts import (
+    ARROW,
+    CUBE,
+    CUBE_LIST,
+    LINE_LIST,
+    TRIANGLE_LIST,
+    Color,
+    Place,
+    identity_color,
+    make_marker,
+    marker_points,
+    scale_color,
+    text_marker,
+)
+from tccm_ros.ros.polygons import fill_polygon
+from tccm_ros.ros.types import pose_message
+
+__all__ = [
+    "Place",
+    "core_markers",
+    "cuboid_markers",
+    "object_markers",
+    "plane_markers",
+    "surface_markers",
+    "wall_markers",
+]
+
+NORMAL_LENGTH = 0.2
+WALL_HEIGHT = 0.5
+MIN_SCALE = 1e-3
+"""Smallest edge of a marker, m: viewers refuse zero."""
+
+COLOR_STEPS = 64
+"""Colours along a scale, so that equal ones can share one message."""
+
+
+def _area_markers(
+    place: Place,
+    identity: int,
+    boundary: NDArray[np.float64],
+    holes: Sequence[NDArray[np.float64]],
+    normal: NDArray[np.float64],
+    color: Color,
+) -> list[Any]:
+    """Return the filled area and the outline, holes included."""
+    corners, triangles = fill_polygon(boundary, holes, normal)
+    if not len(corners):
+        return []
+    edges = _edges([len(ring) for ring in (boundary, *holes) if len(ring) >= 3])
+    # A corner is one message, however many triangles and edges meet there.
+    points = marker_points(place.types, corners, np.concatenate([triangles.ravel(), edges]))
+    markers = []
+    if len(triangles):
+        filled, unit = points[: triangles.size], (1.0, 1.0, 1.0)
+        fill = make_marker(place, "fill", identity, TRIANGLE_LIST, unit, color, 0.5, points=filled)
+        markers.append(fill)
+    lines, width = points[triangles.size :], (0.01, 0.0, 0.0)
+    markers.append(make_marker(place, "outline", identity, LINE_LIST, width, color, points=lines))
+    return markers
+
+
+def _edges(lengths: Sequence[int]) -> NDArray[np.int64]:
+    """Return the corners at the ends of each edge of closed rings that lie one after the other."""
+    ends = np.cumsum(lengths)
+    edges = np.empty((ends[-1], 2), np.int64)
+    edges[:, 0] = np.arange(ends[-1])
+    edges[:, 1] = edges[:, 0] + 1
+    edges[ends - 1, 1] = ends - lengths
+    return edges.ravel()
+
+
+def plane_markers(place: Place, planes: Iterable[PlaneRecord]) -> list[Any]:
+    """Return filled boundary, outline, normal and text of tracked planes."""
+    markers = []
+    for plane in planes:
+        color = identity_color(plane.id)
+        markers += _area_markers(place, plane.id, plane.boundary, plane.holes, plane.normal, color)
+        ends = [plane.centroid, plane.centroid + NORMAL_LENGTH * plane.normal]
+        arrow = marker_points(place.types, ends)
+        thin = (0.01, 0.02, 0.0)
+        markers.append(make_marker(place, "normal", plane.id, ARROW, thin, color, points=arrow))
+        text = f"{plane.id}: {plane.centroid[2]:.2f} m, {plane.area:.2f} m2"
+        at = plane.centroid + 0.5 * NORMAL_LENGTH * plane.normal
+        markers.append(text_marker(place, "text", plane.id, at, text))
+    return markers
+
+
+def surface_markers(place: Place, surfaces: Iterable[Surface]) -> list[Any]:
+    """Return filled boundary, outline and text (label, height, area) of the surface map."""
+    markers = []
+    for surface in surfaces:
+        color = identity_color(surface.id)
+        markers += _area_markers(
+            place, surface.id, surface.boundary, surface.holes, surface.normal, color
+        )
+        text = f"{surface.id} {surface.label}: {surface.height:.2f} m, {surface.area:.2f} m2"
+        at = surface.centroid + np.array([0.0, 0.0, 0.1])
+        markers.append(text_marker(place, "text", surface.id, at, text))
+    return markers
+
+
+def object_markers(place: Place, objects: Iterable[TabletopObject]) -> list[Any]:
+    """Return a box per object that stands on a surface."""
+    markers = []
+    for item in objects:
+        c, s = np.cos(item.yaw), np.sin(item.yaw)
+        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        where = pose_message(place.types, pose(R, item.center))
+        size = np.maximum(item.size, MIN_SCALE).tolist()
+        color = identity_color(item.id)
+        markers.append(make_marker(place, "object", item.id, CUBE, size, color, 0.8, pose=where))
+    return markers
+
+
+def wall_markers(place: Place, walls: Iterable[Wall]) -> list[Any]:
+    """Return each wall as an upright rectangle over its observed extent, with its outline."""
+    markers = []
+    for wall in walls:
+        (x0, y0), (x1, y1) = wall.endpoints
+        h = WALL_HEIGHT
+        ring = np.array([[x0, y0, 0.0], [x1, y1, 0.0], [x1, y1, h], [x0, y0, h]])
+        normal = np.array([np.cos(wall.phi), np.sin(wall.phi), 0.0])
+        markers += _area_markers(place, wall.id, ring, (), normal, identity_color(wall.id))
+    return markers
+
+
+def core_markers(place: Place, starts: ArrayLike, ends: ArrayLike) -> list[Any]:
+    """Return the center cores (N, 3) to (N, 3), m, as one LINE_LIST; none where N = 0."""
+    lines = np.stack([np.asarray(starts, float), np.asarray(ends, float)], axis=-2)
+    if lines.size == 0:
+        return []
+    points = marker_points(place.types, lines)
+    width = (0.004, 0.0, 0.0)
+    return [make_marker(place, "cores", 0, LINE_LIST, width, (0.2, 0.9, 0.3), points=points)]
+
+
+def cuboid_markers(
+    place: Place,
+    tops: ArrayLike,
+    depth: ArrayLike,
+    cell_size: float,
+    cuboid_depth: float,
+    fraction: ArrayLike,
+) -> list[Any]:
+    """Return one CUBE_LIST per depth class, so that a map is a handful of markers.
+
+    Parameters
+    ----------
+    place
+        Where and when.
+    tops
+        (N, 3), m: centre of the cell and upper end of the cuboid.
+    depth
+        (N,), m; drawn as the nearest power of two times `cuboid_depth`, hanging from the top.
+    cell_size, cuboid_depth
+        Edge of a cell and d0, m.
+    fraction
+        (N,), 0 to 1 on the colour scale: height or age.
+    """
+    xyz = np.asarray(tops, np.float64).reshape(-1, 3)
+    ratio = np.maximum(np.asarray(depth, np.float64) / cuboid_depth, 1e-6)
+    classes = np.rint(np.log2(ratio)).astype(int)
+    fractions = np.clip(np.nan_to_num(np.asarray(fraction, np.float64)), 0.0, 1.0)
+    steps = np.rint(fractions * (COLOR_STEPS - 1)).astype(int)
+    palette = [(*scale_color(k / (COLOR_STEPS - 1)), 1.0) for k in range(COLOR_STEPS)]
+    markers = []
+    for index in np.unique(classes):
+        members = np.flatnonzero(classes == index)
+        height = cuboid_depth * 2.0**index
+        centers = xyz[members] - [0.0, 0.0, 0.5 * height]
+        marker = make_marker(
+            place,
+            "cuboids",
+            int(index),
+            CUBE_LIST,
+            (cell_size, cell_size, height),
+            (1.0, 1.0, 1.0),
+            points=marker_points(place.types, centers),
+            colors=place.types.rows("std_msgs/msg/ColorRGBA", palette, steps[members]),
+        )
+        markers.append(marker)
+    return markers

@@ -1,0 +1,224 @@
+"""What the nodes publish of a result: once for live topics, once for result.mcap.
+
+Each message is built only when somebody wants it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.baselines.center_cores import center_cores
+from tccm_ros.config import Config
+from tccm_ros.cuboids.cuboids import TICK, Cuboids
+from tccm_ros.geometry import spatial
+from tccm_ros.mapping.tccm import CyclePlanes, CycleResult
+from tccm_ros.ros import surface_cloud_message, view_message
+from tccm_ros.ros.marker_parts import MarkerSet, Place, identity_color
+from tccm_ros.ros.markers import (
+    core_markers,
+    cuboid_markers,
+    object_markers,
+    plane_markers,
+    surface_markers,
+    wall_markers,
+)
+from tccm_ros.ros.results import (
+    map_cloud_message,
+    obstacle_cloud_message,
+    path_message,
+    surface_map_message,
+)
+from tccm_ros.ros.types import MessageTypes
+from tccm_ros.surfaces.surface_slam import SurfaceSolution
+
+__all__ = [
+    "CYCLE_TOPICS",
+    "SOLUTION_TOPICS",
+    "CyclePublications",
+    "Publication",
+    "SolutionPublications",
+]
+
+MARKERS = "visualization_msgs/msg/MarkerArray"
+CLOUD = "sensor_msgs/msg/PointCloud2"
+
+CYCLE_TOPICS = {
+    "planes": MARKERS,
+    "objects": MARKERS,
+    "cuboids": MARKERS,
+    "center_cores": MARKERS,
+    "map_cloud": CLOUD,
+    "obstacles": CLOUD,
+    "surfaces": CLOUD,
+    "view": CLOUD,
+}
+"""Private topics of the TCCM node and their types (DESIGN section 4)."""
+
+HAND_OVER_TOPICS = ("surfaces", "view")
+"""Those of `CYCLE_TOPICS` that the SLAM node reads: one for each cycle, never skipped."""
+
+SOLUTION_TOPICS = {
+    "path": "nav_msgs/msg/Path",
+    "walls": MARKERS,
+    "surfaces": MARKERS,
+    "surface_cloud": CLOUD,
+}
+"""Private topics of the SLAM node that show a solution, and their types."""
+
+
+@dataclass(frozen=True, slots=True)
+class Publication:
+    """A message that is due on a private topic of a node."""
+
+    topic: str
+    msgtype: str
+    build: Callable[[], Any]
+
+
+class CyclePublications:
+    """The messages of tilt cycles, each marker array with the deletions of what is gone.
+
+    Parameters
+    ----------
+    types
+        Message classes.
+    config
+        Groups `map` and `markers`.
+    """
+
+    def __init__(self, types: MessageTypes, config: Config):
+        self._types, self._config = types, config
+        self._sets = {
+            topic: MarkerSet(types) for topic, kind in CYCLE_TOPICS.items() if kind == MARKERS
+        }
+
+    def of(self, result: CycleResult, cuboids: Callable[[], Cuboids]) -> Iterator[Publication]:
+        """Yield what is due for a cycle.
+
+        Parameters
+        ----------
+        result
+            The cycle.
+        cuboids
+            Gives the integration map after that cycle.
+        """
+        yield self.planes(result.found)
+        yield from self.after_planes(result, cuboids)
+
+    def planes(self, found: CyclePlanes) -> Publication:
+        """Return the markers of a cycle's planes."""
+        place = Place(self._types, found.stamp_ns, found.frame_id)
+        build = self._array("planes", lambda: plane_markers(place, found.planes), found.stamp_ns)
+        return Publication("planes", MARKERS, build)
+
+    def after_planes(
+        self, result: CycleResult, cuboids: Callable[[], Cuboids]
+    ) -> Iterator[Publication]:
+        """Yield all but the planes, as `of`."""
+        place = Place(self._types, result.stamp_ns, result.frame_id)
+        markers: dict[str, Callable[[], list[Any]]] = {
+            "objects": lambda: object_markers(place, result.objects),
+            "cuboids": lambda: self._cuboids(place, cuboids()),
+            "center_cores": lambda: _cores(place, cuboids()),
+        }
+        clouds: dict[str, Callable[[], Any]] = {
+            "map_cloud": lambda: _map_cloud(place, cuboids()),
+            "obstacles": lambda: _obstacles(place, cuboids()),
+            "surfaces": lambda: surface_cloud_message(self._types, result.surfaces),
+            "view": lambda: view_message(self._types, result.view),
+        }
+        for topic, build in markers.items():
+            yield Publication(topic, MARKERS, self._array(topic, build, result.stamp_ns))
+        for topic, message in clouds.items():
+            yield Publication(topic, CLOUD, message)
+
+    def _array(
+        self, topic: str, build: Callable[[], list[Any]], stamp_ns: int
+    ) -> Callable[[], Any]:
+        return lambda: self._sets[topic].message(build(), stamp_ns)
+
+    def _cuboids(self, place: Place, cuboids: Cuboids) -> list[Any]:
+        if not len(cuboids):
+            return []
+        shade = _newest(cuboids) if self._config.markers.cuboid_color == "age" else cuboids.top
+        low, high = float(shade.min()), float(shade.max())
+        fraction = (shade - low) / max(high - low, 1e-9)
+        depth = self._config.map.cuboid_depth
+        return cuboid_markers(
+            place, _tops(cuboids), _depths(cuboids), cuboids.cell_size, depth, fraction
+        )
+
+
+def _cores(place: Place, cuboids: Cuboids) -> list[Any]:
+    ends = center_cores(cuboids).ends()
+    return core_markers(place, ends[:, 0], ends[:, 1])
+
+
+def _tops(cuboids: Cuboids) -> NDArray[np.float64]:
+    xy = (np.stack([cuboids.ix, cuboids.iy], axis=1) + 0.5) * cuboids.cell_size
+    return np.column_stack([xy, cuboids.top * TICK])
+
+
+def _depths(cuboids: Cuboids) -> NDArray[np.float64]:
+    return np.asarray((cuboids.top - cuboids.bottom) * TICK, np.float64)
+
+
+def _newest(cuboids: Cuboids) -> NDArray[np.int32]:
+    return cuboids.cycles[cuboids.cycle_offsets[1:] - 1]
+
+
+def _map_cloud(place: Place, cuboids: Cuboids) -> Any:
+    return map_cloud_message(
+        *place, _tops(cuboids), _depths(cuboids), cuboids.count, _newest(cuboids)
+    )
+
+
+def _obstacles(place: Place, cuboids: Cuboids) -> Any:
+    return obstacle_cloud_message(*place, _tops(cuboids), _depths(cuboids))
+
+
+class SolutionPublications:
+    """The messages of a solution of the SLAM node.
+
+    Parameters
+    ----------
+    types
+        Message classes.
+    map_frame
+        Frame of everything.
+    """
+
+    def __init__(self, types: MessageTypes, map_frame: str):
+        self._types, self._frame = types, map_frame
+        self._walls, self._surfaces = MarkerSet(types), MarkerSet(types)
+
+    def of(self, solution: SurfaceSolution, stamp_ns: int) -> Iterator[Publication]:
+        """Yield what is due for a solution, stamped with the newest record that it knows."""
+        place = Place(self._types, stamp_ns, self._frame)
+        builders: dict[str, Callable[[], Any]] = {
+            "path": lambda: path_message(
+                *place, solution.trajectory_ns.tolist(), spatial(solution.trajectory)
+            ),
+            "walls": lambda: self._walls.message(
+                wall_markers(place, solution.slam.walls), stamp_ns
+            ),
+            "surfaces": lambda: self._surfaces.message(
+                surface_markers(place, solution.surfaces), stamp_ns
+            ),
+            "surface_cloud": lambda: _surface_cloud(place, solution),
+        }
+        for topic, build in builders.items():
+            yield Publication(topic, SOLUTION_TOPICS[topic], build)
+
+
+def _surface_cloud(place: Place, solution: SurfaceSolution) -> Any:
+    ids = solution.mapped.surface_id
+    known, index = np.unique(ids, return_inverse=True)
+    palette = np.array([identity_color(int(i)) for i in known]).reshape(-1, 3)
+    colors = np.rint(255 * palette).astype(np.uint8)[index]
+    return surface_map_message(*place, solution.mapped.points, ids, colors)

@@ -1,0 +1,183 @@
+"""Messages to records, written once for every family of message classes.
+
+Messages are read by duck typing, so that a live node (rosidl classes) and a bag (rosbags
+typestore) run the same lines. Readers raise `MessageError` for content that no processor can use;
+callers count it as a drop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.errors import MessageError
+from tccm_ros.records import (
+    JointSample,
+    Odometry,
+    RobotDescription,
+    Scan,
+    SurfaceCloud,
+    TransformSample,
+    ViewIntervals,
+)
+from tccm_ros.records.building import (
+    Record,
+    frame_name,
+    joint_sample,
+    pose_matrix,
+    scan_record,
+    transform_sample,
+)
+from tccm_ros.ros.pointcloud import SURFACE_ROW, VIEW_ROW, cloud_rows
+
+__all__ = [
+    "READERS",
+    "joint_sample_from_message",
+    "odometry_from_message",
+    "robot_description_from_message",
+    "scan_from_message",
+    "stamp_ns_from_message",
+    "surface_cloud_from_message",
+    "transforms_from_message",
+    "view_from_message",
+]
+
+
+def stamp_ns_from_message(stamp: Any) -> int:
+    """Return a builtin_interfaces/Time in ns."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def scan_from_message(message: Any) -> Scan:
+    """Return the scan of a sensor_msgs/LaserScan; its ranges may share memory with the message.
+
+    Raises
+    ------
+    MessageError
+        Where angles or limits are not finite (range_max may be infinite), or where the time
+        between beams is negative or makes the sweep longer than `MAX_SCAN_S`.
+    """
+    ranges = np.asarray(np.frombuffer(message.ranges, np.float32), np.float32)
+    numbers = (
+        message.angle_min,
+        message.angle_max,
+        message.angle_increment,
+        message.time_increment,
+        message.scan_time,
+        message.range_min,
+        message.range_max,
+    )
+    stamp_ns = stamp_ns_from_message(message.header.stamp)
+    return scan_record(stamp_ns, message.header.frame_id, numbers, ranges)
+
+
+def joint_sample_from_message(message: Any) -> JointSample:
+    """Return the positions of a sensor_msgs/JointState, without joints whose position is nan.
+
+    A message without positions (velocities or efforts alone) gives an empty sample.
+
+    Raises
+    ------
+    MessageError
+        Where there are positions, but not as many as names.
+    """
+    positions = np.frombuffer(message.position, np.float64)
+    return joint_sample(stamp_ns_from_message(message.header.stamp), message.name, positions)
+
+
+def odometry_from_message(message: Any) -> Odometry:
+    """Return the pose of a nav_msgs/Odometry.
+
+    Raises
+    ------
+    MessageError
+        Where the pose is not finite or its quaternion is zero.
+    """
+    position, q = message.pose.pose.position, message.pose.pose.orientation
+    return Odometry(
+        stamp_ns_from_message(message.header.stamp),
+        frame_name(message.header.frame_id),
+        frame_name(message.child_frame_id),
+        pose_matrix((position.x, position.y, position.z), (q.x, q.y, q.z, q.w), "odometry"),
+    )
+
+
+def transforms_from_message(message: Any, *, is_static: bool = False) -> list[TransformSample]:
+    """Return the transforms of a tf2_msgs/TFMessage.
+
+    Raises
+    ------
+    MessageError
+        Where one of them is not finite or its quaternion is zero.
+    """
+    return [_transform_sample(transform, is_static) for transform in message.transforms]
+
+
+def robot_description_from_message(message: Any) -> RobotDescription:
+    """Return the URDF of a std_msgs/String."""
+    return RobotDescription(str(message.data))
+
+
+def surface_cloud_from_message(message: Any) -> SurfaceCloud:
+    """Return the hand-over of a sensor_msgs/PointCloud2 with fields x y z surface.
+
+    Raises
+    ------
+    MessageError
+        For other fields, sizes that contradict each other, or points that are not finite.
+    """
+    rows = cloud_rows(message, SURFACE_ROW)
+    points = _float_columns(rows, ("x", "y", "z"))
+    if not np.isfinite(points).all():
+        raise MessageError("surface cloud has points that are not finite")
+    stamp = stamp_ns_from_message(message.header.stamp)
+    surface = np.ascontiguousarray(rows["surface"])
+    return SurfaceCloud(stamp, frame_name(message.header.frame_id), points, surface)
+
+
+def view_from_message(message: Any) -> ViewIntervals:
+    """Return the free intervals of a sensor_msgs/PointCloud2 with fields x y z_low z_high.
+
+    Raises
+    ------
+    MessageError
+        For other fields, sizes that contradict each other, or values that are nan.
+    """
+    intervals = _float_columns(cloud_rows(message, VIEW_ROW), VIEW_ROW.names or ())
+    if np.isnan(intervals).any():
+        raise MessageError("view has intervals that are not numbers")
+    stamp = stamp_ns_from_message(message.header.stamp)
+    return ViewIntervals(stamp, frame_name(message.header.frame_id), intervals)
+
+
+READERS: Mapping[str, tuple[str, Callable[[Any], Sequence[Record]]]] = {
+    "scan": ("sensor_msgs/msg/LaserScan", lambda m: (scan_from_message(m),)),
+    "tilt_scan": ("sensor_msgs/msg/LaserScan", lambda m: (scan_from_message(m),)),
+    "joint_states": ("sensor_msgs/msg/JointState", lambda m: (joint_sample_from_message(m),)),
+    "odom": ("nav_msgs/msg/Odometry", lambda m: (odometry_from_message(m),)),
+    "robot_description": ("std_msgs/msg/String", lambda m: (robot_description_from_message(m),)),
+    "tf": ("tf2_msgs/msg/TFMessage", transforms_from_message),
+    "tf_static": ("tf2_msgs/msg/TFMessage", lambda m: transforms_from_message(m, is_static=True)),
+    "surfaces": ("sensor_msgs/msg/PointCloud2", lambda m: (surface_cloud_from_message(m),)),
+    "view": ("sensor_msgs/msg/PointCloud2", lambda m: (view_from_message(m),)),
+}
+"""For each role of a topic: the message type, and the reader that gives its records."""
+
+
+def _transform_sample(message: Any, is_static: bool) -> TransformSample:
+    t, q = message.transform.translation, message.transform.rotation
+    return transform_sample(
+        stamp_ns_from_message(message.header.stamp),
+        (message.header.frame_id, message.child_frame_id),
+        (t.x, t.y, t.z),
+        (q.x, q.y, q.z, q.w),
+        is_static,
+    )
+
+
+def _float_columns(rows: NDArray[Any], names: Sequence[str]) -> NDArray[np.float32]:
+    """Return named float32 columns as (N, len(names)), bit for bit."""
+    return np.stack([rows[name] for name in names], axis=1).astype(np.float32, copy=False)

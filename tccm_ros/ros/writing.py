@@ -1,0 +1,118 @@
+"""Records to messages, written once for every family of message classes.
+
+Messages are made through a `MessageTypes` namespace: rosidl classes in a live node, those of the
+rosbags typestore in a bag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tccm_ros.records import (
+    JointSample,
+    Odometry,
+    RobotDescription,
+    Scan,
+    SurfaceCloud,
+    TransformSample,
+    ViewIntervals,
+)
+from tccm_ros.ros.pointcloud import SURFACE_ROW, VIEW_ROW, cloud_message
+from tccm_ros.ros.types import MessageTypes, header_message, pose_message, quaternion_message
+
+__all__ = [
+    "joint_sample_message",
+    "odometry_message",
+    "robot_description_message",
+    "scan_message",
+    "surface_cloud_message",
+    "transform_message",
+    "transforms_message",
+    "view_message",
+]
+
+
+def scan_message(types: MessageTypes, scan: Scan, *, scan_time: float = 0.0) -> Any:
+    """Return a sensor_msgs/LaserScan; `scan_time` is the time between scans, s, 0 = unknown."""
+    return types.make(
+        "sensor_msgs/msg/LaserScan",
+        header=header_message(types, scan.stamp_ns, scan.frame_id),
+        angle_min=float(scan.angle_min),
+        angle_max=float(scan.angle_min + scan.angle_increment * max(len(scan.ranges) - 1, 0)),
+        angle_increment=float(scan.angle_increment),
+        time_increment=float(scan.time_increment),
+        scan_time=float(scan_time),
+        range_min=float(scan.range_min),
+        range_max=float(scan.range_max),
+        ranges=types.array("f4", scan.ranges),
+    )
+
+
+def joint_sample_message(types: MessageTypes, sample: JointSample) -> Any:
+    """Return a sensor_msgs/JointState with names and positions."""
+    return types.make(
+        "sensor_msgs/msg/JointState",
+        header=header_message(types, sample.stamp_ns, ""),
+        name=list(sample.names),
+        position=types.array("f8", sample.positions),
+    )
+
+
+def odometry_message(types: MessageTypes, odometry: Odometry) -> Any:
+    """Return a nav_msgs/Odometry with zero twist and covariances."""
+    pose = types.make(
+        "geometry_msgs/msg/PoseWithCovariance", pose=pose_message(types, odometry.T_odom_base)
+    )
+    return types.make(
+        "nav_msgs/msg/Odometry",
+        header=header_message(types, odometry.stamp_ns, odometry.frame_id),
+        child_frame_id=odometry.child_frame_id,
+        pose=pose,
+    )
+
+
+def transform_message(types: MessageTypes, sample: TransformSample) -> Any:
+    """Return a geometry_msgs/TransformStamped."""
+    x, y, z = map(float, sample.T_parent_child[:3, 3])
+    transform = types.make(
+        "geometry_msgs/msg/Transform",
+        translation=types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+        rotation=quaternion_message(types, sample.T_parent_child),
+    )
+    return types.make(
+        "geometry_msgs/msg/TransformStamped",
+        header=header_message(types, sample.stamp_ns, sample.parent),
+        child_frame_id=sample.child,
+        transform=transform,
+    )
+
+
+def transforms_message(types: MessageTypes, samples: Sequence[TransformSample]) -> Any:
+    """Return a tf2_msgs/TFMessage."""
+    transforms = [transform_message(types, sample) for sample in samples]
+    return types.make("tf2_msgs/msg/TFMessage", transforms=transforms)
+
+
+def robot_description_message(types: MessageTypes, description: RobotDescription) -> Any:
+    """Return a std_msgs/String with the URDF."""
+    return types.make("std_msgs/msg/String", data=description.urdf)
+
+
+def surface_cloud_message(types: MessageTypes, cloud: SurfaceCloud) -> Any:
+    """Return the hand-over ~/surfaces, a sensor_msgs/PointCloud2 (DESIGN section 4)."""
+    rows = np.zeros(len(cloud.points), SURFACE_ROW)
+    for k, name in enumerate("xyz"):
+        rows[name] = cloud.points[:, k]
+    rows["surface"] = cloud.surface
+    return cloud_message(types, cloud.stamp_ns, cloud.frame_id, rows)
+
+
+def view_message(types: MessageTypes, view: ViewIntervals) -> Any:
+    """Return ~/view, a sensor_msgs/PointCloud2 (DESIGN section 4)."""
+    rows = np.zeros(len(view.intervals), VIEW_ROW)
+    for k, name in enumerate(VIEW_ROW.names or ()):
+        rows[name] = view.intervals[:, k]
+    return cloud_message(types, view.stamp_ns, view.frame_id, rows)

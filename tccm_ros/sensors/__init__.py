@@ -1,0 +1,1 @@
+"""What each kind of sensor measures: from its record to points in space."""

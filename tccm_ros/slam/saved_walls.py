@@ -1,0 +1,112 @@
+"""The wall map as named arrays, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.errors import MapError
+from tccm_ros.slam.front_end import GraphKeyframe
+from tccm_ros.slam.level_scan import LevelScan
+from tccm_ros.slam.lines import Lines
+from tccm_ros.slam.loop_proposals import Proposal
+
+__all__ = ["pack_state", "unpack_state"]
+
+Float64 = NDArray[np.float64]
+
+Unpacked = tuple[list[GraphKeyframe], list[Lines], Float64, list[Proposal]]
+
+
+def pack_state(
+    keyframes: Sequence[GraphKeyframe],
+    lines: Sequence[Lines],
+    poses: Float64,
+    loops: Sequence[Proposal],
+) -> dict[str, NDArray[Any]]:
+    """Return arrays: keyframe rows, scans and lines end to end with counts, loops."""
+    scans = [k.scan for k in keyframes]
+    return {
+        "keyframe_stamp_ns": np.array([s.stamp_ns for s in scans], np.int64),
+        "keyframe_session": np.array([k.session for k in keyframes], np.int64),
+        "keyframe_pose": poses.reshape(-1, 3).copy(),
+        "keyframe_front_pose": _rows([k.pose for k in keyframes], 3),
+        "keyframe_delta": _rows([k.delta for k in keyframes], 3),
+        "keyframe_cov": _rows([k.cov for k in keyframes], 3, 3),
+        "keyframe_odom": _rows([s.odom for s in scans], 3),
+        "scan_origin": _rows([s.origin for s in scans], 2),
+        "scan_count": np.array([len(s.points) for s in scans], np.int64),
+        # 0.1 mm of a map of a kilometre: float32 is as exact as the laser.
+        "scan_points": _joined([s.points for s in scans], 2).astype(np.float32),
+        "scan_normals": _joined([s.normals for s in scans], 2).astype(np.float32),
+        "line_count": np.array([len(x) for x in lines], np.int64),
+        "line_phi_rho": _joined([np.stack([x.phi, x.rho], axis=1) for x in lines], 2),
+        "line_cov": _joined([x.cov for x in lines], 2, 2),
+        "line_endpoints": _joined([x.endpoints for x in lines], 2, 2),
+        "line_beams": np.concatenate([np.zeros(0, np.int64), *[x.count for x in lines]]),
+        "loop_keyframes": np.array([(p.a, p.b) for p in loops], np.int64).reshape(-1, 2),
+        "loop_delta": _rows([p.delta for p in loops], 3),
+        "loop_cov": _rows([p.cov for p in loops], 3, 3),
+        "loop_quality": _rows([np.array([p.inliers, p.score, p.window]) for p in loops], 3),
+    }
+
+
+def _rows(arrays: Sequence[Float64], *shape: int) -> Float64:
+    return np.array(arrays, float).reshape(-1, *shape)
+
+
+def _joined(arrays: Sequence[Float64], *shape: int) -> Float64:
+    return np.concatenate([np.zeros((0, *shape)), *arrays])
+
+
+def unpack_state(state: Mapping[str, NDArray[Any]]) -> Unpacked:
+    """Return keyframes, lines, poses and loops.
+
+    Raises
+    ------
+    MapError
+        For arrays that are missing or do not fit each other.
+    """
+    try:
+        return _unpack({name: np.asarray(value) for name, value in state.items()})
+    except KeyError as error:
+        raise MapError(f"saved wall map has no array {error}") from None
+    except (IndexError, ValueError, TypeError) as error:
+        raise MapError(f"saved wall map is damaged: {error}") from None
+
+
+def _unpack(s: Mapping[str, NDArray[Any]]) -> Unpacked:
+    count = len(s["keyframe_stamp_ns"])
+    points = _split(s["scan_points"].astype(float), s["scan_count"], count)
+    normals = _split(s["scan_normals"].astype(float), s["scan_count"], count)
+    phi_rho = _split(s["line_phi_rho"], s["line_count"], count)
+    cov = _split(s["line_cov"], s["line_count"], count)
+    ends = _split(s["line_endpoints"], s["line_count"], count)
+    beams = _split(s["line_beams"], s["line_count"], count)
+    none = np.zeros((0, 2))
+    keyframes, lines = [], []
+    for k in range(count):
+        stamp, odom = int(s["keyframe_stamp_ns"][k]), s["keyframe_odom"][k]
+        scan = LevelScan(stamp, odom, none, s["scan_origin"][k], points[k], normals[k])
+        pose, delta = s["keyframe_front_pose"][k], s["keyframe_delta"][k]
+        session = int(s["keyframe_session"][k])
+        keyframes.append(GraphKeyframe(k, scan, pose, delta, s["keyframe_cov"][k], session))
+        phi, rho = phi_rho[k].T.copy()
+        lines.append(Lines(phi, rho, cov[k], ends[k], beams[k]))
+    loops = [
+        Proposal(int(a), int(b), delta, c, float(q[0]), float(q[1]), float(q[2]))
+        for (a, b), delta, c, q in zip(
+            s["loop_keyframes"], s["loop_delta"], s["loop_cov"], s["loop_quality"]
+        )
+    ]
+    return keyframes, lines, s["keyframe_pose"].reshape(count, 3), loops
+
+
+def _split(rows: NDArray[Any], counts: NDArray[np.int64], expected: int) -> list[NDArray[Any]]:
+    if len(counts) != expected or int(counts.sum()) != len(rows):
+        raise ValueError(f"{len(rows)} rows for {int(counts.sum())} in {expected} keyframes")
+    ends = np.cumsum(counts)
+    return [np.ascontiguousarray(rows[end - n : end]) for n, end in zip(counts, ends)]

@@ -1,0 +1,302 @@
+"""Compiled loops of `objects`: what stands over a surface, in clusters with their footprints."""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.cuboids.linking import join, root_of
+from tccm_ros.outlines.rings import is_inside
+
+__all__ = [
+    "clusters",
+    "convex_hull",
+    "corners_of",
+    "distance_to_ring",
+    "loose_spread",
+    "over",
+    "rectangle",
+]
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int32]
+Index = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+ROOT3 = 1.7320508075688772
+"""Half the length of a uniform spread, in standard deviations."""
+
+
+@njit(nogil=True, cache=True)
+def loose_spread(
+    count: Array, s: Array, S: Array, ix: Int, iy: Int, bottom: Int, top: Int, cell: float,
+    tick: float, labels: Int, structure: Bool,
+) -> tuple[Index, Array, Array, Array]:  # fmt: skip
+    """Tell where the points of the cuboids are that belong to no surface and no wall.
+
+    Parameters
+    ----------
+    count, s, S, ix, iy, bottom, top
+        As in `Cuboids`.
+    cell, tick
+        Edge of a cell in ticks, and a tick in m.
+    labels
+        int32 (N,), plane of each cuboid, -1 for none.
+    structure
+        bool (F,), whether a plane is a surface or a wall.
+
+    Returns
+    -------
+    index : int64 (L,)
+        The cuboids, rising.
+    mean, low, high : float64 (L, 3)
+        Mean, low and high corner of their points, m.
+    """
+    n = 0
+    for label in labels:
+        n += label < 0 or not structure[label]
+    index = np.empty(n, np.int64)
+    mean, low, high = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
+    k = 0
+    for i in range(len(labels)):
+        if labels[i] >= 0 and structure[labels[i]]:
+            continue
+        w = 1.0 / count[i]
+        x, y, z = s[i, 0] * w, s[i, 1] * w, s[i, 2] * w
+        rx = ROOT3 * math.sqrt(max(S[i, 0] * w - x * x, 0.0))
+        ry = ROOT3 * math.sqrt(max(S[i, 3] * w - y * y, 0.0))
+        rz = ROOT3 * math.sqrt(max(S[i, 5] * w - z * z, 0.0))
+        x, y = x + np.rint(ix[i] * cell), y + np.rint(iy[i] * cell)
+        index[k] = i
+        mean[k, 0], mean[k, 1], mean[k, 2] = x * tick, y * tick, z * tick
+        low[k, 0], low[k, 1] = (x - rx) * tick, (y - ry) * tick
+        low[k, 2] = max(z - rz, float(bottom[i])) * tick
+        high[k, 0], high[k, 1], high[k, 2] = (x + rx) * tick, (y + ry) * tick, top[i] * tick
+        k += 1
+    return index, mean, low, high
+
+
+@njit(nogil=True, cache=True)
+def over(
+    x: Index, mean: Array, high: Array, loose: Bool, cell: float, hull: Array, normal: Array,
+    offset: float, least: float,
+) -> Index:  # fmt: skip
+    """Return the loose cuboids over a plane, rising.
+
+    Parameters
+    ----------
+    x
+        int64 (L,), column of each cuboid, rising.
+    mean, high
+        Of `loose_spread`.
+    loose
+        bool (L,), whether it is free to be chosen.
+    cell
+        Edge of a cell, m.
+    hull
+        float64 (H, 2), convex, counter-clockwise: over this the means must be.
+    normal, offset
+        The plane, m.
+    least
+        Height over the plane that is reached, m.
+    """
+    first = np.searchsorted(x, math.floor(hull[:, 0].min() / cell) - 1)
+    last = np.searchsorted(x, math.floor(hull[:, 0].max() / cell) + 1, side="right")
+    y_low, y_high = hull[:, 1].min(), hull[:, 1].max()
+    chosen, n = np.empty(last - first, np.int64), 0
+    for i in range(first, last):
+        if not loose[i] or mean[i, 1] < y_low or mean[i, 1] > y_high:
+            continue
+        reached = high[i, 0] * normal[0] + high[i, 1] * normal[1] + high[i, 2] * normal[2]
+        if reached - offset >= least and is_inside(hull, mean[i, 0], mean[i, 1]):
+            chosen[n] = i
+            n += 1
+    return chosen[:n].copy()
+
+
+@njit(nogil=True, cache=True)
+def clusters(mean: Array, chosen: Index, gap: float) -> tuple[Index, Index]:
+    """Group cuboids whose means come within a gap of each other, seen from above.
+
+    Returns
+    -------
+    members : int64 (K,)
+        Those of `chosen`, group by group, by the first of each; rising within a group.
+    starts : int64 (G + 1,)
+        Where each group begins.
+    """
+    n = len(chosen)
+    if n == 0:
+        return chosen.copy(), np.zeros(1, np.int64)
+    low_x, low_y = mean[chosen[0], 0], mean[chosen[0], 1]
+    high_x, high_y = low_x, low_y
+    for i in chosen:
+        low_x, high_x = min(low_x, mean[i, 0]), max(high_x, mean[i, 0])
+        low_y, high_y = min(low_y, mean[i, 1]), max(high_y, mean[i, 1])
+    # Bins of the gap's width: who is near is in the same bin or one beside it.
+    rows, columns = int((high_x - low_x) / gap) + 3, int((high_y - low_y) / gap) + 3
+    last = np.full((rows, columns), -1, np.int32)
+    before = np.empty(n, np.int32)
+    parent = np.arange(n).astype(np.int32)
+    for k in range(n):
+        x, y = mean[chosen[k], 0], mean[chosen[k], 1]
+        a, b = int((x - low_x) / gap) + 1, int((y - low_y) / gap) + 1
+        for p in range(a - 1, a + 2):
+            for q in range(b - 1, b + 2):
+                m = last[p, q]
+                while m >= 0:
+                    dx, dy = mean[chosen[m], 0] - x, mean[chosen[m], 1] - y
+                    if dx * dx + dy * dy <= gap * gap:
+                        join(parent, k, m)
+                    m = before[m]
+        before[k] = last[a, b]
+        last[a, b] = k
+    # The root of a group is its first member, so numbers rise with first members.
+    group, groups = np.empty(n, np.int64), 0
+    for k in range(n):
+        root = root_of(parent, k)
+        if root == k:
+            group[k] = groups
+            groups += 1
+        else:
+            group[k] = group[root]
+    starts = np.zeros(groups + 2, np.int64)
+    for k in range(n):
+        starts[group[k] + 2] += 1
+    for g in range(1, groups + 2):
+        starts[g] += starts[g - 1]
+    members = np.empty(n, np.int64)
+    for k in range(n):
+        members[starts[group[k] + 1]] = chosen[k]
+        starts[group[k] + 1] += 1
+    return members, starts[: groups + 1]
+
+
+@njit(nogil=True, cache=True)
+def corners_of(low: Array, high: Array, members: Index) -> Array:
+    """Return the corners (4 M, 2) of the footprints of some cuboids."""
+    out = np.empty((4 * len(members), 2))
+    for k in range(len(members)):
+        i = members[k]
+        for c in range(4):
+            out[4 * k + c, 0] = high[i, 0] if c & 1 else low[i, 0]
+            out[4 * k + c, 1] = high[i, 1] if c & 2 else low[i, 1]
+    return out
+
+
+@njit(nogil=True, cache=True)
+def convex_hull(points: Array) -> Array:
+    """Return the convex hull (H, 2) of points (N, 2), counter-clockwise, by a monotone chain.
+
+    H < 3 where all points lie in a line.
+    """
+    by_y = np.argsort(points[:, 1], kind="mergesort")
+    order = by_y[np.argsort(points[by_y, 0], kind="mergesort")]
+    n = len(order)
+    hull, used = np.empty((2 * n + 2, 2)), 0
+    for side in range(2):
+        start = used
+        for k in range(n):
+            p = points[order[k if side == 0 else n - 1 - k]]
+            while used - start >= 2:
+                ax, ay = hull[used - 2, 0], hull[used - 2, 1]
+                bx, by = hull[used - 1, 0], hull[used - 1, 1]
+                if (bx - ax) * (p[1] - ay) - (by - ay) * (p[0] - ax) > 0.0:
+                    break
+                used -= 1
+            if used > start and hull[used - 1, 0] == p[0] and hull[used - 1, 1] == p[1]:
+                continue
+            hull[used] = p
+            used += 1
+        used -= 1  # the last of a chain is the first of the other
+    return hull[:used].copy()
+
+
+@njit(nogil=True, cache=True)
+def rectangle(hull: Array) -> tuple[float, float, float, float, float]:
+    """Return centre x and y, length, width and yaw of the smallest rectangle around a hull.
+
+    One of its sides lies on a side of the hull. The yaw is that of the longer side, in
+    (-pi / 2, pi / 2].
+    """
+    best = np.inf
+    x = y = length = width = yaw = 0.0
+    j = len(hull) - 1
+    for i in range(len(hull)):
+        dx, dy = hull[i, 0] - hull[j, 0], hull[i, 1] - hull[j, 1]
+        j = i
+        side = math.hypot(dx, dy)
+        if side == 0.0:
+            continue
+        c, s = dx / side, dy / side
+        u_low = v_low = np.inf
+        u_high = v_high = -np.inf
+        for k in range(len(hull)):
+            u, v = c * hull[k, 0] + s * hull[k, 1], c * hull[k, 1] - s * hull[k, 0]
+            u_low, u_high = min(u_low, u), max(u_high, u)
+            v_low, v_high = min(v_low, v), max(v_high, v)
+        size = (u_high - u_low) * (v_high - v_low)
+        if size >= best * (1.0 - 1e-9):
+            continue
+        best = size
+        u, v = 0.5 * (u_low + u_high), 0.5 * (v_low + v_high)
+        x, y = c * u - s * v, s * u + c * v
+        length, width, yaw = u_high - u_low, v_high - v_low, math.atan2(s, c)
+        if width > length:
+            length, width, yaw = width, length, yaw + 0.5 * math.pi
+    while yaw > 0.5 * math.pi:
+        yaw -= math.pi
+    while yaw <= -0.5 * math.pi:
+        yaw += math.pi
+    return x, y, length, width, yaw
+
+
+@njit(nogil=True, cache=True)
+def point_to_side(px: float, py: float, ring: Array, i: int, j: int) -> float:
+    """Return the squared distance of a point from the side between two corners of a ring."""
+    dx, dy = ring[j, 0] - ring[i, 0], ring[j, 1] - ring[i, 1]
+    x, y = px - ring[i, 0], py - ring[i, 1]
+    length2 = dx * dx + dy * dy
+    t = min(max((x * dx + y * dy) / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
+    x, y = x - t * dx, y - t * dy
+    return x * x + y * y
+
+
+@njit(nogil=True, cache=True)
+def distance_to_ring(shape: Array, ring: Array) -> float:
+    """Return the distance of a shape from what a ring encloses; 0 where they overlap.
+
+    Parameters
+    ----------
+    shape
+        float64 (M, 2), corners of a polygon; one corner is a point.
+    ring
+        float64 (N, 2), N > 2.
+    """
+    for k in range(len(shape)):
+        if is_inside(ring, shape[k, 0], shape[k, 1]):
+            return 0.0
+    if len(shape) > 2 and is_inside(shape, ring[0, 0], ring[0, 1]):
+        return 0.0
+    nearest = np.inf
+    for i in range(len(ring)):
+        j = i + 1 if i + 1 < len(ring) else 0
+        for k in range(len(shape)):
+            m = k + 1 if k + 1 < len(shape) else 0
+            nearest = min(nearest, point_to_side(shape[k, 0], shape[k, 1], ring, i, j))
+            if len(shape) > 1:
+                nearest = min(nearest, point_to_side(ring[i, 0], ring[i, 1], shape, k, m))
+                if sides_cross(shape[k], shape[m], ring[i], ring[j]):
+                    return 0.0
+    return math.sqrt(nearest)
+
+
+@njit(nogil=True, cache=True)
+def sides_cross(p: Array, q: Array, r: Array, s: Array) -> bool:
+    """Tell whether two sides cross, in the inside of both."""
+    a = (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+    b = (q[0] - p[0]) * (s[1] - p[1]) - (q[1] - p[1]) * (s[0] - p[0])
+    c = (s[0] - r[0]) * (p[1] - r[1]) - (s[1] - r[1]) * (p[0] - r[0])
+    d = (s[0] - r[0]) * (q[1] - r[1]) - (s[1] - r[1]) * (q[0] - r[0])
+    return a * b < 0.0 and c * d < 0.0

@@ -1,0 +1,349 @@
+import os
+import tracemalloc
+from collections import Counter
+
+import numpy as np
+import pytest
+import yaml
+import zstandard
+from bag_copies import mcap_bag, read, rosbags_bag
+from mcap.writer import CompressionType, IndexType, Writer
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from sample_bags import (
+    JOINTS,
+    SCAN,
+    START,
+    STRING,
+    TYPES,
+    expected_records,
+    sample_messages,
+    write_sample,
+)
+from shared_data import shared
+
+from tccm_ros.bags.offered_qos import Qos
+from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
+from tccm_ros.bags.writer import BagWriter
+from tccm_ros.errors import BagError, TopicError
+
+MANY = 1_000_000 if os.environ.get("TCCM_LONG") else 100_000
+"""Messages of a long bag."""
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """Return the records of the sample, read from the simplest bag."""
+    return read(write_sample(tmp_path_factory.mktemp("reference") / "bag"))
+
+
+def test_records_in_log_order(reference):
+    assert Counter(role for role, _, _ in reference) == expected_records()
+    times = [log_ns for _, log_ns, _ in reference]
+    assert times == sorted(times)
+    roles = [role for role, _, _ in reference]
+    assert roles[:6] == [
+        "robot_description", "tf_static", "tf_static", "odom", "joint_states", "tilt_scan",
+    ]  # fmt: skip
+
+
+def test_topics_and_times(tmp_path):
+    with BagReader(write_sample(tmp_path / "bag")) as bag:
+        infos = {t.name: (t.msgtype, t.count) for t in bag.topics()}
+        assert infos["/joint_states"] == (JOINTS, 20)
+        assert list(infos) == sorted(infos)
+        assert (bag.start_ns, bag.end_ns) == (START, START + 19 * 20_000_000 + 2000)
+        assert bag.duration == pytest.approx(0.380002)
+
+
+@pytest.mark.parametrize("mode", [None, CompressionMode.FILE, CompressionMode.MESSAGE])
+@pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+@pytest.mark.parametrize("with_metadata", [True, False])
+def test_bags_of_other_writers(tmp_path, reference, plugin, mode, with_metadata):
+    bag = rosbags_bag(tmp_path / "bag", plugin, mode)
+    if not with_metadata:
+        (bag / "metadata.yaml").unlink()
+    assert read(bag) == reference
+    (file,) = [p for p in bag.iterdir() if p.name != "metadata.yaml"]
+    assert read(file) == reference
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"compression": CompressionType.LZ4, "chunk_size": 500},
+        {"compression": CompressionType.NONE, "chunk_size": 500},
+        {"use_chunking": False},
+        {"use_chunking": False, "use_statistics": False},
+        {"index_types": IndexType.NONE, "chunk_size": 500},
+        {"use_statistics": False, "chunk_size": 500},
+        {"repeat_channels": False, "repeat_schemas": False},
+        {"enable_crcs": False},
+    ],
+)
+def test_every_way_to_write_mcap(tmp_path, reference, options):
+    bag = mcap_bag(tmp_path / "bag.mcap", sample_messages(), **options)
+    assert read(bag) == reference
+    with BagReader(bag) as reader:
+        assert sum(t.count for t in reader.topics()) == 62
+        assert reader.start_ns == START
+
+
+def test_chunks_that_overlap_are_read_in_log_order(tmp_path, reference):
+    messages = sample_messages()
+    shuffled = [messages[k] for k in np.random.default_rng(1).permutation(len(messages))]
+    bag = mcap_bag(tmp_path / "bag.mcap", shuffled, chunk_size=400)
+    times = [log_ns for _, log_ns, _ in read(bag)]
+    assert times == sorted(times)
+    assert sorted(map(repr, read(bag))) == sorted(map(repr, reference))
+
+
+def write_splits(folder, parts, names):
+    folder.mkdir()
+    messages = sample_messages()
+    for k, name in enumerate(names):
+        mcap_bag(folder / name, messages[k::parts] if parts < 0 else messages[
+            k * len(messages) // parts : (k + 1) * len(messages) // parts])  # fmt: skip
+    return folder
+
+
+def long_bag(path, count):
+    """Write many messages that are alike, as fast as may be."""
+    types = {topic: (kind, message) for topic, kind, _, message in sample_messages(1)}
+    kind, message = types["/joint_states"]
+    data = bytes(TYPES.serialize(kind, message))
+    if path.suffix == ".mcap":
+        with path.open("wb") as stream:
+            writer = Writer(stream)
+            writer.start("ros2")
+            schema = writer.register_schema(kind, "ros2msg", TYPES.definition(kind).encode())
+            channel = writer.register_channel("/joint_states", "cdr", schema)
+            for k in range(count):
+                writer.add_message(channel, START + k, data, START + k)
+            writer.finish()
+        return path
+    with RosbagsWriter(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection("/joint_states", kind, typestore=TYPES._store)
+        for k in range(count):
+            writer.write(connection, START + k, data)
+    return path
+
+
+@pytest.mark.parametrize("name", ["bag.mcap", "sqlite"])
+def test_memory_does_not_grow_with_the_length_of_a_bag(tmp_path, name):
+    peaks = []
+    for count in (20_000, MANY):
+        path = long_bag(tmp_path / f"{count}_{name}", count)
+        tracemalloc.start()
+        with BagReader(path) as bag:
+            read = sum(1 for _ in bag.records(DEFAULT_TOPICS))
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert read == count
+    # What grows is the index of an mcap's chunks: some hundred bytes for each megabyte.
+    assert peaks[1] < peaks[0] + 1_000_000
+
+
+def test_splits_are_one_bag_in_any_order_of_names(tmp_path, reference):
+    assert read(write_splits(tmp_path / "a", 3, ["b_0.mcap", "b_1.mcap", "b_2.mcap"])) == reference
+    assert read(write_splits(tmp_path / "b", 3, ["z.mcap", "y.mcap", "x.mcap"])) == reference
+
+
+@pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def test_splits_that_are_compressed_and_have_no_metadata(tmp_path, reference, plugin):
+    folder, messages = tmp_path / "bag", sample_messages()
+    folder.mkdir()
+    for k in range(3):
+        part = messages[k * len(messages) // 3 : (k + 1) * len(messages) // 3]
+        made = rosbags_bag(tmp_path / f"part{k}", plugin, CompressionMode.FILE, part)
+        (content,) = made.glob("*.zstd")
+        content.rename(folder / f"bag_{k}{''.join(content.suffixes)}")
+    assert read(folder) == reference
+
+
+def test_a_missing_split_is_named(tmp_path):
+    folder = write_splits(tmp_path / "a", 2, ["b_0.mcap", "b_1.mcap"])
+    metadata = {"rosbag2_bagfile_information": {"relative_file_paths": ["b_0.mcap", "b_9.mcap"]}}
+    (folder / "metadata.yaml").write_text(yaml.safe_dump(metadata))
+    with pytest.raises(BagError, match=r"b_9\.mcap, which is not there"):
+        BagReader(folder)
+
+
+def test_metadata_cannot_point_outside_of_its_folder(tmp_path):
+    folder = write_splits(tmp_path / "a", 1, ["b_0.mcap"])
+    metadata = {"rosbag2_bagfile_information": {"relative_file_paths": ["../../etc/passwd"]}}
+    (folder / "metadata.yaml").write_text(yaml.safe_dump(metadata))
+    with pytest.raises(BagError, match="passwd, which is not there"):
+        BagReader(folder)
+
+
+def test_remapped_topics(tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.write("/base_scan", SCAN, START, TYPES.make(SCAN))
+    topics = remap_topics(["scan:=base_scan", "/tilt_scan:=/base_scan"])
+    assert [role for role, _, _ in read(tmp_path / "bag", topics)] == ["tilt_scan", "scan"]
+    assert read(tmp_path / "bag") == []
+
+
+@pytest.mark.parametrize("remap", ["scan=/x", "scan:=", "scann:=/x"])
+def test_remappings_that_mean_nothing(remap):
+    with pytest.raises(TopicError):
+        remap_topics([remap])
+
+
+def test_unknown_role_names_the_nearest():
+    with pytest.raises(TopicError, match="did you mean 'scan'"):
+        remap_topics(["scann:=/x"])
+
+
+def test_another_type_on_a_topic_names_both(tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.write("/scan", STRING, START, TYPES.make(STRING))
+    with (
+        BagReader(tmp_path / "bag") as bag,
+        pytest.raises(TopicError, match=r"/scan is std_msgs.*expected sensor_msgs/msg/LaserScan"),
+    ):
+        next(bag.records())
+
+
+def test_a_missing_topic_names_those_of_its_type(tmp_path):
+    with BagReader(write_sample(tmp_path / "bag", n=2)) as bag:
+        assert "of this type there are: /tilt_scan" in bag.missing("scan", "/scan")
+        assert "there are: /joint_states" in bag.missing("view", "/tccm/view")
+
+
+def test_messages_that_cannot_be_used_are_counted(tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.write("/odom", "nav_msgs/msg/Odometry", START, b"\0\1\0\0garbage")
+        writer.write("/tilt_scan", SCAN, START, TYPES.make(SCAN, angle_min=float("nan")))
+        writer.write("/tilt_scan", SCAN, START + 1, TYPES.make(SCAN))
+    with BagReader(tmp_path / "bag") as bag:
+        assert [role for role, _, _ in bag.records()] == ["tilt_scan"]
+        assert bag.dropped == {"/odom": 1, "/tilt_scan": 1}
+        assert "not numbers" in bag.problems["/tilt_scan"]
+
+
+def test_offered_qos_is_kept(tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/scan", SCAN, Qos(reliable=False, depth=7))
+        writer.write("/scan", SCAN, START, TYPES.make(SCAN))
+        writer.write("/tf_static", "tf2_msgs/msg/TFMessage", START,
+                     TYPES.make("tf2_msgs/msg/TFMessage"))  # fmt: skip
+    with BagReader(tmp_path / "bag") as bag:
+        assert bag.qos("/scan") == Qos(reliable=False, depth=7)
+        assert bag.qos("/tf_static") == Qos(latched=True, depth=1)
+        assert bag.qos("/robot_description") == Qos(latched=True, depth=1)
+
+
+def test_other_serialisations_are_refused(tmp_path):
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros1")
+        schema = writer.register_schema(SCAN, "ros1msg", b"")
+        writer.add_message(writer.register_channel("/scan", "ros1", schema), 1, b"x", 1)
+        writer.finish()
+    with BagReader(path) as bag, pytest.raises(TopicError, match="'ros1', expected cdr"):
+        next(bag.records())
+
+
+def damaged(path, name):
+    """Make a path that is no bag, in one of many ways."""
+    good = write_sample(path / "good.mcap").read_bytes()
+    bag = path / "bag.mcap"
+    if name == "absent":
+        return path / "nothing"
+    if name == "empty folder":
+        (path / "folder").mkdir()
+        return path / "folder"
+    content = {
+        "empty file": b"",
+        "garbage": bytes(range(256)) * 20,
+        "ros 1": b"#ROSBAG V2.0\n" + bytes(100),
+        "magic alone": good[:8],
+        "cut in half": good[: len(good) // 2],
+        "cut by a byte": good[:-1],
+        "sqlite header alone": b"SQLite format 3\0",
+        "zstd of nothing": zstandard.compress(b""),
+        "zstd of garbage": zstandard.compress(b"garbage"),
+    }[name]
+    bag.write_bytes(content)
+    return bag
+
+
+@pytest.mark.parametrize(
+    ("name", "cause"),
+    [
+        ("absent", "no such bag"),
+        ("empty folder", "no bag in this folder"),
+        ("empty file", "empty"),
+        ("garbage", "neither mcap nor sqlite3"),
+        ("ros 1", "ROS 1 bag"),
+        ("magic alone", "cut off"),
+        ("cut in half", "cut off.*try `tccm recover`"),
+        ("cut by a byte", "cut off"),
+        ("sqlite header alone", "database"),
+        ("zstd of nothing", "empty"),
+        ("zstd of garbage", "neither mcap nor sqlite3"),
+    ],
+)
+def test_what_is_no_bag_is_named_with_its_cause(tmp_path, name, cause):
+    path = damaged(tmp_path, name)
+    with pytest.raises(BagError, match=cause) as caught:
+        BagReader(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_a_bag_that_may_not_be_read(tmp_path):
+    bag = write_sample(tmp_path / "bag.mcap", n=1)
+    bag.chmod(0)
+    with pytest.raises(BagError, match="Permission denied"):
+        BagReader(bag)
+
+
+def test_damage_halfway_ends_the_reading_after_the_good_part(tmp_path):
+    bag = mcap_bag(tmp_path / "bag.mcap", sample_messages(200), chunk_size=4000)
+    data = bytearray(bag.read_bytes())
+    data[len(data) // 2] ^= 0x40
+    bag.write_bytes(data)
+    got = []
+    with BagReader(bag) as reader, pytest.raises(BagError, match="try `tccm recover`"):
+        got.extend(reader.records())
+    assert 200 < len(got) < 400
+
+
+def test_chunks_that_declare_gigabytes_are_refused(tmp_path):
+    bag = mcap_bag(tmp_path / "bag.mcap", sample_messages(3), compression=CompressionType.NONE,
+                   enable_crcs=False)  # fmt: skip
+    data = bytearray(bag.read_bytes())
+    chunk = data.index(b"\x06", 8 + 9 + 10)
+    data[chunk + 9 + 16 : chunk + 9 + 24] = (2**40).to_bytes(8, "little")
+    bag.write_bytes(data)
+    with BagReader(bag) as reader, pytest.raises(BagError, match="declares"):
+        list(reader.records())
+
+
+def test_metadata_that_is_no_metadata(tmp_path):
+    bag = write_sample(tmp_path / "bag", n=1)
+    (bag / "metadata.yaml").write_text("- 1\n")
+    with pytest.raises(BagError, match=r"metadata\.yaml.*without this file"):
+        BagReader(bag)
+
+
+def test_yaml_cannot_run_code(tmp_path):
+    bag = write_sample(tmp_path / "bag", n=1)
+    (bag / "metadata.yaml").write_text("!!python/object/apply:os.system ['touch hacked']\n")
+    with pytest.raises(BagError):
+        BagReader(bag)
+    assert not os.path.exists("hacked")
+
+
+@pytest.mark.parametrize("name", ["sim2_flat", "kurt3d_corridor", "dlut_A605"])
+def test_recordings_are_read(name):
+    with BagReader(shared(f"bags/{name}")) as bag:
+        counts = Counter(role for role, _, _ in bag.records())
+        topics = {t.name: t.count for t in bag.topics()}
+    assert counts["tilt_scan"] == topics["/tilt_scan"] > 0
+    assert not bag.dropped

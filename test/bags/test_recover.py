@@ -1,0 +1,146 @@
+import sqlite3
+from collections import Counter
+
+import pytest
+import zstandard
+from bag_copies import mcap_bag, read, rosbags_bag
+from mcap.writer import CompressionType
+from rosbags.rosbag2 import StoragePlugin
+from sample_bags import START, sample_messages, write_sample
+
+from tccm_ros.bags.reader import BagReader
+from tccm_ros.bags.recover import recover
+from tccm_ros.errors import BagError, OutputError
+
+TABLE_LEAF = 0x0D
+"""First byte of a database page with rows of a table."""
+
+N = 200
+EVERYTHING = 2 + 3 * N
+
+
+def big_bag(path, **options):
+    return mcap_bag(path, sample_messages(N), **{"chunk_size": 4000, **options})
+
+
+KINDS = [
+    {"compression": CompressionType.ZSTD},
+    {"compression": CompressionType.LZ4},
+    {"compression": CompressionType.NONE},
+    {"use_chunking": False},
+]
+
+
+@pytest.mark.parametrize("options", KINDS)
+def test_a_whole_bag_is_copied(tmp_path, options):
+    bag = big_bag(tmp_path / "bag.mcap", **options)
+    found = recover(bag, tmp_path / "out")
+    assert (found.messages, found.topics, found.damaged_chunks) == (EVERYTHING, 5, 0)
+    assert read(tmp_path / "out") == read(bag)
+
+
+@pytest.mark.parametrize("options", KINDS)
+@pytest.mark.parametrize("fraction", [0.3, 0.5, 0.9])
+def test_every_chunk_before_the_cut_is_recovered(tmp_path, options, fraction):
+    bag = big_bag(tmp_path / "bag.mcap", **options)
+    before = read(bag)
+    data = bag.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(data[: int(len(data) * fraction)])
+    with pytest.raises(BagError, match="recover"):
+        BagReader(cut)
+    found = recover(cut, tmp_path / "out.mcap")
+    after = read(tmp_path / "out.mcap")
+    assert after == before[: len(after)]
+    assert len(after) > 0.6 * fraction * len(before)
+    assert found.messages == len(after) - 1
+
+
+@pytest.mark.parametrize("options", KINDS[:3])
+def test_a_damaged_chunk_costs_itself_alone(tmp_path, options):
+    bag = big_bag(tmp_path / "bag.mcap", **options)
+    before = read(bag)
+    data = bytearray(bag.read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 30] = b"\xaa" * 30
+    bag.write_bytes(data)
+    recover(bag, tmp_path / "out")
+    after = read(tmp_path / "out")
+    lost = Counter(map(repr, before)) - Counter(map(repr, after))
+    assert not Counter(map(repr, after)) - Counter(map(repr, before))
+    assert 0 < sum(lost.values()) < 0.2 * len(before)
+
+
+def test_a_lost_record_length_is_overcome(tmp_path):
+    bag = big_bag(tmp_path / "bag.mcap")
+    before = read(bag)
+    data = bytearray(bag.read_bytes())
+    with BagReader(bag) as reader:
+        blocks = sorted(reader._files[0]._blocks, key=lambda block: block.offset)
+    hit = blocks[len(blocks) // 2].offset
+    data[hit + 1 : hit + 9] = b"\xff" * 8
+    bag.write_bytes(data)
+    found = recover(bag, tmp_path / "out")
+    assert len(read(tmp_path / "out")) > len(before) - 20
+    assert found.skipped_bytes > 0
+
+
+def test_offered_qos_and_definitions_are_kept(tmp_path):
+    bag = write_sample(tmp_path / "bag")
+    recover(bag, tmp_path / "out")
+    with BagReader(bag) as old, BagReader(tmp_path / "out") as new:
+        assert new.qos("/tf_static") == old.qos("/tf_static")
+        assert list(new._channels()) == list(old._channels())
+
+
+def test_a_cut_compressed_file_is_recovered(tmp_path):
+    data = big_bag(tmp_path / "bag.mcap", compression=CompressionType.NONE).read_bytes()
+    packed = tmp_path / "bag.mcap.zstd"
+    compressor = zstandard.ZstdCompressor().compressobj()
+    whole = b"".join(
+        compressor.compress(data[k : k + 1000])
+        + compressor.flush(zstandard.COMPRESSOBJ_FLUSH_BLOCK)
+        for k in range(0, len(data), 1000)
+    )
+    packed.write_bytes(whole[: len(whole) // 2])
+    found = recover(packed, tmp_path / "out")
+    assert 0 < found.messages < EVERYTHING
+
+
+def test_a_damaged_database_is_read_from_both_ends(tmp_path):
+    folder = rosbags_bag(tmp_path / "bag", StoragePlugin.SQLITE3)
+    (file,) = folder.glob("*.db3")
+    connection = sqlite3.connect(file)
+    connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    for k in range(3000):
+        connection.execute(
+            "INSERT INTO messages (topic_id, timestamp, data) VALUES (1, ?, ?)",
+            (START + k, b"\0\1\0\0\1\0\0\0\0"),
+        )
+    connection.commit()
+    page = connection.execute("PRAGMA page_size").fetchone()[0]
+    connection.close()
+    data = bytearray(file.read_bytes())
+    leaves = [k for k in range(page, len(data), page) if data[k] == TABLE_LEAF]
+    middle = leaves[len(leaves) // 2]
+    data[middle : middle + page] = b"\xff" * page
+    file.write_bytes(data)
+    with BagReader(file) as reader, pytest.raises(BagError, match=str(file)):
+        list(reader.messages())
+    found = recover(file, tmp_path / "out")
+    assert 3062 - 2 * page / 20 < found.messages < 3062
+
+
+def test_nothing_to_recover_leaves_nothing(tmp_path):
+    (tmp_path / "bag.mcap").write_bytes(b"\x89MCAP0\r\n" + b"garbage" * 100)
+    with pytest.raises(BagError, match="nothing in it can be recovered"):
+        recover(tmp_path / "bag.mcap", tmp_path / "out")
+    assert [p.name for p in tmp_path.iterdir()] == ["bag.mcap"]
+    with pytest.raises(BagError, match="no such bag"):
+        recover(tmp_path / "absent", tmp_path / "out")
+
+
+def test_the_place_of_the_new_bag_must_be_free(tmp_path):
+    bag = write_sample(tmp_path / "bag.mcap", n=1)
+    with pytest.raises(OutputError, match="exists already"):
+        recover(bag, bag)

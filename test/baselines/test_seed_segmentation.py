@@ -1,0 +1,75 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tccm_ros.baselines.seed_segmentation import cluster, segment
+from tccm_ros.config import Config
+from tccm_ros.pipeline import run_bag
+
+BAGS = Path(__file__).resolve().parents[2] / "bags"
+
+
+def board(x, y, z, count, seed, noise=0.003):
+    rng = np.random.default_rng(seed)
+    return np.c_[
+        x + rng.uniform(-0.4, 0.4, count),
+        y + rng.uniform(-0.3, 0.3, count),
+        z + rng.normal(0, noise, count),
+    ]
+
+
+def wall(count, seed):
+    rng = np.random.default_rng(seed)
+    return np.c_[
+        3 + rng.normal(0, 0.003, count), rng.uniform(-2, 2, count), rng.uniform(0, 2, count)
+    ]
+
+
+def test_boards_are_found_and_walls_are_not():
+    parts = [board(1, 0, 0.7, 1500, 1), board(1, 1.5, 0.7, 1500, 2), wall(6000, 3)]
+    labels = segment(np.concatenate(parts), Config())
+    first, second = labels[:1500], labels[1500:3000]
+    assert len({*np.unique(first[first >= 0]), *np.unique(second[second >= 0])}) == 2
+    assert min((first >= 0).mean(), (second >= 0).mean()) > 0.99
+    assert (labels[3000:] >= 0).mean() < 0.05
+
+
+def test_a_board_with_few_points_is_missed_as_published():
+    points = np.concatenate([board(1, 0, 0.7, 1500, 1), board(2, 1.5, 0.9, 300, 2)])
+    assert np.all(segment(points, Config())[1500:] == -1)
+
+
+def test_the_same_cloud_gives_the_same_surfaces():
+    points = np.concatenate([board(1, 0, 0.7, 900, 1), wall(3000, 3)])
+    np.testing.assert_array_equal(segment(points, Config()), segment(points, Config()))
+
+
+@pytest.mark.parametrize("count", [0, 2, 499])
+def test_too_few_points_are_no_surface(count):
+    assert np.all(segment(board(0, 0, 0.5, count, 0), Config()) == -1)
+
+
+def test_clusters_equal_brute_force():
+    points = np.random.default_rng(5).uniform(0, 1.2, (300, 3))
+    near = np.linalg.norm(points[:, None] - points[None], axis=2) <= 0.1
+    expected = np.arange(300)
+    for _ in range(300):
+        lower = np.where(near, expected[None, :], 300).min(axis=1)
+        if np.array_equal(lower, expected):
+            break
+        expected = lower
+    labels = cluster(points, 0.1)
+    np.testing.assert_array_equal(labels, np.unique(expected, return_inverse=True)[1])
+
+
+def test_it_makes_the_hand_over_from_end_to_end():
+    seed = Config.model_validate({"surfaces": {"segmentation": "seed"}})
+    outcome = run_bag(BAGS / "walkthrough", seed)
+    for cycle in outcome.cycles:
+        counts = np.bincount(cycle.surfaces.surface)
+        assert np.all(counts >= seed.surfaces.min_points)
+    assert outcome.solution.floor_z == pytest.approx(0.0, abs=0.005)
+    (table,) = [s for s in outcome.solution.surfaces if s.label != "floor" and s.area > 0.5]
+    assert table.height == pytest.approx(0.700, abs=0.005)
+    assert len(outcome.cycles[-1].planes) > 1, "the planes of the TCCM are there all the same"

@@ -1,0 +1,152 @@
+"""The configuration: what is read, what is refused, and how the refusal helps."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tccm_ros.config import Config, parameters
+from tccm_ros.config.file import read_config
+from tccm_ros.errors import ConfigError
+
+DEFAULTS = {
+    "map.cell_size": 0.02,
+    "map.window_cycles": 10,
+    "map.cuboid_depth": 0.03,
+    "map.gap": "adaptive",
+    "map.mode": "union",
+    "map.region": None,
+    "planes.source": "map",
+    "planes.height_threshold": 0.010,
+    "center_core.trials": 50,
+    "center_core.min_quality": 0.15,
+    "surfaces.segmentation": "tccm",
+    "surfaces.min_points": 500,
+    "surfaces.cluster_distance": 0.10,
+    "surfaces.merge_distance": 0.05,
+    "surfaces.min_height": 0.3,
+    "views.when": "always",
+    "clock_jump": 2.0,
+    "sync_timeout": 0.5,
+    "rig.kinematics": "auto",
+    "rig.tilt_offset": 0.0,
+    "rig.tilt_scale": 1.0,
+    "rig.joint_time_offset": 0.0,
+    "qos.reliability": "best_effort",
+}
+"""Names and values that users rely on."""
+
+
+def value_of(config, dotted):
+    for part in dotted.split("."):
+        config = getattr(config, part)
+    return config
+
+
+@pytest.mark.parametrize(("name", "value"), DEFAULTS.items())
+def test_names_and_defaults_that_are_fixed(name, value):
+    assert value_of(Config(), name) == value
+    assert name in {p.name for p in parameters()}
+
+
+def test_every_parameter_says_what_it_is():
+    for parameter in parameters():
+        assert parameter.meaning, parameter.name
+        assert "\n" not in parameter.meaning, parameter.name
+        assert not parameter.meaning.endswith("."), parameter.name
+
+
+def test_a_file_and_settings_win_in_this_order(tmp_path):
+    path = tmp_path / "robot.yaml"
+    path.write_text("map:\n  cell_size: 0.03\n  window_cycles: 5\nsync_timeout: 1\n")
+    config = read_config(path, ["map.window_cycles=7"])
+    assert (config.map.cell_size, config.map.window_cycles) == (0.03, 7)
+    assert config.sync_timeout == 1.0
+
+
+def test_the_ros_form_of_a_file_is_read(tmp_path):
+    path = tmp_path / "ros.yaml"
+    path.write_text("/**:\n  ros__parameters:\n    map:\n      cell_size: 0.03\n")
+    assert read_config(path).map.cell_size == 0.03
+    path.write_text("/**:\n  ros__parameters:\n    map.cell_size: 0.04\n")
+    assert read_config(path).map.cell_size == 0.04
+
+
+def test_an_empty_file_changes_nothing(tmp_path):
+    path = tmp_path / "empty.yaml"
+    path.write_text("")
+    assert read_config(path) == Config()
+
+
+def test_a_given_configuration_is_the_ground():
+    base = read_config(None, ["map.cell_size=0.05"])
+    assert read_config(None, ["map.window_cycles=3"], base).map.cell_size == 0.05
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("map.cell_sise=0.02", "did you mean 'map.cell_size'"),
+        ("mapp.cell_size=0.02", "did you mean 'map.cell_size'"),
+        ("map.cell_size", "write group.key=value"),
+        ("map.cell_size=wide", "map.cell_size.*found 'wide'"),
+        ("map.cell_size=5", "map.cell_size.*found 5"),
+        ("map.cell_size=.nan", "map.cell_size"),
+        ("map.gap=wide", "map.gap"),
+        ("map.window_cycles=2.5", "map.window_cycles"),
+        ("rig.tilt_laser=[1, 2]", "rig.tilt_laser"),
+        ("rig.tilt_laser=[0, 0, .nan, 0, 0, 0]", "rig.tilt_laser"),
+        ("map.cell_size=[", "not a YAML value"),
+        ("map=3", "map is a group"),
+        ("=3", "unknown key"),
+    ],
+)
+def test_a_bad_setting_is_one_helpful_line(setting, message):
+    with pytest.raises(ConfigError, match=message) as caught:
+        read_config(None, [setting])
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("map: [", "not a YAML file"),
+        ("- 1\n- 2\n", "a mapping of groups is expected"),
+        ("map: !!python/object/apply:os.system ['true']\n", "not a YAML file"),
+        ("map:\n  cell_sise: 1\n", "unknown key 'map.cell_sise'"),
+        ("1: 2\n", "unknown key"),
+        ("map:\n  1: 2\n", "unknown key"),
+    ],
+)
+def test_a_bad_file_is_named(tmp_path, text, message):
+    path = tmp_path / "bad.yaml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=message) as caught:
+        read_config(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_file_that_is_not_there_or_not_text(tmp_path):
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_config(tmp_path / "none.yaml")
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00\x80")
+    with pytest.raises(ConfigError):
+        read_config(tmp_path / "binary.yaml")
+
+
+def test_assignments_are_checked():
+    config = Config()
+    with pytest.raises(ValueError):
+        config.map.cell_size = -1.0
+
+
+@given(st.text(max_size=40))
+def test_any_setting_is_read_or_refused(text):
+    with pytest.raises(ConfigError):
+        read_config(None, ["map.no_such_key=" + text])
+    try:
+        read_config(None, [text])
+    except ConfigError as error:
+        message = str(error)
+    else:
+        message = ""
+    assert len(message) < 1000

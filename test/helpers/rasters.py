@@ -1,0 +1,10 @@
+"""Rasters of samples, for tests."""
+
+import numpy as np
+
+from tccm_ros.outlines.raster import EMPTY, MARGIN, SAMPLE
+
+
+def rastered(mask):
+    """A raster with a sample where the mask is true."""
+    return np.pad(np.where(mask, SAMPLE, EMPTY).astype(np.int32), MARGIN, constant_values=EMPTY)

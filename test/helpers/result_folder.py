@@ -1,0 +1,236 @@
+"""A flat as a result folder, written without the pipeline: two rooms, a kitchen, ten surfaces.
+
+The files follow the published keys, so that the report's tests need neither a bag nor the mapper.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from tccm_ros.config import Config
+from tccm_ros.cuboids.cuboids import Cuboids
+from tccm_ros.results.cycles import CycleHistory, save_cycles
+
+CYCLES = 24
+FLOOR_Z = -0.02
+
+
+def box(x0, y0, x1, y1, angle=0.0):
+    corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], float)
+    middle = corners.mean(axis=0)
+    c, s = np.cos(angle), np.sin(angle)
+    return (corners - middle) @ np.array([[c, s], [-s, c]]) + middle
+
+
+COUNTER = np.array([[0.0, 3.4], [0.0, 1.6], [0.6, 1.6], [0.6, 2.8], [2.6, 2.8], [2.6, 3.4]])
+FURNITURE = [
+    # label, height above the floor, outline, holes, stamps of the views
+    ("floor", 0.0, box(-0.1, -2.1, 7.1, 3.5), [], [2.0, 30.0, 60.0]),
+    ("counter", 0.90, COUNTER, [box(1.4, 2.95, 1.7, 3.25)[::-1]], [6.0, 12.0]),
+    ("counter", 0.95, box(0.05, 1.7, 0.55, 2.3), [], [6.0]),
+    ("table", 0.74, box(1.6, 0.2, 3.0, 1.1, 0.2), [], [8.0, 20.0, 52.0]),
+    ("shelf", 0.35, box(6.6, -1.8, 7.0, -0.6), [], [36.0]),
+    ("shelf", 0.75, box(6.6, -1.8, 7.0, -0.6), [], [36.0, 40.0]),
+    ("shelf", 1.15, box(6.6, -1.8, 7.0, -0.6), [], [36.0]),
+    ("seat", 0.44, box(4.6, 2.5, 6.6, 3.3), [], [28.0]),
+    ("table", 0.42, box(5.1, 1.2, 6.2, 1.8), [], [28.0, 32.0]),
+    ("ledge", 1.02, box(3.0, 3.28, 4.0, 3.42), [], [26.0]),
+    ("bed", 0.55, box(0.1, -2.0, 2.1, -0.7), [], [48.0]),
+]
+WALLS = [
+    ((0.0, -2.1), (0.0, 3.5)),
+    ((0.0, 3.5), (7.1, 3.5)),
+    ((7.1, 3.5), (7.1, -2.1)),
+    ((7.1, -2.1), (0.0, -2.1)),
+    ((0.0, -0.35), (2.6, -0.35)),
+    ((3.9, -2.1), (3.9, 0.6)),
+]
+
+
+def area(ring):
+    x, y = ring[:, 0], ring[:, 1]
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+
+
+def raised(ring, z):
+    ring = ring if area(ring) > 0 else ring[::-1]
+    return [[round(float(x), 6), round(float(y), 6), round(float(z), 6)] for x, y in ring]
+
+
+def surface(index, label, height, outline, holes, stamps):
+    z = height + FLOOR_Z
+    size = abs(area(outline)) - sum(abs(area(h)) for h in holes)
+    return {
+        "id": index,
+        "label": label,
+        "height": round(z, 6),
+        "normal": [0.0, 0.0, 1.0],
+        "offset": round(z, 6),
+        "area": round(size, 6),
+        "centroid": [*np.round(outline.mean(axis=0), 6).tolist(), round(z, 6)],
+        "boundary": raised(outline, z),
+        "holes": [raised(h, z)[::-1] for h in holes],
+        "points": int(size * 9000),
+        "height_std": 0.0012,
+        "first_seen": stamps[0],
+        "last_seen": stamps[-1],
+        "views": [{"stamp": s, "keyframe": int(s), "points": 900} for s in stamps],
+    }
+
+
+def path_points():
+    """Where the robot drove: (61, 4) of stamp, x, y, yaw."""
+    corners = np.array(
+        [[0.8, 0.9], [1.2, 2.2], [3.2, 2.2], [4.2, 1.6], [4.6, 0.6], [5.9, 0.2], [5.6, -1.2],
+         [4.6, -0.6], [4.4, 0.9], [3.2, -0.9], [2.6, -1.3], [3.3, -0.2], [1.0, 0.4]]
+    )  # fmt: skip
+    steps = np.linspace(0, len(corners) - 1, 61)
+    xy = np.stack([np.interp(steps, np.arange(len(corners)), corners[:, i]) for i in (0, 1)], 1)
+    heading = np.gradient(xy, axis=0)
+    return np.column_stack([np.arange(61.0), xy, np.arctan2(heading[:, 1], heading[:, 0])])
+
+
+def scene_cuboids(center, reach, rng):
+    """Furniture tops and walls within reach of a place, as cuboids of 2 cm cells."""
+    cells = []
+    for label, height, outline, holes, _ in FURNITURE:
+        low, high = outline.min(axis=0), outline.max(axis=0)
+        step = 0.06 if label == "floor" else 0.02
+        x, y = (np.arange(low[i], high[i], step) for i in (0, 1))
+        grid = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
+        grid = grid[shapely.contains_xy(shapely.Polygon(outline, holes), *grid.T)]
+        cells.append(np.column_stack([grid, np.full(len(grid), height + FLOOR_Z)]))
+    for (x0, y0), (x1, y1) in WALLS:
+        along = np.linspace(0, 1, int(np.hypot(x1 - x0, y1 - y0) / 0.02))
+        for z in np.arange(0.1, 1.4, 0.1):
+            cells.append(np.column_stack([x0 + along * (x1 - x0), y0 + along * (y1 - y0),
+                                          np.full(len(along), z)]))  # fmt: skip
+    points = np.concatenate(cells)
+    points = points[np.hypot(*(points[:, :2] - center).T) < reach]
+    top = np.rint((points[:, 2] + rng.normal(0, 0.002, len(points))) * 1e4).astype(np.int32)
+    ix, iy = (np.floor(points[:, i] / 0.02).astype(np.int32) for i in (0, 1))
+    order = np.lexsort((top, iy, ix))
+    return as_cuboids(ix[order], iy[order], top[order] - 300, top[order])
+
+
+def as_cuboids(ix, iy, bottom, top):
+    n = len(ix)
+    s = np.column_stack([np.full(n, 100.0), np.full(n, 100.0), top]) * 4.0
+    p = s / 4.0
+    spread = np.array([2500.0, 0, 0, 900.0, 0, 40.0])
+    outer = np.stack([p[:, i] * p[:, j] for i in range(3) for j in range(i, 3)], 1)
+    return Cuboids(
+        0.02, ix, iy, bottom, top, np.full(n, 4.0), s, (outer + spread) * 4.0,
+        np.zeros(n, np.int32), np.arange(n + 1),
+    )  # fmt: skip
+
+
+def write_json(path, tree):
+    path.write_text(json.dumps(tree, indent=1, sort_keys=True), encoding="utf-8")
+
+
+def write_folder(folder: Path, *, cycles: int = CYCLES, reach: float = 1.6) -> Path:
+    """Write a whole result folder, the same bytes on every call."""
+    folder.mkdir(parents=True, exist_ok=True)
+    surfaces = [surface(i, *item) for i, item in enumerate(FURNITURE)]
+    head = {"format": "tccm_ros/surfaces", "version": 1, "frame_id": "map", "floor_z": FLOOR_Z}
+    write_json(folder / "surfaces.json", {**head, "surfaces": surfaces})
+    write_json(folder / "walls.json", {"walls": [wall(i, *w) for i, w in enumerate(WALLS)]})
+    path = path_points()
+    write_trajectory(folder / "trajectory.tum", path)
+    keyframes = [{"id": i, "stamp": t, "pose": p} for i, (t, *p) in enumerate(path.tolist())]
+    closed = {"from": 2, "to": 60, "delta": [0, 0, 0], "accepted": True, "reason": ""}
+    refused = {**closed, "from": 7, "to": 30, "accepted": False, "reason": "ambiguous"}
+    loops = [closed, refused]
+    write_json(folder / "graph.json", {"keyframes": keyframes, "loops": loops})
+    mug = {"id": 0, "surface": 3, "center": [2.2, 0.7, 0.78], "size": [0.08, 0.08, 0.12], "yaw": 0}
+    tray = {"id": 1, "surface": 1, "center": [2.2, 3.1, 0.9], "size": [0.4, 0.25, 0.05], "yaw": 0.3}
+    bin_ = {"id": 2, "surface": 0, "center": [4.4, -1.8, 0.2], "size": [0.4, 0.3, 0.4], "yaw": 0}
+    write_json(
+        folder / "objects.json",
+        {
+            "objects": [mug, tray, bin_],
+            "free": [{"surface": 3, "polygons": [raised(box(1.8, 0.35, 2.1, 0.6), 0.72)]}],
+        },
+    )
+    write_maps(folder, path, cycles, reach)
+    write_json(folder / "summary.json", summary(cycles))
+    write_json(folder / "timing.json", {"stages": {"reading": 0.21, "mapping": 0.94},
+                                        "total": 1.15, "real_time_factor": 52.2})  # fmt: skip
+    return folder
+
+
+def wall(index, start, end):
+    (x0, y0), (x1, y1) = start, end
+    phi = float(np.arctan2(x1 - x0, -(y1 - y0)))
+    rho = float(x0 * np.cos(phi) + y0 * np.sin(phi))
+    if rho < 0:
+        phi, rho = phi - np.pi if phi > 0 else phi + np.pi, -rho
+    return {
+        "id": index, "phi": phi, "rho": rho, "endpoints": [start, end], "observations": 40,
+        "covariance": [[1e-6, 0], [0, 1e-5]], "corners": [],
+    }  # fmt: skip
+
+
+def write_trajectory(file, path):
+    lines = [
+        f"{t:.9f} {x:.6f} {y:.6f} 0.000000 0 0 {np.sin(yaw / 2):.6f} {np.cos(yaw / 2):.6f}\n"
+        for t, x, y, yaw in path
+    ]
+    file.write_text("".join(lines), encoding="utf-8")
+
+
+def write_maps(folder, path, cycles, reach):
+    rng = np.random.default_rng(7)
+    history = CycleHistory(window=10)
+    plane_cycles = []
+    stamps = np.linspace(2.0, 58.0, cycles)
+    newest = None
+    for cycle, stamp in enumerate(stamps):
+        center = path[int(stamp), 1:3]
+        newest = scene_cuboids(center, reach, rng)
+        history.add(cycle, int(stamp * 1e9), newest)
+        plane_cycles.append({"cycle": cycle, "stamp": float(stamp), "frame_id": "odom",
+                             "planes": planes_near(center, reach)})  # fmt: skip
+    T_map_odom = np.tile(np.eye(4), (cycles, 1, 1))
+    T_map_odom[:, 0, 3] = np.linspace(0.0, 0.03, cycles)
+    save_cycles(folder / "cycles.npz", history.parts(T_map_odom))
+    write_json(folder / "planes.json", {"cycles": plane_cycles})
+    final = scene_cuboids(path[30, 1:3], 2.5, rng)
+    n = len(final)
+    np.savez_compressed(
+        folder / "cuboids.npz", ix=final.ix, iy=final.iy, top=final.top * 1e-4,
+        bottom=final.bottom * 1e-4, count=final.count, cls=np.full(n, -1), mean=final.mean(),
+        cov=final.cov(), cycles=(np.arange(n) % 10 + cycles - 10).astype(np.int32),
+        cycle_offsets=np.arange(n + 1), cell_size=0.02, frame_id="odom",
+    )  # fmt: skip
+
+
+def planes_near(center, reach):
+    planes = []
+    for index, (label, height, outline, holes, _) in enumerate(FURNITURE):
+        middle = outline.mean(axis=0)
+        if label != "floor" and np.hypot(*(middle - center)) < reach:
+            item = surface(index, label, height, outline, holes, [0.0])
+            planes.append({"id": index, "kind": "horizontal", "normal": item["normal"],
+                           "offset": item["offset"], "covariance": np.eye(3).tolist(),
+                           "support": item["points"], "area": item["area"], "quality": 0.2,
+                           "boundary": item["boundary"], "holes": item["holes"],
+                           "rms": 0.0021})  # fmt: skip
+    front = [[center[0] + x, center[1], z] for x, z in ((-1, 0), (1, 0), (1, 2.2), (-1, 2.2))]
+    planes.append({"id": 90, "kind": "any", "normal": [0.0, -1.0, 0.0], "boundary": front,
+                   "holes": [], "support": 800, "area": 4.4, "rms": 0.003})  # fmt: skip
+    return planes
+
+
+def summary(cycles):
+    return {
+        "version": "0.1.0",
+        "config": Config().model_dump(mode="json"),
+        "counts": {"messages": 4120, "scans_used": 1810, "cycles": cycles, "keyframes": 61,
+                   "dropped": {"tilt": {"no bracketing joint sample": 3}, "level": {}}},
+    }  # fmt: skip

@@ -1,0 +1,39 @@
+"""Surface maps of simulated rooms, and how well they agree with the truth."""
+
+import numpy as np
+from room import Board
+from shapely import Polygon
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import spatial
+from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPlacement, default_tilt_covariance
+
+TABLE = Board(1.5, 0.0, 0.8, 1.4, 0.74)
+
+
+def build(looks, poses=None, config=None, order=None, *, sees_through=True):
+    """Map sweeps (room, pose, stamp) at their true poses, or at others."""
+    config = config or Config()
+    surface_map = SurfaceMap(config)
+    records = [r for room, pose, stamp in looks for r in room.look(pose, stamp)]
+    if not sees_through:
+        records = records[::2]
+    for k in order if order is not None else range(len(records)):
+        surface_map.add(records[k])
+    stamps = sorted({stamp for _, _, stamp in looks})
+    where = poses or [next(p for _, p, s in looks if s == stamp) for stamp in stamps]
+    placement = ViewPlacement(
+        spatial(np.array(where)),
+        default_tilt_covariance(len(stamps)),
+        np.arange(len(stamps)),
+    )
+    return surface_map.build(placement)
+
+
+def standing(mapped):
+    return [s for s in mapped.surfaces if s.label != "floor"]
+
+
+def overlap(surface, board):
+    polygon = Polygon(surface.boundary[:, :2], [h[:, :2] for h in surface.holes])
+    return polygon.intersection(board.polygon).area / polygon.union(board.polygon).area

@@ -1,0 +1,48 @@
+"""Shared areas against a plain polygon library."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import Polygon
+
+from tccm_ros.outlines.overlap import shared_share, shared_shares
+
+
+def star(seed, n, centre):
+    """A ring (N, 2) around a centre that does not cross itself."""
+    rng = np.random.default_rng(seed)
+    angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, n))
+    radius = rng.uniform(0.3, 1.0, n)
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius[:, None] + centre
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(5, 40), st.floats(-2.5, 2.5), st.floats(-2.5, 2.5))
+def test_share_is_that_of_the_polygons(seed, n, x, y):
+    a, b = star(seed, n, (0.0, 0.0)), star(seed + 1, n, (x, y))
+    first, second = Polygon(a), Polygon(b)
+    if not (first.is_valid and second.is_valid):
+        return
+    expected = first.intersection(second).area / min(first.area, second.area)
+    # The lines are at most 2 m / 48 apart, and spikes may lie between two of them.
+    assert shared_share(a, b) == pytest.approx(expected, abs=0.08)
+    assert shared_share(a, b) == pytest.approx(shared_share(b, a))
+
+
+def test_a_ring_shares_all_with_itself_and_nothing_with_one_beside_it():
+    ring = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
+    assert shared_share(ring, ring[::-1].copy()) == pytest.approx(1.0)
+    assert shared_share(ring, ring + np.array([2.5, 0.0])) == 0.0
+    assert shared_share(ring, ring + np.array([1.0, 0.0])) == pytest.approx(0.5)
+    assert shared_share(ring, ring[:2].copy()) == 0.0
+
+
+def test_planes_are_seen_against_their_normal():
+    wall = np.array([[1.0, 0.0, 0.0], [1.0, 2.0, 0.0], [1.0, 2.0, 1.0], [1.0, 0.0, 1.0]])
+    rings = np.concatenate([wall, wall + np.array([0.0, 1.0, 0.0])])
+    ends = np.array([4, 8])
+    pairs = np.array([[0, 0], [0, 1], [1, 1]])
+    normals = np.array([[-1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+    shares = shared_shares(rings, ends, normals, rings, ends, pairs)
+    np.testing.assert_allclose(shares, [1.0, 0.5, 1.0])

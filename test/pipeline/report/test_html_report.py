@@ -1,0 +1,251 @@
+"""report.html: one file, repeatable, escaped, and alive in a real browser."""
+
+import base64
+import json
+import re
+import zlib
+
+import numpy as np
+import pytest
+from chromium import Browser
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+from result_folder import write_folder
+
+from tccm_ros.errors import OutputError
+from tccm_ros.pipeline.report import palette
+from tccm_ros.pipeline.report.html_report import LAYERS, TIMING_END, TIMING_START, write_report
+from tccm_ros.pipeline.report.pack import ArrayPack, differences
+from tccm_ros.pipeline.report.triangles import triangulate
+from tccm_ros.results.folder_reader import load_results
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def report(flat):
+    return write_report(flat)
+
+
+@pytest.fixture(scope="module")
+def opened(report, tmp_path_factory):
+    with Browser(tmp_path_factory.mktemp("profile"), 900, 760) as browser:
+        browser.open(report)
+        browser.wait_for("window.tccmReport && tccmReport.frames > 0")
+        yield browser
+
+
+@pytest.fixture
+def page(opened):
+    """Return the page as it opened, without cuboids.
+
+    A processor that stands in for the graphics card takes its time over those.
+    """
+    for name, (_, on) in LAYERS.items():
+        opened.evaluate(f"tccmReport.setLayer('{name}', {json.dumps(on and name != 'cuboids')})")
+    opened.evaluate("tccmReport.setCycle(24)")
+    opened.evaluate("tccmReport.camera.set(tccmReport.camera.home)")
+    return opened
+
+
+def still(page):
+    """Wait until nothing is left to draw."""
+    page.wait_for("!tccmReport.waiting")
+
+
+def test_the_same_bytes_again(flat, report):
+    before = report.read_bytes()
+    assert write_report(flat).read_bytes() == before
+
+
+def test_only_the_timing_differs_between_runs(flat_copy, report):
+    timing = {"stages": {"reading": 0.9}, "real_time_factor": 11.0}
+    (flat_copy / "timing.json").write_text(json.dumps(timing))
+    cut = re.compile(re.escape(TIMING_START) + ".*?" + re.escape(TIMING_END), re.DOTALL)
+    a, b = (p.read_text(encoding="utf-8") for p in (report, write_report(flat_copy)))
+    assert a != b
+    assert cut.sub("", a) == cut.sub("", b)
+
+
+def test_nothing_is_fetched(report):
+    text = report.read_text(encoding="utf-8")
+    assert not re.search(r"""(?:src|href)\s*=\s*["'](?!data:)""", text)
+    assert not re.search(r"https?://|@import|url\((?!data:)", text)
+
+
+def test_what_comes_from_files_is_escaped(flat_copy):
+    evil = "</script><script>alert(1)</script><b>&\"'"
+    for name in ("surfaces.json", "summary.json", "timing.json", "graph.json"):
+        tree = json.loads((flat_copy / name).read_text())
+        if name == "surfaces.json":
+            tree["surfaces"][3]["label"] = evil
+        elif name == "graph.json":
+            tree["loops"][0]["reason"] = evil
+        else:
+            tree[evil] = evil
+        (flat_copy / name).write_text(json.dumps(tree))
+    text = write_report(flat_copy).read_text(encoding="utf-8")
+    assert "<script>alert" not in text
+    assert text.count("&lt;/script&gt;&lt;script&gt;") >= 6
+
+
+def test_a_folder_with_little_in_it(flat_copy):
+    for name in ("planes.json", "cycles.npz", "cuboids.npz", "objects.json", "timing.json",
+                 "summary.json", "graph.json"):  # fmt: skip
+        (flat_copy / name).unlink()
+    assert TIMING_START not in write_report(flat_copy).read_text(encoding="utf-8")
+
+
+def test_a_place_that_cannot_be_written(flat_copy):
+    (flat_copy / "report.html").unlink(missing_ok=True)
+    (flat_copy / "report.html").mkdir()
+    with pytest.raises(OutputError, match=r"report\.html: cannot be written"):
+        write_report(flat_copy)
+
+
+def test_it_draws_without_complaints(page, tmp_path, flat):
+    page.evaluate("tccmReport.setLayer('cuboids', true)")
+    still(page)
+    assert page.complaints() == []
+    width, height = page.evaluate("[tccmReport.canvas.width, tccmReport.canvas.height]")
+    assert width > 600
+    assert height > 300
+    image = np.asarray(Image.open(page.screenshot(tmp_path / "report.png")).convert("RGB"))
+    table = np.array(palette_rgb(flat, 3)) * 0.86 + 255 * 0.14
+    near = np.abs(image - table).max(axis=2) < 40
+    assert near.sum() > 200
+
+
+def palette_rgb(flat, index):
+    colors = palette.surface_colors(load_results(flat).surfaces)
+    return [int(colors[index][i : i + 2], 16) for i in (1, 3, 5)]
+
+
+@pytest.mark.parametrize("name", LAYERS)
+def test_a_layer_can_be_switched(page, name):
+    page.evaluate(f"tccmReport.setLayer('{name}', true)")
+    page.evaluate(f"tccmReport.setCycle({9 if name in ('planes', 'upright') else 24})")
+    before = shown(page)
+    page.click(f"#layer-{name}")
+    assert shown(page) != before
+    page.click(f"#layer-{name}")
+    assert shown(page) == before
+    assert page.complaints() == []
+
+
+def shown(page):
+    """What is on the canvas and how many labels are over it, as one value to compare."""
+    still(page)
+    return page.evaluate("""(() => {
+        tccmReport.draw();
+        const { gl, canvas } = tccmReport;
+        const pixels = new Uint32Array(canvas.width * canvas.height);
+        gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE,
+                      new Uint8Array(pixels.buffer));
+        let sum = 2166136261;
+        for (const pixel of pixels) sum = Math.imul(sum ^ pixel, 16777619);
+        const labels = [...document.querySelectorAll('#labels span')].filter((s) => !s.hidden);
+        return `${sum} ${labels.length}`;
+    })()""")
+
+
+def test_the_slider_shows_the_map_forgetting(page):
+    seen = []
+    for cycle in range(24):
+        page.evaluate(f"tccmReport.setCycle({cycle})")
+        look = page.evaluate(
+            "(() => { const l = tccmReport.cuboidLook(); const c = l.set.cycle;"
+            "return [c[l.first], c[l.first + l.count - 1]]; })()"
+        )
+        seen.append(look)
+    assert seen == [[max(0, k - 9), k] for k in range(24)]
+    assert "cycle 23" in page.evaluate("document.getElementById('cycle-text').textContent")
+    assert page.complaints() == []
+
+
+def test_pointing_at_a_table_tells_about_it(page):
+    page.evaluate("tccmReport.setLayer('path', false)")
+    still(page)
+    x, y = page.evaluate("""(() => {
+        const table = tccmReport.scene.surfaces.find((s) => s.id === 3);
+        const { canvas } = tccmReport;
+        const v = tccmReport.view();
+        const m = v.matrix, [a, b, c] = [table.at[0] + 0.3, table.at[1], table.at[2]];
+        const p = [0, 1, 3].map((r) => m[r] * a + m[4 + r] * b + m[8 + r] * c + m[12 + r]);
+        const box = canvas.getBoundingClientRect();
+        const [right, up] = [p[0] / p[2], p[1] / p[2]];
+        return [box.x + (right + 1) / 2 * box.width, box.y + (1 - up) / 2 * box.height];
+    })()""")
+    page.mouse("mouseMoved", x, y)
+    page.wait_for("!document.getElementById('hover').hidden")
+    text = page.evaluate("document.getElementById('hover').innerText")
+    assert "table (surface 3)" in text
+    assert "0.740 m" in text
+    assert "1.26 m²" in text
+    assert re.search(r"views\s+3", text)
+
+
+def test_dragging_turns_the_view(page):
+    before = page.evaluate("tccmReport.camera.azimuth")
+    x, y = page.evaluate(
+        "(() => { const b = tccmReport.canvas.getBoundingClientRect();"
+        "return [b.x + b.width / 2, b.y + b.height / 2]; })()"
+    )
+    page.mouse("mousePressed", x, y, button="left", buttons=1, clickCount=1)
+    page.mouse("mouseMoved", x + 80, y, button="left", buttons=1)
+    page.mouse("mouseReleased", x + 80, y, button="left", clickCount=1)
+    assert page.evaluate("tccmReport.camera.azimuth") < before - 0.2
+    assert page.complaints() == []
+
+
+def test_a_flat_of_fifty_cycles_stays_small(tmp_path_factory):
+    folder = write_folder(tmp_path_factory.mktemp("big") / "flat", cycles=50, reach=4.0)
+    results = load_results(folder)
+    assert len(results.cycles) == 50
+    assert write_report(folder).stat().st_size < 15e6
+
+
+@given(st.lists(st.integers(-32000, 32000), max_size=30))
+def test_packed_differences_add_up_again(values):
+    pack = ArrayPack()
+    pack.add(np.zeros(3), "f4")
+    kind, offset, count = pack.add(differences(np.array(values, np.int64)), "i2")
+    assert (kind, offset, count) == ("i2", 16, len(values))
+    content = zlib.decompress(base64.b64decode(pack.text()))
+    steps = np.frombuffer(content, "<i2", count, offset)
+    assert np.cumsum(steps, dtype=np.int16).tolist() == values
+
+
+def triangle_area(mesh):
+    a, b, c = (mesh.points[mesh.triangles[:, i]] for i in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.floats(0.5, 2.0), min_size=3, max_size=24), st.integers(0, 4))
+def test_triangles_cover_an_outline_and_leave_its_hole(radii, tilt):
+    turn = np.linspace(0, 2 * np.pi, len(radii), endpoint=False)
+    outline = np.stack([np.cos(turn), np.sin(turn)], axis=1) * np.array(radii)[:, None]
+    hole = outline[::-1] * 0.4
+    slope = 0.1 * tilt
+    normal = np.array([-slope, 0.0, 1.0]) / np.hypot(1.0, slope)
+    rings = [np.column_stack([r, 0.7 + slope * r[:, 0]]) for r in (outline, hole)]
+    mesh = triangulate(rings, normal)
+    x, y = outline.T
+    plan = 0.5 * abs(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) * (1 - 0.4**2)
+    assert triangle_area(mesh) == pytest.approx(plan * np.hypot(1.0, slope), rel=1e-9)
+    assert np.allclose(mesh.points @ normal, 0.7 * normal[2], atol=1e-9)
+    assert mesh.rings == (len(radii), len(radii))
+
+
+def test_an_outline_that_crosses_itself_is_split():
+    bow = np.array([[0.0, 0, 1], [1, 1, 1], [1, 0, 1], [0, 1, 1]])
+    mesh = triangulate([bow], UP)
+    assert mesh.rings == (3, 3)
+    assert triangle_area(mesh) == pytest.approx(0.5)
+
+
+def test_an_upright_plane_is_drawn_too():
+    wall = np.array([[2.0, 0, 0], [2, 3, 0], [2, 3, 2], [2, 0, 2]])
+    assert triangle_area(triangulate([wall], np.array([-1.0, 0, 0]))) == pytest.approx(6.0)

@@ -1,0 +1,123 @@
+"""map.png and map3d.png: repeatable, without metadata, and showing what is there."""
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from matplotlib.colors import to_rgb
+from PIL import Image
+
+from tccm_ros.errors import OutputError
+from tccm_ros.pipeline.report import palette
+from tccm_ros.pipeline.report.label_layout import LabelRequest, place_labels
+from tccm_ros.pipeline.report.map3d_picture import view_camera
+from tccm_ros.pipeline.report.map_picture import write_map
+from tccm_ros.pipeline.report.pictures import write_pictures
+from tccm_ros.results.folder_reader import load_results
+
+
+def chunks(data):
+    at, kinds = 8, []
+    while at < len(data):
+        (length,) = struct.unpack(">I", data[at : at + 4])
+        kinds.append(data[at + 4 : at + 8])
+        at += 12 + length
+    return kinds
+
+
+@pytest.fixture(scope="module")
+def pictures(flat):
+    return write_pictures(flat)
+
+
+def test_the_same_bytes_without_metadata(flat, pictures):
+    before = [path.read_bytes() for path in pictures]
+    assert [path.read_bytes() for path in write_pictures(flat)] == before
+    for data in before:
+        assert set(chunks(data)) <= {b"IHDR", b"PLTE", b"IDAT", b"IEND"}
+
+
+def test_the_users_own_settings_do_not_show(flat, pictures, monkeypatch):
+    import matplotlib
+
+    before = pictures[0].read_bytes()
+    with matplotlib.rc_context({"font.size": 30, "lines.linewidth": 9, "text.color": "red"}):
+        assert write_pictures(flat)[0].read_bytes() == before
+
+
+def test_readme_size(pictures):
+    for path in pictures:
+        width, height = Image.open(path).size
+        assert width == 1800
+        assert 600 <= height <= 2600
+
+
+def test_every_surface_shows_in_its_own_colour(flat, pictures):
+    results = load_results(flat)
+    colors = palette.surface_colors(results.surfaces)
+    shown = np.asarray(Image.open(pictures[0]).convert("RGB")).reshape(-1, 3)
+    kinds, counts = np.unique(shown, axis=0, return_counts=True)
+    for surface in results.standing:
+        outline = np.array(to_rgb(colors[surface.id])) * 255
+        # The two lower boards lie under the upper one; their leaders show their colour, which
+        # a palette of 256 keeps to a few steps in a hundred.
+        near = np.abs(kinds - outline).max(axis=1) <= 40
+        assert counts[near].sum() > 50, (surface.id, surface.label)
+
+
+def test_neighbours_never_share_a_colour(flat):
+    colors = palette.surface_colors(load_results(flat).surfaces)
+    standing = [c for c in colors.values() if c != palette.FLOOR]
+    assert len(set(standing)) == len(standing)
+
+
+def test_colours_do_not_depend_on_order(flat):
+    surfaces = load_results(flat).surfaces
+    assert palette.surface_colors(surfaces) == palette.surface_colors(surfaces[::-1])
+
+
+def test_truth_is_drawn_beside(flat, pictures, tmp_path):
+    write_map(load_results(flat, truth=flat / "surfaces.json"), tmp_path / "with_truth.png")
+    assert (tmp_path / "with_truth.png").read_bytes() != pictures[0].read_bytes()
+
+
+@pytest.mark.parametrize("keep", ["nothing", "walls", "surfaces"])
+def test_a_map_that_has_only_some_of_it(flat_copy, keep):
+    if keep != "surfaces":
+        (flat_copy / "surfaces.json").write_text('{"floor_z": null, "surfaces": []}')
+    if keep != "walls":
+        (flat_copy / "walls.json").write_text('{"walls": []}')
+    (flat_copy / "trajectory.tum").write_text("")
+    for path in write_pictures(flat_copy):
+        assert Image.open(path).size[0] == 1800
+
+
+def test_a_picture_that_cannot_be_written(flat, tmp_path):
+    with pytest.raises(OutputError, match=r"map\.png: cannot be written"):
+        write_map(load_results(flat), tmp_path / "no" / "map.png")
+
+
+def test_the_camera_keeps_left_and_up(flat):
+    camera = view_camera(load_results(flat))
+    west, east, up = camera.project(np.array([[0.0, 0, 0], [7.0, 0, 0], [0.0, 0, 1.0]]))
+    assert west[0] < east[0]
+    assert up[1] > west[1]
+    assert up[0] == pytest.approx(west[0], abs=0.02)
+
+
+PLACES = st.lists(st.tuples(st.floats(0, 400), st.floats(0, 400)), min_size=1, max_size=14)
+
+
+@settings(max_examples=40, deadline=None)
+@given(PLACES)
+def test_labels_never_cover_one_another_while_there_is_room(places):
+    size = np.array([60.0, 24.0])
+    requests = [LabelRequest(np.array(p), size) for p in places]
+    area = np.array([[-200.0, -200.0], [600.0, 600.0]])
+    centers = place_labels(requests, area, np.zeros((0, 2)))
+    gaps = np.abs(centers[:, None] - centers[None]) - size
+    apart = (gaps >= 0).any(axis=2) | np.eye(len(places), dtype=bool)
+    assert apart.all()
+    assert ((centers - size / 2 >= area[0]) & (centers + size / 2 <= area[1])).all()

@@ -1,0 +1,80 @@
+"""The Foxglove layout and the RViz configuration show what the nodes and result.mcap publish."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tccm_ros.ros.publications import CYCLE_TOPICS, HAND_OVER_TOPICS, SOLUTION_TOPICS
+
+CONFIG = Path(__file__).resolve().parents[3] / "config"
+
+PUBLISHED = {f"/tccm/{topic}" for topic in CYCLE_TOPICS}
+PUBLISHED |= {f"/surface_slam/{topic}" for topic in SOLUTION_TOPICS}
+
+OTHERS = {"/pose", "/map", "/scan", "/surface_slam/map_to_odom", "/tccm/center_cores"}
+"""What the nodes or the robot publish beside results (DESIGN section 4)."""
+
+NOT_IN_RVIZ = {"/tccm/view"}
+"""Intervals, which RViz has no display for."""
+
+
+@pytest.fixture(scope="module")
+def panels():
+    layout = json.loads((CONFIG / "foxglove.json").read_text())
+    return layout["configById"]
+
+
+@pytest.fixture(scope="module")
+def displays():
+    tree = yaml.safe_load((CONFIG / "tccm.rviz").read_text())
+    shown = tree["Visualization Manager"]["Displays"]
+    return {d["Topic"]["Value"]: d for d in shown if "Topic" in d}
+
+
+def test_foxglove_panels_know_every_topic(panels):
+    for panel in panels.values():
+        assert set(panel["topics"]) >= PUBLISHED
+        assert set(panel["topics"]) <= PUBLISHED | OTHERS
+        assert panel["followTf"] == "map"
+
+
+def test_the_layout_uses_the_panels_that_are_there(panels):
+    layout = json.loads((CONFIG / "foxglove.json").read_text())["layout"]
+    assert {layout["first"], layout["second"]} == set(panels)
+
+
+def test_what_a_newcomer_should_see_is_on(panels, displays):
+    wanted = {
+        "/surface_slam/surfaces", "/surface_slam/walls", "/tccm/planes", "/tccm/objects",
+        "/tccm/map_cloud", "/pose",
+    }  # fmt: skip
+    for panel in panels.values():
+        assert {t for t, s in panel["topics"].items() if s["visible"]} >= wanted
+    assert {t for t, d in displays.items() if d["Enabled"]} >= wanted
+
+
+def test_rviz_displays_know_every_topic(displays):
+    assert set(displays) >= PUBLISHED - NOT_IN_RVIZ
+    assert set(displays) <= PUBLISHED | OTHERS
+
+
+def test_rviz_asks_for_what_is_offered(displays):
+    """A transient-local reader of a volatile writer would never be connected."""
+    volatile = {f"/tccm/{topic}" for topic in HAND_OVER_TOPICS} | {"/pose"}
+    for topic, display in displays.items():
+        latched = display["Topic"]["Durability Policy"] == "Transient Local"
+        assert latched == (topic not in volatile), topic
+
+
+def test_rviz_display_classes_fit_the_types(displays):
+    kinds = {
+        "visualization_msgs/msg/MarkerArray": "rviz_default_plugins/MarkerArray",
+        "sensor_msgs/msg/PointCloud2": "rviz_default_plugins/PointCloud2",
+        "nav_msgs/msg/Path": "rviz_default_plugins/Path",
+    }
+    types = {f"/tccm/{t}": k for t, k in CYCLE_TOPICS.items()}
+    types |= {f"/surface_slam/{t}": k for t, k in SOLUTION_TOPICS.items()}
+    for topic in set(displays) & set(types):
+        assert displays[topic]["Class"] == kinds[types[topic]], topic

@@ -1,0 +1,131 @@
+"""The rigs against points computed by hand, and their URDF against another library."""
+
+import numpy as np
+import pinocchio
+import pytest
+
+from tccm_ros.pipeline.sim.rigid import invert, quaternion_xyzw, rigid, rotation_rpy
+from tccm_ros.pipeline.sim.rigs import Rig
+from tccm_ros.pipeline.sim.robots import HUMANOID, SEGWAY, UPSIDE_DOWN
+
+RIGS = (HUMANOID, SEGWAY, UPSIDE_DOWN)
+QUARTER = np.pi / 2
+
+
+def laser(rig: Rig, frame: str, **joints: float) -> np.ndarray:
+    """Pose of a laser at these joint positions."""
+    return rig.laser_poses(frame, {k: np.array([v]) for k, v in joints.items()}, 1)[0]
+
+
+def test_rotation_signs_by_hand():
+    # Yaw turns x to y; pitch turns x downwards; roll turns y to z.
+    assert rotation_rpy(0, 0, QUARTER) @ (1, 0, 0) == pytest.approx([0, 1, 0])
+    assert rotation_rpy(0, QUARTER, 0) @ (1, 0, 0) == pytest.approx([0, 0, -1])
+    assert rotation_rpy(QUARTER, 0, 0) @ (0, 1, 0) == pytest.approx([0, 0, 1])
+
+
+@pytest.mark.parametrize("rpy", [(0, 0, 0), (np.pi, 0, 0), (0.3, -1.2, 2.9), (0, np.pi, 0.1)])
+def test_quaternion_turns_as_the_matrix_does(rpy):
+    T = rigid((1.0, 2.0, 3.0), rpy)
+    x, y, z, w = quaternion_xyzw(T)
+    v, u = np.array([x, y, z]), np.array([0.3, -0.5, 0.8])
+    turned = u + 2 * np.cross(v, np.cross(v, u) + w * u)
+    assert turned == pytest.approx(T[:3, :3] @ u)
+    assert w >= 0
+    assert invert(T) @ T == pytest.approx(np.eye(4))
+
+
+class TestHumanoid:
+    frame = "tilt_laser"
+
+    def test_at_rest(self):
+        # 0.30 + 0.55 + 0.45 + 0.06 + 0.04 + 0.12 = 1.52 m is the tilt axis.
+        T = laser(HUMANOID, self.frame)
+        assert T[:3, 3] == pytest.approx([0.03, 0.0, 1.54])
+        assert T[:3, :3] == pytest.approx(np.eye(3))
+
+    def test_tilted_straight_down(self):
+        T = laser(HUMANOID, self.frame, laser_tilt_joint=QUARTER)
+        assert T[:3, 3] == pytest.approx([0.02, 0.0, 1.49])
+        assert T[:3, 0] == pytest.approx([0, 0, -1])
+        assert (T @ (1.0, 0, 0, 1))[:3] == pytest.approx([0.02, 0.0, 0.49])
+
+    def test_waist_turned_left(self):
+        T = laser(HUMANOID, self.frame, waist_joint=QUARTER)
+        assert T[:3, 3] == pytest.approx([-0.02, 0.05, 1.54])
+        assert T[:3, 0] == pytest.approx([0, 1, 0])
+
+    def test_neck_down_and_tilted_back_up(self):
+        # The neck carries axis and laser forward and down; the laser itself looks level again.
+        T = laser(HUMANOID, self.frame, neck_pitch_joint=0.5, laser_tilt_joint=-0.5)
+        x = 0.16 * np.sin(0.5) + 0.03
+        z = 1.36 + 0.16 * np.cos(0.5) + 0.02
+        assert T[:3, 3] == pytest.approx([x, 0.0, z])
+        assert T[:3, :3] == pytest.approx(np.eye(3))
+
+
+class TestSegway:
+    def test_at_rest(self):
+        assert laser(SEGWAY, "utm")[:3, 3] == pytest.approx([0.132, 0.0, 1.40])
+        assert laser(SEGWAY, "lms")[:3, 3] == pytest.approx([0.28, 0.0, 0.34])
+
+    def test_panned_left_and_tilted_down(self):
+        T = laser(SEGWAY, "utm", ptu_pan_joint=QUARTER, ptu_tilt_joint=QUARTER)
+        # Panned it looks along +y; tilted, the mount (0.012, 0.064) swings to (0.064, -0.012).
+        assert T[:3, 3] == pytest.approx([0.12, 0.064, 1.336 - 0.012])
+        assert T[:3, 0] == pytest.approx([0, 0, -1])
+        assert T[:3, 1] == pytest.approx([-1, 0, 0])
+
+
+class TestUpsideDown:
+    frame = "nod_lidar"
+
+    def test_at_rest_left_is_right(self):
+        T = laser(UPSIDE_DOWN, self.frame)
+        assert T[:3, 3] == pytest.approx([0.19, -0.01, 1.18])
+        assert T[:3, 0] == pytest.approx([1, 0, 0])
+        assert T[:3, 1] == pytest.approx([0, -1, 0])
+        assert T[:3, 2] == pytest.approx([0, 0, -1])
+
+    def test_a_positive_nod_looks_up(self):
+        T = laser(UPSIDE_DOWN, self.frame, nod_joint=0.3)
+        assert T[:3, 0] == pytest.approx([np.cos(0.3), 0, np.sin(0.3)])
+
+    def test_straight_down_with_the_lever_arm(self):
+        T = laser(UPSIDE_DOWN, self.frame, nod_joint=-QUARTER)
+        assert T[:3, 3] == pytest.approx([0.09, -0.01, 1.22])
+        assert T[:3, 0] == pytest.approx([0, 0, -1])
+
+
+@pytest.mark.parametrize("rig", RIGS, ids=lambda rig: rig.name)
+def test_urdf_says_what_the_numbers_say(rig):
+    """Pinocchio reads the URDF by itself: any chain it computes must be ours."""
+    model = pinocchio.buildModelFromXML(rig.urdf())
+    data = model.createData()
+    random = np.random.default_rng(1)
+    for frame in (rig.tilt_frame, rig.level_frame):
+        angles = {name: float(random.uniform(-1.0, 1.0)) for name in rig.moving}
+        q = pinocchio.neutral(model)
+        for name, angle in angles.items():
+            q[model.joints[model.getJointId(name)].idx_q] = angle
+        pinocchio.framesForwardKinematics(model, data, q)
+        theirs = data.oMf[model.getFrameId(frame)].homogeneous
+        assert laser(rig, frame, **angles) == pytest.approx(theirs, abs=1e-9)
+
+
+@pytest.mark.parametrize("rig", RIGS, ids=lambda rig: rig.name)
+def test_wheels_stand_on_the_floor(rig):
+    for wheel in rig.wheels:
+        joint = next(j for j in rig.joints if j.name == wheel)
+        height = sum(j.xyz[2] for j in rig.chain(joint.child)) + rig.base_height
+        assert height == pytest.approx(rig.wheel_radius)
+
+
+def test_a_mount_can_be_wrong():
+    rolled = SEGWAY.mounted("ptu_tilt_joint", (0, 0, 0.01), (0.1, 0, 0))
+    T = laser(rolled, "utm")
+    assert T[:3, 3] == pytest.approx(
+        [0.132, -0.064 * np.sin(0.1), 1.336 + 0.01 + 0.064 * np.cos(0.1)]
+    )
+    assert T[:3, 1] == pytest.approx([0, np.cos(0.1), np.sin(0.1)])
+    assert laser(SEGWAY, "utm")[:3, 1] == pytest.approx([0, 1, 0])

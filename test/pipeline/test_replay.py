@@ -1,0 +1,202 @@
+"""The main job on the bundled bags: a recorded bag in, a map of surfaces out."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tccm_ros.bags.reader import BagReader
+from tccm_ros.bags.typestore import TypestoreMessages
+from tccm_ros.bags.writer import BagWriter
+from tccm_ros.config import Config
+from tccm_ros.config.file import read_config
+from tccm_ros.errors import BagError, MapError, TopicError
+from tccm_ros.geometry import planar, spatial
+from tccm_ros.pipeline.evaluate.surfaces import score_surfaces
+from tccm_ros.pipeline.evaluate.trajectory_errors import absolute_errors, poses_at
+from tccm_ros.pipeline.evaluate.truth_files import read_tum
+from tccm_ros.pipeline.replay import replay
+
+BAGS = Path(__file__).resolve().parents[2] / "bags"
+TYPES = TypestoreMessages()
+FILES = [
+    "surfaces.json",
+    "surfaces.ply",
+    "surfaces.geojson",
+    "surfaces.scene",
+    "objects.json",
+    "walls.json",
+    "graph.json",
+    "trajectory.tum",
+    "planes.json",
+    "cuboids.npz",
+    "cycles.npz",
+    "summary.json",
+    "timing.json",
+    "result.mcap",
+    "map.mcap",
+    "map.png",
+    "map3d.png",
+    "report.html",
+]
+CLOCKED = {"timing.json", "report.html"}
+"""What may differ between runs: times are measured on the clock."""
+
+
+@pytest.fixture(scope="module")
+def flat(tmp_path_factory):
+    out = tmp_path_factory.mktemp("flat") / "map"
+    replay(BAGS / "flat", out, Config(), pictures=False)
+    return out
+
+
+def test_the_flat_has_its_furniture(flat):
+    score = score_surfaces(flat / "surfaces.json", BAGS / "flat" / "truth.json")
+    assert len(score.matches) == 20
+    assert score.found >= 18, score.text()
+    assert score.false == ()
+
+
+def test_the_corners_of_the_floor_plan_are_closed(flat):
+    walls = json.loads((flat / "walls.json").read_text())["walls"]
+    features = json.loads((flat / "surfaces.geojson").read_text())["features"]
+    lines = {
+        f["properties"]["id"]: {tuple(end) for end in f["geometry"]["coordinates"]}
+        for f in features
+        if f["properties"]["kind"] == "wall"
+    }
+    corners = {(min(w["id"], k), max(w["id"], k)) for w in walls for k in w["corners"]}
+    assert len(corners) >= 8
+    assert all(lines[a] & lines[b] for a, b in corners)
+
+
+def test_the_planning_scene_holds_all_but_the_floor(flat):
+    surfaces = json.loads((flat / "surfaces.json").read_text())["surfaces"]
+    text = (flat / "surfaces.scene").read_text()
+    names = [line for line in text.splitlines() if line.startswith("* ")]
+    assert names == [f"* tccm_surface_{s['id']}" for s in surfaces if s["label"] != "floor"]
+
+
+def test_the_trajectory_is_better_than_raw_odometry(flat):
+    truth = read_tum(BAGS / "flat" / "truth.tum")
+    with BagReader(BAGS / "flat") as bag:
+        odometry = [record for role, _, record in bag.records({"odom": "/odom"})]
+    stamps = np.array([record.stamp_ns for record in odometry])
+    raw = spatial(planar(np.array([record.T_odom_base for record in odometry])))
+    found = read_tum(flat / "trajectory.tum")
+    ours, known = rms(found.stamps_ns, found.poses, truth)
+    theirs, _ = rms(stamps, raw, truth)
+    assert known > 1000
+    assert ours < 0.02
+    assert ours < 0.1 * theirs
+
+
+def rms(stamps, poses, truth):
+    at, is_known = poses_at(truth.stamps_ns, truth.poses, stamps)
+    errors = absolute_errors(poses[is_known], at[is_known])
+    return float(np.sqrt(np.mean(np.square(errors.translation)))), len(errors)
+
+
+def test_two_runs_give_the_same_bytes(tmp_path):
+    for name in ("one", "two"):
+        replay(BAGS / "walkthrough", tmp_path / name, Config())
+    for name in FILES:
+        one, two = ((tmp_path / run / name).read_bytes() for run in ("one", "two"))
+        assert one, name
+        if name not in CLOCKED:
+            assert one == two, name
+
+
+def test_a_person_who_walked_through_leaves_nothing(tmp_path):
+    """The person is seen from 3 to 7 s of 20.7 s: in a window of all cycles, not in the last 5."""
+    seen = {}
+    for cycles in (13, 5):
+        out = tmp_path / str(cycles)
+        config = read_config(None, [f"map.window_cycles={cycles}"])
+        replay(BAGS / "walkthrough", out, config, pictures=False)
+        seen[cycles] = cuboids_on_the_way(out / "cuboids.npz")
+    assert seen[13] > 50
+    assert seen[5] == 0
+
+
+def cuboids_on_the_way(path):
+    """Cuboids over the strip of floor at x = 1.75 m that the person walked along."""
+    with np.load(path, allow_pickle=False) as map_:
+        x, y = ((map_[key] + 0.5) * map_["cell_size"] for key in ("ix", "iy"))
+        over_the_floor = (map_["top"] > 0.3) & (map_["bottom"] < 1.7)
+        return int((over_the_floor & (x > 1.6) & (x < 1.9) & (y > -2.0) & (y < 0.5)).sum())
+
+
+def test_other_names_and_an_upside_down_laser(tmp_path):
+    remap = [
+        "tilt_scan:=/nod_lidar/scan",
+        "scan:=/front_lidar/scan",
+        "odom:=/wheel_odom",
+        "joint_states:=/dynamixel/joint_states",
+    ]
+    replay(BAGS / "upside_down", tmp_path / "map", Config(), remap=remap, pictures=False)
+    score = score_surfaces(tmp_path / "map" / "surfaces.json", BAGS / "upside_down" / "truth.json")
+    assert score.found == len(score.matches) > 0, score.text()
+
+
+def test_a_topic_of_another_type_is_an_error(tmp_path):
+    with pytest.raises(TopicError, match="TFMessage"):
+        replay(BAGS / "walkthrough", tmp_path / "no", Config(), remap=["tilt_scan:=/tf_static"])
+    assert not (tmp_path / "no").exists()
+
+
+def rewrite(bag, out, change):
+    """Copy a bag, with `change` applied to the messages of its tilting laser."""
+    with BagReader(bag) as reader, BagWriter(out) as writer:
+        types = {info.name: info.msgtype for info in reader.topics()}
+        for message in reader.messages(types):
+            record = TYPES.deserialize(types[message.topic], message.data)
+            if message.topic == "/tilt_scan":
+                change(record)
+            writer.write(message.topic, types[message.topic], message.log_ns, record)
+
+
+def test_beams_that_are_lost_here_and_there_lose_no_surface(tmp_path):
+    rng = np.random.default_rng(0)
+
+    def lose(scan):
+        lost = rng.random(len(scan.ranges)) < 0.03
+        scan.ranges = np.where(lost, np.float32(0.0), scan.ranges)
+
+    rewrite(BAGS / "flat", tmp_path / "bag", lose)
+    replay(tmp_path / "bag", tmp_path / "map", Config(), pictures=False)
+    score = score_surfaces(tmp_path / "map" / "surfaces.json", BAGS / "flat" / "truth.json")
+    assert score.found == len(score.matches), score.text()
+    assert max(abs(m.height_error) for m in score.matches) < 0.005, score.text()
+
+
+def test_a_laser_whose_every_message_is_wrong_is_an_error_that_says_why(tmp_path):
+    def spoil(scan):
+        scan.time_increment = -1e-5
+
+    rewrite(BAGS / "walkthrough", tmp_path / "bag", spoil)
+    with pytest.raises(BagError, match=r"/tilt_scan.* beams -1e-05 s apart"):
+        replay(tmp_path / "bag", tmp_path / "no", Config(), pictures=False)
+    assert not (tmp_path / "no").exists()
+
+
+def test_a_map_that_is_none_is_refused(tmp_path):
+    (tmp_path / "map.mcap").write_bytes(b"no map")
+    with pytest.raises(MapError, match=r"map\.mcap"):
+        replay(BAGS / "walkthrough", tmp_path / "out", Config(), saved_map=tmp_path / "map.mcap")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_bag_of_another_place_does_not_touch_a_map(flat, tmp_path):
+    before = (flat / "map.mcap").read_bytes()
+    with pytest.raises(MapError, match="not found for certain"):
+        replay(
+            BAGS / "walkthrough",
+            tmp_path / "out",
+            Config(),
+            saved_map=flat / "map.mcap",
+            pictures=False,
+        )
+    assert not (tmp_path / "out").exists()
+    assert (flat / "map.mcap").read_bytes() == before

@@ -1,0 +1,311 @@
+"""Level strips: a ledge before a wall under few lines of a sweep, and upright things."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from tccm_ros.planes.level_runs import (
+    BEAM_GAPS,
+    BENT,
+    FEWEST,
+    LEVEL,
+    RUN_COLUMNS,
+    SIGMAS,
+    TOLERANCE,
+    find_runs,
+    is_near,
+)
+from tccm_ros.planes.level_strips import (
+    APART,
+    LINES,
+    STRAIGHT,
+    UPRIGHT_SHARE,
+    WIDEST,
+    goes_on_upright,
+    level_strips,
+    link_runs,
+)
+
+EYE = np.array([0.0, 0.0, 1.39])
+BEAM, STEP = math.radians(0.25), math.radians(0.45)
+WALL = 2.5
+
+
+def sweep(yaw, sigma, seed, boxes, wall=True):
+    """Return points (N, 3) and lines (N,) of a sweep over boxes (x, y, z spans) before a wall.
+
+    The scene is turned by `yaw` about the laser. What no box stops is left out: points of the wall
+    are known to be upright.
+    """
+    rng = np.random.default_rng(seed)
+    bearings = np.arange(-0.6, 0.6, BEAM)
+    points, lines = [], []
+    for line, tilt in enumerate(np.arange(-0.05, 0.35, STEP)):
+        tilts = tilt + STEP * (bearings - bearings[0]) / (2.0 * math.pi)
+        ray = np.stack(
+            [np.cos(bearings) * np.cos(tilts), np.sin(bearings), -np.cos(bearings) * np.sin(tilts)]
+        )
+        x, y = (math.cos(yaw) * ray[0] + math.sin(yaw) * ray[1],
+                math.cos(yaw) * ray[1] - math.sin(yaw) * ray[0])  # fmt: skip
+        turned = np.stack([x, y, ray[2]])
+        far = WALL / x if wall else np.full(len(x), np.inf)
+        for box in boxes:
+            with np.errstate(divide="ignore"):
+                ends = (np.array(box) - EYE[:, None])[:, :, None] / turned[:, None, :]
+            enter, leave = ends.min(axis=1).max(axis=0), ends.max(axis=1).min(axis=0)
+            far = np.where((enter <= leave) & (enter > 0.0), np.minimum(far, enter), far)
+        seen = np.isfinite(far)
+        far = far + rng.normal(0.0, sigma, len(far))
+        points.append(EYE + (ray * far).T[seen])
+        lines.append(np.full(int(seen.sum()), line))
+    points, lines = np.concatenate(points), np.concatenate(lines)
+    before = np.abs(points[:, 0] * math.cos(yaw) + points[:, 1] * math.sin(yaw) - WALL) >= 0.02
+    return points[before], lines[before]
+
+
+def strips_of(points, lines, surface=None):
+    nothing = np.full(len(points), -1, np.int64)
+    return level_strips(points, lines, nothing if surface is None else surface, EYE)
+
+
+LEDGE = ((WALL - 0.2, WALL), (-0.5, 0.5), (1.0, 1.05))
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.1, 0.3, -0.45])
+@pytest.mark.parametrize("sigma", [0.0025, 0.006])
+def test_a_ledge_under_few_lines_is_one_strip_at_its_height(yaw, sigma):
+    points, lines = sweep(yaw, sigma, 1, [LEDGE])
+    strip = strips_of(points, lines)
+    on_top = np.abs(points[:, 2] - 1.05) < 1e-9 + 3.0 * sigma * 0.2
+    chosen = strip >= 0
+    assert set(strip[chosen].tolist()) == {0}
+    assert len(np.unique(lines[chosen])) <= 6
+    assert np.count_nonzero(chosen & on_top) > 0.7 * np.count_nonzero(on_top)
+    # The mean of n heights, each sigma times the slope of the beam; a few of the front's rim.
+    assert points[chosen, 2].mean() == pytest.approx(1.05, abs=0.002)
+
+
+@pytest.mark.parametrize("known", [0.3, 0.6])
+def test_a_run_that_lies_on_a_plane_in_part_lies_on_it_as_a_whole(known):
+    points, lines = sweep(0.1, 0.0025, 1, [LEDGE])
+    strip = strips_of(points, lines)
+    along = points @ [-math.sin(0.1), math.cos(0.1), 0.0]
+    surface = np.where((strip >= 0) & (along < known - 0.5), 7, -1)
+    completed = strips_of(points, lines, surface)
+    np.testing.assert_array_equal(completed[surface >= 0], 7)
+    for line in np.unique(lines[surface >= 0]):
+        its = (lines == line) & (strip >= 0)
+        assert np.all(completed[its] == 7)
+
+
+def test_a_line_that_nothing_is_above_or_below_of_is_handed_over_by_itself():
+    points, lines = sweep(0.1, 0.0025, 1, [LEDGE])
+    strip = strips_of(points, lines)
+    longest = np.bincount(lines[strip >= 0]).argmax()
+    alone = (lines == longest) & (strip >= 0)
+    assert set(strips_of(points[alone], lines[alone]).tolist()) == {0}
+    half = alone & (points @ [-math.sin(0.1), math.cos(0.1), 0.0] < -0.25)  # a quarter of a metre
+    assert set(strips_of(points[half], lines[half]).tolist()) == {-1}
+
+
+@pytest.mark.parametrize(
+    ("bend", "count", "expected"), [(0.0, 40, 0), (0.12, 40, -1), (0.0, 8, -1)]
+)
+def test_a_line_alone_is_straight_and_has_many_beams(bend, count, expected):
+    y = np.linspace(-0.3, 0.3, count)
+    points = np.column_stack([2.0 + bend * np.abs(y) / 0.3, y, np.full(count, 1.0)])
+    assert set(strips_of(points, np.zeros(count, np.int64)).tolist()) == {expected}
+
+
+def test_a_line_of_the_front_of_a_box_is_not():
+    front = ((1.5, 1.6), (-0.4, 0.4), (0.0, 1.2))
+    points, lines = sweep(0.0, 0.0025, 1, [front], wall=False)
+    points, lines = points[points[:, 0] < 1.52], lines[points[:, 0] < 1.52]
+    assert len(points) > 500
+    assert not (strips_of(points, lines) >= 0).any()
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_upright_things_before_a_wall_have_no_strips(seed):
+    rng = np.random.default_rng(seed)
+    boxes = []
+    for _ in range(6):  # too high to see onto, and each of another depth
+        x, y = rng.uniform(1.5, 2.4), rng.uniform(-0.8, 0.8)
+        boxes.append(((x, x + 0.1), (y, y + rng.uniform(0.1, 0.5)), (0.0, 1.8)))
+    yaw = rng.uniform(-0.4, 0.4)
+    points, lines = sweep(yaw, 0.006, seed, boxes)
+    strip = strips_of(points, lines)
+    assert not (strip >= 0).any()
+
+
+def test_two_things_of_one_height_a_line_apart_are_not_one():
+    boxes = [((1.9, 1.96), (-0.06, 0.06), (1.0, 1.2)), ((2.16, 2.22), (-0.06, 0.06), (1.0, 1.2))]
+    points, lines = sweep(0.0, 0.0025, 0, boxes, wall=False)
+    strip = strips_of(points, lines)
+    for k in range(strip.max() + 1):
+        assert np.ptp(points[strip == k, 0]) < 0.1
+
+
+@given(st.integers(0, 10_000))
+@settings(deadline=None, max_examples=15)
+def test_the_order_of_points_does_not_matter(seed):
+    points, lines = sweep(0.2, 0.006, seed, [LEDGE])
+    order = np.random.default_rng(seed).permutation(len(points))
+    straight = strips_of(points, lines)
+    np.testing.assert_array_equal(strips_of(points[order], lines[order]), straight[order])
+
+
+@given(st.integers(0, 10_000), st.floats(0.0, 0.006), st.floats(-0.4, 0.4))
+@settings(deadline=None, max_examples=20)
+def test_runs_are_straight_level_and_of_one_line(seed, sigma, yaw):
+    points, lines = sweep(yaw, sigma, seed, [LEDGE])
+    seen = points - EYE
+    azimuth = np.arctan2(seen[:, 1], seen[:, 0])
+    order = np.lexsort((azimuth, lines))
+    seen, azimuth, lines = seen[order], azimuth[order], lines[order].astype(np.int64)
+    of_point, runs = find_runs(lines, seen, azimuth, BEAM)
+    assert set(of_point.tolist()) <= set(range(-1, len(runs)))
+    for k, row in enumerate(runs):
+        own = np.flatnonzero(of_point == k)
+        z, a = seen[own, 2], azimuth[own]
+        assert len(own) == row[5] >= FEWEST
+        assert set(lines[own].tolist()) == {row[0]}
+        assert (row[1], row[2]) == (a[0], a[-1])
+        assert row[3] == pytest.approx(z.mean(), abs=1e-9)
+        half = len(own) // 2
+        halves = seen[own[:half], :2].mean(axis=0), seen[own[-half:], :2].mean(axis=0)
+        np.testing.assert_allclose(row[6:], np.concatenate(halves), atol=1e-9)
+        slope, middle = np.polyfit(a, z, 1)
+        noise = math.sqrt(np.square(z - slope * a - middle).sum() / (len(own) - 2))
+        rise = abs(slope) * math.sqrt(12.0) * a.std()
+        assert rise <= LEVEL + SIGMAS * noise * math.sqrt(12.0 / len(own)) + 1e-9
+        assert row[4] == pytest.approx(noise / math.sqrt(len(own)), abs=1e-7)
+
+
+def test_nothing_has_no_strips():
+    nothing = strips_of(np.zeros((0, 3)), np.zeros(0, np.int64))
+    assert nothing.shape == (0,)
+    runs = find_runs(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), BEAM)[1]
+    assert runs.shape == (0, RUN_COLUMNS)
+
+
+def sorted_sweep(seed, sigma=0.004):
+    """Return lines, points from the laser and azimuths of a cluttered scene, sorted."""
+    rng = np.random.default_rng(seed)
+    boxes = [LEDGE]
+    for _ in range(4):
+        x, y, z = rng.uniform(1.3, 2.2), rng.uniform(-0.8, 0.6), rng.uniform(0.4, 1.3)
+        boxes.append(((x, x + 0.2), (y, y + 0.3), (z - 0.3, z)))
+    points, lines = sweep(rng.uniform(-0.3, 0.3), sigma, seed, boxes)
+    seen = points - EYE
+    azimuth = np.arctan2(seen[:, 1], seen[:, 0])
+    order = np.lexsort((azimuth, lines))
+    return lines[order].astype(np.int64), seen[order], azimuth[order]
+
+
+def plain_runs(lines, seen, azimuth):
+    """The runs of find_runs in plain Python: what is near and as high, cut where it bends."""
+    of_point, found = np.full(len(lines), -1), 0
+    start = 0
+    while start < len(lines):
+        members, k = [], start
+        last = start
+        while k < len(lines) and lines[k] == lines[start]:
+            if azimuth[k] - azimuth[last] > BEAM_GAPS * BEAM:
+                break
+            height = np.mean(seen[members, 2]) if members else seen[k, 2]
+            if of_point[k] < 0 and abs(seen[k, 2] - height) <= TOLERANCE and is_near(seen, last, k):
+                members.append(k)
+                last = k
+            k += 1
+        parts = [members]
+        while parts:
+            part = parts.pop()
+            if len(part) < FEWEST:
+                continue
+            a, z = azimuth[part], seen[part, 2]
+            squares = squared_rest(a, z)
+            noise = math.sqrt(squares / (len(part) - 2))
+            rise = abs(np.polyfit(a, z, 1)[0]) * math.sqrt(12.0) * a.std()
+            if rise <= LEVEL + SIGMAS * noise * math.sqrt(12.0 / len(part)):
+                of_point[part] = found
+                found += 1
+                continue
+            rests = [squared_rest(a[:c], z[:c]) + squared_rest(a[c:], z[c:])
+                     for c in range(3, len(part) - 2)]  # fmt: skip
+            if rests and min(rests) < BENT * squares:
+                cut = 3 + int(np.argmin(rests))
+                parts += [part[cut:], part[:cut]]
+        start = last + 1
+    return of_point
+
+
+def squared_rest(a, z):
+    return float(np.square(z - np.polyval(np.polyfit(a, z, 1), a)).sum())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_runs_equal_plain_python(seed):
+    lines, seen, azimuth = sorted_sweep(seed)
+    of_point, runs = find_runs(lines, seen, azimuth, BEAM)
+    assert len(runs) > 10
+    np.testing.assert_array_equal(of_point, plain_runs(lines, seen, azimuth))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_goes_on_upright_equals_interpolation(seed):
+    lines, seen, azimuth = sorted_sweep(seed)
+    of_point, runs = find_runs(lines, seen, azimuth, BEAM)
+    distance = np.hypot(seen[:, 0], seen[:, 1])
+    expected = np.zeros(len(runs), bool)
+    for r, row in enumerate(runs):
+        own = of_point == r
+        for line in (row[0] - 1, row[0] + 1):
+            there = (lines == line) & (azimuth >= row[1]) & (azimuth <= row[2])
+            away = distance[there] - np.interp(azimuth[there], azimuth[own], distance[own])
+            rises = np.abs(seen[there, 2] - row[3]) > 2.0 * LEVEL
+            same = np.count_nonzero(rises & (np.abs(away) <= STRAIGHT))
+            expected[r] |= same >= UPRIGHT_SHARE * ((row[2] - row[1]) / BEAM + 1.0)
+    assert expected.any()
+    assert not expected.all()
+    upright = goes_on_upright(lines, seen, azimuth, BEAM, of_point, runs)
+    np.testing.assert_array_equal(upright, expected)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_linked_runs_equal_all_pairs(seed):
+    lines, seen, azimuth = sorted_sweep(seed)
+    of_point, runs = find_runs(lines, seen, azimuth, BEAM)
+    upright = goes_on_upright(lines, seen, azimuth, BEAM, of_point, runs)
+    pairs = [(a, b) for b in range(len(runs)) for a in range(b) if may_link(runs, upright, a, b)]
+    graph = coo_array((np.ones(len(pairs)), np.array(pairs).reshape(-1, 2).T), [len(runs)] * 2)
+    _, expected = connected_components(graph, directed=False)
+    roots = link_runs(runs, upright, BEAM)
+    assert len(pairs) > 2
+    same = roots[:, None] == roots[None]
+    np.testing.assert_array_equal(same, expected[:, None] == expected[None])
+
+
+def may_link(runs, upright, a, b):
+    one, other = runs[a], runs[b]
+    overlap = min(one[2], other[2]) - max(one[1], other[1])
+    noise = math.hypot(one[4], other[4])
+    short, long = sorted((one, other), key=lambda run: np.hypot(*(run[8:10] - run[6:8])))
+    if np.hypot(*(one[8:10] - one[6:8])) == np.hypot(*(other[8:10] - other[6:8])):
+        short, long = other, one
+    along = (long[8:10] - long[6:8]) / np.hypot(*(long[8:10] - long[6:8]))
+    offset = 0.5 * (short[6:8] + short[8:10]) - long[6:8]
+    apart = abs(along[0] * offset[1] - along[1] * offset[0])
+    length = 2.0 * np.hypot(*(short[8:10] - short[6:8]))
+    return (
+        0 < abs(one[0] - other[0]) <= LINES
+        and not (upright[a] and upright[b])
+        and overlap >= -BEAM_GAPS * BEAM
+        and abs(one[3] - other[3]) <= LEVEL + SIGMAS * noise
+        and APART <= apart <= min(WIDEST, length)
+    )

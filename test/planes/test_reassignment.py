@@ -1,0 +1,138 @@
+"""Cuboids that two planes could hold: boards before a wall keep their rears, the wall its rows."""
+
+import numpy as np
+import pytest
+from plane_rig import EYE, part_map
+
+from tccm_ros.config import Config
+from tccm_ros.planes import find_planes
+from tccm_ros.planes.blocks import sort_into_blocks
+from tccm_ros.planes.inliers import GATE
+from tccm_ros.planes.reassignment import (
+    CLOSER,
+    OFF,
+    give_back,
+    level_planes_around,
+    level_planes_by_block,
+)
+
+CONFIG = Config()
+SIGMA = 0.003
+
+
+def grid(x, y, z, noise, rng):
+    """Return points of a rectangle, one of x, y, z a number: its noise is across."""
+    axes = [np.atleast_1d(a) for a in (x, y, z)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    flat = [len(a) for a in axes].index(1)
+    points[:, flat] += rng.normal(0.0, noise, len(points))
+    return points
+
+
+def shelf(rng, depth):
+    """Return points of a wall, and of three boards that stand against it, `depth` of them seen."""
+    y = np.arange(-0.5, 0.5, 0.006)
+    wall = grid(1.9, y, np.arange(0.1, 1.4, 0.022), SIGMA, rng)
+    boards = [grid(np.arange(1.9 - depth, 1.9, 0.012), y, z, SIGMA, rng) for z in (0.42, 0.8, 1.2)]
+    return wall, np.concatenate(boards)
+
+
+def kinds_of(points, cuboids, fits):
+    """Return the share of points that lie in cuboids of level and of upright planes."""
+    cell = np.floor(points[:, :2] / cuboids.cell_size + 1e-9).astype(int)
+    lookup = {}
+    for k in range(len(cuboids)):
+        lookup.setdefault((int(cuboids.ix[k]), int(cuboids.iy[k])), []).append(k)
+    level = upright = 0
+    for (x, y), z in zip(cell, 1e4 * points[:, 2], strict=True):
+        for k in lookup.get((x, y), ()):
+            if cuboids.bottom[k] <= z <= cuboids.top[k] + 1 and fits.labels[k] >= 0:
+                is_level = fits[fits.labels[k]].kind == "horizontal"
+                level, upright = level + is_level, upright + (not is_level)
+    return level / len(points), upright / len(points)
+
+
+@pytest.mark.parametrize("depth", [0.15, 0.3])
+def test_boards_and_the_wall_behind_keep_what_is_theirs(depth):
+    wall, boards = shelf(np.random.default_rng(0), depth)
+    cuboids = part_map(np.concatenate([wall, boards]))
+    fits = find_planes(cuboids, CONFIG, EYE)
+    rear = boards[(boards[:, 0] > 1.84) & (boards[:, 0] < 1.88)]
+    level, _ = kinds_of(rear, cuboids, fits)
+    assert level > 0.9
+    _, upright = kinds_of(wall[np.abs(wall[:, 1]) < 0.45], cuboids, fits)
+    assert upright > 0.85
+
+
+def test_support_is_the_points_of_the_labelled_cuboids():
+    rng = np.random.default_rng(1)
+    cuboids = part_map(np.concatenate(shelf(rng, 0.25)))
+    fits = find_planes(cuboids, CONFIG, EYE)
+    for k, fit in enumerate(fits):
+        assert fit.support == cuboids.count[fits.labels == k].sum()
+
+
+def plain_give_back(points, labels, planes, is_standing):
+    """Return the labels by the rule alone, for cuboids of one point in one block."""
+    labels = labels.copy()
+    for q in np.flatnonzero(~is_standing):
+        if not (labels == q).any():
+            continue
+        for i, p in enumerate(labels):
+            if p < 0 or not is_standing[p]:
+                continue
+            to_q, to_p = (points[i] @ planes[k, :3] - planes[k, 3] for k in (q, p))
+            near = abs(to_q) <= GATE * planes[q, 6] ** 0.5
+            if near and to_p**2 > max(OFF**2 * planes[q, 6], CLOSER * to_q**2):
+                labels[i] = q
+    return labels
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_rule_is_that_of_plain_distances(seed):
+    rng = np.random.default_rng(seed)
+    n, planes = 40, np.zeros((3, 19))
+    planes[0, :4], planes[1, :4], planes[2, :4] = (0, 0, 1, 0), (1, 0, 0, 0), (0, 0, 1, 0.02)
+    planes[:, 6] = rng.uniform(0.002, 0.006, 3) ** 2
+    points = rng.uniform(-0.03, 0.03, (n, 3))
+    labels = rng.integers(-1, 3, n).astype(np.int32)
+    planes[:, 7] = [(labels == k).sum() for k in range(3)]
+    is_standing = np.array([False, True, False])
+    products = np.stack([points[:, i] * points[:, j] for i in range(3) for j in range(i, 3)], 1)
+    M = np.column_stack([np.ones(n), points, products])
+    cells = np.zeros(n, np.int32)
+    start, order = sort_into_blocks(cells, cells, 0, 0, 1, 1)
+    expected = plain_give_back(points, labels, planes, is_standing)
+    had = planes[1, 7]
+    left = give_back(M, start, order, 1, 1, labels, planes, is_standing)
+    if (expected == 1).sum() < 0.5 * had:  # it lost too much, and is gone
+        number = np.array([0, -1, 1, -1])
+        expected = number[expected]
+        assert len(left) == 2
+    else:
+        assert len(left) == 3
+    np.testing.assert_array_equal(labels, expected)
+    counts = [(labels == k).sum() for k in range(len(left))]
+    np.testing.assert_array_equal(left[:, 7], counts)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_level_planes_around_a_block_are_those_of_its_cells(seed):
+    rng = np.random.default_rng(seed)
+    n, planes, rows, wide = 120, 6, 4, 5
+    x, y = rng.integers(0, 4 * rows, n), rng.integers(0, 4 * wide, n)
+    x[:2], y[:2] = (0, 4 * rows - 1), (0, 4 * wide - 1)
+    order = np.lexsort((y, x))
+    x, y = x[order].astype(np.int32), y[order].astype(np.int32)
+    labels = rng.integers(-1, planes, n).astype(np.int32)
+    is_standing = rng.random(planes) < 0.5
+    start, by_block = sort_into_blocks(x, y, 0, 0, wide, rows * wide)
+    first, level, is_held = level_planes_by_block(start, by_block, labels, is_standing)
+    near = np.empty(planes, np.int32)
+    for b in range(rows * wide):
+        inside = (x // 4 == b // wide) & (y // 4 == b % wide) & (labels >= 0)
+        assert is_held[b] == is_standing[labels[inside]].any()
+        around = (abs(x // 4 - b // wide) <= 1) & (abs(y // 4 - b % wide) <= 1) & (labels >= 0)
+        expected = sorted({int(p) for p in labels[around] if not is_standing[p]})
+        count = level_planes_around(b, rows, wide, first, level, near)
+        assert near[:count].tolist() == expected

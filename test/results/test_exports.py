@@ -1,0 +1,263 @@
+import json
+
+import numpy as np
+import pytest
+import yaml
+from shapely import Polygon
+from slam_run import drive, new_slam
+
+from tccm_ros.config import Config
+from tccm_ros.errors import OutputError
+from tccm_ros.records import Wall
+from tccm_ros.results.exports import trajectory_text, write_results
+from tccm_ros.results.floor_plan import close_corners
+from tccm_ros.results.folder import output_folder
+from tccm_ros.results.numbers import Stamp, json_text, rounded
+from tccm_ros.results.occupancy import occupancy_grid, save_grid
+from tccm_ros.results.planning import surface_box, surface_mesh
+
+FILES = {
+    "surfaces.json",
+    "objects.json",
+    "walls.json",
+    "graph.json",
+    "planes.json",
+    "surfaces.geojson",
+    "surfaces.scene",
+    "summary.json",
+    "timing.json",
+    "surfaces.ply",
+    "trajectory.tum",
+    "cuboids.npz",
+}
+
+
+@pytest.fixture(scope="module")
+def solution():
+    return drive(new_slam()).solve()
+
+
+@pytest.fixture
+def folder(solution, tmp_path):
+    write_results(
+        tmp_path, solution, [], None, Config(), scene=([], {}), summary={"a": 1}, timing={}
+    )
+    return tmp_path
+
+
+def test_all_files_are_there_and_the_same_every_time(solution, folder, tmp_path_factory):
+    other = tmp_path_factory.mktemp("again")
+    again = drive(new_slam()).solve()
+    write_results(other, again, [], None, Config(), scene=([], {}), summary={"a": 1}, timing={})
+    assert {p.name for p in folder.iterdir()} == FILES
+    for name in FILES:
+        assert (folder / name).read_bytes() == (other / name).read_bytes(), name
+
+
+def test_surfaces_have_the_fixed_keys(folder, solution):
+    table = json.loads((folder / "surfaces.json").read_text())
+    assert table["format"] == "tccm_ros/surfaces"
+    assert table["version"] == 1
+    assert table["frame_id"] == "map"
+    assert table["floor_z"] == pytest.approx(0.0, abs=2e-3)
+    keys = "id label height normal offset area centroid boundary holes points height_std"
+    keys += " first_seen last_seen views"
+    for entry in table["surfaces"]:
+        assert set(keys.split()) <= set(entry)
+        assert set(entry["views"][0]) == {"stamp", "keyframe", "points"}
+        ring = Polygon([p[:2] for p in entry["boundary"]])
+        assert entry["boundary"][0] != entry["boundary"][-1]
+        assert ring.exterior.is_ccw
+        assert entry["normal"][2] > 0.9
+        on_plane = np.array(entry["boundary"]) @ entry["normal"] - entry["offset"]
+        assert np.abs(on_plane).max() < 1e-5
+        assert entry["height"] == entry["centroid"][2]
+    assert [s["label"] for s in table["surfaces"]].count("floor") >= 1
+
+
+def test_the_ply_holds_every_point(folder, solution):
+    data = (folder / "surfaces.ply").read_bytes()
+    header, body = data.split(b"end_header\n", 1)
+    rows = np.frombuffer(body, [("xyz", "<f4", 3), ("rgb", "u1", 3), ("id", "<u4")])
+    assert f"element vertex {len(rows)}" in header.decode()
+    np.testing.assert_allclose(rows["xyz"], solution.mapped.points, atol=1e-6)
+    np.testing.assert_array_equal(rows["id"], solution.mapped.surface_id)
+
+
+def test_the_ply_is_read_by_its_header_alone(folder, solution):
+    data = (folder / "surfaces.ply").read_bytes()
+    header, body = data.split(b"end_header\n", 1)
+    lines = [line.split() for line in header.decode("ascii").splitlines()]
+    assert lines[:2] == [["ply"], ["format", "binary_little_endian", "1.0"]]
+    kinds = {"float": "<f4", "uchar": "u1", "uint": "<u4"}
+    dtype = [(name, kinds[kind]) for word, kind, name in lines[3:] if word == "property"]
+    assert len(dtype) == len(lines) - 3
+    (_, element, count) = lines[2]
+    assert element == "vertex"
+    rows = np.frombuffer(body, dtype)
+    assert len(rows) == int(count) == len(solution.mapped.points)
+    np.testing.assert_array_equal(rows["surface_id"], solution.mapped.surface_id)
+    for surface in solution.surfaces:
+        mine = rows[rows["surface_id"] == surface.id]
+        assert len({tuple(row) for row in mine[["red", "green", "blue"]].tolist()}) == 1
+        assert np.median(mine["z"]) == pytest.approx(surface.height, abs=0.01)
+
+
+def test_the_trajectory_has_a_line_for_each_tilt_scan(folder):
+    lines = (folder / "trajectory.tum").read_text().splitlines()
+    assert [line.split()[0] for line in lines] == [f"{k}.000000000" for k in range(1, 5)]
+    assert all(len(line.split()) == 8 for line in lines)
+
+
+def test_cuboids_need_no_pickle(folder):
+    with np.load(folder / "cuboids.npz", allow_pickle=False) as arrays:
+        assert {"ix", "iy", "top", "bottom", "count", "cls", "mean", "cov"} <= set(arrays.files)
+        assert arrays["cycle_offsets"].tolist() == [0]
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [(-1e-9, "0.0"), (1.23456789, "1.234568"), (float("inf"), "null"), (float("nan"), "null")],
+)
+def test_numbers_are_rounded(value, expected):
+    assert json_text(value).strip() == expected
+
+
+def test_stamps_are_exact():
+    assert str(Stamp(1_700_000_000_123_456_789)) == "1700000000.123456789"
+    assert str(Stamp(-1)) == "-0.000000001"
+    assert rounded(-0.0) == 0.0
+    assert trajectory_text(np.array([5]), np.zeros((1, 3))).startswith("0.000000005 0.000000")
+
+
+def test_json_refuses_what_it_does_not_know():
+    with pytest.raises(TypeError):
+        json_text(object())
+
+
+def test_an_error_leaves_nothing(tmp_path):
+    def fail():
+        with output_folder(tmp_path / "out") as made:
+            (made / "half.json").write_text("{")
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        fail()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_other_files_of_the_folder_stay(tmp_path):
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "map.png").write_text("old")
+    with output_folder(tmp_path) as made:
+        (made / "map.png").write_text("new")
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert (tmp_path / "map.png").read_text() == "new"
+
+
+def test_a_file_in_the_way_is_an_error(tmp_path):
+    (tmp_path / "out").write_text("")
+    with pytest.raises(OutputError, match="give a folder"), output_folder(tmp_path / "out"):
+        pass
+
+
+def test_a_box_covers_its_surface(solution):
+    for surface in solution.surfaces:
+        box = surface_box(surface)
+        local = (surface.boundary - box.T_map_box[:3, 3]) @ box.T_map_box[:3, :3]
+        assert np.all(np.abs(local) <= 0.5 * box.size + 1e-6)
+        np.testing.assert_allclose(local[:, 2], 0.5 * box.size[2], atol=1e-6)
+
+
+def test_a_mesh_is_closed_and_has_the_volume_of_the_slab(solution):
+    for surface in solution.surfaces:
+        mesh = surface_mesh(surface, thickness=0.02)
+        edges = mesh.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        directed = set(map(tuple, edges.tolist()))
+        assert directed == {(b, a) for a, b in directed}
+        a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
+        volume = np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0
+        assert volume == pytest.approx(0.02 * surface.area / surface.normal[2], rel=1e-3)
+
+
+def wall(k, phi, rho, ends, corners=()):
+    return Wall(k, phi, rho, np.array(ends, float), 9, np.eye(2), tuple(corners))
+
+
+def test_corners_close():
+    walls = [
+        wall(0, 0.0, 2.0, [[2, -1], [2, 1.9]], [1]),
+        wall(1, np.pi / 2, 2.1, [[1.9, 2.1], [-1, 2.1]], [0]),
+    ]
+    first, second = close_corners(walls)
+    np.testing.assert_allclose(first, [[2, -1], [2, 2.1]], atol=1e-9)
+    np.testing.assert_allclose(second, [[2, 2.1], [-1, 2.1]], atol=1e-9)
+
+
+def test_ends_that_nearly_meet_are_drawn_together_without_a_common_sighting():
+    walls = [
+        wall(0, 0.0, 2.0, [[2, -1], [2, 1.9]]),
+        wall(1, np.pi / 2, 2.0, [[1.8, 2.0], [-1, 2.0]]),
+    ]
+    first, second = close_corners(walls)
+    np.testing.assert_allclose(first, [[2, -1], [2, 2]], atol=1e-9)
+    np.testing.assert_allclose(second, [[2, 2], [-1, 2]], atol=1e-9)
+
+
+def test_an_end_is_drawn_onto_the_middle_of_a_wall_and_cuts_nothing():
+    walls = [
+        wall(0, 0.0, 2.0, [[2, -3], [2, 3]]),
+        wall(1, np.pi / 2, 2.9, [[1.8, 2.9], [-1, 2.9]]),
+        wall(2, np.pi / 2, 0.0, [[2.1, 0.0], [5, 0.0]]),
+    ]
+    first, second, third = close_corners(walls)
+    np.testing.assert_allclose(first, [[2, -3], [2, 3]], atol=1e-9)
+    np.testing.assert_allclose(second, [[2, 2.9], [-1, 2.9]], atol=1e-9)
+    np.testing.assert_allclose(third, [[2, 0], [5, 0]], atol=1e-9)
+
+
+def test_a_door_in_a_corner_stays_open():
+    walls = [
+        wall(0, 0.0, 2.0, [[2, -1], [2, 1.3]]),
+        wall(1, np.pi / 2, 2.0, [[2.0, 2.0], [-1, 2.0]]),
+    ]
+    np.testing.assert_allclose(close_corners(walls)[0], [[2, -1], [2, 1.3]], atol=1e-9)
+
+
+def test_the_grid_is_free_to_the_wall(tmp_path):
+    y = np.linspace(-0.9, 0.9, 200)
+    state = {
+        "keyframe_pose": np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]),
+        "scan_origin": np.zeros((2, 2)),
+        "scan_count": np.array([200, 200]),
+        "scan_points": np.concatenate([np.c_[np.full(200, 2.02), y], np.c_[np.full(200, 1.52), y]]),
+    }
+    grid = occupancy_grid(state, 0.05)
+
+    def cell(x, y):
+        column, row = np.floor((np.array([x, y]) - grid.origin) / grid.resolution).astype(int)
+        return grid.cells[row, column]
+
+    assert (cell(2.02, 0.0), cell(1.0, 0.0), cell(2.3, 0.0), cell(0.0, 0.7)) == (100, 0, -1, -1)
+    save_grid(tmp_path, "map", grid)
+    cells, resolution, origin = as_map_server_reads(tmp_path / "map.yaml")
+    assert cells.tobytes() == grid.cells.tobytes()
+    assert (resolution, origin) == (0.05, pytest.approx([*grid.origin, 0.0]))
+
+
+def as_map_server_reads(path):
+    """Read a map by the rules of nav2_map_server's trinary mode."""
+    about = yaml.safe_load(path.read_text())
+    kind, size, depth, data = (path.parent / about["image"]).read_bytes().split(b"\n", 3)
+    width, height = map(int, size.split())
+    assert (kind, depth, about["mode"]) == (b"P5", b"255", "trinary")
+    shades = np.frombuffer(data, np.uint8).reshape(height, width)[::-1] / 255.0
+    occupied = shades if about["negate"] else 1.0 - shades
+    cells = np.full(shades.shape, -1, np.int8)
+    cells[occupied > about["occupied_thresh"]] = 100
+    cells[occupied < about["free_thresh"]] = 0
+    return cells, about["resolution"], about["origin"]
+
+
+def test_no_level_laser_no_grid():
+    assert occupancy_grid({}) is None

@@ -1,0 +1,449 @@
+"""Scans with their poses: bracketed or counted, and arrival order does not show."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from robots import (
+    MS,
+    START,
+    TILTING,
+    description,
+    joint,
+    joints_at,
+    odometry_at,
+    robot,
+    scan_at,
+    transform_at,
+)
+
+from tccm_ros.config.file import read_config
+from tccm_ros.geometry import pose_from_rpy
+from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan, TransformSample
+from tccm_ros.robot import LaserKinematics
+from tccm_ros.robot.synchroniser import MAX_WAITING, Synchroniser
+from tccm_ros.sensors.laser_scan import project
+
+
+def synchroniser(settings=(), role="tilt", **options):
+    config = read_config(None, list(settings))
+    return Synchroniser(config, LaserKinematics(config, role), **options)
+
+
+def play(sync, records):
+    return [posed for record in records for posed in sync.add(record)] + sync.flush()
+
+
+def times(posed):
+    return [(p.scan.stamp_ns - START) // MS for p in posed]
+
+
+def stamp(ms):
+    return START + round(ms * MS)
+
+
+def drive(end_ms, *, scans=25, joints=10, odometry=20, without=()):
+    """A robot that drives at 1 m/s and tilts at 1 rad/s, in order of stamps."""
+    records = [description()]
+    for ms in range(0, end_ms + 1):
+        if ms % joints == 0 and "joints" not in without:
+            records.append(joints_at(stamp(ms), tilt=ms / 1000))
+        if ms % odometry == 0 and "odometry" not in without:
+            records.append(odometry_at(stamp(ms), (ms / 1000, 0, 0, 0, 0, 0)))
+        if ms % scans == 0 and ms <= end_ms - 20 and "scans" not in without:
+            records.append(scan_at(stamp(ms), time_increment=0.005))
+    return records
+
+
+def test_every_scan_gets_the_poses_of_its_beams():
+    posed = play(synchroniser(), drive(1000))
+    assert times(posed) == list(range(0, 1000, 25))[: len(posed)]
+    assert len(posed) == 40
+    for p in posed:
+        begin, end = p.scan.stamp_ns, p.scan.end_ns
+        assert end == begin + 10 * MS
+        assert p.knots_ns[0] == begin
+        assert p.knots_ns[-1] == end
+        assert (np.diff(p.knots_ns) > 0).all()
+        assert (np.diff(p.knots_ns) <= 10 * MS).all()
+        seconds = (p.knots_ns - START) * 1e-9
+        np.testing.assert_allclose(p.T_odom_base[:, 0, 3], seconds, atol=1e-9)
+        for t, T in zip(seconds, p.T_base_laser):
+            expected = pose_from_rpy((0.1, 0, 1, 0, t, 0)) @ pose_from_rpy((0.05, 0, 0.02, 0, 0, 0))
+            np.testing.assert_allclose(T, expected, atol=1e-9)
+
+
+def test_knots_include_the_samples_within_the_scan():
+    records = drive(200, without=["scans"])
+    records.append(scan_at(stamp(95), time_increment=0.030, ranges=(1.0, 1.0)))
+    records += drive(1500, without=["scans"])[1:]
+    (posed,) = play(synchroniser(), records)
+    inside = {100, 110, 120}  # joints; odometry's are among them
+    assert inside < set((posed.knots_ns - START) // MS)
+
+
+def test_a_scan_whose_beams_have_one_time_has_one_knot():
+    records = [*drive(500, without=["scans"]), scan_at(stamp(333)), *drive(500)[:0]]
+    (posed,) = play(synchroniser(), records)
+    assert posed.knots_ns.tolist() == [stamp(333)]
+    assert posed.T_odom_base.shape == (1, 4, 4)
+
+
+def test_beams_stamped_backwards():
+    records = [*drive(500), scan_at(stamp(510), time_increment=-0.005)]
+    records += [joints_at(stamp(520), tilt=0.52), odometry_at(stamp(520), (0.52, 0, 0, 0, 0, 0))]
+    posed = play(synchroniser(), records)[-1]
+    assert posed.knots_ns[0] == stamp(500)
+    assert posed.knots_ns[-1] == stamp(510)
+
+
+@pytest.mark.parametrize("lost", ["joints", "odometry"])
+def test_a_gap_in_the_samples_drops_the_scans_in_it(lost):
+    kind = {"joints": JointSample, "odometry": Odometry}[lost]
+    gap = (stamp(1000), stamp(1400))
+    records = [r for r in drive(2000) if not (isinstance(r, kind) and gap[0] < r.stamp_ns < gap[1])]
+    sync = synchroniser()
+    posed = play(sync, records)
+    reason = {"joints": "no joint samples", "odometry": "no odometry"}[lost]
+    # those that begin within the gap; the one before may reach into it
+    lost_scans = {*range(1000, 1400, 25)}
+    assert not lost_scans & set(times(posed))
+    assert sync.dropped[reason] >= len(lost_scans)
+    assert sync.dropped.total() + len(posed) == sync.counts["scans"] == 80
+
+
+def test_a_short_gap_is_bridged():
+    records = [
+        r
+        for r in drive(1000)
+        if not (isinstance(r, JointSample) and stamp(400) < r.stamp_ns < stamp(640))
+    ]
+    sync = synchroniser()
+    assert len(play(sync, records)) == 40
+    assert not sync.dropped
+
+
+def test_a_silent_joint_is_named():
+    sync = synchroniser()
+    records = drive(2000, without=["joints"])
+    records.insert(5, joints_at(stamp(1), tild=0.0))
+    assert play(sync, records) == []
+    assert sync.dropped == {"no joint samples": 80}
+    assert "joint 'tilt'" in str(sync.problem)
+    assert "did you mean 'tild'" in str(sync.problem)
+
+
+def test_no_way_to_the_laser_is_counted_and_explained():
+    sync = synchroniser()
+    records = [r for r in drive(1000) if not isinstance(r, RobotDescription)]
+    records.insert(0, description(TILTING.replace("laser", "lidar")))
+    assert play(sync, records) == []
+    assert sync.dropped == {"no way from base to laser": 40}
+    assert "no frame 'laser'" in str(sync.problem)
+
+
+def test_scans_wait_no_longer_than_the_timeout():
+    sync = synchroniser()
+    for record in drive(300):
+        sync.add(record)
+    late = [scan_at(stamp(ms)) for ms in range(325, 1000, 25)]
+    dropped = []
+    for record in late:
+        sync.add(record)
+        dropped.append(sync.dropped.total())
+    assert dropped[0] == 0
+    assert dropped[-1] > 0
+    first = next(i for i, n in enumerate(dropped) if n)
+    assert 800 <= 325 + 25 * first <= 900
+
+
+def test_a_stream_that_lags_but_comes_is_waited_for():
+    """After a stall the executor hands out one message per topic in turn: slow topics lead."""
+    scans = [r for r in drive(4000) if isinstance(r, Scan)]
+    rest = [r for r in drive(4000) if not isinstance(r, Scan)]
+    sync, posed = synchroniser(), []
+    for record in rest[:60]:
+        posed += sync.add(record)
+    rest = rest[60:]
+    while scans or rest:  # scans at 40 Hz, 150 other records a second: behind by up to 2.9 s
+        for queue in (scans, rest):
+            if queue:
+                posed += sync.add(queue.pop(0))
+    posed += sync.flush()
+    assert len(posed) == 160
+    assert not sync.dropped
+
+
+# -- odometry --------------------------------------------------
+
+
+def test_without_odometry_the_base_stands_still():
+    sync = synchroniser()
+    posed = play(sync, drive(2000, without=["odometry"]))
+    assert len(posed) == 80
+    assert sync.motion.mode == "still"
+    assert (posed[-1].T_odom_base == np.eye(4)).all()
+    assert sync.jumps == 0
+
+
+def test_an_expected_odometry_is_not_replaced():
+    sync = synchroniser(expects_odometry=True)
+    assert play(sync, drive(2000, without=["odometry"])) == []
+    assert sync.dropped == {"no odometry": 80}
+
+
+def test_odometry_that_comes_after_all_begins_anew():
+    records = [r for r in drive(2000) if not (isinstance(r, Odometry) and r.stamp_ns < stamp(1000))]
+    sync = synchroniser()
+    posed = play(sync, records)
+    assert sync.jumps == 1
+    assert sync.motion.mode == "odometry"
+    assert posed[-1].T_odom_base[0, 0, 3] > 1.5
+
+
+@pytest.mark.parametrize("odom_frame", ["odom", "world_odom"])
+def test_odometry_from_tf(odom_frame):
+    records = []
+    for record in drive(2000):
+        if isinstance(record, Odometry):
+            x = record.T_odom_base[0, 3]
+            record = transform_at(record.stamp_ns, odom_frame, "base", (x, 0, 0, 0, 0, 0))
+        records.append(record)
+    sync = synchroniser()
+    posed = play(sync, records)
+    assert sync.motion.mode == "tf"
+    assert sync.motion.odom_frame == odom_frame
+    assert len(posed) == 80
+    reference = play(synchroniser(), drive(2000))
+    for a, b in zip(posed, reference):
+        np.testing.assert_allclose(a.T_odom_base, b.T_odom_base, atol=1e-12)
+
+
+def test_odometry_of_another_frame_than_the_base():
+    text = robot(
+        [
+            joint("feet", "fixed", "footprint", "base", xyz="0 0 0.25"),
+            joint("tilt", "revolute", "base", "laser", xyz="0 0 1"),
+        ]
+    )
+    records = [description(text)]
+    for k in range(0, 100, 10):
+        records += [joints_at(stamp(k), tilt=0.0), odometry_at(stamp(k), child="footprint")]
+    records.append(scan_at(stamp(50)))
+    (posed,) = play(synchroniser(["frames.base=base"]), records)
+    np.testing.assert_allclose(posed.T_odom_base[0, :3, 3], [0, 0, 0.25])
+    np.testing.assert_allclose(posed.T_base_laser[0, :3, 3], [0, 0, 1])
+    (posed,) = play(synchroniser(), records)
+    np.testing.assert_allclose(posed.T_odom_base[0, :3, 3], [0, 0, 0])
+    np.testing.assert_allclose(posed.T_base_laser[0, :3, 3], [0, 0, 1.25])
+
+
+def test_the_base_pose_at_any_stamp():
+    sync = synchroniser()
+    assert sync.T_odom_base(START) is None
+    for record in drive(1000):
+        sync.add(record)
+    np.testing.assert_allclose(sync.T_odom_base(stamp(505))[:3, 3], [0.505, 0, 0], atol=1e-9)
+    assert sync.T_odom_base(stamp(1001)) is None
+
+
+# -- stamps --------------------------------------------------
+
+
+def test_bad_stamps_are_counted():
+    records = drive(1000)
+    at = next(i for i, r in enumerate(records) if isinstance(r, Scan) and r.stamp_ns == stamp(500))
+    records.insert(at + 1, scan_at(stamp(500)))
+    records.insert(at + 3, scan_at(stamp(300)))
+    records.insert(at + 5, scan_at(stamp(3_600_000)))
+    records.insert(at + 9, joints_at(stamp(3_600_000), tilt=0.0))
+    records.insert(at + 11, odometry_at(stamp(-3_600_000)))
+    sync = synchroniser()
+    posed = play(sync, records)
+    assert len(posed) == 40
+    assert sync.dropped["duplicate stamp"] == 1
+    assert sync.dropped["out of order"] == 1
+    assert sync.dropped["future stamp"] == 1
+    assert sync.counts["samples: future stamp"] == 1
+    assert sync.counts["samples: out of order"] == 1
+    assert sync.counts["scans"] == len(posed) + sync.dropped.total()
+
+
+def test_an_arm_with_a_clock_of_its_own_harms_nothing():
+    records = drive(2000)
+    for k in range(200):
+        records.insert(10 + 2 * k, joints_at(stamp(3_600_000 + 10 * k), elbow=0.0))
+    assert len(play(synchroniser(), records)) == 80
+
+
+def test_malformed_records_are_counted():
+    records = drive(1000)
+    bad = [
+        scan_at(stamp(201), ranges=()),
+        scan_at(stamp(202), time_increment=np.nan),
+        scan_at(stamp(203), angle_min=np.inf),
+        scan_at(stamp(204), time_increment=1e6),
+        odometry_at(stamp(205), (np.nan, 0, 0, 0, 0, 0)),
+        transform_at(stamp(206), "a", "b", (np.inf, 0, 0, 0, 0, 0)),
+    ]
+    records = sorted(records[1:] + bad, key=lambda r: r.stamp_ns)
+    sync = synchroniser()
+    assert len(play(sync, [description(), *records])) == 40
+    assert sync.dropped["empty"] == 1
+    assert sync.dropped["malformed"] == 3
+    assert sync.counts["samples: malformed"] == 2
+
+
+def test_a_clock_jump_begins_anew_and_says_so():
+    sync = synchroniser()
+    posed = []
+    for record in drive(1000):
+        posed += sync.add(record)
+    assert sync.jumps == 0
+    earlier = [scan_at(r.stamp_ns) if isinstance(r, Scan) else r for r in drive(1000)]
+    shift = 3_600_000 * MS
+    for record in earlier[1:]:
+        moved = {f: getattr(record, f) for f in record.__slots__}
+        moved["stamp_ns"] -= shift
+        posed += sync.add(type(record)(**moved))
+    posed += sync.flush()
+    assert sync.jumps == 1
+    assert sum(p.scan.stamp_ns < START - shift // 2 for p in posed) == 40
+    assert sync.counts["scans"] == 80
+    assert sync.counts["posed"] + sync.dropped.total() == 80
+
+
+def test_waiting_scans_are_bounded():
+    sync = synchroniser(["sync_timeout=60"])
+    sync.add(description())
+    for k in range(MAX_WAITING + 50):
+        sync.add(scan_at(stamp(k)))
+    assert sync.dropped["overload"] > 0
+    assert len(sync._waiting) == MAX_WAITING
+
+
+# -- arrival order --------------------------------------------------
+
+
+def faulty_streams(lost, seed):
+    """Streams with losses, duplicates, reordering and outliers, each in its own order."""
+    end, random = 1500, np.random.default_rng(seed)
+    scans = [scan_at(stamp(ms), time_increment=0.005) for ms in range(0, end, 50)]
+    tilts = [joints_at(stamp(ms), tilt=ms / 1000) for ms in range(0, end, 20)]
+    lifts = [joints_at(stamp(ms + 3), lift=0.0) for ms in range(0, end, 40)]
+    moves = [odometry_at(stamp(ms + 7), (ms / 1000, 0, 0, 0, 0, 0)) for ms in range(-40, end, 30)]
+    for stream, (first, count) in zip((scans, tilts, moves), lost):
+        del stream[first : first + count]
+        i = random.integers(0, len(stream) - 1)
+        stream.insert(i, stream[i + 1])
+        i = random.integers(1, len(stream) - 1)
+        stream.insert(i, outlier(stream[i]))
+    return scans, tilts, lifts, moves
+
+
+def outlier(record):
+    fields = {f: getattr(record, f) for f in record.__slots__}
+    fields["stamp_ns"] += 3600 * 1000 * MS
+    return type(record)(**fields)
+
+
+def arrivals(streams, seed):
+    """Interleave streams, each in its own order; topics are up to 0.2 s apart."""
+    random, arriving = np.random.default_rng(seed), []
+    for stream in streams:
+        at = -np.inf
+        for record in stream:
+            if record.stamp_ns < stamp(10_000):
+                at = max(at, record.stamp_ns + random.uniform(0, 200) * MS)
+            arriving.append((at, len(arriving), record))
+    return [record for *_, record in sorted(arriving, key=lambda a: a[:2])]
+
+
+def outcome(records):
+    sync = synchroniser(expects_odometry=True)
+    posed = play(sync, [description(LIFTED), *records])
+    scans = [
+        (
+            p.scan.stamp_ns,
+            hash((p.knots_ns.tobytes(), p.T_odom_base.tobytes(), p.T_base_laser.tobytes())),
+        )
+        for p in posed
+    ]
+    return scans, sync.dropped, sync.counts, sync.jumps, hash(tuple(sync.tilt_samples()))
+
+
+LIFTED = robot(
+    [
+        joint("lift", "prismatic", "base", "waist", axis="0 0 1"),
+        joint("tilt", "revolute", "waist", "laser", xyz="0 0 1"),
+    ]
+)
+
+
+losses = st.tuples(st.integers(0, 12), st.integers(0, 16))
+
+
+@given(st.tuples(losses, losses, losses), st.integers(0, 999), st.integers(0, 999))
+@settings(max_examples=80, deadline=None)
+def test_arrival_order_does_not_show(lost, seed, order_seed):
+    streams = faulty_streams(lost, seed)
+    first = outcome(arrivals(streams, order_seed))
+    assert first == outcome(arrivals(streams, order_seed + 1))
+    scans, dropped, counts, _, _ = first
+    assert [s[0] for s in scans] == sorted({s[0] for s in scans})
+    assert len(scans) + dropped.total() == counts["scans"]
+
+
+def test_stationary_without_odometry_is_the_same_however_topics_interleave():
+    records = drive(1500, without=["odometry"])
+    delayed = sorted(
+        records[1:], key=lambda r: r.stamp_ns + (150 * MS if isinstance(r, Scan) else 0)
+    )
+    a, b = (play(synchroniser(), order) for order in (records, [records[0], *delayed]))
+    assert times(a) == times(b)
+    assert all((p.T_base_laser == q.T_base_laser).all() for p, q in zip(a, b))
+
+
+# -- anything at all --------------------------------------------------
+
+stamps = st.one_of(st.integers(-(2**31), 2**31), st.integers(0, 30)).map(lambda s: s * 100 * MS)
+numbers = st.floats(width=32)
+frames = st.sampled_from(["base", "/base", "laser", "cradle", "odom", "", "x"])
+
+
+@st.composite
+def anything(draw):
+    """A record with any values that a message can have."""
+    kind, at = draw(st.integers(0, 4)), draw(stamps)
+    if kind == 0:
+        ranges = draw(st.lists(numbers, max_size=4))
+        fields = {
+            name: draw(numbers)
+            for name in ("time_increment", "angle_min", "angle_increment", "range_min", "range_max")
+        }
+        return scan_at(at, draw(frames), ranges, **fields)
+    if kind == 1:
+        names = draw(st.lists(st.sampled_from(["tilt", "", "a"]), max_size=3))
+        values = draw(st.lists(numbers, max_size=3))
+        return JointSample(at, tuple(names), np.array(values))
+    T = np.eye(4)
+    T[:3, 3] = draw(st.tuples(numbers, numbers, numbers))
+    if kind == 2:
+        return Odometry(at, draw(frames), draw(frames), T)
+    return TransformSample(at, draw(frames), draw(frames), T, kind == 3)
+
+
+@given(st.lists(anything(), max_size=30), st.booleans())
+@settings(max_examples=150, deadline=None)
+def test_anything_is_posed_or_counted(records, with_description):
+    sync = synchroniser()
+    if with_description:
+        sync.add(description())
+    posed = play(sync, records)
+    assert len(posed) + sync.dropped.total() == sync.counts["scans"]
+    assert sync.counts["scans"] == sum(isinstance(r, Scan) for r in records)
+    for p in posed:
+        assert p.knots_ns[0] <= p.scan.stamp_ns <= p.knots_ns[-1]
+        with np.errstate(all="ignore"):
+            project(p, read_config(None))
+    sync.tilt_samples()

@@ -1,0 +1,144 @@
+import numpy as np
+import pytest
+from message_families import TYPESTORE, family, to_bag_message
+
+from tccm_ros.records import PlaneRecord, Surface, TabletopObject, Wall
+from tccm_ros.ros.marker_parts import MarkerSet, Place, identity_color
+from tccm_ros.ros.markers import (
+    core_markers,
+    cuboid_markers,
+    object_markers,
+    plane_markers,
+    surface_markers,
+    wall_markers,
+)
+
+STAMP = 1_700_000_000_000_000_005
+SQUARE = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [0, 1, 0]], float)
+HOLE = np.array([[0.5, 0.25, 0], [0.5, 0.75, 0], [1.5, 0.75, 0], [1.5, 0.25, 0]], float)
+
+
+@pytest.fixture(params=["typestore", "rosidl"])
+def place(request):
+    return Place(family(request.param), STAMP, "map")
+
+
+def make_plane(identity=3, boundary=SQUARE, holes=(HOLE,)):
+    return PlaneRecord(
+        id=identity,
+        kind="horizontal",
+        normal=np.array([0.0, 0.0, 1.0]),
+        offset=0.0,
+        covariance=np.eye(3),
+        support=100,
+        area=1.5,
+        quality=0.3,
+        boundary=boundary,
+        holes=holes,
+        rms=0.002,
+        centroid=boundary.mean(axis=0) if len(boundary) else np.zeros(3),
+    )
+
+
+def triangle_area(triangles):
+    return 0.5 * np.linalg.norm(
+        np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1
+    )
+
+
+def bag_markers(place, markers):
+    array = MarkerSet(place.types).message(markers, STAMP)
+    return to_bag_message(place.types, "visualization_msgs/msg/MarkerArray", array).markers
+
+
+def test_plane_markers_are_the_same_for_both_families(place):
+    found = bag_markers(place, plane_markers(place, [make_plane()]))
+    assert [(m.ns, m.id) for m in found] == [
+        ("fill", 3),
+        ("outline", 3),
+        ("normal", 3),
+        ("text", 3),
+    ]
+    fill, outline, normal, text = found
+    assert len(fill.points) % 3 == 0
+    assert len(outline.points) == 2 * (4 + 4)
+    assert (normal.points[1].z, normal.points[0].z) == (pytest.approx(0.2), 0.0)
+    assert text.text == "3: 0.00 m, 1.50 m2"
+    for marker in found:
+        assert marker.header.frame_id == "map"
+        assert marker.pose.orientation.w == 1.0
+        assert marker.color.a > 0
+        assert (marker.header.stamp.sec, marker.header.stamp.nanosec) == (1_700_000_000, 5)
+
+
+def test_a_plane_without_boundary_has_no_fill(place):
+    markers = plane_markers(place, [make_plane(boundary=np.zeros((0, 3)), holes=())])
+    assert [m.ns for m in markers] == ["normal", "text"]
+
+
+def test_surfaces_objects_walls_and_cores(place):
+    surface = Surface(
+        id=2, label="table", confidence=0.9, height=0.7, normal=np.array([0, 0, 1.0]), offset=0.7,
+        area=2.0, centroid=np.array([1, 0.5, 0.7]), holes=(),
+        boundary=SQUARE + np.array([0, 0, 0.7]),
+        points=1000, height_std=0.002, first_seen_ns=1, last_seen_ns=2, views=(),
+    )  # fmt: skip
+    markers = bag_markers(place, surface_markers(place, [surface]))
+    assert markers[-1].text == "2 table: 0.70 m, 2.00 m2"
+    box = TabletopObject(1, 2, np.array([1, 2, 3.0]), np.array([0.1, 0.0, 0.3]), np.pi / 2)
+    (cube,) = bag_markers(place, object_markers(place, [box]))
+    assert (cube.scale.x, cube.scale.y, cube.scale.z) == (0.1, 0.001, 0.3)
+    assert cube.pose.orientation.z == pytest.approx(np.sqrt(0.5))
+    ends = np.array([[2.0, -1.0], [2.0, 3.0]])
+    wall = Wall(0, 0.0, 2.0, ends, 5, np.eye(2))
+    fill = bag_markers(place, wall_markers(place, [wall]))[0]
+    corners = np.array([[p.x, p.y, p.z] for p in fill.points]).reshape(-1, 3, 3)
+    assert triangle_area(corners).sum() == pytest.approx(4 * 0.5)
+    (lines,) = bag_markers(place, core_markers(place, np.zeros((3, 3)), np.ones((3, 3))))
+    assert len(lines.points) == 6
+    assert core_markers(place, np.zeros((0, 3)), np.zeros((0, 3))) == []
+
+
+def test_cuboids_hang_from_their_tops_in_classes_of_depth(place):
+    tops = np.array([[0, 0, 1.0], [0.02, 0, 1.0], [0.04, 0, 0.5]])
+    depth = np.array([0.03, 0.12, 0.031])
+    markers = bag_markers(place, cuboid_markers(place, tops, depth, 0.02, 0.03, [0.0, 0.5, 1.0]))
+    assert [m.id for m in markers] == [0, 2]
+    assert [m.scale.z for m in markers] == [0.03, 0.12]
+    for marker in markers:
+        assert marker.scale.x == 0.02
+        assert len(marker.points) == len(marker.colors)
+    assert markers[0].points[0].z + 0.5 * markers[0].scale.z == pytest.approx(1.0)
+    assert markers[1].points[0].z + 0.5 * markers[1].scale.z == pytest.approx(1.0)
+    blue, red = markers[0].colors
+    assert blue.b > blue.r
+    assert red.r > red.b
+    assert cuboid_markers(place, np.zeros((0, 3)), np.zeros(0), 0.02, 0.03, np.zeros(0)) == []
+
+
+def test_a_marker_that_is_gone_is_deleted_once(place):
+    markers = MarkerSet(place.types)
+    both = plane_markers(place, [make_plane(1), make_plane(2)])
+    one = plane_markers(place, [make_plane(2)])
+    assert all(m.action == 0 for m in markers.message(both, STAMP).markers)
+    second = markers.message(one, STAMP + 1).markers
+    gone = [(m.ns, m.id) for m in second if m.action == 2]
+    assert gone == [("fill", 1), ("normal", 1), ("outline", 1), ("text", 1)]
+    assert [(m.ns, m.id) for m in second if m.action == 0] == [(m.ns, m.id) for m in one]
+    assert all(m.action == 0 for m in markers.message(one, STAMP + 2).markers)
+    assert all(m.header.frame_id == "map" for m in second)
+
+
+def test_neighbouring_identities_differ_in_colour():
+    colors = np.array([identity_color(k) for k in range(20)])
+    assert np.abs(np.diff(colors, axis=0)).sum(axis=1).min() > 0.3
+
+
+def test_messages_of_markers_are_repeatable():
+    place = Place(TYPESTORE, STAMP, "map")
+
+    def data():
+        message = MarkerSet(TYPESTORE).message(plane_markers(place, [make_plane()]), STAMP)
+        return bytes(TYPESTORE.serialize("visualization_msgs/msg/MarkerArray", message))
+
+    assert data() == data()

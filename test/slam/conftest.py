@@ -1,6 +1,0 @@
-"""The floor plan is a module of its own beside these tests."""
-
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parent))

@@ -1,0 +1,119 @@
+"""The published pipeline, as published: each of its rules, from the cloud to the map."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from room import Board, Room, Screen
+from scipy.spatial.distance import cdist
+from surface_maps import build, standing
+
+from tccm_ros.baselines.seed_segmentation import segment
+from tccm_ros.config import Config
+from tccm_ros.config.file import read_config
+from tccm_ros.records import SurfaceCloud
+from tccm_ros.surfaces.merged_patches import PlacedPatch
+from tccm_ros.surfaces.merging_as_published import merge_by_distance
+from tccm_ros.surfaces.views import empty_view, with_cloud
+
+SEED = Config.model_validate({"surfaces": {"segmentation": "seed"}})
+HERE = (0.0, 0.0, 0.0)
+
+
+def test_it_is_chosen_by_one_setting():
+    assert read_config(None, ["surfaces.segmentation=seed"]) == SEED
+    assert Config().surfaces.segmentation == "tccm"
+
+
+def test_its_numbers_are_the_published_ones():
+    rules = SEED.surfaces
+    assert (rules.cluster_distance, rules.min_points, rules.merge_distance) == (0.10, 500, 0.05)
+    assert rules.min_height > 0.0
+
+
+def board(count, *, x=0.0, width=0.8, lean=0.0, z=0.7, seed=0):
+    """Return points of a board that leans about y by an angle, rad."""
+    rng = np.random.default_rng(seed)
+    along = rng.uniform(0.0, width, count)
+    across = rng.uniform(-0.3, 0.3, count)
+    height = z + rng.normal(0.0, 0.002, count)
+    return np.c_[x + along * np.cos(lean), across, height + along * np.sin(lean)]
+
+
+def surfaces_in(*parts):
+    labels = segment(np.concatenate(parts), SEED)
+    return len(np.unique(labels[labels >= 0]))
+
+
+@pytest.mark.parametrize(("degrees", "found"), [(0.0, 1), (4.0, 1), (-4.0, 1), (9.0, 0), (90.0, 0)])
+def test_planes_are_roughly_horizontal(degrees, found):
+    assert surfaces_in(board(2000, lean=np.radians(degrees))) == found
+
+
+@pytest.mark.parametrize(("count", "found"), [(480, 0), (520, 1)])
+def test_a_surface_has_500_points(count, found):
+    # Beside a larger one, which is found first.
+    assert surfaces_in(board(3000), board(count, x=3.0, z=0.9, seed=1)) == 1 + found
+
+
+@pytest.mark.parametrize(("gap", "found"), [(0.08, 1), (0.13, 2)])
+def test_points_of_one_plane_are_clustered_at_10_cm(gap, found):
+    assert surfaces_in(board(4000), board(4000, x=0.8 + gap, seed=1)) == found
+
+
+def test_it_goes_on_until_no_plane_has_enough_points():
+    boards = [board(3000 - 400 * k, x=2.0 * k, z=0.5 + 0.15 * k, seed=k) for k in range(6)]
+    assert surfaces_in(*boards) == 6
+
+
+def test_surfaces_below_the_least_height_are_not_kept():
+    room = Room([Board(1.2, 0.0, 0.8, 0.8, 0.12), Board(1.5, 1.6, 0.8, 0.8, 0.74)])
+    (table,) = standing(build([(room, HERE, 10)], config=SEED))
+    assert table.height == pytest.approx(0.74, abs=1e-3)
+
+
+def test_what_stands_less_than_5_cm_above_is_one_with_what_is_below():
+    counter, hob = Board(1.4, 0.0, 0.6, 2.0, 0.90), Board(1.4, 0.4, 0.5, 0.5, 0.94)
+    looks = [(Room([counter, hob]), HERE, 10)]
+    assert len(standing(build(looks))) == 2, "ours compares heights"
+    assert len(standing(build(looks, config=SEED))) == 1, "as published"
+
+
+def test_what_stands_more_than_5_cm_above_stays_its_own():
+    counter, box = Board(1.4, 0.0, 0.6, 2.0, 0.90), Board(1.4, 0.4, 0.5, 0.5, 0.96)
+    assert len(standing(build([(Room([counter, box]), HERE, 10)], config=SEED))) == 2
+
+
+def test_nothing_is_joined_over_what_is_hidden():
+    room = Room([Board(1.6, 0.0, 0.5, 1.6, 0.75)], [Screen(1.2, -0.09, 1.2, 0.09, 1.8)])
+    assert len(standing(build([(room, HERE, 10)]))) == 1
+    assert len(standing(build([(room, HERE, 10)], config=SEED))) == 2
+
+
+def patch(points):
+    cloud = SurfaceCloud(1, "base", points.astype(np.float32), np.zeros(len(points), np.uint32))
+    return with_cloud(empty_view(1, 0, SEED), cloud, SEED).patches[0]
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 12))
+def test_merging_equals_brute_force(seed, count):
+    rng = np.random.default_rng(seed)
+    patches = []
+    for _ in range(count):
+        middle = rng.uniform(0.0, 1.5, 3) * [1.0, 1.0, 0.1]
+        patches.append(patch(middle + rng.uniform(-0.2, 0.2, (40, 3)) * [1.0, 1.0, 0.1]))
+    root = np.arange(count)
+    for _ in range(count):
+        for a in range(count):
+            for b in range(a):
+                if cdist(patches[a].points, patches[b].points).min() <= 0.05:
+                    root[root == max(root[a], root[b])] = min(root[a], root[b])
+    placed = [PlacedPatch(k, 0, one) for k, one in enumerate(patches)]
+    groups = merge_by_distance(placed, np.eye(4)[None], 0.05)
+    expected = [tuple(np.flatnonzero(root == r)) for r in np.unique(root)]
+    assert [tuple(m.number for m in group) for group in groups] == expected
+
+
+def test_no_patches_no_surfaces():
+    assert merge_by_distance([], np.zeros((0, 4, 4)), 0.05) == []

@@ -1,0 +1,157 @@
+"""A robot that stands still keeps one current view of a place, and flat memory."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from room import Board, Room, Screen
+from surface_maps import TABLE, standing
+
+from tccm_ros.config import Config
+from tccm_ros.records import SurfaceCloud
+from tccm_ros.surfaces.saved_views import pack_views, unpack_views
+from tccm_ros.surfaces.surface_map import (
+    UNSETTLED,
+    SurfaceMap,
+    ViewPlacement,
+    default_tilt_covariance,
+)
+
+HOUR = 360
+"""Cycles of ten seconds."""
+
+
+def size(surface_map):
+    return sum(array.nbytes for array in pack_views(surface_map.views).values())
+
+
+def stand(surface_map, views, has_stood=lambda a, b: True):
+    for view in views:
+        surface_map.add_view(view)
+        surface_map.forget(has_stood)
+
+
+def built(surface_map):
+    count = len(surface_map.views)
+    placement = ViewPlacement(
+        np.stack([np.eye(4)] * count), default_tilt_covariance(count), np.zeros(count, np.int64)
+    )
+    return surface_map.build(placement)
+
+
+def sweeps(room, count, start=0):
+    """Noisy sweeps of a standing robot: a few different ones in turn."""
+    kinds = []
+    for seed in range(3):
+        one = SurfaceMap(Config())
+        for record in room.look((0.0, 0.0, 0.0), 0, rows=40, columns=80, noise=0.006, seed=seed):
+            one.add(record)
+        kinds += one.views
+    return [
+        replace(kinds[k % len(kinds)], stamp_ns=10 * k + 10) for k in range(start, start + count)
+    ]
+
+
+def test_memory_is_flat_over_an_hour_of_standing():
+    surface_map = SurfaceMap(Config())
+    stand(surface_map, sweeps(Room([TABLE]), 40))
+    early = size(surface_map)
+    stand(surface_map, sweeps(Room([TABLE]), HOUR - 40, start=40))
+    assert len(surface_map.views) == UNSETTLED + 1
+    assert size(surface_map) <= 1.05 * early
+    (table,) = standing(built(surface_map))
+    assert table.first_seen_ns == 10
+    assert table.last_seen_ns == 10 * HOUR
+    assert [v.stamp_ns for v in table.views] == [10 * HOUR]
+
+
+def test_names_are_those_of_the_first_look():
+    room = Room([TABLE, Board(1.2, 1.4, 0.6, 0.6, 0.5)])
+    first, long = SurfaceMap(Config()), SurfaceMap(Config())
+    stand(first, sweeps(room, 1))
+    stand(long, sweeps(room, 30))
+    assert [s.id for s in standing(built(long))] == [s.id for s in standing(built(first))]
+    loaded = SurfaceMap(Config())
+    for view in unpack_views(pack_views(long.views)):
+        loaded.add_view(view)
+    for a, b in zip(built(long).surfaces, built(loaded).surfaces):
+        assert (a.id, a.first_seen_ns, a.last_seen_ns) == (b.id, b.first_seen_ns, b.last_seen_ns)
+
+
+def test_late_arrivals_do_not_show():
+    room = Room([TABLE])
+    looks = sweeps(room, 30)
+    in_order, late = SurfaceMap(Config()), SurfaceMap(Config())
+    stand(in_order, looks)
+    order = np.arange(30)
+    order[[10, 14]] = order[[14, 10]]
+    stand(late, [looks[k] for k in order])
+    for name, array in pack_views(in_order.views).items():
+        np.testing.assert_array_equal(array, pack_views(late.views)[name])
+
+
+def test_what_only_the_older_view_saw_is_kept():
+    """A person stands before the stool from the tenth sweep on: the view that shows it stays."""
+    stool = Board(1.2, 1.0, 0.4, 0.4, 0.5)
+    surface_map = SurfaceMap(Config())
+    stand(surface_map, sweeps(Room([TABLE, stool]), 10))
+    hidden = Room([TABLE, stool], [Screen(0.35, 0.6, 0.7, 0.15, 1.9)])
+    stand(surface_map, sweeps(hidden, 30, start=10))
+    assert {round(s.height, 1) for s in standing(built(surface_map))} == {0.5, 0.7}
+    assert len(surface_map.views) <= UNSETTLED + 3
+
+
+def test_a_robot_that_moves_keeps_its_views():
+    surface_map = SurfaceMap(Config())
+    stand(surface_map, sweeps(Room([TABLE]), 20), has_stood=lambda a, b: False)
+    assert len(surface_map.views) == 20
+
+
+@pytest.mark.parametrize("gone", [True, False])
+def test_a_table_that_was_carried_away_is_gone(gone):
+    surface_map = SurfaceMap(Config())
+    stand(surface_map, sweeps(Room([TABLE]), 12))
+    stand(surface_map, sweeps(Room([] if gone else [TABLE]), 20, start=12))
+    assert len(standing(built(surface_map))) == (0 if gone else 1)
+
+
+def test_single_lines_of_a_sweep_are_no_surface_and_keep_no_view():
+    lines = [
+        replace(view, patches=(*view.patches, *line_view(0.9 + 0.01 * (k % 3)).patches))
+        for k, view in enumerate(sweeps(Room([TABLE]), 40))
+    ]
+    surface_map = SurfaceMap(Config())
+    stand(surface_map, lines)
+    assert len(surface_map.views) == UNSETTLED + 1
+    (table,) = standing(built(surface_map))
+    assert table.height == pytest.approx(TABLE.z, abs=0.005)
+
+
+def line_view(x):
+    """A view of a single line of a sweep, 1.2 m high."""
+    y = np.linspace(-0.4, 0.4, 60)
+    rng = np.random.default_rng(1)
+    points = np.stack([x + rng.normal(0.0, 0.002, 60), y, np.full(60, 1.2)], axis=1)
+    cloud = SurfaceCloud(10, "base", points.astype(np.float32), np.zeros(60, np.uint32))
+    one = SurfaceMap(Config())
+    one.add(cloud)
+    return one.views[0]
+
+
+def test_the_lines_of_several_views_make_a_surface():
+    """Three lines of three views 4 cm apart are a ledge 8 cm deep."""
+    surface_map = SurfaceMap(Config())
+    for k, x in enumerate((0.90, 0.94, 0.98)):
+        surface_map.add_view(replace(line_view(x), stamp_ns=10 + k))
+    places = np.stack([np.eye(4)] * 3)
+    places[:, 0, 3] = [0.0, 0.3, 0.6]  # different places: none replaces another
+    for k in range(3):
+        view = surface_map.views[k]
+        patch = view.patches[0]
+        moved = patch.points - np.float32([places[k, 0, 3], 0.0, 0.0])
+        patch = replace(patch, points=moved, mean=patch.mean - [places[k, 0, 3], 0.0, 0.0])
+        surface_map.add_view(replace(view, patches=(patch,)))
+    placement = ViewPlacement(places, default_tilt_covariance(3), np.zeros(3, np.int64))
+    (ledge,) = surface_map.build(placement).surfaces
+    assert ledge.area == pytest.approx(0.08 * 0.8, abs=0.03)
+    assert ledge.height == pytest.approx(1.2, abs=1e-6)

@@ -1,0 +1,121 @@
+"""Objects: what stands on a surface, and nothing of what carries it or goes on upwards."""
+
+import numpy as np
+import pytest
+
+from tccm_ros.config import Config
+from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
+from tccm_ros.planes import find_planes
+from tccm_ros.planes.tracking import PlaneTracker
+from tccm_ros.tabletop.free_places import find_free_places
+from tccm_ros.tabletop.objects import find_objects
+
+CELL = 0.02
+STEP = 0.01
+"""Spacing of the points that are made, m."""
+
+rng = np.random.default_rng(3)
+
+
+def sheet(x, y, z):
+    """Points of a level rectangle, float64 (N, 3), m."""
+    xs, ys = np.meshgrid(np.arange(*x, STEP) + 1e-3, np.arange(*y, STEP) + 1e-3)
+    return np.column_stack([xs.ravel(), ys.ravel(), np.full(xs.size, z)])
+
+
+def box(x, y, z):
+    """Points of the top and the four sides of a box."""
+    sides = []
+    for level in np.arange(*z, STEP):
+        ring = sheet(x, y, level)
+        rim = (
+            (ring[:, 0] < x[0] + STEP) | (ring[:, 0] > x[1] - STEP)
+            | (ring[:, 1] < y[0] + STEP) | (ring[:, 1] > y[1] - STEP)
+        )  # fmt: skip
+        sides.append(ring[rim])
+    return np.concatenate([*sides, sheet(x, y, z[1])])
+
+
+def cuboids_of(points, depth=0.03):
+    """Cuboids by the definition: the union of [z - depth, z] in each cell."""
+    ticks = np.rint(points * TICKS_PER_M).astype(np.int64)
+    cell = round(CELL * TICKS_PER_M)
+    d = round(depth * TICKS_PER_M)
+    groups = {}
+    for point in ticks:
+        groups.setdefault((point[0] // cell, point[1] // cell), []).append(point)
+    rows = []
+    for (ix, iy), members in sorted(groups.items()):
+        members = np.array(sorted(members, key=lambda p: p[2]))
+        for part in np.split(members, np.flatnonzero(np.diff(members[:, 2]) > d) + 1):
+            local = (part - [ix * cell, iy * cell, 0]).astype(float)
+            S = [local[:, i] @ local[:, j] for i in range(3) for j in range(i, 3)]
+            rows.append((ix, iy, part[0, 2] - d, part[-1, 2], len(part), *local.sum(0), *S))
+    table = np.array(rows, float)
+    n = len(table)
+    return Cuboids(
+        CELL,
+        *table[:, :4].astype(np.int32).T,
+        table[:, 4],
+        table[:, 5:8],
+        table[:, 8:],
+        np.zeros(n, np.int32),
+        np.arange(n + 1),
+    )
+
+
+def scene(*parts, noise=0.001):
+    points = np.concatenate(parts)
+    points = points + rng.normal(0.0, noise, points.shape)
+    cuboids = cuboids_of(points)
+    config = Config()
+    fits = find_planes(cuboids, config, np.array([-1.0, 0.0, 1.5]))
+    planes = PlaneTracker(config).update(fits)
+    return planes, find_objects(cuboids, fits, planes, config)
+
+
+FLOOR = sheet((0.0, 2.0), (-1.0, 1.0), 0.0)
+TABLE = sheet((0.6, 1.4), (-0.5, 0.5), 0.7)
+
+
+def test_a_box_on_a_table_is_one_object_of_its_size():
+    planes, objects = scene(FLOOR, TABLE, box((0.9, 1.1), (0.0, 0.1), (0.71, 0.85)))
+    [thing] = objects
+    table = next(p for p in planes if p.id == thing.plane)
+    assert table.offset == pytest.approx(0.7, abs=0.005)
+    assert thing.center == pytest.approx([1.0, 0.05, 0.775], abs=0.015)
+    assert sorted(thing.size[:2]) == pytest.approx([0.1, 0.2], abs=0.03)
+    assert thing.size[2] == pytest.approx(0.15, abs=0.01)
+
+
+def test_legs_carry_the_table_and_are_no_objects():
+    legs = [
+        box((x, x + 0.05), (y, y + 0.05), (0.0, 0.69)) for x in (0.62, 1.32) for y in (-0.48, 0.42)
+    ]
+    assert scene(FLOOR, TABLE, *legs)[1] == []
+
+
+def test_what_goes_on_upwards_is_no_object():
+    pillar = box((0.2, 0.3), (0.7, 0.8), (0.0, 1.8))
+    wall = box((1.9, 1.92), (-1.0, 1.0), (0.0, 2.0))
+    assert scene(FLOOR, pillar, wall)[1] == []
+
+
+def test_a_box_before_a_wall_stays_apart_from_it():
+    wall = box((1.9, 1.92), (-1.0, 1.0), (0.0, 2.0))
+    crate = box((1.5, 1.8), (0.2, 0.5), (0.0, 0.25))
+    [thing] = scene(FLOOR, wall, crate)[1]
+    assert thing.center[:2] == pytest.approx([1.65, 0.35], abs=0.02)
+
+
+def test_free_places_leave_the_objects_out():
+    planes, objects = scene(FLOOR, TABLE, box((0.9, 1.1), (-0.1, 0.1), (0.71, 0.85)))
+    table = next(p for p in planes if abs(p.offset - 0.7) < 0.01)
+    [free] = [f for f in find_free_places(planes, objects, (0.2, 0.2)) if f.plane == table.id]
+    import shapely
+
+    room = shapely.union_all([shapely.Polygon(ring[:, :2]) for ring in free.polygons])
+    taken = shapely.box(0.9, -0.1, 1.1, 0.1)
+    assert room.intersection(taken).area < 0.1 * taken.area
+    assert room.area == pytest.approx(0.8 - 0.04, abs=0.08)
+    assert [f for f in find_free_places(planes, objects, (2.0, 2.0)) if f.polygons] == []

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import yaml
+from rosbags import interfaces
+from rosbags.interfaces import QosDurability, QosReliability
 
-__all__ = ["Qos", "default_qos", "parse_profiles", "qos_of_profiles"]
+__all__ = ["Qos", "default_qos", "qos_of_publishers"]
 
 LATCHED = ("robot_description", "tf_static")
 """Topics that late subscribers must see, in any namespace."""
 
 FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
-_NAMES = {
-    "history": {1: "keep_last", 2: "keep_all", 3: "unknown"},
-    "reliability": {1: "reliable", 2: "best_effort", 3: "unknown"},
-    "durability": {1: "transient_local", 2: "volatile", 3: "unknown"},
-    "liveliness": {1: "automatic", 3: "manual_by_topic", 4: "unknown"},
-}
-"""Numbers that rosbag2 wrote before Jazzy (rmw's enumerations)."""
-
-MAX_PROFILES = 100
 MAX_DEPTH = 10_000
 
 
@@ -56,36 +49,16 @@ def default_qos(topic: str) -> Qos:
     return Qos()
 
 
-def parse_profiles(text: str) -> list[dict[str, Any]]:
-    """Return the profiles of a topic with names for numbers; none where the text is damaged."""
-    try:
-        tree = yaml.safe_load(text)
-    except (yaml.YAMLError, RecursionError, ValueError):
-        return []
-    if not isinstance(tree, list):
-        return []
-    return [_named(item) for item in tree[:MAX_PROFILES] if isinstance(item, dict)]
-
-
-def qos_of_profiles(profiles: list[dict[str, Any]], topic: str) -> Qos:
+def qos_of_publishers(offered: Sequence[interfaces.Qos], topic: str) -> Qos:
     """Return what satisfies all of a topic's publishers, or the topic's default if there are none.
 
     Several publishers may have offered different things: the weakest reliability and the
     strongest durability are taken, as rosbag2's player does.
     """
-    if not profiles:
+    if not offered:
         return default_qos(topic)
-    depths = [p["depth"] for p in profiles if isinstance(p.get("depth"), int)]
     return Qos(
-        reliable=all(p.get("reliability") != "best_effort" for p in profiles),
-        latched=all(p.get("durability") == "transient_local" for p in profiles),
-        depth=min(max([1, *depths]), MAX_DEPTH),
+        reliable=all(qos.reliability != QosReliability.BEST_EFFORT for qos in offered),
+        latched=all(qos.durability == QosDurability.TRANSIENT_LOCAL for qos in offered),
+        depth=min(max([1, *(qos.depth for qos in offered)]), MAX_DEPTH),
     )
-
-
-def _named(profile: dict[Any, Any]) -> dict[str, Any]:
-    result = {}
-    for key, value in profile.items():
-        names = _NAMES.get(str(key), {})
-        result[str(key)] = names.get(value, value) if isinstance(value, int) else value
-    return result

@@ -9,31 +9,35 @@ from __future__ import annotations
 
 import struct
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
+from heapq import merge
+from operator import attrgetter
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import TracebackType
-from typing import NamedTuple
+from typing import cast
 
-from tccm_ros.bags.bag_files import (
-    StorageFile,
-    is_compressed,
-    open_storage,
-    storage_paths,
-    unpack_file,
-)
-from tccm_ros.bags.merge import Source, merge
-from tccm_ros.bags.offered_qos import Qos, parse_profiles, qos_of_profiles
-from tccm_ros.bags.storage import ZSTD_MAGIC, Channel, expand_message, reading
+from rosbags.interfaces import Connection, ConnectionExtRosbag2
+
+from tccm_ros.bags.bag_files import storage_paths, unpacked
+from tccm_ros.bags.offered_qos import Qos, qos_of_publishers
+from tccm_ros.bags.storage import BagMessage, StorageFile
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.cdr.reading import FAST_READERS, NotPlain
 from tccm_ros.errors import BagError, MessageError, TopicError, one_line, suggest
 from tccm_ros.records.building import Record
 from tccm_ros.ros import READERS
 
-__all__ = ["DEFAULT_TOPICS", "BagMessage", "BagReader", "TopicInfo", "remap_topics"]
+__all__ = [
+    "DEFAULT_TOPICS",
+    "BagMessage",
+    "BagPaths",
+    "BagReader",
+    "TopicInfo",
+    "bag_paths",
+    "remap_topics",
+]
 
 DEFAULT_TOPICS: Mapping[str, str] = {
     "tilt_scan": "/tilt_scan",
@@ -46,6 +50,9 @@ DEFAULT_TOPICS: Mapping[str, str] = {
 }
 """Topic of each role (DESIGN section 5)."""
 
+BagPaths = Path | str | Sequence[Path | str]
+"""A recording: one bag, or several that are read as one."""
+
 
 @dataclass(frozen=True, slots=True)
 class TopicInfo:
@@ -54,15 +61,6 @@ class TopicInfo:
     name: str
     msgtype: str
     count: int
-
-
-class BagMessage(NamedTuple):
-    """A serialised message of a bag (CDR)."""
-
-    topic: str
-    msgtype: str
-    log_ns: int
-    data: bytes
 
 
 def remap_topics(
@@ -87,17 +85,25 @@ def remap_topics(
     return topics
 
 
+def bag_paths(bag: BagPaths) -> list[Path]:
+    """Return the bags that a recording is made of."""
+    return [Path(bag)] if isinstance(bag, Path | str) else [Path(path) for path in bag]
+
+
 class BagReader:
     """A bag that is read; a context manager.
 
     Parameters
     ----------
-    path
+    bag
         A rosbag2 folder (mcap or sqlite3, split or not, compressed or not, with or without
-        metadata.yaml), or one .mcap or .db3 file.
+        metadata.yaml), or one .mcap or .db3 file; or several of these, in any order, that are read
+        as one recording.
 
     Attributes
     ----------
+    path
+        The bag in messages.
     start_ns, end_ns
         Log times of the first and the last message; 0 for a bag without messages.
     dropped
@@ -108,22 +114,25 @@ class BagReader:
     Raises
     ------
     BagError
-        For a bag that is missing, empty, truncated or damaged.
+        For a bag that is missing, empty, truncated or damaged, or named twice.
+    TopicError
+        Where a topic has one type in one file, and another one in the next.
     """
 
-    def __init__(self, path: Path | str) -> None:
-        self.path = Path(path)
+    def __init__(self, bag: BagPaths) -> None:
+        paths = bag_paths(bag)
+        self.path = ", ".join(map(str, paths))
         self.dropped: Counter[str] = Counter()
         self.problems: dict[str, str] = {}
         self._types = TypestoreMessages()
-        self._folder: TemporaryDirectory[str] | None = None
-        self._files: list[StorageFile] = []
-        try:
-            self._files = [self._open(file) for file in storage_paths(self.path)]
-        except BaseException:
-            self.close()
-            raise
-        self._files.sort(key=lambda file: file.start_ns)
+        with ExitStack() as stack:
+            self._files = [
+                stack.enter_context(closing(StorageFile(stack.enter_context(unpacked(file)), file)))
+                for file in _all_files(paths)
+            ]
+            self._files.sort(key=lambda file: file.start_ns)
+            _check_types_agree(self._files)
+            self._open_files = stack.pop_all()
         spans = [file for file in self._files if file.end_ns]
         self.start_ns = min((file.start_ns for file in spans), default=0)
         self.end_ns = max((file.end_ns for file in spans), default=0)
@@ -141,11 +150,7 @@ class BagReader:
 
     def close(self) -> None:
         """Close all files."""
-        for file in self._files:
-            file.close()
-        if self._folder is not None:
-            self._folder.cleanup()
-            self._folder = None
+        self._open_files.close()
 
     @property
     def duration(self) -> float:
@@ -155,26 +160,19 @@ class BagReader:
     def topics(self) -> list[TopicInfo]:
         """Return what is in the bag, by name."""
         counts: Counter[tuple[str, str]] = Counter()
-        for file in self._files:
-            found = file.counts()
-            for number, channel in file.channels.items():
-                counts[channel.topic, channel.msgtype] += found[number]
+        for topic in self._connections():
+            counts[topic.topic, topic.msgtype] += topic.msgcount
         return [TopicInfo(name, kind, count) for (name, kind), count in sorted(counts.items())]
 
     def qos(self, topic: str) -> Qos:
         """Return what the publishers of a topic offered, or the topic's default."""
-        profiles = [
-            profile
-            for channel in self._channels()
-            if channel.topic == topic
-            for profile in parse_profiles(channel.qos)
-        ]
-        return qos_of_profiles(profiles, topic)
+        same = [_stored(c) for c in self._connections() if c.topic == topic]
+        return qos_of_publishers([qos for c in same for qos in c.offered_qos_profiles], topic)
 
     def missing(self, role: str, topic: str) -> str:
         """Explain that a topic is not here: the message for a TopicError of the pipeline."""
         msgtype = READERS[role][0]
-        same = sorted({c.topic for c in self._channels() if c.msgtype == msgtype})
+        same = sorted({c.topic for c in self._connections() if c.msgtype == msgtype})
         if same:
             hint = f"; of this type there are: {', '.join(same)}; "
             if len(same) == 1:
@@ -182,7 +180,7 @@ class BagReader:
             else:
                 hint += "'tccm info' suggests --remap options"
         else:
-            hint = suggest(topic, {c.topic for c in self._channels()})
+            hint = suggest(topic, {c.topic for c in self._connections()})
         return f"{self.path}: no topic {topic} ({msgtype}){hint}"
 
     def messages(self, topics: Iterable[str] | None = None) -> Iterator[BagMessage]:
@@ -196,24 +194,13 @@ class BagReader:
             Where a topic is not serialised as CDR.
         """
         wanted = None if topics is None else set(topics)
-        sources: list[Source] = []
-        for file in self._files:
-            channels = {
-                number: channel
-                for number, channel in file.channels.items()
-                if wanted is None or channel.topic in wanted
-            }
-            for channel in channels.values():
-                _check_encoding(self.path, channel)
-            if channels:
-                sources.append((file, channels))
-        for file, channels, message in merge(sources):
-            channel = channels[message.channel]
-            data = message.data
-            if data[:4] == ZSTD_MAGIC:
-                with reading(file.path):
-                    data = expand_message(data)
-            yield BagMessage(channel.topic, channel.msgtype, message.log_ns, data)
+        for connection in self._connections():
+            if wanted is None or connection.topic in wanted:
+                _check_encoding(self.path, connection)
+        files = (_begun_when_due(file, wanted) for file in self._files)
+        for message in merge(*files, key=attrgetter("log_ns")):
+            if message.topic:
+                yield message
 
     def records(
         self, topics: Mapping[str, str] = DEFAULT_TOPICS
@@ -238,9 +225,9 @@ class BagReader:
         roles = defaultdict(list)
         for role, topic in topics.items():
             roles[topic].append(role)
-        for channel in self._channels():
-            for role in roles.get(channel.topic, ()):
-                _check_type(self.path, channel, role)
+        for connection in self._connections():
+            for role in roles.get(connection.topic, ()):
+                _check_type(self.path, connection, role)
         for message in self.messages(roles):
             for role in roles[message.topic]:
                 for record in self._read(role, message):
@@ -259,31 +246,55 @@ class BagReader:
             self.problems.setdefault(message.topic, one_line(error))
             return ()
 
-    def _channels(self) -> Iterator[Channel]:
+    def _connections(self) -> Iterator[Connection]:
         for file in self._files:
-            yield from file.channels.values()
-
-    def _open(self, path: Path) -> StorageFile:
-        if not is_compressed(path):
-            return open_storage(path)
-        if self._folder is None:
-            self._folder = TemporaryDirectory()
-        try:
-            return open_storage(unpack_file(path, Path(self._folder.name)))
-        except BagError as error:
-            raise BagError(f"{path}: when unpacked: {error}") from None
+            yield from file.connections
 
 
-def _check_encoding(path: Path, channel: Channel) -> None:
-    if channel.encoding != "cdr":
-        raise TopicError(
-            f"{path}: {channel.topic} is serialised as '{channel.encoding}', expected cdr"
-        )
+def _all_files(paths: Sequence[Path]) -> list[Path]:
+    """Return the storage files of several bags."""
+    files = [file for path in paths for file in storage_paths(path)]
+    for file, count in Counter(file.resolve() for file in files).items():
+        if count > 1:
+            raise BagError(f"{file}: named {count} times; name each bag of a recording once")
+    return files
 
 
-def _check_type(path: Path, channel: Channel, role: str) -> None:
+def _begun_when_due(file: StorageFile, topics: Collection[str] | None) -> Iterator[BagMessage]:
+    """Yield a message without topic in place of a file, then its messages.
+
+    The file is not read before that message is due: of a recording in a thousand splits one is in
+    memory.
+    """
+    yield BagMessage("", "", file.start_ns, b"")
+    yield from file.messages(topics)
+
+
+def _stored(connection: Connection) -> ConnectionExtRosbag2:
+    return cast(ConnectionExtRosbag2, connection.ext)
+
+
+def _check_types_agree(files: Iterable[StorageFile]) -> None:
+    first: dict[str, tuple[StorageFile, str]] = {}
+    for file in files:
+        for connection in file.connections:
+            other, msgtype = first.setdefault(connection.topic, (file, connection.msgtype))
+            if other is not file and msgtype != connection.msgtype:
+                raise TopicError(
+                    f"{connection.topic} is {msgtype} in {other.path} and {connection.msgtype} in "
+                    f"{file.path}; no one recording has both"
+                )
+
+
+def _check_encoding(path: str, connection: Connection) -> None:
+    encoding = _stored(connection).serialization_format
+    if encoding != "cdr":
+        raise TopicError(f"{path}: {connection.topic} is serialised as '{encoding}', expected cdr")
+
+
+def _check_type(path: str, connection: Connection, role: str) -> None:
     expected = READERS[role][0]
-    if channel.msgtype != expected:
+    if connection.msgtype != expected:
         raise TopicError(
-            f"{path}: {channel.topic} is {channel.msgtype}, expected {expected} for {role}"
+            f"{path}: {connection.topic} is {connection.msgtype}, expected {expected} for {role}"
         )

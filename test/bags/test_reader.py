@@ -7,6 +7,8 @@ import pytest
 import yaml
 import zstandard
 from bag_copies import mcap_bag, read, rosbags_bag
+from mcap.data_stream import RecordBuilder
+from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
@@ -161,6 +163,42 @@ def test_splits_that_are_compressed_and_have_no_metadata(tmp_path, reference, pl
     assert read(folder) == reference
 
 
+def test_several_bags_are_read_as_one_recording(tmp_path, reference):
+    folder = write_splits(tmp_path / "a", 3, ["b_0.mcap", "b_1.mcap", "b_2.mcap"])
+    parts = [folder / "b_2.mcap", tmp_path / "first", folder / "b_1.mcap"]
+    parts[1].mkdir()
+    (folder / "b_0.mcap").rename(parts[1] / "bag.mcap")
+    assert read(parts) == reference
+    with BagReader(parts) as bag:
+        assert {t.name: t.count for t in bag.topics()}["/joint_states"] == 20
+        assert bag.duration == pytest.approx(0.380002)
+
+
+def test_compressed_bags_of_one_name_are_read_together(tmp_path, reference):
+    messages = sample_messages()
+    for k, part in enumerate([messages[:30], messages[30:]]):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        rosbags_bag(folder / "bag", StoragePlugin.MCAP, CompressionMode.FILE, part)
+    assert read([tmp_path / "0" / "bag", tmp_path / "1" / "bag"]) == reference
+
+
+def test_a_topic_of_two_types_in_two_bags_names_both(tmp_path):
+    for name, kind in (("one", STRING), ("two", SCAN)):
+        with BagWriter(tmp_path / name) as writer:
+            writer.write("/scan", kind, START, TYPES.make(kind))
+    with pytest.raises(TopicError, match=r"one/one\.mcap.*two/two\.mcap") as caught:
+        BagReader([tmp_path / "one", tmp_path / "two"])
+    assert STRING in str(caught.value)
+    assert SCAN in str(caught.value)
+
+
+def test_a_bag_cannot_be_named_twice(tmp_path):
+    bag = write_sample(tmp_path / "bag", n=1)
+    with pytest.raises(BagError, match=r"bag\.mcap: named 2 times"):
+        BagReader([bag, bag / "bag.mcap"])
+
+
 def test_a_missing_split_is_named(tmp_path):
     folder = write_splits(tmp_path / "a", 2, ["b_0.mcap", "b_1.mcap"])
     metadata = {"rosbag2_bagfile_information": {"relative_file_paths": ["b_0.mcap", "b_9.mcap"]}}
@@ -235,15 +273,22 @@ def test_offered_qos_is_kept(tmp_path):
         assert bag.qos("/robot_description") == Qos(latched=True, depth=1)
 
 
-def test_other_serialisations_are_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("profile", "error", "cause"),
+    [
+        ("ros1", BagError, "Profile is not ros2"),
+        ("ros2", TopicError, "'ros1', expected cdr"),
+    ],
+)
+def test_other_serialisations_are_refused(tmp_path, profile, error, cause):
     path = tmp_path / "bag.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream)
-        writer.start("ros1")
-        schema = writer.register_schema(SCAN, "ros1msg", b"")
+        writer.start(profile)
+        schema = writer.register_schema(SCAN, "ros2msg", b"")
         writer.add_message(writer.register_channel("/scan", "ros1", schema), 1, b"x", 1)
         writer.finish()
-    with BagReader(path) as bag, pytest.raises(TopicError, match="'ros1', expected cdr"):
+    with pytest.raises(error, match=cause), BagReader(path) as bag:
         next(bag.records())
 
 
@@ -317,12 +362,27 @@ def test_damage_halfway_ends_the_reading_after_the_good_part(tmp_path):
 def test_chunks_that_declare_gigabytes_are_refused(tmp_path):
     bag = mcap_bag(tmp_path / "bag.mcap", sample_messages(3), compression=CompressionType.NONE,
                    enable_crcs=False)  # fmt: skip
-    data = bytearray(bag.read_bytes())
-    chunk = data.index(b"\x06", 8 + 9 + 10)
-    data[chunk + 9 + 16 : chunk + 9 + 24] = (2**40).to_bytes(8, "little")
-    bag.write_bytes(data)
-    with BagReader(bag) as reader, pytest.raises(BagError, match="declares"):
-        list(reader.records())
+    with bag.open("rb") as stream:
+        (chunk,) = make_reader(stream).get_summary().chunk_indexes
+    declared = chunk.uncompressed_size.to_bytes(8, "little")
+    bag.write_bytes(bag.read_bytes().replace(declared, (2**40).to_bytes(8, "little")))
+    with pytest.raises(BagError, match="declares"):
+        BagReader(bag)
+
+
+def test_messages_that_the_index_leaves_out_are_missed(tmp_path):
+    bag = mcap_bag(tmp_path / "bag.mcap", sample_messages(), chunk_size=500, enable_crcs=False)
+    with bag.open("rb") as stream:
+        chunk = make_reader(stream).get_summary().chunk_indexes[1]
+    builder = RecordBuilder()
+    chunk.write(builder)
+    entry = builder.end()
+    skipped = b"\xf0" + entry[1:]
+    data = bag.read_bytes()
+    assert data.count(entry) == 1
+    bag.write_bytes(data.replace(entry, skipped))
+    with pytest.raises(BagError, match="its index does not name all messages"):
+        BagReader(bag)
 
 
 def test_metadata_that_is_no_metadata(tmp_path):

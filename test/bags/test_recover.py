@@ -1,3 +1,4 @@
+import shutil
 import sqlite3
 from collections import Counter
 
@@ -132,10 +133,33 @@ def test_a_damaged_database_is_read_from_both_ends(tmp_path):
     middle = leaves[len(leaves) // 2]
     data[middle : middle + page] = b"\xff" * page
     file.write_bytes(data)
-    with BagReader(file) as reader, pytest.raises(BagError, match=str(file)):
+    with pytest.raises(BagError, match=f"{file}.*try `tccm recover`"), BagReader(file) as reader:
         list(reader.messages())
     found = recover(file, tmp_path / "out")
     assert 3062 - 2 * page / 20 < found.messages < 3062
+
+
+def test_a_database_whose_log_was_left_beside_it_is_recovered_with_it(tmp_path):
+    folder = rosbags_bag(tmp_path / "bag", StoragePlugin.SQLITE3)
+    (file,) = folder.glob("*.db3")
+    before = read(file)
+    recorder = sqlite3.connect(file)
+    recorder.execute("PRAGMA journal_mode=WAL")
+    last = START + 10**9
+    recorder.execute(
+        "INSERT INTO messages (topic_id, timestamp, data) "
+        f"SELECT topic_id, {last}, data FROM messages WHERE id = 3"
+    )
+    recorder.commit()
+    crashed = tmp_path / "crashed"
+    shutil.copytree(folder, crashed)
+    recorder.close()
+    with pytest.raises(BagError, match=r"db3-wal holds messages.*try `tccm recover`"):
+        BagReader(crashed)
+    recover(crashed, tmp_path / "out")
+    after = read(tmp_path / "out")
+    assert after[:-1] == before
+    assert after[-1][1] == last
 
 
 def test_nothing_to_recover_leaves_nothing(tmp_path):

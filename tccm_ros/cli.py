@@ -26,6 +26,9 @@ app = typer.Typer(
 )
 
 BagArgument = Annotated[Path, typer.Argument(help="a rosbag2 folder, an .mcap or a .db3 file")]
+BagsArgument = Annotated[
+    list[Path], typer.Argument(help="a recording: one bag, or several that are read as one")
+]
 ConfigOption = Annotated[Path | None, typer.Option("--config", help="a YAML parameter file")]
 SetOption = Annotated[list[str], typer.Option("--set", help="group.key=value; may be repeated")]
 RemapOption = Annotated[
@@ -47,7 +50,7 @@ def _common(
 
 @app.command()
 def replay(
-    bag: BagArgument,
+    bag: BagsArgument,
     out: Annotated[Path, typer.Option("--out", help="folder for the results")],
     map: Annotated[
         Path | None, typer.Option("--map", help="go on with a map: map.mcap, or its folder")

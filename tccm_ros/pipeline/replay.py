@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros import __version__
+from tccm_ros.bags.reader import BagPaths, bag_paths
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import inverse, spatial
@@ -103,7 +104,7 @@ def _times(factor: float) -> str:
 
 
 def replay(
-    bag: Path | str,
+    bag: BagPaths,
     out: Path | str,
     config: Config,
     *,
@@ -118,7 +119,7 @@ def replay(
     Parameters
     ----------
     bag
-        A rosbag2 folder, an .mcap or a .db3 file.
+        A rosbag2 folder, an .mcap or a .db3 file; or several, read as one recording.
     out
         Folder of the results; made if needed, its result files replaced.
     config
@@ -151,7 +152,7 @@ def replay(
             content = _write(folder, outcome, cycles, scene)
         summary = Summary(Path(out), content, clock.seconds, _real_time_factor(outcome, clock))
         _write_timing(folder, summary)
-        _keep_stamps(Path(bag), folder)
+        _keep_stamps(bag_paths(bag), folder)
         if pictures:
             bars.start("pictures", 1.0)
             with clock.stage("pictures"):
@@ -190,10 +191,13 @@ def _T_map_odom(outcome: Outcome) -> NDArray[np.float64]:
     return spatial(outcome.solution.slam.pose_at(stamps)) @ inverse(T_odom_base)
 
 
-def _keep_stamps(bag: Path, folder: Path) -> None:
-    """Copy the stamps of an imported log, through which `tccm evaluate` matches references."""
-    stamps = bag / "stamps.csv"
-    if stamps.is_file():
+def _keep_stamps(bags: Sequence[Path], folder: Path) -> None:
+    """Copy the stamps of an imported log, through which `tccm evaluate` matches references.
+
+    They count the scans of one log: of several none is copied.
+    """
+    stamps = bags[0] / "stamps.csv"
+    if len(bags) == 1 and stamps.is_file():
         shutil.copyfile(stamps, folder / stamps.name)
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain
-from pathlib import Path
 
-from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
+from tccm_ros.bags.reader import DEFAULT_TOPICS, BagPaths, BagReader, remap_topics
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, MapError, TopicError
 from tccm_ros.pipeline.outcome import Outcome, Session
@@ -31,7 +30,7 @@ OPENING_NS = 5_000_000_000
 
 
 def run_bag(
-    bag: Path | str,
+    bag: BagPaths,
     config: Config,
     *,
     remap: Sequence[str] = (),
@@ -44,7 +43,7 @@ def run_bag(
     Parameters
     ----------
     bag
-        A rosbag2 folder, an .mcap or a .db3 file.
+        A rosbag2 folder, an .mcap or a .db3 file; or several, read as one recording.
     config
         The configuration.
     remap

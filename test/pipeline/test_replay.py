@@ -9,6 +9,7 @@ import pytest
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter
+from tccm_ros.cli import app
 from tccm_ros.config import Config
 from tccm_ros.config.file import read_config
 from tccm_ros.errors import BagError, MapError, TopicError
@@ -106,6 +107,25 @@ def test_two_runs_give_the_same_bytes(tmp_path):
         assert one, name
         if name not in CLOCKED:
             assert one == two, name
+
+
+def test_a_recording_in_two_files_gives_what_it_gives_in_one(tmp_path):
+    bag = BAGS / "walkthrough"
+    with BagReader(bag) as reader:
+        messages = list(reader.messages())
+    halves = {"second.mcap": messages[2000:], "first.mcap": messages[:2000]}
+    for name, half in halves.items():
+        with BagWriter(tmp_path / name) as writer:
+            for message in half:
+                writer.write(message.topic, message.msgtype, message.log_ns, message.data)
+    files = [str(tmp_path / name) for name in halves]
+    for paths, out in (([str(bag)], "whole"), (files, "parts")):
+        command = ["replay", *paths, "--out", str(tmp_path / out), "--no-pictures", "--quiet"]
+        app(command, standalone_mode=False)
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    assert sorted(f.name for f in parts.iterdir()) == sorted(f.name for f in whole.iterdir())
+    for name in (file.name for file in whole.iterdir() if file.name not in CLOCKED):
+        assert (parts / name).read_bytes() == (whole / name).read_bytes(), name
 
 
 def test_a_person_who_walked_through_leaves_nothing(tmp_path):

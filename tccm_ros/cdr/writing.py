@@ -2,8 +2,9 @@
 
 A message type is flattened once into a few steps: runs of numbers, texts, arrays of numbers, and
 lists of messages. A list of messages that hold numbers of one kind alone (points, colours) may be
-an array with a row for each of them: it is written as it lies in memory, where an object for each
-point would be most of the time of writing a map.
+an array with a row for each of them: it is written as it lies in memory. A marker of 10,000 points
+takes 0.04 ms so, 14 ms with an object for each point and rosbags' `serialize_cdr`
+(``python bench/bench_bags.py``).
 """
 
 from __future__ import annotations

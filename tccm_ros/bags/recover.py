@@ -15,7 +15,7 @@ from contextlib import closing, suppress
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import quote
 
 import zstandard
@@ -37,22 +37,12 @@ __all__ = ["Recovered", "recover"]
 RECORD_KINDS = frozenset(Opcode)
 """Other kinds of records are taken for damage."""
 
+CHUNK_MARK = bytes([Opcode.CHUNK])
 HEADER_BYTES = 9
-CHUNK_BYTES = 40
-"""Sizes of a record's header, and of a chunk without the name of its compression and its data."""
+QOS_KEY = "offered_qos_profiles"
 
 _u64 = struct.Struct("<Q").unpack_from
 _u32 = struct.Struct("<I").unpack_from
-
-
-class _Topic(NamedTuple):
-    """A topic as a storage file describes it; `qos` is rosbag2's YAML text."""
-
-    name: str
-    msgtype: str
-    definition: str
-    definition_encoding: str
-    qos: str
 
 
 @dataclass
@@ -134,7 +124,7 @@ class _Copier:
         self._types = types
         self._found = found
         self._schemas: dict[int, Schema] = {}
-        self._topics: dict[int, _Topic] = {}
+        self._channels: dict[int, Channel] = {}
 
     def copy(self, path: Path) -> None:
         """Copy what can be read of a file; of neither kind nothing can."""
@@ -142,24 +132,20 @@ class _Copier:
             with path.open("rb") as stream:
                 head = stream.read(len(SQLITE_MAGIC))
             if head == SQLITE_MAGIC:
-                self._copy_sqlite(path)
+                with closing(_connect(path)) as database:
+                    for record in _records_of_database(database):
+                        self._copy_record(record)
             elif head:
                 self._copy_mcap(path)
-
-    def _copy_sqlite(self, path: Path) -> None:
-        with closing(_connect(path)) as database:
-            self._topics = _topics_of_database(database)
-            for number, log_ns, data in _rows_from_both_ends(database):
-                self._write(number, log_ns, data)
 
     def _copy_mcap(self, path: Path) -> None:
         with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as m:
             whole = 0
             for start, end in _whole_records(m):
                 self._bars.advance((end - start) * 1e-6)
-                record_bytes = BytesIO(m[start:end])
+                stream_of_one = BytesIO(m[start:end])
                 try:
-                    reader = StreamReader(record_bytes, skip_magic=True, emit_chunks=True)
+                    reader = StreamReader(stream_of_one, skip_magic=True, emit_chunks=True)
                     record = next(reader.records)
                 except Exception:  # the library raises what its parts raise; the record is lost
                     continue
@@ -178,76 +164,60 @@ class _Copier:
                 self._copy_record(inner)
         elif isinstance(record, Schema):
             self._schemas.setdefault(record.id, record)
-        elif isinstance(record, Channel):
-            schema = self._schemas.get(record.schema_id) or Schema(0, b"", "", "")
-            qos = record.metadata.get("offered_qos_profiles", "")
-            text = schema.data.decode(errors="replace")
-            topic = _Topic(record.topic, schema.name, text, schema.encoding, qos)
-            self._topics.setdefault(record.id, topic)
+        elif isinstance(record, Channel) and record.schema_id in self._schemas:
+            self._channels.setdefault(record.id, record)
         elif isinstance(record, Message):
-            self._write(record.channel_id, record.log_time, record.data)
+            self._write(record)
 
-    def _write(self, number: int, log_ns: int, data: bytes) -> None:
-        topic = self._topics.get(number)
-        if topic is None or not 0 <= log_ns < 2**63:
+    def _write(self, message: Message) -> None:
+        channel = self._channels.get(message.channel_id)
+        if channel is None or not 0 <= message.log_time < 2**63:
             self._found.unknown_messages += 1
             return
-        if self._writer.topic_type(topic.name) is None:
-            self._declare(topic)
-        if self._writer.topic_type(topic.name) != topic.msgtype:
+        schema = self._schemas[channel.schema_id]
+        if self._writer.topic_type(channel.topic) is None:
+            self._declare(channel, schema)
+        if self._writer.topic_type(channel.topic) != schema.name:
             self._found.unknown_messages += 1
             return
-        self._writer.write(topic.name, topic.msgtype, log_ns, data)
+        self._writer.write(channel.topic, schema.name, message.log_time, message.data)
         self._found.messages += 1
 
-    def _declare(self, topic: _Topic) -> None:
-        text, encoding = topic.definition, topic.definition_encoding
-        if not text and self._types.knows(topic.msgtype):
-            text, encoding = self._types.definition(topic.msgtype), "ros2msg"
+    def _declare(self, channel: Channel, schema: Schema) -> None:
+        text, encoding = schema.data.decode(errors="replace"), schema.encoding
+        if not text and self._types.knows(schema.name):
+            text, encoding = self._types.definition(schema.name), "ros2msg"
         profiles: list[Any] = []
         with suppress(Exception):  # of a damaged text the topic's default is taken
-            profiles = list(dump_qos_v9(parse_qos(topic.qos)))
-        self._writer.add_channel(topic.name, topic.msgtype, text, encoding, profiles)
+            profiles = list(dump_qos_v9(parse_qos(channel.metadata.get(QOS_KEY, ""))))
+        self._writer.add_channel(channel.topic, schema.name, text, encoding, profiles)
         self._found.topics += 1
 
 
 def _whole_records(m: mmap.mmap) -> Iterator[tuple[int, int]]:
     """Yield (start, end) of records that are whole by their sizes, in file order."""
-    at, size = len(MCAP0_MAGIC), len(m)
-    if m[:at] != MCAP0_MAGIC:
-        at = _next_chunk(m, 0)
-    while at + HEADER_BYTES <= size:
-        end = at + HEADER_BYTES + _u64(m, at + 1)[0]
-        fits = end <= size and m[at] in RECORD_KINDS
-        if fits and (m[at] != Opcode.CHUNK or _is_chunk(m, at)):
+    at = len(MCAP0_MAGIC)
+    while 0 <= at < len(m):
+        end = _end_of_record(m, at)
+        if end is None:
+            at = m.find(CHUNK_MARK, at + 1)
+        else:
             yield at, end
             at = end
-        elif m[at : at + len(MCAP0_MAGIC)] == MCAP0_MAGIC:
-            at += len(MCAP0_MAGIC)
+
+
+def _end_of_record(m: mmap.mmap, at: int) -> int | None:
+    """Return where the record at a place ends, None where its sizes contradict each other."""
+    try:
+        end = at + HEADER_BYTES + _u64(m, at + 1)[0]
+        if m[at] == Opcode.CHUNK:  # times, size, checksum; compression; data
+            data = at + HEADER_BYTES + 28 + 4 + _u32(m, at + HEADER_BYTES + 28)[0]
+            is_whole = end == data + 8 + _u64(m, data)[0]
         else:
-            at = _next_chunk(m, at + 1)
-
-
-def _next_chunk(m: mmap.mmap, at: int) -> int:
-    """Return where the next chunk begins that is whole by its sizes; the file's end if none."""
-    marker = bytes([Opcode.CHUNK])
-    at = m.find(marker, at)
-    while at >= 0:
-        if _is_chunk(m, at):
-            return at
-        at = m.find(marker, at + 1)
-    return len(m)
-
-
-def _is_chunk(m: mmap.mmap, at: int) -> bool:
-    """Return whether all sizes of a chunk record at this place agree with each other."""
-    body = at + HEADER_BYTES
-    if body + CHUNK_BYTES > len(m):
-        return False
-    length, name_length = _u64(m, at + 1)[0], _u32(m, body + 28)[0]
-    if body + length > len(m) or name_length > 4 or body + CHUNK_BYTES + name_length > len(m):
-        return False
-    return bool(_u64(m, body + 32 + name_length)[0] == length - CHUNK_BYTES - name_length)
+            is_whole = m[at] in RECORD_KINDS
+    except struct.error:  # the file ends in between
+        return None
+    return end if is_whole and end <= len(m) else None
 
 
 def _records_of_chunk(chunk: Chunk) -> list[McapRecord]:
@@ -278,26 +248,24 @@ def _connect(path: Path) -> sqlite3.Connection:
     return database
 
 
-def _topics_of_database(database: sqlite3.Connection) -> dict[int, _Topic]:
-    """Return the topics by number; bags before Galactic have no QoS, before Iron no definitions."""
+def _records_of_database(database: sqlite3.Connection) -> Iterator[McapRecord]:
+    """Yield what a sqlite3 file holds in the terms of mcap.
+
+    Bags before Galactic have no QoS, those before Iron no definitions.
+    """
     columns = {row[1] for row in database.execute("PRAGMA table_info(topics)")}
-    qos = "offered_qos_profiles" if "offered_qos_profiles" in columns else "''"
+    qos = QOS_KEY if QOS_KEY in columns else "''"
     definitions: dict[str, tuple[str, str]] = {}
     with suppress(sqlite3.Error):
-        definitions = {
-            str(msgtype): (str(text), str(encoding))
-            for msgtype, text, encoding in database.execute(
-                "SELECT topic_type, encoded_message_definition, encoding FROM message_definitions"
-            )
-        }
-    return {
-        int(number): _Topic(
-            str(name), str(msgtype), *definitions.get(str(msgtype), ("", "")), str(offered or "")
-        )
-        for number, name, msgtype, offered in database.execute(
-            f"SELECT id, name, type, {qos} FROM topics ORDER BY id"
-        )
-    }
+        rows = "SELECT topic_type, encoded_message_definition, encoding FROM message_definitions"
+        definitions = {kind: (text, encoding) for kind, text, encoding in database.execute(rows)}
+    rows = f"SELECT id, name, type, {qos} FROM topics ORDER BY id"
+    for number, name, kind, offered in database.execute(rows):
+        text, encoding = definitions.get(kind, ("", ""))
+        yield Schema(id=number, name=kind, encoding=encoding, data=text.encode())
+        yield Channel(number, name, "cdr", {QOS_KEY: offered or ""}, number)
+    for topic, log_ns, data in _rows_from_both_ends(database):
+        yield Message(channel_id=topic, log_time=log_ns, publish_time=log_ns, sequence=0, data=data)
 
 
 def _rows_from_both_ends(database: sqlite3.Connection) -> Iterator[tuple[int, int, bytes]]:

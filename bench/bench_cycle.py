@@ -16,12 +16,12 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+from tccm_ros.cuboids.seen_free import SeenFree
 
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
 from tccm_ros.cuboids.integration_map import IntegrationMap
-from tccm_ros.cuboids.seen_free import SeenFree
 from tccm_ros.mapping.surface_message import surface_cloud, view_intervals
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.planes import find_planes

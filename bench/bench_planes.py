@@ -30,12 +30,12 @@ from plane_scenes import (  # noqa: E402
     subject_points,
     sweep_map,
 )
+from tccm_ros.planes.horizontal import label_horizontal  # noqa: E402
 
 from tccm_ros.baselines.center_cores import center_cores, find_core_plane  # noqa: E402
 from tccm_ros.config import Config  # noqa: E402
 from tccm_ros.pipeline.sim.situations import cycle  # noqa: E402
 from tccm_ros.planes import find_planes  # noqa: E402
-from tccm_ros.planes.horizontal import label_horizontal  # noqa: E402
 
 Array = NDArray[np.float64]
 CONFIG = Config()

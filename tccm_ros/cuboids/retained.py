@@ -17,8 +17,7 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.clearing import see_through
 from tccm_ros.cuboids.cycle_builder import Sweep, SweepScan
 from tccm_ros.cuboids.integration_map import IntegrationMap
-from tccm_ros.cuboids.part import PartMap
-from tccm_ros.cuboids.part_map import PartMapBuilder
+from tccm_ros.cuboids.part_map import PartMap, PartMapBuilder
 
 __all__ = ["Correction", "RetainedWindow"]
 

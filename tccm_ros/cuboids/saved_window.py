@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.config import Config
 from tccm_ros.cuboids.integration_map import IntegrationMap
-from tccm_ros.cuboids.part import PartMap
+from tccm_ros.cuboids.part_map import PartMap
 from tccm_ros.errors import MapError, OutputError, one_line
 
 __all__ = ["FORMAT", "VERSION", "load_map", "save_map"]

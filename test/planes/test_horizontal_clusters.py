@@ -1,4 +1,4 @@
-"""Labels of horizontal surfaces against the true tables, and what plain 8-neighbours make of them."""
+"""Labels of horizontal surfaces against the true tables, and against plain 8-neighbours."""
 
 import numpy as np
 import pytest

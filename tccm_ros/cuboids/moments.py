@@ -16,7 +16,6 @@ from tccm_ros.cuboids.cuboids import CuboidArrays
 __all__ = [
     "FLAT",
     "Moments",
-    "axes_of",
     "gather",
     "moved",
     "plane_of",
@@ -236,11 +235,3 @@ def uncertainty_of(m: Array, normal: Array, variance: float) -> tuple[Array, flo
     cov[0, 1] = cov[1, 0] = scale * b / det
     l1, l2, l3 = eigenvalues(xx, xy, xz, yy, yz, zz)
     return cov, l1 * l2 / max(l3, FLAT)
-
-
-def axes_of(moments: Array) -> tuple[Array, Array]:
-    """Return mean (3,) and covariance (3, 3) of a moment vector (10,)."""
-    mean = moments[1:4] / moments[0]
-    xx, xy, xz, yy, yz, zz = moments[4:] / moments[0]
-    second = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return mean, second - np.outer(mean, mean)

@@ -82,8 +82,6 @@ class TiltCycles:
     ----------
     config
         Group `cycle`; a change counts from the next sample on.
-    first_cycle
-        Number of the first cycle.
 
     Attributes
     ----------
@@ -91,10 +89,10 @@ class TiltCycles:
         Closed spans that nobody has taken yet, in order of time.
     """
 
-    def __init__(self, config: Config, first_cycle: int = 0) -> None:
+    def __init__(self, config: Config) -> None:
         self._limits = config.cycle
         self.closed: deque[Span] = deque()
-        self._cycle = first_cycle
+        self._cycle = 0
         self.clear()
 
     def clear(self) -> None:
@@ -106,11 +104,6 @@ class TiltCycles:
         self._last: tuple[int, float] | None = None
         self._ends: dict[int, float] = {}
         self._step, self._unsteady = 0.0, self._limits.dead_band
-
-    @property
-    def open_start_ns(self) -> int:
-        """Start of the span that is not closed yet."""
-        return self._start_ns
 
     @property
     def decided_ns(self) -> int:

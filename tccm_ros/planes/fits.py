@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, Cuboids
-from tccm_ros.cuboids.moments import FLAT, axes_of, tangents, uncertainty_of
+from tccm_ros.cuboids.moments import FLAT, tangents, uncertainty_of
 from tccm_ros.outlines.boundary import Outline, members_by_plane, outlines
 from tccm_ros.planes.arrays import PLANE, PlaneTable
 from tccm_ros.planes.search import planes_of
@@ -94,20 +94,10 @@ class PlaneFit:
     origin: tuple[float, float, float]
     owned: PlaneCuboids
 
-    @property
-    def weight(self) -> float:
-        """Points that shaped the fit."""
-        return float(self.moments[0])
-
     @cached_property
     def centroid(self) -> Array:
         """Mean of the points that shaped the fit, float64 (3,), m."""
         return self.moments[1:4] / self.moments[0] + self.origin
-
-    @cached_property
-    def scatter(self) -> Array:
-        """Covariance of the points that shaped the fit, float64 (3, 3), m2."""
-        return axes_of(self.moments)[1]
 
     @cached_property
     def tangents(self) -> tuple[Array, Array]:

@@ -1,8 +1,7 @@
 """Closed rings in a plane, in kernels: area, inside, fewer corners, whether any cross.
 
 `shapely` has the same for one polygon at a time, from Python; here they are steps of a compiled
-loop over all planes of a map. With `shapely` alone the outlines of a kitchen's 50 planes take 4
-times as long as all of plane detection.
+loop over all planes of a map.
 """
 
 import numpy as np

@@ -1,8 +1,7 @@
 """Compiled loops of `objects`: what stands over a surface, in clusters with their footprints.
 
-A kitchen has hundreds of loose cuboids over some 50 surfaces in each tilt cycle: clustering by a
-raster takes one pass. The smallest rectangle around a footprint is chosen as one that does not
-depend on rounding: of equal ones the first side wins, which `shapely` does not promise.
+Hull and rectangle are not those of `shapely`: where two sides give rectangles of one size the first
+one wins, so that the yaw of an object does not depend on rounding.
 """
 
 import math

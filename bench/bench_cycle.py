@@ -20,8 +20,8 @@ import numpy as np
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
+from tccm_ros.cuboids.free_columns import SeenFree
 from tccm_ros.cuboids.integration_map import IntegrationMap
-from tccm_ros.cuboids.seen_free import SeenFree
 from tccm_ros.mapping.surface_message import surface_cloud, view_intervals
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.planes import find_planes
@@ -83,10 +83,8 @@ def run_cycles(sweeps: list[Any], config: Config, all_stages: list[Stages]) -> N
         view = run("view", lambda s=sweep, T=T: view_intervals(s, config, T, "base"))
         run("seen free", lambda s=sweep, T=T, w=view: seen.add(s.part.cycle, T, w))
         surfaces = run(
-            "hand-over",
-            lambda s=sweep, f=fits, T=T, v=viewpoint: surface_cloud(
-                s, f, config, T, v, "base", True
-            ),
+            "surface message",
+            lambda s=sweep, f=fits, T=T, v=viewpoint: surface_cloud(s, f, T, v, "base", True),
         )
         result = CycleResult(
             cycle=sweep.part.cycle, stamp_ns=sweep.stamp_ns, start_ns=sweep.part.start_ns,

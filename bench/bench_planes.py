@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -33,9 +34,11 @@ from plane_scenes import (  # noqa: E402
 
 from tccm_ros.baselines.center_cores import center_cores, find_core_plane  # noqa: E402
 from tccm_ros.config import Config  # noqa: E402
+from tccm_ros.cuboids.inclination import OUTLINED_BY_COLUMNS  # noqa: E402
+from tccm_ros.outlines.boundary import members_by_plane, outlines  # noqa: E402
 from tccm_ros.pipeline.sim.situations import cycle  # noqa: E402
 from tccm_ros.planes import find_planes  # noqa: E402
-from tccm_ros.planes.horizontal import label_horizontal  # noqa: E402
+from tccm_ros.planes.horizontal_clusters import label_horizontal  # noqa: E402
 
 Array = NDArray[np.float64]
 CONFIG = Config()
@@ -208,6 +211,42 @@ def table_open3d() -> None:
         print(f"| {name.upper()} | {one:.2f} | {many:.1f} | {len(cloud.detect_planar_patches())} |")
 
 
+def table_outlines() -> None:
+    """Print what outlines cost, ours and with shapely, of the planes that are seen from above."""
+    print("\n### Outlines of all planes that are not vertical: ms\n")
+    print("| scene | planes | ours | shapely: union of cells, simplified | shapely: concave hull |")
+    print("|---|---|---|---|---|")
+    for name in NAMES:
+        sweep = cycle(name, 0.0025, 1, room=True)
+        cuboids = sweep_map(sweep, CONFIG, None)
+        fits = find_planes(cuboids, CONFIG, eye(sweep))
+        kept = [f for f in fits if abs(f.normal[2]) >= OUTLINED_BY_COLUMNS]
+        labels = np.full(len(cuboids), -1, np.int32)
+        for k, fit in enumerate(kept):
+            labels[fit.members] = k
+        normals, offsets = np.array([f.normal for f in kept]), np.array([f.offset for f in kept])
+        members, starts = members_by_plane(labels, len(kept))
+        cells = [
+            np.stack([cuboids.ix[own], cuboids.iy[own]], axis=1) * cuboids.cell_size
+            for own in np.split(members, starts[1:-1])
+        ]
+
+        def union(cells: list[Array] = cells, size: float = cuboids.cell_size) -> None:
+            for low in cells:
+                whole = shapely.union_all(shapely.box(*low.T, *(low + size).T))
+                whole.buffer(2.5 * size).buffer(-2.5 * size).simplify(size)
+
+        def hull(cells: list[Array] = cells) -> None:
+            for low in cells:
+                shapely.concave_hull(shapely.multipoints(low), 0.1, allow_holes=True)
+
+        ours = median_ms(
+            lambda c=cuboids, m=members, s=starts, n=normals, d=offsets: outlines(c, m, s, n, d), 50
+        )
+        peers = median_ms(union, 5), median_ms(hull, 5)
+        print(f"| {name.upper()} | {len(kept)} | {ours:.2f} | {peers[0]:.1f} | {peers[1]:.1f} |")
+
+
 def main() -> int:
     """Print all tables."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -217,6 +256,7 @@ def main() -> int:
     table_one(tests)
     table_two()
     table_open3d()
+    table_outlines()
     return 0
 
 

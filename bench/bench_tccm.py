@@ -250,44 +250,34 @@ def profile(repeats: int) -> None:
     print(f"\n### Profile: points -> part map ({n} points, full room, 20 mm)\n")
     builder, flat = PartMapBuilder(settings(gap="fixed")), sweep.xyz.reshape(-1)
     builder.add_points(sweep.xyz)
-    part, state, work = builder.close(0, 0, 1), builder._state, builder._work
+    part, tiles, work = builder.close(0, 0, 1), builder._tiles, builder._work
     s, points = builder._scratch_for(n), np.empty(2 * n, np.int64)
+    cells, starts, addresses = s.cells
     ends, stamps = np.array([n], np.int32), np.zeros(1, np.int64)
     sums, seen = np.empty(10 * len(part), np.int64), np.empty(2 * len(part), np.int64)
+    records, _, counts, _, _ = tiles.arrays
     found: list[int] = []
 
     def prepare():
-        state.clear(listed=False)
+        tiles.clear(listed=False)
 
     def bin_points():
-        binning.bin_points(
-            flat, builder._limits, 0, work, state.records, state.directory, state.counts,
-            state.bits, state.meta,
-        )  # fmt: skip
+        binning.bin_points(flat, 0, builder._settings, work, tiles.arrays)
 
     def list_cells():
-        found[:] = [
-            binning.list_cells(
-                state.directory, state.counts, state.bits, state.meta, s.cells, s.starts,
-                s.addresses,
-            )
-        ]  # fmt: skip
+        found[:] = [binning.list_cells(tiles.arrays, cells, starts, addresses)]
 
     steps: dict[str, Call] = {
         "place: ticks, cells, counting": bin_points,
         "list the cells": list_cells,
-        "sort by height (two digits of 8 bits)": lambda: union._order_by_height(
-            state.records, n, *state.heights, s.pairs, s.spare, s.histogram, s.order
+        "sort by height (two digits of 8 bits)": lambda: union.order_by_height(
+            records, n, tiles.heights, s.sorting, s.order
         ),
-        "sort by cell": lambda: union._gather_points(
-            state.records, n, s.order, ends, s.scans, state.counts, points
+        "sort by cell": lambda: union.gather_points(
+            records, n, s.order, ends, s.scans, counts, points
         ),
-        "mark the cells": lambda: union._mark_cells(
-            s.starts, found[0], s.addresses, state.counts, s.begins
-        ),
-        "unite": lambda: union._unite_intervals(
-            points, n, s.begins, s.cells, found[0], s.keys, s.bounds, s.firsts
-        ),
+        "mark the cells": lambda: union.mark_cells(starts, found[0], addresses, counts, s.begins),
+        "unite": lambda: union.unite_intervals(points, n, s.begins, cells, found[0], s.found),
         "sum the moments": lambda: union.sum_cuboids(points, n, s.begins, stamps, sums, seen),
     }
     times: dict[str, list[float]] = {name: [] for name in steps}

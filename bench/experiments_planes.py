@@ -40,7 +40,7 @@ from tccm_ros.cuboids.part_map import PartMapBuilder  # noqa: E402
 from tccm_ros.pipeline import run_bag  # noqa: E402
 from tccm_ros.pipeline.sim.scene import Motion, Scene  # noqa: E402
 from tccm_ros.pipeline.sim.situations import Cycle, cycle  # noqa: E402
-from tccm_ros.planes import PlaneFits, find_planes, select, without_plane  # noqa: E402
+from tccm_ros.planes import PlaneFits, find_planes  # noqa: E402
 
 CONFIG = Config()
 Array = NDArray[np.float64]
@@ -134,7 +134,9 @@ def figure_seven(folder: Path) -> None:
     for column, name in enumerate("cd"):
         sweep = cycle(name, 0.0025, 1, room=True)
         cuboids = sweep_map(sweep, CONFIG, REGION)
-        rest = without_plane(find_planes(cuboids, CONFIG, eye(sweep)))
+        fits = find_planes(cuboids, CONFIG, eye(sweep))
+        horizontal = [fit.index for fit in fits if fit.kind == "horizontal"]
+        rest = cuboids.select(~np.isin(fits.labels, horizontal))
         draw_map(rows[0][column], cuboids)
         draw_map(rows[1][column], rest)
         rows[0][column].set_title(f"{name.upper()}: {len(cuboids)} cuboids")
@@ -224,7 +226,7 @@ def figure_twelve(folder: Path) -> None:
         cuboids = map_of(seen(scene))
         fits = find_planes(cuboids, CONFIG, place)
         draw_map(axes[0][column], cuboids)
-        draw_map(axes[1][column], select(cuboids, fits.labels >= 0), fits.labels[fits.labels >= 0])
+        draw_map(axes[1][column], cuboids.select(fits.labels >= 0), fits.labels[fits.labels >= 0])
         draw_outlines(axes[1][column], fits)
         axes[0][column].set_title(title)
         axes[1][column].set_title(f"what belongs to its {len(fits)} planes")

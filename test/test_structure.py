@@ -15,6 +15,7 @@ ROOMS = [
     "stopwatch",
     "snapshot",
     "geometry",
+    "union_find",
     "records",
     "cdr",
     "robot",

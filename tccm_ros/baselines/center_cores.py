@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 
-__all__ = ["CenterCores", "CorePlane", "center_cores", "cluster_cores", "find_core_plane"]
+__all__ = ["CenterCores", "CorePlane", "center_cores", "find_core_plane"]
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int64]
@@ -243,46 +243,3 @@ def _quality(
     values = np.linalg.eigvalsh(second)
     # 0.1 mm quantisation (1e-9 m2) is the flattest that a set of cores can be known to be.
     return values[2] * values[1] / max(values[0], 1e-9)
-
-
-def cluster_cores(cores: CenterCores, chosen: Int, distance: float) -> NDArray[np.int32]:
-    """Group the cores of a plane whose centres are within a distance of each other (IV.C).
-
-    Parameters
-    ----------
-    cores, chosen
-        All cores, and the indices of those to group, int64 (M,).
-    distance
-        m.
-
-    Returns
-    -------
-    int32 (M,): the group of each, from 0, in the order of each group's first core.
-    """
-    return _clusters(cores.center[chosen], distance)
-
-
-@njit(nogil=True, cache=True)
-def _clusters(center: Array, distance: float) -> NDArray[np.int32]:
-    n = len(center)
-    label = np.full(n, -1, np.int32)
-    queue = np.empty(n, np.int64)
-    used = 0
-    for seed in range(n):
-        if label[seed] >= 0:
-            continue
-        label[seed] = used
-        queue[0] = seed
-        first, end = 0, 1
-        while first < end:
-            a = queue[first]
-            first += 1
-            for b in range(n):
-                if label[b] < 0:
-                    gap = center[a] - center[b]
-                    if gap @ gap <= distance * distance:
-                        label[b] = used
-                        queue[end] = b
-                        end += 1
-        used += 1
-    return label

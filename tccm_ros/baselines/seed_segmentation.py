@@ -1,6 +1,6 @@
 """The published pipeline (surface mapping, IV.A): iterative RANSAC and Euclidean clustering.
 
-A baseline, selected by ``surfaces.segmentation: seed``: it makes the hand-over of each cycle in
+A baseline, selected by ``surfaces.segmentation: seed``: it tells the surfaces of each tilt cycle in
 place of the TCCM's planes. The largest plane of the cloud is found and taken out again and again;
 the inliers of roughly horizontal ones are clustered, clusters with enough points are surfaces. It
 ends when no plane has enough points. As published, it does not ask from which side a plane is seen.
@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.config import Config
-from tccm_ros.cuboids.linking import root_of
+from tccm_ros.union_find import find_root, unite
 
 __all__ = ["cluster", "segment"]
 
@@ -159,13 +159,12 @@ def _unite(
             b = np.searchsorted(keys, keys[a] + offset)
             if b == len(keys) or keys[b] != keys[a] + offset:
                 continue
-            root_a, root_b = root_of(parent, a), root_of(parent, b)
-            if root_a != root_b and _touch(
+            if find_root(parent, a) != find_root(parent, b) and _touch(
                 points, starts[a], ends[a], starts[b], ends[b], distance
             ):
-                parent[max(root_a, root_b)] = min(root_a, root_b)
+                unite(parent, a, b)
     for a in range(len(keys)):
-        parent[a] = root_of(parent, a)
+        parent[a] = find_root(parent, a)
     return parent
 
 

@@ -3,43 +3,67 @@
 All that is arithmetic is done in blocks of `BLOCK` beams, into a scratch array whose rows are a
 block apart: at a distance that the compiler knows, so that it needs no proof that rows do not
 overlap and makes vector code. Indices are unsigned: a signed one may be negative and then counts
-from the end, and that test alone keeps loops from being vectors.
+from the end, and that test alone keeps loops from being vectors. Projecting 22,760 beams so takes
+0.05 ms; with a sine and a cosine of the tilt for each beam it took 0.24 ms.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from enum import IntEnum
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from tccm_ros.cuboids.bin_layout import (
-    BOX_X0,
-    BOX_X1,
-    BOX_Y0,
-    BOX_Y1,
-    CELL_OF,
-    CELL_TICKS,
-    DEPTH,
-    DEPTH_OF,
-    HEIGHT,
-    HIGHEST,
-    LOWEST,
-    MAX_DEPTH,
-    PLACE,
-    REGION,
-    REGION_IN,
-    REGION_IN_BASE,
-    TICKS,
-    TILE_OF,
-    TILE_X0,
-    TILE_Y0,
-    TILES_X,
-    TILES_Y,
-    USED,
-)
+from tccm_ros.sensors.laser_scan_kernels import refine_poses
 
-__all__ = ["BEYOND", "mark_inside", "mark_kept", "place_beams", "quantise", "region_from", "widen"]
+__all__ = [
+    "BEYOND",
+    "BLOCK",
+    "SETTINGS",
+    "WORK_SIZE",
+    "Beams",
+    "RegionFrame",
+    "Stretch",
+    "angle_between_lines",
+    "mark_inside",
+    "mark_kept",
+    "place_beams",
+    "poses_in_beams",
+    "quantise",
+    "region_from",
+    "widen",
+]
+
+BLOCK = 512
+"""Beams that are worked on together: their scratch rows stay in the first cache."""
+
+# Rows of the scratch array, int32: whether the beam is used, its tile in the directory, its cell
+# in the tile, its height in ticks, its place in the cell (x << 16 | y) and its depth in ticks.
+USED, TILE_OF, CELL_OF, HEIGHT, PLACE, DEPTH_OF = (np.uint64(row * BLOCK) for row in range(6))
+
+WORK_SIZE = 6 * BLOCK
+"""Elements of the scratch array `work`, int32."""
+
+SETTINGS = np.dtype(
+    [
+        ("ticks", np.float64),  # in a metre
+        ("cell_ticks", np.float64),  # edge of a cell
+        ("depth", np.float64),  # least depth of a point's interval, ticks
+        ("depth_per_range", np.float64),  # adaptive gap: per metre and rad; 0 = fixed
+        ("max_depth", np.float64),  # ticks
+        ("region_frame", np.int64),  # `RegionFrame`
+        ("region", np.float64, 6),  # x_min x_max y_min y_max z_min z_max, m
+        ("normal", np.float64, 3),  # of the plane of the scan before
+        ("has_normal", np.bool_),
+    ],
+    align=True,
+)
+"""Settings of binning, and what the adaptive gap knows of the scan before."""
+
+BLEND_ANGLE = 0.01
+"""Poses of a scan that turn by more than this, rad, are refined before matrices are blended: the
+chord would shorten a beam by the 80,000th part (angle^2 / 8)."""
 
 FAR = 2**30
 """Points so many ticks (107 km) from the origin, or further, are left out."""
@@ -47,22 +71,129 @@ FAR = 2**30
 # Adding 2^30 before truncation makes int32() a floor that processors have for vectors.
 _SHIFT = np.float64(FAR)
 _UNSHIFT = np.int64(FAR)
-_REACH = np.float64(FAR - 1)
+_MAX_TICKS = np.float64(FAR - 1)
 
 _U1 = np.uint64(1)
 BEYOND = np.int64(2**40)
 """More than any tile or height."""
 
 
+class RegionFrame(IntEnum):
+    """Where the region of interest stands."""
+
+    NONE = 0
+    ODOM = 1
+    BASE = 2
+
+
+class Beams(NamedTuple):
+    """Beams of one scan.
+
+    Attributes
+    ----------
+    ranges
+        float32 (N,), m.
+    keep
+        bool (N,), which are to be used.
+    directions
+        float32 (2, N), cosines and sines of the bearings.
+    first, last
+        The beams [first, last) are taken.
+    step
+        Angle between neighbouring beams, rad.
+    """
+
+    ranges: Any
+    keep: Any
+    directions: Any
+    first: Any
+    last: Any
+    step: Any
+
+
+class Stretch(NamedTuple):
+    """A stretch of a scan between two poses.
+
+    Attributes
+    ----------
+    T0, T1
+        float64 (3, 4), T_odom_laser at the ends; in between the matrices are blended.
+    f0, df
+        Beam i is at the fraction ``f0 + df * i`` of the way from T0 to T1.
+    """
+
+    T0: Any
+    T1: Any
+    f0: Any
+    df: Any
+
+
 @njit(nogil=True, cache=True)
-def region_from(
-    T_odom_base: Any, T0: Any, T1: Any, f0: Any, df: Any, limits: Any, seen: Any
-) -> None:
-    """Write how the beams between two poses T0, T1 (3, 4) see the region: `_distance_outside`."""
-    m = len(T_odom_base) // 2
-    in_base = limits[REGION_IN] == REGION_IN_BASE
+def _compose(n: Any, T_odom_base: Any, T_base_laser: Any) -> Any:
+    """Return the first n T_odom_laser (n, 3, 4), and whether they turn by over `BLEND_ANGLE`."""
+    T = np.empty((n, 3, 4))
+    coarse = False
+    for k in range(n):
+        difference = 0.0
+        for i in range(3):
+            a, b, c = T_odom_base[k, i, 0], T_odom_base[k, i, 1], T_odom_base[k, i, 2]
+            for j in range(4):
+                T[k, i, j] = a * T_base_laser[k, 0, j] + b * T_base_laser[k, 1, j]
+                T[k, i, j] += c * T_base_laser[k, 2, j]
+                if k > 0 and j < 3:
+                    difference += (T[k, i, j] - T[k - 1, i, j]) ** 2
+            T[k, i, 3] += T_odom_base[k, i, 3]
+        coarse = coarse or difference > 2.0 * BLEND_ANGLE**2
+    return T, coarse
+
+
+@njit(nogil=True, cache=True)
+def poses_in_beams(
+    stamps: Any, stamp: Any, period: Any, T_odom_base: Any, T_base_laser: Any
+) -> Any:
+    """Return the times of a scan's poses, in beams after the first, and T_odom_laser (K, 3, 4).
+
+    Poses are refined where they turn far. Where all beams have one time there is one pose.
+
+    Parameters
+    ----------
+    stamps, stamp, period
+        int64 (K,), stamps of the poses; int64, stamp of the first beam; time between beams. In ns.
+    T_odom_base, T_base_laser
+        float64 (K, 4, 4).
+    """
+    n = len(stamps) if period != 0.0 else 1
+    times = np.zeros(n)
+    for k in range(n):
+        if n > 1:
+            times[k] = (stamps[k] - stamp) / period
+    T, coarse = _compose(n, T_odom_base, T_base_laser)
+    if not coarse:
+        return times, T
+    square = np.zeros((n, 4, 4))
+    square[:, :3] = T
+    return refine_poses(times, square)
+
+
+@njit(nogil=True, cache=True)
+def angle_between_lines(T: Any, settings: Any, step: Any) -> Any:
+    """Return the larger of the steps between beams and to the scan before, rad."""
+    if not settings.has_normal:
+        return step
+    square = 0.0
     for i in range(3):
-        low, high = limits[REGION + 2 * i], limits[REGION + 2 * i + 1]
+        square += (T[len(T) // 2, i, 2] - settings.normal[i]) ** 2
+    return max(step, np.sqrt(square))
+
+
+@njit(nogil=True, cache=True)
+def region_from(T_odom_base: Any, stretch: Any, settings: Any, seen: Any) -> None:
+    """Write how the beams of a stretch see the region: `seen` of `mark_inside`."""
+    m = len(T_odom_base) // 2
+    in_base = settings.region_frame == RegionFrame.BASE
+    T0, T1, f0, df = stretch
+    for i in range(3):
+        low, high = settings.region[2 * i], settings.region[2 * i + 1]
         seen[6, i] = 0.5 * (high - low)
         for c, column in enumerate((0, 1, 3)):
             row = (0, 1, 4)[c]
@@ -72,9 +203,9 @@ def region_from(
                 begin = T0[j, column]
                 if column == 3 and in_base:
                     begin -= T_odom_base[m, j, 3]
-                turn = T1[j, column] - T0[j, column]
-                at += r * (begin + f0 * turn)
-                move += r * df * turn
+                change = T1[j, column] - T0[j, column]
+                at += r * (begin + f0 * change)
+                move += r * df * change
             if column == 3:
                 at -= 0.5 * (low + high)
             seen[row, i] = at
@@ -89,7 +220,7 @@ def quantise(work: Any, j: Any, used: Any, px: Any, py: Any, pz: Any, depth: Any
     whether the point is used, its tile in the directory along x and y, and its height.
     """
     per_tick, cell, tile_x0, tile_y0, tiles_y = grid
-    used = used & (abs(px) < _REACH) & (abs(py) < _REACH) & (abs(pz) < _REACH)
+    used = used & (abs(px) < _MAX_TICKS) & (abs(py) < _MAX_TICKS) & (abs(pz) < _MAX_TICKS)
     # What is not used becomes a number that can be converted.
     px, py, pz = (px if used else 0.0), (py if used else 0.0), (pz if used else 0.0)
     x = np.int64(np.int32(px + (_SHIFT + 0.5))) - _UNSHIFT
@@ -109,14 +240,17 @@ def quantise(work: Any, j: Any, used: Any, px: Any, py: Any, pz: Any, depth: Any
 
 
 @njit(nogil=True, cache=True)
-def widen(meta: Any, x0: Any, x1: Any, y0: Any, y1: Any, low: Any, high: Any) -> Any:
-    """Take in the tiles and heights of a block; return whether the directory covers its tiles."""
-    if x0 > x1:
+def widen(counters: Any, x: Any, y: Any, z: Any) -> Any:
+    """Take in the tiles (x, y) and heights z of a block, each (least, greatest).
+
+    Returns whether the directory covers its tiles.
+    """
+    if x[0] > x[1]:
         return True
-    meta[BOX_X0], meta[BOX_X1] = x0 + meta[TILE_X0], x1 + meta[TILE_X0]
-    meta[BOX_Y0], meta[BOX_Y1] = y0 + meta[TILE_Y0], y1 + meta[TILE_Y0]
-    meta[LOWEST], meta[HIGHEST] = min(meta[LOWEST], low), max(meta[HIGHEST], high)
-    return x0 >= 0 and y0 >= 0 and x1 < meta[TILES_X] and y1 < meta[TILES_Y]
+    counters.box_x0, counters.box_x1 = x[0] + counters.tile_x0, x[1] + counters.tile_x0
+    counters.box_y0, counters.box_y1 = y[0] + counters.tile_y0, y[1] + counters.tile_y0
+    counters.lowest, counters.highest = min(counters.lowest, z[0]), max(counters.highest, z[1])
+    return x[0] >= 0 and y[0] >= 0 and x[1] < counters.tiles_x and y[1] < counters.tiles_y
 
 
 @njit(nogil=True, cache=True)
@@ -127,9 +261,7 @@ def mark_kept(keep: Any, first: Any, n: Any, work: Any) -> None:
 
 
 @njit(nogil=True, cache=True)
-def mark_inside(
-    ranges: Any, keep: Any, directions: Any, seen: Any, first: Any, n: Any, work: Any
-) -> Any:
+def mark_inside(beams: Any, seen: Any, first: Any, n: Any, work: Any) -> Any:
     """Mark the n beams from `first` on that are to be used and hit inside the region.
 
     `seen` float32 (7, 3) is the region as beam 0 sees it (`region_from`), along its axes: the
@@ -144,7 +276,8 @@ def mark_inside(
     p0, p1, p2 = seen[4, 0], seen[4, 1], seen[4, 2]
     q0, q1, q2 = seen[5, 0], seen[5, 1], seen[5, 2]
     h0, h1, h2 = seen[6, 0], seen[6, 1], seen[6, 2]
-    cosines, sines = directions[0], directions[1]
+    ranges, keep = beams.ranges, beams.keep
+    cosines, sines = beams.directions[0], beams.directions[1]
     for j in range(np.uint64(n)):
         i = np.uint64(first) + j
         k = np.float32(np.int32(i))
@@ -163,27 +296,16 @@ def mark_inside(
 
 @njit(nogil=True, cache=True)
 def place_beams(
-    ranges: Any,
-    directions: Any,
-    T0: Any,
-    T1: Any,
-    f0: Any,
-    df: Any,
-    depth_per_range: Any,
-    limits: Any,
-    first: Any,
-    low: Any,
-    high: Any,
-    work: Any,
-    meta: Any,
+    beams: Any, stretch: Any, growth: Any, settings: Any, block: Any, work: Any, counters: Any
 ) -> Any:
-    """Place the beams [low, high) of the block that begins with beam `first`.
+    """Place the beams of a block, first + [low, high) with `block` = (first, low, high).
 
-    Beam i is at the fraction ``f0 + df * i`` of the way from T0 to T1, float64 (3, 4); the matrices
-    are blended. `directions` are float32 (2, N), cosines and sines of the bearings. Hits are
-    reckoned in float32 from the laser, good for a micrometre there; the laser's place is added in
-    float64. Returns whether the directory covers all of them.
+    Hits are reckoned in float32 from the laser, good for a micrometre there; the laser's place is
+    added in float64. `growth` is the depth of a point, ticks, per metre of range. Returns whether
+    the directory covers all of them.
     """
+    T0, T1, f0, df = stretch
+    first, low, high = block
     g0, dg = np.float32(f0), np.float32(df)
     a00, a01 = np.float32(T0[0, 0]), np.float32(T0[0, 1])
     a10, a11 = np.float32(T0[1, 0]), np.float32(T0[1, 1])
@@ -194,11 +316,11 @@ def place_beams(
     mx, my, mz = T1[0, 3] - T0[0, 3], T1[1, 3] - T0[1, 3], T1[2, 3] - T0[2, 3]
     ox, oy, oz = T0[0, 3] + mx * f0, T0[1, 3] + my * f0, T0[2, 3] + mz * f0
     dx, dy, dz = mx * df, my * df, mz * df
-    cosines, sines = directions[0], directions[1]
-    ticks, least, most = limits[TICKS], limits[DEPTH], limits[MAX_DEPTH]
+    ranges, cosines, sines = beams.ranges, beams.directions[0], beams.directions[1]
+    ticks, least, most = settings.ticks, settings.depth, settings.max_depth
     grid = (
-        1.0 / limits[CELL_TICKS], np.int64(limits[CELL_TICKS]),
-        meta[TILE_X0], meta[TILE_Y0], meta[TILES_Y],
+        1.0 / settings.cell_ticks, np.int64(settings.cell_ticks),
+        counters.tile_x0, counters.tile_y0, counters.tiles_y,
     )  # fmt: skip
     x0 = y0 = bottom = BEYOND
     x1 = y1 = top = -BEYOND
@@ -211,7 +333,7 @@ def place_beams(
         y = (a10 + f * b10) * u + (a11 + f * b11) * v
         z = (a20 + f * b20) * u + (a21 + f * b21) * v
         px, py, pz = x + (ox + dx * number), y + (oy + dy * number), z + (oz + dz * number)
-        depth = depth_per_range * r
+        depth = growth * r
         depth = depth if depth > least else least
         depth = depth if depth < most else most
         used, tx, ty, h = quantise(
@@ -220,4 +342,4 @@ def place_beams(
         x0, x1 = min(x0, tx if used else BEYOND), max(x1, tx if used else -BEYOND)
         y0, y1 = min(y0, ty if used else BEYOND), max(y1, ty if used else -BEYOND)
         bottom, top = min(bottom, h if used else BEYOND), max(top, h if used else -BEYOND)
-    return widen(meta, x0, x1, y0, y1, bottom, top)
+    return widen(counters, (x0, x1), (y0, y1), (bottom, top))

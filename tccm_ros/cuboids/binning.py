@@ -1,7 +1,7 @@
 """From beams to binned points, scan by scan: place each beam, find its cell, count it there.
 
-Beams go through in blocks: all that is arithmetic first (`placing`), then what depends on memory,
-beam by beam.
+Beams go through in blocks: all that is arithmetic first (`beam_endpoints`), then what depends on
+memory, beam by beam.
 """
 
 from __future__ import annotations
@@ -13,43 +13,27 @@ from numba import njit
 
 from tccm_ros.cuboids.beam_endpoints import (
     BEYOND,
+    BLOCK,
+    CELL_OF,
+    DEPTH_OF,
+    HEIGHT,
+    PLACE,
+    TILE_OF,
+    USED,
+    Beams,
+    RegionFrame,
+    Stretch,
+    angle_between_lines,
     mark_inside,
     mark_kept,
     place_beams,
+    poses_in_beams,
     quantise,
     region_from,
     widen,
 )
-from tccm_ros.cuboids.beam_poses import in_beams, line_step, poses_of
-from tccm_ros.cuboids.bin_layout import (
-    BLOCK,
-    CELL_OF,
-    CELL_TICKS,
-    CELLS_PER_TILE,
-    DEPTH,
-    DEPTH_OF,
-    DEPTH_PER_RANGE,
-    GROW_SLOTS,
-    GROW_TILES,
-    HAS_NORMAL,
-    HEIGHT,
-    N_POINTS,
-    N_SLOTS,
-    NEXT_BEAM,
-    NO_REGION,
-    NORMAL,
-    PLACE,
-    REGION_IN,
-    TICKS,
-    TILE,
-    TILE_OF,
-    TILE_X0,
-    TILE_Y0,
-    TILES_X,
-    TILES_Y,
-    USED,
-)
-from tccm_ros.cuboids.bits import lowest_bit
+from tccm_ros.cuboids.intrinsics import lowest_bit
+from tccm_ros.cuboids.tiles import CELLS_PER_TILE, GROW_SLOTS, GROW_TILES, TILE, Tiles
 
 __all__ = ["bin_points", "bin_scan", "list_cells"]
 
@@ -57,15 +41,14 @@ _U0, _U1, _U2, _U3 = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3)
 
 
 @njit(nogil=True, cache=True)
-def _count(
-    low: Any, high: Any, work: Any, records: Any, directory: Any, counts: Any, bits: Any,
-    meta: Any,
-) -> Any:  # fmt: skip
+def _count(low: Any, high: Any, work: Any, tiles: Any) -> Any:
     """Append the used beams [low, high) of a block to the records and count them in their cells.
 
     Returns `high`, or the beam for whose tile there is no room.
     """
-    n, slots = np.uint64(meta[N_POINTS]), meta[N_SLOTS]
+    records, directory, counts, bits = tiles.records, tiles.directory, tiles.counts, tiles.bits
+    counters = tiles.counters[0]
+    n, slots = np.uint64(counters.points), counters.slots
     at = high
     for j in range(np.uint64(low), np.uint64(high)):
         if work[USED + j] == 0:
@@ -87,32 +70,24 @@ def _count(
         records[_U2 * n] = (np.int64(work[HEIGHT + j]) << 32) | place
         records[_U2 * n + _U1] = (np.int64(work[DEPTH_OF + j]) << 32) | address
         n += _U1
-    meta[N_POINTS], meta[N_SLOTS] = n, slots
+    counters.points, counters.slots = n, slots
     return at
 
 
 @njit(nogil=True, cache=True)
-def bin_points(
-    points: Any,
-    limits: Any,
-    first: Any,
-    work: Any,
-    records: Any,
-    directory: Any,
-    counts: Any,
-    bits: Any,
-    meta: Any,
-) -> Any:
+def bin_points(points: Any, first: Any, settings: Any, work: Any, arrays: Any) -> Any:
     """Bin points, float64 (3 N,), m: x y z of each in the map's frame, from point `first` on.
 
     Those that are not finite are left out; all have the least depth. Everything else is as in
     `bin_scan`.
     """
-    ticks, depth, n = limits[TICKS], limits[DEPTH], len(points) // 3
-    per_tick, cell = 1.0 / limits[CELL_TICKS], np.int64(limits[CELL_TICKS])
+    tiles, own = Tiles(*arrays), settings[0]
+    counters = tiles.counters[0]
+    ticks, depth, n = own.ticks, own.depth, len(points) // 3
+    per_tick, cell = 1.0 / own.cell_ticks, np.int64(own.cell_ticks)
     for begin in range(first, n, BLOCK):
         count = min(n - begin, BLOCK)
-        grid = per_tick, cell, meta[TILE_X0], meta[TILE_Y0], meta[TILES_Y]
+        grid = per_tick, cell, counters.tile_x0, counters.tile_y0, counters.tiles_y
         x0 = y0 = bottom = BEYOND
         x1 = y1 = top = -BEYOND
         for j in range(np.uint64(count)):
@@ -122,120 +97,92 @@ def bin_points(
             x0, x1 = min(x0, tx if used else BEYOND), max(x1, tx if used else -BEYOND)
             y0, y1 = min(y0, ty if used else BEYOND), max(y1, ty if used else -BEYOND)
             bottom, top = min(bottom, h if used else BEYOND), max(top, h if used else -BEYOND)
-        meta[NEXT_BEAM] = begin
-        if not widen(meta, x0, x1, y0, y1, bottom, top):
+        counters.next_beam = begin
+        if not widen(counters, (x0, x1), (y0, y1), (bottom, top)):
             return GROW_TILES
-        done = _count(0, count, work, records, directory, counts, bits, meta)
+        done = _count(0, count, work, tiles)
         if done < count:
-            meta[NEXT_BEAM] = begin + done
+            counters.next_beam = begin + done
             return GROW_SLOTS
-    return meta[N_POINTS]
+    return counters.points
 
 
 @njit(nogil=True, cache=True)
-def bin_scan(
-    ranges: Any,
-    keep: Any,
-    directions: Any,
-    knots: Any,
-    stamp: Any,
-    period: Any,
-    T_odom_base: Any,
-    T_base_laser: Any,
-    limits: Any,
-    first: Any,
-    last: Any,
-    step: Any,
-    work: Any,
-    records: Any,
-    directory: Any,
-    counts: Any,
-    bits: Any,
-    meta: Any,
-) -> Any:
+def bin_scan(scan: Any, poses: Any, settings: Any, work: Any, arrays: Any) -> Any:
     """Place the beams of a scan, drop those outside the region, and bin the rest.
 
     Parameters
     ----------
-    ranges, keep, directions
-        float32 (N,) m, bool (N,), and float32 (2, N) as in `place_beams`.
-    knots, stamp, period
-        int64 (K,) stamps of the poses and int64 stamp of the first beam, ns; time between beams,
-        ns; the knots fall where it is negative.
-    T_odom_base, T_base_laser
-        float64 (K, 4, 4), poses at the knots.
-    limits
-        float64 (N_LIMITS,): settings, region, and the state of the adaptive gap: the angle between
-        this scan's plane and the one before is the step between scan lines.
-    first, last
-        The beams [first, last) are taken.
-    step
-        Angle between neighbouring beams, rad.
+    scan
+        The fields of `Beams`.
+    poses
+        Arguments of `poses_in_beams`; the stamps fall where the period is negative.
+    settings
+        One element of `SETTINGS`: the angle between this scan's plane and the one before is the
+        step between scan lines; this one's is written.
     work
         int32 (WORK_SIZE,), scratch.
-    records, directory, counts, bits, meta
-        State: int64 (2 M,), two words for each point, (z << 32 | x << 16 | y) within the cell and
-        (depth << 32 | address); int32 tile -> slot or -1; int32 points per address; uint64 bitmap
-        of addresses; int64 (N_META,).
+    arrays
+        The fields of `Tiles`.
 
     Returns
     -------
     int
-        Number of records, or what must grow before the call is repeated from ``meta[NEXT_BEAM]``.
+        Number of records, or what must grow before the call is repeated from the counters'
+        `next_beam`.
     """
-    times, T = poses_of(in_beams(knots, stamp, period), T_odom_base, T_base_laser)
-    growth = limits[DEPTH_PER_RANGE] * limits[TICKS] * line_step(T, limits, step)
-    n, start = len(times), first
-    has_region, seen = limits[REGION_IN] != NO_REGION, np.empty((7, 3), np.float32)
+    beams, tiles, own = Beams(*scan), Tiles(*arrays), settings[0]
+    counters = tiles.counters[0]
+    times, T = poses_in_beams(*poses)
+    growth = own.depth_per_range * own.ticks * angle_between_lines(T, own, beams.step)
+    n, start = len(times), beams.first
+    has_region, seen = own.region_frame != RegionFrame.NONE, np.empty((7, 3), np.float32)
     for k in range(max(n - 1, 1)):
-        end, f0, df, j = last, 0.0, 0.0, k
+        end, f0, df, j = beams.last, 0.0, 0.0, k
         if n > 1:
             j = k + 1
             df = 1.0 / (times[j] - times[k])
             f0 = -times[k] * df
             if j < n - 1:
-                end = min(max(np.int64(np.ceil(times[j])), start), last)
+                end = min(max(np.int64(np.ceil(times[j])), start), beams.last)
+        stretch = Stretch(T[k], T[j], f0, df)
         if has_region and start < end:
-            region_from(T_odom_base, T[k], T[j], f0, df, limits, seen)
+            region_from(poses[3], stretch, own, seen)
         for begin in range(start, end, BLOCK):
             low, high = np.int64(0), min(end - begin, np.int64(BLOCK))
             if has_region:
                 # Most of a scan lies outside: only from the first to the last beam inside is
                 # placed.
-                low, high = mark_inside(ranges, keep, directions, seen, begin, high, work)
+                low, high = mark_inside(beams, seen, begin, high, work)
             else:
-                mark_kept(keep, begin, high, work)
+                mark_kept(beams.keep, begin, high, work)
             if low >= high:
                 continue
-            covered = place_beams(
-                ranges, directions, T[k], T[j], f0, df, growth, limits, begin, low, high, work, meta
-            )
-            meta[NEXT_BEAM] = begin
+            covered = place_beams(beams, stretch, growth, own, (begin, low, high), work, counters)
+            counters.next_beam = begin
             if not covered:
                 return GROW_TILES
-            done = _count(low, high, work, records, directory, counts, bits, meta)
+            done = _count(low, high, work, tiles)
             if done < high:
-                meta[NEXT_BEAM] = begin + done
+                counters.next_beam = begin + done
                 return GROW_SLOTS
         start = end
     for i in range(3):
-        limits[NORMAL + i] = T[len(T) // 2, i, 2]
-    limits[HAS_NORMAL] = 1.0
-    return meta[N_POINTS]
+        own.normal[i] = T[len(T) // 2, i, 2]
+    own.has_normal = True
+    return counters.points
 
 
 @njit(nogil=True, cache=True)
-def list_cells(
-    directory: Any, counts: Any, bits: Any, meta: Any, keys: Any, starts: Any, addresses: Any
-) -> Any:
+def list_cells(arrays: Any, keys: Any, starts: Any, addresses: Any) -> Any:
     """List the counted cells in order of (ix, iy) and turn their counts into start positions.
 
     Parameters
     ----------
-    directory, counts, bits, meta
-        State of the binning. `counts` become the cells' first positions; `bits` are cleared.
+    arrays
+        The fields of `Tiles`. `counts` become the cells' first positions; `bits` are cleared.
     keys
-        int64 (N,), receives the cells, see `part.cell_keys`.
+        int64 (N,), receives the cells, see `cuboids.cell_keys`.
     starts
         int32 (N + 1,), receives the first position of each cell and, last, the number of points.
     addresses
@@ -246,7 +193,9 @@ def list_cells(
     int
         Number of cells.
     """
-    n_x, n_y = meta[TILES_X], meta[TILES_Y]
+    tiles = Tiles(*arrays)
+    directory, counts, bits, counters = tiles.directory, tiles.counts, tiles.bits, tiles.counters[0]
+    n_x, n_y = counters.tiles_x, counters.tiles_y
     slots, columns = np.empty(n_y, np.int64), np.empty(n_y, np.int64)
     n = _U0
     position = np.int64(0)
@@ -260,12 +209,12 @@ def list_cells(
         if in_row == 0:
             continue
         for lx in range(TILE):
-            ix = (meta[TILE_X0] + tx) * TILE + lx
+            ix = (counters.tile_x0 + tx) * TILE + lx
             for j in range(in_row):
                 row = slots[j] * TILE + lx
                 word = bits[np.uint64(row)]
                 bits[np.uint64(row)] = _U0
-                key = (ix << 32) + (meta[TILE_Y0] + columns[j]) * TILE
+                key = (ix << 32) + (counters.tile_y0 + columns[j]) * TILE
                 while word != _U0:
                     bit = lowest_bit(word)
                     word &= word - _U1

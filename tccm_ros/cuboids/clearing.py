@@ -8,19 +8,19 @@ takes its clearing out as well.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.config import Config
-from tccm_ros.cuboids.beams import sweep_beams
+from tccm_ros.cuboids.beam_rays import sweep_beams
 from tccm_ros.cuboids.cuboids import TICKS_PER_M
 from tccm_ros.cuboids.cycle_builder import Sweep
 from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.cuboids.merging import join_pieces, merge_part
-from tccm_ros.cuboids.part import PartMap
+from tccm_ros.cuboids.part_map import PartMap
 
 __all__ = ["see_through"]
 
@@ -52,14 +52,11 @@ def see_through(sweep: Sweep, map_: IntegrationMap, config: Config) -> PartMap:
     keys, spans = _older(part, map_, config.map.window_cycles)
     if len(keys) == 0:
         return part
-    cell = config.map.cell_size
-    table, first = _index_cells(keys)
+    index = index_cells(keys, spans * (1.0 / TICKS_PER_M))
     passed = np.zeros(len(keys), np.bool_)
     for scan in sweep.scans:
-        origins, ends, hits = sweep_beams(scan, config.scan.max_range)
-        mark_passed(
-            origins, ends, hits, cell, keys, spans * (1.0 / TICKS_PER_M), table, first, passed
-        )
+        rays = sweep_beams(scan, config.scan.max_range)
+        mark_passed(*rays, config.map.cell_size, index, passed)
     return replace(part, void_keys=keys[passed], void_bounds=spans[passed])
 
 
@@ -71,8 +68,8 @@ def _older(
     room = len(keys) + 2 * len(part) + 1
     left_keys, left = np.empty(room, np.int64), np.empty((room, 4), np.int32)
     n = merge_part(
-        keys, pieces, len(keys), part.keys, part.bounds, -1, part.cycle - window + 1,
-        left_keys, left,
+        (keys, pieces), len(keys), (part.keys, part.bounds), -1, part.cycle - window + 1,
+        (left_keys, left),
     )  # fmt: skip
     cells, spans = np.empty(n, np.int64), np.empty((n, 2), np.int32)
     m = join_pieces(left_keys, left, n, cells, spans)
@@ -86,9 +83,26 @@ def _slot(key: Any, mask: Any) -> Any:
     return np.int64(mixed >> np.uint64(20)) & mask
 
 
+class CellIndex(NamedTuple):
+    """Cuboids by cell, in an open hash table.
+
+    Attributes
+    ----------
+    keys, spans
+        int64 (C,) sorted cells and float64 (C, 2), bottom and top, m.
+    table, first
+        int64, slot -> cell, and slot -> index of the cell's first cuboid or -1.
+    """
+
+    keys: NDArray[np.int64]
+    spans: NDArray[np.float64]
+    table: NDArray[np.int64]
+    first: NDArray[np.int64]
+
+
 @njit(nogil=True, cache=True)
-def _index_cells(keys: Any) -> Any:
-    """Return an open hash table: slot -> key, slot -> index of the cell's first cuboid or -1."""
+def index_cells(keys: Any, spans: Any) -> Any:
+    """Return the `CellIndex` of cuboids sorted by cell."""
     size = 64
     while size < 2 * len(keys):
         size *= 2
@@ -100,14 +114,13 @@ def _index_cells(keys: Any) -> Any:
         while first[slot] >= 0:
             slot = (slot + 1) & (size - 1)
         table[slot], first[slot] = keys[i], i
-    return table, first
+    return CellIndex(keys, spans, table, first)
 
 
 @njit(nogil=True, cache=True)
-def _mark_cell(
-    key: Any, low: Any, high: Any, keys: Any, spans: Any, table: Any, first: Any, passed: Any
-) -> None:
+def _mark_cell(key: Any, low: Any, high: Any, index: Any, passed: Any) -> None:
     """Mark the cuboids of a cell that heights [low, high] pass at least `MARGIN` inside."""
+    keys, spans, table, first = index
     mask = len(table) - 1
     slot = _slot(key, mask)
     while first[slot] >= 0 and table[slot] != key:
@@ -120,17 +133,7 @@ def _mark_cell(
 
 
 @njit(nogil=True, cache=True)
-def mark_passed(
-    origins: Any,
-    ends: Any,
-    hits: Any,
-    cell: Any,
-    keys: Any,
-    spans: Any,
-    table: Any,
-    first: Any,
-    passed: Any,
-) -> None:
+def mark_passed(origins: Any, ends: Any, hits: Any, cell: Any, index: Any, passed: Any) -> None:
     """Follow beams from cell to cell and mark the cuboids that they pass through.
 
     Parameters
@@ -139,10 +142,8 @@ def mark_passed(
         float64 (N, 3), m, in the map's frame, and bool (N,): whether a beam ended on something.
     cell
         Edge of a cell, m.
-    keys, spans
-        int64 (C,) sorted cells and float64 (C, 2), bottom and top, m.
-    table, first
-        Of `_index_cells`.
+    index
+        The cuboids: `CellIndex`.
     passed
         bool (C,), set where a beam passed.
     """
@@ -163,7 +164,7 @@ def mark_passed(
             t_next = min(min(tx, ty), stop)
             z0, z1 = oz + t * dz, oz + t_next * dz
             key = (ix << 32) + iy
-            _mark_cell(key, min(z0, z1), max(z0, z1), keys, spans, table, first, passed)
+            _mark_cell(key, min(z0, z1), max(z0, z1), index, passed)
             t = t_next
             if tx <= ty:
                 ix += step_x

@@ -7,19 +7,39 @@ are kept in ticks of 0.1 mm, so that adding and subtracting points is exact (DES
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tccm_ros.cuboids.caps import Caps, no_caps
 
-__all__ = ["TICK", "TICKS_PER_M", "Columns", "Cuboids"]
+__all__ = [
+    "TICK",
+    "TICKS_PER_M",
+    "Columns",
+    "CuboidArrays",
+    "Cuboids",
+    "cell_keys",
+    "key_cells",
+]
 
 TICKS_PER_M = 10_000
 """Ticks in a metre."""
 
 TICK = 1.0 / TICKS_PER_M
 """One tick, m."""
+
+
+def cell_keys(ix: ArrayLike, iy: ArrayLike) -> NDArray[np.int64]:
+    """Return int64 keys that sort cells by (ix, iy)."""
+    return (np.asarray(ix, np.int64) << 32) + np.asarray(iy, np.int64)
+
+
+def key_cells(keys: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return the cells int32 (ix, iy) of keys made by `cell_keys`."""
+    ix = (keys + 2**31) >> 32
+    return ix.astype(np.int32), (keys - (ix << 32)).astype(np.int32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +49,7 @@ class Columns:
     Attributes
     ----------
     keys
-        int64 (C,), the cells that hold something, rising; see `part.cell_keys`.
+        int64 (C,), the cells that hold something, rising; see `cell_keys`.
     first
         int32 (C + 1,): the cuboids of cell i are ``spans[first[i]:first[i + 1]]``.
     spans
@@ -44,6 +64,30 @@ class Columns:
     def nbytes(self) -> int:
         """Memory of the arrays, bytes."""
         return self.keys.nbytes + self.first.nbytes + self.spans.nbytes
+
+
+class CuboidArrays(NamedTuple):
+    """The cuboids of a map, as kernels take them.
+
+    Attributes
+    ----------
+    ix, iy, bottom, top, s, S
+        As in `Cuboids`.
+    counts
+        float64 (N,), points.
+    cell, tick
+        Edge of a cell in ticks, and a tick in m.
+    """
+
+    ix: NDArray[np.int32]
+    iy: NDArray[np.int32]
+    bottom: NDArray[np.int32]
+    top: NDArray[np.int32]
+    counts: NDArray[np.float64]
+    s: NDArray[np.float64]
+    S: NDArray[np.float64]
+    cell: float
+    tick: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,6 +131,14 @@ class Cuboids:
         return len(self.ix)
 
     @property
+    def arrays(self) -> tuple[Any, ...]:
+        """The fields of `CuboidArrays`, as a plain tuple: numba takes it in half the time."""
+        return (
+            *(self.ix, self.iy, self.bottom, self.top, self.count, self.s, self.S),
+            *(self.cell_size * TICKS_PER_M, TICK),
+        )
+
+    @property
     def cell_origin(self) -> NDArray[np.float64]:
         """Reference point of the moments, float64 (N, 3), ticks."""
         ticks = self.cell_size * TICKS_PER_M
@@ -94,9 +146,25 @@ class Cuboids:
             [np.rint(self.ix * ticks), np.rint(self.iy * ticks), np.zeros(len(self))], axis=1
         )
 
+    def select(self, chosen: NDArray[np.bool_]) -> Cuboids:
+        """Return the chosen cuboids, bool (N,), in their order; their caps are not known."""
+        lengths = np.diff(self.cycle_offsets)
+        return Cuboids(
+            self.cell_size,
+            self.ix[chosen],
+            self.iy[chosen],
+            self.bottom[chosen],
+            self.top[chosen],
+            self.count[chosen],
+            self.s[chosen],
+            self.S[chosen],
+            self.cycles[np.repeat(chosen, lengths)],
+            np.concatenate([[0], np.cumsum(lengths[chosen])]).astype(np.int64),
+        )
+
     def columns(self) -> Columns:
         """Return the geometry alone."""
-        keys = (self.ix.astype(np.int64) << 32) + self.iy
+        keys = cell_keys(self.ix, self.iy)
         begins = np.flatnonzero(np.diff(keys, prepend=keys[:1] - 1))
         first = np.append(begins, len(keys)).astype(np.int32)
         return Columns(keys[begins], first, np.column_stack([self.bottom, self.top]))

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.config import Config
-from tccm_ros.cuboids.part import PartMap
-from tccm_ros.cuboids.part_map import PartMapBuilder
+from tccm_ros.cuboids.part_map import PartMap, PartMapBuilder
 from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
+from tccm_ros.cuboids.union import UNION, CuboidRule
 from tccm_ros.geometry import interpolate_poses
 from tccm_ros.records import PosedScan
 from tccm_ros.sensors.laser_scan import valid_beams
@@ -128,6 +128,8 @@ class Mapper:
         Groups `cycle`, `map` and `scan`.
     keep_beams
         Marks the beams of a scan to use, bool (N,); by default `scan.valid_beams`.
+    rule
+        How points become cuboids.
 
     Attributes
     ----------
@@ -139,11 +141,12 @@ class Mapper:
         self,
         config: Config,
         keep_beams: Callable[[PosedScan], NDArray[np.bool_]] | None = None,
+        rule: CuboidRule = UNION,
     ) -> None:
         self._config = config
         self._keep_beams = keep_beams or (lambda posed: valid_beams(posed.scan, config))
         self.cycles = TiltCycles(config)
-        self._builder = PartMapBuilder(config)
+        self._builder = PartMapBuilder(config, rule)
         self.dropped: Counter[str] = Counter()
         self._waiting: deque[SweepScan] = deque()
         self._open: list[SweepScan] = []

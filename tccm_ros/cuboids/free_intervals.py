@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["BIN", "BINS", "FreeColumns"]
+__all__ = ["BIN", "BINS", "FreeIntervalTracer"]
 
 BIN = 0.02
 """Height of a bin, m."""
@@ -156,8 +156,8 @@ def list_intervals(seen: Any, hit: Any, cell: Any, half: Any, angle_step: Any, r
     return n
 
 
-class FreeColumns:
-    """Collects what the beams of one sweep saw through.
+class FreeIntervalTracer:
+    """Follows the beams of one sweep and collects what they saw through.
 
     Parameters
     ----------

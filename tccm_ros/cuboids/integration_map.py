@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.cuboids.merging import compose_cuboids, count_composites, merge_part
-from tccm_ros.cuboids.part import PartMap
-from tccm_ros.cuboids.part_addresses import Originals
+from tccm_ros.cuboids.part_addresses import PartAddresses
+from tccm_ros.cuboids.part_map import PartMap
 
 __all__ = ["IntegrationMap"]
 
@@ -37,7 +37,7 @@ class IntegrationMap:
         self._window = config.map.window_cycles
         self.cell_size = config.map.cell_size
         self.parts: list[PartMap] = []
-        self._originals = Originals()
+        self._addresses = PartAddresses()
         self._n = 0
         self._keys = np.zeros(0, np.int64)
         self._pieces = np.zeros((0, 4), np.int32)
@@ -52,7 +52,7 @@ class IntegrationMap:
 
     @property
     def keys(self) -> Int64:
-        """Cells of the pieces, int64 (P,), see `part.cell_keys`."""
+        """Cells of the pieces, int64 (P,), see `cuboids.cell_keys`."""
         return self._keys[: self._n]
 
     @property
@@ -134,8 +134,8 @@ class IntegrationMap:
             self._spare_keys = np.empty(room + room // 2, np.int64)
             self._spare_pieces = np.empty((room + room // 2, 4), np.int32)
         self._n = merge_part(
-            self._keys, self._pieces, self._n, keys, np.ascontiguousarray(bounds), cycle,
-            self.parts[0].cycle, self._spare_keys, self._spare_pieces,
+            (self._keys, self._pieces), self._n, (keys, np.ascontiguousarray(bounds)), cycle,
+            self.parts[0].cycle, (self._spare_keys, self._spare_pieces),
         )  # fmt: skip
         self._keys, self._spare_keys = self._spare_keys, self._keys
         self._pieces, self._spare_pieces = self._spare_pieces, self._pieces
@@ -147,11 +147,9 @@ class IntegrationMap:
         cells, spans = np.empty((2, m), np.int32), np.empty((2, m), np.int32)
         count, s, S = np.empty(m), np.empty((m, 3)), np.empty((m, 6))
         cycles, offsets = np.empty(n, np.int32), np.zeros(m + 1, np.int64)
-        addresses, first = self._originals.addresses(self.parts), self.parts[0].cycle if n else 0
-        used = compose_cuboids(
-            self._keys, self._pieces, n, addresses, first,
-            cells, spans, count, s, S, cycles, offsets,
-        )  # fmt: skip
+        originals = self._addresses.table(self.parts), self.parts[0].cycle if n else 0
+        found = cells, spans, count, s, S
+        used = compose_cuboids(self._keys, self._pieces, n, originals, found, cycles, offsets)
         return Cuboids(
             self.cell_size, cells[0], cells[1], spans[0], spans[1], count, s, S,
             cycles[:used].copy(), offsets,

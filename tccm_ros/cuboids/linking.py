@@ -10,14 +10,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tccm_ros.union_find import unite
+
 __all__ = [
     "OBSTACLES",
     "STEPS",
     "find_links",
-    "join",
     "link",
     "link_in_plane",
-    "root_of",
     "spacing",
 ]
 
@@ -168,28 +168,6 @@ def find_links_in_plane(ix: Int, iy: Int) -> tuple[Int, Int, Int]:
 
 
 @njit(nogil=True, cache=True)
-def root_of(parent: Int, i: int) -> int:
-    """Return the representative of i, halving the path on the way."""
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
-
-
-@njit(nogil=True, cache=True)
-def join(parent: Int, i: int, j: int) -> None:
-    """Unite the sets of i and j under the smaller index."""
-    a, b = parent[i], parent[j]
-    if a == b:
-        return
-    a, b = root_of(parent, a), root_of(parent, b)
-    if a < b:
-        parent[b] = a
-    elif b < a:
-        parent[a] = b
-
-
-@njit(nogil=True, cache=True)
 def spacing(histogram: Int, fallback: float) -> float:
     """Return the typical step of a histogram of steps: the mean of those up to 1.5 x the median.
 
@@ -294,14 +272,14 @@ def accept_links(ix: Int, iy: Int, back_x: Int, back_y: Int, touching: Int) -> t
         j = back_x[i]
         if j >= 0:
             if ix[i] - ix[j] < limit_x[p]:
-                join(parent, r, run[j])
+                unite(parent, r, run[j])
                 mine |= 1
                 sides[j] |= 2
             else:
                 back_x[i] = -1
         sides[i] = mine
     for k in range(len(touching)):
-        join(parent, run[touching[k, 0]], run[touching[k, 1]])
+        unite(parent, run[touching[k, 0]], run[touching[k, 1]])
     # Parents have smaller numbers, so one pass leads all to the first run of their set.
     for r in range(runs):
         parent[r] = parent[parent[r]]

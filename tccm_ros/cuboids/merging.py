@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numba import carray, njit
 
-from tccm_ros.cuboids.bits import lowest_bit
-from tccm_ros.cuboids.part_addresses import pointer_to
+from tccm_ros.cuboids.intrinsics import lowest_bit, pointer_to
 
 __all__ = ["compose_cuboids", "count_composites", "join_pieces", "merge_part", "owners"]
 
@@ -26,17 +25,7 @@ _LAST = 2**62
 
 
 @njit(nogil=True, cache=True)
-def merge_part(
-    old_keys: Any,
-    old: Any,
-    n_old: Any,
-    keys: Any,
-    bounds: Any,
-    cycle: Any,
-    oldest: Any,
-    out_keys: Any,
-    out: Any,
-) -> Any:
+def merge_part(older: Any, n_older: Any, part: Any, cycle: Any, oldest: Any, out: Any) -> Any:
     """Put the newest part map over the pieces of the older ones; one pass over both.
 
     Where the newest covers an older piece it owns the overlap: older pieces become shorter (at
@@ -44,32 +33,33 @@ def merge_part(
 
     Parameters
     ----------
-    old_keys, old, n_old
-        int64 (>= n_old,) cells and int32 (>= n_old, 4) pieces, sorted.
-    keys, bounds
+    older, n_older
+        int64 (>= n_older,) cells and int32 (>= n_older, 4) pieces, sorted.
+    part
         int64 (N,) and int32 (N, 2): the newest part map's cells and intervals, sorted, not
         touching within a cell.
     cycle
         Number of the newest part map; negative if it only takes away (voids).
     oldest
         Pieces of older cycles than this are left out.
-    out_keys, out
-        Receive the pieces; room for ``n_old + 2 N + 1`` rows.
+    out
+        As `older`, receives the pieces; room for ``n_older + 2 N + 1`` rows.
 
     Returns
     -------
     int
         Number of pieces written.
     """
+    old_keys, keys, out_keys = older[0], part[0], out[0]
     # Flat rows of a length that the compiler knows, and indices that cannot count from the end.
-    rows, new_rows, out_rows = old.reshape(-1), bounds.reshape(-1), out.reshape(-1)
+    rows, new_rows, out_rows = older[1].reshape(-1), part[1].reshape(-1), out[1].reshape(-1)
     n: Any = _U0
     j: Any = _U0
     n_new, shown = np.uint64(len(keys)), np.uint64(cycle >= 0)
     cell, cover = np.int64(_LAST), np.int64(0)
     # The next newer interval: its cell, bottom and top.
     key, low, high = _next(keys, new_rows, j)
-    for i in range(np.uint64(n_old)):
+    for i in range(np.uint64(n_older)):
         here = old_keys[i]
         if here != cell:
             while key < here:
@@ -148,18 +138,7 @@ def join_pieces(keys: Any, pieces: Any, n: Any, cells: Any, spans: Any) -> Any:
 
 @njit(nogil=True, cache=True)
 def compose_cuboids(
-    keys: Any,
-    pieces: Any,
-    n: Any,
-    addresses: Any,
-    first_cycle: Any,
-    cells: Any,
-    spans: Any,
-    count: Any,
-    s: Any,
-    S: Any,
-    cycles: Any,
-    offsets: Any,
+    keys: Any, pieces: Any, n: Any, originals: Any, found: Any, cycles: Any, offsets: Any
 ) -> Any:
     """Join touching pieces to composite cuboids and add up their weighted moments.
 
@@ -170,12 +149,11 @@ def compose_cuboids(
     ----------
     keys, pieces, n
         The pieces.
-    addresses, first_cycle
-        Where the originals are (`originals.Originals`), and the cycle of the first row.
-    cells, spans
-        int32 (2, C): receive ix and iy, bottom and top.
-    count, s, S
-        float64 (C,), (C, 3), (C, 6): receive counts and moments.
+    originals
+        Where the part maps' cuboids are (`PartAddresses`), and the cycle of the first row.
+    found
+        int32 (2, C) twice, receive ix and iy, bottom and top; float64 (C,), (C, 3), (C, 6),
+        receive counts and moments.
     cycles, offsets
         Receive the ordered cycles of each composite, int32 (n,), and where they begin, int64.
 
@@ -184,6 +162,8 @@ def compose_cuboids(
     int
         Number of entries in `cycles`.
     """
+    addresses, first_cycle = originals
+    cells, spans, count, s, S = found
     k, used, begin = -1, 0, 0
     # A window of up to 64 cycles is a word of bits: no sorting, and nothing to mispredict.
     narrow, seen = len(addresses) <= 64, np.uint64(0)

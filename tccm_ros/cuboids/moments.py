@@ -11,10 +11,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tccm_ros.cuboids.cuboids import CuboidArrays
+
 __all__ = [
     "FLAT",
     "Moments",
-    "axes_of",
     "gather",
     "moved",
     "plane_of",
@@ -40,23 +41,13 @@ MORE_STEPS = 30
 
 @njit(nogil=True, cache=True)
 def moved(
-    ix: int,
-    iy: int,
-    n: float,
-    sx: float,
-    sy: float,
-    sz: float,
-    xx: float,
-    xy: float,
-    xz: float,
-    yy: float,
-    yz: float,
-    zz: float,
-    cell: float,
-    tick: float,
-    origin: Array,
+    ix: int, iy: int, sums: Moments | Array, cell: float, tick: float, origin: Array
 ) -> Moments:
-    """Return the moments of a cuboid of cell (ix, iy) about an origin, m. See `gather`."""
+    """Return the moments of a cuboid of cell (ix, iy) about an origin, m.
+
+    `sums` are its count, sums and products, ticks; the rest is as in `gather`.
+    """
+    n, sx, sy, sz, xx, xy, xz, yy, yz, zz = sums
     tick2 = tick * tick
     ox, oy, oz = np.rint(ix * cell) - origin[0], np.rint(iy * cell) - origin[1], -origin[2]
     return (
@@ -74,37 +65,27 @@ def moved(
 
 
 @njit(nogil=True, cache=True)
-def gather(
-    ix: Int,
-    iy: Int,
-    count: Array,
-    s: Array,
-    S: Array,
-    cell: float,
-    tick: float,
-    origin: Array,
-    out: Array,
-) -> None:
-    """Move the moments of all cuboids to one origin.
+def gather(cuboids: CuboidArrays, origin: Array) -> Array:
+    """Return the moments of all cuboids about one origin, float64 (N, 10), m.
 
     Parameters
     ----------
-    ix, iy, count, s, S
-        As in `Cuboids`.
-    cell, tick
-        Edge of a cell in ticks, and a tick in m.
+    cuboids
+        Those of a map.
     origin
         float64 (3,), ticks.
-    out
-        float64 (N, 10), written.
     """
-    for i in range(len(ix)):
-        m = moved(
-            ix[i], iy[i], count[i], s[i, 0], s[i, 1], s[i, 2],
-            S[i, 0], S[i, 1], S[i, 2], S[i, 3], S[i, 4], S[i, 5], cell, tick, origin,
+    s, S = cuboids.s, cuboids.S
+    out = np.empty((len(cuboids.ix), 10))
+    for i in range(len(out)):
+        sums = (
+            cuboids.counts[i], s[i, 0], s[i, 1], s[i, 2],
+            S[i, 0], S[i, 1], S[i, 2], S[i, 3], S[i, 4], S[i, 5],
         )  # fmt: skip
+        m = moved(cuboids.ix[i], cuboids.iy[i], sums, cuboids.cell, cuboids.tick, origin)
         out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = m[0], m[1], m[2], m[3], m[4]
         out[i, 5], out[i, 6], out[i, 7], out[i, 8], out[i, 9] = m[5], m[6], m[7], m[8], m[9]
+    return out
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -254,11 +235,3 @@ def uncertainty_of(m: Array, normal: Array, variance: float) -> tuple[Array, flo
     cov[0, 1] = cov[1, 0] = scale * b / det
     l1, l2, l3 = eigenvalues(xx, xy, xz, yy, yz, zz)
     return cov, l1 * l2 / max(l3, FLAT)
-
-
-def axes_of(moments: Array) -> tuple[Array, Array]:
-    """Return mean (3,) and covariance (3, 3) of a moment vector (10,)."""
-    mean = moments[1:4] / moments[0]
-    xx, xy, xz, yy, yz, zz = moments[4:] / moments[0]
-    second = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return mean, second - np.outer(mean, mean)

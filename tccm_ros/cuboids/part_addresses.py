@@ -1,4 +1,4 @@
-"""The originals of the window where they lie: a table of addresses, by which kernels read them.
+"""Where the part maps of the window lie in memory, so that kernels can read them.
 
 Part maps are made one by one and never changed. To have them in one array they would be copied in
 every cycle; a table of where each begins is enough.
@@ -10,34 +10,20 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from tccm_ros.cuboids.part import PartMap
+from tccm_ros.cuboids.part_map import PartMap
 
-__all__ = ["Originals", "pointer_to"]
-
-
-def _inttoptr(typing_context: Any, address: Any) -> Any:
-    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
-
-    return types.voidptr(types.int64), build
+__all__ = ["PartAddresses"]
 
 
-pointer_to: Any = intrinsic(_inttoptr)
-"""In a kernel: the pointer to an address, int64. For `numba.carray`, which trusts it."""
-
-
-class Originals:
+class PartAddresses:
     """Where the cuboids of the part maps of a window are."""
 
     def __init__(self) -> None:
         self._known: dict[int, tuple[PartMap, tuple[int, int], tuple[NDArray[Any], ...]]] = {}
 
-    def addresses(self, parts: Sequence[PartMap]) -> NDArray[np.int64]:
+    def table(self, parts: Sequence[PartMap]) -> NDArray[np.int64]:
         """Return where the moments and the bounds of each cycle's part map are.
 
         Parameters

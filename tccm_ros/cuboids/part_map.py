@@ -1,35 +1,195 @@
-"""Building part maps: scans are placed and binned as they come, so that little is left to do when
-the cycle ends, namely to unite the intervals of each cell and to sum the moments.
+"""The part map of one tilt cycle, and how it is built (section III.A, III.B of the paper).
+
+Scans are placed and binned as they come, so that little is left to do when the cycle ends, namely
+to unite the intervals of each cell and to sum the moments (DESIGN section 6).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.config import Config
-from tccm_ros.cuboids import bin_layout as layout
 from tccm_ros.cuboids import binning
-from tccm_ros.cuboids.cuboids import TICKS_PER_M
-from tccm_ros.cuboids.part import PartMap, PartPoints
+from tccm_ros.cuboids.beam_endpoints import SETTINGS, WORK_SIZE, RegionFrame
+from tccm_ros.cuboids.caps import Caps, no_caps, sum_caps
+from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, Cuboids, key_cells
 from tccm_ros.cuboids.tiles import TileState
-from tccm_ros.cuboids.union import HISTOGRAM_SIZE, find_cuboids, sum_cuboids
+from tccm_ros.cuboids.union import (
+    HISTOGRAM_SIZE,
+    UNION,
+    CuboidRule,
+    gather_points,
+    mark_cells,
+    sum_cuboids,
+)
 from tccm_ros.errors import ConfigError
 from tccm_ros.records import PosedScan
 
-__all__ = ["PartMapBuilder", "cell_ticks"]
+__all__ = ["PartMap", "PartMapBuilder", "PartPoints"]
 
+Int32 = NDArray[np.int32]
+Int64 = NDArray[np.int64]
 Float32 = NDArray[np.float32]
 Float64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
+
+_LOW = np.int64(0xFFFFFFFF)
 
 _MAX_GEOMETRIES = 8
 """Scan geometries whose bearings are kept."""
 
 
-def cell_ticks(config: Config) -> int:
+@dataclass(frozen=True, slots=True, eq=False)
+class PartPoints:
+    """The points of a part map, in the order of the cuboids.
+
+    Attributes
+    ----------
+    packed
+        int64 (M, 2): z in ticks and place within the cell, ``z << 32 | x << 16 | y``; depth in
+        ticks and number of the scan within the cycle, ``depth << 32 | scan``.
+    first
+        int32 (N,), first point of each cuboid; a cuboid's points follow each other.
+    """
+
+    packed: Int64
+    first: Int32
+
+    def __len__(self) -> int:
+        return len(self.packed)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartMap:
+    """The cuboids of one cycle, sorted by (ix, iy, bottom). Never changed once made.
+
+    Attributes
+    ----------
+    cycle
+        Number of the cycle.
+    start_ns, end_ns
+        Time of the first and of the last used beam.
+    cell_size
+        Edge of a cell, m.
+    keys
+        int64 (N,), cells, see `cuboids.cell_keys`.
+    bounds
+        int32 (N, 2), bottom and top, ticks.
+    moments
+        int64 (N, 10): count; sums of x, y, z; sums of xx xy xz yy yz zz; in ticks, x and y from the
+        cell's lower corner.
+    seen_ns
+        int64 (N, 2), stamps of the first and the last scan that measured the cuboid.
+    void_keys, void_bounds
+        int64 (V,) and int32 (V, 2), as `keys` and `bounds`: where this cycle saw through what older
+        cycles had measured; it takes their cuboids there away (`clearing`).
+    points
+        The points, or None where they are not kept.
+    """
+
+    cycle: int
+    start_ns: int
+    end_ns: int
+    cell_size: float
+    keys: Int64
+    bounds: Int32
+    moments: Int64
+    seen_ns: Int64
+    void_keys: Int64 = field(default_factory=lambda: np.zeros(0, np.int64))
+    void_bounds: Int32 = field(default_factory=lambda: np.zeros((0, 2), np.int32))
+    points: PartPoints | None = None
+
+    def __len__(self) -> int:
+        return len(self.keys)
+
+    def without_cuboids(self) -> PartMap:
+        """Return the cycle's times alone, for histories that must not grow."""
+        return PartMap(
+            self.cycle,
+            self.start_ns,
+            self.end_ns,
+            self.cell_size,
+            self.keys[:0].copy(),
+            self.bounds[:0].copy(),
+            self.moments[:0].copy(),
+            self.seen_ns[:0].copy(),
+        )
+
+    def without_points(self) -> PartMap:
+        """Return the same part map without its points."""
+        return self if self.points is None else replace(self, points=None)
+
+    def point_cuboids(self) -> Int32:
+        """Return the index of each point's cuboid, int32 (M,)."""
+        if self.points is None:
+            return np.zeros(0, np.int32)
+        return np.repeat(np.arange(len(self), dtype=np.int32), self.moments[:, 0])
+
+    def lines(self, chosen: Int64) -> Int64:
+        """Return the number of the scan of some points (indices, int64 (K,)) within the cycle."""
+        if self.points is None:
+            return np.zeros(0, np.int64)
+        return self.points.packed[chosen, 1] & _LOW
+
+    def positions(self, chosen: NDArray[np.bool_] | Int64 | None = None) -> Float64:
+        """Return the positions of the points, in the order of `point_cuboids`.
+
+        Parameters
+        ----------
+        chosen
+            bool (M,) or indices, which points; all by default.
+
+        Returns
+        -------
+        float64 (M, 3), m, in the map's frame; rounded to ticks.
+        """
+        if self.points is None:
+            return np.zeros((0, 3))
+        cuboid, packed = self.point_cuboids(), self.points.packed
+        if chosen is not None:
+            cuboid, packed = cuboid[chosen], packed[chosen]
+        ix, iy = key_cells(self.keys[cuboid])
+        cell = round(self.cell_size * TICKS_PER_M)
+        word = packed[:, 0]
+        x = ix.astype(np.int64) * cell + ((word >> 16) & 0xFFFF)
+        y = iy.astype(np.int64) * cell + (word & 0xFFFF)
+        return np.stack([x, y, word >> 32], axis=1) * TICK
+
+    def cuboids(self) -> Cuboids:
+        """Return the part map alone as cuboids."""
+        ix, iy = key_cells(self.keys)
+        n = len(self)
+        return Cuboids(
+            cell_size=self.cell_size,
+            ix=ix,
+            iy=iy,
+            bottom=np.ascontiguousarray(self.bounds[:, 0]),
+            top=np.ascontiguousarray(self.bounds[:, 1]),
+            count=self.moments[:, 0].astype(np.float64),
+            s=self.moments[:, 1:4].astype(np.float64),
+            S=self.moments[:, 4:].astype(np.float64),
+            cycles=np.full(n, self.cycle, np.int32),
+            cycle_offsets=np.arange(n + 1, dtype=np.int64),
+            caps=self.caps(),
+        )
+
+    def caps(self) -> Caps:
+        """Return the caps of the cuboids; none are known where the points are not kept."""
+        if self.points is None:
+            return no_caps()
+        n = len(self)
+        of, sums = np.empty(n, np.int32), np.zeros((n + 1, 10))
+        caps = sum_caps(
+            self.points.packed, self.moments[:, 0], self.points.first, self.bounds[:, 1], of, sums
+        )
+        return Caps(of, sums[:caps])
+
+
+def _cell_ticks(config: Config) -> int:
     """Return the edge of a cell in ticks.
 
     Raises
@@ -52,24 +212,25 @@ class PartMapBuilder:
     ----------
     config
         Group `map`.
+    rule
+        How points become cuboids; `baselines.union_as_printed` has another.
     """
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, rule: CuboidRule = UNION) -> None:
         self._config = config.map
-        depth = max(round(config.map.cuboid_depth * TICKS_PER_M), 1)
+        self._rule = rule
         adaptive = config.map.gap == "adaptive"
-        self._as_printed = config.map.mode == "paper"
-        self._limits = np.zeros(layout.N_LIMITS)
-        self._limits[: layout.REGION_IN] = (
-            TICKS_PER_M,
-            cell_ticks(config),
-            depth,
-            config.map.gap_factor if adaptive else 0.0,
-            max(depth, round(config.map.max_depth * TICKS_PER_M)) if adaptive else depth,
+        depth = max(round(config.map.cuboid_depth * TICKS_PER_M), 1)
+        self._settings = np.zeros(1, SETTINGS)
+        own = self._settings[0]
+        own["ticks"], own["cell_ticks"], own["depth"] = TICKS_PER_M, _cell_ticks(config), depth
+        own["depth_per_range"] = config.map.gap_factor if adaptive else 0.0
+        own["max_depth"] = (
+            max(depth, round(config.map.max_depth * TICKS_PER_M)) if adaptive else depth
         )
         self.set_region(config.map.region)
-        self._state = TileState()
-        self._work = np.zeros(layout.WORK_SIZE, np.int32)
+        self._tiles = TileState()
+        self._work = np.zeros(WORK_SIZE, np.int32)
         self._directions: dict[tuple[float, float, int], Float32] = {}
         self._scratch: _Scratch | None = None
         self._stamps: list[int] = []
@@ -78,16 +239,15 @@ class PartMapBuilder:
 
     def set_region(self, region: tuple[float, ...] | None) -> None:
         """Set the region of interest, in `map.region_frame`, m; None for all."""
-        in_base = self._config.region_frame == "base"
-        where = layout.REGION_IN_BASE if in_base else layout.REGION_IN_ODOM
-        self._limits[layout.REGION_IN] = layout.NO_REGION if region is None else where
+        frame = RegionFrame.BASE if self._config.region_frame == "base" else RegionFrame.ODOM
+        self._settings["region_frame"] = RegionFrame.NONE if region is None else frame
         if region is not None:
-            self._limits[layout.REGION : layout.NORMAL] = region
+            self._settings["region"] = region
 
     @property
     def points(self) -> int:
         """Points binned since the last `close`."""
-        return self._state.points
+        return self._tiles.points
 
     @property
     def scans(self) -> int:
@@ -106,27 +266,24 @@ class PartMapBuilder:
         first, last
             The beams [first, last) belong to this cycle; all by default.
         """
-        scan, state = posed.scan, self._state
+        scan, tiles = posed.scan, self._tiles
         n = len(scan.ranges)
         self._make_room(n)
-        directions = self._bearings(scan.angle_min, scan.angle_increment, n)
-        knots, T_odom_base, T_base_laser = posed.knots_ns, posed.T_odom_base, posed.T_base_laser
+        stamps, T_odom_base, T_base_laser = posed.knots_ns, posed.T_odom_base, posed.T_base_laser
         if scan.time_increment < 0.0:
-            knots = np.ascontiguousarray(knots[::-1])
+            stamps = np.ascontiguousarray(stamps[::-1])
             T_odom_base = np.ascontiguousarray(T_odom_base[::-1])
             T_base_laser = np.ascontiguousarray(T_base_laser[::-1])
+        poses = stamps, scan.stamp_ns, scan.time_increment * 1e9, T_odom_base, T_base_laser
         ranges, end = _writable(scan.ranges), n if last is None else last
+        directions = self._bearings(scan.angle_min, scan.angle_increment, n)
         while True:
-            points = binning.bin_scan(
-                ranges, keep, directions, knots, scan.stamp_ns, scan.time_increment * 1e9,
-                T_odom_base, T_base_laser, self._limits, first, end,
-                abs(scan.angle_increment), self._work,
-                state.records, state.directory, state.counts, state.bits, state.meta,
-            )  # fmt: skip
+            beams = ranges, keep, directions, first, end, abs(scan.angle_increment)
+            points = binning.bin_scan(beams, poses, self._settings, self._work, tiles.arrays)
             if points >= 0:
                 break
-            first = state.next_beam
-            state.grow(points)
+            first = tiles.next_beam
+            tiles.grow(points)
         self._end_scan(scan.stamp_ns, points)
 
     def add_points(self, points: Float64, stamp_ns: int = 0) -> None:
@@ -139,18 +296,15 @@ class PartMapBuilder:
         stamp_ns
             Their time.
         """
-        n, state, first = len(points), self._state, 0
+        n, tiles, first = len(points), self._tiles, 0
         self._make_room(n)
         flat = _writable(np.asarray(points, np.float64)).reshape(-1)
         while True:
-            count = binning.bin_points(
-                flat, self._limits, first, self._work,
-                state.records, state.directory, state.counts, state.bits, state.meta,
-            )  # fmt: skip
+            count = binning.bin_points(flat, first, self._settings, self._work, tiles.arrays)
             if count >= 0:
                 break
-            first = state.next_beam
-            state.grow(count)
+            first = tiles.next_beam
+            tiles.grow(count)
         self._end_scan(stamp_ns, count)
 
     def close(self, cycle: int, start_ns: int, end_ns: int) -> PartMap:
@@ -163,45 +317,43 @@ class PartMapBuilder:
         start_ns, end_ns
             Time of the first and of the last used beam.
         """
-        state, n = self._state, self._state.points
+        tiles, n = self._tiles, self._tiles.points
+        records, _, counts, _, _ = tiles.arrays
         scratch = self._scratch_for(n)
-        n_cells = binning.list_cells(
-            state.directory, state.counts, state.bits, state.meta,
-            scratch.cells, scratch.starts, scratch.addresses,
-        )  # fmt: skip
-        points = np.empty((n, 2), np.int64)
-        k = find_cuboids(
-            state.records, n, *state.heights, np.array(self._ends, np.int32), n_cells,
-            scratch.cells, scratch.starts, scratch.addresses, state.counts, self._as_printed,
-            scratch.pairs, scratch.spare, scratch.histogram, scratch.order, scratch.scans,
-            points.reshape(-1), scratch.begins, scratch.keys, scratch.bounds, scratch.firsts,
-        )  # fmt: skip
-        sums, seen = np.empty((n - k, 10), np.int64), np.empty((n - k, 2), np.int64)
+        cells, starts, addresses = scratch.cells
+        begins, (keys, bounds, firsts) = scratch.begins, scratch.found
+        n_cells = binning.list_cells(tiles.arrays, cells, starts, addresses)
+        packed = np.empty((n, 2), np.int64)
+        points = packed.reshape(-1)
+        self._rule.order(records, n, tiles.heights, scratch.sorting, scratch.order)
+        ends = np.array(self._ends, np.int32)
+        gather_points(records, n, scratch.order, ends, scratch.scans, counts, points)
+        mark_cells(starts, n_cells, addresses, counts, begins)
+        k = self._rule.unite(points, n, begins, cells, n_cells, scratch.found)
+        moments, seen = np.empty((n - k, 10), np.int64), np.empty((n - k, 2), np.int64)
         stamps = np.array(self._stamps, np.int64)
-        sum_cuboids(
-            points.reshape(-1), n, scratch.begins, stamps, sums.reshape(-1), seen.reshape(-1)
-        )
-        state.clear(listed=True)
+        sum_cuboids(points, n, begins, stamps, moments.reshape(-1), seen.reshape(-1))
+        tiles.clear(listed=True)
         self._begin()
         return PartMap(
             cycle,
             start_ns,
             end_ns,
             self._config.cell_size,
-            keys=scratch.keys[k:n].copy(),
-            bounds=scratch.bounds[2 * k : 2 * n].reshape(-1, 2).copy(),
-            moments=sums,
+            keys=keys[k:n].copy(),
+            bounds=bounds[2 * k : 2 * n].reshape(-1, 2).copy(),
+            moments=moments,
             seen_ns=seen,
-            points=PartPoints(points, scratch.firsts[k:n].copy()),
+            points=PartPoints(packed, firsts[k:n].copy()),
         )
 
     def clear(self) -> None:
         """Forget what was added since the last `close`."""
-        self._state.clear(listed=False)
+        self._tiles.clear(listed=False)
         self._begin()
 
     def _begin(self) -> None:
-        self._limits[layout.HAS_NORMAL] = 0.0
+        self._settings["has_normal"] = False
         self._stamps, self._ends, self._at_most = [], [], 0
 
     def _end_scan(self, stamp_ns: int, points: int) -> None:
@@ -210,12 +362,12 @@ class PartMapBuilder:
 
     def _make_room(self, n: int) -> None:
         self._at_most += n
-        if self._at_most > self._state.room:
-            self._at_most = self._state.points + n
-            self._state.make_room(self._at_most)
+        if self._at_most > self._tiles.room:
+            self._at_most = self._tiles.points + n
+            self._tiles.make_room(self._at_most)
 
     def _scratch_for(self, n: int) -> _Scratch:
-        if self._scratch is None or len(self._scratch.keys) < n:
+        if self._scratch is None or self._scratch.room < n:
             self._scratch = _Scratch(2 * n)
         return self._scratch
 
@@ -232,16 +384,16 @@ class PartMapBuilder:
 
 
 class _Scratch:
-    """Room for `n` cells and cuboids, kept from cycle to cycle."""
+    """Room for `room` points, cells and cuboids, kept from cycle to cycle."""
 
-    def __init__(self, n: int) -> None:
-        self.cells, self.keys = np.zeros(n, np.int64), np.zeros(n, np.int64)
-        self.starts, self.addresses = np.zeros(n + 1, np.int32), np.zeros(n, np.int32)
-        self.pairs, self.spare = np.zeros(n, np.uint64), np.zeros(n, np.uint64)
-        self.histogram = np.zeros(HISTOGRAM_SIZE, np.int64)
+    def __init__(self, room: int) -> None:
+        n, self.room = room, room
+        self.cells = np.zeros(n, np.int64), np.zeros(n + 1, np.int32), np.zeros(n, np.int32)
+        histogram = np.zeros(HISTOGRAM_SIZE, np.int64)
+        self.sorting = np.zeros(n, np.uint64), np.zeros(n, np.uint64), histogram
         self.order, self.scans = np.zeros(n, np.int32), np.zeros(n, np.int32)
         self.begins = np.zeros(n + 1, np.int8)
-        self.bounds, self.firsts = np.zeros(2 * n, np.int32), np.zeros(n, np.int32)
+        self.found = np.zeros(n, np.int64), np.zeros(2 * n, np.int32), np.zeros(n, np.int32)
 
 
 def _writable(array: NDArray[Any]) -> NDArray[Any]:

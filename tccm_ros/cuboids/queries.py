@@ -14,12 +14,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
+from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids, cell_keys
+from tccm_ros.cuboids.free_columns import NEVER, SeenFree
 from tccm_ros.cuboids.integration_map import IntegrationMap
-from tccm_ros.cuboids.part import cell_keys
-from tccm_ros.cuboids.seen_free import NEVER, SeenFree
 
-__all__ = ["MapQuery", "Measurement", "Occupancy", "select"]
+__all__ = ["MapQuery", "Measurement", "Occupancy"]
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -181,7 +180,7 @@ class MapQuery:
         c = self.cuboids
         x, y = c.ix.astype(np.int64) * self._cell, c.iy.astype(np.int64) * self._cell
         inside = (x <= b[1]) & (x + self._cell > b[0]) & (y <= b[3]) & (y + self._cell > b[2])
-        return select(c, inside & (c.bottom <= b[5]) & (c.top >= b[4]))
+        return c.select(inside & (c.bottom <= b[5]) & (c.top >= b[4]))
 
     def _at(self, xyz: Float64) -> Int64:
         """Return the cuboid at each point, -1 for none."""
@@ -198,23 +197,6 @@ class MapQuery:
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         assert self._free is not None
         return bool((self._free.last_seen(grid) != NEVER).all())
-
-
-def select(cuboids: Cuboids, chosen: NDArray[np.bool_]) -> Cuboids:
-    """Return the chosen cuboids, bool (N,), in their order."""
-    lengths = np.diff(cuboids.cycle_offsets)
-    return Cuboids(
-        cuboids.cell_size,
-        cuboids.ix[chosen],
-        cuboids.iy[chosen],
-        cuboids.bottom[chosen],
-        cuboids.top[chosen],
-        cuboids.count[chosen],
-        cuboids.s[chosen],
-        cuboids.S[chosen],
-        cuboids.cycles[np.repeat(chosen, lengths)],
-        np.concatenate([[0], np.cumsum(lengths[chosen])]).astype(np.int64),
-    )
 
 
 @njit(nogil=True, cache=True)

@@ -9,21 +9,50 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from enum import Enum, StrEnum, auto
 
 from tccm_ros.config import Config
 
-__all__ = ["Span", "TiltCycles"]
+__all__ = ["CycleEnd", "NoCycle", "Span", "TiltCycles"]
 
 START_OF_TIME = -(2**62)
 
 NEAR = 0.25
-"""As near to where the joint is furthest as this share of the dead band, it is there."""
+"""As near to where the joint is furthest as this fraction of the dead band, it is there."""
 
 SURE = 4.0
 """A joint at a known end has turned when it is back by this many times its usual unsteadiness."""
 
 MEMORY = 0.1
-"""Share of the newest sample in the mean unsteadiness: it is that of the last ten samples."""
+"""Weight of the newest sample in the mean unsteadiness: it is that of the last ten samples."""
+
+
+class CycleEnd(StrEnum):
+    """Why a tilt cycle ended."""
+
+    TURN = "turn"
+    REST = "rest"
+    GAP = "gap"
+    TIME = "time"
+    END = "end"
+
+
+class NoCycle(StrEnum):
+    """Why a span of time belongs to no tilt cycle."""
+
+    BEFORE_JOINT_SAMPLES = "before joint samples"
+    NO_JOINT_SAMPLES = "no joint samples"
+    JOINT_RESTS = "joint rests"
+    SHORT_SWEEP = "short sweep"
+
+
+class _State(Enum):
+    """What the joint does."""
+
+    SILENT = auto()
+    STARTING = auto()
+    MOVING = auto()
+    RESTING = auto()
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,14 +66,13 @@ class Span:
     cycle
         Number of its cycle, from 0; None if it belongs to none.
     reason
-        Why it belongs to none: ``before joint samples``, ``joint rests``, ``no joint samples`` or
-        ``short sweep``; or why the cycle ended: ``turn``, ``rest``, ``gap``, ``time``, ``end``.
+        Why the cycle ended, or why it is none.
     """
 
     start_ns: int
     end_ns: int
     cycle: int | None
-    reason: str
+    reason: CycleEnd | NoCycle
 
 
 class TiltCycles:
@@ -54,8 +82,6 @@ class TiltCycles:
     ----------
     config
         Group `cycle`; a change counts from the next sample on.
-    first_cycle
-        Number of the first cycle.
 
     Attributes
     ----------
@@ -63,26 +89,21 @@ class TiltCycles:
         Closed spans that nobody has taken yet, in order of time.
     """
 
-    def __init__(self, config: Config, first_cycle: int = 0) -> None:
+    def __init__(self, config: Config) -> None:
         self._limits = config.cycle
         self.closed: deque[Span] = deque()
-        self._cycle = first_cycle
+        self._cycle = 0
         self.clear()
 
     def clear(self) -> None:
         """Forget all samples, as after a jump of the clock; cycles are counted on."""
         self.closed.clear()
-        self._state = "silent"
+        self._state = _State.SILENT
         self._start_ns = START_OF_TIME
         self._decided_ns = START_OF_TIME
         self._last: tuple[int, float] | None = None
         self._ends: dict[int, float] = {}
         self._step, self._unsteady = 0.0, self._limits.dead_band
-
-    @property
-    def open_start_ns(self) -> int:
-        """Start of the span that is not closed yet."""
-        return self._start_ns
 
     @property
     def decided_ns(self) -> int:
@@ -92,7 +113,7 @@ class TiltCycles:
     @property
     def sweeping(self) -> bool:
         """Whether the open span may become a cycle."""
-        return self._state in ("starting", "moving")
+        return self._state in (_State.STARTING, _State.MOVING)
 
     def add(self, stamp_ns: int, angle: float) -> None:
         """Take the next sample, in stamp order; angle in rad. Repeated stamps are ignored."""
@@ -101,13 +122,14 @@ class TiltCycles:
                 return
             if stamp_ns - self._last[0] > _ns(self._limits.max_gap):
                 self._lose_joint()
-        if self._state == "silent":
-            known = self._last is not None
-            self._close(stamp_ns, "no joint samples" if known else "before joint samples", False)
-            self._begin("starting", stamp_ns, angle)
-        elif self._state == "starting":
+        if self._state == _State.SILENT:
+            is_first = self._last is None
+            why = NoCycle.BEFORE_JOINT_SAMPLES if is_first else NoCycle.NO_JOINT_SAMPLES
+            self._close(stamp_ns, why)
+            self._begin(_State.STARTING, stamp_ns, angle)
+        elif self._state == _State.STARTING:
             self._while_starting(stamp_ns, angle)
-        elif self._state == "moving":
+        elif self._state == _State.MOVING:
             self._while_moving(stamp_ns, angle)
         else:
             self._while_resting(stamp_ns, angle)
@@ -127,35 +149,37 @@ class TiltCycles:
 
     def finish(self) -> None:
         """Close the open span: the input has ended."""
-        if self._state != "silent" and self._last is not None:
-            self._end_motion("end")
+        if self._state != _State.SILENT and self._last is not None:
+            self._end_motion(CycleEnd.END)
 
     def _lose_joint(self) -> None:
-        if self._state != "silent":
-            self._end_motion("gap")
+        if self._state != _State.SILENT:
+            self._end_motion(CycleEnd.GAP)
 
-    def _end_motion(self, reason: str) -> None:
+    def _end_motion(self, reason: CycleEnd) -> None:
         assert self._last is not None
         end_ns = self._last[0] + 1
-        if self._state == "resting":
-            self._close(end_ns, "joint rests", False)
+        if self._state == _State.RESTING:
+            self._close(end_ns, NoCycle.JOINT_RESTS)
         else:
-            self._close(end_ns, reason, self._sweep >= self._limits.min_sweep)
-        self._state = "silent"
+            self._close_sweep(end_ns, reason)
+        self._state = _State.SILENT
         self._decided_ns = end_ns
 
-    def _close(self, end_ns: int, reason: str, is_cycle: bool) -> None:
+    def _close_sweep(self, end_ns: int, reason: CycleEnd) -> None:
+        """Close the open span: a tilt cycle if the joint has swept far enough."""
+        is_cycle = self._sweep >= self._limits.min_sweep
+        self._close(end_ns, reason if is_cycle else NoCycle.SHORT_SWEEP)
+
+    def _close(self, end_ns: int, reason: CycleEnd | NoCycle) -> None:
         """Close the open span and begin the next one where it ends."""
         if end_ns > self._start_ns:
-            if is_cycle:
-                self.closed.append(Span(self._start_ns, end_ns, self._cycle, reason))
-                self._cycle += 1
-            else:
-                why = "short sweep" if self.sweeping else reason
-                self.closed.append(Span(self._start_ns, end_ns, None, why))
+            cycle = self._cycle if isinstance(reason, CycleEnd) else None
+            self.closed.append(Span(self._start_ns, end_ns, cycle, reason))
+            self._cycle += cycle is not None
         self._start_ns = self._decided_ns = end_ns
 
-    def _begin(self, state: str, stamp_ns: int, angle: float) -> None:
+    def _begin(self, state: _State, stamp_ns: int, angle: float) -> None:
         self._state = state
         self._direction = 0
         self._sweep = 0.0
@@ -172,11 +196,11 @@ class TiltCycles:
         if abs(angle - self._anchor) > self._limits.dead_band:
             self._set_off(stamp_ns, angle)
         elif stamp_ns - self._anchor_ns > _ns(self._limits.rest_time):
-            self._state = "resting"
+            self._state = _State.RESTING
             self._still_ns = self._decided_ns = stamp_ns
 
     def _set_off(self, stamp_ns: int, angle: float) -> None:
-        self._state = "moving"
+        self._state = _State.MOVING
         self._direction = 1 if angle > self._anchor else -1
         self._leg_start = self._anchor
         self._extreme, self._extreme_ns = angle, stamp_ns
@@ -187,7 +211,7 @@ class TiltCycles:
     def _while_resting(self, stamp_ns: int, angle: float) -> None:
         away = abs(angle - self._anchor)
         if away > self._limits.dead_band:
-            self._close(self._still_ns, "joint rests", False)
+            self._close(self._still_ns, NoCycle.JOINT_RESTS)
             self._sweep = 0.0
             self._set_off(stamp_ns, angle)
         elif away <= 0.5 * self._limits.dead_band:
@@ -207,7 +231,7 @@ class TiltCycles:
         if stamp_ns - self._anchor_ns > _ns(self._limits.rest_time):
             self._rest(arrival_ns, stamp_ns, angle)
         elif stamp_ns - self._start_ns > _ns(self._limits.max_time):
-            self._close(arrival_ns, "time", self._sweep >= self._limits.min_sweep)
+            self._close_sweep(arrival_ns, CycleEnd.TIME)
             self._leg_start, self._sweep = self._extreme, 0.0
         else:
             self._decided_ns = max(self._decided_ns, arrival_ns)
@@ -234,7 +258,7 @@ class TiltCycles:
 
     def _turn(self, stamp_ns: int, angle: float) -> None:
         if abs(self._extreme - self._leg_start) >= self._limits.min_sweep:
-            self._close(self._extreme_ns, "turn", True)
+            self._close(self._extreme_ns, CycleEnd.TURN)
             self._ends[self._direction] = self._extreme
             self._sweep = 0.0
         self._direction = -self._direction
@@ -244,8 +268,8 @@ class TiltCycles:
         self._anchor_at(stamp_ns, angle)
 
     def _rest(self, arrival_ns: int, stamp_ns: int, angle: float) -> None:
-        self._close(arrival_ns, "rest", self._sweep >= self._limits.min_sweep)
-        self._state = "resting"
+        self._close_sweep(arrival_ns, CycleEnd.REST)
+        self._state = _State.RESTING
         self._anchor = angle
         self._still_ns = self._decided_ns = stamp_ns
 

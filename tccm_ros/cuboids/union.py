@@ -8,22 +8,28 @@ Points are sorted by cell and height (radix sort: first by height, then by cell,
 known). One pass downwards finds the cuboids, one upwards sums their moments. Most cuboids have one
 to three points, and no processor can predict where they end; so nothing here branches on it: what
 differs between two cases is masked. It takes the same time whatever the points and their order.
-Arrays are flat, so that rows have a length that the compiler knows.
+Arrays are flat, so that rows have a length that the compiler knows. Points of 22,760 beams become
+cuboids with moments in 0.29 ms; numpy's lexsort and reduceat take 3.3 to 5.4 ms, and a linked list
+in each cell 1.1 ms (`bench/bench_tccm.py` measures it, and each step).
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from tccm_ros.cuboids.union_as_printed import unite_as_printed
-
 __all__ = [
     "HISTOGRAM_SIZE",
-    "find_cuboids",
+    "UNION",
+    "CuboidRule",
+    "gather_points",
+    "mark_cells",
+    "order_by_height",
     "sum_cuboids",
+    "unite_intervals",
 ]
 
 _DIGIT_BITS = 8
@@ -36,24 +42,38 @@ _LOW = np.int64(0xFFFFFFFF)
 _U1, _U2, _U10, _U32 = np.uint64(1), np.uint64(2), np.uint64(10), np.uint64(32)
 
 
+class CuboidRule(NamedTuple):
+    """How the points of a cell become cuboids.
+
+    Attributes
+    ----------
+    order
+        Orders the points of all cells; arguments as in `order_by_height`.
+    unite
+        Makes the cuboids of points in that order; arguments and result as in `unite_intervals`.
+    """
+
+    order: Callable[..., None]
+    unite: Callable[..., int]
+
+
 @njit(nogil=True, cache=True)
-def _order_by_height(
-    records: Any, n: Any, lowest: Any, highest: Any, pairs: Any, spare: Any, histogram: Any,
-    order: Any,
-) -> None:  # fmt: skip
+def order_by_height(records: Any, n: Any, heights: Any, scratch: Any, order: Any) -> None:
     """Order points by rising height, equal ones as they came: radix sort, lowest digit first.
 
     Parameters
     ----------
     records, n
-        int64 (>= 2 n,), two words for each of n points, see `binning.bin_scan`.
-    lowest, highest
+        int64 (>= 2 n,), two words for each of n points, see `tiles.Tiles`.
+    heights
         The least and the greatest height, ticks.
-    pairs, spare, histogram
-        Scratch: uint64 (>= n,) twice, int64 (HISTOGRAM_SIZE,).
+    scratch
+        uint64 (>= n,) twice, and int64 (HISTOGRAM_SIZE,).
     order
         int32 (>= n,), receives the points' numbers.
     """
+    lowest, highest = heights
+    pairs, spare, histogram = scratch
     bits = 0
     while (highest - lowest) >> bits:
         bits += 1
@@ -92,7 +112,7 @@ def _order_by_height(
 
 
 @njit(nogil=True, cache=True)
-def _gather_points(
+def gather_points(
     records: Any, n: Any, order: Any, scan_ends: Any, scan_of: Any, counts: Any, points: Any
 ) -> None:
     """Order the records by cell, and within a cell as `order` says.
@@ -100,7 +120,7 @@ def _gather_points(
     Parameters
     ----------
     records, n, order
-        As in `_order_by_height`.
+        As in `order_by_height`.
     scan_ends, scan_of
         int32 (S,), the number of records after each scan; scratch, int32 (>= n,).
     counts
@@ -124,7 +144,7 @@ def _gather_points(
 
 
 @njit(nogil=True, cache=True)
-def _mark_cells(starts: Any, n_cells: Any, addresses: Any, counts: Any, begins: Any) -> None:
+def mark_cells(starts: Any, n_cells: Any, addresses: Any, counts: Any, begins: Any) -> None:
     """Mark with -1 where cells begin, and the end of the last; set their counts back to zero."""
     begins[: np.int64(starts[n_cells]) + 1] = 0
     for cell in range(np.uint64(n_cells)):
@@ -134,10 +154,9 @@ def _mark_cells(starts: Any, n_cells: Any, addresses: Any, counts: Any, begins: 
 
 
 @njit(nogil=True, cache=True)
-def _unite_intervals(
-    points: Any, n: Any, begins: Any, cell_keys: Any, n_cells: Any, keys: Any, bounds: Any,
-    firsts: Any,
-) -> Any:  # fmt: skip
+def unite_intervals(
+    points: Any, n: Any, begins: Any, cell_keys: Any, n_cells: Any, found: Any
+) -> Any:
     """Unite the intervals of each cell, from the last point to the first.
 
     Cuboids are written from the end of the arrays on, so that they come out in rising order.
@@ -145,12 +164,12 @@ def _unite_intervals(
     Parameters
     ----------
     points, n
-        int64 (2 n,) of `_gather_points`, by cell and rising height.
+        int64 (2 n,) of `gather_points`, by cell and rising height.
     begins
         int8 (n + 1,), -1 where a cell begins, and at n; then where a cuboid begins.
     cell_keys, n_cells
         int64 (>= n_cells,), the cells in order.
-    keys, bounds, firsts
+    found
         int64 (>= n,), int32 (>= 2 n,) and int32 (>= n,): receive each cuboid's cell, bottom and
         top, and first point, in the rows up to n.
 
@@ -159,6 +178,7 @@ def _unite_intervals(
     int
         Row of the first cuboid; the rows before it are not used.
     """
+    keys, bounds, firsts = found
     k, cell = np.int64(n), np.int64(n_cells)
     reach = top = np.int64(0)
     for j in range(np.uint64(n)):
@@ -183,60 +203,8 @@ def _unite_intervals(
     return k
 
 
-@njit(nogil=True, cache=True)
-def find_cuboids(
-    records: Any,
-    n: Any,
-    lowest: Any,
-    highest: Any,
-    scan_ends: Any,
-    n_cells: Any,
-    cells: Any,
-    starts: Any,
-    addresses: Any,
-    counts: Any,
-    as_printed: Any,
-    pairs: Any,
-    spare: Any,
-    histogram: Any,
-    order: Any,
-    scans: Any,
-    points: Any,
-    begins: Any,
-    keys: Any,
-    bounds: Any,
-    firsts: Any,
-) -> Any:
-    """Make the cuboids of a part map: sort its points, and unite their intervals.
-
-    Parameters
-    ----------
-    records, n, lowest, highest, scan_ends
-        See `_order_by_height` and `_gather_points`.
-    n_cells, cells, starts, addresses, counts
-        Of `binning.list_cells`; the counts are set back to zero.
-    as_printed
-        Whether cuboids grow by Eq. (1) as printed, in the order of the points.
-    pairs, spare, histogram, order, scans
-        Scratch: uint64 (>= n,) twice, int64 (HISTOGRAM_SIZE,), int32 (>= n,) twice.
-    points, begins, keys, bounds, firsts
-        Receive the sorted points, where cuboids begin, and the cuboids: `_unite_intervals`.
-
-    Returns
-    -------
-    int
-        Row of the first cuboid; the rows before it are not used.
-    """
-    if as_printed:
-        for i in range(n):
-            order[i] = i
-    else:
-        _order_by_height(records, n, lowest, highest, pairs, spare, histogram, order)
-    _gather_points(records, n, order, scan_ends, scans, counts, points)
-    _mark_cells(starts, n_cells, addresses, counts, begins)
-    if as_printed:
-        return unite_as_printed(points, n, begins, cells, n_cells, keys, bounds, firsts)
-    return _unite_intervals(points, n, begins, cells, n_cells, keys, bounds, firsts)
+UNION = CuboidRule(order_by_height, unite_intervals)
+"""The union of the points' intervals, whatever their order."""
 
 
 @njit(nogil=True, cache=True)
@@ -246,7 +214,7 @@ def sum_cuboids(points: Any, n: Any, begins: Any, stamps: Any, sums: Any, seen: 
     Parameters
     ----------
     points, n
-        int64 (2 n,) of `_gather_points`, the points of a cuboid one after the other.
+        int64 (2 n,) of `gather_points`, the points of a cuboid one after the other.
     begins
         int8 (>= n,), -1 where a cuboid begins.
     stamps

@@ -5,18 +5,22 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.baselines.seed_segmentation import segment
+from tccm_ros.baselines.union_as_printed import AS_PRINTED
 from tccm_ros.config import Config
 from tccm_ros.cuboids.clearing import see_through
 from tccm_ros.cuboids.cycle_builder import Mapper, Sweep
+from tccm_ros.cuboids.free_columns import SeenFree
 from tccm_ros.cuboids.integration_map import IntegrationMap
-from tccm_ros.cuboids.part import PartMap
+from tccm_ros.cuboids.part_map import PartMap
 from tccm_ros.cuboids.queries import MapQuery
-from tccm_ros.cuboids.seen_free import SeenFree
+from tccm_ros.cuboids.union import UNION
 from tccm_ros.mapping.surface_message import surface_cloud, view_intervals
 from tccm_ros.planes import find_planes
 from tccm_ros.planes.tracking import PlaneTracker
@@ -155,6 +159,9 @@ class TccmProcessor:
         self._planes = PlaneTracker(config)
         self._objects = ObjectTracker(config)
         self._view_is_asked = False
+        # The baselines are chosen here, and handed down as functions.
+        is_seed = config.surfaces.segmentation == "seed"
+        self._segmentation = partial(segment, config=config) if is_seed else None
         self._start()
 
     def _start(self) -> None:
@@ -162,7 +169,8 @@ class TccmProcessor:
         self.synchroniser = Synchroniser(
             self.config, self.kinematics, expects_odometry=self._expects_odometry
         )
-        self._mapper = Mapper(self.config, self._keep_beams)
+        rule = AS_PRINTED if self.config.map.mode == "paper" else UNION
+        self._mapper = Mapper(self.config, self._keep_beams, rule)
         self._jumps = 0
         self._frame_id = self.config.frames.odom_name
 
@@ -273,7 +281,9 @@ class TccmProcessor:
             planes=planes,
             objects=objects,
             place_size=self.config.objects.place_size,
-            surfaces=surface_cloud(sweep, fits, self.config, T_odom_base, viewpoint, base, wanted),
+            surfaces=surface_cloud(
+                sweep, fits, T_odom_base, viewpoint, base, wanted, self._segmentation
+            ),
             view=view if wanted else replace(view, intervals=view.intervals[:0]),
             part=part,
             scans=len(sweep.scans),

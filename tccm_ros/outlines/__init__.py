@@ -1,5 +1,8 @@
 """Outlines of planes: from cuboids over a raster to rings, and what is done with rings.
 
-`boundary` is what others call; `raster`, `gaps`, `edge_cells` and `contour` are its
-steps. `footprints` and `overlap` compare what lies within outlines.
+`boundary` is what others call; `raster`, `gaps`, `edge_cells` and `contour` are its steps, on the
+`rings` of which `overlap` tells how much two have in common.
+
+They stay ours: `shapely.concave_hull` over the same cells takes 30 to 80 times as long, and a union
+of the cells, closed and simplified, over 600 times (the last table of `bench/bench_planes.py`).
 """

@@ -1,36 +1,38 @@
 """The true outlines of planes: holes stay holes, an L stays an L.
 
-A lying plane is outlined in the map's cells and lifted onto the plane, a standing one in columns
-along its level direction. How samples become a raster is told in `raster`, `gaps` and
-`edge_cells`, how that becomes rings in `contour`. All planes of a map are outlined in one compiled
-call.
+A vertical plane is outlined from its front, in columns along its horizontal direction, any other
+from above, in the map's cells; the outline is then lifted onto the plane. How samples become a
+raster is told in `raster`, `gaps` and `edge_cells`, how that becomes rings in `contour`. All planes
+of a map are outlined in one compiled call.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, Cuboids
+from tccm_ros.cuboids.cuboids import CuboidArrays, Cuboids
+from tccm_ros.cuboids.inclination import OUTLINED_BY_COLUMNS
 from tccm_ros.outlines.contour import largest_polygon, trace
 from tccm_ros.outlines.edge_cells import (
     extend_edges,
     find_edges,
-    reach_lying,
-    reach_standing,
+    reach_horizontal,
+    reach_vertical,
 )
 from tccm_ros.outlines.gaps import close_combs, fill_gaps, find_gaps
 from tccm_ros.outlines.raster import (
     EMPTY,
     MARGIN,
     draw_runs,
-    measure_standing,
-    runs_lying,
-    runs_standing,
+    measure_vertical,
+    runs_horizontal,
+    runs_vertical,
 )
 
 __all__ = ["Outline", "members_by_plane", "outlines"]
@@ -39,11 +41,8 @@ Array = NDArray[np.float64]
 Int = NDArray[np.int32]
 Index = NDArray[np.int64]
 
-STEEP = 0.35
-"""Planes with a smaller vertical component of the normal (above 70 deg) are outlined by columns."""
-
 LEAST_HOLE = 6.0
-"""Holes smaller than this many samples' share of the area are gaps between samples."""
+"""Holes smaller than this many samples' part of the area are gaps between samples."""
 
 TOLERANCE = 1.0
 """Corners that move the outline by less than this, in cells, are left out: an edge is not
@@ -111,11 +110,7 @@ def outlines(
     normals, offsets
         float64 (F, 3) and (F,): the planes, ``normal . p = offset``, in m and the map's frame.
     """
-    c = cuboids
-    vertices, ends, rings, areas = outline_planes(
-        c.count, c.s, c.S, c.ix, c.iy, c.bottom, c.top, members, starts, normals, offsets,
-        c.cell_size * TICKS_PER_M, TICK,
-    )  # fmt: skip
+    vertices, ends, rings, areas = outline_planes(cuboids.arrays, members, starts, normals, offsets)
     found, start, first = [], 0, 0
     for area, last in zip(areas.tolist(), rings.tolist(), strict=True):
         parts = []
@@ -129,10 +124,9 @@ def outlines(
 
 @njit(nogil=True, cache=True)
 def outline_planes(
-    count: Array, s: Array, S: Array, ix: Int, iy: Int, bottom: Int, top: Int, members: Index,
-    starts: Index, normals: Array, offsets: Array, size: float, tick: float,
-) -> tuple[Array, Index, Index, Array]:  # fmt: skip
-    """Outline planes (`outlines`).
+    arrays: tuple[Any, ...], members: Index, starts: Index, normals: Array, offsets: Array
+) -> tuple[Array, Index, Index, Array]:
+    """Outline planes (`outlines`); `arrays` are the fields of `CuboidArrays`.
 
     Returns
     -------
@@ -145,19 +139,19 @@ def outline_planes(
     areas : float64 (F,)
         m2.
     """
-    planes = len(normals)
+    cuboids = CuboidArrays(*arrays)
+    planes, tick = len(normals), cuboids.tick
     vertices, used = np.empty((1024, 3)), 0
     ends, rings, areas = np.empty(256, np.int64), np.empty(planes, np.int64), np.zeros(planes)
     total = 0
     for f in range(planes):
         chosen = members[starts[f] : starts[f + 1]]
         normal = normals[f]
-        if len(chosen) and abs(normal[2]) >= STEEP:
-            flat, flat_ends, area, cell = lying(count, s, S, ix, iy, chosen, size)
+        from_above = abs(normal[2]) >= OUTLINED_BY_COLUMNS
+        if len(chosen) and from_above:
+            flat, flat_ends, area, cell = outline_from_above(cuboids, chosen)
         elif len(chosen):
-            flat, flat_ends, area, cell = standing(
-                count, s, S, ix, iy, bottom, top, chosen, size, normal
-            )
+            flat, flat_ends, area, cell = outline_from_front(cuboids, chosen, normal)
         else:
             rings[f] = total
             continue
@@ -175,8 +169,8 @@ def outline_planes(
             total += 1
         used += len(flat)
         rings[f] = total
-        steep = abs(normal[2]) if abs(normal[2]) >= STEEP else math.hypot(normal[0], normal[1])
-        areas[f] = area * (cell * tick) ** 2 / steep
+        seen = abs(normal[2]) if from_above else math.hypot(normal[0], normal[1])
+        areas[f] = area * (cell * tick) ** 2 / seen
     return vertices[:used].copy(), ends[:total].copy(), rings, areas
 
 
@@ -202,10 +196,8 @@ def frame_of(runs: Int) -> tuple[int, int, int, int]:
 
 
 @njit(nogil=True, cache=True)
-def lying(
-    count: Array, s: Array, S: Array, ix: Int, iy: Int, members: Index, size: float
-) -> tuple[Array, Int, float, float]:
-    """Outline a lying plane from above.
+def outline_from_above(cuboids: CuboidArrays, members: Index) -> tuple[Array, Int, float, float]:
+    """Outline a plane that is not vertical, from above.
 
     Returns
     -------
@@ -214,6 +206,7 @@ def lying(
     cell
         Edge of a cell, ticks.
     """
+    ix, iy = cuboids.ix, cuboids.iy
     low_x = high_x = ix[members[0]]
     low_y = high_y = iy[members[0]]
     for i in members:
@@ -221,7 +214,7 @@ def lying(
         low_y, high_y = min(low_y, iy[i]), max(high_y, iy[i])
     coarse = coarseness(high_x - low_x + 1.0, high_y - low_y + 1.0)
     runs = np.empty((len(members), 3), np.int32)
-    runs_lying(ix, iy, members, coarse, runs)
+    runs_horizontal(ix, iy, members, coarse, runs)
     low_a, low_b, rows, columns = frame_of(runs)
     raster = np.full((rows, columns), EMPTY, np.int32)
     samples = draw_runs(raster, runs, low_a, low_b)
@@ -230,30 +223,26 @@ def lying(
     edges = find_edges(raster)
     reach = np.empty((len(edges), 4))
     scale = 1.0 / (1 << coarse)
-    reach_lying(raster, runs, low_a, low_b, count, s, S, ix, iy, members, size, scale, reach)
+    reach_horizontal(raster, runs, (low_a, low_b), cuboids, members, scale, reach)
     vertices, ends, area = polygon(raster, edges, reach, usual_a, usual_b, samples)
     vertices[:, 0] += low_a
     vertices[:, 1] += low_b
-    return vertices, ends, area, size / scale
+    return vertices, ends, area, cuboids.cell / scale
 
 
 @njit(nogil=True, cache=True)
-def standing(
-    count: Array, s: Array, S: Array, ix: Int, iy: Int, bottom: Int, top: Int, members: Index,
-    size: float, normal: Array,
-) -> tuple[Array, Int, float, float]:  # fmt: skip
-    """Outline a standing plane from its front; as `lying`, a along u and b upwards."""
-    slope = math.hypot(normal[0], normal[1])
+def outline_from_front(
+    cuboids: CuboidArrays, members: Index, normal: Array
+) -> tuple[Array, Int, float, float]:
+    """Outline a vertical plane from its front; as `outline_from_above`, a along u and b upwards."""
+    slope, size = math.hypot(normal[0], normal[1]), cuboids.cell
     extent = np.empty((len(members), 4))
-    measure_standing(
-        count, s, S, ix, iy, bottom, top, members, size, -normal[1] / slope, normal[0] / slope,
-        extent,
-    )  # fmt: skip
+    measure_vertical(cuboids, members, -normal[1] / slope, normal[0] / slope, extent)
     across = extent[:, 0].max() - extent[:, 0].min()
     upwards = extent[:, 3].max() - extent[:, 2].min()
     cell = size * (1 << coarseness(across / size + 2.0, upwards / size + 2.0))
     runs = np.empty((len(members), 3), np.int32)
-    runs_standing(extent, 1.0 / cell, runs)
+    runs_vertical(extent, 1.0 / cell, runs)
     low_a, low_b, rows, columns = frame_of(runs)
     raster = np.full((rows, columns), EMPTY, np.int32)
     samples = draw_runs(raster, runs, low_a, low_b)
@@ -261,7 +250,7 @@ def standing(
     fill_gaps(raster, gaps, usual_a, usual_b)
     edges = find_edges(raster)
     reach = np.empty((len(edges), 4))
-    reach_standing(raster, runs, low_a, low_b, extent, 1.0 / cell, reach)
+    reach_vertical(raster, runs, (low_a, low_b), extent, 1.0 / cell, reach)
     vertices, ends, area = polygon(raster, edges, reach, usual_a, usual_b, samples)
     vertices[:, 0] += low_a
     vertices[:, 1] += low_b
@@ -286,15 +275,15 @@ def lift(flat: Array, ends: Int, normal: Array, offset: float, cell: float, out:
     slope = math.hypot(nx, ny)
     for k in range(len(flat)):
         a, b = flat[k, 0] * cell, flat[k, 1] * cell
-        if abs(nz) >= STEEP:
+        if abs(nz) >= OUTLINED_BY_COLUMNS:
             out[k, 0], out[k, 1], out[k, 2] = a, b, (offset - a * nx - b * ny) / nz
         else:
-            # The point of the plane at height b and place a along its level direction.
+            # The point of the plane at height b and place a along its horizontal direction.
             back = (offset - b * nz) / slope
             out[k, 0] = (-ny * a + nx * back) / slope
             out[k, 1] = (nx * a + ny * back) / slope
             out[k, 2] = b
-    if nz <= -STEEP:
+    if nz <= -OUTLINED_BY_COLUMNS:
         start = 0
         for end in ends:
             out[start:end] = out[start:end][::-1].copy()

@@ -125,7 +125,7 @@ def largest_polygon(
     tolerance
         Corners within this of what remains are left out, cells.
     least_hole
-        Holes smaller than this share of the polygon's area are closed.
+        Holes smaller than this fraction of the polygon's area are closed.
 
     Returns
     -------

@@ -9,10 +9,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tccm_ros.cuboids.cuboids import CuboidArrays
 from tccm_ros.outlines.gaps import patch_of
 from tccm_ros.outlines.raster import EMPTY, ROOT3, SAMPLE
 
-__all__ = ["extend_edges", "find_edges", "reach_lying", "reach_standing"]
+__all__ = ["extend_edges", "find_edges", "reach_horizontal", "reach_vertical"]
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int32]
@@ -56,23 +57,25 @@ def widen(reach: Array, a: float, b: float, spread_a: float, spread_b: float) ->
 
 
 @njit(nogil=True, cache=True)
-def reach_lying(
-    raster: Int, runs: Int, low_a: int, low_b: int, count: Array, s: Array, S: Array, ix: Int,
-    iy: Int, members: Index, size: float, scale: float, reach: Array,
+def reach_horizontal(
+    raster: Int, runs: Int, low: tuple[int, int], cuboids: CuboidArrays, members: Index,
+    scale: float, reach: Array,
 ) -> None:  # fmt: skip
-    """Write the reach of the edge cells of a lying plane.
+    """Write the reach of the edge cells of a plane seen from above.
 
     Parameters
     ----------
-    raster, runs, low_a, low_b
+    raster, runs, low
         As in `draw_runs`, after `find_edges`.
-    count, s, S, ix, iy, members, size
-        As in `measure_standing`.
+    cuboids, members
+        As in `measure_vertical`.
     scale
         Raster cells in a map's cell.
     reach
         float64 (E, 4).
     """
+    ix, iy, _, _, count, s, S, size, _ = cuboids
+    low_a, low_b = low
     reach[:, 0::2], reach[:, 1::2] = np.inf, -np.inf
     for k in range(len(members)):
         e = raster[runs[k, 0] - low_a, runs[k, 1] - low_b]
@@ -88,10 +91,11 @@ def reach_lying(
 
 
 @njit(nogil=True, cache=True)
-def reach_standing(
-    raster: Int, runs: Int, low_a: int, low_b: int, extent: Array, scale: float, reach: Array
+def reach_vertical(
+    raster: Int, runs: Int, low: tuple[int, int], extent: Array, scale: float, reach: Array
 ) -> None:
-    """Write the reach of the edge cells of a standing plane; arguments as in `runs_standing`."""
+    """Write the reach of the edge cells of a vertical plane; arguments as in `runs_vertical`."""
+    low_a, low_b = low
     reach[:, 0::2], reach[:, 1::2] = np.inf, -np.inf
     for k in range(len(runs)):
         a = runs[k, 0] - low_a

@@ -1,12 +1,17 @@
-"""The area that two outlines share, by lines laid across them."""
+"""The area that two outlines share, by lines laid across them.
+
+All pairs of a tilt cycle's planes and tracks are compared in one compiled call; shapely would need
+two polygons and an intersection for each.
+"""
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.cuboids.moments import tangents
+from tccm_ros.outlines.rings import signed_area
 
-__all__ = ["shared_share", "shared_shares"]
+__all__ = ["overlap_fraction", "overlap_fractions"]
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -16,10 +21,10 @@ LINES = 48
 
 
 @njit(nogil=True, cache=True)
-def shared_shares(
+def overlap_fractions(
     a: Array, ends_a: Index, normals: Array, b: Array, ends_b: Index, pairs: Index
 ) -> Array:
-    """Return the share of the smaller area that pairs of planar rings have in common.
+    """Return the fraction of the smaller area that pairs of planar rings have in common.
 
     Parameters
     ----------
@@ -36,14 +41,14 @@ def shared_shares(
     -------
     float64 (P,), 0 to 1.
     """
-    shares = np.empty(len(pairs))
+    fractions = np.empty(len(pairs))
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
         u, v = tangents(normals[i])
         first = flat(a[ends_a[i - 1] if i else 0 : ends_a[i]], u, v)
         second = flat(b[ends_b[j - 1] if j else 0 : ends_b[j]], u, v)
-        shares[k] = shared_share(first, second)
-    return shares
+        fractions[k] = overlap_fraction(first, second)
+    return fractions
 
 
 @njit(nogil=True, cache=True)
@@ -58,8 +63,8 @@ def flat(ring: Array, u: Array, v: Array) -> Array:
 
 
 @njit(nogil=True, cache=True)
-def shared_share(a: Array, b: Array) -> float:
-    """Return the share of the smaller area that two rings (N, 2) have in common, 0 to 1.
+def overlap_fraction(a: Array, b: Array) -> float:
+    """Return the fraction of the smaller area that two rings (N, 2) have in common, 0 to 1.
 
     What is inside is counted by crossings, so that a ring may cross itself.
     """
@@ -68,7 +73,7 @@ def shared_share(a: Array, b: Array) -> float:
     low, high = max(a[:, 1].min(), b[:, 1].min()), min(a[:, 1].max(), b[:, 1].max())
     if low >= high or max(a[:, 0].min(), b[:, 0].min()) >= min(a[:, 0].max(), b[:, 0].max()):
         return 0.0
-    smaller = min(area(a), area(b))
+    smaller = min(abs(signed_area(a)), abs(signed_area(b)))
     if smaller <= 0.0:
         return 0.0
     cuts_a, cuts_b = np.empty(len(a)), np.empty(len(b))
@@ -77,16 +82,6 @@ def shared_share(a: Array, b: Array) -> float:
         y = low + (line + 0.5) * step
         total += shared_length(cuts_a[: cut(a, y, cuts_a)], cuts_b[: cut(b, y, cuts_b)])
     return min(total * step / smaller, 1.0)
-
-
-@njit(nogil=True, cache=True)
-def area(ring: Array) -> float:
-    """Return the area that a ring encloses, its turning sense ignored."""
-    total, j = 0.0, len(ring) - 1
-    for i in range(len(ring)):
-        total += ring[j, 0] * ring[i, 1] - ring[i, 0] * ring[j, 1]
-        j = i
-    return 0.5 * abs(total)
 
 
 @njit(nogil=True, cache=True)

@@ -1,4 +1,4 @@
-"""The samples of a plane on a raster.
+"""The cuboids of a plane on a raster.
 
 A raster is int32 (A, B) with a margin of empty cells. Its cells are EMPTY, FILLED, SAMPLE, or the
 number of an edge cell. `gaps` fills what is empty between samples, `edge_cells` tells how far the
@@ -9,6 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tccm_ros.cuboids.cuboids import CuboidArrays
+
 __all__ = [
     "EMPTY",
     "FILLED",
@@ -16,9 +18,9 @@ __all__ = [
     "ROOT3",
     "SAMPLE",
     "draw_runs",
-    "measure_standing",
-    "runs_lying",
-    "runs_standing",
+    "measure_vertical",
+    "runs_horizontal",
+    "runs_vertical",
 ]
 
 Array = NDArray[np.float64]
@@ -37,8 +39,8 @@ samples are."""
 
 
 @njit(nogil=True, cache=True)
-def runs_lying(ix: Int, iy: Int, members: Index, coarse: int, runs: Int) -> None:
-    """Write the cell of each cuboid of a lying plane: a along x, b along y.
+def runs_horizontal(ix: Int, iy: Int, members: Index, coarse: int, runs: Int) -> None:
+    """Write the cell of each cuboid of a plane seen from above: a along x, b along y.
 
     Parameters
     ----------
@@ -57,13 +59,13 @@ def runs_lying(ix: Int, iy: Int, members: Index, coarse: int, runs: Int) -> None
 
 
 @njit(nogil=True, cache=True)
-def runs_standing(extent: Array, scale: float, runs: Int) -> None:
-    """Write the run of cells of each cuboid of a standing plane: a along u, b upwards.
+def runs_vertical(extent: Array, scale: float, runs: Int) -> None:
+    """Write the run of cells of each cuboid of a vertical plane: a along u, b upwards.
 
     Parameters
     ----------
     extent
-        float64 (M, 4) of `measure_standing`: middle along u, spread, low and high, ticks.
+        float64 (M, 4) of `measure_vertical`: middle along u, spread, low and high, ticks.
     scale
         Cells in a tick.
     runs
@@ -76,25 +78,23 @@ def runs_standing(extent: Array, scale: float, runs: Int) -> None:
 
 
 @njit(nogil=True, cache=True)
-def measure_standing(
-    count: Array, s: Array, S: Array, ix: Int, iy: Int, bottom: Int, top: Int, members: Index,
-    size: float, ux: float, uy: float, extent: Array,
-) -> None:  # fmt: skip
-    """Write where the points of each cuboid of a standing plane are.
+def measure_vertical(
+    cuboids: CuboidArrays, members: Index, ux: float, uy: float, extent: Array
+) -> None:
+    """Write where the points of each cuboid of a vertical plane are.
 
     Parameters
     ----------
-    count, s, S, ix, iy, bottom, top
-        As in `Cuboids`.
+    cuboids
+        Those of the map.
     members
         int64 (M,), indices of the plane's cuboids.
-    size
-        Edge of a map's cell, ticks.
     ux, uy
-        The plane's level direction.
+        The plane's horizontal direction.
     extent
         float64 (M, 4), ticks: receives middle and half width along u, lowest and highest point.
     """
+    ix, iy, bottom, top, count, s, S, size, _ = cuboids
     for k in range(len(members)):
         i = members[k]
         n = 1.0 / count[i]

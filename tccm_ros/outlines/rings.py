@@ -1,4 +1,8 @@
-"""Closed rings in a plane: area, inside, fewer corners, whether any cross."""
+"""Closed rings in a plane, in kernels: area, inside, fewer corners, whether any cross.
+
+`shapely` has the same for one polygon at a time, from Python; here they are steps of a compiled
+loop over all planes of a map.
+"""
 
 import numpy as np
 from numba import njit
@@ -22,7 +26,7 @@ def signed_area(ring: Array) -> float:
 
 @njit(nogil=True, cache=True)
 def is_inside(ring: Array, x: float, y: float) -> bool:
-    """Tell whether a point is inside a ring."""
+    """Return whether a point is inside a ring."""
     inside, j = False, len(ring) - 1
     for i in range(len(ring)):
         if (ring[i, 1] > y) != (ring[j, 1] > y):
@@ -87,7 +91,7 @@ def simplify(ring: Array, tolerance: float) -> Array:
 
 @njit(nogil=True, cache=True)
 def crosses(vertices: Array, ends: Int) -> bool:
-    """Tell whether any two sides of some rings cross or touch, neighbours of a ring excepted."""
+    """Return whether any two sides of some rings cross or touch, neighbours of a ring excepted."""
     n = len(vertices)
     after = np.empty(n, np.int32)
     start = 0
@@ -122,7 +126,7 @@ def turn(v: Array, p: int, q: int, r: int) -> float:
 
 @njit(nogil=True, cache=True)
 def sides_meet(v: Array, p: int, q: int, r: int, s: int) -> bool:
-    """Tell whether two sides p q and r s have a point in common."""
+    """Return whether two sides p q and r s have a point in common."""
     if min(v[p, 1], v[q, 1]) > max(v[r, 1], v[s, 1]) or min(v[r, 1], v[s, 1]) > max(
         v[p, 1], v[q, 1]
     ):
@@ -136,7 +140,7 @@ def sides_meet(v: Array, p: int, q: int, r: int, s: int) -> bool:
 
 @njit(nogil=True, cache=True)
 def folds(v: Array, p: int, q: int, r: int, s: int) -> bool:
-    """Tell whether two sides with a common vertex lie on each other."""
+    """Return whether two sides with a common vertex lie on each other."""
     if q == r:
         a, b, c = p, q, s
     else:

@@ -7,14 +7,16 @@ block of twice the size, and so on: a pyramid whose level follows the sample spa
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.cuboids.moments import plane_of
+from tccm_ros.planes.arrays import PlaneMap
 
-__all__ = ["BLOCK_BITS", "LEVELS", "find_patches", "queue_around", "sort_into_blocks"]
+__all__ = ["BLOCK_BITS", "LEVELS", "Blocks", "find_patches", "queue_around", "sort_into_blocks"]
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int32]
@@ -31,20 +33,37 @@ SPAN = 0.15
 (a filled block has 0.29)."""
 
 
-@njit(nogil=True, cache=True)
-def sort_into_blocks(
-    ix: Int, iy: Int, low_x: int, low_y: int, wide: int, blocks: int
-) -> tuple[Int, Int]:
-    """Sort cuboids into blocks of the lowest level.
+class Blocks(NamedTuple):
+    """The cuboids of a map by block of the lowest level.
 
-    Returns
-    -------
-    start : int32 (blocks + 1,)
-        Where the cuboids of block ``bx * wide + by`` begin in `order`.
-    order : int32 (N,)
-        Cuboids by block, in their own order within it.
+    Attributes
+    ----------
+    start
+        int32 (blocks + 1,), where the cuboids of block ``bx * wide + by`` begin in `order`.
+    order
+        int32 (N,), cuboids by block, in their own order within it.
+    rows, wide
+        Blocks in x and y.
+    low_x, low_y
+        Indices of the first block's first cell.
     """
+
+    start: Int
+    order: Int
+    rows: int
+    wide: int
+    low_x: int
+    low_y: int
+
+
+@njit(nogil=True, cache=True)
+def sort_into_blocks(ix: Int, iy: Int) -> Blocks:
+    """Sort cuboids, whose cells are sorted by (ix, iy), into blocks of the lowest level."""
     n = len(ix)
+    low_x, low_y = ix[0], iy.min()
+    rows = ((ix[n - 1] - low_x) >> BLOCK_BITS) + 1
+    wide = ((iy.max() - low_y) >> BLOCK_BITS) + 1
+    blocks = rows * wide
     block = np.empty(n, np.int32)
     start = np.zeros(blocks + 1, np.int32)
     for i in range(n):
@@ -59,14 +78,13 @@ def sort_into_blocks(
         b = block[i]
         order[fill[b]] = i
         fill[b] += 1
-    return start, order
+    return Blocks(start, order, rows, wide, low_x, low_y)
 
 
 @njit(nogil=True, cache=True)
-def queue_around(
-    b: int, mark: int, rows: int, wide: int, queue: Int, queued: int, stamp: Int
-) -> int:
+def queue_around(b: int, mark: int, blocks: Blocks, queue: Int, queued: int, stamp: Int) -> int:
     """Queue the blocks around block b that have not the mark yet; return how many are queued."""
+    rows, wide = blocks.rows, blocks.wide
     bx, by = b // wide, b % wide
     for x in range(max(bx - 1, 0), min(bx + 2, rows)):
         for y in range(max(by - 1, 0), min(by + 2, wide)):
@@ -77,39 +95,49 @@ def queue_around(
     return queued
 
 
-@njit(nogil=True, cache=True)
-def pool(
-    head: Int,
-    following: Int,
-    low: Int,
-    high: Int,
-    tall: Flags,
-    moments: Array,
-    used: int,
-    block: int,
-    lo: int,
-    hi: int,
-    is_tall: bool,
-    m: Array,
-    gap: int,
-) -> int:
-    """Add moments to the pool of a block that meets [lo, hi] but for a gap, or begin a new one.
+class _Pools(NamedTuple):
+    """Pools of cuboids that overlap in height in one block.
 
-    Returns the number of pools used so far.
+    Attributes
+    ----------
+    low, high
+        int32, lowest bottom and highest top, ticks.
+    tall
+        bool, whether it is of tall cuboids.
+    moments
+        float64 (.., 10).
     """
+
+    low: Int
+    high: Int
+    tall: Flags
+    moments: Array
+
+
+@njit(nogil=True, cache=True)
+def _pool(
+    head: Int, following: Int, pools: _Pools, used: int, block: int, of: int, gap: int
+) -> int:
+    """Add pool `of`, not used any more, to one of a block that it meets but for a gap.
+
+    It begins a new one where there is none. Returns the number of pools used so far, which is
+    never more than `of`.
+    """
+    low, high, tall, moments = pools
+    lo, hi, is_tall = low[of], high[of], tall[of]
     g = head[block]
     while g >= 0:
         if tall[g] == is_tall and lo <= high[g] + gap and hi >= low[g] - gap:
             low[g], high[g] = min(low[g], lo), max(high[g], hi)
             for k in range(10):
-                moments[g, k] += m[k]
+                moments[g, k] += moments[of, k]
             return used
         g = following[g]
     following[used] = head[block]
     head[block] = used
     low[used], high[used], tall[used] = lo, hi, is_tall
     for k in range(10):
-        moments[used, k] = m[k]
+        moments[used, k] = moments[of, k]
     return used + 1
 
 
@@ -130,32 +158,14 @@ def may_span(m: Array, least: float) -> bool:
 
 @njit(nogil=True, cache=True)
 def find_patches(
-    M: Array,
-    start: Int,
-    order: Int,
-    bottom: Int,
-    top: Int,
-    rows: int,
-    wide: int,
-    cell: float,
-    cell_ticks: float,
-    max_rms: float,
-    min_count: float,
+    cuboids: PlaneMap, blocks: Blocks, max_rms: float, min_count: float
 ) -> tuple[Array, Array, Int]:
     """Find the flat patches of all levels.
 
     Parameters
     ----------
-    M
-        float64 (N, 10), moments.
-    start, order
-        Of `sort_into_blocks`.
-    bottom, top
-        int32 (N,), ticks.
-    rows, wide
-        Blocks of the lowest level in x and y.
-    cell, cell_ticks
-        Edge of a cell, m and ticks.
+    cuboids, blocks
+        Those of the map.
     max_rms
         Largest standard deviation across a patch, m.
     min_count
@@ -169,10 +179,13 @@ def find_patches(
     place : int32 (K, 3)
         Level, and block (bx, by) of that level.
     """
+    M, bottom, top, cell = cuboids.M, cuboids.bottom, cuboids.top, cuboids.cell * cuboids.tick
+    start, order, rows, wide = blocks.start, blocks.order, blocks.rows, blocks.wide
     n = len(order)
     moments = np.empty((n, 10))
     low, high = np.empty(n, np.int32), np.empty(n, np.int32)
     tall, following = np.empty(n, np.bool_), np.empty(n, np.int32)
+    pools = _Pools(low, high, tall, moments)
     block_of = np.empty(n, np.int32)
     used = 0
     tall_variance = cell * cell
@@ -233,20 +246,14 @@ def find_patches(
         # Hand what is left to the blocks of twice the size; pools are compacted in place, as the
         # number used never overtakes the one read.
         # What is sparse is sparse in height too: scan lines climb a wall in steps.
-        gap = int(cell_ticks * (1 << level))
+        gap = int(cuboids.cell * (1 << level))
         next_wide, next_rows = (level_wide + 1) >> 1, (level_rows + 1) >> 1
         head = np.full(next_rows * next_wide, -1, np.int32)
         used = 0
-        row = np.empty(10)
         for g in range(kept):
             b = (block_of[g] // level_wide >> 1) * next_wide + (block_of[g] % level_wide >> 1)
-            for k in range(10):
-                row[k] = moments[g, k]
             before = used
-            used = pool(
-                head, following, low, high, tall, moments, used, b, low[g], high[g], tall[g], row,
-                gap,
-            )  # fmt: skip
+            used = _pool(head, following, pools, used, b, g, gap)
             if used > before:
                 block_of[before] = b
         level_wide, level_rows = next_wide, next_rows

@@ -1,9 +1,9 @@
 """All planes of a map, by pooled moments: exact least-squares fits without touching a point.
 
-The detector works on cuboid moments alone. `planes.blocks` pools cuboids into flat patches,
-`planes.growth` grows regions of patches, and `planes.members` decides cuboid by cuboid, links what
-hangs together and fits. Planes of any tilt are found at once, each as exactly as a least-squares
-fit to the points of its cuboids.
+The detector works on cuboid moments alone. `blocks` pools cuboids into flat patches,
+`region_growing` grows regions of patches, `inliers` decides cuboid by cuboid, and `search` links
+what hangs together and fits. Planes of any tilt are found at once, each as exactly as a
+least-squares fit to the points of its cuboids.
 """
 
 from __future__ import annotations
@@ -18,12 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, Cuboids
-from tccm_ros.cuboids.moments import FLAT, axes_of, tangents, uncertainty_of
+from tccm_ros.cuboids.moments import FLAT, tangents, uncertainty_of
 from tccm_ros.outlines.boundary import Outline, members_by_plane, outlines
-from tccm_ros.planes.plane_table import PLANE_COLUMNS
+from tccm_ros.planes.arrays import PLANE, PlaneTable
 from tccm_ros.planes.search import planes_of
+from tccm_ros.records import PlaneKind
 
-__all__ = ["PlaneFit", "PlaneFits", "find_planes", "select", "without_plane"]
+__all__ = ["PlaneFit", "PlaneFits", "find_planes"]
 
 Array = NDArray[np.float64]
 
@@ -69,7 +70,7 @@ class PlaneFit:
     index
         Label of its cuboids in `PlaneFits.labels`.
     kind
-        ``horizontal`` or ``any``.
+        Whether it is horizontal within `planes.horizontal_angle`.
     normal, offset
         Unit normal float64 (3,) and offset, m: ``normal . p = offset``. Horizontal normals point
         up, others towards the viewpoint.
@@ -84,7 +85,7 @@ class PlaneFit:
     """
 
     index: int
-    kind: str
+    kind: PlaneKind
     normal: Array
     offset: float
     support: int
@@ -93,20 +94,10 @@ class PlaneFit:
     origin: tuple[float, float, float]
     owned: PlaneCuboids
 
-    @property
-    def weight(self) -> float:
-        """Points that shaped the fit."""
-        return float(self.moments[0])
-
     @cached_property
     def centroid(self) -> Array:
         """Mean of the points that shaped the fit, float64 (3,), m."""
         return self.moments[1:4] / self.moments[0] + self.origin
-
-    @cached_property
-    def scatter(self) -> Array:
-        """Covariance of the points that shaped the fit, float64 (3, 3), m2."""
-        return axes_of(self.moments)[1]
 
     @cached_property
     def tangents(self) -> tuple[Array, Array]:
@@ -168,7 +159,7 @@ class PlaneFits(Sequence[PlaneFit]):
     """
 
     def __init__(
-        self, cuboids: Cuboids, labels: NDArray[np.int32], rows: Array, origin: Array
+        self, cuboids: Cuboids, labels: NDArray[np.int32], rows: PlaneTable, origin: Array
     ) -> None:
         self.cuboids = cuboids
         self.labels = labels
@@ -177,19 +168,20 @@ class PlaneFits(Sequence[PlaneFit]):
 
     @cached_property
     def _fits(self) -> list[PlaneFit]:
-        """One `PlaneFit` per row of `plane_search.segment`; `origin` is that of their moments."""
+        """One `PlaneFit` per row of `search.segment`."""
         rows = self._rows
-        owned = PlaneCuboids(self.cuboids, self.labels, rows[:, :3].copy(), rows[:, 3].copy())
+        normals, offsets = rows["normal"].copy(), rows["offset"].copy()
+        owned = PlaneCuboids(self.cuboids, self.labels, normals, offsets)
         x, y, z = self._origin.tolist()
         return [
             PlaneFit(
                 index=index,
-                kind="horizontal" if row[18] else "any",
-                normal=row[:3],
-                offset=float(row[3]),
-                support=round(float(row[7])),
-                rms=math.sqrt(row[6]),
-                moments=row[8:18],
+                kind=PlaneKind.HORIZONTAL if row["is_horizontal"] else PlaneKind.ANY,
+                normal=normals[index],
+                offset=float(row["offset"]),
+                support=round(float(row["support"])),
+                rms=math.sqrt(row["variances"][2]),
+                moments=row["moments"],
                 origin=(x, y, z),
                 owned=owned,
             )
@@ -228,45 +220,9 @@ def find_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> Plane
     origin = np.rint(view * TICKS_PER_M)
     if len(cuboids) == 0:
         none = np.full(0, -1, np.int32)
-        return PlaneFits(cuboids, none, np.zeros((0, PLANE_COLUMNS)), origin * TICK)
+        return PlaneFits(cuboids, none, np.zeros(0, PLANE), origin * TICK)
     p = config.planes
     limits = p.max_rms, float(p.min_points), p.min_area, p.flatness, math.cos(p.horizontal_angle)
-    arrays = (
-        cuboids.ix, cuboids.iy, cuboids.bottom, cuboids.top, cuboids.count, cuboids.s, cuboids.S,
-        cuboids.caps.of, cuboids.caps.moments, cuboids.cell_size * TICKS_PER_M, TICK, origin,
-    )  # fmt: skip
-    labels, rows = planes_of(arrays, view, limits)
+    caps = cuboids.caps.of, cuboids.caps.moments
+    labels, rows = planes_of(cuboids.arrays, caps, origin, view, limits)
     return PlaneFits(cuboids, labels, rows, origin * TICK)
-
-
-def without_plane(fits: PlaneFits, *indices: int) -> Cuboids:
-    """Return the map without the cuboids of the given planes (the paper's Fig. 7, lowest row).
-
-    Parameters
-    ----------
-    fits
-        What `find_planes` returned.
-    indices
-        Planes to take out; all horizontal ones if none is given.
-    """
-    taken = indices or tuple(fit.index for fit in fits if fit.kind == "horizontal")
-    return select(fits.cuboids, ~np.isin(fits.labels, taken))
-
-
-def select(cuboids: Cuboids, keep: NDArray[np.bool_]) -> Cuboids:
-    """Return the cuboids for which `keep` (bool (N,)) is true."""
-    lengths = np.diff(cuboids.cycle_offsets)[keep]
-    offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
-    kept_cycles = np.repeat(keep, np.diff(cuboids.cycle_offsets))
-    return Cuboids(
-        cuboids.cell_size,
-        cuboids.ix[keep],
-        cuboids.iy[keep],
-        cuboids.bottom[keep],
-        cuboids.top[keep],
-        cuboids.count[keep],
-        cuboids.s[keep],
-        cuboids.S[keep],
-        cuboids.cycles[kept_cycles],
-        offsets,
-    )

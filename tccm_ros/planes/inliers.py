@@ -5,23 +5,25 @@ Shaping is careful: a cell at an edge mixes the surface with what is below or be
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.cuboids.bits import lowest_bit
+from tccm_ros.cuboids.inclination import CROSSES_CELLS_ONCE
+from tccm_ros.cuboids.intrinsics import lowest_bit
 from tccm_ros.cuboids.moments import Moments, plane_of, residuals_of
-from tccm_ros.planes.blocks import queue_around
-from tccm_ros.planes.plane_map import PlaneMap
+from tccm_ros.planes.arrays import PlaneMap
+from tccm_ros.planes.blocks import Blocks, queue_around
 
 __all__ = [
     "GATE",
-    "GENTLE",
     "NOISE_FLOOR",
+    "Flood",
     "Plane",
-    "claim",
-    "fit_lying",
+    "assign_inliers",
+    "fit_horizontal",
     "is_mixed",
     "pooled_plane",
     "sharing_cells",
@@ -49,9 +51,6 @@ LENIENT = 4.0
 
 STRICT = 2.0
 """The same near an edge, where mixed cells are to be expected."""
-
-GENTLE = 0.8
-"""Planes with a larger vertical component of the normal rise by less than a cell over a cell."""
 
 ROUNDS = 3
 SETTLED = 0.9
@@ -115,38 +114,41 @@ def dot(weights: Moments, m: Array) -> float:
     )
 
 
+class Flood(NamedTuple):
+    """Work space of a search that spreads from block to block.
+
+    Attributes
+    ----------
+    queue
+        int32 (blocks,), blocks to be looked at.
+    stamp
+        int32 (blocks,), the mark of the search that queued a block last.
+    is_inlier
+        uint64, a bit for each cuboid: zero before and after.
+    """
+
+    queue: Int
+    stamp: Int
+    is_inlier: Words
+
+
 @njit(nogil=True, cache=True)
-def claim(
-    M: Array,
-    start: Int,
-    order: Int,
-    rows: int,
-    wide: int,
-    queue: Int,
-    queued: int,
-    stamp: Int,
-    mark: int,
-    labels: Int,
-    is_taken: Words,
-    plane: Plane,
+def assign_inliers(
+    M: Array, blocks: Blocks, flood: Flood, queued: int, mark: int, labels: Int, plane: Plane,
     weight: float,
-) -> Int:
+) -> Int:  # fmt: skip
     """Flood from a region's blocks over all blocks that hold cuboids of its plane.
 
     Parameters
     ----------
     M
         float64 (N, 10), moments.
-    start, order, rows, wide
-        Of `sort_into_blocks`.
-    queue, queued
-        Blocks to begin with; work space for all blocks.
-    stamp, mark
-        Blocks queued before have ``stamp == mark``.
+    blocks
+        Those of the map.
+    flood, queued, mark
+        Work space, in which so many blocks to begin with are queued and have the mark.
     labels
-        int32 (N,): only cuboids with -1 are claimed.
-    is_taken
-        uint64, a bit for each cuboid: work space, zero before and after.
+        int32 (N,): only cuboids with -1 are taken.
     plane, weight
         Plane of the region, and its points.
 
@@ -154,6 +156,7 @@ def claim(
     -------
     int32 (M,): the cuboids, in order.
     """
+    queue, start, order = flood.queue, blocks.start, blocks.order
     nx, ny, nz, d, variance = plane
     gate = GATE * math.sqrt(variance)
     total = NOTHING
@@ -173,7 +176,7 @@ def claim(
             _, two = residuals_of(m, nx, ny, nz, d)
             if two > m[0] * gate * gate:
                 continue
-            is_taken[i >> 6] |= np.uint64(1) << np.uint64(i & 63)
+            flood.is_inlier[i >> 6] |= np.uint64(1) << np.uint64(i & 63)
             count += 1
             total = add_scaled(total, m, 1.0 - is_mixed(m[0], two, variance, LENIENT))
         if count == before:
@@ -182,8 +185,8 @@ def claim(
             nx, ny, nz, d, variance = pooled_plane(total)
             gate = GATE * math.sqrt(variance)
             refit_at = 1.5 * total[0]
-        queued = queue_around(b, mark, rows, wide, queue, queued, stamp)
-    return drain(is_taken, count)
+        queued = queue_around(b, mark, blocks, queue, queued, flood.stamp)
+    return drain(flood.is_inlier, count)
 
 
 @njit(nogil=True, cache=True)
@@ -214,8 +217,12 @@ def sharing_cells(ix: Int, iy: Int, members: Int) -> Flags:
 
 
 @njit(nogil=True, cache=True)
-def fit_lying(cuboids: PlaneMap, members: Int, deep: Flags, plane: Plane, total: Array) -> Plane:
-    """Fit a plane whose cells lie side by side: first to its inside, then with its edges.
+def fit_horizontal(
+    cuboids: PlaneMap, members: Int, deep: Flags, plane: Plane, total: Array
+) -> Plane:
+    """Fit a plane that is not vertical, so that its cells lie side by side.
+
+    It is fitted first to its inside, then with its edges.
 
     A plane that rises by less than a cell over a cell passes each cell once. Where several cuboids
     of one cell are within the gate, as at the front below a small top, none of them may shape it.
@@ -232,7 +239,7 @@ def fit_lying(cuboids: PlaneMap, members: Int, deep: Flags, plane: Plane, total:
         float64 (10,), written: pooled moments of the fit.
     """
     n, M = len(members), cuboids.M
-    is_flat = abs(plane[2]) > GENTLE
+    is_flat = abs(plane[2]) > CROSSES_CELLS_ONCE
     is_sharing = sharing_cells(cuboids.ix, cuboids.iy, members)
     # The most that a cuboid's points may scatter, in variances, does not depend on the plane.
     most = np.empty(n)

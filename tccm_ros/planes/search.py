@@ -1,59 +1,87 @@
 """All planes of a map, from its cuboids' moments: the one kernel behind `find_planes`."""
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tccm_ros.cuboids.cuboids import CuboidArrays
+from tccm_ros.cuboids.inclination import CROSSES_CELLS_ONCE, FITTED_AS_VERTICAL
 from tccm_ros.cuboids.linking import link_in_plane
 from tccm_ros.cuboids.moments import plane_of, residuals_of
-from tccm_ros.planes.blocks import BLOCK_BITS, find_patches, sort_into_blocks
-from tccm_ros.planes.edges import drop_edges
-from tccm_ros.planes.growth import grow_regions
+from tccm_ros.planes.arrays import PLANE, PlaneMap, PlaneTable, plane_map
+from tccm_ros.planes.blocks import Blocks, find_patches, sort_into_blocks
+from tccm_ros.planes.edge_planes import drop_edge_planes
 from tccm_ros.planes.inliers import (
     GATE,
-    GENTLE,
+    Flood,
     Plane,
-    claim,
-    fit_lying,
+    assign_inliers,
+    fit_horizontal,
     pooled_plane,
     sharing_cells,
 )
-from tccm_ros.planes.plane_map import PlaneMap, plane_map
-from tccm_ros.planes.plane_table import PLANE_COLUMNS
-from tccm_ros.planes.reassignment import give_back
-from tccm_ros.planes.vertical_patches import link_standing
-from tccm_ros.planes.vertical_planes import fit_standing
+from tccm_ros.planes.reassignment import reassign_inliers
+from tccm_ros.planes.region_growing import grow_regions
+from tccm_ros.planes.vertical_patches import link_vertical
+from tccm_ros.planes.vertical_planes import fit_vertical
 
-__all__ = ["planes_of", "segment"]
+__all__ = ["Limits", "planes_of", "segment"]
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 
-STEEP = 0.20
-"""Planes with a smaller vertical component of the normal stand: their cells form a line."""
-
 PATCH_POINTS = 6
 """Least points of a flat patch: a plane has three parameters, and needs as many to judge it."""
 
 
+class Limits(NamedTuple):
+    """What a plane must be.
+
+    Attributes
+    ----------
+    max_rms
+        Largest standard deviation across it, m.
+    min_points, min_area
+        Least points, and least area, m2.
+    flatness
+        Largest ratio of the standard deviations across and along the narrower side.
+    horizontal
+        Least vertical component of a horizontal plane's normal.
+    """
+
+    max_rms: float
+    min_points: float
+    min_area: float
+    flatness: float
+    horizontal: float
+
+
 @njit(nogil=True, cache=True)
 def planes_of(
-    arrays: tuple[Any, ...], view: Array, limits: tuple[float, float, float, float, float]
-) -> tuple[Int, Array]:
-    """Find all planes in what `plane_map` takes: it and `segment` in one compiled call."""
-    return segment(plane_map(*arrays), view, limits)
+    arrays: tuple[Any, ...], caps: tuple[Int, Array], origin: Array, view: Array,
+    limits: tuple[float, float, float, float, float],
+) -> tuple[Int, PlaneTable]:  # fmt: skip
+    """Find all planes of a map: `segment`, from plain tuples, in one compiled call.
+
+    Parameters
+    ----------
+    arrays, caps
+        The fields of `CuboidArrays` and `Caps`.
+    origin
+        float64 (3,), ticks, of the moments.
+    view, limits
+        As in `segment`.
+    """
+    cuboids = plane_map(CuboidArrays(*arrays), caps[0], caps[1], origin)
+    return segment(cuboids, view, Limits(*limits))
 
 
 @njit(nogil=True, cache=True)
-def segment(
-    cuboids: PlaneMap,
-    view: Array,
-    limits: tuple[float, float, float, float, float],
-) -> tuple[Int, Array]:
+def segment(cuboids: PlaneMap, view: Array, limits: Limits) -> tuple[Int, PlaneTable]:
     """Find all planes of a map.
 
     Parameters
@@ -63,70 +91,66 @@ def segment(
     view
         float64 (3,), m: where the laser was.
     limits
-        Largest standard deviation across, m; least points; least area, m2; largest ratio of the
-        standard deviations across and along the narrower side; least vertical component of a level
-        plane's normal.
+        What a plane must be.
 
     Returns
     -------
     labels : int32 (N,)
-    planes : float64 (P, PLANE_COLUMNS)
-        Normals of level planes point up, others towards the laser.
+    planes : (P,), `PLANE`
+        Normals of horizontal planes point up, others towards the laser.
     """
-    M, ix, iy, bottom, top = cuboids[:5]
-    cell, tick = cuboids.cell, cuboids.tick
-    n = len(ix)
-    low_x, low_y = ix[0], iy.min()
-    rows = ((ix[n - 1] - low_x) >> BLOCK_BITS) + 1
-    wide = ((iy.max() - low_y) >> BLOCK_BITS) + 1
-    start, order = sort_into_blocks(ix, iy, low_x, low_y, wide, rows * wide)
-    moments, patches, place = find_patches(
-        M, start, order, bottom, top, rows, wide, cell * tick, cell, limits[0], PATCH_POINTS
-    )
-    region, pooled = grow_regions(moments, patches, place, rows, wide, limits[0])
+    n = len(cuboids.ix)
+    blocks = sort_into_blocks(cuboids.ix, cuboids.iy)
+    moments, patches, place = find_patches(cuboids, blocks, limits.max_rms, PATCH_POINTS)
+    region, pooled = grow_regions(moments, patches, place, blocks, limits.max_rms)
     first, by_region = patches_by_region(region, len(pooled))
 
-    labels, is_taken = np.full(n, -1, np.int32), np.zeros((n >> 6) + 1, np.uint64)
-    stamp, queue = np.full(rows * wide, -1, np.int32), np.empty(rows * wide, np.int32)
-    planes = np.empty((n // 2 + 1, PLANE_COLUMNS))
+    count = blocks.rows * blocks.wide
+    labels = np.full(n, -1, np.int32)
+    flood = Flood(
+        np.empty(count, np.int32), np.full(count, -1, np.int32), np.zeros((n >> 6) + 1, np.uint64)
+    )
+    planes = np.empty(n // 2 + 1, PLANE)
     found = 0
     for r in np.argsort(-pooled[:, 0]):
         # Regions leave out what is sparse; a third of the points is the least to begin with.
-        if pooled[r, 0] < limits[1] / 3.0:
+        if pooled[r, 0] < limits.min_points / 3.0:
             break
-        queued = blocks_of(by_region[first[r] : first[r + 1]], place, rows, wide, queue, stamp, r)
+        queued = queue_region(by_region[first[r] : first[r + 1]], place, blocks, flood, r)
         plane = pooled_plane(pooled[r])
-        members = claim(
-            M, start, order, rows, wide, queue, queued, stamp, r, labels, is_taken,
-            plane, pooled[r, 0],
-        )  # fmt: skip
+        members = assign_inliers(cuboids.M, blocks, flood, queued, r, labels, plane, pooled[r, 0])
         if len(members) > 2:
             found = split_and_fit(cuboids, members, plane, limits, labels, planes, found)
     planes = planes[:found]
-    is_standing = np.abs(planes[:, 2]) < STEEP
-    planes = give_back(M, start, order, rows, wide, labels, planes, is_standing)
-    is_standing = np.abs(planes[:, 2]) < STEEP
-    planes = drop_edges(cuboids, start, order, (low_x, low_y), wide, labels, planes, is_standing)
-    for row in planes:
-        orient(row, view, cuboids.origin * tick, limits[4])
+    planes = reassign_inliers(cuboids.M, blocks, labels, planes, are_vertical(planes))
+    planes = drop_edge_planes(cuboids, blocks, labels, planes, are_vertical(planes))
+    for p in range(len(planes)):
+        orient(planes[p], view, cuboids.origin * cuboids.tick, limits.horizontal)
     return labels, planes
 
 
 @njit(nogil=True, cache=True)
-def orient(row: Array, view: Array, start: Array, level: float) -> None:
+def are_vertical(planes: PlaneTable) -> Flags:
+    """Return which planes are fitted as vertical ones, bool (P,)."""
+    return np.abs(planes["normal"][:, 2]) < FITTED_AS_VERTICAL
+
+
+@njit(nogil=True, cache=True)
+def orient(row: Any, view: Array, start: Array, horizontal: float) -> None:
     """Turn a plane's normal up or towards the laser, and bring its offset from `start` to the map.
 
-    Normals whose vertical component is `level` at least belong to level planes.
+    Normals whose vertical component is `horizontal` at least belong to horizontal planes.
     """
-    nx, ny, nz, d = row[0], row[1], row[2], row[3]
+    nx, ny, nz, d = row.normal[0], row.normal[1], row.normal[2], row.offset
     height = nz
-    row[18] = abs(nz) >= level
-    if abs(nz) < level:
+    row.is_horizontal = abs(nz) >= horizontal
+    if abs(nz) < horizontal:
         height = nx * (view[0] - start[0]) + ny * (view[1] - start[1]) + nz * (view[2] - start[2])
         height -= d
     sign = math.copysign(1.0, height)
     d += nx * start[0] + ny * start[1] + nz * start[2]
-    row[0], row[1], row[2], row[3] = sign * nx, sign * ny, sign * nz, sign * d
+    row.normal[0], row.normal[1], row.normal[2] = sign * nx, sign * ny, sign * nz
+    row.offset = sign * d
 
 
 @njit(nogil=True, cache=True)
@@ -145,10 +169,12 @@ def patches_by_region(region: Int, regions: int) -> tuple[Int, Int]:
 
 
 @njit(nogil=True, cache=True)
-def blocks_of(
-    patches: Int, place: Int, rows: int, wide: int, queue: Int, stamp: Int, mark: int
-) -> int:
-    """Queue the blocks of a region's patches, and around patches of higher levels as far again."""
+def queue_region(patches: Int, place: Int, blocks: Blocks, flood: Flood, mark: int) -> int:
+    """Queue the blocks of a region's patches, and around patches of higher levels as far again.
+
+    Returns how many are queued.
+    """
+    rows, wide, queue, stamp = blocks.rows, blocks.wide, flood.queue, flood.stamp
     queued = 0
     for p in patches:
         size = 1 << place[p, 0]
@@ -169,9 +195,9 @@ def split_and_fit(
     cuboids: PlaneMap,
     members: Int,
     plane: Plane,
-    limits: tuple[float, float, float, float, float],
+    limits: Limits,
     labels: Int,
-    planes: Array,
+    planes: PlaneTable,
     found: int,
 ) -> int:
     """Split a plane's cuboids where they do not hang together, fit and label each set.
@@ -180,27 +206,28 @@ def split_and_fit(
     """
     M, ix, iy = cuboids.M, cuboids.ix, cuboids.iy
     n = len(members)
-    is_standing = abs(plane[2]) < STEEP
-    if is_standing:
-        root = link_standing(ix, iy, members, plane)
+    is_vertical = abs(plane[2]) < FITTED_AS_VERTICAL
+    if is_vertical:
+        root = link_vertical(ix, iy, members, plane)
         deep = np.ones(n, np.bool_)
     else:
         root, deep = link_in_plane(ix[members], iy[members])
     support, size = sizes_of_sets(M, members, root)
     for k in range(n):
-        if support[k] < limits[1]:
+        if support[k] < limits.min_points:
             continue
         one, its_deep = take_set(members, deep, root, k, size[k])
         row = planes[found]
-        if is_standing:
-            fitted = fit_standing(cuboids, one, plane, row[8:18])
+        if is_vertical:
+            fitted = fit_vertical(cuboids, one, plane, row.moments)
         else:
-            fitted = fit_lying(cuboids, one, its_deep, plane, row[8:18])
+            fitted = fit_horizontal(cuboids, one, its_deep, plane, row.moments)
         if is_plane(row, limits):
-            if is_standing:
+            if is_vertical:
                 # Its rims are in the moments, but not as points of the plane.
-                row[0], row[1], row[2], row[3], row[6] = fitted
-            row[7] = label_members(cuboids, one, fitted, labels, found)
+                row.normal[0], row.normal[1], row.normal[2] = fitted[0], fitted[1], fitted[2]
+                row.offset, row.variances[2] = fitted[3], fitted[4]
+            row.support = label_members(cuboids, one, fitted, labels, found)
             found += 1
     return found
 
@@ -234,23 +261,23 @@ def take_set(members: Int, deep: Flags, root: Int, k: int, size: int) -> tuple[I
 
 
 @njit(nogil=True, cache=True)
-def is_plane(row: Array, limits: tuple[float, float, float, float, float]) -> bool:
-    """Fill in a plane's row from its moments, and tell whether it is large and flat enough."""
-    max_rms, min_points, min_area, flatness, _ = limits
-    m = row[8:18]
-    if m[0] < 0.5 * min_points:
+def is_plane(row: Any, limits: Limits) -> bool:
+    """Fill in a plane's row from its moments, and return whether it is large and flat enough."""
+    if row.moments[0] < 0.5 * limits.min_points:
         return False
-    row[0], row[1], row[2], row[3], row[4], row[5], row[6] = plane_of(m)
-    if row[6] > min(max_rms * max_rms, flatness * flatness * row[5]):
+    nx, ny, nz, d, l1, l2, l3 = plane_of(row.moments)
+    row.normal[0], row.normal[1], row.normal[2], row.offset = nx, ny, nz, d
+    row.variances[0], row.variances[1], row.variances[2] = l1, l2, l3
+    if l3 > min(limits.max_rms * limits.max_rms, limits.flatness * limits.flatness * l2):
         return False
     # 12 sqrt(l1 l2) is the area of an evenly filled rectangle.
-    return 12.0 * math.sqrt(row[4] * row[5]) >= min_area
+    return 12.0 * math.sqrt(l1 * l2) >= limits.min_area
 
 
 @njit(nogil=True, cache=True)
 def label_members(cuboids: PlaneMap, members: Int, plane: Plane, labels: Int, label: int) -> float:
     """Label the members that are within the gate of the final plane, and return their points."""
-    M, is_flat = cuboids.M, abs(plane[2]) > GENTLE
+    M, is_flat = cuboids.M, abs(plane[2]) > CROSSES_CELLS_ONCE
     is_sharing = sharing_cells(cuboids.ix, cuboids.iy, members)
     nx, ny, nz, d, variance = plane
     points, squares, support = 0.0, 0.0, 0.0

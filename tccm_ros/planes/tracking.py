@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from tccm_ros.config import Config
-from tccm_ros.outlines.overlap import shared_shares
+from tccm_ros.outlines.overlap import overlap_fractions
 from tccm_ros.planes import PlaneFit, PlaneFits
 from tccm_ros.records import PlaneRecord
 
@@ -83,7 +83,7 @@ class PlaneTracker:
             return [None] * len(fits)
         pairs = np.argwhere(self._may_match(fits))
         score = np.zeros((len(fits), len(self._tracks)))
-        score[pairs[:, 0], pairs[:, 1]] = shared_shares(
+        score[pairs[:, 0], pairs[:, 1]] = overlap_fractions(
             *_joined([f.boundary for f in fits]),
             np.array([f.normal for f in fits]),
             *_joined([t.record.boundary for t in self._tracks]),

@@ -1,13 +1,13 @@
-"""The places of a standing plane: what a fit judges whole.
+"""The patches of a vertical plane: what a fit accepts or refuses as a whole.
 
 The points of one spot on a board fall in two cells, before and behind the wall between them. To
-refuse one cell and keep the other would shift the plane, so *places* are judged whole: the cuboids
+refuse one cell and keep the other would shift the plane, so *patches* are judged whole: the cuboids
 of one step along the board that overlap in height.
 
-Where a board ends in a level surface, as a shelf's front in its top, the highest place of a step
-is a *rim*: it may hold points of that surface, all at the rim's height, up to a cell behind the
-board. A part map knows the moments of its cuboids' caps, and a rim's are taken off; of an
-integration map it is only told which places are rims.
+Where a board ends in a horizontal surface, as a shelf's front in its top, the highest patch of a
+step is a *rim*: it may hold points of that surface, all at the rim's height, up to a cell behind
+the board. A part map knows the moments of its cuboids' caps, and a rim's are taken off; of an
+integration map it is only told which patches are rims.
 """
 
 import math
@@ -17,17 +17,17 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.cuboids.caps import CAP_DEPTH
+from tccm_ros.planes.arrays import PlaneMap, cap_of
 from tccm_ros.planes.inliers import Plane
-from tccm_ros.planes.plane_map import PlaneMap, cap_of
 
-__all__ = ["NO_RIM", "bins_along", "link_standing", "pool_places"]
+__all__ = ["NO_RIM", "bins_along", "link_vertical", "pool_patches"]
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int32]
 
-RIM_REACH = 40
-"""A highest place is a rim unless it ends this far, ticks, below the usual height: a level surface
-reaches its own height in each cell that it is in."""
+RIM_DEPTH = 40
+"""A highest patch is a rim unless it ends this far, ticks, below the usual height: a horizontal
+surface has its own height in each cell that it is in."""
 
 NO_RIM = -(1 << 31)
 """What stands for no height."""
@@ -35,9 +35,10 @@ NO_RIM = -(1 << 31)
 
 @njit(nogil=True, cache=True)
 def bins_along(ix: Int, iy: Int, members: Int, plane: Plane) -> tuple[Int, int]:
-    """Return the step of each cuboid along the level direction of a standing plane, and how many.
+    """Return the step of each cuboid along a vertical plane, and how many steps there are.
 
-    A step is as wide as a cell. Cells count by their middle, so that noise does not decide.
+    Steps run along its horizontal direction and are as wide as a cell. Cells count by their middle,
+    so that noise does not decide.
     """
     slope = math.hypot(plane[0], plane[1])
     ux, uy = -plane[1] / slope, plane[0] / slope
@@ -55,15 +56,15 @@ def bins_along(ix: Int, iy: Int, members: Int, plane: Plane) -> tuple[Int, int]:
 
 
 @njit(nogil=True, cache=True)
-def link_standing(ix: Int, iy: Int, members: Int, plane: Plane) -> Int:
-    """Return the connected sets of a standing plane's cuboids: runs along its level direction.
+def link_vertical(ix: Int, iy: Int, members: Int, plane: Plane) -> Int:
+    """Return the connected sets of a vertical plane's cuboids: runs along its horizontal direction.
 
     As in `linking.link`, the smallest index of each set; a gap of twice the usual step ends a run.
     """
-    place, bins = bins_along(ix, iy, members, plane)
+    step, bins = bins_along(ix, iy, members, plane)
     run = np.full(bins, -1, np.int32)
-    for k in range(len(place)):
-        run[place[k]] = 0
+    for k in range(len(step)):
+        run[step[k]] = 0
     steps, count, last = 0, 0, -1
     for b in range(bins):
         if run[b] == 0:
@@ -79,9 +80,9 @@ def link_standing(ix: Int, iy: Int, members: Int, plane: Plane) -> Int:
             run[b] = runs
             last = b
     first = np.full(runs + 1, -1, np.int32)
-    root = np.empty(len(place), np.int32)
-    for k in range(len(place)):
-        r = run[place[k]]
+    root = np.empty(len(step), np.int32)
+    for k in range(len(step)):
+        r = run[step[k]]
         if first[r] < 0:
             first[r] = k
         root[k] = first[r]
@@ -89,8 +90,8 @@ def link_standing(ix: Int, iy: Int, members: Int, plane: Plane) -> Int:
 
 
 @njit(nogil=True, cache=True)
-def pool_places(cuboids: PlaneMap, members: Int, plane: Plane) -> tuple[Array, Int]:
-    """Pool the cuboids of each step along a standing plane that overlap in height.
+def pool_patches(cuboids: PlaneMap, members: Int, plane: Plane) -> tuple[Array, Int]:
+    """Pool the cuboids of each step along a vertical plane that overlap in height.
 
     Where caps are known those of rims are left out, and no rim remains.
 
@@ -104,9 +105,9 @@ def pool_places(cuboids: PlaneMap, members: Int, plane: Plane) -> tuple[Array, I
     Returns
     -------
     pooled : float64 (P, 10)
-        Moments of the places, by step and rising.
+        Moments of the patches, by step and rising.
     rim : int32 (P,)
-        Top of a rim, ticks; `NO_RIM` for the other places.
+        Top of a rim, ticks; `NO_RIM` for the other patches.
     """
     M, bottom, top = cuboids.M, cuboids.bottom, cuboids.top
     order, start = sort_into_steps(cuboids.ix, cuboids.iy, bottom, members, plane)
@@ -114,7 +115,7 @@ def pool_places(cuboids: PlaneMap, members: Int, plane: Plane) -> tuple[Array, I
     rim = np.full(len(members), NO_RIM, np.int32)
     tops = np.empty(len(start) - 1)
     begins = np.empty(len(members) + 1, np.int32)
-    places, steps = 0, 0
+    patches, steps = 0, 0
     for b in range(len(start) - 1):
         if start[b] == start[b + 1]:
             continue
@@ -122,26 +123,26 @@ def pool_places(cuboids: PlaneMap, members: Int, plane: Plane) -> tuple[Array, I
         for j in range(start[b], start[b + 1]):
             i = order[j]
             if high < bottom[i]:
-                begins[places] = j
+                begins[patches] = j
                 for c in range(10):
-                    pooled[places, c] = M[i, c]
-                places += 1
+                    pooled[patches, c] = M[i, c]
+                patches += 1
             else:
                 for c in range(10):
-                    pooled[places - 1, c] += M[i, c]
+                    pooled[patches - 1, c] += M[i, c]
             high = max(high, top[i])
-        rim[places - 1] = high
+        rim[patches - 1] = high
         tops[steps] = high
         steps += 1
-    begins[places] = len(members)
-    least = np.median(tops[:steps]) - RIM_REACH
-    for p in range(places):
+    begins[patches] = len(members)
+    least = np.median(tops[:steps]) - RIM_DEPTH
+    for p in range(patches):
         if rim[p] < least:
             rim[p] = NO_RIM
     if len(cuboids.cap_rows) == 0:
-        return pooled[:places], rim[:places]
+        return pooled[:patches], rim[:patches]
     kept = 0
-    for p in range(places):
+    for p in range(patches):
         if rim[p] != NO_RIM:
             for j in range(begins[p], begins[p + 1]):
                 if top[order[j]] >= rim[p] - CAP_DEPTH:
@@ -159,7 +160,7 @@ def pool_places(cuboids: PlaneMap, members: Int, plane: Plane) -> tuple[Array, I
 
 @njit(nogil=True, cache=True)
 def sort_into_steps(ix: Int, iy: Int, bottom: Int, members: Int, plane: Plane) -> tuple[Int, Int]:
-    """Return a standing plane's cuboids by step and rising, and where each step begins in them."""
+    """Return a vertical plane's cuboids by step and rising, and where each step begins in them."""
     bins, count = bins_along(ix, iy, members, plane)
     start = np.zeros(count + 1, np.int32)
     for b in bins:

@@ -1,27 +1,30 @@
-"""Standing planes: boards and walls, whose cells form a line and whose noise the cells' walls cut.
+"""Vertical planes: boards and walls, whose cells form a line and whose noise the cells' walls cut.
 
-They are fitted by weighted least squares over their places (`planes.places`), each of which is
-accepted or refused whole: for its own mean and scatter, and as part of its layer.
+They are fitted by weighted least squares over their patches (`vertical_patches`), each of which is
+accepted or refused whole: for its own mean and scatter, and as part of its layer. The normal
+equations are those of ``e = a + b s + g z``: s is the distance along the plane's horizontal
+direction (ux, uy), z the height, and e the distance from a first guess; what is looked for is how
+far the guess is off (a) and turned (b, g).
 
 Where the caps of rims are not known, moments cannot tell which points of a rim are the board's, but
-they can be weighed by their depth below it: the sum of (z_rim - z) e, with e the distance from the
-plane, knows nothing of what lies at z_rim. So a rim gives this one equation instead of its mean,
-with three quarters of the information (`plane_equations.rim_moments`).
+they can be weighed by their depth below it: the sum of (z_rim - z) e knows nothing of what lies at
+z_rim. So a rim gives this one equation instead of its mean, with three quarters of the information
+(`rim_moments`).
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.cuboids.moments import residuals_of
-from tccm_ros.planes.equations import add_place, add_rim, rim_moments, solve
+from tccm_ros.planes.arrays import PlaneMap
 from tccm_ros.planes.inliers import NOISE_FLOOR, Plane, is_mixed
-from tccm_ros.planes.plane_map import PlaneMap
-from tccm_ros.planes.vertical_patches import NO_RIM, pool_places
+from tccm_ros.planes.vertical_patches import NO_RIM, pool_patches
 
-__all__ = ["fit_standing"]
+__all__ = ["fit_vertical"]
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int32]
@@ -32,10 +35,10 @@ LAYER = 0.25
 which are refused whole: a drawer's back may lie 10 mm behind the front above it."""
 
 WARP = 0.001
-"""A place may be this far off its plane, m, beyond what noise explains: no board is flat."""
+"""A patch may be this far off its plane, m, beyond what noise explains: no board is flat."""
 
 DEVIATIONS = 3.0
-"""Of the tests for a place: shifted off the plane, or of more scatter than noise explains."""
+"""Of the tests for a patch: shifted off the plane, or of more scatter than noise explains."""
 
 PRIOR = 20.0
 """Points that the noise of the whole plane counts for in the noise of a layer."""
@@ -46,7 +49,7 @@ SETTLED = 0.9
 then the next one may refuse more."""
 
 SLICES = 256
-"""Slices of the places' distances in which their median is looked for."""
+"""Slices of the patches' distances in which their median is looked for."""
 
 LEAST_POINTS = 10.0
 """With fewer points left after the tests the guess has to do."""
@@ -54,10 +57,40 @@ LEAST_POINTS = 10.0
 LEAST_DEPTH = 0.01
 """A rim of less rms depth, m, is one scan line, and says nothing."""
 
+SINGULAR = 1e-9
+"""Fraction of the determinant below which a direction is not told."""
+
+
+class _Patches(NamedTuple):
+    """The patches of a vertical plane.
+
+    Attributes
+    ----------
+    pooled, rim
+        Of `pool_patches`.
+    layer
+        int32 (P,), of each patch.
+    tick, ground
+        A tick, and the height of the moments' origin, m.
+    """
+
+    pooled: Array
+    rim: Int
+    layer: Int
+    tick: float
+    ground: float
+
+
+class _Taken(NamedTuple):
+    """The patches that the last round took, bool (P,), and their moments by layer (L, 10)."""
+
+    is_taken: Flags
+    moments: Array
+
 
 @njit(nogil=True, cache=True)
-def fit_standing(cuboids: PlaneMap, members: Int, plane: Plane, total: Array) -> Plane:
-    """Fit a standing plane by weighted least squares over its places.
+def fit_vertical(cuboids: PlaneMap, members: Int, plane: Plane, total: Array) -> Plane:
+    """Fit a vertical plane by weighted least squares over its patches.
 
     Parameters
     ----------
@@ -66,10 +99,10 @@ def fit_standing(cuboids: PlaneMap, members: Int, plane: Plane, total: Array) ->
     plane
         A first guess.
     total
-        float64 (10,), written: pooled moments of the places that shaped the fit; a rim counts for
+        float64 (10,), written: pooled moments of the patches that shaped the fit; a rim counts for
         as many points as its equation is worth.
     """
-    pooled, rim = pool_places(cuboids, members, plane)
+    pooled, rim = pool_patches(cuboids, members, plane)
     total[:] = 0.0
     if len(pooled) == 0:
         return plane
@@ -80,14 +113,11 @@ def fit_standing(cuboids: PlaneMap, members: Int, plane: Plane, total: Array) ->
     for p in range(len(pooled)):
         layer[p] = int((pooled[p, 3] / pooled[p, 0] - low) / LAYER)
     plane = through_median(pooled, plane)
-    ground = cuboids.origin[2] * cuboids.tick
-    is_taken = np.zeros(len(pooled), np.bool_)
-    taken = np.zeros((layer.max() + 1, 10))
+    patches = _Patches(pooled, rim, layer, cuboids.tick, cuboids.origin[2] * cuboids.tick)
+    taken = _Taken(np.zeros(len(pooled), np.bool_), np.zeros((layer.max() + 1, 10)))
     for _ in range(ROUNDS):
         before = plane[4]
-        plane, changes = improve(
-            pooled, rim, layer, plane, cuboids.tick, ground, is_taken, taken, total
-        )
+        plane, changes = improve(patches, plane, taken, total)
         if changes == 0 and plane[4] > SETTLED * before:
             break
     return plane
@@ -95,7 +125,7 @@ def fit_standing(cuboids: PlaneMap, members: Int, plane: Plane, total: Array) ->
 
 @njit(nogil=True, cache=True)
 def through_median(pooled: Array, plane: Plane) -> Plane:
-    """Shift a plane to the median place, by points.
+    """Shift a plane to the median patch, by points.
 
     A guess through all members lies between a board and what stands a centimetre behind its foot;
     tested against it, the board itself could be refused.
@@ -121,42 +151,29 @@ def through_median(pooled: Array, plane: Plane) -> Plane:
 
 
 @njit(nogil=True, cache=True)
-def improve(
-    pooled: Array,
-    rim: Int,
-    layer: Int,
-    plane: Plane,
-    tick: float,
-    ground: float,
-    is_taken: Flags,
-    taken: Array,
-    total: Array,
-) -> tuple[Plane, int]:
-    """Refit a standing plane to the places that it explains.
+def improve(patches: _Patches, plane: Plane, taken: _Taken, total: Array) -> tuple[Plane, int]:
+    """Refit a vertical plane to the patches that it explains.
 
     Parameters
     ----------
-    pooled, rim
-        Of `pool_places`.
-    layer
-        int32 (P,), of each place.
-    plane, tick, ground
-        The last one, a tick, and the height of the moments' origin, m.
-    is_taken, taken
-        bool (P,) and float64 (L, 10), changed: the places that the last round took, and their
-        moments by layer.
+    patches, plane
+        The plane's patches, and the last plane.
+    taken
+        Changed: what the last round took.
     total
         float64 (10,), written.
 
     Returns
     -------
-    The plane, and how many places are taken or left other than in the last round.
+    The plane, and how many patches are taken or left other than in the last round.
     """
+    pooled, rim, layer, tick, ground = patches
+    is_taken, by_layer = taken
     nx, ny, nz, d, noise = plane
     slope = math.hypot(nx, ny)
     ux, uy = -ny / slope, nx / slope
-    # Per layer: points and squares of all places, then points and sum of those that are no rims.
-    layers = np.zeros((len(taken), 4))
+    # Per layer: points and squares of all patches, then points and sum of those that are no rims.
+    layers = np.zeros((len(by_layer), 4))
     sums = np.empty((len(pooled), 2))
     for p in range(len(pooled)):
         n = pooled[p, 0]
@@ -174,7 +191,7 @@ def improve(
         is_refused[j] = is_shifted(rest, rest, one, noise)
     equations = np.zeros((3, 4))
     total[:] = 0.0
-    # The places of a layer have one weight: their moments are added up, and make one equation.
+    # The patches of a layer have one weight: their moments are added up, and make one equation.
     squares, changes = 0.0, 0
     for p in range(len(pooled)):
         n, j = pooled[p, 0], layer[p]
@@ -191,7 +208,7 @@ def improve(
                 changes += 1
                 sign = 1.0 if takes else -1.0
                 for c in range(10):
-                    taken[j, c] += sign * pooled[p, c]
+                    by_layer[j, c] += sign * pooled[p, c]
         else:
             m = pooled[p]
             sides = rim_moments(m, plane, ux, uy, rim[p] * tick - ground)
@@ -199,15 +216,15 @@ def improve(
             if w2 <= LEAST_DEPTH * LEAST_DEPTH * m[0] or is_shifted(w2, w, we, lenient):
                 continue
             add_rim(equations, sides, 1.0 / usual[j])
-            share = w * w / (w2 * m[0])
+            fraction = w * w / (w2 * m[0])
             for c in range(10):
-                total[c] += share * m[c]
+                total[c] += fraction * m[c]
     points = 0.0
     for j in range(len(layers)):
-        add_place(equations, taken[j], plane, ux, uy, 1.0 / usual[j])
-        points += taken[j, 0]
+        add_patch(equations, by_layer[j], plane, ux, uy, 1.0 / usual[j])
+        points += by_layer[j, 0]
         for c in range(10):
-            total[c] += taken[j, c]
+            total[c] += by_layer[j, c]
     if total[0] < LEAST_POINTS:
         return plane, changes
     a, b, g = solve(equations)
@@ -226,3 +243,80 @@ def is_shifted(spread: float, weight: float, first: float, variance: float) -> b
     `spread` is the sum of the weights' squares, `weight` that of the weights.
     """
     return abs(first) > DEVIATIONS * math.sqrt(spread * variance) + weight * WARP
+
+
+@njit(nogil=True, cache=True)
+def add_patch(N: Array, m: Array, plane: Plane, ux: float, uy: float, k: float) -> None:
+    """Add a patch's points to the normal equations of ``e = a + b s + g z``, with weight k."""
+    nx, ny, nz, d, _ = plane
+    s, sx, sy = ux * m[1] + uy * m[2], ux * m[4] + uy * m[5], ux * m[5] + uy * m[7]
+    sz = ux * m[6] + uy * m[8]
+    left = m[0], s, m[3], ux * sx + uy * sy, sz, m[9]
+    right = (
+        nx * m[1] + ny * m[2] + nz * m[3] - d * m[0],
+        nx * sx + ny * sy + nz * sz - d * s,
+        nx * m[6] + ny * m[8] + nz * m[9] - d * m[3],
+    )
+    add(N, k, left, right)
+
+
+@njit(nogil=True, cache=True)
+def add_rim(N: Array, sides: tuple[float, float, float, float, float], k: float) -> None:
+    """Add the one equation of a rim, from `rim_moments`, with weight k for a point."""
+    w, ws, wz, we, w2 = sides
+    k /= w2
+    left = w * w, w * ws, w * wz, ws * ws, ws * wz, wz * wz
+    add(N, k, left, (w * we, ws * we, wz * we))
+
+
+@njit(nogil=True, cache=True)
+def rim_moments(
+    m: Array, plane: Plane, ux: float, uy: float, z_rim: float
+) -> tuple[float, float, float, float, float]:
+    """Return the sums of w, w s, w z, w e and w w over a patch's points, for w = z_rim - z.
+
+    Here s is the distance along (ux, uy), z the height and e the distance from the plane.
+    """
+    nx, ny, nz, d, _ = plane
+    s, sz = ux * m[1] + uy * m[2], ux * m[6] + uy * m[8]
+    e = nx * m[1] + ny * m[2] + nz * m[3] - d * m[0]
+    ez = nx * m[6] + ny * m[8] + nz * m[9] - d * m[3]
+    return (
+        z_rim * m[0] - m[3],
+        z_rim * s - sz,
+        z_rim * m[3] - m[9],
+        z_rim * e - ez,
+        z_rim * (z_rim * m[0] - 2.0 * m[3]) + m[9],
+    )
+
+
+@njit(nogil=True, cache=True)
+def add(
+    N: Array,
+    k: float,
+    left: tuple[float, float, float, float, float, float],
+    right: tuple[float, float, float],
+) -> None:
+    """Add to normal equations for (a, b, g), float64 (3, 4): the upper triangle and the right."""
+    N[0, 0] += k * left[0]
+    N[0, 1] += k * left[1]
+    N[0, 2] += k * left[2]
+    N[1, 1] += k * left[3]
+    N[1, 2] += k * left[4]
+    N[2, 2] += k * left[5]
+    N[0, 3] += k * right[0]
+    N[1, 3] += k * right[1]
+    N[2, 3] += k * right[2]
+
+
+@njit(nogil=True, cache=True)
+def solve(N: Array) -> tuple[float, float, float]:
+    """Return the solution (a, b, g) of normal equations; b = g = 0 where they do not tell."""
+    b, g = N[0, 1] / N[0, 0], N[0, 2] / N[0, 0]
+    bb, bg, gg = N[1, 1] - b * N[0, 1], N[1, 2] - b * N[0, 2], N[2, 2] - g * N[0, 2]
+    right_b, right_g = N[1, 3] - b * N[0, 3], N[2, 3] - g * N[0, 3]
+    det = bb * gg - bg * bg
+    if det <= SINGULAR * bb * gg:
+        return N[0, 3] / N[0, 0], 0.0, 0.0
+    b, g = (right_b * gg - right_g * bg) / det, (bb * right_g - bg * right_b) / det
+    return (N[0, 3] - N[0, 1] * b - N[0, 2] * g) / N[0, 0], b, g

@@ -1,9 +1,9 @@
-"""Points of walls that were taken for a level surface which ends there.
+"""Points of walls that were taken for a horizontal surface which ends there.
 
-A line of the sweep that runs over a wall at the height of a board beside it is level where the
-wall is seen from the front, and no cuboid of it tells that it is not of the board. What does tell
-is that nothing of the board lies before it: a board that ends at a wall has its rear there. Both
-sides are looked at, as the rail of a chair is seen over its seat.
+A line of the tilt cycle that runs over a wall at the height of a board beside it is horizontal
+where the wall is seen from the front, and no cuboid of it tells that it is not of the board. What
+does tell is that nothing of the board lies before it: a board that ends at a wall has its rear
+there. Both sides are looked at, as the rail of a chair is seen over its seat.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from tccm_ros.cuboids.cuboids import TICKS_PER_M
 from tccm_ros.planes import PlaneFits
 
-__all__ = ["beside_boards"]
+__all__ = ["lie_on_walls"]
 
 Float64 = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-REACH = 0.010
-"""A point is on an upright plane within this, and three deviations of it up to as much again, m."""
+MAX_DISTANCE = 0.010
+"""A point is on a vertical plane within this, and three deviations of it up to as much again, m."""
 
 SIGMAS = 3.0
 
@@ -37,8 +37,8 @@ BEFORE = 0.30
 strips are found."""
 
 
-def beside_boards(points: Float64, surface: Index, fits: PlaneFits, stands: Flags) -> Flags:
-    """Tell which points of level surfaces lie on a wall that the surface does not reach there.
+def lie_on_walls(points: Float64, surface: Index, fits: PlaneFits, is_wall: Flags) -> Flags:
+    """Return which points of horizontal surfaces lie on a wall that they do not reach there.
 
     Parameters
     ----------
@@ -48,52 +48,59 @@ def beside_boards(points: Float64, surface: Index, fits: PlaneFits, stands: Flag
         int64 (M,), surface of each point, -1 for none.
     fits
         The planes of the map.
-    stands
-        bool (F + 1,), which of them stand; the last, for cuboids of no plane, is False.
+    is_wall
+        bool (F + 1,), which of them are walls; the last, for cuboids of no plane, is False.
 
     Returns
     -------
     bool (M,)
     """
     c = fits.cuboids
-    chosen = np.flatnonzero(stands[fits.labels])
+    chosen = np.flatnonzero(is_wall[fits.labels])
     if len(points) == 0 or len(chosen) == 0:
         return np.zeros(len(points), np.bool_)
-    reach = [min(SIGMAS * f.rms, REACH) + REACH for f in fits]
+    reach = [min(SIGMAS * f.rms, MAX_DISTANCE) + MAX_DISTANCE for f in fits]
     planes = np.array([(*f.normal, f.offset, r) for f, r in zip(fits, reach, strict=True)])
     cells = np.floor(points[:, :2] / c.cell_size).astype(np.int64)
     low = cells.min(axis=0) - 1
     shape = cells.max(axis=0) + 2 - low
-    return mark_points(
-        points, surface, c.cell_size, cells - low, c.ix[chosen] - low[0], c.iy[chosen] - low[1],
-        c.top[chosen] / TICKS_PER_M, fits.labels[chosen], planes, shape[0], shape[1],
+    walls = (
+        c.ix[chosen] - low[0], c.iy[chosen] - low[1], c.top[chosen] / TICKS_PER_M,
+        fits.labels[chosen],
     )  # fmt: skip
+    board = np.full((shape[0], shape[1]), np.inf)
+    return mark_points(points, surface, cells - low, walls, planes, c.cell_size, board)
 
 
 @njit(nogil=True, cache=True)
 def mark_points(
-    points: Float64, surface: Index, size: float, cells: Index, ix: Index, iy: Index, top: Float64,
-    labels: NDArray[np.int32], planes: Float64, rows: int, columns: int,
+    points: Float64, surface: Index, cells: Index,
+    walls: tuple[Index, Index, Float64, NDArray[np.int32]], planes: Float64, size: float,
+    board: Float64,
 ) -> Flags:  # fmt: skip
-    """Mark points on the plane of the highest upright cuboid in or beside their cell.
+    """Mark points on the plane of the highest cuboid of a wall in or beside their cell.
 
     Parameters
     ----------
     points, surface
-        As in `beside_boards`.
+        As in `lie_on_walls`.
+    cells
+        int64 (M, 2), of the points within a raster.
+    walls
+        Cells in the raster (ix and iy), tops, m, and planes of the walls' cuboids, (K,) each.
+    planes
+        float64 (F, 5), normal, offset and largest distance, m.
     size
         Edge of a cell, m.
-    cells
-        int64 (M, 2) within a raster of `rows` by `columns`.
-    ix, iy, top, labels
-        (K,), cells in the raster, tops in m and planes of the upright cuboids.
-    planes
-        float64 (F, 5), normal, offset and reach, m.
+    board
+        float64, the raster, inf: receives the heights of the surfaces' own points.
 
     Returns
     -------
     bool (M,)
     """
+    ix, iy, top, labels = walls
+    rows, columns = board.shape
     highest = np.full((rows, columns), -np.inf)
     owner = np.full((rows, columns), -1, np.int32)
     for k in range(len(ix)):
@@ -102,7 +109,6 @@ def mark_points(
                 if top[k] > highest[a, b]:
                     highest[a, b], owner[a, b] = top[k], labels[k]
     marked = np.zeros(len(points), np.bool_)
-    board = np.full((rows, columns), np.inf)
     for i in range(len(points)):
         a, b = cells[i]
         if surface[i] < 0:
@@ -126,7 +132,7 @@ def mark_points(
 def has_before(
     board: Float64, a: int, b: int, nx: float, ny: float, size: float, height: float
 ) -> bool:
-    """Tell whether level points of a height lie before a place on a wall whose normal is given."""
+    """Return whether surface points of a height lie before a place on a wall of a normal."""
     rows, columns = board.shape
     for step in range(1, int(BEFORE / size) + 1):
         x, y = a + round(nx * step), b + round(ny * step)

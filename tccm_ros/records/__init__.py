@@ -5,7 +5,13 @@ from a bag, from a live message or by the pipeline is the same record. Records a
 convention: whoever holds one may keep it.
 """
 
-from tccm_ros.records.cycle import PlaneRecord, SurfaceCloud, TabletopObject, ViewIntervals
+from tccm_ros.records.cycle import (
+    PlaneKind,
+    PlaneRecord,
+    SurfaceCloud,
+    TabletopObject,
+    ViewIntervals,
+)
 from tccm_ros.records.sensors import (
     JointSample,
     Odometry,
@@ -21,6 +27,7 @@ __all__ = [
     "Keyframe",
     "Loop",
     "Odometry",
+    "PlaneKind",
     "PlaneRecord",
     "PosedScan",
     "RobotDescription",

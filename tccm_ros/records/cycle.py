@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "PlaneKind",
     "PlaneRecord",
     "SurfaceCloud",
     "TabletopObject",
@@ -57,6 +59,13 @@ class ViewIntervals:
     intervals: Float32
 
 
+class PlaneKind(StrEnum):
+    """What is known of a plane's inclination."""
+
+    HORIZONTAL = "horizontal"
+    ANY = "any"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneRecord:
     """A tracked plane of one cycle, in the frame of the map it was found in.
@@ -66,7 +75,7 @@ class PlaneRecord:
     id
         Identity over cycles.
     kind
-        ``horizontal`` or ``any``.
+        `PlaneKind`, or its text where it was read from a file.
     normal, offset
         Unit normal float64 (3,), ``normal . p = offset``; horizontal normals point up, others
         towards the sensor.

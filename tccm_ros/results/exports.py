@@ -14,7 +14,7 @@ from tccm_ros.cuboids.cuboids import TICK, Cuboids
 from tccm_ros.errors import OutputError, one_line
 from tccm_ros.geometry import quaternion, spatial
 from tccm_ros.mapping.tccm import CycleResult
-from tccm_ros.planes.horizontal import label_horizontal
+from tccm_ros.planes.horizontal_clusters import label_horizontal
 from tccm_ros.records import Keyframe, Loop, PlaneRecord, Surface, Wall
 from tccm_ros.results.geojson import feature_collection
 from tccm_ros.results.numbers import Stamp, array_archive, json_text, rounded

@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.surfaces.patch_planes import PatchPlanes, agree
+from tccm_ros.union_find import find_root, unite
 
 __all__ = ["box_pairs", "connect", "patch_boxes"]
 
@@ -193,14 +194,6 @@ def _mark_near(
 
 
 @njit(nogil=True, cache=True)
-def _root(parent: Int64, p: int) -> int:
-    while parent[p] != p:
-        parent[p] = parent[parent[p]]
-        p = parent[p]
-    return p
-
-
-@njit(nogil=True, cache=True)
 def connect(
     points: Float64,
     offsets: Int64,
@@ -236,8 +229,7 @@ def connect(
     grid = _Grid(edge, 1, 1, np.zeros(1, np.int64), np.zeros(1, np.int64))
     for m in range(len(pairs)):
         q, p = pairs[m, 0], pairs[m, 1]
-        rq, rp = _root(parent, q), _root(parent, p)
-        if rq == rp:
+        if find_root(parent, q) == find_root(parent, p):
             continue
         if gridded != p:
             grid = _grid(points, offsets[p], offsets[p + 1], boxes[p], edge)
@@ -251,7 +243,7 @@ def connect(
         _mark_near(points, first, last, boxes[q], other, distance, 0.0, meets)
         if not agree(points, offsets, meets, planes, q, p, largest_step):
             continue
-        parent[max(rq, rp)] = min(rq, rp)
+        unite(parent, q, p)
     for p in range(len(parent)):
-        parent[p] = _root(parent, p)
+        parent[p] = find_root(parent, p)
     return parent

@@ -13,7 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.planes.level_strips import LEAST_WIDTH
+from tccm_ros.cuboids.inclination import FIT_OF_A_LINE
+from tccm_ros.planes.horizontal_strips import LEAST_WIDTH
 from tccm_ros.surfaces.views import Patch
 
 __all__ = ["PatchPlanes", "agree", "fit_plane", "is_line", "pool_moments", "stack_planes"]
@@ -28,9 +29,6 @@ FLATNESS = 0.004
 
 GATE = 3.0
 """Sigmas within which two planes count as one."""
-
-STEEP = 0.8
-"""Vertical component of the normal below which no plane is that of a level surface."""
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -74,11 +72,11 @@ def fit_plane(cov: Float64) -> tuple[Float64, Float64]:
     """
     variances, axes = np.linalg.eigh(cov)
     normal = axes[:, 0] if axes[2, 0] >= 0.0 else -axes[:, 0]
-    if normal[2] < STEEP:
+    if normal[2] < FIT_OF_A_LINE:
         along = axes[:, 2]
         level = UP - along[2] * along
         length = float(np.linalg.norm(level))
-        normal = level / length if length > STEEP else UP
+        normal = level / length if length > FIT_OF_A_LINE else UP
     return normal, np.maximum(variances, 0.0)
 
 

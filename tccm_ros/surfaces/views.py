@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
 from tccm_ros.config import Config
+from tccm_ros.cuboids.free_columns import KEY_STEP, FreeColumns, column_keys
 from tccm_ros.records import SurfaceCloud, ViewIntervals
 from tccm_ros.surfaces.outline import horizontal_outline
 
@@ -26,7 +27,6 @@ __all__ = [
     "column_keys",
     "empty_view",
     "first_numbers",
-    "free_columns",
     "heir_of",
     "thin_cloud",
     "with_cloud",
@@ -34,9 +34,6 @@ __all__ = [
 ]
 
 Float64 = NDArray[np.float64]
-
-KEY_STEP = 1 << 21
-"""Keys of columns and voxels: columns -2^20..2^20 on either axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,40 +75,6 @@ class Patch:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FreeColumns:
-    """Free intervals by column: the column keys are sorted and may repeat.
-
-    Attributes
-    ----------
-    cell_size
-        Edge of a column, m.
-    keys
-        int64 (M,), of the column.
-    low, high
-        float64 (M,), m, the free interval.
-    """
-
-    cell_size: float
-    keys: NDArray[np.int64]
-    low: Float64
-    high: Float64
-
-    def contains(self, points: Float64, margin: Float64) -> NDArray[np.bool_]:
-        """Return whether points (N, 3) lie inside a free interval, margin (N,) m from its ends."""
-        keys = column_keys(points, self.cell_size)
-        first = np.searchsorted(self.keys, keys, "left")
-        last = np.searchsorted(self.keys, keys, "right")
-        inside = np.zeros(len(points), bool)
-        for step in range(int((last - first).max(initial=0))):
-            row = np.minimum(first + step, len(self.keys) - 1)
-            hit = (points[:, 2] >= self.low[row] + margin) & (
-                points[:, 2] <= self.high[row] - margin
-            )
-            inside |= hit & (first + step < last)
-        return inside
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class View:
     """One surface cloud with what its cycle looked through.
 
@@ -144,12 +107,6 @@ class View:
         return self.session, self.stamp_ns
 
 
-def column_keys(points: Float64, cell_size: float) -> NDArray[np.int64]:
-    """Return the key of the column that each point (N, >= 2) stands in, int64 (N,)."""
-    cells = np.floor(points[:, :2] / cell_size).astype(np.int64)
-    return cells[:, 0] * KEY_STEP + cells[:, 1]
-
-
 def thin_cloud(
     points: NDArray[np.float32], voxel_size: float
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
@@ -175,14 +132,6 @@ def thin_cloud(
     _, group, count = np.unique(keys, return_inverse=True, return_counts=True)
     sums = [np.bincount(group, exact[:, k], len(count)) for k in range(3)]
     return (np.stack(sums, axis=1) / count[:, None]).astype(np.float32), count.astype(np.int32)
-
-
-def free_columns(view: ViewIntervals | None, cell_size: float) -> FreeColumns:
-    """Sort free intervals by column; none where there is no view."""
-    rows = np.zeros((0, 4)) if view is None else view.intervals.astype(np.float64)
-    keys = column_keys(rows, cell_size)
-    order = np.lexsort((rows[:, 2], keys))
-    return FreeColumns(cell_size, keys[order], rows[order, 2], rows[order, 3])
 
 
 def make_patches(points: NDArray[np.float32], config: Config) -> list[Patch]:
@@ -273,7 +222,7 @@ def heir_of(older: View, newer: View, heirs: Mapping[int, int]) -> View:
 
 def empty_view(stamp_ns: int, session: int, config: Config) -> View:
     """Return a view in which nothing was seen yet."""
-    return View(stamp_ns, (), free_columns(None, config.views.cell_size), 0.0, session)
+    return View(stamp_ns, (), FreeColumns.of(None, config.views.cell_size), 0.0, session)
 
 
 def with_cloud(view: View, cloud: SurfaceCloud, config: Config) -> View:
@@ -288,7 +237,7 @@ def with_cloud(view: View, cloud: SurfaceCloud, config: Config) -> View:
 
 def with_intervals(view: View, intervals: ViewIntervals) -> View:
     """Return a view with the free intervals of the same stamp."""
-    free = free_columns(intervals, view.free.cell_size)
+    free = FreeColumns.of(intervals, view.free.cell_size)
     xy = intervals.intervals[:, :2].astype(np.float64)
     reach = np.hypot(xy[:, 0], xy[:, 1]).max(initial=-free.cell_size) + free.cell_size
     return replace(view, free=free, reach=max(view.reach, float(reach)))

@@ -1,20 +1,26 @@
-"""Compiled loops of `objects`: what stands over a surface, in clusters with their footprints."""
+"""Compiled loops of `objects`: what stands over a surface, in clusters with their footprints.
+
+Hull and rectangle are not those of `shapely`: where two sides give rectangles of one size the first
+one wins, so that the yaw of an object does not depend on rounding.
+"""
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.cuboids.linking import join, root_of
+from tccm_ros.cuboids.cuboids import CuboidArrays
 from tccm_ros.outlines.rings import is_inside
+from tccm_ros.union_find import find_root, unite
 
 __all__ = [
+    "LooseCuboids",
     "clusters",
     "convex_hull",
     "corners_of",
-    "distance_to_ring",
-    "loose_spread",
+    "loose_cuboids",
     "over",
     "rectangle",
 ]
@@ -28,35 +34,50 @@ ROOT3 = 1.7320508075688772
 """Half the length of a uniform spread, in standard deviations."""
 
 
+class LooseCuboids(NamedTuple):
+    """The cuboids of a map that belong to no surface and no wall.
+
+    Attributes
+    ----------
+    column
+        int64 (L,), ix of each, rising.
+    counts
+        float64 (L,), points.
+    mean, low, high
+        float64 (L, 3), mean, low and high corner of their points, m.
+    is_free
+        bool (L,), whether it stands on no surface yet.
+    cell
+        Edge of a cell, m.
+    """
+
+    column: Index
+    counts: Array
+    mean: Array
+    low: Array
+    high: Array
+    is_free: Bool
+    cell: float
+
+
 @njit(nogil=True, cache=True)
-def loose_spread(
-    count: Array, s: Array, S: Array, ix: Int, iy: Int, bottom: Int, top: Int, cell: float,
-    tick: float, labels: Int, structure: Bool,
-) -> tuple[Index, Array, Array, Array]:  # fmt: skip
-    """Tell where the points of the cuboids are that belong to no surface and no wall.
+def loose_cuboids(arrays: tuple[Any, ...], labels: Int, structure: Bool) -> LooseCuboids:
+    """Return the cuboids that belong to no surface and no wall, all free.
 
     Parameters
     ----------
-    count, s, S, ix, iy, bottom, top
-        As in `Cuboids`.
-    cell, tick
-        Edge of a cell in ticks, and a tick in m.
+    arrays
+        The fields of `CuboidArrays`.
     labels
         int32 (N,), plane of each cuboid, -1 for none.
     structure
         bool (F,), whether a plane is a surface or a wall.
-
-    Returns
-    -------
-    index : int64 (L,)
-        The cuboids, rising.
-    mean, low, high : float64 (L, 3)
-        Mean, low and high corner of their points, m.
     """
+    ix, iy, bottom, top, count, s, S, cell, tick = CuboidArrays(*arrays)
     n = 0
     for label in labels:
         n += label < 0 or not structure[label]
-    index = np.empty(n, np.int64)
+    column, points = np.empty(n, np.int64), np.empty(n)
     mean, low, high = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3))
     k = 0
     for i in range(len(labels)):
@@ -68,32 +89,23 @@ def loose_spread(
         ry = ROOT3 * math.sqrt(max(S[i, 3] * w - y * y, 0.0))
         rz = ROOT3 * math.sqrt(max(S[i, 5] * w - z * z, 0.0))
         x, y = x + np.rint(ix[i] * cell), y + np.rint(iy[i] * cell)
-        index[k] = i
+        column[k], points[k] = ix[i], count[i]
         mean[k, 0], mean[k, 1], mean[k, 2] = x * tick, y * tick, z * tick
         low[k, 0], low[k, 1] = (x - rx) * tick, (y - ry) * tick
         low[k, 2] = max(z - rz, float(bottom[i])) * tick
         high[k, 0], high[k, 1], high[k, 2] = (x + rx) * tick, (y + ry) * tick, top[i] * tick
         k += 1
-    return index, mean, low, high
+    return LooseCuboids(column, points, mean, low, high, np.ones(n, np.bool_), cell * tick)
 
 
 @njit(nogil=True, cache=True)
-def over(
-    x: Index, mean: Array, high: Array, loose: Bool, cell: float, hull: Array, normal: Array,
-    offset: float, least: float,
-) -> Index:  # fmt: skip
-    """Return the loose cuboids over a plane, rising.
+def over(loose: LooseCuboids, hull: Array, normal: Array, offset: float, least: float) -> Index:
+    """Return the free cuboids over a plane, rising.
 
     Parameters
     ----------
-    x
-        int64 (L,), column of each cuboid, rising.
-    mean, high
-        Of `loose_spread`.
     loose
-        bool (L,), whether it is free to be chosen.
-    cell
-        Edge of a cell, m.
+        Those of a map.
     hull
         float64 (H, 2), convex, counter-clockwise: over this the means must be.
     normal, offset
@@ -101,12 +113,13 @@ def over(
     least
         Height over the plane that is reached, m.
     """
+    x, mean, high, cell = loose.column, loose.mean, loose.high, loose.cell
     first = np.searchsorted(x, math.floor(hull[:, 0].min() / cell) - 1)
     last = np.searchsorted(x, math.floor(hull[:, 0].max() / cell) + 1, side="right")
     y_low, y_high = hull[:, 1].min(), hull[:, 1].max()
     chosen, n = np.empty(last - first, np.int64), 0
     for i in range(first, last):
-        if not loose[i] or mean[i, 1] < y_low or mean[i, 1] > y_high:
+        if not loose.is_free[i] or mean[i, 1] < y_low or mean[i, 1] > y_high:
             continue
         reached = high[i, 0] * normal[0] + high[i, 1] * normal[1] + high[i, 2] * normal[2]
         if reached - offset >= least and is_inside(hull, mean[i, 0], mean[i, 1]):
@@ -148,14 +161,14 @@ def clusters(mean: Array, chosen: Index, gap: float) -> tuple[Index, Index]:
                 while m >= 0:
                     dx, dy = mean[chosen[m], 0] - x, mean[chosen[m], 1] - y
                     if dx * dx + dy * dy <= gap * gap:
-                        join(parent, k, m)
+                        unite(parent, k, m)
                     m = before[m]
         before[k] = last[a, b]
         last[a, b] = k
     # The root of a group is its first member, so numbers rise with first members.
     group, groups = np.empty(n, np.int64), 0
     for k in range(n):
-        root = root_of(parent, k)
+        root = find_root(parent, k)
         if root == k:
             group[k] = groups
             groups += 1
@@ -250,53 +263,3 @@ def rectangle(hull: Array) -> tuple[float, float, float, float, float]:
     while yaw <= -0.5 * math.pi:
         yaw += math.pi
     return x, y, length, width, yaw
-
-
-@njit(nogil=True, cache=True)
-def point_to_side(px: float, py: float, ring: Array, i: int, j: int) -> float:
-    """Return the squared distance of a point from the side between two corners of a ring."""
-    dx, dy = ring[j, 0] - ring[i, 0], ring[j, 1] - ring[i, 1]
-    x, y = px - ring[i, 0], py - ring[i, 1]
-    length2 = dx * dx + dy * dy
-    t = min(max((x * dx + y * dy) / length2, 0.0), 1.0) if length2 > 0.0 else 0.0
-    x, y = x - t * dx, y - t * dy
-    return x * x + y * y
-
-
-@njit(nogil=True, cache=True)
-def distance_to_ring(shape: Array, ring: Array) -> float:
-    """Return the distance of a shape from what a ring encloses; 0 where they overlap.
-
-    Parameters
-    ----------
-    shape
-        float64 (M, 2), corners of a polygon; one corner is a point.
-    ring
-        float64 (N, 2), N > 2.
-    """
-    for k in range(len(shape)):
-        if is_inside(ring, shape[k, 0], shape[k, 1]):
-            return 0.0
-    if len(shape) > 2 and is_inside(shape, ring[0, 0], ring[0, 1]):
-        return 0.0
-    nearest = np.inf
-    for i in range(len(ring)):
-        j = i + 1 if i + 1 < len(ring) else 0
-        for k in range(len(shape)):
-            m = k + 1 if k + 1 < len(shape) else 0
-            nearest = min(nearest, point_to_side(shape[k, 0], shape[k, 1], ring, i, j))
-            if len(shape) > 1:
-                nearest = min(nearest, point_to_side(ring[i, 0], ring[i, 1], shape, k, m))
-                if sides_cross(shape[k], shape[m], ring[i], ring[j]):
-                    return 0.0
-    return math.sqrt(nearest)
-
-
-@njit(nogil=True, cache=True)
-def sides_cross(p: Array, q: Array, r: Array, s: Array) -> bool:
-    """Tell whether two sides cross, in the inside of both."""
-    a = (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
-    b = (q[0] - p[0]) * (s[1] - p[1]) - (q[1] - p[1]) * (s[0] - p[0])
-    c = (s[0] - r[0]) * (p[1] - r[1]) - (s[1] - r[1]) * (p[0] - r[0])
-    d = (s[0] - r[0]) * (q[1] - r[1]) - (s[1] - r[1]) * (q[0] - r[0])
-    return a * b < 0.0 and c * d < 0.0

@@ -1,20 +1,25 @@
-"""Where there is room on a surface to put something down."""
+"""Where there is room on a surface to put something down.
+
+A rectangle's places in a polygon are found exactly, by Minkowski sums of the polygon's edges.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
+from shapely.geometry.base import BaseGeometry
+from shapely.geometry.polygon import orient
 
-from tccm_ros.records import PlaneRecord, TabletopObject
+from tccm_ros.records import PlaneKind, PlaneRecord, TabletopObject
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
-from tccm_ros.tabletop.placement import where_fits
 
-__all__ = ["FreePlaces", "find_free_places"]
+__all__ = ["FreePlaces", "find_free_places", "where_fits"]
 
 Array = NDArray[np.float64]
 
@@ -59,12 +64,12 @@ def find_free_places(
     """
     result = []
     for plane in planes:
-        if plane.kind != "horizontal" or len(plane.boundary) < 3:
+        if plane.kind != PlaneKind.HORIZONTAL or len(plane.boundary) < 3:
             continue
-        things = [Polygon(o.footprint) for o in objects if o.plane == plane.id]
+        occupied = [Polygon(o.footprint) for o in objects if o.plane == plane.id]
         room = shapely.make_valid(Polygon(plane.boundary[:, :2], [h[:, :2] for h in plane.holes]))
         yaw = rectangle(convex_hull(plane.boundary[:, :2]))[4]
-        region = where_fits(room.difference(shapely.union_all(things)), size, yaw)
+        region = where_fits(room.difference(shapely.union_all(occupied)), size, yaw)
         result.append(FreePlaces(plane.id, tuple(_lift(r, plane) for r in region)))
     return result
 
@@ -73,3 +78,72 @@ def _lift(ring: Array, plane: PlaneRecord) -> Array:
     nx, ny, nz = plane.normal
     z = (plane.offset - nx * ring[:, 0] - ny * ring[:, 1]) / nz
     return np.column_stack([ring, z])
+
+
+def where_fits(room: BaseGeometry, size: tuple[float, float], yaw: float) -> list[Array]:
+    """Return the area that a rectangle can cover inside a polygon, for two yaws.
+
+    Parameters
+    ----------
+    room
+        Polygon or MultiPolygon, m.
+    size
+        Width and depth of the rectangle, m.
+    yaw
+        Direction of its width or its depth, rad.
+
+    Returns
+    -------
+    list of float64 (N, 2)
+        Outer rings, open, counter-clockwise; by size, then position. Every point of the area lies
+        in some rectangle inside the room. An area with a hole is cut in two, so that rings suffice.
+    """
+    w, d = size
+    covered = [_opening(room, w, d, yaw)]
+    if abs(w - d) > 1e-9:
+        covered.append(_opening(room, d, w, yaw))
+    return [ring for polygon in _polygons(shapely.union_all(covered)) for ring in _rings(polygon)]
+
+
+def _opening(room: BaseGeometry, width: float, depth: float, yaw: float) -> BaseGeometry:
+    c, s = math.cos(yaw), math.sin(yaw)
+    corners = 0.5 * np.array([[width, depth], [-width, depth], [-width, -depth], [width, -depth]])
+    rectangle = corners @ np.array([[c, s], [-s, c]])
+    # Centres at which the rectangle crosses no edge of the room and lies inside, and what it
+    # covers there. The rectangle is symmetric, so it equals its own reflection.
+    centres = room.difference(_swept(room, rectangle))
+    return shapely.union_all([centres, _swept(centres, rectangle)])
+
+
+def _swept(shape: BaseGeometry, rectangle: Array) -> BaseGeometry:
+    """Return the union of the rectangle at all points of a shape's boundary."""
+    edges = [
+        np.stack([ring[:-1], ring[1:]], axis=1)
+        for polygon in _polygons(shape)
+        for ring in (np.asarray(r.coords) for r in (polygon.exterior, *polygon.interiors))
+    ]
+    if not edges:
+        return Polygon()
+    ends = np.concatenate(edges)
+    corners = (ends[:, :, None, :] + rectangle).reshape(len(ends), -1, 2)
+    return shapely.union_all(shapely.convex_hull(shapely.multipoints(corners)))
+
+
+def _polygons(shape: BaseGeometry) -> list[Polygon]:
+    parts = [p for p in getattr(shape, "geoms", [shape]) if isinstance(p, Polygon)]
+    return sorted((p for p in parts if p.area > 1e-9), key=lambda p: (-p.area, p.bounds))
+
+
+def _rings(polygon: Polygon) -> Iterator[Array]:
+    """Yield outer rings; a polygon with holes is cut through the middle of its first hole."""
+    if not polygon.interiors:
+        yield np.asarray(orient(polygon, 1.0).exterior.coords)[:-1]
+        return
+    low_x, low_y, high_x, high_y = polygon.bounds
+    cut = polygon.interiors[0].centroid.x
+    for half in (
+        shapely.box(low_x - 1, low_y - 1, cut, high_y + 1),
+        shapely.box(cut, low_y - 1, high_x + 1, high_y + 1),
+    ):
+        for part in _polygons(polygon.intersection(half)):
+            yield from _rings(part)

@@ -1,24 +1,26 @@
-"""What stands on a surface, and where there is room to put something down."""
+"""What stands on a surface: objects, and their identity from cycle to cycle."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
+from shapely import Polygon
 
 from tccm_ros.config import Config
-from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, Cuboids
+from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.planes import PlaneFits
-from tccm_ros.records import PlaneRecord, TabletopObject
+from tccm_ros.records import PlaneKind, PlaneRecord, TabletopObject
 from tccm_ros.tabletop.footprints import (
+    LooseCuboids,
     clusters,
     convex_hull,
     corners_of,
-    distance_to_ring,
-    loose_spread,
+    loose_cuboids,
     over,
     rectangle,
 )
@@ -28,10 +30,10 @@ __all__ = ["ObjectTracker", "find_objects"]
 Array = NDArray[np.float64]
 
 SURFACE_AREA = 0.12
-"""A level plane smaller than this, m2, may be the top of an object."""
+"""A horizontal plane smaller than this, m2, may be the top of an object."""
 
 WALL_AREA = 0.25
-"""A standing plane of this area, m2, is a wall or a piece of furniture, no side of an object."""
+"""A vertical plane of this area, m2, is a wall or a piece of furniture, no side of an object."""
 
 SEAM = 0.06
 """What ends this near below a surface, m, carries it."""
@@ -60,90 +62,67 @@ def find_objects(
         By plane, from the highest down, then by position. Ids count from 0; `ObjectTracker` makes
         them stay.
     """
-    levels = [p for p in planes if p.kind == "horizontal" and len(p.boundary) >= 3]
+    levels = [p for p in planes if p.kind == PlaneKind.HORIZONTAL and len(p.boundary) >= 3]
     if not levels:
         return []
-    loose = _Loose.of(cuboids, fits)
+    loose = loose_cuboids(cuboids.arrays, fits.labels, _are_structure(fits))
     covers = [plane for plane in levels if plane.area > SURFACE_AREA]
     found: list[TabletopObject] = []
     # From the highest surface down, so that a box on a stove stands on the stove, not the counter.
     for plane in sorted(levels, key=lambda p: (-float(p.centroid[2]), p.id)):
-        members, starts = loose.take(plane, config)
+        members, starts = _take_clusters(loose, plane, config)
+        outline = Polygon(plane.boundary[:, :2])
         for k in np.flatnonzero(np.diff(starts)).tolist():
-            thing = _object(loose, members[starts[k] : starts[k + 1]], plane, config)
-            if thing is not None and not _carries(thing, covers):
-                found.append(thing)
-    return [replace(thing, id=index) for index, thing in enumerate(found)]
+            cluster = members[starts[k] : starts[k + 1]]
+            candidate = _object(loose, cluster, plane, outline, config)
+            if candidate is not None and not _carries(candidate, covers):
+                found.append(candidate)
+    return [replace(item, id=index) for index, item in enumerate(found)]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Loose:
-    """The cuboids of no surface and no wall, and where their points are, m.
+def _take_clusters(
+    loose: LooseCuboids, plane: PlaneRecord, config: Config
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return clusters of what is free over a plane, within the convex hull of its outline.
 
-    Things stand on surfaces and in front of walls: both are left out before clustering.
+    They are free no more. An object hides what is behind it, so its place may be a notch of the
+    outline; `_object` asks that it touches the outline.
     """
-
-    column: NDArray[np.int64]
-    count: Array
-    mean: Array
-    low: Array
-    high: Array
-    free: NDArray[np.bool_]
-    cell: float
-
-    @classmethod
-    def of(cls, cuboids: Cuboids, fits: PlaneFits) -> _Loose:
-        c = cuboids
-        index, mean, low, high = loose_spread(
-            c.count, c.s, c.S, c.ix, c.iy, c.bottom, c.top, c.cell_size * TICKS_PER_M, TICK,
-            fits.labels, _structure(fits),
-        )  # fmt: skip
-        free = np.ones(len(index), np.bool_)
-        column = c.ix[index].astype(np.int64)
-        return cls(column, c.count[index], mean, low, high, free, c.cell_size)
-
-    def take(
-        self, plane: PlaneRecord, config: Config
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return clusters of what is left over a plane: within the convex hull of its outline.
-
-        A thing hides what is behind it, so its place may be a notch of the outline; `_object` asks
-        that it touches the outline.
-        """
-        chosen = over(
-            self.column, self.mean, self.high, self.free, self.cell,
-            convex_hull(plane.boundary[:, :2]), plane.normal, plane.offset,
-            config.objects.min_height,
-        )  # fmt: skip
-        self.free[chosen] = False
-        return clusters(self.mean, chosen, config.objects.cluster_distance)
+    hull = convex_hull(plane.boundary[:, :2])
+    chosen = over(loose, hull, plane.normal, plane.offset, config.objects.min_height)
+    loose.is_free[chosen] = False
+    return clusters(loose.mean, chosen, config.objects.cluster_distance)
 
 
-def _structure(fits: PlaneFits) -> NDArray[np.bool_]:
-    """Tell which planes are surfaces and walls."""
-    kept = [fit.area > (SURFACE_AREA if fit.kind == "horizontal" else WALL_AREA) for fit in fits]
-    return np.array(kept, np.bool_)
+def _are_structure(fits: PlaneFits) -> NDArray[np.bool_]:
+    """Return which planes are surfaces and walls."""
+    least = {PlaneKind.HORIZONTAL: SURFACE_AREA, PlaneKind.ANY: WALL_AREA}
+    return np.array([fit.area > least[fit.kind] for fit in fits], np.bool_)
 
 
-def _carries(thing: TabletopObject, covers: Sequence[PlaneRecord]) -> bool:
-    """Tell whether a thing reaches up to a surface over it."""
-    x, y, z = thing.center.tolist()
-    top = z + float(thing.size[2]) / 2.0
+def _carries(item: TabletopObject, covers: Sequence[PlaneRecord]) -> bool:
+    """Return whether an object reaches up to a surface over it."""
+    x, y, z = item.center.tolist()
+    top = z + float(item.size[2]) / 2.0
     for plane in covers:
         nx, ny, nz = plane.normal.tolist()
         if (
             abs((plane.offset - nx * x - ny * y) / nz - top) < SEAM
-            and plane.id != thing.plane
-            and distance_to_ring(thing.center[None, :2], plane.boundary[:, :2]) < SEAM
+            and plane.id != item.plane
+            and Polygon(plane.boundary[:, :2]).distance(shapely.Point(x, y)) < SEAM
         ):
             return True
     return False
 
 
 def _object(
-    loose: _Loose, cluster: NDArray[np.int64], plane: PlaneRecord, config: Config
+    loose: LooseCuboids,
+    cluster: NDArray[np.int64],
+    plane: PlaneRecord,
+    outline: Polygon,
+    config: Config,
 ) -> TabletopObject | None:
-    points = float(loose.count[cluster].sum())
+    points = float(loose.counts[cluster].sum())
     if points < config.objects.min_points:
         return None
     hull = convex_hull(corners_of(loose.low, loose.high, cluster))
@@ -159,7 +138,7 @@ def _object(
     lift = float(loose.low[cluster, 2].min()) - floor
     if not -SEAM <= lift <= max(0.5 * height, config.objects.cluster_distance):
         return None
-    if distance_to_ring(hull, plane.boundary[:, :2]) > config.objects.cluster_distance:
+    if outline.distance(Polygon(hull)) > config.objects.cluster_distance:
         return None
     return TabletopObject(
         id=-1,
@@ -193,10 +172,10 @@ class ObjectTracker:
             if i not in ids and old_id not in ids.values():
                 ids[i] = old_id
         result = []
-        for i, thing in enumerate(objects):
+        for i, item in enumerate(objects):
             if i not in ids:
                 ids[i] = self._next_id
                 self._next_id += 1
-            result.append(replace(thing, id=ids[i]))
+            result.append(replace(item, id=ids[i]))
         self._known = result
         return result

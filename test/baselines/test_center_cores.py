@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from plane_rig import part_map, room, scan, sheet, table
 
-from tccm_ros.baselines.center_cores import center_cores, cluster_cores, find_core_plane
+from tccm_ros.baselines.center_cores import center_cores, find_core_plane
 from tccm_ros.config import Config
 
 CONFIG = Config()
@@ -58,14 +58,3 @@ def test_same_seed_same_plane():
     a, b = (find_core_plane(cores, CONFIG, seed=3) for _ in range(2))
     assert a.normal.tobytes() == b.normal.tobytes()
     np.testing.assert_array_equal(a.cores, b.cores)
-
-
-def test_cores_far_apart_are_two_clusters():
-    rng = np.random.default_rng(0)
-    points = np.concatenate(
-        [sheet(rng, 4000, (x, -0.2), (x + 0.3, 0.2), offset=0.7) for x in (0.5, 1.0)]
-    )
-    cores = center_cores(part_map(points))
-    groups = cluster_cores(cores, np.arange(len(cores)), 0.05)
-    assert set(groups.tolist()) == {0, 1}
-    np.testing.assert_array_equal(groups, (cores.center[:, 0] > 0.9).astype(int))

@@ -6,17 +6,17 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from tccm_rig import exactly
 
-from tccm_ros.cuboids.clearing import MARGIN, STOP_CELLS, _index_cells, mark_passed
+from tccm_ros.cuboids.clearing import MARGIN, STOP_CELLS, index_cells, mark_passed
+from tccm_ros.cuboids.cuboids import cell_keys
 from tccm_ros.cuboids.free_intervals import (
     BIN,
     BINS,
     HIT_MARGIN,
     LOWEST,
     WORDS,
-    FreeColumns,
+    FreeIntervalTracer,
     trace_beams,
 )
-from tccm_ros.cuboids.part import cell_keys
 
 place = st.floats(-0.9, 0.9).map(lambda v: round(v, 3))
 beam = st.tuples(st.tuples(place, place, place), st.tuples(place, place, place))
@@ -65,7 +65,7 @@ def test_columns_equal_sampling(line):
 
 
 def test_a_hit_is_not_free_and_ends_the_beam():
-    columns = FreeColumns(0.1, 1.0)
+    columns = FreeIntervalTracer(0.1, 1.0)
     columns.add(np.array([[0.05, 0.05, 0.5]]), np.array([[0.55, 0.05, 0.5]]), np.array([True]))
     rows = columns.intervals(0.0)
     assert rows[:, 0].tolist() == pytest.approx([0.05, 0.15, 0.25, 0.35, 0.45])
@@ -78,7 +78,7 @@ def test_gaps_between_scan_lines_are_closed_but_not_across_a_hit():
     # Two lines 6 cm apart in a column 0.75 m away: an angle of 0.08 rad.
     origins = np.array([[0.05, 0.05, 0.40], [0.05, 0.05, 0.46]])
     ends = np.array([[0.95, 0.05, 0.40], [0.95, 0.05, 0.46]])
-    columns = FreeColumns(0.1, 1.0)
+    columns = FreeIntervalTracer(0.1, 1.0)
     columns.add(origins, ends, np.zeros(2, bool))
     closed = [r for r in columns.intervals(0.08) if abs(r[0] - 0.75) < 0.01]
     assert len(closed) == 1
@@ -111,8 +111,7 @@ def test_passed_cuboids_equal_sampling(line, boxes, is_hit):
     cells = [rows[i][0] for i in order]
     origin, end = (np.array([p]) for p in line)
     passed = np.zeros(len(keys), bool)
-    table, first = _index_cells(keys)
-    mark_passed(origin, end, np.array([is_hit]), cell, keys, bounds, table, first, passed)
+    mark_passed(origin, end, np.array([is_hit]), cell, index_cells(keys, bounds), passed)
     level = np.hypot(*(end[0, :2] - origin[0, :2])) / cell
     stop = max(0.0, (level - STOP_CELLS) / max(level, 1e-9)) if is_hit else 1.0
     points = samples(origin[0], end[0])[: int(4000 * stop)]

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from interval_oracle import composites, part_cuboids, pieces
 from tccm_rig import as_dict, config, exactly, filled, part_of, snapshot, void_part
 
+from tccm_ros.cuboids.cuboids import key_cells
 from tccm_ros.cuboids.integration_map import IntegrationMap
-from tccm_ros.cuboids.part import key_cells
 
 CELL, DEPTH = 20, 30
 SMALL = {"cell_size": 0.002, "cuboid_depth": 0.003}

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tccm_ros.cuboids.cuboids import cell_keys
 from tccm_ros.cuboids.merging import owners
-from tccm_ros.cuboids.part import cell_keys
 
 
 @settings(deadline=None)

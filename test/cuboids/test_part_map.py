@@ -20,10 +20,16 @@ from tccm_rig import (
     rotation_y,
 )
 
-from tccm_ros.cuboids.bits import lowest_bit
-from tccm_ros.cuboids.part import cell_keys, key_cells
+from tccm_ros.cuboids.cuboids import cell_keys, key_cells
+from tccm_ros.cuboids.intrinsics import lowest_bit
 from tccm_ros.cuboids.part_map import PartMapBuilder
-from tccm_ros.cuboids.union import HISTOGRAM_SIZE, find_cuboids
+from tccm_ros.cuboids.union import (
+    HISTOGRAM_SIZE,
+    gather_points,
+    mark_cells,
+    order_by_height,
+    unite_intervals,
+)
 from tccm_ros.errors import ConfigError
 from tccm_ros.geometry import interpolate_poses, transform
 
@@ -104,25 +110,28 @@ def test_depths_that_differ_equal_brute_force(points):
 
 
 def found_cuboids(points, cells, starts):
-    """Return [(cell, bottom, top)] of points (cell, z, depth) by the kernel."""
+    """Return [(cell, bottom, top)] of points (cell, z, depth) by the kernels."""
     n, n_cells = len(points), len(cells)
     address = {int(cell): k for k, cell in enumerate(cells)}
     records = [w for c, z, d in points for w in (z << 32, (d << 32) | address[c])]
     heights = [z for _, z, _ in points]
-    longs, words = np.zeros((3, n), np.int64), np.zeros((5, n + 1), np.int32)
-    points_out, bounds = np.zeros(2 * n, np.int64), np.zeros(2 * n, np.int32)
-    counts = starts[:-1].copy()
-    k = find_cuboids(
-        np.array(records), n, min(heights), max(heights), np.array([n], np.int32), n_cells,
-        cells.astype(np.int64), starts, np.arange(n_cells, dtype=np.int32), counts, False,
-        np.zeros(n, np.uint64), np.zeros(n, np.uint64), np.zeros(HISTOGRAM_SIZE, np.int64),
-        words[0], words[1], points_out, np.zeros(n + 1, np.int8), longs[0], bounds, words[2],
+    order, scan_of = np.zeros((2, n), np.int32)
+    points_out, begins = np.zeros(2 * n, np.int64), np.zeros(n + 1, np.int8)
+    counts, addresses = starts[:-1].copy(), np.arange(n_cells, dtype=np.int32)
+    scratch = np.zeros(n, np.uint64), np.zeros(n, np.uint64), np.zeros(HISTOGRAM_SIZE, np.int64)
+    keys, bounds, _ = found = (
+        np.zeros(n, np.int64), np.zeros(2 * n, np.int32), np.zeros(n, np.int32)
     )  # fmt: skip
+    records = np.array(records)
+    order_by_height(records, n, (min(heights), max(heights)), scratch, order)
+    gather_points(records, n, order, np.array([n], np.int32), scan_of, counts, points_out)
+    mark_cells(starts, n_cells, addresses, counts, begins)
+    k = unite_intervals(points_out, n, begins, cells.astype(np.int64), n_cells, found)
     assert not counts.any()
     for first, last in itertools.pairwise(starts):
         assert (np.diff(points_out[2 * first : 2 * last : 2]) >= 0).all()
     rows = bounds.reshape(-1, 2)[k:].tolist()
-    return [(c, b, t) for c, (b, t) in zip(longs[0, k:].tolist(), rows, strict=True)]
+    return [(c, b, t) for c, (b, t) in zip(keys[k:].tolist(), rows, strict=True)]
 
 
 def united(points):

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tccm_rig import config, exactly, part_of
 
+from tccm_ros.cuboids.free_columns import NEVER, SeenFree
 from tccm_ros.cuboids.integration_map import IntegrationMap
-from tccm_ros.cuboids.queries import MapQuery, Occupancy, select
-from tccm_ros.cuboids.seen_free import NEVER, SeenFree
+from tccm_ros.cuboids.queries import MapQuery, Occupancy
 from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.records import ViewIntervals
 
@@ -122,7 +122,7 @@ def test_cuboids_in_a_region():
     found = query.cuboids_in([-0.1, 0.05, -0.1, 0.1, 0.5, 1.0])
     assert (found.ix.tolist(), found.top.tolist(), found.cycles.tolist()) == ([0], [7100], [0, 1])
     assert found.cycle_offsets.tolist() == [0, 2]
-    nothing = select(query.cuboids, np.zeros(len(query.cuboids), bool))
+    nothing = query.cuboids.select(np.zeros(len(query.cuboids), bool))
     assert (len(nothing), nothing.cycle_offsets.tolist()) == (0, [0])
 
 

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 from hypothesis import settings
 
+from tccm_ros.baselines.union_as_printed import AS_PRINTED
 from tccm_ros.config import Config
+from tccm_ros.cuboids.cuboids import cell_keys, key_cells
 from tccm_ros.cuboids.integration_map import IntegrationMap
-from tccm_ros.cuboids.part import cell_keys, key_cells
 from tccm_ros.cuboids.part_map import PartMapBuilder
+from tccm_ros.cuboids.union import UNION
 from tccm_ros.records import PosedScan, Scan
 
 HEIGHT = 1.52
@@ -74,7 +76,7 @@ def posed(scan, angle, T_odom_base=None, angle_end=None, T_odom_base_end=None):
 
 def part_of(points_ticks, cycle, settings):
     """Return the part map of integer points (ticks)."""
-    builder = PartMapBuilder(settings)
+    builder = PartMapBuilder(settings, AS_PRINTED if settings.map.mode == "paper" else UNION)
     if len(points_ticks):
         builder.add_points(np.asarray(points_ticks, float).reshape(-1, 3) * 1e-4)
     return builder.close(cycle, cycle * 10, cycle * 10 + 9)

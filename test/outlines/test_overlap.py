@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Polygon
 
-from tccm_ros.outlines.overlap import shared_share, shared_shares
+from tccm_ros.outlines.overlap import overlap_fraction, overlap_fractions
 
 
 def star(seed, n, centre):
@@ -26,16 +26,16 @@ def test_share_is_that_of_the_polygons(seed, n, x, y):
         return
     expected = first.intersection(second).area / min(first.area, second.area)
     # The lines are at most 2 m / 48 apart, and spikes may lie between two of them.
-    assert shared_share(a, b) == pytest.approx(expected, abs=0.08)
-    assert shared_share(a, b) == pytest.approx(shared_share(b, a))
+    assert overlap_fraction(a, b) == pytest.approx(expected, abs=0.08)
+    assert overlap_fraction(a, b) == pytest.approx(overlap_fraction(b, a))
 
 
 def test_a_ring_shares_all_with_itself_and_nothing_with_one_beside_it():
     ring = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
-    assert shared_share(ring, ring[::-1].copy()) == pytest.approx(1.0)
-    assert shared_share(ring, ring + np.array([2.5, 0.0])) == 0.0
-    assert shared_share(ring, ring + np.array([1.0, 0.0])) == pytest.approx(0.5)
-    assert shared_share(ring, ring[:2].copy()) == 0.0
+    assert overlap_fraction(ring, ring[::-1].copy()) == pytest.approx(1.0)
+    assert overlap_fraction(ring, ring + np.array([2.5, 0.0])) == 0.0
+    assert overlap_fraction(ring, ring + np.array([1.0, 0.0])) == pytest.approx(0.5)
+    assert overlap_fraction(ring, ring[:2].copy()) == 0.0
 
 
 def test_planes_are_seen_against_their_normal():
@@ -44,5 +44,5 @@ def test_planes_are_seen_against_their_normal():
     ends = np.array([4, 8])
     pairs = np.array([[0, 0], [0, 1], [1, 1]])
     normals = np.array([[-1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
-    shares = shared_shares(rings, ends, normals, rings, ends, pairs)
-    np.testing.assert_allclose(shares, [1.0, 0.5, 1.0])
+    fractions = overlap_fractions(rings, ends, normals, rings, ends, pairs)
+    np.testing.assert_allclose(fractions, [1.0, 0.5, 1.0])

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from plane_rig import EYE, box, cuboid_of, least_squares, part_map, room, scan, sheet, table
+from plane_rig import EYE, cuboid_of, least_squares, part_map, room, scan, sheet, table
 
 from tccm_ros.config import Config
-from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M
+from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, CuboidArrays
 from tccm_ros.cuboids.moments import gather, plane_of, residuals_of, tangents
-from tccm_ros.planes import find_planes, select, without_plane
+from tccm_ros.planes import find_planes
 
 CONFIG = Config()
 
@@ -29,11 +29,7 @@ def test_moments_of_all_cuboids_are_those_of_their_points():
     points = rng.uniform((-3, -3, 0), (3, 3, 2), (2000, 3))
     cuboids = part_map(points)
     origin = np.array([1000.0, -2000.0, 15000.0])
-    M = np.empty((len(cuboids), 10))
-    gather(
-        cuboids.ix, cuboids.iy, cuboids.count, cuboids.s, cuboids.S,
-        cuboids.cell_size * TICKS_PER_M, TICK, origin, M,
-    )  # fmt: skip
+    M = gather(CuboidArrays(*cuboids.arrays), origin)
     exact = np.rint(points * TICKS_PER_M) - origin
     np.testing.assert_allclose(M.sum(axis=0), moments_of(exact * TICK), rtol=1e-11, atol=1e-8)
 
@@ -183,21 +179,7 @@ def test_same_map_same_bytes():
 def test_nothing_in_nothing_out():
     one = part_map(np.array([[1.0, 0.0, 0.5]]))
     assert len(find_planes(one, CONFIG, EYE)) == 0
-    none = select(one, np.array([False]))
+    none = one.select(np.array([False]))
     assert len(find_planes(none, CONFIG, EYE)) == 0
     few = part_map(np.random.default_rng(0).uniform(0, 1, (40, 3)))
     assert len(find_planes(few, CONFIG, EYE)) == 0
-
-
-def test_without_plane_takes_out_its_cuboids_and_no_other():
-    points, _ = scan(room() + table() + box("b", (0.8, 0, 0.7), (0.95, 0.2, 0.85)), 0.002, 1)
-    cuboids = part_map(points)
-    fits = find_planes(cuboids, CONFIG, EYE)
-    level = [f.index for f in fits if f.kind == "horizontal"]
-    rest = without_plane(fits)
-    kept = ~np.isin(fits.labels, level)
-    assert len(rest) == kept.sum()
-    np.testing.assert_array_equal(rest.S, cuboids.S[kept])
-    np.testing.assert_array_equal(np.diff(rest.cycle_offsets), np.diff(cuboids.cycle_offsets)[kept])
-    one = without_plane(fits, fits[0].index)
-    assert len(one) == (fits.labels != fits[0].index).sum()

@@ -6,14 +6,15 @@ from plane_rig import EYE, part_map
 
 from tccm_ros.config import Config
 from tccm_ros.planes import find_planes
+from tccm_ros.planes.arrays import PLANE
 from tccm_ros.planes.blocks import sort_into_blocks
 from tccm_ros.planes.inliers import GATE
 from tccm_ros.planes.reassignment import (
     CLOSER,
     OFF,
-    give_back,
-    level_planes_around,
-    level_planes_by_block,
+    horizontal_planes_around,
+    horizontal_planes_by_block,
+    reassign_inliers,
 )
 
 CONFIG = Config()
@@ -38,18 +39,18 @@ def shelf(rng, depth):
 
 
 def kinds_of(points, cuboids, fits):
-    """Return the share of points that lie in cuboids of level and of upright planes."""
+    """Return the fractions of points that lie in cuboids of horizontal and of vertical planes."""
     cell = np.floor(points[:, :2] / cuboids.cell_size + 1e-9).astype(int)
     lookup = {}
     for k in range(len(cuboids)):
         lookup.setdefault((int(cuboids.ix[k]), int(cuboids.iy[k])), []).append(k)
-    level = upright = 0
+    horizontal = vertical = 0
     for (x, y), z in zip(cell, 1e4 * points[:, 2], strict=True):
         for k in lookup.get((x, y), ()):
             if cuboids.bottom[k] <= z <= cuboids.top[k] + 1 and fits.labels[k] >= 0:
-                is_level = fits[fits.labels[k]].kind == "horizontal"
-                level, upright = level + is_level, upright + (not is_level)
-    return level / len(points), upright / len(points)
+                is_horizontal = fits[fits.labels[k]].kind == "horizontal"
+                horizontal, vertical = horizontal + is_horizontal, vertical + (not is_horizontal)
+    return horizontal / len(points), vertical / len(points)
 
 
 @pytest.mark.parametrize("depth", [0.15, 0.3])
@@ -58,10 +59,10 @@ def test_boards_and_the_wall_behind_keep_what_is_theirs(depth):
     cuboids = part_map(np.concatenate([wall, boards]))
     fits = find_planes(cuboids, CONFIG, EYE)
     rear = boards[(boards[:, 0] > 1.84) & (boards[:, 0] < 1.88)]
-    level, _ = kinds_of(rear, cuboids, fits)
-    assert level > 0.9
-    _, upright = kinds_of(wall[np.abs(wall[:, 1]) < 0.45], cuboids, fits)
-    assert upright > 0.85
+    horizontal, _ = kinds_of(rear, cuboids, fits)
+    assert horizontal > 0.9
+    _, vertical = kinds_of(wall[np.abs(wall[:, 1]) < 0.45], cuboids, fits)
+    assert vertical > 0.85
 
 
 def test_support_is_the_points_of_the_labelled_cuboids():
@@ -72,18 +73,19 @@ def test_support_is_the_points_of_the_labelled_cuboids():
         assert fit.support == cuboids.count[fits.labels == k].sum()
 
 
-def plain_give_back(points, labels, planes, is_standing):
+def plain_reassignment(points, labels, planes, is_vertical):
     """Return the labels by the rule alone, for cuboids of one point in one block."""
     labels = labels.copy()
-    for q in np.flatnonzero(~is_standing):
+    for q in np.flatnonzero(~is_vertical):
         if not (labels == q).any():
             continue
         for i, p in enumerate(labels):
-            if p < 0 or not is_standing[p]:
+            if p < 0 or not is_vertical[p]:
                 continue
-            to_q, to_p = (points[i] @ planes[k, :3] - planes[k, 3] for k in (q, p))
-            near = abs(to_q) <= GATE * planes[q, 6] ** 0.5
-            if near and to_p**2 > max(OFF**2 * planes[q, 6], CLOSER * to_q**2):
+            to_q, to_p = (points[i] @ planes["normal"][k] - planes["offset"][k] for k in (q, p))
+            variance = planes["variances"][q, 2]
+            near = abs(to_q) <= GATE * variance**0.5
+            if near and to_p**2 > max(OFF**2 * variance, CLOSER * to_q**2):
                 labels[i] = q
     return labels
 
@@ -91,20 +93,20 @@ def plain_give_back(points, labels, planes, is_standing):
 @pytest.mark.parametrize("seed", range(20))
 def test_the_rule_is_that_of_plain_distances(seed):
     rng = np.random.default_rng(seed)
-    n, planes = 40, np.zeros((3, 19))
-    planes[0, :4], planes[1, :4], planes[2, :4] = (0, 0, 1, 0), (1, 0, 0, 0), (0, 0, 1, 0.02)
-    planes[:, 6] = rng.uniform(0.002, 0.006, 3) ** 2
+    n, planes = 40, np.zeros(3, PLANE)
+    planes["normal"], planes["offset"] = [(0, 0, 1), (1, 0, 0), (0, 0, 1)], (0, 0, 0.02)
+    planes["variances"][:, 2] = rng.uniform(0.002, 0.006, 3) ** 2
     points = rng.uniform(-0.03, 0.03, (n, 3))
     labels = rng.integers(-1, 3, n).astype(np.int32)
-    planes[:, 7] = [(labels == k).sum() for k in range(3)]
-    is_standing = np.array([False, True, False])
+    planes["support"] = [(labels == k).sum() for k in range(3)]
+    is_vertical = np.array([False, True, False])
     products = np.stack([points[:, i] * points[:, j] for i in range(3) for j in range(i, 3)], 1)
     M = np.column_stack([np.ones(n), points, products])
     cells = np.zeros(n, np.int32)
-    start, order = sort_into_blocks(cells, cells, 0, 0, 1, 1)
-    expected = plain_give_back(points, labels, planes, is_standing)
-    had = planes[1, 7]
-    left = give_back(M, start, order, 1, 1, labels, planes, is_standing)
+    blocks = sort_into_blocks(cells, cells)
+    expected = plain_reassignment(points, labels, planes, is_vertical)
+    had = planes["support"][1]
+    left = reassign_inliers(M, blocks, labels, planes, is_vertical)
     if (expected == 1).sum() < 0.5 * had:  # it lost too much, and is gone
         number = np.array([0, -1, 1, -1])
         expected = number[expected]
@@ -113,11 +115,11 @@ def test_the_rule_is_that_of_plain_distances(seed):
         assert len(left) == 3
     np.testing.assert_array_equal(labels, expected)
     counts = [(labels == k).sum() for k in range(len(left))]
-    np.testing.assert_array_equal(left[:, 7], counts)
+    np.testing.assert_array_equal(left["support"], counts)
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_level_planes_around_a_block_are_those_of_its_cells(seed):
+def test_horizontal_planes_around_a_block_are_those_of_its_cells(seed):
     rng = np.random.default_rng(seed)
     n, planes, rows, wide = 120, 6, 4, 5
     x, y = rng.integers(0, 4 * rows, n), rng.integers(0, 4 * wide, n)
@@ -125,14 +127,15 @@ def test_level_planes_around_a_block_are_those_of_its_cells(seed):
     order = np.lexsort((y, x))
     x, y = x[order].astype(np.int32), y[order].astype(np.int32)
     labels = rng.integers(-1, planes, n).astype(np.int32)
-    is_standing = rng.random(planes) < 0.5
-    start, by_block = sort_into_blocks(x, y, 0, 0, wide, rows * wide)
-    first, level, is_held = level_planes_by_block(start, by_block, labels, is_standing)
+    is_vertical = rng.random(planes) < 0.5
+    blocks = sort_into_blocks(x, y)
+    assert (blocks.rows, blocks.wide, blocks.low_x, blocks.low_y) == (rows, wide, 0, 0)
+    first, horizontal, is_held = horizontal_planes_by_block(blocks, labels, is_vertical)
     near = np.empty(planes, np.int32)
     for b in range(rows * wide):
         inside = (x // 4 == b // wide) & (y // 4 == b % wide) & (labels >= 0)
-        assert is_held[b] == is_standing[labels[inside]].any()
+        assert is_held[b] == is_vertical[labels[inside]].any()
         around = (abs(x // 4 - b // wide) <= 1) & (abs(y // 4 - b % wide) <= 1) & (labels >= 0)
-        expected = sorted({int(p) for p in labels[around] if not is_standing[p]})
-        count = level_planes_around(b, rows, wide, first, level, near)
+        expected = sorted({int(p) for p in labels[around] if not is_vertical[p]})
+        count = horizontal_planes_around(b, blocks, first, horizontal, near)
         assert near[:count].tolist() == expected

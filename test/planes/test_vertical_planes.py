@@ -1,4 +1,4 @@
-"""Standing planes: the rim's equation against plain sums over points, and what it is good for."""
+"""Vertical planes: the rim's equation against plain sums over points, and what it is good for."""
 
 import numpy as np
 import pytest
@@ -8,13 +8,19 @@ from plane_rig import EYE, least_squares, part_map
 
 from tccm_ros.config import Config
 from tccm_ros.cuboids.caps import CAP_DEPTH
-from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M
+from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, CuboidArrays
 from tccm_ros.cuboids.part_map import PartMapBuilder
 from tccm_ros.planes import find_planes
-from tccm_ros.planes.equations import add_place, rim_moments, solve
-from tccm_ros.planes.plane_map import plane_map
-from tccm_ros.planes.vertical_patches import NO_RIM, RIM_REACH, bins_along, pool_places
-from tccm_ros.planes.vertical_planes import SLICES, fit_standing, through_median
+from tccm_ros.planes.arrays import plane_map
+from tccm_ros.planes.vertical_patches import NO_RIM, RIM_DEPTH, bins_along, pool_patches
+from tccm_ros.planes.vertical_planes import (
+    SLICES,
+    add_patch,
+    fit_vertical,
+    rim_moments,
+    solve,
+    through_median,
+)
 
 CONFIG = Config()
 X, Y, Z = np.eye(3)
@@ -31,7 +37,7 @@ def plane_at(yaw, lean, distance, noise=1e-6):
 
 
 def board(rng, n, yaw=0.0, distance=0.61, sigma=0.0025, width=0.9, height=(0.1, 1.2), rows=40):
-    """Return points on a standing board in rows, with noise along its normal."""
+    """Return points on a vertical board in rows, with noise along its normal."""
     normal, _ = plane_at(yaw, 0.0, distance)
     along = rng.uniform(-width / 2, width / 2, n)
     z = rng.choice(np.linspace(*height, rows), n)
@@ -40,7 +46,7 @@ def board(rng, n, yaw=0.0, distance=0.61, sigma=0.0025, width=0.9, height=(0.1, 
 
 
 def shelf_top(rng, n, yaw=0.0, distance=0.61, depth=0.3, sigma=0.001, width=0.9, z=1.2):
-    """Return points on the level top behind a board."""
+    """Return points on the horizontal top behind a board."""
     normal, _ = plane_at(yaw, 0.0, distance)
     along, behind = rng.uniform(-width / 2, width / 2, n), rng.uniform(0.0, depth, n)
     z = z + rng.normal(0.0, sigma, n) if sigma else np.full(n, z)
@@ -50,11 +56,8 @@ def shelf_top(rng, n, yaw=0.0, distance=0.61, depth=0.3, sigma=0.001, width=0.9,
 
 def moved(cuboids):
     """Return a map as the kernels read it, about the laser."""
-    return plane_map(
-        cuboids.ix, cuboids.iy, cuboids.bottom, cuboids.top, cuboids.count, cuboids.s, cuboids.S,
-        cuboids.caps.of, cuboids.caps.moments, cuboids.cell_size * TICKS_PER_M, TICK,
-        np.rint(EYE * TICKS_PER_M),
-    )  # fmt: skip
+    caps, origin = cuboids.caps, np.rint(EYE * TICKS_PER_M)
+    return plane_map(CuboidArrays(*cuboids.arrays), caps.of, caps.moments, origin)
 
 
 def built_map(points):
@@ -87,19 +90,19 @@ def test_the_normal_equations_are_those_of_least_squares(seed, yaw, lean):
     ux, uy = -np.sin(yaw), np.cos(yaw)
     N = np.zeros((3, 4))
     for part in np.array_split(points, 4):
-        add_place(N, moments_of(part), plane, ux, uy, 2.0)
+        add_patch(N, moments_of(part), plane, ux, uy, 2.0)
     rows = np.column_stack([np.ones(60), points @ (ux, uy, 0.0), points[:, 2]])
     expected = np.linalg.lstsq(rows, points @ normal - 0.4, rcond=None)[0]
     np.testing.assert_allclose(solve(N), expected, rtol=1e-7, atol=1e-9)
 
 
-def test_places_hold_both_sides_of_the_wall_between_cells():
+def test_patches_hold_both_sides_of_the_wall_between_cells():
     # The board stands at x = 0.600, the wall between two cells: noise puts half before it.
     rng = np.random.default_rng(0)
     cuboids = part_map(board(rng, 4000, distance=0.6))
     arrays = moved(cuboids)
     members = np.arange(len(cuboids), dtype=np.int32)
-    pooled, rim = pool_places(arrays, members, (1.0, 0.0, 0.0, 0.6, 6e-6))
+    pooled, rim = pool_patches(arrays, members, (1.0, 0.0, 0.0, 0.6, 6e-6))
     np.testing.assert_allclose(pooled.sum(axis=0), arrays.M.sum(axis=0), rtol=1e-9)
     large = pooled[:, 0] > 40
     off = abs(pooled[large, 1] / pooled[large, 0] - 0.6)
@@ -109,17 +112,17 @@ def test_places_hold_both_sides_of_the_wall_between_cells():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_places_without_their_rims_are_sums_over_points_below(seed):
+def test_patches_without_their_rims_are_sums_over_points_below(seed):
     # A board in one row of cells: a step is a column, and a rim is its highest cuboid.
     rng = np.random.default_rng(seed)
     points = board(rng, 2000, distance=0.61, sigma=0.001, rows=400)
     cuboids = built_map(points)
     members = np.arange(len(cuboids), dtype=np.int32)
-    pooled, rim = pool_places(moved(cuboids), members, (1.0, 0.0, 0.0, 0.61, 1e-6))
+    pooled, rim = pool_patches(moved(cuboids), members, (1.0, 0.0, 0.0, 0.61, 1e-6))
     assert (rim == NO_RIM).all()
     heights = np.rint(points[:, 2] * TICKS_PER_M)
     column = np.floor(np.rint(points[:, 1] * TICKS_PER_M) / 200).astype(int)
-    least = np.median([heights[column == c].max() for c in np.unique(column)]) - RIM_REACH
+    least = np.median([heights[column == c].max() for c in np.unique(column)]) - RIM_DEPTH
     count, total = 0, 0.0
     for c in np.unique(column):
         z = heights[column == c]
@@ -131,15 +134,15 @@ def test_places_without_their_rims_are_sums_over_points_below(seed):
 
 @given(st.integers(0, 10_000), st.integers(1, 60))
 @settings(deadline=None, max_examples=40)
-def test_the_guess_goes_through_the_median_place(seed, places):
+def test_the_guess_goes_through_the_median_patch(seed, patches):
     rng = np.random.default_rng(seed)
-    off, weight = rng.uniform(-0.02, 0.02, places), rng.integers(1, 30, places)
+    off, weight = rng.uniform(-0.02, 0.02, patches), rng.integers(1, 30, patches)
     pooled = np.stack(
         [w * moments_of(np.array([[0.6 + e, 0.1, 0.5]])) for e, w in zip(off, weight, strict=True)]
     )
     plane = through_median(pooled, (1.0, 0.0, 0.0, 0.6, 1e-6))
     width = np.ptp(off) / SLICES + 1e-9
-    # The median is between two places where the weights halve there.
+    # The median is between two patches where the weights halve there.
     ranked = np.sort(np.repeat(off, weight))
     middle = ranked[(len(ranked) - 1) // 2], ranked[len(ranked) // 2]
     assert middle[0] - width <= plane[3] - 0.6 <= middle[1] + width
@@ -187,7 +190,7 @@ def test_a_board_that_steps_back_at_its_foot_is_not_refused():
     cuboids = built_map(np.concatenate([front, foot]))
     members = np.arange(len(cuboids), dtype=np.int32)
     total = np.zeros(10)
-    plane = fit_standing(moved(cuboids), members, (1.0, 0.0, 0.0, 0.615, 1e-5), total)
+    plane = fit_vertical(moved(cuboids), members, (1.0, 0.0, 0.0, 0.615, 1e-5), total)
     assert plane[3] + plane[2] * (EYE[2] - 0.92) == pytest.approx(0.61, abs=5e-4)
     assert total[0] > 1500
 
@@ -231,7 +234,7 @@ def test_a_fit_without_rims_is_weighted_least_squares():
     cuboids = part_map(points)
     members = np.arange(len(cuboids), dtype=np.int32)
     total = np.zeros(10)
-    plane = fit_standing(moved(cuboids), members, (1.0, 0.0, 0.0, 0.611, 1e-5), total)
+    plane = fit_vertical(moved(cuboids), members, (1.0, 0.0, 0.0, 0.611, 1e-5), total)
     # One standard deviation of least squares is 0.035 mm.
     assert plane[3] + plane[2] * EYE[2] == pytest.approx(0.61, abs=1.5e-4)
     assert plane[4] == pytest.approx(0.0025**2, rel=0.15)

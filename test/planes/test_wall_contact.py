@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tccm_ros.planes.wall_contact import ABOVE, BEFORE, REACH, beside_boards
+from tccm_ros.planes.wall_contact import ABOVE, BEFORE, MAX_DISTANCE, lie_on_walls
 
 CELL, HEIGHT = 0.02, 0.75
 
@@ -45,9 +45,9 @@ def board_and_line(rng, board_end):
 def test_a_board_keeps_its_rear_and_loses_what_goes_on_along_the_wall(seed, end):
     points = board_and_line(np.random.default_rng(seed), end)
     fits, stands = walled(2.0, 2.4)
-    gone = beside_boards(points, np.zeros(len(points), np.int64), fits, stands)
+    gone = lie_on_walls(points, np.zeros(len(points), np.int64), fits, stands)
     assert not gone[points[:, 1] < end - 2 * CELL].any()
-    at_wall = points[:, 0] <= REACH - 1e-9
+    at_wall = points[:, 0] <= MAX_DISTANCE - 1e-9
     np.testing.assert_array_equal(gone[points[:, 1] > end + 2 * CELL], True)
     assert at_wall[gone].all()
 
@@ -62,25 +62,25 @@ def test_only_points_with_nothing_of_their_height_before_them_go(seed):
     points = np.column_stack([x, 0.11 + CELL * (place // 4), np.full(n, HEIGHT)])
     surface = np.where(rng.random(n) < 0.3, rng.integers(0, 3, n), -1)
     fits, stands = walled(2.0, 2.4)
-    gone = beside_boards(points, surface, fits, stands)
+    gone = lie_on_walls(points, surface, fits, stands)
     cells = np.floor(points[:, :2] / CELL).astype(int)
     for k in range(n):
-        own = (surface >= 0) & (points[:, 0] > REACH)
+        own = (surface >= 0) & (points[:, 0] > MAX_DISTANCE)
         ahead = abs(cells[:, 0] - cells[k, 0])
         before = own & (ahead <= int(BEFORE / CELL) + 1) & (abs(cells[:, 1] - cells[k, 1]) <= 1)
-        expected = surface[k] >= 0 and points[k, 0] <= REACH and not before.any()
+        expected = surface[k] >= 0 and points[k, 0] <= MAX_DISTANCE and not before.any()
         assert gone[k] == expected
 
 
 def test_the_top_of_a_block_keeps_its_front_edge():
     points = board_and_line(np.random.default_rng(0), 1.0)
     fits, stands = walled(2.0, HEIGHT + ABOVE - 0.005)
-    assert not beside_boards(points, np.zeros(len(points), np.int64), fits, stands).any()
+    assert not lie_on_walls(points, np.zeros(len(points), np.int64), fits, stands).any()
 
 
 def test_without_walls_or_points_nothing_goes():
     fits, stands = walled(2.0, 2.4)
     points = board_and_line(np.random.default_rng(0), 1.0)
     none = np.array([False, False])
-    assert not beside_boards(points, np.zeros(len(points), np.int64), fits, none).any()
-    assert beside_boards(points[:0], np.zeros(0, np.int64), fits, stands).shape == (0,)
+    assert not lie_on_walls(points, np.zeros(len(points), np.int64), fits, none).any()
+    assert lie_on_walls(points[:0], np.zeros(0, np.int64), fits, stands).shape == (0,)

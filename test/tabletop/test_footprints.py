@@ -1,4 +1,4 @@
-"""Hulls, rectangles, distances and clusters against plain libraries."""
+"""Hulls, rectangles and clusters against plain libraries."""
 
 import numpy as np
 import pytest
@@ -11,9 +11,9 @@ from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from tccm_ros.tabletop.footprints import (
+    LooseCuboids,
     clusters,
     convex_hull,
-    distance_to_ring,
     over,
     rectangle,
 )
@@ -50,19 +50,6 @@ def test_rectangle_is_the_smallest(seed, n):
 
 
 @settings(deadline=None)
-@given(SEEDS, st.integers(1, 12), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
-def test_distance_is_that_of_the_polygons(seed, n, x, y):
-    rng = np.random.default_rng(seed)
-    angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, 15))
-    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1) * rng.uniform(0.3, 1.0, (15, 1))
-    shape = convex_hull(0.4 * rng.normal(size=(n, 2)) + (x, y)) if n > 1 else np.array([[x, y]])
-    if n == 2 or not Polygon(ring).is_valid:
-        return
-    other = Polygon(shape) if n > 2 else shapely.Point(x, y)
-    assert distance_to_ring(shape, ring) == pytest.approx(Polygon(ring).distance(other), abs=1e-9)
-
-
-@settings(deadline=None)
 @given(SEEDS, st.integers(0, 80), st.floats(0.02, 0.5))
 def test_clusters_are_connected_components(seed, n, gap):
     rng = np.random.default_rng(seed)
@@ -85,7 +72,8 @@ def test_over_a_plane_is_within_the_hull_and_high_enough():
     hull = np.array([[0.0, 0.0], [1.0, 0.0], [1.2, 0.8], [0.3, 1.0]])
     normal, offset = np.array([0.0, 0.0, 1.0]), 0.5
     free = rng.random(500) < 0.8
-    found = over(column, mean, mean + 0.01, free, 0.02, hull, normal, offset, 0.05)
+    loose = LooseCuboids(column, np.ones(500), mean, mean, mean + 0.01, free, 0.02)
+    found = over(loose, hull, normal, offset, 0.05)
     expected = free & (mean[:, 2] + 0.01 - 0.5 >= 0.05)
     expected &= shapely.contains_xy(Polygon(hull), mean[:, 0], mean[:, 1])
     np.testing.assert_array_equal(found, np.flatnonzero(expected))

@@ -12,9 +12,8 @@ from shapely.affinity import rotate
 from tccm_ros.config import Config
 from tccm_ros.planes import find_planes
 from tccm_ros.planes.tracking import PlaneTracker
-from tccm_ros.tabletop.free_places import find_free_places
+from tccm_ros.tabletop.free_places import find_free_places, where_fits
 from tccm_ros.tabletop.objects import ObjectTracker, find_objects
-from tccm_ros.tabletop.placement import where_fits
 
 CONFIG = Config()
 SMALL = box("small", (0.75, 0.2, 0.7), (0.87, 0.32, 0.82), 0.3, (0.81, 0.26))

@@ -10,11 +10,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.planes.blocks import BLOCK_BITS
-from tccm_ros.planes.plane_map import PlaneMap
-from tccm_ros.planes.plane_table import keep_planes
+from tccm_ros.planes.arrays import PlaneMap, PlaneTable, keep_planes
+from tccm_ros.planes.blocks import BLOCK_BITS, Blocks
 
-__all__ = ["drop_edges"]
+__all__ = ["drop_edge_planes"]
 
 Array = NDArray[np.float64]
 Int = NDArray[np.int32]
@@ -23,61 +22,50 @@ Flags = NDArray[np.bool_]
 FLATTER = 4.0
 """A plane is flatter than another if its variance across is this many times smaller."""
 
-REACH = 2
+MAX_CELLS = 2
 """Cells between cuboids that are beside each other, at most; less than a block's width."""
 
 EDGE = 0.8
-"""Share of a plane's cuboids beside flatter planes from which on it is their edge."""
+"""Fraction of a plane's cuboids beside flatter planes from which on it is their edge."""
 
 
 @njit(nogil=True, cache=True)
-def drop_edges(
-    cuboids: PlaneMap,
-    start: Int,
-    order: Int,
-    low: tuple[int, int],
-    wide: int,
-    labels: Int,
-    planes: Array,
-    is_standing: Flags,
-) -> Array:
-    """Drop the lying planes that are edges of flatter ones.
+def drop_edge_planes(
+    cuboids: PlaneMap, blocks: Blocks, labels: Int, planes: PlaneTable, is_vertical: Flags
+) -> PlaneTable:
+    """Drop the planes that are edges of flatter ones.
 
     Parameters
     ----------
-    cuboids
+    cuboids, blocks
         Those of the map.
-    start, order
-        Of `sort_into_blocks`.
-    low, wide
-        Indices of the first block's first cell, and blocks along y.
     labels
         int32 (N,), changed: rows of `planes`, -1 for none.
     planes
-        float64 (P, PLANE_COLUMNS): the variance across in column 6.
-    is_standing
-        bool (P,), which planes are upright: these are no edges, and have none.
+        (P,), changed.
+    is_vertical
+        bool (P,), which planes are vertical: these are no edges, and have none.
 
     Returns
     -------
-    float64 (Q, PLANE_COLUMNS): the planes that remain, in their order; labels are theirs.
+    (Q,), the planes that remain, in their order; labels are theirs.
     """
-    if is_standing.all():
+    if is_vertical.all():
         return planes
-    variance = np.where(is_standing, np.inf, planes[:, 6])
-    suspect = (variance > FLATTER * variance.min()) & ~is_standing
+    variance = np.where(is_vertical, np.inf, planes["variances"][:, 2])
+    suspect = (variance > FLATTER * variance.min()) & ~is_vertical
     if not suspect.any():
         return planes
     own, off = np.zeros(len(planes), np.int32), np.zeros(len(planes), np.int32)
     for p in labels:
         if p >= 0:
             own[p] += 1
-    flattest = flattest_by_block(start, order, labels, variance)
+    flattest = flattest_by_block(blocks, labels, variance)
     for i in range(len(labels)):
         p = labels[i]
         if p >= 0 and suspect[p]:
             most = variance[p] / FLATTER
-            if not is_beside(cuboids, i, start, order, low, wide, labels, variance, flattest, most):
+            if not is_beside(cuboids, i, blocks, labels, variance, flattest, most):
                 off[p] += 1
                 # Most planes are none's edge, which their first cuboids tell.
                 suspect[p] = off[p] <= (1.0 - EDGE) * own[p]
@@ -85,8 +73,9 @@ def drop_edges(
 
 
 @njit(nogil=True, cache=True)
-def flattest_by_block(start: Int, order: Int, labels: Int, variance: Array) -> Array:
+def flattest_by_block(blocks: Blocks, labels: Int, variance: Array) -> Array:
     """Return the least variance of the planes of each block's cuboids, inf where there are none."""
+    start, order = blocks.start, blocks.order
     flattest = np.full(len(start) - 1, np.inf)
     for block in range(len(flattest)):
         for k in range(start[block], start[block + 1]):
@@ -98,22 +87,15 @@ def flattest_by_block(start: Int, order: Int, labels: Int, variance: Array) -> A
 
 @njit(nogil=True, cache=True)
 def is_beside(
-    cuboids: PlaneMap,
-    i: int,
-    start: Int,
-    order: Int,
-    low: tuple[int, int],
-    wide: int,
-    labels: Int,
-    variance: Array,
-    flattest: Array,
+    cuboids: PlaneMap, i: int, blocks: Blocks, labels: Int, variance: Array, flattest: Array,
     most: float,
-) -> bool:
-    """Tell whether cuboid i is beside one of a plane whose variance is `most` at most."""
+) -> bool:  # fmt: skip
+    """Return whether cuboid i is beside one of a plane whose variance is `most` at most."""
     _, ix, iy, bottom, top = cuboids[:5]
-    x, y, rows = ix[i], iy[i], (len(start) - 1) // wide
-    first_x, last_x = (x - REACH - low[0]) >> BLOCK_BITS, (x + REACH - low[0]) >> BLOCK_BITS
-    first_y, last_y = (y - REACH - low[1]) >> BLOCK_BITS, (y + REACH - low[1]) >> BLOCK_BITS
+    start, order, rows, wide, low_x, low_y = blocks
+    x, y = ix[i], iy[i]
+    first_x, last_x = (x - MAX_CELLS - low_x) >> BLOCK_BITS, (x + MAX_CELLS - low_x) >> BLOCK_BITS
+    first_y, last_y = (y - MAX_CELLS - low_y) >> BLOCK_BITS, (y + MAX_CELLS - low_y) >> BLOCK_BITS
     for bx in range(max(first_x, 0), min(last_x + 1, rows)):
         for by in range(max(first_y, 0), min(last_y + 1, wide)):
             block = bx * wide + by
@@ -125,8 +107,8 @@ def is_beside(
                 if (
                     q >= 0
                     and variance[q] <= most
-                    and abs(ix[j] - x) <= REACH
-                    and abs(iy[j] - y) <= REACH
+                    and abs(ix[j] - x) <= MAX_CELLS
+                    and abs(iy[j] - y) <= MAX_CELLS
                     and bottom[j] <= top[i]
                     and top[j] >= bottom[i]
                 ):

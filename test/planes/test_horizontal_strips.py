@@ -1,4 +1,4 @@
-"""Level strips: a ledge before a wall under few lines of a sweep, and upright things."""
+"""Horizontal strips: a ledge before a wall under few lines of a tilt cycle, and vertical things."""
 
 import math
 
@@ -9,25 +9,23 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from tccm_ros.planes.level_runs import (
+from tccm_ros.planes.horizontal_strips import (
+    APART,
     BEAM_GAPS,
     BENT,
     FEWEST,
-    LEVEL,
-    RUN_COLUMNS,
-    SIGMAS,
-    TOLERANCE,
-    find_runs,
-    is_near,
-)
-from tccm_ros.planes.level_strips import (
-    APART,
     LINES,
+    MAX_RISE,
+    RUN,
+    SIGMAS,
     STRAIGHT,
-    UPRIGHT_SHARE,
+    TOLERANCE,
+    VERTICAL_FRACTION,
     WIDEST,
-    goes_on_upright,
-    level_strips,
+    find_runs,
+    goes_on_vertically,
+    horizontal_strips,
+    is_near,
     link_runs,
 )
 
@@ -40,7 +38,7 @@ def sweep(yaw, sigma, seed, boxes, wall=True):
     """Return points (N, 3) and lines (N,) of a sweep over boxes (x, y, z spans) before a wall.
 
     The scene is turned by `yaw` about the laser. What no box stops is left out: points of the wall
-    are known to be upright.
+    are known to be vertical.
     """
     rng = np.random.default_rng(seed)
     bearings = np.arange(-0.6, 0.6, BEAM)
@@ -70,7 +68,7 @@ def sweep(yaw, sigma, seed, boxes, wall=True):
 
 def strips_of(points, lines, surface=None):
     nothing = np.full(len(points), -1, np.int64)
-    return level_strips(points, lines, nothing if surface is None else surface, EYE)
+    return horizontal_strips(points, lines, nothing if surface is None else surface, EYE)
 
 
 LEDGE = ((WALL - 0.2, WALL), (-0.5, 0.5), (1.0, 1.05))
@@ -131,7 +129,7 @@ def test_a_line_of_the_front_of_a_box_is_not():
 
 
 @pytest.mark.parametrize("seed", range(16))
-def test_upright_things_before_a_wall_have_no_strips(seed):
+def test_vertical_things_before_a_wall_have_no_strips(seed):
     rng = np.random.default_rng(seed)
     boxes = []
     for _ in range(6):  # too high to see onto, and each of another depth
@@ -143,12 +141,17 @@ def test_upright_things_before_a_wall_have_no_strips(seed):
     assert not (strip >= 0).any()
 
 
-def test_two_things_of_one_height_a_line_apart_are_not_one():
-    boxes = [((1.9, 1.96), (-0.06, 0.06), (1.0, 1.2)), ((2.16, 2.22), (-0.06, 0.06), (1.0, 1.2))]
+@pytest.mark.parametrize(("width", "expected"), [(0.15, {-1}), (0.5, {-1, 0})])
+def test_narrow_things_of_one_height_a_line_apart_are_not_one(width, expected):
+    # One line runs over each top, 0.22 m apart: as far as wide things may be to be one strip.
+    y = (-0.5 * width, 0.5 * width)
+    boxes = [((1.82, 1.87), y, (1.0, 1.25)), ((2.03, 2.09), y, (1.0, 1.25))]
     points, lines = sweep(0.0, 0.0025, 0, boxes, wall=False)
     strip = strips_of(points, lines)
-    for k in range(strip.max() + 1):
-        assert np.ptp(points[strip == k, 0]) < 0.1
+    assert set(strip.tolist()) == expected
+    if 0 in expected:
+        assert np.ptp(points[strip == 0, 0]) > APART
+        assert len(np.unique(lines[strip == 0])) == 2
 
 
 @given(st.integers(0, 10_000))
@@ -162,7 +165,7 @@ def test_the_order_of_points_does_not_matter(seed):
 
 @given(st.integers(0, 10_000), st.floats(0.0, 0.006), st.floats(-0.4, 0.4))
 @settings(deadline=None, max_examples=20)
-def test_runs_are_straight_level_and_of_one_line(seed, sigma, yaw):
+def test_runs_are_straight_horizontal_and_of_one_line(seed, sigma, yaw):
     points, lines = sweep(yaw, sigma, seed, [LEDGE])
     seen = points - EYE
     azimuth = np.arctan2(seen[:, 1], seen[:, 0])
@@ -170,28 +173,29 @@ def test_runs_are_straight_level_and_of_one_line(seed, sigma, yaw):
     seen, azimuth, lines = seen[order], azimuth[order], lines[order].astype(np.int64)
     of_point, runs = find_runs(lines, seen, azimuth, BEAM)
     assert set(of_point.tolist()) <= set(range(-1, len(runs)))
-    for k, row in enumerate(runs):
+    for k, run in enumerate(runs):
         own = np.flatnonzero(of_point == k)
         z, a = seen[own, 2], azimuth[own]
-        assert len(own) == row[5] >= FEWEST
-        assert set(lines[own].tolist()) == {row[0]}
-        assert (row[1], row[2]) == (a[0], a[-1])
-        assert row[3] == pytest.approx(z.mean(), abs=1e-9)
+        assert len(own) == run["points"] >= FEWEST
+        assert set(lines[own].tolist()) == {run["line"]}
+        assert (run["first"], run["last"]) == (a[0], a[-1])
+        assert run["height"] == pytest.approx(z.mean(), abs=1e-9)
         half = len(own) // 2
-        halves = seen[own[:half], :2].mean(axis=0), seen[own[-half:], :2].mean(axis=0)
-        np.testing.assert_allclose(row[6:], np.concatenate(halves), atol=1e-9)
+        np.testing.assert_allclose(run["begin"], seen[own[:half], :2].mean(axis=0), atol=1e-9)
+        np.testing.assert_allclose(run["end"], seen[own[-half:], :2].mean(axis=0), atol=1e-9)
         slope, middle = np.polyfit(a, z, 1)
         noise = math.sqrt(np.square(z - slope * a - middle).sum() / (len(own) - 2))
         rise = abs(slope) * math.sqrt(12.0) * a.std()
-        assert rise <= LEVEL + SIGMAS * noise * math.sqrt(12.0 / len(own)) + 1e-9
-        assert row[4] == pytest.approx(noise / math.sqrt(len(own)), abs=1e-7)
+        assert rise <= MAX_RISE + SIGMAS * noise * math.sqrt(12.0 / len(own)) + 1e-9
+        assert run["height_sigma"] == pytest.approx(noise / math.sqrt(len(own)), abs=1e-7)
 
 
 def test_nothing_has_no_strips():
     nothing = strips_of(np.zeros((0, 3)), np.zeros(0, np.int64))
     assert nothing.shape == (0,)
     runs = find_runs(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), BEAM)[1]
-    assert runs.shape == (0, RUN_COLUMNS)
+    assert runs.shape == (0,)
+    assert runs.dtype == RUN
 
 
 def sorted_sweep(seed, sigma=0.004):
@@ -232,7 +236,7 @@ def plain_runs(lines, seen, azimuth):
             squares = squared_rest(a, z)
             noise = math.sqrt(squares / (len(part) - 2))
             rise = abs(np.polyfit(a, z, 1)[0]) * math.sqrt(12.0) * a.std()
-            if rise <= LEVEL + SIGMAS * noise * math.sqrt(12.0 / len(part)):
+            if rise <= MAX_RISE + SIGMAS * noise * math.sqrt(12.0 / len(part)):
                 of_point[part] = found
                 found += 1
                 continue
@@ -258,54 +262,54 @@ def test_runs_equal_plain_python(seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_what_goes_on_upright_equals_interpolation(seed):
+def test_what_goes_on_vertically_equals_interpolation(seed):
     lines, seen, azimuth = sorted_sweep(seed)
     of_point, runs = find_runs(lines, seen, azimuth, BEAM)
     distance = np.hypot(seen[:, 0], seen[:, 1])
     expected = np.zeros(len(runs), bool)
-    for r, row in enumerate(runs):
+    for r, run in enumerate(runs):
         own = of_point == r
-        for line in (row[0] - 1, row[0] + 1):
-            there = (lines == line) & (azimuth >= row[1]) & (azimuth <= row[2])
+        for line in (run["line"] - 1, run["line"] + 1):
+            there = (lines == line) & (azimuth >= run["first"]) & (azimuth <= run["last"])
             away = distance[there] - np.interp(azimuth[there], azimuth[own], distance[own])
-            rises = np.abs(seen[there, 2] - row[3]) > 2.0 * LEVEL
+            rises = np.abs(seen[there, 2] - run["height"]) > 2.0 * MAX_RISE
             same = np.count_nonzero(rises & (np.abs(away) <= STRAIGHT))
-            expected[r] |= same >= UPRIGHT_SHARE * ((row[2] - row[1]) / BEAM + 1.0)
+            expected[r] |= same >= VERTICAL_FRACTION * ((run["last"] - run["first"]) / BEAM + 1.0)
     assert expected.any()
     assert not expected.all()
-    upright = goes_on_upright(lines, seen, azimuth, BEAM, of_point, runs)
-    np.testing.assert_array_equal(upright, expected)
+    is_vertical = goes_on_vertically(lines, seen, azimuth, BEAM, of_point, runs)
+    np.testing.assert_array_equal(is_vertical, expected)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_linked_runs_equal_all_pairs(seed):
     lines, seen, azimuth = sorted_sweep(seed)
     of_point, runs = find_runs(lines, seen, azimuth, BEAM)
-    upright = goes_on_upright(lines, seen, azimuth, BEAM, of_point, runs)
-    pairs = [(a, b) for b in range(len(runs)) for a in range(b) if may_link(runs, upright, a, b)]
+    is_vertical = goes_on_vertically(lines, seen, azimuth, BEAM, of_point, runs)
+    pairs = [
+        (a, b) for b in range(len(runs)) for a in range(b) if may_link(runs, is_vertical, a, b)
+    ]
     graph = coo_array((np.ones(len(pairs)), np.array(pairs).reshape(-1, 2).T), [len(runs)] * 2)
     _, expected = connected_components(graph, directed=False)
-    roots = link_runs(runs, upright, BEAM)
+    roots = link_runs(runs, is_vertical, BEAM)
     assert len(pairs) > 2
     same = roots[:, None] == roots[None]
     np.testing.assert_array_equal(same, expected[:, None] == expected[None])
 
 
-def may_link(runs, upright, a, b):
+def may_link(runs, is_vertical, a, b):
     one, other = runs[a], runs[b]
-    overlap = min(one[2], other[2]) - max(one[1], other[1])
-    noise = math.hypot(one[4], other[4])
-    short, long = sorted((one, other), key=lambda run: np.hypot(*(run[8:10] - run[6:8])))
-    if np.hypot(*(one[8:10] - one[6:8])) == np.hypot(*(other[8:10] - other[6:8])):
-        short, long = other, one
-    along = (long[8:10] - long[6:8]) / np.hypot(*(long[8:10] - long[6:8]))
-    offset = 0.5 * (short[6:8] + short[8:10]) - long[6:8]
+    overlap = min(one["last"], other["last"]) - max(one["first"], other["first"])
+    noise = math.hypot(one["height_sigma"], other["height_sigma"])
+    length = [float(np.hypot(*(run["end"] - run["begin"]))) for run in (one, other)]
+    short, long = (other, one) if length[1] <= length[0] else (one, other)
+    along = (long["end"] - long["begin"]) / max(length)
+    offset = 0.5 * (short["begin"] + short["end"]) - long["begin"]
     apart = abs(along[0] * offset[1] - along[1] * offset[0])
-    length = 2.0 * np.hypot(*(short[8:10] - short[6:8]))
     return (
-        0 < abs(one[0] - other[0]) <= LINES
-        and not (upright[a] and upright[b])
+        0 < abs(one["line"] - other["line"]) <= LINES
+        and not (is_vertical[a] and is_vertical[b])
         and overlap >= -BEAM_GAPS * BEAM
-        and abs(one[3] - other[3]) <= LEVEL + SIGMAS * noise
-        and APART <= apart <= min(WIDEST, length)
+        and abs(one["height"] - other["height"]) <= MAX_RISE + SIGMAS * noise
+        and APART <= apart <= min(WIDEST, 2.0 * min(length))
     )

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from tccm_ros.planes.blocks import BLOCK_BITS, sort_into_blocks
-from tccm_ros.planes.edges import EDGE, FLATTER, REACH, drop_edges
-from tccm_ros.planes.plane_map import PlaneMap
-from tccm_ros.planes.plane_table import PLANE_COLUMNS
+from tccm_ros.planes.arrays import PLANE, PlaneMap
+from tccm_ros.planes.blocks import sort_into_blocks
+from tccm_ros.planes.edge_planes import EDGE, FLATTER, MAX_CELLS, drop_edge_planes
 
 
 def sample(rng):
@@ -19,41 +18,40 @@ def sample(rng):
     top = bottom + rng.integers(1, 400, n).astype(np.int32)
     labels = (ix // 3 % 5).astype(np.int32) - (rng.random(n) < 0.2) * 9
     labels = np.maximum(labels, -1).astype(np.int32)
-    planes = np.zeros((5, PLANE_COLUMNS))
-    planes[:, 0] = np.arange(5)
-    planes[:, 6] = rng.choice([1.0, 1.5, 3.9, 4.1, 20.0], 5) * 1e-6
+    planes = np.zeros(5, PLANE)
+    planes["offset"] = np.arange(5)
+    planes["variances"][:, 2] = rng.choice([1.0, 1.5, 3.9, 4.1, 20.0], 5) * 1e-6
     return ix, iy, bottom, top, labels, planes, rng.random(5) < 0.2
 
 
-def plainly(ix, iy, bottom, top, labels, planes, is_standing):
+def plainly(ix, iy, bottom, top, labels, planes, is_vertical):
     """Return the rows that stay, by looking at all pairs of cuboids."""
     i = np.arange(len(ix))
     beside = (
-        (np.abs(ix[:, None] - ix) <= REACH) & (np.abs(iy[:, None] - iy) <= REACH)
+        (np.abs(ix[:, None] - ix) <= MAX_CELLS) & (np.abs(iy[:, None] - iy) <= MAX_CELLS)
         & (bottom[:, None] <= top) & (top[:, None] >= bottom)
     )  # fmt: skip
-    kept = []
+    kept, variance = [], planes["variances"][:, 2]
     for p in range(len(planes)):
-        flatter = ~is_standing & (FLATTER * planes[:, 6] <= planes[p, 6])
+        flatter = ~is_vertical & (FLATTER * variance <= variance[p])
         held = i[(labels >= 0) & flatter[labels]]
         own = i[labels == p]
         off = len(own) - beside[np.ix_(own, held)].any(axis=1).sum()
-        if is_standing[p] or not flatter.any() or off > (1.0 - EDGE) * len(own):
+        if is_vertical[p] or not flatter.any() or off > (1.0 - EDGE) * len(own):
             kept.append(p)
     return kept
 
 
 @pytest.mark.parametrize("seed", range(60))
 def test_it_drops_what_a_look_at_all_pairs_drops(seed):
-    ix, iy, bottom, top, labels, planes, is_standing = sample(np.random.default_rng(seed))
-    kept = plainly(ix, iy, bottom, top, labels, planes, is_standing)
-    rows, wide = (int(ix.max()) >> BLOCK_BITS) + 1, (int(iy.max()) >> BLOCK_BITS) + 1
-    start, order = sort_into_blocks(ix, iy, 0, 0, wide, rows * wide)
+    ix, iy, bottom, top, labels, planes, is_vertical = sample(np.random.default_rng(seed))
+    kept = plainly(ix, iy, bottom, top, labels, planes, is_vertical)
+    blocks = sort_into_blocks(ix, iy)
     none = np.zeros((0, 10))
     cuboids = PlaneMap(none, ix, iy, bottom, top, ix[:0], none, 200.0, 1e-4, np.zeros(3))
     after = labels.copy()
-    left = drop_edges(cuboids, start, order, (0, 0), wide, after, planes, is_standing)
-    assert left[:, 0].astype(int).tolist() == kept
+    left = drop_edge_planes(cuboids, blocks, after, planes, is_vertical)
+    assert left["offset"].astype(int).tolist() == kept
     number = {p: k for k, p in enumerate(kept)}
     assert after.tolist() == [number.get(p, -1) for p in labels.tolist()]
 

@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.cuboids.moments import FLAT, plane_of, residuals_of
-from tccm_ros.planes.blocks import flatness_order
+from tccm_ros.planes.blocks import Blocks, flatness_order
 
 __all__ = ["cover", "grow_regions"]
 
@@ -53,9 +53,9 @@ def cover(place: Int, rows: int, wide: int) -> tuple[Int, Int, Int]:
 
 @njit(nogil=True, cache=True)
 def grow_regions(
-    moments: Array, planes: Array, place: Int, rows: int, wide: int, max_rms: float
+    moments: Array, planes: Array, place: Int, blocks: Blocks, max_rms: float
 ) -> tuple[Int, Array]:
-    """Grow regions from the flattest patches.
+    """Grow regions from the flattest patches; arguments as `find_patches` takes and returns them.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def grow_regions(
     pooled : float64 (R, 10)
         Moments of each region.
     """
-    n = len(moments)
+    n, rows, wide = len(moments), blocks.rows, blocks.wide
     head, node_patch, node_next = cover(place, rows, wide)
     region = np.full(n, -1, np.int32)
     seen = np.full(n, -1, np.int32)

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from tccm_ros.config import Config
 from tccm_ros.cuboids.caps import CAP_DEPTH
-from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M
+from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, CuboidArrays
 from tccm_ros.cuboids.part_map import PartMapBuilder
-from tccm_ros.planes.inliers import drain, fit_lying, sharing_cells
-from tccm_ros.planes.plane_map import cap_of, plane_map
+from tccm_ros.planes.arrays import cap_of, plane_map
+from tccm_ros.planes.inliers import drain, fit_horizontal, sharing_cells
 
 
 def sums_of(points):
@@ -21,10 +21,8 @@ def sums_of(points):
 
 
 def about(cuboids, origin):
-    return plane_map(
-        cuboids.ix, cuboids.iy, cuboids.bottom, cuboids.top, cuboids.count, cuboids.s, cuboids.S,
-        cuboids.caps.of, cuboids.caps.moments, cuboids.cell_size * TICKS_PER_M, TICK, origin,
-    )  # fmt: skip
+    caps = cuboids.caps
+    return plane_map(CuboidArrays(*cuboids.arrays), caps.of, caps.moments, origin)
 
 
 @given(st.integers(0, 10_000), st.integers(1, 150), st.floats(0.001, 0.5))
@@ -57,7 +55,7 @@ def test_drained_bits_are_the_set_rising_and_then_none(chosen):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_cells_that_hold_two_heights_do_not_shape_a_level_fit(seed):
+def test_cells_that_hold_two_heights_do_not_shape_a_horizontal_fit(seed):
     # A top of one point or more in each cell, and below the edge rows of its front, 40 mm apart.
     rng = np.random.default_rng(seed)
     x, y = (g.ravel() for g in np.meshgrid(np.arange(0.81, 0.95, 0.01), np.arange(0.0, 0.3, 0.01)))
@@ -75,7 +73,7 @@ def test_cells_that_hold_two_heights_do_not_shape_a_level_fit(seed):
     np.testing.assert_array_equal(sharing_cells(arrays.ix, arrays.iy, members), shared)
     total = np.zeros(10)
     # A guess with the scatter of top and front together takes in both.
-    plane = fit_lying(
+    plane = fit_horizontal(
         arrays, members, np.ones(len(members), np.bool_), (0.0, 0.0, 1.0, 0.895, 4e-4), total
     )
     assert total[0] == arrays.M[~shared, 0].sum()

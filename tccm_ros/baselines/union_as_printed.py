@@ -1,4 +1,8 @@
-"""Cuboids by Eq. (1) as the paper prints it, point by point: `map.mode: paper`."""
+"""Cuboids by Eq. (1) as the paper prints it, point by point: `map.mode: paper`.
+
+Handed to `PartMapBuilder` in place of the union of intervals. As printed, the equation over-extends
+a cuboid that has grown, and what comes out depends on the order of the points.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +11,31 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-__all__ = ["unite_as_printed"]
+from tccm_ros.cuboids.union import CuboidRule
+
+__all__ = ["AS_PRINTED"]
+
+
+@njit(nogil=True, cache=True)
+def order_of_arrival(records: Any, n: Any, heights: Any, scratch: Any, order: Any) -> None:
+    """Leave the points in the order in which they came; arguments as in `order_by_height`."""
+    for i in range(n):
+        order[i] = i
 
 
 @njit(nogil=True, cache=True)
 def unite_as_printed(
-    points: Any, n: Any, begins: Any, cell_keys: Any, n_cells: Any, keys: Any, bounds: Any,
-    firsts: Any,
-) -> Any:  # fmt: skip
+    points: Any, n: Any, begins: Any, cell_keys: Any, n_cells: Any, found: Any
+) -> Any:
     """Grow the cuboids of each cell by Eq. (1) as printed, point by point in their order.
 
     A point at or below a cuboid's top u and not further below its bottom than d0 extends it by
     u - z, even where it was inside; a point above the top, within the cuboid's own depth d of it,
-    raises it. Cuboids that then overlap are bound (section III.A). Arguments and result are those
-    of `union._unite_intervals`, but a cell's points are in the order in which they came; they are
+    raises it. Cuboids that then overlap are merged (section III.A). Arguments and result are those
+    of `union.unite_intervals`, but a cell's points are in the order in which they came; they are
     reordered, so that those of a cuboid follow each other.
     """
+    keys, bounds, firsts = found
     grown = np.empty((n, 2), np.int64)
     k, last = np.int64(n), np.int64(n)
     for cell in range(n_cells - 1, -1, -1):
@@ -32,7 +45,7 @@ def unite_as_printed(
         n_grown = 0
         for i in range(first, last):
             n_grown = _grow(grown, n_grown, points[2 * i] >> 32, points[2 * i + 1] >> 32)
-        n_grown = _bind_overlaps(grown, n_grown)
+        n_grown = _merge_overlaps(grown, n_grown)
         begins[first:last] = 0
         end = last
         for j in range(n_grown):  # from the top down, to the back of what is left
@@ -44,6 +57,10 @@ def unite_as_printed(
             firsts[k], begins[end] = end, -1
         last = first
     return k
+
+
+AS_PRINTED = CuboidRule(order_of_arrival, unite_as_printed)
+"""Eq. (1) as printed, in the order in which the points came."""
 
 
 @njit(nogil=True, cache=True)
@@ -65,7 +82,7 @@ def _grow(grown: Any, n: Any, z: Any, d0: Any) -> Any:
 
 
 @njit(nogil=True, cache=True)
-def _bind_overlaps(intervals: Any, n: Any) -> Any:
+def _merge_overlaps(intervals: Any, n: Any) -> Any:
     """Sort n intervals (bottom, top) by falling top and unite those that touch; return how many."""
     for i in range(1, n):
         bottom, top, j = intervals[i, 0], intervals[i, 1], i

@@ -1,4 +1,4 @@
-"""Bits of a word, by the processor's own instructions."""
+"""What kernels need of the processor and numba does not offer: the lowest set bit, and pointers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-__all__ = ["lowest_bit"]
+__all__ = ["lowest_bit", "pointer_to"]
 
 
 def _cttz(typing_context: Any, word: Any) -> Any:
@@ -26,3 +26,14 @@ _trailing_zeros: Any = intrinsic(_cttz)
 def lowest_bit(word: Any) -> Any:
     """Return the index of the lowest set bit of a uint64 that is not zero."""
     return _trailing_zeros(word)
+
+
+def _inttoptr(typing_context: Any, address: Any) -> Any:
+    def build(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
+
+    return types.voidptr(types.int64), build
+
+
+pointer_to: Any = intrinsic(_inttoptr)
+"""In a kernel: the pointer to an address, int64. For `numba.carray`, which trusts it."""

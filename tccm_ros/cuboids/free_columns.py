@@ -1,0 +1,118 @@
+"""What was seen through, per column: free intervals of height, to be asked point by point."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import inverse, transform
+from tccm_ros.records import ViewIntervals
+
+__all__ = ["KEY_STEP", "NEVER", "FreeColumns", "SeenFree", "column_keys"]
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+KEY_STEP = 1 << 21
+"""Keys of columns and voxels: columns -2^20..2^20 on either axis."""
+
+NEVER = -1
+"""Stamp of what was never seen."""
+
+
+def column_keys(points: Float64, cell_size: float) -> Int64:
+    """Return the key of the column that each point (N, >= 2) stands in, int64 (N,)."""
+    cells = np.floor(points[:, :2] / cell_size).astype(np.int64)
+    return cells[:, 0] * KEY_STEP + cells[:, 1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FreeColumns:
+    """Free intervals by column: the column keys are sorted and may repeat.
+
+    Attributes
+    ----------
+    cell_size
+        Edge of a column, m.
+    keys
+        int64 (M,), of the column.
+    low, high
+        float64 (M,), m, the free interval.
+    """
+
+    cell_size: float
+    keys: Int64
+    low: Float64
+    high: Float64
+
+    @classmethod
+    def of(cls, view: ViewIntervals | None, cell_size: float) -> FreeColumns:
+        """Sort the free intervals of a view by column; none where there is no view."""
+        rows = np.zeros((0, 4)) if view is None else view.intervals.astype(np.float64)
+        keys = column_keys(rows, cell_size)
+        order = np.lexsort((rows[:, 2], keys))
+        return cls(cell_size, keys[order], rows[order, 2], rows[order, 3])
+
+    def contains(self, points: Float64, margin: Float64 | float = 0.0) -> NDArray[np.bool_]:
+        """Return whether points (N, 3) lie inside a free interval, margin (N,) m from its ends."""
+        keys = column_keys(points, self.cell_size)
+        first = np.searchsorted(self.keys, keys, "left")
+        last = np.searchsorted(self.keys, keys, "right")
+        inside = np.zeros(len(points), bool)
+        for step in range(int((last - first).max(initial=0))):
+            row = np.minimum(first + step, len(self.keys) - 1)
+            hit = (points[:, 2] >= self.low[row] + margin) & (
+                points[:, 2] <= self.high[row] - margin
+            )
+            inside |= hit & (first + step < last)
+        return inside
+
+
+class _CycleView(NamedTuple):
+    """What one cycle saw through, in the base frame at its stamp."""
+
+    cycle: int
+    stamp_ns: int
+    T_base_odom: Float64
+    free: FreeColumns
+
+
+class SeenFree:
+    """What the cycles of the window saw through.
+
+    Parameters
+    ----------
+    config
+        `map.window_cycles` and `views.cell_size`.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._window = config.map.window_cycles
+        self._cell_size = config.views.cell_size
+        self._views: deque[_CycleView] = deque()
+
+    def add(self, cycle: int, T_odom_base: Float64, view: ViewIntervals) -> None:
+        """Take what a cycle saw through, and forget what leaves the window."""
+        free = FreeColumns.of(view, self._cell_size)
+        self._views.append(_CycleView(cycle, view.stamp_ns, inverse(T_odom_base), free))
+        while self._views[0].cycle <= cycle - self._window:
+            self._views.popleft()
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._views.clear()
+
+    def last_seen(self, points: Float64) -> Int64:
+        """Return when points (N, 3), m, in odom, were last seen to be free, int64 (N,), ns.
+
+        `NEVER` where none of the window's cycles saw through.
+        """
+        seen = np.full(len(points), NEVER, np.int64)
+        for view in self._views:
+            seen[view.free.contains(transform(view.T_base_odom, points))] = view.stamp_ns
+        return seen

@@ -1,0 +1,98 @@
+"""What the plane kernels read and fill: the cuboids of a map, and a table of planes."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.cuboids.cuboids import CuboidArrays
+from tccm_ros.cuboids.moments import Moments, gather, moved
+
+__all__ = ["PLANE", "PlaneMap", "PlaneTable", "cap_of", "keep_planes", "plane_map"]
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int32]
+
+PLANE = np.dtype(
+    [
+        ("normal", np.float64, 3),  # unit
+        ("offset", np.float64),  # m: normal . p = offset
+        ("variances", np.float64, 3),  # along and across the plane, falling, m2
+        ("support", np.float64),  # points of all its cuboids
+        ("moments", np.float64, 10),  # of the points that shaped the fit
+        ("is_horizontal", np.bool_),
+    ],
+    align=True,
+)
+"""A row of the table of planes, which labels of cuboids name by its index."""
+
+PlaneTable = NDArray[Any]
+"""An array of `PLANE`."""
+
+
+class PlaneMap(NamedTuple):
+    """The cuboids of a map, with moments in m about one origin.
+
+    Attributes
+    ----------
+    M
+        float64 (N, 10), moments about `origin`, m.
+    ix, iy, bottom, top
+        As in `Cuboids`.
+    cap_rows, cap_sums
+        As in `Caps`: of length 0 where caps are not known.
+    cell, tick
+        Edge of a cell in ticks, and a tick in m.
+    origin
+        float64 (3,), ticks.
+    """
+
+    M: Array
+    ix: Int
+    iy: Int
+    bottom: Int
+    top: Int
+    cap_rows: Int
+    cap_sums: Array
+    cell: float
+    tick: float
+    origin: Array
+
+
+@njit(nogil=True, cache=True)
+def plane_map(cuboids: CuboidArrays, cap_rows: Int, cap_sums: Array, origin: Array) -> PlaneMap:
+    """Return a map's cuboids with their moments about one origin; arguments as in `PlaneMap`."""
+    c = cuboids
+    return PlaneMap(
+        gather(c, origin), c.ix, c.iy, c.bottom, c.top, cap_rows, cap_sums, c.cell, c.tick, origin
+    )
+
+
+@njit(nogil=True, cache=True)
+def cap_of(of: PlaneMap, i: int) -> Moments:
+    """Return the moments of the cap of cuboid i of a map with caps, about the map's origin.
+
+    Few caps are asked for, those of rims, so they are moved one by one.
+    """
+    r = of.cap_rows[i]
+    m = of.M[i] if r < 0 else of.cap_sums[r]
+    sums = m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9]
+    return sums if r < 0 else moved(of.ix[i], of.iy[i], sums, of.cell, of.tick, of.origin)
+
+
+@njit(nogil=True, cache=True)
+def keep_planes(labels: Int, planes: PlaneTable, is_kept: NDArray[np.bool_]) -> PlaneTable:
+    """Return the rows that are kept, and number the labels anew; those of others become -1."""
+    number = np.full(len(planes), -1, np.int32)
+    kept = 0
+    for p in range(len(planes)):
+        if is_kept[p]:
+            number[p] = kept
+            planes[kept] = planes[p]
+            kept += 1
+    if kept < len(planes):
+        for i in range(len(labels)):
+            if labels[i] >= 0:
+                labels[i] = number[labels[i]]
+    return planes[:kept]

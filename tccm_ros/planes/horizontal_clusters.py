@@ -1,0 +1,80 @@
+"""Horizontal surfaces by clustering of cuboids (the paper's IV.A), for scans with gaps.
+
+The paper gives neighbouring cells the same label `cls` if their tops differ by less than 10 mm.
+At 20 mm cells a single sweep leaves empty cells between its scan lines, so plain 8-neighbours break
+a table into strips. Here the neighbourhood follows the local sample spacing, see `linking`.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
+from tccm_ros.cuboids.linking import link
+
+__all__ = ["label_horizontal"]
+
+Array = NDArray[np.float64]
+Int = NDArray[np.int32]
+
+
+def label_horizontal(
+    cuboids: Cuboids, height_threshold: float = 0.010, min_cuboids: int = 4
+) -> NDArray[np.int32]:
+    """Label the horizontal surfaces of a map.
+
+    Parameters
+    ----------
+    cuboids
+        The map.
+    height_threshold
+        Neighbours, which are less than twice the local sample spacing apart, belong together if
+        their heights differ by less, m. Heights are tops or means: the mean is what noise leaves
+        steady, the top what an edge cell shares with its neighbours.
+    min_cuboids
+        Smaller clusters get no label.
+
+    Returns
+    -------
+    int32 (N,)
+        Label from 0, in the order of each cluster's first cuboid; -1 for none.
+    """
+    if len(cuboids) == 0:
+        return np.full(0, -1, np.int32)
+    threshold = height_threshold * TICKS_PER_M
+    c = cuboids
+    return _label(c.ix, c.iy, c.top, c.s, c.count, threshold, min_cuboids)
+
+
+@njit(nogil=True, cache=True)
+def _label(ix: Int, iy: Int, top: Int, s: Array, count: Array, threshold: float, least: int) -> Int:
+    """Label what `linking.link` connects."""
+    return _number(link(ix, iy, top, _mean_heights(s, count), threshold)[0], least)
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def _mean_heights(s: Array, count: Array) -> Int:
+    """Return the mean height of each cuboid, ticks."""
+    mean = np.empty(len(count), np.int32)
+    for i in range(len(count)):
+        mean[i] = np.int32(np.rint(s[i, 2] / count[i]))
+    return mean
+
+
+@njit(nogil=True, cache=True)
+def _number(root: Int, least: int) -> Int:
+    """Turn set representatives (the smallest index of each set) into labels from 0."""
+    n = len(root)
+    size = np.zeros(n, np.int32)
+    for i in range(n):
+        size[root[i]] += 1
+    labels = np.empty(n, np.int32)
+    used = 0
+    for i in range(n):
+        r = root[i]
+        if r == i:
+            labels[i] = used if size[i] >= least else -1
+            used += size[i] >= least
+        else:
+            labels[i] = labels[r]
+    return labels

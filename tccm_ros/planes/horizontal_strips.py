@@ -1,0 +1,410 @@
+"""Horizontal strips: what few lines of a tilt cycle saw of a narrow horizontal surface.
+
+The laser looks along a ledge, or onto a board just below it, so flatly that one to five lines of a
+tilt cycle lie on it: too few cells for a plane. Yet each line tells more than its few points say.
+Where the lines of a tilting laser run over vertical things, each lies at a height of its own, a
+line's spacing above the one before. Two lines at *one* height, one further away than the other, lie
+on something horizontal. So *runs* of neighbouring beams at one height are found in each line, and
+
+- a run that lies on a horizontal plane in part lies on it as a whole;
+- runs of neighbouring lines that have one height within what the noise leaves open are a strip;
+- a long straight run that nothing is straight above or below of is a strip by itself: whether it is
+  one of a ledge, other views tell.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from tccm_ros.union_find import find_root, unite
+
+__all__ = ["LEAST_WIDTH", "horizontal_strips"]
+
+Float64 = NDArray[np.float64]
+Index = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+TOLERANCE = 0.006
+"""Points further than this from the height of their run are not of it, m: three deviations of the
+noisiest laser, seen as flatly as this."""
+
+MAX_RISE = 0.0015
+"""Runs may rise by this much from end to end beyond their noise, m: a laser that is not quite
+level."""
+
+SIGMAS = 3.0
+
+FEWEST = 6
+"""Beams of a run: its slope is to be told from its noise."""
+
+BEAM_GAPS = 3.5
+"""Neighbours of a run are at most so many beams apart."""
+
+BENT = 0.7
+"""A run is two where two straight lines leave less than this fraction of what one does, squared."""
+
+SLANT = 4.0
+"""Neighbours of a run are at most so many times as far apart as across the line of sight,"""
+
+NOISE = 0.02
+"""and this, m."""
+
+RUN = np.dtype(
+    [
+        ("line", np.int64),
+        ("first", np.float64),  # azimuth of the first beam, rad
+        ("last", np.float64),  # and of the last
+        ("height", np.float64),  # mean, m
+        ("height_sigma", np.float64),  # its standard error, m
+        ("points", np.int64),
+        ("begin", np.float64, 2),  # x and y of the middle of its first half, m
+        ("end", np.float64, 2),  # and of its second half
+    ],
+    align=True,
+)
+"""A run: neighbouring beams of one line that end at one height."""
+
+Runs = NDArray[Any]
+"""An array of `RUN`."""
+
+LINES = 2
+"""Neighbouring runs are at most so many lines apart: one line may be lost to noise."""
+
+APART = 0.015
+"""... and at least this far, m: lines nearer to each other do not tell a top from a front."""
+
+WIDEST = 0.30
+"""Runs further apart than this are not taken for one surface, m; nor are runs that are further
+apart than the shorter one is long: two things of one height stand there as well as one."""
+
+VERTICAL_FRACTION = 0.5
+"""A run lies at something vertical where for this fraction of its beams those of a neighbouring
+line are straight above or below. One run of two may: it lies at the rim of a board."""
+
+STRAIGHT = 0.015
+"""Straight above or below is within this, m: nearly two deviations of what lies between two beams
+of the noisiest laser."""
+
+LEAST_POINTS = 20
+"""Points of a strip."""
+
+LEAST_WIDTH = 0.03
+"""Width of a strip, m, as that of an even spread: a vertical thing has none. What is narrower is a
+line, and must not go on vertically anywhere. A line that bends is neither."""
+
+LEAST_LENGTH = 0.30
+"""And its length, m: what is shorter and as narrow is the top of a thing."""
+
+
+def horizontal_strips(points: Float64, lines: Index, surface: Index, viewpoint: Float64) -> Index:
+    """Complete the horizontal surfaces of a tilt cycle by what its lines tell.
+
+    Parameters
+    ----------
+    points
+        float64 (M, 3), m, in odom.
+    lines
+        int64 (M,), the scan of each point within the tilt cycle.
+    surface
+        int64 (M,), the horizontal plane of each point, -1 for none.
+    viewpoint
+        float64 (3,), the laser in odom.
+
+    Returns
+    -------
+    int64 (M,), `surface` where a point has one. Of the others: the plane on which their run lies,
+    or the number of their strip, which follow those of the planes; -1 for none.
+    """
+    chosen = np.flatnonzero(points[:, 2] < viewpoint[2])
+    scan = lines[chosen]
+    seen = points[chosen] - viewpoint
+    azimuth = np.arctan2(seen[:, 1], seen[:, 0])
+    order = np.lexsort((azimuth, scan))
+    chosen, scan, seen, azimuth = chosen[order], scan[order], seen[order], azimuth[order]
+    step = _usual_step(scan, azimuth)
+    of_point, runs = find_runs(scan, seen, azimuth, step)
+    is_vertical = goes_on_vertically(scan, seen, azimuth, step, of_point, runs)
+    strips = _strips(link_runs(runs, is_vertical, step), is_vertical, of_point, runs, seen)
+    strips[strips >= 0] += surface.max(initial=-1) + 1
+    plane = _plane_of_runs(of_point, surface[chosen], len(runs))
+    of_run = np.where(plane < 0, strips, np.where(is_vertical, -1, plane))
+    completed = surface.copy()
+    of_none = (of_point >= 0) & (surface[chosen] < 0)
+    completed[chosen[of_none]] = of_run[of_point[of_none]]
+    return completed
+
+
+def _plane_of_runs(of_point: Index, surface: Index, runs: int) -> Index:
+    """Return the horizontal plane on which most points of each run lie, int64 (R,), -1 for none."""
+    on = (of_point >= 0) & (surface >= 0)
+    planes = surface.max(initial=0) + 1
+    pairs, count = np.unique(of_point[on] * planes + surface[on], return_counts=True)
+    run, of_run = np.divmod(pairs, planes)
+    plane = np.full(runs, -1, np.int64)
+    order = np.lexsort((-of_run, count))  # the last one stands: most points, first plane
+    plane[run[order]] = of_run[order]
+    return plane
+
+
+def _usual_step(scan: Index, azimuth: Float64) -> float:
+    """Return the angle between neighbouring beams, rad."""
+    steps = np.diff(azimuth)[np.diff(scan) == 0]
+    return float(np.median(steps)) if len(steps) else 0.0
+
+
+@njit(nogil=True, cache=True)
+def goes_on_vertically(
+    scan: Index, seen: Float64, azimuth: Float64, step: float, of_point: Index, runs: Runs
+) -> Flags:
+    """Return of which runs the line before or after lies straight above or below; bool (R,).
+
+    It does where it is as far away at the same bearing, whatever corners the run has.
+    """
+    is_vertical = np.zeros(len(runs), np.bool_)
+    own = np.empty(len(scan), np.int64)
+    for r in range(len(runs)):
+        run, count = runs[r], 0
+        at, end = np.searchsorted(scan, run.line), np.searchsorted(scan, run.line + 1)
+        at += np.searchsorted(azimuth[at:end], run.first)
+        while count < run.points:
+            if of_point[at] == r:
+                own[count] = at
+                count += 1
+            at += 1
+        beams = (run.last - run.first) / step + 1.0 if step > 0.0 else 1.0
+        for line in (run.line - 1, run.line + 1):
+            same, m = 0, 0
+            k, end = np.searchsorted(scan, line), np.searchsorted(scan, line + 1)
+            k += np.searchsorted(azimuth[k:end], run.first)
+            while k < end and azimuth[k] <= run.last:
+                while m < count - 2 and azimuth[own[m + 1]] < azimuth[k]:
+                    m += 1
+                away = distance_at(seen, azimuth, own[m], own[m + 1], azimuth[k])
+                rises = abs(seen[k, 2] - run.height) > 2.0 * MAX_RISE
+                same += rises and abs(away - math.hypot(seen[k, 0], seen[k, 1])) <= STRAIGHT
+                k += 1
+            if same >= VERTICAL_FRACTION * beams:
+                is_vertical[r] = True
+    return is_vertical
+
+
+@njit(nogil=True, cache=True)
+def distance_at(seen: Float64, azimuth: Float64, a: int, b: int, bearing: float) -> float:
+    """Return how far away, seen from above, the line between two points is at a bearing, m."""
+    wide = azimuth[b] - azimuth[a]
+    fraction = (bearing - azimuth[a]) / wide if wide > 0.0 else 0.0
+    near, far = math.hypot(seen[a, 0], seen[a, 1]), math.hypot(seen[b, 0], seen[b, 1])
+    return near + min(max(fraction, 0.0), 1.0) * (far - near)
+
+
+@njit(nogil=True, cache=True)
+def link_runs(runs: Runs, is_vertical: Flags, step: float) -> Index:
+    """Put runs of neighbouring lines together that have one height; int64 (R,), their roots."""
+    parent = np.arange(len(runs)).astype(np.int32)
+    begin = 0
+    for b in range(len(runs)):
+        one = runs[b]
+        while one.line - runs[begin].line > LINES:
+            begin += 1
+        for a in range(begin, b):
+            other = runs[a]
+            if other.line == one.line:
+                break
+            low, high = max(other.first, one.first), min(other.last, one.last)
+            if (is_vertical[a] and is_vertical[b]) or low - high > BEAM_GAPS * step:
+                continue
+            noise = math.sqrt(other.height_sigma**2 + one.height_sigma**2)
+            if abs(other.height - one.height) > MAX_RISE + SIGMAS * noise:
+                continue
+            apart, longest = distance_between(other, one)
+            if APART <= apart <= min(WIDEST, longest):
+                unite(parent, a, b)
+    roots = np.empty(len(runs), np.int64)
+    for k in range(len(runs)):
+        roots[k] = find_root(parent, k)
+    return roots
+
+
+@njit(nogil=True, cache=True)
+def distance_between(a: Any, b: Any) -> tuple[float, float]:
+    """Return how far the middle of the shorter run is from the line of the longer one, and its
+    length, m.
+    """
+    dx, dy = a.end[0] - a.begin[0], a.end[1] - a.begin[1]
+    ex, ey = b.end[0] - b.begin[0], b.end[1] - b.begin[1]
+    if ex * ex + ey * ey > dx * dx + dy * dy:
+        a, b, dx, dy, ex, ey = b, a, ex, ey, dx, dy
+    x = 0.5 * (b.begin[0] + b.end[0]) - a.begin[0]
+    y = 0.5 * (b.begin[1] + b.end[1]) - a.begin[1]
+    apart = abs(dx * y - dy * x) / math.sqrt(dx * dx + dy * dy)
+    return apart, 2.0 * math.sqrt(ex * ex + ey * ey)
+
+
+def _strips(roots: Index, is_vertical: Flags, of_point: Index, runs: Runs, seen: Float64) -> Index:
+    """Return the number of each run's strip, from 0, -1 where it is too small; int64 (R,)."""
+    _, group = np.unique(roots, return_inverse=True)
+    on = of_point >= 0
+    width, length = _extents(group[of_point[on]], seen[on, :2])
+    line = runs["line"]
+    first, last = np.full(len(width), line.max(initial=0)), np.zeros(len(width), np.int64)
+    np.minimum.at(first, group, line)
+    np.maximum.at(last, group, line)
+    is_wide = (first < last) & (width >= LEAST_WIDTH)
+    is_line = (np.bincount(group, is_vertical) == 0) & (width < LEAST_WIDTH)
+    is_large = (np.bincount(group, runs["points"]) >= LEAST_POINTS) & (length >= LEAST_LENGTH)
+    chosen = is_large & (is_wide | is_line)
+    number = np.where(chosen, np.cumsum(chosen) - 1, -1)
+    return number[group]
+
+
+def _extents(group: Index, xy: Float64) -> tuple[Float64, Float64]:
+    """Return width and length of groups of points, float64 (G,), m, as those of an even spread."""
+    count = np.bincount(group)
+    x, y = (np.bincount(group, xy[:, k]) / count for k in range(2))
+    dx, dy = xy[:, 0] - x[group], xy[:, 1] - y[group]
+    xx, xy_, yy = (np.bincount(group, product) / count for product in (dx * dx, dx * dy, dy * dy))
+    middle, half = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy_)
+    return np.sqrt(12.0 * np.maximum(middle - half, 0.0)), np.sqrt(12.0 * (middle + half))
+
+
+@njit(nogil=True, cache=True)
+def find_runs(scan: Index, seen: Float64, azimuth: Float64, step: float) -> tuple[Index, Runs]:
+    """Find the horizontal runs of all lines.
+
+    Parameters
+    ----------
+    scan, azimuth
+        int64 (N,) and float64 (N,): line and bearing of the points, which are sorted by both.
+    seen
+        float64 (N, 3), the points from the laser, m.
+    step
+        Angle between neighbouring beams, rad.
+
+    Returns
+    -------
+    of_point : int64 (N,)
+        Run of each point, -1 for none.
+    runs : (R,), `RUN`
+    """
+    n = len(scan)
+    of_point, taken = np.full(n, -1, np.int64), np.zeros(n, np.bool_)
+    members, sums = np.empty(n, np.int64), np.zeros((n + 1, 5))
+    runs = np.empty(n // FEWEST + 1, RUN)
+    ranges = np.empty((n + 1, 2), np.int64)
+    found, first = 0, 0
+    while first < n:
+        count, total = 0, 0.0
+        i, last = first, first
+        while i < n and scan[i] == scan[first] and azimuth[i] - azimuth[last] <= BEAM_GAPS * step:
+            close = count == 0 or abs(seen[i, 2] - total / count) <= TOLERANCE
+            if close and not taken[i] and is_near(seen, last, i):
+                members[count] = last = i
+                count += 1
+                total += seen[i, 2]
+            i += 1
+        add_up(seen, azimuth, members, count, sums)
+        ranges[0, 0], ranges[0, 1] = 0, count
+        height = 1
+        while height:
+            height -= 1
+            low, high = ranges[height, 0], ranges[height, 1]
+            if high - low < FEWEST:
+                continue
+            if is_horizontal(sums, low, high, runs[found]):
+                write_run(scan, seen, azimuth, members, low, high, runs[found])
+                for k in range(low, high):
+                    of_point[members[k]] = found
+                    taken[members[k]] = True
+                found += 1
+                continue
+            middle = best_split(sums, low, high)
+            if middle < 0:  # straight, but not horizontal
+                continue
+            ranges[height, 0], ranges[height, 1] = middle, high
+            ranges[height + 1, 0], ranges[height + 1, 1] = low, middle
+            height += 2
+        first = last + 1
+    return of_point, runs[:found]
+
+
+@njit(nogil=True, cache=True)
+def add_up(seen: Float64, azimuth: Float64, members: Index, count: int, sums: Float64) -> None:
+    """Write running sums of azimuth, height and their products over the members of a run."""
+    for k in range(count):
+        a = azimuth[members[k]] - azimuth[members[0]]
+        z = seen[members[k], 2] - seen[members[0], 2]
+        sums[k + 1, 0] = sums[k, 0] + a
+        sums[k + 1, 1] = sums[k, 1] + z
+        sums[k + 1, 2] = sums[k, 2] + a * a
+        sums[k + 1, 3] = sums[k, 3] + a * z
+        sums[k + 1, 4] = sums[k, 4] + z * z
+
+
+@njit(nogil=True, cache=True)
+def line_through(sums: Float64, low: int, high: int) -> tuple[float, float, float]:
+    """Return slope, m/rad, squared residuals, m2, and spread, rad2, of a part of a run."""
+    n = high - low
+    a, z = sums[high, 0] - sums[low, 0], sums[high, 1] - sums[low, 1]
+    aa = sums[high, 2] - sums[low, 2] - a * a / n
+    az = sums[high, 3] - sums[low, 3] - a * z / n
+    zz = sums[high, 4] - sums[low, 4] - z * z / n
+    slope = az / aa if aa > 0.0 else 0.0
+    return slope, max(zz - slope * az, 0.0), aa
+
+
+@njit(nogil=True, cache=True)
+def best_split(sums: Float64, low: int, high: int) -> int:
+    """Return where a run is best divided into two straight parts; -1 where one does as well."""
+    best, middle = BENT * line_through(sums, low, high)[1], -1
+    for k in range(low + 3, high - 2):
+        rest = line_through(sums, low, k)[1] + line_through(sums, k, high)[1]
+        if rest < best:
+            best, middle = rest, k
+    return middle
+
+
+@njit(nogil=True, cache=True)
+def is_horizontal(sums: Float64, low: int, high: int, run: Any) -> bool:
+    """Return whether a part of a run is horizontal; write the error of its height."""
+    n = high - low
+    slope, squares, spread = line_through(sums, low, high)
+    noise = math.sqrt(squares / (n - 2.0))
+    run.height_sigma = noise / math.sqrt(n)
+    # The ends of an even spread are sqrt(12) standard deviations apart.
+    rise = abs(slope) * math.sqrt(12.0 * spread / n)
+    return rise <= MAX_RISE + SIGMAS * noise * math.sqrt(12.0 / n)
+
+
+@njit(nogil=True, cache=True)
+def write_run(
+    scan: Index, seen: Float64, azimuth: Float64, members: Index, low: int, high: int, run: Any
+) -> None:
+    """Write the rest of a run."""
+    first, last, z = members[low], members[high - 1], 0.0
+    for k in range(low, high):
+        z += seen[members[k], 2]
+    run.line, run.points = scan[first], high - low
+    run.first, run.last = azimuth[first], azimuth[last]
+    run.height = z / (high - low)
+    half = (high - low) // 2
+    run.begin[:] = 0.0
+    run.end[:] = 0.0
+    for k in range(half):
+        a, b = members[low + k], members[high - 1 - k]
+        for axis in range(2):
+            run.begin[axis] += seen[a, axis] / half
+            run.end[axis] += seen[b, axis] / half
+
+
+@njit(nogil=True, cache=True)
+def is_near(seen: Float64, a: int, b: int) -> bool:
+    """Return whether two neighbours of a line may be of one surface, seen from the side."""
+    dx, dy = seen[b, 0] - seen[a, 0], seen[b, 1] - seen[a, 1]
+    cross = abs(seen[a, 0] * seen[b, 1] - seen[a, 1] * seen[b, 0])
+    across = cross / math.sqrt(seen[a, 0] ** 2 + seen[a, 1] ** 2 + 1e-12)
+    return dx * dx + dy * dy <= (SLANT * across + NOISE) ** 2

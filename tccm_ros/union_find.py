@@ -1,0 +1,43 @@
+"""Disjoint sets in kernels: a forest of parents in one array, which begins as ``arange(n)``.
+
+scipy's `DisjointSet` cannot be used within a compiled loop, and `connected_components` needs the
+list of all links first; here links are found and sets united in one pass.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import njit
+
+__all__ = ["find_root", "unite"]
+
+
+@njit(nogil=True, cache=True)
+def find_root(parent: Any, i: int) -> int:
+    """Return the representative of element i, halving the path on the way.
+
+    Parameters
+    ----------
+    parent
+        int32 or int64 (N,), parent of each element; a root is its own.
+    i
+        Element, 0 <= i < N.
+    """
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@njit(nogil=True, cache=True)
+def unite(parent: Any, i: int, j: int) -> None:
+    """Unite the sets of elements i and j under the smaller of their roots."""
+    a, b = parent[i], parent[j]
+    if a == b:
+        return
+    a, b = find_root(parent, a), find_root(parent, b)
+    if a < b:
+        parent[b] = a
+    elif b < a:
+        parent[a] = b

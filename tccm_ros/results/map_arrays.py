@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.surfaces.continuation import Continuation, LastSample
-from tccm_ros.surfaces.saved_map import SavedMap, SavedView
-from tccm_ros.surfaces.saved_views import pack_views, unpack_views
+from tccm_ros.surfaces.saved_map import SavedMap, SavedView, pack_views, unpack_views
 
 __all__ = ["map_of_arrays", "map_to_arrays"]
 

@@ -1,7 +1,6 @@
 """Surfaces of furniture as a map has them."""
 
 import numpy as np
-
 from tccm_ros.surfaces.merged_patches import Draft
 
 

@@ -6,7 +6,7 @@ from shapely import Polygon
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
-from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPlacement, default_tilt_covariance
+from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPoses, default_tilt_covariance
 
 TABLE = Board(1.5, 0.0, 0.8, 1.4, 0.74)
 
@@ -22,7 +22,7 @@ def build(looks, poses=None, config=None, order=None, *, sees_through=True):
         surface_map.add(records[k])
     stamps = sorted({stamp for _, _, stamp in looks})
     where = poses or [next(p for _, p, s in looks if s == stamp) for stamp in stamps]
-    placement = ViewPlacement(
+    placement = ViewPoses(
         spatial(np.array(where)),
         default_tilt_covariance(len(stamps)),
         np.arange(len(stamps)),

@@ -23,7 +23,7 @@ from tccm_ros.results.map_arrays import map_to_arrays
 from tccm_ros.results.map_file import load_map, save_map
 from tccm_ros.results.numbers import array_archive, json_text
 from tccm_ros.surfaces.continuation import Continuation, LastSample
-from tccm_ros.surfaces.saved_views import pack_views
+from tccm_ros.surfaces.saved_map import pack_views
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 

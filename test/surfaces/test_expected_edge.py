@@ -6,7 +6,6 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import MultiPolygon
-
 from tccm_ros.surfaces.expected_edge import FURTHEST, LEAST_SIDEWAYS, SHARE, expected_area
 
 SPACING = 0.05

@@ -8,7 +8,7 @@ from shapely import Polygon
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
 from tccm_ros.records import SurfaceCloud
-from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPlacement, default_tilt_covariance
+from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPoses, default_tilt_covariance
 
 SIDEBOARD = Board(1.6, 0.0, 0.5, 1.6, 0.75)
 POST = Screen(1.2, -0.09, 1.2, 0.09, 1.8)
@@ -23,7 +23,7 @@ def build(records, poses, walls=None):
     for record in records:
         surface_map.add(record)
     count = len(poses)
-    placement = ViewPlacement(
+    placement = ViewPoses(
         spatial(np.array(poses, float)), default_tilt_covariance(count), np.arange(count)
     )
     return surface_map.build(placement, walls).surfaces

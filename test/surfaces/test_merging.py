@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from tccm_ros.surfaces.merged_patches import PlacedPatch, merge
 
 from tccm_ros.config import Config
 from tccm_ros.records import SurfaceCloud
-from tccm_ros.surfaces.merged_patches import PlacedPatch, merge
 from tccm_ros.surfaces.surface_map import default_tilt_covariance
 from tccm_ros.surfaces.views import empty_view, with_cloud
 

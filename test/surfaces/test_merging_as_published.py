@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 from room import Board, Room, Screen
 from scipy.spatial.distance import cdist
 from surface_maps import build, standing
+from tccm_ros.surfaces.merged_patches import PlacedPatch
+from tccm_ros.surfaces.merging_as_published import merge_by_distance
 
 from tccm_ros.baselines.seed_segmentation import segment
 from tccm_ros.config import Config
 from tccm_ros.config.file import read_config
 from tccm_ros.records import SurfaceCloud
-from tccm_ros.surfaces.merged_patches import PlacedPatch
-from tccm_ros.surfaces.merging_as_published import merge_by_distance
 from tccm_ros.surfaces.views import empty_view, with_cloud
 
 SEED = Config.model_validate({"surfaces": {"segmentation": "seed"}})

@@ -6,7 +6,7 @@ from room import Board, Room, Screen
 from surface_maps import TABLE, build, overlap, standing
 
 from tccm_ros.config import Config
-from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPlacement
+from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPoses
 from tccm_ros.surfaces.track_ids import Change, changes
 
 
@@ -178,7 +178,7 @@ def test_no_floor_is_no_height():
 
 def test_no_views_no_surfaces():
     mapped = SurfaceMap(Config()).build(
-        ViewPlacement(np.zeros((0, 4, 4)), np.zeros((0, 3, 3)), np.zeros(0, np.int64))
+        ViewPoses(np.zeros((0, 4, 4)), np.zeros((0, 3, 3)), np.zeros(0, np.int64))
     )
     assert mapped.surfaces == ()
     assert mapped.floor_z is None

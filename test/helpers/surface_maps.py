@@ -6,15 +6,15 @@ from shapely import Polygon
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
-from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPoses, default_tilt_covariance
+from tccm_ros.surfaces.surface_map import ViewPoses, default_tilt_covariance
+from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 TABLE = Board(1.5, 0.0, 0.8, 1.4, 0.74)
 
 
 def build(looks, poses=None, config=None, order=None, *, sees_through=True):
     """Map sweeps (room, pose, stamp) at their true poses, or at others."""
-    config = config or Config()
-    surface_map = SurfaceMap(config)
+    surface_map = SurfaceSlam(config or Config()).map
     records = [r for room, pose, stamp in looks for r in room.look(pose, stamp)]
     if not sees_through:
         records = records[::2]

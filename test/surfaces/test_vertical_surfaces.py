@@ -11,7 +11,7 @@ from tccm_ros.config import Config
 from tccm_ros.records import SurfaceCloud
 from tccm_ros.surfaces.saved_map import pack_views, unpack_views
 from tccm_ros.surfaces.surface_map import (
-    UNSETTLED,
+    LATE_VIEWS,
     SurfaceMap,
     ViewPoses,
     default_tilt_covariance,
@@ -57,7 +57,7 @@ def test_memory_is_flat_over_an_hour_of_standing():
     stand(surface_map, sweeps(Room([TABLE]), 40))
     early = size(surface_map)
     stand(surface_map, sweeps(Room([TABLE]), HOUR - 40, start=40))
-    assert len(surface_map.views) == UNSETTLED + 1
+    assert len(surface_map.views) == LATE_VIEWS + 1
     assert size(surface_map) <= 1.05 * early
     (table,) = standing(built(surface_map))
     assert table.first_seen_ns == 10
@@ -98,7 +98,7 @@ def test_what_only_the_older_view_saw_is_kept():
     hidden = Room([TABLE, stool], [Screen(0.35, 0.6, 0.7, 0.15, 1.9)])
     stand(surface_map, sweeps(hidden, 30, start=10))
     assert {round(s.height, 1) for s in standing(built(surface_map))} == {0.5, 0.7}
-    assert len(surface_map.views) <= UNSETTLED + 3
+    assert len(surface_map.views) <= LATE_VIEWS + 3
 
 
 def test_a_robot_that_moves_keeps_its_views():
@@ -122,7 +122,7 @@ def test_single_lines_of_a_sweep_are_no_surface_and_keep_no_view():
     ]
     surface_map = SurfaceMap(Config())
     stand(surface_map, lines)
-    assert len(surface_map.views) == UNSETTLED + 1
+    assert len(surface_map.views) == LATE_VIEWS + 1
     (table,) = standing(built(surface_map))
     assert table.height == pytest.approx(TABLE.z, abs=0.005)
 

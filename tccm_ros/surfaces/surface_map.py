@@ -33,12 +33,9 @@ from tccm_ros.surfaces.polygons import polygon_rings
 from tccm_ros.surfaces.track_ids import TrackIds
 from tccm_ros.surfaces.views import View, empty_view, inheriting, with_cloud, with_intervals
 
-__all__ = ["MappedSurfaces", "SurfaceMap", "ViewPoses", "default_tilt_covariance"]
+__all__ = ["MappedSurfaces", "SurfaceMap", "ViewPoses"]
 
 Float64 = NDArray[np.float64]
-
-DEFAULT_TILT_SIGMA = (0.005, 0.00524, 0.00524)
-"""z (m), roll and pitch (rad) of a base that nothing is known about (DESIGN section 7)."""
 
 LATE_VIEWS = 8
 """Before so many of the newest views, a late one may still come in."""
@@ -61,11 +58,6 @@ class ViewPoses:
     T_map_view: Float64
     cov_tilt: Float64
     keyframes: NDArray[np.int64]
-
-
-def default_tilt_covariance(count: int) -> Float64:
-    """Return the covariances (count, 3, 3) of (z, roll, pitch) by `DEFAULT_TILT_SIGMA`."""
-    return np.tile(np.diag(np.square(DEFAULT_TILT_SIGMA)), (count, 1, 1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from surface_maps import default_tilt_covariance
 
 from tccm_ros.config import Config
 from tccm_ros.records import SurfaceCloud
 from tccm_ros.surfaces.merging import NumberedPatch, merge_coplanar
-from tccm_ros.surfaces.surface_map import default_tilt_covariance
 from tccm_ros.surfaces.views import empty_view, with_cloud
 
 CONFIG = Config()

@@ -7,7 +7,7 @@ from surface_maps import build, standing
 
 from tccm_ros.baselines.seed_segmentation import segment
 from tccm_ros.config import Config
-from tccm_ros.config.file import read_config
+from tccm_ros.config.reader import read_config
 
 SEED = Config.model_validate({"surfaces": {"segmentation": "seed"}})
 HERE = (0.0, 0.0, 0.0)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from surface_maps import TABLE, standing
+from surface_maps import TABLE, poses_at, standing
 
 from tccm_ros.config import Config
 from tccm_ros.records import SurfaceCloud
@@ -13,8 +13,6 @@ from tccm_ros.surfaces.saved_map import pack_views, unpack_views
 from tccm_ros.surfaces.surface_map import (
     LATE_VIEWS,
     SurfaceMap,
-    ViewPoses,
-    default_tilt_covariance,
 )
 
 HOUR = 360
@@ -32,11 +30,7 @@ def stand(surface_map, views, has_stood=lambda a, b: True):
 
 
 def built(surface_map):
-    count = len(surface_map.views)
-    placement = ViewPoses(
-        np.stack([np.eye(4)] * count), default_tilt_covariance(count), np.zeros(count, np.int64)
-    )
-    return surface_map.build(placement)
+    return surface_map.build(poses_at(np.stack([np.eye(4)] * len(surface_map.views))))
 
 
 def sweeps(room, count, start=0):
@@ -151,7 +145,6 @@ def test_the_lines_of_several_views_make_a_surface():
         moved = patch.points - np.float32([places[k, 0, 3], 0.0, 0.0])
         patch = replace(patch, points=moved, mean=patch.mean - [places[k, 0, 3], 0.0, 0.0])
         surface_map.add_view(replace(view, patches=(patch,)))
-    placement = ViewPoses(places, default_tilt_covariance(3), np.zeros(3, np.int64))
-    (ledge,) = surface_map.build(placement).surfaces
+    (ledge,) = surface_map.build(poses_at(places)).surfaces
     assert ledge.area == pytest.approx(0.08 * 0.8, abs=0.03)
     assert ledge.height == pytest.approx(1.2, abs=1e-6)

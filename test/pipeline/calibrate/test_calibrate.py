@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shared_data import shared
 
-from tccm_ros.config.file import read_config
+from tccm_ros.config.reader import read_config
 from tccm_ros.pipeline.calibrate import Calibration, calibrate
 from tccm_ros.pipeline.calibrate.quality import select
 from tccm_ros.pipeline.calibrate.surroundings import CORNER, near_another

@@ -85,8 +85,8 @@ def floors(*strips):
             surface = np.concatenate([before.surface, surface])
             cloud = SurfaceCloud(cloud.stamp_ns, "base", points, surface)
         clouds[cloud.stamp_ns] = cloud
-    surfaces = build(clouds.values(), [(0.0, 0.0, 0.0)] * len(clouds))
-    return [s for s in surfaces if s.label == "floor"]
+    mapped = build(clouds.values(), [(0.0, 0.0, 0.0)] * len(clouds))
+    return [s for s in mapped.surfaces if s.label == "floor"]
 
 
 @pytest.mark.parametrize("stamp", [1, 2])

@@ -92,37 +92,25 @@ class Sides:
         return replace(self, middle=middle, height=height)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Side:
-    """One side: as in `Sides`."""
+_Side = tuple[Float64, Float64, float, float, float]
+"""Middle, outward, length, height and sigma of one side, as in `Sides`."""
 
-    middle: Float64
-    outward: Float64
-    length: float
-    height: float
-    sigma: float
+_ROW = [("patch", "i8"), ("middle", "f8", 2), ("outward", "f8", 2)]
+_ROW += [("length", "f8"), ("height", "f8"), ("sigma", "f8")]
 
 
 def find_sides(view: View) -> Sides:
     """Return the sides of a view's patches."""
-    sides: list[_Side] = []
-    patch_index: list[int] = []
+    rows = []
     for p, patch in enumerate(view.patches):
         for part in patch.outline.geoms:
             ring = shapely.geometry.polygon.orient(part.simplify(STRAIGHT), 1.0).exterior
             for start, end in pairwise(np.asarray(ring.coords)):
                 side = _side(patch, view.free, start, end)
                 if side is not None:
-                    sides.append(side)
-                    patch_index.append(p)
-    return Sides(
-        np.array(patch_index, np.int64),
-        np.array([side.middle for side in sides]).reshape(-1, 2),
-        np.array([side.outward for side in sides]).reshape(-1, 2),
-        np.array([side.length for side in sides], float),
-        np.array([side.height for side in sides], float),
-        np.array([side.sigma for side in sides], float),
-    )
+                    rows.append((p, *side))
+    table = np.array(rows, _ROW)
+    return Sides(*(table[field.name].copy() for field in fields(Sides)))
 
 
 def _side(patch: Patch, free: FreeColumns, start: Float64, end: Float64) -> _Side | None:
@@ -144,7 +132,7 @@ def _side(patch: Patch, free: FreeColumns, start: Float64, end: Float64) -> _Sid
     outward = (outward - slope * along) / np.hypot(1.0, slope)
     open_, sigma = _unseen(patch.spacing, gap, outward, middle)
     sigma = float(np.sqrt(sigma**2 + SIGMA**2 + spread**2 / len(at)))
-    return _Side(middle + open_ * outward, outward, length, height, sigma)
+    return middle + open_ * outward, outward, length, height, sigma
 
 
 def _edge_points(

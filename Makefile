@@ -51,7 +51,7 @@ clean:
 # The shipped YAML and the README's table are made from the configuration classes.
 params: $(STAMP)
 	@$(BIN)/tccm parameters > config/tccm.yaml
-	@$(BIN)/python -c "import re, pathlib; from tccm_ros.config.text import as_markdown; \
+	@$(BIN)/python -c "import re, pathlib; from tccm_ros.config.reference import as_markdown; \
 	p = pathlib.Path('README.md'); head, mid, tail = re.split('(?s)(<!-- parameters -->\n).*?(?=<!-- /parameters -->)', p.read_text()); \
 	p.write_text(head + mid + as_markdown() + tail)"
 

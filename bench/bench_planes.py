@@ -17,7 +17,7 @@ import shapely
 from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(Path(__file__).resolve().parent)]
+sys.path[:0] = [str(ROOT), str(ROOT / "bench"), str(ROOT / "test" / "helpers")]
 
 from plane_scenes import (  # noqa: E402
     REGION,
@@ -31,12 +31,12 @@ from plane_scenes import (  # noqa: E402
     subject_points,
     sweep_map,
 )
+from situation_cycle import cycle  # noqa: E402
 
 from tccm_ros.baselines.center_cores import center_cores, find_core_plane  # noqa: E402
 from tccm_ros.config import Config  # noqa: E402
 from tccm_ros.cuboids.inclination import OUTLINED_BY_COLUMNS  # noqa: E402
 from tccm_ros.outlines.boundary import members_by_plane, outlines  # noqa: E402
-from tccm_ros.pipeline.sim.situations import cycle  # noqa: E402
 from tccm_ros.planes import find_planes  # noqa: E402
 from tccm_ros.planes.horizontal_clusters import label_horizontal  # noqa: E402
 

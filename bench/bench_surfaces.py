@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tccm_ros.surfaces.contact import box_pairs, connect, patch_boxes
+from tccm_ros.surfaces.contact import PatchClouds, box_pairs, connect, patch_clouds
 from tccm_ros.surfaces.patch_planes import PatchPlanes
 
 SURFACES, POINTS, DISTANCE, STEP = 1000, 2000, 0.05, 0.03
@@ -21,7 +21,7 @@ Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 
-def scene(size: float, seed: int = 0) -> tuple[Float64, Int64]:
+def scene(size: float, seed: int = 0) -> PatchClouds:
     """Boards of 1.2 x 0.8 m at three heights, strewn over `size` x `size` m."""
     rng = np.random.default_rng(seed)
     half = np.array([0.6, 0.4, 0.003])
@@ -29,30 +29,28 @@ def scene(size: float, seed: int = 0) -> tuple[Float64, Int64]:
     for _ in range(SURFACES):
         middle = np.array([*rng.uniform(0.0, size, 2), rng.choice([0.40, 0.75, 0.90])])
         parts.append(middle + rng.uniform(-half, half, (POINTS, 3)))
-    return np.concatenate(parts), np.arange(0, SURFACES * POINTS + 1, POINTS)
+    return patch_clouds(parts)
 
 
-def level_planes(points: Float64, offsets: Int64) -> PatchPlanes:
-    """Return the planes of level boards, each seen by a view of its own."""
-    middle = np.add.reduceat(points, offsets[:-1]) / np.diff(offsets)[:, None]
+def horizontal_planes(clouds: PatchClouds) -> PatchPlanes:
+    """Return the planes of horizontal boards, each seen by a view of its own."""
+    middle = np.add.reduceat(clouds.points, clouds.offsets[:-1]) / POINTS
     cov = np.tile(np.diag(np.square([0.005, 0.005, 0.005])), (len(middle), 1, 1))
     noise = np.full(len(middle), 0.003**2)
     return PatchPlanes(np.arange(len(middle)), middle, np.zeros((len(middle), 2)), noise, cov)
 
 
-def by_voxels(points: Float64, offsets: Int64, planes: PatchPlanes) -> Int64:
+def by_voxels(clouds: PatchClouds, planes: PatchPlanes) -> Int64:
     """Merge as the surface map does, with the heights where surfaces meet."""
-    boxes = patch_boxes(points, offsets)
-    pairs = box_pairs(boxes, DISTANCE)
-    return connect(points, offsets, boxes, pairs, DISTANCE, planes, STEP)
+    return connect(clouds, box_pairs(clouds.boxes, DISTANCE), DISTANCE, planes, STEP)
 
 
-def by_trees(points: Float64, offsets: Int64) -> Int64:
+def by_trees(clouds: PatchClouds) -> Int64:
     """Merge with a kd-tree for each surface and the same boxes and components."""
-    boxes = patch_boxes(points, offsets)
+    points, offsets = clouds.points, clouds.offsets
     trees: dict[int, cKDTree] = {}
-    root = np.arange(len(offsets) - 1)
-    for q, p in box_pairs(boxes, DISTANCE):
+    root = np.arange(len(clouds.boxes))
+    for q, p in box_pairs(clouds.boxes, DISTANCE):
         if root[q] == root[p]:
             continue
         for k in (q, p):
@@ -77,11 +75,11 @@ def main() -> None:
     print(f"{SURFACES} surfaces of {POINTS} points, merged at {DISTANCE} m; medians")
     print(f"{'area':>10} {'ours s':>9} {'kd-trees s':>11} {'ratio':>6} {'surfaces':>9}  same")
     for size in (5.0, 30.0, 100.0):
-        points, offsets = scene(size)
-        planes = level_planes(points, offsets)
-        ours, theirs = by_voxels(points, offsets, planes), by_trees(points, offsets)
-        a = median(lambda p=points, o=offsets, h=planes: by_voxels(p, o, h), 7)
-        b = median(lambda p=points, o=offsets: by_trees(p, o), 3)
+        clouds = scene(size)
+        planes = horizontal_planes(clouds)
+        ours, theirs = by_voxels(clouds, planes), by_trees(clouds)
+        a = median(lambda c=clouds, h=planes: by_voxels(c, h), 7)
+        b = median(lambda c=clouds: by_trees(c), 3)
         same = bool(np.array_equal(ours, theirs))
         count = len(np.unique(ours))
         print(f"{size:>8.0f} m {a:>9.4f} {b:>11.4f} {b / a:>6.1f} {count:>9}  {same}")

@@ -21,15 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(Path(__file__).resolve().parent)]
+sys.path[:0] = [str(ROOT), str(ROOT / "bench"), str(ROOT / "test" / "helpers")]
 
+from situation_cycle import cycle as situation  # noqa: E402
 from tccm_peers import Twin, compiled, find_octomap, numpy_part  # noqa: E402
 
 from tccm_ros.config import Config  # noqa: E402
 from tccm_ros.cuboids import binning, union  # noqa: E402
 from tccm_ros.cuboids.integration_map import IntegrationMap  # noqa: E402
 from tccm_ros.cuboids.part_map import PartMapBuilder  # noqa: E402
-from tccm_ros.pipeline.sim.situations import cycle as situation  # noqa: E402
 from tccm_ros.records import PosedScan, Scan  # noqa: E402
 
 REGION = (0.2, 1.5, -0.9, 0.9, 0.1, 1.45)

@@ -20,7 +20,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(Path(__file__).resolve().parent)]
+sys.path[:0] = [str(ROOT), str(ROOT / "bench"), str(ROOT / "test" / "helpers")]
 
 from plane_scenes import (  # noqa: E402
     REGION,
@@ -32,6 +32,7 @@ from plane_scenes import (  # noqa: E402
     subject_fit,
     sweep_map,
 )
+from situation_cycle import Cycle, cycle  # noqa: E402
 
 from tccm_ros.baselines.center_cores import center_cores, find_core_plane  # noqa: E402
 from tccm_ros.config import Config  # noqa: E402
@@ -39,7 +40,6 @@ from tccm_ros.cuboids.cuboids import TICK, Cuboids  # noqa: E402
 from tccm_ros.cuboids.part_map import PartMapBuilder  # noqa: E402
 from tccm_ros.pipeline import run_bag  # noqa: E402
 from tccm_ros.pipeline.sim.scene import Motion, Scene  # noqa: E402
-from tccm_ros.pipeline.sim.situations import Cycle, cycle  # noqa: E402
 from tccm_ros.planes import PlaneFits, find_planes  # noqa: E402
 
 CONFIG = Config()

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from situation_cycle import SUBJECT, Cycle
 
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.cuboids.part_map import PartMapBuilder
 from tccm_ros.geometry import pose_from_rpy
-from tccm_ros.pipeline.sim.situations import SUBJECT, Cycle
 from tccm_ros.planes import PlaneFit, PlaneFits
 from tccm_ros.records import PosedScan, Scan
 

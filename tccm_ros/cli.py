@@ -63,7 +63,7 @@ def replay(
     as_json: JsonOption = False,
 ) -> None:
     """Turn a recorded bag into planes, walls, a trajectory and one map of surfaces."""
-    from tccm_ros.config.file import read_config
+    from tccm_ros.config.reader import read_config
     from tccm_ros.pipeline.replay import replay as run
     from tccm_ros.progress import progress
 
@@ -191,7 +191,7 @@ def calibrate(
     as_json: JsonOption = False,
 ) -> None:
     """Estimate tilt zero, scale, roll, height and delay from recordings of rooms."""
-    from tccm_ros.config.file import read_config
+    from tccm_ros.config.reader import read_config
     from tccm_ros.pipeline.calibrate import calibrate as run
     from tccm_ros.pipeline.calibrate.files import write_calibration
     from tccm_ros.progress import progress
@@ -238,7 +238,7 @@ def recover(
 @app.command()
 def parameters() -> None:
     """Print every parameter as a YAML file: default, unit, range, meaning."""
-    from tccm_ros.config.text import as_yaml
+    from tccm_ros.config.reference import as_yaml
 
     typer.echo(as_yaml(), nl=False)
 

@@ -5,14 +5,13 @@ nodes' ROS parameters (``group.key``). A parameter is declared once, by `param`;
 the nodes' declarations and the README's table are made from it and a test holds them together.
 """
 
-from tccm_ros.config.declaring import Group, param
-from tccm_ros.config.listing import Parameter, parameters
-from tccm_ros.config.live import Markers, Qos, Save, Tf
+from tccm_ros.config.configuration import Config, parameters
 from tccm_ros.config.mapping import CenterCore, Cycle, Map, Objects, Planes
+from tccm_ros.config.node import Markers, Qos, Save, Tf
+from tccm_ros.config.parameter import Group, Parameter, param
 from tccm_ros.config.sensors import Frames, Rig, ScanFilter
 from tccm_ros.config.slam import Graph, Lines, Loops, Matching, Odometry, Walls
 from tccm_ros.config.surfaces import Labels, Surfaces, Views
-from tccm_ros.config.whole import Config
 
 __all__ = [
     "CenterCore",

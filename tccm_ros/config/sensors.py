@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from tccm_ros.config.declaring import Group, param
+from tccm_ros.config.parameter import Group, param
 
 __all__ = ["Frames", "Rig", "ScanFilter"]
 

@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from tccm_ros.config import Config, Parameter, parameters
-from tccm_ros.config.file import validated
+from tccm_ros.config.reader import validated
 from tccm_ros.errors import ConfigError, TccmError, suggest
 
 __all__ = ["declare_config", "follow_changes", "ros_type", "ros_value", "type_advice"]

@@ -30,8 +30,7 @@ from tccm_ros.results.numbers import array_archive
 from tccm_ros.results.ply import surface_color
 from tccm_ros.ros.markers import Place, surface_markers, wall_markers
 from tccm_ros.ros.results import surface_map_message
-from tccm_ros.surfaces.saved_map import SavedMap, SavedView
-from tccm_ros.surfaces.saved_views import pack_views, unpack_views
+from tccm_ros.surfaces.saved_map import SavedMap, SavedView, pack_views, unpack_views
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 __all__ = ["FORMAT", "VERSION", "is_map", "load_map", "save_map"]

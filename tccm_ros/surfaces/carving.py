@@ -23,18 +23,18 @@ __all__ = ["Survivors", "carve", "superseded"]
 Float64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-WHOLE = 0.7
-"""A patch of which this share is gone is gone, however small it is."""
+GONE_FRACTION = 0.7
+"""A patch of which this fraction is gone is gone, however small it is."""
 
-REPLACED = 0.95
-"""A patch of which a view of the same place measured this share again, or looked through it, is
+REPLACED_FRACTION = 0.95
+"""A patch of which a view of the same place measured this fraction again, or looked through it, is
 replaced as a whole, with its rim."""
 
 BLOCK_SPACING = 1.2
 """Columns in which the older points are counted are this many of their spacings wide."""
 
-LEAN_MARGIN = 0.006
-"""The base leans: heights are this uncertain per metre of distance (0.3 deg)."""
+TILT_MARGIN = 0.006
+"""The base rolls and pitches: heights are this uncertain per metre of distance (0.3 deg)."""
 
 
 @dataclass(slots=True)
@@ -45,12 +45,23 @@ class Survivors:
     ----------
     keep
         For each view, for each patch: bool (N,) over the thinned points.
-    heirs
-        ``heirs[v, p] = (w, q)``: patch p of view v was replaced by patch q of the newer view w.
+    replaced_by
+        ``replaced_by[v, p] = (w, q)``: patch p of view v was replaced by patch q of the newer
+        view w.
     """
 
     keep: list[list[Mask]]
-    heirs: dict[tuple[int, int], tuple[int, int]] = field(default_factory=dict)
+    replaced_by: dict[tuple[int, int], tuple[int, int]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ViewPair:
+    """An older view in the frame of a newer one that may have looked where it did."""
+
+    older: View
+    newer: View
+    T_newer_older: Float64
+    is_same_place: bool
 
 
 def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:
@@ -66,25 +77,30 @@ def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:
         Uses the groups ``views`` and ``surfaces``.
     """
     left = Survivors([[np.ones(len(p.points), bool) for p in view.patches] for view in views])
-    places = planar(T_map_view)
+    poses, same = planar(T_map_view), config.views
     for w, newer in enumerate(views):
-        apart = np.hypot(*(places[:w, :2] - places[w, :2]).T)
-        for v in range(w):
-            if apart[v] <= newer.reach + views[v].reach:
-                turn = abs(wrap_angle(places[v, 2] - places[w, 2]))
-                same = apart[v] <= config.views.place_distance and turn <= config.views.place_angle
-                T_newer_older = inverse(T_map_view[w]) @ T_map_view[v]
-                for p in range(len(views[v].patches)):
-                    _carve_patch(left, views, (v, p), w, T_newer_older, bool(same), config)
+        distance = np.hypot(*(poses[:w, :2] - poses[w, :2]).T)
+        for v, older in enumerate(views[:w]):
+            if distance[v] > newer.reach + older.reach:
+                continue
+            yaw = abs(wrap_angle(poses[v, 2] - poses[w, 2]))
+            is_same_place = distance[v] <= same.place_distance and yaw <= same.place_angle
+            T_newer_older = inverse(T_map_view[w]) @ T_map_view[v]
+            pair = _ViewPair(older, newer, T_newer_older, bool(is_same_place))
+            for p, patch in enumerate(older.patches):
+                gone, q = _carve_patch(pair, patch, left.keep[v][p], config)
+                left.keep[v][p][gone] = False
+                if q is not None:
+                    left.replaced_by[v, p] = w, q
     return left
 
 
 def superseded(older: View, newer: View, config: Config) -> dict[int, int] | None:
-    """Tell whether a newer view of the same place, taken without a move, makes an older one idle.
+    """Return what replaced an older view that a newer one, taken without a move, makes redundant.
 
     It does where nothing is left of the older one's patches and where it looked through all that
-    the older one did. Single lines of a sweep do not count: they cover nothing, and the newer view
-    has its own.
+    the older one did. Single scan lines do not count: they cover nothing, and the newer view has
+    its own.
 
     Returns
     -------
@@ -92,52 +108,52 @@ def superseded(older: View, newer: View, config: Config) -> dict[int, int] | Non
     where the older view still tells something.
     """
     known = np.isin(older.free.keys, newer.free.keys)
-    if np.count_nonzero(known) < REPLACED * len(known):
+    if np.count_nonzero(known) < REPLACED_FRACTION * len(known):
         return None
     left = carve([older, newer], np.stack([np.eye(4)] * 2), config)
     rest = zip(older.patches, left.keep[0], strict=True)
     if any(mask.any() and not is_line(patch.cov) for patch, mask in rest):
         return None
-    return {p: q for (v, p), (_, q) in left.heirs.items() if v == 0}
+    return {p: q for (_, p), (_, q) in left.replaced_by.items()}
 
 
 def _carve_patch(
-    left: Survivors,
-    views: list[View],
-    older: tuple[int, int],
-    w: int,
-    T_newer_older: Float64,
-    same_place: bool,
-    config: Config,
-) -> None:
-    """Take from one patch what view `w` saw otherwise."""
-    v, p = older
-    keep = left.keep[v][p]
-    alive = np.flatnonzero(keep)
-    points = transform(T_newer_older, views[v].patches[p].points[alive])
-    near = np.hypot(points[:, 0], points[:, 1]) <= views[w].reach
-    alive, points = alive[near], points[near]
-    if len(alive) == 0:
-        return
-    margin = config.views.clear_margin + LEAN_MARGIN * np.hypot(points[:, 0], points[:, 1])
-    through = views[w].free.contains(points, margin)
-    if not same_place and not through.any():
-        return
-    reach = config.surfaces.merge_distance
-    owner = _measured_by(points, views[w].patches, margin, 0.5 * reach)
+    pair: _ViewPair, patch: Patch, keep: Mask, config: Config
+) -> tuple[NDArray[np.int64], int | None]:
+    """Find what the newer view of a pair saw otherwise of a patch of the older one.
+
+    Returns
+    -------
+    gone : int64 (G,)
+        Thinned points, among those that are kept so far, that are not there any more.
+    replaced_by : int or None
+        The patch of the newer view that replaced this one, in whole or in part.
+    """
+    kept = np.flatnonzero(keep)
+    points = transform(pair.T_newer_older, patch.points[kept])
+    distance = np.hypot(points[:, 0], points[:, 1])
+    near = distance <= pair.newer.reach
+    total, kept, points, distance = len(kept), kept[near], points[near], distance[near]
+    if len(kept) == 0:
+        return kept, None
+    margin = config.views.clear_margin + TILT_MARGIN * distance
+    through = pair.newer.free.contains(points, margin)
+    if not pair.is_same_place and not through.any():
+        return kept[:0], None
+    rim = config.surfaces.merge_distance
+    owner = _measured_by(points, pair.newer.patches, margin, 0.5 * rim)
     gone = through & (owner < 0)
-    total = int(keep.sum())
-    block = max(config.views.cell_size, BLOCK_SPACING * views[v].patches[p].spacing)
-    if gone.sum() < WHOLE * total:
+    block = max(config.views.cell_size, BLOCK_SPACING * patch.spacing)
+    if gone.sum() < GONE_FRACTION * total:
         gone &= _in_block(points, gone, block)
-    if same_place and (owner >= 0).any():
-        left.heirs[older] = (w, int(np.bincount(owner[owner >= 0]).argmax()))
-        again = _measured_by(points, views[w].patches, margin, -reach) >= 0
-        rest = ~gone & ~again
-        if np.count_nonzero(gone | (owner >= 0)) >= REPLACED * total:
-            gone[:] = True
-        gone |= again | (rest & ~_in_block(points, rest & (owner < 0), block))
-    keep[alive[gone]] = False
+    if not pair.is_same_place or not (owner >= 0).any():
+        return kept[gone], None
+    again = _measured_by(points, pair.newer.patches, margin, -rim) >= 0
+    rest = ~gone & ~again
+    if np.count_nonzero(gone | (owner >= 0)) >= REPLACED_FRACTION * total:
+        gone[:] = True
+    gone |= again | (rest & ~_in_block(points, rest & (owner < 0), block))
+    return kept[gone], int(np.bincount(owner[owner >= 0]).argmax())
 
 
 def _measured_by(
@@ -149,18 +165,18 @@ def _measured_by(
     that what is left of it still touches what replaced it.
     """
     owner = np.full(len(points), -1, np.int64)
-    reach = max(grow, 0.0)
-    low, high = points[:, :2].min(axis=0) - reach, points[:, :2].max(axis=0) + reach
+    margin_xy = max(grow, 0.0)
+    low, high = points[:, :2].min(axis=0) - margin_xy, points[:, :2].max(axis=0) + margin_xy
     for q, patch in enumerate(patches):
         bounds = np.array(patch.outline.bounds)
         if np.isnan(bounds).any() or np.any(bounds[:2] > high) or np.any(bounds[2:] < low):
             continue
         normal, _ = fit_plane(patch.cov)
         height = (points - patch.mean) @ normal
-        level = np.flatnonzero((np.abs(height) <= margin) & (owner < 0))
+        near = np.flatnonzero((np.abs(height) <= margin) & (owner < 0))
         area = patch.outline.buffer(grow, quad_segs=2)
         shapely.prepare(area)
-        owner[level[shapely.contains_xy(area, points[level, 0], points[level, 1])]] = q
+        owner[near[shapely.contains_xy(area, points[near, 0], points[near, 1])]] = q
     return owner
 
 
@@ -171,8 +187,8 @@ def _in_block(points: Float64, chosen: Mask, cell_size: float) -> Mask:
     wide, what has really gone is wider.
     """
     keys, group = np.unique(column_keys(points, cell_size), return_inverse=True)
-    share = np.bincount(group, chosen, len(keys)) / np.bincount(group, minlength=len(keys))
-    full = keys[share > 0.5]
+    fraction = np.bincount(group, chosen, len(keys)) / np.bincount(group, minlength=len(keys))
+    full = keys[fraction > 0.5]
     block = np.zeros(len(keys), bool)
     for dx in (-1, 0):
         for dy in (-1, 0):

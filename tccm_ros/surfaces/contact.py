@@ -1,24 +1,27 @@
-"""Which surfaces touch: exact to the bit of a brute-force search, and fast.
+"""Which patches touch and agree in height: exact to the bit of a brute-force search, and fast.
 
-A point cloud is a set of patches, stored one after the other. Two patches touch where any of their
-points come within a distance of each other. They *meet* where they do so in x and y, whatever their
-heights: of a step, the points that happen to touch would tell too little. Patches that touch and
-agree in height where they meet, directly or over others, are one component; a pair that is already
-connected need not be searched.
+Two patches touch where any of their points come within a distance of each other. They *meet* where
+they do so in x and y, whatever their heights: of a step, the points that happen to touch would tell
+too little. Patches that touch and agree in height where they meet, directly or over others, are one
+component; a pair that is already connected need not be searched.
+
+Where patches meet, their points there tell their heights: a large patch is bent by what is wrong
+with the sensor, and the plane of a sparse one is not worth much where it ends.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.surfaces.patch_planes import PatchPlanes, agree
+from tccm_ros.surfaces.patch_planes import EFFECTIVE_POINTS, FLATNESS, GATE, PatchPlanes
 from tccm_ros.union_find import find_root, unite
 
-__all__ = ["box_pairs", "connect", "patch_boxes"]
+__all__ = ["PatchClouds", "box_pairs", "connect", "patch_clouds"]
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -27,44 +30,49 @@ SLACK = 1.0 + 1e-9
 """Boxes and cells are wider than the distance by this, so that rounding never hides a pair."""
 
 
-@njit(nogil=True, cache=True)
-def patch_boxes(points: Float64, offsets: Int64) -> Float64:
-    """Return the boxes of patches, (P, 6) x_min y_min z_min x_max y_max z_max; empty: +inf..-inf.
+class PatchClouds(NamedTuple):
+    """The points of P patches in map; a named tuple, as kernels take no other class.
 
-    Parameters
+    Attributes
     ----------
     points
         float64 (N, 3), m; patch p holds ``points[offsets[p]:offsets[p + 1]]``.
     offsets
         int64 (P + 1,).
+    boxes
+        float64 (P, 2, 3), lower and upper corners; +inf and -inf where a patch is empty.
     """
-    boxes = np.empty((len(offsets) - 1, 6))
-    for p in range(len(boxes)):
-        boxes[p, :3] = np.inf
-        boxes[p, 3:] = -np.inf
-        for i in range(offsets[p], offsets[p + 1]):
-            for k in range(3):
-                value = points[i, k]
-                boxes[p, k] = min(boxes[p, k], value)
-                boxes[p, k + 3] = max(boxes[p, k + 3], value)
-    return boxes
+
+    points: Float64
+    offsets: Int64
+    boxes: Float64
+
+
+def patch_clouds(clouds: Sequence[Float64]) -> PatchClouds:
+    """Put the clouds of patches, each float64 (N, 3), after each other."""
+    points = np.concatenate([np.zeros((0, 3)), *clouds])
+    boxes = [
+        (cloud.min(axis=0, initial=np.inf), cloud.max(axis=0, initial=-np.inf)) for cloud in clouds
+    ]
+    offsets = np.cumsum([0, *map(len, clouds)])
+    return PatchClouds(points, offsets, np.array(boxes).reshape(-1, 2, 3))
 
 
 @njit(nogil=True, cache=True)
-def _sweep(boxes: Float64, order: Int64, distance: float, pairs: Int64) -> int:
+def _near_boxes(boxes: Float64, order: Int64, distance: float, pairs: Int64) -> int:
     """Write the pairs of boxes within `distance` along every axis; return how many there are."""
     found = 0
     for a in range(len(order)):
         i = order[a]
         for b in range(a + 1, len(order)):
             j = order[b]
-            if boxes[j, 0] - boxes[i, 3] > distance:
+            if boxes[j, 0, 0] - boxes[i, 1, 0] > distance:
                 break
-            apart = False
+            is_near = True
             for k in range(1, 3):
-                gap = max(boxes[j, k] - boxes[i, k + 3], boxes[i, k] - boxes[j, k + 3])
-                apart |= gap > distance
-            if not apart:
+                gap = max(boxes[j, 0, k] - boxes[i, 1, k], boxes[i, 0, k] - boxes[j, 1, k])
+                is_near &= gap <= distance
+            if is_near:
                 if found < len(pairs):
                     pairs[found, 0] = min(i, j)
                     pairs[found, 1] = max(i, j)
@@ -78,7 +86,7 @@ def box_pairs(boxes: Float64, distance: float) -> Int64:
     Parameters
     ----------
     boxes
-        float64 (P, 6) of `patch_boxes`, m.
+        float64 (P, 2, 3), lower and upper corners, m.
     distance
         Largest gap along any axis, m.
 
@@ -86,13 +94,13 @@ def box_pairs(boxes: Float64, distance: float) -> Int64:
     -------
     int64 (M, 2)
     """
-    full = np.flatnonzero(np.isfinite(boxes[:, 0]))
-    order = full[np.argsort(boxes[full, 0], kind="stable")]
+    full = np.flatnonzero(np.isfinite(boxes[:, 0, 0]))
+    order = full[np.argsort(boxes[full, 0, 0], kind="stable")]
     pairs = np.empty((16 * len(boxes) + 16, 2), np.int64)
-    found = _sweep(boxes, order, distance * SLACK, pairs)
+    found = _near_boxes(boxes, order, distance * SLACK, pairs)
     if found > len(pairs):
         pairs = np.empty((found, 2), np.int64)
-        _sweep(boxes, order, distance * SLACK, pairs)
+        _near_boxes(boxes, order, distance * SLACK, pairs)
     pairs = pairs[:found]
     return pairs[np.lexsort((pairs[:, 0], pairs[:, 1]))]
 
@@ -102,6 +110,8 @@ class _Grid(NamedTuple):
 
     Attributes
     ----------
+    box
+        float64 (2, 3), lower and upper corner of the points, m; cells begin at the lower one.
     edge, nx, ny
         Of a cell, m, and how many cells there are along x and y.
     starts, indices
@@ -109,6 +119,7 @@ class _Grid(NamedTuple):
         ``indices[starts[c]:starts[c + 1]]``.
     """
 
+    box: Float64
     edge: float
     nx: int
     ny: int
@@ -120,21 +131,23 @@ class _Grid(NamedTuple):
 def _shape(box: Float64, count: int, edge: float) -> tuple[float, int, int]:
     """Choose the edge of a patch's grid, at least `edge`, so that it has few empty cells."""
     while True:
-        nx = int((box[3] - box[0]) / edge) + 1
-        ny = int((box[4] - box[1]) / edge) + 1
+        nx = int((box[1, 0] - box[0, 0]) / edge) + 1
+        ny = int((box[1, 1] - box[0, 1]) / edge) + 1
         if nx * ny <= 4 * count + 16:
             return edge, nx, ny
         edge *= 2.0
 
 
 @njit(nogil=True, cache=True)
-def _grid(points: Float64, start: int, stop: int, box: Float64, least_edge: float) -> _Grid:
+def _grid(clouds: PatchClouds, p: int, min_edge: float) -> _Grid:
     """Sort the points of a patch into cells."""
-    edge, nx, ny = _shape(box, stop - start, least_edge)
+    points, box = clouds.points, clouds.boxes[p]
+    start, stop = clouds.offsets[p], clouds.offsets[p + 1]
+    edge, nx, ny = _shape(box, stop - start, min_edge)
     starts = np.zeros(nx * ny + 1, np.int64)
     cells = np.empty(stop - start, np.int64)
     for i in range(start, stop):
-        cell = int((points[i, 0] - box[0]) / edge) * ny + int((points[i, 1] - box[1]) / edge)
+        cell = int((points[i, 0] - box[0, 0]) / edge) * ny + int((points[i, 1] - box[0, 1]) / edge)
         cells[i - start] = cell
         starts[cell + 1] += 1
     for c in range(nx * ny):
@@ -145,33 +158,33 @@ def _grid(points: Float64, start: int, stop: int, box: Float64, least_edge: floa
         cell = cells[i - start]
         indices[fill[cell]] = i
         fill[cell] += 1
-    return _Grid(edge, nx, ny, starts, indices)
+    return _Grid(box, edge, nx, ny, starts, indices)
 
 
 @njit(nogil=True, cache=True)
 def _mark_near(
-    points: Float64,
-    start: int,
-    stop: int,
-    box: Float64,
+    clouds: PatchClouds,
+    p: int,
     grid: _Grid,
     distance: float,
-    rise: float,
+    height_weight: float,
     near: NDArray[np.bool_],
 ) -> bool:
-    """Mark which of the points start to stop come within the distance of a gridded patch.
+    """Mark which points of a patch come within the distance of a gridded patch.
 
-    Differences in height count `rise` times: once, and then the first point found ends the
-    search, or not at all. One long loop: calls for each point would cost more than all else.
+    Differences in height are multiplied by `height_weight`: 1, and then the first point found ends
+    the search, or 0. One long loop: calls for each point would cost more than all else.
     """
+    points, origin = clouds.points, grid.box[0]
     square, found = distance * distance, False
-    low, high = box - grid.edge, box + grid.edge
-    for i in range(start, stop):
+    low, high = grid.box[0] - grid.edge, grid.box[1] + grid.edge
+    for i in range(clouds.offsets[p], clouds.offsets[p + 1]):
         near[i] = False
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        if not (low[0] <= x <= high[3] and low[1] <= y <= high[4]):
+        if not (low[0] <= x <= high[0] and low[1] <= y <= high[1]):
             continue
-        cx, cy = int(np.floor((x - box[0]) / grid.edge)), int(np.floor((y - box[1]) / grid.edge))
+        cx = int(np.floor((x - origin[0]) / grid.edge))
+        cy = int(np.floor((y - origin[1]) / grid.edge))
         for gx in (cx, cx - 1, cx + 1):  # the middle first: most points are near one there
             for gy in (cy, cy - 1, cy + 1):
                 if not (0 <= gx < grid.nx and 0 <= gy < grid.ny):
@@ -179,7 +192,8 @@ def _mark_near(
                 cell = gx * grid.ny + gy
                 for k in range(grid.starts[cell], grid.starts[cell + 1]):
                     j = grid.indices[k]
-                    dx, dy, dz = x - points[j, 0], y - points[j, 1], rise * (z - points[j, 2])
+                    dx, dy = x - points[j, 0], y - points[j, 1]
+                    dz = height_weight * (z - points[j, 2])
                     if dx * dx + dy * dy + dz * dz <= square:
                         near[i] = True
                         break
@@ -188,60 +202,91 @@ def _mark_near(
             if near[i]:
                 break
         found |= near[i]
-        if found and rise > 0.0:
+        if found and height_weight > 0.0:
             break
     return found
 
 
 @njit(nogil=True, cache=True)
-def connect(
-    points: Float64,
-    offsets: Int64,
-    boxes: Float64,
-    pairs: Int64,
-    distance: float,
+def _agree(
+    clouds: PatchClouds,
+    meets: NDArray[np.bool_],
     planes: PatchPlanes,
-    largest_step: float,
+    pair: tuple[int, int],
+    max_step: float,
+) -> bool:
+    """Return whether two patches have one height where they meet, within their uncertainty.
+
+    The height of either in the middle of the meeting is that of its plane, raised by the mean
+    residual of its points there. They differ by less than GATE sigmas and never by more than
+    `max_step`, m. `meets` bool (N,) marks, of either patch, the points that meet the other: at
+    least one of each.
+    """
+    points, offsets, (q, p) = clouds.points, clouds.offsets, pair
+    x, y, count = 0.0, 0.0, 0
+    for patch in (q, p):
+        for i in range(offsets[patch], offsets[patch + 1]):
+            if meets[i]:
+                x, y, count = x + points[i, 0], y + points[i, 1], count + 1
+    x, y = x / count, y / count
+    step, variance = 0.0, 2.0 * FLATNESS**2
+    for patch, sign in ((q, 1.0), (p, -1.0)):
+        slope, centroid = planes.slope[patch], planes.centroid[patch]
+        total, count = 0.0, 0
+        for i in range(offsets[patch], offsets[patch + 1]):
+            if meets[i]:
+                # The plane through this point, at the middle of the meeting.
+                dx, dy = x - points[i, 0], y - points[i, 1]
+                total += points[i, 2] + slope[0] * dx + slope[1] * dy
+                count += 1
+        step += sign * total / count
+        variance += planes.noise[patch] / min(count, EFFECTIVE_POINTS)
+        if planes.view_index[q] != planes.view_index[p]:
+            arm = np.array([1.0, x - centroid[0], y - centroid[1]])
+            variance += arm @ planes.cov_pose[patch] @ arm
+    return abs(step) <= min(GATE * np.sqrt(variance), max_step)
+
+
+@njit(nogil=True, cache=True)
+def connect(
+    clouds: PatchClouds, pairs: Int64, distance: float, planes: PatchPlanes, max_step: float
 ) -> Int64:
     """Connect the pairs of patches that touch and agree in height where they meet.
 
     Parameters
     ----------
-    points, offsets
-        As in `patch_boxes`.
-    boxes
-        float64 (P, 6), of the same patches.
+    clouds
+        P patches.
     pairs
         int64 (M, 2), candidates (q, p), q < p, sorted by (p, q).
     distance
         Patches touch where two of their points are at most this far apart, m.
-    planes, largest_step
-        Of the patches, and m: as in `agree`.
+    planes
+        Of the patches.
+    max_step
+        Patches whose heights differ by more than this where they meet are never connected, m.
 
     Returns
     -------
     int64 (P,), the least patch of each patch's component.
     """
-    parent = np.arange(len(offsets) - 1)
-    meets = np.zeros(len(points), np.bool_)
+    parent = np.arange(len(clouds.boxes))
+    meets = np.zeros(len(clouds.points), np.bool_)
     edge = distance * SLACK
     gridded = -1
-    grid = _Grid(edge, 1, 1, np.zeros(1, np.int64), np.zeros(1, np.int64))
+    grid = _Grid(np.zeros((2, 3)), edge, 1, 1, np.zeros(1, np.int64), np.zeros(1, np.int64))
     for m in range(len(pairs)):
         q, p = pairs[m, 0], pairs[m, 1]
         if find_root(parent, q) == find_root(parent, p):
             continue
         if gridded != p:
-            grid = _grid(points, offsets[p], offsets[p + 1], boxes[p], edge)
+            grid = _grid(clouds, p, edge)
             gridded = p
-        first, last = offsets[q], offsets[q + 1]
-        if not _mark_near(points, first, last, boxes[p], grid, distance, 1.0, meets):
+        if not _mark_near(clouds, q, grid, distance, 1.0, meets):
             continue
-        _mark_near(points, first, last, boxes[p], grid, distance, 0.0, meets)
-        other = _grid(points, first, last, boxes[q], edge)
-        first, last = offsets[p], offsets[p + 1]
-        _mark_near(points, first, last, boxes[q], other, distance, 0.0, meets)
-        if not agree(points, offsets, meets, planes, q, p, largest_step):
+        _mark_near(clouds, q, grid, distance, 0.0, meets)
+        _mark_near(clouds, p, _grid(clouds, q, edge), distance, 0.0, meets)
+        if not _agree(clouds, meets, planes, (q, p), max_step):
             continue
         unite(parent, q, p)
     for p in range(len(parent)):

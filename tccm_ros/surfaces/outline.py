@@ -1,8 +1,13 @@
 """The outline of a patch of points, with holes, at the scale of its own sampling.
 
 The points of a horizontal surface are triangulated in x and y. A triangle belongs to the surface
-where it is not much larger than those around it: lines of a far sweep are decimetres apart and
-still one table top, while a gap of a few decimetres in a near and dense sweep is a gap.
+where it is not much larger than those around it: scan lines of a far tilt cycle are decimetres
+apart and still one table top, while a gap of a few decimetres in a near and dense one is a gap.
+
+The scan lines run around the robot, one beyond the other. A surface's far edge lies somewhere
+between the last line that hit it and the next; at its near edge lines still hit the front. Sideways
+a line ends a beam or two before the edge: a beam that hits both sides of an edge tells of neither.
+So an outline is moved away from the robot by much, and widened by little.
 """
 
 from __future__ import annotations
@@ -13,10 +18,9 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError, cKDTree
 from shapely import MultiPolygon
 
-from tccm_ros.surfaces.expected_edge import expected_area
 from tccm_ros.surfaces.polygons import GRID, polygons_of
 
-__all__ = ["covered_area", "horizontal_outline"]
+__all__ = ["covered_area", "expected_area", "horizontal_outline"]
 
 Float64 = NDArray[np.float64]
 
@@ -29,17 +33,30 @@ NEIGHBOURS = 24
 QUANTILE = 0.4
 """Of the neighbours' largest gaps: along a border up to half of them look across it."""
 
+FAR_EDGE_FRACTION = 0.35
+"""The far edge is expected this fraction of the lines' distance beyond the last one: less than
+half, as the union of several views takes the furthest edge of each."""
+
+MAX_FAR_EDGE = 0.025
+"""And no further than this, m."""
+
+SIDE_EDGE_FRACTION = 0.15
+"""Sideways the edge is expected this fraction of the lines' distance beyond the last beam,"""
+
+MIN_SIDE_EDGE, MAX_SIDE_EDGE = 0.004, 0.0125
+"""at least half of what beams are apart at arm's length, and at most this, m."""
+
 Mesh = tuple[Float64, NDArray[np.int64], Float64]
 
 
-def horizontal_outline(points_xy: Float64, least_gap: float) -> tuple[MultiPolygon, float]:
+def horizontal_outline(points_xy: Float64, min_gap: float) -> tuple[MultiPolygon, float]:
     """Return the outline of what a view saw of a surface, and how densely its points lie.
 
     Parameters
     ----------
     points_xy
         float64 (N, 2), m, without duplicates, in the base frame: the robot is at the origin.
-    least_gap
+    min_gap
         Gaps up to this are closed however dense the points are, m.
 
     Returns
@@ -49,24 +66,24 @@ def horizontal_outline(points_xy: Float64, least_gap: float) -> tuple[MultiPolyg
     spacing : float
         Median of the local spacing, m; 0 where there is no outline.
     """
-    area, spacing = covered_area(points_xy, least_gap)
+    area, spacing = covered_area(points_xy, min_gap)
     return expected_area(area, spacing), spacing
 
 
-def covered_area(points_xy: Float64, least_gap: float) -> tuple[MultiPolygon, float]:
+def covered_area(points_xy: Float64, min_gap: float) -> tuple[MultiPolygon, float]:
     """Return the area that points cover, as disjoint parts, and their spacing, m.
 
     The parameters are those of `horizontal_outline`, but for the frame, which may be any.
     """
-    mesh = _mesh(_thin(points_xy, 0.5 * least_gap))
+    mesh = _mesh(_thin(points_xy, 0.5 * min_gap))
     gap = 0.25 * _gap_by_area(*mesh)
-    if gap > 0.5 * least_gap:
+    if gap > 0.5 * min_gap:
         mesh = _mesh(_thin(points_xy, gap))
     points, triangles, longest = mesh
     if len(triangles) == 0:
         return MultiPolygon(), 0.0
     local = _local_spacing(points, triangles, longest)
-    limit = np.maximum(least_gap, SPACING_FACTOR * np.median(local[triangles], axis=1))
+    limit = np.maximum(min_gap, SPACING_FACTOR * np.median(local[triangles], axis=1))
     return _area_of(points, triangles[longest <= limit]), float(np.median(local))
 
 
@@ -136,3 +153,43 @@ def _local_spacing(points_xy: Float64, triangles: NDArray[np.int64], longest: Fl
     _, near = cKDTree(points_xy).query(points_xy, k=count)
     rank = int(QUANTILE * (count - 1))
     return np.partition(own[near.reshape(-1, count)], rank, axis=1)[:, rank]
+
+
+def expected_area(area: MultiPolygon, spacing: float) -> MultiPolygon:
+    """Move the far edges of an outline out to where they are expected.
+
+    Parameters
+    ----------
+    area
+        What the points of a view cover, m, in the base frame: the robot is at the origin.
+    spacing
+        Distance of the scan lines there, m.
+
+    Returns
+    -------
+    MultiPolygon
+        One or more parts for each of `area`; parts may overlap.
+    """
+    far = min(FAR_EDGE_FRACTION * spacing, MAX_FAR_EDGE)
+    aside = min(max(SIDE_EDGE_FRACTION * spacing, MIN_SIDE_EDGE), MAX_SIDE_EDGE)
+    swept = [_swept_away(part, far) for part in area.geoms]
+    wide = [part.buffer(aside, join_style="mitre", mitre_limit=2.0) for part in swept]
+    return MultiPolygon([p for part in wide for p in polygons_of(part).geoms])
+
+
+def _swept_away(part: shapely.Polygon, distance: float) -> shapely.Geometry:
+    """Return what a polygon covers on its way away from the origin by a distance, m."""
+    moved = shapely.make_valid(shapely.transform(part, lambda xy: _away(xy, distance)))
+    bands = []
+    for ring in (part.exterior, *part.interiors):
+        start = np.asarray(ring.coords)
+        end = _away(start, distance)
+        bands.append(np.stack([start[:-1], start[1:], end[1:], end[:-1]], axis=1))
+    quads = shapely.make_valid(shapely.polygons(np.concatenate(bands)))
+    return shapely.union_all([part, moved, *quads], grid_size=GRID)
+
+
+def _away(xy: Float64, distance: float) -> Float64:
+    """Move points (N, 2) away from the origin by a distance, m."""
+    radius = np.maximum(np.hypot(xy[:, 0], xy[:, 1]), GRID)
+    return np.asarray(xy * (1.0 + distance / radius)[:, None], np.float64)

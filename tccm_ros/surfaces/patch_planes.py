@@ -1,8 +1,6 @@
-"""Planes of patches in the map, with how well they are known, and which are coplanar.
+"""Planes of patches in the map, with how well they are known.
 
-A patch's height is the height field ``h(x, y) = z + a (x - x0) + b (y - y0)``, and where it meets
-another patch what its points there say of it: a large patch is bent by what is wrong with the
-sensor, and the plane of a sparse one is not worth much where it ends.
+A patch's height is the height field ``h(x, y) = z + a (x - x0) + b (y - y0)``.
 """
 
 from __future__ import annotations
@@ -10,14 +8,24 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.cuboids.inclination import FIT_OF_A_LINE
 from tccm_ros.planes.horizontal_strips import LEAST_WIDTH
 from tccm_ros.surfaces.views import Patch
 
-__all__ = ["PatchPlanes", "agree", "fit_plane", "is_line", "pool_moments", "stack_planes"]
+__all__ = [
+    "EFFECTIVE_POINTS",
+    "FLATNESS",
+    "GATE",
+    "PatchPlanes",
+    "fit_covariance",
+    "fit_plane",
+    "is_line",
+    "pool_moments",
+    "pose_covariance",
+    "stack_planes",
+]
 
 Float64 = NDArray[np.float64]
 
@@ -60,8 +68,8 @@ class PatchPlanes(NamedTuple):
 def fit_plane(cov: Float64) -> tuple[Float64, Float64]:
     """Fit the exact least-squares plane to points of covariance `cov`, float64 (3, 3).
 
-    Surfaces are level, or nearly so. A fit that is steep is one to points that are a line, across
-    which nothing is told: the plane is then the most level one through that line.
+    Surfaces are horizontal, or nearly so. A fit that is steep is one to points on a line, across
+    which they tell nothing: the plane is then the one nearest to horizontal through that line.
 
     Returns
     -------
@@ -74,24 +82,24 @@ def fit_plane(cov: Float64) -> tuple[Float64, Float64]:
     normal = axes[:, 0] if axes[2, 0] >= 0.0 else -axes[:, 0]
     if normal[2] < FIT_OF_A_LINE:
         along = axes[:, 2]
-        level = UP - along[2] * along
-        length = float(np.linalg.norm(level))
-        normal = level / length if length > FIT_OF_A_LINE else UP
+        across = UP - along[2] * along
+        length = float(np.linalg.norm(across))
+        normal = across / length if length > FIT_OF_A_LINE else UP
     return normal, np.maximum(variances, 0.0)
 
 
 def is_line(cov: Float64) -> bool:
-    """Tell whether points of covariance `cov`, float64 (3, 3), m2, lie on a line."""
+    """Return whether points of covariance `cov`, float64 (3, 3), m2, lie on a line."""
     return bool(12.0 * np.linalg.eigvalsh(cov)[1] < LEAST_WIDTH**2)
 
 
 def pool_moments(counts: Float64, means: Float64, covs: Float64) -> tuple[float, Float64, Float64]:
     """Pool the moments of sets of points: counts (K,), means (K, 3), covs (K, 3, 3)."""
     total = float(counts.sum())
-    share = counts / total
-    mean = share @ means
+    weights = counts / total
+    mean = weights @ means
     offsets = means - mean
-    cov = np.einsum("k,kij->ij", share, covs + offsets[:, :, None] * offsets[:, None, :])
+    cov = np.einsum("k,kij->ij", weights, covs + offsets[:, :, None] * offsets[:, None, :])
     return total, mean, cov
 
 
@@ -166,58 +174,3 @@ def stack_planes(
         noise[p] = point_variance(cov)
         cov_pose[p] = pose_covariance(T, cov_tilt[view[p]], centroid[p])
     return PatchPlanes(view, centroid, slope, noise, cov_pose)
-
-
-@njit(nogil=True, cache=True)
-def agree(
-    points: Float64,
-    offsets: NDArray[np.int64],
-    meets: NDArray[np.bool_],
-    planes: PatchPlanes,
-    q: int,
-    p: int,
-    largest_step: float,
-) -> bool:
-    """Tell whether two patches have one height where they meet, within their uncertainty.
-
-    The height of either in the middle of the meeting is that of its plane, raised by the mean
-    residual of its points there. They differ by less than GATE sigmas and never by more than
-    `largest_step`.
-
-    Parameters
-    ----------
-    points, offsets
-        float64 (N, 3), m, and int64 (P + 1,); patch p holds
-        ``points[offsets[p]:offsets[p + 1]]``.
-    meets
-        bool (N,), of either patch the points that meet the other, at least one.
-    planes
-        Of P patches.
-    q, p
-        Two patches.
-    largest_step
-        m.
-    """
-    x, y, count = 0.0, 0.0, 0
-    for patch in (q, p):
-        for i in range(offsets[patch], offsets[patch + 1]):
-            if meets[i]:
-                x, y, count = x + points[i, 0], y + points[i, 1], count + 1
-    x, y = x / count, y / count
-    step, variance = 0.0, 2.0 * FLATNESS**2
-    for patch, sign in ((q, 1.0), (p, -1.0)):
-        slope, centroid = planes.slope[patch], planes.centroid[patch]
-        total, count = 0.0, 0
-        for i in range(offsets[patch], offsets[patch + 1]):
-            if meets[i]:
-                # The plane through this point, at the middle of the meeting.
-                total += (
-                    points[i, 2] + slope[0] * (x - points[i, 0]) + slope[1] * (y - points[i, 1])
-                )
-                count += 1
-        step += sign * total / count
-        variance += planes.noise[patch] / min(count, EFFECTIVE_POINTS)
-        if planes.view_index[q] != planes.view_index[p]:
-            arm = np.array([1.0, x - centroid[0], y - centroid[1]])
-            variance += arm @ planes.cov_pose[patch] @ arm
-    return abs(step) <= min(GATE * np.sqrt(variance), largest_step)

@@ -1,4 +1,4 @@
-"""Polygons of outlines: their parts, gaps and rings."""
+"""Polygons of outlines: their parts, gaps, boxes and rings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
-__all__ = ["GRID", "close_gaps", "largest_part", "polygon_rings", "polygons_of"]
+__all__ = ["GRID", "box_sides", "close_gaps", "largest_part", "polygon_rings", "polygons_of"]
 
 Float64 = NDArray[np.float64]
 
@@ -15,9 +15,15 @@ GRID = 1e-6
 """Outlines are snapped to this grid, m, so that unions do not depend on rounding."""
 
 
-def close_gaps(area: shapely.Geometry, reach: float) -> shapely.Geometry:
-    """Close gaps of up to twice `reach`, m."""
-    return area.buffer(reach, quad_segs=4).buffer(-reach, quad_segs=4)
+def close_gaps(area: shapely.Geometry, half_width: float) -> shapely.Geometry:
+    """Close gaps of up to twice `half_width`, m."""
+    return area.buffer(half_width, quad_segs=4).buffer(-half_width, quad_segs=4)
+
+
+def box_sides(polygon: Polygon) -> Float64:
+    """Return the sides of a polygon's narrowest box, float64 (2,), m, the lesser first."""
+    box = np.asarray(shapely.oriented_envelope(polygon).exterior.coords)
+    return np.sort(np.hypot(*np.diff(box[:3], axis=0).T))
 
 
 def largest_part(area: MultiPolygon) -> Polygon:

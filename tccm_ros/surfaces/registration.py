@@ -1,8 +1,9 @@
 """Registration of views: what they saw in common corrects their poses.
 
-Planes tie height and lean (`landmarks`); sides of surfaces tie x, y and yaw. A registration is a
-robust factor between two views whose covariance leaves open what their common sides leave open,
-and there is none where the views share too little or where another place fits nearly as well.
+The planes of surfaces constrain height, roll and pitch; their sides constrain x, y and yaw. A
+registration by sides is a robust factor between two views whose covariance leaves open what their
+common sides leave open. There is none where the views share too little, or where another relative
+pose fits nearly as well.
 """
 
 from __future__ import annotations
@@ -12,16 +13,16 @@ from numpy.typing import NDArray
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, compose2, inverse, planar, spatial, transform, wrap_angle
-from tccm_ros.slam.factors import BetweenViews, Factor, planar_covariance
+from tccm_ros.slam.factors import BetweenViews, Factor, ViewPlane, planar_covariance
 from tccm_ros.slam.solution import Solution
 from tccm_ros.surfaces.carving import Survivors, carve
-from tccm_ros.surfaces.landmarks import plane_factors
-from tccm_ros.surfaces.merged_patches import surviving_patches
+from tccm_ros.surfaces.merging import Members, NumberedPatch, merge_coplanar, surviving_patches
+from tccm_ros.surfaces.patch_planes import fit_covariance, fit_plane
 from tccm_ros.surfaces.side_matching import SideMatch, match_sides
 from tccm_ros.surfaces.sides import Sides, find_sides
 from tccm_ros.surfaces.views import View
 
-__all__ = ["register_views", "side_factors"]
+__all__ = ["plane_factors", "register_views", "side_factors"]
 
 Float64 = NDArray[np.float64]
 
@@ -31,22 +32,25 @@ TILT_ORDER = [5, 0, 1]
 PLANAR_ORDER = [3, 4, 2]
 """x, y and yaw in the same order."""
 
+MAX_TILT_SIGMA = 0.02
+"""A patch whose tilt is less certain than this (rad) tells nothing about roll and pitch."""
+
 PARTNERS = 6
 """Each view is registered to so many older ones, the nearest."""
 
-TURN_WEIGHT = 1.0
-"""Of two places, a radian of turn counts like this many metres."""
+YAW_WEIGHT = 1.0
+"""Between two poses, a radian of yaw counts like this many metres."""
 
-LEAST_SIGMA, MOST_SIGMA = (0.01, np.radians(0.3)), (0.15, np.radians(3.0))
-"""The relative pose of two views is searched as if it were known this well (m, rad) at least, and
-never more than so badly: further off, sides of other surfaces come into question."""
+MIN_SIGMA, MAX_SIGMA = (0.01, np.radians(0.3)), (0.15, np.radians(3.0))
+"""The relative pose of two views is searched as if it were known this well (m, rad) at best, and
+this badly at worst: further off, sides of other surfaces come into question."""
 
-LEFT = 0.5
-"""A patch of which less is left was moved or replaced: its sides tell no place."""
+MIN_REMAINING = 0.5
+"""A patch of which a smaller fraction is left was moved or replaced: its sides tell no pose."""
 
 
 def register_views(views: list[View], known: Solution, config: Config) -> list[Factor]:
-    """Return factors that tie views to each other, from the poses that are known so far.
+    """Return factors that constrain views to each other, from the poses that are known so far.
 
     Parameters
     ----------
@@ -58,10 +62,58 @@ def register_views(views: list[View], known: Solution, config: Config) -> list[F
         Uses the groups ``views`` and ``surfaces``.
     """
     left = carve(views, known.T_map_views, config)
-    placed = surviving_patches(views, left, config)
+    patches = surviving_patches(views, left, config)
     cov_tilt = known.cov_views[:, TILT_ORDER][:, :, TILT_ORDER]
-    planes = plane_factors(placed, known.T_map_views, cov_tilt, config)
+    planes = plane_factors(patches, known.T_map_views, cov_tilt, config)
     return [*planes, *side_factors(views, left, known, config)]
+
+
+def plane_factors(
+    patches: list[NumberedPatch], T_map_view: Float64, cov_tilt: Float64, config: Config
+) -> list[ViewPlane]:
+    """Return a factor for each patch of each surface that more than one view saw.
+
+    Parameters
+    ----------
+    patches
+        What is left of the patches, in the order of their numbers.
+    T_map_view, cov_tilt
+        float64 (V, 4, 4) and (V, 3, 3) of (z, roll, pitch), the views as known so far.
+    config
+        Uses the group ``surfaces``.
+    """
+    factors: list[ViewPlane] = []
+    plane = 0
+    for surface in merge_coplanar(patches, T_map_view, cov_tilt, config):
+        members = _informative(surface)
+        if len({member.view for member in members}) > 1:
+            factors += [_plane_factor(member, plane) for member in members]
+            plane += 1
+    return factors
+
+
+def _informative(members: Members) -> list[NumberedPatch]:
+    return [m for m in members if m.patch.count > 3 and _tilt_variance(m) <= MAX_TILT_SIGMA**2]
+
+
+def _tilt_variance(member: NumberedPatch) -> float:
+    cov = fit_covariance(member.patch.cov, member.patch.count)
+    return float(np.linalg.eigvalsh(cov[1:, 1:])[1])
+
+
+def _plane_factor(member: NumberedPatch, plane: int) -> ViewPlane:
+    """Measure a patch's plane in its view.
+
+    The covariance is isotropic in the two rotations, the larger one for both, and the offset at
+    the view's origin is that at the centroid and what the rotation makes of the way there.
+    """
+    patch = member.patch
+    normal, _ = fit_plane(patch.cov)
+    tilt = _tilt_variance(member)
+    arm = patch.mean - (patch.mean @ normal) * normal
+    offset = fit_covariance(patch.cov, patch.count)[0, 0] + tilt * float(arm @ arm)
+    cov = np.diag([tilt, tilt, offset])
+    return ViewPlane(member.view, plane, normal, float(normal @ patch.mean), cov)
 
 
 def side_factors(
@@ -72,32 +124,34 @@ def side_factors(
     A side's deviation is what it is, while the graph's factors are careful: to have its due weight
     among them a match is made as careful as they are.
     """
-    T_map_view, places = known.T_map_views, planar(known.T_map_views)
+    T_map_view, poses = known.T_map_views, planar(known.T_map_views)
     sides = [
         _levelled(_remaining(find_sides(view), keep), T)
         for view, keep, T in zip(views, left.keep, T_map_view)
     ]
-    cov_places = known.cov_views[:, PLANAR_ORDER][:, :, PLANAR_ORDER] * known.unit_variance
+    cov_poses = known.cov_views[:, PLANAR_ORDER][:, :, PLANAR_ORDER] * known.unit_variance
     found: list[tuple[int, int, SideMatch]] = []
     for j in range(1, len(views)):
-        for i in _partners(places, j):
-            cov = _relative_covariance(cov_places, places, i, j)
+        for i in _partners(poses, j):
+            cov = _relative_covariance(cov_poses, poses, i, j)
             step = config.surfaces.max_step
-            match = match_sides(sides[i], sides[j], between2(places[i], places[j]), cov, step)
+            match = match_sides(sides[i], sides[j], between2(poses[i], poses[j]), cov, step)
             if match is not None:
                 found.append((i, j, match))
     # A view's sides serve in all of its matches: together they must not count for more than once.
     uses = np.bincount([v for i, j, _ in found for v in (i, j)], minlength=len(views))
     return [
-        _factor(i, j, match, T_map_view, (max(uses[i], uses[j]) + 1) / (2.0 * known.unit_variance))
+        _between_factor(
+            i, j, match, T_map_view, (max(uses[i], uses[j]) + 1) / (2.0 * known.unit_variance)
+        )
         for i, j, match in found
     ]
 
 
 def _remaining(sides: Sides, keep: list[NDArray[np.bool_]]) -> Sides:
     """Leave out the sides of patches that newer views saw moved or replaced."""
-    share = np.array([mask.mean() for mask in keep])
-    return sides.chosen(share[sides.patch] >= LEFT)
+    fraction = np.array([mask.mean() for mask in keep])
+    return sides.chosen(fraction[sides.patch] >= MIN_REMAINING)
 
 
 def _levelled(sides: Sides, T_map_view: Float64) -> Sides:
@@ -107,30 +161,32 @@ def _levelled(sides: Sides, T_map_view: Float64) -> Sides:
     return sides.moved(points[:, :2], points[:, 2])
 
 
-def _partners(places: Float64, j: int) -> list[int]:
+def _partners(poses: Float64, j: int) -> list[int]:
     """Return the older views nearest to view `j`, in order."""
-    turn = np.abs(wrap_angle(places[:j, 2] - places[j, 2]))
-    apart = np.hypot(*(places[:j, :2] - places[j, :2]).T) + TURN_WEIGHT * turn
-    return sorted(np.argsort(apart, kind="stable")[:PARTNERS].tolist())
+    yaw = np.abs(wrap_angle(poses[:j, 2] - poses[j, 2]))
+    distance = np.hypot(*(poses[:j, :2] - poses[j, :2]).T) + YAW_WEIGHT * yaw
+    return sorted(np.argsort(distance, kind="stable")[:PARTNERS].tolist())
 
 
-def _relative_covariance(cov_places: Float64, places: Float64, i: int, j: int) -> Float64:
+def _relative_covariance(cov_poses: Float64, poses: Float64, i: int, j: int) -> Float64:
     """Bound how well the pose of view `j` in view `i` is known, float64 (3, 3) of (x, y, yaw).
 
     The errors of two views have much in common, which is not known here: their sum is on the
     safe side.
     """
-    position = sum(float(np.linalg.eigvalsh(cov_places[v, :2, :2])[1]) for v in (i, j))
-    turn = float(cov_places[i, 2, 2] + cov_places[j, 2, 2])
-    position += float(cov_places[i, 2, 2] * np.sum((places[i, :2] - places[j, :2]) ** 2))
-    sigma = np.clip(np.sqrt([position, turn]), LEAST_SIGMA, MOST_SIGMA)
+    position = sum(float(np.linalg.eigvalsh(cov_poses[v, :2, :2])[1]) for v in (i, j))
+    yaw = float(cov_poses[i, 2, 2] + cov_poses[j, 2, 2])
+    position += float(cov_poses[i, 2, 2] * np.sum((poses[i, :2] - poses[j, :2]) ** 2))
+    sigma = np.clip(np.sqrt([position, yaw]), MIN_SIGMA, MAX_SIGMA)
     return np.diag(np.square([sigma[0], sigma[0], sigma[1]]))
 
 
-def _factor(i: int, j: int, match: SideMatch, T_map_view: Float64, scale: float) -> BetweenViews:
+def _between_factor(
+    i: int, j: int, match: SideMatch, T_map_view: Float64, scale: float
+) -> BetweenViews:
     """Make a factor: x, y and yaw as matched, their covariance times `scale`.
 
-    Height and lean are as they are; the factor leaves them open.
+    Height, roll and pitch are as they are; the factor leaves them open.
     """
     T_level_view = inverse(spatial(planar(T_map_view[j]))) @ T_map_view[j]
     T_map_j = spatial(compose2(planar(T_map_view[i]), match.pose)) @ T_level_view

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
-from tccm_ros.surfaces.views import View
+from tccm_ros.errors import MapError
+from tccm_ros.surfaces.polygons import polygons_of
+from tccm_ros.surfaces.views import FreeColumns, Patch, View
 
-__all__ = ["SavedMap", "SavedView"]
+__all__ = ["SavedMap", "SavedView", "pack_views", "unpack_views"]
+
+Arrays = dict[str, NDArray[Any]]
+
+ABSENT = np.iinfo(np.int64).min
+"""Stands for None in a saved array."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,3 +61,104 @@ class SavedMap:
 
     walls: Mapping[str, NDArray[Any]]
     views: tuple[SavedView, ...]
+
+
+def pack_views(views: Sequence[View]) -> Arrays:
+    """Return the arrays of views: rows of all views follow each other, counts say whose."""
+    patches = [patch for view in views for patch in view.patches]
+    outlines = [np.frombuffer(shapely.to_wkb(p.outline), np.uint8) for p in patches]
+    return {
+        "stamp_ns": np.array([v.stamp_ns for v in views], np.int64),
+        "session": np.array([v.session for v in views], np.int64),
+        "reach": np.array([v.reach for v in views], float),
+        "forgotten": np.array([v.forgotten for v in views], np.int64),
+        "patches": np.array([len(v.patches) for v in views], np.int64),
+        "free": np.array([len(v.free.keys) for v in views], np.int64),
+        "free_cell_size": np.array([v.free.cell_size for v in views], float),
+        "free_keys": _joined([v.free.keys for v in views], np.int64),
+        "free_low": _joined([v.free.low for v in views], float),
+        "free_high": _joined([v.free.high for v in views], float),
+        "points_of": np.array([len(p.points) for p in patches], np.int64),
+        "points": _joined([p.points for p in patches], np.float32, 3),
+        "weights": _joined([p.weights for p in patches], np.int32),
+        "count": np.array([p.count for p in patches], np.int64),
+        "mean": np.array([p.mean for p in patches], float).reshape(-1, 3),
+        "cov": np.array([p.cov for p in patches], float).reshape(-1, 3, 3),
+        "spacing": np.array([p.spacing for p in patches], float),
+        "number": np.array([ABSENT if p.number is None else p.number for p in patches], np.int64),
+        "first_seen_ns": np.array(
+            [ABSENT if p.first_seen_ns is None else p.first_seen_ns for p in patches], np.int64
+        ),
+        "outline_bytes": np.array([len(o) for o in outlines], np.int64),
+        "outlines": _joined(outlines, np.uint8),
+    }
+
+
+def _joined(parts: Sequence[NDArray[Any]], dtype: Any, *shape: int) -> NDArray[Any]:
+    return np.concatenate([np.zeros((0, *shape), dtype), *parts])
+
+
+def unpack_views(arrays: Mapping[str, NDArray[Any]]) -> list[View]:
+    """Return the views of `pack_views`.
+
+    Raises
+    ------
+    MapError
+        For arrays that are missing or do not belong together.
+    """
+    try:
+        return _unpack(arrays)
+    except KeyError as error:
+        raise MapError(f"saved views have no array {error}") from None
+    except (ValueError, IndexError, TypeError, shapely.errors.GEOSException) as error:
+        raise MapError(f"saved views are damaged: {error}") from None
+
+
+def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
+    patches = [
+        Patch(
+            points,
+            weights,
+            int(a["count"][k]),
+            a["mean"][k],
+            a["cov"][k],
+            polygons_of(shapely.from_wkb(outline.tobytes())),
+            float(a["spacing"][k]),
+            _present(a, "number", k),
+            _present(a, "first_seen_ns", k),
+        )
+        for k, (points, weights, outline) in enumerate(
+            zip(
+                _split(a["points"], a["points_of"]),
+                _split(a["weights"], a["points_of"]),
+                _split(a["outlines"], a["outline_bytes"]),
+            )
+        )
+    ]
+    free = zip(*(_split(a[f"free_{name}"], a["free"]) for name in ("keys", "low", "high")))
+    first = np.concatenate([[0], np.cumsum(a["patches"])])
+    if first[-1] != len(patches) or len(a["patches"]) != len(a["stamp_ns"]):
+        raise ValueError(f"{len(patches)} patches, {first[-1]} expected")
+    return [
+        View(
+            int(a["stamp_ns"][v]),
+            tuple(patches[first[v] : first[v + 1]]),
+            FreeColumns(float(a["free_cell_size"][v]), *columns),
+            float(a["reach"][v]),
+            int(a["session"][v]),
+            int(a["forgotten"][v]) if "forgotten" in a else 0,
+        )
+        for v, columns in enumerate(free)
+    ]
+
+
+def _present(a: Mapping[str, NDArray[Any]], name: str, k: int) -> int | None:
+    """Return an entry that may be None, or absent altogether in maps of older versions."""
+    value = int(a[name][k]) if name in a else ABSENT
+    return None if value == ABSENT else value
+
+
+def _split(rows: NDArray[Any], counts: NDArray[np.int64]) -> list[NDArray[Any]]:
+    if int(counts.sum()) != len(rows):
+        raise ValueError(f"{len(rows)} rows, {int(counts.sum())} expected")
+    return np.split(rows, np.cumsum(counts)[:-1]) if len(counts) else []

@@ -1,13 +1,14 @@
-"""Where a new session is in a saved map, when no level laser tells: by structure and planes.
+"""The pose of a new session in a saved map, when no level laser tells: by structure and planes.
 
 What a view looked through ends at walls and furniture. These ends, in columns seen from above, are
-matched over all headings and shifts; the floor gives height and lean. A match that another place
+matched over all yaws and shifts; the floor gives height, roll and pitch. A match that another pose
 nearly reaches is refused: a wrong session spoils a map for good.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,62 +21,69 @@ from tccm_ros.geometry import compose2, planar, pose, spatial, transform, transf
 from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.views import KEY_STEP, View
 
-__all__ = ["SessionPlace", "Structure", "place_session", "structure"]
+__all__ = ["AlignmentResult", "SessionAlignment", "Structure", "align_session", "structure"]
 
 Float64 = NDArray[np.float64]
 
 BAND = (0.3, 1.6)
 """Heights above the floor, m, in which a column must be free to count as open."""
 
-OPEN = 0.5
-"""Share of the band that must be free."""
+MIN_FREE_FRACTION = 0.5
+"""Of the band."""
 
 CELL = 0.1
 """Cell of the search, m."""
 
-HEADINGS = 360
-"""Headings that are searched: a degree apart."""
+YAWS = 360
+"""Yaws that are searched: a degree apart."""
 
-APART = (0.4, np.radians(10.0))
-"""Places further apart than this (m, rad) are different places."""
+SAME_POSE = (0.4, np.radians(10.0))
+"""Poses further apart than this (m, rad) are different ones."""
 
 CONTRADICTION = 0.5
 """What an end costs that lies where the other side looked through, of what a match earns."""
 
-CLEAR = 0.03
+MAX_BLUR = 0.03
 """Where less than this of the blurred ends is left, the open is away from any end."""
 
-LEAST_SCORE = 0.12
-"""Share of the new ends that must lie on old ends, less those that lie in the open."""
+MIN_SCORE = 0.12
+"""Fraction of the new ends that must lie on old ends, less those that lie in the open."""
 
 AMBIGUOUS = 0.72
-"""A second place with this share of the best one's score makes the match ambiguous."""
+"""A second pose with this fraction of the best one's score makes the match ambiguous."""
 
-LEAST_ENDS = 30
-"""Fewer ends than this tell no place."""
+MIN_ENDS = 30
+"""Fewer ends than this tell no pose."""
+
+
+class AlignmentResult(StrEnum):
+    """Why a session was found in a map, or was not."""
+
+    FOUND = "structure and floor"
+    TOO_FEW_ENDS = "too little structure"
+    NO_MATCH = "no place fits"
+    AMBIGUOUS = "ambiguous"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SessionPlace:
-    """How a session was placed.
+class SessionAlignment:
+    """How a session was aligned with a map.
 
     Attributes
     ----------
-    found
-        Whether it is part of the map.
+    result
+        Whether it is part of the map, and why not.
     T_map_session
         float64 (4, 4); identity where it was not found.
-    score, second
-        Of the best place and of the best one elsewhere, 1 at most.
-    reason
-        Why it was found or refused.
     """
 
-    found: bool
+    result: AlignmentResult
     T_map_session: Float64
-    score: float
-    second: float
-    reason: str
+
+    @property
+    def found(self) -> bool:
+        """Whether the session is part of the map."""
+        return self.result is AlignmentResult.FOUND
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +113,7 @@ def _open_cells(view: View, floor_z: float) -> NDArray[np.int64]:
     low, high = floor_z + BAND[0], floor_z + BAND[1]
     free = np.clip(np.minimum(view.free.high, high) - np.maximum(view.free.low, low), 0.0, None)
     keys, group = np.unique(view.free.keys, return_inverse=True)
-    keys = keys[np.bincount(group, free, len(keys)) >= OPEN * (high - low)]
+    keys = keys[np.bincount(group, free, len(keys)) >= MIN_FREE_FRACTION * (high - low)]
     x = (keys + KEY_STEP // 2) // KEY_STEP
     return np.stack([x, keys - x * KEY_STEP], axis=1)
 
@@ -113,7 +121,8 @@ def _open_cells(view: View, floor_z: float) -> NDArray[np.int64]:
 def _end_cells(cells: NDArray[np.int64], size: float) -> NDArray[np.int64]:
     """Return the first columns (N, 2) behind open ones, seen from the base.
 
-    The sides of what the laser swept are not ends: behind them the same column looks at itself.
+    The sides of what the laser swept are not ends: what lies behind them, seen from the base, is
+    open too.
     """
     middle = (cells + 0.5) * size
     ahead = middle / np.linalg.norm(middle, axis=1)[:, None]
@@ -124,10 +133,10 @@ def _end_cells(cells: NDArray[np.int64], size: float) -> NDArray[np.int64]:
     return np.array([c for c in behind.tolist() if tuple(c) not in known], np.int64).reshape(-1, 2)
 
 
-def place_session(
+def align_session(
     old: list[View], T_map_old: Float64, new: list[View], T_session_new: Float64, config: Config
-) -> SessionPlace:
-    """Find the place of a session's views in a map.
+) -> SessionAlignment:
+    """Find the pose of a session's views in a map.
 
     Parameters
     ----------
@@ -142,44 +151,44 @@ def place_session(
     heights = [0.0 if floor is None else float(floor[2, 3]) for floor in floors]
     here = structure(old, T_map_old, heights[0])
     there = structure(new, T_session_new, heights[1])
-    if min(len(here.ends), len(there.ends)) < LEAST_ENDS:
-        return SessionPlace(False, np.eye(4), 0.0, 0.0, "too little structure")
+    if min(len(here.ends), len(there.ends)) < MIN_ENDS:
+        return SessionAlignment(AlignmentResult.TOO_FEW_ENDS, np.eye(4))
     best, score, second = _search(here, there)
-    if score < LEAST_SCORE:
-        return SessionPlace(False, np.eye(4), score, second, "no place fits")
+    if score < MIN_SCORE:
+        return SessionAlignment(AlignmentResult.NO_MATCH, np.eye(4))
     if second > AMBIGUOUS * score:
-        return SessionPlace(False, np.eye(4), score, second, "ambiguous")
+        return SessionAlignment(AlignmentResult.AMBIGUOUS, np.eye(4))
     T = spatial(_refine(here, there, best))
     if floors[0] is not None and floors[1] is not None:
         T = _lay_on(floors[0], floors[1], T)
-    return SessionPlace(True, T, score, second, "structure and floor")
+    return SessionAlignment(AlignmentResult.FOUND, T)
 
 
 def _search(here: Structure, there: Structure) -> tuple[Float64, float, float]:
     """Return the best planar pose (3,) of the new structure, its score, and the second best."""
     origin = here.open.min(axis=0) - 1.0
-    reach = max(np.abs(there.ends).max(), np.abs(there.open).max()) * np.sqrt(2.0) + 1.0
-    extent = np.ceil((here.open.max(axis=0) + 1.0 - origin + 2.0 * reach) / CELL).astype(int)
+    radius = max(np.abs(there.ends).max(), np.abs(there.open).max()) * np.sqrt(2.0) + 1.0
+    extent = np.ceil((here.open.max(axis=0) + 1.0 - origin + 2.0 * radius) / CELL).astype(int)
     shape = tuple(next_fast_len(int(n), real=True) for n in extent)
     near = gaussian_filter(_raster(here.ends, origin, shape).clip(max=1.0), 0.7)
-    inside = _raster(here.open, origin, shape).clip(max=1.0) * (near < CLEAR)
+    inside = _raster(here.open, origin, shape).clip(max=1.0) * (near < MAX_BLUR)
     gain = np.minimum(near / 0.45, 1.0) - CONTRADICTION * inside
     gains = rfft2(gain)
-    corner = np.array([-reach, -reach])
-    found = []
-    for yaw in np.arange(HEADINGS) * (2.0 * np.pi / HEADINGS):
-        turn = np.array([0.0, 0.0, yaw])
-        ends = rfft2(_raster(transform2(turn, there.ends), corner, shape).clip(max=1.0))
-        scores = irfft2(gains * ends.conj(), shape) / len(there.ends)
-        x, y = np.unravel_index(int(np.argmax(scores)), shape)
-        cells = np.array([x, y]) - np.array(shape) * (np.array([x, y]) > np.array(shape) // 2)
-        found.append((float(scores[x, y]), *(origin + cells * CELL + reach), float(yaw)))
-    table = np.array(sorted(found, key=lambda row: (-row[0], row[3])))
-    best = table[0]
-    turned = np.abs((table[:, 3] - best[3] + np.pi) % (2.0 * np.pi) - np.pi)
-    far = np.hypot(table[:, 1] - best[1], table[:, 2] - best[2]) > APART[0]
-    other_scores = table[far | (turned > APART[1]), 0]
-    return best[1:], float(best[0]), float(other_scores.max(initial=0.0))
+    corner = np.array([-radius, -radius])
+    scores, poses = np.empty(YAWS), np.empty((YAWS, 3))
+    for k, yaw in enumerate(np.arange(YAWS) * (2.0 * np.pi / YAWS)):
+        turned = transform2(np.array([0.0, 0.0, yaw]), there.ends)
+        ends = rfft2(_raster(turned, corner, shape).clip(max=1.0))
+        matches = irfft2(gains * ends.conj(), shape) / len(there.ends)
+        cell = np.array(np.unravel_index(int(np.argmax(matches)), shape))
+        scores[k] = matches[tuple(cell)]
+        cell -= np.array(shape) * (cell > np.array(shape) // 2)
+        poses[k] = (*(origin + cell * CELL + radius), yaw)
+    k = int(np.argmax(scores))  # of equal ones the first: the least yaw
+    moved = poses - poses[k]
+    yaw = np.abs((moved[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
+    elsewhere = (np.hypot(moved[:, 0], moved[:, 1]) > SAME_POSE[0]) | (yaw > SAME_POSE[1])
+    return poses[k], float(scores[k]), float(scores[elsewhere].max(initial=0.0))
 
 
 def _raster(points: Float64, origin: Float64, shape: tuple[int, int]) -> Float64:
@@ -193,23 +202,23 @@ def _raster(points: Float64, origin: Float64, shape: tuple[int, int]) -> Float64
 
 def _refine(here: Structure, there: Structure, start: Float64) -> Float64:
     """Move the ends onto each other: point to point, with a weight that forgets outliers."""
-    tree, place = cKDTree(here.ends), start
-    for reach in (0.3, 0.2, 0.15, 0.12, 0.12, 0.12, 0.12, 0.12):
-        moved = transform2(place, there.ends)
+    tree, refined = cKDTree(here.ends), start
+    for max_distance in (0.3, 0.2, 0.15, 0.12, 0.12, 0.12, 0.12, 0.12):
+        moved = transform2(refined, there.ends)
         distance, near = tree.query(moved)
-        weight = np.clip(1.0 - (distance / reach) ** 2, 0.0, None) ** 2
+        weight = np.clip(1.0 - (distance / max_distance) ** 2, 0.0, None) ** 2
         if weight.sum() < 3.0:
             break
-        place = compose2(_fit(moved, here.ends[near], weight), place)
-    return place
+        refined = compose2(_fit(moved, here.ends[near], weight), refined)
+    return refined
 
 
 def _fit(source: Float64, target: Float64, weight: Float64) -> Float64:
     """Return the planar pose that moves source points (N, 2) onto target points."""
-    share = weight / weight.sum()
-    a, b = share @ source, share @ target
+    w = weight / weight.sum()
+    a, b = w @ source, w @ target
     s, t = source - a, target - b
-    yaw = np.arctan2(share @ (s[:, 0] * t[:, 1] - s[:, 1] * t[:, 0]), share @ np.sum(s * t, axis=1))
+    yaw = np.arctan2(w @ (s[:, 0] * t[:, 1] - s[:, 1] * t[:, 0]), w @ np.sum(s * t, axis=1))
     turned = transform2(np.array([0.0, 0.0, yaw]), a[None])[0]
     return np.array([*(b - turned), yaw])
 
@@ -223,12 +232,12 @@ def _floor(views: list[View], T_map_view: Float64, config: Config) -> Float64 | 
             area = patch.outline.area
             if low[2] <= config.surfaces.max_floor_height and (best is None or area > best[0]):
                 normal = T[:3, :3] @ fit_plane(patch.cov)[0]
-                best = area, pose(_upright(normal), low)
+                best = area, pose(_rotation_to(normal), low)
     return None if best is None else best[1]
 
 
-def _upright(normal: Float64) -> Float64:
-    """Return the rotation whose z axis is `normal` and that turns the least from level."""
+def _rotation_to(normal: Float64) -> Float64:
+    """Return the rotation whose z axis is `normal`, by roll and pitch alone."""
     x = np.array([1.0, 0.0, -normal[0] / normal[2]])
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(normal, x), normal], axis=1)
@@ -237,10 +246,9 @@ def _upright(normal: Float64) -> Float64:
 def _lay_on(floor_map: Float64, floor_session: Float64, T_map_session: Float64) -> Float64:
     """Correct height, roll and pitch of a placed session so that its floor lies on the map's."""
     floor = T_map_session @ floor_session
-    lean = _upright(floor_map[:3, 2]) @ _upright(floor[:3, 2]).T
+    R = _rotation_to(floor_map[:3, 2]) @ _rotation_to(floor[:3, 2]).T
     about = floor[:3, 3]
-    T = pose(lean, about - lean @ about) @ T_map_session
-    placed = transform(T, floor_session[:3, 3][None])[0]
-    drop = floor_map[:3, 2] @ (floor_map[:3, 3] - placed) / floor_map[2, 2]
-    T[2, 3] += drop
+    T = pose(R, about - R @ about) @ T_map_session
+    moved = transform(T, floor_session[:3, 3][None])[0]
+    T[2, 3] += floor_map[:3, 2] @ (floor_map[:3, 3] - moved) / floor_map[2, 2]
     return T

@@ -3,7 +3,7 @@
 A side is a line: it measures the distance across itself, and a heading. Sides of one table face
 different ways, so that one table in common is often enough; where all sides are parallel, the pose
 along them stays open and the covariance says so. Hypotheses from pairs of sides are compared
-before one is refined, so that a second place that fits nearly as well is seen and refused.
+before one is refined, so that a second pose that fits nearly as well is seen and refused.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ __all__ = ["SideMatch", "match_sides"]
 
 Float64 = NDArray[np.float64]
 
-LEAST_OVERLAP = 0.12
+MIN_OVERLAP = 0.12
 """Sides that share less than this along themselves (m) are not matched."""
 
-TURN_GATE = np.radians(12.0)
+YAW_GATE = np.radians(12.0)
 """Short sides are seen turned by a few degrees; further apart they are different sides."""
 
 INLIER = 3.0
@@ -32,22 +32,22 @@ INLIER = 3.0
 CROSSING = 0.4
 """Two sides at this sine of their angle, or more, fix a position."""
 
-MOST_LENGTH = 1.0
+MAX_LENGTH = 1.0
 """A longer side (m) has no more votes than this one."""
 
 AMBIGUOUS = 0.75
-"""A second place with this share of the best one's votes makes a match ambiguous."""
+"""A second pose with this fraction of the best one's votes makes a match ambiguous."""
 
-APART = (0.05, np.radians(4.0))
-"""Places further apart than this (m, rad) are different places."""
+SAME_POSE = (0.05, np.radians(4.0))
+"""Poses further apart than this (m, rad) are different ones."""
 
-LEAST_SIDES, LEAST_VOTES = 2, 0.5
+MIN_SIDES, MIN_VOTES = 2, 0.5
 """A match has so many sides and so many metres of them."""
 
 SEARCHED, SEARCHED_SIDES = 0.06, 3
 """Where more than this (m) was searched, chance agrees more often: so many sides are asked for."""
 
-MOST_PAIRS = 400
+MAX_HYPOTHESES = 400
 """Hypotheses are made of so many pairs, the longest sides first."""
 
 ROUNDS = 8
@@ -57,7 +57,7 @@ BLIND = 0.3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SideMatch:
-    """How one view lies to another.
+    """The relative pose of two views.
 
     Attributes
     ----------
@@ -109,38 +109,43 @@ def match_sides(
     height_gate
         Sides of one surface do not differ more in height, m.
     """
-    reach = INLIER * np.sqrt(max(np.linalg.eigvalsh(cov_start[:2, :2])[1], 0.0))
-    turn = INLIER * np.sqrt(max(cov_start[2, 2], 0.0))
-    pairs = _candidates(first, second, start, float(reach), float(turn), height_gate)
+    max_shift = INLIER * float(np.sqrt(max(np.linalg.eigvalsh(cov_start[:2, :2])[1], 0.0)))
+    max_yaw = INLIER * float(np.sqrt(max(cov_start[2, 2], 0.0)))
+    pairs = _candidates(first, second, start, (max_shift, max_yaw), height_gate)
     if len(pairs.a) == 0:
         return None
-    trials = _hypotheses(pairs, start, float(reach), float(turn))
+    trials = _hypotheses(pairs, start, (max_shift, max_yaw))
     votes = np.array([_votes(pairs, trial) for trial in trials])
-    least = LEAST_SIDES if reach <= SEARCHED else SEARCHED_SIDES
-    best = _refine(pairs, trials[int(np.argmax(votes))], start, least)
+    min_sides = MIN_SIDES if max_shift <= SEARCHED else SEARCHED_SIDES
+    best = _refine(pairs, trials[int(np.argmax(votes))], start, min_sides)
     if best is None or _has_rival(pairs, trials, votes, start, best):
         return None
     return best
 
 
 def _candidates(
-    first: Sides, second: Sides, start: Float64, reach: float, turn: float, height_gate: float
+    first: Sides,
+    second: Sides,
+    start: Float64,
+    search: tuple[float, float],
+    height_gate: float,
 ) -> _Pairs:
-    """Return the pairs of sides that may be one, from the pose known so far."""
+    """Return the pairs of sides that may be one, within a shift (m) and a yaw (rad) of `start`."""
+    max_shift, max_yaw = search
     middle = transform2(start, second.middle)
     outward = transform2(np.array([0.0, 0.0, start[2]]), second.outward)
     along = np.stack([-first.outward[:, 1], first.outward[:, 0]], axis=1)
-    apart = middle[None] - first.middle[:, None]
-    across = np.einsum("abk,ak->ab", apart, first.outward)
-    beside = np.abs(np.einsum("abk,ak->ab", apart, along))
+    offset = middle[None] - first.middle[:, None]
+    across = np.einsum("abk,ak->ab", offset, first.outward)
+    beside = np.abs(np.einsum("abk,ak->ab", offset, along))
     shared = 0.5 * (first.length[:, None] + second.length[None]) - beside
     shared = np.minimum(shared, np.minimum(first.length[:, None], second.length[None]))
     sigma = np.hypot(first.sigma[:, None], second.sigma[None])
     turned = np.arccos(np.clip(first.outward @ outward.T, -1.0, 1.0))
-    swing = turn * np.hypot(*second.middle.T)[None]
-    may = (np.abs(across) <= reach + swing + INLIER * sigma) & (turned <= TURN_GATE + turn)
+    swing = max_yaw * np.hypot(*second.middle.T)[None]
+    may = (np.abs(across) <= max_shift + swing + INLIER * sigma) & (turned <= YAW_GATE + max_yaw)
     may &= np.abs(first.height[:, None] - second.height[None]) <= height_gate
-    may &= shared + reach + swing >= LEAST_OVERLAP
+    may &= shared + max_shift + swing >= MIN_OVERLAP
     a, b = np.nonzero(may)
     shortest = np.minimum(first.length[a], second.length[b])
     return _Pairs(
@@ -152,12 +157,13 @@ def _candidates(
         second.outward[b],
         sigma[a, b],
         np.hypot(first.turn_sigma[a], second.turn_sigma[b]),
-        np.minimum(shortest, MOST_LENGTH),
+        np.minimum(shortest, MAX_LENGTH),
     )
 
 
-def _hypotheses(pairs: _Pairs, start: Float64, reach: float, turn: float) -> Float64:
+def _hypotheses(pairs: _Pairs, start: Float64, search: tuple[float, float]) -> Float64:
     """Return poses (H, 3): the start, and what two crossing sides say together."""
+    max_shift, max_yaw = search
     trials = [start]
     order = np.argsort(-pairs.votes, kind="stable")
     for i, m in enumerate(order.tolist()):
@@ -171,9 +177,12 @@ def _hypotheses(pairs: _Pairs, start: Float64, reach: float, turn: float) -> Flo
                 continue
             trial = _solve(pairs, np.array([m, n]), start, np.ones(2))
             moved = trial - start
-            if np.hypot(*moved[:2]) <= reach + 0.02 and abs(wrap_angle(moved[2])) <= turn + 0.02:
+            if (
+                np.hypot(*moved[:2]) <= max_shift + 0.02
+                and abs(wrap_angle(moved[2])) <= max_yaw + 0.02
+            ):
                 trials.append(trial)
-            if len(trials) > MOST_PAIRS:
+            if len(trials) > MAX_HYPOTHESES:
                 return np.array(trials)
     return np.array(trials)
 
@@ -238,30 +247,30 @@ def _agreeing(pairs: _Pairs, pose: Float64) -> NDArray[np.int64]:
 def _has_rival(
     pairs: _Pairs, trials: Float64, votes: Float64, start: Float64, best: SideMatch
 ) -> bool:
-    """Tell whether a trial that is refined to another place gets nearly as many votes."""
+    """Return whether a trial that is refined to another pose gets nearly as many votes."""
     enough = AMBIGUOUS * _votes(pairs, best.pose)
-    for trial in trials[(votes > enough) & _is_apart(trials, best.pose)]:
-        other = _refine(pairs, trial, start, LEAST_SIDES)
-        if other is None or not _is_apart(other.pose[None], best.pose)[0]:
+    for trial in trials[(votes > enough) & _differ(trials, best.pose)]:
+        other = _refine(pairs, trial, start, MIN_SIDES)
+        if other is None or not _differ(other.pose[None], best.pose)[0]:
             continue
         if _votes(pairs, other.pose) > enough:
             return True
     return False
 
 
-def _is_apart(poses: Float64, pose: Float64) -> NDArray[np.bool_]:
-    """Tell which poses (N, 3) are at another place than a pose (3,)."""
+def _differ(poses: Float64, pose: Float64) -> NDArray[np.bool_]:
+    """Return which poses (N, 3) differ from a pose (3,)."""
     moved = poses - pose
-    far = np.hypot(moved[:, 0], moved[:, 1]) > APART[0]
-    return np.asarray(far | (np.abs(wrap_angle(moved[:, 2])) > APART[1]))
+    far = np.hypot(moved[:, 0], moved[:, 1]) > SAME_POSE[0]
+    return np.asarray(far | (np.abs(wrap_angle(moved[:, 2])) > SAME_POSE[1]))
 
 
-def _refine(pairs: _Pairs, trial: Float64, start: Float64, least: int) -> SideMatch | None:
+def _refine(pairs: _Pairs, trial: Float64, start: Float64, min_sides: int) -> SideMatch | None:
     """Fit the pose to all pairs that agree, with weights that forget outliers."""
     pose = trial
     use = _agreeing(pairs, pose)
     for _ in range(ROUNDS):
-        if len(use) < least:
+        if len(use) < min_sides:
             return None
         across, turned = _residuals(pairs, use, pose)
         weight = 1.0 / (1.0 + np.maximum(across**2, turned**2) / INLIER**2)
@@ -271,7 +280,7 @@ def _refine(pairs: _Pairs, trial: Float64, start: Float64, least: int) -> SideMa
         pose = moved
         if done:
             break
-    if len(use) < least or pairs.votes[use].sum() < LEAST_VOTES:
+    if len(use) < min_sides or pairs.votes[use].sum() < MIN_VOTES:
         return None
     return SideMatch(pose, _covariance(pairs, use, pose), len(use))
 

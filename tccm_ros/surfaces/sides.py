@@ -1,9 +1,9 @@
 """Sides of surfaces: the straight edges at which a view saw a surface really end.
 
-Most of a patch's outline is no edge of the surface: there the sweep ended, or something hid the
-rest. A side counts where the view looked *through* the place just beyond it. A side is placed
-where the surface is expected to end: beyond the last point by what the sampling across it left
-open, which is also how uncertain it is.
+Most of a patch's outline is no edge of the surface: there the tilt cycle ended, or something hid
+the rest. A side counts where the view looked *through* the place just beyond it. It lies where the
+surface is expected to end: beyond the last point by what the sampling across it left open, which is
+also how uncertain it is.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ Float64 = NDArray[np.float64]
 STRAIGHT = 0.02
 """An outline is cut into straight sides within this, m."""
 
-LEAST_LENGTH = 0.2
+MIN_LENGTH = 0.2
 """Shorter sides (m) have no direction."""
 
 INSIDE, OUTSIDE = 0.12, 0.05
 """Points this far (m) inside and outside of an outline's side may lie along the edge."""
 
-LEAST_BINS = 5
+MIN_BINS = 5
 """A line is fitted to at least so many points."""
 
 BEYOND = (0.10, 0.15)
 """So far outside of a side (m) the view must have looked through."""
 
 SEEN_THROUGH = 0.8
-"""Along this share of the side."""
+"""Along this fraction of the side."""
 
 CLEAR = 0.02
 """Looked through: this far (m) from the ends of the free interval."""
@@ -88,8 +88,15 @@ class Sides:
         return Sides(*(getattr(self, field.name)[keep] for field in fields(self)))
 
     def moved(self, middle: Float64, height: Float64) -> Sides:
-        """Return the sides at other places (S, 2) and heights (S,)."""
+        """Return the sides at other points (S, 2) and heights (S,)."""
         return replace(self, middle=middle, height=height)
+
+
+_Side = tuple[Float64, Float64, float, float, float]
+"""Middle, outward, length, height and sigma of one side, as in `Sides`."""
+
+_ROW = [("patch", "i8"), ("middle", "f8", 2), ("outward", "f8", 2)]
+_ROW += [("length", "f8"), ("height", "f8"), ("sigma", "f8")]
 
 
 def find_sides(view: View) -> Sides:
@@ -98,28 +105,18 @@ def find_sides(view: View) -> Sides:
     for p, patch in enumerate(view.patches):
         for part in patch.outline.geoms:
             ring = shapely.geometry.polygon.orient(part.simplify(STRAIGHT), 1.0).exterior
-            corners = np.asarray(ring.coords)
-            for start, end in pairwise(corners):
+            for start, end in pairwise(np.asarray(ring.coords)):
                 side = _side(patch, view.free, start, end)
                 if side is not None:
-                    rows.append((float(p), *side))
-    table = np.array(rows).reshape(-1, 8)
-    return Sides(
-        table[:, 0].astype(np.int64),
-        table[:, 1:3],
-        table[:, 3:5],
-        table[:, 5],
-        table[:, 6],
-        table[:, 7],
-    )
+                    rows.append((p, *side))
+    table = np.array(rows, _ROW)
+    return Sides(*(table[field.name].copy() for field in fields(Sides)))
 
 
-def _side(
-    patch: Patch, free: FreeColumns, start: Float64, end: Float64
-) -> tuple[float, float, float, float, float, float, float] | None:
+def _side(patch: Patch, free: FreeColumns, start: Float64, end: Float64) -> _Side | None:
     """Fit a side from `start` to `end`, the surface to its left; None: no edge of the surface."""
     length = float(np.hypot(*(end - start)))
-    if length < LEAST_LENGTH:
+    if length < MIN_LENGTH:
         return None
     along = (end - start) / length
     outward = np.array([along[1], -along[0]])
@@ -130,13 +127,12 @@ def _side(
     offset, slope, spread = _fit_line(at - 0.5 * length, across)
     middle = start + 0.5 * length * along + offset * outward
     height = float(patch.mean[2])
-    if not _ends(free, middle, along, outward, length, height):
+    if not _is_edge(free, middle, along, outward, length, height):
         return None
     outward = (outward - slope * along) / np.hypot(1.0, slope)
     open_, sigma = _unseen(patch.spacing, gap, outward, middle)
     sigma = float(np.sqrt(sigma**2 + SIGMA**2 + spread**2 / len(at)))
-    middle = middle + open_ * outward
-    return (*middle.tolist(), *outward.tolist(), length, height, sigma)
+    return middle + open_ * outward, outward, length, height, sigma
 
 
 def _edge_points(
@@ -152,7 +148,7 @@ def _edge_points(
     bins, at, across = bins[order], at[order], across[order]
     first = np.flatnonzero(np.r_[True, np.diff(bins) > 0]) if len(bins) else np.zeros(0, int)
     first = first[np.diff(np.r_[first, len(bins)]) >= 2]
-    if len(first) < LEAST_BINS:
+    if len(first) < MIN_BINS:
         return None
     return at[first], across[first], float(np.median(across[first] - across[first + 1]))
 
@@ -172,7 +168,7 @@ def _fit_line(at: Float64, across: Float64) -> tuple[float, float, float]:
     return float(line[0]), float(line[1]), spread
 
 
-def _ends(
+def _is_edge(
     free: FreeColumns,
     middle: Float64,
     along: Float64,
@@ -180,10 +176,10 @@ def _ends(
     length: float,
     height: float,
 ) -> bool:
-    """Tell whether the view looked through, beyond a side."""
-    places = np.linspace(-0.5, 0.5, max(int(length / 0.05), 2)) * (length - 0.1)
+    """Return whether the view looked through, beyond a side."""
+    steps = np.linspace(-0.5, 0.5, max(int(length / 0.05), 2)) * (length - 0.1)
     for beyond in BEYOND:
-        probe = middle + places[:, None] * along + beyond * outward
+        probe = middle + steps[:, None] * along + beyond * outward
         points = np.column_stack([probe, np.full(len(probe), height)])
         through = free.contains(points, np.full(len(points), CLEAR))
         if through.mean() >= SEEN_THROUGH:
@@ -194,7 +190,7 @@ def _ends(
 def _unseen(spacing: float, gap: float, outward: Float64, middle: Float64) -> tuple[float, float]:
     """Return how far beyond the last points a surface is expected to end, and its deviation, m.
 
-    A sweep's lines run around the robot, `spacing` apart, and a line's beams `gap`. A far side
+    Scan lines run around the robot, `spacing` apart, and a line's beams `gap`. A far side
     lies between the last line and the next. Of a line that runs across a side the last beam is
     lost: it is a mixed pixel. A near side shows its front face: there the last points are at it.
     """

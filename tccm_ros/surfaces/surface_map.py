@@ -14,45 +14,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.config import Config
-from tccm_ros.geometry import transform
 from tccm_ros.records import Surface, SurfaceCloud, SurfaceSighting, ViewIntervals
-from tccm_ros.surfaces.carving import carve, superseded
+from tccm_ros.surfaces.carving import Survivors, carve, superseded
 from tccm_ros.surfaces.floor import find_floor, is_floor, join_floor
 from tccm_ros.surfaces.joining import join_pieces
 from tccm_ros.surfaces.labels import Label, label_surfaces
-from tccm_ros.surfaces.merged_patches import (
-    Draft,
-    PlacedPatch,
-    draft_surface,
-    merge,
+from tccm_ros.surfaces.merged_surface import MergedSurface, fit_surface
+from tccm_ros.surfaces.merging import (
+    Members,
+    MergeFunction,
+    clouds_in_map,
+    group_patches,
+    merge_coplanar,
     surviving_patches,
 )
-from tccm_ros.surfaces.merging_as_published import merge_by_distance
 from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.polygons import polygon_rings
-from tccm_ros.surfaces.track_ids import Lineage
-from tccm_ros.surfaces.views import View, empty_view, heir_of, with_cloud, with_intervals
+from tccm_ros.surfaces.track_ids import TrackIds
+from tccm_ros.surfaces.views import View, empty_view, inheriting, with_cloud, with_intervals
 
-__all__ = ["MappedSurfaces", "SurfaceMap", "ViewPlacement", "default_tilt_covariance"]
+__all__ = ["MappedSurfaces", "SurfaceMap", "ViewPoses"]
 
 Float64 = NDArray[np.float64]
 
-LEAN = (0.005, 0.00524, 0.00524)
-"""z (m), roll and pitch (rad) of a base that nothing is known about (DESIGN section 7)."""
-
-
-UNSETTLED = 8
-"""So many of the newest views may still get company from a late one."""
+LATE_VIEWS = 8
+"""Before so many of the newest views, a late one may still come in."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ViewPlacement:
-    """Where the views are.
+class ViewPoses:
+    """The poses of the views.
 
     Attributes
     ----------
     T_map_view
-        float64 (V, 4, 4), in the order of `SurfaceMap.stamps_ns`.
+        float64 (V, 4, 4), in the order of `SurfaceMap.views`.
     cov_tilt
         float64 (V, 3, 3) of (z, roll, pitch), m and rad.
     keyframes
@@ -62,11 +58,6 @@ class ViewPlacement:
     T_map_view: Float64
     cov_tilt: Float64
     keyframes: NDArray[np.int64]
-
-
-def default_tilt_covariance(count: int) -> Float64:
-    """Return the covariances (count, 3, 3) of a base that leans as `LEAN` says."""
-    return np.tile(np.diag(np.square(LEAN)), (count, 1, 1))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,20 +82,34 @@ class MappedSurfaces:
     floor_z: float | None
     points: NDArray[np.float32]
     surface_id: NDArray[np.uint32]
-    members: tuple[tuple[PlacedPatch, ...], ...]
+    members: tuple[Members, ...]
 
 
 class SurfaceMap:
-    """Views in stamp order, however they arrive, and the surfaces that they show."""
+    """Views in stamp order, however they arrive, and the surfaces that they show.
 
-    def __init__(self, config: Config, session: int = 0):
+    Parameters
+    ----------
+    config
+        Uses the groups ``views``, ``surfaces`` and ``labels``.
+    session
+        That the views to come belong to.
+    published_merge
+        A baseline: it says which patches are one surface, and nothing is joined over what is
+        hidden. None: ours.
+    """
+
+    def __init__(
+        self, config: Config, session: int = 0, published_merge: MergeFunction | None = None
+    ):
         self._config = config
         self._session = session
+        self._published_merge = published_merge
         self._views: dict[tuple[int, int], View] = {}
-        self._judged = (-1, -1)
+        self._newest_compared = (-1, -1)
 
     def add(self, record: SurfaceCloud | ViewIntervals) -> None:
-        """Take one half of a hand-over; the other half is found by its stamp.
+        """Take one half of a surface message; the other half is found by its stamp.
 
         A second cloud, or second intervals, of one stamp replace the first.
         """
@@ -121,124 +126,132 @@ class SurfaceMap:
         self._views[view.key] = view
 
     def forget(self, has_stood: Callable[[int, int], bool]) -> None:
-        """Forget views that the next one, taken at the same place without a move, makes idle.
+        """Forget views that the next one, taken without a move, makes redundant.
 
-        The newest views are not judged yet: arrival order must not show.
+        The newest views are not compared yet: arrival order must not show.
 
         Parameters
         ----------
         has_stood
-            Tells of two stamps of this session whether the base was at one place.
+            Returns of two stamps of this session whether the base was at one place.
         """
         own = [view for view in self.views if view.session == self._session]
-        for older, newer in itertools.pairwise(own[: -UNSETTLED or None]):
-            if newer.key <= self._judged:
+        for older, newer in itertools.pairwise(own[: -LATE_VIEWS or None]):
+            if newer.key <= self._newest_compared:
                 continue
-            self._judged = newer.key
+            self._newest_compared = newer.key
             # What the pair before has made of the older one counts, and what this one makes of
             # the newer one is seen by the next.
             older, newer = self._views[older.key], self._views[newer.key]
-            heirs = None
+            replaced_by = None
             if has_stood(older.stamp_ns, newer.stamp_ns):
-                heirs = superseded(older, newer, self._config)
-            if heirs is not None:
+                replaced_by = superseded(older, newer, self._config)
+            if replaced_by is not None:
                 del self._views[older.key]
-                self._views[newer.key] = heir_of(older, newer, heirs)
+                self._views[newer.key] = inheriting(newer, older, replaced_by)
 
     @property
     def views(self) -> list[View]:
         """All views in order of sessions and stamps."""
         return [self._views[key] for key in sorted(self._views)]
 
-    def build(self, placement: ViewPlacement, walls: Float64 | None = None) -> MappedSurfaces:
+    def build(self, poses: ViewPoses, walls: Float64 | None = None) -> MappedSurfaces:
         """Build the surfaces of all views.
 
         Parameters
         ----------
-        placement
-            Where the views are, in the order of `views`.
+        poses
+            Of the views, in the order of `views`.
         walls
             float64 (W, 2, 2), ends of the walls in map: nothing is joined through them, and they
             serve for the labels.
         """
         walls = np.zeros((0, 2, 2)) if walls is None else walls
-        views, config, T = self.views, self._config, placement.T_map_view
+        views, config, T = self.views, self._config, poses.T_map_view
         left = carve(views, T, config)
-        placed = surviving_patches(views, left, config)
-        is_published = config.surfaces.segmentation == "seed"
-        if is_published:
-            groups = merge_by_distance(placed, T, config.surfaces.merge_distance)
-        else:
-            groups = merge(placed, T, placement.cov_tilt, config)
-        drafts = [d for d in (draft_surface(g, views, T, config) for g in groups) if d is not None]
-        if not is_published:
-            drafts = join_pieces(drafts, views, T, placement.cov_tilt, walls, config)
-        drafts = [d for d in drafts if d.polygon.area >= config.surfaces.min_area]
-        floor_z = find_floor(drafts, config)
-        if not is_published:
-            drafts = join_floor(drafts, floor_z, views, T, config)
-        drafts = [d for d in drafts if _is_wanted(d, floor_z, config)]
-        lineage = Lineage(views, left)
-        drafts.sort(key=lambda draft: lineage.name(draft.members))
-        labels = label_surfaces(drafts, floor_z, walls, config)
-        surfaces = [
-            _surface(draft, label, lineage, views, placement.keyframes)
-            for draft, label in zip(drafts, labels)
+        groups = self._merged(views, left, poses)
+        fitted = [fit_surface(members, views, T, config) for members in groups]
+        surfaces = [surface for surface in fitted if surface is not None]
+        if self._published_merge is None:
+            surfaces = join_pieces(surfaces, views, T, poses.cov_tilt, walls, config)
+        surfaces = [s for s in surfaces if s.polygon.area >= config.surfaces.min_area]
+        floor_z = find_floor(surfaces, config)
+        if self._published_merge is None:
+            surfaces = join_floor(surfaces, floor_z, views, T, config)
+        surfaces = [s for s in surfaces if _is_wanted(s, floor_z, config)]
+        ids = TrackIds(views, left)
+        surfaces.sort(key=lambda surface: ids.track_id(surface.members))
+        labels = label_surfaces(surfaces, floor_z, walls, config)
+        records = [
+            _record(surface, label, ids, views, poses.keyframes)
+            for surface, label in zip(surfaces, labels)
         ]
-        return _mapped(surfaces, drafts, floor_z, T)
+        return _mapped(records, surfaces, floor_z, T)
+
+    def _merged(self, views: list[View], left: Survivors, poses: ViewPoses) -> list[Members]:
+        """Return what is left of the patches, by surface."""
+        patches = surviving_patches(views, left, self._config)
+        if self._published_merge is None:
+            return merge_coplanar(patches, poses.T_map_view, poses.cov_tilt, self._config)
+        clouds = clouds_in_map(patches, poses.T_map_view)
+        root = self._published_merge(clouds, self._config.surfaces.merge_distance)
+        return group_patches(patches, root)
 
 
-def _is_wanted(draft: Draft, floor_z: float | None, config: Config) -> bool:
+def _is_wanted(surface: MergedSurface, floor_z: float | None, config: Config) -> bool:
     """Return whether a surface is floor or high enough to put things on."""
-    height = draft.height - (floor_z or 0.0)
-    return is_floor(draft, floor_z) or height >= config.surfaces.min_height
+    height = surface.height - (floor_z or 0.0)
+    return is_floor(surface, floor_z) or height >= config.surfaces.min_height
 
 
-def _surface(
-    draft: Draft,
+def _record(
+    surface: MergedSurface,
     label: Label,
-    lineage: Lineage,
+    ids: TrackIds,
     views: list[View],
     keyframes: NDArray[np.int64],
 ) -> Surface:
-    boundary, holes = polygon_rings(draft.polygon)
+    boundary, holes = polygon_rings(surface.polygon)
     points: dict[int, int] = {}
-    for member in draft.members:
+    for member in surface.members:
         points[member.view] = points.get(member.view, 0) + member.patch.count
     return Surface(
-        id=lineage.name(draft.members),
-        label=label.name,
+        id=ids.track_id(surface.members),
+        label=label.name.value,
         confidence=label.confidence,
-        height=draft.height,
-        normal=draft.normal,
-        offset=draft.offset,
-        area=draft.polygon.area,
-        centroid=draft.mean,
-        boundary=draft.lift(boundary),
-        holes=tuple(draft.lift(hole) for hole in holes),
-        points=draft.count,
-        height_std=float(np.sqrt(fit_plane(draft.cov)[1][0])),
-        first_seen_ns=lineage.first_seen_ns(draft.members),
-        last_seen_ns=lineage.last_seen_ns(draft.members),
+        height=surface.height,
+        normal=surface.normal,
+        offset=surface.offset,
+        area=surface.polygon.area,
+        centroid=surface.mean,
+        boundary=surface.lift(boundary),
+        holes=tuple(surface.lift(hole) for hole in holes),
+        points=surface.count,
+        height_std=float(np.sqrt(fit_plane(surface.cov)[1][0])),
+        first_seen_ns=ids.first_seen_ns(surface.members),
+        last_seen_ns=ids.last_seen_ns(surface.members),
         views=tuple(
             SurfaceSighting(views[v].stamp_ns, int(keyframes[v]), points[v]) for v in sorted(points)
         ),
-        took=lineage.took(draft.members),
+        took=ids.merged_ids(surface.members),
     )
 
 
 def _mapped(
-    surfaces: list[Surface], drafts: list[Draft], floor_z: float | None, T_map_view: Float64
+    records: list[Surface],
+    surfaces: list[MergedSurface],
+    floor_z: float | None,
+    T_map_view: Float64,
 ) -> MappedSurfaces:
     clouds, ids = [np.zeros((0, 3))], [np.zeros(0, np.uint32)]
-    for surface, draft in zip(surfaces, drafts):
-        for member in draft.members:
-            clouds.append(transform(T_map_view[member.view], member.patch.points))
-            ids.append(np.full(len(member.patch.points), surface.id, np.uint32))
+    for record, surface in zip(records, surfaces):
+        for cloud in clouds_in_map(surface.members, T_map_view):
+            clouds.append(cloud)
+            ids.append(np.full(len(cloud), record.id, np.uint32))
     return MappedSurfaces(
-        tuple(surfaces),
+        tuple(records),
         floor_z,
         np.concatenate(clouds).astype(np.float32),
         np.concatenate(ids),
-        tuple(draft.members for draft in drafts),
+        tuple(surface.members for surface in surfaces),
     )

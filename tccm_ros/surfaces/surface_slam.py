@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.baselines.distance_merging import merge_by_distance
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, inverse, planar, spatial
 from tccm_ros.records import (
@@ -28,10 +29,10 @@ from tccm_ros.robot import LaserKinematics
 from tccm_ros.robot.synchroniser import Synchroniser
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.wall_slam import LivePose, WallSlam
-from tccm_ros.surfaces.registration import register_views
+from tccm_ros.surfaces.registration import TILT_ORDER, register_views
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView
-from tccm_ros.surfaces.session_alignment import SessionPlace, place_session
-from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPlacement
+from tccm_ros.surfaces.session_alignment import SessionAlignment, align_session
+from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
 from tccm_ros.surfaces.views import View
 
 __all__ = ["SurfaceRecord", "SurfaceSlam", "SurfaceSolution"]
@@ -51,9 +52,6 @@ SurfaceRecord = (
 STOOD = (0.01, 0.005)
 """A base that moved no more than this (m, rad) has stood."""
 
-TILT_ORDER = [5, 0, 1]
-"""z, roll and pitch in GTSAM's order (roll, pitch, yaw, x, y, z)."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceSolution:
@@ -65,25 +63,25 @@ class SurfaceSolution:
         Keyframes, walls, loops and poses; in the frame of this session where it is not placed.
     view_stamps_ns, T_map_views
         int64 (V,), increasing, and float64 (V, 4, 4): the views of this session.
-    placement
-        Where all views are, those of a saved map first.
+    view_poses
+        Of all views, those of a saved map first.
     mapped
         Surfaces, floor and points.
     trajectory_ns, trajectory
         int64 (N,) and float64 (N, 3): planar pose of base in map for each level scan, for each
         tilt scan where there is no level laser.
     session
-        How this session was placed in a saved map; None where that was not the question.
+        How this session was aligned with a saved map; None where there was nothing to align.
     """
 
     slam: Solution
     view_stamps_ns: NDArray[np.int64]
     T_map_views: Float64
-    placement: ViewPlacement
+    view_poses: ViewPoses
     mapped: MappedSurfaces
     trajectory_ns: NDArray[np.int64]
     trajectory: Float64
-    session: SessionPlace | None = None
+    session: SessionAlignment | None = None
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
@@ -130,11 +128,16 @@ class SurfaceSlam:
             if self._saved_walls
             else WallSlam(self.config)
         )
-        self.map = SurfaceMap(self.config, self.session)
+        self.map = self._empty_map(self.session)
         for saved in self.saved_views:
             self.map.add_view(saved.view)
         self._tilt_stamps: set[int] = set()
         self._jumps = self.sync.jumps
+
+    def _empty_map(self, session: int = 0) -> SurfaceMap:
+        """Return a map without views, which merges as the configuration says."""
+        is_published = self.config.surfaces.segmentation == "seed"
+        return SurfaceMap(self.config, session, merge_by_distance if is_published else None)
 
     @property
     def saved_keyframes(self) -> int:
@@ -203,25 +206,25 @@ class SurfaceSlam:
         lost = self._is_lost
         views = [view for view in self.map.views if view.session == self.session and not lost]
         slam = self._solve_graph(views, every_covariance)
-        own = _placement(slam)
-        place = self._place_session(views, own.T_map_view)
-        T_map_session = np.eye(4) if place is None else place.T_map_session
+        own = _view_poses(slam)
+        alignment = self._align_session(views, own.T_map_view)
+        T_map_session = np.eye(4) if alignment is None else alignment.T_map_session
         own = replace(own, T_map_view=T_map_session @ own.T_map_view)
-        found = not lost and (place is None or place.found)
+        found = not lost and (alignment is None or alignment.found)
         shown = self.map if found else self._saved_map()
-        placement = self._all_views(slam, own) if found else self._old_views(slam)
+        view_poses = self._all_views(slam, own) if found else self._old_views(slam)
         lines = np.array([wall.endpoints for wall in slam.walls]).reshape(-1, 2, 2)
-        mapped = shown.build(placement, lines)
+        mapped = shown.build(view_poses, lines)
         stamps, poses = self._trajectory(slam)
         return SurfaceSolution(
             slam,
             np.array([view.stamp_ns for view in views], np.int64),
             own.T_map_view,
-            placement,
+            view_poses,
             mapped,
             stamps,
             compose2(planar(T_map_session), poses),
-            place,
+            alignment,
         )
 
     def _solve_graph(self, views: list[View], every_covariance: bool) -> Solution:
@@ -246,23 +249,23 @@ class SurfaceSlam:
         """Whether the level laser has not found this session in the saved walls yet."""
         return bool(self.saved_keyframes) and not self.walls.current_pose().localised
 
-    def _place_session(self, views: list[View], T_session_view: Float64) -> SessionPlace | None:
+    def _align_session(self, views: list[View], T_session_view: Float64) -> SessionAlignment | None:
         """Find this session in a saved map that has no level scans of its own to do that."""
         if not self.saved_views or self.saved_keyframes:
             return None
         old = [saved.view for saved in self.saved_views]
         T_map_old = np.stack([saved.T_anchor_view for saved in self.saved_views])
-        return place_session(old, T_map_old, views, T_session_view, self.config)
+        return align_session(old, T_map_old, views, T_session_view, self.config)
 
     def _saved_map(self) -> SurfaceMap:
         """Return the saved map alone: a session that was not found must not spoil it."""
-        shown = SurfaceMap(self.config)
+        shown = self._empty_map()
         for saved in self.saved_views:
             shown.add_view(saved.view)
         return shown
 
-    def _old_views(self, slam: Solution) -> ViewPlacement:
-        """Place the views of a saved map: they move with the keyframes they hang on."""
+    def _old_views(self, slam: Solution) -> ViewPoses:
+        """Return the poses of a saved map's views: they move with the keyframes they hang on."""
         keyframes = np.array([saved.keyframe for saved in self.saved_views], np.int64)
         T_anchor_view = np.array([s.T_anchor_view for s in self.saved_views]).reshape(-1, 4, 4)
         poses = np.array([k.pose for k in slam.keyframes]).reshape(-1, 3)
@@ -270,11 +273,11 @@ class SurfaceSlam:
         hung = np.array([saved.hangs for saved in self.saved_views], bool)
         anchors[hung] = spatial(poses[keyframes[hung]])
         cov = np.array([saved.cov_tilt for saved in self.saved_views]).reshape(-1, 3, 3)
-        return ViewPlacement(anchors @ T_anchor_view, cov, keyframes)
+        return ViewPoses(anchors @ T_anchor_view, cov, keyframes)
 
-    def _all_views(self, slam: Solution, own: ViewPlacement) -> ViewPlacement:
+    def _all_views(self, slam: Solution, own: ViewPoses) -> ViewPoses:
         old = self._old_views(slam)
-        return ViewPlacement(
+        return ViewPoses(
             np.concatenate([old.T_map_view, own.T_map_view]),
             np.concatenate([old.cov_tilt, own.cov_tilt]),
             np.concatenate([old.keyframes, own.keyframes]),
@@ -293,12 +296,12 @@ class SurfaceSlam:
         """
         if self._is_lost:
             return SavedMap(self._saved_walls, self.saved_views)
-        placement, keep = solution.placement, self.map.views[: len(solution.placement.keyframes)]
+        view_poses, keep = solution.view_poses, self.map.views[: len(solution.view_poses.keyframes)]
         poses = {k.id: spatial(k.pose) for k in solution.slam.keyframes}
         state = self.walls.state() if self.counts["level scans"] or self.saved_keyframes else {}
         views = []
         for view, T, cov, k in zip(
-            keep, placement.T_map_view, placement.cov_tilt, placement.keyframes.tolist()
+            keep, view_poses.T_map_view, view_poses.cov_tilt, view_poses.keyframes.tolist()
         ):
             hangs = bool(state) and k in poses
             T_anchor = poses[k] if hangs else np.eye(4)
@@ -324,6 +327,6 @@ class SurfaceSlam:
         return slam
 
 
-def _placement(slam: Solution) -> ViewPlacement:
+def _view_poses(slam: Solution) -> ViewPoses:
     cov = slam.cov_views[:, TILT_ORDER][:, :, TILT_ORDER]
-    return ViewPlacement(slam.T_map_views, cov, slam.view_keyframes)
+    return ViewPoses(slam.T_map_views, cov, slam.view_keyframes)

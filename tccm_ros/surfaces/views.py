@@ -27,7 +27,7 @@ __all__ = [
     "column_keys",
     "empty_view",
     "first_numbers",
-    "heir_of",
+    "inheriting",
     "thin_cloud",
     "with_cloud",
     "with_intervals",
@@ -197,18 +197,18 @@ def first_numbers(views: list[View]) -> list[int]:
     return numbers
 
 
-def heir_of(older: View, newer: View, heirs: Mapping[int, int]) -> View:
-    """Return the newer view with what names the patches of an older one, which is to be forgotten.
+def inheriting(newer: View, older: View, replaced_by: Mapping[int, int]) -> View:
+    """Return the newer view with the numbers and stamps of an older one, which is to be forgotten.
 
     Parameters
     ----------
-    older, newer
+    newer, older
         Neighbours in the order of views.
-    heirs
+    replaced_by
         For patches of the older view, the patch of the newer one that replaced it.
     """
     patches = list(newer.patches)
-    for p, q in sorted(heirs.items()):
+    for p, q in sorted(replaced_by.items()):
         patch, own = older.patches[p], patches[q]
         number = (p if patch.number is None else patch.number) - len(older.patches)
         seen = older.stamp_ns if patch.first_seen_ns is None else patch.first_seen_ns

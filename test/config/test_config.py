@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tccm_ros.config import Config, parameters
-from tccm_ros.config.file import read_config
+from tccm_ros.config.reader import read_config
 from tccm_ros.errors import ConfigError
 
 DEFAULTS = {

@@ -6,15 +6,26 @@ from shapely import Polygon
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
-from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPlacement, default_tilt_covariance
+from tccm_ros.surfaces.surface_map import ViewPoses
+from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 TABLE = Board(1.5, 0.0, 0.8, 1.4, 0.74)
 
 
+def default_tilt_covariance(count):
+    """Return covariances (count, 3, 3) of (z, roll, pitch) of an unknown base."""
+    return np.tile(np.diag(np.square([0.005, 0.00524, 0.00524])), (count, 1, 1))
+
+
+def poses_at(T_map_view):
+    """Return view poses at (V, 4, 4), each with a keyframe of its own."""
+    count = len(T_map_view)
+    return ViewPoses(T_map_view, default_tilt_covariance(count), np.arange(count))
+
+
 def build(looks, poses=None, config=None, order=None, *, sees_through=True):
     """Map sweeps (room, pose, stamp) at their true poses, or at others."""
-    config = config or Config()
-    surface_map = SurfaceMap(config)
+    surface_map = SurfaceSlam(config or Config()).map
     records = [r for room, pose, stamp in looks for r in room.look(pose, stamp)]
     if not sees_through:
         records = records[::2]
@@ -22,12 +33,7 @@ def build(looks, poses=None, config=None, order=None, *, sees_through=True):
         surface_map.add(records[k])
     stamps = sorted({stamp for _, _, stamp in looks})
     where = poses or [next(p for _, p, s in looks if s == stamp) for stamp in stamps]
-    placement = ViewPlacement(
-        spatial(np.array(where)),
-        default_tilt_covariance(len(stamps)),
-        np.arange(len(stamps)),
-    )
-    return surface_map.build(placement)
+    return surface_map.build(poses_at(spatial(np.array(where))))
 
 
 def standing(mapped):

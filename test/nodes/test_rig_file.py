@@ -7,7 +7,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import LaserScan
 
 from tccm_ros.config import Config, Rig
-from tccm_ros.config.file import read_config
+from tccm_ros.config.reader import read_config
 from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.pipeline.calibrate.calibration import Calibration

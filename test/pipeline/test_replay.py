@@ -11,7 +11,7 @@ from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter
 from tccm_ros.cli import app
 from tccm_ros.config import Config
-from tccm_ros.config.file import read_config
+from tccm_ros.config.reader import read_config
 from tccm_ros.errors import BagError, MapError, TopicError
 from tccm_ros.geometry import planar, spatial
 from tccm_ros.pipeline.evaluate.surfaces import score_surfaces

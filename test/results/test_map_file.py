@@ -18,7 +18,7 @@ from tccm_ros.geometry import planar
 from tccm_ros.results.exports import surfaces_table
 from tccm_ros.results.map_file import load_map, save_map
 from tccm_ros.results.numbers import json_text
-from tccm_ros.surfaces.saved_views import pack_views
+from tccm_ros.surfaces.saved_map import pack_views
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 

@@ -5,6 +5,7 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
+from surface_maps import poses_at
 
 from tccm_ros.config import Config
 from tccm_ros.cuboids.part_map import PartMapBuilder
@@ -23,11 +24,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.results.result_bag import write_result_bag
 from tccm_ros.slam.solution import Solution
-from tccm_ros.surfaces.surface_map import (
-    MappedSurfaces,
-    ViewPlacement,
-    default_tilt_covariance,
-)
+from tccm_ros.surfaces.surface_map import MappedSurfaces
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 S = 1_000_000_000
@@ -84,10 +81,9 @@ def solution(cycles, level_scans=30):
     points = np.tile(np.float32(RING), (len(seen), 1)).reshape(-1, 3)
     mapped = MappedSurfaces(surfaces, 0.0, points, ids, ((),) * len(seen))
     T_views = np.tile(np.eye(4), (len(seen), 1, 1))
-    placement = ViewPlacement(T_views, default_tilt_covariance(len(seen)), np.zeros(len(seen), int))
     return SurfaceSolution(
         slam=slam, view_stamps_ns=np.array(seen, np.int64), T_map_views=T_views,
-        placement=placement, mapped=mapped, trajectory_ns=stamps, trajectory=poses,
+        view_poses=poses_at(T_views), mapped=mapped, trajectory_ns=stamps, trajectory=poses,
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from robots import (
 )
 
 from tccm_ros.config import Config
-from tccm_ros.config.file import read_config
+from tccm_ros.config.reader import read_config
 from tccm_ros.errors import FrameError, UrdfError
 from tccm_ros.geometry import pose_from_rpy, transform
 from tccm_ros.robot import LaserKinematics, NotBracketed

@@ -17,7 +17,7 @@ from robots import (
     transform_at,
 )
 
-from tccm_ros.config.file import read_config
+from tccm_ros.config.reader import read_config
 from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan, TransformSample
 from tccm_ros.robot import LaserKinematics

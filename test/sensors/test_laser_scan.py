@@ -21,7 +21,7 @@ from robots import (
 from shared_data import shared
 
 from tccm_ros.config import Config
-from tccm_ros.config.file import read_config
+from tccm_ros.config.reader import read_config
 from tccm_ros.geometry import interpolate_poses, inverse, pose_from_rpy, transform
 from tccm_ros.records import PosedScan, Scan
 from tccm_ros.robot import LaserKinematics

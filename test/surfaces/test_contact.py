@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
-from tccm_ros.surfaces.contact import box_pairs, connect, patch_boxes
+from tccm_ros.surfaces.contact import box_pairs, connect, patch_clouds
 from tccm_ros.surfaces.patch_planes import (
     EFFECTIVE_POINTS,
     FLATNESS,
@@ -23,19 +23,24 @@ def clouds(seed, patches, most, size):
     middles = rng.uniform(0.0, size, (patches, 3)) * [1.0, 1.0, 0.05]
     counts = rng.integers(0, most + 1, patches)
     parts = [m + rng.uniform(-0.2, 0.2, (n, 3)) * [1, 1, 0.05] for m, n in zip(middles, counts)]
-    return np.concatenate(parts), np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    return patch_clouds(parts)
 
 
-def planes_of(points, offsets, seed=None):
-    """Return planes of patches: level and known to nothing, or leaning at random."""
-    count = len(offsets) - 1
+def parts_of(clouds):
+    """Return the points of each patch."""
+    return [clouds.points[a:b] for a, b in pairwise(clouds.offsets)]
+
+
+def planes_of(clouds, seed=None):
+    """Return planes of patches: horizontal and known to nothing, or tilted at random."""
+    count = len(clouds.boxes)
     if seed is None:
         cov = np.tile(np.eye(3), (count, 1, 1))
         return PatchPlanes(
             np.arange(count), np.zeros((count, 3)), np.zeros((count, 2)), np.ones(count), cov
         )
     rng = np.random.default_rng(seed)
-    middles = [points[a:b].mean(axis=0) if b > a else np.zeros(3) for a, b in pairwise(offsets)]
+    middles = [part.mean(axis=0) if len(part) else np.zeros(3) for part in parts_of(clouds)]
     tilt = np.diag(np.square([0.005, 0.005, 0.005]))
     return PatchPlanes(
         rng.integers(0, 3, count),
@@ -62,14 +67,15 @@ def agree(a, b, meeting, planes, q, p):
     return abs(heights[0] - heights[1]) <= min(GATE * np.sqrt(variance), STEP)
 
 
-def brute_force(points, offsets, distance, planes=None):
+def brute_force(clouds, distance, planes=None):
     """Connected components by all distances, patches coming one by one."""
-    count = len(offsets) - 1
+    parts = parts_of(clouds)
+    count = len(parts)
     root = np.arange(count)
     for p in range(count):
         touched = set()
         for q in range(p):
-            a, b = points[offsets[q] : offsets[q + 1]], points[offsets[p] : offsets[p + 1]]
+            a, b = parts[q], parts[p]
             touch = cdist(a, b, "sqeuclidean") <= distance**2
             meeting = cdist(a[:, :2], b[:, :2], "sqeuclidean") <= distance**2
             if touch.any() and (planes is None or agree(a, b, meeting, planes, q, p)):
@@ -81,11 +87,9 @@ def brute_force(points, offsets, distance, planes=None):
     return root
 
 
-def fast(points, offsets, distance, planes=None, step=np.inf):
-    boxes = patch_boxes(points, offsets)
-    planes = planes_of(points, offsets) if planes is None else planes
-    pairs = box_pairs(boxes, distance)
-    return connect(points, offsets, boxes, pairs, distance, planes, step)
+def fast(clouds, distance, planes=None, step=np.inf):
+    planes = planes_of(clouds) if planes is None else planes
+    return connect(clouds, box_pairs(clouds.boxes, distance), distance, planes, step)
 
 
 @settings(max_examples=60, deadline=None)
@@ -93,9 +97,8 @@ def fast(points, offsets, distance, planes=None, step=np.inf):
     st.integers(0, 10**6), st.integers(1, 25), st.integers(0, 30), st.sampled_from([0.5, 1.5, 4.0])
 )
 def test_components_equal_brute_force(seed, patches, most, size):
-    points, offsets = clouds(seed, patches, most, size)
-    root = fast(points, offsets, 0.05)
-    np.testing.assert_array_equal(root, brute_force(points, offsets, 0.05))
+    some = clouds(seed, patches, most, size)
+    np.testing.assert_array_equal(fast(some, 0.05), brute_force(some, 0.05))
 
 
 @settings(max_examples=60, deadline=None)
@@ -103,30 +106,27 @@ def test_components_equal_brute_force(seed, patches, most, size):
 def test_patches_that_differ_where_they_meet_stay_apart_as_by_brute_force(
     seed, patches, most, size
 ):
-    points, offsets = clouds(seed, patches, most, size)
-    planes = planes_of(points, offsets, seed)
-    root = fast(points, offsets, 0.05, planes, STEP)
-    np.testing.assert_array_equal(root, brute_force(points, offsets, 0.05, planes))
+    some = clouds(seed, patches, most, size)
+    planes = planes_of(some, seed)
+    root = fast(some, 0.05, planes, STEP)
+    np.testing.assert_array_equal(root, brute_force(some, 0.05, planes))
 
 
 def test_the_limit_itself_touches():
     distance = 0.0625  # exact in binary, so that the squared distance is exact too
     near = np.array([[0.0, 0.0, 0.0], [distance, 0.0, 0.0]])
     far = np.array([[0.0, 0.0, 0.0], [np.nextafter(distance, 1.0), 0.0, 0.0]])
-    offsets = np.array([0, 1, 2])
-    assert fast(near, offsets, distance).tolist() == [0, 0]
-    assert fast(far, offsets, distance).tolist() == [0, 1]
+    assert fast(patch_clouds(np.split(near, 2)), distance).tolist() == [0, 0]
+    assert fast(patch_clouds(np.split(far, 2)), distance).tolist() == [0, 1]
 
 
 def test_pairs_that_may_not_merge_keep_their_patches_apart():
-    points, offsets = np.zeros((3, 3)), np.array([0, 1, 2, 3])
-    boxes = patch_boxes(points, offsets)
-    planes = planes_of(points, offsets)
-    root = connect(points, offsets, boxes, np.array([[0, 2]]), 0.05, planes, np.inf)
+    some = patch_clouds([np.zeros((1, 3))] * 3)
+    root = connect(some, np.array([[0, 2]]), 0.05, planes_of(some), np.inf)
     assert root.tolist() == [0, 1, 0]
 
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_no_pairs_without_patches(count):
-    points, offsets = np.zeros((count, 3)), np.arange(count + 1)
-    assert fast(points, offsets, 0.05).tolist() == list(range(count))
+    some = patch_clouds([np.zeros((1, 3))] * count)
+    assert fast(some, 0.05).tolist() == list(range(count))

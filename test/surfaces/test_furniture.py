@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 import shapely
-from furniture import draft
+from furniture import merged
 from shapely import affinity, box
 
 from tccm_ros.config import Config
@@ -30,8 +30,8 @@ def place(length, depth, rng, at):
 
 
 def furnish(rng):
-    """Return drafts and the names that a person would give, three metres apart."""
-    drafts, names = [], []
+    """Return surfaces and the names that a person would give, three metres apart."""
+    surfaces, names = [], []
     for k, (name, (lengths, depths, heights, label)) in enumerate(SIZES.items()):
         length, depth = rng.uniform(*lengths), rng.uniform(*depths)
         height, turn = rng.uniform(*heights), rng.uniform(0, 360)
@@ -42,17 +42,17 @@ def furnish(rng):
             parts.append((back, height + rng.uniform(0.30, 0.45), "", name))
         for part, z, wanted, what in parts:
             turned = affinity.rotate(part, turn, origin=(0, 0))
-            drafts.append(draft(affinity.translate(turned, 4.0 * k, 0.0), z, rng))
+            surfaces.append(merged(affinity.translate(turned, 4.0 * k, 0.0), z, rng))
             names.append((what, wanted))
-    return drafts, names
+    return surfaces, names
 
 
 @pytest.fixture(scope="module")
 def verdicts():
     found = {name: Counter() for name in SIZES}
     for seed in range(FLATS):
-        drafts, names = furnish(np.random.default_rng(seed))
-        labels = label_surfaces(drafts, 0.0, None, Config())
+        surfaces, names = furnish(np.random.default_rng(seed))
+        labels = label_surfaces(surfaces, 0.0, None, Config())
         for label, (name, wanted) in zip(labels, names, strict=True):
             if wanted:
                 right = "right" if label.name == wanted else label.name
@@ -70,28 +70,28 @@ def test_furniture_is_named_or_left_unnamed(verdicts, name):
 
 def test_a_sofa_whose_back_nobody_saw_is_no_seat():
     rng = np.random.default_rng(0)
-    seat = draft(box(0, 0, 1.9, 0.7), 0.44, rng)
+    seat = merged(box(0, 0, 1.9, 0.7), 0.44, rng)
     assert label_surfaces([seat], 0.0, None, Config())[0].name == "other"
 
 
 def test_a_headboard_makes_no_sofa_of_a_bed():
     rng = np.random.default_rng(0)
-    bed = draft(box(0, 0, 2.0, 1.2), 0.5, rng)
-    board = draft(box(2.02, -0.05, 2.12, 1.25), 0.95, rng)
+    bed = merged(box(0, 0, 2.0, 1.2), 0.5, rng)
+    board = merged(box(2.02, -0.05, 2.12, 1.25), 0.95, rng)
     assert label_surfaces([bed, board], 0.0, None, Config())[0].name == "bed"
 
 
 def test_a_crate_and_a_small_side_table_are_other():
     rng = np.random.default_rng(0)
     for side, height in ((0.38, 0.32), (0.45, 0.53)):
-        label = label_surfaces([draft(box(0, 0, side, side), height, rng)], 0.0, None, Config())[0]
+        label = label_surfaces([merged(box(0, 0, side, side), height, rng)], 0.0, None, Config())[0]
         assert label.name == "other"
 
 
 def test_what_stands_next_to_a_wall_is_nearer_to_a_counter():
     walls = shapely.get_coordinates(shapely.LineString([(-1, -0.02), (4, -0.02)])).reshape(1, 2, 2)
     rng = np.random.default_rng(0)
-    worktop = draft(box(0, 0, 2.4, 0.6), 0.9, rng)
+    worktop = merged(box(0, 0, 2.4, 0.6), 0.9, rng)
     free = label_surfaces([worktop], 0.0, None, Config())[0]
     at_wall = label_surfaces([worktop], 0.0, walls, Config())[0]
     assert free.name == at_wall.name == "counter"

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from shapely import Polygon
+from surface_maps import overlap, poses_at, standing
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
 from tccm_ros.records import SurfaceCloud
-from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPlacement, default_tilt_covariance
+from tccm_ros.surfaces.surface_map import SurfaceMap
 
 SIDEBOARD = Board(1.6, 0.0, 0.5, 1.6, 0.75)
 POST = Screen(1.2, -0.09, 1.2, 0.09, 1.8)
@@ -22,21 +22,12 @@ def build(records, poses, walls=None):
     surface_map = SurfaceMap(Config())
     for record in records:
         surface_map.add(record)
-    count = len(poses)
-    placement = ViewPlacement(
-        spatial(np.array(poses, float)), default_tilt_covariance(count), np.arange(count)
-    )
-    return surface_map.build(placement, walls).surfaces
+    return surface_map.build(poses_at(spatial(np.array(poses, float))), walls)
 
 
 def look(room, *poses, walls=None):
     records = [r for k, pose in enumerate(poses) for r in room.look(pose, 10 * k + 10)]
-    return [s for s in build(records, poses, walls) if s.label != "floor"]
-
-
-def overlap(surface, board):
-    polygon = Polygon(surface.boundary[:, :2])
-    return polygon.intersection(board.polygon).area / polygon.union(board.polygon).area
+    return standing(build(records, poses, walls))
 
 
 def test_what_something_hides_right_across_is_joined():
@@ -94,8 +85,8 @@ def floors(*strips):
             surface = np.concatenate([before.surface, surface])
             cloud = SurfaceCloud(cloud.stamp_ns, "base", points, surface)
         clouds[cloud.stamp_ns] = cloud
-    surfaces = build(clouds.values(), [(0.0, 0.0, 0.0)] * len(clouds))
-    return [s for s in surfaces if s.label == "floor"]
+    mapped = build(clouds.values(), [(0.0, 0.0, 0.0)] * len(clouds))
+    return [s for s in mapped.surfaces if s.label == "floor"]
 
 
 @pytest.mark.parametrize("stamp", [1, 2])

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from surface_maps import default_tilt_covariance
 
 from tccm_ros.config import Config
 from tccm_ros.records import SurfaceCloud
-from tccm_ros.surfaces.merged_patches import PlacedPatch, merge
-from tccm_ros.surfaces.surface_map import default_tilt_covariance
+from tccm_ros.surfaces.merging import NumberedPatch, merge_coplanar
 from tccm_ros.surfaces.views import empty_view, with_cloud
 
 CONFIG = Config()
@@ -27,9 +27,9 @@ def patch(x, height, *, step=0.03, seed=0):
 
 def count(patches, views):
     """Return how many surfaces patches make, each of one of the views."""
-    placed = [PlacedPatch(k, view, p) for k, (p, view) in enumerate(zip(patches, views))]
+    patches = [NumberedPatch(k, view, p) for k, (p, view) in enumerate(zip(patches, views))]
     T = np.tile(np.eye(4), (max(views) + 1, 1, 1))
-    return len(merge(placed, T, default_tilt_covariance(len(T)), CONFIG))
+    return len(merge_coplanar(patches, T, default_tilt_covariance(len(T)), CONFIG))
 
 
 def level(z):

@@ -59,10 +59,19 @@ def test_sides_lie_on_the_borders_of_boards():
     assert np.mean(np.square(np.array(errors) / sigmas)) < 3.0
 
 
-def test_what_hides_a_surface_makes_no_side():
+@pytest.mark.parametrize(
+    ("screens", "faces"),
+    [
+        ([], {(1, 0), (-1, 0), (0, 1), (0, -1)}),
+        ([Screen(0.8, -0.1, 0.8, 1.5, 1.9)], {(1, 0), (-1, 0), (0, -1)}),
+    ],
+)
+def test_what_hides_a_surface_makes_no_side(screens, faces):
     board = Board(1.8, 0.0, 0.8, 2.0, 0.74)
-    (view,) = views_of(Room([board], [Screen(0.8, -0.1, 0.8, 1.5, 1.9)]), POSES[:1])
-    for middle in find_sides(view).middle:
+    (view,) = views_of(Room([board], screens), POSES[:1])
+    sides = find_sides(view)
+    assert {tuple(face) for face in np.rint(sides.outward).tolist()} == faces
+    for middle in sides.middle:
         assert distance_to_border(board, middle) < 0.04
 
 

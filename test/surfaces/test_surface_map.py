@@ -6,8 +6,8 @@ from room import Board, Room, Screen
 from surface_maps import TABLE, build, overlap, standing
 
 from tccm_ros.config import Config
-from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPlacement
-from tccm_ros.surfaces.track_ids import Change, changes
+from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPoses
+from tccm_ros.surfaces.track_ids import SurfaceChange, changes
 
 
 def test_one_table_from_three_places_is_one_surface():
@@ -56,8 +56,8 @@ def test_a_loop_closure_merges_and_splits_and_ids_stay():
     assert [s.id for s in standing(together)] == [first]
     other = max(s.id for s in standing(apart))
     assert standing(together)[0].took == (other,)
-    assert Change(first, (other,), None) in changes(apart.surfaces, together.surfaces)
-    assert Change(other, (), first) in changes(together.surfaces, apart.surfaces)
+    assert SurfaceChange(first, (other,), None) in changes(apart.surfaces, together.surfaces)
+    assert SurfaceChange(other, (), first) in changes(together.surfaces, apart.surfaces)
     again = build(looks, poses=[(0, 0, 0), (6.2, 0.3, 3.14)])
     assert [s.id for s in again.surfaces] == [s.id for s in apart.surfaces]
 
@@ -105,9 +105,9 @@ def test_every_id_of_one_solution_is_found_in_another():
             told = {c.id: c for c in changes(one.surfaces, other.surfaces)}
             for surface in other.surfaces:
                 if surface.id not in {s.id for s in one.surfaces}:
-                    assert told[surface.id].parted_from in {s.id for s in one.surfaces}
+                    assert told[surface.id].split_from in {s.id for s in one.surfaces}
             gone = {s.id for s in one.surfaces} - {s.id for s in other.surfaces}
-            assert gone == {name for c in told.values() for name in c.took}
+            assert gone == {name for c in told.values() for name in c.merged_ids}
 
 
 def test_a_table_that_was_moved_is_moved_in_the_map():
@@ -178,7 +178,7 @@ def test_no_floor_is_no_height():
 
 def test_no_views_no_surfaces():
     mapped = SurfaceMap(Config()).build(
-        ViewPlacement(np.zeros((0, 4, 4)), np.zeros((0, 3, 3)), np.zeros(0, np.int64))
+        ViewPoses(np.zeros((0, 4, 4)), np.zeros((0, 3, 3)), np.zeros(0, np.int64))
     )
     assert mapped.surfaces == ()
     assert mapped.floor_z is None

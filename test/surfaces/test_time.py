@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from surface_maps import overlap, standing
+from surface_maps import overlap, poses_at, standing
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
-from tccm_ros.surfaces.saved_views import pack_views, unpack_views
-from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPlacement, default_tilt_covariance
+from tccm_ros.surfaces.saved_map import pack_views, unpack_views
+from tccm_ros.surfaces.surface_map import SurfaceMap
 
 TABLE = Board(1.6, -0.9, 0.8, 0.9, 0.74)
 STOOL = Board(1.3, 0.9, 0.4, 0.4, 0.46)
@@ -33,8 +33,7 @@ def look_at(rooms, *, saved_after=None):
                 surface_map.add_view(view)
     count = len(rooms)
     where = spatial(np.array(PLACES[:count], float))
-    placement = ViewPlacement(where, default_tilt_covariance(count), np.arange(count))
-    return {round(s.height, 2): s for s in standing(surface_map.build(placement))}
+    return {round(s.height, 2): s for s in standing(surface_map.build(poses_at(where)))}
 
 
 BOTH = Room([TABLE, STOOL])

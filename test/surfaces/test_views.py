@@ -6,13 +6,13 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from room import Board, Room
-from surface_maps import build, standing
+from surface_maps import build, poses_at, standing
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, transform2
 from tccm_ros.records import SurfaceCloud, ViewIntervals
-from tccm_ros.surfaces.saved_views import pack_views
-from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPlacement, default_tilt_covariance
+from tccm_ros.surfaces.saved_map import pack_views
+from tccm_ros.surfaces.surface_map import SurfaceMap
 from tccm_ros.surfaces.views import empty_view, thin_cloud, with_cloud
 
 CONFIG = Config()
@@ -116,8 +116,7 @@ def test_a_place_seen_from_afar_in_a_few_lines_counts():
     surface_map = SurfaceMap(CONFIG)
     surface_map.add(cloud(points, [0] * len(floor) + [1] * len(far)))
     surface_map.add(ViewIntervals(7, "base", np.zeros((0, 4), np.float32)))
-    placement = ViewPlacement(np.eye(4)[None], default_tilt_covariance(1), np.zeros(1, np.int64))
-    (table,) = standing(surface_map.build(placement))
+    (table,) = standing(surface_map.build(poses_at(np.eye(4)[None])))
     assert table.points == 48
     assert table.area == pytest.approx(0.36 * 0.8, rel=0.35)
     assert table.height == pytest.approx(0.74, abs=1e-6)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shared_data import shared
 
-from tccm_ros.config.file import read_config
+from tccm_ros.config.reader import read_config
 from tccm_ros.pipeline.calibrate import Calibration, calibrate
 from tccm_ros.pipeline.calibrate.quality import select
 from tccm_ros.pipeline.calibrate.surroundings import CORNER, near_another
@@ -63,8 +63,10 @@ DEMANDED = {
 def test_known_errors_are_recovered(name: str, tmp_path: Path):
     options = CASES[name]
     found = run(tmp_path / "bag", **options)
+    expected = truth(options)
+    assert {quantity.name for quantity in found.judgement.quantities} == set(expected)
     for quantity in found.judgement.quantities:
-        error = abs(quantity.value - truth(options)[quantity.name])
+        error = abs(quantity.value - expected[quantity.name])
         assert quantity.sigma is not None, quantity
         assert error < 3.0 * quantity.sigma, (quantity, error)
         assert error < DEMANDED.get(quantity.name, np.inf), (quantity, error)

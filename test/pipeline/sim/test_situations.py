@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from situation_cycle import FLOOR, OTHER, SUBJECT, WALL, cycle
 
-from tccm_ros.pipeline.sim.situations import FLOOR, OTHER, SITUATIONS, SUBJECT, WALL, cycle
+from tccm_ros.pipeline.sim.situations import SITUATIONS
 
 
 def subject(c):

@@ -2,19 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from room import Board, Room, Screen
-from scipy.spatial.distance import cdist
 from surface_maps import build, standing
 
 from tccm_ros.baselines.seed_segmentation import segment
 from tccm_ros.config import Config
-from tccm_ros.config.file import read_config
-from tccm_ros.records import SurfaceCloud
-from tccm_ros.surfaces.merged_patches import PlacedPatch
-from tccm_ros.surfaces.merging_as_published import merge_by_distance
-from tccm_ros.surfaces.views import empty_view, with_cloud
+from tccm_ros.config.reader import read_config
 
 SEED = Config.model_validate({"surfaces": {"segmentation": "seed"}})
 HERE = (0.0, 0.0, 0.0)
@@ -88,32 +81,3 @@ def test_nothing_is_joined_over_what_is_hidden():
     room = Room([Board(1.6, 0.0, 0.5, 1.6, 0.75)], [Screen(1.2, -0.09, 1.2, 0.09, 1.8)])
     assert len(standing(build([(room, HERE, 10)]))) == 1
     assert len(standing(build([(room, HERE, 10)], config=SEED))) == 2
-
-
-def patch(points):
-    cloud = SurfaceCloud(1, "base", points.astype(np.float32), np.zeros(len(points), np.uint32))
-    return with_cloud(empty_view(1, 0, SEED), cloud, SEED).patches[0]
-
-
-@settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10**6), st.integers(1, 12))
-def test_merging_equals_brute_force(seed, count):
-    rng = np.random.default_rng(seed)
-    patches = []
-    for _ in range(count):
-        middle = rng.uniform(0.0, 1.5, 3) * [1.0, 1.0, 0.1]
-        patches.append(patch(middle + rng.uniform(-0.2, 0.2, (40, 3)) * [1.0, 1.0, 0.1]))
-    root = np.arange(count)
-    for _ in range(count):
-        for a in range(count):
-            for b in range(a):
-                if cdist(patches[a].points, patches[b].points).min() <= 0.05:
-                    root[root == max(root[a], root[b])] = min(root[a], root[b])
-    placed = [PlacedPatch(k, 0, one) for k, one in enumerate(patches)]
-    groups = merge_by_distance(placed, np.eye(4)[None], 0.05)
-    expected = [tuple(np.flatnonzero(root == r)) for r in np.unique(root)]
-    assert [tuple(m.number for m in group) for group in groups] == expected
-
-
-def test_no_patches_no_surfaces():
-    assert merge_by_distance([], np.zeros((0, 4, 4)), 0.05) == []

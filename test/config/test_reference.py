@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from tccm_ros.config import Config
-from tccm_ros.config.file import read_config
-from tccm_ros.config.text import as_markdown, as_yaml
+from tccm_ros.config.reader import read_config
+from tccm_ros.config.reference import as_markdown, as_yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 

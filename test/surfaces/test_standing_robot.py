@@ -5,16 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from surface_maps import TABLE, standing
+from surface_maps import TABLE, poses_at, standing
 
 from tccm_ros.config import Config
 from tccm_ros.records import SurfaceCloud
-from tccm_ros.surfaces.saved_views import pack_views, unpack_views
+from tccm_ros.surfaces.saved_map import pack_views, unpack_views
 from tccm_ros.surfaces.surface_map import (
-    UNSETTLED,
+    LATE_VIEWS,
     SurfaceMap,
-    ViewPlacement,
-    default_tilt_covariance,
 )
 
 HOUR = 360
@@ -32,11 +30,7 @@ def stand(surface_map, views, has_stood=lambda a, b: True):
 
 
 def built(surface_map):
-    count = len(surface_map.views)
-    placement = ViewPlacement(
-        np.stack([np.eye(4)] * count), default_tilt_covariance(count), np.zeros(count, np.int64)
-    )
-    return surface_map.build(placement)
+    return surface_map.build(poses_at(np.stack([np.eye(4)] * len(surface_map.views))))
 
 
 def sweeps(room, count, start=0):
@@ -57,7 +51,7 @@ def test_memory_is_flat_over_an_hour_of_standing():
     stand(surface_map, sweeps(Room([TABLE]), 40))
     early = size(surface_map)
     stand(surface_map, sweeps(Room([TABLE]), HOUR - 40, start=40))
-    assert len(surface_map.views) == UNSETTLED + 1
+    assert len(surface_map.views) == LATE_VIEWS + 1
     assert size(surface_map) <= 1.05 * early
     (table,) = standing(built(surface_map))
     assert table.first_seen_ns == 10
@@ -98,7 +92,7 @@ def test_what_only_the_older_view_saw_is_kept():
     hidden = Room([TABLE, stool], [Screen(0.35, 0.6, 0.7, 0.15, 1.9)])
     stand(surface_map, sweeps(hidden, 30, start=10))
     assert {round(s.height, 1) for s in standing(built(surface_map))} == {0.5, 0.7}
-    assert len(surface_map.views) <= UNSETTLED + 3
+    assert len(surface_map.views) <= LATE_VIEWS + 3
 
 
 def test_a_robot_that_moves_keeps_its_views():
@@ -122,7 +116,7 @@ def test_single_lines_of_a_sweep_are_no_surface_and_keep_no_view():
     ]
     surface_map = SurfaceMap(Config())
     stand(surface_map, lines)
-    assert len(surface_map.views) == UNSETTLED + 1
+    assert len(surface_map.views) == LATE_VIEWS + 1
     (table,) = standing(built(surface_map))
     assert table.height == pytest.approx(TABLE.z, abs=0.005)
 
@@ -151,7 +145,6 @@ def test_the_lines_of_several_views_make_a_surface():
         moved = patch.points - np.float32([places[k, 0, 3], 0.0, 0.0])
         patch = replace(patch, points=moved, mean=patch.mean - [places[k, 0, 3], 0.0, 0.0])
         surface_map.add_view(replace(view, patches=(patch,)))
-    placement = ViewPlacement(places, default_tilt_covariance(3), np.zeros(3, np.int64))
-    (ledge,) = surface_map.build(placement).surfaces
+    (ledge,) = surface_map.build(poses_at(places)).surfaces
     assert ledge.area == pytest.approx(0.08 * 0.8, abs=0.03)
     assert ledge.height == pytest.approx(1.2, abs=1e-6)

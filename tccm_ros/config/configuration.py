@@ -1,17 +1,19 @@
-"""All groups of parameters in one configuration."""
+"""All groups of parameters in one configuration, and all parameters in one list."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from pydantic import Field
 
-from tccm_ros.config.declaring import Group, param
-from tccm_ros.config.live import Markers, Qos, Save, Tf
 from tccm_ros.config.mapping import CenterCore, Cycle, Map, Objects, Planes
+from tccm_ros.config.node import Markers, Qos, Save, Tf
+from tccm_ros.config.parameter import Group, Parameter, param, parameters_of
 from tccm_ros.config.sensors import Frames, Rig, ScanFilter
 from tccm_ros.config.slam import Graph, Lines, Loops, Matching, Odometry, Walls
 from tccm_ros.config.surfaces import Labels, Surfaces, Views
 
-__all__ = ["Config"]
+__all__ = ["Config", "parameters"]
 
 
 class Config(Group):
@@ -54,3 +56,8 @@ class Config(Group):
         le=60.0,
         read_only=True,
     )
+
+
+def parameters() -> Iterator[Parameter]:
+    """Yield every parameter in the order of declaration, named ``group.key``."""
+    yield from parameters_of(Config)

@@ -1,0 +1,48 @@
+"""Merging as published (surface mapping, IV.B): surfaces with points within a distance are one.
+
+A part of the baseline ``surfaces.segmentation: seed``: no height is compared, so that what stands
+less than the distance above a surface is one with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+__all__ = ["merge_by_distance"]
+
+
+def merge_by_distance(clouds: Sequence[NDArray[np.float64]], distance: float) -> NDArray[np.int64]:
+    """Merge clouds any of whose points come within a distance.
+
+    Parameters
+    ----------
+    clouds
+        P of float64 (N, 3) in one frame, m; none is empty.
+    distance
+        m.
+
+    Returns
+    -------
+    int64 (P,)
+        The first cloud of the surface that each is part of.
+    """
+    trees = [cKDTree(cloud) for cloud in clouds]
+    touching = [
+        (a, b)
+        for a, b in combinations(range(len(trees)), 2)
+        if np.all(trees[a].mins <= trees[b].maxes + 2.0 * distance)
+        and np.all(trees[b].mins <= trees[a].maxes + 2.0 * distance)
+        and trees[a].count_neighbors(trees[b], distance) > 0
+    ]
+    pairs = np.array(touching, np.int64).reshape(-1, 2)
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(trees), len(trees)))
+    _, surface = connected_components(graph, directed=False)
+    _, first = np.unique(surface, return_index=True)
+    return np.asarray(first[surface], np.int64)

@@ -1,0 +1,95 @@
+"""What a parameter is: declared once, with unit, range and meaning, and listed from there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic.fields import FieldInfo
+
+__all__ = ["Group", "Parameter", "param", "parameters_of"]
+
+
+def param(
+    default: Any,
+    meaning: str,
+    *,
+    unit: str = "",
+    ge: float | None = None,
+    gt: float | None = None,
+    le: float | None = None,
+    read_only: bool = False,
+) -> Any:
+    """Declare one parameter.
+
+    Parameters
+    ----------
+    default
+        Value when nothing is set.
+    meaning
+        One line for the YAML file, the node's descriptor and the README.
+    unit
+        SI unit, or empty for a pure number or a name.
+    ge, gt, le
+        Limits, in `unit`.
+    read_only
+        Whether a running node refuses to change it (frames, sizes and structure).
+    """
+    return Field(
+        default,
+        description=meaning,
+        ge=ge,
+        gt=gt,
+        le=le,
+        json_schema_extra={"unit": unit, "read_only": read_only},
+    )
+
+
+class Group(BaseModel):
+    """Base of all groups: unknown keys are errors, assignments are checked, numbers are finite."""
+
+    model_config = ConfigDict(extra="forbid", validate_assignment=True, allow_inf_nan=False)
+
+
+class Parameter(NamedTuple):
+    """One parameter as the YAML file, the nodes and the README show it."""
+
+    name: str
+    default: Any
+    type: Any
+    unit: str
+    minimum: float | None
+    maximum: float | None
+    meaning: str
+    read_only: bool
+
+
+def parameters_of(group: type[Group], prefix: str = "") -> Iterator[Parameter]:
+    """Yield the parameters of a group in the order of declaration, named ``group.key``."""
+    for key, field in group.model_fields.items():
+        annotation = field.annotation
+        if isinstance(annotation, type) and issubclass(annotation, Group):
+            yield from parameters_of(annotation, f"{prefix}{key}.")
+        else:
+            yield _parameter(f"{prefix}{key}", field)
+
+
+def _parameter(name: str, field: FieldInfo) -> Parameter:
+    limits = {"ge": None, "gt": None, "le": None}
+    for constraint in field.metadata:
+        for key in limits:
+            limits[key] = getattr(constraint, key, limits[key])
+    extra = field.json_schema_extra
+    assert isinstance(extra, dict)
+    minimum = limits["ge"] if limits["ge"] is not None else limits["gt"]
+    return Parameter(
+        name,
+        field.default,
+        field.annotation,
+        str(extra["unit"]),
+        minimum,
+        limits["le"],
+        field.description or "",
+        bool(extra["read_only"]),
+    )

@@ -1,0 +1,251 @@
+"""The features of a surface that the rules of the labels look at.
+
+Height, width, area, the walls nearby, and what is above, below and beside it among the other
+surfaces: boards of a shelf, the back of a sofa, what carries a step, the treads of stairs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from tccm_ros.config import Labels
+from tccm_ros.surfaces.merged_surface import MergedSurface
+from tccm_ros.surfaces.polygons import box_sides
+
+__all__ = ["Features", "features_of", "outline_width", "treads"]
+
+Float64 = NDArray[np.float64]
+
+MIN_OVERLAP = 0.5
+"""A surface is over another where their footprints share this fraction of the smaller one."""
+
+MIN_CARRIED = 0.3
+"""A step has this fraction of its outline on or near the surface that carries it: a side of four is
+enough, what lies behind a stove may never be seen."""
+
+MAX_BACK_WIDTH = 0.40
+"""The top of a back is no wider than this, m,"""
+
+MIN_BACK_LENGTH = 0.8
+"""and runs along this fraction of its seat."""
+
+MIN_BOARD_DEPTH = 0.75
+"""Of a board over another, whose depth is less than this fraction of the lower one's, nothing
+follows for the lower one: boards hang over worktops and desks."""
+
+SLENDER = 3.0
+"""A band is so many times as long as it is wide."""
+
+NARROW = 0.4
+"""Width of a box, m, up to which ragged edges are a good part of it."""
+
+RAGGED = 0.08
+"""Outlines stray this far from straight edges, m."""
+
+MIN_TREADS = 3
+"""So many treads in a row are stairs."""
+
+MIN_TREAD_CONTACT = 0.5
+"""Treads lie along each other over this fraction of their length,"""
+
+MAX_GOING = 0.5
+"""their centroids are no further apart than this, m,"""
+
+MAX_TREAD_OVERLAP = 0.5
+"""and they are not boards over each other: less than this fraction of the smaller one is shared."""
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """What the rules look at: m, m2 and fractions from 0 to 1.
+
+    Attributes
+    ----------
+    height
+        Above the floor (above the map's origin where no floor is known).
+    width
+        Of the narrowest box around the outline; an L-shaped counter is as wide as its arms, and a
+        narrow band as on the mean.
+    length
+        Of the narrowest box.
+    area
+        Of the outline.
+    at_wall
+        Fraction of the outline that is near a wall.
+    stacked
+        Whether another board is above or below at the distance of shelf boards.
+    carried
+        Whether it rises a step's height above a surface that carries it.
+    backed
+        Whether something higher runs along one of its long sides, as the back of a sofa does.
+    filled
+        Fraction of its narrowest box that lies within its outline.
+    in_flight
+        Whether it is one of several treads, each beside and above the one before.
+    """
+
+    height: float
+    width: float
+    length: float
+    area: float
+    at_wall: float
+    stacked: bool
+    carried: bool
+    backed: bool
+    filled: float
+    in_flight: bool
+
+    @property
+    def is_slender(self) -> bool:
+        """Whether it is a band."""
+        return self.length >= SLENDER * self.width
+
+
+def features_of(
+    surfaces: list[MergedSurface], floor_z: float | None, walls: Float64 | None, rules: Labels
+) -> list[Features]:
+    """Return the features of surfaces, each among the others.
+
+    Parameters
+    ----------
+    surfaces
+        All that are not floor.
+    floor_z
+        Height of the floor, m; None: unknown.
+    walls
+        float64 (W, 2, 2), ends of the walls in map, m.
+    rules
+        Heights and distances that relate surfaces to each other.
+    """
+    lines = shapely.linestrings(np.zeros((0, 2, 2)) if walls is None else walls)
+    near_walls = shapely.union_all(lines).buffer(rules.wall_distance)
+    stairs = {id(surface) for surface in treads(surfaces, rules)}
+    return [
+        _features(surface, surfaces, floor_z or 0.0, near_walls, rules, id(surface) in stairs)
+        for surface in surfaces
+    ]
+
+
+def _features(
+    surface: MergedSurface,
+    surfaces: list[MergedSurface],
+    floor_z: float,
+    near_walls: shapely.Geometry,
+    rules: Labels,
+    in_flight: bool,
+) -> Features:
+    sides = box_sides(surface.polygon)
+    others = [other for other in surfaces if other is not surface]
+    outline = surface.polygon.exterior
+    return Features(
+        height=surface.height - floor_z,
+        width=outline_width(surface.polygon),
+        length=float(sides[1]),
+        area=surface.polygon.area,
+        at_wall=outline.intersection(near_walls).length / outline.length,
+        stacked=any(_is_stacked(surface, other, rules) for other in others),
+        carried=any(_is_carried(surface, other, rules) for other in others),
+        backed=any(_is_back(other, surface, rules) for other in others),
+        filled=float(shapely.Polygon(outline).area / (sides[0] * sides[1])),
+        in_flight=in_flight,
+    )
+
+
+def outline_width(polygon: shapely.Polygon) -> float:
+    """Return the width of a surface, m.
+
+    What fills less than half of its box is a band with a bend: it is as wide as the rectangle of
+    the same area and perimeter. The outline is smoothed first, as a ragged edge is long. A narrow
+    band without a bend is as wide as on the mean: waves of its edges would make up much of its box.
+    """
+    sides, whole = box_sides(polygon), shapely.Polygon(polygon.exterior)
+    smooth = whole.simplify(RAGGED)
+    half, area = smooth.exterior.length / 2.0, smooth.area
+    if area > 0.5 * sides[0] * sides[1]:
+        is_narrow = sides[0] <= min(NARROW, sides[1] / SLENDER)
+        return float(whole.area / sides[1] if is_narrow else sides[0])
+    return float((half - np.sqrt(max(half**2 - 4.0 * area, 0.0))) / 2.0)
+
+
+def _is_stacked(surface: MergedSurface, other: MergedSurface, rules: Labels) -> bool:
+    """Return whether a surface is a board over or under another one of a similar size."""
+    low, high = rules.shelf_gap
+    if not low <= abs(surface.height - other.height) <= high:
+        return False
+    if (
+        other.height > surface.height
+        and box_sides(other.polygon)[0] < MIN_BOARD_DEPTH * box_sides(surface.polygon)[0]
+    ):
+        return False
+    shared = surface.polygon.intersection(other.polygon).area
+    return bool(shared >= MIN_OVERLAP * max(surface.polygon.area, other.polygon.area))
+
+
+def _is_carried(surface: MergedSurface, other: MergedSurface, rules: Labels) -> bool:
+    """Return whether a surface rises a little from a larger one under or beside it."""
+    low, high = rules.step_height
+    if (
+        not low <= surface.height - other.height <= high
+        or other.polygon.area <= surface.polygon.area
+    ):
+        return False
+    under = shapely.Polygon(other.polygon.exterior).buffer(rules.wall_distance)
+    outline = surface.polygon.exterior
+    return bool(outline.intersection(under).length >= MIN_CARRIED * outline.length)
+
+
+def _is_back(back: MergedSurface, seat: MergedSurface, rules: Labels) -> bool:
+    """Return whether a surface is the top of a back along a seat.
+
+    It is higher, narrow, and stands beside the seat along most of it, not over it: a headboard,
+    along the short side of a bed, is no back.
+    """
+    low, high = rules.back_height
+    if not low <= back.height - seat.height <= high:
+        return False
+    over = back.polygon.intersection(seat.polygon).area
+    beside = seat.polygon.exterior.intersection(back.polygon.buffer(rules.wall_distance)).length
+    return bool(
+        box_sides(back.polygon)[0] <= MAX_BACK_WIDTH
+        and over < MIN_OVERLAP * back.polygon.area
+        and beside >= MIN_BACK_LENGTH * float(box_sides(seat.polygon)[1])
+    )
+
+
+def treads(surfaces: list[MergedSurface], rules: Labels) -> list[MergedSurface]:
+    """Return the surfaces that are treads of stairs, `MIN_TREADS` or more in a row.
+
+    Parameters
+    ----------
+    surfaces
+        All but the floor.
+    rules
+        Uses `stair_rise` and `wall_distance`.
+    """
+    order = sorted(surfaces, key=lambda surface: surface.height)
+    pairs = [(i, j) for i in range(len(order)) for j in range(i + 1, len(order))]
+    steps = [(i, j) for i, j in pairs if _is_next(order[i], order[j], rules)]
+    below, above = np.zeros(len(order), np.int64), np.zeros(len(order), np.int64)
+    for i, j in steps:  # the lower tread of a step has all that lie below it already
+        below[j] = max(below[j], below[i] + 1)
+    for i, j in reversed(steps):
+        above[i] = max(above[i], above[j] + 1)
+    return [surface for surface, n in zip(order, 1 + below + above) if n >= MIN_TREADS]
+
+
+def _is_next(low: MergedSurface, high: MergedSurface, rules: Labels) -> bool:
+    """Return whether one surface is the tread that follows another."""
+    low_rise, high_rise = rules.stair_rise
+    if not low_rise <= high.height - low.height <= high_rise:
+        return False
+    if np.linalg.norm(high.mean[:2] - low.mean[:2]) > MAX_GOING:
+        return False
+    a, b = low.polygon, high.polygon
+    if a.intersection(b).area >= MAX_TREAD_OVERLAP * min(a.area, b.area):
+        return False
+    along = a.exterior.intersection(b.buffer(rules.wall_distance)).length
+    return bool(along >= MIN_TREAD_CONTACT * max(box_sides(a)[1], box_sides(b)[1]))

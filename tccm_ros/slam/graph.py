@@ -18,10 +18,9 @@ from tccm_ros.geometry import spatial, wrap_angle
 from tccm_ros.slam.factors import Factor, Key
 from tccm_ros.slam.marginals import marginal_blocks
 
-__all__ = ["GraphSolution", "IncrementalGraph", "PoseGraph", "solve_graph"]
+__all__ = ["GraphSolution", "IncrementalGraph", "PoseGraph"]
 
 Float64 = NDArray[np.float64]
-Journal = list[tuple[list[Factor], dict[Key, Float64]] | None]
 
 MAX_ITERATIONS = 50
 RELATIVE_TOLERANCE = 1e-5
@@ -63,10 +62,6 @@ class GraphSolution:
         c, s = np.cos(key.turn), np.sin(key.turn)
         R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         return R @ cov @ R.T
-
-    def errors(self) -> Float64:
-        """Return each factor's half squared Mahalanobis distance, float64 (F,), in given order."""
-        return self.errors_of(range(self.graph.size()))
 
     def errors_of(self, indices: Iterable[int]) -> Float64:
         """Return half squared Mahalanobis distances of some factors, float64 (N,)."""
@@ -150,8 +145,8 @@ class IncrementalGraph:
 
     def __init__(self, relinearize_skip: int = 10) -> None:
         self._skip = relinearize_skip
-        self._journal: Journal = []
-        self._replay("CHOLESKY")
+        self._steps: list[tuple[list[Factor], dict[Key, Float64]]] = []
+        self._begin("CHOLESKY")
 
     def add(self, factors: Iterable[Factor], poses: Mapping[Key, Float64]) -> None:
         """Add factors and new poses, with start values (3,) or (4, 4), and update.
@@ -159,11 +154,13 @@ class IncrementalGraph:
         Landmarks that are new are started by their factors, from poses in the graph.
         """
         step = list(factors), dict(poses)
-        self._journal.append(step)
+        self._steps.append(step)
         try:
             self._take(*step)
         except RuntimeError:
-            self._replay("QR")
+            self._begin("QR")
+            for earlier in self._steps:
+                self._take(*earlier)
 
     def _take(self, factors: Sequence[Factor], poses: Mapping[Key, Float64]) -> None:
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
@@ -184,42 +181,13 @@ class IncrementalGraph:
                     self._landmarks.add(key)
         self._isam.update(graph, values)
 
-    def _replay(self, factorization: str) -> None:
-        """Do all steps of the journal anew."""
+    def _begin(self, factorization: str) -> None:
         self._isam = gtsam.ISAM2(_isam_params(factorization, self._skip))
         self._landmarks: set[Key] = set()
-        for step in self._journal:
-            if step is not None:
-                self._take(*step)
-            else:
-                self._isam.calculateEstimate()
-
-    def pose(self, key: Key) -> Float64:
-        """Return T_map_frame float64 (4, 4)."""
-        self._note_reading()
-        return key.unturned(self._isam.calculateEstimatePose3(key.symbol))
 
     def planar_poses(self, keys: Sequence[Key]) -> Float64:
         """Return planar poses float64 (N, 3)."""
-        self._note_reading()
         return _planar_poses(self._isam.calculateEstimate(), keys)
-
-    def _note_reading(self) -> None:
-        """Note that the estimate was asked for: ISAM2 brings it up to date then, to a threshold."""
-        if self._journal and self._journal[-1] is not None:
-            self._journal.append(None)
-
-    def freeze_state(self) -> tuple[int, Journal]:
-        """Return what was added and when it was read: ISAM2 itself cannot be written."""
-        return self._skip, self._journal
-
-    def thaw_state(self, state: tuple[int, Journal]) -> None:
-        """Do again, in the same order, what `freeze_state` tells."""
-        self._skip, self._journal = state
-        try:
-            self._replay("CHOLESKY")
-        except RuntimeError:
-            self._replay("QR")
 
 
 def _planar_poses(values: gtsam.Values, keys: Sequence[Key]) -> Float64:
@@ -233,17 +201,3 @@ def _planar_poses(values: gtsam.Values, keys: Sequence[Key]) -> Float64:
     # A row is R (3 x 3, row by row) and t.
     yaw = np.arctan2(rows[:, 3], rows[:, 0]) - np.array([key.turn for key in keys])
     return np.column_stack([rows[:, 9], rows[:, 10], wrap_angle(yaw)])
-
-
-def solve_graph(factors: Sequence[Factor], poses: Mapping[Key, Float64]) -> GraphSolution:
-    """Build and optimise a graph.
-
-    Parameters
-    ----------
-    factors
-        In the order in which they enter the graph.
-    poses
-        Start values T_map_frame of all poses: float64 (4, 4), or planar (3,). Landmarks are
-        started by their factors.
-    """
-    return PoseGraph(factors, poses).optimise()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -101,10 +101,10 @@ class WallSlam:
             self._live = LivePose(stamp_ns, pose, compose(pose, inverse(odom)), localised)
 
     def add_landmark(self, observation: LandmarkObservation) -> None:
-        """Add an observation of a landmark, at any stamp.
+        """Add an observation of a landmark, in any order.
 
-        Where it comes before the keyframe after it, as from a sensor in time with the laser, the
-        live estimate does not depend on when it came; the solution never does.
+        The live estimate takes it with the keyframe after it. An observation that comes later than
+        that keyframe counts as much in a solution, but the search for loops did not know it yet.
 
         Raises
         ------
@@ -151,7 +151,7 @@ class WallSlam:
         self._lines.append(lines)
         self._chain.add(keyframe, lines.phi)
         stamp = keyframe.scan.stamp_ns
-        seen = [o for o in self._unhung if o.stamp_ns <= stamp]
+        seen = _by_stamp(o for o in self._unhung if o.stamp_ns <= stamp)
         self._unhung = [o for o in self._unhung if o.stamp_ns > stamp]
         self._closer.add(keyframe.id, self._hang_sightings(seen))
 
@@ -260,7 +260,7 @@ class WallSlam:
 
     def _sightings(self) -> list[Sighting]:
         """Return the sightings of all sessions in the map's frame, this one's by their stamps."""
-        seen = sorted(self._observed, key=lambda o: (o.stamp_ns, o.kind, o.id))
+        seen = _by_stamp(self._observed)
         if not self._front.placed or self._front.session not in self._closer.tied:
             seen = []
         return [*self._saved_sightings, *self._hang_sightings(seen)]
@@ -302,6 +302,10 @@ class WallSlam:
         slam._front = FrontEnd(config, first_id=len(keyframes), session=session)
         slam._live = slam._live._replace(localised=not keyframes)
         return slam
+
+
+def _by_stamp(seen: Iterable[LandmarkObservation]) -> list[LandmarkObservation]:
+    return sorted(seen, key=lambda o: (o.stamp_ns, o.kind, o.id))
 
 
 def _covariances(solution: GraphSolution, keys: Sequence[Key], every: bool) -> Float64:

@@ -16,6 +16,7 @@ from scipy.sparse import csc_matrix
 
 from tccm_ros.geometry import spatial, wrap_angle
 from tccm_ros.slam.factors import Factor, Key
+from tccm_ros.slam.factors.noise import turn_covariance
 from tccm_ros.slam.marginals import marginal_blocks
 
 __all__ = ["GraphSolution", "IncrementalGraph", "PoseGraph"]
@@ -59,9 +60,7 @@ class GraphSolution:
     def planar_covariance(self, key: Key) -> Float64:
         """Return the covariance float64 (3, 3) of (x, y, yaw) in the pose's own frame."""
         cov = self.covariance(key)[np.ix_([3, 4, 2], [3, 4, 2])]
-        c, s = np.cos(key.turn), np.sin(key.turn)
-        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        return R @ cov @ R.T
+        return turn_covariance(cov, -key.turn)
 
     def errors_of(self, indices: Iterable[int]) -> Float64:
         """Return half squared Mahalanobis distances of some factors, float64 (N,)."""
@@ -69,11 +68,7 @@ class GraphSolution:
 
 
 def _marginals(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> dict[int, Float64]:
-    """Return the marginal covariance of every variable by its symbol.
-
-    GTSAM gives them one by one, and in a graph whose views see each other again and again each
-    takes a tenth of a solution.
-    """
+    """Return the marginal covariance of every variable by its symbol."""
     linear = graph.linearize(values)
     symbols = list(values.keys())
     zeros = values.zeroVectors()

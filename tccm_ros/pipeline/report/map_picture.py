@@ -144,9 +144,10 @@ def _draw_path(axes: Axes, results: Results) -> None:
 
 def _draw_landmark(axes: Axes, mark: LandmarkEntry) -> None:
     """Draw a diamond and the landmark's name: there is no symbol for each kind."""
-    axes.plot(*mark.position[:2], "D", ms=5, color=palette.LANDMARK, mec="white", zorder=12)
+    x, y = mark.position[:2]
+    axes.plot(x, y, "D", ms=5, color=palette.LANDMARK, mec="white", zorder=12)
     axes.annotate(
-        f"{mark.kind} {mark.id}", mark.position[:2], (5, 5), textcoords="offset points",
+        f"{mark.kind} {mark.id}", (x, y), (5, 5), textcoords="offset points",
         color=palette.LANDMARK, zorder=15,
         path_effects=[withStroke(linewidth=2.5, foreground="white")],
     )  # fmt: skip

@@ -164,8 +164,9 @@ def _score_blocks(
 
 
 def support(grid: LikelihoodGrid, points: Float64, pose: Float64) -> tuple[float, float]:
-    """Return the shares of points (N, 2), placed at `pose` (3,), on walls and in free space."""
-    near, free = _support(grid, points, np.asarray(pose, float))
+    """Return the fractions of points (N, 2), placed at `pose` (3,), on walls and in free space."""
+    found = _likelihoods(grid, points, np.asarray(pose, float))
+    near, free = np.count_nonzero(found > UNKNOWN), np.count_nonzero(found == 0)
     return near / max(len(points), 1), free / max(len(points), 1)
 
 
@@ -173,37 +174,24 @@ def known_likelihood(grid: LikelihoodGrid, points: Float64, pose: Float64) -> fl
     """Return the mean likelihood of the points (N, 2), placed at `pose` (3,), that fall where
     beams have been; 0 where none does.
     """
-    return float(_known_likelihood(grid, points, np.asarray(pose, float)))
+    found = _likelihoods(grid, points, np.asarray(pose, float))
+    known = found[found != UNKNOWN]
+    return int(known.sum(dtype=np.int64)) / (255.0 * max(len(known), 1))
 
 
 @njit(nogil=True, cache=True)
-def _known_likelihood(
+def _likelihoods(
     grid: LikelihoodGrid, points: Float64, pose: Float64
-) -> float:  # pragma: no cover - compiled
-    levels, cells = grid.levels, np.empty((len(points), 2), np.int32)
+) -> UInt8:  # pragma: no cover - compiled
+    """Return the likelihood 0..255 at each point; beyond the grid it is `UNKNOWN`."""
+    finest, cells = grid.levels[0], np.empty((len(points), 2), np.int32)
     _rotate(points, grid.origin, pose, pose[2], cells)
-    total, known = 0, 0
+    found = np.full(len(points), UNKNOWN, np.uint8)
     for i in range(len(points)):
         x, y = cells[i, 0], cells[i, 1]
-        if 0 <= x < levels.shape[1] and 0 <= y < levels.shape[2] and levels[0, x, y] != UNKNOWN:
-            total += levels[0, x, y]
-            known += 1
-    return total / (255.0 * max(known, 1))
-
-
-@njit(nogil=True, cache=True)
-def _support(
-    grid: LikelihoodGrid, points: Float64, pose: Float64
-) -> tuple[int, int]:  # pragma: no cover - compiled
-    levels, cells = grid.levels, np.empty((len(points), 2), np.int32)
-    _rotate(points, grid.origin, pose, pose[2], cells)
-    near, free = 0, 0
-    for i in range(len(points)):
-        x, y = cells[i, 0], cells[i, 1]
-        if 0 <= x < levels.shape[1] and 0 <= y < levels.shape[2]:
-            near += levels[0, x, y] > UNKNOWN
-            free += levels[0, x, y] == 0
-    return near, free
+        if 0 <= x < finest.shape[0] and 0 <= y < finest.shape[1]:
+            found[i] = finest[x, y]
+    return found
 
 
 @njit(nogil=True, cache=True)

@@ -193,6 +193,6 @@ def _planar_poses(values: gtsam.Values, keys: Sequence[Key]) -> Float64:
     matrices = gtsam.utilities.extractPose3(poses)
     known = np.array(poses.keys(), np.uint64)
     rows = matrices[np.searchsorted(known, np.array([key.symbol for key in keys], np.uint64))]
-    # A row is R (3 x 3, row by row) and t.
-    yaw = np.arctan2(rows[:, 3], rows[:, 0]) - np.array([key.turn for key in keys])
-    return np.column_stack([rows[:, 9], rows[:, 10], wrap_angle(yaw)])
+    R, t = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:]
+    yaw = np.arctan2(R[:, 1, 0], R[:, 0, 0]) - np.array([key.turn for key in keys])
+    return np.column_stack([t[:, :2], wrap_angle(yaw)])

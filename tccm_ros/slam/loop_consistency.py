@@ -36,17 +36,17 @@ KNOWS_PLACE = 0.5
 """A proposal whose standard deviation (m) is larger in some direction does not say where the robot
 is: along a plain corridor. It agrees with all, and so confirms none that does."""
 
-CHI2 = 11.3
+CYCLE_CHI2 = 11.3
 """99 % of three degrees of freedom."""
 
-CHI2_LIMIT = 16.3
+LOOP_CHI2 = 16.3
 """A loop whose squared Mahalanobis distance is larger is wrong: 99.9 % of three degrees."""
 
-STEP = 2.0
+CONTROL_STEP = 2.0
 """Factor of the control parameter from one solution to the next."""
 
-MOST_ROUNDS = 15
-LEAST_WEIGHT = 1e-4
+MAX_ROUNDS = 15
+MIN_WEIGHT = 1e-4
 """A weight of zero would take a factor's information away altogether."""
 
 
@@ -83,7 +83,7 @@ def consistent_with(
     xx, xy, yy = cov[:, 0, 0] + sigma_xy**2, cov[:, 0, 1], cov[:, 1, 1] + sigma_xy**2
     x, y = error[:, 0], error[:, 1]
     chi2 = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
-    agree = chi2 + error[:, 2] ** 2 / sigma_yaw**2 < CHI2
+    agree = chi2 + error[:, 2] ** 2 / sigma_yaw**2 < CYCLE_CHI2
     return np.asarray(agree & (_knows_place(others) == _knows_place([one])))
 
 
@@ -154,33 +154,33 @@ def _graduate(
 
     Returns
     -------
-    The last solution, and weights float64 (count,): `LEAST_WEIGHT` or 1.
+    The last solution, and weights float64 (count,): `MIN_WEIGHT` or 1.
     """
     weights = np.ones(count)
     solution = solve(weights)
     if not count:
         return solution, weights
     r2 = chi2(solution)
-    if r2.max() <= CHI2_LIMIT:
+    if r2.max() <= LOOP_CHI2:
         return solution, weights
-    mu = max(CHI2_LIMIT / (2.0 * float(r2.max()) - CHI2_LIMIT), 1e-3)
-    for _ in range(MOST_ROUNDS):
+    mu = max(LOOP_CHI2 / (2.0 * float(r2.max()) - LOOP_CHI2), 1e-3)
+    for _ in range(MAX_ROUNDS):
         new = _weights(r2, mu)
-        settled = np.all((new <= LEAST_WEIGHT) | (new >= 1.0)) and np.array_equal(new, weights)
+        settled = np.all((new <= MIN_WEIGHT) | (new >= 1.0)) and np.array_equal(new, weights)
         weights = new
         solution = solve(weights)
         r2 = chi2(solution)
         if settled:
             break
-        mu *= STEP
-    final = np.where(r2 <= CHI2_LIMIT, 1.0, LEAST_WEIGHT)
+        mu *= CONTROL_STEP
+    final = np.where(r2 <= LOOP_CHI2, 1.0, MIN_WEIGHT)
     return (solution if np.array_equal(final, weights) else solve(final)), final
 
 
 def _weights(r2: Float64, mu: float) -> Float64:
     """Return Eq. (14) of the paper: weights of truncated least squares at control `mu`."""
-    limit = CHI2_LIMIT
+    limit = LOOP_CHI2
     middle = np.sqrt(limit * mu * (mu + 1.0) / np.maximum(r2, 1e-12)) - mu
     weights = np.where(r2 >= (mu + 1.0) / mu * limit, 0.0, middle)
     weights = np.where(r2 <= mu / (mu + 1.0) * limit, 1.0, weights)
-    return np.asarray(np.clip(weights, LEAST_WEIGHT, 1.0))
+    return np.asarray(np.clip(weights, MIN_WEIGHT, 1.0))

@@ -17,7 +17,7 @@ from tccm_ros.records import TransformSample
 from tccm_ros.ros import transform_message
 from tccm_ros.ros.results import pose_covariance_message
 from tccm_ros.ros.types import MessageTypes
-from tccm_ros.slam.front_end import odometry_covariance
+from tccm_ros.slam.odometry_model import odometry_covariance
 from tccm_ros.slam.se2 import between, compose
 from tccm_ros.slam.wall_slam import LivePose
 from tccm_ros.surfaces.surface_slam import SurfaceSolution

@@ -20,11 +20,22 @@ from tccm_ros.records.sensors import (
     Scan,
     TransformSample,
 )
-from tccm_ros.records.solution import Keyframe, Loop, ScanPose, Surface, SurfaceSighting, Wall
+from tccm_ros.records.solution import (
+    Keyframe,
+    Landmark,
+    LandmarkObservation,
+    Loop,
+    ScanPose,
+    Surface,
+    SurfaceSighting,
+    Wall,
+)
 
 __all__ = [
     "JointSample",
     "Keyframe",
+    "Landmark",
+    "LandmarkObservation",
     "Loop",
     "Odometry",
     "PlaneKind",

@@ -1,4 +1,4 @@
-"""Poses, loops, walls and surfaces of the map, all in its frame."""
+"""Poses, loops, walls, landmarks and surfaces of the map, all in its frame."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 __all__ = [
     "Keyframe",
+    "Landmark",
+    "LandmarkObservation",
     "Loop",
     "ScanPose",
     "Surface",
@@ -100,6 +102,50 @@ class Wall:
     observations: int
     covariance: Float64
     corners: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LandmarkObservation:
+    """What a sensor measured of a landmark that it recognised.
+
+    Attributes
+    ----------
+    stamp_ns
+        When.
+    kind, id
+        Which landmark: a registered kind, and a number within it, >= 0, in all sessions.
+    measurement, covariance
+        float64 (N,) and (N, N), in the base frame at the stamp; the kind says of what.
+    """
+
+    stamp_ns: int
+    kind: str
+    id: int
+    measurement: Float64
+    covariance: Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Landmark:
+    """A landmark of a registered kind.
+
+    Attributes
+    ----------
+    kind, id
+        As observed.
+    position
+        float64 (3,), in map, m.
+    covariance
+        float64 (3, 3) of the position, m2.
+    observations
+        How often it was observed, in all sessions.
+    """
+
+    kind: str
+    id: int
+    position: Float64
+    covariance: Float64
+    observations: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ from tccm_ros.errors import OutputError, one_line
 from tccm_ros.geometry import quaternion, spatial
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.planes.horizontal_clusters import label_horizontal
-from tccm_ros.records import Keyframe, Loop, PlaneRecord, Surface, Wall
+from tccm_ros.records import Keyframe, Landmark, Loop, PlaneRecord, Surface, Wall
 from tccm_ros.results.geojson import feature_collection
 from tccm_ros.results.numbers import Stamp, array_archive, json_text, rounded
 from tccm_ros.results.planning import scene_text
@@ -90,7 +90,9 @@ def write_solution(folder: Path, solution: SurfaceSolution, config: Config) -> N
     tables = {
         "surfaces.json": surfaces_table(solution.surfaces, solution.floor_z, map_frame),
         "walls.json": walls_table(solution.slam.walls),
-        "graph.json": graph_table(solution.slam.keyframes, solution.slam.loops),
+        "graph.json": graph_table(
+            solution.slam.keyframes, solution.slam.loops, solution.slam.landmarks
+        ),
         "surfaces.geojson": feature_collection(solution.surfaces, solution.slam.walls, map_frame),
     }
     files: dict[str, bytes] = {name: json_text(table).encode() for name, table in tables.items()}
@@ -181,7 +183,9 @@ def walls_table(walls: Sequence[Wall]) -> dict[str, Any]:
     }
 
 
-def graph_table(keyframes: Sequence[Keyframe], loops: Sequence[Loop]) -> dict[str, Any]:
+def graph_table(
+    keyframes: Sequence[Keyframe], loops: Sequence[Loop], landmarks: Sequence[Landmark]
+) -> dict[str, Any]:
     """Return what graph.json holds."""
     return {
         "keyframes": [{"id": k.id, "stamp": Stamp(k.stamp_ns), "pose": k.pose} for k in keyframes],
@@ -194,6 +198,16 @@ def graph_table(keyframes: Sequence[Keyframe], loops: Sequence[Loop]) -> dict[st
                 "reason": loop.reason,
             }
             for loop in loops
+        ],
+        "landmarks": [
+            {
+                "kind": landmark.kind,
+                "id": landmark.id,
+                "position": landmark.position,
+                "covariance": landmark.covariance,
+                "observations": landmark.observations,
+            }
+            for landmark in landmarks
         ],
     }
 

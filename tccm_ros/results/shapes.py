@@ -18,6 +18,7 @@ __all__ = [
     "FreePlace",
     "Graph",
     "Keyframe",
+    "LandmarkEntry",
     "Loop",
     "ObjectBox",
     "PlaneCycle",
@@ -174,8 +175,19 @@ class Loop(Entry):
     reason: str | None = None
 
 
+class LandmarkEntry(Entry):
+    """One landmark of graph.json: its position in map with covariance (3, 3)."""
+
+    kind: str
+    id: int
+    position: Points3
+    covariance: Points3
+    observations: int = 1
+
+
 class Graph(Entry):
     """graph.json."""
 
     keyframes: tuple[Keyframe, ...] = ()
     loops: tuple[Loop, ...] = ()
+    landmarks: tuple[LandmarkEntry, ...] = ()

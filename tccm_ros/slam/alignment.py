@@ -1,4 +1,10 @@
-"""Point-to-line alignment of a scan with a local map, from a start that is nearly right."""
+"""Point-to-line alignment of a scan with a local map, from a start that is nearly right.
+
+What speaks for the result is what is seen there, less what is seen through. People who walk along
+are where they were in the scan before, and make it look as if the robot stood still. But where it
+really is, a scan sees through little that others have seen, and what standing still would explain
+better is the people alone, whom hardly two keyframes see in one place.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +14,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.slam.line_map import BUCKET, LineMap
+from tccm_ros.slam.buckets import BUCKET
+from tccm_ros.slam.level_scan import LevelScan
+from tccm_ros.slam.line_map import LineMap
+from tccm_ros.slam.se2 import place
+from tccm_ros.slam.seen_through import passes_and_hits
 
-__all__ = ["Alignment", "align"]
+__all__ = ["Alignment", "Prior", "agreement", "align"]
 
 Float64 = NDArray[np.float64]
 
@@ -45,15 +55,19 @@ class Alignment(NamedTuple):
         Share of the scan's points with a neighbour in the map.
     confirmed
         Share of the scan's points whose neighbour is confirmed.
-    rms
-        Of the inliers' distances to their lines, m.
     """
 
     pose: Float64
     information: Float64
     inliers: float
     confirmed: float
-    rms: float
+
+
+class Prior(NamedTuple):
+    """What is known before: a pose (3,) in the map and its information (3, 3) in its axes."""
+
+    pose: Float64
+    information: Float64
 
 
 def align(
@@ -62,11 +76,11 @@ def align(
     normals: Float64,
     start: Float64,
     sigma: float,
-    prior: Float64 | None = None,
-    prior_information: Float64 | None = None,
-    reach: float = BUCKET,
+    prior: Prior | None = None,
 ) -> Alignment:
     """Align a scan by robust Gauss-Newton steps on point-to-line distances.
+
+    A neighbour may be as far as the edge of a bucket at first; this narrows to six sigma.
 
     Parameters
     ----------
@@ -78,25 +92,34 @@ def align(
         float64 (3,), pose in the map to start from.
     sigma
         Noise of a point's distance to a line, m.
-    prior, prior_information
-        Pose (3,) and its information (3, 3) in the map's axes: odometry.
-    reach
-        Largest distance of a neighbour at first, m, at most the edge of a bucket; it narrows to
-        six sigma.
+    prior
+        Of odometry; None where nothing is known.
     """
-    prior = start if prior is None else prior
-    weight = np.zeros((3, 3)) if prior_information is None else prior_information
-    result = _align(
-        line_map,
-        points,
-        normals,
-        np.asarray(start, float),
-        float(sigma),
-        np.asarray(prior, float),
-        np.asarray(weight, float),
-        float(min(reach, BUCKET)),
+    start = np.asarray(start, float)
+    known = prior or Prior(start, np.zeros((3, 3)))
+    return Alignment(*_align(line_map, points, normals, start, float(sigma), known))
+
+
+def agreement(result: Alignment, scan: LevelScan, line_map: LineMap) -> float:
+    """Return the fraction of a scan that lies on confirmed surfaces, less the fraction of the
+    confirmed surfaces in view that the scan sees through: -1..1.
+    """
+    passes, hits = passes_and_hits(
+        line_map.points[line_map.confirmed],
+        place(result.pose, scan.origin[None]),
+        np.array([len(scan.points)]),
+        place(result.pose, scan.points),
     )
-    return Alignment(*result)
+    passed, hit = int(passes.sum()), int(hits.sum())
+    return result.confirmed - passed / max(passed + hit, 1)
+
+
+class _Equations(NamedTuple):
+    """Normal equations ``H x = -b``, float64 (3, 3) and (3,); `noise` is float64 (2, 2)."""
+
+    H: Float64
+    noise: Float64
+    b: Float64
 
 
 @njit(nogil=True, cache=True)
@@ -106,23 +129,21 @@ def _align(
     normals: Float64,
     start: Float64,
     sigma: float,
-    prior: Float64,
-    prior_information: Float64,
-    reach: float,
-) -> tuple[Float64, Float64, float, float, float]:  # pragma: no cover - compiled
+    prior: Prior,
+) -> tuple[Float64, Float64, float, float]:  # pragma: no cover - compiled
     pose = start.copy()
     H, noise, b = np.zeros((3, 3)), np.zeros((2, 2)), np.zeros(3)
-    inliers, confirmed, rms = 0.0, 0.0, 0.0
+    inliers, confirmed = 0.0, 0.0
     for step in range(MAX_STEPS):
-        radius = max(reach * 0.7**step, 6.0 * sigma)
-        inliers, confirmed, rms = _normal_equations(
-            line_map, points, normals, pose, sigma, radius, H, noise, b
+        radius = max(BUCKET * 0.7**step, 6.0 * sigma)
+        inliers, confirmed = _normal_equations(
+            line_map, points, normals, pose, sigma, radius, _Equations(H, noise, b)
         )
         _drop_what_noise_says(H, noise, b)
-        A = H + prior_information
-        difference = pose - prior
+        A = H + prior.information
+        difference = pose - prior.pose
         difference[2] = np.arctan2(np.sin(difference[2]), np.cos(difference[2]))
-        g = b + prior_information @ difference
+        g = b + prior.information @ difference
         # A tiny ridge holds directions that neither the map nor odometry knows.
         for k in range(3):
             A[k, k] += 1e-6 * (A[0, 0] + A[1, 1] + A[2, 2]) + 1e-9
@@ -132,7 +153,7 @@ def _align(
         if small and radius <= 6.0 * sigma:
             break
     pose[2] = np.arctan2(np.sin(pose[2]), np.cos(pose[2]))
-    return pose, H, inliers, confirmed, rms
+    return pose, H, inliers, confirmed
 
 
 @njit(nogil=True, cache=True)
@@ -143,21 +164,20 @@ def _normal_equations(
     pose: Float64,
     sigma: float,
     radius: float,
-    H: Float64,
-    noise: Float64,
-    b: Float64,
-) -> tuple[float, float, float]:  # pragma: no cover - compiled
+    equations: _Equations,
+) -> tuple[float, float]:  # pragma: no cover - compiled
     """Sum J^T W J into H and J^T W r into b.
 
     `noise` becomes the part of H's first two rows and columns that stems from normals that are
     off by their standard deviation: E[n n^T] holds their variance in the wall's own direction.
-    Returns the shares of inliers and of confirmed ones, and the rms of residuals.
+    Returns the shares of inliers and of confirmed ones.
     """
+    H, noise, b = equations.H, equations.noise, equations.b
     H[:], noise[:], b[:] = 0.0, 0.0, 0.0
     H1, noise1, b1 = np.zeros((3, 3)), np.zeros((2, 2)), np.zeros(3)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     J = np.empty(3)
-    count, confirmed, total = 0, 0, 0.0
+    count, confirmed = 0, 0
     for i in range(len(points)):
         rx = c * points[i, 0] - s * points[i, 1]
         ry = s * points[i, 0] + c * points[i, 1]
@@ -183,21 +203,19 @@ def _normal_equations(
             N[0, 0] += w * my * my
             N[0, 1] -= w * mx * my
             N[1, 1] += w * mx * mx
-            total += r * r
         else:
             w = ISOTROPIC_SHARE * _robust(np.sqrt(dx * dx + dy * dy), 2.0 * sigma) / sigma**2
             J[0], J[1], J[2] = 1.0, 0.0, -ry
             _add(G, g, J, dx, w)
             J[0], J[1], J[2] = 0.0, 1.0, rx
             _add(G, g, J, dy, w)
-            total += 0.5 * (dx * dx + dy * dy)
     share = UNCONFIRMED if confirmed >= ENOUGH * count else 1.0
     H += share * H1
     noise += share * noise1
     noise[1, 0] = noise[0, 1]
     b += share * b1
     n = max(len(points), 1)
-    return count / n, confirmed / n, np.sqrt(total / max(count, 1))
+    return count / n, confirmed / n
 
 
 @njit(nogil=True, cache=True)
@@ -243,8 +261,8 @@ def _nearest(
     radius: float,
 ) -> int:  # pragma: no cover - compiled
     """Return the nearest map point within `radius` that does not face away, or -1."""
-    starts = line_map.starts
-    px, py = x - line_map.origin[0], y - line_map.origin[1]
+    origin, starts = line_map.buckets.origin, line_map.buckets.starts
+    px, py = x - origin[0], y - origin[1]
     low_x, high_x = int(np.floor((px - radius) / BUCKET)), int(np.floor((px + radius) / BUCKET))
     low_y, high_y = int(np.floor((py - radius) / BUCKET)), int(np.floor((py + radius) / BUCKET))
     best, least = -1, radius * radius

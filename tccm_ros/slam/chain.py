@@ -1,8 +1,8 @@
-"""The keyframes of all sessions as variables and factors of a graph, with views hung on them."""
+"""The keyframes of all sessions as variables and factors of a graph, and poses hung on them."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,13 +16,12 @@ from tccm_ros.slam.factors import (
     Planar,
     PriorPose,
     keyframe_key,
-    view_key,
 )
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.graph import PoseGraph
 from tccm_ros.slam.se2 import compose
 
-__all__ = ["Chain", "View", "turn_for"]
+__all__ = ["Chain", "HungPose", "turn_for"]
 
 Float64 = NDArray[np.float64]
 
@@ -34,8 +33,8 @@ TURN_STEPS = 18
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
-    """A view's pose (3,) in keyframe `keyframe`, with covariance (3, 3)."""
+class HungPose:
+    """A pose (3,) in keyframe `keyframe`, with covariance (3, 3): of a view or an observation."""
 
     keyframe: int
     pose: Float64
@@ -58,34 +57,38 @@ class Chain:
     `fixed` holds the poses of keyframes that must not move: the map in localisation.
     """
 
+    keyframes: list[GraphKeyframe] = field(default_factory=list)
     keys: list[Key] = field(default_factory=list)
     fixed: dict[int, Float64] = field(default_factory=dict)
-    _keyframes: list[GraphKeyframe] = field(default_factory=list)
 
     def add(self, keyframe: GraphKeyframe, phi: Float64) -> None:
         """Append a keyframe that sees lines at `phi` (L,)."""
         self.keys.append(keyframe_key(keyframe.id, turn_for(phi)))
-        self._keyframes.append(keyframe)
+        self.keyframes.append(keyframe)
 
-    def _starts(self, k: int) -> bool:
-        return k == 0 or self._keyframes[k].session != self._keyframes[k - 1].session
+    def starts(self, k: int) -> bool:
+        """Return whether keyframe `k` is the first of its session."""
+        return k == 0 or self.keyframes[k].session != self.keyframes[k - 1].session
 
     def factors_of(self, k: int) -> list[Factor]:
         """Return the factors that hold keyframe `k`: the first of a later session is free."""
-        keyframe, key = self._keyframes[k], self.keys[k]
+        keyframe, key = self.keyframes[k], self.keys[k]
         if k in self.fixed:
             return [_pinned(key, self.fixed[k])]
         if k == 0:
             return [_pinned(key, keyframe.pose)]
         planar = Planar(key, keyframe.pose)
-        if self._starts(k):
+        if self.starts(k):
             return [planar]
         return [BetweenKeyframes(self.keys[k - 1], key, keyframe.delta, keyframe.cov), planar]
 
     def graph(
-        self, poses: Sequence[Float64] | Float64, tied: Collection[int], views: Sequence[View] = ()
+        self,
+        poses: Sequence[Float64] | Float64,
+        tied: Collection[int],
+        hung: Mapping[Key, HungPose] | None = None,
     ) -> PoseGraph:
-        """Build the graph of all keyframes and views.
+        """Build the graph of all keyframes and of what hangs on them.
 
         Parameters
         ----------
@@ -93,19 +96,25 @@ class Chain:
             Planar start poses (3,), one for each keyframe.
         tied
             Sessions that loop closures tie to the first; the others are pinned where they began.
-        views
-            Hung on keyframes, in the order of `view_key`.
+        hung
+            Poses by their variables.
         """
         starts: dict[Key, Float64] = dict(zip(self.keys, poses))
         factors = [factor for k in range(len(self.keys)) for factor in self.factors_of(k)]
-        for k, keyframe in enumerate(self._keyframes):
-            if k and self._starts(k) and keyframe.session not in tied:
+        for k, keyframe in enumerate(self.keyframes):
+            if k and self.starts(k) and keyframe.session not in tied:
                 factors.append(_pinned(self.keys[k], keyframe.pose))
-        for v, view in enumerate(views):
-            hang = KeyframeView(self.keys[view.keyframe], view_key(v), view.pose, view.cov)
-            starts[hang.view] = compose(np.asarray(poses[view.keyframe]), view.pose)
-            factors.append(hang)
+        for key, pose in (hung or {}).items():
+            starts[key], factor = self.hang(key, pose, poses)
+            factors.append(factor)
         return PoseGraph(factors, starts)
+
+    def hang(
+        self, key: Key, hung: HungPose, poses: Sequence[Float64] | Float64
+    ) -> tuple[Float64, Factor]:
+        """Return where a hung pose starts, (3,), and the factor that ties it to its keyframe."""
+        start = compose(np.asarray(poses[hung.keyframe]), hung.pose)
+        return start, KeyframeView(self.keys[hung.keyframe], key, hung.pose, hung.cov)
 
 
 def _pinned(key: Key, pose: Float64) -> PriorPose:

@@ -70,28 +70,44 @@ def correlate(
     if angle_step <= 0.0:
         far = float(np.sqrt((points * points).sum() / len(points)))
         angle_step = float(np.clip(CELL / max(far, 0.5), 0.004, 0.03))
-    turns = int(np.ceil(window[1] / angle_step))
     cells = int(np.ceil(window[0] / CELL))
-    depth = min(grid.levels.shape[0] - 1, max(0, int(np.log2(max(cells, 1))) - 1))
-    away = exclude or (np.asarray(centre, float), -1.0, -1.0)
-    pose, score = _branch_and_bound(
-        grid.levels,
-        grid.origin,
-        points,
+    search = _Search(
         np.asarray(centre, float),
         cells,
-        turns,
+        int(np.ceil(window[1] / angle_step)),
         float(angle_step),
         penalty[0],
         penalty[1],
         float(least),
-        depth,
-        np.asarray(away[0], float) - np.asarray(centre, float),
-        float(away[1]),
-        float(away[2]),
-        grid.outside,
+        min(grid.levels.shape[0] - 1, max(0, int(np.log2(max(cells, 1))) - 1)),
     )
-    return Correlation(pose, score)
+    pose, distance, turn = exclude or (search.centre, -1.0, -1.0)
+    excluded = _Excluded(np.asarray(pose, float) - search.centre, float(distance), float(turn))
+    return Correlation(*_branch_and_bound(grid, points, search, excluded))
+
+
+class _Search(NamedTuple):
+    """Shifts of up to `half` cells and `turns` turns to either side of a pose, and their scores.
+
+    A pose loses the penalties per m^2 and rad^2; the coarsest level searched is `depth`.
+    """
+
+    centre: Float64
+    half: int
+    turns: int
+    angle_step: float
+    shift_penalty: float
+    turn_penalty: float
+    least: float
+    depth: int
+
+
+class _Excluded(NamedTuple):
+    """Poses within a distance (m) and a turn (rad) of one, relative to the centre: (3,)."""
+
+    pose: Float64
+    distance: float
+    turn: float
 
 
 @njit(nogil=True, cache=True)
@@ -148,8 +164,9 @@ def _score_blocks(
 
 
 def support(grid: LikelihoodGrid, points: Float64, pose: Float64) -> tuple[float, float]:
-    """Return the shares of points (N, 2), placed at `pose` (3,), on walls and in free space."""
-    near, free = _support(grid.levels, grid.origin, points, np.asarray(pose, float))
+    """Return the fractions of points (N, 2), placed at `pose` (3,), on walls and in free space."""
+    found = _likelihoods(grid, points, np.asarray(pose, float))
+    near, free = np.count_nonzero(found > UNKNOWN), np.count_nonzero(found == 0)
     return near / max(len(points), 1), free / max(len(points), 1)
 
 
@@ -157,37 +174,24 @@ def known_likelihood(grid: LikelihoodGrid, points: Float64, pose: Float64) -> fl
     """Return the mean likelihood of the points (N, 2), placed at `pose` (3,), that fall where
     beams have been; 0 where none does.
     """
-    return float(_known_likelihood(grid.levels, grid.origin, points, np.asarray(pose, float)))
+    found = _likelihoods(grid, points, np.asarray(pose, float))
+    known = found[found != UNKNOWN]
+    return int(known.sum(dtype=np.int64)) / (255.0 * max(len(known), 1))
 
 
 @njit(nogil=True, cache=True)
-def _known_likelihood(
-    levels: UInt8, origin: Float64, points: Float64, pose: Float64
-) -> float:  # pragma: no cover - compiled
-    cells = np.empty((len(points), 2), np.int32)
-    _rotate(points, origin, pose, pose[2], cells)
-    total, known = 0, 0
+def _likelihoods(
+    grid: LikelihoodGrid, points: Float64, pose: Float64
+) -> UInt8:  # pragma: no cover - compiled
+    """Return the likelihood 0..255 at each point; beyond the grid it is `UNKNOWN`."""
+    finest, cells = grid.levels[0], np.empty((len(points), 2), np.int32)
+    _rotate(points, grid.origin, pose, pose[2], cells)
+    found = np.full(len(points), UNKNOWN, np.uint8)
     for i in range(len(points)):
         x, y = cells[i, 0], cells[i, 1]
-        if 0 <= x < levels.shape[1] and 0 <= y < levels.shape[2] and levels[0, x, y] != UNKNOWN:
-            total += levels[0, x, y]
-            known += 1
-    return total / (255.0 * max(known, 1))
-
-
-@njit(nogil=True, cache=True)
-def _support(
-    levels: UInt8, origin: Float64, points: Float64, pose: Float64
-) -> tuple[int, int]:  # pragma: no cover - compiled
-    cells = np.empty((len(points), 2), np.int32)
-    _rotate(points, origin, pose, pose[2], cells)
-    near, free = 0, 0
-    for i in range(len(points)):
-        x, y = cells[i, 0], cells[i, 1]
-        if 0 <= x < levels.shape[1] and 0 <= y < levels.shape[2]:
-            near += levels[0, x, y] > UNKNOWN
-            free += levels[0, x, y] == 0
-    return near, free
+        if 0 <= x < finest.shape[0] and 0 <= y < finest.shape[1]:
+            found[i] = finest[x, y]
+    return found
 
 
 @njit(nogil=True, cache=True)
@@ -211,33 +215,22 @@ def _rotate(
 
 @njit(nogil=True, cache=True)
 def _branch_and_bound(
-    levels: UInt8,
-    origin: Float64,
-    points: Float64,
-    centre: Float64,
-    half: int,
-    turns: int,
-    angle_step: float,
-    shift_penalty: float,
-    turn_penalty: float,
-    least: float,
-    depth: int,
-    away: Float64,
-    away_shift: float,
-    away_turn: float,
-    outside: int,
+    grid: LikelihoodGrid, points: Float64, search: _Search, excluded: _Excluded
 ) -> tuple[Float64, float]:  # pragma: no cover - compiled
     """Depth first over blocks of shifts, best block first, for each turn, from the middle out."""
+    levels, outside = grid.levels, grid.outside
+    centre, half, turns, angle_step = search.centre, search.half, search.turns, search.angle_step
+    turn_penalty, depth = search.turn_penalty, search.depth
     width = 1 << depth
     blocks = (2 * half) // width + 1
     angles = 2 * turns + 1
     cells = np.empty((angles, len(points), 2), np.int32)
     bounds = np.empty(angles * blocks * blocks)
     totals = np.empty((blocks, blocks), np.int32)
-    per_cell = shift_penalty * CELL * CELL
+    per_cell = search.shift_penalty * CELL * CELL
     for a in range(angles):
         turn = (a - turns) * angle_step
-        _rotate(points, origin, centre, centre[2] + turn, cells[a])
+        _rotate(points, grid.origin, centre, centre[2] + turn, cells[a])
         _score_blocks(levels[depth], cells[a], half, width, outside, totals)
         for i in range(blocks):
             x = -half + i * width
@@ -250,7 +243,7 @@ def _branch_and_bound(
                     - turn_penalty * turn * turn
                 )
     order = np.argsort(-bounds, kind="mergesort")
-    best, result = least, np.array([0.0, 0.0, 0.0])
+    best, result = search.least, np.array([0.0, 0.0, 0.0])
     found = False
     stack = np.empty((4 * (depth + 1) + 4, 3), np.int64)
     for k in order:
@@ -273,9 +266,10 @@ def _branch_and_bound(
             if bound <= best:
                 continue
             if h == 0:
+                away, limit = excluded.pose, excluded.distance * abs(excluded.distance)
                 dx, dy, dt = x * CELL - away[0], y * CELL - away[1], turn - away[2]
                 dt = np.arctan2(np.sin(dt), np.cos(dt))
-                if dx * dx + dy * dy <= away_shift * abs(away_shift) and abs(dt) <= away_turn:
+                if dx * dx + dy * dy <= limit and abs(dt) <= excluded.turn:
                     continue
                 best, found = bound, True
                 result[0], result[1], result[2] = x * CELL, y * CELL, turn

@@ -13,22 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.config import Config
-from tccm_ros.config import Odometry as OdometryConfig
-from tccm_ros.slam.alignment import Alignment, align
+from tccm_ros.slam.alignment import Alignment, Prior, agreement, align
 from tccm_ros.slam.correlation import correlate
 from tccm_ros.slam.level_scan import LevelScan
 from tccm_ros.slam.likelihood_grid import LikelihoodGrid, make_likelihood_grid
 from tccm_ros.slam.line_map import LineMap, make_line_map
-from tccm_ros.slam.odometry_checks import evidence_for
-from tccm_ros.slam.odometry_scale import OdometryScale
+from tccm_ros.slam.odometry_model import OdometryScale, odometry_covariance
 from tccm_ros.slam.se2 import between, compose, fuse, rotate_covariance
 
-__all__ = ["FrontEnd", "GraphKeyframe", "Placed", "motion_covariance", "odometry_covariance"]
+__all__ = ["FrontEnd", "GraphKeyframe", "Placed"]
 
 Float64 = NDArray[np.float64]
-
-ODOMETRY_FLOOR = (0.005, 0.003)
-"""Standard deviation (m, rad) of odometry that reports no motion: encoder steps and slip."""
 
 LOOSE_COV = np.diag([0.5**2, 0.5**2, 0.5**2])
 """Covariance of (x, y, yaw) of a motion that odometry does not tell, between two scans."""
@@ -88,22 +83,6 @@ class Placed:
     keyframe: int
     pose: Float64
     cov: Float64
-
-
-def odometry_covariance(delta: Float64, config: OdometryConfig) -> Float64:
-    """Return the covariance (3, 3) of (x, y, yaw) of an odometry step, in its end's frame."""
-    return motion_covariance(delta, config, ODOMETRY_FLOOR)
-
-
-def motion_covariance(
-    delta: Float64, config: OdometryConfig, floor: tuple[float, float] = (0.0, 0.0)
-) -> Float64:
-    """Return the part of `odometry_covariance` that grows with the motion, above a floor."""
-    distance, turn = float(np.hypot(delta[0], delta[1])), abs(float(delta[2]))
-    sigma_xy = floor[0] + config.sigma_per_m * distance
-    sigma_yaw = floor[1] + config.sigma_rad_per_rad * turn
-    sigma_yaw += config.sigma_rad_per_m * distance
-    return np.diag([sigma_xy**2, sigma_xy**2, sigma_yaw**2])
 
 
 @dataclass(slots=True)
@@ -239,15 +218,14 @@ class FrontEnd:
             self._map.grid, scan.search_points, centre, window, angle_step=step, penalty=penalty
         )
         # Odometry's covariance is diagonal, and the same along any two axes of the plane.
-        information = np.diag(1.0 / np.diag(prior_cov))
+        known = Prior(prior, np.diag(1.0 / np.diag(prior_cov)))
         return align(
             self._map.lines,
             scan.points,
             scan.normals,
             start.pose if start.score > 0.0 else centre,
             self.config.matching.range_sigma,
-            prior,
-            information,
+            known,
         )
 
     def _search_wide(self, scan: LevelScan, predicted: Float64, near: Alignment) -> Alignment:
@@ -265,7 +243,7 @@ class FrontEnd:
         assert self._map is not None
         if len(self.keyframes) < CONFIRMING_KEYFRAMES:
             return alignment.inliers
-        return evidence_for(alignment, scan, self._map.lines)
+        return agreement(alignment, scan, self._map.lines)
 
     def _add_keyframe(self, scan: LevelScan, cov: Float64) -> None:
         first = not self.keyframes
@@ -280,10 +258,6 @@ class FrontEnd:
 
     def _rebuild_map(self) -> None:
         recent = self.keyframes[-self.config.matching.submap_keyframes :]
-        lines = make_line_map(
-            np.stack([k.pose for k in recent]),
-            [k.scan.points for k in recent],
-            [k.scan.normals for k in recent],
-            [k.scan.origin for k in recent],
-        )
+        poses = np.stack([k.pose for k in recent])
+        lines = make_line_map(poses, [k.scan for k in recent])
         self._map = _LocalMap(lines, make_likelihood_grid(lines.points, 3))

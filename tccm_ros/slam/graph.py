@@ -16,12 +16,12 @@ from scipy.sparse import csc_matrix
 
 from tccm_ros.geometry import spatial, wrap_angle
 from tccm_ros.slam.factors import Factor, Key
+from tccm_ros.slam.factors.noise import turn_covariance
 from tccm_ros.slam.marginals import marginal_blocks
 
-__all__ = ["GraphSolution", "IncrementalGraph", "PoseGraph", "solve_graph"]
+__all__ = ["GraphSolution", "IncrementalGraph", "PoseGraph"]
 
 Float64 = NDArray[np.float64]
-Journal = list[tuple[list[Factor], dict[Key, Float64]] | None]
 
 MAX_ITERATIONS = 50
 RELATIVE_TOLERANCE = 1e-5
@@ -60,13 +60,7 @@ class GraphSolution:
     def planar_covariance(self, key: Key) -> Float64:
         """Return the covariance float64 (3, 3) of (x, y, yaw) in the pose's own frame."""
         cov = self.covariance(key)[np.ix_([3, 4, 2], [3, 4, 2])]
-        c, s = np.cos(key.turn), np.sin(key.turn)
-        R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        return R @ cov @ R.T
-
-    def errors(self) -> Float64:
-        """Return each factor's half squared Mahalanobis distance, float64 (F,), in given order."""
-        return self.errors_of(range(self.graph.size()))
+        return turn_covariance(cov, -key.turn)
 
     def errors_of(self, indices: Iterable[int]) -> Float64:
         """Return half squared Mahalanobis distances of some factors, float64 (N,)."""
@@ -74,11 +68,7 @@ class GraphSolution:
 
 
 def _marginals(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> dict[int, Float64]:
-    """Return the marginal covariance of every variable by its symbol.
-
-    GTSAM gives them one by one, and in a graph whose views see each other again and again each
-    takes a tenth of a solution.
-    """
+    """Return the marginal covariance of every variable by its symbol."""
     linear = graph.linearize(values)
     symbols = list(values.keys())
     zeros = values.zeroVectors()
@@ -150,8 +140,8 @@ class IncrementalGraph:
 
     def __init__(self, relinearize_skip: int = 10) -> None:
         self._skip = relinearize_skip
-        self._journal: Journal = []
-        self._replay("CHOLESKY")
+        self._steps: list[tuple[list[Factor], dict[Key, Float64]]] = []
+        self._begin("CHOLESKY")
 
     def add(self, factors: Iterable[Factor], poses: Mapping[Key, Float64]) -> None:
         """Add factors and new poses, with start values (3,) or (4, 4), and update.
@@ -159,11 +149,13 @@ class IncrementalGraph:
         Landmarks that are new are started by their factors, from poses in the graph.
         """
         step = list(factors), dict(poses)
-        self._journal.append(step)
+        self._steps.append(step)
         try:
             self._take(*step)
         except RuntimeError:
-            self._replay("QR")
+            self._begin("QR")
+            for earlier in self._steps:
+                self._take(*earlier)
 
     def _take(self, factors: Sequence[Factor], poses: Mapping[Key, Float64]) -> None:
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
@@ -184,30 +176,13 @@ class IncrementalGraph:
                     self._landmarks.add(key)
         self._isam.update(graph, values)
 
-    def _replay(self, factorization: str) -> None:
-        """Do all steps of the journal anew."""
+    def _begin(self, factorization: str) -> None:
         self._isam = gtsam.ISAM2(_isam_params(factorization, self._skip))
         self._landmarks: set[Key] = set()
-        for step in self._journal:
-            if step is not None:
-                self._take(*step)
-            else:
-                self._isam.calculateEstimate()
-
-    def pose(self, key: Key) -> Float64:
-        """Return T_map_frame float64 (4, 4)."""
-        self._note_reading()
-        return key.unturned(self._isam.calculateEstimatePose3(key.symbol))
 
     def planar_poses(self, keys: Sequence[Key]) -> Float64:
         """Return planar poses float64 (N, 3)."""
-        self._note_reading()
         return _planar_poses(self._isam.calculateEstimate(), keys)
-
-    def _note_reading(self) -> None:
-        """Note that the estimate was asked for: ISAM2 brings it up to date then, to a threshold."""
-        if self._journal and self._journal[-1] is not None:
-            self._journal.append(None)
 
 
 def _planar_poses(values: gtsam.Values, keys: Sequence[Key]) -> Float64:
@@ -218,20 +193,6 @@ def _planar_poses(values: gtsam.Values, keys: Sequence[Key]) -> Float64:
     matrices = gtsam.utilities.extractPose3(poses)
     known = np.array(poses.keys(), np.uint64)
     rows = matrices[np.searchsorted(known, np.array([key.symbol for key in keys], np.uint64))]
-    # A row is R (3 x 3, row by row) and t.
-    yaw = np.arctan2(rows[:, 3], rows[:, 0]) - np.array([key.turn for key in keys])
-    return np.column_stack([rows[:, 9], rows[:, 10], wrap_angle(yaw)])
-
-
-def solve_graph(factors: Sequence[Factor], poses: Mapping[Key, Float64]) -> GraphSolution:
-    """Build and optimise a graph.
-
-    Parameters
-    ----------
-    factors
-        In the order in which they enter the graph.
-    poses
-        Start values T_map_frame of all poses: float64 (4, 4), or planar (3,). Landmarks are
-        started by their factors.
-    """
-    return PoseGraph(factors, poses).optimise()
+    R, t = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:]
+    yaw = np.arctan2(R[:, 1, 0], R[:, 0, 0]) - np.array([key.turn for key in keys])
+    return np.column_stack([t[:, :2], wrap_angle(yaw)])

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.slam.point_sets import extent_near_median
+from tccm_ros.slam.buckets import extent_near_median
 
 __all__ = ["CELL", "UNKNOWN", "LikelihoodGrid", "make_likelihood_grid", "with_unknown"]
 
@@ -37,12 +37,11 @@ SHORT = 0.15
 """A beam proves free space up to this distance (m) before its end."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LikelihoodGrid:
+class LikelihoodGrid(NamedTuple):
     """Likelihoods 0..255, uint8 (levels, rows, columns), and the corner float64 (2,) of cell 0, 0.
 
     `outside` is the likelihood beyond the grid. Cell (i, j) of level h holds the maximum of the
-    finest level over i..i + 2^h - 1 and j..j + 2^h - 1.
+    finest level over i..i + 2^h - 1 and j..j + 2^h - 1. Compiled code takes it as it is.
     """
 
     levels: UInt8

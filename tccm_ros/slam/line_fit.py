@@ -1,24 +1,89 @@
-"""Total-least-squares fit of one segment, with its covariance in (phi, rho)."""
+"""Total-least-squares fit of segments, with their covariances in (phi, rho)."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["fit_segment"]
+__all__ = ["SEGMENT", "fit_segment", "fit_segments"]
 
 Float64 = NDArray[np.float64]
+
+SEGMENT = np.dtype(
+    [
+        ("phi", np.float64),
+        ("rho", np.float64),
+        ("cov", np.float64, (2, 2)),
+        ("endpoints", np.float64, (2, 2)),
+        ("count", np.int64),
+    ]
+)
+"""A fitted segment, as `Lines` holds it."""
 
 MIN_INCIDENCE = 0.15
 """Least |cos| of the angle between beam and normal: beyond, bearing noise takes over."""
 
 
 @njit(nogil=True, cache=True)
+def fit_segments(
+    beams: Float64,
+    labels: NDArray[np.int32],
+    origin: Float64,
+    sigma: float,
+    min_points: int,
+    min_length: float,
+) -> Any:  # pragma: no cover - compiled
+    """Fit the points of each label that are enough and reach far enough.
+
+    Parameters
+    ----------
+    beams
+        float64 (B, 2), m.
+    labels
+        int32 (B,), the segment of each beam, or -1.
+    origin, sigma
+        As for `fit_segment`.
+    min_points, min_length
+        What a segment must have, m.
+
+    Returns
+    -------
+    Segments of dtype `SEGMENT`, in the order of their labels
+    """
+    total = 0
+    for i in range(len(labels)):
+        total = max(total, labels[i] + 1)
+    starts = np.zeros(total + 1, np.int64)
+    for i in range(len(labels)):
+        if labels[i] >= 0:
+            starts[labels[i] + 1] += 1
+    starts = np.cumsum(starts)
+    points, fill = np.empty((starts[total], 2)), starts[:-1].copy()
+    for i in range(len(labels)):
+        if labels[i] >= 0:
+            points[fill[labels[i]]] = beams[i]
+            fill[labels[i]] += 1
+    segments = np.zeros(total, SEGMENT)
+    count = 0
+    for k in range(total):
+        if starts[k + 1] - starts[k] < min_points:
+            continue
+        segment = segments[count]
+        fit_segment(points[starts[k] : starts[k + 1]], origin, sigma, segment)
+        ends = segment.endpoints
+        if np.hypot(ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1]) >= min_length:
+            count += 1
+    return segments[:count]
+
+
+@njit(nogil=True, cache=True)
 def fit_segment(
-    points: Float64, origin: Float64, sigma: float, row: Float64
+    points: Float64, origin: Float64, sigma: float, segment: Any
 ) -> None:  # pragma: no cover - compiled
-    """Fit a line to points and write phi, rho, v_phi, c, v_rho, x0, y0, x1, y1, count to `row`.
+    """Fit a line to points and write it into `segment`.
 
     The noise of a range moves a point along its beam: across the line it counts with the cosine
     of the incidence. With yc the offset of the points' centre along the tangent, v_phi the
@@ -33,8 +98,8 @@ def fit_segment(
         float64 (2,), the laser; phi points away from it.
     sigma
         Noise of a range, m.
-    row
-        float64 (10,), receives the result.
+    segment
+        An element of an array of dtype `SEGMENT`, receives the result.
     """
     n = len(points)
     mx, my = 0.0, 0.0
@@ -64,8 +129,9 @@ def fit_segment(
     v_perp = noise / (n * n)
     v_phi = turning / max(spread * spread, 1e-12)
     yc = -ny * mx + nx * my
-    row[0], row[1] = phi, rho
-    row[2], row[3], row[4] = v_phi, yc * v_phi, v_perp + yc * yc * v_phi
-    row[5], row[6] = rho * nx - (yc + low) * ny, rho * ny + (yc + low) * nx
-    row[7], row[8] = rho * nx - (yc + high) * ny, rho * ny + (yc + high) * nx
-    row[9] = n
+    segment.phi, segment.rho, segment.count = phi, rho, n
+    cov, ends = segment.cov, segment.endpoints
+    cov[0, 0], cov[1, 1] = v_phi, v_perp + yc * yc * v_phi
+    cov[0, 1] = cov[1, 0] = yc * v_phi
+    ends[0, 0], ends[0, 1] = rho * nx - (yc + low) * ny, rho * ny + (yc + low) * nx
+    ends[1, 0], ends[1, 1] = rho * nx - (yc + high) * ny, rho * ny + (yc + high) * nx

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.slam.point_sets import extent_near_median, place_scans
+from tccm_ros.slam.buckets import BUCKET, Buckets, extent_near_median, sort_into_buckets
+from tccm_ros.slam.level_scan import LevelScan
+from tccm_ros.slam.se2 import place_scans
 from tccm_ros.slam.seen_through import passes_and_hits
-from tccm_ros.slam.surface_normals import BUCKET, fit_missing_normals, mean_normals
+from tccm_ros.slam.surface_normals import fit_missing_normals, mean_normals
 
-__all__ = ["BUCKET", "LineMap", "make_line_map"]
+__all__ = ["LineMap", "make_line_map"]
 
 Float64 = NDArray[np.float64]
-Int32 = NDArray[np.int32]
+Int64 = NDArray[np.int64]
 
 SPACING = 0.05
 """A point nearer than this (m) to one that is there already, and facing its way, adds nothing."""
@@ -35,10 +38,8 @@ class LineMap(NamedTuple):
     ----------
     points, normals
         In the map's own frame; the normal is zero where the surroundings are not flat.
-    origin
-        float64 (2,), lower corner of the bucket grid.
-    starts
-        int32 (rows, columns, 2): first point of each bucket and the one past its last.
+    buckets
+        Where the points of each bucket are.
     confirmed
         bool (N,), whether another scan saw a surface there, too: one that moves along with the
         robot is elsewhere in each scan.
@@ -48,15 +49,20 @@ class LineMap(NamedTuple):
 
     points: Float64
     normals: Float64
-    origin: Float64
-    starts: Int32
+    buckets: Buckets
     confirmed: NDArray[np.bool_]
     variances: Float64
 
 
-def make_line_map(
-    poses: Float64, points: list[Float64], normals: list[Float64], origins: list[Float64]
-) -> LineMap:
+class _Seen(NamedTuple):
+    """Points and normals, float64 (N, 2), and the scan int64 (N,) that saw each."""
+
+    points: Float64
+    normals: Float64
+    scan: Int64
+
+
+def make_line_map(poses: Float64, scans: Sequence[LevelScan]) -> LineMap:
     """Put scans into one map; the first scan to see a place defines it, all tell its normal.
 
     What more scans saw through than saw has moved, and is not in the map.
@@ -65,35 +71,41 @@ def make_line_map(
     ----------
     poses
         float64 (K, 3), the scans' planar poses in the map's frame.
-    points, normals
-        K arrays float64 (N_k, 2) in the scans' frames.
-    origins
-        K arrays float64 (2,), the laser in the scans' frames.
+    scans
+        K of them.
     """
-    counts = np.array([len(q) for q in points])
-    p, n = place_scans(poses, counts, np.concatenate(points), np.concatenate(normals))
+    counts = np.array([len(scan.points) for scan in scans])
+    p, n = place_scans(
+        poses,
+        counts,
+        np.concatenate([scan.points for scan in scans]),
+        np.concatenate([scan.normals for scan in scans]),
+    )
     if not len(p):
-        nothing = np.zeros(0)
-        return LineMap(
-            p, n, np.zeros(2), np.zeros((1, 1, 2), np.int32), nothing.astype(bool), nothing
-        )
+        buckets = Buckets(np.zeros(2), np.zeros((1, 1, 2), np.int32))
+        return LineMap(p, n, buckets, np.zeros(0, bool), np.zeros(0))
     near, low, high = extent_near_median(p, 0.5 * MAX_SIDE * BUCKET - BUCKET)
-    scan = np.repeat(np.arange(len(counts)), counts)[near]
-    p, n = p[near], n[near]
+    seen = _Seen(p[near], n[near], np.repeat(np.arange(len(counts)), counts)[near])
     origin = low - 1.5 * BUCKET
     shape = ((high - origin) / BUCKET).astype(np.int64) + 3
-    owner = _thin(p, n, origin, shape)
-    stay = np.flatnonzero(owner == np.arange(len(p)))
-    lasers, _ = place_scans(poses, np.ones_like(counts), np.stack(origins), np.zeros_like(poses))
-    passes, hits = passes_and_hits(p[stay], lasers, np.bincount(scan, minlength=len(counts)), p)
+    owner = _thin(seen.points, seen.normals, origin, shape)
+    stay = np.flatnonzero(owner == np.arange(len(owner)))
+    lasers, _ = place_scans(
+        poses, np.ones_like(counts), np.stack([s.origin for s in scans]), np.zeros_like(poses)
+    )
+    ends = np.bincount(seen.scan, minlength=len(counts))
+    passes, hits = passes_and_hits(seen.points[stay], lasers, ends, seen.points)
     stay = stay[passes <= hits]
-    order, starts = _sort_into_buckets(p[stay], origin, shape)
-    kept = stay[order]
-    mean, variances = mean_normals(n, owner)
-    at, mean, variances = p[kept], mean[kept], variances[kept]
-    fit_missing_normals(at, mean, variances, lasers[scan[kept]], origin, starts, p)
-    confirmed = _confirmed(at, mean, scan[kept], origin, starts, p, n, scan)
-    return LineMap(at, mean, origin, starts, confirmed, variances)
+    order, starts = sort_into_buckets(seen.points[stay], origin, shape)
+    kept, buckets = stay[order], Buckets(origin, starts)
+    mean, variances = mean_normals(seen.normals, owner)
+    mapped = _Seen(seen.points[kept], mean[kept], seen.scan[kept])
+    variances = variances[kept]
+    fit_missing_normals(
+        mapped.points, mapped.normals, variances, lasers[mapped.scan], buckets, seen.points
+    )
+    confirmed = _confirmed(mapped, buckets, seen)
+    return LineMap(mapped.points, mapped.normals, buckets, confirmed, variances)
 
 
 @njit(nogil=True, cache=True)
@@ -126,57 +138,23 @@ def _thin(
 
 
 @njit(nogil=True, cache=True)
-def _sort_into_buckets(
-    points: Float64, origin: Float64, shape: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], Int32]:  # pragma: no cover - compiled
-    """Counting sort by bucket: the points' new order, and each bucket's first and last.
-
-    The order within a bucket stays.
-    """
-    starts = np.zeros((shape[0], shape[1], 2), np.int32)
-    cells = np.empty((len(points), 2), np.int32)
-    for i in range(len(points)):
-        cells[i, 0] = int((points[i, 0] - origin[0]) / BUCKET)
-        cells[i, 1] = int((points[i, 1] - origin[1]) / BUCKET)
-        starts[cells[i, 0], cells[i, 1], 1] += 1
-    total = 0
-    for x in range(shape[0]):
-        for y in range(shape[1]):
-            n = starts[x, y, 1]
-            starts[x, y, 0] = starts[x, y, 1] = total
-            total += n
-    order = np.empty(len(points), np.int64)
-    for i in range(len(points)):
-        k = starts[cells[i, 0], cells[i, 1], 1]
-        order[k] = i
-        starts[cells[i, 0], cells[i, 1], 1] = k + 1
-    return order, starts
-
-
-@njit(nogil=True, cache=True)
 def _confirmed(
-    points: Float64,
-    normals: Float64,
-    scan: NDArray[np.int64],
-    origin: Float64,
-    starts: Int32,
-    all_points: Float64,
-    all_normals: Float64,
-    all_scan: NDArray[np.int64],
+    mapped: _Seen, buckets: Buckets, seen: _Seen
 ) -> NDArray[np.bool_]:  # pragma: no cover - compiled
     """Mark the points of a map whose surface another scan saw within ALONG and ACROSS."""
-    confirmed = np.zeros(len(points), np.bool_)
-    for i in range(len(all_points)):
-        x, y = all_points[i, 0] - origin[0], all_points[i, 1] - origin[1]
-        nx, ny = all_normals[i, 0], all_normals[i, 1]
+    confirmed, starts = np.zeros(len(mapped.points), np.bool_), buckets.starts
+    for i in range(len(seen.points)):
+        px, py = seen.points[i, 0], seen.points[i, 1]
+        nx, ny = seen.normals[i, 0], seen.normals[i, 1]
+        x, y = px - buckets.origin[0], py - buckets.origin[1]
         for gx in range(int((x - ALONG) / BUCKET), int((x + ALONG) / BUCKET) + 1):
             for gy in range(int((y - ALONG) / BUCKET), int((y + ALONG) / BUCKET) + 1):
                 for j in range(starts[gx, gy, 0], starts[gx, gy, 1]):
-                    if confirmed[j] or scan[j] == all_scan[i]:
+                    if confirmed[j] or mapped.scan[j] == seen.scan[i]:
                         continue
-                    dx, dy = points[j, 0] - all_points[i, 0], points[j, 1] - all_points[i, 1]
+                    dx, dy = mapped.points[j, 0] - px, mapped.points[j, 1] - py
                     distance2 = dx * dx + dy * dy
-                    dot = normals[j, 0] * nx + normals[j, 1] * ny
+                    dot = mapped.normals[j, 0] * nx + mapped.normals[j, 1] * ny
                     if dot > ALIKE:
                         away = nx * dx + ny * dy
                         confirmed[j] = distance2 < ALONG * ALONG and abs(away) < ACROSS

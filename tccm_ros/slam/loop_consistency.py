@@ -1,16 +1,27 @@
-"""Which proposals agree with each other: pairwise consistency (Mangelson et al. 2018)."""
+"""Which loop closures are believed.
+
+While driving: pairwise consistency (Mangelson et al. 2018) with others. In the end: all against
+all, by graduated non-convexity (Yang et al. 2020) with truncated least squares, which solves the
+graph again and again with reweighted loops; the weights start nearly equal and end at zero or one.
+No factor needs a robust model of its own.
+
+GTSAM's ``GncLMOptimizer`` does not take these graphs (tried with 4.3.0): it clones all factors, and
+throws where it comes to an ``OrientedPlane3Factor``, also with known inliers.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.geometry import between2, compose2, inverse2
-from tccm_ros.slam.loop_proposals import Proposal
+from tccm_ros.slam.factors import Key
+from tccm_ros.slam.graph import GraphSolution, PoseGraph
+from tccm_ros.slam.loop_matching import Proposal
 
-__all__ = ["consistent_with", "largest_consistent_set"]
+__all__ = ["consistent_with", "select_loops"]
 
 Float64 = NDArray[np.float64]
 
@@ -25,8 +36,18 @@ KNOWS_PLACE = 0.5
 """A proposal whose standard deviation (m) is larger in some direction does not say where the robot
 is: along a plain corridor. It agrees with all, and so confirms none that does."""
 
-CHI2 = 11.3
+CYCLE_CHI2 = 11.3
 """99 % of three degrees of freedom."""
+
+LOOP_CHI2 = 16.3
+"""A loop whose squared Mahalanobis distance is larger is wrong: 99.9 % of three degrees."""
+
+CONTROL_STEP = 2.0
+"""Factor of the control parameter from one solution to the next."""
+
+MAX_ROUNDS = 15
+MIN_WEIGHT = 1e-4
+"""A weight of zero would take a factor's information away altogether."""
 
 
 def consistent_with(
@@ -62,7 +83,7 @@ def consistent_with(
     xx, xy, yy = cov[:, 0, 0] + sigma_xy**2, cov[:, 0, 1], cov[:, 1, 1] + sigma_xy**2
     x, y = error[:, 0], error[:, 1]
     chi2 = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
-    agree = chi2 + error[:, 2] ** 2 / sigma_yaw**2 < CHI2
+    agree = chi2 + error[:, 2] ** 2 / sigma_yaw**2 < CYCLE_CHI2
     return np.asarray(agree & (_knows_place(others) == _knows_place([one])))
 
 
@@ -80,30 +101,86 @@ def _knows_place(proposals: Sequence[Proposal]) -> NDArray[np.bool_]:
     return np.array([p.spread < KNOWS_PLACE**2 for p in proposals])
 
 
-def largest_consistent_set(
-    proposals: Sequence[Proposal],
-    poses: Sequence[Float64] | Float64,
-    path: Sequence[float] | Float64,
-) -> list[int]:
-    """Return the indices of a large set of mutually consistent proposals, ascending.
+def select_loops(
+    graph: PoseGraph, keys: Sequence[Key], loops: Sequence[Proposal]
+) -> tuple[Float64, NDArray[np.bool_]]:
+    """Optimise a graph with loop closures and find those that contradict the rest.
 
-    Greedy: start from the proposal that agrees with most and add, in order of agreement, what
-    agrees with all that is in.
+    Parameters
+    ----------
+    graph
+        With all but the loops; it is given them.
+    keys
+        Variables of the keyframes.
+    loops
+        As accepted while driving.
+
+    Returns
+    -------
+    poses float64 (K, 3) and which loops are kept bool (L,)
     """
-    n = len(proposals)
-    agree = np.zeros((n, n), bool)
-    for i in range(n):
-        agree[i] = consistent_with(proposals[i], proposals, poses, path)
-    agree &= agree.T
-    order = np.argsort(-agree.sum(axis=1), kind="stable")
-    best: list[int] = []
-    for seed in order[: min(n, 20)]:
-        chosen = [int(seed)]
-        allowed = agree[seed].copy()
-        for i in order:
-            if i != seed and allowed[i]:
-                chosen.append(int(i))
-                allowed &= agree[i]
-        if len(chosen) > len(best):
-            best = chosen
-    return sorted(best)
+    first = len(graph)
+    graph.add([p.factor(keys) for p in loops])
+    weights = np.ones(len(loops))
+
+    def solve(new: Float64) -> GraphSolution:
+        for i in map(int, np.flatnonzero(new != weights)):
+            graph.replace(first + i, loops[i].factor(keys, float(new[i])))
+        weights[:] = new
+        return graph.optimise()
+
+    def chi2(solution: GraphSolution) -> Float64:
+        return 2.0 * solution.errors_of(range(first, first + len(loops))) / weights
+
+    solution, final = _graduate(solve, chi2, len(loops))
+    return solution.planar_poses(keys), final > 0.5
+
+
+def _graduate(
+    solve: Callable[[Float64], GraphSolution],
+    chi2: Callable[[GraphSolution], Float64],
+    count: int,
+) -> tuple[GraphSolution, Float64]:
+    """Find the weights of `count` doubtful factors.
+
+    Parameters
+    ----------
+    solve
+        Optimises the graph with given weights float64 (count,).
+    chi2
+        Gives the factors' squared Mahalanobis distances, unweighted, float64 (count,).
+    count
+        Doubtful factors.
+
+    Returns
+    -------
+    The last solution, and weights float64 (count,): `MIN_WEIGHT` or 1.
+    """
+    weights = np.ones(count)
+    solution = solve(weights)
+    if not count:
+        return solution, weights
+    r2 = chi2(solution)
+    if r2.max() <= LOOP_CHI2:
+        return solution, weights
+    mu = max(LOOP_CHI2 / (2.0 * float(r2.max()) - LOOP_CHI2), 1e-3)
+    for _ in range(MAX_ROUNDS):
+        new = _weights(r2, mu)
+        settled = np.all((new <= MIN_WEIGHT) | (new >= 1.0)) and np.array_equal(new, weights)
+        weights = new
+        solution = solve(weights)
+        r2 = chi2(solution)
+        if settled:
+            break
+        mu *= CONTROL_STEP
+    final = np.where(r2 <= LOOP_CHI2, 1.0, MIN_WEIGHT)
+    return (solution if np.array_equal(final, weights) else solve(final)), final
+
+
+def _weights(r2: Float64, mu: float) -> Float64:
+    """Return Eq. (14) of the paper: weights of truncated least squares at control `mu`."""
+    limit = LOOP_CHI2
+    middle = np.sqrt(limit * mu * (mu + 1.0) / np.maximum(r2, 1e-12)) - mu
+    weights = np.where(r2 >= (mu + 1.0) / mu * limit, 0.0, middle)
+    weights = np.where(r2 <= mu / (mu + 1.0) * limit, 1.0, weights)
+    return np.asarray(np.clip(weights, MIN_WEIGHT, 1.0))

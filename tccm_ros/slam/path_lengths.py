@@ -1,14 +1,67 @@
-"""How far apart keyframes are along what ties them: the chain of a session, and loop closures."""
+"""How far apart keyframes are along what ties them: the chain of a session, and loop closures.
+
+A shortest path tells how far the estimate may have drifted between two keyframes.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["lengths_from"]
+from tccm_ros.slam.front_end import GraphKeyframe
+from tccm_ros.slam.loop_matching import Proposal
+
+__all__ = ["PathLengths", "lengths_from"]
 
 Float64 = NDArray[np.float64]
+
+LOOP_LENGTH = 0.5
+"""A loop closure ties its ends at best as well as this much path (m)."""
+
+TURN_LENGTH = 0.2
+"""A turn by one rad counts as this much path, m."""
+
+
+@dataclass(slots=True)
+class PathLengths:
+    """Lengths along the chains of all sessions and the loop closures between them.
+
+    Attributes
+    ----------
+    drift
+        ``loops.drift``, m per m of path.
+    driven
+        float64 (K,), path from the first keyframe of all to each, m.
+    """
+
+    drift: float
+    driven: Float64 = field(default_factory=lambda: np.zeros(0))
+    _steps: Float64 = field(default_factory=lambda: np.zeros(0))
+    _loops: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    _ties: Float64 = field(default_factory=lambda: np.zeros(0))
+
+    def add(self, keyframe: GraphKeyframe, *, starts: bool) -> None:
+        """Append a keyframe; the first of a session `starts` a chain."""
+        x, y, yaw = keyframe.delta
+        step = float(np.hypot(x, y) + TURN_LENGTH * abs(yaw))
+        before = self.driven[-1] if len(self.driven) else 0.0
+        self.driven = np.append(self.driven, step + before)
+        self._steps = np.append(self._steps, np.inf if starts else step)
+
+    def tie(self, loops: Sequence[Proposal]) -> None:
+        """Add loop closures, as long as the path that ties as well in their weakest direction."""
+        ends = np.array([(p.a, p.b) for p in loops], np.int64).reshape(-1, 2)
+        ties = np.array([max(LOOP_LENGTH, p.spread**0.5 / self.drift) for p in loops])
+        self._loops = np.concatenate([self._loops, ends])
+        self._ties = np.concatenate([self._ties, ties])
+
+    def until(self, k: int) -> Float64:
+        """Return the length of the shortest path from all keyframes up to `k` to it, (k + 1,)."""
+        return lengths_from(k, self._steps[: k + 1], self._loops, self._ties)
 
 
 @njit(nogil=True, cache=True)

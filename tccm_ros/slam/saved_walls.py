@@ -2,32 +2,53 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.errors import MapError
+from tccm_ros.records import LandmarkObservation
+from tccm_ros.slam.chain import HungPose
+from tccm_ros.slam.factors import landmark_class
 from tccm_ros.slam.front_end import GraphKeyframe
+from tccm_ros.slam.landmarks import Sighting
 from tccm_ros.slam.level_scan import LevelScan
 from tccm_ros.slam.lines import Lines
-from tccm_ros.slam.loop_proposals import Proposal
+from tccm_ros.slam.loop_matching import Proposal
 
-__all__ = ["pack_state", "unpack_state"]
+__all__ = ["SavedWalls", "pack_state", "unpack_state"]
 
 Float64 = NDArray[np.float64]
 
-Unpacked = tuple[list[GraphKeyframe], list[Lines], Float64, list[Proposal]]
+
+class SavedWalls(NamedTuple):
+    """What a later session goes on with.
+
+    Attributes
+    ----------
+    keyframes, lines
+        Of all sessions, and the lines that each sees.
+    poses
+        float64 (K, 3), where the keyframes are.
+    loops
+        Those that are believed.
+    sightings
+        Observations of landmarks.
+    """
+
+    keyframes: Sequence[GraphKeyframe]
+    lines: Sequence[Lines]
+    poses: Float64
+    loops: Sequence[Proposal]
+    sightings: Sequence[Sighting]
 
 
-def pack_state(
-    keyframes: Sequence[GraphKeyframe],
-    lines: Sequence[Lines],
-    poses: Float64,
-    loops: Sequence[Proposal],
-) -> dict[str, NDArray[Any]]:
-    """Return arrays: keyframe rows, scans and lines end to end with counts, loops."""
+def pack_state(saved: SavedWalls) -> dict[str, NDArray[Any]]:
+    """Return arrays: keyframe rows, scans and lines end to end with counts, loops, landmarks."""
+    keyframes, lines, poses, loops, sightings = saved
     scans = [k.scan for k in keyframes]
     return {
         "keyframe_stamp_ns": np.array([s.stamp_ns for s in scans], np.int64),
@@ -51,6 +72,24 @@ def pack_state(
         "loop_delta": _rows([p.delta for p in loops], 3),
         "loop_cov": _rows([p.cov for p in loops], 3, 3),
         "loop_quality": _rows([np.array([p.inliers, p.score, p.window]) for p in loops], 3),
+        **_pack_landmarks(sightings),
+    }
+
+
+def _pack_landmarks(sightings: Sequence[Sighting]) -> dict[str, NDArray[Any]]:
+    hung, seen = [s.hung for s in sightings], [s.observation for s in sightings]
+    kinds = sorted({o.kind for o in seen})
+    return {
+        "landmark_kinds": np.frombuffer(json.dumps(kinds).encode(), np.uint8),
+        "landmark_kind": np.array([kinds.index(o.kind) for o in seen], np.int64),
+        "landmark_id": np.array([o.id for o in seen], np.int64),
+        "landmark_stamp_ns": np.array([o.stamp_ns for o in seen], np.int64),
+        "landmark_keyframe": np.array([h.keyframe for h in hung], np.int64),
+        "landmark_pose": _rows([h.pose for h in hung], 3),
+        "landmark_pose_cov": _rows([h.cov for h in hung], 3, 3),
+        "landmark_size": np.array([len(o.measurement) for o in seen], np.int64),
+        "landmark_measurement": _joined([o.measurement for o in seen]),
+        "landmark_cov": _joined([o.covariance.ravel() for o in seen]),
     }
 
 
@@ -62,8 +101,8 @@ def _joined(arrays: Sequence[Float64], *shape: int) -> Float64:
     return np.concatenate([np.zeros((0, *shape)), *arrays])
 
 
-def unpack_state(state: Mapping[str, NDArray[Any]]) -> Unpacked:
-    """Return keyframes, lines, poses and loops.
+def unpack_state(state: Mapping[str, NDArray[Any]]) -> SavedWalls:
+    """Return what `pack_state` was given.
 
     Raises
     ------
@@ -78,7 +117,7 @@ def unpack_state(state: Mapping[str, NDArray[Any]]) -> Unpacked:
         raise MapError(f"saved wall map is damaged: {error}") from None
 
 
-def _unpack(s: Mapping[str, NDArray[Any]]) -> Unpacked:
+def _unpack(s: Mapping[str, NDArray[Any]]) -> SavedWalls:
     count = len(s["keyframe_stamp_ns"])
     points = _split(s["scan_points"].astype(float), s["scan_count"], count)
     normals = _split(s["scan_normals"].astype(float), s["scan_count"], count)
@@ -102,11 +141,37 @@ def _unpack(s: Mapping[str, NDArray[Any]]) -> Unpacked:
             s["loop_keyframes"], s["loop_delta"], s["loop_cov"], s["loop_quality"]
         )
     ]
-    return keyframes, lines, s["keyframe_pose"].reshape(count, 3), loops
+    poses = s["keyframe_pose"].reshape(count, 3)
+    return SavedWalls(keyframes, lines, poses, loops, _unpack_landmarks(s, count))
+
+
+def _unpack_landmarks(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[Sighting]:
+    """Return the sightings; maps of earlier versions have none."""
+    if "landmark_kinds" not in s:
+        return []
+    kinds = json.loads(s["landmark_kinds"].tobytes())
+    for kind in kinds:
+        landmark_class(kind)
+    sizes, on = s["landmark_size"], s["landmark_keyframe"].tolist()
+    if not all(0 <= k < keyframes for k in on):
+        raise ValueError("a landmark was seen from a keyframe that is not there")
+    rows = zip(
+        s["landmark_stamp_ns"].tolist(),
+        [kinds[k] for k in s["landmark_kind"].tolist()],
+        s["landmark_id"].tolist(),
+        _split(s["landmark_measurement"], sizes, len(on)),
+        _split(s["landmark_cov"], sizes**2, len(on)),
+        [HungPose(*h) for h in zip(on, s["landmark_pose"], s["landmark_pose_cov"])],
+        strict=True,
+    )
+    return [
+        Sighting(LandmarkObservation(stamp, kind, number, x, cov.reshape(len(x), -1)), hung)
+        for stamp, kind, number, x, cov, hung in rows
+    ]
 
 
 def _split(rows: NDArray[Any], counts: NDArray[np.int64], expected: int) -> list[NDArray[Any]]:
     if len(counts) != expected or int(counts.sum()) != len(rows):
-        raise ValueError(f"{len(rows)} rows for {int(counts.sum())} in {expected} keyframes")
+        raise ValueError(f"{len(rows)} rows for {int(counts.sum())} in {expected} parts")
     ends = np.cumsum(counts)
     return [np.ascontiguousarray(rows[end - n : end]) for n, end in zip(counts, ends)]

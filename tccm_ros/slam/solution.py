@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tccm_ros.geometry import wrap_angle
-from tccm_ros.records import Keyframe, Loop, Wall
+from tccm_ros.records import Keyframe, Landmark, Loop, Wall
 
-__all__ = ["Solution"]
+__all__ = ["Solution", "empty_solution"]
 
 Float64 = NDArray[np.float64]
 
@@ -38,6 +38,8 @@ class Solution:
     unit_variance
         What the graph's covariances, those of the views among them, are to be multiplied by: their
         factors are careful. `cov_keyframes` has it in it.
+    landmarks
+        In the order of their kinds and ids, those of earlier sessions among them.
     """
 
     keyframes: list[Keyframe]
@@ -50,6 +52,7 @@ class Solution:
     view_keyframes: NDArray[np.int64]
     cov_keyframes: Float64
     unit_variance: float = 1.0
+    landmarks: tuple[Landmark, ...] = ()
 
     def pose_at(self, stamps_ns: ArrayLike) -> Float64:
         """Return planar poses (M, 3) at stamps int64 (M,), interpolated; held at the ends."""
@@ -63,3 +66,13 @@ class Solution:
         columns = [np.interp(asked, known, self.poses[:, k]) for k in range(2)]
         columns.append(wrap_angle(np.interp(asked, known, yaw)))
         return np.stack(columns, axis=1)
+
+
+def empty_solution(views: int) -> Solution:
+    """Return the solution without records, with this many views at the origin."""
+    T = np.broadcast_to(np.eye(4), (views, 4, 4)).copy()
+    none = np.zeros(0, np.int64)
+    zeros = np.zeros((views, 6, 6))
+    return Solution(
+        [], [], [], none, np.zeros((0, 3)), T, zeros, np.zeros(views, np.int64), np.zeros((0, 3, 3))
+    )

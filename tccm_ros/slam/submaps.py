@@ -27,11 +27,9 @@ SEARCH_POINTS = 110
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Submap:
-    """Keyframes `first`..`last` in the frame of keyframe `centre`."""
+    """The keyframes around `centre`, in its frame."""
 
     centre: int
-    first: int
-    last: int
     lines: LineMap
     grid: LikelihoodGrid
 
@@ -51,18 +49,13 @@ def make_submap(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> S
     first, last = _range(keyframes, centre, half)
     members = keyframes[first : last + 1]
     poses = between2(keyframes[centre].pose, np.stack([k.pose for k in members]))
-    lines = make_line_map(
-        poses,
-        [k.scan.points for k in members],
-        [k.scan.normals for k in members],
-        [k.scan.origin for k in members],
-    )
+    lines = make_line_map(poses, [k.scan for k in members])
     origins = [place(q, k.scan.origin[None]) for q, k in zip(poses, members)]
     counts = [len(k.scan.points) for k in members]
     ends = np.concatenate([place(q, k.scan.points) for q, k in zip(poses, members)])
     rays = np.repeat(np.concatenate(origins), counts, axis=0), ends
     grid = make_likelihood_grid(lines.points, rays=rays)
-    return Submap(centre, first, last, lines, grid)
+    return Submap(centre, lines, grid)
 
 
 def make_patch(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> Patch:
@@ -70,12 +63,7 @@ def make_patch(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> Pa
     first, last = _range(keyframes, centre, half)
     order = sorted(range(first, last + 1), key=lambda k: (abs(k - centre), k))
     poses = between2(keyframes[centre].pose, np.stack([keyframes[k].pose for k in order]))
-    lines = make_line_map(
-        poses,
-        [keyframes[k].scan.points for k in order],
-        [keyframes[k].scan.normals for k in order],
-        [keyframes[k].scan.origin for k in order],
-    )
+    lines = make_line_map(poses, [keyframes[k].scan for k in order])
     return Patch(
         centre,
         _evenly(lines.points, PATCH_POINTS),

@@ -7,18 +7,18 @@ unknown matters along a corridor: there, walls say of the robot's place only wha
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["AROUND", "BUCKET", "fit_missing_normals", "mean_normals"]
+from tccm_ros.slam.buckets import BUCKET, Buckets
+
+__all__ = ["AROUND", "fit_missing_normals", "mean_normals"]
 
 Float64 = NDArray[np.float64]
-Int32 = NDArray[np.int32]
 Int64 = NDArray[np.int64]
-
-BUCKET = 0.30
-"""Edge of a map's bucket, m."""
 
 AROUND = 0.2
 """Points of all scans within this distance (m) of a point without a normal may show one."""
@@ -28,6 +28,9 @@ LEAST_POINTS = 4
 
 FLATNESS = 0.2
 """Largest ratio of a neighbourhood's thickness to its length that still has a normal."""
+
+MOMENTS = np.dtype([(name, np.float64) for name in ("n", "x", "y", "xx", "xy", "yy")])
+"""Number of points, and the sums of their coordinates and of the products of these."""
 
 
 @njit(nogil=True, cache=True)
@@ -78,8 +81,7 @@ def fit_missing_normals(
     normals: Float64,
     variances: Float64,
     lasers: Float64,
-    origin: Float64,
-    starts: Int32,
+    buckets: Buckets,
     all_points: Float64,
 ) -> None:  # pragma: no cover - compiled
     """Fit a normal to what all scans saw around each point that has none, where that is flat.
@@ -93,18 +95,19 @@ def fit_missing_normals(
         float64 (N, 2), (N, 2) and (N,) of a map, sorted into buckets; the latter two are changed.
     lasers
         float64 (N, 2), from where each was seen: normals point there.
-    origin, starts
-        float64 (2,) and int32 (rows, columns, 2), the buckets.
+    buckets
+        Of the map.
     all_points
         float64 (M, 2), of all scans.
     """
+    origin, starts = buckets.origin, buckets.starts
     missing, wanted = np.zeros(len(points), np.bool_), np.zeros(starts.shape[:2], np.bool_)
     for k in range(len(points)):
         if _is_zero(normals, k):
             missing[k] = True
             x, y = points[k, 0] - origin[0], points[k, 1] - origin[1]
             wanted[int(x / BUCKET), int(y / BUCKET)] = True
-    sums = np.zeros((len(points), 6))
+    moments = np.zeros(len(points), MOMENTS)
     for i in range(len(all_points)):
         x, y = all_points[i, 0] - origin[0], all_points[i, 1] - origin[1]
         for gx in range(int((x - AROUND) / BUCKET), int((x + AROUND) / BUCKET) + 1):
@@ -116,31 +119,31 @@ def fit_missing_normals(
                         dx = all_points[i, 0] - points[k, 0]
                         dy = all_points[i, 1] - points[k, 1]
                         if dx * dx + dy * dy < AROUND * AROUND:
-                            _count_in(dx, dy, sums, k)
+                            _count_in(moments[k], dx, dy)
     for k in range(len(points)):
-        if missing[k] and sums[k, 0] >= LEAST_POINTS:
-            _fit(points[k], lasers[k], sums[k], normals[k], variances[k : k + 1])
+        if missing[k] and moments[k].n >= LEAST_POINTS:
+            _fit(points[k], lasers[k], moments[k], normals[k], variances[k : k + 1])
 
 
 @njit(nogil=True, cache=True)
-def _count_in(dx: float, dy: float, sums: Float64, k: int) -> None:  # pragma: no cover - compiled
-    """Add a point's moments about point k."""
-    sums[k, 0] += 1.0
-    sums[k, 1] += dx
-    sums[k, 2] += dy
-    sums[k, 3] += dx * dx
-    sums[k, 4] += dx * dy
-    sums[k, 5] += dy * dy
+def _count_in(m: Any, dx: float, dy: float) -> None:  # pragma: no cover - compiled
+    """Add a point's moments."""
+    m.n += 1.0
+    m.x += dx
+    m.y += dy
+    m.xx += dx * dx
+    m.xy += dx * dy
+    m.yy += dy * dy
 
 
 @njit(nogil=True, cache=True)
 def _fit(
-    point: Float64, laser: Float64, sums: Float64, normal: Float64, variance: Float64
+    point: Float64, laser: Float64, m: Any, normal: Float64, variance: Float64
 ) -> None:  # pragma: no cover - compiled
     """Write the normal of the least spread of moments, and its variance, if there is one."""
-    n = sums[0]
-    sx, sy = sums[1] / n, sums[2] / n
-    a, b, c = sums[3] / n - sx * sx, sums[4] / n - sx * sy, sums[5] / n - sy * sy
+    n = m.n
+    sx, sy = m.x / n, m.y / n
+    a, b, c = m.xx / n - sx * sx, m.xy / n - sx * sy, m.yy / n - sy * sy
     mid, half = 0.5 * (a + c), np.hypot(0.5 * (a - c), b)
     thick, long = max(mid - half, 0.0), mid + half
     if half == 0.0 or thick > FLATNESS * FLATNESS * long:

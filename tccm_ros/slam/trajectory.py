@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from tccm_ros.config import Odometry as OdometryConfig
 from tccm_ros.geometry import between2, compose2, planar, wrap_angle
-from tccm_ros.slam.front_end import GraphKeyframe, Placed, motion_covariance
+from tccm_ros.slam.front_end import GraphKeyframe, Placed
+from tccm_ros.slam.odometry_model import motion_covariance
 from tccm_ros.slam.se2 import between, compose
 
 __all__ = ["OdometryTrack", "place_stamps", "scan_poses"]

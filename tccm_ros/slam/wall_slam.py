@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,33 +10,26 @@ from numpy.typing import NDArray
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar
-from tccm_ros.records import Keyframe, Loop, PosedScan, ScanPose
-from tccm_ros.slam.chain import Chain, View
-from tccm_ros.slam.corners import Corner, corner_factors, find_corners
-from tccm_ros.slam.factors import Factor, Key, view_key
+from tccm_ros.records import Keyframe, LandmarkObservation, PosedScan, ScanPose
+from tccm_ros.slam.chain import Chain, HungPose
+from tccm_ros.slam.corners import corner_factors
+from tccm_ros.slam.factors import Factor, Key, landmark_class, view_key
 from tccm_ros.slam.front_end import FrontEnd, GraphKeyframe
 from tccm_ros.slam.graph import GraphSolution
-from tccm_ros.slam.landmarks import judge_walls, wall_factors, wall_records
+from tccm_ros.slam.inliers import Inliers, select_inliers
+from tccm_ros.slam.landmarks import Sighting, landmark_factors, landmark_records
 from tccm_ros.slam.level_scan import LevelScan, level_scan
 from tccm_ros.slam.lines import Lines, extract_lines
-from tccm_ros.slam.loop_proposals import Proposal
-from tccm_ros.slam.loop_selection import settle_loops
-from tccm_ros.slam.loops import LoopCloser, loop_factor
-from tccm_ros.slam.saved_walls import pack_state, unpack_state
+from tccm_ros.slam.loops import LoopCloser
+from tccm_ros.slam.saved_walls import SavedWalls, pack_state, unpack_state
 from tccm_ros.slam.se2 import between, compose, inverse
-from tccm_ros.slam.solution import Solution
-from tccm_ros.slam.structure import structure_factors
+from tccm_ros.slam.solution import Solution, empty_solution
 from tccm_ros.slam.trajectory import OdometryTrack, place_stamps, scan_poses
-from tccm_ros.slam.walls import WallTable, associate_walls, confirmations
+from tccm_ros.slam.wall_landmarks import structure_factors, wall_factors, wall_records
 
 __all__ = ["LivePose", "WallSlam"]
 
 Float64 = NDArray[np.float64]
-
-
-USED_TWICE = 2.3
-"""Multiplies the reported covariances where walls and matching have used the same beams: the NEES
-of simulated rings says how much of the information is the same."""
 
 
 class LivePose(NamedTuple):
@@ -61,31 +53,22 @@ class LivePose(NamedTuple):
     localised: bool = True
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Settled:
-    """What `solve` needs and views do not change."""
-
-    poses: Float64
-    loops: list[Proposal]
-    records: list[Loop]
-    table: WallTable
-    corners: list[Corner]
-    scale: float
-
-
 class WallSlam:
     """The processor: add records as they come, solve when a result is wanted."""
 
     def __init__(self, config: Config) -> None:
         self.config = config
-        self._keyframes: list[GraphKeyframe] = []
         self._lines: list[Lines] = []
         self._chain = Chain()
-        self._closer = LoopCloser(config, self._keyframes, self._chain)
+        self._closer = LoopCloser(config, self._chain)
         self._front = FrontEnd(config)
         self._odometry = OdometryTrack()
         self._live = LivePose(-1, np.zeros(3), np.zeros(3))
-        self._settled: tuple[tuple[int, int], _Settled] | None = None
+        # Landmarks: seen in earlier sessions, in this one, and not yet hung on its keyframes.
+        self._saved_sightings: Sequence[Sighting] = ()
+        self._observed: list[LandmarkObservation] = []
+        self._unhung: list[LandmarkObservation] = []
+        self._selected: tuple[tuple[int, ...], Inliers] | None = None
 
     # -- input ---------------------------------------------------------------------------------
 
@@ -117,6 +100,21 @@ class WallSlam:
             localised = self._front.session in self._closer.tied
             self._live = LivePose(stamp_ns, pose, compose(pose, inverse(odom)), localised)
 
+    def add_landmark(self, observation: LandmarkObservation) -> None:
+        """Add an observation of a landmark, in any order.
+
+        The live estimate takes it with the keyframe after it. An observation that comes later than
+        that keyframe counts as much in a solution, but the search for loops did not know it yet.
+
+        Raises
+        ------
+        ValueError
+            For a kind that is not registered.
+        """
+        landmark_class(observation.kind)
+        self._observed.append(observation)
+        self._unhung.append(observation)
+
     def motion_between(self, first_ns: int, last_ns: int) -> Float64 | None:
         """Return the pose (3,) of the base at one stamp in that at another, as known so far.
 
@@ -142,7 +140,7 @@ class WallSlam:
 
     def _take_keyframes(self) -> int:
         """Take over a keyframe of the front end, if the last scan became one; return its id."""
-        done = len(self._keyframes) - self._front.first_id
+        done = len(self._chain.keyframes) - self._front.first_id
         for keyframe in self._front.keyframes[done:]:
             scan = keyframe.scan
             self._add_keyframe(keyframe, extract_lines(scan.beams, scan.origin, self.config))
@@ -150,10 +148,12 @@ class WallSlam:
         return -1
 
     def _add_keyframe(self, keyframe: GraphKeyframe, lines: Lines) -> None:
-        self._keyframes.append(keyframe)
         self._lines.append(lines)
         self._chain.add(keyframe, lines.phi)
-        self._closer.add(keyframe.id)
+        stamp = keyframe.scan.stamp_ns
+        seen = _by_stamp(o for o in self._unhung if o.stamp_ns <= stamp)
+        self._unhung = [o for o in self._unhung if o.stamp_ns > stamp]
+        self._closer.add(keyframe.id, self._hang_sightings(seen))
 
     # -- result --------------------------------------------------------------------------------
 
@@ -181,98 +181,103 @@ class WallSlam:
         Solution
             The same for the same records, whatever was asked before.
         """
-        nothing = not self._front.placed and not self._keyframes
+        nothing = not self._front.placed and not self._chain.keyframes
         if nothing and len(self._odometry):
             return self._on_odometry().solve(views, factors, every_covariance=every_covariance)
         if nothing:
-            return _empty(len(views))
-        settled = self._settle()
-        keys, walls = self._chain.keys, self.config.walls.enabled
+            return empty_solution(len(views))
+        used, keys = self._inliers(), self._chain.keys
         hung = self._hang(views)
-        graph = self._chain.graph(settled.poses, self._closer.tied, hung)
-        graph.add([loop_factor(p, keys) for p in settled.loops])
-        if walls:
-            graph.add(self._wall_factors(settled))
-        graph.add(factors)
-        solution = graph.optimise()
-        poses = solution.planar_poses(keys)
         view_keys = [view_key(v) for v in range(len(views))]
+        seen = landmark_factors(used.sightings, unit_variance=used.scale)
+        poses_hung = {**dict(zip(view_keys, hung)), **seen.hung}
+        graph = self._chain.graph(used.poses, self._closer.tied, poses_hung)
+        graph.add([p.factor(keys) for p in used.loops])
+        if self.config.walls.enabled:
+            graph.add(self._wall_factors(used))
+        graph.add(factors)
+        graph.add(seen.factors)
+        solution = graph.optimise()
+        poses, keyframes = solution.planar_poses(keys), self._chain.keyframes
         return Solution(
-            [Keyframe(k.id, k.scan.stamp_ns, pose) for k, pose in zip(self._keyframes, poses)],
-            wall_records(settled.table, settled.corners, solution, settled.scale) if walls else [],
-            settled.records,
+            [Keyframe(k.id, k.scan.stamp_ns, pose) for k, pose in zip(keyframes, poses)],
+            wall_records(used.walls, used.corners, solution, used.scale),
+            used.records,
             np.array([p.stamp_ns for p in self._front.placed], np.int64),
-            scan_poses(self._front.placed, self._keyframes, poses),
+            scan_poses(self._front.placed, keyframes, poses),
             np.array([solution.pose(key) for key in view_keys]).reshape(-1, 4, 4),
             np.array([solution.covariance(key) for key in view_keys]).reshape(-1, 6, 6),
             np.array([v.keyframe for v in hung], np.int64),
-            _covariances(solution, keys, every_covariance) * settled.scale,
-            settled.scale,
+            _covariances(solution, keys, every_covariance) * used.scale,
+            used.scale,
+            landmark_records(used.sightings, solution, used.scale),
         )
 
-    def _wall_factors(self, settled: _Settled) -> list[Factor]:
+    def _wall_factors(self, used: Inliers) -> list[Factor]:
         keys = self._chain.keys
-        factors = wall_factors(settled.table, self._lines, keys, self.config)
-        factors += corner_factors(settled.corners, settled.table, keys)
+        factors = wall_factors(used.walls, self._lines, keys, self.config)
+        factors += corner_factors(used.corners, used.walls, keys)
         if self.config.walls.structure_prior:
-            factors += structure_factors(settled.table)
+            factors += structure_factors(used.walls)
         return factors
 
-    def _settle(self) -> _Settled:
-        """Settle loops and walls; once, as long as no record comes."""
-        now = len(self._front.placed), len(self._odometry)
-        if self._settled is None or self._settled[0] != now:
-            self._settled = now, self._settle_anew()
-        return self._settled[1]
-
-    def _settle_anew(self) -> _Settled:
-        closer = self._closer
-        poses, kept = settle_loops(self._chain, closer.poses, closer.tied, closer.accepted)
-        loops = [p for p, ok in zip(closer.accepted, kept) if ok]
-        doubted = [p for p, ok in zip(closer.accepted, kept) if not ok]
-        doubted = [replace(p, reason="contradicts the other loops") for p in doubted]
-        records = [Loop(p.a, p.b, p.delta, True, "consistent") for p in loops]
-        for p in [*doubted, *closer.rejected, *closer.unconfirmed]:
-            records.append(Loop(p.a, p.b, p.delta, False, p.reason))
-        graph = self._chain.graph(poses, closer.tied)
-        graph.add([loop_factor(p, self._chain.keys) for p in loops])
-        table = associate_walls(poses, self._lines, self.config)
-        judgement = judge_walls(table, self._lines, poses, graph, self._chain, self.config)
-        scale = judgement.unit_variance * (USED_TWICE if self.config.walls.enabled else 1.0)
-        least = confirmations(self.config, len(self._keyframes))
-        corners = find_corners(judgement.table, self._lines, least)
-        return _Settled(poses, loops, records, judgement.table, corners, scale)
+    def _inliers(self) -> Inliers:
+        """Select inliers; once, as long as no record comes."""
+        now = len(self._front.placed), len(self._odometry), len(self._observed)
+        if self._selected is None or self._selected[0] != now:
+            inliers = select_inliers(
+                self._closer, self._chain, self._lines, self._sightings(), self.config
+            )
+            self._selected = now, inliers
+        return self._selected[1]
 
     def _on_odometry(self) -> WallSlam:
         """Return a twin with keyframes on odometry alone."""
         twin = WallSlam(self.config)
         nothing = np.zeros((0, 2))
         twin._odometry = self._odometry
+        for observation in self._observed:
+            twin.add_landmark(observation)
         for stamp, odom in zip(*self._odometry.arrays()):
             scan = LevelScan(int(stamp), odom, nothing, np.zeros(2), nothing, nothing)
             twin._front.add(scan)
             twin._take_keyframes()
         return twin
 
-    def _hang(self, views: Sequence[int]) -> list[View]:
+    def _hang(self, stamps_ns: Sequence[int]) -> list[HungPose]:
         placed = place_stamps(
-            views, self._front.placed, self._keyframes, self._odometry, self.config.odometry
+            stamps_ns,
+            self._front.placed,
+            self._chain.keyframes,
+            self._odometry,
+            self.config.odometry,
         )
-        return [View(int(k), pose, cov) for k, pose, cov in zip(*placed)]
+        return [HungPose(int(k), pose, cov) for k, pose, cov in zip(*placed)]
+
+    def _hang_sightings(self, seen: Sequence[LandmarkObservation]) -> list[Sighting]:
+        hung = self._hang([o.stamp_ns for o in seen])
+        return [Sighting(o, h) for o, h in zip(seen, hung)]
+
+    def _sightings(self) -> list[Sighting]:
+        """Return the sightings of all sessions in the map's frame, this one's by their stamps."""
+        seen = _by_stamp(self._observed)
+        if not self._front.placed or self._front.session not in self._closer.tied:
+            seen = []
+        return [*self._saved_sightings, *self._hang_sightings(seen)]
 
     # -- saved maps ----------------------------------------------------------------------------
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Return the map as named arrays, for `from_state`.
 
-        It holds the keyframes with their scans and lines, their settled poses, and the loop
-        closures; not the trajectory between keyframes.
+        It holds the keyframes with their scans and lines, their settled poses, the loop closures
+        and the observations of landmarks; not the trajectory between keyframes.
         """
-        if not self._keyframes:
-            return pack_state([], [], np.zeros((0, 3)), [])
+        if not self._chain.keyframes:
+            return pack_state(SavedWalls([], [], np.zeros((0, 3)), [], []))
         poses = np.array([k.pose for k in self.solve().keyframes])
-        loops = self._settle().loops
-        return pack_state(self._keyframes, self._lines, poses, loops)
+        used, keyframes = self._inliers(), self._chain.keyframes
+        return pack_state(SavedWalls(keyframes, self._lines, poses, used.loops, used.sightings))
 
     @classmethod
     def from_state(cls, config: Config, state: Mapping[str, NDArray[Any]]) -> WallSlam:
@@ -284,18 +289,23 @@ class WallSlam:
             For arrays that are missing or do not fit each other.
         """
         slam = cls(config)
-        keyframes, lines, poses, loops = unpack_state(state)
-        for keyframe, x in zip(keyframes, lines):
-            slam._keyframes.append(keyframe)
-            slam._lines.append(x)
-            slam._chain.add(keyframe, x.phi)
+        saved = unpack_state(state)
+        for keyframe, lines in zip(saved.keyframes, saved.lines):
+            slam._lines.append(lines)
+            slam._chain.add(keyframe, lines.phi)
         if config.graph.mode == "localisation":
-            slam._chain.fixed = dict(enumerate(poses))
-        slam._closer.load(poses, loops)
+            slam._chain.fixed = dict(enumerate(saved.poses))
+        slam._saved_sightings = saved.sightings
+        slam._closer.load(saved.poses, saved.loops, saved.sightings)
+        keyframes = saved.keyframes
         session = 1 + max((k.session for k in keyframes), default=-1)
         slam._front = FrontEnd(config, first_id=len(keyframes), session=session)
         slam._live = slam._live._replace(localised=not keyframes)
         return slam
+
+
+def _by_stamp(seen: Iterable[LandmarkObservation]) -> list[LandmarkObservation]:
+    return sorted(seen, key=lambda o: (o.stamp_ns, o.kind, o.id))
 
 
 def _covariances(solution: GraphSolution, keys: Sequence[Key], every: bool) -> Float64:
@@ -304,12 +314,3 @@ def _covariances(solution: GraphSolution, keys: Sequence[Key], every: bool) -> F
     for index in range(0 if every else len(keys) - 1, len(keys)):
         covs[index] = solution.planar_covariance(keys[index])
     return covs
-
-
-def _empty(views: int) -> Solution:
-    T = np.broadcast_to(np.eye(4), (views, 4, 4)).copy()
-    none = np.zeros(0, np.int64)
-    zeros = np.zeros((views, 6, 6))
-    return Solution(
-        [], [], [], none, np.zeros((0, 3)), T, zeros, np.zeros(views, np.int64), np.zeros((0, 3, 3))
-    )

@@ -9,6 +9,7 @@ wall is a wall of its own, because a scan sees one side.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -22,6 +23,13 @@ from tccm_ros.slam.se2 import place
 __all__ = ["WallTable", "associate_walls", "confirmations"]
 
 Float64 = NDArray[np.float64]
+
+WALL_FIELDS = (
+    "mass", "x", "y", "xx", "xy", "yy", "cos", "sin", "phi", "rho", "low", "high"
+)  # fmt: skip
+POOLED = np.dtype([(name, np.float64) for name in WALL_FIELDS])
+"""A wall: moments of its segments weighed by length (m), the sum of the directions that they face,
+the line of them all, and lowest and highest place along its tangent."""
 
 JOINT_CHI2_PER_LINE = 6.0
 """Lines of one scan fit their walls with one small common correction; a worse fit than this per
@@ -103,87 +111,107 @@ def associate_walls(poses: Float64, lines: list[Lines], config: Config) -> WallT
     ).reshape(-1, 2, 2)
     phi = np.concatenate([wrap_angle(x.phi + pose[2]) for pose, x in zip(poses, lines)])
     v_phi = np.concatenate([x.cov[:, 0, 0] for x in lines])
-    walls = config.walls
-    wall, moments, extent = _associate(
-        keyframe,
-        ends,
-        phi,
-        v_phi,
-        poses[keyframe, :2].copy(),
-        walls.gate_distance,
-        walls.gate_angle,
-        walls.max_gap,
+    limits = config.walls
+    segments = _Segments(keyframe, ends, phi, v_phi, poses[keyframe, :2].copy())
+    wall, pooled = _associate(
+        segments, _Gates(limits.gate_distance, limits.gate_angle, limits.max_gap)
     )
-    table = WallTable(keyframe, line, wall, moments[:, 8], moments[:, 9], extent)
+    extent = np.stack([pooled["low"], pooled["high"]], axis=1)
+    table = WallTable(keyframe, line, wall, pooled["phi"], pooled["rho"], extent)
     return table.keep(wall, confirmations(config, len(poses)))
 
 
+class _Segments(NamedTuple):
+    """Lines of all keyframes in map, in the order of these.
+
+    Attributes
+    ----------
+    keyframe
+        int64 (N,), ascending.
+    ends, phi, v_phi
+        float64 (N, 2, 2), (N,) and (N,): endpoints, direction of the normal and its variance.
+    centre
+        float64 (N, 2), where the keyframe is.
+    """
+
+    keyframe: NDArray[np.int64]
+    ends: Float64
+    phi: Float64
+    v_phi: Float64
+    centre: Float64
+
+
+class _Gates(NamedTuple):
+    """A line within this distance (m), angle (rad) and gap (m) may be of a wall."""
+
+    distance: float
+    angle: float
+    max_gap: float
+
+
 @njit(nogil=True, cache=True)
-def _pool(m: Float64, a: Float64, b: Float64, facing: float) -> None:  # pragma: no cover
-    """Add the segment a-b to moments m = (mass, x, y, xx, xy, yy, cos, sin, phi, rho)."""
+def _pool(w: Any, a: Float64, b: Float64, facing: float) -> None:  # pragma: no cover
+    """Add the segment a-b to a wall of dtype `POOLED`, but for its extent."""
     length = np.hypot(b[0] - a[0], b[1] - a[1])
     cx, cy = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])
     hx, hy = 0.5 * (b[0] - a[0]), 0.5 * (b[1] - a[1])
-    m[0] += length
-    m[1] += length * cx
-    m[2] += length * cy
-    m[3] += length * (cx * cx + hx * hx / 3.0)
-    m[4] += length * (cx * cy + hx * hy / 3.0)
-    m[5] += length * (cy * cy + hy * hy / 3.0)
-    m[6] += length * np.cos(facing)
-    m[7] += length * np.sin(facing)
-    mx, my = m[1] / m[0], m[2] / m[0]
-    sxx, sxy, syy = m[3] / m[0] - mx * mx, m[4] / m[0] - mx * my, m[5] / m[0] - my * my
+    w.mass += length
+    w.x += length * cx
+    w.y += length * cy
+    w.xx += length * (cx * cx + hx * hx / 3.0)
+    w.xy += length * (cx * cy + hx * hy / 3.0)
+    w.yy += length * (cy * cy + hy * hy / 3.0)
+    w.cos += length * np.cos(facing)
+    w.sin += length * np.sin(facing)
+    mx, my = w.x / w.mass, w.y / w.mass
+    sxx, sxy, syy = w.xx / w.mass - mx * mx, w.xy / w.mass - mx * my, w.yy / w.mass - my * my
     phi = 0.5 * np.arctan2(2.0 * sxy, sxx - syy) + 0.5 * np.pi
-    if np.cos(phi) * m[6] + np.sin(phi) * m[7] < 0.0:
+    if np.cos(phi) * w.cos + np.sin(phi) * w.sin < 0.0:
         phi -= np.pi
-    m[8] = phi
-    m[9] = np.cos(phi) * mx + np.sin(phi) * my
+    w.phi = phi
+    w.rho = np.cos(phi) * mx + np.sin(phi) * my
+
+
+@njit(nogil=True, cache=True)
+def _extend(w: Any, ends: Float64) -> None:  # pragma: no cover - compiled
+    nx, ny = np.cos(w.phi), np.sin(w.phi)
+    for e in range(2):
+        t = -ny * ends[e, 0] + nx * ends[e, 1]
+        w.low, w.high = min(w.low, t), max(w.high, t)
 
 
 @njit(nogil=True, cache=True)
 def _mismatch(
-    m: Float64,
-    extent: Float64,
-    a: Float64,
-    b: Float64,
-    phi: float,
-    v_phi: float,
-    gate_distance: float,
-    gate_angle: float,
-    max_gap: float,
+    w: Any, segments: _Segments, i: int, gates: _Gates
 ) -> float:  # pragma: no cover - compiled
-    """Return the squared Mahalanobis distance of a segment to a wall, inf outside the gate."""
-    turn = phi - m[8]
+    """Return the squared Mahalanobis distance of segment i to a wall, inf outside the gate."""
+    a, b = segments.ends[i, 0], segments.ends[i, 1]
+    turn = segments.phi[i] - w.phi
     turn = np.arctan2(np.sin(turn), np.cos(turn))
     if abs(turn) > 0.35:
         return np.inf
-    nx, ny = np.cos(m[8]), np.sin(m[8])
+    nx, ny = np.cos(w.phi), np.sin(w.phi)
     ta, tb = -ny * a[0] + nx * a[1], -ny * b[0] + nx * b[1]
     low, high = min(ta, tb), max(ta, tb)
-    if low > extent[1] + max_gap or high < extent[0] - max_gap:
+    if low > w.high + gates.max_gap or high < w.low - gates.max_gap:
         return np.inf
-    away = nx * 0.5 * (a[0] + b[0]) + ny * 0.5 * (a[1] + b[1]) - m[9]
-    sigma2 = gate_angle * gate_angle / 9.0 + v_phi
-    chi2 = turn * turn / sigma2 + away * away / (gate_distance * gate_distance / 9.0)
+    away = nx * 0.5 * (a[0] + b[0]) + ny * 0.5 * (a[1] + b[1]) - w.rho
+    sigma2 = gates.angle * gates.angle / 9.0 + segments.v_phi[i]
+    chi2 = turn * turn / sigma2 + away * away / (gates.distance * gates.distance / 9.0)
     return chi2 if chi2 < 9.2 else np.inf
 
 
 @njit(nogil=True, cache=True)
 def _associate(
-    keyframe: NDArray[np.int64],
-    ends: Float64,
-    phi: Float64,
-    v_phi: Float64,
-    centres: Float64,
-    gate_distance: float,
-    gate_angle: float,
-    max_gap: float,
-) -> tuple[NDArray[np.int64], Float64, Float64]:  # pragma: no cover - compiled
-    """Walk over the keyframes: choose the nearest wall for each line, check, pool."""
-    n = len(keyframe)
+    segments: _Segments, gates: _Gates
+) -> tuple[NDArray[np.int64], Any]:  # pragma: no cover - compiled
+    """Walk over the keyframes: choose the nearest wall for each line, check, pool.
+
+    Returns the wall of each line, or -1, and the walls with dtype `POOLED`.
+    """
+    keyframe, n = segments.keyframe, len(segments.keyframe)
     wall = np.full(n, -1, np.int64)
-    moments, extent = np.zeros((n, 10)), np.zeros((n, 2))
+    pooled = np.zeros(n, POOLED)
     count, start = 0, 0
     while start < n:
         stop = start
@@ -192,22 +220,10 @@ def _associate(
         for i in range(start, stop):
             best = np.inf
             for k in range(count):
-                chi2 = _mismatch(
-                    moments[k],
-                    extent[k],
-                    ends[i, 0],
-                    ends[i, 1],
-                    phi[i],
-                    v_phi[i],
-                    gate_distance,
-                    gate_angle,
-                    max_gap,
-                )
+                chi2 = _mismatch(pooled[k], segments, i, gates)
                 if chi2 < best:
                     best, wall[i] = chi2, k
-        _keep_compatible(
-            wall, start, stop, ends, phi, v_phi, moments, centres, gate_distance, gate_angle
-        )
+        _keep_compatible(wall, range(start, stop), segments, pooled, gates)
         for i in range(start, stop):
             k = wall[i]
             if k == -2:
@@ -215,48 +231,31 @@ def _associate(
                 continue
             if k < 0:
                 k, count = count, count + 1
-                wall[i], extent[k, 0], extent[k, 1] = k, np.inf, -np.inf
-            _pool(moments[k], ends[i, 0], ends[i, 1], phi[i])
-            _extend(moments[k], extent[k], ends[i])
+                wall[i], pooled[k].low, pooled[k].high = k, np.inf, -np.inf
+            _pool(pooled[k], segments.ends[i, 0], segments.ends[i, 1], segments.phi[i])
+            _extend(pooled[k], segments.ends[i])
         start = max(stop, start + 1)
-    return wall, moments[:count].copy(), extent[:count].copy()
-
-
-@njit(nogil=True, cache=True)
-def _extend(m: Float64, extent: Float64, ends: Float64) -> None:  # pragma: no cover - compiled
-    nx, ny = np.cos(m[8]), np.sin(m[8])
-    for e in range(2):
-        t = -ny * ends[e, 0] + nx * ends[e, 1]
-        extent[0], extent[1] = min(extent[0], t), max(extent[1], t)
+    return wall, pooled[:count].copy()
 
 
 @njit(nogil=True, cache=True)
 def _keep_compatible(
-    wall: NDArray[np.int64],
-    start: int,
-    stop: int,
-    ends: Float64,
-    phi: Float64,
-    v_phi: Float64,
-    moments: Float64,
-    centres: Float64,
-    gate_distance: float,
-    gate_angle: float,
+    wall: NDArray[np.int64], lines: range, segments: _Segments, pooled: Any, gates: _Gates
 ) -> None:  # pragma: no cover - compiled
     """Mark with -2 the lines that one common correction of the pose cannot explain."""
     J, r = np.zeros(3), 0.0
-    s_d, s_a = gate_distance / 6.0, gate_angle / 6.0
-    for _ in range(stop - start):
+    s_d, s_a = gates.distance / 6.0, gates.angle / 6.0
+    for _ in lines:
         H, g, total, used = np.zeros((3, 3)), np.zeros(3), 0.0, 0
         H[0, 0] = H[1, 1] = 1.0 / (s_d * s_d)
         H[2, 2] = 1.0 / (s_a * s_a)
-        for i in range(start, stop):
+        for i in lines:
             if wall[i] < 0:
                 continue
             used += 1
             for row in range(2):
-                r = _residual(row, ends[i], phi[i], moments[wall[i]], centres[i], J)
-                w = 1.0 / (s_d * s_d) if row == 0 else 1.0 / (s_a * s_a + v_phi[i])
+                r = _residual(row, segments, i, pooled[wall[i]], J)
+                w = 1.0 / (s_d * s_d) if row == 0 else 1.0 / (s_a * s_a + segments.v_phi[i])
                 total += w * r * r
                 for a in range(3):
                     g[a] += w * J[a] * r
@@ -267,14 +266,14 @@ def _keep_compatible(
         if used == 0 or joint <= JOINT_CHI2_PER_LINE * used:
             return
         worst, where = -1.0, -1
-        for i in range(start, stop):
+        for i in lines:
             if wall[i] < 0:
                 continue
             cost = 0.0
             for row in range(2):
-                r = _residual(row, ends[i], phi[i], moments[wall[i]], centres[i], J)
+                r = _residual(row, segments, i, pooled[wall[i]], J)
                 r -= J[0] * x[0] + J[1] * x[1] + J[2] * x[2]
-                w = 1.0 / (s_d * s_d) if row == 0 else 1.0 / (s_a * s_a + v_phi[i])
+                w = 1.0 / (s_d * s_d) if row == 0 else 1.0 / (s_a * s_a + segments.v_phi[i])
                 cost += w * r * r
             if cost > worst:
                 worst, where = cost, i
@@ -283,14 +282,16 @@ def _keep_compatible(
 
 @njit(nogil=True, cache=True)
 def _residual(
-    row: int, ends: Float64, phi: float, m: Float64, centre: Float64, J: Float64
+    row: int, segments: _Segments, i: int, w: Any, J: Float64
 ) -> float:  # pragma: no cover - compiled
-    """Return offset (row 0) or angle (row 1) of a line against its wall, J its derivative."""
-    nx, ny = np.cos(m[8]), np.sin(m[8])
+    """Return offset (row 0) or angle (row 1) of line i against a wall, J its derivative."""
+    nx, ny = np.cos(w.phi), np.sin(w.phi)
     if row == 1:
         J[0], J[1], J[2] = 0.0, 0.0, 1.0
-        return np.arctan2(np.sin(phi - m[8]), np.cos(phi - m[8]))
+        turn = segments.phi[i] - w.phi
+        return np.arctan2(np.sin(turn), np.cos(turn))
+    ends, centre = segments.ends[i], segments.centre[i]
     cx, cy = 0.5 * (ends[0, 0] + ends[1, 0]), 0.5 * (ends[0, 1] + ends[1, 1])
     J[0], J[1] = nx, ny
     J[2] = -nx * (cy - centre[1]) + ny * (cx - centre[0])
-    return nx * cx + ny * cy - m[9]
+    return nx * cx + ny * cy - w.rho

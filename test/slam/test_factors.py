@@ -18,10 +18,14 @@ from tccm_ros.slam.factors import (
     view_key,
     wall_key,
 )
-from tccm_ros.slam.graph import IncrementalGraph, solve_graph
+from tccm_ros.slam.graph import IncrementalGraph, PoseGraph
 
 COV = np.diag([0.02**2, 0.02**2, 0.01**2])
 PHIS = np.radians([0.0, 90.0, 180.0, -90.0, 0.00001, 37.0, -140.0])
+
+
+def solve_graph(factors, starts):
+    return PoseGraph(factors, starts).optimise()
 
 
 def observation(pose, phi_map, rho_map, key, wall, cov, noise=(0.0, 0.0)):

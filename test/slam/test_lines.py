@@ -3,7 +3,7 @@ import plan
 import pytest
 
 from tccm_ros.config import Config
-from tccm_ros.slam.line_fit import fit_segment
+from tccm_ros.slam.line_fit import SEGMENT, fit_segment
 from tccm_ros.slam.lines import extract_lines
 
 ORIGIN = np.zeros(2)
@@ -27,6 +27,10 @@ def scan(walls, pose, beams=361, sigma=0.005, seed=0, field=2 * np.pi):
     return rays[seen] * ranges[seen, None]
 
 
+def lengths(lines):
+    return np.hypot(*(lines.endpoints[:, 1] - lines.endpoints[:, 0]).T)
+
+
 def numpy_fit(points):
     """Fit by singular value decomposition: the twin of the kernel's line."""
     centre = points.mean(axis=0)
@@ -46,7 +50,7 @@ def test_a_room_has_four_walls_where_they_are(extractor):
         near = min(truth, key=lambda a: abs(np.angle(np.exp(1j * (a - phi)))))
         assert abs(np.angle(np.exp(1j * (near - phi)))) < 0.01
         assert rho == pytest.approx(truth[near], abs=0.005)
-    assert np.all(lines.length > 3.5)
+    assert np.all(lengths(lines) > 3.5)
     assert lines.count.sum() > 0.95 * len(beams)
 
 
@@ -55,11 +59,11 @@ def test_the_fit_is_that_of_a_singular_value_decomposition():
     for _ in range(20):
         t = random.uniform(-1, 2, size=30)
         points = np.stack([2.0 + 0.3 * t, t], axis=1) + random.normal(size=(30, 2)) * 0.01
-        row = np.zeros(10)
-        fit_segment(points, ORIGIN, 0.01, row)
+        segment = np.zeros(1, SEGMENT)[0]
+        fit_segment(points, ORIGIN, 0.01, segment)
         phi, rho = numpy_fit(points)
-        assert row[0] == pytest.approx(phi, abs=1e-9)
-        assert row[1] == pytest.approx(rho, abs=1e-9)
+        assert segment["phi"] == pytest.approx(phi, abs=1e-9)
+        assert segment["rho"] == pytest.approx(rho, abs=1e-9)
 
 
 @pytest.mark.parametrize("offset", [-1.5, 1.5])
@@ -71,10 +75,9 @@ def test_covariance_with_its_correlation_passes_a_chi_square_test(offset):
     for _ in range(800):
         ranges = 2.0 / np.cos(bearings) + random.normal(size=25) * 0.01
         points = np.stack([np.cos(bearings), np.sin(bearings)], axis=1) * ranges[:, None]
-        row = np.zeros(10)
-        fit_segment(points, ORIGIN, 0.01, row)
-        error = np.array([row[0], row[1] - 2.0])
-        cov = np.array([[row[2], row[3]], [row[3], row[4]]])
+        segment = np.zeros(1, SEGMENT)[0]
+        fit_segment(points, ORIGIN, 0.01, segment)
+        error, cov = np.array([segment["phi"], segment["rho"] - 2.0]), segment["cov"]
         right.append(error @ np.linalg.solve(cov, error))
         wrong.append(error @ np.linalg.solve(cov * [[1, -1], [-1, 1]], error))
     # 800 samples of chi-square with 2 degrees: standard error of the mean 2 / sqrt(800) = 0.07;
@@ -113,7 +116,7 @@ def test_a_wall_behind_the_robot_is_one_line_across_the_seam():
     lines = extract_lines(beams, ORIGIN, config())
     assert len(lines) == 1
     assert abs(lines.phi[0]) == pytest.approx(np.pi, abs=0.01)
-    assert lines.length[0] == pytest.approx(3.0, abs=0.05)
+    assert lengths(lines)[0] == pytest.approx(3.0, abs=0.05)
 
 
 def test_phi_points_away_from_the_laser_even_past_the_base():

@@ -6,7 +6,7 @@ import pytest
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform2
-from tccm_ros.slam.alignment import align
+from tccm_ros.slam.alignment import Prior, align
 from tccm_ros.slam.correlation import correlate, known_likelihood, support
 from tccm_ros.slam.level_scan import level_scan, thin_with_normals
 from tccm_ros.slam.likelihood_grid import CELL, UNKNOWN, make_likelihood_grid, with_unknown
@@ -20,20 +20,11 @@ def scan_at(pose, seed=0, sigma=0.005):
     return level_scan(run.scans[0], Config())
 
 
-def map_of(poses, scans):
-    return make_line_map(
-        poses,
-        [s.points for s in scans],
-        [s.normals for s in scans],
-        [s.origin for s in scans],
-    )
-
-
 def room_map():
     """Scans from three places in one map, whose frame is the floor plan's."""
     poses = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0], [0.5, -0.5, -2.0]])
     scans = [scan_at(p, seed=k) for k, p in enumerate(poses)]
-    lines = map_of(poses, scans)
+    lines = make_line_map(poses, scans)
     return lines, poses, scans
 
 
@@ -141,10 +132,10 @@ def test_along_a_corridor_alignment_knows_nothing_and_keeps_the_prior():
     walls = np.array([[[-40.0, 1.0], [40.0, 1.0]], [[-40.0, -1.0], [40.0, -1.0]]])
     run = plan.drive(walls, np.array([[0.0, 0, 0], [0, 0, 0]]), mount=(0, 0, 0))
     scan = level_scan(run.scans[0], Config())
-    lines = map_of(np.zeros((1, 3)), [scan])
+    lines = make_line_map(np.zeros((1, 3)), [scan])
     prior = np.array([0.3, 0.02, 0.01])
     weight = np.diag([100.0, 100.0, 100.0])
-    result = align(lines, scan.points, scan.normals, prior, 0.02, prior, weight)
+    result = align(lines, scan.points, scan.normals, prior, 0.02, Prior(prior, weight))
     assert result.pose[0] == pytest.approx(0.3, abs=0.08)
     assert abs(result.pose[1]) < 0.01
     values = np.linalg.eigvalsh(result.information[:2, :2])
@@ -167,8 +158,8 @@ def test_the_map_is_thinned_and_sorted_into_buckets():
     alike = lines.normals @ lines.normals.T > 0.5
     np.fill_diagonal(alike, False)
     assert gaps[alike].min() >= SPACING
-    assert lines.starts[..., 1].max() == len(lines.points)
-    sizes = lines.starts[..., 1] - lines.starts[..., 0]
+    assert lines.buckets.starts[..., 1].max() == len(lines.points)
+    sizes = lines.buckets.starts[..., 1] - lines.buckets.starts[..., 0]
     assert sizes.sum() == len(lines.points)
 
 
@@ -189,7 +180,7 @@ def test_a_surface_is_confirmed_by_another_scan():
     _, poses, scans = room_map()
     placed = [transform2(pose, s.points) for pose, s in zip(poses, scans)]
     turned = [transform2(np.array([0.0, 0.0, p[2]]), s.normals) for p, s in zip(poses, scans)]
-    lines = map_of(poses, scans)
+    lines = make_line_map(poses, scans)
     p, n = np.concatenate(placed), np.concatenate(turned)
     scan = np.repeat(np.arange(len(scans)), [len(s.points) for s in scans])
     for point, normal, confirmed in zip(lines.points, lines.normals, lines.confirmed):
@@ -204,4 +195,4 @@ def test_a_surface_is_confirmed_by_another_scan():
 
 def test_one_scan_alone_confirms_nothing():
     scan = scan_at([0.0, 0.0, 0.0])
-    assert not map_of(np.zeros((1, 3)), [scan]).confirmed.any()
+    assert not make_line_map(np.zeros((1, 3)), [scan]).confirmed.any()

@@ -5,10 +5,9 @@ import plan
 import pytest
 
 from tccm_ros.config import Config
-from tccm_ros.slam.alignment import align
+from tccm_ros.slam.alignment import Prior, agreement, align
 from tccm_ros.slam.level_scan import level_scan
 from tccm_ros.slam.line_map import make_line_map
-from tccm_ros.slam.odometry_checks import evidence_for
 from tccm_ros.slam.seen_through import MARGIN, SECTORS, passes_and_hits
 
 ROOM = np.concatenate([plan.box(-2, -2, 6, 2), plan.box(3.0, 1.4, 3.6, 2)])
@@ -17,15 +16,6 @@ ROOM = np.concatenate([plan.box(-2, -2, 6, 2), plan.box(3.0, 1.4, 3.6, 2)])
 def scan_at(pose, walls=ROOM, seed=0):
     run = plan.drive(walls, np.array([pose, pose]), seed=seed, sigma=0.005, mount=(0, 0, 0))
     return level_scan(run.scans[0], Config())
-
-
-def map_of(poses, scans):
-    return make_line_map(
-        poses,
-        [s.points for s in scans],
-        [s.normals for s in scans],
-        [s.origin for s in scans],
-    )
 
 
 def sector_of(x, y):
@@ -66,9 +56,9 @@ def test_passes_and_hits_are_those_of_all_beams_around(seed):
 def test_nothing_of_a_room_at_rest_is_seen_through():
     poses = np.array([[0.4 * k, 0.1 * k, 0.3 * k] for k in range(6)])
     scans = [scan_at(p, seed=k) for k, p in enumerate(poses)]
-    lines = map_of(poses, scans)
+    lines = make_line_map(poses, scans)
     for pose, scan in zip(poses, scans):
-        alone = map_of(pose[None], [scan]).points
+        alone = make_line_map(pose[None], [scan]).points
         near = np.hypot(*np.moveaxis(alone[:, None] - lines.points, 2, 0)).min(axis=1)
         # What was merged is 5 cm away at most; a grazed corner may be lost.
         assert (near < 0.06).mean() > 0.97
@@ -82,7 +72,7 @@ def test_who_walks_ahead_leaves_no_trail():
         scan_at(p, np.concatenate([ROOM, plan.box(x, -0.2, x + 0.4, 0.2)]), seed=k)
         for k, (p, x) in enumerate(zip(poses, at))
     ]
-    lines = map_of(poses, scans)
+    lines = make_line_map(poses, scans)
     inside = np.abs(lines.points[:, 1]) < 0.3
     trail = inside & (lines.points[:, 0] < at[-3] - 0.1) & (lines.points[:, 0] > -1.5)
     assert trail.sum() == 0
@@ -90,17 +80,16 @@ def test_who_walks_ahead_leaves_no_trail():
 
 
 @pytest.mark.parametrize("jump", [0.4, -0.4])
-def test_a_pose_that_sees_through_walls_has_little_evidence(jump):
+def test_a_pose_that_sees_through_walls_agrees_less(jump):
     poses = np.array([[0.2 * k, 0.0, 0.0] for k in range(5)])
-    lines = map_of(poses, [scan_at(p, seed=k) for k, p in enumerate(poses)])
+    lines = make_line_map(poses, [scan_at(p, seed=k) for k, p in enumerate(poses)])
     scan = scan_at([1.0, 0.0, 0.0], seed=9)
     hold = np.eye(3) * 1e9
 
-    def evidence_at(x):
+    def agreement_at(x):
         pose = np.array([x, 0.0, 0.0])
-        return evidence_for(
-            align(lines, scan.points, scan.normals, pose, 0.02, pose, hold), scan, lines
-        )
+        held = align(lines, scan.points, scan.normals, pose, 0.02, Prior(pose, hold))
+        return agreement(held, scan, lines)
 
-    assert evidence_at(1.0) > 0.9
-    assert evidence_at(1.0 + jump) < evidence_at(1.0) - 0.15
+    assert agreement_at(1.0) > 0.9
+    assert agreement_at(1.0 + jump) < agreement_at(1.0) - 0.15

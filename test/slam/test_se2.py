@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -23,10 +24,24 @@ def test_compiled_poses_are_those_of_geometry(a, b):
 
 
 @given(poses)
-def test_place_and_turn_are_those_of_geometry(a):
+def test_place_is_that_of_geometry(a):
     points = np.random.default_rng(0).normal(size=(7, 2))
     assert np.allclose(se2.place(a, points), transform2(a, points))
-    assert np.allclose(se2.turn(a, points), transform2(np.array([0.0, 0.0, a[2]]), points))
+
+
+def test_scans_are_placed_one_after_the_other():
+    random = np.random.default_rng(0)
+    poses = random.normal(size=(4, 3))
+    counts = np.array([3, 0, 5, 1])
+    points, normals = random.normal(size=(2, 9, 2))
+    placed, turned = se2.place_scans(poses, counts, points, normals)
+    at = 0
+    for pose, count in zip(poses, counts):
+        rows = slice(at, at + count)
+        heading = np.array([0.0, 0.0, pose[2]])
+        assert placed[rows] == pytest.approx(transform2(pose, points[rows]))
+        assert turned[rows] == pytest.approx(transform2(heading, normals[rows]))
+        at += count
 
 
 def test_fuse_adds_information_in_the_turned_frame():

@@ -5,12 +5,12 @@ import plan
 import pytest
 
 from tccm_ros.config import Config
-from tccm_ros.slam.alignment import align
-from tccm_ros.slam.level_scan import level_scan
+from tccm_ros.slam.alignment import Prior, align
+from tccm_ros.slam.buckets import BUCKET
+from tccm_ros.slam.level_scan import LevelScan, level_scan
 from tccm_ros.slam.line_map import LineMap, make_line_map
 from tccm_ros.slam.surface_normals import (
     AROUND,
-    BUCKET,
     FLATNESS,
     fit_missing_normals,
     mean_normals,
@@ -29,9 +29,7 @@ def corridor_map(walls=CORRIDOR, sigma=NOISE, seed=0):
     poses = np.column_stack([np.linspace(-3.0, 3.0, 21), np.zeros((21, 2))])
     run = plan.drive(walls, poses, seed=seed, sigma=sigma, mount=(0, 0, 0))
     scans = [level_scan(s, Config()) for s in run.scans]
-    lines = make_line_map(
-        poses, [s.points for s in scans], [s.normals for s in scans], [s.origin for s in scans]
-    )
+    lines = make_line_map(poses, scans)
     again = plan.drive(walls, np.zeros((1, 3)), seed=seed + 99, sigma=sigma, mount=(0, 0, 0))
     return lines, level_scan(again.scans[0], Config())
 
@@ -72,9 +70,7 @@ def test_missing_normals_are_those_of_a_fit_to_all_points_around():
     lasers = np.zeros_like(lines.points)
     missing = ~normals.any(axis=1)
     kept = normals[~missing].copy()
-    fit_missing_normals(
-        lines.points, normals, variances, lasers, lines.origin, lines.starts, points
-    )
+    fit_missing_normals(lines.points, normals, variances, lasers, lines.buckets, points)
     assert np.array_equal(normals[~missing], kept)
     fitted = 0
     for k in np.flatnonzero(missing):
@@ -102,7 +98,7 @@ def test_of_a_plain_corridor_noise_says_nothing(seed):
     prior = np.array([0.05, 0.0, 0.0])
     loose = np.diag([25.0, 25.0, 100.0])
     start = np.add(prior, [0.4, 0.0, 0.0])
-    result = align(lines, scan.points, scan.normals, start, 0.02, prior, loose)
+    result = align(lines, scan.points, scan.normals, start, 0.02, Prior(prior, loose))
     along, across = np.diag(result.information)[:2]
     assert along < 0.01 * across
     # Four beams count as one: within a standard deviation of where it was expected.
@@ -125,7 +121,8 @@ def test_a_wall_ahead_is_known_in_spite_of_noise(seed):
 
 def test_a_map_of_nothing_has_no_normals():
     nothing = np.zeros((0, 2))
-    lines = make_line_map(np.zeros((1, 3)), [nothing], [nothing], [np.zeros(2)])
+    scan = LevelScan(0, np.zeros(3), nothing, np.zeros(2), nothing, nothing)
+    lines = make_line_map(np.zeros((1, 3)), [scan])
     assert isinstance(lines, LineMap)
     assert len(lines.variances) == 0
 

@@ -6,8 +6,8 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import between2
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.front_end import GraphKeyframe
-from tccm_ros.slam.landmarks import _without_tail, judge_walls
 from tccm_ros.slam.lines import extract_lines
+from tccm_ros.slam.wall_outliers import _without_tail, check_walls
 from tccm_ros.slam.walls import WallTable, associate_walls
 
 WALLS = plan.ring()
@@ -34,7 +34,7 @@ def graph_of(poses, lines):
     for k, (pose, x) in enumerate(zip(poses, lines)):
         delta = between2(poses[k - 1], pose) if k else np.zeros(3)
         chain.add(GraphKeyframe(k, None, pose, delta, COV), x.phi)
-    return chain, chain.graph(poses, {0})
+    return chain.keys, chain.graph(poses, {0})
 
 
 def test_each_side_of_the_ring_is_one_wall(seen):
@@ -70,21 +70,21 @@ def test_a_fifth_of_the_labels_wrong(seen, seed):
     wall[wrong] = random.integers(0, len(table), wrong.sum())
     mixed = WallTable(table.keyframe, table.line, wall, table.phi, table.rho, table.extent)
     changed = wall != table.wall
-    chain, graph = graph_of(poses, lines)
-    judged = judge_walls(mixed, lines, poses, graph, chain, config).table
-    assert (judged.wall[changed] >= 0).mean() < 0.1
+    keys, graph = graph_of(poses, lines)
+    checked = check_walls(mixed, lines, poses, graph, keys, config).table
+    assert (checked.wall[changed] >= 0).mean() < 0.1
     right = ~changed & (table.wall >= 0)
-    assert (judged.wall[right] >= 0).mean() > 0.6
+    assert (checked.wall[right] >= 0).mean() > 0.6
 
 
 def test_right_labels_stay(seen):
     poses, lines = seen
     table = associate_walls(poses, lines, Config())
-    chain, graph = graph_of(poses, lines)
-    judgement = judge_walls(table, lines, poses, graph, chain, Config())
-    kept, was = judgement.table.wall >= 0, table.wall >= 0
+    keys, graph = graph_of(poses, lines)
+    checked = check_walls(table, lines, poses, graph, keys, Config())
+    kept, was = checked.table.wall >= 0, table.wall >= 0
     assert kept.sum() > 0.97 * was.sum()
-    assert 0.0 < judgement.unit_variance < 1.0
+    assert 0.0 < checked.unit_variance < 1.0
 
 
 def test_a_few_strays_do_not_change_the_unit_variance():

@@ -23,7 +23,7 @@ from tccm_ros.pipeline.report.figure import (
     show_extent,
 )
 from tccm_ros.results.folder_reader import Results
-from tccm_ros.results.shapes import ObjectBox, SurfaceShape
+from tccm_ros.results.shapes import LandmarkEntry, ObjectBox, SurfaceShape
 
 __all__ = ["box_corners", "draw_map", "extent", "write_map"]
 
@@ -60,6 +60,7 @@ def extent(results: Results) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     shown = [s.boundary[:, :2] for s in results.surfaces]
     shown += [s.boundary[:, :2] for s in results.truth]
     shown += [wall.endpoints for wall in results.walls]
+    shown += [mark.position[None, :2] for mark in results.graph.landmarks]
     shown.append(results.trajectory.positions[:, :2])
     points = np.concatenate(shown)
     if len(points) == 0:
@@ -86,6 +87,8 @@ def draw_map(
     for wall in results.walls:
         axes.plot(*wall.endpoints.T, color=palette.WALL, lw=4.0, solid_capstyle="round", zorder=8)
     _draw_path(axes, results)
+    for mark in results.graph.landmarks:
+        _draw_landmark(axes, mark)
     _draw_scale_bar(axes)
     standing = sorted(results.standing, key=lambda s: (-s.area, s.id))
     draw_labels(
@@ -139,6 +142,17 @@ def _draw_path(axes: Axes, results: Results) -> None:
         axes.plot(x, y, "o", ms=3.6, color=palette.VIEW, mec="white", mew=0.6, zorder=11)
 
 
+def _draw_landmark(axes: Axes, mark: LandmarkEntry) -> None:
+    """Draw a diamond and the landmark's name: there is no symbol for each kind."""
+    x, y = mark.position[:2]
+    axes.plot(x, y, "D", ms=5, color=palette.LANDMARK, mec="white", zorder=12)
+    axes.annotate(
+        f"{mark.kind} {mark.id}", (x, y), (5, 5), textcoords="offset points",
+        color=palette.LANDMARK, zorder=15,
+        path_effects=[withStroke(linewidth=2.5, foreground="white")],
+    )  # fmt: skip
+
+
 def _draw_scale_bar(axes: Axes) -> None:
     x0, x1 = axes.get_xlim()
     y0, y1 = axes.get_ylim()
@@ -177,6 +191,8 @@ def _legend(results: Results) -> Sequence[Line2D | Patch]:
         handles.append(Line2D([], [], color=palette.PATH, lw=1.2, label="path of the base"))
     if len(results.view_stamps()):
         handles.append(Line2D([], [], color=palette.VIEW, marker="o", ms=4, lw=0, label="3D view"))
+    if results.graph.landmarks:
+        handles.append(Line2D([], [], color=palette.LANDMARK, marker="D", lw=0, label="landmark"))
     if results.truth:
         handles.append(Line2D([], [], color=palette.TRUTH, lw=0.9, ls=(0, (4, 3)), label="truth"))
     return handles

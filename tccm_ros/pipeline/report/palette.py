@@ -9,7 +9,17 @@ from numpy.typing import NDArray
 
 from tccm_ros.results.shapes import SurfaceShape
 
-__all__ = ["FLOOR", "OBJECT", "PALETTE", "PATH", "TRUTH", "VIEW", "WALL", "surface_colors"]
+__all__ = [
+    "FLOOR",
+    "LANDMARK",
+    "OBJECT",
+    "PALETTE",
+    "PATH",
+    "TRUTH",
+    "VIEW",
+    "WALL",
+    "surface_colors",
+]
 
 PALETTE = (
     "#0072b2",
@@ -33,6 +43,7 @@ PATH = "#7a828c"
 VIEW = "#1f2328"
 OBJECT = "#5b4636"
 TRUTH = "#111111"
+LANDMARK = "#a0257a"
 
 
 def surface_colors(surfaces: Sequence[SurfaceShape]) -> dict[int, str]:

@@ -1,10 +1,10 @@
 """The factors of the wall graph, one small class each.
 
-A factor is data plus one method that adds its GTSAM form to a graph. To add a landmark or a
-measurement of a new kind, write its class in a module here and hand instances to `WallSlam.solve`:
-nothing else changes. Variables are named by `Key`: keyframes and views are spatial poses
-(``gtsam.Pose3``), walls and surfaces are planes (``gtsam.OrientedPlane3``). A factor that brings a
-landmark of its own says where it starts by `initial`.
+A factor is data plus one method that adds its GTSAM form to a graph. A new kind of landmark is one
+class derived from `LandmarkFactor`, in a module here or outside of the package. Variables are named
+by `Key`: keyframes and views are spatial poses (``gtsam.Pose3``), walls and surfaces are planes
+(``gtsam.OrientedPlane3``). A factor that brings a variable of its own says where it starts by
+`initial`.
 
 GTSAM orders the tangent of a pose (roll, pitch, yaw, x, y, z), in the body's frame.
 """
@@ -17,9 +17,15 @@ from tccm_ros.slam.factors.keys import (
     building_key,
     corner_key,
     keyframe_key,
+    observer_key,
     surface_key,
     view_key,
     wall_key,
+)
+from tccm_ros.slam.factors.landmarks import (
+    LandmarkFactor,
+    landmark_class,
+    register_landmark,
 )
 from tccm_ros.slam.factors.noise import planar_covariance
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
@@ -35,6 +41,7 @@ __all__ = [
     "Factor",
     "Key",
     "KeyframeView",
+    "LandmarkFactor",
     "Planar",
     "PriorPose",
     "ViewPlane",
@@ -44,7 +51,10 @@ __all__ = [
     "building_key",
     "corner_key",
     "keyframe_key",
+    "landmark_class",
+    "observer_key",
     "planar_covariance",
+    "register_landmark",
     "surface_key",
     "view_key",
     "wall_key",

@@ -14,6 +14,7 @@ __all__ = [
     "building_key",
     "corner_key",
     "keyframe_key",
+    "observer_key",
     "surface_key",
     "turn_matrix",
     "view_key",
@@ -66,6 +67,11 @@ def keyframe_key(index: int, turn: float = 0.0) -> Key:
 def view_key(index: int) -> Key:
     """Name the pose of a view: its index in the views given to `WallSlam.solve`."""
     return Key("v", index)
+
+
+def observer_key(index: int) -> Key:
+    """Name the pose from which landmarks were observed."""
+    return Key("o", index)
 
 
 def wall_key(index: int) -> Key:

@@ -1,7 +1,8 @@
-"""How long a metre of odometry is: tyres and calibration make it a few percent more or less.
+"""How far odometry can be trusted: the covariance of a motion, and how long its metre is.
 
-Where walls ahead tell how far the robot went, matching shows the scale; along corridors that tell
-nothing, odometry corrected by it takes over. A Kalman filter of one number.
+Tyres and calibration make a metre of odometry a few percent more or less. Where walls ahead tell
+how far the robot went, matching shows the scale; along corridors that tell nothing, odometry
+corrected by it takes over. The scale is estimated by a Kalman filter of one number.
 """
 
 from __future__ import annotations
@@ -11,9 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["OdometryScale"]
+from tccm_ros.config import Odometry as OdometryConfig
+
+__all__ = ["OdometryScale", "motion_covariance", "odometry_covariance"]
 
 Float64 = NDArray[np.float64]
+
+ODOMETRY_FLOOR = (0.005, 0.003)
+"""Standard deviation (m, rad) of odometry that reports no motion: encoder steps and slip."""
 
 START_SIGMA = 0.05
 """Before anything is known."""
@@ -26,6 +32,22 @@ LEAST_STEP, MOST_TURN = 0.15, 0.25
 
 GATE = 9.0
 """A step further off, squared and in variances, is a slip."""
+
+
+def odometry_covariance(delta: Float64, config: OdometryConfig) -> Float64:
+    """Return the covariance (3, 3) of (x, y, yaw) of an odometry step, in its end's frame."""
+    return motion_covariance(delta, config, ODOMETRY_FLOOR)
+
+
+def motion_covariance(
+    delta: Float64, config: OdometryConfig, floor: tuple[float, float] = (0.0, 0.0)
+) -> Float64:
+    """Return the part of `odometry_covariance` that grows with the motion, above a floor."""
+    distance, turn = float(np.hypot(delta[0], delta[1])), abs(float(delta[2]))
+    sigma_xy = floor[0] + config.sigma_per_m * distance
+    sigma_yaw = floor[1] + config.sigma_rad_per_rad * turn
+    sigma_yaw += config.sigma_rad_per_m * distance
+    return np.diag([sigma_xy**2, sigma_xy**2, sigma_yaw**2])
 
 
 @dataclass(slots=True)

@@ -1,21 +1,24 @@
-"""Loop closure proposals: a patch of new keyframes found in an old submap, or not."""
+"""Loop closure proposals: a patch of new keyframes is matched with an old submap."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.config import Config, Loops
-from tccm_ros.slam.alignment import Alignment, align
+from tccm_ros.slam.alignment import Alignment, Prior, align
 from tccm_ros.slam.correlation import correlate, known_likelihood, support
+from tccm_ros.slam.factors import BetweenKeyframes, Key
 from tccm_ros.slam.likelihood_grid import with_unknown
 from tccm_ros.slam.se2 import rotate_covariance
 from tccm_ros.slam.submaps import Patch, Submap
 
-__all__ = ["Proposal", "Window", "propose"]
+__all__ = ["COARSE_STEP", "LoopReason", "Proposal", "Window", "propose"]
 
 Float64 = NDArray[np.float64]
 
@@ -37,6 +40,21 @@ UNKNOWN_SIGMA = 20.0
 
 APART = (0.7, 0.35)
 """Poses further apart than this (m, or rad) are different places."""
+
+
+class LoopReason(StrEnum):
+    """Why a proposal is a loop closure, or none; braces are filled with a number."""
+
+    CONSISTENT = "consistent"
+    FEW_MATCHES = "only {:.2f} of the points match"
+    IN_FREE_SPACE = "{:.2f} of the points lie in free space"
+    BACKS_OF_WALLS = "most points lie on the backs of walls"
+    ALIGNED_ELSEWHERE = "alignment leaves the correlative match"
+    SECOND_PLACE = "ambiguous: another place matches {:.2f} as well"
+    BETTER_WHERE_KNOWN = "ambiguous: where it is known, another place matches {:.2f} as well"
+    TWO_PLACES_IN_MAP = "ambiguous: the map has another place like this"
+    UNCONFIRMED = "no other match confirms it"
+    CONTRADICTED = "contradicts the other loops"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +122,7 @@ class Proposal:
     window
         Half width of the search, m.
     reason
-        Why it is no loop closure; empty where nothing speaks against it yet.
+        Why it is no loop closure (`LoopReason`); empty where nothing speaks against it yet.
     """
 
     a: int
@@ -122,6 +140,10 @@ class Proposal:
         a, b, c = float(self.cov[0, 0]), float(self.cov[0, 1]), float(self.cov[1, 1])
         return 0.5 * (a + c) + math.sqrt(0.25 * (a - c) ** 2 + b * b)
 
+    def factor(self, keys: Sequence[Key], weight: float = 1.0) -> BetweenKeyframes:
+        """Return the factor between the keyframes of these keys; `weight` is GNC's."""
+        return BetweenKeyframes(keys[self.a], keys[self.b], self.delta, self.cov, weight)
+
 
 def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Proposal | None:
     """Look for a patch in a submap.
@@ -132,7 +154,7 @@ def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Pro
         None where nothing resembles the patch; a proposal with a reason where something does
         but is not good enough or not alone.
     """
-    loops, sigma = config.loops, config.matching.range_sigma
+    loops, expected = config.loops, Prior(window.centre, window.information)
     found = correlate(
         submap.grid,
         patch.search_points,
@@ -144,32 +166,25 @@ def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Pro
     )
     if found.score < 0.0:
         return None
-    result = align(
-        submap.lines,
-        patch.points,
-        patch.normals,
-        found.pose,
-        sigma,
-        window.centre,
-        window.information,
-    )
+    sigma = config.matching.range_sigma
+    result = align(submap.lines, patch.points, patch.normals, found.pose, sigma, expected)
     near, free = support(submap.grid, patch.points, result.pose)
     reason = ""
     if near < loops.min_inliers:
-        reason = f"only {near:.2f} of the points match"
+        reason = LoopReason.FEW_MATCHES.format(near)
     elif free > loops.max_contradiction:
-        reason = f"{free:.2f} of the points lie in free space"
+        reason = LoopReason.IN_FREE_SPACE.format(free)
     elif result.inliers < 0.5 * near:
-        reason = "most points lie on the backs of walls"
+        reason = LoopReason.BACKS_OF_WALLS
     elif _apart(result.pose, found.pose):
-        reason = "alignment leaves the correlative match"
+        reason = LoopReason.ALIGNED_ELSEWHERE
     elif window.reach >= AMBIGUOUS_FROM:
         second = _second_place(submap, patch, window, result.pose, found.score, loops.ambiguity)
         better = 0.0 if second else _better_where_known(submap, patch, window, result.pose, loops)
         if second:
-            reason = f"ambiguous: another place matches {second:.2f} as well"
+            reason = LoopReason.SECOND_PLACE.format(second)
         elif better:
-            reason = f"ambiguous: where it is known, another place matches {better:.2f} as well"
+            reason = LoopReason.BETTER_WHERE_KNOWN.format(better)
     cov = _covariance(result, config.matching.correlated_beams)
     return Proposal(
         submap.centre,

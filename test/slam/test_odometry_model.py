@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tccm_ros.slam.odometry_scale import OdometryScale
+from tccm_ros.slam.odometry_model import OdometryScale
 
 COV = np.diag([0.02**2, 0.02**2, 0.01**2])
 STRONG, NONE = np.diag([1e6, 1e6, 1e6]), np.diag([0.0, 1e6, 1e6])

@@ -1,0 +1,92 @@
+"""Points sorted into the buckets of a square grid, so that neighbours are found at once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ["BUCKET", "Buckets", "extent_near_median", "sort_into_buckets"]
+
+Float64 = NDArray[np.float64]
+Int32 = NDArray[np.int32]
+Near = NDArray[np.bool_] | slice
+
+BUCKET = 0.30
+"""Edge of a bucket, m."""
+
+
+class Buckets(NamedTuple):
+    """Where the points of each bucket are; compiled code takes it as it is.
+
+    Attributes
+    ----------
+    origin
+        float64 (2,), lower corner of the grid.
+    starts
+        int32 (rows, columns, 2): first point of each bucket and the one past its last.
+    """
+
+    origin: Float64
+    starts: Int32
+
+
+def extent_near_median(points: Float64, half: float) -> tuple[Near, Float64, Float64]:
+    """Return which points are within `half` (m) of their median in x and y, and their extent.
+
+    Parameters
+    ----------
+    points
+        float64 (N, 2), N > 0; no extent is larger than 2 `half`.
+
+    Returns
+    -------
+    An index of points, and their lower and upper corner float64 (2,)
+    """
+    low, high = _extent(points)
+    if (high - low).max() < half:
+        return slice(None), low, high
+    near = np.all(np.abs(points - np.median(points, axis=0)) < half, axis=1)
+    return near, *_extent(points[near])
+
+
+@njit(nogil=True, cache=True)
+def _extent(points: Float64) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
+    low, high = points[0].copy(), points[0].copy()
+    for i in range(1, len(points)):
+        for k in range(2):
+            low[k] = min(low[k], points[i, k])
+            high[k] = max(high[k], points[i, k])
+    return low, high
+
+
+@njit(nogil=True, cache=True)
+def sort_into_buckets(
+    points: Float64, origin: Float64, shape: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], Int32]:  # pragma: no cover - compiled
+    """Sort points (N, 2) by bucket; the order within a bucket stays (a counting sort).
+
+    Returns
+    -------
+    The points' new order int64 (N,), and ``Buckets.starts`` of a grid of this shape
+    """
+    starts = np.zeros((shape[0], shape[1], 2), np.int32)
+    cells = np.empty((len(points), 2), np.int32)
+    for i in range(len(points)):
+        cells[i, 0] = int((points[i, 0] - origin[0]) / BUCKET)
+        cells[i, 1] = int((points[i, 1] - origin[1]) / BUCKET)
+        starts[cells[i, 0], cells[i, 1], 1] += 1
+    total = 0
+    for x in range(shape[0]):
+        for y in range(shape[1]):
+            n = starts[x, y, 1]
+            starts[x, y, 0] = starts[x, y, 1] = total
+            total += n
+    order = np.empty(len(points), np.int64)
+    for i in range(len(points)):
+        k = starts[cells[i, 0], cells[i, 1], 1]
+        order[k] = i
+        starts[cells[i, 0], cells[i, 1], 1] = k + 1
+    return order, starts

@@ -1,0 +1,141 @@
+"""Which observations and walls hold: what the graph cannot make straight is taken out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import wrap_angle
+from tccm_ros.slam.factors import Key
+from tccm_ros.slam.graph import PoseGraph
+from tccm_ros.slam.lines import Lines
+from tccm_ros.slam.se2 import place
+from tccm_ros.slam.wall_landmarks import wall_factors
+from tccm_ros.slam.walls import WallTable, confirmations
+
+__all__ = ["CheckedWalls", "check_walls"]
+
+Float64 = NDArray[np.float64]
+
+OBSERVATION_CHI2 = 13.8
+"""An observation further than this from its wall is of something else: 99.9 % of two degrees."""
+
+TAIL = 10.0
+"""99.9 % of two degrees of freedom over their median: further off is not noise."""
+
+PRIOR_FREEDOM, PRIOR_VARIANCE = 2.0, 0.05
+"""What a graph with little redundancy is taken to show: covariances of factors are careful."""
+
+WALL_CHI2 = 3.0
+"""A wall whose observations average more per observation (2 are expected) is not one plane."""
+
+
+class CheckedWalls(NamedTuple):
+    """Walls that hold, and how the graph's residuals compare with their covariances.
+
+    Attributes
+    ----------
+    table
+        The walls.
+    unit_variance
+        Sum of squared Mahalanobis distances over degrees of freedom: about 1 where the
+        covariances are right, less where they are careful.
+    """
+
+    table: WallTable
+    unit_variance: float
+
+
+def check_walls(
+    table: WallTable,
+    lines: Sequence[Lines],
+    poses: Float64,
+    graph: PoseGraph,
+    keys: Sequence[Key],
+    config: Config,
+) -> CheckedWalls:
+    """Take out observations and walls that the graph cannot make straight.
+
+    Parameters
+    ----------
+    table, lines
+        The walls as associated, and the lines of all keyframes.
+    poses
+        float64 (K, 3), the keyframes as known without walls.
+    graph
+        With all but walls; it is given them, if ``walls.enabled``.
+    keys, config
+        As for `wall_factors`.
+    """
+    walls = config.walls.enabled
+    table = _without_strays(table, lines, poses, config) if walls else table
+    used = np.flatnonzero(table.wall >= 0) if walls else np.zeros(0, np.int64)
+    first, keyframes = len(graph), len(keys)
+    if walls:
+        graph.add(wall_factors(table, lines, keys, config))
+    solution = graph.optimise()
+    chi2 = 2.0 * solution.errors_of(range(first, first + len(used)))
+    wall = np.full_like(table.wall, -1) if not walls else table.wall.copy()
+    sums = np.bincount(wall[used], weights=chi2, minlength=len(table))
+    counts = np.bincount(wall[used], minlength=len(table))
+    crooked = sums > WALL_CHI2 * np.maximum(counts, 1)
+    wall[used[(chi2 > OBSERVATION_CHI2) | crooked[wall[used]]]] = -1
+    held = table.keep(wall, confirmations(config, keyframes))
+    kept = held.wall[used] >= 0
+    # Each keyframe but the first has a between and a planar factor; the rest are loops.
+    rest = 2.0 * float(solution.errors_of(range(first)).sum())
+    rows = 3 * (first - keyframes) + 2 * int(kept.sum())
+    freedom = rows - 3 * (keyframes - 1) - 2 * len(held)
+    return CheckedWalls(held, _unit_variance(rest + _without_tail(chi2[kept]), freedom))
+
+
+def _without_strays(
+    table: WallTable, lines: Sequence[Lines], poses: Float64, config: Config
+) -> WallTable:
+    """Take out observations that are far from the median of their wall: wrong labels.
+
+    A median stands up to half of them wrong; least squares does not stand up to one.
+    """
+    used = np.flatnonzero(table.wall >= 0)
+    if not len(used):
+        return table
+    rows = [(lines[k], i, poses[k]) for k, i in zip(table.keyframe[used], table.line[used])]
+    phi = np.array([x.phi[i] + pose[2] for x, i, pose in rows])
+    sigma = np.sqrt([x.cov[i, 0, 0] for x, i, _ in rows])
+    middle = np.stack([place(pose, x.endpoints[i]).mean(axis=0) for x, i, pose in rows])
+    wall, limits = table.wall.copy(), config.walls
+    order = np.argsort(wall[used], kind="stable")
+    for group in np.split(order, np.flatnonzero(np.diff(wall[used][order])) + 1):
+        usual = table.phi[wall[used[group[0]]]]
+        usual += np.median(wrap_angle(phi[group] - usual))
+        away = middle[group] @ [np.cos(usual), np.sin(usual)]
+        far = np.abs(away - np.median(away)) > 2.0 * limits.gate_distance
+        turned = np.abs(wrap_angle(phi[group] - usual))
+        far |= turned > limits.gate_angle + 3.0 * sigma[group]
+        wall[used[group[far]]] = -1
+    return table.keep(wall, confirmations(config, len(poses)))
+
+
+def _without_tail(chi2: Float64) -> float:
+    """Return the sum of squared distances (N,), each at most what noise alone explains.
+
+    Covariances are careful, so that a line of something else may pass the gates and still be
+    hundreds of times further off than all others: a few such say nothing about the noise.
+    """
+    if not len(chi2):
+        return 0.0
+    return float(np.minimum(chi2, TAIL * float(np.median(chi2))).sum())
+
+
+def _unit_variance(total: float, freedom: int) -> float:
+    """Return chi2 over degrees of freedom; few of them are joined by `PRIOR_FREEDOM` usual ones.
+
+    A graph without redundancy says nothing about its covariances: they stand as they are.
+    """
+    if freedom < 1:
+        return 1.0
+    return (total + PRIOR_FREEDOM * PRIOR_VARIANCE) / (freedom + PRIOR_FREEDOM)

@@ -11,7 +11,7 @@ from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, MapError, TopicError
 from tccm_ros.pipeline.outcome import Outcome, Session
-from tccm_ros.pipeline.processors import Pipeline
+from tccm_ros.pipeline.processors import OnCycle, Pipeline
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Odometry, Scan
 from tccm_ros.records.building import Record
@@ -36,6 +36,7 @@ def run_bag(
     *,
     remap: Sequence[str] = (),
     saved: SavedMap | None = None,
+    on_cycle: OnCycle = lambda cycle, cuboids: None,
     bars: Bars | None = None,
     clock: Stopwatch | None = None,
 ) -> Outcome:
@@ -51,6 +52,8 @@ def run_bag(
         ``scan:=/base_scan`` for topics with other names.
     saved
         A map to go on with.
+    on_cycle
+        Takes each cycle when it is complete, and the integration map after it.
     bars
         Where progress is shown.
     clock
@@ -68,7 +71,11 @@ def run_bag(
         topics = _topics(reader, remap)
         present = {info.name for info in reader.topics() if info.count}
         pipeline = Pipeline(
-            config, expects_odometry=topics["odom"] in present, saved=saved, clock=clock
+            config,
+            expects_odometry=topics["odom"] in present,
+            saved=saved,
+            on_cycle=on_cycle,
+            clock=clock,
         )
         records = reader.records(topics)
         session = Session("first", "")

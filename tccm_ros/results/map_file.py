@@ -24,9 +24,9 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
+from tccm_ros.atomic import finish_moves
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import MapError, OutputError, one_line
-from tccm_ros.results.folder import finish_moves
 from tccm_ros.results.map_arrays import map_of_arrays, map_to_arrays
 from tccm_ros.results.packed import pack_arrays, unpack_arrays
 from tccm_ros.results.ply import surface_color

@@ -6,12 +6,12 @@ import yaml
 from shapely import Polygon
 from slam_run import drive, new_slam
 
+from tccm_ros.atomic import output_folder
 from tccm_ros.config import Config
 from tccm_ros.errors import OutputError
 from tccm_ros.records import Wall
 from tccm_ros.results.exports import trajectory_text, write_results
 from tccm_ros.results.floor_plan import close_corners
-from tccm_ros.results.folder import output_folder
 from tccm_ros.results.numbers import Stamp, json_text, rounded
 from tccm_ros.results.occupancy import occupancy_grid, save_grid
 from tccm_ros.results.planning import surface_box, surface_mesh

@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 from result_folder import write_folder
+from tccm_ros.pipeline.report.triangles import triangulate
 
 from tccm_ros.errors import OutputError
 from tccm_ros.pipeline.report import palette
 from tccm_ros.pipeline.report.html_report import LAYERS, TIMING_END, TIMING_START, write_report
 from tccm_ros.pipeline.report.pack import ArrayPack, differences
-from tccm_ros.pipeline.report.triangles import triangulate
 from tccm_ros.results.folder_reader import load_results
 
 UP = np.array([0.0, 0.0, 1.0])

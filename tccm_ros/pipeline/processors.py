@@ -9,11 +9,10 @@ from typing import cast
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor, TccmRecord
-from tccm_ros.records import Odometry, Scan
+from tccm_ros.records import Scan
 from tccm_ros.records.building import Record
 from tccm_ros.results.cycles import CycleHistory
 from tccm_ros.stopwatch import Stopwatch
-from tccm_ros.surfaces.continuation import Continuation, last_sample
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
@@ -45,38 +44,12 @@ class Pipeline:
             if saved is None
             else SurfaceSlam.from_saved(config, saved, expects_odometry=expects_odometry)
         )
-        self.earlier: list[CycleResult] = []
         self.cycles: list[CycleResult] = []
         self.history = CycleHistory(config.map.window_cycles)
-        self.last: Odometry | Scan | None = None
-
-    def go_on_with(self, run: Continuation) -> None:
-        """Take up an interrupted run where it was.
-
-        Raises
-        ------
-        MapError
-            If its state is damaged.
-        """
-        processors = run.processors(self.config)
-        self.tccm, self.slam = processors["tccm"], processors["slam"]
-        self.earlier = processors["cycles"]
-
-    def interrupt(self) -> Continuation | None:
-        """Return the run as it is now, for `go_on_with`; None if it has not begun."""
-        if self.last is None:
-            return None
-        cycles = [*self.earlier, *self.cycles]
-        processors = {"tccm": self.tccm, "slam": self.slam, "cycles": cycles}
-        return Continuation.of(processors, last_sample(self.last), self.config)
 
     def add(self, role: str, record: Record) -> list[CycleResult]:
         """Give one record to whom it concerns; return the cycles that are complete now."""
         results: list[CycleResult] = []
-        if isinstance(record, Odometry) or (
-            isinstance(record, Scan) and not isinstance(self.last, Odometry)
-        ):
-            self.last = record
         if role != "scan":
             with self.clock.stage("tccm"):
                 results = self.tccm.add(cast(TccmRecord, record), self._keep_map)

@@ -18,7 +18,6 @@ from tccm_ros.atomic import output_folder
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import inverse, spatial
-from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.pipeline import Outcome, run_bag
 from tccm_ros.pipeline.report.html_report import write_page
 from tccm_ros.pipeline.report.pictures import write_pictures
@@ -33,6 +32,7 @@ from tccm_ros.results.models import (
     ObjectsFile,
     ScansUsedEntry,
     SessionEntry,
+    SessionKind,
     SummaryFile,
     TimingFile,
 )
@@ -48,8 +48,8 @@ LIBRARIES = ("gtsam", "numba", "numpy", "scipy", "shapely")
 PROCESSING = ("read", "tccm", "slam", "history", "solve", "objects")
 """Stages of the real-time factor: reading and all processing, without imports and pictures."""
 
-WRITING = ("keep", "write")
-"""Stages that make the result files, but for the pictures: the run's state for the map, and all."""
+WRITING = ("write",)
+"""Stages that make the result files, but for the pictures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +89,8 @@ class Summary:
             f"{counts.cycles} tilt cycles, {counts.keyframes} keyframes, "
             f"{counts.loops_accepted} loops; {_times(self.real_time_factor)} real time",
         ]
-        if session.kind == "continued":
-            lines.append("goes on with the run that was saved")
-        elif session.kind == "new":
-            lines.append(f"a new session in the saved map: {session.reason}")
+        if session.kind == SessionKind.NEW:
+            lines.append("a new session in the saved map")
         if counts.dropped:
             reasons = ", ".join(f"{n} {why}" for why, n in counts.dropped.items())
             lines.append(f"dropped: {reasons}")
@@ -153,10 +151,9 @@ def replay(
         )
         bars.start("write", 1.0)
         with clock.stage("objects"):
-            cycles = [*outcome.earlier, *outcome.cycles]
-            objects = ObjectsFile.of(*scene_objects(outcome.solution, cycles))
+            objects = ObjectsFile.of(*scene_objects(outcome.solution, outcome.cycles))
         with clock.stage("write"):
-            content = _write(folder, outcome, cycles, messages, objects)
+            content = _write(folder, outcome, messages, objects)
         _keep_stamps(Path(bag), folder)
         factor = _real_time_factor(outcome, clock)
         if pictures:
@@ -177,19 +174,17 @@ def replay(
 def _write(
     folder: Path,
     outcome: Outcome,
-    cycles: Sequence[CycleResult],
     messages: CycleMessages,
     objects: ObjectsFile,
 ) -> SummaryFile:
-    config, solution = outcome.config, outcome.solution
+    config, solution, cycles = outcome.config, outcome.solution, outcome.cycles
     cuboids = outcome.tccm.map.cuboids() if cycles else None
     content = _summary(outcome, len(objects.objects))
     write_results(folder, solution, cycles, cuboids, config, objects=objects, summary=content)
     save_cycles(folder / "cycles.npz", outcome.history.parts(_T_map_odom(outcome)))
-    write_result_bag(folder / "result.mcap", outcome.cycles, messages, solution, config)
+    write_result_bag(folder / "result.mcap", cycles, messages, solution, config)
     map_frame = config.frames.prefix + config.frames.map
-    saved = replace(outcome.slam.saved(solution), run=outcome.run)
-    save_map(folder / "map.mcap", saved, solution, map_frame)
+    save_map(folder / "map.mcap", outcome.slam.saved(solution), solution, map_frame)
     return content
 
 
@@ -209,14 +204,14 @@ def _keep_stamps(bag: Path, folder: Path) -> None:
 
 def _summary(outcome: Outcome, objects: int) -> SummaryFile:
     slam, solution = outcome.slam, outcome.solution
-    cycles = [*outcome.earlier, *outcome.cycles]
+    cycles = outcome.cycles
     dropped = outcome.tccm.dropped + slam.dropped + outcome.unreadable
     surfaces = count_surfaces(solution.surfaces)
     accepted = sum(loop.accepted for loop in solution.slam.loops)
     return SummaryFile(
         versions=_versions(),
         bag_duration=round(outcome.bag_duration, 6),
-        session=SessionEntry(outcome.session.kind, outcome.session.reason),
+        session=SessionEntry(SessionKind.NEW if outcome.goes_on else SessionKind.FIRST),
         counts=CountsEntry(
             messages=dict(sorted(outcome.messages.items())),
             scans_used=ScansUsedEntry(

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -43,6 +44,7 @@ __all__ = [
     "PlanesFile",
     "ScansUsedEntry",
     "SessionEntry",
+    "SessionKind",
     "SummaryFile",
     "SurfaceEntry",
     "SurfacesFile",
@@ -362,12 +364,20 @@ class PlanesFile:
 # --- summary.json and timing.json ----------------------------------------------------------------
 
 
+class SessionKind(StrEnum):
+    """What a recording is to the map."""
+
+    FIRST = "first"
+    """It begins a map."""
+    NEW = "new"
+    """It goes on with a saved map, in which its place was found."""
+
+
 @dataclass(frozen=True, slots=True)
 class SessionEntry:
-    """How the recording began: `kind` is that of `pipeline.outcome.Session`."""
+    """How the recording began."""
 
-    kind: str
-    reason: str
+    kind: SessionKind
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,8 @@ from tccm_ros.errors import BagError, MapError, TopicError
 from tccm_ros.geometry import planar, spatial
 from tccm_ros.pipeline.evaluate.surfaces import score_surfaces
 from tccm_ros.pipeline.evaluate.trajectory_errors import absolute_errors, poses_at
-from tccm_ros.pipeline.evaluate.truth_files import read_tum
 from tccm_ros.pipeline.replay import replay
+from tccm_ros.results.trajectory import read_tum
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 TYPES = TypestoreMessages()
@@ -85,7 +85,7 @@ def test_the_trajectory_is_better_than_raw_odometry(flat):
     stamps = np.array([record.stamp_ns for record in odometry])
     raw = spatial(planar(np.array([record.T_odom_base for record in odometry])))
     found = read_tum(flat / "trajectory.tum")
-    ours, known = rms(found.stamps_ns, found.poses, truth)
+    ours, known = rms(found.stamps_ns, found.T_map_base, truth)
     theirs, _ = rms(stamps, raw, truth)
     assert known > 1000
     assert ours < 0.02
@@ -93,7 +93,7 @@ def test_the_trajectory_is_better_than_raw_odometry(flat):
 
 
 def rms(stamps, poses, truth):
-    at, is_known = poses_at(truth.stamps_ns, truth.poses, stamps)
+    at, is_known = poses_at(truth.stamps_ns, truth.T_map_base, stamps)
     errors = absolute_errors(poses[is_known], at[is_known])
     return float(np.sqrt(np.mean(np.square(errors.translation)))), len(errors)
 

@@ -18,12 +18,11 @@ from tccm_ros.pipeline.evaluate.trajectory_errors import (
 from tccm_ros.pipeline.evaluate.truth_files import (
     Reference,
     Relations,
-    Trajectory,
     read_reference,
     read_relations,
     read_truth,
-    read_tum,
 )
+from tccm_ros.results.trajectory import Trajectory, read_tum
 
 START = 976_052_857_337_530_000
 
@@ -62,7 +61,7 @@ def test_stamps_keep_their_nanoseconds(tmp_path):
     poses, stamps = circle(), stamps_of(80)
     read = read_tum(write_tum(tmp_path / "a.tum", poses, stamps))
     assert np.array_equal(read.stamps_ns, stamps)
-    assert np.allclose(read.poses, spatial(poses), atol=1e-8)
+    assert np.allclose(read.T_map_base, spatial(poses), atol=1e-8)
 
 
 def test_kinds_of_truth_are_told_apart(tmp_path):
@@ -231,7 +230,7 @@ def test_files_that_are_no_trajectory(tmp_path, text, said):
     path = tmp_path / "bad.tum"
     path.write_text(text)
     with pytest.raises(LogError, match=said):
-        read_tum(path)
+        score_trajectory(path, path)
 
 
 def test_missing_files_and_truth_of_another_time(tmp_path):

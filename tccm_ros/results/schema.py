@@ -53,7 +53,8 @@ def file_schema(name: str) -> dict[str, Any]:
 def _require_all(schema: dict[str, Any]) -> None:
     """Make every key required: readers have defaults, but the writer writes all keys."""
     for kind in (schema, *schema.get("$defs", {}).values()):
-        kind["required"] = list(kind["properties"])
+        if "properties" in kind:
+            kind["required"] = list(kind["properties"])
 
 
 def write_schemas(folder: Path) -> None:

@@ -5,6 +5,8 @@ The files follow the published keys, so that the report's tests need neither a b
 
 from __future__ import annotations
 
+import json
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +38,7 @@ from tccm_ros.results.models import (
     WallEntry,
     WallsFile,
 )
-from tccm_ros.results.numbers import json_text
+from tccm_ros.results.numbers import key_of
 from tccm_ros.results.trajectory import Trajectory
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -146,7 +148,14 @@ def as_cuboids(ix, iy, bottom, top):
 
 
 def write_json(path, model):
-    path.write_text(json_text(model), encoding="utf-8")
+    """Write a model with all digits, so that what is exact here is exact when it is read."""
+    path.write_text(json.dumps(model, default=plain, indent=1), encoding="utf-8")
+
+
+def plain(value):
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return {key_of(field.name): getattr(value, field.name) for field in fields(value)}
 
 
 def write_folder(folder: Path, *, cycles: int = CYCLES, reach: float = 1.6) -> Path:

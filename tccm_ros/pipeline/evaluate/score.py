@@ -14,6 +14,7 @@ from tccm_ros.errors import LogError
 from tccm_ros.geometry import inverse
 from tccm_ros.pipeline.evaluate.trajectory_errors import (
     Errors,
+    Order,
     absolute_errors,
     align,
     distance_errors,
@@ -173,7 +174,7 @@ def _score_relations(found: Trajectory, truth: Relations) -> TrajectoryScore:
     T_from, T_to, deltas = T_from[known], T_to[known], truth.deltas[known]
     errors = {
         "relations (Kuemmerle)": relation_errors(T_from, T_to, deltas),
-        "relations (Cartographer)": relation_errors(T_from, T_to, deltas, "cartographer"),
+        "relations (Cartographer)": relation_errors(T_from, T_to, deltas, Order.CARTOGRAPHER),
     }
     empty = np.zeros((0, 2))
     return TrajectoryScore(errors, int((~known).sum()), empty, empty)

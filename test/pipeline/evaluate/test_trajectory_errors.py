@@ -7,6 +7,7 @@ from tccm_ros.pipeline.evaluate.plot import plot_score
 from tccm_ros.pipeline.evaluate.score import score_trajectory
 from tccm_ros.pipeline.evaluate.trajectory_errors import (
     Errors,
+    Order,
     absolute_errors,
     align,
     distance_errors,
@@ -100,7 +101,7 @@ def test_both_orders_by_hand():
     found = spatial(np.array([[1.0, 0.0, 0.1]]))
     published = relation_errors(T_from, found, delta)
     assert published.translation[0] == pytest.approx(0.0, abs=1e-12)
-    other = relation_errors(T_from, found, delta, "cartographer")
+    other = relation_errors(T_from, found, delta, Order.CARTOGRAPHER)
     # found * inverse(delta) turns the metre back by 0.1 rad: a chord of 2 sin(0.05).
     assert other.translation[0] == pytest.approx(2 * np.sin(0.05))
     assert published.rotation[0] == pytest.approx(0.1)

@@ -1,4 +1,4 @@
-# make demo | make test | make bench | make lint | make build | make params | make figures | make api
+# make demo | make test | make bench | make lint | make build | make params | make figures | make api | make schema
 #
 # Everything lives in .venv, which is made when it is missing or requirements.txt has changed.
 
@@ -15,7 +15,7 @@ export MPLBACKEND := Agg
 # The newest supported interpreter that really starts.
 PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3,$(if $(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print(1)' 2>/dev/null),$(p))))
 
-.PHONY: demo test bench lint build params figures api clean
+.PHONY: demo test bench lint build params figures api schema clean
 
 demo: $(STAMP)
 	@find tccm_ros -name '*.nbi' | grep -q . || echo "the first replay compiles for two or three minutes, once"
@@ -64,3 +64,7 @@ figures: demo
 api: $(STAMP)
 	@$(BIN)/pdoc -d numpy --no-search -o out/api tccm_ros '!tccm_ros.nodes' 2>/dev/null
 	@echo "API reference  out/api/index.html"
+
+# JSON Schema of the result files, from their models.
+schema: $(STAMP)
+	@$(BIN)/python -m tccm_ros.results.schema docs/reference/schema

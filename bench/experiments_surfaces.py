@@ -34,7 +34,7 @@ from tccm_ros.pipeline.sim import Options, Simulation, build_world, truth  # noq
 from tccm_ros.pipeline.sim.engine import EPOCH_NS  # noqa: E402
 from tccm_ros.pipeline.sim.world import World  # noqa: E402
 from tccm_ros.records import Scan  # noqa: E402
-from tccm_ros.results.exports import surfaces_table  # noqa: E402
+from tccm_ros.results.models import SurfacesFile  # noqa: E402
 from tccm_ros.results.numbers import json_text  # noqa: E402
 from tccm_ros.surfaces.surface_slam import SurfaceSolution  # noqa: E402
 
@@ -127,7 +127,7 @@ def score(solution: SurfaceSolution, simulation: Simulation) -> SurfaceScore:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "found.json").write_text(
-            json_text(surfaces_table(solution.surfaces, solution.floor_z, "map"))
+            json_text(SurfacesFile.of(solution.surfaces, solution.floor_z, "map"))
         )
         (folder / "truth.json").write_text(json.dumps(truth.surfaces(simulation)))
         return score_surfaces(folder / "found.json", folder / "truth.json")

@@ -10,6 +10,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "tccm_ros"
 
 ROOMS = [
     "errors",
+    "atomic",
     "config",
     "progress",
     "stopwatch",

@@ -5,9 +5,7 @@ A bag is written under a temporary name beside its place and moved there when it
 
 from __future__ import annotations
 
-import os
-import shutil
-from contextlib import suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -16,6 +14,7 @@ from typing import Any, BinaryIO
 import yaml
 from mcap.writer import CompressionType, Writer
 
+from tccm_ros.atomic import output_file, output_folder
 from tccm_ros.bags.offered_qos import Qos, default_qos
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import OutputError, one_line
@@ -71,13 +70,14 @@ class BagWriter:
         if self.path.exists() and not overwrite:
             raise OutputError(f"{self.path}: exists already; name another place or remove it")
         self._is_file = self.path.suffix == ".mcap"
-        self._temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.partial")
         self._topics: dict[str, _Topic] = {}
         self._schemas: dict[str, int] = {}
         self._start_ns: int | None = None
         self._end_ns = 0
+        self._temporary: Path
         self._stream: BinaryIO
         self._writer: Writer
+        self._open: ExitStack
 
     @property
     def folder(self) -> Path:
@@ -85,17 +85,15 @@ class BagWriter:
         return self._temporary
 
     def __enter__(self) -> BagWriter:
-        try:
-            self._discard()
+        with ExitStack() as stack:
             if self._is_file:
-                self.path.parent.mkdir(parents=True, exist_ok=True)
-                target = self._temporary
+                self._temporary = file = stack.enter_context(output_file(self.path))
             else:
-                self._temporary.mkdir(parents=True)
-                target = self._temporary / f"{self.path.name}.mcap"
-            self._stream = target.open("xb")
-        except OSError as error:
-            raise OutputError(f"{self.path}: cannot be written ({one_line(error)})") from None
+                whole = output_folder(self.path, is_replaced=True)
+                self._temporary = stack.enter_context(whole)
+                file = self._temporary / f"{self.path.name}.mcap"
+            self._stream = stack.enter_context(file.open("xb"))
+            self._open = stack.pop_all()
         self._writer = Writer(self._stream, compression=CompressionType.ZSTD, enable_crcs=True)
         self._writer.start(profile="ros2", library=LIBRARY)
         return self
@@ -107,14 +105,13 @@ class BagWriter:
         trace: TracebackType | None,
     ) -> None:
         try:
-            if error is None:
+            if error is not None:
+                self._open.__exit__(kind, error, trace)
+                return
+            with self._open:
                 self._finish()
         except OSError as failure:
             raise OutputError(f"{self.path}: cannot be written ({one_line(failure)})") from None
-        finally:
-            with suppress(OSError):  # what a full disk keeps from being flushed is discarded
-                self._stream.close()
-            self._discard()
 
     def add_topic(self, topic: str, msgtype: str, qos: Qos | None = None) -> None:
         """Declare a topic; `write` does it by itself for topics without special wishes.
@@ -197,7 +194,6 @@ class BagWriter:
         if not self._is_file:
             whole = yaml.safe_dump(metadata, sort_keys=False)
             (self._temporary / "metadata.yaml").write_text(whole, encoding="utf-8")
-        _move_into_place(self._temporary, self.path)
 
     def _metadata(self) -> dict[str, Any]:
         name = self.path.name if self._is_file else f"{self.path.name}.mcap"
@@ -235,20 +231,3 @@ class BagWriter:
                 "ros_distro": "jazzy",
             }
         }
-
-    def _discard(self) -> None:
-        if self._temporary.is_dir():
-            shutil.rmtree(self._temporary)
-        else:
-            self._temporary.unlink(missing_ok=True)
-
-
-def _move_into_place(source: Path, target: Path) -> None:
-    """Move a complete file or folder to its final name; what was there goes last."""
-    if not target.is_dir():
-        os.replace(source, target)
-        return
-    old = target.with_name(f".{target.name}.{os.getpid()}.old")
-    os.replace(target, old)
-    os.replace(source, target)
-    shutil.rmtree(old)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tccm_ros.atomic import output_folder
 from tccm_ros.results.exports import write_solution
-from tccm_ros.results.folder import output_folder
 from tccm_ros.results.map_file import load_map, save_map
 from tccm_ros.results.occupancy import occupancy_grid, save_grid
 from tccm_ros.surfaces.saved_map import SavedMap

@@ -9,6 +9,7 @@ from typing import Any
 
 from std_srvs.srv import SetBool, Trigger
 
+from tccm_ros.atomic import output_folder
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.nodes.outputs import Outputs
 from tccm_ros.nodes.qos import hand_over, latched
@@ -17,7 +18,6 @@ from tccm_ros.nodes.sensor_node import SensorNode, is_latched
 from tccm_ros.nodes.warm_up import warm_up_tccm
 from tccm_ros.pipeline.calibrate.rig_check import RigCheck
 from tccm_ros.results.exports import cuboids_archive
-from tccm_ros.results.folder import output_folder
 from tccm_ros.robot.synchroniser import Synchroniser
 from tccm_ros.ros.publications import CYCLE_TOPICS, HAND_OVER_TOPICS, CyclePublications
 

@@ -16,7 +16,6 @@ from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.pipeline.calibrate.rig_check import RigCheck
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan
-from tccm_ros.ros.polygons import triangulate
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 __all__ = ["warm_up_slam", "warm_up_tccm"]
@@ -86,8 +85,6 @@ def _sweep_once(config_json: str) -> tuple[CycleResult, ...]:
     check = RigCheck()
     for result in results:
         check.add(result)
-    for plane in results[-1].planes:  # as their markers are made
-        triangulate(plane.boundary, plane.holes, plane.normal)
     return tuple(results)
 
 

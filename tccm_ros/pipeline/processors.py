@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import cast
 
 from tccm_ros.config import Config
-from tccm_ros.mapping.tccm import CycleResult, TccmProcessor, TccmRecord
+from tccm_ros.cuboids.cuboids import Cuboids
+from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor, TccmRecord
 from tccm_ros.records import Scan
 from tccm_ros.records.building import Record
 from tccm_ros.results.cycles import CycleHistory
@@ -17,8 +18,8 @@ from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 __all__ = ["Pipeline"]
 
-PARTS_KEPT = 400
-"""Cycles whose part maps are kept for result.mcap: memory stays bounded in a bag of hours."""
+OnCycle = Callable[[CycleResult, Cuboids], object]
+"""Takes a cycle that is complete, and the integration map after it."""
 
 
 class Pipeline:
@@ -30,9 +31,12 @@ class Pipeline:
         *,
         expects_odometry: bool,
         saved: SavedMap | None = None,
+        on_cycle: OnCycle = lambda cycle, cuboids: None,
         clock: Stopwatch | None = None,
     ):
         self.config = config
+        self._on_cycle = on_cycle
+        self._maps: list[Cuboids] = []
         self.clock = clock or Stopwatch()
         self.tccm = TccmProcessor(config, expects_odometry=expects_odometry)
         self.slam = (
@@ -48,7 +52,7 @@ class Pipeline:
         results: list[CycleResult] = []
         if role != "scan":
             with self.clock.stage("tccm"):
-                results = self.tccm.add(cast(TccmRecord, record))
+                results = self.tccm.add(cast(TccmRecord, record), self._keep_map)
         with self.clock.stage("slam"):
             if role != "tilt_scan":
                 self.slam.add(record)
@@ -60,7 +64,7 @@ class Pipeline:
     def finish(self) -> list[CycleResult]:
         """Take the end of the input."""
         with self.clock.stage("tccm"):
-            results = self.tccm.finish()
+            results = self.tccm.finish(self._keep_map)
         self._hand_over(results)
         with self.clock.stage("slam"):
             self.slam.finish()
@@ -71,14 +75,30 @@ class Pipeline:
         with self.clock.stage("solve"):
             return self.slam.solve()
 
+    def _keep_map(self, _: CyclePlanes) -> None:
+        """Keep the integration map after a cycle: several may be complete at once."""
+        self._maps.append(self.tccm.map.cuboids())
+
     def _hand_over(self, results: Sequence[CycleResult]) -> None:
-        for result in results:
+        for result, cuboids in zip(results, self._maps, strict=True):
             with self.clock.stage("slam"):
                 self.slam.add(result.surfaces)
                 self.slam.add(result.view)
             with self.clock.stage("history"):
                 self.history.add(result.cycle, result.stamp_ns, result.part.cuboids())
-            self.cycles.append(replace(result, part=result.part.without_points()))
-            if len(self.cycles) > PARTS_KEPT:
-                old = self.cycles[-PARTS_KEPT - 1]
-                self.cycles[-PARTS_KEPT - 1] = replace(old, part=old.part.without_cuboids())
+            with self.clock.stage("write"):
+                self._on_cycle(result, cuboids)
+            self.cycles.append(_outline(result))
+        self._maps.clear()
+
+
+def _outline(cycle: CycleResult) -> CycleResult:
+    """Return a cycle's planes and objects alone."""
+    return replace(
+        cycle,
+        part=cycle.part.without_points().without_cuboids(),
+        surfaces=replace(
+            cycle.surfaces, points=cycle.surfaces.points[:0], surface=cycle.surfaces.surface[:0]
+        ),
+        view=replace(cycle.view, intervals=cycle.view.intervals[:0]),
+    )

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import platform
 import shutil
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -15,23 +14,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros import __version__
+from tccm_ros.atomic import output_folder
 from tccm_ros.bags.reader import BagPaths, bag_paths
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import inverse, spatial
 from tccm_ros.pipeline import Outcome, run_bag
-from tccm_ros.pipeline.report.html_report import write_report
+from tccm_ros.pipeline.report.html_report import write_page
 from tccm_ros.pipeline.report.pictures import write_pictures
 from tccm_ros.pipeline.report.viewing import report_map
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.results.cycles import save_cycles
-from tccm_ros.results.exports import write_results
-from tccm_ros.results.folder import output_folder
+from tccm_ros.results.exports import write_results, write_timing
+from tccm_ros.results.folder_reader import load_results
 from tccm_ros.results.map_file import load_map, save_map
-from tccm_ros.results.result_bag import write_result_bag
+from tccm_ros.results.models import (
+    CountsEntry,
+    ObjectsFile,
+    ScansUsedEntry,
+    SessionEntry,
+    SessionKind,
+    SummaryFile,
+    TimingFile,
+)
+from tccm_ros.results.result_bag import CycleMessages, write_result_bag
+from tccm_ros.results.surface_counts import count_surfaces
 from tccm_ros.stopwatch import Stopwatch
-from tccm_ros.surfaces.scene_objects import SceneObject, scene_objects
-from tccm_ros.surfaces.surface_counts import Census, count_surfaces
+from tccm_ros.surfaces.scene_objects import scene_objects
 
 __all__ = ["Summary", "replay", "report_of"]
 
@@ -61,7 +70,7 @@ class Summary:
     """
 
     out: Path
-    content: dict[str, Any]
+    content: SummaryFile
     seconds: dict[str, float]
     real_time_factor: float
 
@@ -69,24 +78,23 @@ class Summary:
         """Return everything as plain data."""
         return {
             "out": str(self.out),
-            **self.content,
+            **asdict(self.content),
             "real_time_factor": self.real_time_factor,
         }
 
     def text(self) -> str:
         """Return a few lines for people."""
-        counts = self.content["counts"]
-        dropped = counts["dropped"]
-        surfaces = Census(counts["surfaces"], counts["small_surfaces"])
+        counts, session = self.content.counts, self.content.session
         lines = [
-            f"{surfaces.text()}, {counts['objects']} objects, {counts['walls']} walls, "
-            f"{counts['cycles']} tilt cycles, {counts['keyframes']} keyframes, "
-            f"{counts['loops_accepted']} loops; {_times(self.real_time_factor)} real time",
+            f"{counts.surface_counts.text()}, {counts.objects} objects, {counts.walls} walls, "
+            f"{counts.cycles} tilt cycles, {counts.keyframes} keyframes, "
+            f"{counts.loops_accepted} loops; {_times(self.real_time_factor)} real time",
         ]
-        if self.content["session"]["kind"] == "new":
+        if session.kind == SessionKind.NEW:
             lines.append("a new session in the saved map")
-        if dropped:
-            lines.append("dropped: " + ", ".join(f"{n} {why}" for why, n in dropped.items()))
+        if counts.dropped:
+            reasons = ", ".join(f"{n} {why}" for why, n in counts.dropped.items())
+            lines.append(f"dropped: {reasons}")
         lines.append(f"map       {self.out / 'surfaces.json'}")
         if (self.out / "report.html").exists():
             lines.append(f"pictures  {self.out / 'map.png'}, {self.out / 'map3d.png'}")
@@ -138,39 +146,44 @@ def replay(
     bars, clock = bars or Silent(), clock or Stopwatch()
     with output_folder(out) as folder:
         saved = None if saved_map is None else load_map(saved_map)
-        outcome = run_bag(bag, config, remap=remap, saved=saved, bars=bars, clock=clock)
+        messages = CycleMessages(config, folder)
+        outcome = run_bag(
+            bag, config, remap=remap, saved=saved, on_cycle=messages.add, bars=bars, clock=clock
+        )
         bars.start("write", 1.0)
         with clock.stage("objects"):
-            scene = scene_objects(outcome.solution, outcome.cycles)
+            objects = ObjectsFile.of(*scene_objects(outcome.solution, outcome.cycles))
         with clock.stage("write"):
-            content = _write(folder, outcome, scene)
-        summary = Summary(Path(out), content, clock.seconds, _real_time_factor(outcome, clock))
-        _write_timing(folder, summary)
+            content = _write(folder, outcome, messages, objects)
         _keep_stamps(bag_paths(bag), folder)
+        factor = _real_time_factor(outcome, clock)
         if pictures:
             bars.start("pictures", 1.0)
             with clock.stage("pictures"):
-                write_pictures(folder)
-            _write_timing(folder, summary)
+                results = load_results(folder)
+                drawn = write_pictures(results, folder)
+        timing = TimingFile(
+            {name: round(value, 6) for name, value in clock.seconds.items()}, round(factor, 3)
+        )
+        write_timing(folder, timing)
+        if pictures:
             with clock.stage("report"):
-                write_report(folder)
-    return summary
+                write_page(replace(results, timing=timing), drawn, folder)
+    return Summary(Path(out), content, clock.seconds, factor)
 
 
 def _write(
     folder: Path,
     outcome: Outcome,
-    scene: tuple[Sequence[SceneObject], Mapping[int, Any]],
-) -> dict[str, Any]:
+    messages: CycleMessages,
+    objects: ObjectsFile,
+) -> SummaryFile:
     config, solution, cycles = outcome.config, outcome.solution, outcome.cycles
     cuboids = outcome.tccm.map.cuboids() if cycles else None
-    content = _summary(outcome)
-    content["counts"]["objects"] = len(scene[0])
-    write_results(
-        folder, solution, cycles, cuboids, config, scene=scene, summary=content, timing={}
-    )
+    content = _summary(outcome, len(objects.objects))
+    write_results(folder, solution, cycles, cuboids, config, objects=objects, summary=content)
     save_cycles(folder / "cycles.npz", outcome.history.parts(_T_map_odom(outcome)))
-    write_result_bag(folder / "result.mcap", cycles, solution, config)
+    write_result_bag(folder / "result.mcap", cycles, messages, solution, config)
     map_frame = config.frames.prefix + config.frames.map
     save_map(folder / "map.mcap", outcome.slam.saved(solution), solution, map_frame)
     return content
@@ -193,34 +206,34 @@ def _keep_stamps(bags: Sequence[Path], folder: Path) -> None:
         shutil.copyfile(stamps, folder / stamps.name)
 
 
-def _summary(outcome: Outcome) -> dict[str, Any]:
+def _summary(outcome: Outcome, objects: int) -> SummaryFile:
     slam, solution = outcome.slam, outcome.solution
     cycles = outcome.cycles
     dropped = outcome.tccm.dropped + slam.dropped + outcome.unreadable
     surfaces = count_surfaces(solution.surfaces)
     accepted = sum(loop.accepted for loop in solution.slam.loops)
-    return {
-        "versions": _versions(),
-        "bag_duration": round(outcome.bag_duration, 6),
-        "session": {"kind": "new" if outcome.goes_on else "first"},
-        "counts": {
-            "messages": dict(sorted(outcome.messages.items())),
-            "scans_used": {
-                "tilt": outcome.tccm.counts["scans used"],
-                "level": slam.counts["level scans"],
-            },
-            "dropped": dict(sorted(dropped.items())),
-            "cycles": len(cycles),
-            "planes": len({p.id for cycle in cycles for p in cycle.planes}),
-            "keyframes": len(solution.slam.keyframes),
-            "walls": len(solution.slam.walls),
-            "loops_accepted": accepted,
-            "loops_rejected": len(solution.slam.loops) - accepted,
-            "surfaces": surfaces.counted,
-            "small_surfaces": surfaces.small,
-        },
-        "config": outcome.config.model_dump(mode="json"),
-    }
+    return SummaryFile(
+        versions=_versions(),
+        bag_duration=round(outcome.bag_duration, 6),
+        session=SessionEntry(SessionKind.NEW if outcome.goes_on else SessionKind.FIRST),
+        counts=CountsEntry(
+            messages=dict(sorted(outcome.messages.items())),
+            scans_used=ScansUsedEntry(
+                tilt=outcome.tccm.counts["scans used"], level=slam.counts["level scans"]
+            ),
+            dropped=dict(sorted(dropped.items())),
+            cycles=len(cycles),
+            planes=len({p.id for cycle in cycles for p in cycle.planes}),
+            keyframes=len(solution.slam.keyframes),
+            walls=len(solution.slam.walls),
+            loops_accepted=accepted,
+            loops_rejected=len(solution.slam.loops) - accepted,
+            surfaces=surfaces.counted,
+            small_surfaces=surfaces.small,
+            objects=objects,
+        ),
+        config=outcome.config.model_dump(mode="json"),
+    )
 
 
 def _versions() -> dict[str, str]:
@@ -236,14 +249,6 @@ def _versions() -> dict[str, str]:
 def _real_time_factor(outcome: Outcome, clock: Stopwatch) -> float:
     seconds = sum(clock.seconds.get(stage, 0.0) for stage in PROCESSING)
     return outcome.bag_duration / seconds if seconds else 0.0
-
-
-def _write_timing(folder: Path, summary: Summary) -> None:
-    timing = {
-        "seconds": {name: round(value, 6) for name, value in summary.seconds.items()},
-        "real_time_factor": round(summary.real_time_factor, 3),
-    }
-    (folder / "timing.json").write_text(json.dumps(timing, indent=1) + "\n")
 
 
 def report_of(target: Path | str, config: Config, bars: Bars | None = None) -> Path:

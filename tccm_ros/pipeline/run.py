@@ -9,7 +9,7 @@ from tccm_ros.bags.reader import DEFAULT_TOPICS, BagPaths, BagReader, remap_topi
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, MapError, TopicError
 from tccm_ros.pipeline.outcome import Outcome
-from tccm_ros.pipeline.processors import Pipeline
+from tccm_ros.pipeline.processors import OnCycle, Pipeline
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records.building import Record
 from tccm_ros.stopwatch import Stopwatch
@@ -29,6 +29,7 @@ def run_bag(
     *,
     remap: Sequence[str] = (),
     saved: SavedMap | None = None,
+    on_cycle: OnCycle = lambda cycle, cuboids: None,
     bars: Bars | None = None,
     clock: Stopwatch | None = None,
 ) -> Outcome:
@@ -44,6 +45,8 @@ def run_bag(
         ``scan:=/base_scan`` for topics with other names.
     saved
         A map to go on with.
+    on_cycle
+        Takes each cycle when it is complete, and the integration map after it.
     bars
         Where progress is shown.
     clock
@@ -61,7 +64,11 @@ def run_bag(
         topics = _topics(reader, remap)
         present = {info.name for info in reader.topics() if info.count}
         pipeline = Pipeline(
-            config, expects_odometry=topics["odom"] in present, saved=saved, clock=clock
+            config,
+            expects_odometry=topics["odom"] in present,
+            saved=saved,
+            on_cycle=on_cycle,
+            clock=clock,
         )
         messages = _feed(pipeline, reader, topics, reader.records(topics), bars)
         bars.start("solve", 1.0)

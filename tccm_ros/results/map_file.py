@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
 import struct
 import zipfile
 import zlib
@@ -23,13 +22,11 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from numpy.typing import NDArray
 
+from tccm_ros.atomic import finish_moves, output_file
 from tccm_ros.bags.typestore import TypestoreMessages
-from tccm_ros.errors import MapError, OutputError, one_line
-from tccm_ros.results.folder import finish_moves
+from tccm_ros.errors import MapError, one_line
 from tccm_ros.results.numbers import array_archive
-from tccm_ros.results.ply import surface_color
-from tccm_ros.ros.markers import Place, surface_markers, wall_markers
-from tccm_ros.ros.results import surface_map_message
+from tccm_ros.ros.publications import SolutionPublications
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView, pack_views, unpack_views
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
@@ -42,6 +39,9 @@ VERSION = 3
 ATTACHMENT = "map.npz"
 CHECKSUM = "sha256"
 """Where the metadata has the checksum of the attachment."""
+
+SHOWN = ("surfaces", "surface_cloud", "walls")
+"""Topics of the SLAM node that are in a map: its path is that of one session alone."""
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER = struct.Struct("<QQI")
@@ -74,19 +74,8 @@ def save_map(
     OutputError
         If the file cannot be written.
     """
-    path = Path(path)
-    beside = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with beside.open("wb") as stream:
-            _write(stream, saved, solution, frame_id)
-            stream.flush()
-            os.fsync(stream.fileno())  # a rename that outlives its content would be an empty map
-        os.replace(beside, path)
-    except OSError as error:
-        with suppress(OSError):
-            beside.unlink()
-        raise OutputError(f"{path}: cannot be written ({one_line(error)})") from None
+    with output_file(path) as made, made.open("wb") as stream:
+        _write(stream, saved, solution, frame_id)
 
 
 def _write(stream: Any, saved: SavedMap, solution: SurfaceSolution, frame_id: str) -> None:
@@ -107,35 +96,15 @@ def _write(stream: Any, saved: SavedMap, solution: SurfaceSolution, frame_id: st
 def _write_topics(writer: Writer, solution: SurfaceSolution, stamp: int, frame_id: str) -> None:
     """Show surfaces, their points and walls, latched for whoever plays the file."""
     types = TypestoreMessages()
-    place = Place(types, stamp, frame_id)
-    ids = solution.mapped.surface_id
-    known, index = np.unique(ids, return_inverse=True)
-    colors = np.array([surface_color(int(i)) for i in known], np.uint8).reshape(-1, 3)[index]
-    markers = "visualization_msgs/msg/MarkerArray"
-    shown = [
-        (
-            "/surface_slam/surfaces",
-            markers,
-            types.make(markers, markers=surface_markers(place, solution.surfaces)),
-        ),
-        (
-            "/surface_slam/surface_cloud",
-            "sensor_msgs/msg/PointCloud2",
-            surface_map_message(types, stamp, frame_id, solution.mapped.points, ids, colors),
-        ),
-        (
-            "/surface_slam/walls",
-            markers,
-            types.make(markers, markers=wall_markers(place, solution.slam.walls)),
-        ),
-    ]
     schemas: dict[str, int] = {}
-    for topic, msgtype, message in shown:
+    for topic, msgtype, build in SolutionPublications(types, frame_id).of(solution, stamp):
+        if topic not in SHOWN:
+            continue
         if msgtype not in schemas:
             definition = types.definition(msgtype).encode()
             schemas[msgtype] = writer.register_schema(msgtype, "ros2msg", definition)
-        channel = writer.register_channel(topic, "cdr", schemas[msgtype])
-        writer.add_message(channel, stamp, bytes(types.serialize(msgtype, message)), stamp)
+        channel = writer.register_channel(f"/surface_slam/{topic}", "cdr", schemas[msgtype])
+        writer.add_message(channel, stamp, bytes(types.serialize(msgtype, build())), stamp)
 
 
 def is_map(path: Path | str) -> bool:

@@ -7,14 +7,14 @@ import json
 import math
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import fields, is_dataclass
+from functools import cache
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Stamp", "array_archive", "json_text", "rounded", "rounded_list"]
+__all__ = ["Stamp", "array_archive", "json_text", "key_of", "rounded", "rounded_list"]
 
 DIGITS = 6
 """Floats are rounded to this many decimals."""
@@ -29,16 +29,27 @@ OPEN_LEVELS = 3
 """Levels of a JSON file that have a line for each entry; deeper ones are on one line."""
 
 
-@dataclass(frozen=True, slots=True)
-class Stamp:
-    """A time, written in s with 9 decimals, exactly."""
+class Stamp(float):
+    """A time in s that knows its nanoseconds: it is written with 9 decimals, exactly."""
 
+    __slots__ = ("stamp_ns",)
     stamp_ns: int
+
+    def __new__(cls, stamp_ns: int) -> Stamp:
+        """Make the time of integer nanoseconds."""
+        stamp = super().__new__(cls, stamp_ns * 1e-9)
+        stamp.stamp_ns = int(stamp_ns)
+        return stamp
 
     def __str__(self) -> str:
         sign = "-" if self.stamp_ns < 0 else ""
-        whole, rest = divmod(abs(int(self.stamp_ns)), 1_000_000_000)
+        whole, rest = divmod(abs(self.stamp_ns), 1_000_000_000)
         return f"{sign}{whole}.{rest:09d}"
+
+
+def key_of(name: str) -> str:
+    """Return the key in a file of a field of a class: a trailing underscore is no part of it."""
+    return name.removesuffix("_")
 
 
 def rounded(value: float) -> float | None:
@@ -52,7 +63,7 @@ def json_text(value: Any) -> str:
     Parameters
     ----------
     value
-        Mappings, sequences, arrays, numbers, text, None and `Stamp`.
+        Dataclasses, mappings, sequences, arrays, numbers, text, None and `Stamp`.
 
     Raises
     ------
@@ -77,9 +88,19 @@ def _json(value: Any, level: int) -> str:
     if isinstance(value, Mapping):
         items = [f"{json.dumps(str(k))}: {_json(v, level + 1)}" for k, v in value.items()]
         return _bracketed("{", items, "}", level)
+    if is_dataclass(value):
+        kind: Any = type(value)
+        items = [f'"{key}": {_json(getattr(value, name), level + 1)}' for name, key in _keys(kind)]
+        return _bracketed("{", items, "}", level)
     if isinstance(value, list | tuple):
         return _bracketed("[", [_json(item, level + 1) for item in value], "]", level)
     raise TypeError(f"JSON has no form of {type(value).__name__}")
+
+
+@cache
+def _keys(kind: type) -> list[tuple[str, str]]:
+    """Return the names of a dataclass's fields with their keys in a file."""
+    return [(field.name, key_of(field.name)) for field in fields(kind)]
 
 
 def _array_json(values: NDArray[Any]) -> str:
@@ -124,8 +145,3 @@ def array_archive(arrays: Mapping[str, NDArray[Any]]) -> bytes:
             info.external_attr = 0o644 << 16
             archive.writestr(info, entry.getvalue(), compresslevel=ZIP_LEVEL)
     return buffer.getvalue()
-
-
-def write_bytes(path: Path, content: bytes | str) -> None:
-    """Write a file in a folder that is made ready."""
-    path.write_bytes(content.encode() if isinstance(content, str) else content)

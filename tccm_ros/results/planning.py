@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from tccm_ros.geometry import pose, quaternion
+from tccm_ros.outlines.triangulation import fill_rings
 from tccm_ros.records import Surface
 from tccm_ros.results.numbers import rounded
 
@@ -123,8 +124,7 @@ def surface_mesh(surface: Surface, thickness: float = 0.02) -> Mesh:
     """Return the slab under a surface, with its holes and its true outline."""
     rings = [surface.boundary, *surface.holes]
     top = np.concatenate(rings)
-    polygon = Polygon(surface.boundary[:, :2], [hole[:, :2] for hole in surface.holes])
-    faces = _triangles(polygon, top[:, :2])
+    _, faces = fill_rings([ring[:, :2] for ring in rings])
     count, down = len(top), thickness * surface.normal
     sides = []
     start = 0
@@ -136,14 +136,3 @@ def surface_mesh(surface: Surface, thickness: float = 0.02) -> Mesh:
         start += len(ring)
     triangles = np.concatenate([faces, faces[:, ::-1] + count, *sides])
     return Mesh(np.concatenate([top, top - down]), triangles.astype(np.int64))
-
-
-def _triangles(polygon: Polygon, vertices: Float64) -> NDArray[np.int64]:
-    """Triangulate a polygon; int64 (T, 3) into `vertices` (N, 2), counter-clockwise."""
-    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
-    index = {tuple(v): k for k, v in enumerate(vertices.tolist())}
-    faces = []
-    for part in parts:
-        ring = np.asarray(shapely.geometry.polygon.orient(part).exterior.coords)[:3]
-        faces.append([index[tuple(v)] for v in ring.tolist()])
-    return np.array(faces, np.int64).reshape(-1, 3)

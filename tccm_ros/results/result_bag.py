@@ -1,5 +1,8 @@
 """result.mcap: what the live nodes would have published, for Foxglove and RViz.
 
+The messages of a tilt cycle are made when the cycle is, from the map as it is then, and kept in a
+temporary file until the poses are known: memory stays bounded in a bag of hours.
+
 Log time, publish time and order follow the records that caused the messages. What belongs to a
 tilt cycle is that cycle's; poses, walls and surfaces are those of the final solution, each from
 the time at which it was first seen, so that the map grows while it plays. Markers of cuboids
@@ -13,14 +16,17 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from tempfile import TemporaryFile
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter, Qos
 from tccm_ros.config import Config
-from tccm_ros.cuboids.integration_map import IntegrationMap
+from tccm_ros.cuboids.cuboids import Cuboids
+from tccm_ros.errors import OutputError, one_line
 from tccm_ros.geometry import inverse, spatial
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import TransformSample
@@ -36,7 +42,7 @@ from tccm_ros.ros.publications import (
 from tccm_ros.ros.results import pose_covariance_message
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
-__all__ = ["ResultBag", "write_result_bag"]
+__all__ = ["CycleMessages", "write_result_bag"]
 
 TCCM = "/tccm/"
 SLAM = "/surface_slam/"
@@ -55,6 +61,71 @@ GROWING = ("surfaces",)
 cloud each time would make the file grow with the square of the recording."""
 
 
+class _Kept(NamedTuple):
+    """A message in the temporary file."""
+
+    msgtype: str
+    offset: int
+    size: int
+
+
+class CycleMessages:
+    """The messages of tilt cycles, serialised.
+
+    Parameters
+    ----------
+    config
+        Groups `map` and `markers`.
+    folder
+        Where the temporary file is; None for the system's place. It is gone with the process.
+    """
+
+    def __init__(self, config: Config, folder: Path | None = None):
+        self.types = TypestoreMessages()
+        self._publications = CyclePublications(self.types, config)
+        self._file = TemporaryFile(dir=folder)  # noqa: SIM115  (it lives as long as this does)
+        self._kept: dict[int, dict[str, _Kept]] = {}
+        self._newest: dict[str, Publication] = {}
+
+    def add(self, cycle: CycleResult, cuboids: Cuboids) -> None:
+        """Make the messages of a cycle.
+
+        Parameters
+        ----------
+        cycle
+            Newer than those before.
+        cuboids
+            The integration map after it.
+
+        Raises
+        ------
+        OutputError
+            If they cannot be written.
+        """
+        due = {p.topic: p for p in self._publications.of(cycle, lambda: cuboids)}
+        self._newest = {topic: due.pop(topic) for topic in LAST_ONLY}
+        self._kept[cycle.cycle] = {topic: self._keep(p) for topic, p in due.items()}
+
+    def _keep(self, publication: Publication) -> _Kept:
+        message = self.types.serialize(publication.msgtype, publication.build())
+        try:
+            return _Kept(publication.msgtype, self._file.tell(), self._file.write(message))
+        except OSError as error:
+            raise OutputError(f"result.mcap: cannot be written ({one_line(error)})") from None
+
+    def of(self, cycle: int, *, is_last: bool) -> Iterator[tuple[str, str, Any]]:
+        """Yield topic, type and message of what is due for a cycle (its number)."""
+        kept = self._kept[cycle]
+        for topic in CYCLE_TOPICS:
+            if topic in kept:
+                msgtype, offset, size = kept[topic]
+                self._file.seek(offset)
+                yield topic, msgtype, self._file.read(size)
+            elif is_last:
+                publication = self._newest[topic]
+                yield topic, publication.msgtype, publication.build()
+
+
 class _Due(NamedTuple):
     """Something to write at a time; what is due at the same time keeps its rank."""
 
@@ -70,15 +141,15 @@ class ResultBag:
     ----------
     bag
         An open bag; its file is complete when that is closed.
+    messages
+        Those of the cycles.
     config
-        Groups `map`, `frames` and `markers`.
+        Group `frames`.
     """
 
-    def __init__(self, bag: BagWriter, config: Config):
-        self._bag, self._config = bag, config
+    def __init__(self, bag: BagWriter, messages: CycleMessages, config: Config):
+        self._bag, self._messages = bag, messages
         self._map_frame = config.frames.map_name
-        self._map = IntegrationMap(config)
-        self._cycles = CyclePublications(bag.types, config)
         self._solutions = SolutionPublications(bag.types, self._map_frame)
         self._declare()
 
@@ -98,7 +169,7 @@ class ResultBag:
         Parameters
         ----------
         cycles
-            All cycles in order, with their part maps.
+            All cycles in order.
         solution
             The final one.
         """
@@ -131,13 +202,12 @@ class ResultBag:
         self._bag.write(MAP_ODOM_TOPIC, MAP_ODOM, cycle.end_ns, transform_message(types, odom))
 
     def _write_cycle(self, cycle: CycleResult, is_last: bool) -> None:
-        self._map.add(cycle.part)
-        due = self._cycles.of(cycle, self._map.cuboids)
-        self._publish(TCCM, cycle.end_ns, (p for p in due if is_last or p.topic not in LAST_ONLY))
+        for topic, msgtype, message in self._messages.of(cycle.cycle, is_last=is_last):
+            self._bag.write(TCCM + topic, msgtype, cycle.end_ns, message)
 
-    def _publish(self, prefix: str, stamp_ns: int, publications: Iterable[Publication]) -> None:
+    def _publish(self, stamp_ns: int, publications: Iterable[Publication]) -> None:
         for publication in publications:
-            topic = prefix + publication.topic
+            topic = SLAM + publication.topic
             self._bag.write(topic, publication.msgtype, stamp_ns, publication.build())
 
     # --- the solution ---
@@ -173,11 +243,11 @@ class ResultBag:
         """Write the surfaces that had been seen at a time."""
         known = _known(solution, seen_ns)
         due = self._solutions.of(known, seen_ns)
-        self._publish(SLAM, stamp_ns, (p for p in due if p.topic in GROWING))
+        self._publish(stamp_ns, (p for p in due if p.topic in GROWING))
 
     def _write_rest(self, solution: SurfaceSolution, stamp_ns: int) -> None:
         due = self._solutions.of(solution, stamp_ns)
-        self._publish(SLAM, stamp_ns, due)
+        self._publish(stamp_ns, due)
 
 
 def _known(solution: SurfaceSolution, seen_ns: int) -> SurfaceSolution:
@@ -197,7 +267,11 @@ def _known(solution: SurfaceSolution, seen_ns: int) -> SurfaceSolution:
 
 
 def write_result_bag(
-    path: Path | str, cycles: Sequence[CycleResult], solution: SurfaceSolution, config: Config
+    path: Path | str,
+    cycles: Sequence[CycleResult],
+    messages: CycleMessages,
+    solution: SurfaceSolution,
+    config: Config,
 ) -> None:
     """Write result.mcap.
 
@@ -207,6 +281,8 @@ def write_result_bag(
         Where; what is there is replaced.
     cycles, solution
         What the processors gave.
+    messages
+        Those of the same cycles.
     config
         As they were run.
 
@@ -215,5 +291,5 @@ def write_result_bag(
     OutputError
         If it cannot be written.
     """
-    with BagWriter(path, overwrite=True) as bag:
-        ResultBag(bag, config).write(cycles, solution)
+    with BagWriter(path, overwrite=True, typestore=messages.types) as bag:
+        ResultBag(bag, messages, config).write(cycles, solution)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tccm_ros.geometry import pose
+from tccm_ros.outlines.triangulation import fill_outline
 from tccm_ros.records import PlaneRecord, Surface, TabletopObject, Wall
 from tccm_ros.ros.marker_parts import (
     ARROW,
@@ -28,7 +29,6 @@ from tccm_ros.ros.marker_parts import (
     scale_color,
     text_marker,
 )
-from tccm_ros.ros.polygons import fill_polygon
 from tccm_ros.ros.types import pose_message
 
 __all__ = [
@@ -59,18 +59,19 @@ def _area_markers(
     color: Color,
 ) -> list[Any]:
     """Return the filled area and the outline, holes included."""
-    corners, triangles = fill_polygon(boundary, holes, normal)
-    if not len(corners):
+    mesh = fill_outline(boundary, holes, normal)
+    if not len(mesh.points):
         return []
-    edges = _edges([len(ring) for ring in (boundary, *holes) if len(ring) >= 3])
     # A corner is one message, however many triangles and edges meet there.
-    points = marker_points(place.types, corners, np.concatenate([triangles.ravel(), edges]))
+    corners = np.concatenate([mesh.triangles.ravel(), _edges(mesh.rings)])
+    points = marker_points(place.types, mesh.points, corners)
     markers = []
-    if len(triangles):
-        filled, unit = points[: triangles.size], (1.0, 1.0, 1.0)
+    filled, lines = points[: mesh.triangles.size], points[mesh.triangles.size :]
+    if len(filled):
+        unit = (1.0, 1.0, 1.0)
         fill = make_marker(place, "fill", identity, TRIANGLE_LIST, unit, color, 0.5, points=filled)
         markers.append(fill)
-    lines, width = points[triangles.size :], (0.01, 0.0, 0.0)
+    width = (0.01, 0.0, 0.0)
     markers.append(make_marker(place, "outline", identity, LINE_LIST, width, color, points=lines))
     return markers
 

@@ -6,8 +6,7 @@ Each message is built only when somebody wants it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,8 +70,7 @@ SOLUTION_TOPICS = {
 """Private topics of the SLAM node that show a solution, and their types."""
 
 
-@dataclass(frozen=True, slots=True)
-class Publication:
+class Publication(NamedTuple):
     """A message that is due on a private topic of a node."""
 
     topic: str

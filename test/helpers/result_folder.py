@@ -6,6 +6,7 @@ The files follow the published keys, so that the report's tests need neither a b
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,34 @@ import shapely
 
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
+from tccm_ros.geometry import spatial
 from tccm_ros.results.cycles import CycleHistory, save_cycles
+from tccm_ros.results.models import (
+    CountsEntry,
+    CycleEntry,
+    FreePlacesEntry,
+    GraphFile,
+    KeyframeEntry,
+    LoopEntry,
+    ObjectEntry,
+    ObjectsFile,
+    PlaneEntry,
+    PlanesFile,
+    ScansUsedEntry,
+    SessionEntry,
+    SessionKind,
+    SummaryFile,
+    SurfaceEntry,
+    SurfacesFile,
+    TimingFile,
+    ViewEntry,
+    WallEntry,
+    WallsFile,
+)
+from tccm_ros.results.numbers import key_of
+from tccm_ros.results.trajectory import Trajectory
 
+UP = np.array([0.0, 0.0, 1.0])
 CYCLES = 24
 FLOOR_Z = -0.02
 
@@ -58,28 +85,19 @@ def area(ring):
 
 def raised(ring, z):
     ring = ring if area(ring) > 0 else ring[::-1]
-    return [[round(float(x), 6), round(float(y), 6), round(float(z), 6)] for x, y in ring]
+    return np.column_stack([ring, np.full(len(ring), z)])
 
 
 def surface(index, label, height, outline, holes, stamps):
     z = height + FLOOR_Z
     size = abs(area(outline)) - sum(abs(area(h)) for h in holes)
-    return {
-        "id": index,
-        "label": label,
-        "height": round(z, 6),
-        "normal": [0.0, 0.0, 1.0],
-        "offset": round(z, 6),
-        "area": round(size, 6),
-        "centroid": [*np.round(outline.mean(axis=0), 6).tolist(), round(z, 6)],
-        "boundary": raised(outline, z),
-        "holes": [raised(h, z)[::-1] for h in holes],
-        "points": int(size * 9000),
-        "height_std": 0.0012,
-        "first_seen": stamps[0],
-        "last_seen": stamps[-1],
-        "views": [{"stamp": s, "keyframe": int(s), "points": 900} for s in stamps],
-    }
+    views = tuple(ViewEntry(stamp, int(stamp), 900) for stamp in stamps)
+    return SurfaceEntry(
+        id=index, label=label, confidence=0.9, height=z, normal=UP, offset=z, area=size,
+        centroid=np.append(outline.mean(axis=0), z), boundary=raised(outline, z),
+        holes=tuple(raised(h, z)[::-1] for h in holes), points=int(size * 9000),
+        height_std=0.0012, first_seen=stamps[0], last_seen=stamps[-1], views=views,
+    )  # fmt: skip
 
 
 def path_points():
@@ -129,38 +147,38 @@ def as_cuboids(ix, iy, bottom, top):
     )  # fmt: skip
 
 
-def write_json(path, tree):
-    path.write_text(json.dumps(tree, indent=1, sort_keys=True), encoding="utf-8")
+def write_json(path, model):
+    """Write a model with all digits, so that what is exact here is exact when it is read."""
+    path.write_text(json.dumps(model, default=plain, indent=1), encoding="utf-8")
+
+
+def plain(value):
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return {key_of(field.name): getattr(value, field.name) for field in fields(value)}
 
 
 def write_folder(folder: Path, *, cycles: int = CYCLES, reach: float = 1.6) -> Path:
     """Write a whole result folder, the same bytes on every call."""
     folder.mkdir(parents=True, exist_ok=True)
-    surfaces = [surface(i, *item) for i, item in enumerate(FURNITURE)]
-    head = {"format": "tccm_ros/surfaces", "version": 1, "frame_id": "map", "floor_z": FLOOR_Z}
-    write_json(folder / "surfaces.json", {**head, "surfaces": surfaces})
-    write_json(folder / "walls.json", {"walls": [wall(i, *w) for i, w in enumerate(WALLS)]})
+    surfaces = tuple(surface(i, *item) for i, item in enumerate(FURNITURE))
+    write_json(folder / "surfaces.json", SurfacesFile(floor_z=FLOOR_Z, surfaces=surfaces))
+    walls = tuple(wall(i, *np.array(w)) for i, w in enumerate(WALLS))
+    write_json(folder / "walls.json", WallsFile(walls))
     path = path_points()
-    write_trajectory(folder / "trajectory.tum", path)
-    keyframes = [{"id": i, "stamp": t, "pose": p} for i, (t, *p) in enumerate(path.tolist())]
-    closed = {"from": 2, "to": 60, "delta": [0, 0, 0], "accepted": True, "reason": ""}
-    refused = {**closed, "from": 7, "to": 30, "accepted": False, "reason": "ambiguous"}
-    loops = [closed, refused]
-    write_json(folder / "graph.json", {"keyframes": keyframes, "loops": loops})
-    mug = {"id": 0, "surface": 3, "center": [2.2, 0.7, 0.78], "size": [0.08, 0.08, 0.12], "yaw": 0}
-    tray = {"id": 1, "surface": 1, "center": [2.2, 3.1, 0.9], "size": [0.4, 0.25, 0.05], "yaw": 0.3}
-    bin_ = {"id": 2, "surface": 0, "center": [4.4, -1.8, 0.2], "size": [0.4, 0.3, 0.4], "yaw": 0}
-    write_json(
-        folder / "objects.json",
-        {
-            "objects": [mug, tray, bin_],
-            "free": [{"surface": 3, "polygons": [raised(box(1.8, 0.35, 2.1, 0.6), 0.72)]}],
-        },
-    )
+    (folder / "trajectory.tum").write_text(trajectory(path).tum())
+    keyframes = tuple(KeyframeEntry(i, t, p[:3]) for i, (t, *p) in enumerate(path.tolist()))
+    closed = LoopEntry(2, 60, np.zeros(3), True, "")
+    refused = LoopEntry(7, 30, np.zeros(3), False, "ambiguous")
+    write_json(folder / "graph.json", GraphFile(keyframes, (closed, refused)))
+    mug = ObjectEntry(0, 3, np.array([2.2, 0.7, 0.78]), np.array([0.08, 0.08, 0.12]), 0.0)
+    tray = ObjectEntry(1, 1, np.array([2.2, 3.1, 0.9]), np.array([0.4, 0.25, 0.05]), 0.3)
+    bin_ = ObjectEntry(2, 0, np.array([4.4, -1.8, 0.2]), np.array([0.4, 0.3, 0.4]), 0.0)
+    free = FreePlacesEntry(3, (raised(box(1.8, 0.35, 2.1, 0.6), 0.72),))
+    write_json(folder / "objects.json", ObjectsFile((mug, tray, bin_), (free,)))
     write_maps(folder, path, cycles, reach)
     write_json(folder / "summary.json", summary(cycles))
-    write_json(folder / "timing.json", {"stages": {"reading": 0.21, "mapping": 0.94},
-                                        "total": 1.15, "real_time_factor": 52.2})  # fmt: skip
+    write_json(folder / "timing.json", TimingFile({"reading": 0.21, "mapping": 0.94}, 52.2))
     return folder
 
 
@@ -170,18 +188,11 @@ def wall(index, start, end):
     rho = float(x0 * np.cos(phi) + y0 * np.sin(phi))
     if rho < 0:
         phi, rho = phi - np.pi if phi > 0 else phi + np.pi, -rho
-    return {
-        "id": index, "phi": phi, "rho": rho, "endpoints": [start, end], "observations": 40,
-        "covariance": [[1e-6, 0], [0, 1e-5]], "corners": [],
-    }  # fmt: skip
+    return WallEntry(index, phi, rho, np.stack([start, end]), 40, np.diag([1e-6, 1e-5]))
 
 
-def write_trajectory(file, path):
-    lines = [
-        f"{t:.9f} {x:.6f} {y:.6f} 0.000000 0 0 {np.sin(yaw / 2):.6f} {np.cos(yaw / 2):.6f}\n"
-        for t, x, y, yaw in path
-    ]
-    file.write_text("".join(lines), encoding="utf-8")
+def trajectory(path):
+    return Trajectory((path[:, 0] * 1e9).astype(np.int64), spatial(path[:, 1:]))
 
 
 def write_maps(folder, path, cycles, reach):
@@ -194,12 +205,12 @@ def write_maps(folder, path, cycles, reach):
         center = path[int(stamp), 1:3]
         newest = scene_cuboids(center, reach, rng)
         history.add(cycle, int(stamp * 1e9), newest)
-        plane_cycles.append({"cycle": cycle, "stamp": float(stamp), "frame_id": "odom",
-                             "planes": planes_near(center, reach)})  # fmt: skip
+        planes = tuple(planes_near(center, reach))
+        plane_cycles.append(CycleEntry(cycle, float(stamp), "odom", planes))
     T_map_odom = np.tile(np.eye(4), (cycles, 1, 1))
     T_map_odom[:, 0, 3] = np.linspace(0.0, 0.03, cycles)
     save_cycles(folder / "cycles.npz", history.parts(T_map_odom))
-    write_json(folder / "planes.json", {"cycles": plane_cycles})
+    write_json(folder / "planes.json", PlanesFile(tuple(plane_cycles)))
     final = scene_cuboids(path[30, 1:3], 2.5, rng)
     n = len(final)
     np.savez_compressed(
@@ -211,26 +222,28 @@ def write_maps(folder, path, cycles, reach):
 
 
 def planes_near(center, reach):
-    planes = []
     for index, (label, height, outline, holes, _) in enumerate(FURNITURE):
         middle = outline.mean(axis=0)
         if label != "floor" and np.hypot(*(middle - center)) < reach:
             item = surface(index, label, height, outline, holes, [0.0])
-            planes.append({"id": index, "kind": "horizontal", "normal": item["normal"],
-                           "offset": item["offset"], "covariance": np.eye(3).tolist(),
-                           "support": item["points"], "area": item["area"], "quality": 0.2,
-                           "boundary": item["boundary"], "holes": item["holes"],
-                           "rms": 0.0021})  # fmt: skip
+            yield PlaneEntry(
+                index, "horizontal", UP, item.offset, np.eye(3), item.points, item.area, 0.2,
+                item.boundary, item.holes, 0.0021,
+            )  # fmt: skip
     front = [[center[0] + x, center[1], z] for x, z in ((-1, 0), (1, 0), (1, 2.2), (-1, 2.2))]
-    planes.append({"id": 90, "kind": "any", "normal": [0.0, -1.0, 0.0], "boundary": front,
-                   "holes": [], "support": 800, "area": 4.4, "rms": 0.003})  # fmt: skip
-    return planes
+    yield PlaneEntry(
+        90, "any", np.array([0.0, -1.0, 0.0]), -center[1], np.eye(3), 800, 4.4, 0.2,
+        np.array(front), (), 0.003,
+    )  # fmt: skip
 
 
 def summary(cycles):
-    return {
-        "version": "0.1.0",
-        "config": Config().model_dump(mode="json"),
-        "counts": {"messages": 4120, "scans_used": 1810, "cycles": cycles, "keyframes": 61,
-                   "dropped": {"tilt": {"no bracketing joint sample": 3}, "level": {}}},
-    }  # fmt: skip
+    counts = CountsEntry(
+        messages={"/tilt_scan": 4120}, scans_used=ScansUsedEntry(tilt=1810, level=0),
+        dropped={"no bracketing joint sample": 3}, cycles=cycles, planes=12, keyframes=61,
+        walls=len(WALLS), loops_accepted=1, loops_rejected=1, surfaces=10, small_surfaces=0,
+        objects=3,
+    )  # fmt: skip
+    session = SessionEntry(SessionKind.FIRST)
+    config = Config().model_dump(mode="json")
+    return SummaryFile({"tccm_ros": "0.1.0"}, 60.0, session, counts, config)

@@ -15,7 +15,6 @@ from tccm_ros.pipeline.calibrate.rig_check import RigCheck
 from tccm_ros.config import Config
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
 from tccm_ros.nodes.map_folder import write_map
-from tccm_ros.ros.polygons import triangulate
 from tccm_ros.nodes.warm_up import warm_up_slam, warm_up_tccm
 from tccm_ros.pipeline import Pipeline
 from tccm_ros.records import Scan
@@ -29,7 +28,13 @@ warm_up_tccm(Config())
 warm_up_slam(Config())
 before = compiled()
 assert before
-pipeline = Pipeline(Config(), expects_odometry=True)
+check = RigCheck()
+
+def take(result, _):
+    check.add(result)
+    result.free_places()
+
+pipeline = Pipeline(Config(), expects_odometry=True, on_cycle=take)
 with BagReader(Path(sys.argv[1])) as reader:
     for role, _, record in reader.records(DEFAULT_TOPICS):
         if isinstance(record, Scan):  # what a node gets can be written to
@@ -38,12 +43,6 @@ with BagReader(Path(sys.argv[1])) as reader:
 pipeline.finish()
 solution = pipeline.solve()
 assert pipeline.cycles and solution.surfaces and solution.slam.walls
-check = RigCheck()
-for result in pipeline.cycles:
-    check.add(result)
-    result.free_places()
-    for plane in result.planes:
-        triangulate(plane.boundary, plane.holes, plane.normal)
 print(*sorted(compiled() - before), sep="\\n")
 """
 BAGS = Path(__file__).resolve().parents[2] / "bags"

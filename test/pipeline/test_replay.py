@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 
@@ -16,8 +17,9 @@ from tccm_ros.errors import BagError, MapError, TopicError
 from tccm_ros.geometry import planar, spatial
 from tccm_ros.pipeline.evaluate.surfaces import score_surfaces
 from tccm_ros.pipeline.evaluate.trajectory_errors import absolute_errors, poses_at
-from tccm_ros.pipeline.evaluate.truth_files import read_tum
 from tccm_ros.pipeline.replay import replay
+from tccm_ros.results import schema
+from tccm_ros.results.trajectory import read_tum
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 TYPES = TypestoreMessages()
@@ -59,6 +61,17 @@ def test_the_flat_has_its_furniture(flat):
     assert score.false == ()
 
 
+def fits_its_schemas(folder):
+    """Whether every JSON file of a folder is as docs/reference/schema says."""
+    for name in set(FILES) & set(schema.FILES):
+        jsonschema.validate(json.loads((folder / name).read_text()), schema.file_schema(name))
+    return True
+
+
+def test_the_results_of_the_flat_fit_their_schemas(flat):
+    assert fits_its_schemas(flat)
+
+
 def test_the_corners_of_the_floor_plan_are_closed(flat):
     walls = json.loads((flat / "walls.json").read_text())["walls"]
     features = json.loads((flat / "surfaces.geojson").read_text())["features"]
@@ -86,7 +99,7 @@ def test_the_trajectory_is_better_than_raw_odometry(flat):
     stamps = np.array([record.stamp_ns for record in odometry])
     raw = spatial(planar(np.array([record.T_odom_base for record in odometry])))
     found = read_tum(flat / "trajectory.tum")
-    ours, known = rms(found.stamps_ns, found.poses, truth)
+    ours, known = rms(found.stamps_ns, found.T_map_base, truth)
     theirs, _ = rms(stamps, raw, truth)
     assert known > 1000
     assert ours < 0.02
@@ -94,7 +107,7 @@ def test_the_trajectory_is_better_than_raw_odometry(flat):
 
 
 def rms(stamps, poses, truth):
-    at, is_known = poses_at(truth.stamps_ns, truth.poses, stamps)
+    at, is_known = poses_at(truth.stamps_ns, truth.T_map_base, stamps)
     errors = absolute_errors(poses[is_known], at[is_known])
     return float(np.sqrt(np.mean(np.square(errors.translation)))), len(errors)
 
@@ -102,6 +115,7 @@ def rms(stamps, poses, truth):
 def test_two_runs_give_the_same_bytes(tmp_path):
     for name in ("one", "two"):
         replay(BAGS / "walkthrough", tmp_path / name, Config())
+    assert fits_its_schemas(tmp_path / "one")
     for name in FILES:
         one, two = ((tmp_path / run / name).read_bytes() for run in ("one", "two"))
         assert one, name
@@ -156,6 +170,7 @@ def test_other_names_and_an_upside_down_laser(tmp_path):
         "joint_states:=/dynamixel/joint_states",
     ]
     replay(BAGS / "upside_down", tmp_path / "map", Config(), remap=remap, pictures=False)
+    assert fits_its_schemas(tmp_path / "map")
     score = score_surfaces(tmp_path / "map" / "surfaces.json", BAGS / "upside_down" / "truth.json")
     assert score.found == len(score.matches) > 0, score.text()
 

@@ -3,18 +3,21 @@ import json
 import numpy as np
 import pytest
 import yaml
+from result_folder import summary
 from shapely import Polygon
 from slam_run import drive, new_slam
 
+from tccm_ros.atomic import output_folder
 from tccm_ros.config import Config
 from tccm_ros.errors import OutputError
 from tccm_ros.records import Wall
-from tccm_ros.results.exports import trajectory_text, write_results
+from tccm_ros.results.exports import write_results
 from tccm_ros.results.floor_plan import close_corners
-from tccm_ros.results.folder import output_folder
+from tccm_ros.results.models import ObjectsFile
 from tccm_ros.results.numbers import Stamp, json_text, rounded
 from tccm_ros.results.occupancy import occupancy_grid, save_grid
 from tccm_ros.results.planning import surface_box, surface_mesh
+from tccm_ros.results.trajectory import Trajectory
 
 FILES = {
     "surfaces.json",
@@ -25,7 +28,6 @@ FILES = {
     "surfaces.geojson",
     "surfaces.scene",
     "summary.json",
-    "timing.json",
     "surfaces.ply",
     "trajectory.tum",
     "cuboids.npz",
@@ -39,16 +41,19 @@ def solution():
 
 @pytest.fixture
 def folder(solution, tmp_path):
+    return write(tmp_path, solution)
+
+
+def write(folder, solution):
     write_results(
-        tmp_path, solution, [], None, Config(), scene=([], {}), summary={"a": 1}, timing={}
+        folder, solution, [], None, Config(), objects=ObjectsFile(), summary=summary(cycles=0)
     )
-    return tmp_path
+    return folder
 
 
 def test_all_files_are_there_and_the_same_every_time(solution, folder, tmp_path_factory):
     other = tmp_path_factory.mktemp("again")
-    again = drive(new_slam()).solve()
-    write_results(other, again, [], None, Config(), scene=([], {}), summary={"a": 1}, timing={})
+    write(other, drive(new_slam()).solve())
     assert {p.name for p in folder.iterdir()} == FILES
     for name in FILES:
         assert (folder / name).read_bytes() == (other / name).read_bytes(), name
@@ -127,7 +132,8 @@ def test_stamps_are_exact():
     assert str(Stamp(1_700_000_000_123_456_789)) == "1700000000.123456789"
     assert str(Stamp(-1)) == "-0.000000001"
     assert rounded(-0.0) == 0.0
-    assert trajectory_text(np.array([5]), np.zeros((1, 3))).startswith("0.000000005 0.000000")
+    assert Stamp(1_700_000_000_123_456_789) == pytest.approx(1_700_000_000.123456789)
+    assert Trajectory(np.array([5]), np.eye(4)[None]).tum().startswith("0.000000005 0.000000")
 
 
 def test_json_refuses_what_it_does_not_know():

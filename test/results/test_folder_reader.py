@@ -31,7 +31,7 @@ def test_everything_is_read(flat):
     assert len(results.planes) == len(results.cycles) == 24
     assert results.cuboids.mean.shape == (len(results.cuboids), 3)
     assert results.cuboids.newest.min() == 14
-    assert results.summary["counts"]["cycles"] == 24
+    assert results.summary.counts.cycles == 24
 
 
 def test_length_and_nearest_of_the_trajectory(flat):
@@ -80,18 +80,3 @@ def test_a_bad_value_names_its_key(flat_copy, key, value):
     (flat_copy / "surfaces.json").write_text(json.dumps(tree))
     with pytest.raises(MapError, match=rf"surfaces\.4\.{key}"):
         load_results(flat_copy)
-
-
-def test_heights_in_ticks_are_understood(flat_copy):
-    with np.load(flat_copy / "cuboids.npz") as arrays:
-        kept = {k: arrays[k] for k in arrays.files}
-    kept["top"] = np.rint(kept["top"] * 1e4).astype(np.int32)
-    np.savez_compressed(flat_copy / "cuboids.npz", **kept)
-    cuboids = load_results(flat_copy).cuboids
-    assert np.allclose(cuboids.top - cuboids.bottom, 0.03, atol=1e-9)
-
-
-def test_the_label_point_of_an_angle_lies_inside_it(flat):
-    counter = load_results(flat).surfaces[1]
-    x, y = counter.label_point[:2]
-    assert (x < 0.6 and y > 1.6) or y > 2.8

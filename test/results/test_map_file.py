@@ -15,8 +15,8 @@ from slam_run import PLACES, TABLE, drive, new_slam
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError
 from tccm_ros.geometry import planar
-from tccm_ros.results.exports import surfaces_table
 from tccm_ros.results.map_file import load_map, save_map
+from tccm_ros.results.models import SurfacesFile
 from tccm_ros.results.numbers import json_text
 from tccm_ros.surfaces.saved_map import pack_views
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
@@ -36,13 +36,13 @@ def saved(run, tmp_path):
 
 
 def text_of(solution):
-    return json_text(surfaces_table(solution.surfaces, solution.floor_z, "map"))
+    return json_text(SurfacesFile.of(solution.surfaces, solution.floor_z, "map"))
 
 
 def test_a_loaded_map_shows_the_same_surfaces(run, saved):
     loaded = SurfaceSlam.from_saved(Config(), load_map(saved))
     again = loaded.map.build(loaded._old_views(loaded.walls.solve()))
-    assert json_text(surfaces_table(again.surfaces, again.floor_z, "map")) == text_of(run[1])
+    assert json_text(SurfacesFile.of(again.surfaces, again.floor_z, "map")) == text_of(run[1])
 
 
 def test_saving_what_was_loaded_gives_the_same_bytes(run, saved, tmp_path):

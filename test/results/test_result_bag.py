@@ -8,6 +8,7 @@ from rosbags.typesys import Stores, get_typestore
 from surface_maps import poses_at
 
 from tccm_ros.config import Config
+from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.cuboids.part_map import PartMapBuilder
 from tccm_ros.errors import OutputError
 from tccm_ros.geometry import pose_from_rpy, quaternion, spatial
@@ -22,7 +23,7 @@ from tccm_ros.records import (
     ViewIntervals,
     Wall,
 )
-from tccm_ros.results.result_bag import write_result_bag
+from tccm_ros.results.result_bag import CycleMessages, write_result_bag
 from tccm_ros.slam.solution import Solution
 from tccm_ros.surfaces.surface_map import MappedSurfaces
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
@@ -95,7 +96,16 @@ def cycles():
 @pytest.fixture(scope="module")
 def bag(cycles, tmp_path_factory):
     path = tmp_path_factory.mktemp("bag") / "result.mcap"
-    write_result_bag(path, cycles, solution(cycles), CONFIG)
+    return write(path, cycles, solution(cycles))
+
+
+def write(path, cycles, solved):
+    """Write a result bag as a replay does: each cycle's messages when the map is as after it."""
+    messages, map_ = CycleMessages(CONFIG), IntegrationMap(CONFIG)
+    for cycle in cycles:
+        map_.add(cycle.part)
+        messages.add(cycle, map_.cuboids())
+    write_result_bag(path, cycles, messages, solved, CONFIG)
     return path
 
 
@@ -212,7 +222,7 @@ def test_planes_that_are_gone_are_deleted(messages):
 
 def test_the_same_bytes_again(bag, cycles):
     before = bag.read_bytes()
-    write_result_bag(bag, cycles, solution(cycles), CONFIG)
+    write(bag, cycles, solution(cycles))
     assert bag.read_bytes() == before
 
 
@@ -220,7 +230,7 @@ def test_the_same_bytes_again(bag, cycles):
 def test_half_of_a_robot(cycles, tmp_path, kind):
     some = [] if kind != "no level scans" else cycles
     scans = 0 if kind != "no cycles" else 30
-    write_result_bag(tmp_path / "r.mcap", some, solution(some, scans), CONFIG)
+    write(tmp_path / "r.mcap", some, solution(some, scans))
     with (tmp_path / "r.mcap").open("rb") as stream:
         topics = {channel.topic for _, channel, _ in make_reader(stream).iter_messages()}
     assert ("/tccm/planes" in topics) == bool(some)
@@ -231,4 +241,4 @@ def test_half_of_a_robot(cycles, tmp_path, kind):
 def test_a_place_that_cannot_be_written(cycles, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError):
-        write_result_bag(tmp_path / "file" / "r.mcap", cycles, solution(cycles), CONFIG)
+        write(tmp_path / "file" / "r.mcap", cycles, solution(cycles))

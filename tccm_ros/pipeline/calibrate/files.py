@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from tccm_ros.atomic import output_folder
 from tccm_ros.pipeline.calibrate.calibration import Calibration
 from tccm_ros.pipeline.calibrate.picture import write_picture
-from tccm_ros.results.folder import output_folder
 
 __all__ = ["write_calibration"]
 

@@ -14,6 +14,7 @@ from tccm_ros.errors import LogError
 from tccm_ros.geometry import inverse
 from tccm_ros.pipeline.evaluate.trajectory_errors import (
     Errors,
+    Order,
     absolute_errors,
     align,
     distance_errors,
@@ -24,11 +25,10 @@ from tccm_ros.pipeline.evaluate.trajectory_errors import (
 from tccm_ros.pipeline.evaluate.truth_files import (
     Reference,
     Relations,
-    Trajectory,
     read_stamps,
     read_truth,
-    read_tum,
 )
+from tccm_ros.results.trajectory import Trajectory, read_tum
 
 __all__ = ["TrajectoryScore", "score_trajectory"]
 
@@ -119,6 +119,8 @@ def score_trajectory(
     path = Path(result)
     path = path / "trajectory.tum" if path.is_dir() else path
     found, known = read_tum(path), read_truth(truth)
+    if not len(found):
+        raise LogError(f"{path}: no rows")
     index, logged = _find_stamps(stamps, path.parent, Path(truth).parent)
     if isinstance(known, Relations):
         score = _score_relations(found, _restamped(known, logged))
@@ -150,8 +152,8 @@ def _restamped(truth: Relations, logged: dict[int, int]) -> Relations:
 
 
 def _score_trajectory(found: Trajectory, truth: Trajectory) -> TrajectoryScore:
-    T_true, known = poses_at(truth.stamps_ns, truth.poses, found.stamps_ns)
-    poses, T_true = found.poses[known], T_true[known]
+    T_true, known = poses_at(truth.stamps_ns, truth.T_map_base, found.stamps_ns)
+    poses, T_true = found.T_map_base[known], T_true[known]
     if len(poses) < 2:
         return _nothing(len(known))
     errors = {
@@ -166,13 +168,13 @@ def _score_trajectory(found: Trajectory, truth: Trajectory) -> TrajectoryScore:
 
 
 def _score_relations(found: Trajectory, truth: Relations) -> TrajectoryScore:
-    T_from, known_from = poses_at(found.stamps_ns, found.poses, truth.from_ns)
-    T_to, known_to = poses_at(found.stamps_ns, found.poses, truth.to_ns)
+    T_from, known_from = poses_at(found.stamps_ns, found.T_map_base, truth.from_ns)
+    T_to, known_to = poses_at(found.stamps_ns, found.T_map_base, truth.to_ns)
     known = known_from & known_to
     T_from, T_to, deltas = T_from[known], T_to[known], truth.deltas[known]
     errors = {
         "relations (Kuemmerle)": relation_errors(T_from, T_to, deltas),
-        "relations (Cartographer)": relation_errors(T_from, T_to, deltas, "cartographer"),
+        "relations (Cartographer)": relation_errors(T_from, T_to, deltas, Order.CARTOGRAPHER),
     }
     empty = np.zeros((0, 2))
     return TrajectoryScore(errors, int((~known).sum()), empty, empty)
@@ -182,7 +184,7 @@ def _score_reference(found: Trajectory, truth: Reference, index: dict[int, int])
     asked = truth.stamps_ns
     if index:
         asked = np.array([index.get(int(i), -1) for i in truth.scan_index], np.int64)
-    poses, known = poses_at(found.stamps_ns, found.poses, asked)
+    poses, known = poses_at(found.stamps_ns, found.T_map_base, asked)
     poses, T_true = poses[known], truth.poses[known]
     if len(poses) < 2:
         return _nothing(len(known))

@@ -6,16 +6,18 @@ the footprints) and has its height. Each is matched once, the best overlaps firs
 
 from __future__ import annotations
 
-import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely import Polygon
 
-from tccm_ros.errors import LogError, one_line
+from tccm_ros.results.folder_reader import read_json
+from tccm_ros.results.models import SurfaceEntry, SurfacesFile, TruthFile, TruthSurface
 
 __all__ = ["SurfaceMatch", "SurfaceScore", "score_surfaces"]
 
@@ -109,53 +111,60 @@ class SurfaceScore:
 
 
 def score_surfaces(found: Path | str, truth: Path | str) -> SurfaceScore:
-    """Compare a surfaces.json with a truth.json of the same keys; floors are left out.
+    """Compare a surfaces.json with a truth.json; floors are left out.
 
     Raises
     ------
-    LogError
+    MapError
         If a file cannot be read or is not of that form.
     """
-    map_surfaces = [s for s in _surfaces(Path(found)) if s["label"] != "floor"]
-    true_surfaces = [s for s in _surfaces(Path(truth)) if s["label"] != "floor"]
-    overlap = np.array([[_overlap(t, m) for m in map_surfaces] for t in true_surfaces])
-    overlap = overlap.reshape(len(true_surfaces), len(map_surfaces))
+    known = read_json(Path(truth), TruthFile)
+    mapped = [_Footprint.of(s) for s in read_json(Path(found), SurfacesFile).surfaces]
+    mapped = [m for m in mapped if m.surface.label != "floor"]
+    true = [_Footprint.of(s) for s in known.surfaces if s.label != "floor"]
+    overlap = np.array([[_overlap(t, m) for m in mapped] for t in true])
+    overlap = overlap.reshape(len(true), len(mapped))
     pairs = _best_first(overlap)
-    matches = tuple(_match(t, map_surfaces, overlap, i, pairs) for i, t in enumerate(true_surfaces))
-    covered = _all_outlines(true_surfaces, Path(truth))
+    matches = []
+    for i, (surface, _) in enumerate(true):
+        head = (surface.label, surface.height, surface.area)
+        if i not in pairs:
+            matches.append(SurfaceMatch(*head, None, 0.0, float("nan")))
+            continue
+        match = mapped[pairs[i]].surface
+        error = match.height - surface.height
+        matches.append(SurfaceMatch(*head, match.id, float(overlap[i, pairs[i]]), error))
+    # What is too small or too hidden to count as missed is true all the same.
+    covered = [*true, *map(_Footprint.of, known.others)]
     false = tuple(
-        m["id"]
-        for j, m in enumerate(map_surfaces)
-        if m["area"] >= FALSE_AREA and j not in pairs.values() and not _is_on(m, covered)
+        m.surface.id
+        for j, m in enumerate(mapped)
+        if m.surface.area >= FALSE_AREA and j not in pairs.values() and not _is_on(m, covered)
     )
-    return SurfaceScore(matches, false)
+    return SurfaceScore(tuple(matches), false)
 
 
-def _surfaces(path: Path, key: str = "surfaces") -> list[dict[str, Any]]:
-    try:
-        tree = json.loads(path.read_text(encoding="utf-8"))
-        entries = tree.get(key, [])
-        return [entry | {"polygon": _polygon(entry)} for entry in entries]
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read ({one_line(error)})") from None
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise LogError(f"{path}: not a surfaces file ({one_line(error)})") from None
+class _Footprint(NamedTuple):
+    """A surface with its outline seen from above."""
+
+    surface: SurfaceEntry | TruthSurface
+    polygon: shapely.Geometry
+
+    @classmethod
+    def of(cls, surface: SurfaceEntry | TruthSurface) -> _Footprint:
+        holes = [hole[:, :2] for hole in surface.holes]
+        return cls(surface, shapely.make_valid(Polygon(surface.boundary[:, :2], holes)))
 
 
-def _polygon(entry: dict[str, Any]) -> Polygon:
-    rings = [[point[:2] for point in ring] for ring in entry.get("holes", [])]
-    return shapely.make_valid(Polygon([point[:2] for point in entry["boundary"]], rings))
-
-
-def _overlap(true: dict[str, Any], found: dict[str, Any]) -> float:
+def _overlap(true: _Footprint, found: _Footprint) -> float:
     """Return intersection over union; 0 where the height is another one altogether."""
-    if abs(found["height"] - true["height"]) > 2 * MAX_HEIGHT_ERROR:
+    if abs(found.surface.height - true.surface.height) > 2 * MAX_HEIGHT_ERROR:
         return 0.0
-    common = true["polygon"].intersection(found["polygon"]).area
-    return float(common / max(true["polygon"].union(found["polygon"]).area, 1e-12))
+    common = true.polygon.intersection(found.polygon).area
+    return float(common / max(true.polygon.union(found.polygon).area, 1e-12))
 
 
-def _best_first(overlap: np.ndarray) -> dict[int, int]:
+def _best_first(overlap: NDArray[np.float64]) -> dict[int, int]:
     pairs: dict[int, int] = {}
     order = np.argsort(-overlap, axis=None, kind="stable")
     for i, j in zip(*np.unravel_index(order, overlap.shape)):
@@ -164,29 +173,9 @@ def _best_first(overlap: np.ndarray) -> dict[int, int]:
     return pairs
 
 
-def _match(
-    true: dict[str, Any],
-    found: list[dict[str, Any]],
-    overlap: np.ndarray,
-    index: int,
-    pairs: dict[int, int],
-) -> SurfaceMatch:
-    j = pairs.get(index)
-    head = (true["label"], true["height"], true["area"])
-    if j is None:
-        return SurfaceMatch(*head, None, 0.0, float("nan"))
-    error = found[j]["height"] - true["height"]
-    return SurfaceMatch(*head, found[j]["id"], float(overlap[index, j]), error)
-
-
-def _all_outlines(true: list[dict[str, Any]], truth: Path) -> list[dict[str, Any]]:
-    """Return all true level outlines, also those too small or too hidden to count as missed."""
-    return true + _surfaces(truth, "others")
-
-
-def _is_on(found: dict[str, Any], true: list[dict[str, Any]]) -> bool:
+def _is_on(found: _Footprint, true: Sequence[_Footprint]) -> bool:
     return any(
-        abs(found["height"] - t["height"]) <= MAX_HEIGHT_ERROR
-        and found["polygon"].intersection(t["polygon"]).area > 0.5 * found["polygon"].area
+        abs(found.surface.height - t.surface.height) <= MAX_HEIGHT_ERROR
+        and found.polygon.intersection(t.polygon).area > 0.5 * found.polygon.area
         for t in true
     )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from tccm_ros.geometry import interpolate_poses, inverse, pose
 
 __all__ = [
     "Errors",
+    "Order",
     "absolute_errors",
     "align",
     "distance_errors",
@@ -28,7 +29,12 @@ __all__ = [
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
-Order = Literal["kuemmerle", "cartographer"]
+
+class Order(StrEnum):
+    """In which order a relative pose is compared with a relation."""
+
+    KUEMMERLE = "kuemmerle"
+    CARTOGRAPHER = "cartographer"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +84,7 @@ def poses_at(
 
 
 def relation_errors(
-    T_map_from: Float64, T_map_to: Float64, deltas: Float64, order: Order = "kuemmerle"
+    T_map_from: Float64, T_map_to: Float64, deltas: Float64, order: Order = Order.KUEMMERLE
 ) -> Errors:
     """Compare relative poses with relations (Kuemmerle et al., 2009, Eq. 2).
 
@@ -89,12 +95,12 @@ def relation_errors(
     deltas
         float64 (N, 4, 4), the relations delta*.
     order
-        ``kuemmerle``: inverse(delta*) * delta, the error seen from where the relation ends;
-        ``cartographer``: delta * inverse(delta*), as that project's tool computes it. The
+        `KUEMMERLE`: inverse(delta*) * delta, the error seen from where the relation ends;
+        `CARTOGRAPHER`: delta * inverse(delta*), as that project's tool computes it. The
         rotations agree, the translations differ where the rotations do not.
     """
     found = inverse(T_map_from) @ T_map_to
-    if order == "kuemmerle":
+    if order == Order.KUEMMERLE:
         return Errors.of(inverse(deltas) @ found)
     return Errors.of(found @ inverse(deltas))
 

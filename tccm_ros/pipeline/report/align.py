@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.geometry import spatial, transform, transform2, wrap_angle
-from tccm_ros.results.folder_reader import Results, Trajectory
-from tccm_ros.results.shapes import SurfaceShape, WallLine
+from tccm_ros.results.folder_reader import Results
+from tccm_ros.results.models import SurfaceEntry, WallEntry
+from tccm_ros.results.trajectory import Trajectory
 
 __all__ = ["describe", "find_alignment", "moved_results"]
 
@@ -193,31 +194,30 @@ def moved_results(results: Results, pose: Array) -> Results:
         results,
         surfaces=tuple(_moved_surface(surface, T) for surface in results.surfaces),
         walls=tuple(_moved_wall(wall, pose) for wall in results.walls),
-        trajectory=Trajectory(trajectory.stamps, T @ trajectory.T_map_base),
+        trajectory=Trajectory(trajectory.stamps_ns, T @ trajectory.T_map_base),
     )
 
 
-def _moved_surface(surface: SurfaceShape, T: Array) -> SurfaceShape:
+def _moved_surface(surface: SurfaceEntry, T: Array) -> SurfaceEntry:
     def ring(points: Array) -> Array:
         return transform(T, points) if len(points) else points
 
-    return surface.model_copy(
-        update={
-            "normal": T[:3, :3] @ surface.normal,
-            "centroid": transform(T, surface.centroid[None])[0],
-            "boundary": ring(surface.boundary),
-            "holes": tuple(ring(hole) for hole in surface.holes),
-        }
+    return replace(
+        surface,
+        normal=T[:3, :3] @ surface.normal,
+        centroid=transform(T, surface.centroid[None])[0],
+        boundary=ring(surface.boundary),
+        holes=tuple(ring(hole) for hole in surface.holes),
     )
 
 
-def _moved_wall(wall: WallLine, pose: Array) -> WallLine:
+def _moved_wall(wall: WallEntry, pose: Array) -> WallEntry:
     phi = wall.phi + pose[2]
     rho = wall.rho + float(np.array([np.cos(phi), np.sin(phi)]) @ pose[:2])
     if rho < 0.0:
         phi, rho = phi + np.pi, -rho
     ends = transform2(pose, wall.endpoints)
-    return wall.model_copy(update={"phi": float(wrap_angle(phi)), "rho": rho, "endpoints": ends})
+    return replace(wall, phi=float(wrap_angle(phi)), rho=rho, endpoints=ends)
 
 
 def describe(pose: Sequence[float]) -> str:

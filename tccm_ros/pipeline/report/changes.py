@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Generic, Literal, TypeVar
+from enum import StrEnum
+from typing import Generic, TypeVar
 
 import numpy as np
 import shapely
@@ -13,12 +14,21 @@ from shapely.affinity import translate
 
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.results.folder_reader import Results
-from tccm_ros.results.shapes import SurfaceShape, WallLine
+from tccm_ros.results.models import SurfaceEntry, WallEntry
 
-__all__ = ["KINDS", "Change", "Item", "Kind", "surface_changes", "wall_changes"]
+__all__ = ["Change", "Item", "Kind", "surface_changes", "wall_changes"]
 
-Kind = Literal["same", "moved", "came", "went"]
-KINDS: tuple[Kind, ...] = ("same", "moved", "came", "went")
+
+class Kind(StrEnum):
+    """What became of a surface or a wall from the first map to the second."""
+
+    SAME = "same"
+    MOVED = "moved"
+    CAME = "came"
+    """Only in the second."""
+    WENT = "went"
+    """Only in the first."""
+
 
 SAME_HEIGHT = 0.05
 """One surface in two maps: heights within this, m ..."""
@@ -40,7 +50,7 @@ WALL_DISTANCE = 0.15
 WALL_OVERLAP = 0.3
 """One wall in two maps: direction, distance (m) and how much of the shorter one both cover."""
 
-Item = TypeVar("Item", SurfaceShape, WallLine)
+Item = TypeVar("Item", SurfaceEntry, WallEntry)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +60,7 @@ class Change(Generic[Item]):
     Attributes
     ----------
     kind
-        ``same``, ``moved``, ``came`` (only in the second) or ``went`` (only in the first).
+        What became of it.
     before, after
         As in the first and the second map.
     """
@@ -67,7 +77,7 @@ class Change(Generic[Item]):
         return item
 
 
-def surface_changes(before: Results, after: Results) -> list[Change[SurfaceShape]]:
+def surface_changes(before: Results, after: Results) -> list[Change[SurfaceEntry]]:
     """Pair the surfaces of two maps in one frame; heights count from each map's floor."""
     old = [(s, _outline(s), s.height - before.ground) for s in before.standing]
     new = [(s, _outline(s), s.height - after.ground) for s in after.standing]
@@ -98,9 +108,9 @@ def surface_changes(before: Results, after: Results) -> list[Change[SurfaceShape
 
 def _alone(gone: Iterable[Item], fresh: Iterable[Item]) -> Iterator[Change[Item]]:
     for item in gone:
-        yield Change("went", item, None)
+        yield Change(Kind.WENT, item, None)
     for item in fresh:
-        yield Change("came", None, item)
+        yield Change(Kind.CAME, None, item)
 
 
 def _best_pairs(candidates: Iterable[tuple[float, int, int]]) -> dict[int, int]:
@@ -112,7 +122,7 @@ def _best_pairs(candidates: Iterable[tuple[float, int, int]]) -> dict[int, int]:
     return pairs
 
 
-def _outline(surface: SurfaceShape) -> shapely.Geometry:
+def _outline(surface: SurfaceEntry) -> shapely.Geometry:
     holes = [hole[:, :2] for hole in surface.holes if len(hole) > 2]
     if len(surface.boundary) < 3:
         return shapely.Polygon()
@@ -140,10 +150,10 @@ def _likeness(a: shapely.Geometry, b: shapely.Geometry) -> float:
 def _kind(a: shapely.Geometry, b: shapely.Geometry) -> Kind:
     """Return whether a pair only was seen differently, or moved."""
     moved = _shift(a, b) > MOVED_SHIFT and _likeness(a, b) >= SAME_SHAPE
-    return "moved" if moved else "same"
+    return Kind.MOVED if moved else Kind.SAME
 
 
-def wall_changes(old: Sequence[WallLine], new: Sequence[WallLine]) -> list[Change[WallLine]]:
+def wall_changes(old: Sequence[WallEntry], new: Sequence[WallEntry]) -> list[Change[WallEntry]]:
     """Pair the walls of two maps in one frame."""
     costs = [
         (_wall_distance(a, b), i, j)
@@ -152,13 +162,13 @@ def wall_changes(old: Sequence[WallLine], new: Sequence[WallLine]) -> list[Chang
         if _is_one_wall(a, b)
     ]
     pairs = _best_pairs(costs)
-    changes = [Change("same", old[i], new[j]) for i, j in sorted(pairs.items())]
+    changes = [Change(Kind.SAME, old[i], new[j]) for i, j in sorted(pairs.items())]
     gone = [wall for i, wall in enumerate(old) if i not in pairs]
     fresh = [wall for j, wall in enumerate(new) if j not in pairs.values()]
     return [*changes, *_alone(gone, fresh)]
 
 
-def _wall_distance(a: WallLine, b: WallLine) -> float:
+def _wall_distance(a: WallEntry, b: WallEntry) -> float:
     """Return how far the middle of one is from the line of the other, the larger of both, m."""
     return max(
         abs(float(_normal(wall) @ other.endpoints.mean(axis=0)) - wall.rho)
@@ -166,11 +176,11 @@ def _wall_distance(a: WallLine, b: WallLine) -> float:
     )
 
 
-def _normal(wall: WallLine) -> NDArray[np.float64]:
+def _normal(wall: WallEntry) -> NDArray[np.float64]:
     return np.array([np.cos(wall.phi), np.sin(wall.phi)])
 
 
-def _is_one_wall(a: WallLine, b: WallLine) -> bool:
+def _is_one_wall(a: WallEntry, b: WallEntry) -> bool:
     # The normal of a wall through the origin may point either way.
     angle = float(np.abs(wrap_angle(2.0 * (a.phi - b.phi))) / 2.0)
     if angle > WALL_ANGLE or _wall_distance(a, b) > WALL_DISTANCE:

@@ -15,9 +15,10 @@ import numpy as np
 
 from tccm_ros.errors import MapError
 from tccm_ros.pipeline.report.align import describe, find_alignment, moved_results
-from tccm_ros.pipeline.report.changes import KINDS, Change, Item, surface_changes, wall_changes
-from tccm_ros.results.folder_reader import Results, Trajectory, load_results
-from tccm_ros.results.shapes import SurfaceShape, WallLine
+from tccm_ros.pipeline.report.changes import Change, Item, Kind, surface_changes, wall_changes
+from tccm_ros.results.folder_reader import Results, load_results
+from tccm_ros.results.models import SurfaceEntry, WallEntry
+from tccm_ros.results.trajectory import Trajectory
 
 __all__ = ["Comparison", "PathDifference", "compare", "compare_results"]
 
@@ -63,15 +64,15 @@ class Comparison:
 
     before: Results
     after: Results
-    surfaces: tuple[Change[SurfaceShape], ...]
-    walls: tuple[Change[WallLine], ...]
+    surfaces: tuple[Change[SurfaceEntry], ...]
+    walls: tuple[Change[WallEntry], ...]
     path: PathDifference
     laid_over: tuple[float, float, float] | None = None
 
     def counts(self, changes: Sequence[Change[Item]]) -> str:
         """Return how many of each kind there are, in words."""
         counts = Counter(change.kind for change in changes)
-        return ", ".join(f"{counts[kind]} {kind}" for kind in KINDS)
+        return ", ".join(f"{counts[kind]} {kind}" for kind in Kind)
 
     def surface_rows(self) -> Iterator[tuple[str, ...]]:
         """Yield kind, label, ids, heights over the floor, areas and shift of each surface."""
@@ -113,7 +114,7 @@ class Comparison:
 
 
 def _both(
-    a: SurfaceShape | None, b: SurfaceShape | None, show: Callable[[SurfaceShape], str]
+    a: SurfaceEntry | None, b: SurfaceEntry | None, show: Callable[[SurfaceEntry], str]
 ) -> str:
     """Return a value, or ``old -> new`` where it differs."""
     shown = [show(s) for s in (a, b) if s is not None]
@@ -121,7 +122,7 @@ def _both(
 
 
 def _both_heights(
-    a: SurfaceShape | None, b: SurfaceShape | None, ground_a: float, ground_b: float
+    a: SurfaceEntry | None, b: SurfaceEntry | None, ground_a: float, ground_b: float
 ) -> str:
     heights = [s.height - g for s, g in ((a, ground_a), (b, ground_b)) if s is not None]
     shown = [f"{height:.3f}" for height in heights]

@@ -29,18 +29,19 @@ from tccm_ros.pipeline.report.figure import (
     save_png,
     show_extent,
 )
+from tccm_ros.pipeline.report.label_layout import label_point
 from tccm_ros.pipeline.report.map_picture import extent
 from tccm_ros.pipeline.report.tables import table
 from tccm_ros.results.folder_reader import Results
-from tccm_ros.results.shapes import SurfaceShape, WallLine
+from tccm_ros.results.models import SurfaceEntry, WallEntry
 
 __all__ = ["write_comparison"]
 
 COLORS: dict[Kind, str] = {
-    "same": "#9aa5b1",
-    "moved": "#e69f00",
-    "came": "#009e73",
-    "went": "#d55e00",
+    Kind.SAME: "#9aa5b1",
+    Kind.MOVED: "#e69f00",
+    Kind.CAME: "#009e73",
+    Kind.WENT: "#d55e00",
 }
 """Colours of changes, distinct for colour-blind readers; what went is hatched as well."""
 
@@ -97,13 +98,13 @@ def _draw_side(
 ) -> None:
     show_extent(axes, corners[0], corners[1])
     is_after = results is comparison.after
-    shown: list[SurfaceShape] = []
+    shown: list[SurfaceEntry] = []
     for change in comparison.surfaces:
         surface = change.after if is_after else change.before
         if surface is not None and len(surface.boundary) > 2:
             _draw_surface(axes, surface, change.kind)
             shown.append(surface)
-        if is_after and change.kind == "moved" and change.before and change.after:
+        if is_after and change.kind == Kind.MOVED and change.before and change.after:
             _draw_move(axes, change.before, change.after)
     for wall_change in comparison.walls:
         wall = wall_change.after if is_after else wall_change.before
@@ -117,38 +118,38 @@ def _draw_side(
     draw_labels(
         axes,
         [f"{s.label} {s.id}\n{s.height - results.ground:.2f} m" for s in shown],
-        np.array([s.label_point[:2] for s in shown]).reshape(-1, 2),
+        np.array([label_point(s)[:2] for s in shown]).reshape(-1, 2),
         [palette.VIEW] * len(shown),
         np.concatenate([np.zeros((0, 2)), *obstacles]),
         size=8.0,
     )
 
 
-def _draw_surface(axes: Axes, surface: SurfaceShape, kind: Kind) -> None:
+def _draw_surface(axes: Axes, surface: SurfaceEntry, kind: Kind) -> None:
     rings = [ring[:, :2] for ring in (surface.boundary, *surface.holes) if len(ring) > 2]
     color = COLORS[kind]
     axes.add_patch(polygon(rings, fc=color, ec="none", alpha=0.45, zorder=3))
-    hatch = "///" if kind == "went" else None
+    hatch = "///" if kind == Kind.WENT else None
     axes.add_patch(polygon(rings, fill=False, ec=color, lw=1.5, hatch=hatch, zorder=4))
 
 
-def _draw_move(axes: Axes, before: SurfaceShape, after: SurfaceShape) -> None:
-    axes.add_patch(polygon([before.boundary[:, :2]], fill=False, ec=COLORS["moved"], lw=1.0,
+def _draw_move(axes: Axes, before: SurfaceEntry, after: SurfaceEntry) -> None:
+    axes.add_patch(polygon([before.boundary[:, :2]], fill=False, ec=COLORS[Kind.MOVED], lw=1.0,
                            ls=(0, (3, 2)), zorder=4))  # fmt: skip
     arrow = {"arrowstyle": "->", "color": palette.VIEW, "lw": 1.2}
     end, start = ((float(s.centroid[0]), float(s.centroid[1])) for s in (after, before))
     axes.annotate("", end, start, arrowprops=arrow, zorder=5)
 
 
-def _draw_wall(axes: Axes, wall: WallLine, kind: Kind) -> None:
-    color = palette.WALL if kind == "same" else COLORS[kind]
-    style = "solid" if kind != "went" else (0, (2, 1))
+def _draw_wall(axes: Axes, wall: WallEntry, kind: Kind) -> None:
+    color = palette.WALL if kind == Kind.SAME else COLORS[kind]
+    style = "solid" if kind != Kind.WENT else (0, (2, 1))
     axes.plot(*wall.endpoints.T, color=color, lw=3.0, ls=style, zorder=5)
 
 
 def _legend() -> Sequence[Patch | Line2D]:
     changes = [
-        Patch(fc=color, ec=color, alpha=0.6, label=kind, hatch="///" if kind == "went" else None)
+        Patch(fc=color, ec=color, alpha=0.6, label=kind, hatch="///" if kind == Kind.WENT else None)
         for kind, color in COLORS.items()
     ]
     return [*changes, Line2D([], [], color=palette.WALL, lw=3, label="wall")]

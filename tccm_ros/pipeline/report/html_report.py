@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 import json
 from collections.abc import Iterator
 from html import escape
@@ -12,12 +11,10 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from tccm_ros.errors import OutputError, one_line
-from tccm_ros.pipeline.report.map3d_picture import write_map3d
-from tccm_ros.pipeline.report.map_picture import write_map
+from tccm_ros.atomic import output_file
+from tccm_ros.pipeline.report.pictures import Pictures, draw_pictures
 from tccm_ros.pipeline.report.scene import build_scene
 from tccm_ros.pipeline.report.tables import (
-    configuration,
     configuration_table,
     counts_table,
     drops_table,
@@ -28,7 +25,7 @@ from tccm_ros.pipeline.report.tables import (
 )
 from tccm_ros.results.folder_reader import Results, load_results
 
-__all__ = ["TIMING_END", "TIMING_START", "report_html", "write_report"]
+__all__ = ["TIMING_END", "TIMING_START", "report_html", "write_page", "write_report"]
 
 SCRIPTS = ("math", "shaders", "draw", "camera", "scene", "hover", "main")
 """The page's script, in the order in which its parts use each other."""
@@ -63,7 +60,7 @@ def write_report(folder: Path | str, truth: Path | str | None = None) -> Path:
     folder
         What ``tccm replay --out`` wrote.
     truth
-        As in `write_pictures`.
+        A truth.json whose outlines are drawn dashed; the folder's own, if any, when None.
 
     Raises
     ------
@@ -72,23 +69,32 @@ def write_report(folder: Path | str, truth: Path | str | None = None) -> Path:
     OutputError
         If the report cannot be written.
     """
-    text = report_html(load_results(folder, truth))
+    results = load_results(folder, truth)
+    return write_page(results, draw_pictures(results), folder)
+
+
+def write_page(results: Results, pictures: Pictures, folder: Path | str) -> Path:
+    """Write report.html, with pictures of the same results, into a folder; return its path.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
     path = Path(folder) / "report.html"
-    try:
-        path.write_text(text, encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({one_line(error)})") from None
+    with output_file(path) as made:
+        made.write_text(report_html(results, pictures), encoding="utf-8", newline="\n")
     return path
 
 
-def report_html(results: Results) -> str:
+def report_html(results: Results, pictures: Pictures) -> str:
     """Return the whole page; the same results give the same text."""
     scene, pack = build_scene(results)
     return Template(_asset("page.html")).substitute(
         style=_asset("page.css"),
         headline=escape(headline(results)),
         layers="\n".join(_layer(*item) for item in LAYERS.items()),
-        sections="\n".join(_sections(results)),
+        sections="\n".join(_sections(results, pictures)),
         scene=_json(scene),
         arrays=pack.text(),
         script="\n".join(_asset(f"{name}.js") for name in SCRIPTS),
@@ -111,25 +117,26 @@ def _json(tree: Any) -> str:
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def _sections(results: Results) -> Iterator[str]:
-    yield _section("above", "From above", _picture(results, write_map, "the map from above"))
+def _sections(results: Results, pictures: Pictures) -> Iterator[str]:
+    summary = results.summary
+    yield _section("above", "From above", _picture(pictures.above, "the map from above"))
     yield _section("surfaces", "Surfaces", f'<div class="wide">{surfaces_table(results)}</div>')
     yield '<div class="tables">'
-    yield _section("counts", "Counts", counts_table(results.summary))
-    yield _section("drops", "Dropped scans", drops_table(results.summary))
+    if summary is not None:
+        yield _section("counts", "Counts", counts_table(summary))
+        yield _section("drops", "Dropped scans", drops_table(summary))
     yield _section("loops", "Loop closures", loops_table(results))
-    if results.timing:
+    if results.timing is not None:
         table = f"{TIMING_START}\n{timing_table(results.timing)}\n{TIMING_END}"
         yield _section("timing", "Timing", table)
     yield "</div>"
-    yield _section(
-        "perspective", "In perspective", _picture(results, write_map3d, "the map in perspective")
-    )
-    if configuration(results.summary):
+    perspective = _picture(pictures.perspective, "the map in perspective")
+    yield _section("perspective", "In perspective", perspective)
+    if summary is not None:
         yield (
             '<section id="configuration"><details><summary>Configuration</summary>'
             '<p class="note">What differs from the defaults is marked.</p>'
-            f'<div class="wide">{configuration_table(results.summary)}</div></details></section>'
+            f'<div class="wide">{configuration_table(summary)}</div></details></section>'
         )
 
 
@@ -139,8 +146,6 @@ def _section(name: str, title: str, content: str) -> str:
     return f'<section id="{name}">\n<h2>{escape(title)}</h2>\n{content}\n</section>'
 
 
-def _picture(results: Results, draw: Any, text: str) -> str:
-    buffer = io.BytesIO()
-    draw(results, buffer)
-    content = base64.b64encode(buffer.getvalue()).decode("ascii")
-    return f'<img alt="{escape(text)}" width="900" src="data:image/png;base64,{content}">'
+def _picture(content: bytes, text: str) -> str:
+    data = base64.b64encode(content).decode("ascii")
+    return f'<img alt="{escape(text)}" width="900" src="data:image/png;base64,{data}">'

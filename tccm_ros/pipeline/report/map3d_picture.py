@@ -25,9 +25,10 @@ from tccm_ros.pipeline.report.figure import (
     save_png,
     show_extent,
 )
+from tccm_ros.pipeline.report.label_layout import label_point
 from tccm_ros.pipeline.report.map_picture import box_corners, extent
 from tccm_ros.results.folder_reader import Results
-from tccm_ros.results.shapes import ObjectBox, SurfaceShape, WallLine
+from tccm_ros.results.models import ObjectEntry, SurfaceEntry, WallEntry
 
 __all__ = ["view_camera", "write_map3d"]
 
@@ -169,7 +170,7 @@ def _order(piece: Piece, camera: Camera, depths: Sequence[float]) -> tuple[float
     return -(own if piece.body is None else depths[piece.body]), -own
 
 
-def _surface(surface: SurfaceShape, color: str, ground: float, body: int) -> Iterator[Piece]:
+def _surface(surface: SurfaceEntry, color: str, ground: float, body: int) -> Iterator[Piece]:
     for corner in _corners(surface.boundary):
         foot = np.array([corner[0], corner[1], ground])
         style = {"color": color, "lw": 0.9, "alpha": 0.55}
@@ -184,7 +185,7 @@ def _corners(ring: NDArray[np.float64]) -> NDArray[np.float64]:
     return ring[np.unique(np.argmax(ring[:, :2] @ directions.T, axis=0))]
 
 
-def _wall(wall: WallLine, ground: float) -> Iterator[Piece]:
+def _wall(wall: WallEntry, ground: float) -> Iterator[Piece]:
     start, end = wall.endpoints
     count = max(int(np.ceil(np.hypot(*(end - start)) / WALL_PIECE)), 1)
     ends = start + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - start)
@@ -197,7 +198,7 @@ def _wall(wall: WallLine, ground: float) -> Iterator[Piece]:
         yield Piece([high[i : i + 2]], {**style, "lw": 0.8, "alpha": 0.6}, is_line=True)
 
 
-def _box(box: ObjectBox, body: int) -> Iterator[Piece]:
+def _box(box: ObjectEntry, body: int) -> Iterator[Piece]:
     low, high = (_flat(box_corners(box), box.center[2] + s * box.size[2] / 2) for s in (-1, 1))
     style = {"fc": palette.OBJECT, "ec": "white", "lw": 0.4, "alpha": 0.7}
     for i in range(4):
@@ -206,7 +207,7 @@ def _box(box: ObjectBox, body: int) -> Iterator[Piece]:
     yield Piece([high], {**style, "fc": "#7c6552"}, body=body)
 
 
-def _rings(surface: SurfaceShape) -> list[NDArray[np.float64]]:
+def _rings(surface: SurfaceEntry) -> list[NDArray[np.float64]]:
     return [ring for ring in (surface.boundary, *surface.holes) if len(ring) > 2]
 
 
@@ -237,7 +238,7 @@ def _label(axes: Axes, camera: Camera, results: Results) -> None:
     draw_labels(
         axes,
         [f"{s.label} {s.height - results.ground:.2f} m" for s in standing],
-        np.array([camera.project(s.label_point) for s in standing]).reshape(-1, 2),
+        np.array([camera.project(label_point(s)) for s in standing]).reshape(-1, 2),
         [colors[s.id] for s in standing],
         np.concatenate([np.zeros((0, 2)), *outlines]),
         size=8.0,

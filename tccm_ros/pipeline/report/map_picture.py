@@ -22,8 +22,9 @@ from tccm_ros.pipeline.report.figure import (
     save_png,
     show_extent,
 )
+from tccm_ros.pipeline.report.label_layout import label_point
 from tccm_ros.results.folder_reader import Results
-from tccm_ros.results.shapes import LandmarkEntry, ObjectBox, SurfaceShape
+from tccm_ros.results.models import LandmarkEntry, ObjectEntry, SurfaceEntry
 
 __all__ = ["box_corners", "draw_map", "extent", "write_map"]
 
@@ -94,13 +95,13 @@ def draw_map(
     draw_labels(
         axes,
         [f"{s.label}\n{s.height - results.ground:.2f} m" for s in standing],
-        np.array([s.label_point[:2] for s in standing]).reshape(-1, 2),
+        np.array([label_point(s)[:2] for s in standing]).reshape(-1, 2),
         [colors[s.id] for s in standing],
         _obstacles(axes, results),
     )
 
 
-def box_corners(box: ObjectBox) -> NDArray[np.float64]:
+def box_corners(box: ObjectEntry) -> NDArray[np.float64]:
     """Return the corners of an object's box seen from above, float64 (4, 2), m."""
     half = 0.5 * box.size[:2]
     c, s = np.cos(box.yaw), np.sin(box.yaw)
@@ -108,7 +109,7 @@ def box_corners(box: ObjectBox) -> NDArray[np.float64]:
     return corners @ np.array([[c, s], [-s, c]]) + box.center[:2]
 
 
-def _draw_surface(axes: Axes, surface: SurfaceShape, color: str) -> None:
+def _draw_surface(axes: Axes, surface: SurfaceEntry, color: str) -> None:
     rings = [ring[:, :2] for ring in (surface.boundary, *surface.holes) if len(ring) >= 3]
     if not rings:
         return
@@ -120,7 +121,7 @@ def _draw_surface(axes: Axes, surface: SurfaceShape, color: str) -> None:
     axes.add_patch(polygon(rings, fill=False, ec=color, lw=1.6, zorder=4))
 
 
-def _draw_object(axes: Axes, box: ObjectBox) -> None:
+def _draw_object(axes: Axes, box: ObjectEntry) -> None:
     """Draw an object's box half open: what it stands on should show."""
     corners = box_corners(box)
     axes.add_patch(polygon([corners], fc=palette.OBJECT, ec="none", alpha=0.35, zorder=5))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.results.shapes import SurfaceShape
+from tccm_ros.results.models import SurfaceEntry
 
 __all__ = [
     "FLOOR",
@@ -46,7 +46,7 @@ TRUTH = "#111111"
 LANDMARK = "#a0257a"
 
 
-def surface_colors(surfaces: Sequence[SurfaceShape]) -> dict[int, str]:
+def surface_colors(surfaces: Sequence[SurfaceEntry]) -> dict[int, str]:
     """Give every surface a colour of `PALETTE` so that equal colours lie far apart.
 
     In the order of ids each surface takes the colour whose nearest bearer is farthest from it,

@@ -2,39 +2,43 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
+from typing import NamedTuple
 
+from tccm_ros.atomic import output_file
 from tccm_ros.pipeline.report.map3d_picture import write_map3d
 from tccm_ros.pipeline.report.map_picture import write_map
-from tccm_ros.results.folder_reader import load_results
+from tccm_ros.results.folder_reader import Results
 
-__all__ = ["write_pictures"]
+__all__ = ["Pictures", "draw_pictures", "write_pictures"]
 
 
-def write_pictures(folder: Path | str, truth: Path | str | None = None) -> tuple[Path, Path]:
-    """Draw map.png and map3d.png into a result folder.
+class Pictures(NamedTuple):
+    """PNG files: the map from above, and in perspective."""
 
-    Parameters
-    ----------
-    folder
-        What ``tccm replay --out`` wrote.
-    truth
-        A truth.json whose outlines are drawn dashed; the folder's own, if any, when None.
+    above: bytes
+    perspective: bytes
 
-    Returns
-    -------
-    tuple
-        The paths of map.png and map3d.png.
+
+def draw_pictures(results: Results) -> Pictures:
+    """Draw both pictures; the same results give the same bytes."""
+    above, perspective = io.BytesIO(), io.BytesIO()
+    write_map(results, above)
+    write_map3d(results, perspective)
+    return Pictures(above.getvalue(), perspective.getvalue())
+
+
+def write_pictures(results: Results, folder: Path | str) -> Pictures:
+    """Draw map.png and map3d.png into a folder, and return them.
 
     Raises
     ------
-    MapError
-        If a file is missing or damaged.
     OutputError
         If a picture cannot be written.
     """
-    results = load_results(folder, truth)
-    above, perspective = Path(folder) / "map.png", Path(folder) / "map3d.png"
-    write_map(results, above)
-    write_map3d(results, perspective)
-    return above, perspective
+    pictures = draw_pictures(results)
+    for name, content in zip(("map.png", "map3d.png"), pictures, strict=True):
+        with output_file(Path(folder) / name) as made:
+            made.write_bytes(content)
+    return pictures

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.outlines.triangulation import fill_outline
 from tccm_ros.pipeline.report import palette
+from tccm_ros.pipeline.report.label_layout import label_point
 from tccm_ros.pipeline.report.map_picture import box_corners, extent
 from tccm_ros.pipeline.report.pack import ArrayPack, differences
-from tccm_ros.pipeline.report.triangles import triangulate
-from tccm_ros.results.folder_reader import FinalCuboids, Results
-from tccm_ros.results.shapes import ObjectBox, PlaneCycle, PlaneShape, SurfaceShape
+from tccm_ros.results.cuboids_file import FinalCuboids
+from tccm_ros.results.folder_reader import Results
+from tccm_ros.results.models import CycleEntry, ObjectEntry, PlaneEntry, SurfaceEntry
 
 __all__ = ["build_scene"]
 
@@ -84,12 +86,12 @@ def _extent(results: Results) -> tuple[NDArray[np.float64], NDArray[np.float64]]
     return low - 0.5, high + 0.5
 
 
-def _upwards(results: Results) -> list[SurfaceShape]:
+def _upwards(results: Results) -> list[SurfaceEntry]:
     """Return the surfaces from low to high, the order in which half-open ones are painted."""
     return sorted(results.surfaces, key=lambda s: (s.height, s.id))
 
 
-def _surface(pack: ArrayPack, surface: SurfaceShape, color: str, ground: float) -> dict[str, Any]:
+def _surface(pack: ArrayPack, surface: SurfaceEntry, color: str, ground: float) -> dict[str, Any]:
     return {
         "id": surface.id,
         "label": surface.label,
@@ -102,15 +104,18 @@ def _surface(pack: ArrayPack, surface: SurfaceShape, color: str, ground: float) 
         "std": surface.height_std,
         "first": surface.first_seen,
         "last": surface.last_seen,
-        "at": _list(surface.label_point),
-        "shape": _shape(pack, (surface.boundary, *surface.holes), surface.normal),
+        "at": _list(label_point(surface)),
+        "shape": _shape(pack, surface.boundary, surface.holes, surface.normal),
     }
 
 
 def _shape(
-    pack: ArrayPack, rings: Sequence[NDArray[np.float64]], normal: NDArray[np.float64]
+    pack: ArrayPack,
+    boundary: NDArray[np.float64],
+    holes: Sequence[NDArray[np.float64]],
+    normal: NDArray[np.float64],
 ) -> dict[str, Any]:
-    mesh = triangulate(rings, normal)
+    mesh = fill_outline(boundary, holes, normal)
     return {
         "v": pack.add(mesh.points, "f4"),
         "t": pack.add(mesh.triangles, "u2"),
@@ -118,8 +123,8 @@ def _shape(
     }
 
 
-def _object(box: ObjectBox, results: Results) -> dict[str, Any]:
-    below = {s.id: s for s in results.surfaces}.get(-1 if box.surface is None else box.surface)
+def _object(box: ObjectEntry, results: Results) -> dict[str, Any]:
+    below = {s.id: s for s in results.surfaces}.get(box.surface)
     return {
         "id": box.id,
         "surface": box.surface,
@@ -172,7 +177,7 @@ def _places(results: Results) -> list[dict[str, Any]]:
     ]
 
 
-def _plane_cycle(pack: ArrayPack, cycle: PlaneCycle, ground: float) -> dict[str, Any]:
+def _plane_cycle(pack: ArrayPack, cycle: CycleEntry, ground: float) -> dict[str, Any]:
     return {
         "cycle": cycle.cycle,
         "stamp": cycle.stamp,
@@ -181,7 +186,7 @@ def _plane_cycle(pack: ArrayPack, cycle: PlaneCycle, ground: float) -> dict[str,
     }
 
 
-def _plane(pack: ArrayPack, plane: PlaneShape, ground: float) -> dict[str, Any]:
+def _plane(pack: ArrayPack, plane: PlaneEntry, ground: float) -> dict[str, Any]:
     middle = plane.boundary[:, 2].mean() if len(plane.boundary) else 0.0
     return {
         "id": plane.id,
@@ -190,7 +195,7 @@ def _plane(pack: ArrayPack, plane: PlaneShape, ground: float) -> dict[str, Any]:
         "area": plane.area,
         "support": plane.support,
         "rms": plane.rms,
-        "shape": _shape(pack, (plane.boundary, *plane.holes), plane.normal),
+        "shape": _shape(pack, plane.boundary, plane.holes, plane.normal),
     }
 
 

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from html import escape
 from typing import Any
 
 from tccm_ros.config import parameters
 from tccm_ros.pipeline.report import palette
 from tccm_ros.results.folder_reader import Results
-from tccm_ros.surfaces.surface_counts import count_surfaces
+from tccm_ros.results.models import SummaryFile, TimingFile
+from tccm_ros.results.surface_counts import count_surfaces
 
 __all__ = [
-    "configuration",
     "configuration_table",
     "counts_table",
     "drops_table",
@@ -23,12 +24,6 @@ __all__ = [
     "table",
     "timing_table",
 ]
-
-CONFIGURATION = ("config", "configuration")
-"""Keys of summary.json under either of which the configuration is."""
-
-DROPS = "dropped"
-"""Keys of summary.json that hold scans dropped by reason start so."""
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]], numbers: Sequence[int] = ()) -> str:
@@ -110,53 +105,38 @@ def loops_table(results: Results) -> str:
     if not results.graph.loops:
         return ""
     rows = [
-        (loop.start, loop.end, "accepted" if loop.accepted else "refused", loop.reason)
+        (loop.from_, loop.to, "accepted" if loop.accepted else "refused", loop.reason)
         for loop in results.graph.loops
     ]
     return table(("from keyframe", "to keyframe", "", "why"), rows, numbers=(0, 1))
 
 
-def counts_table(summary: Mapping[str, Any]) -> str:
+def counts_table(summary: SummaryFile) -> str:
     """Return everything of summary.json but the configuration and what was dropped."""
-    found = flatten(_counted(summary))
-    rows = [(_reason(key), _value(v)) for key, v in found if not _is_drop(key)]
-    return table(("count", "value"), rows, numbers=(1,)) if rows else ""
+    tree = asdict(summary)
+    counts = tree.pop("counts")
+    del tree["config"], counts["dropped"]
+    rows = [(key, _value(v)) for key, v in flatten(tree | counts)]
+    return table(("count", "value"), rows, numbers=(1,))
 
 
-def drops_table(summary: Mapping[str, Any]) -> str:
+def drops_table(summary: SummaryFile) -> str:
     """Return the scans that were dropped, by reason."""
-    rows = [(_reason(key), _value(v)) for key, v in flatten(_counted(summary)) if _is_drop(key)]
-    if not rows:
+    dropped = summary.counts.dropped
+    if not dropped:
         return '<p class="note">no scan was dropped</p>'
-    return table(("reason", "scans"), rows, numbers=(1,))
+    return table(("reason", "scans"), [(k, _value(v)) for k, v in dropped.items()], numbers=(1,))
 
 
-def configuration(summary: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the configuration that summary.json holds; empty where it holds none."""
-    return next((summary[k] for k in CONFIGURATION if summary.get(k)), {})
-
-
-def _counted(summary: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in summary.items() if key not in CONFIGURATION}
-
-
-def _is_drop(key: str) -> bool:
-    return any(part.startswith(DROPS) for part in key.split(SEPARATOR))
-
-
-def _reason(key: str) -> str:
-    return SEPARATOR.join(part for part in key.split(SEPARATOR) if part not in (DROPS, "counts"))
-
-
-def timing_table(timing: Mapping[str, Any]) -> str:
+def timing_table(timing: TimingFile) -> str:
     """Return timing.json as it is."""
-    rows = [(key, _value(v)) for key, v in flatten(timing)]
+    rows = [(key, _value(v)) for key, v in flatten(asdict(timing))]
     return table(("stage", "value"), rows, numbers=(1,))
 
 
-def configuration_table(summary: Mapping[str, Any]) -> str:
+def configuration_table(summary: SummaryFile) -> str:
     """Return the configuration; what differs from the defaults is marked."""
-    found = dict(flatten(configuration(summary), joiner="."))
+    found = dict(flatten(summary.config, joiner="."))
     known = {p.name: p for p in parameters()}
     lines = ["<table><thead><tr><th>parameter</th><th>value</th><th>unit</th><th>meaning</th>"]
     lines.append("</tr></thead><tbody>")

@@ -6,12 +6,13 @@ import webbrowser
 from collections.abc import Callable
 from pathlib import Path
 
+from tccm_ros.atomic import output_folder
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError
-from tccm_ros.pipeline.report.html_report import write_report
+from tccm_ros.pipeline.report.html_report import write_page, write_report
 from tccm_ros.pipeline.report.pictures import write_pictures
 from tccm_ros.results.exports import write_solution
-from tccm_ros.results.folder import output_folder
+from tccm_ros.results.folder_reader import load_results
 from tccm_ros.results.map_file import load_map
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
@@ -97,6 +98,6 @@ def report_map(saved: Path | str, folder: Path | str, config: Config | None = No
     solution = SurfaceSlam.from_saved(config, load_map(saved)).solve()
     with output_folder(folder) as made:
         write_solution(made, solution, config)
-        write_pictures(made)
-        write_report(made)
+        results = load_results(made)
+        write_page(results, write_pictures(results, made), made)
     return Path(folder) / REPORT

@@ -7,6 +7,7 @@ from tccm_ros.pipeline.evaluate.plot import plot_score
 from tccm_ros.pipeline.evaluate.score import score_trajectory
 from tccm_ros.pipeline.evaluate.trajectory_errors import (
     Errors,
+    Order,
     absolute_errors,
     align,
     distance_errors,
@@ -18,12 +19,11 @@ from tccm_ros.pipeline.evaluate.trajectory_errors import (
 from tccm_ros.pipeline.evaluate.truth_files import (
     Reference,
     Relations,
-    Trajectory,
     read_reference,
     read_relations,
     read_truth,
-    read_tum,
 )
+from tccm_ros.results.trajectory import Trajectory, read_tum
 
 START = 976_052_857_337_530_000
 
@@ -62,7 +62,7 @@ def test_stamps_keep_their_nanoseconds(tmp_path):
     poses, stamps = circle(), stamps_of(80)
     read = read_tum(write_tum(tmp_path / "a.tum", poses, stamps))
     assert np.array_equal(read.stamps_ns, stamps)
-    assert np.allclose(read.poses, spatial(poses), atol=1e-8)
+    assert np.allclose(read.T_map_base, spatial(poses), atol=1e-8)
 
 
 def test_kinds_of_truth_are_told_apart(tmp_path):
@@ -101,7 +101,7 @@ def test_both_orders_by_hand():
     found = spatial(np.array([[1.0, 0.0, 0.1]]))
     published = relation_errors(T_from, found, delta)
     assert published.translation[0] == pytest.approx(0.0, abs=1e-12)
-    other = relation_errors(T_from, found, delta, "cartographer")
+    other = relation_errors(T_from, found, delta, Order.CARTOGRAPHER)
     # found * inverse(delta) turns the metre back by 0.1 rad: a chord of 2 sin(0.05).
     assert other.translation[0] == pytest.approx(2 * np.sin(0.05))
     assert published.rotation[0] == pytest.approx(0.1)
@@ -231,7 +231,7 @@ def test_files_that_are_no_trajectory(tmp_path, text, said):
     path = tmp_path / "bad.tum"
     path.write_text(text)
     with pytest.raises(LogError, match=said):
-        read_tum(path)
+        score_trajectory(path, path)
 
 
 def test_missing_files_and_truth_of_another_time(tmp_path):

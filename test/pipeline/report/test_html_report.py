@@ -8,7 +8,7 @@ import zlib
 import numpy as np
 import pytest
 from chromium import Browser
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 from result_folder import write_folder
@@ -17,10 +17,7 @@ from tccm_ros.errors import OutputError
 from tccm_ros.pipeline.report import palette
 from tccm_ros.pipeline.report.html_report import LAYERS, TIMING_END, TIMING_START, write_report
 from tccm_ros.pipeline.report.pack import ArrayPack, differences
-from tccm_ros.pipeline.report.triangles import triangulate
 from tccm_ros.results.folder_reader import load_results
-
-UP = np.array([0.0, 0.0, 1.0])
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +57,7 @@ def test_the_same_bytes_again(flat, report):
 
 
 def test_only_the_timing_differs_between_runs(flat_copy, report):
-    timing = {"stages": {"reading": 0.9}, "real_time_factor": 11.0}
+    timing = {"seconds": {"reading": 0.9}, "real_time_factor": 11.0}
     (flat_copy / "timing.json").write_text(json.dumps(timing))
     cut = re.compile(re.escape(TIMING_START) + ".*?" + re.escape(TIMING_END), re.DOTALL)
     a, b = (p.read_text(encoding="utf-8") for p in (report, write_report(flat_copy)))
@@ -82,8 +79,11 @@ def test_what_comes_from_files_is_escaped(flat_copy):
             tree["surfaces"][3]["label"] = evil
         elif name == "graph.json":
             tree["loops"][0]["reason"] = evil
+        elif name == "timing.json":
+            tree["seconds"][evil] = 1.0
         else:
-            tree[evil] = evil
+            tree["counts"]["dropped"][evil] = 1
+            tree["versions"][evil] = evil
         (flat_copy / name).write_text(json.dumps(tree))
     text = write_report(flat_copy).read_text(encoding="utf-8")
     assert "<script>alert" not in text
@@ -215,37 +215,3 @@ def test_packed_differences_add_up_again(values):
     content = zlib.decompress(base64.b64decode(pack.text()))
     steps = np.frombuffer(content, "<i2", count, offset)
     assert np.cumsum(steps, dtype=np.int16).tolist() == values
-
-
-def triangle_area(mesh):
-    a, b, c = (mesh.points[mesh.triangles[:, i]] for i in range(3))
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.lists(st.floats(0.5, 2.0), min_size=3, max_size=24), st.integers(0, 4))
-def test_triangles_cover_an_outline_and_leave_its_hole(radii, tilt):
-    turn = np.linspace(0, 2 * np.pi, len(radii), endpoint=False)
-    outline = np.stack([np.cos(turn), np.sin(turn)], axis=1) * np.array(radii)[:, None]
-    hole = outline[::-1] * 0.4
-    slope = 0.1 * tilt
-    normal = np.array([-slope, 0.0, 1.0]) / np.hypot(1.0, slope)
-    rings = [np.column_stack([r, 0.7 + slope * r[:, 0]]) for r in (outline, hole)]
-    mesh = triangulate(rings, normal)
-    x, y = outline.T
-    plan = 0.5 * abs(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) * (1 - 0.4**2)
-    assert triangle_area(mesh) == pytest.approx(plan * np.hypot(1.0, slope), rel=1e-9)
-    assert np.allclose(mesh.points @ normal, 0.7 * normal[2], atol=1e-9)
-    assert mesh.rings == (len(radii), len(radii))
-
-
-def test_an_outline_that_crosses_itself_is_split():
-    bow = np.array([[0.0, 0, 1], [1, 1, 1], [1, 0, 1], [0, 1, 1]])
-    mesh = triangulate([bow], UP)
-    assert mesh.rings == (3, 3)
-    assert triangle_area(mesh) == pytest.approx(0.5)
-
-
-def test_an_upright_plane_is_drawn_too():
-    wall = np.array([[2.0, 0, 0], [2, 3, 0], [2, 3, 2], [2, 0, 2]])
-    assert triangle_area(triangulate([wall], np.array([-1.0, 0, 0]))) == pytest.approx(6.0)

@@ -1,5 +1,6 @@
 """map.png and map3d.png: repeatable, without metadata, and showing what is there."""
 
+import io
 import struct
 
 import numpy as np
@@ -11,10 +12,10 @@ from PIL import Image
 
 from tccm_ros.errors import OutputError
 from tccm_ros.pipeline.report import palette
-from tccm_ros.pipeline.report.label_layout import LabelRequest, place_labels
+from tccm_ros.pipeline.report.label_layout import LabelRequest, label_point, place_labels
 from tccm_ros.pipeline.report.map3d_picture import view_camera
 from tccm_ros.pipeline.report.map_picture import write_map
-from tccm_ros.pipeline.report.pictures import write_pictures
+from tccm_ros.pipeline.report.pictures import draw_pictures, write_pictures
 from tccm_ros.results.folder_reader import load_results
 
 
@@ -29,12 +30,13 @@ def chunks(data):
 
 @pytest.fixture(scope="module")
 def pictures(flat):
-    return write_pictures(flat)
+    write_pictures(load_results(flat), flat)
+    return flat / "map.png", flat / "map3d.png"
 
 
 def test_the_same_bytes_without_metadata(flat, pictures):
     before = [path.read_bytes() for path in pictures]
-    assert [path.read_bytes() for path in write_pictures(flat)] == before
+    assert list(draw_pictures(load_results(flat))) == before
     for data in before:
         assert set(chunks(data)) <= {b"IHDR", b"PLTE", b"IDAT", b"IEND"}
 
@@ -44,7 +46,7 @@ def test_the_users_own_settings_do_not_show(flat, pictures, monkeypatch):
 
     before = pictures[0].read_bytes()
     with matplotlib.rc_context({"font.size": 30, "lines.linewidth": 9, "text.color": "red"}):
-        assert write_pictures(flat)[0].read_bytes() == before
+        assert draw_pictures(load_results(flat)).above == before
 
 
 def test_readme_size(pictures):
@@ -90,8 +92,8 @@ def test_a_map_that_has_only_some_of_it(flat_copy, keep):
     if keep != "walls":
         (flat_copy / "walls.json").write_text('{"walls": []}')
     (flat_copy / "trajectory.tum").write_text("")
-    for path in write_pictures(flat_copy):
-        assert Image.open(path).size[0] == 1800
+    for content in draw_pictures(load_results(flat_copy)):
+        assert Image.open(io.BytesIO(content)).size[0] == 1800
 
 
 def test_a_picture_that_cannot_be_written(flat, tmp_path):
@@ -121,3 +123,9 @@ def test_labels_never_cover_one_another_while_there_is_room(places):
     apart = (gaps >= 0).any(axis=2) | np.eye(len(places), dtype=bool)
     assert apart.all()
     assert ((centers - size / 2 >= area[0]) & (centers + size / 2 <= area[1])).all()
+
+
+def test_the_label_point_of_an_angle_lies_inside_it(flat):
+    counter = load_results(flat).surfaces[1]
+    x, y = label_point(counter)[:2]
+    assert (x < 0.6 and y > 1.6) or y > 2.8

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple, Protocol
 
-__all__ = ["COUNTED_AREA", "Census", "count_surfaces"]
+__all__ = ["COUNTED_AREA", "SurfaceCounts", "count_surfaces"]
 
 COUNTED_AREA = 0.1
 """Surfaces that are smaller (m2) are called small, and counted apart."""
@@ -24,7 +24,7 @@ class _Surface(Protocol):
     def area(self) -> float: ...
 
 
-class Census(NamedTuple):
+class SurfaceCounts(NamedTuple):
     """Numbers of surfaces above the floor: of those that count, and of small ones."""
 
     counted: int
@@ -36,8 +36,8 @@ class Census(NamedTuple):
         return text + (f" (and {self.small} below {COUNTED_AREA} m²)" if self.small else "")
 
 
-def count_surfaces(surfaces: Iterable[_Surface]) -> Census:
+def count_surfaces(surfaces: Iterable[_Surface]) -> SurfaceCounts:
     """Count surfaces above the floor."""
     areas = [s.area for s in surfaces if s.label != "floor"]
     counted = sum(area >= COUNTED_AREA for area in areas)
-    return Census(counted, len(areas) - counted)
+    return SurfaceCounts(counted, len(areas) - counted)

@@ -6,14 +6,14 @@ import sys
 
 import pytest
 
+from tccm_ros.atomic import finish_moves, output_folder
 from tccm_ros.errors import OutputError
-from tccm_ros.results.folder import finish_moves, output_folder
 
 KILLED = 9
 WRITE_AND_DIE = """
 import os, shutil, sys
 from pathlib import Path
-from tccm_ros.results.folder import output_folder
+from tccm_ros.atomic import output_folder
 
 out, text, left = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 

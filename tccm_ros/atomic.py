@@ -1,10 +1,12 @@
-"""Folders that change whole or not at all, whatever ends the process.
+"""Files and folders that change whole or not at all, whatever ends the process.
 
-What is new is written into a temporary folder and flushed to the disk. One rename makes that the
-folder or, where this exists, puts it inside as ``.tccm-ready-*``: from then on it is saved. Its
-files replace those of the same name one after the other. If this is interrupted, `finish_moves`
-goes on with it, before anything is read from the folder or written into it. What a process that was
-killed has left half-written beside a folder is removed when the folder is written again.
+A file is written under a temporary name beside its place, flushed to the disk and moved there.
+What is new in a folder is written into a temporary folder and flushed to the disk. One rename makes
+that the folder or, where this exists, puts it inside as ``.tccm-ready-*``: from then on it is
+saved. Its files replace those of the same name one after the other. If this is interrupted,
+`finish_moves` goes on with it, before anything is read from the folder or written into it. What a
+process that was killed has left half-written beside a folder is removed when the folder is written
+again.
 """
 
 from __future__ import annotations
@@ -13,13 +15,13 @@ import fcntl
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tccm_ros.errors import OutputError, one_line
 
-__all__ = ["finish_moves", "output_folder"]
+__all__ = ["finish_moves", "output_file", "output_folder"]
 
 READY = ".tccm-ready-"
 """Begins the name of a folder within another whose files are to be moved there."""
@@ -29,7 +31,37 @@ UNFINISHED = ".tccm-new-"
 
 
 @contextmanager
-def output_folder(out: Path | str) -> Iterator[Path]:
+def output_file(path: Path | str) -> Iterator[Path]:
+    """Give a temporary path beside `path`; what is written there replaces `path` at the end.
+
+    After an error `path` is as before and nothing is left beside it.
+
+    Parameters
+    ----------
+    path
+        The file; it need not exist, its folder is made.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written; any OSError of the block counts as that.
+    """
+    path = Path(path)
+    beside = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield beside
+        _flush_entry(beside)  # a rename that outlives its content would leave an empty file
+        os.replace(beside, path)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({one_line(error)})") from None
+    finally:
+        with suppress(OSError):
+            beside.unlink()
+
+
+@contextmanager
+def output_folder(out: Path | str, *, is_replaced: bool = False) -> Iterator[Path]:
     """Give a temporary folder beside `out`, and move what is in it to `out` at the end.
 
     Files of the same name in `out` are replaced, other files there stay. After an error nothing
@@ -39,6 +71,8 @@ def output_folder(out: Path | str) -> Iterator[Path]:
     ----------
     out
         The folder; it need not exist, its parent is made.
+    is_replaced
+        Whether `out` is replaced as a whole: what else was there goes.
 
     Raises
     ------
@@ -57,7 +91,10 @@ def output_folder(out: Path | str) -> Iterator[Path]:
     try:
         yield made
         try:
+            names = os.listdir(made)
             _move(made, ready, out)
+            if is_replaced:
+                _remove_others(out, names)
         except OSError as error:
             raise OutputError(f"{out}: cannot be written ({one_line(error)})") from None
     finally:
@@ -156,6 +193,16 @@ def _move_files(ready: Path, out: Path) -> None:
             shutil.rmtree(target)
         os.replace(entry, target)
     ready.rmdir()
+
+
+def _remove_others(out: Path, names: Collection[str]) -> None:
+    """Remove what was in a folder before, but for entries of these names."""
+    for entry in out.iterdir():
+        if entry.name not in names:
+            if entry.is_dir():
+                shutil.rmtree(entry)
+            else:
+                entry.unlink()
 
 
 def _flush(folder: Path) -> None:

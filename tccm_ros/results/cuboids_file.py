@@ -1,0 +1,139 @@
+"""cuboids.npz: the integration map at the end, in the odometry frame."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.config import Config
+from tccm_ros.cuboids.cuboids import TICK, Cuboids
+from tccm_ros.errors import MapError, one_line
+from tccm_ros.planes.horizontal import label_horizontal
+from tccm_ros.results.numbers import array_archive
+
+__all__ = ["FinalCuboids", "cuboids_archive", "load_cuboids"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FinalCuboids:
+    """What is shown of cuboids.npz.
+
+    Attributes
+    ----------
+    cell_size
+        m.
+    ix, iy
+        int64 (N,).
+    bottom, top
+        float64 (N,), m.
+    count
+        float64 (N,).
+    mean, cov
+        float64 (N, 3) and (N, 6: xx xy xz yy yz zz), m and m2.
+    newest
+        int64 (N,), newest cycle that each cuboid has a piece of.
+    """
+
+    cell_size: float
+    ix: NDArray[np.int64]
+    iy: NDArray[np.int64]
+    bottom: NDArray[np.float64]
+    top: NDArray[np.float64]
+    count: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    cov: NDArray[np.float64]
+    newest: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.ix)
+
+
+def cuboids_archive(cuboids: Cuboids | None, config: Config, frame_id: str) -> bytes:
+    """Return cuboids.npz; empty arrays where there is no map.
+
+    Parameters
+    ----------
+    cuboids
+        The integration map.
+    config
+        Groups ``map`` and ``planes``.
+    frame_id
+        Of the map.
+    """
+    if cuboids is None:
+        cuboids = _no_cuboids(config.map.cell_size)
+    return array_archive(
+        {
+            "ix": cuboids.ix,
+            "iy": cuboids.iy,
+            "top": cuboids.top * TICK,
+            "bottom": cuboids.bottom * TICK,
+            "count": cuboids.count,
+            "cls": label_horizontal(cuboids, config.planes.height_threshold),
+            "mean": cuboids.mean(),
+            "cov": cuboids.cov(),
+            "cycles": cuboids.cycles,
+            "cycle_offsets": cuboids.cycle_offsets,
+            "cell_size": np.array(cuboids.cell_size),
+            "frame_id": np.array(frame_id),
+        }
+    )
+
+
+def _no_cuboids(cell_size: float) -> Cuboids:
+    none = np.zeros(0, np.int32)
+    return Cuboids(
+        cell_size=cell_size,
+        ix=none,
+        iy=none,
+        bottom=none,
+        top=none,
+        count=np.zeros(0),
+        s=np.zeros((0, 3)),
+        S=np.zeros((0, 6)),
+        cycles=none,
+        cycle_offsets=np.zeros(1, np.int64),
+    )
+
+
+def load_cuboids(path: Path | str) -> FinalCuboids:
+    """Read cuboids.npz.
+
+    Raises
+    ------
+    MapError
+        If the file is missing or damaged.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            return _final(arrays)
+    except (
+        OSError, ValueError, KeyError, EOFError, IndexError, zipfile.BadZipFile, zlib.error
+    ) as error:  # fmt: skip
+        raise MapError(f"{path}: damaged: {one_line(error)}") from None
+
+
+def _final(arrays: Mapping[str, Any]) -> FinalCuboids:
+    ix = arrays["ix"].astype(np.int64)
+    n = len(ix)
+    offsets, cycles = arrays["cycle_offsets"].astype(np.int64), arrays["cycles"].astype(np.int64)
+    if len(offsets) != n + 1:
+        raise ValueError("its arrays do not belong together")
+    return FinalCuboids(
+        float(arrays["cell_size"]),
+        ix,
+        arrays["iy"].astype(np.int64).reshape(n),
+        arrays["bottom"].astype(float).reshape(n),
+        arrays["top"].astype(float).reshape(n),
+        arrays["count"].astype(float).reshape(n),
+        arrays["mean"].astype(float).reshape(n, 3),
+        arrays["cov"].astype(float).reshape(n, 6),
+        cycles[offsets[1:] - 1] if n else np.zeros(0, np.int64),
+    )

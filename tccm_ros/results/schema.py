@@ -1,0 +1,69 @@
+"""JSON Schema of the result files, made from their models.
+
+    python -m tccm_ros.results.schema docs/reference/schema
+
+writes a file for each; every key that is always written is required.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from tccm_ros.results.models import (
+    GraphFile,
+    ObjectsFile,
+    PlanesFile,
+    SummaryFile,
+    SurfacesFile,
+    TimingFile,
+    TruthFile,
+    WallsFile,
+)
+
+__all__ = ["FILES", "file_schema", "write_schemas"]
+
+FILES: dict[str, type[Any]] = {
+    "surfaces.json": SurfacesFile,
+    "objects.json": ObjectsFile,
+    "walls.json": WallsFile,
+    "graph.json": GraphFile,
+    "planes.json": PlanesFile,
+    "summary.json": SummaryFile,
+    "timing.json": TimingFile,
+    "truth.json": TruthFile,
+}
+"""The JSON files that have a model; truth.json is read, the others are written too."""
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def file_schema(name: str) -> dict[str, Any]:
+    """Return the JSON Schema of one of `FILES`."""
+    schema = TypeAdapter(FILES[name]).json_schema()
+    if name != "truth.json":
+        _require_all(schema)
+    return {"$schema": DIALECT, **schema}
+
+
+def _require_all(schema: dict[str, Any]) -> None:
+    """Make every key required: readers have defaults, but the writer writes all keys."""
+    for kind in (schema, *schema.get("$defs", {}).values()):
+        if "properties" in kind:
+            kind["required"] = list(kind["properties"])
+
+
+def write_schemas(folder: Path) -> None:
+    """Write ``<name>.schema.json`` of each file into a folder, made if needed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in FILES:
+        text = json.dumps(file_schema(name), indent=1, ensure_ascii=False) + "\n"
+        (folder / f"{Path(name).stem}.schema.json").write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write_schemas(Path(sys.argv[1]))

@@ -1,0 +1,154 @@
+"""Poses over time: trajectory.tum of a result folder, and rows of stamps and numbers in text files.
+
+Stamps are read as integer nanoseconds from their digits, never through a float.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.errors import LogError, one_line
+from tccm_ros.geometry import pose_from_quaternion, quaternion
+from tccm_ros.results.numbers import Stamp, rounded
+
+__all__ = ["Trajectory", "nanoseconds", "number_columns", "read_tum", "text_rows"]
+
+Float64 = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+MAX_STAMP_S = Decimal(9_000_000_000)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory:
+    """Poses of the base in map: the rows of trajectory.tum.
+
+    Attributes
+    ----------
+    stamps_ns
+        int64 (N,), strictly ascending.
+    T_map_base
+        float64 (N, 4, 4).
+    """
+
+    stamps_ns: Int64
+    T_map_base: Float64
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    @property
+    def stamps(self) -> Float64:
+        """Stamps in s, float64 (N,)."""
+        return np.asarray(self.stamps_ns * 1e-9, np.float64)
+
+    @property
+    def positions(self) -> Float64:
+        """Positions of the base in map, float64 (N, 3), m."""
+        return self.T_map_base[:, :3, 3]
+
+    @property
+    def length(self) -> float:
+        """Path length over ground, m."""
+        steps = np.diff(self.positions[:, :2], axis=0)
+        return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+
+    def nearest(self, stamps: Float64) -> Int64:
+        """Return the index int64 (M,) of the pose nearest to each stamp in s; N must not be 0."""
+        known = self.stamps
+        right = np.clip(np.searchsorted(known, stamps), 1, max(len(known) - 1, 1))
+        right = np.minimum(right, len(known) - 1)
+        left = np.maximum(right - 1, 0)
+        earlier = np.abs(known[left] - stamps) <= np.abs(known[right] - stamps)
+        return np.where(earlier, left, right)
+
+    def tum(self) -> str:
+        """Return trajectory.tum: ``stamp x y z qx qy qz qw``, a line for each pose."""
+        if not len(self):
+            return ""
+        rows = np.concatenate([self.positions, quaternion(self.T_map_base)], axis=1)
+        return "".join(
+            f"{Stamp(int(stamp))} " + " ".join(f"{rounded(v):.6f}" for v in row) + "\n"
+            for stamp, row in zip(self.stamps_ns, rows)
+        )
+
+
+def read_tum(path: Path | str) -> Trajectory:
+    """Read ``stamp x y z qx qy qz qw`` lines; rows of one stamp keep the last.
+
+    Raises
+    ------
+    LogError
+        For a file that is missing or not of this form.
+    """
+    stamps, values = number_columns(path, stamps=1, numbers=7)
+    if not len(stamps):
+        return Trajectory(np.zeros(0, np.int64), np.zeros((0, 4, 4)))
+    norms = np.linalg.norm(values[:, 3:], axis=1)
+    if np.any(np.abs(norms - 1.0) > 0.01):
+        row = int(np.argmax(np.abs(norms - 1.0)))
+        raise LogError(f"{path}: quaternion of pose {row} has length {norms[row]:.3f}, not 1")
+    order = np.unique(stamps[::-1, 0], return_index=True)[1]
+    keep = len(stamps) - 1 - order
+    poses = pose_from_quaternion(values[keep, :3], values[keep, 3:])
+    return Trajectory(stamps[keep, 0], poses)
+
+
+def text_rows(path: Path | str) -> list[list[str]]:
+    """Return the words of each line, comments left out; words are parted by blanks or commas.
+
+    Raises
+    ------
+    LogError
+        For a file that is missing or no text.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise LogError(f"{path}: cannot be read ({one_line(error)})") from None
+    rows = [line.replace(",", " ").split() for line in text.splitlines()]
+    return [row for row in rows if row and not row[0].startswith("#")]
+
+
+def number_columns(path: Path | str, *, stamps: int, numbers: int) -> tuple[Int64, Float64]:
+    """Return the first columns as nanoseconds int64 (N, stamps), the next as float64.
+
+    Raises
+    ------
+    LogError
+        For a file that is missing, or has rows of anything else.
+    """
+    times, values = [], []
+    for k, row in enumerate(text_rows(path)):
+        try:
+            times.append([nanoseconds(x) for x in row[:stamps]])
+            values.append([float(x) for x in row[stamps : stamps + numbers]])
+        except (ValueError, InvalidOperation):
+            raise LogError(
+                f"{path}: row {k} is not made of numbers; expected a trajectory (TUM), relations "
+                "or a reference"
+            ) from None
+        if len(times[-1]) + len(values[-1]) < stamps + numbers or not np.all(
+            np.isfinite(values[-1])
+        ):
+            raise LogError(f"{path}: row {k} needs {stamps + numbers} finite numbers")
+    return np.array(times, np.int64).reshape(-1, stamps), np.array(values).reshape(-1, numbers)
+
+
+def nanoseconds(text: str) -> int:
+    """Return a time in s as integer nanoseconds, exactly.
+
+    Raises
+    ------
+    ValueError, InvalidOperation
+        For what is no finite number, or no time.
+    """
+    number = Decimal(text)
+    if not number.is_finite() or abs(number) > MAX_STAMP_S:
+        raise ValueError(text)
+    return int((number * 1_000_000_000).to_integral_value())

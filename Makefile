@@ -1,6 +1,6 @@
 # make demo | make test | make bench | make lint | make build | make params | make figures | make api | make schema
 #
-# Everything lives in .venv, which is made when it is missing or requirements.txt has changed.
+# Everything lives in .venv, which is made when it is missing or what it is made from has changed.
 
 VENV    := .venv
 BIN     := $(VENV)/bin
@@ -8,6 +8,7 @@ OUT     ?= out/demo
 DEMO    ?= bags/flat
 JOBS    ?= auto
 STAMP   := $(VENV)/.installed
+TESTING := $(VENV)/.installed-for-tests
 # rclpy finds its plugins through the ament index, which the wheels put into the environment.
 export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)$(if $(AMENT_PREFIX_PATH),:$(AMENT_PREFIX_PATH))
 export MPLBACKEND := Agg
@@ -21,7 +22,7 @@ demo: $(STAMP)
 	@find tccm_ros -name '*.nbi' | grep -q . || echo "the first replay compiles for two or three minutes, once"
 	@$(BIN)/tccm replay $(DEMO) --out $(OUT)
 
-test: $(STAMP)
+test: $(TESTING)
 	@$(BIN)/python -m pytest -n $(JOBS) test
 
 bench: $(STAMP)
@@ -36,14 +37,24 @@ lint: $(STAMP)
 build: $(STAMP)
 	$(BIN)/colcon build --packages-select tccm_ros --event-handlers console_cohesion+
 
-$(STAMP): requirements.txt setup.py
+# Wheels first; then tf2_msgs and tccm_interfaces, which are not on the package index. All else works without them.
+$(STAMP): $(VENV)/.wheels tools/generate_interfaces.py $(wildcard tools/definitions/*/*/* interfaces/*.* interfaces/*/*)
+	-@$(BIN)/python tools/generate_interfaces.py tools/definitions/tf2_msgs interfaces
+	@touch $(STAMP)
+
+# Public packages that tests alone need, each after those that it needs.
+DEFINITIONS := test/interfaces/definitions
+$(TESTING): $(STAMP) $(wildcard $(DEFINITIONS)/*/*/*)
+	-@$(BIN)/python tools/generate_interfaces.py $(addprefix $(DEFINITIONS)/,object_recognition_msgs moveit_msgs vision_msgs)
+	@touch $(TESTING)
+
+$(VENV)/.wheels: requirements.txt setup.py
 	@test -n "$(PYTHON)" || { echo "no Python 3.11 or 3.12 with venv found; install python3 and python3-venv, or say make PYTHON=..."; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@echo "installing into $(VENV) (about a minute, once)"
+	@echo "installing into $(VENV) (a few minutes, once)"
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check -r requirements.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e . 2>/dev/null
-	-@$(BIN)/python tools/generate_tf2_msgs.py
-	@touch $(STAMP)
+	@touch $(VENV)/.wheels
 
 clean:
 	rm -rf $(VENV) build install log out

@@ -11,7 +11,10 @@ from tccm_ros.nodes.collision import CollisionObjects, collision_messages
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.records import Surface
 
-ADD, REMOVE = b"\x00", b"\x01"
+CollisionObject = pytest.importorskip("moveit_msgs.msg").CollisionObject
+
+ADD, REMOVE = CollisionObject.ADD, CollisionObject.REMOVE
+TYPES = RosidlMessages()
 SQUARE = np.array([[0.0, 0.0, 0.7], [1.2, 0.0, 0.7], [1.2, 0.8, 0.7], [0.0, 0.8, 0.7]])
 TABLE = Surface(
     id=4, label="table", confidence=0.9, height=0.7, normal=np.array([0.0, 0.0, 1.0]), offset=0.7,
@@ -19,22 +22,6 @@ TABLE = Surface(
     height_std=0.002, first_seen_ns=1, last_seen_ns=2, views=(),
 )  # fmt: skip
 FLOOR = replace(TABLE, id=1, label="floor")
-
-
-class AnyMessages:
-    """Message classes without a definition: moveit_msgs is not on every machine."""
-
-    def make(self, msgtype, /, **fields):
-        return SimpleNamespace(msgtype=msgtype, **fields)
-
-    def array(self, dtype, values):
-        return np.asarray(values, dtype)
-
-    def rows(self, msgtype, table):
-        return [tuple(row) for row in np.asarray(table)]
-
-    def octet(self, value):
-        return bytes([value])
 
 
 class Publisher:
@@ -49,18 +36,17 @@ class Publisher:
 
 
 @pytest.fixture
-def publisher(monkeypatch):
-    monkeypatch.setattr(collision, "message_class", lambda kind: kind)
+def publisher():
     return Publisher()
 
 
 def objects_of(publisher) -> CollisionObjects:
     node = SimpleNamespace(create_publisher=lambda *_: publisher)
-    return CollisionObjects(node, AnyMessages(), "map")
+    return CollisionObjects(node, TYPES, "map")
 
 
 def test_the_top_of_the_box_is_the_surface():
-    (message,) = collision_messages(AnyMessages(), 5, "map", [TABLE], set())
+    (message,) = collision_messages(TYPES, 5, "map", [TABLE], set())
     assert (message.id, message.operation) == ("tccm_surface_4", ADD)
     assert (message.header.frame_id, message.header.stamp.nanosec) == ("map", 5)
     (solid,), (pose,) = message.primitives, message.primitive_poses
@@ -78,9 +64,9 @@ def test_a_bent_counter_is_a_mesh_that_leaves_the_room_before_it():
     ring = [[0, 0], [2, 0], [2, 2], [1.4, 2], [1.4, 0.6], [0, 0.6]]
     boundary = np.column_stack([np.array(ring, float), np.full(6, 0.9)])
     bent = replace(TABLE, boundary=boundary, area=2.04, offset=0.9, centroid=boundary.mean(axis=0))
-    (message,) = collision_messages(RosidlShapes(), 5, "map", [bent], set())
+    (message,) = collision_messages(TYPES, 5, "map", [bent], set())
     (mesh,), (pose,) = message.meshes, message.mesh_poses
-    assert not hasattr(message, "primitives")
+    assert not message.primitives
     corners = np.array([[p.x, p.y, p.z] for p in mesh.vertices])
     faces = corners[np.array([t.vertex_indices for t in mesh.triangles])]
     a, b, c = faces.transpose(1, 0, 2)
@@ -88,15 +74,6 @@ def test_a_bent_counter_is_a_mesh_that_leaves_the_room_before_it():
     assert volume == pytest.approx(0.02 * 2.04), "counter-clockwise from outside, 2 cm thick"
     assert corners[:, 2].max() == pytest.approx(0.9)
     assert (pose.position.z, pose.orientation.w) == (0.0, 1.0)
-
-
-class RosidlShapes(RosidlMessages):
-    """Real messages but of moveit_msgs, which is not on every machine."""
-
-    def make(self, msgtype, /, **fields):
-        if msgtype.startswith("moveit_msgs/"):
-            return SimpleNamespace(msgtype=msgtype, **fields)
-        return super().make(msgtype, **fields)
 
 
 def test_all_but_the_floor_are_shown_and_what_is_gone_is_removed(publisher):
@@ -130,5 +107,5 @@ def test_without_moveit_nothing_is_published(monkeypatch):
     monkeypatch.setattr(collision, "message_class", absent)
     made = []
     node = SimpleNamespace(create_publisher=lambda *arguments: made.append(arguments))
-    CollisionObjects(node, AnyMessages(), "map").publish([TABLE], 1)
+    CollisionObjects(node, TYPES, "map").publish([TABLE], 1)
     assert made == []

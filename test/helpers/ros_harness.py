@@ -1,0 +1,150 @@
+"""Fixtures for tests with real rclpy: an own context and an own domain for each test."""
+
+import fcntl
+import os
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import rclpy
+from live_robot import Robot, is_connected, topics_of
+from processes import PATIENCE_S
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+
+DOMAINS = range(1, 100)
+"""Domains whose ports lie below the ephemeral ones."""
+
+
+@contextmanager
+def own_domain() -> Iterator[int]:
+    """Give a domain that no other test on this machine uses, in whatever process it runs."""
+    first = os.getpid() % len(DOMAINS)
+    for domain in (*DOMAINS[first:], *DOMAINS[:first]):
+        path = Path(tempfile.gettempdir()) / f"tccm_ros_test_domain_{domain}.lock"
+        with path.open("a") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                continue
+            yield domain
+            return
+    raise RuntimeError("all domains are in use")
+
+
+class Ros:
+    """A context, an executor, and a way to wait for something without sleeping."""
+
+    def __init__(self, context: Context, domain: int):
+        self.context = context
+        self.domain = domain
+        self.executor = SingleThreadedExecutor(context=context)
+        self._nodes: list = []
+        self._contexts: list[Context] = []
+
+    def another_context(self) -> Context:
+        """Return a second participant in the same domain, as another process would be."""
+        context = Context()
+        rclpy.init(context=context, domain_id=self.domain)
+        self._contexts.append(context)
+        return context
+
+    def add(self, node):
+        """Add a node to the executor; it is destroyed with the test."""
+        self.executor.add_node(node)
+        self._nodes.append(node)
+        return node
+
+    def remove(self, node) -> None:
+        """Take a node away, as if its process had ended; return when all others know it.
+
+        What is known of the dead could pass for the living that come after it.
+        """
+        topics = topics_of(node)
+        name = node.get_namespace(), node.get_name()
+        self.executor.remove_node(node)
+        self._nodes.remove(node)
+        _end(node)
+        self.spin_until(
+            lambda: not any(_knows(other, name, topics) for other in self._nodes),
+            what=f"the end of {name[1]}",
+        )
+
+    def connect(self, writer, reader, *topics: str) -> None:
+        """Wait until what one node publishes on some topics is heard by another.
+
+        Each pair of participants finds each other in its own time: that one reader hears a topic,
+        or that the graph shows it, tells nothing of another.
+        """
+        for topic in topics:
+            self.spin_until(
+                lambda t=topic: is_connected(writer, reader, t),
+                what=f"{reader.get_name()} to hear {topic}",
+            )
+
+    def robot(self, **options) -> Robot:
+        """Return a robot that publishes what its lasers see."""
+        return Robot(self, **options)
+
+    def spin_until(
+        self, predicate: Callable[[], object], timeout: float = PATIENCE_S, what: str = ""
+    ) -> None:
+        """Spin until the predicate holds, or fail."""
+        end = time.monotonic() + timeout
+        while not predicate():
+            assert time.monotonic() < end, f"timed out: {what or predicate}"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def call(self, client, request):
+        """Call a service and return its response."""
+        self.spin_until(client.service_is_ready, what=client.srv_name)
+        future = client.call_async(request)
+        self.spin_until(future.done, what=client.srv_name)
+        return future.result()
+
+    def close(self) -> None:
+        for node in self._nodes:
+            _end(node)
+        self.executor.shutdown()
+        for context in self._contexts:
+            rclpy.try_shutdown(context=context)
+
+
+def _knows(node, name: tuple[str, str], topics: Iterable[str]) -> bool:
+    """Return whether a node still believes that another takes part in some topics."""
+    return any(
+        (end.node_namespace, end.node_name) == name
+        for topic in topics
+        for end in (
+            *node.get_publishers_info_by_topic(topic),
+            *node.get_subscriptions_info_by_topic(topic),
+        )
+    )
+
+
+def _end(node) -> None:
+    worker = getattr(node, "worker", None)
+    if worker is not None:
+        worker.close()
+    node.destroy_node()
+
+
+@pytest.fixture
+def ros() -> Iterator[Ros]:
+    with own_domain() as domain:
+        context = Context()
+        rclpy.init(context=context, domain_id=domain)
+        harness = Ros(context, domain)
+        yield harness
+        harness.close()
+        rclpy.try_shutdown(context=context)
+
+
+@pytest.fixture
+def domain() -> Iterator[int]:
+    """Give a domain for processes."""
+    with own_domain() as number:
+        yield number

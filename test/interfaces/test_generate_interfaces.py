@@ -1,0 +1,51 @@
+"""The generator: what is there is left alone, and what cannot be made is said in a sentence."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def package(tmp_path) -> Path:
+    """A package that no environment has."""
+    (tmp_path / "never_generated_msgs" / "msg").mkdir(parents=True)
+    (tmp_path / "never_generated_msgs" / "msg" / "Some.msg").write_text("int32 number\n")
+    return tmp_path / "never_generated_msgs"
+
+
+def generate(*folders: Path) -> subprocess.CompletedProcess:
+    """Run the generator where there is no compiler."""
+    return subprocess.run(
+        [sys.executable, ROOT / "tools" / "generate_interfaces.py", *folders],
+        env={"PATH": ""}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+def test_without_a_compiler_it_says_what_is_missing(package):
+    done = generate(package)
+    assert done.returncode == 1
+    assert done.stderr.splitlines() == [
+        "no interfaces are generated: cmake, make, c++ not installed",
+        "all else works without what is missing of never_generated_msgs",
+    ]
+
+
+def test_what_is_up_to_date_is_left_alone():
+    pytest.importorskip("tccm_interfaces", reason="tccm_interfaces is not generated")
+    done = generate(ROOT / "interfaces")
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_a_changed_definition_is_generated_again(tmp_path):
+    pytest.importorskip("tccm_interfaces", reason="tccm_interfaces is not generated")
+    changed = tmp_path / "interfaces"
+    (changed / "msg").mkdir(parents=True)
+    (changed / "package.xml").write_bytes((ROOT / "interfaces" / "package.xml").read_bytes())
+    (changed / "msg" / "Other.msg").write_text("int32 number\n")
+    done = generate(changed)
+    assert done.returncode == 1
+    assert "all else works without what is missing of tccm_interfaces" in done.stderr

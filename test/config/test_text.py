@@ -4,7 +4,7 @@ from pathlib import Path
 
 from tccm_ros.config import Config
 from tccm_ros.config.file import read_config
-from tccm_ros.config.text import as_markdown, as_yaml
+from tccm_ros.config.text import as_yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -15,7 +15,3 @@ def test_the_shipped_yaml_is_made_from_the_configuration():
 
 def test_the_shipped_yaml_reads_as_the_defaults():
     assert read_config(ROOT / "config" / "tccm.yaml") == Config()
-
-
-def test_the_readme_has_the_table_of_parameters():
-    assert as_markdown() in (ROOT / "README.md").read_text(), "run make params"

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,6 @@ from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
 from tccm_ros.geometry import interpolate_poses
 from tccm_ros.records import PosedScan
 from tccm_ros.sensors.laser_scan import valid_beams
-from tccm_ros.snapshot import fields_of, set_fields
 
 __all__ = ["Mapper", "Sweep", "SweepScan"]
 
@@ -211,16 +209,6 @@ class Mapper:
             sweep = self._close(closed.popleft())
             if sweep is not None:
                 sweeps.append(sweep)
-
-    def freeze_state(self) -> dict[str, Any]:
-        """Return all but the open part map, which the open sweep's scans make."""
-        return fields_of(self, "_builder")
-
-    def thaw_state(self, state: dict[str, Any]) -> None:
-        """Take what `freeze_state` gave."""
-        set_fields(self, {**state, "_builder": PartMapBuilder(state["_config"])})
-        for scan in self._open:
-            self._builder.add(scan.posed, scan.keep, scan.first, scan.last)
 
     def _use(self, head: SweepScan, split: int, used: bool, reason: str) -> None:
         """Put the beams before `split` into the open part map, or count the scan as dropped."""

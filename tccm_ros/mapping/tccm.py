@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -17,11 +16,7 @@ from tccm_ros.cuboids.cycle_builder import Mapper, Sweep
 from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.cuboids.part import PartMap
 from tccm_ros.cuboids.queries import MapQuery
-from tccm_ros.cuboids.retained import Correction, RetainedWindow
-from tccm_ros.cuboids.saved_window import load_map, save_map
 from tccm_ros.cuboids.seen_free import SeenFree
-from tccm_ros.cuboids.tilt_cycle import TiltCycles
-from tccm_ros.errors import ConfigError
 from tccm_ros.mapping.surface_message import surface_cloud, view_intervals
 from tccm_ros.planes import find_planes
 from tccm_ros.planes.tracking import PlaneTracker
@@ -157,7 +152,6 @@ class TccmProcessor:
         self.counts: Counter[str] = Counter()
         self.map = IntegrationMap(config)
         self.seen_free = SeenFree(config)
-        self._retained = RetainedWindow(config) if config.map.retain_points else None
         self._planes = PlaneTracker(config)
         self._objects = ObjectTracker(config)
         self._view_is_asked = False
@@ -211,46 +205,11 @@ class TccmProcessor:
         self._mapper.clear()
         self.map.clear()
         self.seen_free.clear()
-        if self._retained is not None:
-            self._retained.clear()
         self._planes.reset()
 
     def query(self) -> MapQuery:
         """Return the map as it is now, to be asked (`queries`)."""
         return MapQuery(self.map, self.seen_free)
-
-    def rebuild(self, correction: Correction) -> None:
-        """Make the window's map again under corrected poses (`map.retain_points`).
-
-        Raises
-        ------
-        ConfigError
-            If no points are retained.
-        """
-        if self._retained is None:
-            raise ConfigError("map.retain_points is off: set it to rebuild the map")
-        self._retained.rebuild(self.map, correction)
-
-    def save(self, path: Path | str) -> None:
-        """Write the map with its window (`map_state.save_map`)."""
-        save_map(self.map, path, self._frame_id)
-
-    def load(self, path: Path | str) -> None:
-        """Go on with a saved map: its cycles come before those to come.
-
-        What was seen through and the scans retained so far belong to another map and are forgotten.
-
-        Raises
-        ------
-        MapError
-            If the file cannot be used (`map_state.load_map`).
-        """
-        self.map, self._frame_id = load_map(path, self.config)
-        newest = self.map.cycles[-1] if self.map.parts else -1
-        self._mapper.cycles = TiltCycles(self.config, newest + 1)
-        self.seen_free.clear()
-        if self._retained is not None:
-            self._retained.clear()
 
     def _take(self, posed: list[PosedScan], on_planes: OnPlanes) -> list[CycleResult]:
         self._mapper.add_tilt(self.synchroniser.tilt_samples())
@@ -288,8 +247,6 @@ class TccmProcessor:
         part = sweep.part
         self._frame_id = self.synchroniser.motion.odom_frame
         self.map.add(part)
-        if self._retained is not None:
-            self._retained.add(sweep)
         self.counts["cycles"] += 1
         self.counts["scans used"] += len(sweep.scans)
         T_odom_base, viewpoint = sweep.T_odom_base(), sweep.T_odom_laser()[:3, 3]

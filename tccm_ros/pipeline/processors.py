@@ -8,11 +8,10 @@ from typing import cast
 
 from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor, TccmRecord
-from tccm_ros.records import Odometry, Scan
+from tccm_ros.records import Scan
 from tccm_ros.records.building import Record
 from tccm_ros.results.cycles import CycleHistory
 from tccm_ros.stopwatch import Stopwatch
-from tccm_ros.surfaces.continuation import Continuation, last_sample
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
@@ -41,38 +40,12 @@ class Pipeline:
             if saved is None
             else SurfaceSlam.from_saved(config, saved, expects_odometry=expects_odometry)
         )
-        self.earlier: list[CycleResult] = []
         self.cycles: list[CycleResult] = []
         self.history = CycleHistory(config.map.window_cycles)
-        self.last: Odometry | Scan | None = None
-
-    def go_on_with(self, run: Continuation) -> None:
-        """Take up an interrupted run where it was.
-
-        Raises
-        ------
-        MapError
-            If its state is damaged.
-        """
-        processors = run.processors(self.config)
-        self.tccm, self.slam = processors["tccm"], processors["slam"]
-        self.earlier = processors["cycles"]
-
-    def interrupt(self) -> Continuation | None:
-        """Return the run as it is now, for `go_on_with`; None if it has not begun."""
-        if self.last is None:
-            return None
-        cycles = [*self.earlier, *map(_outline, self.cycles)]
-        processors = {"tccm": self.tccm, "slam": self.slam, "cycles": cycles}
-        return Continuation.of(processors, last_sample(self.last), self.config)
 
     def add(self, role: str, record: Record) -> list[CycleResult]:
         """Give one record to whom it concerns; return the cycles that are complete now."""
         results: list[CycleResult] = []
-        if isinstance(record, Odometry) or (
-            isinstance(record, Scan) and not isinstance(self.last, Odometry)
-        ):
-            self.last = record
         if role != "scan":
             with self.clock.stage("tccm"):
                 results = self.tccm.add(cast(TccmRecord, record))
@@ -109,15 +82,3 @@ class Pipeline:
             if len(self.cycles) > PARTS_KEPT:
                 old = self.cycles[-PARTS_KEPT - 1]
                 self.cycles[-PARTS_KEPT - 1] = replace(old, part=old.part.without_cuboids())
-
-
-def _outline(cycle: CycleResult) -> CycleResult:
-    """Return a cycle's planes and objects alone."""
-    return replace(
-        cycle,
-        part=cycle.part.without_points().without_cuboids(),
-        surfaces=replace(
-            cycle.surfaces, points=cycle.surfaces.points[:0], surface=cycle.surfaces.surface[:0]
-        ),
-        view=replace(cycle.view, intervals=cycle.view.intervals[:0]),
-    )

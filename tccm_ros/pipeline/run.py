@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain
 from pathlib import Path
 
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, MapError, TopicError
-from tccm_ros.pipeline.outcome import Outcome, Session
+from tccm_ros.pipeline.outcome import Outcome
 from tccm_ros.pipeline.processors import Pipeline
 from tccm_ros.progress import Bars, Silent
-from tccm_ros.records import Odometry, Scan
 from tccm_ros.records.building import Record
 from tccm_ros.stopwatch import Stopwatch
-from tccm_ros.surfaces.continuation import last_sample
 from tccm_ros.surfaces.saved_map import SavedMap
 
 __all__ = ["run_bag"]
@@ -25,9 +22,6 @@ SCAN_ROLES = ("tilt_scan", "scan")
 
 LoggedRecord = tuple[str, int, Record]
 """Role, log time (ns) and record."""
-
-OPENING_NS = 5_000_000_000
-"""So much of a bag tells whether it goes on with the run that was saved."""
 
 
 def run_bag(
@@ -70,15 +64,8 @@ def run_bag(
         pipeline = Pipeline(
             config, expects_odometry=topics["odom"] in present, saved=saved, clock=clock
         )
-        records = reader.records(topics)
-        session = Session("first", "")
-        if saved is not None:
-            first, records = _opening(records)
-            session = _begin(pipeline, saved, first)
-        messages = _feed(pipeline, reader, topics, records, bars)
+        messages = _feed(pipeline, reader, topics, reader.records(topics), bars)
         bars.start("solve", 1.0)
-        with clock.stage("keep"):
-            run = pipeline.interrupt()
         pipeline.finish()
         _check_used(pipeline, reader, topics)
         solution = pipeline.solve()
@@ -89,7 +76,6 @@ def run_bag(
             )
         return Outcome(
             config,
-            pipeline.earlier,
             pipeline.cycles,
             pipeline.history,
             pipeline.tccm,
@@ -98,37 +84,8 @@ def run_bag(
             messages,
             Counter({f"{t}: {reader.problems[t]}": n for t, n in reader.dropped.items()}),
             reader.duration,
-            session,
-            run,
+            saved is not None,
         )
-
-
-def _opening(
-    records: Iterator[LoggedRecord],
-) -> tuple[dict[type, Odometry | Scan], Iterator[LoggedRecord]]:
-    """Return the first odometry and the first scan of the first records, and all records."""
-    read: list[LoggedRecord] = []
-    first: dict[type, Odometry | Scan] = {}
-    for item in records:
-        read.append(item)
-        if isinstance(item[2], Odometry | Scan):
-            first.setdefault(type(item[2]), item[2])
-        if len(first) == 2 or item[1] - read[0][1] > OPENING_NS:
-            break
-    return first, chain(read, records)
-
-
-def _begin(pipeline: Pipeline, saved: SavedMap, first: Mapping[type, Odometry | Scan]) -> Session:
-    """Go on with the run that was saved, if these records do; say how the bag begins."""
-    if saved.run is None:
-        return Session("new", "the map holds no run")
-    record = first.get(Odometry if saved.run.last.pose else Scan)
-    sample = None if record is None else last_sample(record)
-    reason = saved.run.refusal(pipeline.config, sample)
-    if reason:
-        return Session("new", reason)
-    pipeline.go_on_with(saved.run)
-    return Session("continued", "")
 
 
 def _topics(reader: BagReader, remap: Sequence[str]) -> Mapping[str, str]:

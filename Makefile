@@ -16,7 +16,7 @@ export MPLBACKEND := Agg
 # The newest supported interpreter that really starts.
 PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3,$(if $(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print(1)' 2>/dev/null),$(p))))
 
-.PHONY: demo test bench lint build docs reference params figures clean
+.PHONY: demo test bench lint build docs reference figures clean
 
 demo: $(STAMP)
 	@find tccm_ros -name '*.nbi' | grep -q . || echo "the first replay compiles for two or three minutes, once"
@@ -55,8 +55,6 @@ reference: $(STAMP)
 	@$(BIN)/tccm parameters > config/tccm.yaml
 	@$(BIN)/python tools/make_reference.py
 
-params: reference
-
 # The pictures of docs/design/how_it_works.md and structure.md; other pages name the command of each picture.
 figures: demo
 	@$(BIN)/python -c "from tccm_ros.pipeline.report.figures import write_figures; write_figures('$(OUT)', 'docs/images')"
@@ -64,7 +62,7 @@ figures: demo
 
 # The documentation as a site, with search and the Python API: out/docs. Dead links are errors.
 docs: $(DOCS)
-	@$(BIN)/mkdocs build --quiet
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 	@echo "documentation  $(BIN)/python -m http.server -d out/docs  (then http://localhost:8000)"
 
 $(DOCS): requirements-docs.txt $(STAMP)

@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_the_shipped_yaml_is_made_from_the_configuration():
-    assert (ROOT / "config" / "tccm.yaml").read_text() == as_yaml(), "run make params"
+    assert (ROOT / "config" / "tccm.yaml").read_text() == as_yaml(), "run make reference"
 
 
 def test_the_shipped_yaml_reads_as_the_defaults():

@@ -60,9 +60,9 @@ figures: demo
 	@$(BIN)/python -c "from tccm_ros.pipeline.report.figures import write_figures; write_figures('$(OUT)', 'docs/images')"
 	@$(BIN)/python tools/draw_architecture.py
 
-# The documentation as a site, with search and the Python API: out/docs. Dead links are errors.
+# The documentation as a site, with search and the Python API: out/docs. Dead links are errors (--quiet would hide them).
 docs: $(DOCS)
-	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 	@echo "documentation  $(BIN)/python -m http.server -d out/docs  (then http://localhost:8000)"
 
 $(DOCS): requirements-docs.txt $(STAMP)

@@ -1,4 +1,4 @@
-# make demo | make test | make bench | make lint | make build | make params | make figures | make api | make schema
+# make demo | make test | make bench | make lint | make build | make docs | make reference | make figures
 #
 # Everything lives in .venv, which is made when it is missing or what it is made from has changed.
 
@@ -9,6 +9,7 @@ DEMO    ?= bags/flat
 JOBS    ?= auto
 STAMP   := $(VENV)/.installed
 TESTING := $(VENV)/.installed-for-tests
+DOCS    := $(VENV)/.installed-docs
 # rclpy finds its plugins through the ament index, which the wheels put into the environment.
 export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)$(if $(AMENT_PREFIX_PATH),:$(AMENT_PREFIX_PATH))
 export MPLBACKEND := Agg
@@ -16,7 +17,7 @@ export MPLBACKEND := Agg
 # The newest supported interpreter that really starts.
 PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3,$(if $(shell $(p) -c 'import sys, venv, ensurepip; sys.version_info >= (3, 11) and print(1)' 2>/dev/null),$(p))))
 
-.PHONY: demo test bench lint build params figures api schema clean
+.PHONY: demo test bench lint build docs reference figures clean
 
 demo: $(STAMP)
 	@find tccm_ros -name '*.nbi' | grep -q . || echo "the first replay compiles for two or three minutes, once"
@@ -32,6 +33,7 @@ lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/python tools/check_words.py
 
 # What `ros2 run` needs: executables in lib/tccm_ros and a marker in the ament index.
 build: $(STAMP)
@@ -59,23 +61,22 @@ $(VENV)/.wheels: requirements.txt setup.py
 clean:
 	rm -rf $(VENV) build install log out
 
-# The shipped YAML and the README's table are made from the configuration classes.
-params: $(STAMP)
+# What is made from the code: the shipped YAML, and the pages of parameters, commands and file schemas.
+reference: $(STAMP)
 	@$(BIN)/tccm parameters > config/tccm.yaml
-	@$(BIN)/python -c "import re, pathlib; from tccm_ros.config.reference import as_markdown; \
-	p = pathlib.Path('README.md'); head, mid, tail = re.split('(?s)(<!-- parameters -->\n).*?(?=<!-- /parameters -->)', p.read_text()); \
-	p.write_text(head + mid + as_markdown() + tail)"
+	@$(BIN)/python -m tccm_ros.results.schema docs/reference/schema
+	@$(BIN)/python tools/make_reference.py
 
-# The pictures of the README and of docs/how_it_works.md, by the demo's own code; the other pages name the command above
-# each of their pictures.
+# The pictures of docs/design/how_it_works.md and structure.md; other pages name the command of each picture.
 figures: demo
 	@$(BIN)/python -c "from tccm_ros.pipeline.report.figures import write_figures; write_figures('$(OUT)', 'docs/images')"
+	@$(BIN)/python tools/draw_architecture.py
 
-# The API reference, from the docstrings: out/api/index.html.
-api: $(STAMP)
-	@$(BIN)/pdoc -d numpy --no-search -o out/api tccm_ros '!tccm_ros.nodes' 2>/dev/null
-	@echo "API reference  out/api/index.html"
+# The documentation as a site, with search and the Python API: out/docs. Dead links are errors (--quiet would hide them).
+docs: $(DOCS)
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
+	@echo "documentation  $(BIN)/python -m http.server -d out/docs  (then http://localhost:8000)"
 
-# JSON Schema of the result files, from their models.
-schema: $(STAMP)
-	@$(BIN)/python -m tccm_ros.results.schema docs/reference/schema
+$(DOCS): requirements-docs.txt $(STAMP)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-docs.txt
+	@touch $(DOCS)

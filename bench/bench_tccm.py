@@ -1,4 +1,4 @@
-"""The TCCM against its peers: the rows of the table in docs/tccm.md, as ratios in one run.
+"""The TCCM against its peers, as ratios in one run: docs/design/experiments/tccm.md.
 
 Single thread, medians of CPU time, warm caches; what is compared takes turns. The rig is the
 paper's: a laser at 1.52 m, 240 deg, 569 beams, 28 ms a scan, 40 scans a sweep, tilt 5 to 65 deg

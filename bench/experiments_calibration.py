@@ -1,4 +1,4 @@
-"""The tables of docs/calibration.md: calibrate recordings, and ask whose the residuals are.
+"""The tables of docs/design/experiments/calibration.md: recordings and their residuals.
 
 python bench/experiments_calibration.py --floor-z -0.3 BAG [BAG ...]
 python bench/experiments_calibration.py --floor-z -0.3 --one-room [--picture PNG] BAG BAG [BAG ...]

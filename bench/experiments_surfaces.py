@@ -1,4 +1,4 @@
-"""The experiments of docs/surfaces.md, as Markdown: python bench/experiments_surfaces.py
+"""The experiments of docs/design/experiments/surface_map.md, as Markdown.
 
 - the table of the surface mapping paper's Section V on the simulated flat, published and ours;
 - its main claim: views on full-SLAM poses against views frozen at the estimate of their time,

@@ -1,4 +1,4 @@
-"""Draw the maps of the public logs, walls in red: the pictures of docs/slam.md.
+"""Draw the maps of the public logs, walls in red, for docs/design/experiments/wall_slam.md.
 
 Usage: python bench/slam_maps.py [--shared FOLDER] [--out docs/images]
 """

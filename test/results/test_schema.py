@@ -22,7 +22,9 @@ def folder(tmp_path_factory):
 def test_what_is_committed_is_what_is_made(tmp_path):
     write_schemas(tmp_path)
     made = {path.name: path.read_text() for path in tmp_path.iterdir()}
-    assert {path.name: path.read_text() for path in COMMITTED.iterdir()} == made, "run make schema"
+    assert {path.name: path.read_text() for path in COMMITTED.iterdir()} == made, (
+        "run make reference"
+    )
 
 
 @pytest.mark.parametrize("name", FILES)

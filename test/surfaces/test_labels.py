@@ -140,6 +140,7 @@ def test_a_higher_least_confidence_only_takes_names_away():
     assert changed
 
 
+# --8<-- [start:rules]
 RULES = ("table", "counter", "low_table", "seat", "sofa", "bed", "shelf", "ledge", "step")
 NOWHERE = (9.0, 9.1, 0.1, 0.2, 0.1, 0.2)
 EXAMPLES = {
@@ -167,6 +168,9 @@ def test_there_is_an_example_for_each_rule():
     rules = Labels().model_dump()
     group = {name for name, value in rules.items() if isinstance(value, tuple) and len(value) == 6}
     assert group == set(RULES) == set(EXAMPLES)
+
+
+# --8<-- [end:rules]
 
 
 def test_the_rise_of_stairs_is_a_rule():

@@ -1,7 +1,8 @@
-"""A room of boxes, ray cast in closed form, with a tilting laser on a robot that may drive.
+"""A room of boxes, with a tilting laser on a robot that may drive.
 
-Numbers of its own: nothing of the package places these beams. The laser is at (0.1, 0, 1.4) in the
-base, tilts about y through itself, positive downwards, and measures while the joint moves.
+Numbers of its own: nothing that maps places these beams; the simulator casts them. The laser is at
+(0.1, 0, 1.4) in the base, tilts about y through itself, positive downwards, and measures while the
+joint moves.
 """
 
 import math
@@ -9,6 +10,7 @@ import math
 import numpy as np
 
 from tccm_ros.config import Config
+from tccm_ros.pipeline.sim.scene import Scene
 from tccm_ros.records import JointSample, Odometry, Scan
 
 LASER = (0.1, 0.0, 1.4)
@@ -45,23 +47,13 @@ def base_at(t, drive):
     return v / w * math.sin(w * t), v / w * (1 - math.cos(w * t)), w * t
 
 
-def cast(origin, direction, boxes):
-    """Return the distance to the nearest box along a ray, inf for none."""
-    nearest = math.inf
+def cast(beams, boxes):
+    """Return the distance to the nearest box along beams (origin, direction), inf for none."""
+    scene = Scene()
     for box in boxes:
-        near, far = 0.0, math.inf
-        for axis in range(3):
-            low, high = box[2 * axis], box[2 * axis + 1]
-            if abs(direction[axis]) < 1e-12:
-                if not low <= origin[axis] <= high:
-                    near = math.inf
-                continue
-            a = (low - origin[axis]) / direction[axis]
-            b = (high - origin[axis]) / direction[axis]
-            near, far = max(near, min(a, b)), min(far, max(a, b))
-        if near <= far and near > 0.0:
-            nearest = min(nearest, near)
-    return nearest
+        scene.block("box", *np.reshape(box, (3, 2)))
+    origins, directions = (np.array(part, float) for part in zip(*beams, strict=True))
+    return scene.freeze().cast(origins, directions, np.zeros(len(beams)))[0]
 
 
 def beam(t, bearing, drive):
@@ -94,11 +86,8 @@ def record(seconds, boxes_at, drive=(0.0, 0.0), noise=0.0, every=2, seed=0):
     increment = 0.02 / beams
     for k in range(int(seconds / SCAN_TIME)):
         start = k * SCAN_TIME + 0.0003
-        ranges = [
-            cast(*beam(start + i * increment, FIRST + i * step, drive), boxes_at(start))
-            for i in range(beams)
-        ]
-        ranges = np.array(ranges) + rng.normal(0.0, noise, beams)
+        rays = [beam(start + i * increment, FIRST + i * step, drive) for i in range(beams)]
+        ranges = cast(rays, boxes_at(start)) + rng.normal(0.0, noise, beams)
         records.append(
             Scan(ns(start), "laser", FIRST, step, increment, 0.05, 20.0, ranges.astype(np.float32))
         )

@@ -1,6 +1,6 @@
-"""A room of horizontal boards and upright screens, seen by an ideal tilting laser.
+"""A room of horizontal boards and vertical screens, seen by an ideal tilting laser.
 
-Independent of the package: beams are cut with rectangles in closed form.
+Beams are cast by the simulator, which shares nothing with what maps.
 """
 
 from dataclasses import dataclass, field
@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from shapely import Polygon
 
+from tccm_ros.pipeline.sim.raycast import FACES
+from tccm_ros.pipeline.sim.scene import Scene
 from tccm_ros.records import SurfaceCloud, ViewIntervals
 
 EYE = np.array([0.0, 0.0, 1.4])
@@ -33,7 +35,7 @@ class Board:
 
 @dataclass(frozen=True)
 class Screen:
-    """An upright rectangle from (x0, y0) to (x1, y1), floor to `top`."""
+    """A vertical rectangle from (x0, y0) to (x1, y1), floor to `top`."""
 
     x0: float
     y0: float
@@ -49,7 +51,7 @@ class Room:
     floor: Board = field(default_factory=lambda: Board(0.0, 0.0, 12.0, 12.0, 0.0))
 
     def look(self, pose, stamp_ns, *, rows=60, columns=200, noise=0.0, seed=0, cell=0.1):
-        """Return the hand-over of one sweep from a planar base pose (x, y, yaw)."""
+        """Return the surface message of one tilt cycle from a planar base pose (x, y, yaw)."""
         boards = [self.floor, *self.boards]
         beams = _beams(rows, columns)
         rays = beams @ _turn(pose[2]).T
@@ -79,25 +81,18 @@ def _beams(rows, columns):
 
 
 def _cast(origin, rays, boards, screens):
-    best = np.full(len(rays), 1e9)
-    hit = np.full(len(rays), -1)
-    for k, board in enumerate(boards):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t = (board.z - origin[2]) / rays[:, 2]
-        p = origin + rays * t[:, None]
-        local = (p[:, :2] - [board.x, board.y]) @ _turn(board.yaw)[:2, :2]
-        inside = np.all(np.abs(local) <= 0.5 * np.array([board.width, board.depth]), axis=1)
-        better = inside & (t > 0) & (t < best)
-        best[better], hit[better] = t[better], k
-    for k, s in enumerate(screens):
-        along, normal = np.array([s.x1 - s.x0, s.y1 - s.y0]), np.array([s.y0 - s.y1, s.x1 - s.x0])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t = ([s.x0, s.y0] - origin[:2]) @ normal / (rays[:, :2] @ normal)
-        p = origin + rays * t[:, None]
-        u = (p[:, :2] - [s.x0, s.y0]) @ along / (along @ along)
-        better = (t > 0) & (t < best) & (u >= 0) & (u <= 1) & (p[:, 2] <= s.top) & (p[:, 2] >= 0)
-        best[better], hit[better] = t[better], len(boards) + k
-    return hit, best
+    """Return the board or screen that each ray hits (-1: none), counted in order, and how far."""
+    scene = Scene()
+    for b in boards:
+        scene.box("board", (b.width, b.depth, 0.0), (b.x, b.y, b.z), (0.0, 0.0, b.yaw))
+    for s in screens:
+        along = np.array([s.x1 - s.x0, s.y1 - s.y0])
+        middle = (0.5 * (s.x0 + s.x1), 0.5 * (s.y0 + s.y1), 0.5 * s.top)
+        size, yaw = (np.hypot(*along), 0.0, s.top), np.arctan2(along[1], along[0])
+        scene.box("screen", size, middle, (0.0, 0.0, float(yaw)))
+    origins = np.broadcast_to(origin, rays.shape)
+    distance, codes = scene.freeze().cast(origins, rays, np.zeros(len(rays)))
+    return codes // FACES, distance
 
 
 def _intervals(ends, cell):

@@ -170,7 +170,7 @@ def test_info_of_a_map(capsys, monkeypatch, tmp_path):
     status, out, _ = run(capsys, monkeypatch, "info", path)
     assert status == 0
     assert out.startswith(f"{path}: a saved map, ")
-    assert "goes on as if in one piece" in out
+    assert "of 1 session" in out
     _, out, _ = run(capsys, monkeypatch, "info", path, "--json")
     found = json.loads(out)
     summary = json.loads((tmp_path / "summary.json").read_text())

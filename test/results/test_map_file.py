@@ -1,4 +1,5 @@
 import gc
+import io
 import json
 import os
 import subprocess
@@ -114,6 +115,16 @@ def test_a_newer_file_is_an_error(run, saved, monkeypatch):
     save_map(saved, slam.saved(solution), solution)
     monkeypatch.undo()
     with pytest.raises(MapError, match="version 4"):
+        load_map(saved)
+
+
+def test_a_pickle_in_a_map_is_refused(run, saved, monkeypatch):
+    slam, solution = run
+    stream = io.BytesIO()
+    np.savez(stream, **{"anchor/hangs": np.array([{"a": 1}], dtype=object)})
+    monkeypatch.setattr("tccm_ros.results.map_file.array_archive", lambda _: stream.getvalue())
+    save_map(saved, slam.saved(solution), solution)
+    with pytest.raises(MapError, match="damaged"):
         load_map(saved)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import TICK, Cuboids
 from tccm_ros.errors import MapError, one_line
-from tccm_ros.planes.horizontal import label_horizontal
+from tccm_ros.planes.horizontal_clusters import label_horizontal
 from tccm_ros.results.numbers import array_archive
 
 __all__ = ["FinalCuboids", "cuboids_archive", "load_cuboids"]

@@ -24,7 +24,7 @@ from tccm_ros.pipeline.calibrate import Calibration, calibrate
 from tccm_ros.pipeline.calibrate.observability import UNITS
 from tccm_ros.pipeline.calibrate.quality import MIN_HITS, Flatness, cell_means
 from tccm_ros.pipeline.calibrate.room import seen_in
-from tccm_ros.pipeline.report.figure import canvas, save_png
+from tccm_ros.pipeline.report.figure import canvas, png
 
 Float64 = NDArray[np.float64]
 Cells = dict[tuple[int, int], float]
@@ -187,7 +187,7 @@ def draw(floors: list[Floor], maps: list[Cells], path: Path) -> None:
         panels[0].set_ylabel("y in room, m")
         figure.colorbar(ScalarMappable(colours, "RdBu"), ax=list(panels), label="off the plane, mm",
                         shrink=0.8)  # fmt: skip
-        save_png(figure, path)
+        path.write_bytes(png(figure))
 
 
 def main() -> None:

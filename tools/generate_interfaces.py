@@ -67,14 +67,14 @@ PACKAGE = """\
 </package>
 """
 
-UNITED = """\
-function(unite_sources)
+UNITY = """\
+function(unity_build)
   foreach(kind c cpp fastrtps_c fastrtps_cpp)
     set_target_properties(${PROJECT_NAME}__rosidl_typesupport_${kind} PROPERTIES
       UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 0)
   endforeach()
 endfunction()
-cmake_language(DEFER CALL unite_sources)
+cmake_language(DEFER CALL unity_build)
 """
 """Compiles each of these libraries in one go: their headers take longer than what they hold.
 
@@ -172,8 +172,8 @@ def generate(folder: Path, environment: Path) -> None:
     with tempfile.TemporaryDirectory() as temporary:
         source, build = Path(temporary) / "source", Path(temporary) / "build"
         copy(folder, source)
-        united = Path(temporary) / "united.cmake"
-        united.write_text(UNITED)
+        unity = Path(temporary) / "unity.cmake"
+        unity.write_text(UNITY)
         paths = {
             "AMENT_PREFIX_PATH": str(environment),
             "CMAKE_PREFIX_PATH": str(environment),
@@ -184,7 +184,7 @@ def generate(folder: Path, environment: Path) -> None:
             "Python3_EXECUTABLE": sys.executable,
             "BUILD_TESTING": "OFF",
             "CMAKE_INSTALL_PREFIX": environment,
-            "CMAKE_PROJECT_INCLUDE": united,
+            "CMAKE_PROJECT_INCLUDE": unity,
         }
         options = [f"-D{key}={value}" for key, value in settings.items()]
         failure = f"{name} could not be generated"

@@ -17,7 +17,7 @@ from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode, is_latched
 from tccm_ros.nodes.warm_up import warm_up_tccm
 from tccm_ros.pipeline.calibrate.rig_check import RigCheck
-from tccm_ros.results.exports import cuboids_archive
+from tccm_ros.results.cuboids_file import cuboids_archive
 from tccm_ros.robot.synchroniser import Synchroniser
 from tccm_ros.ros.publications import CYCLE_TOPICS, HAND_OVER_TOPICS, CyclePublications
 

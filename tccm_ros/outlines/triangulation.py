@@ -11,13 +11,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-__all__ = ["Mesh", "fill_outline", "fill_rings"]
+__all__ = ["FilledOutline", "fill_outline", "fill_rings"]
 
 Float64 = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 
-class Mesh(NamedTuple):
+class FilledOutline(NamedTuple):
     """A filled outline.
 
     Attributes
@@ -36,7 +36,7 @@ class Mesh(NamedTuple):
     rings: tuple[int, ...]
 
 
-def fill_outline(boundary: Float64, holes: Sequence[Float64], normal: NDArray[np.float64]) -> Mesh:
+def fill_outline(boundary: Float64, holes: Sequence[Float64], normal: Float64) -> FilledOutline:
     """Fill a planar polygon in space with triangles.
 
     Parameters
@@ -50,19 +50,19 @@ def fill_outline(boundary: Float64, holes: Sequence[Float64], normal: NDArray[np
 
     Returns
     -------
-    Mesh
+    FilledOutline
         Without triangles where the boundary encloses nothing, and without points where it has
         fewer than three.
     """
     if len(boundary) < 3:
-        return Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64), ())
+        return FilledOutline(np.zeros((0, 3)), np.zeros((0, 3), np.int64), ())
     rings = [ring for ring in (boundary, *holes) if len(ring) >= 3]
     origin, axes = boundary.mean(axis=0), _tangents(normal)
     points, lengths = np.concatenate(rings), tuple(len(ring) for ring in rings)
     flat = np.split((points - origin) @ axes.T, np.cumsum(lengths)[:-1])
     corners, triangles = fill_rings(flat)
     crossings = corners[len(points) :] @ axes + origin
-    return Mesh(np.concatenate([points, crossings]), triangles, lengths)
+    return FilledOutline(np.concatenate([points, crossings]), triangles, lengths)
 
 
 def fill_rings(rings: Sequence[Float64]) -> tuple[Float64, Int64]:
@@ -103,18 +103,10 @@ def _clip_ears(rings: Sequence[Float64]) -> Int64:
     return triangles[first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] > 0.0]
 
 
-def _tangents(normal: NDArray[np.float64]) -> NDArray[np.float64]:
+def _tangents(normal: Float64) -> Float64:
     """Return two rows u, v (2, 3) with u x v = normal."""
-    nx, ny, nz = normal.tolist()
-    # The axis that is least along the normal, times the normal.
-    least = min(abs(nx), abs(ny), abs(nz))
-    if abs(nx) == least:
-        ux, uy, uz = 0.0, -nz, ny
-    elif abs(ny) == least:
-        ux, uy, uz = nz, 0.0, -nx
-    else:
-        ux, uy, uz = -ny, nx, 0.0
-    length = math.hypot(ux, uy, uz)
-    ux, uy, uz = ux / length, uy / length, uz / length
-    v = (ny * uz - nz * uy, nz * ux - nx * uz, nx * uy - ny * ux)
-    return np.array([(ux, uy, uz), v])
+    x, y, z = normal.tolist()
+    normal_times = np.array([(0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)])
+    u = -normal_times[:, np.argmin(np.abs(normal))]  # the axis least along the normal, times it
+    u /= math.sqrt(u @ u)
+    return np.stack([u, normal_times @ u])

@@ -27,7 +27,7 @@ from tccm_ros.progress import Bars, Silent
 from tccm_ros.results.cycles import save_cycles
 from tccm_ros.results.exports import write_results, write_timing
 from tccm_ros.results.folder_reader import load_results
-from tccm_ros.results.map_file import load_map, save_map
+from tccm_ros.results.map_file import is_map, load_map, save_map
 from tccm_ros.results.models import (
     CountsEntry,
     ObjectsFile,
@@ -179,7 +179,7 @@ def _write(
     objects: ObjectsFile,
 ) -> SummaryFile:
     config, solution, cycles = outcome.config, outcome.solution, outcome.cycles
-    cuboids = outcome.tccm.map.cuboids() if cycles else None
+    cuboids = outcome.tccm.map.cuboids()
     content = _summary(outcome, len(objects.objects))
     write_results(folder, solution, cycles, cuboids, config, objects=objects, summary=content)
     save_cycles(folder / "cycles.npz", outcome.history.parts(_T_map_odom(outcome)))
@@ -268,16 +268,8 @@ def report_of(target: Path | str, config: Config, bars: Bars | None = None) -> P
     if not target.exists():
         raise MapError(f"{target}: no such result folder, map or bag")
     out = Path(f"{target.stem}_report")
-    if target.is_file() and _is_map(target):
+    if target.is_file() and is_map(target):
         report_map(target, out, config)
     else:
         replay(target, out, config, bars=bars)
     return out
-
-
-def _is_map(path: Path) -> bool:
-    try:
-        load_map(path)
-    except MapError:
-        return False
-    return True

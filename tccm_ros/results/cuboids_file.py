@@ -55,20 +55,18 @@ class FinalCuboids:
         return len(self.ix)
 
 
-def cuboids_archive(cuboids: Cuboids | None, config: Config, frame_id: str) -> bytes:
-    """Return cuboids.npz; empty arrays where there is no map.
+def cuboids_archive(cuboids: Cuboids, config: Config, frame_id: str) -> bytes:
+    """Return cuboids.npz.
 
     Parameters
     ----------
     cuboids
         The integration map.
     config
-        Groups ``map`` and ``planes``.
+        Group ``planes``.
     frame_id
         Of the map.
     """
-    if cuboids is None:
-        cuboids = _no_cuboids(config.map.cell_size)
     return array_archive(
         {
             "ix": cuboids.ix,
@@ -84,22 +82,6 @@ def cuboids_archive(cuboids: Cuboids | None, config: Config, frame_id: str) -> b
             "cell_size": np.array(cuboids.cell_size),
             "frame_id": np.array(frame_id),
         }
-    )
-
-
-def _no_cuboids(cell_size: float) -> Cuboids:
-    none = np.zeros(0, np.int32)
-    return Cuboids(
-        cell_size=cell_size,
-        ix=none,
-        iy=none,
-        bottom=none,
-        top=none,
-        count=np.zeros(0),
-        s=np.zeros((0, 3)),
-        S=np.zeros((0, 6)),
-        cycles=none,
-        cycle_offsets=np.zeros(1, np.int64),
     )
 
 

@@ -15,8 +15,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.atomic import output_file
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
-from tccm_ros.errors import MapError, OutputError, one_line
+from tccm_ros.errors import MapError, one_line
 
 __all__ = ["CycleHistory", "CycleParts", "coarsen", "load_cycles", "save_cycles"]
 
@@ -191,16 +192,14 @@ def save_cycles(path: Path | str, parts: CycleParts) -> None:
         name for name in CycleParts.__dataclass_fields__ if name not in ("cell_size", "window")
     ]
     arrays = {name: getattr(parts, name) for name in names}
-    try:
+    with output_file(path) as made, made.open("wb") as stream:
         np.savez_compressed(
-            path,
+            stream,
             format=np.int64(FORMAT),
             cell_size=np.float64(parts.cell_size),
             window=np.int64(parts.window),
             **arrays,
         )
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({one_line(error)})") from None
 
 
 def load_cycles(path: Path | str) -> CycleParts:

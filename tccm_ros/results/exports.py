@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from tccm_ros.atomic import output_file
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
-from tccm_ros.errors import OutputError, one_line
 from tccm_ros.geometry import spatial
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.results.cuboids_file import cuboids_archive
@@ -35,7 +35,7 @@ def write_results(
     folder: Path,
     solution: SurfaceSolution,
     cycles: Sequence[CycleResult],
-    cuboids: Cuboids | None,
+    cuboids: Cuboids,
     config: Config,
     *,
     objects: ObjectsFile,
@@ -52,7 +52,7 @@ def write_results(
     cycles
         Every tilt cycle, in order.
     cuboids
-        The final integration map; None where there was no tilting laser.
+        The final integration map.
     config
         Groups ``frames``, ``map`` and ``planes``.
     objects, summary
@@ -102,7 +102,5 @@ def _encoded(models: Mapping[str, Any]) -> dict[str, bytes]:
 
 def _write(folder: Path, files: Mapping[str, bytes]) -> None:
     for name, content in files.items():
-        try:
-            (folder / name).write_bytes(content)
-        except OSError as error:
-            raise OutputError(f"{folder / name}: cannot be written ({one_line(error)})") from None
+        with output_file(folder / name) as made:
+            made.write_bytes(content)

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,7 @@ from tccm_ros.records import (
     Keyframe,
     Landmark,
     Loop,
-    PlaneRecord,
     Surface,
-    SurfaceSighting,
     Wall,
 )
 from tccm_ros.results.numbers import Stamp, key_of
@@ -88,6 +86,15 @@ Covariance2 = Annotated[NDArray[np.float64], *_array_type(2, 2, is_finite=False)
 Covariance3 = Annotated[NDArray[np.float64], *_array_type(3, 3, is_finite=False)]
 
 
+EntryType = TypeVar("EntryType")
+
+
+def _entry(kind: type[EntryType], record: Any, **others: Any) -> EntryType:
+    """Return the entry of a record: its attributes of the same names, but for `others`."""
+    names = (name for name in kind.__dataclass_fields__ if name not in others)  # type: ignore[attr-defined]
+    return kind(**{name: getattr(record, name) for name in names}, **others)
+
+
 # --- surfaces.json -------------------------------------------------------------------------------
 
 
@@ -98,11 +105,6 @@ class ViewEntry:
     stamp: float
     keyframe: int
     points: int
-
-    @classmethod
-    def of(cls, view: SurfaceSighting) -> ViewEntry:
-        """Return the entry of a view."""
-        return cls(Stamp(view.stamp_ns), view.keyframe, view.points)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,23 +131,12 @@ class SurfaceEntry:
     @classmethod
     def of(cls, surface: Surface) -> SurfaceEntry:
         """Return the entry of a surface."""
-        return cls(
-            surface.id,
-            surface.label,
-            surface.confidence,
-            surface.height,
-            surface.normal,
-            surface.offset,
-            surface.area,
-            surface.centroid,
-            surface.boundary,
-            surface.holes,
-            surface.points,
-            surface.height_std,
-            Stamp(surface.first_seen_ns),
-            Stamp(surface.last_seen_ns),
-            tuple(map(ViewEntry.of, surface.views)),
-            surface.took,
+        return _entry(
+            cls,
+            surface,
+            first_seen=Stamp(surface.first_seen_ns),
+            last_seen=Stamp(surface.last_seen_ns),
+            views=tuple(_entry(ViewEntry, v, stamp=Stamp(v.stamp_ns)) for v in surface.views),
         )
 
     @property
@@ -206,7 +197,7 @@ class ObjectsFile:
     ) -> ObjectsFile:
         """Return what objects.json holds of what `scene_objects` gives."""
         return cls(
-            tuple(ObjectEntry(o.id, o.surface, o.center, o.size, o.yaw) for o in objects),
+            tuple(_entry(ObjectEntry, item) for item in objects),
             tuple(FreePlacesEntry(s, tuple(rings)) for s, rings in sorted(free.items())),
         )
 
@@ -236,12 +227,7 @@ class WallsFile:
     @classmethod
     def of(cls, walls: Iterable[Wall]) -> WallsFile:
         """Return what walls.json holds of these walls."""
-        return cls(
-            tuple(
-                WallEntry(w.id, w.phi, w.rho, w.endpoints, w.observations, w.covariance, w.corners)
-                for w in walls
-            )
-        )
+        return cls(tuple(_entry(WallEntry, wall) for wall in walls))
 
 
 # --- graph.json ----------------------------------------------------------------------------------
@@ -294,7 +280,7 @@ class GraphFile:
     ) -> GraphFile:
         """Return what graph.json holds of a solution's keyframes, loops and landmarks."""
         return cls(
-            tuple(KeyframeEntry(k.id, Stamp(k.stamp_ns), k.pose) for k in keyframes),
+            tuple(_entry(KeyframeEntry, k, stamp=Stamp(k.stamp_ns)) for k in keyframes),
             tuple(LoopEntry(p.from_id, p.to_id, p.delta, p.accepted, p.reason) for p in loops),
             tuple(
                 LandmarkEntry(m.kind, m.id, m.position, m.covariance, m.observations)
@@ -322,23 +308,6 @@ class PlaneEntry:
     holes: tuple[Ring, ...]
     rms: float
 
-    @classmethod
-    def of(cls, plane: PlaneRecord) -> PlaneEntry:
-        """Return the entry of a plane."""
-        return cls(
-            plane.id,
-            plane.kind,
-            plane.normal,
-            plane.offset,
-            plane.covariance,
-            plane.support,
-            plane.area,
-            plane.quality,
-            plane.boundary,
-            plane.holes,
-            plane.rms,
-        )
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CycleEntry:
@@ -348,6 +317,12 @@ class CycleEntry:
     stamp: float
     frame_id: str
     planes: tuple[PlaneEntry, ...]
+
+    @classmethod
+    def of(cls, cycle: CycleResult) -> CycleEntry:
+        """Return the entry of a cycle."""
+        planes = tuple(_entry(PlaneEntry, plane) for plane in cycle.planes)
+        return _entry(cls, cycle, stamp=Stamp(cycle.stamp_ns), planes=planes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -359,14 +334,7 @@ class PlanesFile:
     @classmethod
     def of(cls, cycles: Iterable[CycleResult]) -> PlanesFile:
         """Return what planes.json holds of these cycles."""
-        return cls(
-            tuple(
-                CycleEntry(
-                    c.cycle, Stamp(c.stamp_ns), c.frame_id, tuple(map(PlaneEntry.of, c.planes))
-                )
-                for c in cycles
-            )
-        )
+        return cls(tuple(map(CycleEntry.of, cycles)))
 
 
 # --- summary.json and timing.json ----------------------------------------------------------------

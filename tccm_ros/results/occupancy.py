@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from tccm_ros.errors import OutputError, one_line
+from tccm_ros.atomic import output_file
 from tccm_ros.geometry import transform2
 
 __all__ = ["OccupancyGrid", "occupancy_grid", "save_grid"]
@@ -120,9 +120,8 @@ def save_grid(folder: Path, name: str, grid: OccupancyGrid) -> None:
         f"origin: [{grid.origin[0]:.6f}, {grid.origin[1]:.6f}, 0.0]\n"
         "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
-    try:
-        header = f"P5\n{width} {height}\n255\n".encode()
-        (folder / f"{name}.pgm").write_bytes(header + shades[::-1].tobytes())
-        (folder / f"{name}.yaml").write_text(about)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be written ({one_line(error)})") from None
+    header = f"P5\n{width} {height}\n255\n".encode()
+    with output_file(folder / f"{name}.pgm") as made:
+        made.write_bytes(header + shades[::-1].tobytes())
+    with output_file(folder / f"{name}.yaml") as made:
+        made.write_text(about)

@@ -74,9 +74,9 @@ class MarkerSet:
         )
 
 
-def identity_color(identity: int) -> Color:
+def identity_color(identity: int, *, brightness: float = 0.95) -> Color:
     """Return the colour of an id, 0 to 1; neighbouring ids differ strongly (golden ratio)."""
-    return colorsys.hsv_to_rgb(identity * GOLDEN_RATIO % 1.0, 0.65, 0.95)
+    return colorsys.hsv_to_rgb(identity * GOLDEN_RATIO % 1.0, 0.65, brightness)
 
 
 def scale_color(fraction: float) -> Color:

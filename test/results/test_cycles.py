@@ -109,8 +109,9 @@ def test_damage_is_one_clear_error(tmp_path, damage):
 
 
 def test_a_place_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot be written"):
-        save_cycles(tmp_path / "no" / "c.npz", CycleHistory(window=1).parts(np.zeros((0, 4, 4))))
+        save_cycles(tmp_path / "file" / "c.npz", CycleHistory(window=1).parts(np.zeros((0, 4, 4))))
 
 
 def test_a_cycle_that_saw_nothing_keeps_the_frame_of_the_one_before():

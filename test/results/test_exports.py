@@ -9,6 +9,7 @@ from slam_run import drive, new_slam
 
 from tccm_ros.atomic import output_folder
 from tccm_ros.config import Config
+from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.errors import OutputError
 from tccm_ros.records import Wall
 from tccm_ros.results.exports import write_results
@@ -45,8 +46,9 @@ def folder(solution, tmp_path):
 
 
 def write(folder, solution):
+    no_cuboids = IntegrationMap(Config()).cuboids()
     write_results(
-        folder, solution, [], None, Config(), objects=ObjectsFile(), summary=summary(cycles=0)
+        folder, solution, [], no_cuboids, Config(), objects=ObjectsFile(), summary=summary(cycles=0)
     )
     return folder
 

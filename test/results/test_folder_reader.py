@@ -58,6 +58,13 @@ def test_no_folder(tmp_path):
         load_results(tmp_path / "nothing")
 
 
+def test_keys_of_later_versions_are_ignored(flat_copy):
+    tree = json.loads((flat_copy / "surfaces.json").read_text())
+    tree["surfaces"][4]["room"] = tree["rooms"] = "kitchen"
+    (flat_copy / "surfaces.json").write_text(json.dumps(tree))
+    assert len(load_results(flat_copy).surfaces) == 11
+
+
 @pytest.mark.parametrize("name", REQUIRED + OPTIONAL)
 @pytest.mark.parametrize("damage", ["truncated", "binary", "list"])
 def test_damage_names_the_file(flat_copy, name, damage):

@@ -8,11 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from tccm_ros.atomic import output_file
 from tccm_ros.pipeline.calibrate.calibration import Calibration
 from tccm_ros.pipeline.calibrate.model import RigValues
 from tccm_ros.pipeline.calibrate.quality import Seen
 from tccm_ros.pipeline.calibrate.room import seen_in
-from tccm_ros.pipeline.report.figure import canvas, save_png
+from tccm_ros.pipeline.report.figure import canvas, png
 
 __all__ = ["write_picture"]
 
@@ -49,7 +50,8 @@ def write_picture(calibration: Calibration, path: Path | str) -> None:
             bend = figure.add_axes((0.72, 0.56 - 0.49 * row, 0.26, 0.38))
             _draw_floor(bend, points[seen.floor & near])
             bend.set_title("floor by distance", fontsize=9)
-        save_png(figure, path)
+        with output_file(path) as made:
+            made.write_bytes(png(figure))
 
 
 def _settings(values: RigValues) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from tccm_ros.errors import OutputError, one_line
+from tccm_ros.atomic import output_file
 from tccm_ros.pipeline.evaluate.score import TrajectoryScore
 
 __all__ = ["plot_score"]
@@ -42,7 +42,5 @@ def plot_score(score: TrajectoryScore, path: Path | str) -> None:
     spread.set_xlim(left=0.0)
     spread.grid(alpha=0.3)
     spread.legend(fontsize=8)
-    try:
-        figure.savefig(path, format="png", dpi=100, metadata={"Software": None})
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({one_line(error)})") from None
+    with output_file(path) as made:
+        figure.savefig(made, format="png", dpi=100, metadata={"Software": None})

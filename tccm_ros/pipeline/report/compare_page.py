@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from tccm_ros.errors import OutputError, one_line
+from tccm_ros.atomic import output_file
 from tccm_ros.pipeline.report import palette
 from tccm_ros.pipeline.report.align import describe
 from tccm_ros.pipeline.report.changes import Kind
@@ -24,9 +22,9 @@ from tccm_ros.pipeline.report.compare import Comparison
 from tccm_ros.pipeline.report.figure import (
     canvas,
     draw_labels,
+    png,
     polygon,
     sample_ring,
-    save_png,
     show_extent,
 )
 from tccm_ros.pipeline.report.label_layout import label_point
@@ -59,19 +57,17 @@ def write_comparison(comparison: Comparison, folder: Path | str) -> tuple[Path, 
     OutputError
         If one cannot be written.
     """
-    folder = Path(folder)
-    picture, page = folder / "compare.png", folder / "compare.html"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        page.write_text(_page(comparison), encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise OutputError(f"{page}: cannot be written ({one_line(error)})") from None
-    draw_comparison(comparison, picture)
+    picture, page = Path(folder) / "compare.png", Path(folder) / "compare.html"
+    drawn = comparison_png(comparison)
+    with output_file(picture) as made:
+        made.write_bytes(drawn)
+    with output_file(page) as made:
+        made.write_text(_page(comparison, drawn), encoding="utf-8", newline="\n")
     return picture, page
 
 
-def draw_comparison(comparison: Comparison, path: Path | str | BinaryIO) -> None:
-    """Draw both maps with the same limits into a PNG, the same bytes for the same maps."""
+def comparison_png(comparison: Comparison) -> bytes:
+    """Draw both maps with the same limits as a PNG file, the same bytes for the same maps."""
     corners = [extent(comparison.before), extent(comparison.after)]
     low, high = np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)
     scale = WIDTH / 2.0 / (high[0] - low[0])
@@ -87,7 +83,7 @@ def draw_comparison(comparison: Comparison, path: Path | str | BinaryIO) -> None
             figure.text(middle, 1.0 - TITLE / height / 2, title, ha="center", va="center", size=11)
             _draw_side(axes, comparison, results, (low, high))
         figure.legend(handles=_legend(), loc="lower center", ncols=5, frameon=False)
-        save_png(figure, path)
+        return png(figure)
 
 
 def _draw_side(
@@ -161,10 +157,8 @@ def _laid_over(comparison: Comparison) -> str:
     return f"\n<p>the second map was laid over the first: {describe(comparison.laid_over)}</p>"
 
 
-def _page(comparison: Comparison) -> str:
-    buffer = io.BytesIO()
-    draw_comparison(comparison, buffer)
-    content = base64.b64encode(buffer.getvalue()).decode("ascii")
+def _page(comparison: Comparison, drawn: bytes) -> str:
+    content = base64.b64encode(drawn).decode("ascii")
     style = (
         files("tccm_ros.pipeline.report").joinpath("viewer", "page.css").read_text(encoding="utf-8")
     )

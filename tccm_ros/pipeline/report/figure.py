@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import matplotlib
 import matplotlib.style
@@ -19,10 +19,9 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 from PIL import Image
 
-from tccm_ros.errors import OutputError, one_line
 from tccm_ros.pipeline.report.label_layout import LabelRequest, place_labels
 
-__all__ = ["canvas", "draw_labels", "polygon", "sample_ring", "save_png", "show_extent"]
+__all__ = ["canvas", "draw_labels", "png", "polygon", "sample_ring", "show_extent"]
 
 DPI = 200
 """Twice the width that a README shows, for sharp text."""
@@ -58,14 +57,8 @@ def show_extent(axes: Axes, low: NDArray[np.float64], high: NDArray[np.float64])
     axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
 
 
-def save_png(figure: Figure, path: Path | str | BinaryIO) -> None:
-    """Write a PNG of at most 256 colours, without metadata.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
-    """
+def png(figure: Figure) -> bytes:
+    """Return a figure as a PNG file of at most 256 colours, without metadata."""
     drawn = FigureCanvasAgg(figure)
     drawn.draw()
     pixels = np.ascontiguousarray(np.asarray(drawn.buffer_rgba())[..., :3])
@@ -73,10 +66,9 @@ def save_png(figure: Figure, path: Path | str | BinaryIO) -> None:
     image = Image.fromarray(pixels).quantize(
         256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE
     )
-    try:
-        image.save(path, format="PNG", optimize=True)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({one_line(error)})") from None
+    content = io.BytesIO()
+    image.save(content, format="PNG", optimize=True)
+    return content.getvalue()
 
 
 def polygon(rings: Sequence[NDArray[np.float64]], **style: Any) -> PathPatch:

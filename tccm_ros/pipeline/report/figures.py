@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,16 +9,17 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
-from tccm_ros.errors import MapError, OutputError, one_line
+from tccm_ros.atomic import output_file
+from tccm_ros.errors import MapError
 from tccm_ros.geometry import transform
 from tccm_ros.pipeline.report import palette
-from tccm_ros.pipeline.report.figure import canvas, save_png
-from tccm_ros.pipeline.report.map3d_picture import write_map3d
-from tccm_ros.pipeline.report.map_picture import extent, write_map
+from tccm_ros.pipeline.report.figure import canvas, png
+from tccm_ros.pipeline.report.map3d_picture import map3d_png
+from tccm_ros.pipeline.report.map_picture import extent, map_png
 from tccm_ros.results.cycles import CycleParts
 from tccm_ros.results.folder_reader import Results, load_results
 
-__all__ = ["write_figures", "write_forgetting"]
+__all__ = ["forgetting_png", "write_figures"]
 
 PANELS = 4
 WIDTH = 9.0
@@ -49,30 +49,22 @@ def write_figures(folder: Path | str, out: Path | str) -> list[Path]:
         If a picture cannot be written.
     """
     results, out = load_results(folder), Path(out)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be made ({one_line(error)})") from None
-    writers: dict[str, Callable[[Results, Path], None]] = {
-        "map.png": write_map,
-        "map3d.png": write_map3d,
-    }
+    drawn = {"map.png": map_png(results), "map3d.png": map3d_png(results)}
     if results.cycles is not None and len(results.cycles):
-        writers["forgetting.png"] = write_forgetting
-    for name, write in writers.items():
-        write(results, out / name)
-    return [out / name for name in writers]
+        drawn["forgetting.png"] = forgetting_png(results)
+    for name, content in drawn.items():
+        with output_file(out / name) as made:
+            made.write_bytes(content)
+    return [out / name for name in drawn]
 
 
-def write_forgetting(results: Results, path: Path | str) -> None:
+def forgetting_png(results: Results) -> bytes:
     """Draw the integration map from above after some cycles: dark is new, pale is old.
 
     Raises
     ------
     MapError
         If the folder has no cycles.
-    OutputError
-        If the picture cannot be written.
     """
     cycles = results.cycles
     if cycles is None or len(cycles) == 0:
@@ -90,7 +82,7 @@ def write_forgetting(results: Results, path: Path | str) -> None:
             axes.set_aspect("equal")
             _draw_cycle(axes, results, cycles, at)
             axes.set_title(f"after cycle {cycles.cycles[at]}", fontsize=9)
-        save_png(figure, path)
+        return png(figure)
 
 
 def _draw_cycle(axes: Axes, results: Results, cycles: CycleParts, at: int) -> None:

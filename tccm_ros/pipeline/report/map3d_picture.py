@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,9 +19,9 @@ from tccm_ros.pipeline.report.camera import Camera, look_at
 from tccm_ros.pipeline.report.figure import (
     canvas,
     draw_labels,
+    png,
     polygon,
     sample_ring,
-    save_png,
     show_extent,
 )
 from tccm_ros.pipeline.report.label_layout import label_point
@@ -30,7 +29,7 @@ from tccm_ros.pipeline.report.map_picture import box_corners, extent
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import ObjectEntry, SurfaceEntry, WallEntry
 
-__all__ = ["view_camera", "write_map3d"]
+__all__ = ["map3d_png", "view_camera"]
 
 WIDTH = 9.0
 HEIGHTS = (3.6, 8.0)
@@ -64,8 +63,8 @@ class Piece:
     body: int | None = None
 
 
-def write_map3d(results: Results, path: Path | str | BinaryIO) -> None:
-    """Draw the map in perspective into a PNG, the same bytes for the same results."""
+def map3d_png(results: Results) -> bytes:
+    """Draw the map in perspective as a PNG file, the same bytes for the same results."""
     camera = view_camera(results)
     low, high = _picture_limits(results, camera)
     scale = WIDTH / (high[0] - low[0])
@@ -79,7 +78,7 @@ def write_map3d(results: Results, path: Path | str | BinaryIO) -> None:
         for order, piece in enumerate(pieces):
             _paint(axes, camera, piece, 3.0 + order / len(pieces))
         _label(axes, camera, results)
-        save_png(figure, path)
+        return png(figure)
 
 
 def view_camera(results: Results) -> Camera:

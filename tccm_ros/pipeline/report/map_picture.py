@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,16 +15,16 @@ from tccm_ros.pipeline.report import palette
 from tccm_ros.pipeline.report.figure import (
     canvas,
     draw_labels,
+    png,
     polygon,
     sample_ring,
-    save_png,
     show_extent,
 )
 from tccm_ros.pipeline.report.label_layout import label_point
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import LandmarkEntry, ObjectEntry, SurfaceEntry
 
-__all__ = ["box_corners", "draw_map", "extent", "write_map"]
+__all__ = ["box_corners", "draw_map", "extent", "map_png"]
 
 WIDTH = 9.0
 """Inches; the height follows the map."""
@@ -38,8 +36,8 @@ SCALE_BARS = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 HEADING_M = 0.16
 
 
-def write_map(results: Results, path: Path | str | BinaryIO) -> None:
-    """Draw the map from above into a PNG, the same bytes for the same results."""
+def map_png(results: Results) -> bytes:
+    """Draw the map from above as a PNG file, the same bytes for the same results."""
     low, high = extent(results)
     scale = WIDTH / (high[0] - low[0])
     height = float(np.clip((high[1] - low[1]) * scale, *HEIGHTS)) + LEGEND_HEIGHT
@@ -53,7 +51,7 @@ def write_map(results: Results, path: Path | str | BinaryIO) -> None:
                 handles=handles, loc="lower center", ncols=len(handles), frameon=False,
                 handlelength=1.6, columnspacing=1.4, borderpad=0.2,
             )  # fmt: skip
-        save_png(figure, path)
+        return png(figure)
 
 
 def extent(results: Results) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

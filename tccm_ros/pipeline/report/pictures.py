@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import NamedTuple
 
 from tccm_ros.atomic import output_file
-from tccm_ros.pipeline.report.map3d_picture import write_map3d
-from tccm_ros.pipeline.report.map_picture import write_map
+from tccm_ros.pipeline.report.map3d_picture import map3d_png
+from tccm_ros.pipeline.report.map_picture import map_png
 from tccm_ros.results.folder_reader import Results
 
 __all__ = ["Pictures", "draw_pictures", "write_pictures"]
@@ -23,10 +22,7 @@ class Pictures(NamedTuple):
 
 def draw_pictures(results: Results) -> Pictures:
     """Draw both pictures; the same results give the same bytes."""
-    above, perspective = io.BytesIO(), io.BytesIO()
-    write_map(results, above)
-    write_map3d(results, perspective)
-    return Pictures(above.getvalue(), perspective.getvalue())
+    return Pictures(map_png(results), map3d_png(results))
 
 
 def write_pictures(results: Results, folder: Path | str) -> Pictures:

@@ -10,7 +10,7 @@ from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError
 from tccm_ros.pipeline.report.compare import compare
 from tccm_ros.pipeline.report.compare_page import write_comparison
-from tccm_ros.pipeline.report.figures import write_figures, write_forgetting
+from tccm_ros.pipeline.report.figures import forgetting_png, write_figures
 from tccm_ros.pipeline.report.viewing import find_report, report_map, view
 from tccm_ros.records import Odometry, SurfaceCloud
 from tccm_ros.results.folder_reader import load_results
@@ -174,7 +174,7 @@ def test_figures_of_the_documentation(flat, flat_copy, tmp_path):
     (flat_copy / "cycles.npz").unlink()
     assert len(write_figures(flat_copy, tmp_path / "figures")) == 2
     with pytest.raises(MapError, match=r"no cycles\.npz"):
-        write_forgetting(load_results(flat_copy), tmp_path / "f.png")
+        forgetting_png(load_results(flat_copy))
 
 
 def table_cloud(stamp_ns):

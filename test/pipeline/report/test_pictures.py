@@ -14,7 +14,7 @@ from tccm_ros.errors import OutputError
 from tccm_ros.pipeline.report import palette
 from tccm_ros.pipeline.report.label_layout import LabelRequest, label_point, place_labels
 from tccm_ros.pipeline.report.map3d_picture import view_camera
-from tccm_ros.pipeline.report.map_picture import write_map
+from tccm_ros.pipeline.report.map_picture import map_png
 from tccm_ros.pipeline.report.pictures import draw_pictures, write_pictures
 from tccm_ros.results.folder_reader import load_results
 
@@ -80,9 +80,9 @@ def test_colours_do_not_depend_on_order(flat):
     assert palette.surface_colors(surfaces) == palette.surface_colors(surfaces[::-1])
 
 
-def test_truth_is_drawn_beside(flat, pictures, tmp_path):
-    write_map(load_results(flat, truth=flat / "surfaces.json"), tmp_path / "with_truth.png")
-    assert (tmp_path / "with_truth.png").read_bytes() != pictures[0].read_bytes()
+def test_truth_is_drawn_beside(flat, pictures):
+    with_truth = map_png(load_results(flat, truth=flat / "surfaces.json"))
+    assert with_truth != pictures[0].read_bytes()
 
 
 @pytest.mark.parametrize("keep", ["nothing", "walls", "surfaces"])
@@ -97,8 +97,9 @@ def test_a_map_that_has_only_some_of_it(flat_copy, keep):
 
 
 def test_a_picture_that_cannot_be_written(flat, tmp_path):
+    (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match=r"map\.png: cannot be written"):
-        write_map(load_results(flat), tmp_path / "no" / "map.png")
+        write_pictures(load_results(flat), tmp_path / "file")
 
 
 def test_the_camera_keeps_left_and_up(flat):

@@ -1,18 +1,18 @@
-"""The two processors and the hand-over between them."""
+"""One intake and the two processors, with what goes from one to the other."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import cast
 
 from tccm_ros.config import Config
-from tccm_ros.mapping.tccm import CycleResult, TccmProcessor, TccmRecord
-from tccm_ros.records import Odometry, Scan
+from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
+from tccm_ros.records import Event
 from tccm_ros.records.building import Record
 from tccm_ros.results.cycles import CycleHistory
+from tccm_ros.robot import Robot, Stream
+from tccm_ros.sensors.registry import default_streams, roles_of
 from tccm_ros.stopwatch import Stopwatch
-from tccm_ros.surfaces.continuation import Continuation, last_sample
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
@@ -23,7 +23,30 @@ PARTS_KEPT = 400
 
 
 class Pipeline:
-    """Both processors of a run, fed record by record."""
+    """Both processors of a run, fed record by record.
+
+    Parameters
+    ----------
+    config
+        The configuration.
+    expects_odometry
+        Whether there is an odometry topic (`Robot`).
+    saved
+        A map to go on with.
+    clock
+        Where the time of each stage is added up.
+    streams
+        Of the sensors.
+
+    Attributes
+    ----------
+    robot, tccm, slam
+        The intake and the processors.
+    cycles
+        The tilt cycles, without their points.
+    history
+        Coarse part maps of every cycle, for the report.
+    """
 
     def __init__(
         self,
@@ -32,73 +55,54 @@ class Pipeline:
         expects_odometry: bool,
         saved: SavedMap | None = None,
         clock: Stopwatch | None = None,
+        streams: Iterable[Stream] = default_streams(),
     ):
         self.config = config
         self.clock = clock or Stopwatch()
-        self.tccm = TccmProcessor(config, expects_odometry=expects_odometry)
+        streams = tuple(streams)
+        self.robot = Robot(config, streams, expects_odometry=expects_odometry)
+        self.tccm = TccmProcessor(config, roles_of("tccm", streams))
         self.slam = (
-            SurfaceSlam(config, expects_odometry=expects_odometry)
-            if saved is None
-            else SurfaceSlam.from_saved(config, saved, expects_odometry=expects_odometry)
+            SurfaceSlam(config) if saved is None else SurfaceSlam.from_saved(config, saved)
         )
-        self.earlier: list[CycleResult] = []
         self.cycles: list[CycleResult] = []
         self.history = CycleHistory(config.map.window_cycles)
-        self.last: Odometry | Scan | None = None
-
-    def go_on_with(self, run: Continuation) -> None:
-        """Take up an interrupted run where it was.
-
-        Raises
-        ------
-        MapError
-            If its state is damaged.
-        """
-        processors = run.processors(self.config)
-        self.tccm, self.slam = processors["tccm"], processors["slam"]
-        self.earlier = processors["cycles"]
-
-    def interrupt(self) -> Continuation | None:
-        """Return the run as it is now, for `go_on_with`; None if it has not begun."""
-        if self.last is None:
-            return None
-        cycles = [*self.earlier, *map(_outline, self.cycles)]
-        processors = {"tccm": self.tccm, "slam": self.slam, "cycles": cycles}
-        return Continuation.of(processors, last_sample(self.last), self.config)
+        self._scans_to_map = roles_of("tccm", streams)
 
     def add(self, role: str, record: Record) -> list[CycleResult]:
-        """Give one record to whom it concerns; return the cycles that are complete now."""
-        results: list[CycleResult] = []
-        if isinstance(record, Odometry) or (
-            isinstance(record, Scan) and not isinstance(self.last, Odometry)
-        ):
-            self.last = record
-        if role != "scan":
-            with self.clock.stage("tccm"):
-                results = self.tccm.add(cast(TccmRecord, record))
-        with self.clock.stage("slam"):
-            if role != "tilt_scan":
-                self.slam.add(record)
-            elif isinstance(record, Scan):
-                self.slam.add_pose_stamp(record.stamp_ns)
-        self._hand_over(results)
-        return results
+        """Take one record; return the cycles that are complete now."""
+        with self.clock.stage("pose"):
+            events = self.robot.add(role, record)
+        if role in self._scans_to_map:
+            self.slam.add_pose_stamp(record.stamp_ns)
+        return self._give(events) if events else []
 
     def finish(self) -> list[CycleResult]:
         """Take the end of the input."""
+        results = self._give(self.robot.flush())
         with self.clock.stage("tccm"):
-            results = self.tccm.finish()
-        self._hand_over(results)
-        with self.clock.stage("slam"):
-            self.slam.finish()
-        return results
+            last = self.tccm.finish()
+        self._hand_over(last)
+        return results + last
 
     def solve(self) -> SurfaceSolution:
         """Optimise the graph and build the surface map."""
         with self.clock.stage("solve"):
             return self.slam.solve()
 
-    def _hand_over(self, results: Sequence[CycleResult]) -> None:
+    def _give(self, events: Iterable[Event]) -> list[CycleResult]:
+        """Give events to both processors, and the surface messages of one to the other."""
+        results: list[CycleResult] = []
+        with self.clock.stage("tccm"):
+            for event in events:
+                results += self.tccm.add(event)
+        with self.clock.stage("slam"):
+            for event in events:
+                self.slam.add(event)
+        self._hand_over(results)
+        return results
+
+    def _hand_over(self, results: Iterable[CycleResult]) -> None:
         for result in results:
             with self.clock.stage("slam"):
                 self.slam.add(result.surfaces)
@@ -109,15 +113,3 @@ class Pipeline:
             if len(self.cycles) > PARTS_KEPT:
                 old = self.cycles[-PARTS_KEPT - 1]
                 self.cycles[-PARTS_KEPT - 1] = replace(old, part=old.part.without_cuboids())
-
-
-def _outline(cycle: CycleResult) -> CycleResult:
-    """Return a cycle's planes and objects alone."""
-    return replace(
-        cycle,
-        part=cycle.part.without_points().without_cuboids(),
-        surfaces=replace(
-            cycle.surfaces, points=cycle.surfaces.points[:0], surface=cycle.surfaces.surface[:0]
-        ),
-        view=replace(cycle.view, intervals=cycle.view.intervals[:0]),
-    )

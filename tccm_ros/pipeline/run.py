@@ -26,10 +26,6 @@ SCAN_ROLES = ("tilt_scan", "scan")
 LoggedRecord = tuple[str, int, Record]
 """Role, log time (ns) and record."""
 
-OPENING_NS = 5_000_000_000
-"""So much of a bag tells whether it goes on with the run that was saved."""
-
-
 def run_bag(
     bag: Path | str,
     config: Config,
@@ -70,15 +66,8 @@ def run_bag(
         pipeline = Pipeline(
             config, expects_odometry=topics["odom"] in present, saved=saved, clock=clock
         )
-        records = reader.records(topics)
-        session = Session("first", "")
-        if saved is not None:
-            first, records = _opening(records)
-            session = _begin(pipeline, saved, first)
-        messages = _feed(pipeline, reader, topics, records, bars)
+        messages = _feed(pipeline, reader, topics, bars)
         bars.start("solve", 1.0)
-        with clock.stage("keep"):
-            run = pipeline.interrupt()
         pipeline.finish()
         _check_used(pipeline, reader, topics)
         solution = pipeline.solve()
@@ -89,46 +78,12 @@ def run_bag(
             )
         return Outcome(
             config,
-            pipeline.earlier,
-            pipeline.cycles,
-            pipeline.history,
-            pipeline.tccm,
-            pipeline.slam,
+            pipeline,
             solution,
             messages,
             Counter({f"{t}: {reader.problems[t]}": n for t, n in reader.dropped.items()}),
             reader.duration,
-            session,
-            run,
         )
-
-
-def _opening(
-    records: Iterator[LoggedRecord],
-) -> tuple[dict[type, Odometry | Scan], Iterator[LoggedRecord]]:
-    """Return the first odometry and the first scan of the first records, and all records."""
-    read: list[LoggedRecord] = []
-    first: dict[type, Odometry | Scan] = {}
-    for item in records:
-        read.append(item)
-        if isinstance(item[2], Odometry | Scan):
-            first.setdefault(type(item[2]), item[2])
-        if len(first) == 2 or item[1] - read[0][1] > OPENING_NS:
-            break
-    return first, chain(read, records)
-
-
-def _begin(pipeline: Pipeline, saved: SavedMap, first: Mapping[type, Odometry | Scan]) -> Session:
-    """Go on with the run that was saved, if these records do; say how the bag begins."""
-    if saved.run is None:
-        return Session("new", "the map holds no run")
-    record = first.get(Odometry if saved.run.last.pose else Scan)
-    sample = None if record is None else last_sample(record)
-    reason = saved.run.refusal(pipeline.config, sample)
-    if reason:
-        return Session("new", reason)
-    pipeline.go_on_with(saved.run)
-    return Session("continued", "")
 
 
 def _topics(reader: BagReader, remap: Sequence[str]) -> Mapping[str, str]:
@@ -145,14 +100,12 @@ def _topics(reader: BagReader, remap: Sequence[str]) -> Mapping[str, str]:
 
 
 def _feed(
-    pipeline: Pipeline,
-    reader: BagReader,
-    topics: Mapping[str, str],
-    records: Iterator[LoggedRecord],
-    bars: Bars,
+    pipeline: Pipeline, reader: BagReader, topics: Mapping[str, str], bars: Bars
 ) -> Counter[str]:
+    """Give all records to the pipeline; return the messages read, by topic."""
     messages: Counter[str] = Counter()
     last_ns = reader.start_ns
+    records = reader.records(topics)
     bars.start("replay", reader.duration, "s")
     while True:
         with pipeline.clock.stage("read"):

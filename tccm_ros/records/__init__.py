@@ -6,10 +6,18 @@ convention: whoever holds one may keep it.
 """
 
 from tccm_ros.records.cycle import PlaneRecord, SurfaceCloud, TabletopObject, ViewIntervals
+from tccm_ros.records.events import (
+    ClockJump,
+    Event,
+    PosedScan,
+    SelfShapes,
+    SensorPoses,
+    StreamComplete,
+    TiltAngle,
+)
 from tccm_ros.records.sensors import (
     JointSample,
     Odometry,
-    PosedScan,
     RobotDescription,
     Scan,
     TransformSample,
@@ -17,6 +25,8 @@ from tccm_ros.records.sensors import (
 from tccm_ros.records.solution import Keyframe, Loop, ScanPose, Surface, SurfaceSighting, Wall
 
 __all__ = [
+    "ClockJump",
+    "Event",
     "JointSample",
     "Keyframe",
     "Loop",
@@ -26,10 +36,14 @@ __all__ = [
     "RobotDescription",
     "Scan",
     "ScanPose",
+    "SelfShapes",
+    "SensorPoses",
+    "StreamComplete",
     "Surface",
     "SurfaceCloud",
     "SurfaceSighting",
     "TabletopObject",
+    "TiltAngle",
     "TransformSample",
     "ViewIntervals",
     "Wall",

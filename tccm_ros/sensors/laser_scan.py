@@ -1,18 +1,36 @@
-"""From ranges to points: REP-117, mixed pixels, the pose of each beam's own time."""
+"""Laser scans: their streams, and from ranges to points.
 
-from dataclasses import dataclass
+A scan is read from sensor_msgs/LaserScan; a tilting laser maps what stands around (`TILT_SCAN`), a
+level one the walls (`LEVEL_SCAN`). Which beams count is REP-117 and mixed pixels, and each beam has
+the pose of its own time.
+"""
+
+import math
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.cdr.message_reader import MessageReader
+from tccm_ros.cdr.reading import read_scan
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, level
-from tccm_ros.records import PosedScan, Scan
-from tccm_ros.robot.self_shapes import SelfShapes
-from tccm_ros.sensors.laser_scan_kernels import mark_inside, mark_valid, place_beams, refine_poses
+from tccm_ros.records import PosedScan, Scan, SensorPoses
+from tccm_ros.records.building import MAX_SCAN_S, scan_record, stamp_ns_from_message
+from tccm_ros.robot import MountKind, Stream
+from tccm_ros.sensors.laser_scan_kernels import (
+    mark_inside,
+    mark_valid,
+    max_range_of_shapes,
+    place_beams,
+    refine_poses,
+)
 
 __all__ = [
+    "LEVEL_SCAN",
+    "TILT_SCAN",
     "ScanPoints",
     "beam_stamps",
     "bearings",
@@ -20,11 +38,85 @@ __all__ = [
     "laser_poses",
     "project",
     "project_level",
+    "scan_from_message",
+    "used_beams",
     "valid_beams",
 ]
 
 Float64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
+
+
+def scan_from_message(message: Any) -> Scan:
+    """Return the scan of a sensor_msgs/LaserScan; its ranges may share memory with the message.
+
+    Raises
+    ------
+    MessageError
+        Where angles or limits are not finite (range_max may be infinite), or where the time
+        between beams is negative or makes the sweep longer than `MAX_SCAN_S`.
+    """
+    ranges = np.asarray(np.frombuffer(message.ranges, np.float32), np.float32)
+    numbers = (
+        message.angle_min,
+        message.angle_max,
+        message.angle_increment,
+        message.time_increment,
+        message.scan_time,
+        message.range_min,
+        message.range_max,
+    )
+    stamp_ns = stamp_ns_from_message(message.header.stamp)
+    return scan_record(stamp_ns, message.header.frame_id, numbers, ranges)
+
+
+def time_span(scan: Scan) -> tuple[int, int]:
+    """Return the times of the earliest and the latest beam, ns."""
+    stamp_ns, end_ns = scan.stamp_ns, scan.end_ns
+    return (stamp_ns, end_ns) if end_ns >= stamp_ns else (end_ns, stamp_ns)
+
+
+def fault(scan: Scan) -> str | None:
+    """Return why a scan cannot be used, None where it can."""
+    if len(scan.ranges) == 0:
+        return "empty"
+    numbers = (scan.angle_min, scan.angle_increment, scan.time_increment)
+    if not all(map(math.isfinite, numbers)):
+        return "malformed"
+    return "malformed" if abs(scan.time_increment) * len(scan.ranges) > MAX_SCAN_S else None
+
+
+def posed_scan(role: str, scan: Scan, poses: SensorPoses) -> PosedScan:
+    """Return the event of a scan with its poses."""
+    return PosedScan(
+        scan,
+        poses.stamps_ns,
+        poses.T_odom_base,
+        poses.T_base_sensor,
+        role,
+        poses.odom_frame,
+        poses.base_frame,
+        poses.own_shapes,
+    )
+
+
+TILT_SCAN = Stream(
+    role="tilt_scan",
+    record=Scan,
+    reader=MessageReader(
+        "sensor_msgs/msg/LaserScan", lambda message: (scan_from_message(message),), read_scan
+    ),
+    mount=MountKind.TILTING,
+    taker="tccm",
+    event=posed_scan,
+    time_span=time_span,
+    fault=fault,
+    sees_robot=True,
+)
+
+LEVEL_SCAN = replace(
+    TILT_SCAN, role="scan", mount=MountKind.LEVEL, taker="slam", sees_robot=False
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,8 +200,10 @@ def laser_poses(posed: PosedScan, T_frame_odom: Float64 | None = None) -> tuple[
     return refine_poses(times, np.ascontiguousarray(T))
 
 
-def project(posed: PosedScan, config: Config, shapes: SelfShapes | None = None) -> ScanPoints:
+def project(posed: PosedScan, config: Config) -> ScanPoints:
     """Return the hits of a scan in the odometry frame, each with the pose of its own time.
+
+    Hits on the robot's own shapes are dropped (`used_beams`).
 
     Parameters
     ----------
@@ -117,18 +211,32 @@ def project(posed: PosedScan, config: Config, shapes: SelfShapes | None = None) 
         A scan with its poses.
     config
         Group `scan`.
-    shapes
-        The robot's own shapes at the scan's stamp (`LaserKinematics.self_shapes`); points in them
-        are dropped. None: no self filter.
     """
-    points, beams = _place(posed, valid_beams(posed.scan, config), None)
-    if shapes is not None and config.scan.self_filter and len(shapes.kinds):
-        T_odom_shape = posed.T_odom_base[_stamp_knot(posed)] @ shapes.T_base_shape
-        padding = config.scan.self_padding
-        inside = mark_inside(points, shapes.kinds, shapes.half, inverse(T_odom_shape), padding)
-        points, beams = points[~inside], beams[~inside]
+    points, beams = _place(posed, used_beams(posed, config), None)
     since = np.rint(beams * (posed.scan.time_increment * 1e9)).astype(np.int64)
     return ScanPoints(points, beams, posed.scan.stamp_ns + since)
+
+
+def used_beams(posed: PosedScan, config: Config) -> Bool:
+    """Return which beams hit something that is not the robot itself, bool (N,).
+
+    Only hits as near as the robot's shapes are placed for that: all hits are placed where they are
+    binned.
+    """
+    valid, shapes = valid_beams(posed.scan, config), posed.own_shapes
+    if shapes is None or not len(shapes.kinds):
+        return valid
+    padding = config.scan.self_padding
+    T_odom_shape = posed.T_odom_base[_stamp_knot(posed)] @ shapes.T_base_shape
+    furthest = max_range_of_shapes(
+        posed.T_odom_base, posed.T_base_laser, T_odom_shape, shapes.half, padding
+    )
+    near = valid & (posed.scan.ranges <= furthest)
+    if near.any():
+        points, beams = _place(posed, near, None)
+        inside = mark_inside(points, shapes.kinds, shapes.half, inverse(T_odom_shape), padding)
+        valid[beams[inside]] = False
+    return valid
 
 
 def project_level(posed: PosedScan, config: Config) -> tuple[Float64, NDArray[np.int32]]:

@@ -1,7 +1,9 @@
 """Settings for every test."""
 
 import os
+import shutil
 
+import pytest
 from hypothesis import settings
 
 os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
@@ -13,3 +15,17 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 settings.register_profile("same", derandomize=True, deadline=None)
 settings.register_profile("search", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
+
+
+@pytest.fixture(scope="session")
+def flat(tmp_path_factory):
+    """One result folder for all tests that read one; who changes it takes a copy."""
+    from result_folder import write_folder
+
+    return write_folder(tmp_path_factory.mktemp("results") / "flat")
+
+
+@pytest.fixture
+def flat_copy(flat, tmp_path):
+    """A copy of the result folder, to be changed."""
+    return shutil.copytree(flat, tmp_path / "copy")

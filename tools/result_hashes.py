@@ -29,6 +29,16 @@ FILES = (
 
 BUNDLED = ("flat", "upside_down", "walkthrough")
 
+REMAPPED = {
+    "upside_down": (
+        "tilt_scan:=/nod_lidar/scan",
+        "scan:=/front_lidar/scan",
+        "joint_states:=/dynamixel/joint_states",
+        "odom:=/wheel_odom",
+    ),
+}
+"""Topics of recordings that have other names."""
+
 
 def tccm(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the command line of this checkout."""
@@ -51,10 +61,11 @@ def hashes(path: Path, folder: Path) -> list[tuple[str, str]]:
         bag = folder / "imported"
         imported = tccm("import-carmen", str(path), str(bag))
         if imported.returncode:
-            return [("import", f"failed: {imported.stderr.strip()}")]
-    done = tccm("replay", str(bag), "--out", str(folder / "out"))
+            return [("import", f"failed: {imported.stderr.strip()}".replace(str(path.parent), ""))]
+    remaps = [word for topic in REMAPPED.get(path.name, ()) for word in ("--remap", topic)]
+    done = tccm("replay", str(bag), "--out", str(folder / "out"), *remaps)
     if done.returncode:
-        return [("replay", f"failed: {done.stderr.strip()}")]
+        return [("replay", f"failed: {done.stderr.strip()}".replace(str(path.parent), ""))]
     rows = []
     for name in FILES:
         file = folder / "out" / name

@@ -7,10 +7,8 @@ out; damage of the storage ends the reading with a BagError, after all that came
 
 from __future__ import annotations
 
-import struct
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,7 +26,7 @@ from tccm_ros.bags.merge import Source, merge
 from tccm_ros.bags.offered_qos import Qos, parse_profiles, qos_of_profiles
 from tccm_ros.bags.storage import ZSTD_MAGIC, Channel, expand_message, reading
 from tccm_ros.bags.typestore import TypestoreMessages
-from tccm_ros.cdr.reading import FAST_READERS, NotPlain
+from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.errors import BagError, MessageError, TopicError, one_line, suggest
 from tccm_ros.records.building import Record
 from tccm_ros.ros import READERS
@@ -95,6 +93,8 @@ class BagReader:
     path
         A rosbag2 folder (mcap or sqlite3, split or not, compressed or not, with or without
         metadata.yaml), or one .mcap or .db3 file.
+    readers
+        By role of a topic: how its messages become records.
 
     Attributes
     ----------
@@ -111,8 +111,11 @@ class BagReader:
         For a bag that is missing, empty, truncated or damaged.
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(
+        self, path: Path | str, readers: Mapping[str, MessageReader] = READERS
+    ) -> None:
         self.path = Path(path)
+        self._readers = readers
         self.dropped: Counter[str] = Counter()
         self.problems: dict[str, str] = {}
         self._types = TypestoreMessages()
@@ -173,7 +176,7 @@ class BagReader:
 
     def missing(self, role: str, topic: str) -> str:
         """Explain that a topic is not here: the message for a TopicError of the pipeline."""
-        msgtype = READERS[role][0]
+        msgtype = self._readers[role].message_type
         same = sorted({c.topic for c in self._channels() if c.msgtype == msgtype})
         if same:
             hint = f"; of this type there are: {', '.join(same)}; "
@@ -226,7 +229,7 @@ class BagReader:
         Parameters
         ----------
         topics
-            Topic of each role; roles are the keys of `messages.READERS`.
+            Topic of each role; roles are the keys of `readers`.
 
         Raises
         ------
@@ -240,20 +243,15 @@ class BagReader:
             roles[topic].append(role)
         for channel in self._channels():
             for role in roles.get(channel.topic, ()):
-                _check_type(self.path, channel, role)
+                _check_type(self.path, channel, role, self._readers[role].message_type)
         for message in self.messages(roles):
             for role in roles[message.topic]:
                 for record in self._read(role, message):
                     yield role, message.log_ns, record
 
     def _read(self, role: str, message: BagMessage) -> Sequence[Record]:
-        fast = FAST_READERS.get(role)
         try:
-            if fast is not None:
-                with suppress(NotPlain, struct.error, UnicodeDecodeError):
-                    return fast(message.data)
-            msgtype, read = READERS[role]
-            return read(self._types.deserialize(msgtype, message.data))
+            return self._readers[role].read(message.data, self._types.deserialize)
         except MessageError as error:
             self.dropped[message.topic] += 1
             self.problems.setdefault(message.topic, one_line(error))
@@ -281,8 +279,7 @@ def _check_encoding(path: Path, channel: Channel) -> None:
         )
 
 
-def _check_type(path: Path, channel: Channel, role: str) -> None:
-    expected = READERS[role][0]
+def _check_type(path: Path, channel: Channel, role: str, expected: str) -> None:
     if channel.msgtype != expected:
         raise TopicError(
             f"{path}: {channel.topic} is {channel.msgtype}, expected {expected} for {role}"

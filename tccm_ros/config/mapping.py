@@ -72,9 +72,6 @@ class Map(Group):
     clear_seen_through: bool = param(
         False, "a beam of the newest cycle that passed through a cuboid removes it"
     )
-    retain_points: bool = param(
-        False, "keep the points of the window so that it can be rebuilt", read_only=True
-    )
 
 
 class Planes(Group):

@@ -7,8 +7,6 @@ pieces, bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,10 +34,8 @@ class IntegrationMap:
     """
 
     def __init__(self, config: Config) -> None:
-        self._config = config
         self._window = config.map.window_cycles
         self.cell_size = config.map.cell_size
-        self._keep_points = config.map.retain_points
         self.parts: list[PartMap] = []
         self._originals = Originals()
         self._n = 0
@@ -83,9 +79,8 @@ class IntegrationMap:
             raise ValueError(f"cycle {part.cycle} is not newer than {self.parts[-1].cycle}")
         if part.cell_size != self.cell_size:
             raise ValueError(f"cells of {part.cell_size} m in a map of {self.cell_size} m")
-        newest = part if self._keep_points else part.without_points()
         others = [p for p in self.parts if p.cycle > part.cycle - self._window]
-        self.parts = [*others, newest]
+        self.parts = [*others, part.without_points()]
         self._put(self.parts[-1])
 
     def remove(self, cycle: int) -> PartMap:
@@ -110,11 +105,6 @@ class IntegrationMap:
             self.rebuild()
         return part
 
-    def replace(self, parts: Iterable[PartMap]) -> None:
-        """Rebuild the map from other part maps, oldest first (`retained.reproject`)."""
-        self.parts = list(parts)
-        self.rebuild()
-
     def rebuild(self) -> None:
         """Make the pieces anew from the originals, oldest first."""
         self._n = 0
@@ -132,16 +122,6 @@ class IntegrationMap:
         if self._cuboids is None:
             self._cuboids = self._compose()
         return self._cuboids
-
-    def freeze_state(self) -> tuple[Config, list[PartMap]]:
-        """Return the originals: they make the map, bit for bit."""
-        return self._config, list(self.parts)
-
-    def thaw_state(self, state: tuple[Config, list[PartMap]]) -> None:
-        """Take what `freeze_state` gave."""
-        config, parts = state
-        IntegrationMap.__init__(self, config)
-        self.replace(parts)
 
     def _put(self, part: PartMap) -> None:
         if len(part.void_keys):

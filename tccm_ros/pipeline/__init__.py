@@ -1,7 +1,7 @@
 """A recorded bag through the processors: the same ones as the live nodes', fed from a file."""
 
-from tccm_ros.pipeline.outcome import Outcome, Session
+from tccm_ros.pipeline.outcome import Outcome
 from tccm_ros.pipeline.processors import Pipeline
 from tccm_ros.pipeline.run import run_bag
 
-__all__ = ["Outcome", "Pipeline", "Session", "run_bag"]
+__all__ = ["Outcome", "Pipeline", "run_bag"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -68,6 +69,11 @@ class Pipeline:
         self.cycles: list[CycleResult] = []
         self.history = CycleHistory(config.map.window_cycles)
         self._scans_to_map = roles_of("tccm", streams)
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Records of all sensors that were not used, by reason."""
+        return self.robot.dropped + self.tccm.dropped
 
     def add(self, role: str, record: Record) -> list[CycleResult]:
         """Take one record; return the cycles that are complete now."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import platform
 import shutil
@@ -19,7 +18,6 @@ from tccm_ros import __version__
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import inverse, spatial
-from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.pipeline import Outcome, run_bag
 from tccm_ros.pipeline.report.html_report import write_report
 from tccm_ros.pipeline.report.pictures import write_pictures
@@ -38,11 +36,11 @@ __all__ = ["Summary", "replay", "report_of"]
 
 LIBRARIES = ("gtsam", "numba", "numpy", "scipy", "shapely")
 
-PROCESSING = ("read", "tccm", "slam", "history", "solve", "objects")
+PROCESSING = ("read", "pose", "tccm", "slam", "history", "solve", "objects")
 """Stages of the real-time factor: reading and all processing, without imports and pictures."""
 
-WRITING = ("keep", "write")
-"""Stages that make the result files, but for the pictures: the run's state for the map, and all."""
+WRITING = ("write",)
+"""Stages that make the result files, but for the pictures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,11 +82,8 @@ class Summary:
             f"{counts['cycles']} tilt cycles, {counts['keyframes']} keyframes, "
             f"{counts['loops_accepted']} loops; {_times(self.real_time_factor)} real time",
         ]
-        session = self.content["session"]
-        if session["kind"] == "continued":
-            lines.append("goes on with the run that was saved")
-        elif session["kind"] == "new":
-            lines.append(f"a new session in the saved map: {session['reason']}")
+        if self.content["session"]["kind"] == "new":
+            lines.append("a new session in the saved map")
         if dropped:
             lines.append("dropped: " + ", ".join(f"{n} {why}" for why, n in dropped.items()))
         lines.append(f"map       {self.out / 'surfaces.json'}")
@@ -145,10 +140,9 @@ def replay(
         outcome = run_bag(bag, config, remap=remap, saved=saved, bars=bars, clock=clock)
         bars.start("write", 1.0)
         with clock.stage("objects"):
-            cycles = [*outcome.earlier, *outcome.cycles]
-            scene = scene_objects(outcome.solution, cycles)
+            scene = scene_objects(outcome.solution, outcome.cycles)
         with clock.stage("write"):
-            content = _write(folder, outcome, cycles, scene)
+            content = _write(folder, outcome, scene)
         summary = Summary(Path(out), content, clock.seconds, _real_time_factor(outcome, clock))
         _write_timing(folder, summary)
         _keep_stamps(Path(bag), folder)
@@ -165,10 +159,9 @@ def replay(
 def _write(
     folder: Path,
     outcome: Outcome,
-    cycles: Sequence[CycleResult],
     scene: tuple[Sequence[SceneObject], Mapping[int, Any]],
 ) -> dict[str, Any]:
-    config, solution = outcome.config, outcome.solution
+    config, solution, cycles = outcome.config, outcome.solution, outcome.cycles
     cuboids = outcome.tccm.map.cuboids() if cycles else None
     content = _summary(outcome)
     content["counts"]["objects"] = len(scene[0])
@@ -176,10 +169,9 @@ def _write(
         folder, solution, cycles, cuboids, config, scene=scene, summary=content, timing={}
     )
     save_cycles(folder / "cycles.npz", outcome.history.parts(_T_map_odom(outcome)))
-    write_result_bag(folder / "result.mcap", outcome.cycles, solution, config)
+    write_result_bag(folder / "result.mcap", cycles, solution, config)
     map_frame = config.frames.prefix + config.frames.map
-    saved = dataclasses.replace(outcome.slam.saved(solution), run=outcome.run)
-    save_map(folder / "map.mcap", saved, solution, map_frame)
+    save_map(folder / "map.mcap", outcome.slam.saved(solution), solution, map_frame)
     return content
 
 
@@ -199,21 +191,20 @@ def _keep_stamps(bag: Path, folder: Path) -> None:
 
 def _summary(outcome: Outcome) -> dict[str, Any]:
     slam, solution = outcome.slam, outcome.solution
-    cycles = [*outcome.earlier, *outcome.cycles]
-    dropped = outcome.tccm.dropped + slam.dropped + outcome.unreadable
+    cycles = outcome.cycles
     surfaces = count_surfaces(solution.surfaces)
     accepted = sum(loop.accepted for loop in solution.slam.loops)
     return {
         "versions": _versions(),
         "bag_duration": round(outcome.bag_duration, 6),
-        "session": {"kind": outcome.session.kind, "reason": outcome.session.reason},
+        "session": {"kind": "new" if outcome.goes_on else "first"},
         "counts": {
             "messages": dict(sorted(outcome.messages.items())),
             "scans_used": {
                 "tilt": outcome.tccm.counts["scans used"],
                 "level": slam.counts["level scans"],
             },
-            "dropped": dict(sorted(dropped.items())),
+            "dropped": dict(sorted(outcome.dropped.items())),
             "cycles": len(cycles),
             "planes": len({p.id for cycle in cycles for p in cycle.planes}),
             "keyframes": len(solution.slam.keyframes),

@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, MapError, TopicError
-from tccm_ros.pipeline.outcome import Outcome, Session
+from tccm_ros.pipeline.outcome import Outcome
 from tccm_ros.pipeline.processors import Pipeline
 from tccm_ros.progress import Bars, Silent
-from tccm_ros.records import Odometry, Scan
-from tccm_ros.records.building import Record
 from tccm_ros.stopwatch import Stopwatch
-from tccm_ros.surfaces.continuation import last_sample
 from tccm_ros.surfaces.saved_map import SavedMap
 
 __all__ = ["run_bag"]
 
 SCAN_ROLES = ("tilt_scan", "scan")
-
-LoggedRecord = tuple[str, int, Record]
-"""Role, log time (ns) and record."""
 
 def run_bag(
     bag: Path | str,
@@ -76,13 +69,18 @@ def run_bag(
                 f"{reader.path}: its place in the saved map was not found for certain; "
                 "nothing is changed: map it without --map"
             )
+        unreadable = Counter({f"{t}: {reader.problems[t]}": n for t, n in reader.dropped.items()})
         return Outcome(
             config,
-            pipeline,
+            pipeline.cycles,
+            pipeline.history,
+            pipeline.tccm,
+            pipeline.slam,
             solution,
             messages,
-            Counter({f"{t}: {reader.problems[t]}": n for t, n in reader.dropped.items()}),
+            pipeline.dropped + unreadable,
             reader.duration,
+            saved is not None,
         )
 
 
@@ -128,14 +126,15 @@ def _check_used(pipeline: Pipeline, reader: BagReader, topics: Mapping[str, str]
             raise BagError(
                 f"{reader.path}: no message on {topic} could be used: {reader.problems[topic]}"
             )
-    for laser, sync, used in (
-        ("tilting", pipeline.tccm.synchroniser, pipeline.tccm.counts["cycles"]),
-        ("level", pipeline.slam.sync, pipeline.slam.counts["level scans"]),
+    for laser, role, used in (
+        ("tilting", "tilt_scan", pipeline.tccm.counts["cycles"]),
+        ("level", "scan", pipeline.slam.counts["level scans"]),
     ):
-        if used or not sync.counts["scans"]:
+        sensor = pipeline.robot.sensors[role]
+        if used or not sensor.received:
             continue
-        if sync.problem is not None:
-            raise FrameError(f"{reader.path}: {laser} laser: {sync.problem}")
-        dropped = pipeline.tccm.dropped if laser == "tilting" else pipeline.slam.dropped
+        if sensor.problem is not None:
+            raise FrameError(f"{reader.path}: {laser} laser: {sensor.problem}")
+        dropped = sensor.dropped + (pipeline.tccm.dropped if laser == "tilting" else Counter())
         reasons = ", ".join(f"{n} {why}" for why, n in sorted(dropped.items())) or "no sweep"
         raise BagError(f"{reader.path}: no scan of the {laser} laser could be used: {reasons}")

@@ -1,8 +1,7 @@
-"""A map in one file: an mcap that holds what a session needs to go on, and opens in Foxglove.
+"""A map in one file: an mcap that holds what a new session needs, and that opens in Foxglove.
 
-The state is an attachment of named arrays with a checksum of its own: the map and, where it is
-known, the interrupted run. Topics beside it show the surfaces, points and walls. Files are written
-beside their place and moved there.
+The map is an attachment, an .npz of named arrays with a checksum of its own. Topics beside it show
+the surfaces, points and walls. Files are written beside their place and moved there.
 """
 
 from __future__ import annotations
@@ -27,27 +26,23 @@ from numpy.typing import NDArray
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import MapError, OutputError, one_line
 from tccm_ros.results.folder import finish_moves
-from tccm_ros.results.map_arrays import map_of_arrays, map_to_arrays
-from tccm_ros.results.packed import pack_arrays, unpack_arrays
+from tccm_ros.results.numbers import array_archive
 from tccm_ros.results.ply import surface_color
 from tccm_ros.ros.markers import Place, surface_markers, wall_markers
 from tccm_ros.ros.results import surface_map_message
-from tccm_ros.surfaces.saved_map import SavedMap
+from tccm_ros.surfaces.saved_map import SavedMap, SavedView
+from tccm_ros.surfaces.saved_views import pack_views, unpack_views
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 __all__ = ["FORMAT", "VERSION", "is_map", "load_map", "save_map"]
 
+Arrays = dict[str, NDArray[Any]]
+
 FORMAT = "tccm_ros/map"
-VERSION = 2
-ATTACHMENT = "state"
-"""Arrays of the map and of the run in the middle of which it was saved; without a run it is a map
-all the same."""
-
-CHECKSUMS = {ATTACHMENT: "sha256"}
-"""Where the metadata has the checksum of an attachment."""
-
-CHECKSUMS_1 = {"map.npz": "sha256", "run.npz": "run_sha256"}
-"""The same of version 1: archives of NumPy."""
+VERSION = 3
+ATTACHMENT = "map.npz"
+CHECKSUM = "sha256"
+"""Where the metadata has the checksum of the attachment."""
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER = struct.Struct("<QQI")
@@ -96,16 +91,16 @@ def save_map(
 
 
 def _write(stream: Any, saved: SavedMap, solution: SurfaceSolution, frame_id: str) -> None:
-    state = pack_arrays(map_to_arrays(saved))
+    archive = array_archive(_arrays_of(saved))
     writer = Writer(
         stream, compression=CompressionType.ZSTD, enable_crcs=True, enable_data_crcs=True
     )
     writer.start(profile="ros2", library="tccm_ros")
     stamp = max((s.view.stamp_ns for s in saved.views), default=0)
     _write_topics(writer, solution, stamp, frame_id)
-    writer.add_attachment(stamp, stamp, ATTACHMENT, "application/zstd", state)
+    writer.add_attachment(stamp, stamp, ATTACHMENT, "application/zip", archive)
     about = {"format": FORMAT, "version": str(VERSION)}
-    about[CHECKSUMS[ATTACHMENT]] = hashlib.sha256(state).hexdigest()
+    about[CHECKSUM] = hashlib.sha256(archive).hexdigest()
     writer.add_metadata(FORMAT, about)
     writer.finish()
 
@@ -158,7 +153,7 @@ def load_map(path: Path | str) -> SavedMap:
     Raises
     ------
     MapError
-        If the file is missing, damaged, no map or of a newer version.
+        If the file is missing, damaged, no map or of another version.
     """
     path = Path(path)
     try:
@@ -166,18 +161,17 @@ def load_map(path: Path | str) -> SavedMap:
             finish_moves(path.parent)
         content = path.read_bytes()
         _check_sums(content)
-        about, attached = _read(io.BytesIO(content))
+        about, archive = _read(io.BytesIO(content))
     except FileNotFoundError:
         raise MapError(f"{path}: no such map; 'tccm replay' writes one as map.mcap") from None
     except OSError as error:
         raise MapError(f"{path}: cannot be read ({one_line(error)})") from None
     except (McapError, ValueError, EOFError, struct.error, zlib.error, StopIteration) as error:
         raise MapError(f"{path}: damaged or not a map ({one_line(error)})") from None
-    version = _check(path, about, attached)
+    _check(path, about, archive)
     try:
-        if version == 1:
-            return map_of_arrays(_arrays_1(attached))
-        return map_of_arrays(unpack_arrays(attached[ATTACHMENT]))
+        with np.load(io.BytesIO(archive), allow_pickle=False) as arrays:
+            return _map_of({name: arrays[name] for name in arrays.files})
     except (
         OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error
     ) as error:  # fmt: skip
@@ -207,34 +201,49 @@ def _check_sums(content: bytes) -> None:
         raise ValueError("its checksum does not fit")
 
 
-def _read(stream: Any) -> tuple[Mapping[str, str], dict[str, bytes]]:
-    """Return the file's metadata and its attachments, as far as they are there."""
+def _read(stream: Any) -> tuple[Mapping[str, str], bytes]:
+    """Return the file's metadata and its map; empty where they are not there."""
     reader = make_reader(stream, validate_crcs=True)
     about = next((m.metadata for m in reader.iter_metadata() if m.name == FORMAT), {})
-    known = {*CHECKSUMS, *CHECKSUMS_1}
-    return about, {a.name: a.data for a in reader.iter_attachments() if a.name in known}
+    archives = (a.data for a in reader.iter_attachments() if a.name == ATTACHMENT)
+    return about, next(archives, b"")
 
 
-def _check(path: Path, about: Mapping[str, str], attached: Mapping[str, bytes]) -> int:
-    """Return the version of a map that is whole."""
+def _check(path: Path, about: Mapping[str, str], archive: bytes) -> None:
+    """Raise MapError where a file is no map, of another version, or damaged."""
     if about.get("format") != FORMAT:
-        raise MapError(f"{path}: an mcap, but not a map of {FORMAT}; a bag cannot be gone on with")
+        raise MapError(f"{path}: an mcap, but no map of {FORMAT}; a bag cannot be gone on with")
     version = about.get("version", "")
     if not (version.isascii() and version.isdigit()) or int(version) > VERSION:
         raise MapError(f"{path}: version {version}, but this tccm_ros reads {VERSION}; update it")
-    sums = CHECKSUMS_1 if int(version) == 1 else CHECKSUMS
-    wanted = {name: about[key] for name, key in sums.items() if key in about}
-    found = {name: hashlib.sha256(data).hexdigest() for name, data in attached.items()}
-    if found != wanted or next(iter(sums)) not in found:
+    if int(version) < VERSION:
+        raise MapError(
+            f"{path}: version {version}, saved by tccm_ros 0.1, which this one does not read; "
+            "replay its recordings again"
+        )
+    if hashlib.sha256(archive).hexdigest() != about.get(CHECKSUM):
         raise MapError(f"{path}: damaged (its checksum does not fit)")
-    return int(version)
 
 
-def _arrays_1(attached: Mapping[str, bytes]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a map of version 1."""
-    found = {}
-    for name, archive in attached.items():
-        with np.load(io.BytesIO(archive), allow_pickle=False) as arrays:
-            group = name.removesuffix(".npz")
-            found.update({f"{group}/{key}": arrays[key] for key in arrays.files})
-    return found
+def _arrays_of(saved: SavedMap) -> Arrays:
+    views = pack_views([s.view for s in saved.views])
+    return {
+        **{f"walls/{name}": array for name, array in sorted(saved.walls.items())},
+        **{f"views/{name}": array for name, array in sorted(views.items())},
+        "anchor/keyframe": np.array([s.keyframe for s in saved.views], np.int64),
+        "anchor/hangs": np.array([s.hangs for s in saved.views], bool),
+        "anchor/T": np.array([s.T_anchor_view for s in saved.views], float).reshape(-1, 4, 4),
+        "anchor/cov_tilt": np.array([s.cov_tilt for s in saved.views], float).reshape(-1, 3, 3),
+    }
+
+
+def _map_of(arrays: Arrays) -> SavedMap:
+    anchors = _group(arrays, "anchor/")
+    views = unpack_views(_group(arrays, "views/"))
+    names = anchors["keyframe"].tolist(), anchors["hangs"].tolist()
+    rows = zip(views, *names, anchors["T"], anchors["cov_tilt"], strict=True)
+    return SavedMap(_group(arrays, "walls/"), tuple(SavedView(*row) for row in rows))
+
+
+def _group(arrays: Arrays, prefix: str) -> Arrays:
+    return {n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}

@@ -1,4 +1,4 @@
-"""`tccm info` of a saved map: what is in it, and whether a recording can go on with its run."""
+"""`tccm info` of a saved map: what is in it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from tccm_ros.results.map_file import load_map
-from tccm_ros.snapshot import software
 
 __all__ = ["MapInfo", "map_info"]
 
@@ -26,8 +25,6 @@ class MapInfo:
         How many there are.
     first, last
         Stamps of the first and the last view, s; None where there is none.
-    run
-        What becomes of a recording that begins where the map's ended.
     """
 
     path: Path
@@ -37,7 +34,6 @@ class MapInfo:
     keyframes: int
     first: float | None
     last: float | None
-    run: str
 
     def to_json(self) -> dict[str, Any]:
         """Return everything as plain data."""
@@ -51,7 +47,7 @@ class MapInfo:
         )
         size = f"{1e-6 * self.size:.1f} MB"
         head = f"{self.path}: a saved map, {size}"
-        return f"{head}\n{counts}\n{self.run}"
+        return f"{head}\n{counts}"
 
 
 def map_info(path: Path | str) -> MapInfo:
@@ -60,18 +56,11 @@ def map_info(path: Path | str) -> MapInfo:
     Raises
     ------
     MapError
-        For a map that is damaged, or of a newer version.
+        For a map that is damaged, or of another version.
     """
     path = Path(path)
     saved = load_map(path)
     stamps = [view.view.stamp_ns for view in saved.views]
-    run = "a recording that goes on where it ended begins a new session"
-    if saved.run is None:
-        run += ": the run is not in it"
-    elif saved.run.software != software():
-        run += ": it was saved by another version of the software"
-    else:
-        run = "a recording that begins where it ended goes on as if in one piece"
     return MapInfo(
         path,
         path.stat().st_size,
@@ -80,5 +69,4 @@ def map_info(path: Path | str) -> MapInfo:
         len(saved.walls.get("keyframe_stamp_ns", ())),
         1e-9 * min(stamps) if stamps else None,
         1e-9 * max(stamps) if stamps else None,
-        run,
     )

@@ -115,6 +115,11 @@ class Robot:
         self._events: list[Event] = []
         self._complete_after_ns = START_OF_TIME
 
+    @property
+    def dropped(self) -> Counter[str]:
+        """Records of all sensors that were not posed, by reason."""
+        return sum((sensor.dropped for sensor in self.sensors.values()), Counter())
+
     def add(self, role: str, record: Any) -> list[Event]:
         """Take one record; return what it brings out.
 

@@ -1,4 +1,4 @@
-"""What a sensor's stream is: the record of its messages, how a record is posed, and who takes it."""
+"""A sensor's stream: what its records are, how they are posed, and who takes them."""
 
 from __future__ import annotations
 

@@ -8,7 +8,6 @@ map does not constrain: along a corridor the result is odometry's, and its covar
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,6 @@ from tccm_ros.slam.line_map import LineMap, make_line_map
 from tccm_ros.slam.odometry_checks import evidence_for
 from tccm_ros.slam.odometry_scale import OdometryScale
 from tccm_ros.slam.se2 import between, compose, fuse, rotate_covariance
-from tccm_ros.snapshot import fields_of, set_fields
 
 __all__ = ["FrontEnd", "GraphKeyframe", "Placed", "motion_covariance", "odometry_covariance"]
 
@@ -289,13 +287,3 @@ class FrontEnd:
             [k.scan.origin for k in recent],
         )
         self._map = _LocalMap(lines, make_likelihood_grid(lines.points, 3))
-
-    def freeze_state(self) -> dict[str, Any]:
-        """Return all but the local map, which the keyframes make."""
-        return fields_of(self, "_map")
-
-    def thaw_state(self, state: dict[str, Any]) -> None:
-        """Take what `freeze_state` gave."""
-        set_fields(self, {**state, "_map": None})
-        if self.keyframes:
-            self._rebuild_map()

@@ -209,18 +209,6 @@ class IncrementalGraph:
         if self._journal and self._journal[-1] is not None:
             self._journal.append(None)
 
-    def freeze_state(self) -> tuple[int, Journal]:
-        """Return what was added and when it was read: ISAM2 itself cannot be written."""
-        return self._skip, self._journal
-
-    def thaw_state(self, state: tuple[int, Journal]) -> None:
-        """Do again, in the same order, what `freeze_state` tells."""
-        self._skip, self._journal = state
-        try:
-            self._replay("CHOLESKY")
-        except RuntimeError:
-            self._replay("QR")
-
 
 def _planar_poses(values: gtsam.Values, keys: Sequence[Key]) -> Float64:
     """Return planar poses float64 (N, 3) of keyframes."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,6 @@ from tccm_ros.slam.loop_proposals import COARSE_STEP, Proposal, Window, propose
 from tccm_ros.slam.path_lengths import lengths_from
 from tccm_ros.slam.se2 import between, compose, inverse
 from tccm_ros.slam.submaps import Patch, Submap, make_patch, make_submap
-from tccm_ros.snapshot import fields_of, set_fields
 
 __all__ = ["LoopCloser", "loop_factor"]
 
@@ -329,11 +327,3 @@ class LoopCloser:
         """Take all poses from the graph."""
         known = [k for k in range(len(self.poses)) if self.keyframes[k].session in self._tied]
         self.poses[known] = self._graph.planar_poses([self.chain.keys[k] for k in known])
-
-    def freeze_state(self) -> dict[str, Any]:
-        """Return all but the submaps at hand, which are made again."""
-        return fields_of(self, "_cache")
-
-    def thaw_state(self, state: dict[str, Any]) -> None:
-        """Take what `freeze_state` gave."""
-        set_fields(self, {**state, "_cache": {}})

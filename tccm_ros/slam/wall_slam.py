@@ -29,7 +29,6 @@ from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.structure import structure_factors
 from tccm_ros.slam.trajectory import OdometryTrack, place_stamps, scan_poses
 from tccm_ros.slam.walls import WallTable, associate_walls, confirmations
-from tccm_ros.snapshot import fields_of, set_fields
 
 __all__ = ["LivePose", "WallSlam"]
 
@@ -274,14 +273,6 @@ class WallSlam:
         poses = np.array([k.pose for k in self.solve().keyframes])
         loops = self._settle().loops
         return pack_state(self._keyframes, self._lines, poses, loops)
-
-    def freeze_state(self) -> dict[str, Any]:
-        """Return what a run goes on from: all but what was settled last."""
-        return fields_of(self, "_settled")
-
-    def thaw_state(self, state: dict[str, Any]) -> None:
-        """Take what `freeze_state` gave."""
-        set_fields(self, {**state, "_settled": None})
 
     @classmethod
     def from_state(cls, config: Config, state: Mapping[str, NDArray[Any]]) -> WallSlam:

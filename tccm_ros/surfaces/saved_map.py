@@ -1,7 +1,4 @@
-"""What is kept of a map between sessions: the walls' state, and views with what they hang on.
-
-And, where it is known, the run itself: a recording in several files is one run.
-"""
+"""What is kept of a map between sessions: the walls' state, and views with what they hang on."""
 
 from __future__ import annotations
 
@@ -12,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.surfaces.continuation import Continuation
 from tccm_ros.surfaces.views import View
 
 __all__ = ["SavedMap", "SavedView"]
@@ -53,10 +49,7 @@ class SavedMap:
         `WallSlam.state`: keyframes, walls and loops; empty without a level laser.
     views
         Views of all sessions.
-    run
-        The run that was saved, as it was before its end; None where that is not known.
     """
 
     walls: Mapping[str, NDArray[Any]]
     views: tuple[SavedView, ...]
-    run: Continuation | None = None

@@ -10,7 +10,6 @@ import pytest
 from mapped_room import BOX, FLOOR, HALF_TIME, TABLE, WALL, base_at, ns, record, settings
 
 from tccm_ros.cuboids.queries import Occupancy
-from tccm_ros.errors import ConfigError
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.records import JointSample, Odometry, Scan
@@ -260,51 +259,6 @@ def test_no_tilt_samples_is_counted():
     processor, results = run([r for r in room() if not isinstance(r, JointSample)])
     assert results == []
     assert sum(processor.dropped.values()) == sum(isinstance(r, Scan) for r in room())
-
-
-def test_saved_map_goes_on(tmp_path):
-    records = room()
-    half = next(i for i, r in enumerate(records) if r.stamp_ns > ns(HALF_TIME + 0.3))
-    one = TccmProcessor(settings())
-    for item in records[:half]:
-        one.add(item)
-    one.save(tmp_path / "map.npz")
-    other = TccmProcessor(settings())
-    other.load(tmp_path / "map.npz")
-    results = [r for item in records[half:] for r in other.add(item)]
-    assert other.map.cycles == [0, 1]
-    assert [r.cycle for r in results] == [1]
-
-
-def test_rebuild_under_corrected_poses():
-    kept = settings(map={"retain_points": True})
-    processor, _ = run(room(), kept)
-    before = processor.map.pieces.copy()
-    processor.rebuild(lambda stamps: np.broadcast_to(np.eye(4), (len(stamps), 4, 4)))
-    assert processor.map.pieces.tobytes() == before.tobytes()
-    lift = np.eye(4)
-    lift[2, 3], lift[0, 3] = 0.1, 1.0
-    processor.rebuild(lambda stamps: np.broadcast_to(lift, (len(stamps), 4, 4)))
-    assert processor.query().points([[2.2, 0.3, 0.79]]).tolist() == [Occupancy.OCCUPIED]
-    assert processor.map.cuboids().count.sum() > 0
-    with pytest.raises(ConfigError, match="retain_points"):
-        run(room())[0].rebuild(lambda stamps: np.eye(4))
-
-
-def test_a_loaded_map_does_not_mix_with_what_was_retained(tmp_path):
-    kept = settings(map={"retain_points": True})
-    processor, results = run(room(), kept)
-    processor.save(tmp_path / "map.npz")
-    saved = processor.map.pieces.tobytes()
-    processor.load(tmp_path / "map.npz")
-    assert processor.map.pieces.tobytes() == saved
-    # Nothing of before is known to be free, and there are no scans to make the map of again.
-    front = [[1.0, 0.0, 1.2]]
-    assert processor.query().points(front).tolist() == [Occupancy.UNKNOWN]
-    assert run(room(), kept)[0].query().points(front).tolist() == [Occupancy.FREE]
-    processor.rebuild(lambda stamps: np.broadcast_to(np.eye(4), (len(stamps), 4, 4)))
-    assert processor.map.cycles == []
-    assert len(results) > 0
 
 
 def test_free_space_in_front_of_the_robot():

@@ -111,9 +111,7 @@ class BagReader:
         For a bag that is missing, empty, truncated or damaged.
     """
 
-    def __init__(
-        self, path: Path | str, readers: Mapping[str, MessageReader] = READERS
-    ) -> None:
+    def __init__(self, path: Path | str, readers: Mapping[str, MessageReader] = READERS) -> None:
         self.path = Path(path)
         self._readers = readers
         self.dropped: Counter[str] = Counter()

@@ -32,9 +32,11 @@ class MessageReader(NamedTuple):
 
     message_type: str
     of_message: Callable[[Any], Sequence[Any]]
-    of_bytes: Callable[[bytes], Sequence[Any]] | None = None
+    of_bytes: Callable[[Any], Sequence[Any]] | None = None
 
-    def read(self, data: bytes, deserialize: Callable[[str, bytes], Any]) -> Sequence[Any]:
+    def read(
+        self, data: bytes | bytearray, deserialize: Callable[[str, Any], Any]
+    ) -> Sequence[Any]:
         """Return the records of a serialised message.
 
         Parameters

@@ -168,6 +168,10 @@ class TccmProcessor:
         """Posed scans that were not used, by reason."""
         return self._cycles.dropped
 
+    def takes(self, event: Event) -> bool:
+        """Return whether an event is for this processor."""
+        return kind_of(event) in self._takers
+
     def add(self, event: Event, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:
         """Take one event; return the cycles that are complete now, in order.
 

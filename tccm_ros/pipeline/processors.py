@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import Any
 
 from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.records import Event
-from tccm_ros.records.building import Record
 from tccm_ros.results.cycles import CycleHistory
 from tccm_ros.robot import Robot, Stream
 from tccm_ros.sensors.registry import default_streams, roles_of
@@ -61,25 +61,23 @@ class Pipeline:
         self.config = config
         self.clock = clock or Stopwatch()
         streams = tuple(streams)
+        self._mapped_roles = roles_of("tccm", streams)
         self.robot = Robot(config, streams, expects_odometry=expects_odometry)
-        self.tccm = TccmProcessor(config, roles_of("tccm", streams))
-        self.slam = (
-            SurfaceSlam(config) if saved is None else SurfaceSlam.from_saved(config, saved)
-        )
+        self.tccm = TccmProcessor(config, self._mapped_roles)
+        self.slam = SurfaceSlam(config) if saved is None else SurfaceSlam.from_saved(config, saved)
         self.cycles: list[CycleResult] = []
         self.history = CycleHistory(config.map.window_cycles)
-        self._scans_to_map = roles_of("tccm", streams)
 
     @property
     def dropped(self) -> Counter[str]:
         """Records of all sensors that were not used, by reason."""
         return self.robot.dropped + self.tccm.dropped
 
-    def add(self, role: str, record: Record) -> list[CycleResult]:
+    def add(self, role: str, record: Any) -> list[CycleResult]:
         """Take one record; return the cycles that are complete now."""
         with self.clock.stage("pose"):
             events = self.robot.add(role, record)
-        if role in self._scans_to_map:
+        if role in self._mapped_roles:
             self.slam.add_pose_stamp(record.stamp_ns)
         return self._give(events) if events else []
 

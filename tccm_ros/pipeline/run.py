@@ -19,6 +19,7 @@ __all__ = ["run_bag"]
 
 SCAN_ROLES = ("tilt_scan", "scan")
 
+
 def run_bag(
     bag: Path | str,
     config: Config,

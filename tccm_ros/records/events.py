@@ -103,6 +103,11 @@ class PosedScan:
     base_frame: str = "base_link"
     own_shapes: SelfShapes | None = None
 
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the scan."""
+        return self.scan.stamp_ns
+
 
 class TiltAngle(NamedTuple):
     """The corrected angle (rad) of a sensor's tilt joint at a stamp; it goes on over a wrap.

@@ -210,9 +210,10 @@ class ChainFinder:
         rig = self._config.rig
         self.base = self._config.frames.base or self._frames.odometry_child or DEFAULT_BASE
         self.odometry_chain = None
-        laser = rig.tilt_laser if self._role == "tilt" else rig.level_laser
+        laser = self._kind.rig_place(rig)
         if laser is None:
-            raise FrameError(f"rig.{self._role}_laser is not set: the laser's place is not known")
+            name = f"rig.{self._kind.value}" if self._kind.value else "its place in the rig"
+            raise FrameError(f"{name} is not set: the sensor's place is not known")
         T_base_laser = pose_from_rpy(laser)
         if self._kind is not MountKind.TILTING:
             return Chain(T_base_laser[None], ())

@@ -137,7 +137,7 @@ class Robot:
             For a robot description that cannot be read; the one before stays.
         """
         source = self._inputs.get(role)
-        if source is None or type(record) is not source.record:
+        if source is None or record.__class__ is not source.record:
             raise TopicError(self._unknown(role, record))
         if source.pose and not _is_finite(getattr(record, source.pose)):
             source.refuse("malformed")
@@ -251,7 +251,7 @@ class Robot:
 
     def _pose_waiting(self, sensor: Sensor, ended: bool) -> list[Event]:
         """Return the events of a sensor's records that need not wait any more."""
-        stream, posed = sensor.stream, []
+        stream, posed = sensor.stream, list[Event]()
         while sensor.waiting:
             outcome = self._posing.judge(
                 sensor,

@@ -114,9 +114,7 @@ TILT_SCAN = Stream(
     sees_robot=True,
 )
 
-LEVEL_SCAN = replace(
-    TILT_SCAN, role="scan", mount=MountKind.LEVEL, taker="slam", sees_robot=False
-)
+LEVEL_SCAN = replace(TILT_SCAN, role="scan", mount=MountKind.LEVEL, taker="slam", sees_robot=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -136,6 +136,10 @@ class SurfaceSlam:
         """Keyframes of the saved map that this session goes on with."""
         return len(self._saved_walls.get("keyframe_stamp_ns", ()))
 
+    def takes(self, event: Event | SurfaceCloud | ViewIntervals) -> bool:
+        """Return whether an event is for this processor."""
+        return kind_of(event) in self._takers
+
     def add(self, event: Event | SurfaceCloud | ViewIntervals) -> list[ScanPose]:
         """Take one event; return the pose of the level scan that it is, if it is one.
 

@@ -28,7 +28,6 @@ from tccm_ros.records.building import (
 
 __all__ = [
     "MAX_TRAILING_BYTES",
-    "read_fixed_transforms",
     "read_joint_sample",
     "read_odometry",
     "read_scan",
@@ -192,8 +191,3 @@ def read_transforms(data: bytes, *, is_static: bool = False) -> list[TransformSa
         transform_sample(stamp_ns, frames, numbers[:3], numbers[3:], is_static)
         for stamp_ns, frames, numbers in found
     ]
-
-
-def read_fixed_transforms(data: bytes) -> list[TransformSample]:
-    """Return the transforms of a tf2_msgs/TFMessage of /tf_static."""
-    return read_transforms(data, is_static=True)

@@ -242,7 +242,7 @@ class SensorNode(Node):
         self.get_logger().warning(f"{reason}: the map begins anew")
         with self.robot.lock:
             self.worker.post(self.begin)
-            self.robot.begin_anew()
+            self.robot.robot.begin_anew()
 
     def start(self) -> None:
         """Take messages and publish /diagnostics from now on."""

@@ -20,12 +20,6 @@ from tccm_ros.sensors.registry import default_streams
 
 __all__ = ["SharedRobot"]
 
-LATCHED = ("robot_description", "tf_static")
-"""Roles of what is sent only once."""
-
-MAX_KNOWN = 1000
-"""Latched records that are kept for a new start."""
-
 SHARED_GROUPS = frozenset({"frames", "rig", "scan", "qos", "sync_timeout", "clock_jump"})
 """What the nodes of one process must have in common."""
 
@@ -43,32 +37,23 @@ class SharedRobot:
     Attributes
     ----------
     robot
-        What is known now; another one after `begin_anew`.
+        What is known.
     lock
         Held while a record is judged and its events are given out: who holds it comes before or
         after all events of a record.
-    known
-        What was sent only once, by role and frame.
     """
 
     def __init__(self, config: Config, is_odometry_published: Callable[[], bool]):
         self.robot = Robot(config, default_streams())
         self.lock = threading.RLock()
-        self.known: dict[tuple[str, str], Any] = {}
         self._config = config
         self._is_odometry_published = is_odometry_published
         self._listeners: list[Callable[[Sequence[Event]], None]] = []
-        self._hearers: list[tuple[str, Callable[[Any], None]]] = []
 
     def listen(self, listener: Callable[[Sequence[Event]], None]) -> None:
         """Have a function called with the events of each record."""
         with self.lock:
             self._listeners.append(listener)
-
-    def hear(self, role: str, hearer: Callable[[Any], None]) -> None:
-        """Have a function called with each record of a role, as it came."""
-        with self.lock:
-            self._hearers.append((role, hearer))
 
     def add(self, role: str, record: Any) -> None:
         """Take a record and give out what it brings out.
@@ -81,26 +66,12 @@ class SharedRobot:
         with self.lock:
             if role in self.robot.sensors and self.robot.motion.source is None:
                 self.robot.expects_odometry = self._is_odometry_published()
-            for wanted, hear in self._hearers:
-                if role == wanted:
-                    hear(record)
-            events = self.robot.add(role, record)
-            self._remember(role, record)
-            self._give(events)
+            self._give(self.robot.add(role, record))
 
     def flush(self) -> None:
         """Pose or drop what waits, as at the end of a bag."""
         with self.lock:
             self._give(self.robot.flush())
-
-    def begin_anew(self) -> None:
-        """Forget everything but what is sent only once: the clock went back."""
-        with self.lock:
-            before, self.robot = self.robot, Robot(self._config, default_streams())
-            for role, sensor in before.sensors.items():
-                self.robot.sensors[role].dropped = sensor.dropped
-            for (role, _), record in self.known.items():
-                self.robot.add(role, record)
 
     def dropped(self, roles: Collection[str]) -> Counter[str]:
         """Return the records of some streams that were not posed, by reason."""
@@ -127,13 +98,6 @@ class SharedRobot:
                 f"{', '.join(different)}: nodes in one process share one robot, but their "
                 "parameters differ; set them under /** for both"
             )
-
-    def _remember(self, role: str, record: Any) -> None:
-        """Keep what is sent only once: a robot that begins anew needs it again."""
-        if role in LATCHED:
-            key = role, getattr(record, "child", "")
-            if key in self.known or len(self.known) < MAX_KNOWN:
-                self.known[key] = record
 
     def _give(self, events: Sequence[Event]) -> None:
         if events:

@@ -24,6 +24,7 @@ from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.warm_up import warm_up_slam
 from tccm_ros.records import Event, ScanPose, Surface, SurfaceCloud, ViewIntervals
 from tccm_ros.results.occupancy import occupancy_grid
+from tccm_ros.ros import READERS
 from tccm_ros.ros.publications import (
     HAND_OVER_TOPICS,
     SOLUTION_TOPICS,
@@ -31,7 +32,7 @@ from tccm_ros.ros.publications import (
     SolutionPublications,
 )
 from tccm_ros.ros.results import grid_message
-from tccm_ros.sensors.registry import default_streams, roles_of
+from tccm_ros.sensors.registry import roles_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.surfaces.track_ids import changes
 
@@ -88,18 +89,13 @@ class SlamNode(SensorNode):
                 watch="event",
                 is_measured=False,
             )
-        # Of the tilting lasers only the stamps count: those of the trajectory, where there is no
-        # level laser. They are read from the serialised message, unless the scans come anyway.
-        for stream in default_streams():
-            if stream.role not in roles_of("tccm"):
-                continue
-            if not self.owns_robot:
-                self.robot.hear(stream.role, lambda scan: self._add_pose_stamp(scan.stamp_ns))
-                continue
+        # Of the tilting laser only the stamps count: those of the trajectory, where there is no
+        # level laser. They are read from the serialised message.
+        for role in roles_of("tccm"):
             self.inputs.subscribe(
-                stream.reader.message_type,
-                stream.role,
-                lambda data: self._add_pose_stamp(raw_stamp_ns(data)),
+                READERS[role].message_type,
+                role,
+                self._on_mapped_scan,
                 sensor(self.config.qos.reliability),
                 watch="event",
                 raw=True,
@@ -120,9 +116,9 @@ class SlamNode(SensorNode):
     def _take_surface_message(self, role: str, record: SurfaceCloud | ViewIntervals) -> None:
         self.offer([record])
 
-    def _add_pose_stamp(self, stamp_ns: int) -> None:
+    def _on_mapped_scan(self, data: bytes) -> None:
         if self.config.qos.stamp == "header" and not self.processor.counts["level scans"]:
-            self._has_tilt_scan = True
+            stamp_ns, self._has_tilt_scan = raw_stamp_ns(data), True
             self.worker.offer(lambda: self.processor.add_pose_stamp(stamp_ns), is_droppable=True)
 
     # --- in the worker ---

@@ -7,7 +7,7 @@ events in an order that the algorithms may rely on. The base's motion is told by
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,9 @@ __all__ = [
     "ClockJump",
     "Event",
     "EventKind",
+    "Posed",
     "PosedScan",
     "SelfShapes",
-    "SensorEvent",
-    "SensorPoses",
     "StreamComplete",
     "TiltAngle",
     "kind_of",
@@ -50,54 +49,35 @@ class SelfShapes:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SensorPoses:
-    """Where the base and a sensor were while a record was measured.
+class Posed:
+    """A sensor's record with the poses of base and sensor while it was measured.
 
     Poses are given at pose samples and interpolated between them; the first is at or before the
     first measurement of the record, the last at or after the last.
 
     Attributes
     ----------
-    stamps_ns
-        int64 (K,), strictly increasing, K >= 2 (K = 1 where all was measured at one time).
+    record
+        What the sensor measured.
+    knots_ns
+        Stamps of the pose samples, int64 (K,), strictly increasing, K >= 2 (K = 1 where all was
+        measured at one time).
     T_odom_base
         float64 (K, 4, 4).
     T_base_sensor
         float64 (K, 4, 4).
+    role
+        The stream that it came on.
     odom_frame, base_frame
         Names of the two frames.
     own_shapes
         The robot's shapes at the record's stamp, where the stream asks for them and they are known.
     """
 
-    stamps_ns: NDArray[np.int64]
-    T_odom_base: Float64
-    T_base_sensor: Float64
-    odom_frame: str
-    base_frame: str
-    own_shapes: SelfShapes | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PosedScan:
-    """A scan with the poses of the base and of its laser while it was measured.
-
-    Attributes
-    ----------
-    scan
-        The scan.
-    knots_ns, T_odom_base, T_base_laser
-        Stamps and poses of the pose samples, as in `SensorPoses`.
-    role
-        The stream that it came on.
-    odom_frame, base_frame, own_shapes
-        As in `SensorPoses`.
-    """
-
-    scan: Scan
+    record: Any
     knots_ns: NDArray[np.int64]
     T_odom_base: Float64
-    T_base_laser: Float64
+    T_base_sensor: Float64
     role: str = ""
     odom_frame: str = "odom"
     base_frame: str = "base_link"
@@ -105,8 +85,24 @@ class PosedScan:
 
     @property
     def stamp_ns(self) -> int:
-        """Stamp of the scan."""
-        return self.scan.stamp_ns
+        """Stamp of the record."""
+        return int(self.record.stamp_ns)
+
+
+class PosedScan(Posed):
+    """A laser's scan with its poses."""
+
+    __slots__ = ()
+
+    @property
+    def scan(self) -> Scan:
+        """The scan."""
+        return cast(Scan, self.record)
+
+    @property
+    def T_base_laser(self) -> Float64:
+        """The poses of the laser, float64 (K, 4, 4)."""
+        return self.T_base_sensor
 
 
 class TiltAngle(NamedTuple):
@@ -133,17 +129,9 @@ class ClockJump(NamedTuple):
     reason: str
 
 
-class SensorEvent(Protocol):
-    """What a stream makes of a posed record; the role says which stream."""
-
-    @property
-    def role(self) -> str:
-        """The stream's role."""
-
-
-Event = SensorEvent | Odometry | ClockJump
-"""What `robot.Robot` gives: `PosedScan`, `TiltAngle`, `StreamComplete` and the events of streams
-that others add have a role; the base's motion and jumps of the clock concern everybody."""
+Event = Posed | TiltAngle | StreamComplete | Odometry | ClockJump
+"""What `robot.Robot` gives. The first three have the role of a stream; the base's motion and jumps
+of the clock concern everybody."""
 
 EventKind = tuple[type, str | None]
 """Type and role of an event: what a processor chooses by."""

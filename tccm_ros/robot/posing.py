@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError
-from tccm_ros.records.events import SensorPoses
+from tccm_ros.records import Posed
 from tccm_ros.robot.base_motion import BaseMotion, MotionSource
 from tccm_ros.robot.chain import Chain, JointReading
 from tccm_ros.robot.mount import Mount
@@ -43,7 +41,7 @@ class Posing:
         self._timeout_ns = round(config.sync_timeout * 1e9)
         self._max_gap_ns = self._timeout_ns // 2
         self.wait_ns = self._timeout_ns + max(0, round(-config.rig.joint_time_offset * 1e9))
-        self._filters_robot = config.scan.self_filter
+        self._scan = config.scan
         self._silence: dict[Track, tuple[int, int]] = {}
 
     def clear_samples(self) -> None:
@@ -52,8 +50,8 @@ class Posing:
 
     def judge(
         self, sensor: Sensor, now_ns: int | None, *, ended: bool, expects_odometry: bool
-    ) -> SensorPoses | str | None:
-        """Return the poses of the next record that waits, or why it is dropped, or None.
+    ) -> Posed | str | None:
+        """Return the next record that waits with its poses, or why it is dropped, or None.
 
         Parameters
         ----------
@@ -88,7 +86,7 @@ class Posing:
             if given_up and reason == "no joint samples":
                 mount.explain_missing(chain)
             return reason if given_up else None
-        return self._poses(record, sensor, chain, start_ns, end_ns)
+        return self._pose(sensor, chain, start_ns, end_ns)
 
     def _needs(self, mount: Mount, chain: Chain) -> list[tuple[str, Track]]:
         """Return the tracks that must bracket a record, and what is missing where one does not."""
@@ -115,20 +113,21 @@ class Posing:
             return False
         return now_ns - since_ns > self._timeout_ns
 
-    def _poses(
-        self, record: Any, sensor: Sensor, chain: Chain, start_ns: int, end_ns: int
-    ) -> SensorPoses:
-        mount, base = sensor.mount, sensor.mount.base or ""
+    def _pose(self, sensor: Sensor, chain: Chain, start_ns: int, end_ns: int) -> Posed:
+        record, stream, mount = sensor.waiting[0], sensor.stream, sensor.mount
+        base = mount.base or ""
         within = [track.stamps_within(start_ns, end_ns) for track in self._motion.tracks(base)]
-        stamps_ns = mount.pose_stamps(chain, start_ns, end_ns, *within)
-        filters = sensor.stream.sees_robot and self._filters_robot
-        return SensorPoses(
-            stamps_ns,
-            self._base_poses(mount, stamps_ns),
-            chain.at(stamps_ns),
+        knots_ns = mount.pose_stamps(chain, start_ns, end_ns, *within)
+        is_filtered = stream.sees_robot and self._scan.self_filter
+        return stream.event(
+            record,
+            knots_ns,
+            self._base_poses(mount, knots_ns),
+            chain.at(knots_ns),
+            stream.role,
             self._motion.odom_frame,
             base,
-            mount.self_shapes(record.stamp_ns) if filters else None,
+            mount.self_shapes(record.stamp_ns) if is_filtered else None,
         )
 
     def _base_poses(self, mount: Mount, stamps_ns: Int64) -> Float64:

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -59,21 +58,24 @@ class _Input:
         Called with a record that is admitted.
     refuse
         Called with the reason for which a record is not admitted.
-    clock
-        Tells whose clock stamped a record: the stamps of one clock are compared. None for what is
-        known for all time.
     pose
         Name of the record's pose, which must be finite.
+    source
+        Name of what tells apart who stamped the records of a role: stamps are compared with those
+        of the same source.
     keeps_time
         Whether message time follows the stamps.
+    is_fixed
+        Whether the records are true for all time, whatever their stamp.
     """
 
     record: type
     take: Callable[[Any], None]
     refuse: Callable[[str], None]
-    clock: Callable[[Any], Hashable] | None = None
     pose: str = ""
+    source: str = ""
     keeps_time: bool = True
+    is_fixed: bool = False
 
 
 class Robot:
@@ -110,10 +112,12 @@ class Robot:
         self.refused: Counter[str] = Counter()
         self.sensors = {s.role: Sensor(s, config, self.frames, self.joints) for s in streams}
         self._posing = Posing(config, self.motion)
-        self._guard: StampGuard[tuple[_Input, Any]] = StampGuard(round(config.clock_jump * 1e9))
+        self._clock_jump_ns = round(config.clock_jump * 1e9)
+        self._guard: StampGuard[tuple[_Input, Any]] = StampGuard(self._clock_jump_ns)
         self._inputs = self._inputs_by_role()
         self._events: list[Event] = []
         self._complete_after_ns = START_OF_TIME
+        self._time_has_passed = False
 
     @property
     def dropped(self) -> Counter[str]:
@@ -136,74 +140,31 @@ class Robot:
         UrdfError
             For a robot description that cannot be read; the one before stays.
         """
-        source = self._inputs.get(role)
-        if source is None or record.__class__ is not source.record:
-            raise TopicError(self._unknown(role, record))
-        if source.pose and not _is_finite(getattr(record, source.pose)):
-            source.refuse("malformed")
-        elif source.clock is None:
-            source.take(record)
+        taken = self._inputs.get(role)
+        if taken is None or not isinstance(record, taken.record):
+            raise TopicError(
+                f"no stream takes a {type(record).__name__} on '{role}'"
+                + suggest(role, self._inputs)
+            )
+        if taken.pose and not _is_finite(getattr(record, taken.pose)):
+            taken.refuse("malformed")
+        elif taken.is_fixed:
+            taken.take(record)
         else:
-            self._judge(source, source.clock(record), record)
-        events = self._release()
-        if source.clock is not None and record.stamp_ns >= self._complete_after_ns:
-            events += self._complete_streams()
-        return events
+            self._judge(role, taken, record)
+        return self._release()
 
     def flush(self) -> list[Event]:
         """Give what can be posed; drop the rest. The input has ended."""
         self._use(self._guard.flush())
         return self._release(ended=True)
 
-    # -- what is fed in ------------------------------------------------------------------------
-
-    def _inputs_by_role(self) -> dict[str, _Input]:
-        refuse = self._refuse_sample
-        fixed = _Input(TransformSample, self._add_transform, refuse, pose="T_parent_child")
-        inputs = {
-            "robot_description": _Input(RobotDescription, self._add_description, refuse),
-            "tf_static": fixed,
-            "tf": replace(fixed, clock=lambda sample: ("tf", sample.child), keeps_time=False),
-            "joint_states": _Input(
-                JointSample, self._add_joints, refuse, lambda sample: ("joints", sample.names)
-            ),
-            "odom": _Input(
-                Odometry, self._add_odometry, refuse, lambda _: "odom", pose="T_odom_base"
-            ),
-        }
-        for role, sensor in self.sensors.items():
-            clock = partial(_clock_of_stream, role)
-            inputs[role] = _Input(sensor.stream.record, sensor.add, sensor.refuse, clock)
-        return inputs
-
-    def _unknown(self, role: str, record: Any) -> str:
-        kind = type(record).__name__
-        if role in self._inputs:
-            return f"a {kind} came on '{role}', {self._inputs[role].record.__name__} is expected"
-        return f"no stream takes the {kind} that came on '{role}'" + suggest(role, self._inputs)
-
-    def _judge(self, source: _Input, clock: Hashable, record: Any) -> None:
-        """Take a record whose stamp is believed, hold or refuse another."""
-        if self._guard.passes(clock, record.stamp_ns):
-            source.take(record)
-            return
-        self._use(
-            self._guard.admit(
-                clock, record.stamp_ns, (source, record), keeps_time=source.keeps_time
-            )
-        )
-
-    def _use(self, admission: Admission[tuple[_Input, Any]]) -> None:
-        if admission.jumped:
-            self._forget_samples()
-        for (source, _), reason in admission.refused:
-            source.refuse(reason)
-        for source, record in admission.admitted:
-            source.take(record)
+    def begin_anew(self) -> None:
+        """Forget everything that has a stamp, as the clock went back; what is fixed stays."""
+        self._guard = StampGuard(self._clock_jump_ns)
+        self._forget_samples()
 
     def _forget_samples(self) -> None:
-        """Begin anew: the clock jumped back."""
-        self._events.append(ClockJump("the clock went back"))
         self.joints.clear()
         self.frames.clear_samples()
         self.motion.clear_samples()
@@ -211,6 +172,43 @@ class Robot:
         for sensor in self.sensors.values():
             sensor.clear_samples()
         self._complete_after_ns = START_OF_TIME
+
+    # -- what is fed in ------------------------------------------------------------------------
+
+    def _inputs_by_role(self) -> dict[str, _Input]:
+        refuse = self._refuse_sample
+        tf = _Input(TransformSample, self._add_transform, refuse, "T_parent_child", "child", False)
+        inputs = {
+            "robot_description": _Input(
+                RobotDescription, self._add_description, refuse, is_fixed=True
+            ),
+            "tf_static": replace(tf, is_fixed=True),
+            "tf": tf,
+            "joint_states": _Input(JointSample, self._add_joints, refuse, source="names"),
+            "odom": _Input(Odometry, self._add_odometry, refuse, "T_odom_base"),
+        }
+        for role, sensor in self.sensors.items():
+            inputs[role] = _Input(sensor.stream.record, sensor.add, sensor.refuse)
+        return inputs
+
+    def _judge(self, role: str, taken: _Input, record: Any) -> None:
+        """Take a record whose stamp is believed, hold or refuse another."""
+        key = (role, getattr(record, taken.source)) if taken.source else role
+        self._time_has_passed |= record.stamp_ns >= self._complete_after_ns
+        if self._guard.passes(key, record.stamp_ns):
+            taken.take(record)
+        else:
+            held = taken, record
+            self._use(self._guard.admit(key, record.stamp_ns, held, keeps_time=taken.keeps_time))
+
+    def _use(self, admission: Admission[tuple[_Input, Any]]) -> None:
+        if admission.jumped:
+            self._events.append(ClockJump("the clock went back"))
+            self._forget_samples()
+        for (taken, _), reason in admission.refused:
+            taken.refuse(reason)
+        for taken, record in admission.admitted:
+            taken.take(record)
 
     def _add_description(self, record: RobotDescription) -> None:
         self.frames.describe(record.urdf)
@@ -247,15 +245,19 @@ class Robot:
                 posed += self._pose_waiting(sensor, ended)
         for role, sensor in self.sensors.items():
             events += [TiltAngle(role, *sample) for sample in sensor.mount.tilt_samples()]
-        return events + posed
+        events += posed
+        if self._time_has_passed:
+            self._time_has_passed = False
+            events += self._complete_streams()
+        return events
 
     def _pose_waiting(self, sensor: Sensor, ended: bool) -> list[Event]:
         """Return the events of a sensor's records that need not wait any more."""
-        stream, posed = sensor.stream, list[Event]()
+        posed: list[Event] = []
         while sensor.waiting:
             outcome = self._posing.judge(
                 sensor,
-                self._guard.now(stream.role),
+                self._guard.now(sensor.stream.role),
                 ended=ended,
                 expects_odometry=self.expects_odometry,
             )
@@ -264,7 +266,8 @@ class Robot:
             if isinstance(outcome, str):
                 sensor.drop(outcome)
             else:
-                posed.append(stream.event(stream.role, sensor.waiting.popleft(), outcome))
+                sensor.waiting.popleft()
+                posed.append(outcome)
         sensor.posed += len(posed)
         return posed
 
@@ -281,10 +284,6 @@ class Robot:
         if earliest_ns is not None:
             self._complete_after_ns = earliest_ns + COMPLETE_STEP_NS
         return complete
-
-
-def _clock_of_stream(role: str, _: Any) -> Hashable:
-    return role
 
 
 def _is_finite(T: NDArray[np.float64]) -> bool:

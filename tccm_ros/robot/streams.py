@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tccm_ros.cdr.message_reader import MessageReader
-from tccm_ros.records.events import SensorEvent, SensorPoses
+from tccm_ros.records import Posed
 from tccm_ros.robot.chain_finder import MountKind
 
 __all__ = ["Stream"]
@@ -42,7 +42,7 @@ class Stream:
     taker
         The processor that its events are for: ``tccm``, ``slam``, or another's name.
     event
-        Makes the event of the role, a record and its poses.
+        Class of its posed records.
     time_span
         Times of the first and the last measurement of a record, ns; its stamp by default.
     fault
@@ -56,7 +56,7 @@ class Stream:
     reader: MessageReader
     mount: MountKind
     taker: str
-    event: Callable[[str, Any, SensorPoses], SensorEvent]
+    event: type[Posed] = Posed
     time_span: Callable[[Any], tuple[int, int]] = at_its_stamp
     fault: Callable[[Any], str | None] = without_fault
     sees_robot: bool = False

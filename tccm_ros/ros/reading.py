@@ -7,19 +7,15 @@ callers count it as a drop.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.cdr.message_reader import MessageReader
-from tccm_ros.cdr.reading import (
-    read_fixed_transforms,
-    read_joint_sample,
-    read_odometry,
-    read_transforms,
-)
+from tccm_ros.cdr.reading import read_joint_sample, read_odometry, read_transforms
 from tccm_ros.errors import MessageError
 from tccm_ros.records import (
     JointSample,
@@ -129,27 +125,28 @@ def view_from_message(message: Any) -> ViewIntervals:
     return ViewIntervals(stamp, frame_name(message.header.frame_id), intervals)
 
 
+def one(
+    message_type: str,
+    of_message: Callable[[Any], Any],
+    of_bytes: Callable[[bytes], Sequence[Any]] | None = None,
+) -> MessageReader:
+    """Return the reader of messages that give one record each."""
+    return MessageReader(message_type, lambda message: (of_message(message),), of_bytes)
+
+
 READERS: Mapping[str, MessageReader] = {
-    "robot_description": MessageReader(
-        "std_msgs/msg/String", lambda m: (robot_description_from_message(m),)
-    ),
-    "joint_states": MessageReader(
-        "sensor_msgs/msg/JointState", lambda m: (joint_sample_from_message(m),), read_joint_sample
-    ),
-    "odom": MessageReader(
-        "nav_msgs/msg/Odometry", lambda m: (odometry_from_message(m),), read_odometry
-    ),
+    "robot_description": one("std_msgs/msg/String", robot_description_from_message),
+    "joint_states": one("sensor_msgs/msg/JointState", joint_sample_from_message, read_joint_sample),
+    "odom": one("nav_msgs/msg/Odometry", odometry_from_message, read_odometry),
     "tf": MessageReader("tf2_msgs/msg/TFMessage", transforms_from_message, read_transforms),
     "tf_static": MessageReader(
         "tf2_msgs/msg/TFMessage",
-        lambda m: transforms_from_message(m, is_static=True),
-        read_fixed_transforms,
+        partial(transforms_from_message, is_static=True),
+        partial(read_transforms, is_static=True),
     ),
     **{stream.role: stream.reader for stream in default_streams()},
-    "surfaces": MessageReader(
-        "sensor_msgs/msg/PointCloud2", lambda m: (surface_cloud_from_message(m),)
-    ),
-    "view": MessageReader("sensor_msgs/msg/PointCloud2", lambda m: (view_from_message(m),)),
+    "surfaces": one("sensor_msgs/msg/PointCloud2", surface_cloud_from_message),
+    "view": one("sensor_msgs/msg/PointCloud2", view_from_message),
 }
 """By role of a topic: how its messages become records."""
 

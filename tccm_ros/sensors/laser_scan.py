@@ -6,7 +6,7 @@ the pose of its own time.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -17,21 +17,14 @@ from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.cdr.reading import read_scan
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, level
-from tccm_ros.records import PosedScan, Scan, SensorPoses
+from tccm_ros.records import PosedScan, Scan
 from tccm_ros.records.building import MAX_SCAN_S, scan_record, stamp_ns_from_message
 from tccm_ros.robot import MountKind, Stream
-from tccm_ros.sensors.laser_scan_kernels import (
-    mark_inside,
-    mark_valid,
-    max_range_of_shapes,
-    place_beams,
-    refine_poses,
-)
+from tccm_ros.sensors.laser_scan_kernels import mark_inside, mark_valid, place_beams, refine_poses
 
 __all__ = [
     "LEVEL_SCAN",
     "TILT_SCAN",
-    "ScanPoints",
     "beam_stamps",
     "bearings",
     "directions",
@@ -86,20 +79,6 @@ def fault(scan: Scan) -> str | None:
     return "malformed" if abs(scan.time_increment) * len(scan.ranges) > MAX_SCAN_S else None
 
 
-def posed_scan(role: str, scan: Scan, poses: SensorPoses) -> PosedScan:
-    """Return the event of a scan with its poses."""
-    return PosedScan(
-        scan,
-        poses.stamps_ns,
-        poses.T_odom_base,
-        poses.T_base_sensor,
-        role,
-        poses.odom_frame,
-        poses.base_frame,
-        poses.own_shapes,
-    )
-
-
 TILT_SCAN = Stream(
     role="tilt_scan",
     record=Scan,
@@ -108,32 +87,13 @@ TILT_SCAN = Stream(
     ),
     mount=MountKind.TILTING,
     taker="tccm",
-    event=posed_scan,
+    event=PosedScan,
     time_span=time_span,
     fault=fault,
     sees_robot=True,
 )
 
 LEVEL_SCAN = replace(TILT_SCAN, role="scan", mount=MountKind.LEVEL, taker="slam", sees_robot=False)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ScanPoints:
-    """The hits of a scan.
-
-    Attributes
-    ----------
-    points
-        float64 (N, 3), m, in the odometry frame.
-    beams
-        int32 (N,), index of the beam, increasing.
-    stamps_ns
-        int64 (N,), time of the beam.
-    """
-
-    points: Float64
-    beams: NDArray[np.int32]
-    stamps_ns: NDArray[np.int64]
 
 
 def bearings(scan: Scan) -> Float64:
@@ -198,21 +158,20 @@ def laser_poses(posed: PosedScan, T_frame_odom: Float64 | None = None) -> tuple[
     return refine_poses(times, np.ascontiguousarray(T))
 
 
-def project(posed: PosedScan, config: Config) -> ScanPoints:
-    """Return the hits of a scan in the odometry frame, each with the pose of its own time.
+def project(
+    posed: PosedScan, chosen: Bool, T_frame_odom: Float64 | None = None
+) -> tuple[Float64, NDArray[np.int32]]:
+    """Return the hits of chosen beams bool (N,), each with the pose of its own time.
 
-    Hits on the robot's own shapes are dropped (`used_beams`).
-
-    Parameters
-    ----------
-    posed
-        A scan with its poses.
-    config
-        Group `scan`.
+    Returns
+    -------
+    points float64 (M, 3), m, in the frame of `T_frame_odom` float64 (4, 4), in odom if None, and
+    their beams int32 (M,).
     """
-    points, beams = _place(posed, used_beams(posed, config), None)
-    since = np.rint(beams * (posed.scan.time_increment * 1e9)).astype(np.int64)
-    return ScanPoints(points, beams, posed.scan.stamp_ns + since)
+    times, T = laser_poses(posed, T_frame_odom)
+    cosines, sines = directions(posed.scan)
+    step = float(posed.scan.time_increment)
+    return place_beams(posed.scan.ranges, chosen, cosines, sines, 0.0, step, times, T)
 
 
 def used_beams(posed: PosedScan, config: Config) -> Bool:
@@ -226,15 +185,22 @@ def used_beams(posed: PosedScan, config: Config) -> Bool:
         return valid
     padding = config.scan.self_padding
     T_odom_shape = posed.T_odom_base[_stamp_knot(posed)] @ shapes.T_base_shape
-    furthest = max_range_of_shapes(
-        posed.T_odom_base, posed.T_base_laser, T_odom_shape, shapes.half, padding
-    )
-    near = valid & (posed.scan.ranges <= furthest)
-    if near.any():
-        points, beams = _place(posed, near, None)
-        inside = mark_inside(points, shapes.kinds, shapes.half, inverse(T_odom_shape), padding)
-        valid[beams[inside]] = False
+    near = valid & (posed.scan.ranges <= _max_range(posed, T_odom_shape, shapes.half + padding))
+    points, beams = project(posed, near)
+    inside = mark_inside(points, shapes.kinds, shapes.half, inverse(T_odom_shape), padding)
+    valid[beams[inside]] = False
     return valid
+
+
+def _max_range(posed: PosedScan, T_odom_shape: Float64, half: Float64) -> float:
+    """Return a range, m, beyond which no hit lies in a shape with half extents (S, 3).
+
+    The laser goes straight between its poses: it is furthest from the middle of a shape at one of
+    them. Blended poses shorten a beam by less than the part that is added (`BLEND_ANGLE`).
+    """
+    lasers = np.einsum("kij,kj->ki", posed.T_odom_base, posed.T_base_laser[:, :, 3])[:, None, :3]
+    to_middle = np.linalg.norm(T_odom_shape[:, :3, 3] - lasers, axis=-1)
+    return 1.00001 * float((to_middle + np.linalg.norm(half, axis=-1)).max())
 
 
 def project_level(posed: PosedScan, config: Config) -> tuple[Float64, NDArray[np.int32]]:
@@ -246,19 +212,10 @@ def project_level(posed: PosedScan, config: Config) -> tuple[Float64, NDArray[np
     and pitch), and their beams int32 (N,).
     """
     T_level_odom = inverse(level(posed.T_odom_base[_stamp_knot(posed)]))
-    points, beams = _place(posed, valid_beams(posed.scan, config), T_level_odom)
+    points, beams = project(posed, valid_beams(posed.scan, config), T_level_odom)
     return points[:, :2], beams
 
 
 def _stamp_knot(posed: PosedScan) -> int:
     """Return the knot at the scan's stamp: the last one where beams are stamped backwards."""
     return 0 if posed.knots_ns[0] == posed.scan.stamp_ns else -1
-
-
-def _place(
-    posed: PosedScan, valid: Bool, T_frame_odom: Float64 | None
-) -> tuple[Float64, NDArray[np.int32]]:
-    times, T = laser_poses(posed, T_frame_odom)
-    cosines, sines = directions(posed.scan)
-    step = float(posed.scan.time_increment)
-    return place_beams(posed.scan.ranges, valid, cosines, sines, 0.0, step, times, T)

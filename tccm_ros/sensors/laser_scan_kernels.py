@@ -3,16 +3,7 @@
 import numpy as np
 from numba import njit
 
-__all__ = [
-    "BOX",
-    "CYLINDER",
-    "SPHERE",
-    "mark_inside",
-    "mark_valid",
-    "max_range_of_shapes",
-    "place_beams",
-    "refine_poses",
-]
+__all__ = ["BOX", "CYLINDER", "SPHERE", "mark_inside", "mark_valid", "place_beams", "refine_poses"]
 
 #: Between poses that differ by less than this, rad, a straight blend of matrices shortens a vector
 #: by at most angle^2 / 8, a 300,000th.
@@ -222,26 +213,3 @@ def mark_inside(points, kinds, half, T_shape_frame, padding):  # type: ignore[no
                 within = x * x + y * y <= hx * hx
             inside[n] |= within
     return inside
-
-
-@njit(nogil=True, cache=True)
-def max_range_of_shapes(T_odom_base, T_base_laser, T_odom_shape, half, padding):  # type: ignore[no-untyped-def]
-    """Return a range, m, beyond which no hit of a scan lies in any shape grown by `padding`.
-
-    The laser goes straight between its poses (K, 4, 4): it is furthest from the middle of a shape
-    (S, 4, 4) at one of them. Blended poses shorten a beam by less than the hundred-thousandth part
-    (`BLEND_ANGLE`) that is added.
-    """
-    furthest = 0.0
-    laser = np.empty(3)
-    for k in range(len(T_odom_base)):
-        A, t = T_odom_base[k], T_base_laser[k, :3, 3]
-        for i in range(3):
-            laser[i] = A[i, 0] * t[0] + A[i, 1] * t[1] + A[i, 2] * t[2] + A[i, 3]
-        for s in range(len(T_odom_shape)):
-            to_middle = to_corner = 0.0
-            for i in range(3):
-                to_middle += (T_odom_shape[s, i, 3] - laser[i]) ** 2
-                to_corner += (half[s, i] + padding) ** 2
-            furthest = max(furthest, np.sqrt(to_middle) + np.sqrt(to_corner))
-    return 1.00001 * furthest

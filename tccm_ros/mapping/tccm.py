@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -133,8 +133,6 @@ class TccmProcessor:
     ----------
     config
         The configuration.
-    roles
-        The streams whose events are mapped.
 
     Attributes
     ----------
@@ -144,7 +142,7 @@ class TccmProcessor:
         ``cycles``, ``scans used``, ``resets``.
     """
 
-    def __init__(self, config: Config, roles: Collection[str] = roles_of("tccm")) -> None:
+    def __init__(self, config: Config) -> None:
         self.config = config
         self.counts: Counter[str] = Counter()
         self.map = IntegrationMap(config)
@@ -158,7 +156,7 @@ class TccmProcessor:
         self._takers: dict[EventKind, Callable[[Any], list[Sweep]]] = {
             (ClockJump, None): self._take_jump
         }
-        for role in roles:
+        for role in roles_of("tccm"):
             self._takers[PosedScan, role] = self._take_scan
             self._takers[TiltAngle, role] = self._take_angle
             self._takers[StreamComplete, role] = self._take_complete

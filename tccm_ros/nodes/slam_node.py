@@ -57,7 +57,7 @@ class SlamNode(SensorNode):
     def __init__(self, shared: SharedRobot | None = None, **kwargs: Any):
         super().__init__("surface_slam", "slam", shared, **kwargs)
         warm_up_slam(self.config)
-        self.processor = SurfaceSlam(self.config, self.roles)
+        self.processor = SurfaceSlam(self.config)
         self.newest_ns = 0
         self._unsolved: Counter[str] = Counter()
         self._next_solve_s = 0.0
@@ -196,7 +196,7 @@ class SlamNode(SensorNode):
 
     def begin(self) -> None:
         """Forget everything."""
-        self._begin_with(SurfaceSlam(self.config, self.roles))
+        self._begin_with(SurfaceSlam(self.config))
         self.live.is_localised = True
 
     def _begin_with(self, processor: SurfaceSlam) -> None:

@@ -31,7 +31,7 @@ class TccmNode(SensorNode):
     def __init__(self, shared: SharedRobot | None = None, **kwargs: Any):
         super().__init__("tccm", "tccm", shared, **kwargs)
         warm_up_tccm(self.config)
-        self.processor = TccmProcessor(self.config, self.roles)
+        self.processor = TccmProcessor(self.config)
         self.is_paused = False
         self._frame_id = self.config.frames.odom_name
         self._rig_check = RigCheck()

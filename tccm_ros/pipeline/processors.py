@@ -11,13 +11,16 @@ from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.records import Event
 from tccm_ros.results.cycles import CycleHistory
-from tccm_ros.robot import Robot, Stream
+from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams, roles_of
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 __all__ = ["Pipeline"]
+
+MAPPED_ROLES = roles_of("tccm")
+"""Streams whose stamps the trajectory has, where there is no level laser."""
 
 PARTS_KEPT = 400
 """Cycles whose part maps are kept for result.mcap: memory stays bounded in a bag of hours."""
@@ -36,8 +39,6 @@ class Pipeline:
         A map to go on with.
     clock
         Where the time of each stage is added up.
-    streams
-        Of the sensors.
 
     Attributes
     ----------
@@ -56,14 +57,11 @@ class Pipeline:
         expects_odometry: bool,
         saved: SavedMap | None = None,
         clock: Stopwatch | None = None,
-        streams: Iterable[Stream] = default_streams(),
     ):
         self.config = config
         self.clock = clock or Stopwatch()
-        streams = tuple(streams)
-        self._mapped_roles = roles_of("tccm", streams)
-        self.robot = Robot(config, streams, expects_odometry=expects_odometry)
-        self.tccm = TccmProcessor(config, self._mapped_roles)
+        self.robot = Robot(config, default_streams(), expects_odometry=expects_odometry)
+        self.tccm = TccmProcessor(config)
         self.slam = SurfaceSlam(config) if saved is None else SurfaceSlam.from_saved(config, saved)
         self.cycles: list[CycleResult] = []
         self.history = CycleHistory(config.map.window_cycles)
@@ -77,7 +75,7 @@ class Pipeline:
         """Take one record; return the cycles that are complete now."""
         with self.clock.stage("pose"):
             events = self.robot.add(role, record)
-        if role in self._mapped_roles:
+        if role in MAPPED_ROLES:
             self.slam.add_pose_stamp(record.stamp_ns)
         return self._give(events) if events else []
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from tccm_ros.robot import Stream
 from tccm_ros.sensors.laser_scan import LEVEL_SCAN, TILT_SCAN
 
@@ -15,6 +13,6 @@ def default_streams() -> tuple[Stream, ...]:
     return TILT_SCAN, LEVEL_SCAN
 
 
-def roles_of(taker: str, streams: Iterable[Stream] = default_streams()) -> frozenset[str]:
+def roles_of(taker: str) -> frozenset[str]:
     """Return the roles of the streams that are for a processor (`Stream.taker`)."""
-    return frozenset(stream.role for stream in streams if stream.taker == taker)
+    return frozenset(stream.role for stream in default_streams() if stream.taker == taker)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -92,8 +92,6 @@ class SurfaceSlam:
     ----------
     config
         All groups but those of the TCCM.
-    roles
-        The streams of level scans.
 
     Attributes
     ----------
@@ -103,12 +101,12 @@ class SurfaceSlam:
         Name of the odometry frame.
     """
 
-    def __init__(self, config: Config, roles: Collection[str] = roles_of("slam")):
+    def __init__(self, config: Config):
         self.config = config
         self.counts: Counter[str] = Counter()
         self.odom_frame = config.frames.odom_name
         self._takers: dict[EventKind, Callable[[Any], list[ScanPose]]] = {
-            **{(PosedScan, role): self._take_scan for role in roles},
+            **{(PosedScan, role): self._take_scan for role in roles_of("slam")},
             (Odometry, None): self._take_odometry,
             (ClockJump, None): self._take_jump,
             (SurfaceCloud, None): partial(self._take_view, "clouds"),

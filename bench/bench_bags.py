@@ -23,7 +23,6 @@ from rosbags.typesys import Stores, get_typestore
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.bags.storage import StorageFile
 from tccm_ros.bags.typestore import TypestoreMessages
-from tccm_ros.cdr.reading import FAST_READERS
 from tccm_ros.ros import READERS
 
 BAGS = Path(__file__).resolve().parents[1] / "bags"
@@ -80,12 +79,13 @@ def reading_messages() -> None:
     file = StorageFile(path)
     print("\n| role | rosbags, us | and a record, us | straight, us |\n|---|---|---|---|")
     for role in ("odom", "joint_states", "scan"):
-        msgtype, read = READERS[role]
+        msgtype, read, fast = READERS[role]
+        assert fast is not None
         data = [message.data for message in file.messages([f"/{role}"])]
         works: list[Callable[[bytes], Any]] = [
             lambda raw, kind=msgtype: STORE.deserialize_cdr(raw, kind),
             lambda raw, kind=msgtype, read=read: read(TYPES.deserialize(kind, raw)),
-            FAST_READERS[role],
+            fast,
         ]
         times = [shortest(lambda work=work: [work(raw) for raw in data]) for work in works]  # noqa: B023
         row = " | ".join(f"{1e6 * seconds / len(data):.1f}" for seconds in times)

@@ -32,12 +32,12 @@ from tccm_ros.pipeline.sim.engine import Simulation
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan
+from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.ros import (
     joint_sample_message,
     odometry_message,
     robot_description_message,
     scan_message,
-    stamp_ns_from_message,
 )
 
 NODES = ("tccm_node", "slam_node")

@@ -7,10 +7,9 @@ out; damage of the storage ends the reading with a BagError, after all that came
 
 from __future__ import annotations
 
-import struct
 from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from heapq import merge
 from operator import attrgetter
@@ -24,7 +23,7 @@ from tccm_ros.bags.bag_files import storage_paths, unpacked
 from tccm_ros.bags.offered_qos import Qos, qos_of_publishers
 from tccm_ros.bags.storage import BagMessage, StorageFile
 from tccm_ros.bags.typestore import TypestoreMessages
-from tccm_ros.cdr.reading import FAST_READERS, NotPlain
+from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.errors import BagError, MessageError, TopicError, one_line, suggest
 from tccm_ros.records.building import Record
 from tccm_ros.ros import READERS
@@ -99,6 +98,8 @@ class BagReader:
         A rosbag2 folder (mcap or sqlite3, split or not, compressed or not, with or without
         metadata.yaml), or one .mcap or .db3 file; or several of these, in any order, that are read
         as one recording.
+    readers
+        By role of a topic: how its messages become records.
 
     Attributes
     ----------
@@ -119,9 +120,10 @@ class BagReader:
         Where a topic has one type in one file, and another one in the next.
     """
 
-    def __init__(self, bag: BagPaths) -> None:
+    def __init__(self, bag: BagPaths, readers: Mapping[str, MessageReader] = READERS) -> None:
         paths = bag_paths(bag)
         self.path = ", ".join(map(str, paths))
+        self._readers = readers
         self.dropped: Counter[str] = Counter()
         self.problems: dict[str, str] = {}
         self._types = TypestoreMessages()
@@ -171,7 +173,7 @@ class BagReader:
 
     def missing(self, role: str, topic: str) -> str:
         """Explain that a topic is not here: the message for a TopicError of the pipeline."""
-        msgtype = READERS[role][0]
+        msgtype = self._readers[role].message_type
         same = sorted({c.topic for c in self._connections() if c.msgtype == msgtype})
         if same:
             hint = f"; of this type there are: {', '.join(same)}; "
@@ -213,7 +215,7 @@ class BagReader:
         Parameters
         ----------
         topics
-            Topic of each role; roles are the keys of `messages.READERS`.
+            Topic of each role; roles are the keys of `readers`.
 
         Raises
         ------
@@ -227,20 +229,15 @@ class BagReader:
             roles[topic].append(role)
         for connection in self._connections():
             for role in roles.get(connection.topic, ()):
-                _check_type(self.path, connection, role)
+                _check_type(self.path, connection, role, self._readers[role].message_type)
         for message in self.messages(roles):
             for role in roles[message.topic]:
                 for record in self._read(role, message):
                     yield role, message.log_ns, record
 
     def _read(self, role: str, message: BagMessage) -> Sequence[Record]:
-        fast = FAST_READERS.get(role)
         try:
-            if fast is not None:
-                with suppress(NotPlain, struct.error, UnicodeDecodeError):
-                    return fast(message.data)
-            msgtype, read = READERS[role]
-            return read(self._types.deserialize(msgtype, message.data))
+            return self._readers[role].read(message.data, self._types.deserialize)
         except MessageError as error:
             self.dropped[message.topic] += 1
             self.problems.setdefault(message.topic, one_line(error))
@@ -292,8 +289,7 @@ def _check_encoding(path: str, connection: Connection) -> None:
         raise TopicError(f"{path}: {connection.topic} is serialised as '{encoding}', expected cdr")
 
 
-def _check_type(path: str, connection: Connection, role: str) -> None:
-    expected = READERS[role][0]
+def _check_type(path: str, connection: Connection, role: str, expected: str) -> None:
     if connection.msgtype != expected:
         raise TopicError(
             f"{path}: {connection.topic} is {connection.msgtype}, expected {expected} for {role}"

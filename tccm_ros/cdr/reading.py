@@ -4,21 +4,22 @@ A bag has ten odometry, joint and tf messages for each scan. A record of one tak
 here; by the message objects of rosbags it takes 9.7 to 15.2 us, of which `deserialize_cdr` is the
 larger part (``python bench/bench_bags.py``). Names are read once: the next message has the same
 bytes in their place. What is not plain little-endian CDR of the expected size is left to the
-typestore, which reads it or says what is wrong.
+typestore, which reads it or says what is wrong: readers raise NotPlain, struct.error or
+UnicodeDecodeError then, and MessageError where a message object would as well.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.cdr.message_reader import NotPlain
 from tccm_ros.records import JointSample, Odometry, Scan, TransformSample
 from tccm_ros.records.building import (
-    Record,
     frame_name,
     joint_sample,
     pose_matrix,
@@ -26,7 +27,13 @@ from tccm_ros.records.building import (
     transform_sample,
 )
 
-__all__ = ["FAST_READERS", "MAX_TRAILING_BYTES", "NotPlain"]
+__all__ = [
+    "MAX_TRAILING_BYTES",
+    "read_joint_sample",
+    "read_odometry",
+    "read_scan",
+    "read_transforms",
+]
 
 ENCAPSULATION = b"\0\1"
 ORIGIN = 4
@@ -48,10 +55,6 @@ BEAMS_BYTES = 28
 MAX_TRAILING_BYTES = 15
 """Bytes after a message that are accepted: rclpy's serialize_message leaves up to 8 where
 sequences are empty, and DDS pads to 4."""
-
-
-class NotPlain(ValueError):
-    """Bytes that are left to the typestore."""
 
 
 def _align(at: int, size: int) -> int:
@@ -145,14 +148,16 @@ _joint_names = _Names(_names_of_joints)
 _scan_names = _Names(_frame_of_scan)
 
 
-def _odometry(data: bytes) -> tuple[Odometry]:
+def read_odometry(data: bytes) -> tuple[Odometry]:
+    """Return the pose of a nav_msgs/Odometry."""
     stamp_ns, (frame, child), at = _odometry_names(data)
     _check(data, at + POSE_BYTES + AFTER_POSE_BYTES)
     numbers = _POSE(data, at)
     return (Odometry(stamp_ns, frame, child, pose_matrix(numbers[:3], numbers[3:], "odometry")),)
 
 
-def _joint_sample(data: bytes) -> tuple[JointSample]:
+def read_joint_sample(data: bytes) -> tuple[JointSample]:
+    """Return the positions of a sensor_msgs/JointState."""
     stamp_ns, names, at = _joint_names(data)
     positions, at = _numbers(data, at, "<f8", 8)
     _, at = _numbers(data, at, "<f8", 8)
@@ -161,7 +166,8 @@ def _joint_sample(data: bytes) -> tuple[JointSample]:
     return (joint_sample(stamp_ns, names, positions),)
 
 
-def _scan(data: bytes) -> tuple[Scan]:
+def read_scan(data: bytes) -> tuple[Scan]:
+    """Return the scan of a sensor_msgs/LaserScan."""
     stamp_ns, (frame,), at = _scan_names(data)
     numbers = _BEAMS(data, at)
     ranges, at = _numbers(data, at + BEAMS_BYTES, "<f4", 4)
@@ -170,7 +176,8 @@ def _scan(data: bytes) -> tuple[Scan]:
     return (scan_record(stamp_ns, frame, numbers, ranges),)
 
 
-def _transforms(data: bytes, is_static: bool = False) -> list[TransformSample]:
+def read_transforms(data: bytes, *, is_static: bool = False) -> list[TransformSample]:
+    """Return the transforms of a tf2_msgs/TFMessage."""
     (count,) = _U32(data, ORIGIN)
     at = ORIGIN + 4
     found = []
@@ -185,15 +192,3 @@ def _transforms(data: bytes, is_static: bool = False) -> list[TransformSample]:
         transform_sample(stamp_ns, frames, numbers[:3], numbers[3:], is_static)
         for stamp_ns, frames, numbers in found
     ]
-
-
-FAST_READERS: Mapping[str, Callable[[bytes], Sequence[Record]]] = {
-    "scan": _scan,
-    "tilt_scan": _scan,
-    "joint_states": _joint_sample,
-    "odom": _odometry,
-    "tf": _transforms,
-    "tf_static": lambda data: _transforms(data, is_static=True),
-}
-"""By role; they raise NotPlain, struct.error or UnicodeDecodeError for what the typestore shall
-read, and MessageError as the readers of messages do."""

@@ -7,7 +7,7 @@ the joint has turned and every scan before the turn is there, or can no longer c
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,9 +19,9 @@ from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
 from tccm_ros.cuboids.union import UNION, CuboidRule
 from tccm_ros.geometry import interpolate_poses
 from tccm_ros.records import PosedScan
-from tccm_ros.sensors.laser_scan import valid_beams
+from tccm_ros.sensors.laser_scan import used_beams
 
-__all__ = ["Mapper", "Sweep", "SweepScan"]
+__all__ = ["CycleBuilder", "Sweep", "SweepScan"]
 
 Float64 = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ SPEED_WINDOW_NS = 250_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SweepScan:
-    """Beams [first, last) of a scan that belong to a sweep; `keep` bool (N,) are the valid ones."""
+    """Beams [first, last) of a scan that belong to a sweep; `keep` bool (N,) are those to use."""
 
     posed: PosedScan
     keep: NDArray[np.bool_]
@@ -119,15 +119,13 @@ class Sweep:
         return stamps, poses[first]
 
 
-class Mapper:
+class CycleBuilder:
     """Sorts beams into cycles and builds their part maps.
 
     Parameters
     ----------
     config
         Groups `cycle`, `map` and `scan`.
-    keep_beams
-        Marks the beams of a scan to use, bool (N,); by default `scan.valid_beams`.
     rule
         How points become cuboids.
 
@@ -137,15 +135,9 @@ class Mapper:
         Scans of which no beam was used, by reason.
     """
 
-    def __init__(
-        self,
-        config: Config,
-        keep_beams: Callable[[PosedScan], NDArray[np.bool_]] | None = None,
-        rule: CuboidRule = UNION,
-    ) -> None:
+    def __init__(self, config: Config, rule: CuboidRule = UNION) -> None:
         self._config = config
-        self._keep_beams = keep_beams or (lambda posed: valid_beams(posed.scan, config))
-        self.cycles = TiltCycles(config)
+        self._cycles = TiltCycles(config)
         self._builder = PartMapBuilder(config, rule)
         self.dropped: Counter[str] = Counter()
         self._waiting: deque[SweepScan] = deque()
@@ -157,20 +149,20 @@ class Mapper:
         self._waiting.clear()
         self._open = []
         self._builder.clear()
-        self.cycles.clear()
+        self._cycles.clear()
 
-    def add_tilt(self, samples: Iterable[tuple[int, float]]) -> None:
-        """Take tilt samples (stamp_ns, angle), in stamp order."""
-        for stamp_ns, angle in samples:
-            self.cycles.add(stamp_ns, angle)
+    def add_tilt(self, stamp_ns: int, angle: float) -> None:
+        """Take the next tilt angle, in stamp order."""
+        self._cycles.add(stamp_ns, angle)
 
     def add_scan(self, posed: PosedScan) -> None:
         """Take the next scan, in stamp order."""
-        self._waiting.append(SweepScan(posed, self._keep_beams(posed), 0, len(posed.scan.ranges)))
+        keep = used_beams(posed, self._config)
+        self._waiting.append(SweepScan(posed, keep, 0, len(posed.scan.ranges)))
 
     def finish(self) -> list[Sweep]:
         """Close the open cycle: the input has ended."""
-        self.cycles.finish()
+        self._cycles.finish()
         sweeps = self.take(complete_ns=2**62)
         self.dropped["no joint samples"] += len(self._waiting)
         self._waiting.clear()
@@ -178,6 +170,8 @@ class Mapper:
 
     def take(self, complete_ns: int) -> list[Sweep]:
         """Work on what can be worked on.
+
+        Where no more samples of the joint can come for the open cycle, it ends.
 
         Parameters
         ----------
@@ -189,16 +183,17 @@ class Mapper:
         list[Sweep]
             The cycles that are complete now, in order.
         """
+        self._cycles.advance(complete_ns)
         sweeps: list[Sweep] = []
-        closed = self.cycles.closed
+        closed = self._cycles.closed
         while True:
             if self._waiting:
                 head = self._waiting[0]
                 split = _first_beam_at(head, closed[0].end_ns) if closed else head.last
-                certain = closed or _end_ns(head) < self.cycles.decided_ns
+                certain = closed or _end_ns(head) < self._cycles.decided_ns
                 if not certain:
                     return sweeps
-                used = bool(closed[0].cycle is not None if closed else self.cycles.sweeping)
+                used = bool(closed[0].cycle is not None if closed else self._cycles.sweeping)
                 reason = closed[0].reason if closed else "joint rests"
                 self._waiting.popleft()
                 self._use(head, split, used, reason)

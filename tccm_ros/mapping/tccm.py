@@ -1,4 +1,4 @@
-"""The TCCM as one processor: records in, planes and the hand-over of each tilt cycle out."""
+"""The TCCM as one processor: events in, planes and the surface message of each tilt cycle out."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from tccm_ros.baselines.seed_segmentation import segment
 from tccm_ros.baselines.union_as_printed import AS_PRINTED
 from tccm_ros.config import Config
 from tccm_ros.cuboids.clearing import see_through
-from tccm_ros.cuboids.cycle_builder import Mapper, Sweep
+from tccm_ros.cuboids.cycle_builder import CycleBuilder, Sweep
 from tccm_ros.cuboids.free_columns import SeenFree
 from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.cuboids.part_map import PartMap
@@ -25,28 +25,26 @@ from tccm_ros.mapping.surface_message import surface_cloud, view_intervals
 from tccm_ros.planes import find_planes
 from tccm_ros.planes.tracking import PlaneTracker
 from tccm_ros.records import (
-    JointSample,
-    Odometry,
+    ClockJump,
+    Event,
     PlaneRecord,
     PosedScan,
-    RobotDescription,
-    Scan,
+    StreamComplete,
     SurfaceCloud,
     TabletopObject,
-    TransformSample,
+    TiltAngle,
     ViewIntervals,
 )
-from tccm_ros.robot import LaserKinematics
-from tccm_ros.robot.synchroniser import Synchroniser
-from tccm_ros.sensors.laser_scan import project, valid_beams
+from tccm_ros.records.events import EventKind, kind_of
+from tccm_ros.sensors.registry import roles_of
 from tccm_ros.tabletop.free_places import FreePlaces, find_free_places
 from tccm_ros.tabletop.objects import ObjectTracker, find_objects
 
-__all__ = ["CyclePlanes", "CycleResult", "TccmProcessor", "TccmRecord"]
-
-TccmRecord = RobotDescription | JointSample | TransformSample | Odometry | Scan
+__all__ = ["CyclePlanes", "CycleResult", "TccmProcessor"]
 
 OnPlanes = Callable[["CyclePlanes"], object]
+
+START_OF_TIME = -(2**62)
 
 STILL_SPEED = 0.02
 """Below this the base stands still, m/s (`views.when: still`)."""
@@ -84,7 +82,7 @@ class CycleResult:
     place_size
         Width and depth of what `free_places` looks for room for, m.
     surfaces, view
-        The hand-over.
+        What goes to the surface map.
     part
         The newest part map, with its points.
     scans
@@ -139,8 +137,6 @@ class TccmProcessor:
     ----------
     config
         The configuration.
-    expects_odometry
-        Whether there is an odometry topic (`Synchroniser`).
 
     Attributes
     ----------
@@ -150,67 +146,85 @@ class TccmProcessor:
         ``cycles``, ``scans used``, ``resets``.
     """
 
-    def __init__(self, config: Config, *, expects_odometry: bool = False) -> None:
+    def __init__(self, config: Config) -> None:
         self.config = config
-        self._expects_odometry = expects_odometry
         self.counts: Counter[str] = Counter()
         self.map = IntegrationMap(config)
         self.seen_free = SeenFree(config)
-        self._planes = PlaneTracker(config)
-        self._objects = ObjectTracker(config)
-        self._view_is_asked = False
         # The baselines are chosen here, and handed down as functions.
+        rule = AS_PRINTED if config.map.mode == "paper" else UNION
+        self._cycles = CycleBuilder(config, rule)
         is_seed = config.surfaces.segmentation == "seed"
         self._segmentation = partial(segment, config=config) if is_seed else None
-        self._start()
-
-    def _start(self) -> None:
-        self.kinematics = LaserKinematics(self.config, "tilt")
-        self.synchroniser = Synchroniser(
-            self.config, self.kinematics, expects_odometry=self._expects_odometry
-        )
-        rule = AS_PRINTED if self.config.map.mode == "paper" else UNION
-        self._mapper = Mapper(self.config, self._keep_beams, rule)
-        self._jumps = 0
-        self._frame_id = self.config.frames.odom_name
+        self._complete_ns = START_OF_TIME
+        self._planes = PlaneTracker(config)
+        self._objects = ObjectTracker(config)
+        self._odom_frame, self._base_frame = config.frames.odom_name, ""
+        self._view_is_asked = False
+        self._takers: dict[EventKind, Callable[[Any], list[Sweep]]] = {
+            (ClockJump, None): self._take_jump
+        }
+        for role in roles_of("tccm"):
+            self._takers[PosedScan, role] = self._take_scan
+            self._takers[TiltAngle, role] = self._take_angle
+            self._takers[StreamComplete, role] = self._take_complete
 
     @property
     def dropped(self) -> Counter[str]:
-        """Scans that were not used, by reason."""
-        return self.synchroniser.dropped + self._mapper.dropped
+        """Posed scans that were not used, by reason."""
+        return self._cycles.dropped
 
-    def add(self, record: TccmRecord, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:
-        """Take one record; return the cycles that are complete now, in order.
+    def takes(self, event: Event) -> bool:
+        """Return whether an event is for this processor."""
+        return kind_of(event) in self._takers
 
-        `on_planes` is called with the planes of each as soon as they are known: the rest takes
-        about as long again.
+    def add(self, event: Event, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:
+        """Take one event; return the cycles that are complete now, in order.
+
+        Events that are for others are left alone. `on_planes` is called with the planes of each
+        cycle as soon as they are known: the rest takes about as long again.
         """
-        posed = self.synchroniser.add(record)
-        if self.synchroniser.jumps != self._jumps:
-            self._jumps = self.synchroniser.jumps
-            self.clear_map()
-        return self._take(posed, on_planes)
+        take = self._takers.get(kind_of(event))
+        return [self._result(sweep, on_planes) for sweep in take(event)] if take else []
+
+    def _take_scan(self, posed: PosedScan) -> list[Sweep]:
+        self._odom_frame, self._base_frame = posed.odom_frame, posed.base_frame
+        self._cycles.add_scan(posed)
+        return self._cycles.take(self._complete_ns)
+
+    def _take_angle(self, sample: TiltAngle) -> list[Sweep]:
+        # Whether a cycle has ended is looked at with the next scan, or when time has gone on.
+        self._cycles.add_tilt(sample.stamp_ns, sample.angle)
+        return []
+
+    def _take_complete(self, complete: StreamComplete) -> list[Sweep]:
+        self._complete_ns = complete.until_ns
+        return self._cycles.take(self._complete_ns)
+
+    def _take_jump(self, jump: ClockJump) -> list[Sweep]:
+        self.clear_map()
+        return []
 
     def finish(self, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:
-        """Close the open sweep: the input has ended."""
-        results = self._take(self.synchroniser.flush(), on_planes)
-        return results + [self._result(sweep, on_planes) for sweep in self._mapper.finish()]
+        """Close the open cycle: the input has ended."""
+        return [self._result(sweep, on_planes) for sweep in self._cycles.finish()]
 
     def reset(self) -> None:
-        """Begin anew, with nothing known of the robot."""
+        """Begin anew; cycles count from 0 again."""
         self.clear_map()
         dropped = self.dropped
-        self._start()
-        self._mapper.dropped = dropped
+        self._cycles = CycleBuilder(self.config)
+        self._cycles.dropped = dropped
 
     def take_view(self) -> None:
-        """Hand the surfaces of the next cycle over, also where `views.when` would not."""
+        """Give the surfaces of the next cycle out, also where `views.when` would not."""
         self._view_is_asked = True
 
     def clear_map(self) -> None:
-        """Forget the map and the open sweep; what is known of the robot stays."""
+        """Forget the map and the open cycle."""
         self.counts["resets"] += 1
-        self._mapper.clear()
+        self._cycles.clear()
+        self._complete_ns = START_OF_TIME
         self.map.clear()
         self.seen_free.clear()
         self._planes.reset()
@@ -219,41 +233,10 @@ class TccmProcessor:
         """Return the map as it is now, to be asked (`queries`)."""
         return MapQuery(self.map, self.seen_free)
 
-    def _take(self, posed: list[PosedScan], on_planes: OnPlanes) -> list[CycleResult]:
-        self._mapper.add_tilt(self.synchroniser.tilt_samples())
-        for scan in posed:
-            self._mapper.add_scan(scan)
-        complete_ns = self._complete_ns()
-        if complete_ns is not None:
-            self._mapper.cycles.advance(complete_ns)
-        sweeps = self._mapper.take(complete_ns or -(2**62))
-        return [self._result(sweep, on_planes) for sweep in sweeps]
-
-    def _complete_ns(self) -> int | None:
-        """Return the time before which nothing can come any more: message time less the waits."""
-        newest_ns = self.synchroniser.message_ns
-        if newest_ns is None:
-            return None
-        late_joints = max(0.0, -self.config.rig.joint_time_offset)
-        wait_ns = round((self.config.sync_timeout + late_joints) * 1e9)
-        return newest_ns - wait_ns - self.synchroniser.longest_scan_ns
-
-    def _keep_beams(self, posed: PosedScan) -> NDArray[np.bool_]:
-        scan = posed.scan
-        shapes = (
-            self.kinematics.self_shapes(scan.stamp_ns) if self.config.scan.self_filter else None
-        )
-        if shapes is None:
-            return valid_beams(scan, self.config)
-        keep = np.zeros(len(scan.ranges), np.bool_)
-        keep[project(posed, self.config, shapes).beams] = True
-        return keep
-
     def _result(self, sweep: Sweep, on_planes: OnPlanes) -> CycleResult:
         if self.config.map.clear_seen_through:
             sweep.part = see_through(sweep, self.map, self.config)
         part = sweep.part
-        self._frame_id = self.synchroniser.motion.odom_frame
         self.map.add(part)
         self.counts["cycles"] += 1
         self.counts["scans used"] += len(sweep.scans)
@@ -261,10 +244,10 @@ class TccmProcessor:
         cuboids = part.cuboids() if self.config.planes.source == "part" else self.map.cuboids()
         fits = find_planes(cuboids, self.config, viewpoint)
         planes = self._planes.update(fits)
-        on_planes(CyclePlanes(sweep.stamp_ns, self._frame_id, planes))
+        on_planes(CyclePlanes(sweep.stamp_ns, self._odom_frame, planes))
         objects = self._objects.update(find_objects(cuboids, fits, planes, self.config))
         speed, turn_rate = sweep.base_speeds()
-        base = self.kinematics.base or ""
+        base = self._base_frame
         still = speed < STILL_SPEED and turn_rate < STILL_TURN_RATE
         wanted = self.config.views.when == "always" or still or self._view_is_asked
         self._view_is_asked = False
@@ -275,7 +258,7 @@ class TccmProcessor:
             stamp_ns=sweep.stamp_ns,
             start_ns=part.start_ns,
             end_ns=part.end_ns,
-            frame_id=self._frame_id,
+            frame_id=self._odom_frame,
             base_frame_id=base,
             T_odom_base=T_odom_base,
             planes=planes,

@@ -1,4 +1,10 @@
-"""all_in_one: both nodes in one process and one executor."""
+"""all_in_one: both nodes in one process and one executor, with one robot.
+
+tccm_node receives what is known of the robot and the tilting laser's scans, slam_node the level
+laser's; each record is judged once, and its events go to the workers of both.
+"""
+
+from __future__ import annotations
 
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.slam_node import SlamNode
@@ -9,4 +15,10 @@ __all__ = ["main"]
 
 def main() -> None:
     """Run both nodes until they are told to stop."""
-    run(TccmNode, SlamNode)
+    made: list[TccmNode] = []
+
+    def tccm_node() -> TccmNode:
+        made.append(TccmNode())
+        return made[0]
+
+    run(tccm_node, lambda: SlamNode(made[0].robot))

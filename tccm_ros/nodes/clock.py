@@ -10,8 +10,6 @@ from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 
-from tccm_ros.records import Scan
-
 __all__ = ["is_clock_missing", "on_backward_jump", "stamp_on_receipt", "steady_timer"]
 
 
@@ -35,16 +33,18 @@ def on_backward_jump(node: Node, threshold_s: float, callback: Callable[[str], N
     return node.get_clock().create_jump_callback(threshold, post_callback=jumped)
 
 
-def stamp_on_receipt(node: Node, record: Any) -> Any:
+def stamp_on_receipt(
+    node: Node, record: Any, time_span: Callable[[Any], tuple[int, int]] | None = None
+) -> Any:
     """Return a record with the time of its arrival, for drivers that have no clock.
 
-    A scan is sent after its last beam: its stamp, that of its first beam, is so much earlier.
+    What a sensor measures over a time span is sent at its end: its stamp is so much earlier.
     """
     if not hasattr(record, "stamp_ns"):
         return record
     arrival_ns = int(node.get_clock().now().nanoseconds)
-    if isinstance(record, Scan):
-        arrival_ns -= max(record.end_ns - record.stamp_ns, 0)
+    if time_span is not None:
+        arrival_ns -= time_span(record)[1] - record.stamp_ns
     return replace(record, stamp_ns=max(arrival_ns, 0))
 
 

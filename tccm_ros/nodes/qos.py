@@ -3,8 +3,6 @@
 from collections.abc import Callable
 
 from rclpy.event_handler import (
-    PublisherEventCallbacks,
-    QoSOfferedIncompatibleQoSInfo,
     QoSRequestedIncompatibleQoSInfo,
     SubscriptionEventCallbacks,
 )
@@ -14,7 +12,6 @@ __all__ = [
     "SENSOR_DEPTH",
     "hand_over",
     "latched",
-    "publisher_events",
     "sensor",
     "static_transforms",
     "subscription_events",
@@ -86,17 +83,6 @@ def subscription_events(topic: str, warn: Callable[[str], object]) -> Subscripti
     return SubscriptionEventCallbacks(incompatible_qos=incompatible, use_default_callbacks=False)
 
 
-def publisher_events(topic: str, warn: Callable[[str], object]) -> PublisherEventCallbacks:
-    """Return callbacks that name a subscriber whose request our offer does not meet."""
-
-    def incompatible(info: QoSOfferedIncompatibleQoSInfo) -> None:
-        warn(f"a subscriber of '{topic}' asks for an incompatible {_policy(info)}: it gets nothing")
-
-    return PublisherEventCallbacks(incompatible_qos=incompatible)
-
-
-def _policy(
-    info: QoSRequestedIncompatibleQoSInfo | QoSOfferedIncompatibleQoSInfo,
-) -> str:
+def _policy(info: QoSRequestedIncompatibleQoSInfo) -> str:
     name = str(getattr(info.last_policy_kind, "name", info.last_policy_kind))
     return name.lower().removeprefix("rmw_qos_policy_")

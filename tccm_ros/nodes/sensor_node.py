@@ -1,8 +1,8 @@
-"""What both nodes share: parameters, watched inputs, a worker that owns the processor, diagnostics.
+"""What both nodes share: parameters, watched inputs, the robot, a worker that owns the processor.
 
-The intake reads messages and queues their records; a worker thread gives them to the processor and
-publishes the results. So a long step never blocks the intake, and what an overloaded node drops is
-whole scans, counted.
+The intake reads messages and gives their records to the robot, which poses them; a worker thread
+gives the events to the processor and publishes the results. So a long step never blocks the intake,
+and what an overloaded node drops is whole scans, counted.
 """
 
 from __future__ import annotations
@@ -10,13 +10,14 @@ from __future__ import annotations
 import time
 from abc import abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.task import Future
 
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import TccmError, one_line
@@ -34,31 +35,50 @@ from tccm_ros.nodes.params import declare_config, follow_changes
 from tccm_ros.nodes.qos import latched, sensor, static_transforms
 from tccm_ros.nodes.readers import record_reader
 from tccm_ros.nodes.ros_types import RosidlMessages
+from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.tf import has_tf2_msgs
 from tccm_ros.nodes.worker import Worker
-from tccm_ros.records import RobotDescription, Scan, TransformSample
-from tccm_ros.robot.synchroniser import Synchroniser
+from tccm_ros.records import (
+    ClockJump,
+    Event,
+    Odometry,
+    StreamComplete,
+    SurfaceCloud,
+    TiltAngle,
+    ViewIntervals,
+)
+from tccm_ros.sensors.registry import default_streams, roles_of
 
-__all__ = ["LASER_SCAN", "SensorNode", "is_latched"]
+__all__ = ["SensorNode"]
 
-LASER_SCAN = "sensor_msgs/msg/LaserScan"
-
-MAX_KNOWN = 1000
-"""Latched records (fixed transforms, the robot description) that are kept for a new start."""
+NOT_DROPPED = (ClockJump, Odometry, StreamComplete, SurfaceCloud, TiltAngle, ViewIntervals)
+"""Events that an overloaded node keeps as long as it can: all but what sensors measured."""
 
 
 class SensorNode(Node):
-    """A node that turns sensor messages into records and feeds them to a processor.
+    """A node that turns sensor messages into posed events and feeds them to a processor.
 
     A subclass makes its processor, then calls `listen` and, when it is complete, `start`.
 
+    Parameters
+    ----------
+    name
+        Of the node.
+    taker
+        Of the sensors' streams that the node is for (`Stream.taker`).
+    shared
+        The robot of another node in this process, which receives what is known of it; by default
+        the node has its own.
+
     Attributes
     ----------
+    robot
+        Where records become events.
     types, bulk_types
         Message classes: rosidl's, and those that hold tables of points as arrays (`Outputs`).
     """
 
-    def __init__(self, name: str, **kwargs: Any):
+    def __init__(self, name: str, taker: str, shared: SharedRobot | None, **kwargs: Any):
         super().__init__(name, **kwargs)
         self.config = declare_config(self)
         follow_changes(self, self.config)
@@ -70,38 +90,38 @@ class SensorNode(Node):
         self.overload: Counter[str] = Counter()
         self.longest_step_s = 0.0
         self.worker = Worker(name, partial(self.refuse, "processing"))
-        self._known: dict[str, Any] = {}
-        self._odometry_topic = self.resolve_topic_name("odom")
+        self.robot = shared or SharedRobot(self.config, self._is_odometry_published)
+        self.robot.check_shared(self.config)
+        self.owns_robot = shared is None
+        self.roles = roles_of(taker)
         self._drops = DropWatch()
         self._jump = on_backward_jump(self, self.config.clock_jump, self.restart)
 
     # --- for subclasses ---
 
-    @property
     @abstractmethod
-    def synchroniser(self) -> Synchroniser:
-        """What gives the scans their poses."""
-
-    @property
-    @abstractmethod
-    def dropped(self) -> Counter[str]:
-        """Scans that were not used, by reason."""
+    def takes(self, event: Event) -> bool:
+        """Return whether an event is for the processor."""
 
     @abstractmethod
-    def feed(self, record: Any) -> None:
-        """Give one record to the processor and publish what comes of it (in the worker)."""
+    def feed(self, event: Any) -> None:
+        """Give one event to the processor and publish what comes of it (in the worker)."""
 
     @abstractmethod
     def begin(self) -> None:
         """Forget everything (in the worker)."""
 
-    @abstractmethod
     def end_input(self) -> None:
-        """Work on what waits for more input, as at the end of a bag (in the worker)."""
+        """Work on what waits for more events, as at the end of a bag (in the worker)."""
 
     @abstractmethod
     def write(self, folder: Path) -> None:
         """Write the map as it is (in the worker)."""
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Records that were not used, by reason."""
+        return self.robot.dropped(self.roles)
 
     def problems(self) -> Iterable[str]:
         """Return what is wrong beside the inputs, one line each."""
@@ -113,60 +133,63 @@ class SensorNode(Node):
 
     # --- inputs ---
 
-    def listen(self, scan_topic: str, *, is_needed: bool = True) -> None:
-        """Subscribe to a laser and to what places it."""
+    def listen(self, *, watch: Watch) -> None:
+        """Subscribe to the node's sensors and, unless another node does, to what places them.
+
+        `watch` says how the silence of the sensors is judged.
+        """
         measured = sensor(self.config.qos.reliability)
-        self.subscribe(
-            "scan", measured, topic=scan_topic, watch="needed" if is_needed else "stream"
-        )
-        self.subscribe("odom", measured)
-        self.subscribe("joint_states", measured)
-        self.subscribe("robot_description", latched(), watch="event")
-        if has_tf2_msgs():
-            self.subscribe("tf", measured, topic="/tf", watch="event")
-            self.subscribe("tf_static", static_transforms(), topic="/tf_static", watch="event")
+        for role in sorted(self.roles):
+            self.subscribe(role, measured, self.take, watch=watch)
+        if self.owns_robot:
+            self.subscribe("odom", measured, self.take)
+            self.subscribe("joint_states", measured, self.take)
+            self.subscribe("robot_description", latched(), self.take, watch="event")
+            if has_tf2_msgs():
+                self.subscribe("tf", measured, self.take, topic="/tf", watch="event")
+                fixed = static_transforms()
+                self.subscribe("tf_static", fixed, self.take, topic="/tf_static", watch="event")
+        self.robot.listen(self.offer)
 
     def subscribe(
         self,
         role: str,
         qos: QoSProfile,
+        take: Callable[[str, Any], None],
         *,
         topic: str = "",
         watch: Watch = "stream",
         is_measured: bool = True,
     ) -> None:
-        """Subscribe to the messages of a role (`messages.READERS`), which become records.
+        """Subscribe to the messages of a role (`ros.READERS`), whose records are taken.
 
         The topic has the role's name if it is not given. What is not measured but computed
         (`is_measured`) keeps its stamp in any case.
         """
         type_name, read = record_reader(role)
         on_receipt = is_measured and self.config.qos.stamp == "receive"
+        spans = {stream.role: stream.time_span for stream in default_streams()}
 
         def callback(data: bytes) -> None:
             try:
-                records = read(data)
+                for record in read(data):
+                    now = stamp_on_receipt(self, record, spans.get(role)) if on_receipt else record
+                    take(role, now)
             except TccmError as error:
                 self.refuse(topic or role, error)
-                return
-            for record in records:
-                self.take(stamp_on_receipt(self, record) if on_receipt else record)
 
         self.inputs.subscribe(type_name, topic or role, callback, qos, watch=watch, raw=True)
 
-    def take(self, record: Any) -> None:
-        """Queue a record for the worker; scans are dropped when it cannot keep up."""
-        self._remember(record)
-        is_scan = isinstance(record, Scan)
-        if not self.worker.offer(partial(self._work, record), is_droppable=is_scan):
-            self.overload["overload" if is_scan else "overload: samples"] += 1
+    def take(self, role: str, record: Any) -> None:
+        """Give a record to the robot."""
+        self.robot.add(role, record)
 
-    def _remember(self, record: Any) -> None:
-        """Keep what is sent only once: a processor that begins anew needs it again."""
-        if is_latched(record):
-            key = f"tf {record.child}" if isinstance(record, TransformSample) else "description"
-            if key in self._known or len(self._known) < MAX_KNOWN:
-                self._known[key] = record
+    def offer(self, events: Sequence[Any]) -> None:
+        """Queue events for the worker; scans are dropped when it cannot keep up."""
+        for event in filter(self.takes, events):
+            is_droppable = not isinstance(event, NOT_DROPPED)
+            if not self.worker.offer(partial(self._work, event), is_droppable=is_droppable):
+                self.overload["overload" if is_droppable else "overload: samples"] += 1
 
     def refuse(self, what: str, error: Exception) -> None:
         """Count a message that cannot be used, and say why the first time."""
@@ -176,46 +199,37 @@ class SensorNode(Node):
 
     # --- in the worker ---
 
-    def _work(self, record: Any) -> None:
+    def _work(self, event: Any) -> None:
         start = time.monotonic()
-        if isinstance(record, Scan):
-            self._expect_odometry()
-        self.feed(record)
+        self.feed(event)
         self.longest_step_s = max(self.longest_step_s, time.monotonic() - start)
-
-    def _expect_odometry(self) -> None:
-        """Note, before the first scan is placed, whether somebody publishes odometry."""
-        sync = self.synchroniser
-        if sync.motion.mode is None:
-            sync.expects_odometry = self.inputs.is_published(self._odometry_topic)
-
-    def begin_anew(self) -> None:
-        """Forget everything but what is sent only once (in the worker)."""
-        self.begin()
-        self.feed_known()
-
-    def feed_known(self) -> None:
-        """Give what is sent only once to a new processor (in the worker)."""
-        for record in list(self._known.values()):
-            self.feed(record)
 
     def save(self, folder: Path) -> None:
         """Write the map of all that has come, as at the end of a bag (in the worker)."""
         self.end_input()
         self.write(folder)
 
+    def _is_odometry_published(self) -> bool:
+        return self.inputs.is_published(self.resolve_topic_name("odom"))
+
     # --- services ---
 
-    async def answer(self, job: Callable[[], object], response: Any, done: str = "") -> Any:
-        """Have the worker do a job and answer a Trigger request with how that went."""
+    async def answer(self, job: Future, response: Any, done: str = "") -> Any:
+        """Answer a Trigger request with how a job of the worker went."""
         try:
-            await self.worker.call(job, self)
+            await job
         except Exception as error:
             response.success, response.message = False, one_line(error)
             self.get_logger().error(response.message)
         else:
             response.success, response.message = True, done
         return response
+
+    def save_all(self) -> Future:
+        """Have the map of all that has come written to `save_folder`, also of what waits."""
+        with self.robot.lock:
+            self.robot.flush()
+            return self.worker.call(partial(self.save, self.save_folder()), self)
 
     def save_folder(self) -> Path:
         """Return where maps are saved."""
@@ -226,7 +240,9 @@ class SensorNode(Node):
     def restart(self, reason: str) -> None:
         """Begin anew, because the clock went back."""
         self.get_logger().warning(f"{reason}: the map begins anew")
-        self.worker.post(self.begin_anew)
+        with self.robot.lock:
+            self.worker.post(self.begin)
+            self.robot.robot.begin_anew()
 
     def start(self) -> None:
         """Take messages and publish /diagnostics from now on."""
@@ -242,6 +258,7 @@ class SensorNode(Node):
     def close(self) -> None:
         """Finish what waits; save, if asked to."""
         if self.config.save.on_shutdown:
+            self.robot.flush()
             self.worker.wait(lambda: self.save(self.save_folder()))
         self.worker.close()
 
@@ -266,9 +283,7 @@ class SensorNode(Node):
                 "is mixed up; end one (one that was killed is gone in half a minute), or give it "
                 "another namespace (-r __ns:=/robot2)"
             )
-        problem = self.synchroniser.problem
-        if problem is not None:
-            yield str(problem)
+        yield from map(str, self.robot.problems(self.roles))
         yield from self.problems()
 
     def _all_values(self) -> dict[str, object]:
@@ -283,10 +298,3 @@ class SensorNode(Node):
             "longest step [s]": f"{self.longest_step_s:.3f}",
         }
         return {**received, **lost, **refused, **dropped, **self.values(), **steps}
-
-
-def is_latched(record: Any) -> bool:
-    """Return whether a record is sent only once: the robot description, a fixed transform."""
-    return isinstance(record, RobotDescription) or (
-        isinstance(record, TransformSample) and record.is_static
-    )

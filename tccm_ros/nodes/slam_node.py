@@ -19,11 +19,12 @@ from tccm_ros.nodes.map_folder import read_map, write_map
 from tccm_ros.nodes.outputs import Outputs
 from tccm_ros.nodes.qos import hand_over, latched, sensor
 from tccm_ros.nodes.run import run
-from tccm_ros.nodes.sensor_node import LASER_SCAN, SensorNode, is_latched
+from tccm_ros.nodes.sensor_node import SensorNode
+from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.warm_up import warm_up_slam
-from tccm_ros.records import Scan, ScanPose, Surface, SurfaceCloud
+from tccm_ros.records import Event, ScanPose, Surface, SurfaceCloud, ViewIntervals
 from tccm_ros.results.occupancy import occupancy_grid
-from tccm_ros.robot.synchroniser import Synchroniser
+from tccm_ros.ros import READERS
 from tccm_ros.ros.publications import (
     HAND_OVER_TOPICS,
     SOLUTION_TOPICS,
@@ -31,6 +32,7 @@ from tccm_ros.ros.publications import (
     SolutionPublications,
 )
 from tccm_ros.ros.results import grid_message
+from tccm_ros.sensors.registry import roles_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.surfaces.track_ids import changes
 
@@ -52,12 +54,11 @@ KEYFRAMES_PER_SOLVE = 5
 class SlamNode(SensorNode):
     """Feeds the SLAM processor; publishes poses as scans come and the map now and then."""
 
-    def __init__(self, **kwargs: Any):
-        super().__init__("surface_slam", **kwargs)
+    def __init__(self, shared: SharedRobot | None = None, **kwargs: Any):
+        super().__init__("surface_slam", "slam", shared, **kwargs)
         warm_up_slam(self.config)
         self.processor = SurfaceSlam(self.config)
         self.newest_ns = 0
-        self._dropped_before: Counter[str] = Counter()
         self._unsolved: Counter[str] = Counter()
         self._next_solve_s = 0.0
         self._shown_ns = -1
@@ -71,7 +72,7 @@ class SlamNode(SensorNode):
             self, self.bulk_types, topics, profiles, self.worker.post, shared=(GRID_TOPIC,)
         )
         self._boxes = CollisionObjects(self, self.types, self.live.map_frame)
-        self.listen("scan", is_needed=False)
+        self.listen(watch="stream")
         self._listen_to_tccm()
         self.create_service(Trigger, "~/save_map", self._on_save_map)
         self.create_service(Trigger, "~/load_map", self._on_load_map)
@@ -81,53 +82,55 @@ class SlamNode(SensorNode):
     def _listen_to_tccm(self) -> None:
         for role in HAND_OVER_TOPICS:
             self.subscribe(
-                role, hand_over(), topic=f"tccm/{role}", watch="event", is_measured=False
+                role,
+                hand_over(),
+                self._take_surface_message,
+                topic=f"tccm/{role}",
+                watch="event",
+                is_measured=False,
             )
         # Of the tilting laser only the stamps count: those of the trajectory, where there is no
         # level laser. They are read from the serialised message.
-        self.inputs.subscribe(
-            LASER_SCAN,
-            "tilt_scan",
-            self._on_tilt_scan,
-            sensor(self.config.qos.reliability),
-            watch="event",
-            raw=True,
-        )
-
-    @property
-    def synchroniser(self) -> Synchroniser:
-        """What gives the scans their poses."""
-        return self.processor.sync
-
-    @property
-    def dropped(self) -> Counter[str]:
-        """Scans that were not used, by reason."""
-        return self._dropped_before + self.processor.dropped
+        for role in roles_of("tccm"):
+            self.inputs.subscribe(
+                READERS[role].message_type,
+                role,
+                self._on_mapped_scan,
+                sensor(self.config.qos.reliability),
+                watch="event",
+                raw=True,
+            )
 
     # --- intake ---
 
-    def take(self, record: Any) -> None:
-        """Queue a record for the worker."""
-        if isinstance(record, Scan):
-            self.live.note_scan(record.stamp_ns)
-        super().take(record)
+    def takes(self, event: Event | SurfaceCloud | ViewIntervals) -> bool:
+        """Return whether an event is for the processor."""
+        return self.processor.takes(event)
 
-    def _on_tilt_scan(self, data: bytes) -> None:
+    def take(self, role: str, record: Any) -> None:
+        """Give a record to the robot."""
+        if role in self.roles:
+            self.live.note_scan(record.stamp_ns)
+        super().take(role, record)
+
+    def _take_surface_message(self, role: str, record: SurfaceCloud | ViewIntervals) -> None:
+        self.offer([record])
+
+    def _on_mapped_scan(self, data: bytes) -> None:
         if self.config.qos.stamp == "header" and not self.processor.counts["level scans"]:
             stamp_ns, self._has_tilt_scan = raw_stamp_ns(data), True
             self.worker.offer(lambda: self.processor.add_pose_stamp(stamp_ns), is_droppable=True)
 
     # --- in the worker ---
 
-    def feed(self, record: Any) -> None:
-        """Give one record to the processor; publish poses, and a solution when it is due."""
-        if not is_latched(record):
-            self.newest_ns = max(self.newest_ns, getattr(record, "stamp_ns", 0))
+    def feed(self, event: Any) -> None:
+        """Give one event to the processor; publish poses, and a solution when it is due."""
+        self.newest_ns = max(self.newest_ns, getattr(event, "stamp_ns", 0))
         resets = self.processor.counts["resets"]
-        poses = self.processor.add(record)
+        poses = self.processor.add(event)
         if self.processor.counts["resets"] != resets:
             self._forget()
-        self._unsolved["clouds"] += isinstance(record, SurfaceCloud)
+        self._unsolved["clouds"] += type(event) is SurfaceCloud
         self._show_poses(poses)
         if self.worker.backlog == 0:
             self._solve_when_due()
@@ -138,7 +141,7 @@ class SlamNode(SensorNode):
         has_scan = self.processor.counts["level scans"] or self._has_tilt_scan
         if has_scan and live.stamp_ns > self._shown_ns:
             self._shown_ns = live.stamp_ns
-            self.live.odom_frame = self.synchroniser.motion.odom_frame
+            self.live.odom_frame = self.processor.odom_frame
             self.live.show(live)
 
     def _solve_when_due(self) -> None:
@@ -176,10 +179,6 @@ class SlamNode(SensorNode):
         frame = self.live.map_frame
         return grid_message(self.bulk_types, self.newest_ns, frame, cells, size, origin)
 
-    def end_input(self) -> None:
-        """Pose or drop the scans that wait."""
-        self.processor.finish()
-
     def write(self, folder: Path) -> None:
         """Solve with all that has come and write the map."""
         if self._waits_for_scan:
@@ -193,7 +192,6 @@ class SlamNode(SensorNode):
         saved = read_map(folder)
         self._begin_with(SurfaceSlam.from_saved(self.config, saved))
         self.live.is_localised = not saved.views or bool(self.processor.saved_keyframes)
-        self.feed_known()
         self._show(self.processor.solve())
 
     def begin(self) -> None:
@@ -202,7 +200,6 @@ class SlamNode(SensorNode):
         self.live.is_localised = True
 
     def _begin_with(self, processor: SurfaceSlam) -> None:
-        self._dropped_before = self.dropped
         self.processor = processor
         self._forget()
 
@@ -217,15 +214,15 @@ class SlamNode(SensorNode):
     # --- services ---
 
     async def _on_save_map(self, _: Trigger.Request, response: Trigger.Response) -> Any:
-        folder = self.save_folder()
-        return await self.answer(lambda: self.save(folder), response, str(folder))
+        return await self.answer(self.save_all(), response, str(self.save_folder()))
 
     async def _on_load_map(self, _: Trigger.Request, response: Trigger.Response) -> Any:
         folder = self.save_folder()
-        return await self.answer(lambda: self.load(folder), response, str(folder))
+        job = self.worker.call(lambda: self.load(folder), self)
+        return await self.answer(job, response, str(folder))
 
     async def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Any:
-        return await self.answer(self.begin_anew, response)
+        return await self.answer(self.worker.call(self.begin, self), response)
 
     # --- diagnostics ---
 

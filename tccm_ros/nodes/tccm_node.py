@@ -14,11 +14,12 @@ from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.nodes.outputs import Outputs
 from tccm_ros.nodes.qos import hand_over, latched
 from tccm_ros.nodes.run import run
-from tccm_ros.nodes.sensor_node import SensorNode, is_latched
+from tccm_ros.nodes.sensor_node import SensorNode
+from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.warm_up import warm_up_tccm
 from tccm_ros.pipeline.calibrate.rig_check import RigCheck
+from tccm_ros.records import ClockJump, Event
 from tccm_ros.results.cuboids_file import cuboids_archive
-from tccm_ros.robot.synchroniser import Synchroniser
 from tccm_ros.ros.publications import CYCLE_TOPICS, HAND_OVER_TOPICS, CyclePublications
 
 __all__ = ["TccmNode", "main"]
@@ -27,8 +28,8 @@ __all__ = ["TccmNode", "main"]
 class TccmNode(SensorNode):
     """Feeds the TCCM processor and publishes what each cycle gives."""
 
-    def __init__(self, **kwargs: Any):
-        super().__init__("tccm", **kwargs)
+    def __init__(self, shared: SharedRobot | None = None, **kwargs: Any):
+        super().__init__("tccm", "tccm", shared, **kwargs)
         warm_up_tccm(self.config)
         self.processor = TccmProcessor(self.config)
         self.is_paused = False
@@ -47,7 +48,7 @@ class TccmNode(SensorNode):
             self.worker.post,
             always=HAND_OVER_TOPICS,
         )
-        self.listen("tilt_scan")
+        self.listen(watch="needed")
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/save_map", self._on_save_map)
         self.create_service(Trigger, "~/take_view", self._on_take_view)
@@ -55,36 +56,31 @@ class TccmNode(SensorNode):
         self.start()
 
     @property
-    def synchroniser(self) -> Synchroniser:
-        """What gives the scans their poses."""
-        return self.processor.synchroniser
-
-    @property
     def dropped(self) -> Counter[str]:
         """Scans that were not used, by reason."""
-        return self.processor.dropped
+        return super().dropped + self.processor.dropped
 
     # --- intake ---
 
-    def take(self, record: Any) -> None:
-        """Queue a record; while paused, only what is sent only once is taken.
+    def takes(self, event: Event) -> bool:
+        """Return whether an event is for the processor.
 
-        Joints stand still with the scans: sweeps that nobody looks at would age the map.
+        While paused, none is but a jump of the clock. Joints stand still with the scans: sweeps
+        that nobody looks at would age the map.
         """
-        if not self.is_paused or is_latched(record):
-            super().take(record)
+        return self.processor.takes(event) and (not self.is_paused or type(event) is ClockJump)
 
     # --- in the worker ---
 
-    def feed(self, record: Any) -> None:
-        """Give one record to the processor and publish the cycles that it completes.
+    def feed(self, event: Event) -> None:
+        """Give one event to the processor and publish the cycles that it completes.
 
         Planes go out as soon as they are known.
         """
-        self._publish(self.processor.add(record, self._publish_planes))
+        self._publish(self.processor.add(event, self._publish_planes))
 
     def begin(self) -> None:
-        """Forget the map and the robot."""
+        """Forget the map."""
         self.processor.reset()
         self._rig_check.clear()
         self._rig_problems = ()
@@ -113,11 +109,10 @@ class TccmNode(SensorNode):
     # --- services ---
 
     async def _on_save_map(self, _: Trigger.Request, response: Trigger.Response) -> Any:
-        folder = self.save_folder()
-        return await self.answer(lambda: self.save(folder), response, str(folder))
+        return await self.answer(self.save_all(), response, str(self.save_folder()))
 
     async def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Any:
-        return await self.answer(self.begin_anew, response)
+        return await self.answer(self.worker.call(self.begin, self), response)
 
     def _on_take_view(self, _: Trigger.Request, response: Trigger.Response) -> Any:
         self.worker.post(lambda: self.processor.take_view())

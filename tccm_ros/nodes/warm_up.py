@@ -16,6 +16,8 @@ from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.pipeline.calibrate.rig_check import RigCheck
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan
+from tccm_ros.robot import Robot
+from tccm_ros.sensors.registry import default_streams
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 __all__ = ["warm_up_slam", "warm_up_tccm"]
@@ -75,10 +77,12 @@ def warm_up_slam(config: Config) -> None:
 
 @cache
 def _sweep_once(config_json: str) -> tuple[CycleResult, ...]:
-    processor = TccmProcessor(_with_robot(Config.model_validate_json(config_json)))
+    config = _with_robot(Config.model_validate_json(config_json))
+    robot, processor = Robot(config, default_streams()), TccmProcessor(config)
     results: list[CycleResult] = []
-    for record in _sweeps():
-        results += processor.add(record)
+    for role, record in _sweeps():
+        for event in robot.add(role, record):
+            results += processor.add(event)
     results += processor.finish()
     processor.map.cuboids()
     results[-1].part.cuboids()  # with its caps
@@ -91,13 +95,13 @@ def _sweep_once(config_json: str) -> tuple[CycleResult, ...]:
 @cache
 def _drive_once(config_json: str) -> None:
     config = _with_robot(Config.model_validate_json(config_json))
-    slam = SurfaceSlam(config)
-    for record in _drive():
-        slam.add(record)
+    robot, slam = Robot(config, default_streams()), SurfaceSlam(config)
+    for role, record in _drive():
+        for event in robot.add(role, record):
+            slam.add(event)
     for result in _sweep_once(config_json):
         slam.add(result.surfaces)
         slam.add(result.view)
-    slam.finish()
     slam.solve()
 
 
@@ -109,16 +113,16 @@ def _with_robot(config: Config) -> Config:
     return made
 
 
-def _sweeps() -> Iterator[RobotDescription | Odometry | JointSample | Scan]:
+def _sweeps() -> Iterator[tuple[str, RobotDescription | Odometry | JointSample | Scan]]:
     """Yield sweeps of a tilting laser over the room, each scan between two samples."""
-    yield ROBOT
+    yield "robot_description", ROBOT
     bearings = np.linspace(-1.2, 1.2, BEAMS)
     for k in range(SCANS):
         stamp_ns = START_NS + k * PERIOD_NS
         tilt = float(0.7 + 0.5 * np.sin(2.0 * np.pi * k / (SCANS / 1.3)))
-        yield Odometry(stamp_ns, "odom", "base", np.eye(4))
-        yield JointSample(stamp_ns, ("tilt",), np.array([tilt]))
-        yield _scan(stamp_ns, "laser", bearings, _room_ranges(bearings, tilt))
+        yield "odom", Odometry(stamp_ns, "odom", "base", np.eye(4))
+        yield "joint_states", JointSample(stamp_ns, ("tilt",), np.array([tilt]))
+        yield "tilt_scan", _scan(stamp_ns, "laser", bearings, _room_ranges(bearings, tilt))
 
 
 def _scan(stamp_ns: int, frame: str, bearings: Array, ranges: Array) -> Scan:
@@ -142,16 +146,16 @@ def _room_ranges(bearings: Array, tilt: float) -> Array:
     return ranges
 
 
-def _drive() -> Iterator[RobotDescription | Odometry | Scan]:
+def _drive() -> Iterator[tuple[str, RobotDescription | Odometry | Scan]]:
     """Yield level scans of a drive to and fro in a room of 7 by 5 m, long enough for loops."""
-    yield ROBOT
+    yield "robot_description", ROBOT
     bearings = np.linspace(-2.0, 2.0, BEAMS)
     for k in range(DRIVE_SCANS):
         stamp_ns, x = START_NS + k * PERIOD_NS, 1.5 * float(np.sin(DRIVE_STEP / 1.5 * k))
         T_odom_base = np.eye(4)
         T_odom_base[0, 3] = x
-        yield Odometry(stamp_ns, "odom", "base", T_odom_base)
+        yield "odom", Odometry(stamp_ns, "odom", "base", T_odom_base)
         c, s = np.cos(bearings), np.sin(bearings)
         ahead = np.where(c > 0.0, 4.0 - x, 3.0 + x) / np.maximum(np.abs(c), 1e-9)
         ranges = np.minimum(ahead, 2.5 / np.maximum(np.abs(s), 1e-9))
-        yield _scan(stamp_ns, LEVEL, bearings, ranges)
+        yield "scan", _scan(stamp_ns, LEVEL, bearings, ranges)

@@ -12,9 +12,10 @@ from typing import Any, cast
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, TopicInfo
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, TccmError
-from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan, TransformSample
-from tccm_ros.robot.laser import LaserKinematics
+from tccm_ros.records import Scan
+from tccm_ros.robot import Robot
 from tccm_ros.ros import READERS
+from tccm_ros.sensors.registry import default_streams
 
 __all__ = ["BagInfo", "bag_info"]
 
@@ -33,8 +34,6 @@ LASERS = ("tilt_scan", "scan")
 
 FIRST_NS = 5_000_000_000
 """So much of a bag tells which laser a joint moves."""
-
-RobotRecord = RobotDescription | JointSample | TransformSample | Odometry
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,11 +101,11 @@ def _suggestions(reader: BagReader, missing: Sequence[str]) -> dict[str, str]:
         if topic.count and topic.name not in DEFAULT_TOPICS.values():
             free[topic.msgtype].append(topic.name)
     found = {
-        role: free[READERS[role][0]][0]
+        role: free[READERS[role].message_type][0]
         for role in missing
-        if role not in LASERS and free[READERS[role][0]]
+        if role not in LASERS and free[READERS[role].message_type]
     }
-    lasers = free[READERS["scan"][0]]
+    lasers = free[READERS["scan"].message_type]
     if lasers and any(role in missing for role in LASERS):
         tilts = _tilting(reader, lasers, found)
         for role in LASERS:
@@ -119,14 +118,15 @@ def _suggestions(reader: BagReader, missing: Sequence[str]) -> dict[str, str]:
 def _tilting(reader: BagReader, lasers: Sequence[str], remaps: Mapping[str, str]) -> set[str]:
     """Return the topics of those lasers that a joint moves against the base."""
     topics = {**DEFAULT_TOPICS, **remaps}
-    robot = LaserKinematics(Config(), "tilt")
+    robot = Robot(Config(), default_streams())
     frames: dict[str, str] = {}
     roles = {role: topic for role, topic in topics.items() if role not in LASERS}
     with suppress(TccmError):  # what is damaged or of another type is told by a replay
-        for _, log_ns, record in reader.records(roles):
+        for role, log_ns, record in reader.records(roles):
             if log_ns - reader.start_ns > FIRST_NS:
                 break
-            robot.add(cast(RobotRecord, record))
+            robot.add(role, record)
+    robot.flush()
     for laser in lasers:
         with suppress(TccmError):
             _, _, scan = next(reader.records({"scan": laser}))
@@ -134,6 +134,6 @@ def _tilting(reader: BagReader, lasers: Sequence[str], remaps: Mapping[str, str]
     tilts = set()
     for laser, frame in frames.items():
         with suppress(FrameError):
-            robot.find(frame, final=True)
+            robot.sensors["tilt_scan"].mount.find(frame, final=True)
             tilts.add(laser)
     return tilts

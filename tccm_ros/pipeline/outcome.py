@@ -26,13 +26,14 @@ class Outcome:
     history
         Coarse part maps of every cycle, for the report.
     tccm, slam
-        The processors at the end: the integration map, counts and drops.
+        The processors at the end: the integration map and counts.
     solution
         Trajectory, walls and surfaces.
     messages
         Messages read, by topic.
-    unreadable
-        Messages that could not be used, by topic and what was wrong with the first.
+    dropped
+        Records that were not used, by reason; messages that could not be read, by topic and what
+        was wrong with the first.
     bag_duration
         s.
     goes_on
@@ -46,6 +47,6 @@ class Outcome:
     slam: SurfaceSlam
     solution: SurfaceSolution
     messages: Counter[str] = field(default_factory=Counter)
-    unreadable: Counter[str] = field(default_factory=Counter)
+    dropped: Counter[str] = field(default_factory=Counter)
     bag_duration: float = 0.0
     goes_on: bool = False

@@ -1,17 +1,19 @@
-"""The two processors and the hand-over between them."""
+"""One intake and the two processors, with what goes from one to the other."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import cast
+from typing import Any
 
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
-from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor, TccmRecord
-from tccm_ros.records import Scan
-from tccm_ros.records.building import Record
+from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
+from tccm_ros.records import Event
 from tccm_ros.results.cycles import CycleHistory
+from tccm_ros.robot import Robot
+from tccm_ros.sensors.registry import default_streams, roles_of
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
@@ -21,9 +23,35 @@ __all__ = ["Pipeline"]
 OnCycle = Callable[[CycleResult, Cuboids], object]
 """Takes a cycle that is complete, and the integration map after it."""
 
+MAPPED_ROLES = roles_of("tccm")
+"""Streams whose stamps the trajectory has, where there is no level laser."""
+
 
 class Pipeline:
-    """Both processors of a run, fed record by record."""
+    """Both processors of a run, fed record by record.
+
+    Parameters
+    ----------
+    config
+        The configuration.
+    expects_odometry
+        Whether there is an odometry topic (`Robot`).
+    saved
+        A map to go on with.
+    on_cycle
+        Called with each complete cycle and the integration map after it.
+    clock
+        Where the time of each stage is added up.
+
+    Attributes
+    ----------
+    robot, tccm, slam
+        The intake and the processors.
+    cycles
+        The tilt cycles, without their points.
+    history
+        Coarse part maps of every cycle, for the report.
+    """
 
     def __init__(
         self,
@@ -38,37 +66,32 @@ class Pipeline:
         self._on_cycle = on_cycle
         self._maps: list[Cuboids] = []
         self.clock = clock or Stopwatch()
-        self.tccm = TccmProcessor(config, expects_odometry=expects_odometry)
-        self.slam = (
-            SurfaceSlam(config, expects_odometry=expects_odometry)
-            if saved is None
-            else SurfaceSlam.from_saved(config, saved, expects_odometry=expects_odometry)
-        )
+        self.robot = Robot(config, default_streams(), expects_odometry=expects_odometry)
+        self.tccm = TccmProcessor(config)
+        self.slam = SurfaceSlam(config) if saved is None else SurfaceSlam.from_saved(config, saved)
         self.cycles: list[CycleResult] = []
         self.history = CycleHistory(config.map.window_cycles)
 
-    def add(self, role: str, record: Record) -> list[CycleResult]:
-        """Give one record to whom it concerns; return the cycles that are complete now."""
-        results: list[CycleResult] = []
-        if role != "scan":
-            with self.clock.stage("tccm"):
-                results = self.tccm.add(cast(TccmRecord, record), self._keep_map)
-        with self.clock.stage("slam"):
-            if role != "tilt_scan":
-                self.slam.add(record)
-            elif isinstance(record, Scan):
-                self.slam.add_pose_stamp(record.stamp_ns)
-        self._hand_over(results)
-        return results
+    @property
+    def dropped(self) -> Counter[str]:
+        """Records of all sensors that were not used, by reason."""
+        return self.robot.dropped + self.tccm.dropped
+
+    def add(self, role: str, record: Any) -> list[CycleResult]:
+        """Take one record; return the cycles that are complete now."""
+        with self.clock.stage("pose"):
+            events = self.robot.add(role, record)
+        if role in MAPPED_ROLES:
+            self.slam.add_pose_stamp(record.stamp_ns)
+        return self._give(events) if events else []
 
     def finish(self) -> list[CycleResult]:
         """Take the end of the input."""
+        results = self._give(self.robot.flush())
         with self.clock.stage("tccm"):
-            results = self.tccm.finish(self._keep_map)
-        self._hand_over(results)
-        with self.clock.stage("slam"):
-            self.slam.finish()
-        return results
+            last = self.tccm.finish(self._keep_map)
+        self._hand_over(last)
+        return results + last
 
     def solve(self) -> SurfaceSolution:
         """Optimise the graph and build the surface map."""
@@ -79,7 +102,19 @@ class Pipeline:
         """Keep the integration map after a cycle: several may be complete at once."""
         self._maps.append(self.tccm.map.cuboids())
 
-    def _hand_over(self, results: Sequence[CycleResult]) -> None:
+    def _give(self, events: Iterable[Event]) -> list[CycleResult]:
+        """Give events to both processors, and the surface messages of one to the other."""
+        results: list[CycleResult] = []
+        with self.clock.stage("tccm"):
+            for event in events:
+                results += self.tccm.add(event, self._keep_map)
+        with self.clock.stage("slam"):
+            for event in events:
+                self.slam.add(event)
+        self._hand_over(results)
+        return results
+
+    def _hand_over(self, results: Iterable[CycleResult]) -> None:
         for result, cuboids in zip(results, self._maps, strict=True):
             with self.clock.stage("slam"):
                 self.slam.add(result.surfaces)

@@ -46,7 +46,7 @@ __all__ = ["Summary", "replay", "report_of"]
 
 LIBRARIES = ("gtsam", "numba", "numpy", "scipy", "shapely")
 
-PROCESSING = ("read", "tccm", "slam", "history", "solve", "objects")
+PROCESSING = ("read", "pose", "tccm", "slam", "history", "solve", "objects")
 """Stages of the real-time factor: reading and all processing, without imports and pictures."""
 
 WRITING = ("write",)
@@ -209,7 +209,6 @@ def _keep_stamps(bags: Sequence[Path], folder: Path) -> None:
 def _summary(outcome: Outcome, objects: int) -> SummaryFile:
     slam, solution = outcome.slam, outcome.solution
     cycles = outcome.cycles
-    dropped = outcome.tccm.dropped + slam.dropped + outcome.unreadable
     surfaces = count_surfaces(solution.surfaces)
     accepted = sum(loop.accepted for loop in solution.slam.loops)
     return SummaryFile(
@@ -221,7 +220,7 @@ def _summary(outcome: Outcome, objects: int) -> SummaryFile:
             scans_used=ScansUsedEntry(
                 tilt=outcome.tccm.counts["scans used"], level=slam.counts["level scans"]
             ),
-            dropped=dict(sorted(dropped.items())),
+            dropped=dict(sorted(outcome.dropped.items())),
             cycles=len(cycles),
             planes=len({p.id for cycle in cycles for p in cycle.planes}),
             keyframes=len(solution.slam.keyframes),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagPaths, BagReader, remap_topics
 from tccm_ros.config import Config
@@ -11,16 +11,12 @@ from tccm_ros.errors import BagError, FrameError, MapError, TopicError
 from tccm_ros.pipeline.outcome import Outcome
 from tccm_ros.pipeline.processors import OnCycle, Pipeline
 from tccm_ros.progress import Bars, Silent
-from tccm_ros.records.building import Record
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.saved_map import SavedMap
 
 __all__ = ["run_bag"]
 
 SCAN_ROLES = ("tilt_scan", "scan")
-
-LoggedRecord = tuple[str, int, Record]
-"""Role, log time (ns) and record."""
 
 
 def run_bag(
@@ -70,7 +66,7 @@ def run_bag(
             on_cycle=on_cycle,
             clock=clock,
         )
-        messages = _feed(pipeline, reader, topics, reader.records(topics), bars)
+        messages = _feed(pipeline, reader, topics, bars)
         bars.start("solve", 1.0)
         pipeline.finish()
         _check_used(pipeline, reader, topics)
@@ -80,6 +76,7 @@ def run_bag(
                 f"{reader.path}: its place in the saved map was not found for certain; "
                 "nothing is changed: map it without --map"
             )
+        unreadable = Counter({f"{t}: {reader.problems[t]}": n for t, n in reader.dropped.items()})
         return Outcome(
             config,
             pipeline.cycles,
@@ -88,7 +85,7 @@ def run_bag(
             pipeline.slam,
             solution,
             messages,
-            Counter({f"{t}: {reader.problems[t]}": n for t, n in reader.dropped.items()}),
+            pipeline.dropped + unreadable,
             reader.duration,
             saved is not None,
         )
@@ -108,14 +105,12 @@ def _topics(reader: BagReader, remap: Sequence[str]) -> Mapping[str, str]:
 
 
 def _feed(
-    pipeline: Pipeline,
-    reader: BagReader,
-    topics: Mapping[str, str],
-    records: Iterator[LoggedRecord],
-    bars: Bars,
+    pipeline: Pipeline, reader: BagReader, topics: Mapping[str, str], bars: Bars
 ) -> Counter[str]:
+    """Give all records to the pipeline; return the messages read, by topic."""
     messages: Counter[str] = Counter()
     last_ns = reader.start_ns
+    records = reader.records(topics)
     bars.start("replay", reader.duration, "s")
     while True:
         with pipeline.clock.stage("read"):
@@ -138,14 +133,15 @@ def _check_used(pipeline: Pipeline, reader: BagReader, topics: Mapping[str, str]
             raise BagError(
                 f"{reader.path}: no message on {topic} could be used: {reader.problems[topic]}"
             )
-    for laser, sync, used in (
-        ("tilting", pipeline.tccm.synchroniser, pipeline.tccm.counts["cycles"]),
-        ("level", pipeline.slam.sync, pipeline.slam.counts["level scans"]),
+    for laser, role, used in (
+        ("tilting", "tilt_scan", pipeline.tccm.counts["cycles"]),
+        ("level", "scan", pipeline.slam.counts["level scans"]),
     ):
-        if used or not sync.counts["scans"]:
+        sensor = pipeline.robot.sensors[role]
+        if used or not sensor.received:
             continue
-        if sync.problem is not None:
-            raise FrameError(f"{reader.path}: {laser} laser: {sync.problem}")
-        dropped = pipeline.tccm.dropped if laser == "tilting" else pipeline.slam.dropped
+        if sensor.problem is not None:
+            raise FrameError(f"{reader.path}: {laser} laser: {sensor.problem}")
+        dropped = sensor.dropped + (pipeline.tccm.dropped if laser == "tilting" else Counter())
         reasons = ", ".join(f"{n} {why}" for why, n in sorted(dropped.items())) or "no sweep"
         raise BagError(f"{reader.path}: no scan of the {laser} laser could be used: {reasons}")

@@ -12,10 +12,18 @@ from tccm_ros.records.cycle import (
     TabletopObject,
     ViewIntervals,
 )
+from tccm_ros.records.events import (
+    ClockJump,
+    Event,
+    Posed,
+    PosedScan,
+    SelfShapes,
+    StreamComplete,
+    TiltAngle,
+)
 from tccm_ros.records.sensors import (
     JointSample,
     Odometry,
-    PosedScan,
     RobotDescription,
     Scan,
     TransformSample,
@@ -32,6 +40,8 @@ from tccm_ros.records.solution import (
 )
 
 __all__ = [
+    "ClockJump",
+    "Event",
     "JointSample",
     "Keyframe",
     "Landmark",
@@ -40,14 +50,18 @@ __all__ = [
     "Odometry",
     "PlaneKind",
     "PlaneRecord",
+    "Posed",
     "PosedScan",
     "RobotDescription",
     "Scan",
     "ScanPose",
+    "SelfShapes",
+    "StreamComplete",
     "Surface",
     "SurfaceCloud",
     "SurfaceSighting",
     "TabletopObject",
+    "TiltAngle",
     "TransformSample",
     "ViewIntervals",
     "Wall",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ __all__ = [
     "joint_sample",
     "pose_matrix",
     "scan_record",
+    "stamp_ns_from_message",
     "transform_sample",
 ]
 
@@ -47,6 +49,11 @@ Record = (
 
 MAX_SCAN_S = 60.0
 """Longest sweep of one scan that is believed, s; the slowest lasers take a few seconds."""
+
+
+def stamp_ns_from_message(stamp: Any) -> int:
+    """Return a builtin_interfaces/Time in ns."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def frame_name(name: str) -> str:

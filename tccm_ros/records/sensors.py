@@ -1,4 +1,4 @@
-"""What sensors say, and a scan with its poses."""
+"""What sensors say, and what is known of the robot."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 __all__ = [
     "JointSample",
     "Odometry",
-    "PosedScan",
     "RobotDescription",
     "Scan",
     "TransformSample",
@@ -90,28 +89,3 @@ class RobotDescription:
     """The robot's URDF."""
 
     urdf: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PosedScan:
-    """A scan with the poses of the base and of its laser while it was measured.
-
-    Poses are given at `knots_ns` and interpolated between them; the first knot is at or before
-    the first beam, the last at or after the last beam.
-
-    Attributes
-    ----------
-    scan
-        The scan.
-    knots_ns
-        int64 (K,), strictly increasing, K >= 2 (K = 1 where all beams have one time).
-    T_odom_base
-        float64 (K, 4, 4).
-    T_base_laser
-        float64 (K, 4, 4).
-    """
-
-    scan: Scan
-    knots_ns: NDArray[np.int64]
-    T_odom_base: Float64
-    T_base_laser: Float64

@@ -1,5 +1,7 @@
-"""Where the lasers are: robot description, tf or rig, joint samples, and the moving base."""
+"""The one intake: from records to posed events, by all that is known of the robot."""
 
-from tccm_ros.robot.laser import LaserKinematics, NotBracketed
+from tccm_ros.robot.chain_finder import MountKind
+from tccm_ros.robot.robot import Robot
+from tccm_ros.robot.streams import Stream
 
-__all__ = ["LaserKinematics", "NotBracketed"]
+__all__ = ["MountKind", "Robot", "Stream"]

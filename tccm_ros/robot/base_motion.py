@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,54 +15,56 @@ from tccm_ros.robot.frames import FrameTree, ancestors, build_chain, find_path
 from tccm_ros.robot.tracks import PoseTrack
 from tccm_ros.robot.urdf import Joint
 
-__all__ = ["BaseMotion"]
+__all__ = ["BaseMotion", "MotionSource"]
 
 Int64 = NDArray[np.int64]
 Float64 = NDArray[np.float64]
 
 
+class MotionSource(Enum):
+    """What tells how the base moves."""
+
+    ODOMETRY = "odometry"
+    TF = "tf"
+    STILL = "still"
+
+
 class BaseMotion:
-    """T_odom_base over time.
+    """T_odom_base over time, for any frame that is a base.
 
     Attributes
     ----------
-    mode
-        ``odometry``, ``tf`` or ``still``; None until it is decided.
+    source
+        What tells it; None until it is decided.
     odom_frame
         Name of the odometry frame.
     """
 
     def __init__(self, config: Config, frames: FrameTree):
-        self.mode: Literal["odometry", "tf", "still"] | None = None
+        self.source: MotionSource | None = None
         self.odom_frame = config.frames.odom_name
         self._frames = frames
         self._track = PoseTrack()
-        self._chain: Chain | None = None
+        self._chains: dict[str, Chain] = {}
 
     def add(self, record: Odometry) -> bool:
         """Take one odometry record; return whether it is newer than the one before."""
-        self.mode = "odometry"
+        self.source = MotionSource.ODOMETRY
         self.odom_frame = record.frame_id or self.odom_frame
         return self._track.append_pose(record.stamp_ns, record.T_odom_base)
 
     def clear_samples(self) -> None:
         """Forget everything that has a stamp, as after a jump of the clock."""
         self._track.clear()
-        if self.mode == "tf":
-            self.mode = self._chain = None
+        self._chains.clear()
+        if self.source is MotionSource.TF:
+            self.source = None
 
     def decide(self, base: str) -> None:
         """Decide without odometry: tf's way from the odometry frame to the base, or none."""
-        if self.mode is not None:
-            return
-        edges = self._frames.view(urdf=False, tf=True, moving_tf=True)
         frame = self._odom_frame_above(base)
-        if frame is None:
-            self.mode = "still"
-            return
-        self.odom_frame = frame
-        self._chain = build_chain(find_path(frame, base, edges), _no_joint)
-        self.mode = "tf"
+        self.source = MotionSource.STILL if frame is None else MotionSource.TF
+        self.odom_frame = frame or self.odom_frame
 
     def _odom_frame_above(self, base: str) -> str | None:
         """Return the configured odometry frame, or where the first moving transform comes from."""
@@ -75,26 +77,40 @@ class BaseMotion:
                 return edge.parent
         return None
 
-    def stamps_within(self, start_ns: int, end_ns: int) -> list[Int64]:
-        """Return the stamps of the samples in the open interval (start, end)."""
-        return [track.stamps_within(start_ns, end_ns) for track in self.tracks]
+    def _tf_chain(self, base: str) -> Chain:
+        """Return tf's chain from the odometry frame to a base."""
+        chain = self._chains.get(base)
+        if chain is None:
+            edges = self._frames.view(urdf=False, tf=True, moving_tf=True)
+            chain = build_chain(find_path(self.odom_frame, base, edges), _no_joint)
+            self._chains[base] = chain
+        return chain
 
-    def at(self, stamps_ns: Int64) -> Float64:
-        """Return T_odom_base float64 (K, 4, 4) at stamps int64 (K,) that are bracketed."""
-        if self.mode == "odometry":
+    def at(self, stamps_ns: Int64, base: str) -> Float64:
+        """Return T_odom_base float64 (K, 4, 4) at stamps int64 (K,) that are bracketed.
+
+        By odometry it is the pose of the frame that odometry follows.
+        """
+        if self.source is MotionSource.ODOMETRY:
             return self._track.at(stamps_ns)
-        if self._chain is not None:
-            return self._chain.at(stamps_ns)
+        if self.source is MotionSource.TF:
+            return self._tf_chain(base).at(stamps_ns)
         return np.broadcast_to(np.eye(4), (len(stamps_ns), 4, 4)).copy()
 
-    @property
-    def tracks(self) -> list[PoseTrack]:
-        """The tracks that the motion is read from: none where the base stands still."""
-        if self.mode == "odometry":
+    def tracks(self, base: str) -> list[PoseTrack]:
+        """Return the tracks that the motion is read from: none where the base stands still.
+
+        Raises
+        ------
+        FrameError
+            Where tf knows no way to this base.
+        """
+        if self.source is MotionSource.ODOMETRY:
             return [self._track]
-        if self._chain is None:
-            return []
-        return [track for track in self._chain.tracks if isinstance(track, PoseTrack)]
+        if self.source is MotionSource.TF:
+            tracks = self._tf_chain(base).tracks
+            return [track for track in tracks if isinstance(track, PoseTrack)]
+        return []
 
 
 def _no_joint(joint: Joint) -> JointReading:

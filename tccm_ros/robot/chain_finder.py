@@ -7,12 +7,12 @@ configured rig; an ambiguity is an error that names the candidates.
 
 from __future__ import annotations
 
-from typing import Literal
+from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.config import Config
+from tccm_ros.config import Config, Rig
 from tccm_ros.errors import FrameError, suggest
 from tccm_ros.geometry import pose, pose_from_rpy
 from tccm_ros.robot.chain import Chain, JointReading, MovingTransform, Part
@@ -27,12 +27,37 @@ from tccm_ros.robot.frames import (
 from tccm_ros.robot.joint_tracks import JointTracks
 from tccm_ros.robot.urdf import Joint, RobotModel
 
-__all__ = ["ChainFinder"]
+__all__ = ["ChainFinder", "MountKind"]
 
 #: Name of the base where nothing names it.
 DEFAULT_BASE = "base_link"
 
 Float64 = NDArray[np.float64]
+
+
+class MountKind(Enum):
+    """How a sensor is mounted: what its chain must have, and what the group `rig` says of it."""
+
+    TILTING = "tilt_laser"
+    """It turns with a tilt joint; `rig.tilt_laser` is its place."""
+
+    LEVEL = "level_laser"
+    """Its scan plane is horizontal; `rig.level_laser` is its place."""
+
+    ANY = ""
+    """Placed by the robot description or tf alone, whatever moves it."""
+
+    def rig_place(self, rig: Rig) -> tuple[float, ...] | None:
+        """Return x y z roll pitch yaw in the base as configured, None where it is not."""
+        return {MountKind.TILTING: rig.tilt_laser, MountKind.LEVEL: rig.level_laser}.get(self)
+
+    def T_correction(self, rig: Rig) -> Float64:
+        """Return what corrects T_base_sensor from the left, float64 (4, 4)."""
+        corrections = {
+            MountKind.TILTING: rig.mount_correction,
+            MountKind.LEVEL: rig.level_correction,
+        }
+        return pose_from_rpy(corrections.get(self, (0.0,) * 6))
 
 
 class ChainFinder:
@@ -42,33 +67,30 @@ class ChainFinder:
     ----------
     config
         Groups `frames` and `rig` are used.
-    role
-        ``tilt``: the laser turns with a tilt joint; ``level``: it does not.
+    kind
+        How the sensor is mounted.
     frames, joints
         What is known.
 
     Attributes
     ----------
-    odometry_child
-        The frame that odometry follows, None before odometry came.
     base
         Base frame, None until a chain was found.
     odometry_chain
-        From `odometry_child` to the base, None where they are the same.
+        From the frame that odometry follows to the base, None where they are the same.
     """
 
     def __init__(
         self,
         config: Config,
-        role: Literal["tilt", "level"],
+        kind: MountKind,
         frames: FrameTree,
         joints: JointTracks,
     ):
-        self.odometry_child: str | None = None
         self.base: str | None = config.frames.base or None
         self.odometry_chain: Chain | None = None
         self._config = config
-        self._role = role
+        self._kind = kind
         self._frames = frames
         self._joints = joints
 
@@ -102,17 +124,16 @@ class ChainFinder:
         return build_chain(find_path(base, laser, edges), self.reading)
 
     def _odometry_chain(self, base: str, known: set[str], edges: Edges) -> Chain | None:
-        if self.odometry_child is None or self.odometry_child in (base, ""):
+        child = self._frames.odometry_child
+        if not child or child == base or child not in known:
             return None
-        if self.odometry_child not in known:
-            return None
-        return build_chain(find_path(self.odometry_child, base, edges), self.reading)
+        return build_chain(find_path(child, base, edges), self.reading)
 
     def _find_base(self, laser: str, known: set[str], model: RobotModel | None) -> str:
         """Return the base: configured, the odometry's child, or a root (DESIGN section 3)."""
         if self._config.frames.base:
             return self._config.frames.base
-        child = self.odometry_child
+        child = self._frames.odometry_child
         if child and (child in known or (model and child in model.links) or model is None):
             return child
         odom = self._config.frames.odom_name
@@ -135,7 +156,7 @@ class ChainFinder:
         """
         above = ancestors(laser, dict(self._frames.tf))
         moving = [f for f in above[:-1] if self._frames.tf[f].T_parent_child is None]
-        if self._role == "level":
+        if self._kind is not MountKind.TILTING:
             return moving[0] if moving else above[-1]
         if len(moving) > 1:
             candidates = sorted([*moving[1:], above[-1]])
@@ -183,18 +204,18 @@ class ChainFinder:
         return {} if model is None else {joint.name: joint for joint in model.joints.values()}
 
     def _has_rig(self) -> bool:
-        rig = self._config.rig
-        return (rig.tilt_laser if self._role == "tilt" else rig.level_laser) is not None
+        return self._kind.rig_place(self._config.rig) is not None
 
     def _rig_chain(self) -> Chain:
         rig = self._config.rig
-        self.base = self._config.frames.base or self.odometry_child or DEFAULT_BASE
+        self.base = self._config.frames.base or self._frames.odometry_child or DEFAULT_BASE
         self.odometry_chain = None
-        laser = rig.tilt_laser if self._role == "tilt" else rig.level_laser
+        laser = self._kind.rig_place(rig)
         if laser is None:
-            raise FrameError(f"rig.{self._role}_laser is not set: the laser's place is not known")
+            name = f"rig.{self._kind.value}" if self._kind.value else "its place in the rig"
+            raise FrameError(f"{name} is not set: the sensor's place is not known")
         T_base_laser = pose_from_rpy(laser)
-        if self._role == "level":
+        if self._kind is not MountKind.TILTING:
             return Chain(T_base_laser[None], ())
         center = np.array(rig.tilt_center or laser[:3])
         length = float(np.linalg.norm(rig.tilt_axis))

@@ -13,7 +13,7 @@ from tccm_ros.geometry import inverse
 from tccm_ros.records import TransformSample
 from tccm_ros.robot.chain import Chain, JointReading, MovingTransform, Part
 from tccm_ros.robot.tracks import PoseTrack
-from tccm_ros.robot.urdf import Joint, RobotModel
+from tccm_ros.robot.urdf import Joint, RobotModel, read_urdf
 
 __all__ = [
     "Edges",
@@ -52,18 +52,44 @@ class FrameTree:
 
     Attributes
     ----------
+    model
+        The robot description, None before it came.
+    tf
+        The transforms of tf by child frame.
+    odometry_child
+        The frame that odometry follows, None before odometry came.
     version
-        Grows when the structure changes, so that chains have to be found again.
+        Grows when chains have to be found again.
     """
 
     def __init__(self) -> None:
         self.model: RobotModel | None = None
         self.tf: dict[str, TfEdge] = {}
+        self.odometry_child: str | None = None
         self.version = 0
+        self._urdf: str | None = None
 
-    def set_model(self, model: RobotModel) -> None:
-        """Take a robot description in place of the one before."""
-        self.model = model
+    def describe(self, urdf: str) -> None:
+        """Take a robot description in place of the one before.
+
+        Raises
+        ------
+        UrdfError
+            If it cannot be read; the one before stays.
+        """
+        if urdf != self._urdf:
+            self.model = read_urdf(urdf)
+            self._urdf = urdf
+            self.version += 1
+
+    def follow_odometry(self, child: str) -> None:
+        """Note which frame odometry follows: the first that was named stays."""
+        if self.odometry_child is None:
+            self.odometry_child = plain_name(child)
+            self.version += 1
+
+    def find_anew(self) -> None:
+        """Have all chains found again: what the base is may have changed."""
         self.version += 1
 
     def add_transform(self, sample: TransformSample) -> bool:

@@ -1,4 +1,4 @@
-"""Where the base and the laser were while a scan was measured, or what is missing to tell."""
+"""Where the base and a sensor were while a record was measured, or what is missing to tell."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from numpy.typing import NDArray
 
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError
-from tccm_ros.records import PosedScan, Scan
-from tccm_ros.robot import LaserKinematics
-from tccm_ros.robot.base_motion import BaseMotion
+from tccm_ros.records import Posed
+from tccm_ros.robot.base_motion import BaseMotion, MotionSource
 from tccm_ros.robot.chain import Chain, JointReading
+from tccm_ros.robot.mount import Mount
+from tccm_ros.robot.sensor import Sensor
 from tccm_ros.robot.tracks import Track
 
 __all__ = ["Posing"]
@@ -20,90 +21,89 @@ Float64 = NDArray[np.float64]
 
 
 class Posing:
-    """Poses scans that odometry and all joints between base and laser bracket.
+    """Poses records that odometry and all joints between base and sensor bracket.
 
     Parameters
     ----------
     config
         `sync_timeout` is used: samples further apart than half of it bracket nothing.
-    kinematics
-        Of the laser.
+    motion
+        Of the base.
 
     Attributes
     ----------
-    motion
-        Of the base.
+    wait_ns
+        A record waits so much longer than its own end, in message time.
     """
 
-    def __init__(self, config: Config, kinematics: LaserKinematics):
-        self.kinematics = kinematics
-        self.motion = BaseMotion(config, kinematics.frames)
+    def __init__(self, config: Config, motion: BaseMotion):
+        self._motion = motion
         self._timeout_ns = round(config.sync_timeout * 1e9)
         self._max_gap_ns = self._timeout_ns // 2
-        self._late_joints_ns = max(0, round(-config.rig.joint_time_offset * 1e9))
+        self.wait_ns = self._timeout_ns + max(0, round(-config.rig.joint_time_offset * 1e9))
+        self._scan = config.scan
         self._silence: dict[Track, tuple[int, int]] = {}
 
     def clear_samples(self) -> None:
-        """Forget all samples: time began anew."""
+        """Forget what was heard of the tracks: time began anew."""
         self._silence.clear()
-        self.kinematics.clear_samples()
-        self.motion.clear_samples()
 
     def judge(
-        self, scan: Scan, now_ns: int | None, *, ended: bool, expects_odometry: bool
-    ) -> PosedScan | str | None:
-        """Return the posed scan, or why it is dropped, or None while it has to wait.
+        self, sensor: Sensor, now_ns: int | None, *, ended: bool, expects_odometry: bool
+    ) -> Posed | str | None:
+        """Return the next record that waits with its poses, or why it is dropped, or None.
 
         Parameters
         ----------
-        scan
-            The next in stamp order.
+        sensor
+            Its oldest waiting record is judged; None is returned while that has to wait on.
         now_ns
             Message time, None where there is none yet.
         ended
             Whether nothing will come any more.
         expects_odometry
-            Whether a scan without odometry is dropped.
+            Whether a record without odometry is dropped.
         """
-        start_ns, end_ns = min(scan.stamp_ns, scan.end_ns), max(scan.stamp_ns, scan.end_ns)
-        late = ended or now_ns is None or now_ns > end_ns + self._timeout_ns + self._late_joints_ns
-        if self.motion.mode is None and (not late or expects_odometry):
+        record, mount, motion = sensor.waiting[0], sensor.mount, self._motion
+        start_ns, end_ns = sensor.stream.time_span(record)
+        late = ended or now_ns is None or now_ns > end_ns + self.wait_ns
+        if motion.source is None and (not late or expects_odometry):
             return "no odometry" if late else None
         try:
-            chain = self.kinematics.find(scan.frame_id, final=late)
+            chain = mount.find(record.frame_id, final=late)
+            if chain is None:
+                return None
+            if motion.source is None:
+                motion.decide(mount.base or "")
+            needs = self._needs(mount, chain)
         except FrameError:
             return "no way from base to laser"
-        if chain is None:
-            return None
-        if self.motion.mode is None:
-            self.motion.decide(self.kinematics.base or "")
-        for reason, track in self._needs(chain):
+        for reason, track in needs:
             if track.brackets(start_ns, end_ns, self._max_gap_ns):
                 continue
             hopeless = self._has_no_more(track, end_ns, now_ns or 0)
             given_up = ended or (late and hopeless)
             if given_up and reason == "no joint samples":
-                self.kinematics.explain_missing(chain)
+                mount.explain_missing(chain)
             return reason if given_up else None
-        knots = self.kinematics.knots(
-            chain, start_ns, end_ns, *self.motion.stamps_within(start_ns, end_ns)
-        )
-        return PosedScan(scan, knots, self._base_poses(knots), chain.at(knots))
+        return self._pose(sensor, chain, start_ns, end_ns)
 
-    def _needs(self, chain: Chain) -> list[tuple[str, Track]]:
-        """Return the tracks that must bracket a scan, and what is missing where one does not."""
-        needs: list[tuple[str, Track]] = [("no odometry", track) for track in self.motion.tracks]
-        between = self.kinematics.odometry_chain
+    def _needs(self, mount: Mount, chain: Chain) -> list[tuple[str, Track]]:
+        """Return the tracks that must bracket a record, and what is missing where one does not."""
+        needs: list[tuple[str, Track]] = [
+            ("no odometry", track) for track in self._motion.tracks(mount.base or "")
+        ]
+        between = mount.odometry_chain
         for part, _ in (*chain.parts, *(between.parts if between is not None else ())):
             by_joint = isinstance(part, JointReading)
             needs.append(("no joint samples" if by_joint else "no transform", part.track))
         return needs
 
     def _has_no_more(self, track: Track, end_ns: int, now_ns: int) -> bool:
-        """Return whether no sample can be hoped for that would bracket a scan.
+        """Return whether no sample can be hoped for that would bracket a record.
 
-        The track has passed the scan's end, or none of its samples came while message time went on
-        by `sync_timeout`: a stream that is late but comes is waited for.
+        The track has passed the record's end, or none of its samples came while message time went
+        on by `sync_timeout`: a stream that is late but comes is waited for.
         """
         if len(track) and track.stamps_ns[-1] >= end_ns:
             return True
@@ -113,20 +113,27 @@ class Posing:
             return False
         return now_ns - since_ns > self._timeout_ns
 
-    def _base_poses(self, knots_ns: Int64) -> Float64:
-        """Return T_odom_base (K, 4, 4), where odometry may follow another frame of the robot."""
-        T = self.motion.at(knots_ns)
-        between = self.kinematics.odometry_chain
-        if between is None or self.motion.mode != "odometry":
-            return T
-        return T @ between.at(knots_ns)
+    def _pose(self, sensor: Sensor, chain: Chain, start_ns: int, end_ns: int) -> Posed:
+        record, stream, mount = sensor.waiting[0], sensor.stream, sensor.mount
+        base = mount.base or ""
+        within = [track.stamps_within(start_ns, end_ns) for track in self._motion.tracks(base)]
+        knots_ns = mount.pose_stamps(chain, start_ns, end_ns, *within)
+        is_filtered = stream.sees_robot and self._scan.self_filter
+        return stream.event(
+            record,
+            knots_ns,
+            self._base_poses(mount, knots_ns),
+            chain.at(knots_ns),
+            stream.role,
+            self._motion.odom_frame,
+            base,
+            mount.self_shapes(record.stamp_ns) if is_filtered else None,
+        )
 
-    def T_odom_base(self, stamp_ns: int) -> Float64 | None:
-        """Return T_odom_base float64 (4, 4) at a stamp, None where nothing brackets it."""
-        between = self.kinematics.odometry_chain
-        tracks: list[Track] = [*self.motion.tracks, *(between.tracks if between else ())]
-        if self.motion.mode is None or not all(
-            track.brackets(stamp_ns, stamp_ns, self._max_gap_ns) for track in tracks
-        ):
-            return None
-        return self._base_poses(np.array([stamp_ns], np.int64))[0]
+    def _base_poses(self, mount: Mount, stamps_ns: Int64) -> Float64:
+        """Return T_odom_base (K, 4, 4), where odometry may follow another frame of the robot."""
+        T = self._motion.at(stamps_ns, mount.base or "")
+        between = mount.odometry_chain
+        if between is None or self._motion.source is not MotionSource.ODOMETRY:
+            return T
+        return T @ between.at(stamps_ns)

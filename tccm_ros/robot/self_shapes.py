@@ -10,11 +10,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.errors import FrameError
+from tccm_ros.records import SelfShapes
 from tccm_ros.robot.chain import Chain, JointReading, apply_fixed, apply_joint
 from tccm_ros.robot.frames import Edges, build_chain, find_path
 from tccm_ros.robot.urdf import Joint, RobotModel
 
-__all__ = ["SHAPE_KINDS", "SelfShapes", "ShapeModel"]
+__all__ = ["SHAPE_KINDS", "ShapeModel"]
 
 #: Shape kinds by their number in `SelfShapes.kinds`.
 SHAPE_KINDS = ("box", "sphere", "cylinder")
@@ -23,25 +24,6 @@ SHAPE_KINDS = ("box", "sphere", "cylinder")
 ROOT = -1
 
 Float64 = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SelfShapes:
-    """Shapes at one time.
-
-    Attributes
-    ----------
-    kinds
-        int64 (S,), index into `SHAPE_KINDS`.
-    half
-        float64 (S, 3), half extents, m; sphere (r, r, r), cylinder along z (r, r, length / 2).
-    T_base_shape
-        float64 (S, 4, 4).
-    """
-
-    kinds: NDArray[np.int64]
-    half: Float64
-    T_base_shape: Float64
 
 
 @dataclass(frozen=True, slots=True, eq=False)

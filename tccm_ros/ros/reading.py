@@ -8,70 +8,42 @@ callers count it as a drop.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.cdr.message_reader import MessageReader
+from tccm_ros.cdr.reading import read_joint_sample, read_odometry, read_transforms
 from tccm_ros.errors import MessageError
 from tccm_ros.records import (
     JointSample,
     Odometry,
     RobotDescription,
-    Scan,
     SurfaceCloud,
     TransformSample,
     ViewIntervals,
 )
 from tccm_ros.records.building import (
-    Record,
     frame_name,
     joint_sample,
     pose_matrix,
-    scan_record,
+    stamp_ns_from_message,
     transform_sample,
 )
 from tccm_ros.ros.pointcloud import SURFACE_ROW, VIEW_ROW, cloud_rows
+from tccm_ros.sensors.registry import default_streams
 
 __all__ = [
     "READERS",
     "joint_sample_from_message",
     "odometry_from_message",
     "robot_description_from_message",
-    "scan_from_message",
-    "stamp_ns_from_message",
     "surface_cloud_from_message",
     "transforms_from_message",
     "view_from_message",
 ]
-
-
-def stamp_ns_from_message(stamp: Any) -> int:
-    """Return a builtin_interfaces/Time in ns."""
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-
-
-def scan_from_message(message: Any) -> Scan:
-    """Return the scan of a sensor_msgs/LaserScan; its ranges may share memory with the message.
-
-    Raises
-    ------
-    MessageError
-        Where angles or limits are not finite (range_max may be infinite), or where the time
-        between beams is negative or makes the sweep longer than `MAX_SCAN_S`.
-    """
-    ranges = np.asarray(np.frombuffer(message.ranges, np.float32), np.float32)
-    numbers = (
-        message.angle_min,
-        message.angle_max,
-        message.angle_increment,
-        message.time_increment,
-        message.scan_time,
-        message.range_min,
-        message.range_max,
-    )
-    stamp_ns = stamp_ns_from_message(message.header.stamp)
-    return scan_record(stamp_ns, message.header.frame_id, numbers, ranges)
 
 
 def joint_sample_from_message(message: Any) -> JointSample:
@@ -153,18 +125,30 @@ def view_from_message(message: Any) -> ViewIntervals:
     return ViewIntervals(stamp, frame_name(message.header.frame_id), intervals)
 
 
-READERS: Mapping[str, tuple[str, Callable[[Any], Sequence[Record]]]] = {
-    "scan": ("sensor_msgs/msg/LaserScan", lambda m: (scan_from_message(m),)),
-    "tilt_scan": ("sensor_msgs/msg/LaserScan", lambda m: (scan_from_message(m),)),
-    "joint_states": ("sensor_msgs/msg/JointState", lambda m: (joint_sample_from_message(m),)),
-    "odom": ("nav_msgs/msg/Odometry", lambda m: (odometry_from_message(m),)),
-    "robot_description": ("std_msgs/msg/String", lambda m: (robot_description_from_message(m),)),
-    "tf": ("tf2_msgs/msg/TFMessage", transforms_from_message),
-    "tf_static": ("tf2_msgs/msg/TFMessage", lambda m: transforms_from_message(m, is_static=True)),
-    "surfaces": ("sensor_msgs/msg/PointCloud2", lambda m: (surface_cloud_from_message(m),)),
-    "view": ("sensor_msgs/msg/PointCloud2", lambda m: (view_from_message(m),)),
+def one(
+    message_type: str,
+    of_message: Callable[[Any], Any],
+    of_bytes: Callable[[bytes], Sequence[Any]] | None = None,
+) -> MessageReader:
+    """Return the reader of messages that give one record each."""
+    return MessageReader(message_type, lambda message: (of_message(message),), of_bytes)
+
+
+READERS: Mapping[str, MessageReader] = {
+    "robot_description": one("std_msgs/msg/String", robot_description_from_message),
+    "joint_states": one("sensor_msgs/msg/JointState", joint_sample_from_message, read_joint_sample),
+    "odom": one("nav_msgs/msg/Odometry", odometry_from_message, read_odometry),
+    "tf": MessageReader("tf2_msgs/msg/TFMessage", transforms_from_message, read_transforms),
+    "tf_static": MessageReader(
+        "tf2_msgs/msg/TFMessage",
+        partial(transforms_from_message, is_static=True),
+        partial(read_transforms, is_static=True),
+    ),
+    **{stream.role: stream.reader for stream in default_streams()},
+    "surfaces": one("sensor_msgs/msg/PointCloud2", surface_cloud_from_message),
+    "view": one("sensor_msgs/msg/PointCloud2", view_from_message),
 }
-"""For each role of a topic: the message type, and the reader that gives its records."""
+"""By role of a topic: how its messages become records."""
 
 
 def _transform_sample(message: Any, is_static: bool) -> TransformSample:

@@ -1,25 +1,38 @@
-"""From ranges to points: REP-117, mixed pixels, the pose of each beam's own time."""
+"""Laser scans: their streams, and from ranges to points.
 
-from dataclasses import dataclass
+A scan is read from sensor_msgs/LaserScan; a tilting laser maps what stands around (`TILT_SCAN`), a
+level one the walls (`LEVEL_SCAN`). Which beams count is REP-117 and mixed pixels, and each beam has
+the pose of its own time.
+"""
+
+import math
+from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.cdr.message_reader import MessageReader
+from tccm_ros.cdr.reading import read_scan
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, level
 from tccm_ros.records import PosedScan, Scan
-from tccm_ros.robot.self_shapes import SelfShapes
+from tccm_ros.records.building import MAX_SCAN_S, scan_record, stamp_ns_from_message
+from tccm_ros.robot import MountKind, Stream
 from tccm_ros.sensors.laser_scan_kernels import mark_inside, mark_valid, place_beams, refine_poses
 
 __all__ = [
-    "ScanPoints",
+    "LEVEL_SCAN",
+    "TILT_SCAN",
     "beam_stamps",
     "bearings",
     "directions",
     "laser_poses",
     "project",
     "project_level",
+    "scan_from_message",
+    "used_beams",
     "valid_beams",
 ]
 
@@ -27,23 +40,60 @@ Float64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ScanPoints:
-    """The hits of a scan.
+def scan_from_message(message: Any) -> Scan:
+    """Return the scan of a sensor_msgs/LaserScan; its ranges may share memory with the message.
 
-    Attributes
-    ----------
-    points
-        float64 (N, 3), m, in the odometry frame.
-    beams
-        int32 (N,), index of the beam, increasing.
-    stamps_ns
-        int64 (N,), time of the beam.
+    Raises
+    ------
+    MessageError
+        Where angles or limits are not finite (range_max may be infinite), or where the time
+        between beams is negative or makes the sweep longer than `MAX_SCAN_S`.
     """
+    ranges = np.asarray(np.frombuffer(message.ranges, np.float32), np.float32)
+    numbers = (
+        message.angle_min,
+        message.angle_max,
+        message.angle_increment,
+        message.time_increment,
+        message.scan_time,
+        message.range_min,
+        message.range_max,
+    )
+    stamp_ns = stamp_ns_from_message(message.header.stamp)
+    return scan_record(stamp_ns, message.header.frame_id, numbers, ranges)
 
-    points: Float64
-    beams: NDArray[np.int32]
-    stamps_ns: NDArray[np.int64]
+
+def time_span(scan: Scan) -> tuple[int, int]:
+    """Return the times of the earliest and the latest beam, ns."""
+    stamp_ns, end_ns = scan.stamp_ns, scan.end_ns
+    return (stamp_ns, end_ns) if end_ns >= stamp_ns else (end_ns, stamp_ns)
+
+
+def fault(scan: Scan) -> str | None:
+    """Return why a scan cannot be used, None where it can."""
+    if len(scan.ranges) == 0:
+        return "empty"
+    numbers = (scan.angle_min, scan.angle_increment, scan.time_increment)
+    if not all(map(math.isfinite, numbers)):
+        return "malformed"
+    return "malformed" if abs(scan.time_increment) * len(scan.ranges) > MAX_SCAN_S else None
+
+
+TILT_SCAN = Stream(
+    role="tilt_scan",
+    record=Scan,
+    reader=MessageReader(
+        "sensor_msgs/msg/LaserScan", lambda message: (scan_from_message(message),), read_scan
+    ),
+    mount=MountKind.TILTING,
+    taker="tccm",
+    event=PosedScan,
+    time_span=time_span,
+    fault=fault,
+    sees_robot=True,
+)
+
+LEVEL_SCAN = replace(TILT_SCAN, role="scan", mount=MountKind.LEVEL, taker="slam", sees_robot=False)
 
 
 def bearings(scan: Scan) -> Float64:
@@ -108,27 +158,49 @@ def laser_poses(posed: PosedScan, T_frame_odom: Float64 | None = None) -> tuple[
     return refine_poses(times, np.ascontiguousarray(T))
 
 
-def project(posed: PosedScan, config: Config, shapes: SelfShapes | None = None) -> ScanPoints:
-    """Return the hits of a scan in the odometry frame, each with the pose of its own time.
+def project(
+    posed: PosedScan, chosen: Bool, T_frame_odom: Float64 | None = None
+) -> tuple[Float64, NDArray[np.int32]]:
+    """Return the hits of chosen beams bool (N,), each with the pose of its own time.
 
-    Parameters
-    ----------
-    posed
-        A scan with its poses.
-    config
-        Group `scan`.
-    shapes
-        The robot's own shapes at the scan's stamp (`LaserKinematics.self_shapes`); points in them
-        are dropped. None: no self filter.
+    Returns
+    -------
+    points float64 (M, 3), m, in the frame of `T_frame_odom` float64 (4, 4), in odom if None, and
+    their beams int32 (M,).
     """
-    points, beams = _place(posed, valid_beams(posed.scan, config), None)
-    if shapes is not None and config.scan.self_filter and len(shapes.kinds):
-        T_odom_shape = posed.T_odom_base[_stamp_knot(posed)] @ shapes.T_base_shape
-        padding = config.scan.self_padding
-        inside = mark_inside(points, shapes.kinds, shapes.half, inverse(T_odom_shape), padding)
-        points, beams = points[~inside], beams[~inside]
-    since = np.rint(beams * (posed.scan.time_increment * 1e9)).astype(np.int64)
-    return ScanPoints(points, beams, posed.scan.stamp_ns + since)
+    times, T = laser_poses(posed, T_frame_odom)
+    cosines, sines = directions(posed.scan)
+    step = float(posed.scan.time_increment)
+    return place_beams(posed.scan.ranges, chosen, cosines, sines, 0.0, step, times, T)
+
+
+def used_beams(posed: PosedScan, config: Config) -> Bool:
+    """Return which beams hit something that is not the robot itself, bool (N,).
+
+    Only hits as near as the robot's shapes are placed for that: all hits are placed where they are
+    binned.
+    """
+    valid, shapes = valid_beams(posed.scan, config), posed.own_shapes
+    if shapes is None or not len(shapes.kinds):
+        return valid
+    padding = config.scan.self_padding
+    T_odom_shape = posed.T_odom_base[_stamp_knot(posed)] @ shapes.T_base_shape
+    near = valid & (posed.scan.ranges <= _max_range(posed, T_odom_shape, shapes.half + padding))
+    points, beams = project(posed, near)
+    inside = mark_inside(points, shapes.kinds, shapes.half, inverse(T_odom_shape), padding)
+    valid[beams[inside]] = False
+    return valid
+
+
+def _max_range(posed: PosedScan, T_odom_shape: Float64, half: Float64) -> float:
+    """Return a range, m, beyond which no hit lies in a shape with half extents (S, 3).
+
+    The laser goes straight between its poses: it is furthest from the middle of a shape at one of
+    them. Blended poses shorten a beam by less than the part that is added (`BLEND_ANGLE`).
+    """
+    lasers = np.einsum("kij,kj->ki", posed.T_odom_base, posed.T_base_laser[:, :, 3])[:, None, :3]
+    to_middle = np.linalg.norm(T_odom_shape[:, :3, 3] - lasers, axis=-1)
+    return 1.00001 * float((to_middle + np.linalg.norm(half, axis=-1)).max())
 
 
 def project_level(posed: PosedScan, config: Config) -> tuple[Float64, NDArray[np.int32]]:
@@ -140,19 +212,10 @@ def project_level(posed: PosedScan, config: Config) -> tuple[Float64, NDArray[np
     and pitch), and their beams int32 (N,).
     """
     T_level_odom = inverse(level(posed.T_odom_base[_stamp_knot(posed)]))
-    points, beams = _place(posed, valid_beams(posed.scan, config), T_level_odom)
+    points, beams = project(posed, valid_beams(posed.scan, config), T_level_odom)
     return points[:, :2], beams
 
 
 def _stamp_knot(posed: PosedScan) -> int:
     """Return the knot at the scan's stamp: the last one where beams are stamped backwards."""
     return 0 if posed.knots_ns[0] == posed.scan.stamp_ns else -1
-
-
-def _place(
-    posed: PosedScan, valid: Bool, T_frame_odom: Float64 | None
-) -> tuple[Float64, NDArray[np.int32]]:
-    times, T = laser_poses(posed, T_frame_odom)
-    cosines, sines = directions(posed.scan)
-    step = float(posed.scan.time_increment)
-    return place_beams(posed.scan.ranges, valid, cosines, sines, 0.0, step, times, T)

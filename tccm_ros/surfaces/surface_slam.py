@@ -1,10 +1,11 @@
-"""The processor of the surface map: level scans, odometry and surface clouds in, a map out."""
+"""The processor of the surface map: level scans, odometry and surface messages in, a map out."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,19 +15,17 @@ from tccm_ros.baselines.distance_merging import merge_by_distance
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, inverse, planar, spatial
 from tccm_ros.records import (
-    JointSample,
+    ClockJump,
+    Event,
     Odometry,
     PosedScan,
-    RobotDescription,
-    Scan,
     ScanPose,
     Surface,
     SurfaceCloud,
-    TransformSample,
     ViewIntervals,
 )
-from tccm_ros.robot import LaserKinematics
-from tccm_ros.robot.synchroniser import Synchroniser
+from tccm_ros.records.events import EventKind, kind_of
+from tccm_ros.sensors.registry import roles_of
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.wall_slam import LivePose, WallSlam
 from tccm_ros.surfaces.registration import TILT_ORDER, register_views
@@ -35,19 +34,9 @@ from tccm_ros.surfaces.session_alignment import SessionAlignment, align_session
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
 from tccm_ros.surfaces.views import View
 
-__all__ = ["SurfaceRecord", "SurfaceSlam", "SurfaceSolution"]
+__all__ = ["SurfaceSlam", "SurfaceSolution"]
 
 Float64 = NDArray[np.float64]
-
-SurfaceRecord = (
-    Scan
-    | Odometry
-    | JointSample
-    | TransformSample
-    | RobotDescription
-    | SurfaceCloud
-    | ViewIntervals
-)
 
 STOOD = (0.01, 0.005)
 """A base that moved no more than this (m, rad) has stood."""
@@ -95,27 +84,32 @@ class SurfaceSolution:
 
 
 class SurfaceSlam:
-    """Add records as they come; solve when a map is wanted.
+    """Add events as they come; solve when a map is wanted.
 
     Parameters
     ----------
     config
         All groups but those of the TCCM.
-    expects_odometry
-        Whether there is an odometry topic (see `Synchroniser`).
 
     Attributes
     ----------
     counts
         ``level scans`` matched, ``clouds`` and ``views`` received, ``resets``.
+    odom_frame
+        Name of the odometry frame.
     """
 
-    def __init__(self, config: Config, *, expects_odometry: bool = False):
+    def __init__(self, config: Config):
         self.config = config
         self.counts: Counter[str] = Counter()
-        self.sync = Synchroniser(
-            config, LaserKinematics(config, "level"), expects_odometry=expects_odometry
-        )
+        self.odom_frame = config.frames.odom_name
+        self._takers: dict[EventKind, Callable[[Any], list[ScanPose]]] = {
+            **{(PosedScan, role): self._take_scan for role in roles_of("slam")},
+            (Odometry, None): self._take_odometry,
+            (ClockJump, None): self._take_jump,
+            (SurfaceCloud, None): partial(self._take_view, "clouds"),
+            (ViewIntervals, None): partial(self._take_view, "views"),
+        }
         self.session = 0
         self.saved_views: tuple[SavedView, ...] = ()
         self._saved_walls: Mapping[str, NDArray[Any]] = {}
@@ -132,7 +126,6 @@ class SurfaceSlam:
         for saved in self.saved_views:
             self.map.add_view(saved.view)
         self._tilt_stamps: set[int] = set()
-        self._jumps = self.sync.jumps
 
     def _empty_map(self, session: int = 0) -> SurfaceMap:
         """Return a map without views, which merges as the configuration says."""
@@ -144,25 +137,40 @@ class SurfaceSlam:
         """Keyframes of the saved map that this session goes on with."""
         return len(self._saved_walls.get("keyframe_stamp_ns", ()))
 
-    @property
-    def dropped(self) -> Counter[str]:
-        """Level scans that were dropped, by reason."""
-        return self.sync.dropped
+    def takes(self, event: Event | SurfaceCloud | ViewIntervals) -> bool:
+        """Return whether an event is for this processor."""
+        return kind_of(event) in self._takers
 
-    def add(self, record: SurfaceRecord) -> list[ScanPose]:
-        """Take one record; return the poses of the level scans that it brought out.
+    def add(self, event: Event | SurfaceCloud | ViewIntervals) -> list[ScanPose]:
+        """Take one event; return the pose of the level scan that it is, if it is one.
 
-        Surface clouds and views may come at any time: they are placed by their stamps.
+        Surface clouds and views may come at any time: they are placed by their stamps. Events that
+        are for others are left alone.
         """
-        if isinstance(record, SurfaceCloud | ViewIntervals):
-            self.counts["clouds" if isinstance(record, SurfaceCloud) else "views"] += 1
-            self.map.add(record)
-            self.map.forget(self._has_stood)
-            return []
-        posed = self.sync.add(record)
-        if self.sync.jumps != self._jumps:
-            self._start_again()
-        return self._match(posed)
+        take = self._takers.get(kind_of(event))
+        return take(event) if take else []
+
+    def _take_scan(self, posed: PosedScan) -> list[ScanPose]:
+        self.odom_frame = posed.odom_frame
+        self.counts["level scans"] += 1
+        return [self.walls.add_scan(posed)]
+
+    def _take_odometry(self, record: Odometry) -> list[ScanPose]:
+        self.odom_frame = record.frame_id or self.odom_frame
+        self.walls.add_odometry(record.stamp_ns, record.T_odom_base)
+        return []
+
+    def _take_view(self, counted: str, half: SurfaceCloud | ViewIntervals) -> list[ScanPose]:
+        self.counts[counted] += 1
+        self.map.add(half)
+        self.map.forget(self._has_stood)
+        return []
+
+    def _take_jump(self, jump: ClockJump) -> list[ScanPose]:
+        """Forget everything that has a stamp."""
+        self.counts["resets"] += 1
+        self._begin()
+        return []
 
     def _has_stood(self, first_ns: int, last_ns: int) -> bool:
         """Tell whether the base was at one place at two stamps."""
@@ -171,29 +179,13 @@ class SurfaceSlam:
             return False
         return bool(np.hypot(motion[0], motion[1]) <= STOOD[0] and abs(motion[2]) <= STOOD[1])
 
-    def _start_again(self) -> None:
-        """Forget everything that has a stamp: the clock went back."""
-        self.counts["resets"] += 1
-        self._begin()
-
     def add_pose_stamp(self, stamp_ns: int) -> None:
         """Ask for the pose at the stamp of a tilt scan: the trajectory without a level laser."""
         self._tilt_stamps.add(stamp_ns)
 
-    def finish(self) -> list[ScanPose]:
-        """Take the end of the input: what waits for samples is posed or dropped."""
-        return self._match(self.sync.flush())
-
     def current_pose(self) -> LivePose:
         """Return the live estimate."""
         return self.walls.current_pose()
-
-    def _match(self, scans: list[PosedScan]) -> list[ScanPose]:
-        for sample in self.sync.odometry:
-            self.walls.add_odometry(sample.stamp_ns, sample.T_odom_base)
-        poses = [self.walls.add_scan(scan) for scan in scans]
-        self.counts["level scans"] += len(poses)
-        return poses
 
     def solve(self, *, every_covariance: bool = True) -> SurfaceSolution:
         """Rebuild the graph in stamp order, register the views and build the surfaces.
@@ -309,9 +301,7 @@ class SurfaceSlam:
         return SavedMap(state, tuple(views))
 
     @classmethod
-    def from_saved(
-        cls, config: Config, saved: SavedMap, *, expects_odometry: bool = False
-    ) -> SurfaceSlam:
+    def from_saved(cls, config: Config, saved: SavedMap) -> SurfaceSlam:
         """Go on with a saved map in a new session; the robot may start anywhere.
 
         Raises
@@ -319,7 +309,7 @@ class SurfaceSlam:
         MapError
             Where the saved walls are damaged.
         """
-        slam = cls(config, expects_odometry=expects_odometry)
+        slam = cls(config)
         slam.session = 1 + max((s.view.session for s in saved.views), default=-1)
         slam.saved_views = saved.views
         slam._saved_walls = saved.walls

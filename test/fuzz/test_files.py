@@ -5,15 +5,17 @@ Nothing in a file is executed: YAML tags, pickles and XML entities are refused.
 
 import pytest
 from campaign import fuzzed
+from fed import fed_slam
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tccm_ros.config import Config, parameters
 from tccm_ros.config.reader import read_config
 from tccm_ros.errors import ConfigError, MapError, UrdfError
-from tccm_ros.mapping.tccm import TccmProcessor
+from tccm_ros.pipeline import Pipeline
 from tccm_ros.records import RobotDescription
 from tccm_ros.results.map_file import load_map, save_map
+from tccm_ros.robot import Robot
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 robot = pytest.importorskip("live_robot", reason="rclpy is not installed")
@@ -46,12 +48,11 @@ def damaged_text(draw, text):
 @fuzzed
 @given(st.one_of(damaged_text(URDF), st.text(max_size=200)))
 def test_robot_descriptions(text):
-    for processor in (TccmProcessor(Config()), SurfaceSlam(Config())):
-        reason = refusal(UrdfError, lambda p=processor: p.add(RobotDescription(text)))
-        assert "\n" not in (reason or "")
-        for topic, record in list(robot.recording(0.3)):
-            if (topic == "scan") != isinstance(processor, TccmProcessor):
-                processor.add(record)
+    pipeline = Pipeline(Config(), expects_odometry=False)
+    reason = refusal(UrdfError, lambda: pipeline.add("robot_description", RobotDescription(text)))
+    assert "\n" not in (reason or "")
+    for topic, record in list(robot.recording(0.3)):
+        pipeline.add(topic, record)
 
 
 BOMB = """<?xml version="1.0"?><!DOCTYPE lolz [<!ENTITY a "aaaaaaaaaa">
@@ -64,7 +65,7 @@ FILE = """<?xml version="1.0"?><!DOCTYPE r [<!ENTITY x SYSTEM "file:///etc/hostn
 @pytest.mark.parametrize("text", [BOMB, FILE])
 def test_entities_are_refused(text):
     with pytest.raises(UrdfError):
-        TccmProcessor(Config()).add(RobotDescription(text))
+        Robot(Config(), ()).add("robot_description", RobotDescription(text))
 
 
 KEYS = [p.name for p in parameters()]
@@ -113,12 +114,13 @@ def test_nothing_in_a_configuration_is_executed_or_expanded(tmp_path, text):
 @pytest.fixture(scope="module")
 def map_bytes(tmp_path_factory):
     """Return the bytes of a small map with level scans."""
-    slam = SurfaceSlam(Config())
-    slam.add(RobotDescription(URDF))
+    fed = fed_slam()
+    fed.add(RobotDescription(URDF))
     for topic, record in robot.recording(1):
         if topic != "tilt_scan":
-            slam.add(record)
-    slam.finish()
+            fed.add(record)
+    fed.finish()
+    slam = fed.processor
     solution = slam.solve()
     path = tmp_path_factory.mktemp("map") / "map.mcap"
     save_map(path, slam.saved(solution), solution)

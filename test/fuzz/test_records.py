@@ -5,15 +5,15 @@ from types import SimpleNamespace
 
 import numpy as np
 from campaign import fuzzed
+from fed import fed_slam, fed_tccm
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MessageError, TccmError
-from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.records import JointSample, Odometry, Scan, TransformSample
-from tccm_ros.ros import joint_sample_from_message, odometry_from_message, scan_from_message
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
+from tccm_ros.ros import joint_sample_from_message, odometry_from_message
+from tccm_ros.sensors.laser_scan import scan_from_message
 
 START_NS = 1_700_000_000_000_000_000
 MOST = 400
@@ -139,12 +139,13 @@ def sequences(draw):
 @fuzzed
 @given(sequences())
 def test_the_tccm_processor_uses_or_counts_every_scan(records):
-    processor = TccmProcessor(rig())
-    feed(processor, records)
-    processor.finish()
+    fed = fed_tccm(rig())
+    feed(fed, records)
+    fed.finish()
+    processor = fed.processor
     scans = sum(isinstance(record, Scan) for record in records)
     # A scan that straddles a turn is used by two cycles.
-    assert processor.counts["scans used"] + sum(processor.dropped.values()) >= scans
+    assert processor.counts["scans used"] + sum(fed.dropped.values()) >= scans
     cuboids = processor.map.cuboids()
     assert (cuboids.top >= cuboids.bottom).all()
     assert len(cuboids) < 1_000_000
@@ -153,19 +154,20 @@ def test_the_tccm_processor_uses_or_counts_every_scan(records):
 @fuzzed
 @given(sequences())
 def test_the_slam_processor_survives(records):
-    slam = SurfaceSlam(rig())
-    feed(slam, records)
-    slam.finish()
+    fed = fed_slam(rig())
+    feed(fed, records)
+    fed.finish()
+    slam = fed.processor
     solution = slam.solve()
     assert np.isfinite(solution.trajectory).all()
     assert slam.counts["level scans"] <= sum(isinstance(record, Scan) for record in records)
 
 
-def feed(processor, records) -> None:
+def feed(fed, records) -> None:
     """Add records as a node does: an error of ours is a refusal, all others are defects."""
     for record in records:
         try:
-            processor.add(record)
+            fed.add(record)
         except TccmError:
             continue
 
@@ -173,11 +175,11 @@ def feed(processor, records) -> None:
 @fuzzed
 @given(st.lists(st.tuples(stamps, frames, frames, st.booleans()), max_size=40))
 def test_any_tree_of_transforms_ends(edges):
-    processor = TccmProcessor(Config())
+    fed = fed_tccm()
     for stamp, parent, child, is_static in edges:
-        feed(processor, [TransformSample(stamp, parent, child, np.eye(4), is_static)])
-        feed(processor, [Scan(stamp, "laser", 0.0, 0.1, 0.0, 0.1, 9.0, np.ones(3, np.float32))])
-    results = processor.finish()
+        feed(fed, [TransformSample(stamp, parent, child, np.eye(4), is_static)])
+        feed(fed, [Scan(stamp, "laser", 0.0, 0.1, 0.0, 0.1, 9.0, np.ones(3, np.float32))])
+    results = fed.finish()
     # Nothing waits any more: each scan was used, or dropped for a reason.
-    assert sum(processor.dropped.values()) + processor.counts["scans used"] == len(edges)
+    assert sum(fed.dropped.values()) + fed.processor.counts["scans used"] == len(edges)
     assert all(np.isfinite(result.T_odom_base).all() for result in results)

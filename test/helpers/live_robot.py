@@ -161,7 +161,9 @@ class Robot:
         """
         if "robot_description" in self._publishers:
             for node in nodes:
-                self.ros.spin_until(lambda n=node: n._known, what="the robot description")
+                self.ros.spin_until(
+                    lambda n=node: n.robot.robot.frames.model, what="the robot description"
+                )
         received = [dict(node.inputs.counts()) for node in nodes]
         base = dict(self.sent)
         records = iter(records)
@@ -229,6 +231,12 @@ def settle(ros, node) -> None:
     done: list[int] = []
     node.worker.post(lambda: done.append(1))
     ros.spin_until(lambda: done, what="the worker")
+
+
+def end_input(node) -> None:
+    """Have a node work on all that waits, as before a map is saved."""
+    node.robot.flush()
+    node.worker.wait(node.end_input)
 
 
 def overrides(values: dict) -> list[Parameter]:

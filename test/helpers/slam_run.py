@@ -38,9 +38,8 @@ def drive(slam, places=PLACES, start=(0.0, 0.0, 0.0), seed=0):
         for record in ROOM.look(place, stamp, seed=seed + k, noise=0.003):
             slam.add(record)
         slam.add_pose_stamp(stamp)
-    slam.finish()
     return slam
 
 
 def new_slam():
-    return SurfaceSlam(Config(), expects_odometry=True)
+    return SurfaceSlam(Config())

@@ -7,11 +7,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from fed import Fed, fed_tccm
 from mapped_room import BOX, FLOOR, HALF_TIME, TABLE, WALL, base_at, ns, record, settings
 
 from tccm_ros.cuboids.queries import Occupancy
 from tccm_ros.geometry import inverse, transform
-from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.records import JointSample, Odometry, Scan
 
 SMALL = {"map": {"window_cycles": 3}}
@@ -36,9 +36,9 @@ def visitor():
 
 
 def run(records, configuration=None, **options):
-    processor = TccmProcessor(configuration or settings(), **options)
-    results = [r for item in records for r in processor.add(item)]
-    return processor, results + processor.finish()
+    fed = fed_tccm(configuration or settings(), **options)
+    results = [r for item in records for r in fed.add(item)]
+    return fed, results + fed.finish()
 
 
 def everything(result):
@@ -55,7 +55,7 @@ def everything(result):
 
 
 def test_finds_the_table_and_the_floor():
-    processor, results = run(room())
+    fed, results = run(room())
     assert [r.cycle for r in results] == [0, 1, 2]
     assert [r.ended_by for r in results] == ["turn"] * 3
     for result in results:
@@ -66,8 +66,8 @@ def test_finds_the_table_and_the_floor():
     assert float(table.centroid[2]) == pytest.approx(0.7, abs=0.001)
     # The table is 0.96 m2; the box on it hides its own footprint and what is behind it.
     assert 0.6 < table.area < 0.97
-    assert processor.counts["cycles"] == 3
-    assert processor.counts["scans used"] + sum(processor.dropped.values()) >= 150
+    assert fed.processor.counts["cycles"] == 3
+    assert fed.processor.counts["scans used"] + sum(fed.dropped.values()) >= 150
 
 
 def test_cycles_are_the_sweeps_and_stamps_their_middle():
@@ -138,10 +138,10 @@ def test_views_only_of_still_sweeps_when_asked():
 
 
 def test_forgets_what_left_after_n_cycles():
-    processor, there = TccmProcessor(settings(**SMALL)), {}
+    fed, there = fed_tccm(settings(**SMALL)), {}
     for item in visitor():
-        for result in processor.add(item):
-            box = processor.query().boxes([FRONT])[0]
+        for result in fed.add(item):
+            box = fed.processor.query().boxes([FRONT])[0]
             there[result.cycle] = bool(box == Occupancy.OCCUPIED)
     # Last seen in cycle 1, window 3: absent from M_4.
     assert there == {0: True, 1: True, 2: True, 3: True, 4: False, 5: False}
@@ -149,18 +149,18 @@ def test_forgets_what_left_after_n_cycles():
 
 def test_clearing_forgets_at_once_and_keeps_the_table():
     cleared = settings(map={"window_cycles": 3, "clear_seen_through": True})
-    processor, there = TccmProcessor(cleared), {}
+    fed, there = fed_tccm(cleared), {}
     for item in visitor():
-        for result in processor.add(item):
-            states = processor.query().boxes([FRONT, [1.0, 1.1, -0.3, 0.3, 0.68, 0.70]])
+        for result in fed.add(item):
+            states = fed.processor.query().boxes([FRONT, [1.0, 1.1, -0.3, 0.3, 0.68, 0.70]])
             there[result.cycle] = tuple(states.tolist())
     assert [there[k][0] == Occupancy.OCCUPIED for k in range(6)] == [True, True] + [False] * 4
     assert all(table == 1 for _, table in there.values())
     # A rebuild replays the clearing.
-    before = processor.map.pieces.tobytes()
-    assert any(len(part.void_keys) for part in processor.map.parts)
-    processor.map.rebuild()
-    assert processor.map.pieces.tobytes() == before
+    before = fed.processor.map.pieces.tobytes()
+    assert any(len(part.void_keys) for part in fed.processor.map.parts)
+    fed.processor.map.rebuild()
+    assert fed.processor.map.pieces.tobytes() == before
 
 
 def shuffled(records, most_late_ns, seed):
@@ -188,8 +188,8 @@ def test_one_stamp_from_the_future_does_not_close_a_sweep(kind):
     late = shuffled(room(), 200_000_000, 0)
     k = next(k for k, r in enumerate(late) if isinstance(r, kind) and r.stamp_ns > ns(1.0))
     wrong = replace(late[k], stamp_ns=late[k].stamp_ns + ns(3600.0))
-    processor, found = run([*late[:k], wrong, *late[k:]])
-    assert processor.synchroniser.counts["samples: future stamp"] == 1
+    fed, found = run([*late[:k], wrong, *late[k:]])
+    assert fed.robot.refused["future stamp"] == 1
     assert [everything(r) for r in found] == [everything(r) for r in expected]
 
 
@@ -202,9 +202,9 @@ def test_topics_one_after_the_other_give_the_same():
 
 
 def test_a_result_comes_soon_after_the_turn():
-    processor, waits_ns = TccmProcessor(settings()), []
+    fed, waits_ns = fed_tccm(settings()), []
     for item in room():
-        waits_ns += [item.stamp_ns - result.end_ns for result in processor.add(item)]
+        waits_ns += [item.stamp_ns - result.end_ns for result in fed.add(item)]
     assert len(waits_ns) == 2  # the third sweep ends with the input
     # The next scan, its bracketing samples, and the dead band of the turn.
     assert max(waits_ns) < 0.12e9
@@ -212,11 +212,11 @@ def test_a_result_comes_soon_after_the_turn():
 
 def test_a_result_comes_although_no_scan_follows():
     turned = ns(1.5 * HALF_TIME)
-    processor, came = TccmProcessor(settings()), []
+    fed, came = fed_tccm(settings()), []
     for item in room():
         if isinstance(item, Scan) and item.stamp_ns > ns(HALF_TIME - 0.1):
             continue
-        came += [(item.stamp_ns, r) for r in processor.add(item)]
+        came += [(item.stamp_ns, r) for r in fed.add(item)]
         if item.stamp_ns > turned + 0.2e9:
             break
     (stamp_ns, result), = came  # fmt: skip
@@ -226,17 +226,17 @@ def test_a_result_comes_although_no_scan_follows():
 
 
 def test_a_jump_of_the_clock_begins_anew():
-    processor = TccmProcessor(settings())
+    fed = fed_tccm(settings())
     records = room()
     for item in records:
-        processor.add(item)
-    assert processor.map.parts
+        fed.add(item)
+    assert fed.processor.map.parts
     # The same run again, an hour earlier.
     again = [_moved(item, -3600 * 10**9) for item in records]
-    results = [r for item in again for r in processor.add(item)] + processor.finish()
-    assert processor.counts["resets"] == 1
+    results = [r for item in again for r in fed.add(item)] + fed.finish()
+    assert fed.processor.counts["resets"] == 1
     assert [r.cycle for r in results] == [3, 4, 5]
-    assert processor.map.cycles == [3, 4, 5]
+    assert fed.processor.map.cycles == [3, 4, 5]
 
 
 def _moved(item, by_ns):
@@ -249,22 +249,23 @@ def _moved(item, by_ns):
 
 
 def test_reset_begins_anew():
-    processor, first = run(room())
-    processor.reset()
-    assert processor.map.parts == []
-    second = [r for item in room() for r in processor.add(item)] + processor.finish()
+    fed, first = run(room())
+    fed.processor.reset()
+    assert fed.processor.map.parts == []
+    again = Fed(fed.processor, "tilt_scan")
+    second = [r for item in room() for r in again.add(item)] + again.finish()
     assert [r.part.moments.tobytes() for r in second] == [r.part.moments.tobytes() for r in first]
 
 
 def test_no_tilt_samples_is_counted():
-    processor, results = run([r for r in room() if not isinstance(r, JointSample)])
+    fed, results = run([r for r in room() if not isinstance(r, JointSample)])
     assert results == []
-    assert sum(processor.dropped.values()) == sum(isinstance(r, Scan) for r in room())
+    assert sum(fed.dropped.values()) == sum(isinstance(r, Scan) for r in room())
 
 
 def test_free_space_in_front_of_the_robot():
-    processor, _ = run(room())
-    states = processor.query().points([[0.7, 0.0, 0.6], [1.3, 0.0, 0.4], [3.5, 0.0, 1.0]])
+    fed, _ = run(room())
+    states = fed.processor.query().points([[0.7, 0.0, 0.6], [1.3, 0.0, 0.4], [3.5, 0.0, 1.0]])
     # Seen through; hidden under the table; behind the wall.
     assert states.tolist() == [Occupancy.FREE, Occupancy.UNKNOWN, Occupancy.UNKNOWN]
 

@@ -7,12 +7,11 @@ from rclpy.parameter import Parameter as RosParameter
 
 from tccm_ros.config import Config, Group, parameters
 from tccm_ros.errors import ConfigError
-from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.nodes.params import declare_config, follow_changes, ros_type
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.nodes.tf import has_tf2_msgs
+from tccm_ros.pipeline import Pipeline
 from tccm_ros.records import RobotDescription
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 
 def make(ros, **overrides):
@@ -114,18 +113,13 @@ def test_what_can_be_changed_is_read_again_after_the_start(monkeypatch):
     config = Config()
     reads = Reads(monkeypatch, config)
     reads.phase = "made"
-    tccm, slam = TccmProcessor(config), SurfaceSlam(config)
+    pipeline = Pipeline(config, expects_odometry=True)
     reads.phase = "run"
-    for processor in (tccm, slam):
-        processor.add(RobotDescription(URDF.format(p="", kind="revolute")))
+    pipeline.add("robot_description", RobotDescription(URDF.format(p="", kind="revolute")))
     for topic, record in recording(4, speed=0.2):
-        for result in tccm.add(record) if topic != "scan" else ():
-            slam.add(result.surfaces)
-            slam.add(result.view)
-        if topic != "tilt_scan":
-            slam.add(record)
-    slam.finish()
-    slam.solve()
+        pipeline.add(topic, record)
+    pipeline.finish()
+    pipeline.solve()
     reads.phase = "none"
     live = {parameter.name for parameter in parameters() if not parameter.read_only}
     assert "map.region" in reads.run

@@ -160,21 +160,15 @@ SAVE_FOREVER = """
     sys.path.insert(0, sys.argv[1])
     from live_robot import URDF, recording
     from tccm_ros.config import Config
-    from tccm_ros.mapping.tccm import TccmProcessor
     from tccm_ros.nodes.map_folder import write_map
+    from tccm_ros.pipeline import Pipeline
     from tccm_ros.records import RobotDescription
-    from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
-    tccm, slam = TccmProcessor(Config()), SurfaceSlam(Config())
-    for processor in (tccm, slam):
-        processor.add(RobotDescription(URDF.format(p="", kind="revolute")))
+    pipeline = Pipeline(Config(), expects_odometry=True)
+    pipeline.add("robot_description", RobotDescription(URDF.format(p="", kind="revolute")))
     for topic, record in recording(4):
-        if topic != "tilt_scan":
-            slam.add(record)
-        for result in tccm.add(record) if topic != "scan" else ():
-            slam.add(result.surfaces)
-            slam.add(result.view)
-    solution = slam.solve()
+        pipeline.add(topic, record)
+    slam, solution = pipeline.slam, pipeline.solve()
     folder = Path(sys.argv[2])
     write_map(folder, slam, solution, "map")
     for line in sys.stdin:  # each line: save until killed

@@ -2,18 +2,19 @@
 
 import numpy as np
 import pytest
-from live_robot import HEIGHT, URDF, recording, slam, tccm
+from fed import fed_tccm
+from live_robot import HEIGHT, URDF, end_input, recording, slam, tccm
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import LaserScan
 
 from tccm_ros.config import Config, Rig
 from tccm_ros.config.reader import read_config
-from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.pipeline.calibrate.calibration import Calibration
 from tccm_ros.pipeline.calibrate.observability import Judgement
 from tccm_ros.records import RobotDescription
-from tccm_ros.ros import scan_from_message, scan_message
+from tccm_ros.ros import scan_message
+from tccm_ros.sensors.laser_scan import scan_from_message
 
 CALIBRATED = Rig(
     tilt_offset=0.021,
@@ -44,16 +45,16 @@ def rig_file(tmp_path):
 
 
 def offline(config):
-    processor = TccmProcessor(config)
-    processor.add(RobotDescription(URDF.format(p="", kind="revolute")))
+    fed = fed_tccm(config)
+    fed.add(RobotDescription(URDF.format(p="", kind="revolute")))
     for topic, record in recording(3):
         if topic == "tilt_scan":  # what is sent has angles in single precision
             sent = serialize_message(scan_message(RosidlMessages(), record))
             record = scan_from_message(deserialize_message(sent, LaserScan))
         if topic != "scan":
-            processor.add(record)
-    processor.finish()
-    return processor.map.cuboids()
+            fed.add(record)
+    fed.finish()
+    return fed.processor.map.cuboids()
 
 
 def test_a_calibrated_rig_is_used_by_both_nodes_as_by_a_replay(ros, rig_file):
@@ -62,7 +63,7 @@ def test_a_calibrated_rig_is_used_by_both_nodes_as_by_a_replay(ros, rig_file):
     for node in nodes:
         assert node.config.rig == CALIBRATED == read_config(rig_file).rig
     robot.play(recording(3), *nodes)
-    nodes[0].worker.wait(lambda: nodes[0].processor.finish())
+    end_input(nodes[0])
     live, expected = nodes[0].processor.map.cuboids(), offline(read_config(rig_file))
     for name in ("ix", "iy", "top", "bottom", "count"):
         assert np.array_equal(getattr(live, name), getattr(expected, name)), name
@@ -80,4 +81,4 @@ def test_a_rig_without_a_robot_description(ros, tmp_path):
     assert node.processor.counts["level scans"] > 20
     for each in nodes:
         assert not each.dropped
-        assert not each.synchroniser.problem
+        assert not each.robot.problems(each.roles)

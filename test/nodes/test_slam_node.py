@@ -13,7 +13,7 @@ from visualization_msgs.msg import MarkerArray
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.nodes.slam_node import raw_stamp_ns
 from tccm_ros.nodes.tf import has_tf2_msgs
-from tccm_ros.ros import stamp_ns_from_message
+from tccm_ros.records.building import stamp_ns_from_message
 
 SECOND = 1_000_000_000
 needs_tf = pytest.mark.skipif(not has_tf2_msgs(), reason="tf2_msgs is not installed")

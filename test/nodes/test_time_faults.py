@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
-from live_robot import START_NS, Listener, recording, settle, slam, tccm
+from fed import fed_slam
+from live_robot import START_NS, Listener, end_input, recording, settle, slam, tccm
 from rosgraph_msgs.msg import Clock
 
-from tccm_ros.config import Config
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.records import JointSample
 from tccm_ros.ros.types import stamp_message
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 SECOND = 1_000_000_000
 
@@ -37,7 +36,7 @@ def delayed(records, topic, delay_ns):
 def played(ros, records, **values):
     node, robot = tccm(ros, **values), ros.robot()
     robot.play(records, node)
-    node.worker.wait(lambda: node.processor.finish())
+    end_input(node)
     # Only its result is looked at: it must not hear what the next robot says.
     ros.remove(robot.node)
     ros.remove(node)
@@ -81,12 +80,13 @@ def test_odometry_from_the_future_does_not_move_the_robot():
     wrong = replace(records[20][1], stamp_ns=records[20][1].stamp_ns + 3600 * SECOND)
     poses = []
     for sent in (records, [*records[:20], ("odom", wrong), *records[20:]]):
-        slam = SurfaceSlam(Config())
+        fed = fed_slam()
+        slam = fed.processor
         for _, record in sent:
-            slam.add(record)
+            fed.add(record)
         live = slam.current_pose()
         slam.add_pose_stamp(START_NS + SECOND)
-        slam.finish()
+        fed.finish()
         poses.append((live.stamp_ns, *live.pose, *slam.solve().trajectory.ravel()))
     assert poses[0] == poses[1]
     assert poses[0][4] == pytest.approx(0.3, abs=1e-6)
@@ -132,7 +132,7 @@ def test_a_joint_that_wraps(ros):
     node, robot = tccm(ros, rig__tilt_offset=0.7 - np.pi), ros.robot(described=False)
     robot.describe("continuous")
     robot.play(turned, node)
-    node.worker.wait(lambda: node.processor.finish())
+    end_input(node)
     assert node.processor.counts["scans used"] == straight.processor.counts["scans used"]
     assert node.processor.counts["cycles"] == straight.processor.counts["cycles"]
 
@@ -160,7 +160,7 @@ class SimTime:
 def test_stamps_of_arrival_for_drivers_without_a_clock(ros):
     node = tccm(ros, qos__stamp="receive", use_sim_time=True)
     robot, clock = ros.robot(), SimTime(ros)
-    ros.spin_until(lambda: node._known)
+    ros.spin_until(lambda: node.robot.robot.frames.model)
     for topic, record in recording(2):
         if topic == "scan":
             continue

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from live_robot import Listener, recording, slam, tccm
+from live_robot import Listener, end_input, recording, slam, tccm
 from nav_msgs.msg import Odometry as OdometryMessage
 from sensor_msgs.msg import JointState, LaserScan, PointCloud2
 from visualization_msgs.msg import MarkerArray
@@ -15,6 +15,7 @@ from tccm_ros.nodes import worker as worker_module
 from tccm_ros.nodes.drops import ADVICE, DropWatch
 from tccm_ros.nodes.tf import has_tf2_msgs
 from tccm_ros.records import Odometry, TransformSample
+from tccm_ros.robot.base_motion import MotionSource
 
 
 def problems(node) -> str:
@@ -30,7 +31,7 @@ def moved(record: Odometry) -> TransformSample:
 def test_scans_without_joints_name_the_joint(ros):
     node, robot = tccm(ros), ros.robot()
     robot.play([(t, r) for t, r in recording(2) if t != "joint_states"], node)
-    node.worker.wait(lambda: node.processor.finish())
+    end_input(node)
     assert node.dropped["no joint samples"] > 3
     text = problems(node)
     assert "scans are dropped, no joint samples" in text
@@ -99,7 +100,7 @@ def test_odometry_from_tf(ros):
     robot.play(records, *nodes)
     mapper, node = nodes
     assert mapper.processor.counts["cycles"] >= 2
-    assert mapper.synchroniser.motion.mode == "tf"
+    assert mapper.robot.robot.motion.source is MotionSource.TF
     assert not mapper.dropped["no odometry"]
     last = node.processor.current_pose()
     assert abs(last.pose[0] - 0.2 * 0.05 * 59) < 0.02
@@ -130,7 +131,7 @@ def test_overload_drops_whole_scans_counts_them_and_bounds_memory(ros, monkeypat
     assert node.overload["overload: samples"] > 0
     assert "more comes in than can be processed" in problems(node)
     gate.set()
-    node.worker.wait(lambda: node.processor.finish())
+    end_input(node)
     scans = sum(t == "tilt_scan" for t, _ in sent)
     counted = node.processor.counts["scans used"] + sum(node.dropped.values())
     assert counted + node.overload["overload"] == scans
@@ -148,7 +149,7 @@ def test_lost_messages_are_counted(ros):
     robot.publish("tilt_scan", scan, node)
     ros.spin_until(lambda: node.inputs.counts()["/tilt_scan"] == 1)
     gate, take = threading.Event(), node.take
-    node.take = lambda record: (gate.wait(), take(record))
+    node.take = lambda role, record: (gate.wait(), take(role, record))
     for _ in range(600):  # while the intake is held: the queue holds 200
         robot.publish("tilt_scan", scan)
     gate.set()
@@ -182,7 +183,7 @@ def test_a_start_before_the_robot_description(ros):
     records = list(recording(6))
     robot.play(records[: len(records) // 2], node)
     robot.describe()
-    ros.spin_until(lambda: node._known)
+    ros.spin_until(lambda: node.robot.robot.frames.model)
     robot.play(records[len(records) // 2 :], node)
     assert node.processor.counts["cycles"] >= 1
     assert np.isfinite(node.processor.map.cuboids().top).all()

@@ -52,7 +52,7 @@ def test_saving_what_was_loaded_gives_the_same_bytes(run, saved, tmp_path):
 
 
 def test_a_new_session_without_common_odometry_goes_on(saved):
-    slam = SurfaceSlam.from_saved(Config(), load_map(saved), expects_odometry=True)
+    slam = SurfaceSlam.from_saved(Config(), load_map(saved))
     start = (0.2, -0.4, 0.3)
     places = [start, (0.0, 0.3, -0.5), (-0.4, 0.1, 0.0)]
     solution = drive(slam, places, start=start, seed=9).solve()
@@ -71,7 +71,7 @@ def test_an_ambiguous_session_leaves_the_map_alone(run, saved):
     from room import Board, Room
     from slam_run import odometry
 
-    slam = SurfaceSlam.from_saved(Config(), load_map(saved), expects_odometry=True)
+    slam = SurfaceSlam.from_saved(Config(), load_map(saved))
     hall = Room([], [], Board(0.0, 0.0, 12.0, 12.0, 0.0))
     for stamp in (600_000_000, 1_400_000_000):
         slam.add(odometry(stamp, (0, 0, 0)))

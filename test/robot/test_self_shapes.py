@@ -22,11 +22,11 @@ BALL = (
 def test_shapes_agree_with_pinocchio(tree):
     text, positions = tree
     with_balls = text.replace("></link>", f">{BALL}</link>")
-    model = read_urdf(with_balls)
     joints = JointTracks(0)
     joints.add(joints_at(5, **positions))
     frames = FrameTree()
-    frames.set_model(model)
+    frames.describe(with_balls)
+    model = frames.model
 
     def reading(joint):
         return JointReading(joint.name, joints.of(joint.name), joint.axis, joint.motion == "turn")

@@ -27,7 +27,6 @@ from tccm_ros.ros import (
     odometry_message,
     robot_description_from_message,
     robot_description_message,
-    scan_from_message,
     scan_message,
     surface_cloud_from_message,
     surface_cloud_message,
@@ -36,6 +35,7 @@ from tccm_ros.ros import (
     view_from_message,
     view_message,
 )
+from tccm_ros.sensors.laser_scan import scan_from_message
 
 
 def bits(array):

@@ -1,10 +1,12 @@
 """From ranges to points: hand-computed, against numpy twins, and on real recordings."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from bag_records import read
+from fed import role_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from robots import (
@@ -23,18 +25,19 @@ from shared_data import shared
 from tccm_ros.config import Config
 from tccm_ros.config.reader import read_config
 from tccm_ros.geometry import interpolate_poses, inverse, pose_from_rpy, transform
-from tccm_ros.records import PosedScan, Scan
-from tccm_ros.robot import LaserKinematics
-from tccm_ros.robot.synchroniser import Synchroniser
+from tccm_ros.records import PosedScan, Scan, SelfShapes
+from tccm_ros.robot import Robot
 from tccm_ros.sensors.laser_scan import (
     beam_stamps,
     bearings,
     laser_poses,
     project,
     project_level,
+    used_beams,
     valid_beams,
 )
 from tccm_ros.sensors.laser_scan_kernels import BLEND_ANGLE, mark_inside, mark_valid, refine_poses
+from tccm_ros.sensors.registry import default_streams
 
 PLAIN = read_config(None, ["scan.shadow_angle=0"])
 
@@ -50,11 +53,16 @@ def posed_scan(scan, T_odom_base=None, T_base_laser=None, knots=None):
     )
 
 
-def put_together(records, role="tilt", config=PLAIN):
-    kin = LaserKinematics(config, role)
-    sync = Synchroniser(config, kin)
-    posed = [p for r in records for p in sync.add(r)] + sync.flush()
-    return posed, kin
+def put_together(records, scans="tilt_scan", config=PLAIN):
+    """Return the posed scans of records, all scans being of one laser, and its mount."""
+    one = Robot(config, default_streams())
+    events = [e for r in records for e in one.add(role_of(r, scans), r)] + one.flush()
+    return [e for e in events if isinstance(e, PosedScan)], one.sensors[scans].mount
+
+
+def hits(posed, config):
+    """Return the points of a scan in odom and their beams, without the robot itself."""
+    return project(posed, used_beams(posed, config))
 
 
 # -- which beams --------------------------------------------------
@@ -156,17 +164,17 @@ def test_bearings_and_stamps_of_beams():
     scan = scan_at(START, ranges=[1] * 5, angle_min=0.4, angle_increment=-0.2, time_increment=0.001)
     np.testing.assert_allclose(bearings(scan), [0.4, 0.2, 0.0, -0.2, -0.4], atol=1e-12)
     assert beam_stamps(scan).tolist() == [START + k * MS for k in range(5)]
-    points = project(posed_scan(scan), PLAIN)
-    np.testing.assert_allclose(points.points[0], [np.cos(0.4), np.sin(0.4), 0])
-    np.testing.assert_allclose(points.points[4], [np.cos(0.4), -np.sin(0.4), 0])
+    points, _ = hits(posed_scan(scan), PLAIN)
+    np.testing.assert_allclose(points[0], [np.cos(0.4), np.sin(0.4), 0])
+    np.testing.assert_allclose(points[4], [np.cos(0.4), -np.sin(0.4), 0])
 
 
 def test_points_name_their_beams_and_times():
     scan = scan_at(START, ranges=[1, np.inf, 2, np.nan, 3], time_increment=0.002)
-    points = project(posed_scan(scan), PLAIN)
-    assert points.beams.tolist() == [0, 2, 4]
-    assert ((points.stamps_ns - START) // MS).tolist() == [0, 4, 8]
-    assert points.points.dtype == np.float64
+    points, beams = hits(posed_scan(scan), PLAIN)
+    assert beams.tolist() == [0, 2, 4]
+    assert ((beam_stamps(scan)[beams] - START) // MS).tolist() == [0, 4, 8]
+    assert points.dtype == np.float64
 
 
 @pytest.mark.parametrize("upside_down", [False, True])
@@ -199,7 +207,7 @@ def test_a_level_floor_is_level_however_the_laser_hangs(upside_down, axis):
     posed, _ = put_together(records)
     assert len(posed) == 10
     for p in posed:
-        points = project(p, PLAIN).points
+        points = hits(p, PLAIN)[0]
         # a blend over 5 mrad is 3e-6 short of hits that are up to 8 m away
         np.testing.assert_allclose(points[:, 2], 0.0, atol=3e-5)
         first, last = points[0], points[-1]
@@ -224,7 +232,7 @@ def test_a_moving_robot_sees_a_straight_wall():
     seconds = (knots - START) * 1e-9
     T_odom_base = [pose_from_rpy((t, 0, 0, 0, 0, t)) for t in seconds]
     posed = posed_scan(scan, T_odom_base, np.broadcast_to(np.eye(4), (10, 4, 4)), knots)
-    points = project(posed, PLAIN).points
+    points = hits(posed, PLAIN)[0]
     # blending over 5 mrad shortens by 3e-6; float32 ranges err by 6e-8: 0.1 mm at 25 m
     np.testing.assert_allclose(points[:, 0], 4.0, atol=1e-4)
     level_points, beams = project_level(posed, PLAIN)
@@ -271,7 +279,7 @@ def test_projection_agrees_with_a_twin(poses, seed):
     )
     T = np.array([pose_from_rpy(p) for p in poses])
     posed = posed_scan(scan, T, None, knots)
-    got = project(posed, PLAIN)
+    got, _ = hits(posed, PLAIN)
     seconds = (knots - knots[0]) * 1e-9
     for k, angle in enumerate(bearings(scan)):
         time = min(k * scan.time_increment, seconds[-1])
@@ -281,7 +289,7 @@ def test_projection_agrees_with_a_twin(poses, seed):
         hit = scan.ranges[k].astype(float) * np.array([np.cos(angle), np.sin(angle), 0])
         expected = transform(interpolate_poses(T[i], T[j], f), hit[None])[0]
         # angle^2 / 8 of 5 m, and what a blend of chords moves it sideways
-        np.testing.assert_allclose(got.points[k], expected, atol=5.0 * BLEND_ANGLE**2)
+        np.testing.assert_allclose(got[k], expected, atol=5.0 * BLEND_ANGLE**2)
 
 
 @given(pose6, pose6)
@@ -349,21 +357,50 @@ def test_the_arm_is_not_part_of_the_scene():
         ]
     records.append(scan_at(START + 100 * MS, ranges=[0.45, 0.45, 0.7], angle_min=1.0,
                            angle_increment=-0.5))  # fmt: skip
-    (posed,), kin = put_together(records)
-    shapes = kin.self_shapes(posed.scan.stamp_ns)
-    assert project(posed, PLAIN, shapes).beams.tolist() == [1, 2]
-    assert project(posed, PLAIN).beams.tolist() == [0, 1, 2]
+    (posed,), _ = put_together(records)
+    assert hits(posed, PLAIN)[1].tolist() == [1, 2]
+    assert hits(replace(posed, own_shapes=None), PLAIN)[1].tolist() == [0, 1, 2]
     off = read_config(None, ["scan.self_filter=false", "scan.shadow_angle=0"])
-    assert project(posed, off, shapes).beams.tolist() == [0, 1, 2]
+    (posed,), _ = put_together(records, config=off)
+    assert hits(posed, off)[1].tolist() == [0, 1, 2]
+
+
+@given(st.integers(0, 2**31))
+@settings(deadline=None, max_examples=60)
+def test_the_self_filter_agrees_with_placing_every_hit(seed):
+    """What is too far from all shapes is not placed: nothing else comes of it."""
+    random = np.random.default_rng(seed)
+    n, k = 200, int(random.integers(1, 4))
+    scan = scan_at(
+        START, ranges=random.uniform(0.05, 3.0, n), angle_min=-np.pi,
+        angle_increment=2.0 * np.pi / n, time_increment=1e-4 if k > 1 else 0.0,
+    )  # fmt: skip
+    knots = np.linspace(START, scan.end_ns, k).astype(np.int64)
+    T = np.array([[pose_from_rpy(random.uniform(-0.4, 0.4, 6)) for _ in range(k)] for _ in "ab"])
+    count = int(random.integers(0, 5))
+    shapes = SelfShapes(
+        random.integers(0, 3, count),
+        random.uniform(0.01, 0.5, (count, 3)),
+        np.array([pose_from_rpy(random.uniform(-1.2, 1.2, 6)) for _ in range(count)]).reshape(
+            -1, 4, 4
+        ),
+    )
+    posed = replace(posed_scan(scan, T[0], T[1], knots), own_shapes=shapes)
+    points, beams = project(posed, valid_beams(scan, PLAIN))
+    T_shape_odom = inverse(posed.T_odom_base[0] @ shapes.T_base_shape)
+    inside = mark_inside(points, shapes.kinds, shapes.half, T_shape_odom, PLAIN.scan.self_padding)
+    expected = valid_beams(scan, PLAIN)
+    expected[beams[inside]] = False
+    assert used_beams(posed, PLAIN).tolist() == expected.tolist()
 
 
 # -- recordings --------------------------------------------------
 
 
-def cloud_of(name, topic, role, until_s=None):
+def cloud_of(name, topic, until_s=None):
     records = [r for t, r in read(name, until_s) if not isinstance(r, Scan) or t == topic]
-    posed, kin = put_together(records, role, Config())
-    clouds = [project(p, Config()).points for p in posed]
+    posed, kin = put_together(records, topic.lstrip("/"), Config())
+    clouds = [hits(p, Config())[0] for p in posed]
     return np.concatenate(clouds), posed, kin
 
 
@@ -381,7 +418,7 @@ def height_and_spread(z, near, within):
     ],
 )
 def test_simulated_floors_and_tables_are_at_their_height(name, until_s, joint_name, base):
-    points, _, kin = cloud_of(name, "/tilt_scan", "tilt", until_s)
+    points, _, kin = cloud_of(name, "/tilt_scan", until_s)
     assert (kin.tilt_joint, kin.base) == (joint_name, base)
     z = points[:, 2]
     floor, spread, count = height_and_spread(z, 0.0, 0.03)
@@ -398,7 +435,7 @@ def test_simulated_floors_and_tables_are_at_their_height(name, until_s, joint_na
 
 def test_a_table_stands_where_the_truth_has_it():
     """The base moves in this recording, and the laser hangs upside down."""
-    points, _, _ = cloud_of("sim2_other_names", "/tilt_scan", "tilt")
+    points, _, _ = cloud_of("sim2_other_names", "/tilt_scan")
     (surface,) = json.loads(shared("bags/sim2_other_names/truth.json").read_text())["surfaces"]
     boundary = np.array(surface["boundary"])
     on_top = points[np.abs(points[:, 2] - surface["height"]) < 0.015]
@@ -413,7 +450,7 @@ def test_a_table_stands_where_the_truth_has_it():
 
 
 def test_a_real_corridor_has_a_flat_floor_below_and_a_ceiling_above():
-    points, _, _ = cloud_of("kurt3d_corridor", "/tilt_scan", "tilt")
+    points, _, _ = cloud_of("kurt3d_corridor", "/tilt_scan")
     near = points[np.linalg.norm(points[:, :2], axis=1) < 4.0]
     floor, spread, count = height_and_spread(near[:, 2], 0.0, 0.06)
     assert abs(floor) < 0.04
@@ -424,7 +461,7 @@ def test_a_real_corridor_has_a_flat_floor_below_and_a_ceiling_above():
 
 
 def test_real_level_walls_stay_straight():
-    points, posed, _ = cloud_of("sim2_other_names", "/scan", "level")
+    points, posed, _ = cloud_of("sim2_other_names", "/scan")
     assert len(posed) == 248
     np.testing.assert_allclose(points[:, 2], 0.2, atol=1e-3)
 
@@ -442,6 +479,6 @@ def test_recorded_topics_may_arrive_apart():
             arriving.append((at, len(arriving), record))
         order = [record for *_, record in sorted(arriving, key=lambda a: a[:2])]
         posed, _ = put_together(order, config=Config())
-        outcomes.append([project(p, Config()).points.tobytes() for p in posed])
+        outcomes.append([hits(p, Config())[0].tobytes() for p in posed])
     assert len(outcomes[0]) > 100
     assert outcomes[0] == outcomes[1]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +19,25 @@ from tccm_ros.errors import BagError, FrameError, TopicError
 from tccm_ros.geometry import inverse, planar
 from tccm_ros.pipeline.calibrate.sweeps import LevelScans, Recording, TiltSweep, is_near
 from tccm_ros.progress import Bars, Silent
-from tccm_ros.records import PosedScan, RobotDescription, SurfaceCloud, ViewIntervals
-from tccm_ros.robot import LaserKinematics
+from tccm_ros.records import Event, PosedScan, StreamComplete, TiltAngle
+from tccm_ros.records.building import Record
+from tccm_ros.records.events import EventKind, kind_of
+from tccm_ros.robot import Robot
 from tccm_ros.robot.chain import Chain, JointReading, Part
 from tccm_ros.robot.frames import build_chain, find_path, frames_of
-from tccm_ros.robot.synchroniser import Synchroniser, SyncRecord
+from tccm_ros.robot.mount import Mount
+from tccm_ros.robot.sensor import Sensor
 from tccm_ros.robot.tilt_angle import find_axis
 from tccm_ros.robot.tracks import PoseTrack, ScalarTrack, Track
 from tccm_ros.robot.urdf import Joint
-from tccm_ros.sensors.laser_scan import beam_stamps, bearings, valid_beams
+from tccm_ros.sensors.laser_scan import (
+    LEVEL_SCAN,
+    TILT_SCAN,
+    beam_stamps,
+    bearings,
+    valid_beams,
+)
+from tccm_ros.sensors.registry import default_streams
 
 __all__ = ["read_recording", "uncorrected"]
 
@@ -42,8 +53,7 @@ LEVEL_SCANS = 6
 #: Fewer scans make no sweep.
 MIN_SCANS = 8
 
-#: A sweep is taken when message time is this much later: all that belongs to it is there.
-WAIT_NS = 2_000_000_000
+END_OF_TIME = 2**62
 
 Int64 = NDArray[np.int64]
 Float64 = NDArray[np.float64]
@@ -85,96 +95,86 @@ def read_recording(
         counts = {info.name: info.count for info in reader.topics()}
         if not counts.get(topics["tilt_scan"]):
             raise TopicError(reader.missing("tilt_scan", topics["tilt_scan"]))
-        has_odometry = bool(counts.get(topics["odom"]))
-        tilt = _TiltReader(raw, has_odometry)
-        level = _LevelReader(raw, has_odometry)
+        found = _SweepReader(raw, bool(counts.get(topics["odom"])))
         bars.start("read", reader.duration, "s")
         last_ns = reader.start_ns
         for role, log_ns, record in reader.records(topics):
             bars.advance((log_ns - last_ns) * 1e-9)
             last_ns = log_ns
-            if isinstance(record, SurfaceCloud | ViewIntervals):
-                continue
-            if role != "scan":
-                tilt.add(record)
-            if role != "tilt_scan":
-                level.add(record)
-        tilt.finish()
-        level.finish()
-    if not tilt.sweeps:
-        raise _no_sweep(bag, tilt.sync)
-    return _recording(Path(bag).name, tilt, level, most)
+            found.add(role, record)
+        found.finish()
+    if not found.sweeps:
+        raise _no_sweep(bag, found.tilting)
+    return _recording(Path(bag).name, found, most)
 
 
-def _no_sweep(bag: Path | str, sync: Synchroniser) -> BagError | FrameError:
-    if sync.problem is not None:
-        return FrameError(f"{bag}: {sync.problem}")
-    reasons = ", ".join(f"{n} {why}" for why, n in sorted(sync.dropped.items()))
+def _no_sweep(bag: Path | str, tilting: Sensor) -> BagError | FrameError:
+    if tilting.problem is not None:
+        return FrameError(f"{bag}: {tilting.problem}")
+    reasons = ", ".join(f"{n} {why}" for why, n in sorted(tilting.dropped.items()))
     return BagError(
         f"{bag}: the tilting laser makes no sweep" + (f" (dropped: {reasons})" if reasons else "")
     )
 
 
-class _TiltReader:
-    """Cuts the scans of the tilting laser into sweeps."""
+class _SweepReader:
+    """Cuts the scans of the tilting laser into sweeps, and keeps those of the level laser.
+
+    A level laser that cannot be placed is left out.
+    """
 
     def __init__(self, config: Config, has_odometry: bool) -> None:
         self._config = config
-        self.kinematics = LaserKinematics(config, "tilt")
-        self.sync = Synchroniser(config, self.kinematics, expects_odometry=has_odometry)
+        self.robot = Robot(config, default_streams(), expects_odometry=has_odometry)
         self._cycles = TiltCycles(config)
-        self._posed: list[PosedScan] = []
-        self._now_ns = 0
+        self._tilt_scans: list[PosedScan] = []
+        self.level_scans: list[PosedScan] = []
         self.sweeps: list[TiltSweep] = []
+        self._takers: dict[EventKind, Callable[[Any], object]] = {
+            (PosedScan, TILT_SCAN.role): self._tilt_scans.append,
+            (PosedScan, LEVEL_SCAN.role): self.level_scans.append,
+            (TiltAngle, TILT_SCAN.role): lambda tilt: self._cycles.add(tilt.stamp_ns, tilt.angle),
+            (StreamComplete, TILT_SCAN.role): lambda complete: self._close_until(
+                complete.until_ns - TRACK_MARGIN_NS
+            ),
+        }
 
-    def add(self, record: SyncRecord) -> None:
+    @property
+    def tilting(self) -> Sensor:
+        """The tilting laser."""
+        return self.robot.sensors[TILT_SCAN.role]
+
+    def add(self, role: str, record: Record) -> None:
         """Take one record."""
-        if not isinstance(record, RobotDescription):
-            self._now_ns = max(self._now_ns, record.stamp_ns)
-        self._posed += self.sync.add(record)
-        self._advance(self._now_ns - WAIT_NS)
+        self._take(self.robot.add(role, record))
 
     def finish(self) -> None:
         """Take the end of the input."""
-        self._posed += self.sync.flush()
-        self._advance(-1)
+        self._take(self.robot.flush())
         self._cycles.finish()
-        self._advance(2**62)
+        self._close_until(END_OF_TIME)
 
-    def _advance(self, until_ns: int) -> None:
+    def _take(self, events: Iterable[Event]) -> None:
+        for event in events:
+            take = self._takers.get(kind_of(event))
+            if take is not None:
+                take(event)
+
+    def _close_until(self, until_ns: int) -> None:
         """Make sweeps of the spans that ended before a stamp: all that belongs to them is here."""
-        for stamp_ns, angle in self.sync.tilt_samples():
-            self._cycles.add(stamp_ns, angle)
         closed = self._cycles.closed
         while closed and closed[0].end_ns < until_ns:
             self._close(closed.popleft())
 
     def _close(self, span: Span) -> None:
-        mine = [p for p in self._posed if p.scan.end_ns < span.end_ns]
-        self._posed = self._posed[len(mine) :]
+        mine = [p for p in self._tilt_scans if p.scan.end_ns < span.end_ns]
+        del self._tilt_scans[: len(mine)]
         mine = [p for p in mine if p.scan.stamp_ns >= span.start_ns]
         if span.cycle is not None and len(mine) >= MIN_SCANS:
-            self.sweeps.append(_sweep(mine, self.kinematics, self._config))
+            self.sweeps.append(_sweep(mine, self.tilting.mount, self._config))
 
 
-class _LevelReader:
-    """Keeps scans of the level laser, with their poses."""
-
-    def __init__(self, config: Config, has_odometry: bool) -> None:
-        self.kinematics = LaserKinematics(config, "level")
-        self.sync = Synchroniser(config, self.kinematics, expects_odometry=has_odometry)
-        self.posed: list[PosedScan] = []
-
-    def add(self, record: SyncRecord) -> None:
-        """Take one record; a level laser that cannot be placed is left out."""
-        self.posed += self.sync.add(record)
-
-    def finish(self) -> None:
-        """Take the end of the input."""
-        self.posed += self.sync.flush()
-
-
-def _sweep(scans: Sequence[PosedScan], kinematics: LaserKinematics, config: Config) -> TiltSweep:
+def _sweep(scans: Sequence[PosedScan], mount: Mount, config: Config) -> TiltSweep:
     beams = len(scans[0].scan.ranges)
     scans = [p for p in scans if len(p.scan.ranges) == beams]
     stamps = np.array([beam_stamps(p.scan) for p in scans])
@@ -182,21 +182,19 @@ def _sweep(scans: Sequence[PosedScan], kinematics: LaserKinematics, config: Conf
         [np.where(valid_beams(p.scan, config), p.scan.ranges, np.nan) for p in scans], np.float32
     )
     span = int(stamps.min()), int(stamps.max())
-    chain, tilt = _copy_chain(kinematics, scans[0].scan.frame_id, span)
+    chain, tilt = _copy_chain(mount, scans[0].scan.frame_id, span)
     T_odom_base = np.array([p.T_odom_base[len(p.T_odom_base) // 2] for p in scans])
     return TiltSweep(chain, tilt, stamps, ranges, bearings(scans[0].scan), T_odom_base, span)
 
 
-def _copy_chain(
-    kinematics: LaserKinematics, frame: str, span_ns: tuple[int, int]
-) -> tuple[Chain, int]:
+def _copy_chain(mount: Mount, frame: str, span_ns: tuple[int, int]) -> tuple[Chain, int]:
     """Return the chain to the laser with the samples of one sweep, and its tilt joint's index."""
-    chain = kinematics.find(frame, final=True)
+    chain = mount.find(frame, final=True)
     assert chain is not None
     limits = span_ns[0] - TRACK_MARGIN_NS, span_ns[1] + TRACK_MARGIN_NS
     parts = tuple((_copy_part(part, limits), backwards) for part, backwards in chain.parts)
     names = [part.name for part, _ in parts]
-    return Chain(chain.fixed.copy(), parts), names.index(str(kinematics.tilt_joint))
+    return Chain(chain.fixed.copy(), parts), names.index(str(mount.tilt_joint))
 
 
 def _copy_part(part: Part, limits: tuple[int, int]) -> Part:
@@ -215,9 +213,9 @@ def _fill(track: Track, source: Track, rows: NDArray[np.bool_]) -> None:
         track.append(stamp_ns, value)
 
 
-def _recording(name: str, tilt: _TiltReader, level: _LevelReader, most: int) -> Recording:
-    still = [sweep for sweep in tilt.sweeps if sweep.is_still]
-    sweeps = _spread(still or tilt.sweeps, most)
+def _recording(name: str, found: _SweepReader, most: int) -> Recording:
+    still = [sweep for sweep in found.sweeps if sweep.is_still]
+    sweeps = _spread(still or found.sweeps, most)
     places = _places(sweeps)
     firsts = [sweeps[i].T_place for i in np.unique(places, return_index=True)[1].tolist()]
     return Recording(
@@ -226,9 +224,9 @@ def _recording(name: str, tilt: _TiltReader, level: _LevelReader, most: int) -> 
         places,
         np.zeros(len(firsts), np.int64),
         planar(inverse(firsts[0]) @ np.array(firsts)),
-        _level_scans(level, sweeps, places),
-        tilt.kinematics.base or "",
-        _footprint_z(tilt.kinematics),
+        _level_scans(found.level_scans, sweeps, places),
+        found.tilting.mount.base or "",
+        _footprint_z(found.robot),
         moving=not still,
     )
 
@@ -251,13 +249,13 @@ def _places(sweeps: Sequence[TiltSweep]) -> Int64:
 
 
 def _level_scans(
-    level: _LevelReader, sweeps: Sequence[TiltSweep], places: Int64
+    level: Sequence[PosedScan], sweeps: Sequence[TiltSweep], places: Int64
 ) -> dict[int, LevelScans]:
     found: dict[int, LevelScans] = {}
     for place in np.unique(places).tolist():
         mine = [sweep for sweep, at in zip(sweeps, places) if at == place]
         start_ns, end_ns = mine[0].span_ns[0], mine[-1].span_ns[1]
-        scans = [p for p in level.posed if start_ns <= p.scan.stamp_ns <= end_ns]
+        scans = [p for p in level if start_ns <= p.scan.stamp_ns <= end_ns]
         rows = np.unique(np.linspace(0, len(scans) - 1, LEVEL_SCANS).astype(int))
         if scans:
             found[place] = _level_points([scans[i] for i in rows], mine[0].T_place)
@@ -283,10 +281,10 @@ def _level_points(scans: Sequence[PosedScan], T_odom_place: Float64) -> LevelSca
     )
 
 
-def _footprint_z(kinematics: LaserKinematics) -> float | None:
+def _footprint_z(robot: Robot) -> float | None:
     """Return the height in the base of a frame that lies on the floor by its name."""
-    edges = kinematics.frames.view(urdf=True, tf=True, moving_tf=False)
-    base = kinematics.base or ""
+    edges = robot.frames.view(urdf=True, tf=True, moving_tf=False)
+    base = robot.sensors[TILT_SCAN.role].mount.base or ""
     for frame in sorted({base, *frames_of(edges)}):
         if not frame.endswith("footprint"):
             continue

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
+from fed import fed_tccm
 
-from tccm_ros.config import Config
-from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.pipeline.calibrate import RigCheck
 from tccm_ros.pipeline.calibrate.rig_check import _doubled
 from tccm_ros.pipeline.sim import Options, run
@@ -13,13 +12,13 @@ from tccm_ros.records import PlaneRecord
 
 def findings(**errors) -> dict[str, float]:
     options = Options(tilt_beams=181, sweep_period=2.0, people=False, **errors)
-    processor, check = TccmProcessor(Config(), expects_odometry=True), RigCheck()
+    fed, check = fed_tccm(expects_odometry=True), RigCheck()
     for message in run("room", options=options):
         if message.topic != "/scan":
             for record in message.records:
-                for result in processor.add(record):
+                for result in fed.add(record):
                     check.add(result)
-    for result in processor.finish():
+    for result in fed.finish():
         check.add(result)
     return {finding.name: finding.size for finding in check.findings()}
 

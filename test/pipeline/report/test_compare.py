@@ -192,7 +192,6 @@ def test_a_saved_map_is_shown_too(tmp_path):
     for i in range(5):
         slam.add(Odometry(i * 10**9, "odom", "base_link", np.eye(4)))
     slam.add(table_cloud(2 * 10**9))
-    slam.finish()
     solution = slam.solve()
     save_map(tmp_path / "map.mcap", slam.saved(solution), solution)
     report = report_map(tmp_path / "map.mcap", tmp_path / "shown")

@@ -1,4 +1,4 @@
-"""Where the laser is: found names, hand-computed points, corrections, clean errors."""
+"""Where a sensor is: found names, hand-computed points, corrections, clean errors."""
 
 import numpy as np
 import pytest
@@ -18,11 +18,40 @@ from tccm_ros.config import Config
 from tccm_ros.config.reader import read_config
 from tccm_ros.errors import FrameError, UrdfError
 from tccm_ros.geometry import pose_from_rpy, transform
-from tccm_ros.robot import LaserKinematics, NotBracketed
+from tccm_ros.records import JointSample, Odometry, RobotDescription, TransformSample
+from tccm_ros.robot import MountKind
+from tccm_ros.robot.frames import FrameTree
+from tccm_ros.robot.joint_tracks import JointTracks
+from tccm_ros.robot.mount import Mount
 
 
-def kinematics(*records, role="tilt", settings=()):
-    result = LaserKinematics(read_config(None, list(settings)), role)
+class Known(Mount):
+    """A mount, and what is known of the robot: records go there as they are."""
+
+    def __init__(self, config, kind):
+        self.frames = FrameTree()
+        self.joints = JointTracks(round(config.rig.joint_time_offset * 1e9))
+        super().__init__(config, kind, self.frames, self.joints)
+
+    def add(self, record):
+        {
+            RobotDescription: lambda: self.frames.describe(record.urdf),
+            TransformSample: lambda: self.frames.add_transform(record),
+            JointSample: lambda: self.joints.add(record),
+            Odometry: lambda: self.frames.follow_odometry(record.child_frame_id),
+        }[type(record)]()
+
+    def T_base_laser(self, frame, stamps):
+        return self.find(frame, final=True).at(stamps)
+
+    def forget(self):
+        self.joints.clear()
+        self.frames.clear_samples()
+        self.clear_samples()
+
+
+def kinematics(*records, kind=MountKind.TILTING, settings=()):
+    result = Known(read_config(None, list(settings)), kind)
     for record in records:
         result.add(record)
     return result
@@ -134,15 +163,6 @@ def test_a_joint_that_mimics_itself_is_an_error():
     kin = kinematics(description(robot(ring)))
     with pytest.raises(FrameError, match="mimics itself"):
         kin.find("laser", final=True)
-
-
-def test_nothing_is_extrapolated():
-    kin = kinematics(description(), joints_at(START, tilt=0.0), joints_at(START + MS, tilt=0.0))
-    with pytest.raises(NotBracketed, match="tilt"):
-        kin.T_base_laser("laser", np.array([START + 2 * MS]))
-    with pytest.raises(NotBracketed):
-        kin.T_base_laser("laser", np.array([START - 1]))
-    assert kin.known_until("laser") == START + MS
 
 
 # -- names are found --------------------------------------------------
@@ -371,11 +391,10 @@ def test_auto_falls_back_to_the_rig():
 
 
 def test_a_level_laser_needs_no_joint():
-    kin = kinematics(description(), role="level")
+    kin = kinematics(description(), kind=MountKind.LEVEL)
     np.testing.assert_allclose(where(kin, (1, 0, 0), frame="front_laser"), (1.2, 0, 0.3))
     assert kin.tilt_samples() == []
-    assert kin.known_until("front_laser") == np.iinfo(np.int64).max
-    kin = kinematics(role="level", settings=RIG)
+    kin = kinematics(kind=MountKind.LEVEL, settings=RIG)
     np.testing.assert_allclose(where(kin, (0, 0, 0)), (0.2, 0, 0.3))
 
 
@@ -397,7 +416,7 @@ def test_corrections_of_mount_and_time():
         kin.T_base_laser("laser", np.array([stamp]))[0], expected, atol=1e-12
     )
     assert kin.tilt_samples() == [(stamp, pytest.approx(0.3))]
-    level = kinematics(description(), role="level", settings=settings)
+    level = kinematics(description(), kind=MountKind.LEVEL, settings=settings)
     np.testing.assert_allclose(
         level.T_base_laser("front_laser", np.array([stamp]))[0],
         pose_from_rpy((0, 0, 0, 0.1, 0, 0)) @ pose_from_rpy((0.2, 0, 0.3, 0, 0, 0)),
@@ -482,16 +501,15 @@ def test_a_robot_without_shapes_has_none():
 def test_forgetting_samples_keeps_what_is_static():
     kin = kinematics(description(), joints_at(START, tilt=0.3))
     where(kin, (0, 0, 0))
-    kin.clear_samples()
-    with pytest.raises(NotBracketed):
-        where(kin, (0, 0, 0))
+    kin.forget()
+    assert not len(kin.joints.of("tilt"))
     kin.add(joints_at(5, tilt=0.0))
     np.testing.assert_allclose(where(kin, (0, 0, 0), stamp=5), (0.15, 0, 1.02))
     assert kin.tilt_samples() == [(5, 0.0)]
 
 
 def test_junk_joints_are_bounded():
-    kin = LaserKinematics(Config(), "tilt")
+    kin = Known(Config(), MountKind.TILTING)
     for k in range(3000):
         kin.add(joints_at(START, **{f"j{k}": 0.0}))
     assert len(kin.joints) <= 1024

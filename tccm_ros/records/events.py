@@ -1,0 +1,142 @@
+"""What the intake gives to the processors: records with their poses, and what the robot did.
+
+Each record that comes in is judged once, by `robot.Robot`; whatever it brings out is a list of
+events in an order that the algorithms may rely on. The base's motion is told by its `Odometry`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.records.sensors import Odometry, Scan
+
+__all__ = [
+    "ClockJump",
+    "Event",
+    "EventKind",
+    "Posed",
+    "PosedScan",
+    "SelfShapes",
+    "StreamComplete",
+    "TiltAngle",
+    "kind_of",
+]
+
+Float64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SelfShapes:
+    """The robot's own collision shapes at one time.
+
+    Attributes
+    ----------
+    kinds
+        int64 (S,), index into `robot.self_shapes.SHAPE_KINDS`.
+    half
+        float64 (S, 3), half extents, m; sphere (r, r, r), cylinder along z (r, r, length / 2).
+    T_base_shape
+        float64 (S, 4, 4).
+    """
+
+    kinds: NDArray[np.int64]
+    half: Float64
+    T_base_shape: Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Posed:
+    """A sensor's record with the poses of base and sensor while it was measured.
+
+    Poses are given at pose samples and interpolated between them; the first is at or before the
+    first measurement of the record, the last at or after the last.
+
+    Attributes
+    ----------
+    record
+        What the sensor measured.
+    knots_ns
+        Stamps of the pose samples, int64 (K,), strictly increasing, K >= 2 (K = 1 where all was
+        measured at one time).
+    T_odom_base
+        float64 (K, 4, 4).
+    T_base_sensor
+        float64 (K, 4, 4).
+    role
+        The stream that it came on.
+    odom_frame, base_frame
+        Names of the two frames.
+    own_shapes
+        The robot's shapes at the record's stamp, where the stream asks for them and they are known.
+    """
+
+    record: Any
+    knots_ns: NDArray[np.int64]
+    T_odom_base: Float64
+    T_base_sensor: Float64
+    role: str = ""
+    odom_frame: str = "odom"
+    base_frame: str = "base_link"
+    own_shapes: SelfShapes | None = None
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the record."""
+        return int(self.record.stamp_ns)
+
+
+class PosedScan(Posed):
+    """A laser's scan with its poses."""
+
+    __slots__ = ()
+
+    @property
+    def scan(self) -> Scan:
+        """The scan."""
+        return cast(Scan, self.record)
+
+    @property
+    def T_base_laser(self) -> Float64:
+        """The poses of the laser, float64 (K, 4, 4)."""
+        return self.T_base_sensor
+
+
+class TiltAngle(NamedTuple):
+    """The corrected angle (rad) of a sensor's tilt joint at a stamp; it goes on over a wrap.
+
+    Those of one stream come in the order of their stamps, each once.
+    """
+
+    role: str
+    stamp_ns: int
+    angle: float
+
+
+class StreamComplete(NamedTuple):
+    """No record of a stream that is older than `until_ns` will be given any more."""
+
+    role: str
+    until_ns: int
+
+
+class ClockJump(NamedTuple):
+    """Poses begin anew: the clock went back, or odometry came after all. All before is void."""
+
+    reason: str
+
+
+Event = Posed | TiltAngle | StreamComplete | Odometry | ClockJump
+"""What `robot.Robot` gives. The first three have the role of a stream; the base's motion and jumps
+of the clock concern everybody."""
+
+EventKind = tuple[type, str | None]
+"""Type and role of an event: what a processor chooses by."""
+
+
+def kind_of(event: object) -> EventKind:
+    """Return the type of an event, and its role; None where it concerns everybody."""
+    return type(event), getattr(event, "role", None)

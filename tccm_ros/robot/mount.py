@@ -1,0 +1,175 @@
+"""Where one sensor is in the base while it measures, its tilt angle, and the robot's own shapes.
+
+Every moving joint between base and sensor is followed; poses are given between samples only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.config import Config
+from tccm_ros.errors import FrameError, suggest
+from tccm_ros.records import SelfShapes
+from tccm_ros.robot.chain import Chain
+from tccm_ros.robot.chain_finder import ChainFinder, MountKind
+from tccm_ros.robot.frames import FrameTree, plain_name
+from tccm_ros.robot.joint_tracks import JointTracks
+from tccm_ros.robot.self_shapes import ShapeModel
+from tccm_ros.robot.tilt_angle import TiltReadout
+from tccm_ros.robot.tracks import merge_stamps
+
+__all__ = ["Mount"]
+
+SAMPLE_STEP_NS = 10_000_000
+"""Poses are given at least this often, so that what lies between is a short arc."""
+
+NO_STAMPS = np.zeros(0, np.int64)
+
+Int64 = NDArray[np.int64]
+
+
+class Mount:
+    """The place of one sensor on the robot, from what is known of the robot.
+
+    Parameters
+    ----------
+    config
+        Groups `frames` and `rig` are used.
+    kind
+        How the sensor is mounted.
+    frames, joints
+        What is known of the robot, shared by all its sensors.
+
+    Attributes
+    ----------
+    problem
+        The last reason for which no chain was found, None if there was none.
+    """
+
+    def __init__(self, config: Config, kind: MountKind, frames: FrameTree, joints: JointTracks):
+        self.problem: FrameError | None = None
+        self._kind = kind
+        self._frames = frames
+        self._joints = joints
+        self._finder = ChainFinder(config, kind, frames, joints)
+        self._chains: dict[str, Chain] = {}
+        self._version = -1
+        self._tilt = TiltReadout(config.rig.tilt_scale, config.rig.tilt_offset)
+        self._shapes: ShapeModel | None = None
+        self._shapes_version: tuple[int, str] | None = None
+        self._T_correction = kind.T_correction(config.rig)
+
+    @property
+    def base(self) -> str | None:
+        """Base frame, None until it is found."""
+        return self._finder.base
+
+    @property
+    def odometry_chain(self) -> Chain | None:
+        """From the frame that odometry follows to the base, None where they are the same."""
+        return self._finder.odometry_chain
+
+    def clear_samples(self) -> None:
+        """Forget everything that has a stamp, as after a jump of the clock."""
+        self._tilt.clear()
+        self._chains.clear()
+
+    # -- finding the chain ---------------------------------------------------------------------
+
+    def find(self, frame: str, *, final: bool) -> Chain | None:
+        """Find the chain base -> sensor.
+
+        Parameters
+        ----------
+        frame
+            Of the sensor.
+        final
+            Whether to decide on what is known. Otherwise None is returned while a source that
+            would be preferred may still come.
+
+        Raises
+        ------
+        FrameError
+            If `final` and there is no way, no such joint, or an ambiguity.
+        """
+        if self._version != self._frames.version:
+            self._chains.clear()
+            self._version = self._frames.version
+        chain = self._chains.get(frame)
+        if chain is not None:
+            return chain
+        try:
+            chain = self._finder.find(plain_name(frame), final=final)
+            part = None
+            if chain is not None and self._kind is MountKind.TILTING:
+                part = self._finder.tilt_part(chain)
+        except FrameError as error:
+            if not final:
+                return None
+            self.problem = error
+            raise
+        if chain is None or (part is not None and not self._tilt.follow(part, final=final)):
+            return None
+        chain.fixed[0] = self._T_correction @ chain.fixed[0]
+        self._chains[frame] = chain
+        return chain
+
+    # -- the tilt joint ------------------------------------------------------------------------
+
+    @property
+    def tilt_joint(self) -> str | None:
+        """Name of the tilt joint (or of the moving frame, where tf tells), None until found."""
+        return self._tilt.name
+
+    def tilt_samples(self) -> list[tuple[int, float]]:
+        """Return new samples (stamp_ns, corrected tilt angle in rad), in stamp order, once each.
+
+        The angle goes on over a wrap.
+        """
+        return self._tilt.drain()
+
+    # -- the robot itself ----------------------------------------------------------------------
+
+    def self_shapes(self, stamp_ns: int) -> SelfShapes | None:
+        """Return the robot's collision shapes in the base at a stamp.
+
+        Returns
+        -------
+        None without a robot description, before the base is known, and where no link has a box,
+        sphere or cylinder. Links are left out whose joints no samples bracket at the stamp.
+        """
+        model = self._frames.model
+        if model is None or self.base is None or not model.shapes:
+            return None
+        if self._shapes is None or self._shapes_version != (self._frames.version, self.base):
+            edges = self._frames.view(urdf=True, tf=True, moving_tf=False)
+            self._shapes = ShapeModel(model, self.base, edges, self._finder.reading)
+            self._shapes_version = (self._frames.version, self.base)
+        return self._shapes.at(stamp_ns)
+
+    # -- poses ---------------------------------------------------------------------------------
+
+    def explain_missing(self, chain: Chain) -> None:
+        """Set `problem` where a joint of the chain was never heard of."""
+        silent = [part.name for part, _ in chain.parts if not len(part.track)]
+        if silent:
+            self.problem = FrameError(
+                f"no samples of joint '{silent[-1]}' in the joint states, which moves the laser"
+                + suggest(silent[-1], self._joints.heard())
+            )
+
+    def pose_stamps(self, chain: Chain, start_ns: int, end_ns: int, *more: Int64) -> Int64:
+        """Return the stamps at which poses are needed so that what lies between is a short arc.
+
+        Returns
+        -------
+        int64 (K,), strictly increasing from start to end: the samples' stamps of the chain and
+        those `more`, and enough between them.
+        """
+        if start_ns == end_ns:
+            return np.array([start_ns], np.int64)
+        inner = [track.stamps_within(start_ns, end_ns) for track in chain.tracks]
+        return merge_stamps(
+            start_ns, end_ns, SAMPLE_STEP_NS, np.concatenate([*inner, *more, NO_STAMPS])
+        )

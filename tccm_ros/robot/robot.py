@@ -1,0 +1,292 @@
+"""The one intake: records in, each judged once, and what they bring out as ordered events.
+
+A record is judged by its stamp (`StampGuard`). What tells of the robot itself goes to the frames,
+the joints and the base's motion, which all sensors share; what a sensor measured waits until
+samples of all joints on its way to the base, and of the base's motion, bracket it (`Posing`). It
+waits in message time, the newest stamp on any input, and is then dropped and counted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.config import Config
+from tccm_ros.errors import TopicError, suggest
+from tccm_ros.records import (
+    ClockJump,
+    Event,
+    JointSample,
+    Odometry,
+    RobotDescription,
+    StreamComplete,
+    TiltAngle,
+    TransformSample,
+)
+from tccm_ros.robot.base_motion import BaseMotion, MotionSource
+from tccm_ros.robot.frames import FrameTree
+from tccm_ros.robot.joint_tracks import JointTracks
+from tccm_ros.robot.posing import Posing
+from tccm_ros.robot.sensor import Sensor
+from tccm_ros.robot.stamp_guard import Admission, StampGuard
+from tccm_ros.robot.streams import Stream
+
+__all__ = ["Robot"]
+
+COMPLETE_STEP_NS = 20_000_000
+"""Message time goes on by this much before streams are said to be complete again (chosen): the
+step is small beside what processors wait for, and spares them a look at every record."""
+
+START_OF_TIME = -(2**62)
+
+
+@dataclass(frozen=True, slots=True)
+class _Input:
+    """How the records of one role are judged and taken.
+
+    Attributes
+    ----------
+    record
+        Their type.
+    take
+        Called with a record that is admitted.
+    refuse
+        Called with the reason for which a record is not admitted.
+    pose
+        Name of the record's pose, which must be finite.
+    source
+        Name of what tells apart who stamped the records of a role: stamps are compared with those
+        of the same source.
+    keeps_time
+        Whether message time follows the stamps.
+    is_fixed
+        Whether the records are true for all time, whatever their stamp.
+    """
+
+    record: type
+    take: Callable[[Any], None]
+    refuse: Callable[[str], None]
+    pose: str = ""
+    source: str = ""
+    keeps_time: bool = True
+    is_fixed: bool = False
+
+
+class Robot:
+    """Gives the records of all sensors their poses.
+
+    Parameters
+    ----------
+    config
+        Groups `frames`, `rig` and `scan`, `sync_timeout` and `clock_jump` are used.
+    streams
+        Of the sensors: `sensors.registry.default_streams`, and any others.
+    expects_odometry
+        Whether there is an odometry topic: records without odometry are then dropped. Otherwise,
+        where no odometry has come within `sync_timeout` of the first record, the base moves as tf
+        says or, without tf, stands still.
+
+    Attributes
+    ----------
+    frames, joints, motion
+        What is known of the robot.
+    sensors
+        By role: their mounts, the records that wait, and counts.
+    refused
+        Samples of joints, tf and odometry that were not used, by reason.
+    """
+
+    def __init__(
+        self, config: Config, streams: Iterable[Stream], *, expects_odometry: bool = False
+    ):
+        self.frames = FrameTree()
+        self.joints = JointTracks(round(config.rig.joint_time_offset * 1e9))
+        self.motion = BaseMotion(config, self.frames)
+        self.expects_odometry = expects_odometry
+        self.refused: Counter[str] = Counter()
+        self.sensors = {s.role: Sensor(s, config, self.frames, self.joints) for s in streams}
+        self._posing = Posing(config, self.motion)
+        self._clock_jump_ns = round(config.clock_jump * 1e9)
+        self._guard: StampGuard[tuple[_Input, Any]] = StampGuard(self._clock_jump_ns)
+        self._inputs = self._inputs_by_role()
+        self._events: list[Event] = []
+        self._complete_after_ns = START_OF_TIME
+        self._time_has_passed = False
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Records of all sensors that were not posed, by reason."""
+        return sum((sensor.dropped for sensor in self.sensors.values()), Counter())
+
+    def add(self, role: str, record: Any) -> list[Event]:
+        """Take one record; return what it brings out.
+
+        Returns
+        -------
+        list[Event]
+            A `ClockJump` first, then the base's motion, tilt angles, posed records, and until when
+            streams are complete; each of these in the order of stamps within its stream.
+
+        Raises
+        ------
+        TopicError
+            For a role that is no stream's, and for a record of another type than its stream has.
+        UrdfError
+            For a robot description that cannot be read; the one before stays.
+        """
+        taken = self._inputs.get(role)
+        if taken is None or not isinstance(record, taken.record):
+            raise TopicError(
+                f"no stream takes a {type(record).__name__} on '{role}'"
+                + suggest(role, self._inputs)
+            )
+        if taken.pose and not _is_finite(getattr(record, taken.pose)):
+            taken.refuse("malformed")
+        elif taken.is_fixed:
+            taken.take(record)
+        else:
+            self._judge(role, taken, record)
+        return self._release()
+
+    def flush(self) -> list[Event]:
+        """Give what can be posed; drop the rest. The input has ended."""
+        self._use(self._guard.flush())
+        return self._release(ended=True)
+
+    def begin_anew(self) -> None:
+        """Forget everything that has a stamp, as the clock went back; what is fixed stays."""
+        self._guard = StampGuard(self._clock_jump_ns)
+        self._forget_samples()
+
+    def _forget_samples(self) -> None:
+        self.joints.clear()
+        self.frames.clear_samples()
+        self.motion.clear_samples()
+        self._posing.clear_samples()
+        for sensor in self.sensors.values():
+            sensor.clear_samples()
+        self._complete_after_ns = START_OF_TIME
+
+    # -- what is fed in ------------------------------------------------------------------------
+
+    def _inputs_by_role(self) -> dict[str, _Input]:
+        refuse = self._refuse_sample
+        tf = _Input(TransformSample, self._add_transform, refuse, "T_parent_child", "child", False)
+        inputs = {
+            "robot_description": _Input(
+                RobotDescription, self._add_description, refuse, is_fixed=True
+            ),
+            "tf_static": replace(tf, is_fixed=True),
+            "tf": tf,
+            "joint_states": _Input(JointSample, self._add_joints, refuse, source="names"),
+            "odom": _Input(Odometry, self._add_odometry, refuse, "T_odom_base"),
+        }
+        for role, sensor in self.sensors.items():
+            inputs[role] = _Input(sensor.stream.record, sensor.add, sensor.refuse)
+        return inputs
+
+    def _judge(self, role: str, taken: _Input, record: Any) -> None:
+        """Take a record whose stamp is believed, hold or refuse another."""
+        key = (role, getattr(record, taken.source)) if taken.source else role
+        self._time_has_passed |= record.stamp_ns >= self._complete_after_ns
+        if self._guard.passes(key, record.stamp_ns):
+            taken.take(record)
+        else:
+            held = taken, record
+            self._use(self._guard.admit(key, record.stamp_ns, held, keeps_time=taken.keeps_time))
+
+    def _use(self, admission: Admission[tuple[_Input, Any]]) -> None:
+        if admission.jumped:
+            self._events.append(ClockJump("the clock went back"))
+            self._forget_samples()
+        for (taken, _), reason in admission.refused:
+            taken.refuse(reason)
+        for taken, record in admission.admitted:
+            taken.take(record)
+
+    def _add_description(self, record: RobotDescription) -> None:
+        self.frames.describe(record.urdf)
+
+    def _add_transform(self, sample: TransformSample) -> None:
+        self._count_late(int(not self.frames.add_transform(sample)))
+
+    def _add_joints(self, sample: JointSample) -> None:
+        self._count_late(self.joints.add(sample))
+
+    def _add_odometry(self, record: Odometry) -> None:
+        if self.motion.source in (MotionSource.TF, MotionSource.STILL):
+            self._events.append(ClockJump("odometry came after all"))
+            self.frames.find_anew()
+        self.frames.follow_odometry(record.child_frame_id)
+        self._count_late(int(not self.motion.add(record)))
+        self._events.append(record)
+
+    def _count_late(self, samples: int) -> None:
+        if samples:
+            self.refused["out of order"] += samples
+
+    def _refuse_sample(self, reason: str) -> None:
+        self.refused[reason] += 1
+
+    # -- what is brought out -------------------------------------------------------------------
+
+    def _release(self, *, ended: bool = False) -> list[Event]:
+        """Return what has happened, and the records that are posed now."""
+        events, self._events = self._events, []
+        posed: list[Event] = []
+        for sensor in self.sensors.values():
+            if sensor.waiting:
+                posed += self._pose_waiting(sensor, ended)
+        for role, sensor in self.sensors.items():
+            events += [TiltAngle(role, *sample) for sample in sensor.mount.tilt_samples()]
+        events += posed
+        if self._time_has_passed:
+            self._time_has_passed = False
+            events += self._complete_streams()
+        return events
+
+    def _pose_waiting(self, sensor: Sensor, ended: bool) -> list[Event]:
+        """Return the events of a sensor's records that need not wait any more."""
+        posed: list[Event] = []
+        while sensor.waiting:
+            outcome = self._posing.judge(
+                sensor,
+                self._guard.now(sensor.stream.role),
+                ended=ended,
+                expects_odometry=self.expects_odometry,
+            )
+            if outcome is None:
+                break
+            if isinstance(outcome, str):
+                sensor.drop(outcome)
+            else:
+                sensor.waiting.popleft()
+                posed.append(outcome)
+        sensor.posed += len(posed)
+        return posed
+
+    def _complete_streams(self) -> list[Event]:
+        """Return until when the streams that have begun are complete."""
+        complete: list[Event] = []
+        earliest_ns = None
+        for role, sensor in self.sensors.items():
+            now_ns = self._guard.now(role) if sensor.received else None
+            if now_ns is not None:
+                until_ns = now_ns - self._posing.wait_ns - sensor.longest_ns
+                complete.append(StreamComplete(role, until_ns))
+                earliest_ns = now_ns if earliest_ns is None else min(now_ns, earliest_ns)
+        if earliest_ns is not None:
+            self._complete_after_ns = earliest_ns + COMPLETE_STEP_NS
+        return complete
+
+
+def _is_finite(T: NDArray[np.float64]) -> bool:
+    """Return whether a pose is a number."""
+    numbers = T.ravel()
+    return math.isfinite(numbers.dot(numbers))

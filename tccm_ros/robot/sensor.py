@@ -1,0 +1,92 @@
+"""One sensor of a robot: its records wait here until they can be posed, and are counted."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from typing import Any
+
+from tccm_ros.config import Config
+from tccm_ros.errors import FrameError
+from tccm_ros.robot.frames import FrameTree
+from tccm_ros.robot.joint_tracks import JointTracks
+from tccm_ros.robot.mount import Mount
+from tccm_ros.robot.streams import Stream
+
+__all__ = ["MAX_WAITING", "Sensor"]
+
+MAX_WAITING = 1000
+"""Records of a sensor that wait at one time; the oldest is dropped when there are more."""
+
+
+class Sensor:
+    """The records of one stream, in the order of their stamps.
+
+    Parameters
+    ----------
+    stream
+        What the records are.
+    config, frames, joints
+        What its mount is made of.
+
+    Attributes
+    ----------
+    mount
+        Where the sensor is on the robot.
+    waiting
+        Records that are not posed yet.
+    dropped
+        Records that were not posed, by reason.
+    received, posed
+        Records that came, and those that were posed.
+    longest_ns
+        Longest time span of a record so far.
+    """
+
+    def __init__(self, stream: Stream, config: Config, frames: FrameTree, joints: JointTracks):
+        self.stream = stream
+        self.mount = Mount(config, stream.mount, frames, joints)
+        self.waiting: deque[Any] = deque()
+        self.dropped: Counter[str] = Counter()
+        self.received = 0
+        self.posed = 0
+        self.longest_ns = 0
+        self._newest_ns: int | None = None
+
+    @property
+    def problem(self) -> FrameError | None:
+        """Why the sensor could not be placed, None where it could."""
+        return self.mount.problem
+
+    def add(self, record: Any) -> None:
+        """Have a record wait, or drop it: stamps must increase."""
+        reason = self.stream.fault(record)
+        if reason is None and self._newest_ns is not None and record.stamp_ns <= self._newest_ns:
+            reason = "duplicate stamp" if record.stamp_ns == self._newest_ns else "out of order"
+        if reason is not None:
+            self.refuse(reason)
+            return
+        self.received += 1
+        self._newest_ns = record.stamp_ns
+        start_ns, end_ns = self.stream.time_span(record)
+        self.longest_ns = max(self.longest_ns, end_ns - start_ns)
+        self.waiting.append(record)
+        if len(self.waiting) > MAX_WAITING:
+            self.drop("overload")
+
+    def refuse(self, reason: str) -> None:
+        """Count a record that does not even wait."""
+        self.received += 1
+        self.dropped[reason] += 1
+
+    def drop(self, reason: str) -> None:
+        """Drop the oldest record that waits."""
+        self.waiting.popleft()
+        self.dropped[reason] += 1
+
+    def clear_samples(self) -> None:
+        """Forget everything that has a stamp: the clock jumped."""
+        if self.waiting:
+            self.dropped["clock jump"] += len(self.waiting)
+        self.waiting.clear()
+        self._newest_ns = None
+        self.mount.clear_samples()

@@ -6,8 +6,10 @@ Quaternions are (x, y, z, w). Angles are wrapped to (-pi, pi].
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
+
+from tccm_ros.arrays import Float64
 
 __all__ = [
     "between2",
@@ -27,15 +29,13 @@ __all__ = [
     "wrap_angle",
 ]
 
-Array = NDArray[np.float64]
 
-
-def wrap_angle(angle: ArrayLike) -> Array:
+def wrap_angle(angle: ArrayLike) -> Float64:
     """Wrap angles in rad to (-pi, pi]."""
     return -((-np.asarray(angle, float) + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def pose(R_a_b: ArrayLike, t_a_b: ArrayLike) -> Array:
+def pose(R_a_b: ArrayLike, t_a_b: ArrayLike) -> Float64:
     """Return T_a_b (..., 4, 4) of rotation matrices (..., 3, 3) and translations (..., 3)."""
     R, t = np.asarray(R_a_b, float), np.asarray(t_a_b, float)
     T = np.zeros((*np.broadcast_shapes(R.shape[:-2], t.shape[:-1]), 4, 4))
@@ -45,7 +45,7 @@ def pose(R_a_b: ArrayLike, t_a_b: ArrayLike) -> Array:
     return T
 
 
-def pose_from_quaternion(t_a_b: ArrayLike, q_a_b: ArrayLike) -> Array:
+def pose_from_quaternion(t_a_b: ArrayLike, q_a_b: ArrayLike) -> Float64:
     """Return T_a_b (..., 4, 4) of translations (..., 3) and quaternions (..., 4) xyzw.
 
     Quaternions are normalised; a zero quaternion raises ValueError.
@@ -53,20 +53,20 @@ def pose_from_quaternion(t_a_b: ArrayLike, q_a_b: ArrayLike) -> Array:
     return pose(Rotation.from_quat(np.asarray(q_a_b, float)).as_matrix(), t_a_b)
 
 
-def pose_from_rpy(xyz_rpy: ArrayLike) -> Array:
+def pose_from_rpy(xyz_rpy: ArrayLike) -> Float64:
     """Return T_a_b (4, 4) of (x, y, z, roll, pitch, yaw): R = Rz Ry Rx, as in URDF."""
     values = np.asarray(xyz_rpy, float)
     return pose(Rotation.from_euler("xyz", values[3:]).as_matrix(), values[:3])
 
 
-def quaternion(T_a_b: ArrayLike) -> Array:
+def quaternion(T_a_b: ArrayLike) -> Float64:
     """Return the rotations of poses (..., 4, 4) as quaternions (..., 4) xyzw with w >= 0."""
     T = np.asarray(T_a_b, float)
     q = Rotation.from_matrix(T[..., :3, :3].reshape(-1, 3, 3)).as_quat(canonical=True)
     return q.reshape(*T.shape[:-2], 4)
 
 
-def inverse(T_a_b: ArrayLike) -> Array:
+def inverse(T_a_b: ArrayLike) -> Float64:
     """Return T_b_a of rigid poses (..., 4, 4)."""
     T = np.asarray(T_a_b, float)
     R_b_a = np.swapaxes(T[..., :3, :3], -1, -2)
@@ -77,13 +77,13 @@ def inverse(T_a_b: ArrayLike) -> Array:
     return result
 
 
-def transform(T_a_b: ArrayLike, points_b: ArrayLike) -> Array:
+def transform(T_a_b: ArrayLike, points_b: ArrayLike) -> Float64:
     """Map points (..., N, 3) in frame b to frame a by T_a_b (..., 4, 4)."""
     T, points = np.asarray(T_a_b, float), np.asarray(points_b, float)
     return points @ np.swapaxes(T[..., :3, :3], -1, -2) + T[..., None, :3, 3]
 
 
-def interpolate_poses(T0: ArrayLike, T1: ArrayLike, fraction: ArrayLike) -> Array:
+def interpolate_poses(T0: ArrayLike, T1: ArrayLike, fraction: ArrayLike) -> Float64:
     """Interpolate between pairs of poses: translation linearly, rotation along the great circle.
 
     Parameters
@@ -108,7 +108,7 @@ def interpolate_poses(T0: ArrayLike, T1: ArrayLike, fraction: ArrayLike) -> Arra
     return pose(R, T0[..., :3, 3] * (1.0 - f[..., None]) + T1[..., :3, 3] * f[..., None])
 
 
-def planar(T_a_b: ArrayLike) -> Array:
+def planar(T_a_b: ArrayLike) -> Float64:
     """Project poses (..., 4, 4) to (x, y, yaw) (..., 3); yaw is the heading of the x axis."""
     T = np.asarray(T_a_b, float)
     result = np.empty((*T.shape[:-2], 3))
@@ -117,7 +117,7 @@ def planar(T_a_b: ArrayLike) -> Array:
     return result
 
 
-def spatial(pose2: ArrayLike) -> Array:
+def spatial(pose2: ArrayLike) -> Float64:
     """Lift planar poses (..., 3) to (..., 4, 4) with z = roll = pitch = 0."""
     p = np.asarray(pose2, float)
     c, s = np.cos(p[..., 2]), np.sin(p[..., 2])
@@ -128,7 +128,7 @@ def spatial(pose2: ArrayLike) -> Array:
     return T
 
 
-def level(T_a_b: ArrayLike) -> Array:
+def level(T_a_b: ArrayLike) -> Float64:
     """Return poses (..., 4, 4) with the same translation and heading, without roll and pitch."""
     T = np.asarray(T_a_b, float)
     result = spatial(planar(T))
@@ -136,7 +136,7 @@ def level(T_a_b: ArrayLike) -> Array:
     return result
 
 
-def compose2(p_a_b: ArrayLike, p_b_c: ArrayLike) -> Array:
+def compose2(p_a_b: ArrayLike, p_b_c: ArrayLike) -> Float64:
     """Compose planar poses (..., 3): p_a_c = p_a_b * p_b_c."""
     a, b = np.asarray(p_a_b, float), np.asarray(p_b_c, float)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
@@ -150,7 +150,7 @@ def compose2(p_a_b: ArrayLike, p_b_c: ArrayLike) -> Array:
     )
 
 
-def inverse2(p_a_b: ArrayLike) -> Array:
+def inverse2(p_a_b: ArrayLike) -> Float64:
     """Invert planar poses (..., 3)."""
     p = np.asarray(p_a_b, float)
     c, s = np.cos(p[..., 2]), np.sin(p[..., 2])
@@ -164,12 +164,12 @@ def inverse2(p_a_b: ArrayLike) -> Array:
     )
 
 
-def between2(p_a_b: ArrayLike, p_a_c: ArrayLike) -> Array:
+def between2(p_a_b: ArrayLike, p_a_c: ArrayLike) -> Float64:
     """Return the planar pose of c in b (..., 3): inverse(p_a_b) * p_a_c."""
     return compose2(inverse2(p_a_b), p_a_c)
 
 
-def transform2(p_a_b: ArrayLike, points_b: ArrayLike) -> Array:
+def transform2(p_a_b: ArrayLike, points_b: ArrayLike) -> Float64:
     """Map planar points (..., N, 2) in frame b to frame a by planar poses (..., 3)."""
     p, points = np.asarray(p_a_b, float), np.asarray(points_b, float)
     c, s = np.cos(p[..., 2])[..., None], np.sin(p[..., 2])[..., None]

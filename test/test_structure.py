@@ -14,7 +14,7 @@ ROOMS = [
     "config",
     "progress",
     "stopwatch",
-    "snapshot",
+    "arrays",
     "geometry",
     "union_find",
     "records",

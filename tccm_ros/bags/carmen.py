@@ -12,8 +12,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.bags.carmen_lines import SCAN_KINDS, CarmenLog, OdomLine, ScanLine, read_log
 from tccm_ros.bags.log_times import increasing_stamps, without_outliers, without_resets
 from tccm_ros.bags.writer import BagWriter
@@ -168,7 +168,7 @@ def _clock(scans: list[ScanLine], log: CarmenLog) -> tuple[list[int], dict[int, 
     return [at[scan.line] for scan in scans], at
 
 
-def _laser_offset(scans: list[ScanLine], log: CarmenLog) -> NDArray[np.float64]:
+def _laser_offset(scans: list[ScanLine], log: CarmenLog) -> Float64:
     """Return the pose of the laser in the base (3,): median of pose minus odometry."""
     pairs = [(s.odometry, s.laser) for s in scans if s.odometry and s.laser]
     if pairs:
@@ -202,7 +202,7 @@ def _no_return(scans: list[ScanLine]) -> tuple[float, float]:
     return SICK_NO_RETURN_M, SICK_RANGE_M
 
 
-def _write_mount(writer: BagWriter, stamp: int, laser: NDArray[np.float64]) -> None:
+def _write_mount(writer: BagWriter, stamp: int, laser: Float64) -> None:
     x, y, yaw = laser.tolist()
     urdf = (
         '<?xml version="1.0"?>\n<robot name="carmen">\n'

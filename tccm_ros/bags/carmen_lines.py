@@ -26,8 +26,8 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.errors import LogError, one_line
 
 __all__ = ["CarmenLog", "OdomLine", "ScanLine", "read_log"]
@@ -82,7 +82,7 @@ class ScanLine:
     angle_min: float
     angle_increment: float
     range_max: float
-    ranges: NDArray[np.float64]
+    ranges: Float64
     laser: Pose2 | None
     odometry: Pose2 | None
 
@@ -239,7 +239,7 @@ def _new_laser(words: list[str], index: int, number: int) -> ScanLine:
     )
 
 
-def _readings(words: list[str], at: int) -> tuple[NDArray[np.float64], int]:
+def _readings(words: list[str], at: int) -> tuple[Float64, int]:
     """Return the readings whose number is words[at], and where they end."""
     count = int(words[at])
     end = at + 1 + count

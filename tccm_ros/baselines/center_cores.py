@@ -16,15 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 
 __all__ = ["CenterCores", "CorePlane", "center_cores", "find_core_plane"]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int64]
 
 LEAST_POINTS = 3
 """A cuboid of fewer points has no axis worth the name."""
@@ -46,15 +44,15 @@ class CenterCores:
         float64 (K,), standard deviation along the axis, m.
     """
 
-    cuboid: Int
-    center: Array
-    axis: Array
-    length: Array
+    cuboid: Int64
+    center: Float64
+    axis: Float64
+    length: Float64
 
     def __len__(self) -> int:
         return len(self.cuboid)
 
-    def ends(self) -> Array:
+    def ends(self) -> Float64:
         """Return both ends of each core, two standard deviations out, float64 (K, 2, 3), m."""
         reach = (2.0 * self.length)[:, None] * self.axis
         return np.stack([self.center - reach, self.center + reach], axis=1)
@@ -74,9 +72,9 @@ class CorePlane:
         Val of Eq. (8), m2.
     """
 
-    normal: Array
+    normal: Float64
     offset: float
-    cores: Int
+    cores: Int64
     quality: float
 
 
@@ -139,8 +137,8 @@ def find_core_plane(
 
 @njit(nogil=True, cache=True)
 def _best_trial(
-    center: Array, axis: Array, length: Array, draws: Array, angle: float, distance: float
-) -> Array:
+    center: Float64, axis: Float64, length: Float64, draws: Float64, angle: float, distance: float
+) -> Float64:
     """Return normal, offset and val of the best trial, float64 (5,); val 0 if there is none."""
     best = np.zeros(5)
     plane = np.zeros(5)
@@ -158,7 +156,7 @@ def _best_trial(
 
 @njit(nogil=True, cache=True)
 def _common_plane(
-    center: Array, axis: Array, length: Array, chosen: Int, angle: float, plane: Array
+    center: Float64, axis: Float64, length: Float64, chosen: Int64, angle: float, plane: Float64
 ) -> bool:
     """Fill in the plane of a few cores by Eq. (6) and (7), and tell whether they have one."""
     count = len(chosen)
@@ -201,9 +199,7 @@ def _common_plane(
 
 
 @njit(nogil=True, cache=True)
-def _belongs(
-    center: Array, axis: Array, plane: Array, angle: float, distance: float
-) -> NDArray[np.bool_]:
+def _belongs(center: Float64, axis: Float64, plane: Float64, angle: float, distance: float) -> Bool:
     """Tell which cores lie in a plane: along it, and near it."""
     least = math.sin(angle)
     result = np.empty(len(center), np.bool_)
@@ -216,7 +212,7 @@ def _belongs(
 
 @njit(nogil=True, cache=True)
 def _quality(
-    center: Array, axis: Array, length: Array, plane: Array, angle: float, distance: float
+    center: Float64, axis: Float64, length: Float64, plane: Float64, angle: float, distance: float
 ) -> float:
     """Return val of Eq. (8) over the cores that belong: l1 l2 / l3 of their covariance, m2.
 

@@ -10,15 +10,16 @@ from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from tccm_ros.arrays import Float64, Int64
+
 __all__ = ["merge_by_distance"]
 
 
-def merge_by_distance(clouds: Sequence[NDArray[np.float64]], distance: float) -> NDArray[np.int64]:
+def merge_by_distance(clouds: Sequence[Float64], distance: float) -> Int64:
     """Merge clouds any of whose points come within a distance.
 
     Parameters

@@ -10,16 +10,13 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.union_find import find_root, unite
 
 __all__ = ["cluster", "segment"]
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Int32 = NDArray[np.int32]
 
 TRIALS = 600
 """Random planes a round: finds one with 1 % of the cloud's triples in it with 99.7 %."""
@@ -40,7 +37,7 @@ SEED = 20110509
 """The same cloud gives the same surfaces."""
 
 
-def segment(points: Float64, config: Config) -> NDArray[np.int32]:
+def segment(points: Float64, config: Config) -> Int32:
     """Segment the horizontal surfaces of a cloud.
 
     Parameters

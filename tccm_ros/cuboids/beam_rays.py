@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64
 from tccm_ros.cuboids.cycle_builder import SweepScan
 from tccm_ros.sensors.laser_scan import directions, laser_poses
 from tccm_ros.sensors.laser_scan_kernels import place_beams
 
 __all__ = ["sweep_beams"]
 
-Float64 = NDArray[np.float64]
-
 
 def sweep_beams(
     sweep_scan: SweepScan, longest: float, every: int = 1, T_frame_odom: Float64 | None = None
-) -> tuple[Float64, Float64, NDArray[np.bool_]]:
+) -> tuple[Float64, Float64, Bool]:
     """Return the beams that hit something, and those that came back empty (+inf, REP-117).
 
     Parameters

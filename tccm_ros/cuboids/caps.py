@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Float64, Int32
 
 __all__ = ["CAP_DEPTH", "Caps", "no_caps", "sum_caps"]
 
@@ -34,8 +35,8 @@ class Caps:
         float64 (C, 10), ticks: count, sums and products as in `Cuboids`.
     """
 
-    of: NDArray[np.int32]
-    moments: NDArray[np.float64]
+    of: Int32
+    moments: Float64
 
 
 def no_caps() -> Caps:

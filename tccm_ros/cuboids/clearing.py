@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.beam_rays import sweep_beams
 from tccm_ros.cuboids.cuboids import TICKS_PER_M
@@ -60,9 +60,7 @@ def see_through(sweep: Sweep, map_: IntegrationMap, config: Config) -> PartMap:
     return replace(part, void_keys=keys[passed], void_bounds=spans[passed])
 
 
-def _older(
-    part: PartMap, map_: IntegrationMap, window: int
-) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+def _older(part: PartMap, map_: IntegrationMap, window: int) -> tuple[Int64, Int32]:
     """Return the cuboids that older part maps will have once the newest is in: keys and spans."""
     keys, pieces = map_.keys, map_.pieces
     room = len(keys) + 2 * len(part) + 1
@@ -94,10 +92,10 @@ class CellIndex(NamedTuple):
         int64, slot -> cell, and slot -> index of the cell's first cuboid or -1.
     """
 
-    keys: NDArray[np.int64]
-    spans: NDArray[np.float64]
-    table: NDArray[np.int64]
-    first: NDArray[np.int64]
+    keys: Int64
+    spans: Float64
+    table: Int64
+    first: Int64
 
 
 @njit(nogil=True, cache=True)

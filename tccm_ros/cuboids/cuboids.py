@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.cuboids.caps import Caps, no_caps
 
 __all__ = [
@@ -31,12 +32,12 @@ TICK = 1.0 / TICKS_PER_M
 """One tick, m."""
 
 
-def cell_keys(ix: ArrayLike, iy: ArrayLike) -> NDArray[np.int64]:
+def cell_keys(ix: ArrayLike, iy: ArrayLike) -> Int64:
     """Return int64 keys that sort cells by (ix, iy)."""
     return (np.asarray(ix, np.int64) << 32) + np.asarray(iy, np.int64)
 
 
-def key_cells(keys: NDArray[np.int64]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def key_cells(keys: Int64) -> tuple[Int32, Int32]:
     """Return the cells int32 (ix, iy) of keys made by `cell_keys`."""
     ix = (keys + 2**31) >> 32
     return ix.astype(np.int32), (keys - (ix << 32)).astype(np.int32)
@@ -56,9 +57,9 @@ class Columns:
         int32 (N, 2), bottom and top, ticks; rising within a cell.
     """
 
-    keys: NDArray[np.int64]
-    first: NDArray[np.int32]
-    spans: NDArray[np.int32]
+    keys: Int64
+    first: Int32
+    spans: Int32
 
     @property
     def nbytes(self) -> int:
@@ -79,13 +80,13 @@ class CuboidArrays(NamedTuple):
         Edge of a cell in ticks, and a tick in m.
     """
 
-    ix: NDArray[np.int32]
-    iy: NDArray[np.int32]
-    bottom: NDArray[np.int32]
-    top: NDArray[np.int32]
-    counts: NDArray[np.float64]
-    s: NDArray[np.float64]
-    S: NDArray[np.float64]
+    ix: Int32
+    iy: Int32
+    bottom: Int32
+    top: Int32
+    counts: Float64
+    s: Float64
+    S: Float64
     cell: float
     tick: float
 
@@ -116,15 +117,15 @@ class Cuboids:
     """
 
     cell_size: float
-    ix: NDArray[np.int32]
-    iy: NDArray[np.int32]
-    bottom: NDArray[np.int32]
-    top: NDArray[np.int32]
-    count: NDArray[np.float64]
-    s: NDArray[np.float64]
-    S: NDArray[np.float64]
-    cycles: NDArray[np.int32]
-    cycle_offsets: NDArray[np.int64]
+    ix: Int32
+    iy: Int32
+    bottom: Int32
+    top: Int32
+    count: Float64
+    s: Float64
+    S: Float64
+    cycles: Int32
+    cycle_offsets: Int64
     caps: Caps = field(default_factory=no_caps)
 
     def __len__(self) -> int:
@@ -139,14 +140,14 @@ class Cuboids:
         )
 
     @property
-    def cell_origin(self) -> NDArray[np.float64]:
+    def cell_origin(self) -> Float64:
         """Reference point of the moments, float64 (N, 3), ticks."""
         ticks = self.cell_size * TICKS_PER_M
         return np.stack(
             [np.rint(self.ix * ticks), np.rint(self.iy * ticks), np.zeros(len(self))], axis=1
         )
 
-    def select(self, chosen: NDArray[np.bool_]) -> Cuboids:
+    def select(self, chosen: Bool) -> Cuboids:
         """Return the chosen cuboids, bool (N,), in their order; their caps are not known."""
         lengths = np.diff(self.cycle_offsets)
         return Cuboids(
@@ -169,11 +170,11 @@ class Cuboids:
         first = np.append(begins, len(keys)).astype(np.int32)
         return Columns(keys[begins], first, np.column_stack([self.bottom, self.top]))
 
-    def mean(self) -> NDArray[np.float64]:
+    def mean(self) -> Float64:
         """Return the mean of each cuboid's points, float64 (N, 3), m, in the map's frame."""
         return (self.s / self.count[:, None] + self.cell_origin) * TICK
 
-    def cov(self) -> NDArray[np.float64]:
+    def cov(self) -> Float64:
         """Return P = S / N - p p^T (Eq. 2, sign restored), float64 (N, 6), m2: xx xy .. zz."""
         p = self.s / self.count[:, None]
         outer = np.stack([p[:, i] * p[:, j] for i in range(3) for j in range(i, 3)], axis=1)

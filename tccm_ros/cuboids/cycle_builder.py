@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.part_map import PartMap, PartMapBuilder
 from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
@@ -23,7 +23,6 @@ from tccm_ros.sensors.laser_scan import used_beams
 
 __all__ = ["CycleBuilder", "Sweep", "SweepScan"]
 
-Float64 = NDArray[np.float64]
 
 SPEED_WINDOW_NS = 250_000_000
 """Base speeds are taken over at least this time: shorter steps show the odometry's jitter."""
@@ -34,7 +33,7 @@ class SweepScan:
     """Beams [first, last) of a scan that belong to a sweep; `keep` bool (N,) are those to use."""
 
     posed: PosedScan
-    keep: NDArray[np.bool_]
+    keep: Bool
     first: int
     last: int
 
@@ -110,7 +109,7 @@ class Sweep:
         )
         return float(np.linalg.norm(np.diff(normals, axis=0), axis=1).mean())
 
-    def _knots(self, poses_of: Callable[[PosedScan], Float64]) -> tuple[NDArray[np.int64], Float64]:
+    def _knots(self, poses_of: Callable[[PosedScan], Float64]) -> tuple[Int64, Float64]:
         if not self.scans:
             return np.zeros(0, np.int64), np.zeros((0, 4, 4))
         stamps = np.concatenate([s.posed.knots_ns for s in self.scans])
@@ -250,7 +249,7 @@ def _first_beam_at(scan: SweepScan, stamp_ns: int) -> int:
     return scan.first + int(np.searchsorted(stamps, ahead_ns))
 
 
-def _pose_at(stamps: NDArray[np.int64], poses: Float64, stamp_ns: int) -> Float64:
+def _pose_at(stamps: Int64, poses: Float64, stamp_ns: int) -> Float64:
     if len(stamps) == 0:
         return np.eye(4)
     after = int(np.clip(np.searchsorted(stamps, stamp_ns), 1, max(len(stamps) - 1, 1)))

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.records import ViewIntervals
 
 __all__ = ["KEY_STEP", "NEVER", "FreeColumns", "SeenFree", "column_keys"]
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 KEY_STEP = 1 << 21
 """Keys of columns and voxels: columns -2^20..2^20 on either axis."""
@@ -58,7 +56,7 @@ class FreeColumns:
         order = np.lexsort((rows[:, 2], keys))
         return cls(cell_size, keys[order], rows[order, 2], rows[order, 3])
 
-    def contains(self, points: Float64, margin: Float64 | float = 0.0) -> NDArray[np.bool_]:
+    def contains(self, points: Float64, margin: Float64 | float = 0.0) -> Bool:
         """Return whether points (N, 3) lie inside a free interval, margin (N,) m from its ends."""
         keys = column_keys(points, self.cell_size)
         first = np.searchsorted(self.keys, keys, "left")

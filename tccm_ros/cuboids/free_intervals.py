@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Bool, Float32, Float64
 
 __all__ = ["BIN", "BINS", "FreeIntervalTracer"]
 
@@ -175,9 +176,9 @@ class FreeIntervalTracer:
 
     def add(
         self,
-        origins: NDArray[np.float64],
-        ends: NDArray[np.float64],
-        hits: NDArray[np.bool_],
+        origins: Float64,
+        ends: Float64,
+        hits: Bool,
     ) -> None:
         """Follow beams from origins to ends, float64 (N, 3), m, in the base frame.
 
@@ -185,7 +186,7 @@ class FreeIntervalTracer:
         """
         trace_beams(origins, ends, hits, self._cell, self._half, self._seen, self._hit)
 
-    def intervals(self, angle_step: float) -> NDArray[np.float32]:
+    def intervals(self, angle_step: float) -> Float32:
         """Return the free intervals float32 (N, 4) of `records.ViewIntervals`, and begin anew.
 
         Parameters

@@ -8,8 +8,8 @@ pieces, bit for bit.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.cuboids.merging import compose_cuboids, count_composites, merge_part
@@ -17,9 +17,6 @@ from tccm_ros.cuboids.part_addresses import PartAddresses
 from tccm_ros.cuboids.part_map import PartMap
 
 __all__ = ["IntegrationMap"]
-
-Int32 = NDArray[np.int32]
-Int64 = NDArray[np.int64]
 
 
 class IntegrationMap:

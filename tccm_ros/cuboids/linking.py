@@ -8,8 +8,8 @@ cell, and this is the paper's 8-neighbourhood (IV.A).
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int32, UInt8
 from tccm_ros.union_find import unite
 
 __all__ = [
@@ -21,10 +21,6 @@ __all__ = [
     "spacing",
 ]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
-Flags = NDArray[np.bool_]
-Sides = NDArray[np.uint8]
 
 PATCH_BITS = 4
 """A patch in which the spacing is estimated is 2**4 cells wide."""
@@ -41,13 +37,15 @@ most of the time."""
 
 
 @njit(nogil=True, cache=True)
-def is_level(top: Int, mean: Int, i: int, j: int, limit: int) -> bool:
+def is_level(top: Int32, mean: Int32, i: int, j: int, limit: int) -> bool:
     """Tell whether two cuboids have the same height: by their tops or by their means."""
     return (abs(top[i] - top[j]) < limit) | (abs(mean[i] - mean[j]) < limit)
 
 
 @njit(nogil=True, cache=True)
-def find_links(ix: Int, iy: Int, top: Int, mean: Int, threshold: float) -> tuple[Int, Int, Int]:
+def find_links(
+    ix: Int32, iy: Int32, top: Int32, mean: Int32, threshold: float
+) -> tuple[Int32, Int32, Int32]:
     """Find for each cuboid the nearest one of the same height behind it in its column and its row.
 
     Returns
@@ -122,7 +120,9 @@ def find_links(ix: Int, iy: Int, top: Int, mean: Int, threshold: float) -> tuple
 
 
 @njit(nogil=True, cache=True)
-def level_corner(ix: Int, top: Int, mean: Int, limit: int, before: Int, j: int, i: int) -> int:
+def level_corner(
+    ix: Int32, top: Int32, mean: Int32, limit: int, before: Int32, j: int, i: int
+) -> int:
     """Return a cuboid of the height of i in the row behind, j or before it in its column, or -1."""
     while j >= 0 and ix[i] - ix[j] < 2:
         if ix[j] != ix[i] and is_level(top, mean, i, j, limit):
@@ -132,7 +132,7 @@ def level_corner(ix: Int, top: Int, mean: Int, limit: int, before: Int, j: int, 
 
 
 @njit(nogil=True, cache=True)
-def find_links_in_plane(ix: Int, iy: Int) -> tuple[Int, Int, Int]:
+def find_links_in_plane(ix: Int32, iy: Int32) -> tuple[Int32, Int32, Int32]:
     """Find the links of cuboids that all lie in one plane: as `find_links` where all is level."""
     n = len(ix)
     low_y = iy.min()
@@ -168,7 +168,7 @@ def find_links_in_plane(ix: Int, iy: Int) -> tuple[Int, Int, Int]:
 
 
 @njit(nogil=True, cache=True)
-def spacing(histogram: Int, fallback: float) -> float:
+def spacing(histogram: Int32, fallback: float) -> float:
     """Return the typical step of a histogram of steps: the mean of those up to 1.5 x the median.
 
     A few long steps, over a gap or a missing return, must not raise it. `fallback` is returned
@@ -191,7 +191,7 @@ def spacing(histogram: Int, fallback: float) -> float:
 
 
 @njit(nogil=True, cache=True)
-def limits_of(cell: Int, patch: Int, patches: int, back: Int) -> Array:
+def limits_of(cell: Int32, patch: Int32, patches: int, back: Int32) -> Float64:
     """Return for each patch twice its local spacing along one axis, cells, float64 (patches,).
 
     Parameters
@@ -220,7 +220,7 @@ def limits_of(cell: Int, patch: Int, patches: int, back: Int) -> Array:
 
 
 @njit(nogil=True, cache=True)
-def patches_of(ix: Int, iy: Int) -> tuple[Int, int]:
+def patches_of(ix: Int32, iy: Int32) -> tuple[Int32, int]:
     """Return the patch of each cell, sorted by (ix, iy), and the number of patches."""
     n = len(ix)
     low_x, low_y = ix[0], iy.min()
@@ -232,7 +232,9 @@ def patches_of(ix: Int, iy: Int) -> tuple[Int, int]:
 
 
 @njit(nogil=True, cache=True)
-def accept_links(ix: Int, iy: Int, back_x: Int, back_y: Int, touching: Int) -> tuple[Int, Sides]:
+def accept_links(
+    ix: Int32, iy: Int32, back_x: Int32, back_y: Int32, touching: Int32
+) -> tuple[Int32, UInt8]:
     """Keep the links that are shorter than twice the local spacing, and label what they connect.
 
     Parameters
@@ -290,7 +292,9 @@ def accept_links(ix: Int, iy: Int, back_x: Int, back_y: Int, touching: Int) -> t
 
 
 @njit(nogil=True, cache=True)
-def link(ix: Int, iy: Int, top: Int, mean: Int, threshold: float) -> tuple[Int, Int, Int]:
+def link(
+    ix: Int32, iy: Int32, top: Int32, mean: Int32, threshold: float
+) -> tuple[Int32, Int32, Int32]:
     """Label the connected sets of cuboids.
 
     Parameters
@@ -315,7 +319,7 @@ def link(ix: Int, iy: Int, top: Int, mean: Int, threshold: float) -> tuple[Int, 
 
 
 @njit(nogil=True, cache=True)
-def link_in_plane(ix: Int, iy: Int) -> tuple[Int, Flags]:
+def link_in_plane(ix: Int32, iy: Int32) -> tuple[Int32, Bool]:
     """Label the connected sets of cuboids that all lie in one plane, whatever their heights.
 
     Returns
@@ -331,7 +335,7 @@ def link_in_plane(ix: Int, iy: Int) -> tuple[Int, Flags]:
 
 
 @njit(nogil=True, cache=True)
-def is_deep(back_x: Int, back_y: Int, sides: Sides) -> Flags:
+def is_deep(back_x: Int32, back_y: Int32, sides: UInt8) -> Bool:
     """Tell which cuboids have links on all sides, and their neighbours as well."""
     deep = np.ones(len(sides), np.bool_)
     for i in range(len(sides)):

@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.cuboids.cuboids import CuboidArrays
 
 __all__ = [
@@ -24,8 +24,6 @@ __all__ = [
     "uncertainty_of",
 ]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
 
 Moments = tuple[float, float, float, float, float, float, float, float, float, float]
 """Count, sums of x y z and of xx xy xz yy yz zz."""
@@ -41,7 +39,7 @@ MORE_STEPS = 30
 
 @njit(nogil=True, cache=True)
 def moved(
-    ix: int, iy: int, sums: Moments | Array, cell: float, tick: float, origin: Array
+    ix: int, iy: int, sums: Moments | Float64, cell: float, tick: float, origin: Float64
 ) -> Moments:
     """Return the moments of a cuboid of cell (ix, iy) about an origin, m.
 
@@ -65,7 +63,7 @@ def moved(
 
 
 @njit(nogil=True, cache=True)
-def gather(cuboids: CuboidArrays, origin: Array) -> Array:
+def gather(cuboids: CuboidArrays, origin: Float64) -> Float64:
     """Return the moments of all cuboids about one origin, float64 (N, 10), m.
 
     Parameters
@@ -127,7 +125,7 @@ def eigenvalues(
 
 @njit(nogil=True, cache=True)
 def plane_of(
-    m: Array | tuple[float, ...],
+    m: Float64 | tuple[float, ...],
 ) -> tuple[float, float, float, float, float, float, float]:
     """Fit the least-squares plane of a moment vector.
 
@@ -163,7 +161,7 @@ def plane_of(
 
 
 @njit(nogil=True, cache=True)
-def residuals_of(m: Array, nx: float, ny: float, nz: float, d: float) -> tuple[float, float]:
+def residuals_of(m: Float64, nx: float, ny: float, nz: float, d: float) -> tuple[float, float]:
     """Return the sum and the sum of squares of the distances of the points to a plane."""
     n = m[0]
     first = nx * m[1] + ny * m[2] + nz * m[3]
@@ -173,7 +171,7 @@ def residuals_of(m: Array, nx: float, ny: float, nz: float, d: float) -> tuple[f
 
 
 @njit(nogil=True, cache=True)
-def tangents(normal: Array) -> tuple[Array, Array]:
+def tangents(normal: Float64) -> tuple[Float64, Float64]:
     """Return the tangent directions (u, v) of a plane: u level, v up the slope, u x v = normal.
 
     Parameters
@@ -195,7 +193,7 @@ def tangents(normal: Array) -> tuple[Array, Array]:
 
 
 @njit(nogil=True, cache=True)
-def uncertainty_of(m: Array, normal: Array, variance: float) -> tuple[Array, float]:
+def uncertainty_of(m: Float64, normal: Float64, variance: float) -> tuple[Float64, float]:
     """Return how well the points of a moment vector fix their plane.
 
     Parameters

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Int64
 from tccm_ros.cuboids.part_map import PartMap
 
 __all__ = ["PartAddresses"]
@@ -23,7 +24,7 @@ class PartAddresses:
     def __init__(self) -> None:
         self._known: dict[int, tuple[PartMap, tuple[int, int], tuple[NDArray[Any], ...]]] = {}
 
-    def table(self, parts: Sequence[PartMap]) -> NDArray[np.int64]:
+    def table(self, parts: Sequence[PartMap]) -> Int64:
         """Return where the moments and the bounds of each cycle's part map are.
 
         Parameters

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float32, Float64, Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids import binning
 from tccm_ros.cuboids.beam_endpoints import SETTINGS, WORK_SIZE, RegionFrame
@@ -31,11 +32,6 @@ from tccm_ros.records import PosedScan
 
 __all__ = ["PartMap", "PartMapBuilder", "PartPoints"]
 
-Int32 = NDArray[np.int32]
-Int64 = NDArray[np.int64]
-Float32 = NDArray[np.float32]
-Float64 = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 _LOW = np.int64(0xFFFFFFFF)
 
@@ -135,7 +131,7 @@ class PartMap:
             return np.zeros(0, np.int64)
         return self.points.packed[chosen, 1] & _LOW
 
-    def positions(self, chosen: NDArray[np.bool_] | Int64 | None = None) -> Float64:
+    def positions(self, chosen: Bool | Int64 | None = None) -> Float64:
         """Return the positions of the points, in the order of `point_cuboids`.
 
         Parameters

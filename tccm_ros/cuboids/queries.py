@@ -14,14 +14,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids, cell_keys
 from tccm_ros.cuboids.free_columns import NEVER, SeenFree
 from tccm_ros.cuboids.integration_map import IntegrationMap
 
 __all__ = ["MapQuery", "Measurement", "Occupancy"]
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 
 class Occupancy(IntEnum):
@@ -146,7 +144,7 @@ class MapQuery:
 
     def height_map(
         self, region: tuple[float, float, float, float], z_max: float = np.inf
-    ) -> NDArray[np.float32]:
+    ) -> Float32:
         """Return the highest top per cell.
 
         Parameters

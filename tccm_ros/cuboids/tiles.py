@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Int32, Int64
+
 __all__ = ["CELLS_PER_TILE", "GROW_SLOTS", "GROW_TILES", "TILE", "TileState", "Tiles"]
 
 TILE = 64
@@ -63,9 +65,9 @@ class Tiles(NamedTuple):
         One element of `_COUNTERS`: kernels get at it as ``counters[0]``.
     """
 
-    records: NDArray[np.int64]
-    directory: NDArray[np.int32]
-    counts: NDArray[np.int32]
+    records: Int64
+    directory: Int32
+    counts: Int32
     bits: NDArray[np.uint64]
     counters: NDArray[Any]
 
@@ -82,7 +84,7 @@ class TileState:
     def __init__(self) -> None:
         self.room = 1 << 15
         self._records = np.zeros(2 * self.room, np.int64)
-        self._directory: NDArray[np.int32] = np.zeros(0, np.int32)
+        self._directory: Int32 = np.zeros(0, np.int32)
         self._counts = np.zeros(_FIRST_SLOTS * CELLS_PER_TILE, np.int32)
         self._bits = np.zeros(_FIRST_SLOTS * TILE, np.uint64)
         self._counters = np.zeros(1, _COUNTERS)

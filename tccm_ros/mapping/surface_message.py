@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.beam_rays import sweep_beams
 from tccm_ros.cuboids.cycle_builder import Sweep
@@ -23,9 +23,8 @@ from tccm_ros.records import PlaneKind, SurfaceCloud, ViewIntervals
 
 __all__ = ["plane_labels", "surface_cloud", "view_intervals"]
 
-Float64 = NDArray[np.float64]
 
-Segmentation = Callable[[Float64], NDArray[np.int32]]
+Segmentation = Callable[[Float64], Int32]
 """Surface of each point float64 (N, 3), m, in the base frame: int32 (N,), -1 for none."""
 
 PLANE_SIGMAS = 3.0
@@ -38,7 +37,7 @@ BEAMS_PER_COLUMN = 2.0
 """Beams per column at the end of the reach are enough to see through."""
 
 
-def plane_labels(part: PartMap, fits: PlaneFits) -> NDArray[np.int32]:
+def plane_labels(part: PartMap, fits: PlaneFits) -> Int32:
     """Return the plane of the map at each of the part map's cuboids, int32 (N,), -1 for none.
 
     A part map's cuboid lies within one cuboid of the map that it was added to.
@@ -92,9 +91,7 @@ def surface_cloud(
     )
 
 
-def _horizontal_points(
-    part: PartMap, fits: PlaneFits, viewpoint: Float64
-) -> tuple[Float64, NDArray[np.int64]]:
+def _horizontal_points(part: PartMap, fits: PlaneFits, viewpoint: Float64) -> tuple[Float64, Int64]:
     """Return the points of horizontal planes and strips, and their surface's index, from 0."""
     labels, points = plane_labels(part, fits)[part.point_cuboids()], part.positions()
     normals = np.array([f.normal for f in fits]).reshape(-1, 3)
@@ -118,9 +115,7 @@ def _horizontal_points(
     return points[is_surface], surface.reshape(-1)
 
 
-def _on_planes(
-    points: Float64, labels: NDArray[np.int32], chosen: list[PlaneFit], planes: int
-) -> NDArray[np.int64]:
+def _on_planes(points: Float64, labels: Int32, chosen: list[PlaneFit], planes: int) -> Int64:
     """Return the rows of the points that are near their plane, where that is one of the chosen."""
     is_chosen = np.zeros(planes + 1, np.bool_)  # the last is for -1
     normals, offsets, slack = np.zeros((planes, 3)), np.zeros(planes), np.zeros(planes)

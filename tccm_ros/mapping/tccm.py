@@ -9,8 +9,8 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.baselines.seed_segmentation import segment
 from tccm_ros.baselines.union_as_printed import AS_PRINTED
 from tccm_ros.config import Config
@@ -99,7 +99,7 @@ class CycleResult:
     end_ns: int
     frame_id: str
     base_frame_id: str
-    T_odom_base: NDArray[np.float64]
+    T_odom_base: Float64
     planes: list[PlaneRecord]
     objects: list[TabletopObject]
     place_size: tuple[float, float]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rclpy.node import Node
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar, spatial
 from tccm_ros.nodes.intake import Intake
@@ -23,8 +23,6 @@ from tccm_ros.slam.wall_slam import LivePose
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 __all__ = ["LivePosePublisher", "live_covariance"]
-
-Float64 = NDArray[np.float64]
 
 
 class LivePosePublisher:

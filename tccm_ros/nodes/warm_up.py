@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.pipeline.calibrate.rig_check import RigCheck
@@ -61,8 +61,6 @@ ROBOT = RobotDescription(
     <joint name="level" type="fixed"><parent link="base"/><child link="{LEVEL}"/>
       <origin xyz="0 0 0.3"/></joint></robot>"""
 )
-
-Array = NDArray[np.float64]
 
 
 def warm_up_tccm(config: Config) -> None:
@@ -125,14 +123,14 @@ def _sweeps() -> Iterator[tuple[str, RobotDescription | Odometry | JointSample |
         yield "tilt_scan", _scan(stamp_ns, "laser", bearings, _room_ranges(bearings, tilt))
 
 
-def _scan(stamp_ns: int, frame: str, bearings: Array, ranges: Array) -> Scan:
+def _scan(stamp_ns: int, frame: str, bearings: Float64, ranges: Float64) -> Scan:
     step = float(bearings[1] - bearings[0])
     return Scan(
         stamp_ns, frame, float(bearings[0]), step, BEAM_S, 0.05, 30.0, ranges.astype(np.float32)
     )
 
 
-def _room_ranges(bearings: Array, tilt: float) -> Array:
+def _room_ranges(bearings: Float64, tilt: float) -> Float64:
     """Return ranges (B,) of beams from (0, 0, HEIGHT) that are tilted down."""
     x, y = np.cos(bearings) * np.cos(tilt), np.sin(bearings)
     z = -np.cos(bearings) * np.sin(tilt)

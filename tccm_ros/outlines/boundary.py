@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import CuboidArrays, Cuboids
 from tccm_ros.cuboids.inclination import OUTLINED_BY_COLUMNS
 from tccm_ros.outlines.contour import largest_polygon, trace
@@ -37,9 +37,6 @@ from tccm_ros.outlines.raster import (
 
 __all__ = ["Outline", "members_by_plane", "outlines"]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
-Index = NDArray[np.int64]
 
 LEAST_HOLE = 6.0
 """Holes smaller than this many samples' part of the area are gaps between samples."""
@@ -66,13 +63,13 @@ class Outline:
         m2, of the boundary less the holes.
     """
 
-    boundary: Array
-    holes: tuple[Array, ...]
+    boundary: Float64
+    holes: tuple[Float64, ...]
     area: float
 
 
 @njit(nogil=True, cache=True)
-def members_by_plane(labels: Int, planes: int) -> tuple[Index, Index]:
+def members_by_plane(labels: Int32, planes: int) -> tuple[Int64, Int64]:
     """Sort cuboids by plane, -1 left out.
 
     Returns
@@ -97,7 +94,7 @@ def members_by_plane(labels: Int, planes: int) -> tuple[Index, Index]:
 
 
 def outlines(
-    cuboids: Cuboids, members: Index, starts: Index, normals: Array, offsets: Array
+    cuboids: Cuboids, members: Int64, starts: Int64, normals: Float64, offsets: Float64
 ) -> list[Outline]:
     """Return the outline of each plane of a map. Of several pieces the largest is taken.
 
@@ -124,8 +121,8 @@ def outlines(
 
 @njit(nogil=True, cache=True)
 def outline_planes(
-    arrays: tuple[Any, ...], members: Index, starts: Index, normals: Array, offsets: Array
-) -> tuple[Array, Index, Index, Array]:
+    arrays: tuple[Any, ...], members: Int64, starts: Int64, normals: Float64, offsets: Float64
+) -> tuple[Float64, Int64, Int64, Float64]:
     """Outline planes (`outlines`); `arrays` are the fields of `CuboidArrays`.
 
     Returns
@@ -184,7 +181,7 @@ def coarseness(rows: float, columns: float) -> int:
 
 
 @njit(nogil=True, cache=True)
-def frame_of(runs: Int) -> tuple[int, int, int, int]:
+def frame_of(runs: Int32) -> tuple[int, int, int, int]:
     """Return the first cell and the shape of the raster that runs need, with its margin."""
     low_a, high_a = runs[0, 0], runs[0, 0]
     low_b, high_b = runs[0, 1], runs[0, 2]
@@ -196,7 +193,9 @@ def frame_of(runs: Int) -> tuple[int, int, int, int]:
 
 
 @njit(nogil=True, cache=True)
-def outline_from_above(cuboids: CuboidArrays, members: Index) -> tuple[Array, Int, float, float]:
+def outline_from_above(
+    cuboids: CuboidArrays, members: Int64
+) -> tuple[Float64, Int32, float, float]:
     """Outline a plane that is not vertical, from above.
 
     Returns
@@ -232,8 +231,8 @@ def outline_from_above(cuboids: CuboidArrays, members: Index) -> tuple[Array, In
 
 @njit(nogil=True, cache=True)
 def outline_from_front(
-    cuboids: CuboidArrays, members: Index, normal: Array
-) -> tuple[Array, Int, float, float]:
+    cuboids: CuboidArrays, members: Int64, normal: Float64
+) -> tuple[Float64, Int32, float, float]:
     """Outline a vertical plane from its front; as `outline_from_above`, a along u and b upwards."""
     slope, size = math.hypot(normal[0], normal[1]), cuboids.cell
     extent = np.empty((len(members), 4))
@@ -259,8 +258,8 @@ def outline_from_front(
 
 @njit(nogil=True, cache=True)
 def polygon(
-    raster: Int, edges: Int, reach: Array, usual_a: Array, usual_b: Array, samples: int
-) -> tuple[Array, Int, float]:
+    raster: Int32, edges: Int32, reach: Float64, usual_a: Float64, usual_b: Float64, samples: int
+) -> tuple[Float64, Int32, float]:
     """Return the largest polygon of a raster without specks, in its cells."""
     extend_edges(raster, edges, reach, usual_a, usual_b)
     close_combs(raster, usual_a.max(), usual_b.max())
@@ -269,7 +268,9 @@ def polygon(
 
 
 @njit(nogil=True, cache=True)
-def lift(flat: Array, ends: Int, normal: Array, offset: float, cell: float, out: Array) -> None:
+def lift(
+    flat: Float64, ends: Int32, normal: Float64, offset: float, cell: float, out: Float64
+) -> None:
     """Write the points of a plane, m, for rings in cells; against the normal they turn left."""
     nx, ny, nz = normal[0], normal[1], normal[2]
     slope = math.hypot(nx, ny)

@@ -8,15 +8,13 @@ Peucker's rule, as long as the rings still do not cross.
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int32
 from tccm_ros.outlines.raster import EMPTY
 from tccm_ros.outlines.rings import crosses, is_inside, signed_area, simplify
 
 __all__ = ["largest_polygon", "trace"]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
 
 INSIDE = 0.49
 """A point is moved by less than half a cell from its side: the rings stay apart."""
@@ -26,7 +24,7 @@ HALVINGS = 6
 
 
 @njit(nogil=True, cache=True)
-def trace(raster: Int, reach: Array) -> tuple[Array, Int]:
+def trace(raster: Int32, reach: Float64) -> tuple[Float64, Int32]:
     """Walk around all sets of full cells, the full side on the left; cells that touch at a corner
     only are apart.
 
@@ -105,7 +103,7 @@ def trace(raster: Int, reach: Array) -> tuple[Array, Int]:
 
 
 @njit(nogil=True, cache=True)
-def edge_at(cell: int, reach: Array, side: int, border: int) -> float:
+def edge_at(cell: int, reach: Float64, side: int, border: int) -> float:
     """Return where the surface ends near a side of a cell; the border where nothing is known."""
     if cell < 0 or abs(reach[cell, side] - border) > 1.0:
         return float(border)
@@ -114,8 +112,8 @@ def edge_at(cell: int, reach: Array, side: int, border: int) -> float:
 
 @njit(nogil=True, cache=True)
 def largest_polygon(
-    vertices: Array, ends: Int, tolerance: float, least_hole: float
-) -> tuple[Array, Int, float]:
+    vertices: Float64, ends: Int32, tolerance: float, least_hole: float
+) -> tuple[Float64, Int32, float]:
     """Return the largest of the polygons that rings enclose, with few corners.
 
     Parameters
@@ -154,7 +152,7 @@ def largest_polygon(
 
 
 @njit(nogil=True, cache=True)
-def join_rings(rings: list[Array], tolerance: float) -> tuple[Array, Int, float]:
+def join_rings(rings: list[Float64], tolerance: float) -> tuple[Float64, Int32, float]:
     """Simplify rings, the outer one first, so far that they do not cross; put them together."""
     total = 0
     for ring in rings:

@@ -7,24 +7,21 @@ of float64 (E, 4), is the low and high a, low and high b of its points, in the r
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import CuboidArrays
 from tccm_ros.outlines.gaps import patch_of
 from tccm_ros.outlines.raster import EMPTY, ROOT3, SAMPLE
 
 __all__ = ["extend_edges", "find_edges", "reach_horizontal", "reach_vertical"]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
-Index = NDArray[np.int64]
 
 SPARSE = 1.2
 """Where samples are further apart than this, in cells, the surface goes on beyond the last."""
 
 
 @njit(nogil=True, cache=True)
-def find_edges(raster: Int) -> Int:
+def find_edges(raster: Int32) -> Int32:
     """Number the samples beside an empty cell; return their cells int32 (E, 2)."""
     rows, columns = raster.shape
     edges, used = np.empty((256, 2), np.int32), 0
@@ -48,7 +45,7 @@ def find_edges(raster: Int) -> Int:
 
 
 @njit(nogil=True, cache=True)
-def widen(reach: Array, a: float, b: float, spread_a: float, spread_b: float) -> None:
+def widen(reach: Float64, a: float, b: float, spread_a: float, spread_b: float) -> None:
     """Let the reach of a cell, (4,), take in a cuboid's points."""
     reach[0] = min(reach[0], a - spread_a)
     reach[1] = max(reach[1], a + spread_a)
@@ -58,8 +55,8 @@ def widen(reach: Array, a: float, b: float, spread_a: float, spread_b: float) ->
 
 @njit(nogil=True, cache=True)
 def reach_horizontal(
-    raster: Int, runs: Int, low: tuple[int, int], cuboids: CuboidArrays, members: Index,
-    scale: float, reach: Array,
+    raster: Int32, runs: Int32, low: tuple[int, int], cuboids: CuboidArrays, members: Int64,
+    scale: float, reach: Float64,
 ) -> None:  # fmt: skip
     """Write the reach of the edge cells of a plane seen from above.
 
@@ -92,7 +89,7 @@ def reach_horizontal(
 
 @njit(nogil=True, cache=True)
 def reach_vertical(
-    raster: Int, runs: Int, low: tuple[int, int], extent: Array, scale: float, reach: Array
+    raster: Int32, runs: Int32, low: tuple[int, int], extent: Float64, scale: float, reach: Float64
 ) -> None:
     """Write the reach of the edge cells of a vertical plane; arguments as in `runs_vertical`."""
     low_a, low_b = low
@@ -112,7 +109,9 @@ def reach_vertical(
 
 
 @njit(nogil=True, cache=True)
-def extend_edges(raster: Int, edges: Int, reach: Array, usual_a: Array, usual_b: Array) -> None:
+def extend_edges(
+    raster: Int32, edges: Int32, reach: Float64, usual_a: Float64, usual_b: Float64
+) -> None:
     """Let the surface go on for half a spacing beyond the edge cells, where samples are sparse.
 
     The cells that are reached take the number of the edge cell.
@@ -134,7 +133,7 @@ def extend_edges(raster: Int, edges: Int, reach: Array, usual_a: Array, usual_b:
 
 
 @njit(nogil=True, cache=True)
-def lengthen(reach: Array, usual: float, cells: int) -> tuple[int, int]:
+def lengthen(reach: Float64, usual: float, cells: int) -> tuple[int, int]:
     """Let a reach (low, high) take in half a spacing about its middle; return its cells."""
     middle = 0.5 * (reach[0] + reach[1])
     reach[0], reach[1] = min(reach[0], middle - 0.5 * usual), max(reach[1], middle + 0.5 * usual)

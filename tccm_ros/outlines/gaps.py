@@ -6,15 +6,13 @@ longer one stays open.
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int32
 from tccm_ros.cuboids.linking import STEPS, spacing
 from tccm_ros.outlines.raster import EMPTY, FILLED, SAMPLE
 
 __all__ = ["close_combs", "fill_gaps", "find_gaps", "patch_of"]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
 
 PATCH_BITS = 4
 """A patch in which the spacing is estimated is 2**4 cells wide."""
@@ -27,7 +25,7 @@ def patch_of(a: int, b: int, columns: int) -> int:
 
 
 @njit(nogil=True, cache=True)
-def find_gaps(raster: Int, samples: int) -> tuple[Int, Array, Array]:
+def find_gaps(raster: Int32, samples: int) -> tuple[Int32, Float64, Float64]:
     """Find the gaps between so many samples in rows and columns, and the sample spacing.
 
     Returns
@@ -64,7 +62,7 @@ def find_gaps(raster: Int, samples: int) -> tuple[Int, Array, Array]:
 
 
 @njit(nogil=True, cache=True)
-def usual_steps(steps: Int) -> Array:
+def usual_steps(steps: Int32) -> Float64:
     """Return the typical step of each patch, float64 (P,), from histograms int32 (P + 1, STEPS).
 
     The last histogram is that of all patches, for those with too few steps; it is filled here.
@@ -85,7 +83,7 @@ def usual_steps(steps: Int) -> Array:
 
 
 @njit(nogil=True, cache=True)
-def fill_gaps(raster: Int, gaps: Int, usual_a: Array, usual_b: Array) -> None:
+def fill_gaps(raster: Int32, gaps: Int32, usual_a: Float64, usual_b: Float64) -> None:
     """Fill the gaps that are shorter than twice the spacing of their patch."""
     columns = raster.shape[1]
     for k in range(len(gaps)):
@@ -101,7 +99,7 @@ def fill_gaps(raster: Int, gaps: Int, usual_a: Array, usual_b: Array) -> None:
 
 
 @njit(nogil=True, cache=True)
-def close_combs(raster: Int, usual_a: float, usual_b: float) -> None:
+def close_combs(raster: Int32, usual_a: float, usual_b: float) -> None:
     """Fill gaps between full cells that are shorter than twice the largest spacing.
 
     Scan lines whose samples stand in turn leave combs, which only the other axis shows.

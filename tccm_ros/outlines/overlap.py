@@ -6,15 +6,13 @@ two polygons and an intersection for each.
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.cuboids.moments import tangents
 from tccm_ros.outlines.rings import signed_area
 
 __all__ = ["overlap_fraction", "overlap_fractions"]
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 LINES = 48
 """Lines across the part where both outlines may be: enough to tell who overlaps whom most."""
@@ -22,8 +20,8 @@ LINES = 48
 
 @njit(nogil=True, cache=True)
 def overlap_fractions(
-    a: Array, ends_a: Index, normals: Array, b: Array, ends_b: Index, pairs: Index
-) -> Array:
+    a: Float64, ends_a: Int64, normals: Float64, b: Float64, ends_b: Int64, pairs: Int64
+) -> Float64:
     """Return the fraction of the smaller area that pairs of planar rings have in common.
 
     Parameters
@@ -52,7 +50,7 @@ def overlap_fractions(
 
 
 @njit(nogil=True, cache=True)
-def flat(ring: Array, u: Array, v: Array) -> Array:
+def flat(ring: Float64, u: Float64, v: Float64) -> Float64:
     """Return the coordinates (N, 2) of a ring (N, 3) along two directions."""
     out = np.empty((len(ring), 2))
     for i in range(len(ring)):
@@ -63,7 +61,7 @@ def flat(ring: Array, u: Array, v: Array) -> Array:
 
 
 @njit(nogil=True, cache=True)
-def overlap_fraction(a: Array, b: Array) -> float:
+def overlap_fraction(a: Float64, b: Float64) -> float:
     """Return the fraction of the smaller area that two rings (N, 2) have in common, 0 to 1.
 
     What is inside is counted by crossings, so that a ring may cross itself.
@@ -85,7 +83,7 @@ def overlap_fraction(a: Array, b: Array) -> float:
 
 
 @njit(nogil=True, cache=True)
-def cut(ring: Array, y: float, cuts: Array) -> int:
+def cut(ring: Float64, y: float, cuts: Float64) -> int:
     """Write where a ring crosses a line of constant y, rising; return how often."""
     n, j = 0, len(ring) - 1
     for i in range(len(ring)):
@@ -103,7 +101,7 @@ def cut(ring: Array, y: float, cuts: Array) -> int:
 
 
 @njit(nogil=True, cache=True)
-def shared_length(a: Array, b: Array) -> float:
+def shared_length(a: Float64, b: Float64) -> float:
     """Return the length that is in both of two sets of intervals, given by their sorted ends."""
     i, j, total = 0, 0, 0.0
     while i + 1 < len(a) and j + 1 < len(b):

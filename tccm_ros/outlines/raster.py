@@ -7,8 +7,8 @@ surface reaches within the cells at its edge.
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import CuboidArrays
 
 __all__ = [
@@ -23,9 +23,6 @@ __all__ = [
     "runs_vertical",
 ]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
-Index = NDArray[np.int64]
 
 ROOT3 = 1.7320508075688772
 """Half the length of a uniform spread, in standard deviations."""
@@ -39,7 +36,7 @@ samples are."""
 
 
 @njit(nogil=True, cache=True)
-def runs_horizontal(ix: Int, iy: Int, members: Index, coarse: int, runs: Int) -> None:
+def runs_horizontal(ix: Int32, iy: Int32, members: Int64, coarse: int, runs: Int32) -> None:
     """Write the cell of each cuboid of a plane seen from above: a along x, b along y.
 
     Parameters
@@ -59,7 +56,7 @@ def runs_horizontal(ix: Int, iy: Int, members: Index, coarse: int, runs: Int) ->
 
 
 @njit(nogil=True, cache=True)
-def runs_vertical(extent: Array, scale: float, runs: Int) -> None:
+def runs_vertical(extent: Float64, scale: float, runs: Int32) -> None:
     """Write the run of cells of each cuboid of a vertical plane: a along u, b upwards.
 
     Parameters
@@ -79,7 +76,7 @@ def runs_vertical(extent: Array, scale: float, runs: Int) -> None:
 
 @njit(nogil=True, cache=True)
 def measure_vertical(
-    cuboids: CuboidArrays, members: Index, ux: float, uy: float, extent: Array
+    cuboids: CuboidArrays, members: Int64, ux: float, uy: float, extent: Float64
 ) -> None:
     """Write where the points of each cuboid of a vertical plane are.
 
@@ -109,7 +106,7 @@ def measure_vertical(
 
 
 @njit(nogil=True, cache=True)
-def draw_runs(raster: Int, runs: Int, low_a: int, low_b: int) -> int:
+def draw_runs(raster: Int32, runs: Int32, low_a: int, low_b: int) -> int:
     """Mark the cells of all runs as SAMPLE; return how many they are.
 
     (low_a, low_b) is the raster's first cell.

@@ -6,16 +6,14 @@ loop over all planes of a map.
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Float64, Int32
 
 __all__ = ["crosses", "is_inside", "signed_area", "simplify"]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
-
 
 @njit(nogil=True, cache=True)
-def signed_area(ring: Array) -> float:
+def signed_area(ring: Float64) -> float:
     """Return the area of a ring, positive if counter-clockwise."""
     total, j = 0.0, len(ring) - 1
     for i in range(len(ring)):
@@ -25,7 +23,7 @@ def signed_area(ring: Array) -> float:
 
 
 @njit(nogil=True, cache=True)
-def is_inside(ring: Array, x: float, y: float) -> bool:
+def is_inside(ring: Float64, x: float, y: float) -> bool:
     """Return whether a point is inside a ring."""
     inside, j = False, len(ring) - 1
     for i in range(len(ring)):
@@ -38,7 +36,7 @@ def is_inside(ring: Array, x: float, y: float) -> bool:
 
 
 @njit(nogil=True, cache=True)
-def simplify(ring: Array, tolerance: float) -> Array:
+def simplify(ring: Float64, tolerance: float) -> Float64:
     """Leave out corners of a ring that lie within a tolerance of what remains.
 
     Douglas and Peucker's rule, from the lowest corner and the one that is furthest from it. A ring
@@ -90,7 +88,7 @@ def simplify(ring: Array, tolerance: float) -> Array:
 
 
 @njit(nogil=True, cache=True)
-def crosses(vertices: Array, ends: Int) -> bool:
+def crosses(vertices: Float64, ends: Int32) -> bool:
     """Return whether any two sides of some rings cross or touch, neighbours of a ring excepted."""
     n = len(vertices)
     after = np.empty(n, np.int32)
@@ -119,13 +117,13 @@ def crosses(vertices: Array, ends: Int) -> bool:
 
 
 @njit(nogil=True, cache=True)
-def turn(v: Array, p: int, q: int, r: int) -> float:
+def turn(v: Float64, p: int, q: int, r: int) -> float:
     """Return twice the signed area of three vertices."""
     return (v[q, 0] - v[p, 0]) * (v[r, 1] - v[p, 1]) - (v[q, 1] - v[p, 1]) * (v[r, 0] - v[p, 0])
 
 
 @njit(nogil=True, cache=True)
-def sides_meet(v: Array, p: int, q: int, r: int, s: int) -> bool:
+def sides_meet(v: Float64, p: int, q: int, r: int, s: int) -> bool:
     """Return whether two sides p q and r s have a point in common."""
     if min(v[p, 1], v[q, 1]) > max(v[r, 1], v[s, 1]) or min(v[r, 1], v[s, 1]) > max(
         v[p, 1], v[q, 1]
@@ -139,7 +137,7 @@ def sides_meet(v: Array, p: int, q: int, r: int, s: int) -> bool:
 
 
 @njit(nogil=True, cache=True)
-def folds(v: Array, p: int, q: int, r: int, s: int) -> bool:
+def folds(v: Float64, p: int, q: int, r: int, s: int) -> bool:
     """Return whether two sides with a common vertex lie on each other."""
     if q == r:
         a, b, c = p, q, s

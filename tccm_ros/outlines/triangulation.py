@@ -9,12 +9,10 @@ from typing import NamedTuple
 import mapbox_earcut
 import numpy as np
 import shapely
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Float64, Int64
 
 __all__ = ["FilledOutline", "fill_outline", "fill_rings"]
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 
 class FilledOutline(NamedTuple):

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tccm_ros import __version__
+from tccm_ros.arrays import Float64
 from tccm_ros.atomic import output_folder
 from tccm_ros.bags.reader import BagPaths, bag_paths
 from tccm_ros.config import Config
@@ -189,7 +189,7 @@ def _write(
     return content
 
 
-def _T_map_odom(outcome: Outcome) -> NDArray[np.float64]:
+def _T_map_odom(outcome: Outcome) -> Float64:
     """Return where the odometry frame was in map at each cycle, (C, 4, 4)."""
     stamps = np.array([cycle.stamp_ns for cycle in outcome.cycles], np.int64)
     T_odom_base = np.array([cycle.T_odom_base for cycle in outcome.cycles]).reshape(-1, 4, 4)

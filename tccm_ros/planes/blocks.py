@@ -11,16 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.moments import plane_of
 from tccm_ros.planes.arrays import PlaneMap
 
 __all__ = ["BLOCK_BITS", "LEVELS", "Blocks", "find_patches", "queue_around", "sort_into_blocks"]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
-Flags = NDArray[np.bool_]
 
 BLOCK_BITS = 2
 """A block of the lowest level is 2**2 cells wide."""
@@ -48,8 +45,8 @@ class Blocks(NamedTuple):
         Indices of the first block's first cell.
     """
 
-    start: Int
-    order: Int
+    start: Int32
+    order: Int32
     rows: int
     wide: int
     low_x: int
@@ -57,7 +54,7 @@ class Blocks(NamedTuple):
 
 
 @njit(nogil=True, cache=True)
-def sort_into_blocks(ix: Int, iy: Int) -> Blocks:
+def sort_into_blocks(ix: Int32, iy: Int32) -> Blocks:
     """Sort cuboids, whose cells are sorted by (ix, iy), into blocks of the lowest level."""
     n = len(ix)
     low_x, low_y = ix[0], iy.min()
@@ -82,7 +79,7 @@ def sort_into_blocks(ix: Int, iy: Int) -> Blocks:
 
 
 @njit(nogil=True, cache=True)
-def queue_around(b: int, mark: int, blocks: Blocks, queue: Int, queued: int, stamp: Int) -> int:
+def queue_around(b: int, mark: int, blocks: Blocks, queue: Int32, queued: int, stamp: Int32) -> int:
     """Queue the blocks around block b that have not the mark yet; return how many are queued."""
     rows, wide = blocks.rows, blocks.wide
     bx, by = b // wide, b % wide
@@ -108,15 +105,15 @@ class _Pools(NamedTuple):
         float64 (.., 10).
     """
 
-    low: Int
-    high: Int
-    tall: Flags
-    moments: Array
+    low: Int32
+    high: Int32
+    tall: Bool
+    moments: Float64
 
 
 @njit(nogil=True, cache=True)
 def _pool(
-    head: Int, following: Int, pools: _Pools, used: int, block: int, of: int, gap: int
+    head: Int32, following: Int32, pools: _Pools, used: int, block: int, of: int, gap: int
 ) -> int:
     """Add pool `of`, not used any more, to one of a block that it meets but for a gap.
 
@@ -142,7 +139,7 @@ def _pool(
 
 
 @njit(nogil=True, cache=True)
-def may_span(m: Array, least: float) -> bool:
+def may_span(m: Float64, least: float) -> bool:
     """Tell whether the second eigenvalue of the points' covariance may be `least`: lines cannot.
 
     With minors l1 l2 + l1 l3 + l2 l3 and l1 a third of the trace at least, l2 is at most three
@@ -159,7 +156,7 @@ def may_span(m: Array, least: float) -> bool:
 @njit(nogil=True, cache=True)
 def find_patches(
     cuboids: PlaneMap, blocks: Blocks, max_rms: float, min_count: float
-) -> tuple[Array, Array, Int]:
+) -> tuple[Float64, Float64, Int32]:
     """Find the flat patches of all levels.
 
     Parameters
@@ -261,7 +258,7 @@ def find_patches(
 
 
 @njit(nogil=True, cache=True)
-def flatness_order(planes: Array) -> Int:
+def flatness_order(planes: Float64) -> Int32:
     """Return patches by growing thickness, in powers of two; equal ones keep their order."""
     classes = 24
     n = len(planes)

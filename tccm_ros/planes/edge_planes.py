@@ -8,16 +8,13 @@ surface. Its cuboids tell: nearly each lies beside one of a plane that is at lea
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.planes.arrays import PlaneMap, PlaneTable, keep_planes
 from tccm_ros.planes.blocks import BLOCK_BITS, Blocks
 
 __all__ = ["drop_edge_planes"]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
-Flags = NDArray[np.bool_]
 
 FLATTER = 4.0
 """A plane is flatter than another if its variance across is this many times smaller."""
@@ -31,7 +28,7 @@ EDGE = 0.8
 
 @njit(nogil=True, cache=True)
 def drop_edge_planes(
-    cuboids: PlaneMap, blocks: Blocks, labels: Int, planes: PlaneTable, is_vertical: Flags
+    cuboids: PlaneMap, blocks: Blocks, labels: Int32, planes: PlaneTable, is_vertical: Bool
 ) -> PlaneTable:
     """Drop the planes that are edges of flatter ones.
 
@@ -73,7 +70,7 @@ def drop_edge_planes(
 
 
 @njit(nogil=True, cache=True)
-def flattest_by_block(blocks: Blocks, labels: Int, variance: Array) -> Array:
+def flattest_by_block(blocks: Blocks, labels: Int32, variance: Float64) -> Float64:
     """Return the least variance of the planes of each block's cuboids, inf where there are none."""
     start, order = blocks.start, blocks.order
     flattest = np.full(len(start) - 1, np.inf)
@@ -87,7 +84,7 @@ def flattest_by_block(blocks: Blocks, labels: Int, variance: Array) -> Array:
 
 @njit(nogil=True, cache=True)
 def is_beside(
-    cuboids: PlaneMap, i: int, blocks: Blocks, labels: Int, variance: Array, flattest: Array,
+    cuboids: PlaneMap, i: int, blocks: Blocks, labels: Int32, variance: Float64, flattest: Float64,
     most: float,
 ) -> bool:  # fmt: skip
     """Return whether cuboid i is beside one of a plane whose variance is `most` at most."""

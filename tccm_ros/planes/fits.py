@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, Cuboids
 from tccm_ros.cuboids.moments import FLAT, tangents, uncertainty_of
@@ -25,8 +26,6 @@ from tccm_ros.planes.search import planes_of
 from tccm_ros.records import PlaneKind
 
 __all__ = ["PlaneFit", "PlaneFits", "find_planes"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +41,12 @@ class PlaneCuboids:
     """
 
     cuboids: Cuboids
-    labels: NDArray[np.int32]
-    normals: Array
-    offsets: Array
+    labels: Int32
+    normals: Float64
+    offsets: Float64
 
     @cached_property
-    def _sorted(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _sorted(self) -> tuple[Int64, Int64]:
         return members_by_plane(self.labels, len(self.offsets))
 
     @cached_property
@@ -55,7 +54,7 @@ class PlaneCuboids:
         """The outline of each plane."""
         return outlines(self.cuboids, *self._sorted, self.normals, self.offsets)
 
-    def members(self, index: int) -> NDArray[np.int64]:
+    def members(self, index: int) -> Int64:
         """Return the indices of a plane's cuboids, rising."""
         members, starts = self._sorted
         return members[starts[index] : starts[index + 1]]
@@ -86,26 +85,26 @@ class PlaneFit:
 
     index: int
     kind: PlaneKind
-    normal: Array
+    normal: Float64
     offset: float
     support: int
     rms: float
-    moments: Array
+    moments: Float64
     origin: tuple[float, float, float]
     owned: PlaneCuboids
 
     @cached_property
-    def centroid(self) -> Array:
+    def centroid(self) -> Float64:
         """Mean of the points that shaped the fit, float64 (3,), m."""
         return self.moments[1:4] / self.moments[0] + self.origin
 
     @cached_property
-    def tangents(self) -> tuple[Array, Array]:
+    def tangents(self) -> tuple[Float64, Float64]:
         """Level direction u and slope direction v; (u, v, normal) is right-handed."""
         return tangents(self.normal)
 
     @property
-    def covariance(self) -> Array:
+    def covariance(self) -> Float64:
         """Covariance (3, 3) of (rotation about u, rotation about v, offset at the centroid).
 
         Of least squares with equal, independent noise of `rms` in every point, in rad and m.
@@ -118,11 +117,11 @@ class PlaneFit:
         return float(self._uncertainty[1])
 
     @cached_property
-    def _uncertainty(self) -> tuple[Array, float]:
+    def _uncertainty(self) -> tuple[Float64, float]:
         return uncertainty_of(self.moments, self.normal, max(self.rms**2, FLAT))
 
     @cached_property
-    def members(self) -> NDArray[np.int64]:
+    def members(self) -> Int64:
         """Indices of its cuboids."""
         return self.owned.members(self.index)
 
@@ -132,12 +131,12 @@ class PlaneFit:
         return self.owned.outlines[self.index]
 
     @property
-    def boundary(self) -> Array:
+    def boundary(self) -> Float64:
         """Outer ring of `outline`."""
         return self.outline.boundary
 
     @property
-    def holes(self) -> tuple[Array, ...]:
+    def holes(self) -> tuple[Float64, ...]:
         """Inner rings of `outline`."""
         return self.outline.holes
 
@@ -158,9 +157,7 @@ class PlaneFits(Sequence[PlaneFit]):
         int32 (N,), index of each cuboid's plane, -1 for none.
     """
 
-    def __init__(
-        self, cuboids: Cuboids, labels: NDArray[np.int32], rows: PlaneTable, origin: Array
-    ) -> None:
+    def __init__(self, cuboids: Cuboids, labels: Int32, rows: PlaneTable, origin: Float64) -> None:
         self.cuboids = cuboids
         self.labels = labels
         self._rows = rows

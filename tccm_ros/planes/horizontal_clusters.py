@@ -7,20 +7,17 @@ a table into strips. Here the neighbourhood follows the local sample spacing, se
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int32
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
 from tccm_ros.cuboids.linking import link
 
 __all__ = ["label_horizontal"]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
-
 
 def label_horizontal(
     cuboids: Cuboids, height_threshold: float = 0.010, min_cuboids: int = 4
-) -> NDArray[np.int32]:
+) -> Int32:
     """Label the horizontal surfaces of a map.
 
     Parameters
@@ -47,13 +44,15 @@ def label_horizontal(
 
 
 @njit(nogil=True, cache=True)
-def _label(ix: Int, iy: Int, top: Int, s: Array, count: Array, threshold: float, least: int) -> Int:
+def _label(
+    ix: Int32, iy: Int32, top: Int32, s: Float64, count: Float64, threshold: float, least: int
+) -> Int32:
     """Label what `linking.link` connects."""
     return _number(link(ix, iy, top, _mean_heights(s, count), threshold)[0], least)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def _mean_heights(s: Array, count: Array) -> Int:
+def _mean_heights(s: Float64, count: Float64) -> Int32:
     """Return the mean height of each cuboid, ticks."""
     mean = np.empty(len(count), np.int32)
     for i in range(len(count)):
@@ -62,7 +61,7 @@ def _mean_heights(s: Array, count: Array) -> Int:
 
 
 @njit(nogil=True, cache=True)
-def _number(root: Int, least: int) -> Int:
+def _number(root: Int32, least: int) -> Int32:
     """Turn set representatives (the smallest index of each set) into labels from 0."""
     n = len(root)
     size = np.zeros(n, np.int32)

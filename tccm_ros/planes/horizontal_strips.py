@@ -21,13 +21,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.union_find import find_root, unite
 
 __all__ = ["LEAST_WIDTH", "horizontal_strips"]
 
-Float64 = NDArray[np.float64]
-Index = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 TOLERANCE = 0.006
 """Points further than this from the height of their run are not of it, m: three deviations of the
@@ -101,7 +99,7 @@ LEAST_LENGTH = 0.30
 """And its length, m: what is shorter and as narrow is the top of a thing."""
 
 
-def horizontal_strips(points: Float64, lines: Index, surface: Index, viewpoint: Float64) -> Index:
+def horizontal_strips(points: Float64, lines: Int64, surface: Int64, viewpoint: Float64) -> Int64:
     """Complete the horizontal surfaces of a tilt cycle by what its lines tell.
 
     Parameters
@@ -139,7 +137,7 @@ def horizontal_strips(points: Float64, lines: Index, surface: Index, viewpoint: 
     return completed
 
 
-def _plane_of_runs(of_point: Index, surface: Index, runs: int) -> Index:
+def _plane_of_runs(of_point: Int64, surface: Int64, runs: int) -> Int64:
     """Return the horizontal plane on which most points of each run lie, int64 (R,), -1 for none."""
     on = (of_point >= 0) & (surface >= 0)
     planes = surface.max(initial=0) + 1
@@ -151,7 +149,7 @@ def _plane_of_runs(of_point: Index, surface: Index, runs: int) -> Index:
     return plane
 
 
-def _usual_step(scan: Index, azimuth: Float64) -> float:
+def _usual_step(scan: Int64, azimuth: Float64) -> float:
     """Return the angle between neighbouring beams, rad."""
     steps = np.diff(azimuth)[np.diff(scan) == 0]
     return float(np.median(steps)) if len(steps) else 0.0
@@ -159,8 +157,8 @@ def _usual_step(scan: Index, azimuth: Float64) -> float:
 
 @njit(nogil=True, cache=True)
 def goes_on_vertically(
-    scan: Index, seen: Float64, azimuth: Float64, step: float, of_point: Index, runs: Runs
-) -> Flags:
+    scan: Int64, seen: Float64, azimuth: Float64, step: float, of_point: Int64, runs: Runs
+) -> Bool:
     """Return of which runs the line before or after lies straight above or below; bool (R,).
 
     It does where it is as far away at the same bearing, whatever corners the run has.
@@ -203,7 +201,7 @@ def distance_at(seen: Float64, azimuth: Float64, a: int, b: int, bearing: float)
 
 
 @njit(nogil=True, cache=True)
-def link_runs(runs: Runs, is_vertical: Flags, step: float) -> Index:
+def link_runs(runs: Runs, is_vertical: Bool, step: float) -> Int64:
     """Put runs of neighbouring lines together that have one height; int64 (R,), their roots."""
     parent = np.arange(len(runs)).astype(np.int32)
     begin = 0
@@ -245,7 +243,7 @@ def distance_between(a: Any, b: Any) -> tuple[float, float]:
     return apart, 2.0 * math.sqrt(ex * ex + ey * ey)
 
 
-def _strips(roots: Index, is_vertical: Flags, of_point: Index, runs: Runs, seen: Float64) -> Index:
+def _strips(roots: Int64, is_vertical: Bool, of_point: Int64, runs: Runs, seen: Float64) -> Int64:
     """Return the number of each run's strip, from 0, -1 where it is too small; int64 (R,)."""
     _, group = np.unique(roots, return_inverse=True)
     on = of_point >= 0
@@ -262,7 +260,7 @@ def _strips(roots: Index, is_vertical: Flags, of_point: Index, runs: Runs, seen:
     return number[group]
 
 
-def _extents(group: Index, xy: Float64) -> tuple[Float64, Float64]:
+def _extents(group: Int64, xy: Float64) -> tuple[Float64, Float64]:
     """Return width and length of groups of points, float64 (G,), m, as those of an even spread."""
     count = np.bincount(group)
     x, y = (np.bincount(group, xy[:, k]) / count for k in range(2))
@@ -273,7 +271,7 @@ def _extents(group: Index, xy: Float64) -> tuple[Float64, Float64]:
 
 
 @njit(nogil=True, cache=True)
-def find_runs(scan: Index, seen: Float64, azimuth: Float64, step: float) -> tuple[Index, Runs]:
+def find_runs(scan: Int64, seen: Float64, azimuth: Float64, step: float) -> tuple[Int64, Runs]:
     """Find the horizontal runs of all lines.
 
     Parameters
@@ -333,7 +331,7 @@ def find_runs(scan: Index, seen: Float64, azimuth: Float64, step: float) -> tupl
 
 
 @njit(nogil=True, cache=True)
-def add_up(seen: Float64, azimuth: Float64, members: Index, count: int, sums: Float64) -> None:
+def add_up(seen: Float64, azimuth: Float64, members: Int64, count: int, sums: Float64) -> None:
     """Write running sums of azimuth, height and their products over the members of a run."""
     for k in range(count):
         a = azimuth[members[k]] - azimuth[members[0]]
@@ -382,7 +380,7 @@ def is_horizontal(sums: Float64, low: int, high: int, run: Any) -> bool:
 
 @njit(nogil=True, cache=True)
 def write_run(
-    scan: Index, seen: Float64, azimuth: Float64, members: Index, low: int, high: int, run: Any
+    scan: Int64, seen: Float64, azimuth: Float64, members: Int64, low: int, high: int, run: Any
 ) -> None:
     """Write the rest of a run."""
     first, last, z = members[low], members[high - 1], 0.0

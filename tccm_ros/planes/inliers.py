@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.inclination import CROSSES_CELLS_ONCE
 from tccm_ros.cuboids.intrinsics import lowest_bit
 from tccm_ros.cuboids.moments import Moments, plane_of, residuals_of
@@ -29,9 +30,6 @@ __all__ = [
     "sharing_cells",
 ]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
-Flags = NDArray[np.bool_]
 Words = NDArray[np.uint64]
 Plane = tuple[float, float, float, float, float]
 """nx, ny, nz, offset, variance across."""
@@ -77,14 +75,14 @@ def is_mixed(n: float, second: float, variance: float, deviations: float) -> boo
 
 
 @njit(nogil=True, cache=True)
-def pooled_plane(total: Array | Moments) -> Plane:
+def pooled_plane(total: Float64 | Moments) -> Plane:
     """Return the plane of a moment vector, with the noise floor."""
     nx, ny, nz, d, _, _, variance = plane_of(total)
     return nx, ny, nz, d, max(variance, NOISE_FLOOR * NOISE_FLOOR)
 
 
 @njit(nogil=True, cache=True)
-def add_scaled(total: Moments, m: Array, weight: float) -> Moments:
+def add_scaled(total: Moments, m: Float64, weight: float) -> Moments:
     """Return moments with others added, times a weight; a tuple, so that it stays in registers."""
     return (
         total[0] + weight * m[0], total[1] + weight * m[1], total[2] + weight * m[2],
@@ -105,7 +103,7 @@ def squares_about(plane: Plane) -> Moments:
 
 
 @njit(nogil=True, cache=True)
-def dot(weights: Moments, m: Array) -> float:
+def dot(weights: Moments, m: Float64) -> float:
     """Return the weighted sum of moments."""
     return (
         (weights[0] * m[0] + weights[1] * m[1] + weights[2] * m[2])
@@ -127,16 +125,16 @@ class Flood(NamedTuple):
         uint64, a bit for each cuboid: zero before and after.
     """
 
-    queue: Int
-    stamp: Int
+    queue: Int32
+    stamp: Int32
     is_inlier: Words
 
 
 @njit(nogil=True, cache=True)
 def assign_inliers(
-    M: Array, blocks: Blocks, flood: Flood, queued: int, mark: int, labels: Int, plane: Plane,
+    M: Float64, blocks: Blocks, flood: Flood, queued: int, mark: int, labels: Int32, plane: Plane,
     weight: float,
-) -> Int:  # fmt: skip
+) -> Int32:  # fmt: skip
     """Flood from a region's blocks over all blocks that hold cuboids of its plane.
 
     Parameters
@@ -190,7 +188,7 @@ def assign_inliers(
 
 
 @njit(nogil=True, cache=True)
-def drain(is_set: Words, count: int) -> Int:
+def drain(is_set: Words, count: int) -> Int32:
     """Return the indices of the `count` bits that are set, rising, and clear them."""
     members = np.empty(count, np.int32)
     used = 0
@@ -205,7 +203,7 @@ def drain(is_set: Words, count: int) -> Int:
 
 
 @njit(nogil=True, cache=True)
-def sharing_cells(ix: Int, iy: Int, members: Int) -> Flags:
+def sharing_cells(ix: Int32, iy: Int32, members: Int32) -> Bool:
     """Tell which members, sorted by cell, have others in their cells, bool (M,)."""
     is_sharing = np.zeros(len(members), np.bool_)
     for k in range(1, len(members)):
@@ -218,7 +216,7 @@ def sharing_cells(ix: Int, iy: Int, members: Int) -> Flags:
 
 @njit(nogil=True, cache=True)
 def fit_horizontal(
-    cuboids: PlaneMap, members: Int, deep: Flags, plane: Plane, total: Array
+    cuboids: PlaneMap, members: Int32, deep: Bool, plane: Plane, total: Float64
 ) -> Plane:
     """Fit a plane that is not vertical, so that its cells lie side by side.
 

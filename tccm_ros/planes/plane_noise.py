@@ -8,11 +8,11 @@ A level plane through the front of a ledge and its top is thicker than that by f
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Bool, Float64, Int32, Int64
 
 __all__ = ["are_too_thick", "range_noise"]
 
-Float64 = NDArray[np.float64]
 
 LEAST_SLOPE = 0.02
 """Beams are taken to meet planes at least this steeply (sine): flatter ones are never straight."""
@@ -26,12 +26,12 @@ UNEVEN = 0.005
 
 def are_too_thick(
     points: Float64,
-    labels: NDArray[np.int32],
+    labels: Int32,
     normals: Float64,
     offsets: Float64,
     rms: Float64,
     viewpoint: Float64,
-) -> NDArray[np.bool_]:
+) -> Bool:
     """Tell which planes of a sweep are thicker than the noise of the sweep's ranges explains.
 
     Parameters
@@ -54,7 +54,7 @@ def are_too_thick(
     return np.asarray((rms > SIGMAS * noise * slope + UNEVEN) & (count > 0))
 
 
-def range_noise(implied: Float64, count: NDArray[np.int64]) -> float:
+def range_noise(implied: Float64, count: Int64) -> float:
     """Return the noise of the ranges that most points' planes imply: the weighted median, m."""
     if not count.any():
         return 0.0
@@ -65,11 +65,11 @@ def range_noise(implied: Float64, count: NDArray[np.int64]) -> float:
 
 def _slopes(
     points: Float64,
-    labels: NDArray[np.int32],
+    labels: Int32,
     normals: Float64,
     offsets: Float64,
     viewpoint: Float64,
-) -> tuple[Float64, NDArray[np.int64]]:
+) -> tuple[Float64, Int64]:
     """Return the sine of the angle at which beams meet each plane, rms, and its points, (F,).
 
     It is the distance of the laser from the plane over the length of the beam.

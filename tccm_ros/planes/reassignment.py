@@ -10,8 +10,8 @@ plane that is not vertical.
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.moments import residuals_of
 from tccm_ros.planes.arrays import PlaneTable, keep_planes
 from tccm_ros.planes.blocks import Blocks
@@ -19,9 +19,6 @@ from tccm_ros.planes.inliers import GATE, NOISE_FLOOR
 
 __all__ = ["reassign_inliers"]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
-Flags = NDArray[np.bool_]
 
 OFF = 2.5
 """Deviations of the horizontal plane by which points must be off the vertical one."""
@@ -35,7 +32,7 @@ KEPT = 0.5
 
 @njit(nogil=True, cache=True)
 def reassign_inliers(
-    M: Array, blocks: Blocks, labels: Int, planes: PlaneTable, is_vertical: Flags
+    M: Float64, blocks: Blocks, labels: Int32, planes: PlaneTable, is_vertical: Bool
 ) -> PlaneTable:
     """Give horizontal planes the inliers that vertical ones hold; drop those left with too few.
 
@@ -73,8 +70,8 @@ def reassign_inliers(
 
 @njit(nogil=True, cache=True)
 def horizontal_planes_by_block(
-    blocks: Blocks, labels: Int, is_vertical: Flags
-) -> tuple[Int, Int, Flags]:
+    blocks: Blocks, labels: Int32, is_vertical: Bool
+) -> tuple[Int32, Int32, Bool]:
     """List the horizontal planes of each block.
 
     Returns
@@ -111,7 +108,9 @@ def horizontal_planes_by_block(
 
 
 @njit(nogil=True, cache=True)
-def horizontal_planes_around(b: int, blocks: Blocks, first: Int, horizontal: Int, near: Int) -> int:
+def horizontal_planes_around(
+    b: int, blocks: Blocks, first: Int32, horizontal: Int32, near: Int32
+) -> int:
     """Write the horizontal planes in and around block b to `near`, rising; return how many."""
     rows, wide = blocks.rows, blocks.wide
     bx, by = b // wide, b % wide
@@ -133,7 +132,7 @@ def horizontal_planes_around(b: int, blocks: Blocks, first: Int, horizontal: Int
 
 @njit(nogil=True, cache=True)
 def reassign_block(
-    M: Array, block: Int, near: Int, labels: Int, planes: PlaneTable, is_vertical: Flags
+    M: Float64, block: Int32, near: Int32, labels: Int32, planes: PlaneTable, is_vertical: Bool
 ) -> None:
     """Label the cuboids of a block that a vertical plane explains less well than one of `near`.
 

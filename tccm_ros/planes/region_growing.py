@@ -4,15 +4,13 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int32
 from tccm_ros.cuboids.moments import FLAT, plane_of, residuals_of
 from tccm_ros.planes.blocks import Blocks, flatness_order
 
 __all__ = ["cover", "grow_regions"]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
 
 JOIN = 2.5
 """A patch joins a region if its rms about the region's plane is within this factor of its noise."""
@@ -22,7 +20,7 @@ SLACK = 0.002
 
 
 @njit(nogil=True, cache=True)
-def cover(place: Int, rows: int, wide: int) -> tuple[Int, Int, Int]:
+def cover(place: Int32, rows: int, wide: int) -> tuple[Int32, Int32, Int32]:
     """List for each block of the lowest level the patches that cover it.
 
     Returns
@@ -53,8 +51,8 @@ def cover(place: Int, rows: int, wide: int) -> tuple[Int, Int, Int]:
 
 @njit(nogil=True, cache=True)
 def grow_regions(
-    moments: Array, planes: Array, place: Int, blocks: Blocks, max_rms: float
-) -> tuple[Int, Array]:
+    moments: Float64, planes: Float64, place: Int32, blocks: Blocks, max_rms: float
+) -> tuple[Int32, Float64]:
     """Grow regions from the flattest patches; arguments as `find_patches` takes and returns them.
 
     Returns

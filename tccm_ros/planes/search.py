@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.cuboids import CuboidArrays
 from tccm_ros.cuboids.inclination import CROSSES_CELLS_ONCE, FITTED_AS_VERTICAL
 from tccm_ros.cuboids.linking import link_in_plane
@@ -30,9 +30,6 @@ from tccm_ros.planes.vertical_planes import fit_vertical
 
 __all__ = ["Limits", "planes_of", "segment"]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
-Flags = NDArray[np.bool_]
 
 PATCH_POINTS = 6
 """Least points of a flat patch: a plane has three parameters, and needs as many to judge it."""
@@ -62,9 +59,9 @@ class Limits(NamedTuple):
 
 @njit(nogil=True, cache=True)
 def planes_of(
-    arrays: tuple[Any, ...], caps: tuple[Int, Array], origin: Array, view: Array,
+    arrays: tuple[Any, ...], caps: tuple[Int32, Float64], origin: Float64, view: Float64,
     limits: tuple[float, float, float, float, float],
-) -> tuple[Int, PlaneTable]:  # fmt: skip
+) -> tuple[Int32, PlaneTable]:  # fmt: skip
     """Find all planes of a map: `segment`, from plain tuples, in one compiled call.
 
     Parameters
@@ -81,7 +78,7 @@ def planes_of(
 
 
 @njit(nogil=True, cache=True)
-def segment(cuboids: PlaneMap, view: Array, limits: Limits) -> tuple[Int, PlaneTable]:
+def segment(cuboids: PlaneMap, view: Float64, limits: Limits) -> tuple[Int32, PlaneTable]:
     """Find all planes of a map.
 
     Parameters
@@ -130,13 +127,13 @@ def segment(cuboids: PlaneMap, view: Array, limits: Limits) -> tuple[Int, PlaneT
 
 
 @njit(nogil=True, cache=True)
-def are_vertical(planes: PlaneTable) -> Flags:
+def are_vertical(planes: PlaneTable) -> Bool:
     """Return which planes are fitted as vertical ones, bool (P,)."""
     return np.abs(planes["normal"][:, 2]) < FITTED_AS_VERTICAL
 
 
 @njit(nogil=True, cache=True)
-def orient(row: Any, view: Array, start: Array, horizontal: float) -> None:
+def orient(row: Any, view: Float64, start: Float64, horizontal: float) -> None:
     """Turn a plane's normal up or towards the laser, and bring its offset from `start` to the map.
 
     Normals whose vertical component is `horizontal` at least belong to horizontal planes.
@@ -154,7 +151,7 @@ def orient(row: Any, view: Array, start: Array, horizontal: float) -> None:
 
 
 @njit(nogil=True, cache=True)
-def patches_by_region(region: Int, regions: int) -> tuple[Int, Int]:
+def patches_by_region(region: Int32, regions: int) -> tuple[Int32, Int32]:
     """Return where each region's patches begin in the second array, and the patches by region."""
     first = np.zeros(regions + 2, np.int32)
     for r in region:
@@ -169,7 +166,7 @@ def patches_by_region(region: Int, regions: int) -> tuple[Int, Int]:
 
 
 @njit(nogil=True, cache=True)
-def queue_region(patches: Int, place: Int, blocks: Blocks, flood: Flood, mark: int) -> int:
+def queue_region(patches: Int32, place: Int32, blocks: Blocks, flood: Flood, mark: int) -> int:
     """Queue the blocks of a region's patches, and around patches of higher levels as far again.
 
     Returns how many are queued.
@@ -193,10 +190,10 @@ def queue_region(patches: Int, place: Int, blocks: Blocks, flood: Flood, mark: i
 @njit(nogil=True, cache=True)
 def split_and_fit(
     cuboids: PlaneMap,
-    members: Int,
+    members: Int32,
     plane: Plane,
     limits: Limits,
-    labels: Int,
+    labels: Int32,
     planes: PlaneTable,
     found: int,
 ) -> int:
@@ -233,7 +230,7 @@ def split_and_fit(
 
 
 @njit(nogil=True, cache=True)
-def sizes_of_sets(M: Array, members: Int, root: Int) -> tuple[Array, Int]:
+def sizes_of_sets(M: Float64, members: Int32, root: Int32) -> tuple[Float64, Int32]:
     """Return the points and the cuboids of each set, at its smallest index."""
     support, size = np.zeros(len(root)), np.zeros(len(root), np.int32)
     # Sums go on in registers for as long as the set is the same.
@@ -249,7 +246,7 @@ def sizes_of_sets(M: Array, members: Int, root: Int) -> tuple[Array, Int]:
 
 
 @njit(nogil=True, cache=True)
-def take_set(members: Int, deep: Flags, root: Int, k: int, size: int) -> tuple[Int, Flags]:
+def take_set(members: Int32, deep: Bool, root: Int32, k: int, size: int) -> tuple[Int32, Bool]:
     """Return the members of the set whose smallest index is k, and which of them are deep."""
     one, its_deep = np.empty(size, np.int32), np.empty(size, np.bool_)
     used = 0
@@ -275,7 +272,9 @@ def is_plane(row: Any, limits: Limits) -> bool:
 
 
 @njit(nogil=True, cache=True)
-def label_members(cuboids: PlaneMap, members: Int, plane: Plane, labels: Int, label: int) -> float:
+def label_members(
+    cuboids: PlaneMap, members: Int32, plane: Plane, labels: Int32, label: int
+) -> float:
     """Label the members that are within the gate of the final plane, and return their points."""
     M, is_flat = cuboids.M, abs(plane[2]) > CROSSES_CELLS_ONCE
     is_sharing = sharing_cells(cuboids.ix, cuboids.iy, members)

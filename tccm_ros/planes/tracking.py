@@ -10,17 +10,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.outlines.overlap import overlap_fractions
 from tccm_ros.planes import PlaneFit, PlaneFits
 from tccm_ros.records import PlaneRecord
 
 __all__ = ["PlaneTracker", "plane_record"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass
@@ -96,7 +94,7 @@ class PlaneTracker:
                 result[row] = self._tracks[column]
         return result
 
-    def _may_match(self, fits: list[PlaneFit]) -> NDArray[np.bool_]:
+    def _may_match(self, fits: list[PlaneFit]) -> Bool:
         """Tell which fits lie in the plane of which tracks, bool (fits, tracks)."""
         known = [track.record for track in self._tracks]
         n, m = np.array([f.normal for f in fits]), np.array([k.normal for k in known])
@@ -107,7 +105,7 @@ class PlaneTracker:
         return np.asarray(parallel & (apart <= self._config.track_distance))
 
 
-def _joined(rings: list[Array]) -> tuple[Array, NDArray[np.int64]]:
+def _joined(rings: list[Float64]) -> tuple[Float64, Int64]:
     """Return the corners of some rings one after the other, and where each ring ends."""
     return np.concatenate(rings), np.cumsum([len(ring) for ring in rings])
 

@@ -14,16 +14,14 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int32
 from tccm_ros.cuboids.caps import CAP_DEPTH
 from tccm_ros.planes.arrays import PlaneMap, cap_of
 from tccm_ros.planes.inliers import Plane
 
 __all__ = ["NO_RIM", "bins_along", "link_vertical", "pool_patches"]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
 
 RIM_DEPTH = 40
 """A highest patch is a rim unless it ends this far, ticks, below the usual height: a horizontal
@@ -34,7 +32,7 @@ NO_RIM = -(1 << 31)
 
 
 @njit(nogil=True, cache=True)
-def bins_along(ix: Int, iy: Int, members: Int, plane: Plane) -> tuple[Int, int]:
+def bins_along(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> tuple[Int32, int]:
     """Return the step of each cuboid along a vertical plane, and how many steps there are.
 
     Steps run along its horizontal direction and are as wide as a cell. Cells count by their middle,
@@ -56,7 +54,7 @@ def bins_along(ix: Int, iy: Int, members: Int, plane: Plane) -> tuple[Int, int]:
 
 
 @njit(nogil=True, cache=True)
-def link_vertical(ix: Int, iy: Int, members: Int, plane: Plane) -> Int:
+def link_vertical(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> Int32:
     """Return the connected sets of a vertical plane's cuboids: runs along its horizontal direction.
 
     As in `linking.link`, the smallest index of each set; a gap of twice the usual step ends a run.
@@ -90,7 +88,7 @@ def link_vertical(ix: Int, iy: Int, members: Int, plane: Plane) -> Int:
 
 
 @njit(nogil=True, cache=True)
-def pool_patches(cuboids: PlaneMap, members: Int, plane: Plane) -> tuple[Array, Int]:
+def pool_patches(cuboids: PlaneMap, members: Int32, plane: Plane) -> tuple[Float64, Int32]:
     """Pool the cuboids of each step along a vertical plane that overlap in height.
 
     Where caps are known those of rims are left out, and no rim remains.
@@ -159,7 +157,9 @@ def pool_patches(cuboids: PlaneMap, members: Int, plane: Plane) -> tuple[Array, 
 
 
 @njit(nogil=True, cache=True)
-def sort_into_steps(ix: Int, iy: Int, bottom: Int, members: Int, plane: Plane) -> tuple[Int, Int]:
+def sort_into_steps(
+    ix: Int32, iy: Int32, bottom: Int32, members: Int32, plane: Plane
+) -> tuple[Int32, Int32]:
     """Return a vertical plane's cuboids by step and rising, and where each step begins in them."""
     bins, count = bins_along(ix, iy, members, plane)
     start = np.zeros(count + 1, np.int32)

@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.moments import residuals_of
 from tccm_ros.planes.arrays import PlaneMap
 from tccm_ros.planes.inliers import NOISE_FLOOR, Plane, is_mixed
@@ -26,9 +26,6 @@ from tccm_ros.planes.vertical_patches import NO_RIM, pool_patches
 
 __all__ = ["fit_vertical"]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
-Flags = NDArray[np.bool_]
 
 LAYER = 0.25
 """Height, m, of the layers in which noise is estimated, as it depends on the beams' incidence, and
@@ -74,9 +71,9 @@ class _Patches(NamedTuple):
         A tick, and the height of the moments' origin, m.
     """
 
-    pooled: Array
-    rim: Int
-    layer: Int
+    pooled: Float64
+    rim: Int32
+    layer: Int32
     tick: float
     ground: float
 
@@ -84,12 +81,12 @@ class _Patches(NamedTuple):
 class _Taken(NamedTuple):
     """The patches that the last round took, bool (P,), and their moments by layer (L, 10)."""
 
-    is_taken: Flags
-    moments: Array
+    is_taken: Bool
+    moments: Float64
 
 
 @njit(nogil=True, cache=True)
-def fit_vertical(cuboids: PlaneMap, members: Int, plane: Plane, total: Array) -> Plane:
+def fit_vertical(cuboids: PlaneMap, members: Int32, plane: Plane, total: Float64) -> Plane:
     """Fit a vertical plane by weighted least squares over its patches.
 
     Parameters
@@ -124,7 +121,7 @@ def fit_vertical(cuboids: PlaneMap, members: Int, plane: Plane, total: Array) ->
 
 
 @njit(nogil=True, cache=True)
-def through_median(pooled: Array, plane: Plane) -> Plane:
+def through_median(pooled: Float64, plane: Plane) -> Plane:
     """Shift a plane to the median patch, by points.
 
     A guess through all members lies between a board and what stands a centimetre behind its foot;
@@ -151,7 +148,7 @@ def through_median(pooled: Array, plane: Plane) -> Plane:
 
 
 @njit(nogil=True, cache=True)
-def improve(patches: _Patches, plane: Plane, taken: _Taken, total: Array) -> tuple[Plane, int]:
+def improve(patches: _Patches, plane: Plane, taken: _Taken, total: Float64) -> tuple[Plane, int]:
     """Refit a vertical plane to the patches that it explains.
 
     Parameters
@@ -246,7 +243,7 @@ def is_shifted(spread: float, weight: float, first: float, variance: float) -> b
 
 
 @njit(nogil=True, cache=True)
-def add_patch(N: Array, m: Array, plane: Plane, ux: float, uy: float, k: float) -> None:
+def add_patch(N: Float64, m: Float64, plane: Plane, ux: float, uy: float, k: float) -> None:
     """Add a patch's points to the normal equations of ``e = a + b s + g z``, with weight k."""
     nx, ny, nz, d, _ = plane
     s, sx, sy = ux * m[1] + uy * m[2], ux * m[4] + uy * m[5], ux * m[5] + uy * m[7]
@@ -261,7 +258,7 @@ def add_patch(N: Array, m: Array, plane: Plane, ux: float, uy: float, k: float) 
 
 
 @njit(nogil=True, cache=True)
-def add_rim(N: Array, sides: tuple[float, float, float, float, float], k: float) -> None:
+def add_rim(N: Float64, sides: tuple[float, float, float, float, float], k: float) -> None:
     """Add the one equation of a rim, from `rim_moments`, with weight k for a point."""
     w, ws, wz, we, w2 = sides
     k /= w2
@@ -271,7 +268,7 @@ def add_rim(N: Array, sides: tuple[float, float, float, float, float], k: float)
 
 @njit(nogil=True, cache=True)
 def rim_moments(
-    m: Array, plane: Plane, ux: float, uy: float, z_rim: float
+    m: Float64, plane: Plane, ux: float, uy: float, z_rim: float
 ) -> tuple[float, float, float, float, float]:
     """Return the sums of w, w s, w z, w e and w w over a patch's points, for w = z_rim - z.
 
@@ -292,7 +289,7 @@ def rim_moments(
 
 @njit(nogil=True, cache=True)
 def add(
-    N: Array,
+    N: Float64,
     k: float,
     left: tuple[float, float, float, float, float, float],
     right: tuple[float, float, float],
@@ -310,7 +307,7 @@ def add(
 
 
 @njit(nogil=True, cache=True)
-def solve(N: Array) -> tuple[float, float, float]:
+def solve(N: Float64) -> tuple[float, float, float]:
     """Return the solution (a, b, g) of normal equations; b = g = 0 where they do not tell."""
     b, g = N[0, 1] / N[0, 0], N[0, 2] / N[0, 0]
     bb, bg, gg = N[1, 1] - b * N[0, 1], N[1, 2] - b * N[0, 2], N[2, 2] - g * N[0, 2]

@@ -10,16 +10,13 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import TICKS_PER_M
 from tccm_ros.planes import PlaneFits
 
 __all__ = ["lie_on_walls"]
 
-Float64 = NDArray[np.float64]
-Index = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 MAX_DISTANCE = 0.010
 """A point is on a vertical plane within this, and three deviations of it up to as much again, m."""
@@ -37,7 +34,7 @@ BEFORE = 0.30
 strips are found."""
 
 
-def lie_on_walls(points: Float64, surface: Index, fits: PlaneFits, is_wall: Flags) -> Flags:
+def lie_on_walls(points: Float64, surface: Int64, fits: PlaneFits, is_wall: Bool) -> Bool:
     """Return which points of horizontal surfaces lie on a wall that they do not reach there.
 
     Parameters
@@ -74,10 +71,10 @@ def lie_on_walls(points: Float64, surface: Index, fits: PlaneFits, is_wall: Flag
 
 @njit(nogil=True, cache=True)
 def mark_points(
-    points: Float64, surface: Index, cells: Index,
-    walls: tuple[Index, Index, Float64, NDArray[np.int32]], planes: Float64, size: float,
+    points: Float64, surface: Int64, cells: Int64,
+    walls: tuple[Int64, Int64, Float64, Int32], planes: Float64, size: float,
     board: Float64,
-) -> Flags:  # fmt: skip
+) -> Bool:  # fmt: skip
     """Mark points on the plane of the highest cuboid of a wall in or beside their cell.
 
     Parameters

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float32, Float64
 from tccm_ros.errors import MessageError
 from tccm_ros.records.cycle import SurfaceCloud, ViewIntervals
 from tccm_ros.records.sensors import (
@@ -61,9 +61,7 @@ def frame_name(name: str) -> str:
     return str(name).lstrip("/")
 
 
-def scan_record(
-    stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: NDArray[np.float32]
-) -> Scan:
+def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: Float32) -> Scan:
     """Return the scan of the numbers of a sensor_msgs/LaserScan.
 
     Parameters
@@ -96,9 +94,7 @@ def scan_record(
     )
 
 
-def joint_sample(
-    stamp_ns: int, names: Sequence[str], positions: NDArray[np.float64]
-) -> JointSample:
+def joint_sample(stamp_ns: int, names: Sequence[str], positions: Float64) -> JointSample:
     """Return a sample of what a joint state says."""
     if len(positions) == 0:
         names = ()
@@ -120,7 +116,7 @@ def transform_sample(
     return TransformSample(stamp_ns, parent, child, T, is_static)
 
 
-def pose_matrix(t: Vector, q: Vector, what: str) -> NDArray[np.float64]:
+def pose_matrix(t: Vector, q: Vector, what: str) -> Float64:
     """Return T (4, 4) of a translation (x, y, z) and a quaternion (x, y, z, w), normalised.
 
     Raises
@@ -136,7 +132,7 @@ def pose_matrix(t: Vector, q: Vector, what: str) -> NDArray[np.float64]:
     return _matrix(t, [value / norm for value in q])
 
 
-def _matrix(t: Vector, unit_q: Vector) -> NDArray[np.float64]:
+def _matrix(t: Vector, unit_q: Vector) -> Float64:
     """Return T (4, 4); written out because scipy takes ten times as long for a single pose."""
     x, y, z, w = unit_q
     return np.array(

@@ -8,6 +8,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float32, Float64
+
 __all__ = [
     "PlaneKind",
     "PlaneRecord",
@@ -15,9 +17,6 @@ __all__ = [
     "TabletopObject",
     "ViewIntervals",
 ]
-
-Float32 = NDArray[np.float32]
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,9 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.records.sensors import Odometry, Scan
 
 __all__ = [
@@ -25,8 +23,6 @@ __all__ = [
     "TiltAngle",
     "kind_of",
 ]
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +39,7 @@ class SelfShapes:
         float64 (S, 4, 4).
     """
 
-    kinds: NDArray[np.int64]
+    kinds: Int64
     half: Float64
     T_base_shape: Float64
 
@@ -75,7 +71,7 @@ class Posed:
     """
 
     record: Any
-    knots_ns: NDArray[np.int64]
+    knots_ns: Int64
     T_odom_base: Float64
     T_base_sensor: Float64
     role: str = ""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from tccm_ros.arrays import Float32, Float64
 
 __all__ = [
     "JointSample",
@@ -14,9 +13,6 @@ __all__ = [
     "Scan",
     "TransformSample",
 ]
-
-Float32 = NDArray[np.float32]
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

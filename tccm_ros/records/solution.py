@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from tccm_ros.arrays import Float64
 
 __all__ = [
     "Keyframe",
@@ -17,8 +16,6 @@ __all__ = [
     "SurfaceSighting",
     "Wall",
 ]
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

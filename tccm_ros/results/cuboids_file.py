@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import TICK, Cuboids
 from tccm_ros.errors import MapError, one_line
@@ -42,14 +42,14 @@ class FinalCuboids:
     """
 
     cell_size: float
-    ix: NDArray[np.int64]
-    iy: NDArray[np.int64]
-    bottom: NDArray[np.float64]
-    top: NDArray[np.float64]
-    count: NDArray[np.float64]
-    mean: NDArray[np.float64]
-    cov: NDArray[np.float64]
-    newest: NDArray[np.int64]
+    ix: Int64
+    iy: Int64
+    bottom: Float64
+    top: Float64
+    count: Float64
+    mean: Float64
+    cov: Float64
+    newest: Int64
 
     def __len__(self) -> int:
         return len(self.ix)

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.atomic import output_file
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
 from tccm_ros.errors import MapError, one_line
@@ -62,14 +63,14 @@ class CycleParts:
 
     cell_size: float
     window: int
-    cycles: NDArray[np.int32]
-    stamps_ns: NDArray[np.int64]
-    offsets: NDArray[np.int64]
+    cycles: Int32
+    stamps_ns: Int64
+    offsets: Int64
     ix: NDArray[np.int16]
     iy: NDArray[np.int16]
     bottom: NDArray[np.int16]
     top: NDArray[np.int16]
-    T_map_odom: NDArray[np.float64]
+    T_map_odom: Float64
 
     def __len__(self) -> int:
         return len(self.cycles)
@@ -84,7 +85,7 @@ class CycleHistory:
         self._cell_size = CELL_SIZE
         self._cycles: list[int] = []
         self._stamps_ns: list[int] = []
-        self._parts: list[NDArray[np.int64]] = []
+        self._parts: list[Int64] = []
 
     def add(self, cycle: int, stamp_ns: int, part: Cuboids) -> None:
         """Append the part map of one cycle, in the odometry frame."""
@@ -101,7 +102,7 @@ class CycleHistory:
             )
         )
 
-    def parts(self, T_map_odom: NDArray[np.float64]) -> CycleParts:
+    def parts(self, T_map_odom: Float64) -> CycleParts:
         """Return all cycles as one table.
 
         Parameters
@@ -130,9 +131,7 @@ class CycleHistory:
         )
 
 
-def _carried(
-    T_map_odom: NDArray[np.float64], parts: list[NDArray[np.int64]]
-) -> NDArray[np.float64]:
+def _carried(T_map_odom: Float64, parts: list[Int64]) -> Float64:
     """Return the poses, those of empty parts replaced by the last before or the first after."""
     known = np.flatnonzero([part.shape[1] > 0 for part in parts])
     if len(known) == 0:
@@ -141,18 +140,18 @@ def _carried(
     return T_map_odom[known[np.maximum(before, 0)]]
 
 
-def _must_grow(parts: list[NDArray[np.int64]]) -> bool:
+def _must_grow(parts: list[Int64]) -> bool:
     if sum(p.shape[1] for p in parts) > MAX_CUBOIDS:
         return True
     return any(p.size > 0 and np.abs(p[:2]).max() > LIMIT for p in parts)
 
 
 def coarsen(
-    ix: NDArray[np.int64],
-    iy: NDArray[np.int64],
-    bottom: NDArray[np.int64],
-    top: NDArray[np.int64],
-) -> NDArray[np.int64]:
+    ix: Int64,
+    iy: Int64,
+    bottom: Int64,
+    top: Int64,
+) -> Int64:
     """Join the intervals of each cell that touch or nearly touch.
 
     Parameters

@@ -6,13 +6,12 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.records import Wall
 
 __all__ = ["close_corners"]
 
-Float64 = NDArray[np.float64]
 
 LEAST_ANGLE = np.radians(15.0)
 """Walls nearer to parallel than this have no corner."""

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
+from tccm_ros.arrays import Float64
 from tccm_ros.errors import LogError, MapError, one_line
 from tccm_ros.results.cuboids_file import FinalCuboids, load_cuboids
 from tccm_ros.results.cycles import CycleParts, load_cycles
@@ -84,7 +84,7 @@ class Results:
         first += [cycle.stamp for cycle in self.planes[:1]]
         return min(first, default=0.0)
 
-    def view_stamps(self) -> NDArray[np.float64]:
+    def view_stamps(self) -> Float64:
         """Return the stamps of all views, sorted, each once, float64 (V,), s."""
         return np.unique([view.stamp for s in self.surfaces for view in s.views])
 

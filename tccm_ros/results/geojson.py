@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.records import Surface, Wall
 from tccm_ros.results.floor_plan import close_corners
 from tccm_ros.results.numbers import Stamp
@@ -50,7 +50,7 @@ def _surface(surface: Surface) -> dict[str, Any]:
     }
 
 
-def _wall(wall: Wall, ends: NDArray[np.float64]) -> dict[str, Any]:
+def _wall(wall: Wall, ends: Float64) -> dict[str, Any]:
     return {
         "type": "Feature",
         "geometry": {"type": "LineString", "coordinates": ends},
@@ -58,5 +58,5 @@ def _wall(wall: Wall, ends: NDArray[np.float64]) -> dict[str, Any]:
     }
 
 
-def _closed(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+def _closed(ring: Float64) -> Float64:
     return np.concatenate([ring, ring[:1]])

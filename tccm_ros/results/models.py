@@ -14,9 +14,9 @@ from enum import StrEnum
 from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, PlainValidator, WithJsonSchema
 
+from tccm_ros.arrays import Float64
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import (
     Keyframe,
@@ -60,7 +60,7 @@ __all__ = [
 def _array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValidator, Any]:
     """Return how a float64 array of a shape is read, None for any length, and its JSON Schema."""
 
-    def check(value: Any) -> NDArray[np.float64]:
+    def check(value: Any) -> Float64:
         array = np.asarray(value, np.float64)
         if array.size == 0 and shape[0] is None:
             array = array.reshape(0, *shape[1:])
@@ -79,11 +79,11 @@ def _array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValida
     return PlainValidator(check), WithJsonSchema(schema)
 
 
-Vector = Annotated[NDArray[np.float64], *_array_type(3)]
-Ring = Annotated[NDArray[np.float64], *_array_type(None, 3)]
-Ends = Annotated[NDArray[np.float64], *_array_type(2, 2)]
-Covariance2 = Annotated[NDArray[np.float64], *_array_type(2, 2, is_finite=False)]
-Covariance3 = Annotated[NDArray[np.float64], *_array_type(3, 3, is_finite=False)]
+Vector = Annotated[Float64, *_array_type(3)]
+Ring = Annotated[Float64, *_array_type(None, 3)]
+Ends = Annotated[Float64, *_array_type(2, 2)]
+Covariance2 = Annotated[Float64, *_array_type(2, 2, is_finite=False)]
+Covariance3 = Annotated[Float64, *_array_type(3, 3, is_finite=False)]
 
 
 EntryType = TypeVar("EntryType")
@@ -193,7 +193,7 @@ class ObjectsFile:
 
     @classmethod
     def of(
-        cls, objects: Iterable[SceneObject], free: Mapping[int, Sequence[NDArray[np.float64]]]
+        cls, objects: Iterable[SceneObject], free: Mapping[int, Sequence[Float64]]
     ) -> ObjectsFile:
         """Return what objects.json holds of what `scene_objects` gives."""
         return cls(

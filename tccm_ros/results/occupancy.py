@@ -11,12 +11,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int32
 from tccm_ros.atomic import output_file
 from tccm_ros.geometry import transform2
 
 __all__ = ["OccupancyGrid", "occupancy_grid", "save_grid"]
 
-Float64 = NDArray[np.float64]
 
 HIT_SHARE = 0.35
 """A cell is occupied where at least this share of the beams that reached it ended in it."""
@@ -78,9 +78,7 @@ def occupancy_grid(
 
 
 @njit(nogil=True, cache=True)
-def _trace(
-    starts: Float64, ends: Float64, hits: NDArray[np.int32], passed: NDArray[np.int32]
-) -> None:
+def _trace(starts: Float64, ends: Float64, hits: Int32, passed: Int32) -> None:
     """Count in each cell (row y, column x) the beams that ended there and that passed.
 
     Beams are straight lines from `starts` to `ends` (N, 2), in cells, all inside the grid.

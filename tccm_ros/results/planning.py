@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import pose, quaternion
 from tccm_ros.outlines.triangulation import fill_rings
 from tccm_ros.records import Surface
@@ -30,7 +30,6 @@ __all__ = [
     "surface_shape",
 ]
 
-Float64 = NDArray[np.float64]
 
 OBJECT_PREFIX = "tccm_surface_"
 """Of the names of collision objects, so that those of others stay."""
@@ -53,7 +52,7 @@ class Mesh:
     """A closed mesh in map: vertices float64 (N, 3), triangles int64 (M, 3), normals outwards."""
 
     vertices: Float64
-    triangles: NDArray[np.int64]
+    triangles: Int64
 
 
 def surface_shape(surface: Surface, thickness: float = 0.02) -> Box | Mesh:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float32
 from tccm_ros.ros.marker_parts import identity_color
 
 __all__ = ["surface_ply"]
@@ -23,7 +24,7 @@ VERTEX = np.dtype(
 PLY_TYPES = {"<f4": "float", "|u1": "uchar", "<u4": "uint"}
 
 
-def surface_ply(points: NDArray[np.float32], surface_id: NDArray[np.uint32]) -> bytes:
+def surface_ply(points: Float32, surface_id: NDArray[np.uint32]) -> bytes:
     """Return points (N, 3) with their surfaces (N,) as a binary little-endian PLY file.
 
     The properties are x y z float32, red green blue uint8, surface_id uint32.

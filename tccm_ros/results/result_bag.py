@@ -20,8 +20,8 @@ from tempfile import TemporaryFile
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter, Qos
 from tccm_ros.config import Config
@@ -189,7 +189,7 @@ class ResultBag:
                 yield _Due(cycle.end_ns, 0, partial(self._write_frames, cycle, T_map_base))
             yield _Due(cycle.end_ns, 1, partial(self._write_cycle, cycle, is_last))
 
-    def _write_frames(self, cycle: CycleResult, T_map_base: NDArray[np.float64]) -> None:
+    def _write_frames(self, cycle: CycleResult, T_map_base: Float64) -> None:
         """Write where the odometry frame and the base were at the cycle's stamp."""
         stamp_ns, types = cycle.stamp_ns, self._bag.types
         T_map_odom = T_map_base @ inverse(cycle.T_odom_base)
@@ -231,9 +231,7 @@ class ResultBag:
         if newest:
             yield _Due(max(newest), 4, partial(self._write_rest, solution, max(newest)))
 
-    def _write_pose(
-        self, stamp_ns: int, pose: NDArray[np.float64], cov: NDArray[np.float64]
-    ) -> None:
+    def _write_pose(self, stamp_ns: int, pose: Float64, cov: Float64) -> None:
         message = pose_covariance_message(
             self._bag.types, stamp_ns, self._map_frame, spatial(pose), cov
         )

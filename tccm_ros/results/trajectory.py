@@ -10,16 +10,14 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.errors import LogError, one_line
 from tccm_ros.geometry import pose_from_quaternion, quaternion
 from tccm_ros.results.numbers import Stamp, rounded
 
 __all__ = ["Trajectory", "nanoseconds", "number_columns", "read_tum", "text_rows"]
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 MAX_STAMP_S = Decimal(9_000_000_000)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError
 from tccm_ros.records import Odometry
@@ -16,9 +16,6 @@ from tccm_ros.robot.tracks import PoseTrack
 from tccm_ros.robot.urdf import Joint
 
 __all__ = ["BaseMotion", "MotionSource"]
-
-Int64 = NDArray[np.int64]
-Float64 = NDArray[np.float64]
 
 
 class MotionSource(Enum):

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import inverse
 from tccm_ros.robot.tracks import PoseTrack, ScalarTrack
 
@@ -20,9 +20,6 @@ __all__ = [
     "apply_joint",
     "twist_angle",
 ]
-
-Int64 = NDArray[np.int64]
-Float64 = NDArray[np.float64]
 
 
 @dataclass(slots=True, eq=False)

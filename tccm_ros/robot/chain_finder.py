@@ -10,8 +10,8 @@ from __future__ import annotations
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config, Rig
 from tccm_ros.errors import FrameError, suggest
 from tccm_ros.geometry import pose, pose_from_rpy
@@ -31,8 +31,6 @@ __all__ = ["ChainFinder", "MountKind"]
 
 #: Name of the base where nothing names it.
 DEFAULT_BASE = "base_link"
-
-Float64 = NDArray[np.float64]
 
 
 class MountKind(Enum):

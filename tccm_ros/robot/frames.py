@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.errors import FrameError, suggest
 from tccm_ros.geometry import inverse
 from tccm_ros.records import TransformSample
@@ -28,9 +28,6 @@ __all__ = [
 
 #: More frames than any robot has; what comes above is not kept.
 MAX_FRAMES = 4096
-
-Int64 = NDArray[np.int64]
-Float64 = NDArray[np.float64]
 
 
 @dataclass(slots=True, eq=False)

@@ -6,8 +6,8 @@ Every moving joint between base and sensor is followed; poses are given between 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Int64
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, suggest
 from tccm_ros.records import SelfShapes
@@ -25,8 +25,6 @@ SAMPLE_STEP_NS = 10_000_000
 """Poses are given at least this often, so that what lies between is a short arc."""
 
 NO_STAMPS = np.zeros(0, np.int64)
-
-Int64 = NDArray[np.int64]
 
 
 class Mount:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError
 from tccm_ros.records import Posed
@@ -15,9 +13,6 @@ from tccm_ros.robot.sensor import Sensor
 from tccm_ros.robot.tracks import Track
 
 __all__ = ["Posing"]
-
-Int64 = NDArray[np.int64]
-Float64 = NDArray[np.float64]
 
 
 class Posing:

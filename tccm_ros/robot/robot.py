@@ -14,9 +14,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.errors import TopicError, suggest
 from tccm_ros.records import (
@@ -286,7 +284,7 @@ class Robot:
         return complete
 
 
-def _is_finite(T: NDArray[np.float64]) -> bool:
+def _is_finite(T: Float64) -> bool:
     """Return whether a pose is a number."""
     numbers = T.ravel()
     return math.isfinite(numbers.dot(numbers))

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.errors import FrameError
 from tccm_ros.records import SelfShapes
 from tccm_ros.robot.chain import Chain, JointReading, apply_fixed, apply_joint
@@ -22,8 +22,6 @@ SHAPE_KINDS = ("box", "sphere", "cylinder")
 
 #: Parent of what nothing moves.
 ROOT = -1
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tccm_ros.arrays import Float64
 from tccm_ros.robot.chain import JointReading, MovingTransform, Part, twist_angle
 from tccm_ros.robot.tracks import PoseTrack
 
@@ -13,8 +13,6 @@ __all__ = ["TiltReadout"]
 
 #: A moving transform has shown its axis when it has turned this far, rad.
 AXIS_ANGLE = 0.02
-
-Float64 = NDArray[np.float64]
 
 
 class TiltReadout:

@@ -6,15 +6,13 @@ a track has said of a time between two samples it will say again, whenever one a
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Float64, Int64
 
 __all__ = ["MAX_SAMPLES", "PoseTrack", "ScalarTrack", "Track"]
 
 #: Samples that a track holds before it forgets the older half: 160 s at 100 Hz.
 MAX_SAMPLES = 16384
-
-Int64 = NDArray[np.int64]
-Float64 = NDArray[np.float64]
 
 
 class Track:

@@ -9,8 +9,8 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.errors import UrdfError, one_line, suggest
 from tccm_ros.geometry import pose_from_rpy
 
@@ -21,8 +21,6 @@ MAX_URDF_BYTES = 8_000_000
 
 #: Joint types that move, and how.
 MOVING = {"revolute": "turn", "continuous": "turn", "prismatic": "slide"}
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,8 +9,9 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tccm_ros.arrays import Float64
 from tccm_ros.ros.types import MessageTypes, header_message
 
 __all__ = [
@@ -123,7 +124,7 @@ def _blank(place: Place) -> Any:
     return place.types.make("visualization_msgs/msg/Marker", header=header, action=ADD)
 
 
-def text_marker(place: Place, ns: str, identity: int, at: NDArray[np.float64], text: str) -> Any:
+def text_marker(place: Place, ns: str, identity: int, at: Float64, text: str) -> Any:
     """Return white text at a point float64 (3,), m."""
     x, y, z = at.tolist()
     scale = (0.0, 0.0, TEXT_HEIGHT)

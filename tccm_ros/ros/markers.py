@@ -10,8 +10,9 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import pose
 from tccm_ros.outlines.triangulation import fill_outline
 from tccm_ros.records import PlaneRecord, Surface, TabletopObject, Wall
@@ -53,9 +54,9 @@ COLOR_STEPS = 64
 def _area_markers(
     place: Place,
     identity: int,
-    boundary: NDArray[np.float64],
-    holes: Sequence[NDArray[np.float64]],
-    normal: NDArray[np.float64],
+    boundary: Float64,
+    holes: Sequence[Float64],
+    normal: Float64,
     color: Color,
 ) -> list[Any]:
     """Return the filled area and the outline, holes included."""
@@ -76,7 +77,7 @@ def _area_markers(
     return markers
 
 
-def _edges(lengths: Sequence[int]) -> NDArray[np.int64]:
+def _edges(lengths: Sequence[int]) -> Int64:
     """Return the corners at the ends of each edge of closed rings that lie one after the other."""
     ends = np.cumsum(lengths)
     edges = np.empty((ends[-1], 2), np.int64)

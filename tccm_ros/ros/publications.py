@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int32
 from tccm_ros.baselines.center_cores import center_cores
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import TICK, Cuboids
@@ -157,16 +157,16 @@ def _cores(place: Place, cuboids: Cuboids) -> list[Any]:
     return core_markers(place, ends[:, 0], ends[:, 1])
 
 
-def _tops(cuboids: Cuboids) -> NDArray[np.float64]:
+def _tops(cuboids: Cuboids) -> Float64:
     xy = (np.stack([cuboids.ix, cuboids.iy], axis=1) + 0.5) * cuboids.cell_size
     return np.column_stack([xy, cuboids.top * TICK])
 
 
-def _depths(cuboids: Cuboids) -> NDArray[np.float64]:
+def _depths(cuboids: Cuboids) -> Float64:
     return np.asarray((cuboids.top - cuboids.bottom) * TICK, np.float64)
 
 
-def _newest(cuboids: Cuboids) -> NDArray[np.int32]:
+def _newest(cuboids: Cuboids) -> Int32:
     return cuboids.cycles[cuboids.cycle_offsets[1:] - 1]
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float32
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.cdr.reading import read_joint_sample, read_odometry, read_transforms
 from tccm_ros.errors import MessageError
@@ -162,6 +163,6 @@ def _transform_sample(message: Any, is_static: bool) -> TransformSample:
     )
 
 
-def _float_columns(rows: NDArray[Any], names: Sequence[str]) -> NDArray[np.float32]:
+def _float_columns(rows: NDArray[Any], names: Sequence[str]) -> Float32:
     """Return named float32 columns as (N, len(names)), bit for bit."""
     return np.stack([rows[name] for name in names], axis=1).astype(np.float32, copy=False)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.ros.pointcloud import MAP_ROW, POINT_ROW, SURFACE_MAP_ROW, cloud_message
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message, stamp_message
 
@@ -110,7 +111,7 @@ def surface_map_message(
 
 
 def pose_covariance_message(
-    types: MessageTypes, stamp_ns: int, frame_id: str, T_a_b: NDArray[np.float64], cov: ArrayLike
+    types: MessageTypes, stamp_ns: int, frame_id: str, T_a_b: Float64, cov: ArrayLike
 ) -> Any:
     """Return a geometry_msgs/PoseWithCovarianceStamped.
 
@@ -136,7 +137,7 @@ def path_message(
     stamp_ns: int,
     frame_id: str,
     stamps_ns: Sequence[int],
-    T_a_b: NDArray[np.float64],
+    T_a_b: Float64,
 ) -> Any:
     """Return a nav_msgs/Path of poses (N, 4, 4) at stamps (N,)."""
     poses = [
@@ -157,7 +158,7 @@ def grid_message(
     frame_id: str,
     cells: NDArray[np.int8],
     resolution: float,
-    T_map_origin: NDArray[np.float64],
+    T_map_origin: Float64,
 ) -> Any:
     """Return a nav_msgs/OccupancyGrid.
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike
 
+from tccm_ros.arrays import Float64
 from tccm_ros.errors import MessageError
 
 __all__ = [
@@ -70,7 +70,7 @@ def header_message(types: MessageTypes, stamp_ns: int, frame_id: str) -> Any:
     )
 
 
-def pose_message(types: MessageTypes, T_a_b: NDArray[np.float64]) -> Any:
+def pose_message(types: MessageTypes, T_a_b: Float64) -> Any:
     """Return a geometry_msgs/Pose of T_a_b (4, 4)."""
     x, y, z = map(float, T_a_b[:3, 3])
     return types.make(
@@ -80,7 +80,7 @@ def pose_message(types: MessageTypes, T_a_b: NDArray[np.float64]) -> Any:
     )
 
 
-def quaternion_message(types: MessageTypes, T_a_b: NDArray[np.float64]) -> Any:
+def quaternion_message(types: MessageTypes, T_a_b: Float64) -> Any:
     """Return a geometry_msgs/Quaternion of the rotation of T_a_b (4, 4), with w >= 0."""
     x, y, z, w = _unit_quaternion(T_a_b[:3, :3].tolist())
     return types.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)

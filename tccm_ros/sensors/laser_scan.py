@@ -11,8 +11,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.cdr.reading import read_scan
 from tccm_ros.config import Config
@@ -35,9 +35,6 @@ __all__ = [
     "used_beams",
     "valid_beams",
 ]
-
-Float64 = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 
 def scan_from_message(message: Any) -> Scan:
@@ -102,7 +99,7 @@ def bearings(scan: Scan) -> Float64:
     return float(scan.angle_min) + steps * float(scan.angle_increment)
 
 
-def beam_stamps(scan: Scan) -> NDArray[np.int64]:
+def beam_stamps(scan: Scan) -> Int64:
     """Return the times of the beams, int64 (N,): beam i at ``stamp + i * time_increment``."""
     since = np.arange(len(scan.ranges)) * (scan.time_increment * 1e9)
     return scan.stamp_ns + np.rint(since).astype(np.int64)
@@ -160,7 +157,7 @@ def laser_poses(posed: PosedScan, T_frame_odom: Float64 | None = None) -> tuple[
 
 def project(
     posed: PosedScan, chosen: Bool, T_frame_odom: Float64 | None = None
-) -> tuple[Float64, NDArray[np.int32]]:
+) -> tuple[Float64, Int32]:
     """Return the hits of chosen beams bool (N,), each with the pose of its own time.
 
     Returns
@@ -203,7 +200,7 @@ def _max_range(posed: PosedScan, T_odom_shape: Float64, half: Float64) -> float:
     return 1.00001 * float((to_middle + np.linalg.norm(half, axis=-1)).max())
 
 
-def project_level(posed: PosedScan, config: Config) -> tuple[Float64, NDArray[np.int32]]:
+def project_level(posed: PosedScan, config: Config) -> tuple[Float64, Int32]:
     """Return the hits of a level scan as the base saw them at the scan's stamp.
 
     Returns

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.slam.buckets import BUCKET
 from tccm_ros.slam.level_scan import LevelScan
 from tccm_ros.slam.line_map import LineMap
@@ -22,7 +22,6 @@ from tccm_ros.slam.seen_through import passes_and_hits
 
 __all__ = ["Alignment", "Prior", "agreement", "align"]
 
-Float64 = NDArray[np.float64]
 
 ISOTROPIC_SHARE = 0.15
 """Information of a point without a normal, in each direction, relative to one on a line: where it

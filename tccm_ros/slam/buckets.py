@@ -6,13 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Bool, Float64, Int32, Int64
 
 __all__ = ["BUCKET", "Buckets", "extent_near_median", "sort_into_buckets"]
 
-Float64 = NDArray[np.float64]
-Int32 = NDArray[np.int32]
-Near = NDArray[np.bool_] | slice
+Near = Bool | slice
 
 BUCKET = 0.30
 """Edge of a bucket, m."""
@@ -64,8 +63,8 @@ def _extent(points: Float64) -> tuple[Float64, Float64]:  # pragma: no cover - c
 
 @njit(nogil=True, cache=True)
 def sort_into_buckets(
-    points: Float64, origin: Float64, shape: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], Int32]:  # pragma: no cover - compiled
+    points: Float64, origin: Float64, shape: Int64
+) -> tuple[Int64, Int32]:  # pragma: no cover - compiled
     """Sort points (N, 2) by bucket; the order within a bucket stays (a counting sort).
 
     Returns

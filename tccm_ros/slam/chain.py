@@ -6,8 +6,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors import (
     BetweenKeyframes,
     Factor,
@@ -23,7 +23,6 @@ from tccm_ros.slam.se2 import compose
 
 __all__ = ["Chain", "HungPose", "turn_for"]
 
-Float64 = NDArray[np.float64]
 
 START_SIGMA = 1e-4
 """The first pose defines the map: its standard deviation (m, rad) is only not zero."""

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors import (
     CornerObservation,
     Factor,
@@ -22,7 +22,6 @@ from tccm_ros.slam.walls import WallTable
 
 __all__ = ["Corner", "corner_factors", "find_corners", "meeting_point"]
 
-Float64 = NDArray[np.float64]
 
 JOINED = 0.25
 """Lines whose ends are nearer than this (m) meet there."""

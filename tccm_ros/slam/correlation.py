@@ -11,14 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int32, UInt8
 from tccm_ros.slam.likelihood_grid import CELL, UNKNOWN, LikelihoodGrid
 
 __all__ = ["Correlation", "correlate", "known_likelihood", "support"]
-
-Float64 = NDArray[np.float64]
-UInt8 = NDArray[np.uint8]
 
 
 class Correlation(NamedTuple):
@@ -112,7 +109,7 @@ class _Excluded(NamedTuple):
 
 @njit(nogil=True, cache=True)
 def _score(
-    level: UInt8, cells: NDArray[np.int32], dx: int, dy: int, outside: int
+    level: UInt8, cells: Int32, dx: int, dy: int, outside: int
 ) -> float:  # pragma: no cover - compiled
     """Return the mean likelihood of points whose cells are shifted by (dx, dy)."""
     total = 0
@@ -128,11 +125,11 @@ def _score(
 @njit(nogil=True, cache=True)
 def _score_blocks(
     level: UInt8,
-    cells: NDArray[np.int32],
+    cells: Int32,
     half: int,
     width: int,
     outside: int,
-    totals: NDArray[np.int32],
+    totals: Int32,
 ) -> None:  # pragma: no cover - compiled
     """Sum likelihoods over points for all shifts -half + i width, point by point.
 
@@ -204,7 +201,7 @@ def _least_square(low: int, high: int) -> int:  # pragma: no cover - compiled
 
 @njit(nogil=True, cache=True)
 def _rotate(
-    points: Float64, origin: Float64, centre: Float64, angle: float, cells: NDArray[np.int32]
+    points: Float64, origin: Float64, centre: Float64, angle: float, cells: Int32
 ) -> None:  # pragma: no cover - compiled
     c, s = np.cos(angle), np.sin(angle)
     for i in range(len(points)):

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.slam.alignment import Alignment, Prior, agreement, align
 from tccm_ros.slam.correlation import correlate
@@ -23,7 +23,6 @@ from tccm_ros.slam.se2 import between, compose, fuse, rotate_covariance
 
 __all__ = ["FrontEnd", "GraphKeyframe", "Placed"]
 
-Float64 = NDArray[np.float64]
 
 LOOSE_COV = np.diag([0.5**2, 0.5**2, 0.5**2])
 """Covariance of (x, y, yaw) of a motion that odometry does not tell, between two scans."""

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
+from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial, wrap_angle
 from tccm_ros.slam.factors import Factor, Key
 from tccm_ros.slam.factors.noise import turn_covariance
@@ -21,7 +21,6 @@ from tccm_ros.slam.marginals import marginal_blocks
 
 __all__ = ["GraphSolution", "IncrementalGraph", "PoseGraph"]
 
-Float64 = NDArray[np.float64]
 
 MAX_ITERATIONS = 50
 RELATIVE_TOLERANCE = 1e-5

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.records import Loop
 from tccm_ros.slam.chain import Chain
@@ -22,7 +20,6 @@ from tccm_ros.slam.walls import WallTable, associate_walls, confirmations
 
 __all__ = ["Inliers", "select_inliers"]
 
-Float64 = NDArray[np.float64]
 
 USED_TWICE = 2.3
 """Multiplies the reported covariances where walls and matching have used the same beams: the NEES
@@ -92,7 +89,7 @@ def select_inliers(
     return Inliers(poses, loops, records, checked.table, corners, scale, sightings)
 
 
-def _loop_records(closer: LoopCloser, kept: Sequence[bool] | NDArray[np.bool_]) -> list[Loop]:
+def _loop_records(closer: LoopCloser, kept: Sequence[bool] | Bool) -> list[Loop]:
     """Return all proposals: those that are kept, those that contradict them, and the others."""
     judged = list(zip(closer.accepted, kept))
     proposals = [replace(p, reason=LoopReason.CONSISTENT) for p, ok in judged if ok]

@@ -10,17 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tccm_ros.records import Landmark, LandmarkObservation
 from tccm_ros.slam.chain import HungPose
 from tccm_ros.slam.factors import Factor, Key, landmark_class, observer_key
 from tccm_ros.slam.graph import GraphSolution
 
 __all__ = ["LandmarkFactors", "Sighting", "landmark_factors", "landmark_records"]
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

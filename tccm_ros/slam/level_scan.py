@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar
 from tccm_ros.records import PosedScan
@@ -15,7 +15,6 @@ from tccm_ros.sensors.laser_scan import project_level
 
 __all__ = ["LevelScan", "level_scan", "thin_with_normals"]
 
-Float64 = NDArray[np.float64]
 
 THIN_DISTANCE = 0.04
 """Beams closer than this (m) along a scan say the same and are averaged."""

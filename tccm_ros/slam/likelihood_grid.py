@@ -6,14 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, UInt8
 from tccm_ros.slam.buckets import extent_near_median
 
 __all__ = ["CELL", "UNKNOWN", "LikelihoodGrid", "make_likelihood_grid", "with_unknown"]
 
-Float64 = NDArray[np.float64]
-UInt8 = NDArray[np.uint8]
 
 CELL = 0.05
 """Edge of a cell, m."""

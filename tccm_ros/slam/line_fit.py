@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Float64, Int32
 
 __all__ = ["SEGMENT", "fit_segment", "fit_segments"]
 
-Float64 = NDArray[np.float64]
 
 SEGMENT = np.dtype(
     [
@@ -30,7 +30,7 @@ MIN_INCIDENCE = 0.15
 @njit(nogil=True, cache=True)
 def fit_segments(
     beams: Float64,
-    labels: NDArray[np.int32],
+    labels: Int32,
     origin: Float64,
     sigma: float,
     min_points: int,

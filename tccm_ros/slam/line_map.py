@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.slam.buckets import BUCKET, Buckets, extent_near_median, sort_into_buckets
 from tccm_ros.slam.level_scan import LevelScan
 from tccm_ros.slam.se2 import place_scans
@@ -17,8 +17,6 @@ from tccm_ros.slam.surface_normals import fit_missing_normals, mean_normals
 
 __all__ = ["LineMap", "make_line_map"]
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 SPACING = 0.05
 """A point nearer than this (m) to one that is there already, and facing its way, adds nothing."""
@@ -50,7 +48,7 @@ class LineMap(NamedTuple):
     points: Float64
     normals: Float64
     buckets: Buckets
-    confirmed: NDArray[np.bool_]
+    confirmed: Bool
     variances: Float64
 
 
@@ -110,8 +108,8 @@ def make_line_map(poses: Float64, scans: Sequence[LevelScan]) -> LineMap:
 
 @njit(nogil=True, cache=True)
 def _thin(
-    points: Float64, normals: Float64, origin: Float64, shape: NDArray[np.int64]
-) -> NDArray[np.int64]:  # pragma: no cover - compiled
+    points: Float64, normals: Float64, origin: Float64, shape: Int64
+) -> Int64:  # pragma: no cover - compiled
     """Return for each point the earlier one within SPACING that faces its way, or itself."""
     heads = np.full((shape[0], shape[1]), -1, np.int32)
     links = np.full(len(points), -1, np.int32)
@@ -138,9 +136,7 @@ def _thin(
 
 
 @njit(nogil=True, cache=True)
-def _confirmed(
-    mapped: _Seen, buckets: Buckets, seen: _Seen
-) -> NDArray[np.bool_]:  # pragma: no cover - compiled
+def _confirmed(mapped: _Seen, buckets: Buckets, seen: _Seen) -> Bool:  # pragma: no cover - compiled
     """Mark the points of a map whose surface another scan saw within ALONG and ACROSS."""
     confirmed, starts = np.zeros(len(mapped.points), np.bool_), buckets.starts
     for i in range(len(seen.points)):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Float64, Int32, Int64
 
 __all__ = ["ransac_segments"]
 
-Float64 = NDArray[np.float64]
 
 SPENT = -2
 """Label of points whose line was too short: they are not drawn again."""
@@ -22,7 +22,7 @@ def ransac_segments(
     min_points: int,
     min_length: float,
     trials: int,
-) -> NDArray[np.int32]:  # pragma: no cover - compiled
+) -> Int32:  # pragma: no cover - compiled
     """Label the points of each segment, the best supported first.
 
     Draw two of the free points, count the inliers of their line that hang together without a gap
@@ -103,8 +103,8 @@ def _count(
 
 @njit(nogil=True, cache=True)
 def _support(
-    beams: Float64, free: NDArray[np.int64], i: int, j: int, distance: float, max_gap: float
-) -> NDArray[np.int64]:  # pragma: no cover - compiled
+    beams: Float64, free: Int64, i: int, j: int, distance: float, max_gap: float
+) -> Int64:  # pragma: no cover - compiled
     """Return the free inliers of line i-j that hang together around i, ordered along it."""
     dx, dy = beams[j, 0] - beams[i, 0], beams[j, 1] - beams[i, 1]
     length = np.hypot(dx, dy)

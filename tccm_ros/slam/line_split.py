@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Float64, Int32, Int64
 
 __all__ = ["split_segments"]
 
-Float64 = NDArray[np.float64]
 
 MERGE_TURN = 0.996
 """Cosine of the largest angle (5 deg) between pieces that are merged."""
@@ -17,7 +17,7 @@ MERGE_TURN = 0.996
 @njit(nogil=True, cache=True)
 def split_segments(
     beams: Float64, distance: float, max_gap: float, min_points: int
-) -> NDArray[np.int32]:  # pragma: no cover - compiled
+) -> Int32:  # pragma: no cover - compiled
     """Label the points of each segment.
 
     A run of points without a gap is split at the point farthest from the chord until every piece
@@ -132,7 +132,7 @@ def _farthest(points: Float64, a: int, b: int) -> tuple[float, int]:  # pragma: 
 
 @njit(nogil=True, cache=True)
 def _join(
-    points: Float64, pieces: NDArray[np.int64], start: int, count: int, distance: float
+    points: Float64, pieces: Int64, start: int, count: int, distance: float
 ) -> int:  # pragma: no cover - compiled
     """Merge neighbouring pieces of one run that are one line after all."""
     if count - start < 2:

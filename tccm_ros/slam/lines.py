@@ -9,16 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.slam.line_fit import fit_segments
 from tccm_ros.slam.line_ransac import ransac_segments
 from tccm_ros.slam.line_split import split_segments
 
 __all__ = ["Lines", "extract_lines"]
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +40,7 @@ class Lines:
     rho: Float64
     cov: Float64
     endpoints: Float64
-    count: NDArray[np.int64]
+    count: Int64
 
     def __len__(self) -> int:
         return len(self.phi)

@@ -14,8 +14,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64
 from tccm_ros.geometry import between2, compose2, inverse2
 from tccm_ros.slam.factors import Key
 from tccm_ros.slam.graph import GraphSolution, PoseGraph
@@ -23,7 +23,6 @@ from tccm_ros.slam.loop_matching import Proposal
 
 __all__ = ["consistent_with", "select_loops"]
 
-Float64 = NDArray[np.float64]
 
 TOLERANCE = (0.12, 0.035)
 """Standard closing error (m, rad) of a cycle through two good proposals: two matches and the
@@ -55,7 +54,7 @@ def consistent_with(
     others: Sequence[Proposal],
     poses: Sequence[Float64] | Float64,
     path: Sequence[float] | Float64,
-) -> NDArray[np.bool_]:
+) -> Bool:
     """Tell which proposals close a cycle with `one`.
 
     Parameters
@@ -97,13 +96,13 @@ def _in_frames_of(one: Proposal, others: Sequence[Proposal], yaws: Float64) -> F
     return np.asarray(np.array([p.cov[:2, :2] for p in others]) + turned)
 
 
-def _knows_place(proposals: Sequence[Proposal]) -> NDArray[np.bool_]:
+def _knows_place(proposals: Sequence[Proposal]) -> Bool:
     return np.array([p.spread < KNOWS_PLACE**2 for p in proposals])
 
 
 def select_loops(
     graph: PoseGraph, keys: Sequence[Key], loops: Sequence[Proposal]
-) -> tuple[Float64, NDArray[np.bool_]]:
+) -> tuple[Float64, Bool]:
     """Optimise a graph with loop closures and find those that contradict the rest.
 
     Parameters

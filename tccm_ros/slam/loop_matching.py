@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config, Loops
 from tccm_ros.slam.alignment import Alignment, Prior, align
 from tccm_ros.slam.correlation import correlate, known_likelihood, support
@@ -20,7 +20,6 @@ from tccm_ros.slam.submaps import Patch, Submap
 
 __all__ = ["COARSE_STEP", "LoopReason", "Proposal", "Window", "propose"]
 
-Float64 = NDArray[np.float64]
 
 MATCH_FLOOR = (0.01, 0.003)
 """Standard deviation (m, rad) that no match beats: a submap bends a little within itself."""

@@ -11,8 +11,8 @@ from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.slam.correlation import correlate
 from tccm_ros.slam.front_end import GraphKeyframe
@@ -23,7 +23,6 @@ from tccm_ros.slam.submaps import Patch, Submap, make_patch, make_submap
 
 __all__ = ["LoopSearch"]
 
-Float64 = NDArray[np.float64]
 
 QUERY_STEP = 3
 """Every third keyframe looks for loops: neighbours see the same."""

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.front_end import GraphKeyframe
@@ -26,7 +26,6 @@ from tccm_ros.slam.se2 import between, compose, inverse
 
 __all__ = ["LoopCloser"]
 
-Float64 = NDArray[np.float64]
 
 NEIGHBOURHOOD = 15.0
 """Path (m) on either side within which proposals confirm each other."""

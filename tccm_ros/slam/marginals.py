@@ -16,14 +16,12 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import splu
 
-__all__ = ["marginal_blocks"]
+from tccm_ros.arrays import Float64, Int64
 
-Int64 = NDArray[np.int64]
-Float64 = NDArray[np.float64]
+__all__ = ["marginal_blocks"]
 
 
 def marginal_blocks(A: csc_matrix, dims: Int64) -> list[Float64]:

@@ -10,13 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Odometry as OdometryConfig
 
 __all__ = ["OdometryScale", "motion_covariance", "odometry_covariance"]
 
-Float64 = NDArray[np.float64]
 
 ODOMETRY_FLOOR = (0.005, 0.003)
 """Standard deviation (m, rad) of odometry that reports no motion: encoder steps and slip."""

@@ -10,14 +10,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.loop_matching import Proposal
 
 __all__ = ["PathLengths", "lengths_from"]
 
-Float64 = NDArray[np.float64]
 
 LOOP_LENGTH = 0.5
 """A loop closure ties its ends at best as well as this much path (m)."""
@@ -41,7 +40,7 @@ class PathLengths:
     drift: float
     driven: Float64 = field(default_factory=lambda: np.zeros(0))
     _steps: Float64 = field(default_factory=lambda: np.zeros(0))
-    _loops: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    _loops: Int64 = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     _ties: Float64 = field(default_factory=lambda: np.zeros(0))
 
     def add(self, keyframe: GraphKeyframe, *, starts: bool) -> None:
@@ -66,7 +65,7 @@ class PathLengths:
 
 @njit(nogil=True, cache=True)
 def lengths_from(
-    start: int, steps: Float64, loops: NDArray[np.int64], ties: Float64
+    start: int, steps: Float64, loops: Int64, ties: Float64
 ) -> Float64:  # pragma: no cover - compiled
     """Return the length of the shortest path from one keyframe to all, float64 (K,), m.
 

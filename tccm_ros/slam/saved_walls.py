@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.errors import MapError
 from tccm_ros.records import LandmarkObservation
 from tccm_ros.slam.chain import HungPose
@@ -20,8 +21,6 @@ from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.loop_matching import Proposal
 
 __all__ = ["SavedWalls", "pack_state", "unpack_state"]
-
-Float64 = NDArray[np.float64]
 
 
 class SavedWalls(NamedTuple):
@@ -170,7 +169,7 @@ def _unpack_landmarks(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[Sig
     ]
 
 
-def _split(rows: NDArray[Any], counts: NDArray[np.int64], expected: int) -> list[NDArray[Any]]:
+def _split(rows: NDArray[Any], counts: Int64, expected: int) -> list[NDArray[Any]]:
     if len(counts) != expected or int(counts.sum()) != len(rows):
         raise ValueError(f"{len(rows)} rows for {int(counts.sum())} in {expected} parts")
     ends = np.cumsum(counts)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Float64, Int64
 
 __all__ = [
     "between",
@@ -20,8 +21,6 @@ __all__ = [
     "place_scans",
     "rotate_covariance",
 ]
-
-Float64 = NDArray[np.float64]
 
 
 @njit(nogil=True, cache=True)
@@ -69,7 +68,7 @@ def place(pose: Float64, points: Float64) -> Float64:  # pragma: no cover - comp
 
 @njit(nogil=True, cache=True)
 def place_scans(
-    poses: Float64, counts: NDArray[np.int64], points: Float64, normals: Float64
+    poses: Float64, counts: Int64, points: Float64, normals: Float64
 ) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
     """Return points and normals, float64 (N, 2), in the frame of the scans' poses.
 

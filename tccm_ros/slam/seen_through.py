@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Float64, Int64
 
 __all__ = ["passes_and_hits"]
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 SECTORS = 512
 """Sectors around a laser, 0.5 to 1 degree wide. Ends nearer than 2 m, 4 cm apart, leave some empty:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.records import Keyframe, Landmark, Loop, Wall
 
 __all__ = ["Solution", "empty_solution"]
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,11 +44,11 @@ class Solution:
     keyframes: list[Keyframe]
     walls: list[Wall]
     loops: list[Loop]
-    stamps_ns: NDArray[np.int64]
+    stamps_ns: Int64
     poses: Float64
     T_map_views: Float64
     cov_views: Float64
-    view_keyframes: NDArray[np.int64]
+    view_keyframes: Int64
     cov_keyframes: Float64
     unit_variance: float = 1.0
     landmarks: tuple[Landmark, ...] = ()

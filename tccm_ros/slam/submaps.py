@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.geometry import between2
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.likelihood_grid import LikelihoodGrid, make_likelihood_grid
@@ -16,7 +16,6 @@ from tccm_ros.slam.se2 import place
 
 __all__ = ["Patch", "Submap", "make_patch", "make_submap"]
 
-Float64 = NDArray[np.float64]
 
 PATCH_POINTS = 220
 """Points of a patch at most: more do not sharpen a match."""

@@ -11,14 +11,12 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.slam.buckets import BUCKET, Buckets
 
 __all__ = ["AROUND", "fit_missing_normals", "mean_normals"]
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 AROUND = 0.2
 """Points of all scans within this distance (m) of a point without a normal may show one."""

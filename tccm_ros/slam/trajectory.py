@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Odometry as OdometryConfig
 from tccm_ros.geometry import between2, compose2, planar, wrap_angle
 from tccm_ros.slam.front_end import GraphKeyframe, Placed
@@ -16,7 +16,6 @@ from tccm_ros.slam.se2 import between, compose
 
 __all__ = ["OdometryTrack", "place_stamps", "scan_poses"]
 
-Float64 = NDArray[np.float64]
 
 AT_SCAN = (0.001, 0.0005)
 """Standard deviation (m, rad) of a pose at the very stamp of a scan, beside the scan's own."""
@@ -31,7 +30,7 @@ class OdometryTrack:
     """Planar odometry by stamp, whatever the order of arrival; the last of equal stamps wins."""
 
     _samples: dict[int, tuple[float, float, float]] = field(default_factory=dict)
-    _sorted: tuple[NDArray[np.int64], Float64] | None = None
+    _sorted: tuple[Int64, Float64] | None = None
     _first_ns: int = 2**63 - 1
 
     def __len__(self) -> int:
@@ -48,7 +47,7 @@ class OdometryTrack:
         """Return the pose (3,) of the earliest sample."""
         return np.array(self._samples[self._first_ns])
 
-    def arrays(self) -> tuple[NDArray[np.int64], Float64]:
+    def arrays(self) -> tuple[Int64, Float64]:
         """Return stamps int64 (N,), ascending, and planar poses float64 (N, 3)."""
         if self._sorted is None:
             stamps = np.array(sorted(self._samples), np.int64)
@@ -94,9 +93,7 @@ def scan_poses(
     return compose2(poses[index], relative + fraction[:, None] * change[index])
 
 
-def _changes(
-    keyframes: Sequence[GraphKeyframe], poses: Float64
-) -> tuple[Float64, NDArray[np.int64], Float64]:
+def _changes(keyframes: Sequence[GraphKeyframe], poses: Float64) -> tuple[Float64, Int64, Float64]:
     """Return how each step to the next keyframe has changed, its begin and its length (ns)."""
     begin = np.array([k.scan.stamp_ns for k in keyframes], np.int64)
     span = np.ones(len(keyframes))
@@ -115,7 +112,7 @@ def place_stamps(
     keyframes: Sequence[GraphKeyframe],
     odometry: OdometryTrack,
     model: OdometryConfig,
-) -> tuple[NDArray[np.int64], Float64, Float64]:
+) -> tuple[Int64, Float64, Float64]:
     """Place any stamps relative to keyframes, by the scans before and after and by odometry.
 
     Returns

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.records import Wall
@@ -26,7 +26,6 @@ from tccm_ros.slam.walls import WallTable
 
 __all__ = ["structure_factors", "wall_factors", "wall_records"]
 
-Float64 = NDArray[np.float64]
 
 SNAP = 0.3
 """An end further than this (m) from where its walls meet is not moved there."""

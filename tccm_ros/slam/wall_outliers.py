@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.slam.factors import Key
@@ -19,7 +19,6 @@ from tccm_ros.slam.walls import WallTable, confirmations
 
 __all__ = ["CheckedWalls", "check_walls"]
 
-Float64 = NDArray[np.float64]
 
 OBSERVATION_CHI2 = 13.8
 """An observation further than this from its wall is of something else: 99.9 % of two degrees."""

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar
 from tccm_ros.records import Keyframe, LandmarkObservation, PosedScan, ScanPose
@@ -28,8 +29,6 @@ from tccm_ros.slam.trajectory import OdometryTrack, place_stamps, scan_poses
 from tccm_ros.slam.wall_landmarks import structure_factors, wall_factors, wall_records
 
 __all__ = ["LivePose", "WallSlam"]
-
-Float64 = NDArray[np.float64]
 
 
 class LivePose(NamedTuple):

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.slam.lines import Lines
@@ -22,7 +22,6 @@ from tccm_ros.slam.se2 import place
 
 __all__ = ["WallTable", "associate_walls", "confirmations"]
 
-Float64 = NDArray[np.float64]
 
 WALL_FIELDS = (
     "mass", "x", "y", "xx", "xy", "yy", "cos", "sin", "phi", "rho", "low", "high"
@@ -52,9 +51,9 @@ class WallTable:
         float64 (W, 2), lowest and highest place along the tangent (-sin phi, cos phi), m.
     """
 
-    keyframe: NDArray[np.int64]
-    line: NDArray[np.int64]
-    wall: NDArray[np.int64]
+    keyframe: Int64
+    line: Int64
+    wall: Int64
     phi: Float64
     rho: Float64
     extent: Float64
@@ -62,7 +61,7 @@ class WallTable:
     def __len__(self) -> int:
         return len(self.phi)
 
-    def keep(self, wall: NDArray[np.int64], least: int) -> WallTable:
+    def keep(self, wall: Int64, least: int) -> WallTable:
         """Return the table with other walls for its observations (-1: none).
 
         Walls that fewer than `least` keyframes see vanish; the others are renumbered in their
@@ -134,7 +133,7 @@ class _Segments(NamedTuple):
         float64 (N, 2), where the keyframe is.
     """
 
-    keyframe: NDArray[np.int64]
+    keyframe: Int64
     ends: Float64
     phi: Float64
     v_phi: Float64
@@ -204,7 +203,7 @@ def _mismatch(
 @njit(nogil=True, cache=True)
 def _associate(
     segments: _Segments, gates: _Gates
-) -> tuple[NDArray[np.int64], Any]:  # pragma: no cover - compiled
+) -> tuple[Int64, Any]:  # pragma: no cover - compiled
     """Walk over the keyframes: choose the nearest wall for each line, check, pool.
 
     Returns the wall of each line, or -1, and the walls with dtype `POOLED`.
@@ -240,7 +239,7 @@ def _associate(
 
 @njit(nogil=True, cache=True)
 def _keep_compatible(
-    wall: NDArray[np.int64], lines: range, segments: _Segments, pooled: Any, gates: _Gates
+    wall: Int64, lines: range, segments: _Segments, pooled: Any, gates: _Gates
 ) -> None:  # pragma: no cover - compiled
     """Mark with -2 the lines that one common correction of the pose cannot explain."""
     J, r = np.zeros(3), 0.0

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, planar, transform, wrap_angle
 from tccm_ros.surfaces.patch_planes import fit_plane, is_line
@@ -20,8 +20,6 @@ from tccm_ros.surfaces.views import KEY_STEP, Patch, View, column_keys
 
 __all__ = ["Survivors", "carve", "superseded"]
 
-Float64 = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 GONE_FRACTION = 0.7
 """A patch of which this fraction is gone is gone, however small it is."""
@@ -50,7 +48,7 @@ class Survivors:
         view w.
     """
 
-    keep: list[list[Mask]]
+    keep: list[list[Bool]]
     replaced_by: dict[tuple[int, int], tuple[int, int]] = field(default_factory=dict)
 
 
@@ -118,8 +116,8 @@ def superseded(older: View, newer: View, config: Config) -> dict[int, int] | Non
 
 
 def _carve_patch(
-    pair: _ViewPair, patch: Patch, keep: Mask, config: Config
-) -> tuple[NDArray[np.int64], int | None]:
+    pair: _ViewPair, patch: Patch, keep: Bool, config: Config
+) -> tuple[Int64, int | None]:
     """Find what the newer view of a pair saw otherwise of a patch of the older one.
 
     Returns
@@ -158,7 +156,7 @@ def _carve_patch(
 
 def _measured_by(
     points: Float64, patches: tuple[Patch, ...], margin: Float64, grow: float
-) -> NDArray[np.int64]:
+) -> Int64:
     """Return the patch that covers each point (N, 3) of the same frame, int64 (N,), -1 = none.
 
     A patch covers what its outline covers, grown by `grow` m: a replaced patch keeps a rim, so
@@ -180,7 +178,7 @@ def _measured_by(
     return owner
 
 
-def _in_block(points: Float64, chosen: Mask, cell_size: float) -> Mask:
+def _in_block(points: Float64, chosen: Bool, cell_size: float) -> Bool:
     """Return which points stand in a square of 2 x 2 columns where most points are chosen.
 
     Along an edge, columns are seen through that the surface covers in part: those are one column

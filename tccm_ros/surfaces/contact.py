@@ -16,15 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.surfaces.patch_planes import EFFECTIVE_POINTS, FLATNESS, GATE, PatchPlanes
 from tccm_ros.union_find import find_root, unite
 
 __all__ = ["PatchClouds", "box_pairs", "connect", "patch_clouds"]
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 SLACK = 1.0 + 1e-9
 """Boxes and cells are wider than the distance by this, so that rounding never hides a pair."""
@@ -168,7 +166,7 @@ def _mark_near(
     grid: _Grid,
     distance: float,
     height_weight: float,
-    near: NDArray[np.bool_],
+    near: Bool,
 ) -> bool:
     """Mark which points of a patch come within the distance of a gridded patch.
 
@@ -210,7 +208,7 @@ def _mark_near(
 @njit(nogil=True, cache=True)
 def _agree(
     clouds: PatchClouds,
-    meets: NDArray[np.bool_],
+    meets: Bool,
     planes: PatchPlanes,
     pair: tuple[int, int],
     max_step: float,

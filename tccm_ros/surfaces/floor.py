@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.surfaces.joining import hidden_place_between, join
 from tccm_ros.surfaces.merged_surface import MergedSurface
@@ -53,7 +53,7 @@ def join_floor(
     surfaces: list[MergedSurface],
     floor_z: float | None,
     views: list[View],
-    T_map_view: NDArray[np.float64],
+    T_map_view: Float64,
     config: Config,
 ) -> list[MergedSurface]:
     """Join pieces of the floor over what nobody could see, and what was measured twice.
@@ -67,7 +67,7 @@ def join_floor(
     floor = [s for s in surfaces if is_floor(s, floor_z)]
     others = [s for s in surfaces if not is_floor(s, floor_z)]
 
-    def may_join(a: MergedSurface, b: MergedSurface, place: NDArray[np.float64]) -> bool:
+    def may_join(a: MergedSurface, b: MergedSurface, place: Float64) -> bool:
         return abs(a.height_at(place) - b.height_at(place)) <= TOLERANCE
 
     def between(a: MergedSurface, b: MergedSurface) -> Polygon | None:

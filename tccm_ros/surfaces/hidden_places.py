@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.surfaces.views import View
 
 __all__ = ["HIDDEN_WIDTH", "MIN_HIDDEN_AREA", "is_hidden"]
 
-Float64 = NDArray[np.float64]
 
 HIDDEN_WIDTH = 0.5
 """Notches, holes and places between pieces up to this wide (m) may be hidden; wider ones are not

@@ -11,9 +11,9 @@ from itertools import combinations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.surfaces.hidden_places import HIDDEN_WIDTH, MIN_HIDDEN_AREA, is_hidden
 from tccm_ros.surfaces.merged_surface import MergedSurface
@@ -29,7 +29,6 @@ from tccm_ros.surfaces.views import View
 
 __all__ = ["Between", "MayJoin", "hidden_place_between", "join", "join_pieces"]
 
-Float64 = NDArray[np.float64]
 
 Between = Callable[[MergedSurface, MergedSurface], Polygon | None]
 """Returns the place between two pieces if they are one surface, otherwise None."""

@@ -10,15 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Labels
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import box_sides
 
 __all__ = ["Features", "features_of", "outline_width", "treads"]
 
-Float64 = NDArray[np.float64]
 
 MIN_OVERLAP = 0.5
 """A surface is over another where their footprints share this fraction of the smaller one."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config, Labels
 from tccm_ros.surfaces.floor import is_floor
 from tccm_ros.surfaces.label_features import Features, features_of
@@ -20,7 +20,6 @@ from tccm_ros.surfaces.merged_surface import MergedSurface
 
 __all__ = ["Label", "SurfaceLabel", "label_surfaces"]
 
-Float64 = NDArray[np.float64]
 Rule = tuple[float, float, float, float, float, float]
 """Least and greatest height, width (m) and area (m2)."""
 

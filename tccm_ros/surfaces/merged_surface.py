@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 from shapely.affinity import affine_transform
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform
 from tccm_ros.surfaces.hidden_places import HIDDEN_WIDTH, MIN_HIDDEN_AREA, is_hidden
@@ -21,7 +21,6 @@ from tccm_ros.surfaces.views import View
 
 __all__ = ["MergedSurface", "fit_surface"]
 
-Float64 = NDArray[np.float64]
 
 SIMPLIFY = 0.004
 """Outlines are simplified by this much, m: finer than the laser measures."""

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform
 from tccm_ros.surfaces.carving import Survivors
@@ -25,8 +25,6 @@ __all__ = [
     "merge_coplanar",
     "surviving_patches",
 ]
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +49,7 @@ class NumberedPatch:
 Members = tuple[NumberedPatch, ...]
 """Patches that are one surface, in the order of their numbers."""
 
-MergeFunction = Callable[[Sequence[Float64], float], NDArray[np.int64]]
+MergeFunction = Callable[[Sequence[Float64], float], Int64]
 """From the points of P patches in map, float64 (N, 3), and a distance (m) to int64 (P,): the first
 patch of the surface that each patch is part of."""
 
@@ -67,7 +65,7 @@ def surviving_patches(views: list[View], left: Survivors, config: Config) -> lis
     return found
 
 
-def _rest(patch: Patch, keep: NDArray[np.bool_], config: Config) -> Patch | None:
+def _rest(patch: Patch, keep: Bool, config: Config) -> Patch | None:
     """Return the part of a patch that is left, with its moments and outline; None: nothing."""
     if keep.all():
         return patch
@@ -111,7 +109,7 @@ def merge_coplanar(
     return group_patches(patches, root)
 
 
-def group_patches(patches: Sequence[NumberedPatch], root: NDArray[np.int64]) -> list[Members]:
+def group_patches(patches: Sequence[NumberedPatch], root: Int64) -> list[Members]:
     """Return the patches by the first patch of their surface, `root` int64 (P,)."""
     groups = [np.flatnonzero(root == first).tolist() for first in np.unique(root)]
     return [tuple(patches[k] for k in group) for group in groups]

@@ -14,15 +14,14 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial import Delaunay, QhullError, cKDTree
 from shapely import MultiPolygon
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.surfaces.polygons import GRID, polygons_of
 
 __all__ = ["covered_area", "expected_area", "horizontal_outline"]
 
-Float64 = NDArray[np.float64]
 
 SPACING_FACTOR = 2.2
 """A triangle longer than this many local spacings bridges a gap: twice the spacing, and noise."""
@@ -46,7 +45,7 @@ SIDE_EDGE_FRACTION = 0.15
 MIN_SIDE_EDGE, MAX_SIDE_EDGE = 0.004, 0.0125
 """at least half of what beams are apart at arm's length, and at most this, m."""
 
-Mesh = tuple[Float64, NDArray[np.int64], Float64]
+Mesh = tuple[Float64, Int64, Float64]
 
 
 def horizontal_outline(points_xy: Float64, min_gap: float) -> tuple[MultiPolygon, float]:
@@ -95,7 +94,7 @@ def _mesh(points_xy: Float64) -> Mesh:
     return points_xy, triangles, longest.max(axis=1, initial=0.0)
 
 
-def _gap_by_area(points_xy: Float64, triangles: NDArray[np.int64], longest: Float64) -> float:
+def _gap_by_area(points_xy: Float64, triangles: Int64, longest: Float64) -> float:
     """Return the gap, m, that half of the area consists of: noise makes many slivers, no area."""
     if len(triangles) == 0:
         return 0.0
@@ -118,7 +117,7 @@ def _thin(points_xy: Float64, cell: float) -> Float64:
     return np.stack(sums, axis=1) / count[:, None]
 
 
-def _area_of(points_xy: Float64, triangles: NDArray[np.int64]) -> MultiPolygon:
+def _area_of(points_xy: Float64, triangles: Int64) -> MultiPolygon:
     """Return the area that triangles cover: what the edges of only one triangle enclose."""
     if len(triangles) == 0:
         return MultiPolygon()
@@ -131,7 +130,7 @@ def _area_of(points_xy: Float64, triangles: NDArray[np.int64]) -> MultiPolygon:
     return polygons_of(shapely.make_valid(shapely.build_area(lines)))
 
 
-def _triangulate(points_xy: Float64) -> NDArray[np.int64]:
+def _triangulate(points_xy: Float64) -> Int64:
     """Return the Delaunay triangles, int64 (T, 3); none where all points are on one line."""
     if len(points_xy) < 3:
         return np.zeros((0, 3), np.int64)
@@ -141,7 +140,7 @@ def _triangulate(points_xy: Float64) -> NDArray[np.int64]:
         return np.zeros((0, 3), np.int64)
 
 
-def _local_spacing(points_xy: Float64, triangles: NDArray[np.int64], longest: Float64) -> Float64:
+def _local_spacing(points_xy: Float64, triangles: Int64, longest: Float64) -> Float64:
     """Return the spacing around each point, float64 (N,), m.
 
     A point's own gap is the longest edge of its triangles: the distance between sweep lines, even

@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.cuboids.inclination import FIT_OF_A_LINE
 from tccm_ros.planes.horizontal_strips import LEAST_WIDTH
 from tccm_ros.surfaces.views import Patch
@@ -27,7 +27,6 @@ __all__ = [
     "stack_planes",
 ]
 
-Float64 = NDArray[np.float64]
 
 EFFECTIVE_POINTS = 50.0
 """The points of a patch err together (one laser, a few sweep lines): they count as this many."""
@@ -58,7 +57,7 @@ class PatchPlanes(NamedTuple):
         float64 (P, 3, 3) of (z, a, b) at the centroid, from the pose that the patch hangs on.
     """
 
-    view_index: NDArray[np.int64]
+    view_index: Int64
     centroid: Float64
     slope: Float64
     noise: Float64
@@ -147,7 +146,7 @@ def pose_covariance(T_map_base: Float64, cov_tilt: Float64, centroid: Float64) -
 
 
 def stack_planes(
-    patches: list[Patch], view: NDArray[np.int64], T_map_view: Float64, cov_tilt: Float64
+    patches: list[Patch], view: Int64, T_map_view: Float64, cov_tilt: Float64
 ) -> PatchPlanes:
     """Compute the planes of patches in map.
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
+
+from tccm_ros.arrays import Float64
 
 __all__ = ["GRID", "box_sides", "close_gaps", "largest_part", "polygon_rings", "polygons_of"]
 
-Float64 = NDArray[np.float64]
 
 GRID = 1e-6
 """Outlines are snapped to this grid, m, so that unions do not depend on rounding."""

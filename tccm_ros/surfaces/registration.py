@@ -9,8 +9,8 @@ pose fits nearly as well.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, compose2, inverse, planar, spatial, transform, wrap_angle
 from tccm_ros.slam.factors import BetweenViews, Factor, ViewPlane, planar_covariance
@@ -24,7 +24,6 @@ from tccm_ros.surfaces.views import View
 
 __all__ = ["plane_factors", "register_views", "side_factors"]
 
-Float64 = NDArray[np.float64]
 
 TILT_ORDER = [5, 0, 1]
 """z, roll and pitch in GTSAM's order (roll, pitch, yaw, x, y, z)."""
@@ -148,7 +147,7 @@ def side_factors(
     ]
 
 
-def _remaining(sides: Sides, keep: list[NDArray[np.bool_]]) -> Sides:
+def _remaining(sides: Sides, keep: list[Bool]) -> Sides:
     """Leave out the sides of patches that newer views saw moved or replaced."""
     fraction = np.array([mask.mean() for mask in keep])
     return sides.chosen(fraction[sides.patch] >= MIN_REMAINING)

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.errors import MapError
 from tccm_ros.surfaces.polygons import polygons_of
 from tccm_ros.surfaces.views import FreeColumns, Patch, View
@@ -43,8 +44,8 @@ class SavedView:
     view: View
     keyframe: int
     hangs: bool
-    T_anchor_view: NDArray[np.float64]
-    cov_tilt: NDArray[np.float64]
+    T_anchor_view: Float64
+    cov_tilt: Float64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,7 +159,7 @@ def _present(a: Mapping[str, NDArray[Any]], name: str, k: int) -> int | None:
     return None if value == ABSENT else value
 
 
-def _split(rows: NDArray[Any], counts: NDArray[np.int64]) -> list[NDArray[Any]]:
+def _split(rows: NDArray[Any], counts: Int64) -> list[NDArray[Any]]:
     if int(counts.sum()) != len(rows):
         raise ValueError(f"{len(rows)} rows, {int(counts.sum())} expected")
     return np.split(rows, np.cumsum(counts)[:-1]) if len(counts) else []

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
+from tccm_ros.arrays import Float64
 from tccm_ros.geometry import inverse, planar, transform
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import PlaneRecord, Surface, TabletopObject
@@ -17,7 +17,6 @@ from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 __all__ = ["SceneObject", "scene_objects"]
 
-Float64 = NDArray[np.float64]
 
 REACH = 0.10
 """A plane of a cycle and a surface of the map are the same within this height, m."""

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, planar, pose, spatial, transform, transform2
 from tccm_ros.surfaces.patch_planes import fit_plane
@@ -23,7 +23,6 @@ from tccm_ros.surfaces.views import KEY_STEP, View
 
 __all__ = ["AlignmentResult", "SessionAlignment", "Structure", "align_session", "structure"]
 
-Float64 = NDArray[np.float64]
 
 BAND = (0.3, 1.6)
 """Heights above the floor, m, in which a column must be free to count as open."""
@@ -108,7 +107,7 @@ def structure(views: list[View], T_map_view: Float64, floor_z: float) -> Structu
     return Structure(np.concatenate(ends), np.concatenate(open_))
 
 
-def _open_cells(view: View, floor_z: float) -> NDArray[np.int64]:
+def _open_cells(view: View, floor_z: float) -> Int64:
     """Return the columns (N, 2) that are free over most of the band."""
     low, high = floor_z + BAND[0], floor_z + BAND[1]
     free = np.clip(np.minimum(view.free.high, high) - np.maximum(view.free.low, low), 0.0, None)
@@ -118,7 +117,7 @@ def _open_cells(view: View, floor_z: float) -> NDArray[np.int64]:
     return np.stack([x, keys - x * KEY_STEP], axis=1)
 
 
-def _end_cells(cells: NDArray[np.int64], size: float) -> NDArray[np.int64]:
+def _end_cells(cells: Int64, size: float) -> Int64:
     """Return the first columns (N, 2) behind open ones, seen from the base.
 
     The sides of what the laser swept are not ends: what lies behind them, seen from the base, is

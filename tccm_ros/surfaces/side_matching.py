@@ -11,14 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import transform2, wrap_angle
 from tccm_ros.surfaces.sides import Sides
 
 __all__ = ["SideMatch", "match_sides"]
 
-Float64 = NDArray[np.float64]
 
 MIN_OVERLAP = 0.12
 """Sides that share less than this along themselves (m) are not matched."""
@@ -82,8 +81,8 @@ class _Pairs:
     the second view, each in its own frame; `sigma` (M,) across, `turn_sigma` (M,), `votes` (M,).
     """
 
-    a: NDArray[np.int64]
-    b: NDArray[np.int64]
+    a: Int64
+    b: Int64
     normal: Float64
     anchor: Float64
     middle: Float64
@@ -187,7 +186,7 @@ def _hypotheses(pairs: _Pairs, start: Float64, search: tuple[float, float]) -> F
     return np.array(trials)
 
 
-def _residuals(pairs: _Pairs, use: NDArray[np.int64], pose: Float64) -> tuple[Float64, Float64]:
+def _residuals(pairs: _Pairs, use: Int64, pose: Float64) -> tuple[Float64, Float64]:
     """Return distance across (m) and turn (rad) of pairs at a pose, each over its deviation."""
     normal = pairs.normal[use]
     across = np.sum((transform2(pose, pairs.middle[use]) - pairs.anchor[use]) * normal, axis=1)
@@ -199,7 +198,7 @@ def _residuals(pairs: _Pairs, use: NDArray[np.int64], pose: Float64) -> tuple[Fl
     return across / pairs.sigma[use], turned / pairs.turn_sigma[use]
 
 
-def _solve(pairs: _Pairs, use: NDArray[np.int64], start: Float64, weight: Float64) -> Float64:
+def _solve(pairs: _Pairs, use: Int64, start: Float64, weight: Float64) -> Float64:
     """Run weighted Gauss-Newton on pairs, all of which count; what they leave open stays."""
     pose, prior = start, np.eye(3) / BLIND**2
     for _ in range(3):
@@ -210,7 +209,7 @@ def _solve(pairs: _Pairs, use: NDArray[np.int64], start: Float64, weight: Float6
     return np.array([pose[0], pose[1], float(wrap_angle(pose[2]))])
 
 
-def _system(pairs: _Pairs, use: NDArray[np.int64], pose: Float64) -> tuple[Float64, Float64]:
+def _system(pairs: _Pairs, use: Int64, pose: Float64) -> tuple[Float64, Float64]:
     """Return Jacobian (2M, 3) over (x, y, yaw) of `pose` and residuals (2M,)."""
     across, turned = _residuals(pairs, use, pose)
     arm = transform2(np.array([0.0, 0.0, pose[2]]), pairs.middle[use])
@@ -227,7 +226,7 @@ def _votes(pairs: _Pairs, pose: Float64) -> float:
     return float(pairs.votes[_agreeing(pairs, pose)].sum())
 
 
-def _agreeing(pairs: _Pairs, pose: Float64) -> NDArray[np.int64]:
+def _agreeing(pairs: _Pairs, pose: Float64) -> Int64:
     """Return the pairs that agree at a pose, one for each side of either view."""
     across, turned = _residuals(pairs, np.arange(len(pairs.a)), pose)
     miss = np.maximum(np.abs(across), np.abs(turned))
@@ -258,7 +257,7 @@ def _has_rival(
     return False
 
 
-def _differ(poses: Float64, pose: Float64) -> NDArray[np.bool_]:
+def _differ(poses: Float64, pose: Float64) -> Bool:
     """Return which poses (N, 3) differ from a pose (3,)."""
     moved = poses - pose
     far = np.hypot(moved[:, 0], moved[:, 1]) > SAME_POSE[0]
@@ -285,7 +284,7 @@ def _refine(pairs: _Pairs, trial: Float64, start: Float64, min_sides: int) -> Si
     return SideMatch(pose, _covariance(pairs, use, pose), len(use))
 
 
-def _covariance(pairs: _Pairs, use: NDArray[np.int64], pose: Float64) -> Float64:
+def _covariance(pairs: _Pairs, use: Int64, pose: Float64) -> Float64:
     """Return the covariance of (x, y, yaw) in the second view's frame, `BLIND` where open."""
     J, r = _system(pairs, use, pose)
     scatter = max(1.0, float(r @ r) / max(len(r) - 3, 1))

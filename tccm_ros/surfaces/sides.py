@@ -13,13 +13,12 @@ from itertools import pairwise
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.surfaces.views import FreeColumns, Patch, View
 
 __all__ = ["Sides", "find_sides"]
 
-Float64 = NDArray[np.float64]
 
 STRAIGHT = 0.02
 """An outline is cut into straight sides within this, m."""
@@ -68,7 +67,7 @@ class Sides:
         float64 (S,), standard deviation across the side, m.
     """
 
-    patch: NDArray[np.int64]
+    patch: Int64
     middle: Float64
     outward: Float64
     length: Float64
@@ -83,7 +82,7 @@ class Sides:
         """Standard deviations of the headings, float64 (S,), rad: errors spread along the sides."""
         return np.sqrt(12.0) * self.sigma / self.length
 
-    def chosen(self, keep: NDArray[np.bool_]) -> Sides:
+    def chosen(self, keep: Bool) -> Sides:
         """Return some of the sides; `keep` is bool (S,)."""
         return Sides(*(getattr(self, field.name)[keep] for field in fields(self)))
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.records import Surface, SurfaceCloud, SurfaceSighting, ViewIntervals
 from tccm_ros.surfaces.carving import Survivors, carve, superseded
@@ -35,7 +36,6 @@ from tccm_ros.surfaces.views import View, empty_view, inheriting, with_cloud, wi
 
 __all__ = ["MappedSurfaces", "SurfaceMap", "ViewPoses"]
 
-Float64 = NDArray[np.float64]
 
 LATE_VIEWS = 8
 """Before so many of the newest views, a late one may still come in."""
@@ -57,7 +57,7 @@ class ViewPoses:
 
     T_map_view: Float64
     cov_tilt: Float64
-    keyframes: NDArray[np.int64]
+    keyframes: Int64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +80,7 @@ class MappedSurfaces:
 
     surfaces: tuple[Surface, ...]
     floor_z: float | None
-    points: NDArray[np.float32]
+    points: Float32
     surface_id: NDArray[np.uint32]
     members: tuple[Members, ...]
 
@@ -209,7 +209,7 @@ def _record(
     label: Label,
     ids: TrackIds,
     views: list[View],
-    keyframes: NDArray[np.int64],
+    keyframes: Int64,
 ) -> Surface:
     boundary, holes = polygon_rings(surface.polygon)
     points: dict[int, int] = {}

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.baselines.distance_merging import merge_by_distance
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, inverse, planar, spatial
@@ -36,7 +37,6 @@ from tccm_ros.surfaces.views import View
 
 __all__ = ["SurfaceSlam", "SurfaceSolution"]
 
-Float64 = NDArray[np.float64]
 
 STOOD = (0.01, 0.005)
 """A base that moved no more than this (m, rad) has stood."""
@@ -64,11 +64,11 @@ class SurfaceSolution:
     """
 
     slam: Solution
-    view_stamps_ns: NDArray[np.int64]
+    view_stamps_ns: Int64
     T_map_views: Float64
     view_poses: ViewPoses
     mapped: MappedSurfaces
-    trajectory_ns: NDArray[np.int64]
+    trajectory_ns: Int64
     trajectory: Float64
     session: SessionAlignment | None = None
 
@@ -275,7 +275,7 @@ class SurfaceSlam:
             np.concatenate([old.keyframes, own.keyframes]),
         )
 
-    def _trajectory(self, slam: Solution) -> tuple[NDArray[np.int64], Float64]:
+    def _trajectory(self, slam: Solution) -> tuple[Int64, Float64]:
         if self.counts["level scans"] or not self._tilt_stamps:
             return slam.stamps_ns, slam.poses
         stamps = np.array(sorted(self._tilt_stamps), np.int64)

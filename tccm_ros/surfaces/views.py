@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
+from tccm_ros.arrays import Float32, Float64, Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import KEY_STEP, FreeColumns, column_keys
 from tccm_ros.records import SurfaceCloud, ViewIntervals
@@ -32,8 +32,6 @@ __all__ = [
     "with_cloud",
     "with_intervals",
 ]
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,8 +61,8 @@ class Patch:
         Stamp of the oldest patch that this one replaced; None where it is the first.
     """
 
-    points: NDArray[np.float32]
-    weights: NDArray[np.int32]
+    points: Float32
+    weights: Int32
     count: int
     mean: Float64
     cov: Float64
@@ -107,9 +105,7 @@ class View:
         return self.session, self.stamp_ns
 
 
-def thin_cloud(
-    points: NDArray[np.float32], voxel_size: float
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+def thin_cloud(points: Float32, voxel_size: float) -> tuple[Float32, Int32]:
     """Replace the points of each voxel by their mean.
 
     Parameters
@@ -134,7 +130,7 @@ def thin_cloud(
     return (np.stack(sums, axis=1) / count[:, None]).astype(np.float32), count.astype(np.int32)
 
 
-def make_patches(points: NDArray[np.float32], config: Config) -> list[Patch]:
+def make_patches(points: Float32, config: Config) -> list[Patch]:
     """Make the patches of one surface of a cloud: one for each part of its outline.
 
     Points without an outline (a single sweep line) make one patch without area.
@@ -160,7 +156,7 @@ def make_patches(points: NDArray[np.float32], config: Config) -> list[Patch]:
     ]
 
 
-def _nearest(parts: list[Polygon], points: NDArray[np.float32]) -> NDArray[np.int64]:
+def _nearest(parts: list[Polygon], points: Float32) -> Int64:
     """Return the nearest part of each point (N, >= 2), int64 (N,)."""
     x, y = points[:, :2].astype(np.float64).T
     nearest = np.zeros(len(points), np.int64)
@@ -176,9 +172,9 @@ def _nearest(parts: list[Polygon], points: NDArray[np.float32]) -> NDArray[np.in
 
 
 def _patch(
-    points: NDArray[np.float32],
-    thinned: NDArray[np.float32],
-    weights: NDArray[np.int32],
+    points: Float32,
+    thinned: Float32,
+    weights: Int32,
     outline: MultiPolygon,
     spacing: float,
 ) -> Patch:

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import CuboidArrays
 from tccm_ros.outlines.rings import is_inside
 from tccm_ros.union_find import find_root, unite
@@ -25,10 +25,6 @@ __all__ = [
     "rectangle",
 ]
 
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
-Index = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 ROOT3 = 1.7320508075688772
 """Half the length of a uniform spread, in standard deviations."""
@@ -51,17 +47,17 @@ class LooseCuboids(NamedTuple):
         Edge of a cell, m.
     """
 
-    column: Index
-    counts: Array
-    mean: Array
-    low: Array
-    high: Array
+    column: Int64
+    counts: Float64
+    mean: Float64
+    low: Float64
+    high: Float64
     is_free: Bool
     cell: float
 
 
 @njit(nogil=True, cache=True)
-def loose_cuboids(arrays: tuple[Any, ...], labels: Int, structure: Bool) -> LooseCuboids:
+def loose_cuboids(arrays: tuple[Any, ...], labels: Int32, structure: Bool) -> LooseCuboids:
     """Return the cuboids that belong to no surface and no wall, all free.
 
     Parameters
@@ -99,7 +95,7 @@ def loose_cuboids(arrays: tuple[Any, ...], labels: Int, structure: Bool) -> Loos
 
 
 @njit(nogil=True, cache=True)
-def over(loose: LooseCuboids, hull: Array, normal: Array, offset: float, least: float) -> Index:
+def over(loose: LooseCuboids, hull: Float64, normal: Float64, offset: float, least: float) -> Int64:
     """Return the free cuboids over a plane, rising.
 
     Parameters
@@ -129,7 +125,7 @@ def over(loose: LooseCuboids, hull: Array, normal: Array, offset: float, least: 
 
 
 @njit(nogil=True, cache=True)
-def clusters(mean: Array, chosen: Index, gap: float) -> tuple[Index, Index]:
+def clusters(mean: Float64, chosen: Int64, gap: float) -> tuple[Int64, Int64]:
     """Group cuboids whose means come within a gap of each other, seen from above.
 
     Returns
@@ -187,7 +183,7 @@ def clusters(mean: Array, chosen: Index, gap: float) -> tuple[Index, Index]:
 
 
 @njit(nogil=True, cache=True)
-def corners_of(low: Array, high: Array, members: Index) -> Array:
+def corners_of(low: Float64, high: Float64, members: Int64) -> Float64:
     """Return the corners (4 M, 2) of the footprints of some cuboids."""
     out = np.empty((4 * len(members), 2))
     for k in range(len(members)):
@@ -199,7 +195,7 @@ def corners_of(low: Array, high: Array, members: Index) -> Array:
 
 
 @njit(nogil=True, cache=True)
-def convex_hull(points: Array) -> Array:
+def convex_hull(points: Float64) -> Float64:
     """Return the convex hull (H, 2) of points (N, 2), counter-clockwise, by a monotone chain.
 
     H < 3 where all points lie in a line.
@@ -227,7 +223,7 @@ def convex_hull(points: Array) -> Array:
 
 
 @njit(nogil=True, cache=True)
-def rectangle(hull: Array) -> tuple[float, float, float, float, float]:
+def rectangle(hull: Float64) -> tuple[float, float, float, float, float]:
     """Return centre x and y, length, width and yaw of the smallest rectangle around a hull.
 
     One of its sides lies on a side of the hull. The yaw is that of the longer side, in

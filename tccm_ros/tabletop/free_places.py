@@ -11,17 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
+from tccm_ros.arrays import Float64
 from tccm_ros.records import PlaneKind, PlaneRecord, TabletopObject
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
 
 __all__ = ["FreePlaces", "find_free_places", "where_fits"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +36,7 @@ class FreePlaces:
     """
 
     plane: int
-    polygons: tuple[Array, ...]
+    polygons: tuple[Float64, ...]
 
 
 def find_free_places(
@@ -74,13 +72,13 @@ def find_free_places(
     return result
 
 
-def _lift(ring: Array, plane: PlaneRecord) -> Array:
+def _lift(ring: Float64, plane: PlaneRecord) -> Float64:
     nx, ny, nz = plane.normal
     z = (plane.offset - nx * ring[:, 0] - ny * ring[:, 1]) / nz
     return np.column_stack([ring, z])
 
 
-def where_fits(room: BaseGeometry, size: tuple[float, float], yaw: float) -> list[Array]:
+def where_fits(room: BaseGeometry, size: tuple[float, float], yaw: float) -> list[Float64]:
     """Return the area that a rectangle can cover inside a polygon, for two yaws.
 
     Parameters
@@ -115,7 +113,7 @@ def _opening(room: BaseGeometry, width: float, depth: float, yaw: float) -> Base
     return shapely.union_all([centres, _swept(centres, rectangle)])
 
 
-def _swept(shape: BaseGeometry, rectangle: Array) -> BaseGeometry:
+def _swept(shape: BaseGeometry, rectangle: Float64) -> BaseGeometry:
     """Return the union of the rectangle at all points of a shape's boundary."""
     edges = [
         np.stack([ring[:-1], ring[1:]], axis=1)
@@ -134,7 +132,7 @@ def _polygons(shape: BaseGeometry) -> list[Polygon]:
     return sorted((p for p in parts if p.area > 1e-9), key=lambda p: (-p.area, p.bounds))
 
 
-def _rings(polygon: Polygon) -> Iterator[Array]:
+def _rings(polygon: Polygon) -> Iterator[Float64]:
     """Yield outer rings; a polygon with holes is cut through the middle of its first hole."""
     if not polygon.interiors:
         yield np.asarray(orient(polygon, 1.0).exterior.coords)[:-1]

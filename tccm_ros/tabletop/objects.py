@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
+from tccm_ros.arrays import Bool, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.planes import PlaneFits
@@ -27,7 +27,6 @@ from tccm_ros.tabletop.footprints import (
 
 __all__ = ["ObjectTracker", "find_objects"]
 
-Array = NDArray[np.float64]
 
 SURFACE_AREA = 0.12
 """A horizontal plane smaller than this, m2, may be the top of an object."""
@@ -80,9 +79,7 @@ def find_objects(
     return [replace(item, id=index) for index, item in enumerate(found)]
 
 
-def _take_clusters(
-    loose: LooseCuboids, plane: PlaneRecord, config: Config
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _take_clusters(loose: LooseCuboids, plane: PlaneRecord, config: Config) -> tuple[Int64, Int64]:
     """Return clusters of what is free over a plane, within the convex hull of its outline.
 
     They are free no more. An object hides what is behind it, so its place may be a notch of the
@@ -94,7 +91,7 @@ def _take_clusters(
     return clusters(loose.mean, chosen, config.objects.cluster_distance)
 
 
-def _are_structure(fits: PlaneFits) -> NDArray[np.bool_]:
+def _are_structure(fits: PlaneFits) -> Bool:
     """Return which planes are surfaces and walls."""
     least = {PlaneKind.HORIZONTAL: SURFACE_AREA, PlaneKind.ANY: WALL_AREA}
     return np.array([fit.area > least[fit.kind] for fit in fits], np.bool_)
@@ -117,7 +114,7 @@ def _carries(item: TabletopObject, covers: Sequence[PlaneRecord]) -> bool:
 
 def _object(
     loose: LooseCuboids,
-    cluster: NDArray[np.int64],
+    cluster: Int64,
     plane: PlaneRecord,
     outline: Polygon,
     config: Config,

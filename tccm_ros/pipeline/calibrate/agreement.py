@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from tccm_ros.errors import BagError
@@ -23,8 +22,6 @@ __all__ = ["Agreement", "Compared", "compare"]
 
 #: Recordings of one rig disagree more than this rarely.
 RARE = 1e-4
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64
 from tccm_ros.pipeline.calibrate.model import RigValues
 from tccm_ros.pipeline.calibrate.patches import Patches
 from tccm_ros.pipeline.calibrate.problem import LevelHits, Planes, Problem
@@ -27,9 +27,6 @@ BEYOND = 0.2
 
 #: Time offsets show where speeds of the joint that are not a line in its angle have this share.
 VARIED_SPEED = 0.3
-
-Float64 = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 
 def assigned(

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config, Rig
 from tccm_ros.errors import BagError
 from tccm_ros.pipeline.calibrate.agreement import Agreement, compare
@@ -222,7 +222,7 @@ def _rig(judgement: Judgement, configured: Rig) -> Rig:
     return configured.model_copy(update=updates)
 
 
-def _rpy(T: NDArray[np.float64]) -> Pose6:
+def _rpy(T: Float64) -> Pose6:
     """Return x, y, z, roll, pitch, yaw of a pose, without negative zeros."""
     angles = Rotation.from_matrix(T[:3, :3]).as_euler("xyz")
     x, y, z, roll, pitch, yaw = (round(float(v), 6) + 0.0 for v in (*T[:3, 3], *angles))

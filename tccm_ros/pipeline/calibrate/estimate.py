@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError
 from tccm_ros.geometry import pose_from_rpy
@@ -42,10 +42,6 @@ SEARCHES = 3
 
 #: Distance to a wall within which a hit of the level laser may be on it in each round, m.
 LEVEL_GATES = (0.30, 0.15, 0.10, 0.06, 0.04, 0.04)
-
-Int64 = NDArray[np.int64]
-Float64 = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

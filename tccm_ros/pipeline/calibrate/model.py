@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Rig
 from tccm_ros.geometry import pose, pose_from_rpy
 from tccm_ros.pipeline.calibrate.sweeps import TiltSweep
@@ -21,9 +21,6 @@ RIG_PARAMETERS = ("tilt_offset", "tilt_scale", "roll", "height", "joint_time_off
 
 #: Step of the derivative by the tilt angle, rad, and by the time offset, s.
 ANGLE_STEP, TIME_STEP = 1e-5, 1e-3
-
-Int64 = NDArray[np.int64]
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +80,7 @@ class Beams:
     points: Float64
     T_place_base: Float64
 
-    def take(self, rows: NDArray[np.bool_] | Int64) -> Beams:
+    def take(self, rows: Bool | Int64) -> Beams:
         """Return some of the beams; rows must keep them sorted by sweep."""
         return Beams(
             self.sweep[rows], self.stamps_ns[rows], self.points[rows], self.T_place_base[rows]

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.calibrate.estimate import Estimate
 from tccm_ros.pipeline.calibrate.layout import LEVEL_PARAMETERS, Layout
 from tccm_ros.pipeline.calibrate.model import RIG_PARAMETERS
@@ -36,9 +36,6 @@ ADVICE: Mapping[str, str] = {
     "joint_time_offset": "record sweeps up and down, fast ones too, while the base stands",
     "level": "record two walls that are not parallel and that both lasers see",
 }
-
-Float64 = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.pipeline.calibrate.model import Beams, RigModel, RigValues
 from tccm_ros.pipeline.calibrate.sweeps import TiltSweep
@@ -29,9 +29,6 @@ MIN_WIDTH_SHARE = 0.05
 
 #: Hits kept of each patch, and of all patches together.
 HITS, MIN_KEPT, ALL_HITS = 20, 3, 16_000
-
-Int64 = NDArray[np.int64]
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,7 +145,7 @@ def _blocks(
     return result
 
 
-def _full(blocks: Int64) -> tuple[NDArray[np.bool_], Int64, Int64]:
+def _full(blocks: Int64) -> tuple[Bool, Int64, Int64]:
     """Return which sorted entries are in blocks with enough hits, their patch, and its size."""
     _, index, counts = np.unique(blocks, return_inverse=True, return_counts=True)
     enough = counts >= MIN_HITS
@@ -174,7 +171,7 @@ def _laser_poses(number: int, beams: Beams, model: RigModel, values: RigValues) 
     return T
 
 
-def _some(size: Int64, wanted: NDArray[np.bool_], most: int) -> Int64:
+def _some(size: Int64, wanted: Bool, most: int) -> Int64:
     """Return the rows of at most so many hits of each wanted patch, evenly spread."""
     firsts = np.cumsum(size) - size
     rows = [

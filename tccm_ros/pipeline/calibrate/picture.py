@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64
 from tccm_ros.atomic import output_file
 from tccm_ros.pipeline.calibrate.calibration import Calibration
 from tccm_ros.pipeline.calibrate.model import RigValues
@@ -21,8 +21,6 @@ __all__ = ["write_picture"]
 MOST, REACH = 25_000, 9.0
 
 ROOM, FLOOR, CEILING = "#9aa3ad", "#d55e00", "#0072b2"
-
-Float64 = NDArray[np.float64]
 
 
 def write_picture(calibration: Calibration, path: Path | str) -> None:
@@ -59,7 +57,7 @@ def _settings(values: RigValues) -> str:
     return f"zero {zero:.2f} deg, scale {values.tilt_scale:.4f}, roll {roll:.2f} deg"
 
 
-def _draw_side(axes: Axes, points: Float64, near: NDArray[np.bool_], seen: Seen) -> None:
+def _draw_side(axes: Axes, points: Float64, near: Bool, seen: Seen) -> None:
     for rows, color in (
         (near & ~seen.floor & ~seen.ceiling, ROOM),
         (near & seen.floor, FLOOR),

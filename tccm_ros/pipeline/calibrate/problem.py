@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import pose
 from tccm_ros.pipeline.calibrate.layout import WIDE, WIDE_LEVEL, Layout, Trust
 from tccm_ros.pipeline.calibrate.model import Beams, RigModel, RigValues
@@ -22,9 +22,6 @@ from tccm_ros.pipeline.calibrate.surroundings import CEILING, FIRST_WALL, FLOOR,
 from tccm_ros.pipeline.calibrate.sweeps import LevelScans
 
 __all__ = ["LevelHits", "Linearised", "Planes", "Problem"]
-
-Int64 = NDArray[np.int64]
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +58,7 @@ class Linearised:
     jacobian: Float64
     sigma: Float64
     cluster: Int64
-    is_level: NDArray[np.bool_]
+    is_level: Bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)

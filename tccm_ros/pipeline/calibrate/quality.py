@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.pipeline.calibrate.model import Beams
 from tccm_ros.pipeline.calibrate.sweeps import TiltSweep
 
@@ -23,10 +23,6 @@ NEAR = 0.05
 
 #: Scans and beams on either side of a hit that have to be near the plane as well.
 AROUND = 2
-
-Int64 = NDArray[np.int64]
-Float64 = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
 from tccm_ros.config import Config
 from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
@@ -54,9 +54,6 @@ LEVEL_SCANS = 6
 MIN_SCANS = 8
 
 END_OF_TIME = 2**62
-
-Int64 = NDArray[np.int64]
-Float64 = NDArray[np.float64]
 
 
 def uncorrected(config: Config) -> Config:
@@ -208,7 +205,7 @@ def _copy_part(part: Part, limits: tuple[int, int]) -> Part:
     return replace(part, track=moving, axis=find_axis(moving))
 
 
-def _fill(track: Track, source: Track, rows: NDArray[np.bool_]) -> None:
+def _fill(track: Track, source: Track, rows: Bool) -> None:
     for stamp_ns, value in zip(source.stamps_ns[rows].tolist(), source.values[rows]):
         track.append(stamp_ns, value)
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
+from tccm_ros.arrays import Float64
 from tccm_ros.geometry import inverse, level, transform
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import PlaneRecord
@@ -43,8 +43,6 @@ DOUBLED, SHARED = (0.012, 0.06), 0.4
 
 #: How far a sound base leans while it drives, rad.
 LEAN = np.deg2rad(0.3)
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Int64
 from tccm_ros.pipeline.calibrate.model import RigModel, RigValues
 from tccm_ros.pipeline.calibrate.patches import Patches, cut_patches
 from tccm_ros.pipeline.calibrate.sweeps import TiltSweep
@@ -37,8 +37,6 @@ TOLERANCE = np.deg2rad(2.0)
 
 #: Patches and sweeps that are looked at.
 MOST, SWEEPS = 1000, 3
-
-Float64 = NDArray[np.float64]
 
 
 class _Tried(NamedTuple):
@@ -84,7 +82,7 @@ def _best_at(values: RigValues, sweeps: dict[int, TiltSweep], model: RigModel) -
 class _Normals:
     """Normals of some patches, and the share of them that is level or upright."""
 
-    def __init__(self, patches: Patches, rows: NDArray[np.int64], model: RigModel) -> None:
+    def __init__(self, patches: Patches, rows: Int64, model: RigModel) -> None:
         self._centers, self._normals = patches.centers.take(rows), patches.normals[rows]
         self._width = np.hypot(TOLERANCE, patches.spread[rows])
         self._model = model

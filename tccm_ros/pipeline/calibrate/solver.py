@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64
 from tccm_ros.pipeline.calibrate.problem import Linearised, Problem
 
 __all__ = ["Solution", "covariance", "solve"]
@@ -16,9 +16,6 @@ HALF = 3.0
 
 ROUNDS, SMALL_STEP = 8, 1e-3
 """Most rounds, and the step in standard deviations at which they end."""
-
-Float64 = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

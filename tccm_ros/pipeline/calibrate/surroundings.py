@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Bool, Float64, Int64
 
 __all__ = [
     "CEILING",
@@ -44,9 +45,6 @@ CORNER = 0.08
 
 #: Walls at one place, and patches that are tried as its walls.
 MAX_WALLS, TRIED = 8, 200
-
-Int64 = NDArray[np.int64]
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,9 +118,7 @@ def _level(z: Float64, *, lowest: bool) -> float | None:
     return float(np.median(z[near]))
 
 
-def _walls(
-    centers: Float64, normals: Float64, mine: NDArray[np.bool_], place: int
-) -> Sequence[Wall]:
+def _walls(centers: Float64, normals: Float64, mine: Bool, place: int) -> Sequence[Wall]:
     left = np.flatnonzero(mine & (np.abs(normals[:, 2]) < np.sin(LOOSE_ANGLE)))
     walls: list[Wall] = []
     while len(left) >= MIN_WALL and len(walls) < MAX_WALLS:
@@ -145,7 +141,7 @@ def _walls(
 
 def near_another(
     points: Float64, places: Int64, plane: Int64, planes: tuple[Float64, Float64, Int64, Int64]
-) -> NDArray[np.bool_]:
+) -> Bool:
     """Return which hits are near a second plane: in a corner it cannot be told which one was hit.
 
     Parameters

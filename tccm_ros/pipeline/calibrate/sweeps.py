@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float32, Float64, Int64
 from tccm_ros.geometry import inverse, planar
 from tccm_ros.robot.chain import Chain
 
@@ -19,9 +19,6 @@ __all__ = ["LevelScans", "Recording", "TiltSweep", "is_near"]
 
 #: A sweep in which the base moves further than this (m) or turns more (rad) is not standing.
 STILL_DISTANCE, STILL_TURN = 0.01, np.deg2rad(0.3)
-
-Int64 = NDArray[np.int64]
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +45,7 @@ class TiltSweep:
     chain: Chain
     tilt: int
     stamps_ns: Int64
-    ranges: NDArray[np.float32]
+    ranges: Float32
     bearings: Float64
     T_odom_base: Float64
     span_ns: tuple[int, int]
@@ -137,7 +134,7 @@ class Recording:
         return int(mine[0]), int(mine[-1]) + 1
 
 
-def is_near(poses: Float64, place: Float64) -> NDArray[np.bool_]:
+def is_near(poses: Float64, place: Float64) -> Bool:
     """Return which poses float64 (..., 3), x, y, yaw, are where a base at a place (3,) stands."""
     distance = np.hypot(poses[..., 0] - place[0], poses[..., 1] - place[1])
     turn = np.abs(np.angle(np.exp(1j * (poses[..., 2] - place[2]))))

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.errors import LogError
 from tccm_ros.geometry import inverse
 from tccm_ros.pipeline.evaluate.trajectory_errors import (
@@ -32,8 +32,6 @@ from tccm_ros.results.trajectory import Trajectory, read_tum
 
 __all__ = ["TrajectoryScore", "score_trajectory"]
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 DISTANCES = (1.0, 5.0, 10.0, 20.0, 50.0)
 """Lengths of path (m) for relative errors."""

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely import Polygon
 
+from tccm_ros.arrays import Float64
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.models import SurfaceEntry, SurfacesFile, TruthFile, TruthSurface
 
@@ -164,7 +164,7 @@ def _overlap(true: _Footprint, found: _Footprint) -> float:
     return float(common / max(true.polygon.union(found.polygon).area, 1e-12))
 
 
-def _best_first(overlap: NDArray[np.float64]) -> dict[int, int]:
+def _best_first(overlap: Float64) -> dict[int, int]:
     pairs: dict[int, int] = {}
     order = np.argsort(-overlap, axis=None, kind="stable")
     for i, j in zip(*np.unravel_index(order, overlap.shape)):

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import interpolate_poses, inverse, pose
 
 __all__ = [
@@ -25,9 +25,6 @@ __all__ = [
     "poses_at",
     "relation_errors",
 ]
-
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 
 class Order(StrEnum):
@@ -57,7 +54,7 @@ class Errors:
 
 def poses_at(
     stamps_ns: Int64, poses: Float64, asked_ns: Int64, *, max_gap: float = 1.0
-) -> tuple[Float64, NDArray[np.bool_]]:
+) -> tuple[Float64, Bool]:
     """Interpolate a trajectory.
 
     Parameters

@@ -8,8 +8,8 @@ from decimal import InvalidOperation
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.errors import LogError, one_line
 from tccm_ros.geometry import pose_from_rpy, spatial
 from tccm_ros.results.trajectory import (
@@ -29,8 +29,6 @@ __all__ = [
     "read_truth",
 ]
 
-Float64 = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 PLANAR_COLUMNS = 5
 """Two stamps, x, y and yaw."""

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial, transform, transform2, wrap_angle
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import SurfaceEntry, WallEntry
@@ -20,7 +20,6 @@ from tccm_ros.results.trajectory import Trajectory
 
 __all__ = ["describe", "find_alignment", "moved_results"]
 
-Array = NDArray[np.float64]
 
 HEIGHT = 0.05
 """Surfaces of a pair differ at most so much in height, m ..."""
@@ -54,13 +53,13 @@ FAR = 1e3
 class Features:
     """What is matched: middles (N, 3), areas (N,), wall directions (M,) and middles (M, 2)."""
 
-    middles: Array
-    areas: Array
-    directions: Array
-    wall_middles: Array
+    middles: Float64
+    areas: Float64
+    directions: Float64
+    wall_middles: Float64
 
 
-def find_alignment(before: Results, after: Results) -> Array | None:
+def find_alignment(before: Results, after: Results) -> Float64 | None:
     """Find the planar pose of the second map's frame in the first's.
 
     Returns
@@ -95,7 +94,7 @@ def _features(results: Results) -> Features:
     )
 
 
-def _proposals(a: Features, b: Features) -> Iterator[Array]:
+def _proposals(a: Features, b: Features) -> Iterator[Float64]:
     """Give the transforms that bring two surfaces of the second map onto two of the first."""
     level = np.abs(a.middles[:, None, 2] - b.middles[None, :, 2]) <= HEIGHT
     ratio = np.maximum(a.areas[:, None], 1e-6) / np.maximum(b.areas[None], 1e-6)
@@ -113,18 +112,18 @@ def _proposals(a: Features, b: Features) -> Iterator[Array]:
             yield _carrying(yaw, (a.middles[[i, k], :2]).mean(axis=0), b.middles[[j, m], :2])
 
 
-def _carrying(yaw: float, target: Array, points: Array) -> Array:
+def _carrying(yaw: float, target: Float64, points: Float64) -> Float64:
     """Return the pose with this heading that carries the middle of points (N, 2) to a target."""
     turned = transform2(np.array([0.0, 0.0, yaw]), points).mean(axis=0)
     return np.array([*(target - turned), float(wrap_angle(yaw))])
 
 
-def _score(a: Features, b: Features, guess: Array) -> float:
+def _score(a: Features, b: Features, guess: Float64) -> float:
     surfaces, walls = _meetings(a, b, guess)
     return len(surfaces) + WALL_WEIGHT * len(walls)
 
 
-def _meetings(a: Features, b: Features, guess: Array) -> tuple[Array, Array]:
+def _meetings(a: Features, b: Features, guess: Float64) -> tuple[Float64, Float64]:
     """Return the index pairs (K, 2) of surfaces, and of walls, that meet."""
     moved = transform2(guess, b.middles[:, :2])
     apart = np.linalg.norm(a.middles[:, None, :2] - moved[None], axis=2)
@@ -133,7 +132,7 @@ def _meetings(a: Features, b: Features, guess: Array) -> tuple[Array, Array]:
     return surfaces, _mutual(_wall_costs(a, b, guess), WALL_MEET)
 
 
-def _wall_costs(a: Features, b: Features, guess: Array) -> Array:
+def _wall_costs(a: Features, b: Features, guess: Float64) -> Float64:
     """Return how far apart walls lie across their direction, (N, M), m; `FAR` if not parallel."""
     turn = _line_angle(a.directions[:, None] - (b.directions + guess[2])[None])
     across = np.stack([-np.sin(a.directions), np.cos(a.directions)], axis=1)
@@ -143,12 +142,12 @@ def _wall_costs(a: Features, b: Features, guess: Array) -> Array:
     return np.where((np.abs(turn) > WALL_ANGLE) | far, FAR, beside)
 
 
-def _line_angle(difference: NDArray[np.float64]) -> Array:
+def _line_angle(difference: Float64) -> Float64:
     """Wrap differences of directions of undirected lines to (-pi/2, pi/2], rad."""
     return wrap_angle(2.0 * difference) / 2.0
 
 
-def _mutual(costs: Array, limit: float) -> Array:
+def _mutual(costs: Float64, limit: float) -> Float64:
     """Return the index pairs (K, 2) that are each other's nearest within a limit."""
     if costs.size == 0:
         return np.zeros((0, 2), np.int64)
@@ -158,7 +157,7 @@ def _mutual(costs: Array, limit: float) -> Array:
     return np.stack([rows, to_b[rows]], axis=1)
 
 
-def _refine(a: Features, b: Features, guess: Array) -> Array:
+def _refine(a: Features, b: Features, guess: Float64) -> Float64:
     """Turn by the walls that meet (by the surfaces where none does), then shift by both."""
     surfaces, walls = _meetings(a, b, guess)
     yaw = guess[2]
@@ -183,7 +182,7 @@ def _refine(a: Features, b: Features, guess: Array) -> Array:
 # --- a map in another frame ---------------------------------------------------------------------
 
 
-def moved_results(results: Results, pose: Array) -> Results:
+def moved_results(results: Results, pose: Float64) -> Results:
     """Return surfaces, walls and trajectory of a map in the frame in which its own lies at `pose`.
 
     What a comparison does not use (cuboids, cycles, planes) stays as it is.
@@ -198,8 +197,8 @@ def moved_results(results: Results, pose: Array) -> Results:
     )
 
 
-def _moved_surface(surface: SurfaceEntry, T: Array) -> SurfaceEntry:
-    def ring(points: Array) -> Array:
+def _moved_surface(surface: SurfaceEntry, T: Float64) -> SurfaceEntry:
+    def ring(points: Float64) -> Float64:
         return transform(T, points) if len(points) else points
 
     return replace(
@@ -211,7 +210,7 @@ def _moved_surface(surface: SurfaceEntry, T: Array) -> SurfaceEntry:
     )
 
 
-def _moved_wall(wall: WallEntry, pose: Array) -> WallEntry:
+def _moved_wall(wall: WallEntry, pose: Float64) -> WallEntry:
     phi = wall.phi + pose[2]
     rho = wall.rho + float(np.array([np.cos(phi), np.sin(phi)]) @ pose[:2])
     if rho < 0.0:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Float64
 
 __all__ = ["Camera", "look_at"]
 
@@ -22,10 +23,10 @@ class Camera:
         float64 (3, 3): rows are the directions right, up and back in map.
     """
 
-    eye: NDArray[np.float64]
-    R_camera_map: NDArray[np.float64]
+    eye: Float64
+    R_camera_map: Float64
 
-    def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def project(self, points: Float64) -> Float64:
         """Project points (..., 3) in map, m, in front of the camera, to the picture (..., 2).
 
         The picture's unit is the distance to its plane: x right, y up, 0 in the middle.
@@ -33,14 +34,12 @@ class Camera:
         seen = (points - self.eye) @ self.R_camera_map.T
         return seen[..., :2] / np.maximum(-seen[..., 2:], 1e-6)
 
-    def distance(self, points: NDArray[np.float64]) -> float:
+    def distance(self, points: Float64) -> float:
         """Return the distance of the middle of points (N, 3) from the eye, m."""
         return float(np.linalg.norm(points.mean(axis=0) - self.eye))
 
 
-def look_at(
-    target: NDArray[np.float64], azimuth: float, elevation: float, distance: float
-) -> Camera:
+def look_at(target: Float64, azimuth: float, elevation: float, distance: float) -> Camera:
     """Return a camera that looks at a point.
 
     Parameters

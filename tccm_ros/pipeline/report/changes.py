@@ -9,9 +9,9 @@ from typing import Generic, TypeVar
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.affinity import translate
 
+from tccm_ros.arrays import Float64
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import SurfaceEntry, WallEntry
@@ -176,7 +176,7 @@ def _wall_distance(a: WallEntry, b: WallEntry) -> float:
     )
 
 
-def _normal(wall: WallEntry) -> NDArray[np.float64]:
+def _normal(wall: WallEntry) -> Float64:
     return np.array([np.cos(wall.phi), np.sin(wall.phi)])
 
 

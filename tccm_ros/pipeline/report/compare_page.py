@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.atomic import output_file
 from tccm_ros.pipeline.report import palette
 from tccm_ros.pipeline.report.align import describe
@@ -90,7 +90,7 @@ def _draw_side(
     axes: Axes,
     comparison: Comparison,
     results: Results,
-    corners: tuple[NDArray[np.float64], NDArray[np.float64]],
+    corners: tuple[Float64, Float64],
 ) -> None:
     show_extent(axes, corners[0], corners[1])
     is_after = results is comparison.after

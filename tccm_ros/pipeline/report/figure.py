@@ -16,9 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 from PIL import Image
 
+from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.report.label_layout import LabelRequest, place_labels
 
 __all__ = ["canvas", "draw_labels", "png", "polygon", "sample_ring", "show_extent"]
@@ -48,7 +48,7 @@ def canvas(width: float, height: float) -> Iterator[tuple[Figure, Axes]]:
         yield figure, axes
 
 
-def show_extent(axes: Axes, low: NDArray[np.float64], high: NDArray[np.float64]) -> None:
+def show_extent(axes: Axes, low: Float64, high: Float64) -> None:
     """Show all between two corners (2,) on one scale in x and y, in the middle of the axes."""
     size = np.array(axes.get_window_extent().size, np.float64)
     scale = float(np.max((high - low) / size))
@@ -71,9 +71,9 @@ def png(figure: Figure) -> bytes:
     return content.getvalue()
 
 
-def polygon(rings: Sequence[NDArray[np.float64]], **style: Any) -> PathPatch:
+def polygon(rings: Sequence[Float64], **style: Any) -> PathPatch:
     """Return a patch of one outline and its holes; rings are open, float64 (N, 2)."""
-    vertices: list[NDArray[np.float64]] = []
+    vertices: list[Float64] = []
     codes: list[int] = []
     for index, ring in enumerate(rings):
         vertices.append(np.concatenate([_wound(ring, ccw=index == 0), ring[:1]]))
@@ -82,14 +82,14 @@ def polygon(rings: Sequence[NDArray[np.float64]], **style: Any) -> PathPatch:
     return PathPatch(Outline(np.concatenate(vertices), codes), **style)
 
 
-def _wound(ring: NDArray[np.float64], *, ccw: bool) -> NDArray[np.float64]:
+def _wound(ring: Float64, *, ccw: bool) -> Float64:
     """Return the ring counter-clockwise or clockwise: fills leave out what winds the other way."""
     x, y = ring[:, 0], ring[:, 1]
     area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
     return ring if (area > 0.0) == ccw else ring[::-1]
 
 
-def sample_ring(points: NDArray[np.float64], *, closed: bool = True) -> NDArray[np.float64]:
+def sample_ring(points: Float64, *, closed: bool = True) -> Float64:
     """Return points every few pixels along a line in pixels, float64 (M, 2)."""
     ends = np.roll(points, -1, axis=0) if closed else points[1:]
     starts = points if closed else points[:-1]
@@ -104,9 +104,9 @@ def sample_ring(points: NDArray[np.float64], *, closed: bool = True) -> NDArray[
 def draw_labels(
     axes: Axes,
     texts: Sequence[str],
-    anchors: NDArray[np.float64],
+    anchors: Float64,
     colors: Sequence[str],
-    obstacles: NDArray[np.float64],
+    obstacles: Float64,
     *,
     size: float = FONT,
     zorder: float = 20.0,
@@ -149,9 +149,7 @@ def draw_labels(
             _leader(axes, request, center, color, zorder - 1.0)
 
 
-def _leader(
-    axes: Axes, request: LabelRequest, center: NDArray[np.float64], color: str, zorder: float
-) -> None:
+def _leader(axes: Axes, request: LabelRequest, center: Float64, color: str, zorder: float) -> None:
     """Draw a line from the label's edge to its anchor."""
     offset = request.anchor - center
     reach = np.min((0.5 * request.size + 2.0) / np.maximum(np.abs(offset), 1e-9))

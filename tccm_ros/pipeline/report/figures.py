@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.atomic import output_file
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import transform
@@ -106,6 +106,6 @@ def _draw_cycle(axes: Axes, results: Results, cycles: CycleParts, at: int) -> No
         axes.plot(*path.positions[here, :2], "o", ms=3.5, color=palette.PALETTE[5], zorder=4)
 
 
-def _age_colors(age: NDArray[np.int64], window: int) -> NDArray[np.float64]:
+def _age_colors(age: Int64, window: int) -> Float64:
     share = np.clip(age / max(window - 1, 1), 0.0, 1.0)[:, None]
     return NEW + share * (OLD - NEW)

@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from shapely import Point, Polygon
 from shapely.ops import polylabel
 
+from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.results.models import SurfaceEntry
 
 __all__ = ["LabelRequest", "label_point", "place_labels"]
@@ -41,11 +41,11 @@ POLE_TOLERANCE = 0.01
 class LabelRequest:
     """A label that wants to be at `anchor`, float64 (2,), with `size` (2,); pixels."""
 
-    anchor: NDArray[np.float64]
-    size: NDArray[np.float64]
+    anchor: Float64
+    size: Float64
 
 
-def label_point(surface: SurfaceEntry) -> NDArray[np.float64]:
+def label_point(surface: SurfaceEntry) -> Float64:
     """Return where a surface's name belongs, float64 (3,), m: its centroid, or well inside it."""
     ring = Polygon(
         surface.boundary[:, :2], [hole[:, :2] for hole in surface.holes if len(hole) > 2]
@@ -62,9 +62,9 @@ def label_point(surface: SurfaceEntry) -> NDArray[np.float64]:
 
 def place_labels(
     requests: Sequence[LabelRequest],
-    canvas: NDArray[np.float64],
-    obstacles: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    canvas: Float64,
+    obstacles: Float64,
+) -> Float64:
     """Place labels near their anchors, greedily in the order given.
 
     Parameters
@@ -96,7 +96,7 @@ def place_labels(
     return centers
 
 
-def _candidates(request: LabelRequest) -> NDArray[np.float64]:
+def _candidates(request: LabelRequest) -> Float64:
     """Return the anchor, then rings of places around it, float64 (1 + rings * directions, 2)."""
     turns = np.arange(DIRECTIONS) * (2.0 * np.pi / DIRECTIONS)
     circle = np.stack([np.cos(turns), np.sin(turns)], axis=1) * (0.5 * request.size + MARGIN)
@@ -104,11 +104,11 @@ def _candidates(request: LabelRequest) -> NDArray[np.float64]:
     return np.concatenate([request.anchor[None], (request.anchor + rings * circle).reshape(-1, 2)])
 
 
-def _outside(boxes: NDArray[np.float64], canvas: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _outside(boxes: Float64, canvas: Float64) -> Bool:
     return ((boxes[:, 0] < canvas[0]) | (boxes[:, 1] > canvas[1])).any(axis=1)
 
 
-def _overlap(boxes: NDArray[np.float64], placed: NDArray[np.float64]) -> NDArray[np.float64]:
+def _overlap(boxes: Float64, placed: Float64) -> Float64:
     """Return the share of each box that placed boxes cover, summed, float64 (K,)."""
     if len(placed) == 0:
         return np.zeros(len(boxes))
@@ -118,6 +118,6 @@ def _overlap(boxes: NDArray[np.float64], placed: NDArray[np.float64]) -> NDArray
     return np.prod(np.maximum(high - low, 0.0), axis=2).sum(axis=1) / area
 
 
-def _covered(boxes: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.int64]:
+def _covered(boxes: Float64, points: Float64) -> Int64:
     inside = (points >= boxes[:, None, 0]) & (points <= boxes[:, None, 1])
     return inside.all(axis=2).sum(axis=1)

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.report import palette
 from tccm_ros.pipeline.report.camera import Camera, look_at
 from tccm_ros.pipeline.report.figure import (
@@ -57,7 +57,7 @@ class Piece:
     Pieces of one `body` (an index of `_bodies`) are painted together, others by their own distance.
     """
 
-    rings: Sequence[NDArray[np.float64]]
+    rings: Sequence[Float64]
     style: dict[str, Any] = field(default_factory=dict)
     is_line: bool = False
     body: int | None = None
@@ -90,9 +90,7 @@ def view_camera(results: Results) -> Camera:
     return look_at(target, azimuth, ELEVATION, DISTANCE * float(side.max()))
 
 
-def _picture_limits(
-    results: Results, camera: Camera
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _picture_limits(results: Results, camera: Camera) -> tuple[Float64, Float64]:
     """Return the corners of everything in the picture's units, with a margin."""
     rings = [r for piece in (*_ground(results), *_pieces(results)) for r in piece.rings]
     if not rings:
@@ -136,7 +134,7 @@ def _pieces(results: Results) -> Iterator[Piece]:
         yield from _box(box, body)
 
 
-def _bodies(results: Results) -> list[NDArray[np.float64]]:
+def _bodies(results: Results) -> list[Float64]:
     """Return the outlines of the surfaces, then of the objects, float64 (N, 3) each."""
     outlines = [surface.boundary for surface in results.standing]
     return outlines + [_flat(box_corners(box), float(box.center[2])) for box in results.tabletop]
@@ -158,7 +156,7 @@ def _body_depths(results: Results, camera: Camera) -> list[float]:
     return depths
 
 
-def _overlap(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
+def _overlap(a: Float64, b: Float64) -> bool:
     """Return whether the bounding boxes of two outlines (N, 2) share a point."""
     return bool(np.all((a.min(axis=0) <= b.max(axis=0)) & (b.min(axis=0) <= a.max(axis=0))))
 
@@ -178,7 +176,7 @@ def _surface(surface: SurfaceEntry, color: str, ground: float, body: int) -> Ite
     yield Piece(_rings(surface), {"fill": False, "ec": color, "lw": 1.5}, body=body)
 
 
-def _corners(ring: NDArray[np.float64]) -> NDArray[np.float64]:
+def _corners(ring: Float64) -> Float64:
     """Return the four corners that stand out in the diagonal directions, each once, (<= 4, 3)."""
     directions = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
     return ring[np.unique(np.argmax(ring[:, :2] @ directions.T, axis=0))]
@@ -206,15 +204,15 @@ def _box(box: ObjectEntry, body: int) -> Iterator[Piece]:
     yield Piece([high], {**style, "fc": "#7c6552"}, body=body)
 
 
-def _rings(surface: SurfaceEntry) -> list[NDArray[np.float64]]:
+def _rings(surface: SurfaceEntry) -> list[Float64]:
     return [ring for ring in (surface.boundary, *surface.holes) if len(ring) > 2]
 
 
-def _flat(points: NDArray[np.float64], z: float) -> NDArray[np.float64]:
+def _flat(points: Float64, z: float) -> Float64:
     return np.column_stack([points[:, :2], np.full(len(points), z)])
 
 
-def _view_places(results: Results) -> NDArray[np.float64]:
+def _view_places(results: Results) -> Float64:
     path = results.trajectory
     if len(path.stamps) == 0:
         return np.zeros((0, 3))

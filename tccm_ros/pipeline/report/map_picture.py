@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.report import palette
 from tccm_ros.pipeline.report.figure import (
     canvas,
@@ -54,7 +54,7 @@ def map_png(results: Results) -> bytes:
         return png(figure)
 
 
-def extent(results: Results) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def extent(results: Results) -> tuple[Float64, Float64]:
     """Return the corners of what is worth drawing, with a margin, float64 (2,) each, m."""
     shown = [s.boundary[:, :2] for s in results.surfaces]
     shown += [s.boundary[:, :2] for s in results.truth]
@@ -70,9 +70,7 @@ def extent(results: Results) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return low - room - margin, high + room + margin
 
 
-def draw_map(
-    axes: Axes, results: Results, low: NDArray[np.float64], high: NDArray[np.float64]
-) -> None:
+def draw_map(axes: Axes, results: Results, low: Float64, high: Float64) -> None:
     """Draw the map between two corners in map (m) into frameless axes."""
     show_extent(axes, low, high)
     colors = palette.surface_colors(results.surfaces)
@@ -99,7 +97,7 @@ def draw_map(
     )
 
 
-def box_corners(box: ObjectEntry) -> NDArray[np.float64]:
+def box_corners(box: ObjectEntry) -> Float64:
     """Return the corners of an object's box seen from above, float64 (4, 2), m."""
     half = 0.5 * box.size[:2]
     c, s = np.cos(box.yaw), np.sin(box.yaw)
@@ -167,7 +165,7 @@ def _draw_scale_bar(axes: Axes) -> None:
               path_effects=[withStroke(linewidth=2.5, foreground="white")])  # fmt: skip
 
 
-def _obstacles(axes: Axes, results: Results) -> NDArray[np.float64]:
+def _obstacles(axes: Axes, results: Results) -> Float64:
     """Return points along walls and outlines that labels should not cover, pixels."""
     to_pixels = axes.transData.transform
     lines = [sample_ring(to_pixels(w.endpoints), closed=False) for w in results.walls]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.results.models import SurfaceEntry
 
 __all__ = [
@@ -63,7 +63,7 @@ def surface_colors(surfaces: Sequence[SurfaceEntry]) -> dict[int, str]:
         Surface id -> ``#rrggbb``.
     """
     colors: dict[int, str] = {}
-    bearers: dict[str, list[NDArray[np.float64]]] = {color: [] for color in PALETTE}
+    bearers: dict[str, list[Float64]] = {color: [] for color in PALETTE}
     for surface in sorted(surfaces, key=lambda s: s.id):
         if surface.is_floor:
             colors[surface.id] = FLOOR
@@ -75,5 +75,5 @@ def surface_colors(surfaces: Sequence[SurfaceEntry]) -> dict[int, str]:
     return colors
 
 
-def _nearest(place: NDArray[np.float64], others: Sequence[NDArray[np.float64]]) -> float:
+def _nearest(place: Float64, others: Sequence[Float64]) -> float:
     return min((float(np.linalg.norm(place - other)) for other in others), default=np.inf)

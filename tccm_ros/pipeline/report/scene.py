@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.outlines.triangulation import fill_outline
 from tccm_ros.pipeline.report import palette
 from tccm_ros.pipeline.report.label_layout import label_point
@@ -78,7 +79,7 @@ def build_scene(results: Results) -> tuple[dict[str, Any], ArrayPack]:
     return scene, pack
 
 
-def _extent(results: Results) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _extent(results: Results) -> tuple[Float64, Float64]:
     """Return the corners of the map, or of most cuboids where there is no map."""
     if results.surfaces or results.walls or results.cuboids is None or len(results.cuboids) == 0:
         return extent(results)
@@ -111,9 +112,9 @@ def _surface(pack: ArrayPack, surface: SurfaceEntry, color: str, ground: float) 
 
 def _shape(
     pack: ArrayPack,
-    boundary: NDArray[np.float64],
-    holes: Sequence[NDArray[np.float64]],
-    normal: NDArray[np.float64],
+    boundary: Float64,
+    holes: Sequence[Float64],
+    normal: Float64,
 ) -> dict[str, Any]:
     mesh = fill_outline(boundary, holes, normal)
     return {
@@ -208,9 +209,7 @@ def _newest(cuboids: FinalCuboids) -> FinalCuboids:
     return FinalCuboids(cuboids.cell_size, *(getattr(cuboids, name)[kept] for name in columns))
 
 
-def _final(
-    pack: ArrayPack, cuboids: FinalCuboids, frame: NDArray[np.float64], window: int
-) -> dict[str, Any]:
+def _final(pack: ArrayPack, cuboids: FinalCuboids, frame: Float64, window: int) -> dict[str, Any]:
     unit = _unit(np.append(cuboids.bottom, cuboids.top))
     bottom, top = np.rint(cuboids.bottom / unit), np.rint(cuboids.top / unit)
     return {
@@ -225,7 +224,7 @@ def _final(
     }
 
 
-def _unit(lengths: NDArray[np.float64]) -> float:
+def _unit(lengths: Float64) -> float:
     """Return a unit, m, in which these lengths fit into int16."""
     return max(FINE_UNIT, float(np.abs(lengths).max(initial=0.0)) / LARGEST)
 
@@ -281,5 +280,5 @@ def _round(value: float) -> float:
     return round(float(value), 6)
 
 
-def _list(values: NDArray[np.float64]) -> list[float]:
+def _list(values: Float64) -> list[float]:
     return [round(float(v), 6) for v in values]

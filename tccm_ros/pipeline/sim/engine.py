@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.pipeline.sim.joints import Profile
 from tccm_ros.pipeline.sim.lasers import Laser, footprint, measure
 from tccm_ros.pipeline.sim.motion import wheel_odometry
@@ -23,7 +23,6 @@ from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan, Tran
 
 __all__ = ["EPOCH_NS", "Published", "Simulation"]
 
-Array = NDArray[np.float64]
 Record = RobotDescription | TransformSample | JointSample | Odometry | Scan
 
 EPOCH_NS = 1_600_000_000_000_000_000
@@ -60,7 +59,7 @@ class _Mount:
     laser: Laser
     frame: str
     topic: str
-    windows: Array
+    windows: Float64
 
 
 class Simulation:
@@ -128,15 +127,15 @@ class Simulation:
             streams.append(self._scans(tilt, np.random.default_rng(self._seeds[2])))
         yield from heapq.merge(*streams, key=lambda message: message.log_ns)
 
-    def true_poses(self, times: Array) -> Array:
+    def true_poses(self, times: Float64) -> Float64:
         """Return T_world_base, float64 (B, 4, 4), at times (B,) in s."""
         return self.world.drive.poses(times, self.rig.base_height)
 
-    def laser_poses(self, frame: str, times: Array) -> Array:
+    def laser_poses(self, frame: str, times: Float64) -> Float64:
         """Return the true T_world_laser, float64 (B, 4, 4), at times (B,) in s."""
         return self.true_poses(times) @ self._link_poses(frame, times)
 
-    def _link_poses(self, frame: str, times: Array) -> Array:
+    def _link_poses(self, frame: str, times: Float64) -> Float64:
         """Return the true T_base_frame, float64 (B, 4, 4), at times (B,) in s."""
         if frame == self.rig.base:
             return np.broadcast_to(np.eye(4), (len(times), 4, 4))
@@ -174,7 +173,7 @@ class Simulation:
                     turned = tuple(_joint_transform(j, sample, positions[j.name]) for j in moving)
                     yield Published(log_ns, "/tf", turned)
 
-    def _joint_positions(self, times: Array) -> Array:
+    def _joint_positions(self, times: Float64) -> Float64:
         """Return the true positions (B, J) of the moving joints, then of the wheels."""
         rest = Profile.rest(0.0)
         turning = [self.world.joints.get(name, rest).at(times) for name in self.rig.moving]
@@ -212,7 +211,7 @@ class Simulation:
             scan = Scan(stamp_ns, mount.frame, *_limits(laser), ranges)
             yield Published(stamp_ns + round(sweep * 1e9) + SCAN_DELAY_NS, mount.topic, (scan,))
 
-    def _ranges(self, mount: _Mount, times: Array, random: Generator) -> NDArray[np.float32]:
+    def _ranges(self, mount: _Mount, times: Float64, random: Generator) -> Float32:
         """Return what a laser reports for beams at these times, float32 (B,)."""
         laser = mount.laser
         T_base_laser = self._link_poses(mount.frame, times)
@@ -226,7 +225,7 @@ class Simulation:
             rim = self._cast(T_base_laser, rays, times, reach)
         return measure(laser, exact, rim, random)
 
-    def _cast(self, T_base_laser: Array, rays: Array, times: Array, reach: float) -> Array:
+    def _cast(self, T_base_laser: Float64, rays: Float64, times: Float64, reach: float) -> Float64:
         """Return exact ranges along rays (B, 3) of the laser's frame: to the world or the robot."""
         ranges = _cast(self.scene, self.true_poses(times) @ T_base_laser, rays, times, reach)
         for link, body in self._bodies.items():
@@ -238,9 +237,9 @@ class Simulation:
         return ranges
 
 
-def _cast(scene: FrozenScene, T_scene_laser: Array, rays: Array, times: Array, reach: float) -> (
-    Array
-):  # fmt: skip
+def _cast(
+    scene: FrozenScene, T_scene_laser: Float64, rays: Float64, times: Float64, reach: float
+) -> Float64:
     """Return exact ranges along rays (B, 3) of a laser's frame."""
     directions = np.einsum("bij,bj->bi", T_scene_laser[:, :3, :3], rays)
     origins = np.ascontiguousarray(T_scene_laser[:, :3, 3])
@@ -263,7 +262,7 @@ def _frozen_bodies(rig: Rig) -> dict[str, FrozenScene]:
     return {link: scene.freeze() for link, scene in scenes.items()}
 
 
-def _blocks(duration_ns: int, period_ns: int) -> Iterator[NDArray[np.int64]]:
+def _blocks(duration_ns: int, period_ns: int) -> Iterator[Int64]:
     """Yield the times of periodic samples, ns, a block at a time."""
     span_ns = BLOCK * period_ns
     for start_ns in range(0, duration_ns + 1, span_ns):

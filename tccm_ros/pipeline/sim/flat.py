@@ -7,8 +7,8 @@ from itertools import pairwise
 from math import pi
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.sim.joints import Profile, sweeps
 from tccm_ros.pipeline.sim.motion import Waypoint, drive
 from tccm_ros.pipeline.sim.options import Options
@@ -80,7 +80,7 @@ def stop_and_scan(
     return World(name, scene, SEGWAY, path, joints, windows)
 
 
-def _pan(starts: NDArray[np.float64], pans: Sequence[float]) -> Profile:
+def _pan(starts: Float64, pans: Sequence[float]) -> Profile:
     """Return the pan joint's moves: each ends just before the stop that it is for."""
     moves, here = [], 0.0
     for number, start in enumerate(starts):

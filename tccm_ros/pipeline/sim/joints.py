@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from tccm_ros.arrays import Float64
 
 __all__ = ["Profile", "sweeps"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,10 @@ class Profile:
     takes to reach its speed, and to brake: 0 turns on the spot, 0.5 never runs evenly.
     """
 
-    moves: Array
+    moves: Float64
     ramp: float = 0.1
 
-    def at(self, times: ArrayLike) -> Array:
+    def at(self, times: ArrayLike) -> Float64:
         """Return the positions at times (B,) in s, float64 (B,), rad."""
         t = np.asarray(times, float)
         i = np.clip(np.searchsorted(self.moves[:, 0], t, side="right") - 1, 0, None)
@@ -39,7 +39,7 @@ class Profile:
         return Profile(np.array([[0.0, 1.0, position, position]]))
 
 
-def _eased(share: Array, ramp: float) -> Array:
+def _eased(share: Float64, ramp: float) -> Float64:
     """Return the way done after a share of the time, with an even speed between two ramps."""
     if ramp <= 0.0:
         return share
@@ -51,7 +51,7 @@ def _eased(share: Array, ramp: float) -> Array:
 
 
 def sweeps(
-    windows: Sequence[tuple[float, float]] | Array,
+    windows: Sequence[tuple[float, float]] | Float64,
     period: float,
     limits: tuple[float, float],
     ramp: float = 0.1,

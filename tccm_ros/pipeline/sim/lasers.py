@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Float32, Float64
 
 __all__ = ["Laser", "footprint", "measure"]
 
-Array = NDArray[np.float64]
 
 EDGE = 0.05  # m; a footprint whose parts differ by less returns one echo
 
@@ -59,17 +59,17 @@ class Laser:
         return (self.angle_max - self.angle_min) / (self.beams - 1)
 
     @property
-    def bearings(self) -> Array:
+    def bearings(self) -> Float64:
         """Of all beams, float64 (beams,), rad."""
         return self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
 
     @property
-    def offsets(self) -> Array:
+    def offsets(self) -> Float64:
         """Time of each beam after the first, float64 (beams,), s."""
         return self.time_increment * np.arange(self.beams, dtype=np.float64)
 
 
-def footprint(bearings: Array, divergence: float, random: Generator) -> Array:
+def footprint(bearings: Float64, divergence: float, random: Generator) -> Float64:
     """Return unit directions at the rim of each beam, float64 (B, 3), in the laser's frame.
 
     The rim is where a second ray tells whether the beam falls on an edge.
@@ -81,9 +81,7 @@ def footprint(bearings: Array, divergence: float, random: Generator) -> Array:
     return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
 
 
-def measure(
-    laser: Laser, exact: Array, rim: Array | None, random: Generator
-) -> NDArray[np.float32]:
+def measure(laser: Laser, exact: Float64, rim: Float64 | None, random: Generator) -> Float32:
     """Return the ranges that a laser reports.
 
     Parameters

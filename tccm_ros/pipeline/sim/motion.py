@@ -9,11 +9,11 @@ from functools import cached_property
 import numba as nb
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Float64
 
 __all__ = ["Drive", "OdometryErrors", "Waypoint", "drive", "stand", "wheel_odometry"]
 
-Array = NDArray[np.float64]
 
 STEP = 0.01  # s, between the samples of a drive
 SPEED, ACCELERATION = 0.5, 0.4  # m/s, m/s2
@@ -61,16 +61,16 @@ class Drive:
     rad; `stops` float64 (S, 2): from when until when it stands to scan.
     """
 
-    times: Array
-    states: Array
-    stops: Array
+    times: Float64
+    states: Float64
+    stops: Float64
 
     @cached_property
-    def columns(self) -> Array:
+    def columns(self) -> Float64:
         """The states by column, float64 (5, T)."""
         return np.ascontiguousarray(self.states.T)
 
-    def poses(self, times: Array, height: float = 0.0) -> Array:
+    def poses(self, times: Float64, height: float = 0.0) -> Float64:
         """Return T_world_base, float64 (B, 4, 4), at times (B,) in s; `height` is the base's z."""
         x, y, yaw, roll, pitch = (np.interp(times, self.times, column) for column in self.columns)
         cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
@@ -114,7 +114,7 @@ def drive(route: Sequence[Waypoint], lean: float = 1.0, speed: float = SPEED) ->
     return Drive(times, states, stops)
 
 
-def _lean(planar: Array, speeds: Array) -> Array:
+def _lean(planar: Float64, speeds: Float64) -> Float64:
     """Return roll and pitch (T, 2) from accelerations and from the floor's unevenness."""
     forward = np.gradient(speeds[:, 0], STEP)
     sideways = speeds[:, 0] * speeds[:, 1]
@@ -129,7 +129,7 @@ def _lean(planar: Array, speeds: Array) -> Array:
 
 def wheel_odometry(
     true: Drive, errors: OdometryErrors, start: tuple[float, float, float], random: Generator
-) -> Array:
+) -> Float64:
     """Return what the wheels say at the drive's samples, float64 (T, 3): x, y, yaw in m, rad."""
     states = true.states
     forward = np.cos(states[:-1, 2] + np.diff(states[:, 2]) / 2.0)
@@ -149,7 +149,7 @@ def wheel_odometry(
 
 
 @nb.njit(nogil=True, cache=True)
-def _low_pass(values: Array, gain: float) -> Array:
+def _low_pass(values: Float64, gain: float) -> Float64:
     """Return a first-order low pass of each column."""
     result = np.zeros_like(values)
     for i in range(1, len(values)):
@@ -169,7 +169,7 @@ def _towards(value: float, wanted: float, limit: float) -> float:
 
 
 @nb.njit(nogil=True, cache=True)
-def _follow(goals: Array, top_speed: float) -> tuple[Array, Array, Array]:
+def _follow(goals: Float64, top_speed: float) -> tuple[Float64, Float64, Float64]:
     """Follow way points (x, y, heading or nan, pause): states (T, 3), speeds (T, 2), stops (S, 2).
 
     Towards a point the robot turns on the spot when it lies far off, else it steers while it

@@ -12,6 +12,8 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64, Int64
+
 __all__ = ["ABSENT", "BOX", "CYLINDER", "FACES", "TOP_FACE", "Grid", "Solids", "cast"]
 
 ABSENT, BOX, CYLINDER = -1, 0, 1
@@ -20,8 +22,6 @@ FACES = 6
 TOP_FACE = 5
 
 NEAREST = 1e-6  # m; a hit closer than this is the ray's own start
-
-Array = NDArray[np.float64]
 
 
 class Solids(NamedTuple):
@@ -33,11 +33,11 @@ class Solids(NamedTuple):
     """
 
     kind: NDArray[np.int8]
-    center: Array
-    velocity: Array
-    R_solid_world: Array
-    half: Array
-    reach: Array
+    center: Float64
+    velocity: Float64
+    R_solid_world: Float64
+    half: Float64
+    reach: Float64
 
 
 class Grid(NamedTuple):
@@ -46,17 +46,17 @@ class Grid(NamedTuple):
     `everywhere` holds the solids that every ray tests: large ones and moving ones.
     """
 
-    origin: Array
+    origin: Float64
     cell: float
     nx: int
     ny: int
-    start: NDArray[np.int64]
-    items: NDArray[np.int64]
-    everywhere: NDArray[np.int64]
+    start: Int64
+    items: Int64
+    everywhere: Int64
 
 
 @nb.njit(nogil=True, cache=True)
-def _hit_box(o: Array, d: Array, half: Array) -> tuple[float, int]:
+def _hit_box(o: Float64, d: Float64, half: Float64) -> tuple[float, int]:
     """Return (distance, face) where a ray in the box's frame enters it; (-1, 0) if it misses."""
     near, far, face = -np.inf, np.inf, 0
     for k in range(3):
@@ -75,7 +75,7 @@ def _hit_box(o: Array, d: Array, half: Array) -> tuple[float, int]:
 
 
 @nb.njit(nogil=True, cache=True)
-def _hit_cylinder(o: Array, d: Array, half: Array) -> tuple[float, int]:
+def _hit_cylinder(o: Float64, d: Float64, half: Float64) -> tuple[float, int]:
     """Return (distance, face) where a ray in the cylinder's frame enters it; (-1, 0) if not."""
     radius, height = half[0], half[2]
     if abs(d[2]) > 1e-12:
@@ -98,14 +98,14 @@ def _hit_cylinder(o: Array, d: Array, half: Array) -> tuple[float, int]:
 
 @nb.njit(nogil=True, cache=True)
 def _try_solids(
-    items: NDArray[np.int64],
+    items: Int64,
     solids: Solids,
-    origin: Array,
-    direction: Array,
+    origin: Float64,
+    direction: Float64,
     time: float,
     best: float,
     code: int,
-    scratch: Array,
+    scratch: Float64,
 ) -> tuple[float, int]:
     """Return the nearest (distance, code) of the rays' hits on some solids and what was known."""
     o, d, offset = scratch[0], scratch[1], scratch[2]
@@ -138,12 +138,12 @@ def _try_solids(
 def _walk(
     solids: Solids,
     grid: Grid,
-    origin: Array,
-    direction: Array,
+    origin: Float64,
+    direction: Float64,
     time: float,
     best: float,
     code: int,
-    scratch: Array,
+    scratch: Float64,
 ) -> tuple[float, int]:
     """Walk the grid's cells along a ray until nothing nearer can come."""
     size = (grid.nx, grid.ny)
@@ -190,11 +190,11 @@ def _walk(
 def cast(
     solids: Solids,
     grid: Grid,
-    origins: Array,
-    directions: Array,
-    times: Array,
+    origins: Float64,
+    directions: Float64,
+    times: Float64,
     max_range: float,
-) -> tuple[Array, NDArray[np.int64]]:
+) -> tuple[Float64, Int64]:
     """Return the distance along each ray to the first solid.
 
     Parameters

@@ -10,14 +10,14 @@ from math import cos, sin
 
 import numba as nb
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from tccm_ros.arrays import Float64
 
 __all__ = ["chain_poses", "invert", "quaternion_xyzw", "rigid", "rotation_rpy"]
 
-Array = NDArray[np.float64]
 
-
-def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
+def rotation_rpy(roll: float, pitch: float, yaw: float) -> Float64:
     """Return Rz(yaw) Ry(pitch) Rx(roll), float64 (3, 3): a positive pitch turns x downwards."""
     cr, sr, cp, sp, cy, sy = cos(roll), sin(roll), cos(pitch), sin(pitch), cos(yaw), sin(yaw)
     return np.array(
@@ -29,7 +29,7 @@ def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
     )
 
 
-def rigid(xyz: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+def rigid(xyz: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> Float64:
     """Return T_a_b, float64 (4, 4), of b's origin in a (m) and b's roll, pitch, yaw (rad)."""
     roll, pitch, yaw = np.asarray(rpy, float)
     T = np.eye(4)
@@ -38,7 +38,7 @@ def rigid(xyz: ArrayLike, rpy: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
     return T
 
 
-def invert(T_a_b: Array) -> Array:
+def invert(T_a_b: Float64) -> Float64:
     """Return T_b_a, float64 (4, 4)."""
     T = np.eye(4)
     T[:3, :3] = T_a_b[:3, :3].T
@@ -46,7 +46,7 @@ def invert(T_a_b: Array) -> Array:
     return T
 
 
-def quaternion_xyzw(T_a_b: Array) -> Array:
+def quaternion_xyzw(T_a_b: Float64) -> Float64:
     """Return the rotation as a unit quaternion, float64 (4,), w >= 0 (for angles below pi)."""
     R = T_a_b[:3, :3]
     # The column with the largest norm of the 4 x 4 outer product q q^T is the stable one.
@@ -54,12 +54,12 @@ def quaternion_xyzw(T_a_b: Array) -> Array:
     K[:3, :3] = R + R.T + (1.0 - np.trace(R)) * np.eye(3)
     K[:3, 3] = K[3, :3] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
     K[3, 3] = 1.0 + np.trace(R)
-    q: Array = K[:, np.argmax(np.diag(K))]
+    q: Float64 = K[:, np.argmax(np.diag(K))]
     return q / (np.linalg.norm(q) * (-1.0 if q[3] < 0.0 else 1.0))
 
 
 @nb.njit(nogil=True, cache=True)
-def chain_poses(origins: Array, axes: Array, angles: Array) -> Array:
+def chain_poses(origins: Float64, axes: Float64, angles: Float64) -> Float64:
     """Return the poses of the end of a chain of joints.
 
     Parameters
@@ -93,7 +93,7 @@ def chain_poses(origins: Array, axes: Array, angles: Array) -> Array:
 
 
 @nb.njit(nogil=True, cache=True)
-def _multiply(A: Array, B: Array, product: Array) -> None:
+def _multiply(A: Float64, B: Float64, product: Float64) -> None:
     """Write the product of the upper left (3, 3) of A and B."""
     for i in range(3):
         for j in range(3):
@@ -101,7 +101,7 @@ def _multiply(A: Array, B: Array, product: Array) -> None:
 
 
 @nb.njit(nogil=True, cache=True)
-def _turn_about(axis: Array, angle: float, R: Array) -> None:
+def _turn_about(axis: Float64, angle: float, R: Float64) -> None:
     """Write the rotation by `angle` about `axis` (Rodrigues) to R; a zero axis gives identity."""
     x, y, z = axis
     if x == 0.0 and y == 0.0 and z == 0.0:

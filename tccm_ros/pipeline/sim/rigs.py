@@ -6,15 +6,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.sim.lasers import Laser
 from tccm_ros.pipeline.sim.motion import OdometryErrors
 from tccm_ros.pipeline.sim.rigid import chain_poses, rigid
 
 __all__ = ["Body", "Joint", "Rig", "Topics"]
 
-Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 USUAL_ERRORS = OdometryErrors()
@@ -114,7 +113,7 @@ class Rig:
             frame = parents[frame].parent
         return tuple(chain)
 
-    def laser_poses(self, frame: str, positions: dict[str, Array], count: int) -> Array:
+    def laser_poses(self, frame: str, positions: dict[str, Float64], count: int) -> Float64:
         """Return T_base_laser, float64 (count, 4, 4).
 
         Parameters

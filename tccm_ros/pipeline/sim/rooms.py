@@ -8,8 +8,8 @@ from itertools import pairwise
 from math import pi, radians
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.sim.flat import flat_scene, stop_and_scan
 from tccm_ros.pipeline.sim.joints import sweeps
 from tccm_ros.pipeline.sim.motion import Drive, Waypoint, drive
@@ -85,7 +85,7 @@ def room(options: Options) -> World:
     return stop_and_scan("room", scene, route, changed, ROOM_SPEED)
 
 
-def _before(route: Sequence[Waypoint], stops: NDArray[np.float64]) -> list[tuple[float, ...]]:
+def _before(route: Sequence[Waypoint], stops: Float64) -> list[tuple[float, ...]]:
     """Return (time, x, y) of a person who walks past before the robot at each of its stops."""
     keys: list[tuple[float, ...]] = []
     for stop, (start, end) in zip(route, stops.tolist(), strict=True):

@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 from typing import Literal, TypedDict, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.pipeline.sim import raycast
 from tccm_ros.pipeline.sim.raycast import ABSENT, BOX, CYLINDER, Grid, Solids
 from tccm_ros.pipeline.sim.rigid import rigid, rotation_rpy
 
 __all__ = ["FrozenScene", "Motion", "Scene", "Solid"]
 
-Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 CELL = 0.5  # m, of the grid that finds solids by place
@@ -30,10 +30,10 @@ class Motion:
     added to the solid's own place (the yaw turns about the solid's own centre).
     """
 
-    times: Array
-    offsets: Array
+    times: Float64
+    offsets: Float64
 
-    def at(self, time: float) -> Array:
+    def at(self, time: float) -> Float64:
         """Return the offset (x, y, z, yaw) at a time, float64 (4,); it rests outside the keys."""
         return np.array([np.interp(time, self.times, column) for column in self.offsets.T])
 
@@ -68,7 +68,7 @@ class Solid:
     """
 
     shape: Literal["box", "cylinder"]
-    T_world_solid: Array
+    T_world_solid: Float64
     half: Vector
     name: str
     surface: str = ""
@@ -88,7 +88,7 @@ class Solid:
         return float(np.hypot(x, z) if self.shape == "cylinder" else np.sqrt(x * x + y * y + z * z))
 
     @property
-    def reach(self) -> Array:
+    def reach(self) -> Float64:
         """Half edges of its axis-aligned bounding box, float64 (3,)."""
         return np.abs(self.T_world_solid[:3, :3]) @ np.asarray(self.half)
 
@@ -230,11 +230,11 @@ class FrozenScene:
 
     def cast(
         self,
-        origins: Array,
-        directions: Array,
-        times: Array,
+        origins: Float64,
+        directions: Float64,
+        times: Float64,
         max_range: float = 100.0,
-    ) -> tuple[Array, NDArray[np.int64]]:
+    ) -> tuple[Float64, Int64]:
         """Return exact ranges (B,) and codes (B,) of rays, each at its own time.
 
         Things move in straight lines from the first of the times to the last, as `raycast.cast`

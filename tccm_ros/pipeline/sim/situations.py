@@ -8,14 +8,13 @@ from __future__ import annotations
 from math import radians
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.sim.rigid import rigid
 from tccm_ros.pipeline.sim.scene import Motion, Scene, Solid
 
 __all__ = ["SITUATIONS", "situation_scene"]
 
-Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 SITUATIONS = ("a", "b", "c", "d")
@@ -66,7 +65,7 @@ def situation_scene(
     return scene
 
 
-def _placed(solid: Solid, move: Array) -> Solid:
+def _placed(solid: Solid, move: Float64) -> Solid:
     """Return a solid moved by T_world_subject."""
     place = move @ solid.T_world_solid
     return Solid(

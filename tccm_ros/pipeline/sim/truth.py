@@ -6,18 +6,17 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from shapely import Polygon, set_precision, union_all
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
+from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.sim.engine import EPOCH_NS, Simulation
 from tccm_ros.pipeline.sim.rigid import invert, quaternion_xyzw, rigid
 from tccm_ros.pipeline.sim.scene import Solid
 
 __all__ = ["map_from_world", "surfaces", "trajectory", "walls"]
 
-Array = NDArray[np.float64]
 
 POSE_PERIOD = 0.02  # s, of the true trajectory
 SMALLEST = 0.01  # m2, of a top that is listed
@@ -26,7 +25,7 @@ CAP_CORNERS = 64  # of the polygon that stands for a cylinder's top
 GRID = 1e-6  # m, on which polygons are joined
 
 
-def map_from_world(simulation: Simulation) -> Array:
+def map_from_world(simulation: Simulation) -> Float64:
     """Return T_map_world, float64 (4, 4): the map is the first base pose, levelled."""
     first = simulation.true_poses(np.zeros(1))[0]
     yaw = float(np.arctan2(first[1, 0], first[0, 0]))
@@ -83,7 +82,7 @@ def walls(simulation: Simulation) -> dict[str, Any]:
     }
 
 
-def _line(face: Array, T_map_world: Array) -> dict[str, Any]:
+def _line(face: Float64, T_map_world: Float64) -> dict[str, Any]:
     """Return phi, rho and the endpoints of a face (2, 2) in the world."""
     ends = face @ T_map_world[:2, :2].T + T_map_world[:2, 3]
     ux, uy = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
@@ -102,7 +101,7 @@ def _by_name(solids: list[Solid]) -> list[tuple[str, list[Solid]]]:
 
 
 def _surfaces(
-    groups: list[tuple[str, list[Solid]]], present: list[Solid], T_map_world: Array
+    groups: list[tuple[str, list[Solid]]], present: list[Solid], T_map_world: Float64
 ) -> list[dict[str, Any]]:
     """Return a row per polygon of the tops of each group, less what stands on them."""
     rows: list[dict[str, Any]] = []
@@ -117,7 +116,7 @@ def _surfaces(
     return rows
 
 
-def _row(polygon: Polygon, height: float, T_map_world: Array) -> dict[str, Any]:
+def _row(polygon: Polygon, height: float, T_map_world: Float64) -> dict[str, Any]:
     def ring(coordinates: Any) -> list[list[float]]:
         xy = np.array(coordinates)[:-1, :2]
         return _rounded(np.column_stack([xy, np.full(len(xy), height)]) @ R.T + t)
@@ -135,7 +134,7 @@ def _row(polygon: Polygon, height: float, T_map_world: Array) -> dict[str, Any]:
     }
 
 
-def _object(solid: Solid, T_map_world: Array) -> dict[str, Any]:
+def _object(solid: Solid, T_map_world: Float64) -> dict[str, Any]:
     T = T_map_world @ solid.T_world_solid
     yaw = float(np.arctan2(T[1, 0], T[0, 0]))
     yaw -= np.pi * np.ceil(yaw / np.pi - 0.5)
@@ -198,5 +197,5 @@ def _moved(solid: Solid, time: float) -> Solid:
     )
 
 
-def _rounded(values: Array) -> Any:
+def _rounded(values: Float64) -> Any:
     return (np.round(values, 6) + 0.0).tolist()

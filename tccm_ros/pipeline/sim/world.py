@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.sim.joints import Profile
 from tccm_ros.pipeline.sim.motion import Drive
 from tccm_ros.pipeline.sim.options import Options
@@ -42,7 +42,7 @@ class World:
     rig: Rig
     drive: Drive
     joints: dict[str, Profile] = field(default_factory=dict)
-    tilt_windows: NDArray[np.float64] = field(default_factory=lambda: np.array([[-np.inf, np.inf]]))
+    tilt_windows: Float64 = field(default_factory=lambda: np.array([[-np.inf, np.inf]]))
 
     @property
     def duration(self) -> float:

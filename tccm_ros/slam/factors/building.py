@@ -8,8 +8,8 @@ from typing import Any
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial
 from tccm_ros.slam.factors.factor import NoLandmark
 from tccm_ros.slam.factors.keys import Key
@@ -17,8 +17,6 @@ from tccm_ros.slam.factors.noise import BLIND, PLANAR_SIGMA
 from tccm_ros.slam.factors.poses import PriorPose
 
 __all__ = ["Building", "WallDirection"]
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,8 +8,8 @@ from typing import Any
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial
 from tccm_ros.slam.factors.factor import NoLandmark
 from tccm_ros.slam.factors.keys import Key, turn_matrix
@@ -17,7 +17,6 @@ from tccm_ros.slam.factors.noise import BLIND, gaussian, planar_covariance
 
 __all__ = ["CornerObservation", "WallThroughCorner"]
 
-Float64 = NDArray[np.float64]
 
 CORNER_LEVEL = 1e-3
 """Roll, pitch (rad) and z (m) of a corner, which has none of them."""

@@ -6,14 +6,11 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 import gtsam
-import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors.keys import Key
 
 __all__ = ["Factor", "NoLandmark"]
-
-Float64 = NDArray[np.float64]
 
 
 class Factor(Protocol):

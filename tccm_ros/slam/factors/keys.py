@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
+
+from tccm_ros.arrays import Float64
 
 __all__ = [
     "Key",
@@ -20,8 +21,6 @@ __all__ = [
     "view_key",
     "wall_key",
 ]
-
-Float64 = NDArray[np.float64]
 
 
 class Key(NamedTuple):

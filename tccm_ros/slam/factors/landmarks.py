@@ -14,13 +14,12 @@ from typing import Any, ClassVar, TypeVar
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors.keys import Key
 
 __all__ = ["LandmarkFactor", "landmark_class", "register_landmark"]
 
-Float64 = NDArray[np.float64]
 
 OWN_LETTERS = frozenset("cfosvwx")
 """Letters of the variables in `keys`."""

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors.keys import turn_matrix
 
 __all__ = ["BLIND", "PLANAR_SIGMA", "gaussian", "huber", "planar_covariance", "turn_covariance"]
 
-Float64 = NDArray[np.float64]
 
 PLANAR_SIGMA = 1e-5
 """Roll, pitch (rad) and z (m) of a keyframe: small enough to vanish, large enough to be stable."""

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial
 from tccm_ros.slam.factors.factor import NoLandmark
 from tccm_ros.slam.factors.keys import Key, turn_matrix
 from tccm_ros.slam.factors.noise import PLANAR_SIGMA, gaussian, planar_covariance, turn_covariance
 
 __all__ = ["BetweenKeyframes", "Planar", "PriorPose"]
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,14 +8,12 @@ from typing import Any
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors.keys import Key, surface_key, view_key
 from tccm_ros.slam.factors.noise import gaussian
 
 __all__ = ["ViewPlane"]
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
+from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial
 from tccm_ros.slam.factors.factor import NoLandmark
 from tccm_ros.slam.factors.keys import Key, turn_matrix, view_key
 from tccm_ros.slam.factors.noise import gaussian, huber, planar_covariance
 
 __all__ = ["BetweenViews", "KeyframeView"]
-
-Float64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,16 @@
+"""Types of arrays of one kind of number, for annotations.
+
+Shapes stand in docstrings: NumPy has no type for them.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Bool", "Float32", "Float64", "Int32", "Int64", "UInt8"]
+
+Float64 = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+Int64 = NDArray[np.int64]
+Int32 = NDArray[np.int32]
+UInt8 = NDArray[np.uint8]
+Bool = NDArray[np.bool_]

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import shapely
-from shapely import Polygon
 
 from tccm_ros.arrays import Bool, Int64
 from tccm_ros.config import Config
@@ -20,6 +18,7 @@ from tccm_ros.tabletop.footprints import (
     clusters,
     convex_hull,
     corners_of,
+    distance_to_ring,
     loose_cuboids,
     over,
     rectangle,
@@ -70,10 +69,9 @@ def find_objects(
     # From the highest surface down, so that a box on a stove stands on the stove, not the counter.
     for plane in sorted(levels, key=lambda p: (-float(p.centroid[2]), p.id)):
         members, starts = _take_clusters(loose, plane, config)
-        outline = Polygon(plane.boundary[:, :2])
         for k in np.flatnonzero(np.diff(starts)).tolist():
             cluster = members[starts[k] : starts[k + 1]]
-            candidate = _object(loose, cluster, plane, outline, config)
+            candidate = _object(loose, cluster, plane, config)
             if candidate is not None and not _carries(candidate, covers):
                 found.append(candidate)
     return [replace(item, id=index) for index, item in enumerate(found)]
@@ -106,7 +104,7 @@ def _carries(item: TabletopObject, covers: Sequence[PlaneRecord]) -> bool:
         if (
             abs((plane.offset - nx * x - ny * y) / nz - top) < SEAM
             and plane.id != item.plane
-            and Polygon(plane.boundary[:, :2]).distance(shapely.Point(x, y)) < SEAM
+            and distance_to_ring(item.center[None, :2], plane.boundary[:, :2]) < SEAM
         ):
             return True
     return False
@@ -116,7 +114,6 @@ def _object(
     loose: LooseCuboids,
     cluster: Int64,
     plane: PlaneRecord,
-    outline: Polygon,
     config: Config,
 ) -> TabletopObject | None:
     points = float(loose.counts[cluster].sum())
@@ -135,7 +132,7 @@ def _object(
     lift = float(loose.low[cluster, 2].min()) - floor
     if not -SEAM <= lift <= max(0.5 * height, config.objects.cluster_distance):
         return None
-    if outline.distance(Polygon(hull)) > config.objects.cluster_distance:
+    if distance_to_ring(hull, plane.boundary[:, :2]) > config.objects.cluster_distance:
         return None
     return TabletopObject(
         id=-1,

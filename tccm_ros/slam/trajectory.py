@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -121,12 +122,11 @@ def place_stamps(
     (x, y, yaw) in the frames of the poses: that of the scan before, of the way from there, and of
     the motion during the sweep, which is none for a base that stands still.
     """
-    known = np.array([p.stamp_ns for p in placed], np.int64)
     index = np.zeros(len(stamps_ns), np.int64)
     poses = np.zeros((len(stamps_ns), 3))
     covs = np.zeros((len(stamps_ns), 3, 3))
     for v, stamp in enumerate(stamps_ns):
-        i = max(int(np.searchsorted(known, stamp, side="right")) - 1, 0)
+        i = max(bisect_right(placed, stamp, key=lambda p: p.stamp_ns) - 1, 0)
         here = placed[i]
         start, now = odometry.at(here.stamp_ns), odometry.at(int(stamp))
         index[v] = here.keyframe

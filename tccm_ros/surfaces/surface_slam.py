@@ -18,6 +18,7 @@ from tccm_ros.geometry import compose2, inverse, planar, spatial
 from tccm_ros.records import (
     ClockJump,
     Event,
+    LandmarkObservation,
     Odometry,
     PosedScan,
     ScanPose,
@@ -106,6 +107,7 @@ class SurfaceSlam:
         self._takers: dict[EventKind, Callable[[Any], list[ScanPose]]] = {
             **{(PosedScan, role): self._take_scan for role in roles_of("slam")},
             (Odometry, None): self._take_odometry,
+            (LandmarkObservation, None): self._take_landmark,
             (ClockJump, None): self._take_jump,
             (SurfaceCloud, None): partial(self._take_view, "clouds"),
             (ViewIntervals, None): partial(self._take_view, "views"),
@@ -141,10 +143,12 @@ class SurfaceSlam:
         """Return whether an event is for this processor."""
         return kind_of(event) in self._takers
 
-    def add(self, event: Event | SurfaceCloud | ViewIntervals) -> list[ScanPose]:
+    def add(
+        self, event: Event | LandmarkObservation | SurfaceCloud | ViewIntervals
+    ) -> list[ScanPose]:
         """Take one event; return the pose of the level scan that it is, if it is one.
 
-        Surface clouds and views may come at any time: they are placed by their stamps. Events that
+        Landmarks, surface clouds and views may come at any time: they are placed by their stamps. Events that
         are for others are left alone.
         """
         take = self._takers.get(kind_of(event))
@@ -154,6 +158,10 @@ class SurfaceSlam:
         self.odom_frame = posed.odom_frame
         self.counts["level scans"] += 1
         return [self.walls.add_scan(posed)]
+
+    def _take_landmark(self, observation: LandmarkObservation) -> list[ScanPose]:
+        self.walls.add_landmark(observation)
+        return []
 
     def _take_odometry(self, record: Odometry) -> list[ScanPose]:
         self.odom_frame = record.frame_id or self.odom_frame

@@ -265,7 +265,7 @@ def rectangle(hull: Float64) -> tuple[float, float, float, float, float]:
 
 
 @njit(nogil=True, cache=True)
-def point_to_side(px: float, py: float, ring: Array, i: int, j: int) -> float:
+def point_to_side(px: float, py: float, ring: Float64, i: int, j: int) -> float:
     """Return the squared distance of a point from the side between two corners of a ring."""
     dx, dy = ring[j, 0] - ring[i, 0], ring[j, 1] - ring[i, 1]
     x, y = px - ring[i, 0], py - ring[i, 1]
@@ -276,7 +276,7 @@ def point_to_side(px: float, py: float, ring: Array, i: int, j: int) -> float:
 
 
 @njit(nogil=True, cache=True)
-def distance_to_ring(shape: Array, ring: Array) -> float:
+def distance_to_ring(shape: Float64, ring: Float64) -> float:
     """Return the distance of a shape from what a ring encloses; 0 where they overlap.
 
     Parameters
@@ -305,7 +305,7 @@ def distance_to_ring(shape: Array, ring: Array) -> float:
 
 
 @njit(nogil=True, cache=True)
-def sides_cross(p: Array, q: Array, r: Array, s: Array) -> bool:
+def sides_cross(p: Float64, q: Float64, r: Float64, s: Float64) -> bool:
     """Return whether two sides cross, in the inside of both."""
     a = (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
     b = (q[0] - p[0]) * (s[1] - p[1]) - (q[1] - p[1]) * (s[0] - p[0])

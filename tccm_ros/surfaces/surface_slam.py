@@ -148,8 +148,8 @@ class SurfaceSlam:
     ) -> list[ScanPose]:
         """Take one event; return the pose of the level scan that it is, if it is one.
 
-        Landmarks, surface clouds and views may come at any time: they are placed by their stamps. Events that
-        are for others are left alone.
+        Landmarks, surface clouds and views may come at any time: they are placed by their stamps.
+        Events that are for others are left alone.
         """
         take = self._takers.get(kind_of(event))
         return take(event) if take else []

@@ -1,4 +1,4 @@
-"""Files and folders are the old or the new ones after a kill at any moment; nothing is left over."""
+"""Files and folders are old or new after a kill at any moment, and nothing is left over."""
 
 import os
 import subprocess

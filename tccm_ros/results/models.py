@@ -262,6 +262,7 @@ class LandmarkEntry:
     id: int
     position: Vector
     covariance: Covariance3
+    observations: int = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -273,11 +274,14 @@ class GraphFile:
     landmarks: tuple[LandmarkEntry, ...] = ()
 
     @classmethod
-    def of(cls, keyframes: Iterable[Keyframe], loops: Iterable[Loop]) -> GraphFile:
-        """Return what graph.json holds of a solution's keyframes and loops."""
+    def of(
+        cls, keyframes: Iterable[Keyframe], loops: Iterable[Loop], landmarks: Iterable[Any] = ()
+    ) -> GraphFile:
+        """Return what graph.json holds of a solution; landmarks have the attributes of an entry."""
         return cls(
             tuple(_entry(KeyframeEntry, k, stamp=Stamp(k.stamp_ns)) for k in keyframes),
             tuple(LoopEntry(p.from_id, p.to_id, p.delta, p.accepted, p.reason) for p in loops),
+            tuple(_entry(LandmarkEntry, landmark) for landmark in landmarks),
         )
 
 

@@ -1,4 +1,4 @@
-"""Folders are the old ones or the new ones after a kill at any moment, and nothing is left over."""
+"""Files and folders are old or new after a kill at any moment, and nothing is left over."""
 
 import os
 import subprocess
@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from tccm_ros.atomic import finish_moves, output_folder
+from tccm_ros.atomic import finish_moves, output_file, output_folder
 from tccm_ros.errors import OutputError
 
 KILLED = 9
@@ -110,3 +110,33 @@ def test_foreign_hidden_folders_stay(tmp_path):
     with output_folder(tmp_path / "map") as made:
         (made / "a").write_text("")
     assert (tmp_path / ".map.backup").is_dir()
+
+
+def test_a_file_is_replaced_at_the_end_or_not_at_all(tmp_path):
+    path = tmp_path / "deep" / "a.txt"
+    with output_file(path) as made:
+        made.write_text("old")
+        assert not path.exists()
+
+    def fail(error):
+        with output_file(path) as made:
+            made.write_text("new")
+            raise error
+
+    with pytest.raises(KeyError):
+        fail(KeyError())
+    with pytest.raises(OutputError, match=r"a\.txt: cannot be written"):
+        fail(OSError("full"))
+    assert path.read_text() == "old"
+    assert [p.name for p in path.parent.iterdir()] == ["a.txt"]
+
+
+def test_a_folder_may_be_replaced_as_a_whole(tmp_path):
+    out = tmp_path / "out"
+    for name in ("one", "two"):
+        with output_folder(out, is_replaced=True) as made:
+            (made / name).write_text(name)
+            (made / "sub").mkdir()
+            (made / "sub" / name).write_text(name)
+    assert sorted(p.name for p in out.iterdir()) == ["sub", "two"]
+    assert [p.name for p in (out / "sub").iterdir()] == ["two"]

@@ -282,10 +282,7 @@ class GraphFile:
         return cls(
             tuple(_entry(KeyframeEntry, k, stamp=Stamp(k.stamp_ns)) for k in keyframes),
             tuple(LoopEntry(p.from_id, p.to_id, p.delta, p.accepted, p.reason) for p in loops),
-            tuple(
-                LandmarkEntry(m.kind, m.id, m.position, m.covariance, m.observations)
-                for m in landmarks
-            ),
+            tuple(_entry(LandmarkEntry, landmark) for landmark in landmarks),
         )
 
 

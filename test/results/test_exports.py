@@ -14,7 +14,8 @@ from tccm_ros.errors import OutputError
 from tccm_ros.records import Wall
 from tccm_ros.results.exports import write_results
 from tccm_ros.results.floor_plan import close_corners
-from tccm_ros.results.models import ObjectsFile
+from tccm_ros.results.folder_reader import read_json
+from tccm_ros.results.models import GraphFile, LandmarkEntry, ObjectsFile
 from tccm_ros.results.numbers import Stamp, json_text, rounded
 from tccm_ros.results.occupancy import occupancy_grid, save_grid
 from tccm_ros.results.planning import surface_box, surface_mesh
@@ -269,3 +270,12 @@ def as_map_server_reads(path):
 
 def test_no_level_laser_no_grid():
     assert occupancy_grid({}) is None
+
+
+def test_landmarks_are_written_and_read(tmp_path):
+    mark = LandmarkEntry("sign", 4, np.array([1.0, 2.0, 1.5]), np.eye(3) * 1e-4, 3)
+    (tmp_path / "graph.json").write_text(json_text(GraphFile.of([], [], [mark])))
+    (read,) = read_json(tmp_path / "graph.json", GraphFile).landmarks
+    assert (read.kind, read.id, read.observations) == ("sign", 4, 3)
+    np.testing.assert_array_equal(read.position, mark.position)
+    np.testing.assert_array_equal(read.covariance, mark.covariance)

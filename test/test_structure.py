@@ -55,6 +55,9 @@ SUB_ROOMS = {
 
 GTSAM_ROOMS = {"slam/graph.py", "slam/factors"}
 
+ROS_PACKAGES = {"rclpy", "tccm_interfaces"}
+"""Beside those whose names end with _msgs or _srvs."""
+
 
 def modules() -> list[Path]:
     return sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
@@ -116,7 +119,7 @@ def test_the_modules_of_a_room_do_not_import_each_other_in_a_circle(room: str):
 
 def test_tests_stand_where_the_room_that_they_test_stands():
     folders = {p.relative_to(PACKAGE) for p in PACKAGE.rglob("*") if p.is_dir()}
-    own = {Path("fuzz")}
+    own = {Path("fuzz"), Path("interfaces")}
     tests = Path(__file__).parent
     strays = {p.parent.relative_to(tests) for p in tests.rglob("test_*.py")} - folders - own
     assert strays == {Path(".")}, f"no room of these names: {sorted(map(str, strays))}"
@@ -125,7 +128,7 @@ def test_tests_stand_where_the_room_that_they_test_stands():
 @pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_only_nodes_know_ros_and_only_the_graph_knows_gtsam(path: Path):
     tops = {name.split(".")[0] for name in imports(path)}
-    ros = {top for top in tops if top == "rclpy" or top.endswith("_msgs") or top.endswith("_srvs")}
+    ros = {t for t in tops if t in ROS_PACKAGES or t.endswith(("_msgs", "_srvs"))}
     assert not ros or room_of(path) == "nodes"
     place = path.relative_to(PACKAGE)
     assert "gtsam" not in tops or {str(place), str(place.parent)} & GTSAM_ROOMS

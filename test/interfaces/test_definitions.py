@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 INTERFACES = ROOT / "interfaces"
 PUBLIC = Path(__file__).parent / "definitions"
 
-UNITS = {"-", "m", "m^2", "rad", "rad/s", "s", "byte", "m / rad", "rad^2 / rad m / m^2"}
+UNITS = {"-", "m", "m^2", "rad", "rad/s", "s", "ns", "byte", "m / rad", "rad^2 / rad m / m^2"}
 
 PUBLISHED_HASHES = {
     "tf2_msgs/msg/TFMessage": "e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",

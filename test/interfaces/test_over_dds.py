@@ -21,10 +21,8 @@ from tccm_interfaces.msg import (
     Sign,
     Surface,
     SurfaceArray,
-    SurfaceEdge,
     SurfaceMap,
     SurfaceObject,
-    SurfaceView,
     Wall,
 )
 from tccm_interfaces.srv import FindSurfaces
@@ -38,20 +36,14 @@ CORNERS = [Point(x=x, y=y, z=0.7) for x, y in ((0.0, 0.0), (1.2, 0.0), (1.2, 0.8
 
 def surface(identity: int, label: str) -> Surface:
     """Return a table whose far side was hidden by the object on it."""
-    states = [SurfaceEdge.SEEN, SurfaceEdge.SEEN, SurfaceEdge.HIDDEN, SurfaceEdge.CUT]
-    edges = [
-        SurfaceEdge(
-            start=CORNERS[k], end=CORNERS[(k + 1) % 4], state=state, hidden_by_surface=-1,
-            hidden_by_object=9 if state == SurfaceEdge.HIDDEN else -1,
-        )
-        for k, state in enumerate(states)
-    ]  # fmt: skip
+    edges = [Surface.EDGE_SEEN, Surface.EDGE_SEEN, Surface.EDGE_HIDDEN, Surface.EDGE_CUT]
     plane = PlaneWithCovariance(normal=Vector3(z=1.0), offset=0.7, covariance=[1e-6] * 9)
     return Surface(
         header=HEADER, id=identity, merged_ids=array("i", [7, 8]), label=label, confidence=0.9,
         size_x=1.2, size_y=0.8, height=0.7, plane=plane, shape=Surface.SHAPE_RECTANGLE,
-        boundary=Ring(points=CORNERS), edges=edges, area=0.96, area_seen=0.9, points=1000,
-        first_seen=HEADER.stamp, views=[SurfaceView(stamp=HEADER.stamp, keyframe=-1, points=1000)],
+        boundary=Ring(points=CORNERS), edges=edges, hidden_by_objects=[-1, -1, 9, -1],
+        area=0.96, area_seen=0.9, points=1000, first_seen=HEADER.stamp, last_seen=HEADER.stamp,
+        view_stamps=[1_700_000_000_000_000_005], view_keyframes=[-1], view_points=[1000],
         near_signs=["A 301"], room="kitchen",
     )  # fmt: skip
 

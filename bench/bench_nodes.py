@@ -32,12 +32,12 @@ from tccm_ros.pipeline.sim.engine import Simulation
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan
+from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.ros import (
     joint_sample_message,
     odometry_message,
     robot_description_message,
     scan_message,
-    stamp_ns_from_message,
 )
 
 NODES = ("tccm_node", "slam_node")
@@ -145,14 +145,18 @@ def offline_cycles(seconds: float) -> list[tuple[int, int]]:
     """Return (stamp, last beam) of each cycle, as a processor has them without any nodes."""
     from tccm_ros.config import Config
     from tccm_ros.mapping.tccm import TccmProcessor
+    from tccm_ros.robot import Robot
+    from tccm_ros.sensors.registry import default_streams
 
     options = Options(laps=max(1, int(np.ceil(seconds / 20.0))))
     simulation = Simulation(build_world("load", options), 0, options)
-    processor, results = TccmProcessor(Config(), expects_odometry=True), []
+    robot = Robot(Config(), default_streams(), expects_odometry=True)
+    processor, results = TccmProcessor(Config()), []
     for published in simulation.run():
         if published.topic != "/scan" and published.log_ns - simulation.start_ns < seconds * 1e9:
             for record in published.records:
-                results += processor.add(record)
+                for event in robot.add(published.topic.lstrip("/"), record):
+                    results += processor.add(event)
     return [(r.stamp_ns, r.end_ns) for r in results]
 
 

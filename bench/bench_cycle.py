@@ -26,7 +26,9 @@ from tccm_ros.mapping.surface_message import surface_cloud, view_intervals
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.planes import find_planes
 from tccm_ros.planes.tracking import PlaneTracker
+from tccm_ros.robot import Robot
 from tccm_ros.ros.publications import CyclePublications
+from tccm_ros.sensors.registry import default_streams
 from tccm_ros.tabletop.objects import ObjectTracker, find_objects
 
 FLAT = Path(__file__).resolve().parents[1] / "bags" / "flat"
@@ -36,8 +38,8 @@ REPEATS = 5
 class Recorder(TccmProcessor):
     """A processor that keeps its sweeps."""
 
-    def __init__(self, config: Config, **kwargs: Any) -> None:
-        super().__init__(config, **kwargs)
+    def __init__(self, config: Config) -> None:
+        super().__init__(config)
         self.sweeps: list[Any] = []
 
     def _result(self, sweep: Any, *args: Any) -> CycleResult:
@@ -106,11 +108,15 @@ def run_cycles(sweeps: list[Any], config: Config, all_stages: list[Stages]) -> N
 def main(bag: Path) -> None:
     """Print the table."""
     config = Config()
-    recorder = Recorder(config, expects_odometry=True)
+    robot = Robot(config, default_streams(), expects_odometry=True)
+    recorder = Recorder(config)
     with BagReader(bag) as reader:
         topics = {k: v for k, v in DEFAULT_TOPICS.items() if k != "scan"}
-        for _, _, record in reader.records(topics):
-            recorder.add(record)
+        for role, _, record in reader.records(topics):
+            for event in robot.add(role, record):
+                recorder.add(event)
+    for event in robot.flush():
+        recorder.add(event)
     recorder.finish()
     all_stages = [Stages() for _ in recorder.sweeps]
     for _ in range(REPEATS):

@@ -145,14 +145,18 @@ def offline_cycles(seconds: float) -> list[tuple[int, int]]:
     """Return (stamp, last beam) of each cycle, as a processor has them without any nodes."""
     from tccm_ros.config import Config
     from tccm_ros.mapping.tccm import TccmProcessor
+    from tccm_ros.robot import Robot
+    from tccm_ros.sensors.registry import default_streams
 
     options = Options(laps=max(1, int(np.ceil(seconds / 20.0))))
     simulation = Simulation(build_world("load", options), 0, options)
-    processor, results = TccmProcessor(Config(), expects_odometry=True), []
+    robot = Robot(Config(), default_streams(), expects_odometry=True)
+    processor, results = TccmProcessor(Config()), []
     for published in simulation.run():
         if published.topic != "/scan" and published.log_ns - simulation.start_ns < seconds * 1e9:
             for record in published.records:
-                results += processor.add(record)
+                for event in robot.add(published.topic.lstrip("/"), record):
+                    results += processor.add(event)
     return [(r.stamp_ns, r.end_ns) for r in results]
 
 

@@ -22,6 +22,8 @@ from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.pipeline.calibrate import RigCheck, calibrate
 from tccm_ros.pipeline.sim import Options, run
+from tccm_ros.robot import Robot
+from tccm_ros.sensors.registry import default_streams
 
 DEG = float(np.deg2rad(1.0))
 
@@ -64,24 +66,25 @@ def simulated(options: dict[str, object]) -> list[list[tuple[str, float]]]:
     settings = usual | options
     world, seed = str(settings.pop("world", "room")), int(str(settings.pop("seed", 0)))
     messages = run(world, seed=seed, options=Options.model_validate(settings))
-    records = (r for m in messages if m.topic != "/scan" for r in m.records)
+    records = ((m.topic.lstrip("/"), r) for m in messages for r in m.records)
     return _said(Config(), records)
 
 
 def recorded(bag: Path, config: Config) -> list[list[tuple[str, float]]]:
     """Return what was said after each cycle of a recording."""
     with BagReader(bag) as reader:
-        records = (record for role, _, record in reader.records(DEFAULT_TOPICS) if role != "scan")
+        records = ((role, record) for role, _, record in reader.records(DEFAULT_TOPICS))
         return _said(config, records)
 
 
-def _said(config: Config, records: Iterable[object]) -> list[list[tuple[str, float]]]:
-    processor, check = TccmProcessor(config, expects_odometry=True), RigCheck()
-    said = []
-    for record in records:
-        for result in processor.add(record):  # type: ignore[arg-type]
-            check.add(result)
-            said.append([(finding.name, finding.size) for finding in check.findings()])
+def _said(config: Config, records: Iterable[tuple[str, object]]) -> list[list[tuple[str, float]]]:
+    robot = Robot(config, default_streams(), expects_odometry=True)
+    processor, check, said = TccmProcessor(config), RigCheck(), []
+    for role, record in records:
+        for event in robot.add(role, record):
+            for result in processor.add(event):
+                check.add(result)
+                said.append([(finding.name, finding.size) for finding in check.findings()])
     for result in processor.finish():
         check.add(result)
         said.append([(finding.name, finding.size) for finding in check.findings()])

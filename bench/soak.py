@@ -29,12 +29,11 @@ from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.pipeline.sim.engine import Simulation
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.worlds import build_world
-from tccm_ros.records import JointSample
+from tccm_ros.robot import Robot
 from tccm_ros.ros.publications import CyclePublications
+from tccm_ros.sensors.registry import default_streams
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
-TCCM_TOPICS = ("/tilt_scan", "/odom", "/joint_states", "/robot_description")
-SLAM_TOPICS = ("/scan", "/odom", "/joint_states", "/robot_description")
 WORLD, LAP_S = "load", 20.0
 LISTENED_TO = ("planes", "objects", "surfaces", "view")
 """Topics of the TCCM node whose messages are made."""
@@ -89,7 +88,8 @@ def soak_slam(hours: float, stretch_s: float) -> None:
     """Drive the level laser round a room."""
     options = Options(laps=max(1, round(3600.0 * hours / LAP_S)), tilt=False)
     simulation = Simulation(build_world(WORLD, options), 0, options)
-    slam = SurfaceSlam(Config(), expects_odometry=True)
+    robot = Robot(Config(), default_streams(), expects_odometry=True)
+    slam = SurfaceSlam(Config())
     print("| hour | memory | keyframes | 99 % of steps | longest step | solve | stood still |")
     print("|---|---|---|---|---|---|---|", flush=True)
     steps: list[float] = []
@@ -97,8 +97,8 @@ def soak_slam(hours: float, stretch_s: float) -> None:
     for published in simulation.run():
         for record in published.records:
             start = time.process_time()
-            if published.topic in SLAM_TOPICS:
-                slam.add(record)
+            for event in robot.add(published.topic.lstrip("/"), record):
+                slam.add(event)
             steps.append(time.process_time() - start)
         if published.log_ns >= due_ns:
             report(slam, (published.log_ns - simulation.start_ns) / 3.6e12, steps)
@@ -110,22 +110,24 @@ def soak_tccm(hours: float, stretch_s: float) -> None:
     """Tilt a laser without end."""
     records, lap_ns = tilting_lap()
     types, config = TypestoreMessages(), Config()
-    processor = TccmProcessor(config, expects_odometry=True)
+    robot = Robot(config, default_streams(), expects_odometry=True)
+    processor = TccmProcessor(config)
     publications = CyclePublications(types, config)
     print("| hour | memory | cycles | 99 % of steps | longest step | cuboids | scans dropped |")
     print("|---|---|---|---|---|---|---|", flush=True)
     steps: list[float] = []
     due_s = stretch_s
     for lap in range(round(3600.0 * hours * 1e9 / lap_ns)):
-        for record in records:
+        for role, record in records:
             start = time.process_time()
-            for result in processor.add(later(record, lap * lap_ns)):
-                for due in publications.of(result, processor.map.cuboids):
-                    if due.topic in LISTENED_TO:
-                        types.serialize(due.msgtype, due.build())
+            for event in robot.add(role, later(record, lap * lap_ns)):
+                for result in processor.add(event):
+                    for due in publications.of(result, processor.map.cuboids):
+                        if due.topic in LISTENED_TO:
+                            types.serialize(due.msgtype, due.build())
             steps.append(time.process_time() - start)
         if (lap + 1) * lap_ns * 1e-9 >= due_s:
-            ms, dropped = 1e3 * np.array(steps), sum(processor.dropped.values())
+            ms, dropped = 1e3 * np.array(steps), (robot.dropped + processor.dropped).total()
             print(
                 f"| {(lap + 1) * lap_ns / 3.6e12:.2f} | {memory_mb():.0f} MB | "
                 f"{processor.counts['cycles']} | {np.quantile(ms, 0.99):.1f} ms | "
@@ -136,17 +138,17 @@ def soak_tccm(hours: float, stretch_s: float) -> None:
             steps.clear()
 
 
-def tilting_lap() -> tuple[list[Any], int]:
-    """Return the records of a lap, and how much later the next one begins, ns."""
+def tilting_lap() -> tuple[list[tuple[str, Any]], int]:
+    """Return the records of a lap with their roles, and how much later the next one begins, ns."""
     options = Options(laps=1)
     simulation = Simulation(build_world(WORLD, options), 0, options)
     records = [
-        record
+        (published.topic.lstrip("/"), record)
         for published in simulation.run()
         for record in published.records
-        if published.topic in TCCM_TOPICS
+        if published.topic != "/scan"
     ]
-    stamps = [record.stamp_ns for record in records if isinstance(record, JointSample)]
+    stamps = [record.stamp_ns for role, record in records if role == "joint_states"]
     return records, max(stamps) - min(stamps) + JOINT_STEP_NS
 
 

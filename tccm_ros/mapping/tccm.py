@@ -35,7 +35,6 @@ from tccm_ros.records import (
     TiltAngle,
     ViewIntervals,
 )
-from tccm_ros.records.events import EventKind, kind_of
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.tabletop.free_places import FreePlaces, find_free_places
 from tccm_ros.tabletop.objects import ObjectTracker, find_objects
@@ -43,6 +42,9 @@ from tccm_ros.tabletop.objects import ObjectTracker, find_objects
 __all__ = ["CyclePlanes", "CycleResult", "TccmProcessor"]
 
 OnPlanes = Callable[["CyclePlanes"], object]
+
+ROLES = {None, *roles_of("tccm")}
+"""Of events that are mapped: those of the streams for it, and those that concern everybody."""
 
 START_OF_TIME = -(2**62)
 
@@ -161,13 +163,12 @@ class TccmProcessor:
         self._objects = ObjectTracker(config)
         self._odom_frame, self._base_frame = config.frames.odom_name, ""
         self._view_is_asked = False
-        self._takers: dict[EventKind, Callable[[Any], list[Sweep]]] = {
-            (ClockJump, None): self._take_jump
+        self._takers: dict[type, Callable[[Any], None]] = {
+            PosedScan: self._take_scan,
+            TiltAngle: self._take_angle,
+            StreamComplete: self._take_complete,
+            ClockJump: self._take_jump,
         }
-        for role in roles_of("tccm"):
-            self._takers[PosedScan, role] = self._take_scan
-            self._takers[TiltAngle, role] = self._take_angle
-            self._takers[StreamComplete, role] = self._take_complete
 
     @property
     def dropped(self) -> Counter[str]:
@@ -176,7 +177,7 @@ class TccmProcessor:
 
     def takes(self, event: Event) -> bool:
         """Return whether an event is for this processor."""
-        return kind_of(event) in self._takers
+        return type(event) in self._takers and getattr(event, "role", None) in ROLES
 
     def add(self, event: Event, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:
         """Take one event; return the cycles that are complete now, in order.
@@ -184,26 +185,23 @@ class TccmProcessor:
         Events that are for others are left alone. `on_planes` is called with the planes of each
         cycle as soon as they are known: the rest takes about as long again.
         """
-        take = self._takers.get(kind_of(event))
-        return [self._result(sweep, on_planes) for sweep in take(event)] if take else []
+        if not self.takes(event):
+            return []
+        self._takers[type(event)](event)
+        return [self._result(sweep, on_planes) for sweep in self._cycles.take(self._complete_ns)]
 
-    def _take_scan(self, posed: PosedScan) -> list[Sweep]:
+    def _take_scan(self, posed: PosedScan) -> None:
         self._odom_frame, self._base_frame = posed.odom_frame, posed.base_frame
         self._cycles.add_scan(posed)
-        return self._cycles.take(self._complete_ns)
 
-    def _take_angle(self, sample: TiltAngle) -> list[Sweep]:
-        # Whether a cycle has ended is looked at with the next scan, or when time has gone on.
+    def _take_angle(self, sample: TiltAngle) -> None:
         self._cycles.add_tilt(sample.stamp_ns, sample.angle)
-        return []
 
-    def _take_complete(self, complete: StreamComplete) -> list[Sweep]:
+    def _take_complete(self, complete: StreamComplete) -> None:
         self._complete_ns = complete.until_ns
-        return self._cycles.take(self._complete_ns)
 
-    def _take_jump(self, jump: ClockJump) -> list[Sweep]:
+    def _take_jump(self, jump: ClockJump) -> None:
         self.clear_map()
-        return []
 
     def finish(self, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:
         """Close the open cycle: the input has ended."""

@@ -53,30 +53,36 @@ class Intake:
         self._timers: list[Timer] = []
         self._is_done = False
         self._stop = GuardCondition(None, None, context=node.context)
-        self._thread = threading.Thread(
-            target=self._run, name=f"{node.get_name()} intake", daemon=True
-        )
+        self._name = f"{node.get_name()} intake"
+        self._thread: threading.Thread | None = None
 
     def add(self, subscription: Subscription) -> None:
-        """Take the messages of a subscription; all are added before `start`."""
+        """Take the messages of a subscription, from the next `start` on."""
         self._subscriptions.append(subscription)
 
     def add_timer(self, timer: Timer) -> None:
-        """Call a timer back when it is due; all are added before `start`."""
+        """Call a timer back when it is due, from the next `start` on."""
         self._timers.append(timer)
 
     def start(self) -> None:
-        """Take messages from now on."""
+        """Take messages from now on, also those of what was added since the last start."""
+        self._end()
+        self._is_done = False
+        self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """End the thread; messages that wait are not taken any more."""
+        self._end()
+        self._stop.destroy()
+
+    def _end(self) -> None:
         self._is_done = True
         with suppress(_rclpy.RCLError, _rclpy.InvalidHandle):
             self._stop.trigger()
-        if self._thread.is_alive():
+        if self._thread is not None:
             self._thread.join()
-        self._stop.destroy()
+            self._thread = None
 
     def _run(self) -> None:
         context = self._context.handle

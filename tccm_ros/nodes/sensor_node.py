@@ -84,13 +84,13 @@ class SensorNode(Node):
         follow_changes(self, self.config)
         self.types = RosidlMessages()
         self.bulk_types = TypestoreMessages()
-        self.intake = Intake(self, partial(self.refuse, "intake"))
+        self.intake = shared.intake if shared else Intake(self, partial(self.refuse, "intake"))
         self.inputs = Inputs(self, self.config.qos.silence, self.intake)
         self.refused: Counter[str] = Counter()
         self.overload: Counter[str] = Counter()
         self.longest_step_s = 0.0
         self.worker = Worker(name, partial(self.refuse, "processing"))
-        self.robot = shared or SharedRobot(self.config, self._is_odometry_published)
+        self.robot = shared or SharedRobot(self.config, self.intake, self._is_odometry_published)
         self.robot.check_shared(self.config)
         self.owns_robot = shared is None
         self.roles = roles_of(taker)

@@ -1,8 +1,9 @@
-"""The `Robot` of a process: the threads that receive feed it, the workers get what it brings out.
+"""The `Robot` of a process: the intake feeds it, the workers get what it brings out.
 
-A record is judged in the thread that received it, which takes some tens of microseconds; the
+A record is judged in the thread of the intake, which takes some tens of microseconds; the
 processors, whose steps are long, have threads of their own. So two nodes in one process share one
-robot, and neither waits for the other.
+robot, and neither waits for the other. They share the intake as well: two would take their topics
+at different speeds, and one topic far ahead of the others passes for time that has gone on.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any
 
 from tccm_ros.config import Config
 from tccm_ros.errors import ConfigError, FrameError
+from tccm_ros.nodes.intake import Intake
 from tccm_ros.records import Event
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
@@ -25,12 +27,14 @@ SHARED_GROUPS = frozenset({"frames", "rig", "scan", "qos", "sync_timeout", "cloc
 
 
 class SharedRobot:
-    """A robot that several threads feed and several listeners hear.
+    """A robot that one intake feeds and several listeners hear.
 
     Parameters
     ----------
     config
         Of the node that receives what is known of the robot.
+    intake
+        Of that node.
     is_odometry_published
         Whether somebody publishes odometry, asked before the first scan is placed.
 
@@ -43,7 +47,8 @@ class SharedRobot:
         after all events of a record.
     """
 
-    def __init__(self, config: Config, is_odometry_published: Callable[[], bool]):
+    def __init__(self, config: Config, intake: Intake, is_odometry_published: Callable[[], bool]):
+        self.intake = intake
         self.robot = Robot(config, default_streams())
         self.lock = threading.RLock()
         self._config = config

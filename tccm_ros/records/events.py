@@ -7,7 +7,7 @@ events in an order that the algorithms may rely on. The base's motion is told by
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.records.sensors import Odometry, Scan
@@ -15,13 +15,11 @@ from tccm_ros.records.sensors import Odometry, Scan
 __all__ = [
     "ClockJump",
     "Event",
-    "EventKind",
     "Posed",
     "PosedScan",
     "SelfShapes",
     "StreamComplete",
     "TiltAngle",
-    "kind_of",
 ]
 
 
@@ -93,7 +91,8 @@ class PosedScan(Posed):
     @property
     def scan(self) -> Scan:
         """The scan."""
-        return cast(Scan, self.record)
+        scan: Scan = self.record
+        return scan
 
     @property
     def T_base_laser(self) -> Float64:
@@ -113,7 +112,7 @@ class TiltAngle(NamedTuple):
 
 
 class StreamComplete(NamedTuple):
-    """No record of a stream that is older than `until_ns` will be given any more."""
+    """No record of a tilting sensor that is older than `until_ns` will be given any more."""
 
     role: str
     until_ns: int
@@ -128,11 +127,3 @@ class ClockJump(NamedTuple):
 Event = Posed | TiltAngle | StreamComplete | Odometry | ClockJump
 """What `robot.Robot` gives. The first three have the role of a stream; the base's motion and jumps
 of the clock concern everybody."""
-
-EventKind = tuple[type, str | None]
-"""Type and role of an event: what a processor chooses by."""
-
-
-def kind_of(event: object) -> EventKind:
-    """Return the type of an event, and its role; None where it concerns everybody."""
-    return type(event), getattr(event, "role", None)

@@ -62,6 +62,9 @@ class Posing:
         record, mount, motion = sensor.waiting[0], sensor.mount, self._motion
         start_ns, end_ns = sensor.stream.time_span(record)
         late = ended or now_ns is None or now_ns > end_ns + self.wait_ns
+        if not late and sensor.awaited and sensor.awaited[0].heard == sensor.awaited[1]:
+            return None
+        sensor.awaited = None
         if motion.source is None and (not late or expects_odometry):
             return "no odometry" if late else None
         try:
@@ -78,9 +81,12 @@ class Posing:
                 continue
             hopeless = self._has_no_more(track, end_ns, now_ns or 0)
             given_up = ended or (late and hopeless)
-            if given_up and reason == "no joint samples":
+            if not given_up:
+                sensor.awaited = track, track.heard
+                return None
+            if reason == "no joint samples":
                 mount.explain_missing(chain)
-            return reason if given_up else None
+            return reason
         return self._pose(sensor, chain, start_ns, end_ns)
 
     def _needs(self, mount: Mount, chain: Chain) -> list[tuple[str, Track]]:

@@ -28,6 +28,7 @@ from tccm_ros.records import (
     TransformSample,
 )
 from tccm_ros.robot.base_motion import BaseMotion, MotionSource
+from tccm_ros.robot.chain_finder import MountKind
 from tccm_ros.robot.frames import FrameTree
 from tccm_ros.robot.joint_tracks import JointTracks
 from tccm_ros.robot.posing import Posing
@@ -109,6 +110,11 @@ class Robot:
         self.expects_odometry = expects_odometry
         self.refused: Counter[str] = Counter()
         self.sensors = {s.role: Sensor(s, config, self.frames, self.joints) for s in streams}
+        self._tilting = {
+            role: sensor
+            for role, sensor in self.sensors.items()
+            if sensor.stream.mount is MountKind.TILTING
+        }
         self._posing = Posing(config, self.motion)
         self._clock_jump_ns = round(config.clock_jump * 1e9)
         self._guard: StampGuard[tuple[_Input, Any]] = StampGuard(self._clock_jump_ns)
@@ -241,7 +247,7 @@ class Robot:
         for sensor in self.sensors.values():
             if sensor.waiting:
                 posed += self._pose_waiting(sensor, ended)
-        for role, sensor in self.sensors.items():
+        for role, sensor in self._tilting.items():
             events += [TiltAngle(role, *sample) for sample in sensor.mount.tilt_samples()]
         events += posed
         if self._time_has_passed:
@@ -270,17 +276,14 @@ class Robot:
         return posed
 
     def _complete_streams(self) -> list[Event]:
-        """Return until when the streams that have begun are complete."""
+        """Return until when the streams of tilting sensors are complete, once they have begun."""
         complete: list[Event] = []
-        earliest_ns = None
-        for role, sensor in self.sensors.items():
+        for role, sensor in self._tilting.items():
             now_ns = self._guard.now(role) if sensor.received else None
             if now_ns is not None:
                 until_ns = now_ns - self._posing.wait_ns - sensor.longest_ns
                 complete.append(StreamComplete(role, until_ns))
-                earliest_ns = now_ns if earliest_ns is None else min(now_ns, earliest_ns)
-        if earliest_ns is not None:
-            self._complete_after_ns = earliest_ns + COMPLETE_STEP_NS
+                self._complete_after_ns = now_ns + COMPLETE_STEP_NS
         return complete
 
 

@@ -11,6 +11,7 @@ from tccm_ros.robot.frames import FrameTree
 from tccm_ros.robot.joint_tracks import JointTracks
 from tccm_ros.robot.mount import Mount
 from tccm_ros.robot.streams import Stream
+from tccm_ros.robot.tracks import Track
 
 __all__ = ["MAX_WAITING", "Sensor"]
 
@@ -40,6 +41,8 @@ class Sensor:
         Records that came, and those that were posed.
     longest_ns
         Longest time span of a record so far.
+    awaited
+        The track that the oldest record waits for, and how many samples it had heard of then.
     """
 
     def __init__(self, stream: Stream, config: Config, frames: FrameTree, joints: JointTracks):
@@ -50,6 +53,7 @@ class Sensor:
         self.received = 0
         self.posed = 0
         self.longest_ns = 0
+        self.awaited: tuple[Track, int] | None = None
         self._newest_ns: int | None = None
 
     @property
@@ -81,6 +85,7 @@ class Sensor:
     def drop(self, reason: str) -> None:
         """Drop the oldest record that waits."""
         self.waiting.popleft()
+        self.awaited = None
         self.dropped[reason] += 1
 
     def clear_samples(self) -> None:
@@ -88,5 +93,5 @@ class Sensor:
         if self.waiting:
             self.dropped["clock jump"] += len(self.waiting)
         self.waiting.clear()
-        self._newest_ns = None
+        self.awaited = self._newest_ns = None
         self.mount.clear_samples()

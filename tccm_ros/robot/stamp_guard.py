@@ -145,7 +145,8 @@ class StampGuard(Generic[T]):
         else:
             if self._someone_behind:
                 self._refuse_behind(stream, result)
-                self._go_on()
+                if stream.keeps_time:
+                    self._go_on()
             self._admit(stream, stamp_ns, record, result)
 
     def _admit(self, stream: _Stream[T], stamp_ns: int, record: T, result: Admission[T]) -> None:
@@ -167,7 +168,9 @@ class StampGuard(Generic[T]):
 
     def _look_back(self, stream: _Stream[T], result: Admission[T]) -> None:
         """Decide whether all inputs went back, or this stream alone, or nothing yet."""
-        streams = self._streams.values()
+        # What keeps no time is no witness: our own map -> odom has the stamp of the last scan.
+        heard = [s for s in self._streams.values() if s.newest_ns is not None]
+        streams = [s for s in heard if s.keeps_time] or heard
         top_ns = max(s.newest_ns for s in streams if s.newest_ns is not None)
         live = [
             s for s in streams if s.newest_ns is not None and s.newest_ns >= top_ns - self._jump_ns

@@ -26,7 +26,6 @@ from tccm_ros.records import (
     SurfaceCloud,
     ViewIntervals,
 )
-from tccm_ros.records.events import EventKind, kind_of
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.wall_slam import LivePose, WallSlam
@@ -38,6 +37,9 @@ from tccm_ros.surfaces.views import View
 
 __all__ = ["SurfaceSlam", "SurfaceSolution"]
 
+
+ROLES = {None, *roles_of("slam")}
+"""Of events that are taken: those of the streams for it, and those that concern everybody."""
 
 STOOD = (0.01, 0.005)
 """A base that moved no more than this (m, rad) has stood."""
@@ -104,13 +106,13 @@ class SurfaceSlam:
         self.config = config
         self.counts: Counter[str] = Counter()
         self.odom_frame = config.frames.odom_name
-        self._takers: dict[EventKind, Callable[[Any], list[ScanPose]]] = {
-            **{(PosedScan, role): self._take_scan for role in roles_of("slam")},
-            (Odometry, None): self._take_odometry,
-            (LandmarkObservation, None): self._take_landmark,
-            (ClockJump, None): self._take_jump,
-            (SurfaceCloud, None): partial(self._take_view, "clouds"),
-            (ViewIntervals, None): partial(self._take_view, "views"),
+        self._takers: dict[type, Callable[[Any], list[ScanPose]]] = {
+            PosedScan: self._take_scan,
+            Odometry: self._take_odometry,
+            LandmarkObservation: self._take_landmark,
+            ClockJump: self._take_jump,
+            SurfaceCloud: partial(self._take_view, "clouds"),
+            ViewIntervals: partial(self._take_view, "views"),
         }
         self.session = 0
         self.saved_views: tuple[SavedView, ...] = ()
@@ -141,7 +143,7 @@ class SurfaceSlam:
 
     def takes(self, event: Event | SurfaceCloud | ViewIntervals) -> bool:
         """Return whether an event is for this processor."""
-        return kind_of(event) in self._takers
+        return type(event) in self._takers and getattr(event, "role", None) in ROLES
 
     def add(
         self, event: Event | LandmarkObservation | SurfaceCloud | ViewIntervals
@@ -151,8 +153,7 @@ class SurfaceSlam:
         Landmarks, surface clouds and views may come at any time: they are placed by their stamps.
         Events that are for others are left alone.
         """
-        take = self._takers.get(kind_of(event))
-        return take(event) if take else []
+        return self._takers[type(event)](event) if self.takes(event) else []
 
     def _take_scan(self, posed: PosedScan) -> list[ScanPose]:
         self.odom_frame = posed.odom_frame

@@ -5,6 +5,7 @@ Nodes live on message time, so that seconds of a recording are sent in a moment.
 """
 
 from collections.abc import Iterable, Iterator
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -248,9 +249,12 @@ def tccm(ros, *, namespace="", context=None, words=(), **values) -> TccmNode:
     return _node(ros, TccmNode, namespace, context, words, values)
 
 
-def slam(ros, *, namespace="", context=None, words=(), **values) -> SlamNode:
-    """Add a SLAM node; parameters as ``group__key``, words as on the command line."""
-    return _node(ros, SlamNode, namespace, context, words, values)
+def slam(ros, *, namespace="", context=None, words=(), shared=None, **values) -> SlamNode:
+    """Add a SLAM node; parameters as ``group__key``, words as on the command line.
+
+    `shared` is the robot of a TCCM node in the same process.
+    """
+    return _node(ros, partial(SlamNode, shared), namespace, context, words, values)
 
 
 def _node(ros, kind, namespace, context, words, values):

@@ -47,19 +47,21 @@ EQUAL = (
 
 
 @pytest.mark.parametrize(
-    ("bag", "remap"),
+    ("bag", "remap", "is_shared"),
     [
-        ("walkthrough", ()),
-        ("upside_down", OTHER_NAMES),
-        pytest.param("flat", (), marks=LONG),
+        ("walkthrough", (), False),
+        ("walkthrough", (), True),
+        ("upside_down", OTHER_NAMES, False),
+        pytest.param("flat", (), False, marks=LONG),
     ],
 )
-def test_live_equals_offline(ros, tmp_path, bag, remap):
+def test_live_equals_offline(ros, tmp_path, bag, remap, is_shared):
     live, offline = tmp_path / "live", tmp_path / "offline"
     replay(BAGS / bag, offline, Config(), pictures=False, remap=remap)
     words = [word for rule in remap for word in ("-r", rule)]
     common = {"context": ros.context, "words": words, "save__directory": str(live)}
-    mapper, node = tccm(ros, **common), slam(ros, **common)
+    mapper = tccm(ros, **common)
+    node = slam(ros, shared=mapper.robot if is_shared else None, **common)
     ros.connect(mapper, node, "/tccm/surfaces", "/tccm/view")
     player = play(ros, BAGS / bag, mapper, node)
     assert player.published == messages(BAGS / bag)

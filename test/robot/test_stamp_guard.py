@@ -136,6 +136,21 @@ def test_streams_that_do_not_count_do_not_move_time():
     assert guard.now("a") == 1.1 * S
 
 
+def test_what_keeps_no_time_does_not_hide_a_jump():
+    """Our own map -> odom goes on with the old stamps until there is a scan again."""
+    guard = StampGuard(2 * S)
+    for seconds in (60, 60.1, 60.2):
+        feed(guard, ("a", seconds), ("b", seconds))
+        guard.admit("tf", round(seconds * S), ("tf", seconds), keeps_time=False)
+    jumps = 0
+    for seconds in (0, 0.1, 0.2):
+        for key in "ab":
+            jumps += feed(guard, (key, seconds))[2]
+            guard.admit("tf", round(60.2 * S), ("tf", 60.2), keeps_time=False)
+    assert jumps == 1
+    assert guard.now("a") == 0.2 * S
+
+
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 100)), max_size=60))
 def test_every_record_is_admitted_or_refused_once(events):
     guard = StampGuard(2 * S)

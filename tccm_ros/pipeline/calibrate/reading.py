@@ -21,7 +21,6 @@ from tccm_ros.pipeline.calibrate.sweeps import LevelScans, Recording, TiltSweep,
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Event, PosedScan, StreamComplete, TiltAngle
 from tccm_ros.records.building import Record
-from tccm_ros.records.events import EventKind, kind_of
 from tccm_ros.robot import Robot
 from tccm_ros.robot.chain import Chain, JointReading, Part
 from tccm_ros.robot.frames import build_chain, find_path, frames_of
@@ -127,13 +126,11 @@ class _SweepReader:
         self._tilt_scans: list[PosedScan] = []
         self.level_scans: list[PosedScan] = []
         self.sweeps: list[TiltSweep] = []
-        self._takers: dict[EventKind, Callable[[Any], object]] = {
-            (PosedScan, TILT_SCAN.role): self._tilt_scans.append,
-            (PosedScan, LEVEL_SCAN.role): self.level_scans.append,
-            (TiltAngle, TILT_SCAN.role): lambda tilt: self._cycles.add(tilt.stamp_ns, tilt.angle),
-            (StreamComplete, TILT_SCAN.role): lambda complete: self._close_until(
-                complete.until_ns - TRACK_MARGIN_NS
-            ),
+        self._scans = {TILT_SCAN.role: self._tilt_scans, LEVEL_SCAN.role: self.level_scans}
+        self._takers: dict[type, Callable[[Any], object]] = {
+            PosedScan: lambda posed: self._scans[posed.role].append(posed),
+            TiltAngle: lambda tilt: self._cycles.add(tilt.stamp_ns, tilt.angle),
+            StreamComplete: lambda complete: self._close_until(complete.until_ns - TRACK_MARGIN_NS),
         }
 
     @property
@@ -153,7 +150,7 @@ class _SweepReader:
 
     def _take(self, events: Iterable[Event]) -> None:
         for event in events:
-            take = self._takers.get(kind_of(event))
+            take = self._takers.get(type(event))
             if take is not None:
                 take(event)
 

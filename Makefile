@@ -66,6 +66,7 @@ reference: $(STAMP)
 	@$(BIN)/tccm parameters > config/tccm.yaml
 	@$(BIN)/python -m tccm_ros.results.schema docs/reference/schema
 	@$(BIN)/python tools/make_reference.py
+	@$(BIN)/python tools/document_interfaces.py
 
 # The pictures of docs/design/how_it_works.md and structure.md; other pages name the command of each picture.
 figures: demo

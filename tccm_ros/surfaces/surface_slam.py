@@ -38,6 +38,8 @@ from tccm_ros.surfaces.views import View
 __all__ = ["SurfaceSlam", "SurfaceSolution"]
 
 
+SlamInput = Event | LandmarkObservation | SurfaceCloud | ViewIntervals
+
 ROLES = {None, *roles_of("slam")}
 """Of events that are taken: those of the streams for it, and those that concern everybody."""
 
@@ -141,13 +143,11 @@ class SurfaceSlam:
         """Keyframes of the saved map that this session goes on with."""
         return len(self._saved_walls.get("keyframe_stamp_ns", ()))
 
-    def takes(self, event: Event | SurfaceCloud | ViewIntervals) -> bool:
+    def takes(self, event: SlamInput) -> bool:
         """Return whether an event is for this processor."""
         return type(event) in self._takers and getattr(event, "role", None) in ROLES
 
-    def add(
-        self, event: Event | LandmarkObservation | SurfaceCloud | ViewIntervals
-    ) -> list[ScanPose]:
+    def add(self, event: SlamInput) -> list[ScanPose]:
         """Take one event; return the pose of the level scan that it is, if it is one.
 
         Landmarks, surface clouds and views may come at any time: they are placed by their stamps.

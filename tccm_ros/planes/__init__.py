@@ -7,7 +7,7 @@ Read in this order: `fits` is what users call; `search` is the kernel behind it,
 
 The kernels stay ours: all planes of a room are found in a 27th to a 40th of the time that PCL takes
 for the largest one, and in a region of interest in a half to a fifth (`bench/bench_planes.py`,
-figures in docs/planes.md).
+figures in docs/design/planes.md).
 """
 
 from tccm_ros.planes.fits import PlaneFit, PlaneFits, find_planes

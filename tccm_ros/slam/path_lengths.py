@@ -31,13 +31,10 @@ class PathLengths:
 
     Attributes
     ----------
-    drift
-        ``loops.drift``, m per m of path.
     driven
         float64 (K,), path from the first keyframe of all to each, m.
     """
 
-    drift: float
     driven: Float64 = field(default_factory=lambda: np.zeros(0))
     _steps: Float64 = field(default_factory=lambda: np.zeros(0))
     _loops: Int64 = field(default_factory=lambda: np.zeros((0, 2), np.int64))
@@ -51,10 +48,13 @@ class PathLengths:
         self.driven = np.append(self.driven, step + before)
         self._steps = np.append(self._steps, np.inf if starts else step)
 
-    def tie(self, loops: Sequence[Proposal]) -> None:
-        """Add loop closures, as long as the path that ties as well in their weakest direction."""
+    def tie(self, loops: Sequence[Proposal], drift: float) -> None:
+        """Add loop closures, as long as the path that ties as well in their weakest direction.
+
+        `drift` is ``loops.drift``, m per m of path.
+        """
         ends = np.array([(p.a, p.b) for p in loops], np.int64).reshape(-1, 2)
-        ties = np.array([max(LOOP_LENGTH, p.spread**0.5 / self.drift) for p in loops])
+        ties = np.array([max(LOOP_LENGTH, p.spread**0.5 / drift) for p in loops])
         self._loops = np.concatenate([self._loops, ends])
         self._ties = np.concatenate([self._ties, ties])
 

@@ -107,7 +107,7 @@ class LoopCloser:
             self._append(keyframe, pose)
             self._tied.add(keyframe.session)
         self.accepted = list(loops)
-        self._lengths.tie(loops, self.config.loops.drift)
+        self._lengths.tie(loops, self._config.loops.drift)
         self._waiting, self._fresh = list(range(len(poses))), list(loops)
         self._unused = list(sightings)
         self._update()
@@ -171,7 +171,7 @@ class LoopCloser:
             self._tie(session, fresh[-1])
         error = np.array([between(p.delta, self._step(p)) for p in fresh])
         self.accepted.extend(fresh)
-        self._lengths.tie(fresh, self.config.loops.drift)
+        self._lengths.tie(fresh, self._config.loops.drift)
         self._fresh.extend(fresh)
         far = np.hypot(error[:, 0], error[:, 1]).max() > MOVED[0]
         if tie or far or np.abs(error[:, 2]).max() > MOVED[1]:

@@ -80,11 +80,6 @@ class TiltCycles:
         self._step, self._unsteady = 0.0, self._limits.dead_band
 
     @property
-    def open_start_ns(self) -> int:
-        """Start of the span that is not closed yet."""
-        return self._start_ns
-
-    @property
     def decided_ns(self) -> int:
         """Whatever limits the open span gets, time before this belongs to it."""
         return self._decided_ns

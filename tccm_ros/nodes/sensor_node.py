@@ -18,6 +18,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
+from std_srvs.srv import Trigger
 
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import TccmError, one_line
@@ -225,11 +226,15 @@ class SensorNode(Node):
             response.success, response.message = True, done
         return response
 
-    def save_all(self) -> Future:
-        """Have the map of all that has come written to `save_folder`, also of what waits."""
-        with self.robot.lock:
+    async def _on_save_map(self, _: Trigger.Request, response: Trigger.Response) -> Any:
+        folder = self.save_folder()
+        with self.robot.lock:  # what waits is worked on before, what comes then is saved next time
             self.robot.flush()
-            return self.worker.call(partial(self.save, self.save_folder()), self)
+            job = self.worker.call(partial(self.save, folder), self)
+        return await self.answer(job, response, str(folder))
+
+    async def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Any:
+        return await self.answer(self.worker.call(self.begin, self), response)
 
     def save_folder(self) -> Path:
         """Return where maps are saved."""
@@ -245,7 +250,9 @@ class SensorNode(Node):
             self.robot.robot.begin_anew()
 
     def start(self) -> None:
-        """Take messages and publish /diagnostics from now on."""
+        """Take messages, serve and publish /diagnostics from now on."""
+        self.create_service(Trigger, "~/save_map", self._on_save_map)
+        self.create_service(Trigger, "~/reset", self._on_reset)
         self.diagnostics = Diagnostics(self, self.all_problems, self._all_values)
         if self.config.save.autosave_minutes > 0.0:
             steady_timer(self, 60.0 * self.config.save.autosave_minutes, self._autosave)

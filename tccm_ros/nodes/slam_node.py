@@ -74,9 +74,7 @@ class SlamNode(SensorNode):
         self._boxes = CollisionObjects(self, self.types, self.live.map_frame)
         self.listen(watch="stream")
         self._listen_to_tccm()
-        self.create_service(Trigger, "~/save_map", self._on_save_map)
         self.create_service(Trigger, "~/load_map", self._on_load_map)
-        self.create_service(Trigger, "~/reset", self._on_reset)
         self.start()
 
     def _listen_to_tccm(self) -> None:
@@ -84,7 +82,7 @@ class SlamNode(SensorNode):
             self.subscribe(
                 role,
                 hand_over(),
-                self._take_surface_message,
+                lambda _, record: self.offer([record]),
                 topic=f"tccm/{role}",
                 watch="event",
                 is_measured=False,
@@ -112,9 +110,6 @@ class SlamNode(SensorNode):
         if role in self.roles:
             self.live.note_scan(record.stamp_ns)
         super().take(role, record)
-
-    def _take_surface_message(self, role: str, record: SurfaceCloud | ViewIntervals) -> None:
-        self.offer([record])
 
     def _on_mapped_scan(self, data: bytes) -> None:
         if self.config.qos.stamp == "header" and not self.processor.counts["level scans"]:
@@ -213,16 +208,10 @@ class SlamNode(SensorNode):
 
     # --- services ---
 
-    async def _on_save_map(self, _: Trigger.Request, response: Trigger.Response) -> Any:
-        return await self.answer(self.save_all(), response, str(self.save_folder()))
-
     async def _on_load_map(self, _: Trigger.Request, response: Trigger.Response) -> Any:
         folder = self.save_folder()
         job = self.worker.call(lambda: self.load(folder), self)
         return await self.answer(job, response, str(folder))
-
-    async def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Any:
-        return await self.answer(self.worker.call(self.begin, self), response)
 
     # --- diagnostics ---
 

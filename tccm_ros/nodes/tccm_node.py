@@ -49,8 +49,6 @@ class TccmNode(SensorNode):
             always=HAND_OVER_TOPICS,
         )
         self.listen(watch="needed")
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self.create_service(Trigger, "~/save_map", self._on_save_map)
         self.create_service(Trigger, "~/take_view", self._on_take_view)
         self.create_service(SetBool, "~/pause", self._on_pause)
         self.start()
@@ -107,12 +105,6 @@ class TccmNode(SensorNode):
             self._rig_problems = tuple(self._rig_check.problems())
 
     # --- services ---
-
-    async def _on_save_map(self, _: Trigger.Request, response: Trigger.Response) -> Any:
-        return await self.answer(self.save_all(), response, str(self.save_folder()))
-
-    async def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Any:
-        return await self.answer(self.worker.call(self.begin, self), response)
 
     def _on_take_view(self, _: Trigger.Request, response: Trigger.Response) -> Any:
         self.worker.post(lambda: self.processor.take_view())

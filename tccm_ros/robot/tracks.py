@@ -55,11 +55,6 @@ class Track:
         """The samples, float64 (N, width) (a view)."""
         return self._values[: self._count]
 
-    @property
-    def earliest_ns(self) -> int | None:
-        """Oldest stamp, None without samples."""
-        return int(self._stamps[0]) if self._count else None
-
     def clear(self) -> None:
         """Forget all samples."""
         self._count = 0

@@ -98,14 +98,14 @@ def simulate(
     """Simulate a robot in a world and write its bag and the truth."""
     from tccm_ros.pipeline.sim import WORLDS, options_from_settings
     from tccm_ros.pipeline.sim import simulate as run
-    from tccm_ros.progress import Shares, progress
+    from tccm_ros.progress import FractionBar, progress
 
     if world == "list":
         typer.echo("\n".join(f"{name:<12} {meaning}" for name, (_, meaning) in WORLDS.items()))
         return
     options = options_from_settings(_settings(set))
     with progress(quiet) as bars:
-        shares = Shares(bars, "simulate")
+        shares = FractionBar(bars, "simulate")
         folder = run(world, out, seed=seed, options=options, overwrite=overwrite, progress=shares)
     _tell({}, f"{folder}: bag with truth.json and truth.tum", quiet, False)
 

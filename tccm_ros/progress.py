@@ -19,7 +19,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-__all__ = ["Bars", "Shares", "Silent", "progress"]
+__all__ = ["Bars", "FractionBar", "Silent", "progress"]
 
 
 class Bars(Protocol):
@@ -42,7 +42,7 @@ class Silent:
         """Show nothing."""
 
 
-class Shares:
+class FractionBar:
     """Tells bars of work that reports the share that is done, 0 to 1."""
 
     def __init__(self, bars: Bars, name: str):

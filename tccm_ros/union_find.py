@@ -10,7 +10,7 @@ from typing import Any
 
 from numba import njit
 
-__all__ = ["find_root", "unite"]
+__all__ = ["find_root", "merge_sets"]
 
 
 @njit(nogil=True, cache=True)
@@ -31,7 +31,7 @@ def find_root(parent: Any, i: int) -> int:
 
 
 @njit(nogil=True, cache=True)
-def unite(parent: Any, i: int, j: int) -> None:
+def merge_sets(parent: Any, i: int, j: int) -> None:
     """Unite the sets of elements i and j under the smaller of their roots."""
     a, b = parent[i], parent[j]
     if a == b:

@@ -34,7 +34,7 @@ PLANAR_ORDER = [3, 4, 2]
 MAX_TILT_SIGMA = 0.02
 """A patch whose tilt is less certain than this (rad) tells nothing about roll and pitch."""
 
-PARTNERS = 6
+MAX_NEIGHBOUR_VIEWS = 6
 """Each view is registered to so many older ones, the nearest."""
 
 YAW_WEIGHT = 1.0
@@ -125,13 +125,13 @@ def side_factors(
     """
     T_map_view, poses = known.T_map_views, planar(known.T_map_views)
     sides = [
-        _levelled(_remaining(find_sides(view), keep), T)
+        _in_planar_frame(_remaining(find_sides(view), keep), T)
         for view, keep, T in zip(views, left.keep, T_map_view)
     ]
     cov_poses = known.cov_views[:, PLANAR_ORDER][:, :, PLANAR_ORDER] * known.unit_variance
     found: list[tuple[int, int, SideMatch]] = []
     for j in range(1, len(views)):
-        for i in _partners(poses, j):
+        for i in _nearest_views(poses, j):
             cov = _relative_covariance(cov_poses, poses, i, j)
             step = config.surfaces.max_step
             match = match_sides(sides[i], sides[j], between2(poses[i], poses[j]), cov, step)
@@ -153,18 +153,18 @@ def _remaining(sides: Sides, keep: list[Bool]) -> Sides:
     return sides.chosen(fraction[sides.patch] >= MIN_REMAINING)
 
 
-def _levelled(sides: Sides, T_map_view: Float64) -> Sides:
+def _in_planar_frame(sides: Sides, T_map_view: Float64) -> Sides:
     """Express sides in the planar frame of their view: level, and with heights in map."""
     T = inverse(spatial(planar(T_map_view))) @ T_map_view
     points = transform(T, np.column_stack([sides.middle, sides.height]))
     return sides.moved(points[:, :2], points[:, 2])
 
 
-def _partners(poses: Float64, j: int) -> list[int]:
+def _nearest_views(poses: Float64, j: int) -> list[int]:
     """Return the older views nearest to view `j`, in order."""
     yaw = np.abs(wrap_angle(poses[:j, 2] - poses[j, 2]))
     distance = np.hypot(*(poses[:j, :2] - poses[j, :2]).T) + YAW_WEIGHT * yaw
-    return sorted(np.argsort(distance, kind="stable")[:PARTNERS].tolist())
+    return sorted(np.argsort(distance, kind="stable")[:MAX_NEIGHBOUR_VIEWS].tolist())
 
 
 def _relative_covariance(cov_poses: Float64, poses: Float64, i: int, j: int) -> Float64:

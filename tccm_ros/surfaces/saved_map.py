@@ -71,7 +71,7 @@ def pack_views(views: Sequence[View]) -> Arrays:
     return {
         "stamp_ns": np.array([v.stamp_ns for v in views], np.int64),
         "session": np.array([v.session for v in views], np.int64),
-        "reach": np.array([v.reach for v in views], float),
+        "reach": np.array([v.max_range for v in views], float),
         "forgotten": np.array([v.forgotten for v in views], np.int64),
         "patches": np.array([len(v.patches) for v in views], np.int64),
         "free": np.array([len(v.free.keys) for v in views], np.int64),

@@ -18,15 +18,15 @@ from tccm_ros.surfaces.surface_slam import SurfaceSolution
 __all__ = ["SceneObject", "scene_objects"]
 
 
-REACH = 0.10
+MAX_HEIGHT_DIFFERENCE = 0.10
 """A plane of a cycle and a surface of the map are the same within this height, m."""
 
-MARGIN = 0.05
+OUTLINE_MARGIN = 0.05
 """An object stands on a surface if its centre is within this of the outline, m."""
 
 
-LEAN = 0.05
-"""So much a surface may rise from its outline to a point that is `MARGIN` outside of it, m."""
+MAX_RISE = 0.05
+"""So much a surface may rise from its outline to a point that is `OUTLINE_MARGIN` outside of it, m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +83,7 @@ def _near_surfaces(
     planes: Sequence[PlaneRecord], T_map_odom: Float64, surfaces: Sequence[Surface]
 ) -> list[PlaneRecord]:
     """Return the planes whose places could lie on a surface: their boxes, and a slack, meet."""
-    slack = np.array([MARGIN, MARGIN, REACH + LEAN])
+    slack = np.array([OUTLINE_MARGIN, OUTLINE_MARGIN, MAX_HEIGHT_DIFFERENCE + MAX_RISE])
     low = np.array([s.boundary.min(axis=0) for s in surfaces]).reshape(-1, 3) - slack
     high = np.array([s.boundary.max(axis=0) for s in surfaces]).reshape(-1, 3) + slack
     near = []
@@ -109,11 +109,11 @@ def _surface_under(
     place: Float64, height: float, surfaces: Sequence[Surface], footprints: dict[int, Polygon]
 ) -> int | None:
     """Return the id of the surface that a place lies on, the nearest in height; None: none."""
-    best, nearest = None, REACH
+    best, nearest = None, MAX_HEIGHT_DIFFERENCE
     for surface in surfaces:
         z = (surface.offset - place @ surface.normal[:2]) / surface.normal[2]
         if abs(z - height) < nearest and shapely.dwithin(
-            footprints[surface.id], shapely.points(place), MARGIN
+            footprints[surface.id], shapely.points(place), OUTLINE_MARGIN
         ):
             best, nearest = surface.id, abs(z - height)
     return best

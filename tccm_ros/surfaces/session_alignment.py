@@ -159,7 +159,7 @@ def align_session(
         return SessionAlignment(AlignmentResult.AMBIGUOUS, np.eye(4))
     T = spatial(_refine(here, there, best))
     if floors[0] is not None and floors[1] is not None:
-        T = _lay_on(floors[0], floors[1], T)
+        T = _align_floors(floors[0], floors[1], T)
     return SessionAlignment(AlignmentResult.FOUND, T)
 
 
@@ -242,7 +242,7 @@ def _rotation_to(normal: Float64) -> Float64:
     return np.stack([x, np.cross(normal, x), normal], axis=1)
 
 
-def _lay_on(floor_map: Float64, floor_session: Float64, T_map_session: Float64) -> Float64:
+def _align_floors(floor_map: Float64, floor_session: Float64, T_map_session: Float64) -> Float64:
     """Correct height, roll and pitch of a placed session so that its floor lies on the map's."""
     floor = T_map_session @ floor_session
     R = _rotation_to(floor_map[:3, 2]) @ _rotation_to(floor[:3, 2]).T

@@ -78,7 +78,7 @@ class _Pairs:
     """Candidates: side `a` of the first view may be side `b` of the second.
 
     `normal` and `anchor` float64 (M, 2) are of the first, `middle` (M, 2) and `outward` (M, 2) of
-    the second view, each in its own frame; `sigma` (M,) across, `turn_sigma` (M,), `votes` (M,).
+    the second view, each in its own frame; `sigma` (M,) across, `yaw_sigma` (M,), `votes` (M,).
     """
 
     a: Int64
@@ -88,7 +88,7 @@ class _Pairs:
     middle: Float64
     outward: Float64
     sigma: Float64
-    turn_sigma: Float64
+    yaw_sigma: Float64
     votes: Float64
 
 
@@ -155,7 +155,7 @@ def _candidates(
         second.middle[b],
         second.outward[b],
         sigma[a, b],
-        np.hypot(first.turn_sigma[a], second.turn_sigma[b]),
+        np.hypot(first.yaw_sigma[a], second.yaw_sigma[b]),
         np.minimum(shortest, MAX_LENGTH),
     )
 
@@ -195,7 +195,7 @@ def _residuals(pairs: _Pairs, use: Int64, pose: Float64) -> tuple[Float64, Float
         normal[:, 0] * outward[:, 1] - normal[:, 1] * outward[:, 0],
         np.sum(normal * outward, axis=1),
     )
-    return across / pairs.sigma[use], turned / pairs.turn_sigma[use]
+    return across / pairs.sigma[use], turned / pairs.yaw_sigma[use]
 
 
 def _solve(pairs: _Pairs, use: Int64, start: Float64, weight: Float64) -> Float64:
@@ -217,7 +217,7 @@ def _system(pairs: _Pairs, use: Int64, pose: Float64) -> tuple[Float64, Float64]
     swing = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
     J = np.zeros((2 * len(use), 3))
     J[: len(use)] = np.column_stack([normal, swing]) / pairs.sigma[use, None]
-    J[len(use) :, 2] = 1.0 / pairs.turn_sigma[use]
+    J[len(use) :, 2] = 1.0 / pairs.yaw_sigma[use]
     return J, np.r_[across, turned]
 
 

@@ -78,7 +78,7 @@ class Sides:
         return len(self.patch)
 
     @property
-    def turn_sigma(self) -> Float64:
+    def yaw_sigma(self) -> Float64:
         """Standard deviations of the headings, float64 (S,), rad: errors spread along the sides."""
         return np.sqrt(12.0) * self.sigma / self.length
 

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.records import Surface, SurfaceCloud, SurfaceSighting, ViewIntervals
-from tccm_ros.surfaces.carving import Survivors, carve, superseded
+from tccm_ros.surfaces.carving import Survivors, carve, find_replacements
 from tccm_ros.surfaces.floor import find_floor, is_floor, join_floor
-from tccm_ros.surfaces.joining import join_pieces
+from tccm_ros.surfaces.joining import join_over_occlusions
 from tccm_ros.surfaces.labels import Label, label_surfaces
 from tccm_ros.surfaces.merged_surface import MergedSurface, fit_surface
 from tccm_ros.surfaces.merging import (
@@ -32,7 +32,7 @@ from tccm_ros.surfaces.merging import (
 from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.polygons import polygon_rings
 from tccm_ros.surfaces.track_ids import TrackIds
-from tccm_ros.surfaces.views import View, empty_view, inheriting, with_cloud, with_intervals
+from tccm_ros.surfaces.views import View, empty_view, with_numbers_of, with_cloud, with_intervals
 
 __all__ = ["MappedSurfaces", "SurfaceMap", "ViewPoses"]
 
@@ -94,17 +94,17 @@ class SurfaceMap:
         Uses the groups ``views``, ``surfaces`` and ``labels``.
     session
         That the views to come belong to.
-    published_merge
+    baseline_merge
         A baseline: it says which patches are one surface, and nothing is joined over what is
         hidden. None: ours.
     """
 
     def __init__(
-        self, config: Config, session: int = 0, published_merge: MergeFunction | None = None
+        self, config: Config, session: int = 0, baseline_merge: MergeFunction | None = None
     ):
         self._config = config
         self._session = session
-        self._published_merge = published_merge
+        self._published_merge = baseline_merge
         self._views: dict[tuple[int, int], View] = {}
         self._newest_compared = (-1, -1)
 
@@ -125,14 +125,14 @@ class SurfaceMap:
         """Take a view as it is: from a saved map."""
         self._views[view.key] = view
 
-    def forget(self, has_stood: Callable[[int, int], bool]) -> None:
+    def forget(self, is_stationary: Callable[[int, int], bool]) -> None:
         """Forget views that the next one, taken without a move, makes redundant.
 
         The newest views are not compared yet: arrival order must not show.
 
         Parameters
         ----------
-        has_stood
+        is_stationary
             Returns of two stamps of this session whether the base was at one place.
         """
         own = [view for view in self.views if view.session == self._session]
@@ -144,11 +144,11 @@ class SurfaceMap:
             # the newer one is seen by the next.
             older, newer = self._views[older.key], self._views[newer.key]
             replaced_by = None
-            if has_stood(older.stamp_ns, newer.stamp_ns):
-                replaced_by = superseded(older, newer, self._config)
+            if is_stationary(older.stamp_ns, newer.stamp_ns):
+                replaced_by = find_replacements(older, newer, self._config)
             if replaced_by is not None:
                 del self._views[older.key]
-                self._views[newer.key] = inheriting(newer, older, replaced_by)
+                self._views[newer.key] = with_numbers_of(newer, older, replaced_by)
 
     @property
     def views(self) -> list[View]:
@@ -173,7 +173,7 @@ class SurfaceMap:
         fitted = [fit_surface(members, views, T, config) for members in groups]
         surfaces = [surface for surface in fitted if surface is not None]
         if self._published_merge is None:
-            surfaces = join_pieces(surfaces, views, T, poses.cov_tilt, walls, config)
+            surfaces = join_over_occlusions(surfaces, views, T, poses.cov_tilt, walls, config)
         surfaces = [s for s in surfaces if s.polygon.area >= config.surfaces.min_area]
         floor_z = find_floor(surfaces, config)
         if self._published_merge is None:

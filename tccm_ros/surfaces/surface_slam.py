@@ -38,7 +38,7 @@ from tccm_ros.surfaces.views import View
 __all__ = ["SurfaceSlam", "SurfaceSolution"]
 
 
-STOOD = (0.01, 0.005)
+MAX_STATIONARY_MOTION = (0.01, 0.005)
 """A base that moved no more than this (m, rad) has stood."""
 
 
@@ -70,7 +70,7 @@ class SurfaceSolution:
     mapped: MappedSurfaces
     trajectory_ns: Int64
     trajectory: Float64
-    session: SessionAlignment | None = None
+    alignment: SessionAlignment | None = None
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
@@ -103,7 +103,7 @@ class SurfaceSlam:
         self.config = config
         self.counts: Counter[str] = Counter()
         self.odom_frame = config.frames.odom_name
-        self._takers: dict[EventKind, Callable[[Any], list[ScanPose]]] = {
+        self._handlers: dict[EventKind, Callable[[Any], list[ScanPose]]] = {
             **{(PosedScan, role): self._take_scan for role in roles_of("slam")},
             (Odometry, None): self._take_odometry,
             (ClockJump, None): self._take_jump,
@@ -139,7 +139,7 @@ class SurfaceSlam:
 
     def takes(self, event: Event | SurfaceCloud | ViewIntervals) -> bool:
         """Return whether an event is for this processor."""
-        return kind_of(event) in self._takers
+        return kind_of(event) in self._handlers
 
     def add(self, event: Event | SurfaceCloud | ViewIntervals) -> list[ScanPose]:
         """Take one event; return the pose of the level scan that it is, if it is one.
@@ -147,7 +147,7 @@ class SurfaceSlam:
         Surface clouds and views may come at any time: they are placed by their stamps. Events that
         are for others are left alone.
         """
-        take = self._takers.get(kind_of(event))
+        take = self._handlers.get(kind_of(event))
         return take(event) if take else []
 
     def _take_scan(self, posed: PosedScan) -> list[ScanPose]:
@@ -163,7 +163,7 @@ class SurfaceSlam:
     def _take_view(self, counted: str, half: SurfaceCloud | ViewIntervals) -> list[ScanPose]:
         self.counts[counted] += 1
         self.map.add(half)
-        self.map.forget(self._has_stood)
+        self.map.forget(self._is_stationary)
         return []
 
     def _take_jump(self, jump: ClockJump) -> list[ScanPose]:
@@ -172,12 +172,12 @@ class SurfaceSlam:
         self._begin()
         return []
 
-    def _has_stood(self, first_ns: int, last_ns: int) -> bool:
+    def _is_stationary(self, first_ns: int, last_ns: int) -> bool:
         """Tell whether the base was at one place at two stamps."""
         motion = self.walls.motion_between(first_ns, last_ns)
         if motion is None:
             return False
-        return bool(np.hypot(motion[0], motion[1]) <= STOOD[0] and abs(motion[2]) <= STOOD[1])
+        return bool(np.hypot(motion[0], motion[1]) <= MAX_STATIONARY_MOTION[0] and abs(motion[2]) <= MAX_STATIONARY_MOTION[1])
 
     def add_pose_stamp(self, stamp_ns: int) -> None:
         """Ask for the pose at the stamp of a tilt scan: the trajectory without a level laser."""
@@ -230,11 +230,11 @@ class SurfaceSlam:
             return slam
         return self.walls.solve(stamps, factors, every_covariance=every_covariance)
 
-    def is_placed(self, solution: SurfaceSolution) -> bool:
+    def is_aligned(self, solution: SurfaceSolution) -> bool:
         """Tell whether this session was found in the saved map that it goes on with, if any."""
         if self.saved_keyframes:
             return not self._is_lost
-        return solution.session is None or solution.session.found
+        return solution.alignment is None or solution.alignment.found
 
     @property
     def _is_lost(self) -> bool:
@@ -262,7 +262,7 @@ class SurfaceSlam:
         T_anchor_view = np.array([s.T_anchor_view for s in self.saved_views]).reshape(-1, 4, 4)
         poses = np.array([k.pose for k in slam.keyframes]).reshape(-1, 3)
         anchors = np.broadcast_to(np.eye(4), T_anchor_view.shape).copy()
-        hung = np.array([saved.hangs for saved in self.saved_views], bool)
+        hung = np.array([saved.is_on_keyframe for saved in self.saved_views], bool)
         anchors[hung] = spatial(poses[keyframes[hung]])
         cov = np.array([saved.cov_tilt for saved in self.saved_views]).reshape(-1, 3, 3)
         return ViewPoses(anchors @ T_anchor_view, cov, keyframes)

@@ -27,7 +27,7 @@ __all__ = [
     "column_keys",
     "empty_view",
     "first_numbers",
-    "inheriting",
+    "with_numbers_of",
     "thin_cloud",
     "with_cloud",
     "with_intervals",
@@ -193,7 +193,7 @@ def first_numbers(views: list[View]) -> list[int]:
     return numbers
 
 
-def inheriting(newer: View, older: View, replaced_by: Mapping[int, int]) -> View:
+def with_numbers_of(newer: View, older: View, replaced_by: Mapping[int, int]) -> View:
     """Return the newer view with the numbers and stamps of an older one, which is to be forgotten.
 
     Parameters
@@ -228,7 +228,7 @@ def with_cloud(view: View, cloud: SurfaceCloud, config: Config) -> View:
     groups = np.split(order, starts[1:]) if len(starts) else []
     patches = [patch for group in groups for patch in make_patches(cloud.points[group], config)]
     reach = np.hypot(cloud.points[:, 0], cloud.points[:, 1]).max(initial=0.0)
-    return replace(view, patches=tuple(patches), reach=max(view.reach, float(reach)))
+    return replace(view, patches=tuple(patches), reach=max(view.max_range, float(reach)))
 
 
 def with_intervals(view: View, intervals: ViewIntervals) -> View:
@@ -236,4 +236,4 @@ def with_intervals(view: View, intervals: ViewIntervals) -> View:
     free = FreeColumns.of(intervals, view.free.cell_size)
     xy = intervals.intervals[:, :2].astype(np.float64)
     reach = np.hypot(xy[:, 0], xy[:, 1]).max(initial=-free.cell_size) + free.cell_size
-    return replace(view, free=free, reach=max(view.reach, float(reach)))
+    return replace(view, free=free, reach=max(view.max_range, float(reach)))

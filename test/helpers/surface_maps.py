@@ -36,7 +36,7 @@ def build(looks, poses=None, config=None, order=None, *, sees_through=True):
     return surface_map.build(poses_at(spatial(np.array(where))))
 
 
-def standing(mapped):
+def above_floor(mapped):
     return [s for s in mapped.surfaces if s.label != "floor"]
 
 

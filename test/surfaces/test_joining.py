@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from surface_maps import overlap, poses_at, standing
+from surface_maps import overlap, poses_at, above_floor
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
@@ -27,7 +27,7 @@ def build(records, poses, walls=None):
 
 def look(room, *poses, walls=None):
     records = [r for k, pose in enumerate(poses) for r in room.look(pose, 10 * k + 10)]
-    return standing(build(records, poses, walls))
+    return above_floor(build(records, poses, walls))
 
 
 def test_what_something_hides_right_across_is_joined():

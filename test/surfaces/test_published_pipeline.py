@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from surface_maps import build, standing
+from surface_maps import build, above_floor
 
 from tccm_ros.baselines.seed_segmentation import segment
 from tccm_ros.config import Config
@@ -61,23 +61,23 @@ def test_it_goes_on_until_no_plane_has_enough_points():
 
 def test_surfaces_below_the_least_height_are_not_kept():
     room = Room([Board(1.2, 0.0, 0.8, 0.8, 0.12), Board(1.5, 1.6, 0.8, 0.8, 0.74)])
-    (table,) = standing(build([(room, HERE, 10)], config=SEED))
+    (table,) = above_floor(build([(room, HERE, 10)], config=SEED))
     assert table.height == pytest.approx(0.74, abs=1e-3)
 
 
 def test_what_stands_less_than_5_cm_above_is_one_with_what_is_below():
     counter, hob = Board(1.4, 0.0, 0.6, 2.0, 0.90), Board(1.4, 0.4, 0.5, 0.5, 0.94)
     looks = [(Room([counter, hob]), HERE, 10)]
-    assert len(standing(build(looks))) == 2, "ours compares heights"
-    assert len(standing(build(looks, config=SEED))) == 1, "as published"
+    assert len(above_floor(build(looks))) == 2, "ours compares heights"
+    assert len(above_floor(build(looks, config=SEED))) == 1, "as published"
 
 
 def test_what_stands_more_than_5_cm_above_stays_its_own():
     counter, box = Board(1.4, 0.0, 0.6, 2.0, 0.90), Board(1.4, 0.4, 0.5, 0.5, 0.96)
-    assert len(standing(build([(Room([counter, box]), HERE, 10)], config=SEED))) == 2
+    assert len(above_floor(build([(Room([counter, box]), HERE, 10)], config=SEED))) == 2
 
 
 def test_nothing_is_joined_over_what_is_hidden():
     room = Room([Board(1.6, 0.0, 0.5, 1.6, 0.75)], [Screen(1.2, -0.09, 1.2, 0.09, 1.8)])
-    assert len(standing(build([(room, HERE, 10)]))) == 1
-    assert len(standing(build([(room, HERE, 10)], config=SEED))) == 2
+    assert len(above_floor(build([(room, HERE, 10)]))) == 1
+    assert len(above_floor(build([(room, HERE, 10)], config=SEED))) == 2

@@ -35,7 +35,7 @@ def test_free_places_lie_on_their_surface(outcome):
     for identity, rings in free.items():
         for ring in rings:
             height = ring @ surfaces[identity].normal - surfaces[identity].offset
-            assert np.abs(height.mean()) < module.REACH
+            assert np.abs(height.mean()) < module.MAX_HEIGHT_DIFFERENCE
 
 
 def test_an_earlier_session_whose_clock_was_ahead_hides_no_object(outcome):

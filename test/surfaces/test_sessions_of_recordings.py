@@ -43,8 +43,8 @@ def places(rig, first):
 
 def test_three_places_of_one_office_become_one_map(rig, first, places):
     second, (saved, solution) = places
-    assert second[1].session.found
-    assert solution.session.found
+    assert second[1].alignment.found
+    assert solution.alignment.found
     floor = floors(solution)[0]
     assert {view.stamp_ns for view in floor.views} == {s.view.stamp_ns for s in saved.views}
     assert floor.area > floors(first[1])[0].area
@@ -53,7 +53,7 @@ def test_three_places_of_one_office_become_one_map(rig, first, places):
     assert shared_surfaces, "furniture that two places saw is one surface"
     # Through the second session or straight: the third is at one place.
     straight = run(OFFICE[2], rig, first[0])[1]
-    apart = planar(inverse(straight.session.T_map_session) @ solution.session.T_map_session)
+    apart = planar(inverse(straight.alignment.T_map_session) @ solution.alignment.T_map_session)
     assert np.hypot(apart[0], apart[1]) < 0.10
     assert abs(apart[2]) < np.radians(2.0)
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from surface_maps import TABLE, build, overlap, standing
+from surface_maps import TABLE, build, overlap, above_floor
 
 from tccm_ros.config import Config
 from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPoses
@@ -14,7 +14,7 @@ def test_one_table_from_three_places_is_one_surface():
     room = Room([TABLE])
     looks = [(room, (0, 0, 0), 10), (room, (1.5, -2.2, 1.57), 20), (room, (3.2, 0.3, 3.14), 30)]
     mapped = build(looks)
-    (table,) = standing(mapped)
+    (table,) = above_floor(mapped)
     assert overlap(table, TABLE) >= 0.85
     assert table.height == pytest.approx(0.74, abs=1e-3)
     assert [v.stamp_ns for v in table.views] == [10, 20, 30]
@@ -40,9 +40,9 @@ def test_a_step_of_five_centimetres_is_its_own_surface():
     counter, stove = Board(1.4, 0.0, 0.6, 2.0, 0.90), Board(1.4, 0.4, 0.5, 0.5, 0.95)
     room = Room([counter, stove])
     mapped = build([(room, (0, 0, 0), 10), (room, (0.3, 0.6, -0.1), 20)])
-    heights = sorted(round(s.height, 3) for s in standing(mapped))
+    heights = sorted(round(s.height, 3) for s in above_floor(mapped))
     assert heights == [0.90, 0.95]
-    step = max(standing(mapped), key=lambda s: s.height)
+    step = max(above_floor(mapped), key=lambda s: s.height)
     assert step.label == "step"
 
 
@@ -51,11 +51,11 @@ def test_a_loop_closure_merges_and_splits_and_ids_stay():
     looks = [(room, (0, 0, 0), 10), (room, (3.2, 0.3, 3.14), 20)]
     apart = build(looks, poses=[(0, 0, 0), (6.2, 0.3, 3.14)])
     together = build(looks)
-    first = min(s.id for s in standing(apart))
-    assert len(standing(apart)) == 2
-    assert [s.id for s in standing(together)] == [first]
-    other = max(s.id for s in standing(apart))
-    assert standing(together)[0].took == (other,)
+    first = min(s.id for s in above_floor(apart))
+    assert len(above_floor(apart)) == 2
+    assert [s.id for s in above_floor(together)] == [first]
+    other = max(s.id for s in above_floor(apart))
+    assert above_floor(together)[0].took == (other,)
     assert SurfaceChange(first, (other,), None) in changes(apart.surfaces, together.surfaces)
     assert SurfaceChange(other, (), first) in changes(together.surfaces, apart.surfaces)
     again = build(looks, poses=[(0, 0, 0), (6.2, 0.3, 3.14)])
@@ -67,9 +67,9 @@ def test_a_view_that_joins_two_surfaces_says_which_it_took():
     left = Room([long_board], [Screen(0.4, -2.0, 0.4, 0.1, 2.0)])
     right = Room([long_board], [Screen(0.4, -0.4, 0.4, 2.0, 2.0)])
     looks = [(left, (0, 0, 0), 10), (right, (0, -0.3, 0), 20)]
-    apart = [s.id for s in standing(build(looks))]
+    apart = [s.id for s in above_floor(build(looks))]
     assert len(apart) == 2
-    (joined,) = standing(build([*looks, (Room([long_board]), (0, 0.3, 0), 30)]))
+    (joined,) = above_floor(build([*looks, (Room([long_board]), (0, 0.3, 0), 30)]))
     assert joined.id == apart[0]
     assert apart[1] in joined.took
 
@@ -80,10 +80,10 @@ def test_two_pieces_of_one_view_that_a_newer_one_replaces_are_named():
     board = Board(1.5, 0.0, 0.6, 2.2, 0.74)
     wide = Board(1.5, 0.0, 0.6, 0.6, 0.74)
     left, right = replace(board, y=-0.8, depth=0.6), replace(board, y=0.8, depth=0.6)
-    apart = standing(build([(Room([left, right], [pole]), (0, 0, 0), 10)]))
+    apart = above_floor(build([(Room([left, right], [pole]), (0, 0, 0), 10)]))
     assert len(apart) == 2
     looks = [(Room([left, right], [pole]), (0, 0, 0), 10), (Room([board, wide]), (0, 0, 0), 20)]
-    (table,) = standing(build(looks))
+    (table,) = above_floor(build(looks))
     assert [table.id] + [n for n in table.took if n == apart[1].id] == [s.id for s in apart]
 
 
@@ -113,7 +113,7 @@ def test_every_id_of_one_solution_is_found_in_another():
 def test_a_table_that_was_moved_is_moved_in_the_map():
     before, after = Board(1.6, 0.9, 0.8, 0.9, 0.74), Board(1.6, -0.9, 0.8, 0.9, 0.74)
     looks = [(Room([before]), (0, 0, 0), 10), (Room([after]), (-0.4, 0.2, 0), 20)]
-    (table,) = standing(build(looks))
+    (table,) = above_floor(build(looks))
     assert overlap(table, after) >= 0.8
     assert table.first_seen_ns == 20
 
@@ -121,26 +121,26 @@ def test_a_table_that_was_moved_is_moved_in_the_map():
 def test_a_table_that_was_moved_a_little_leaves_no_strip():
     before, after = Board(1.6, 0.0, 0.8, 0.9, 0.74), Board(1.6, 0.5, 0.8, 0.9, 0.74)
     looks = [(Room([before]), (0, 0, 0), 10), (Room([after]), (-0.4, 0.2, 0), 20)]
-    (table,) = standing(build(looks))
+    (table,) = above_floor(build(looks))
     assert overlap(table, after) >= 0.8
 
 
 def test_a_table_that_was_carried_away_is_gone():
     looks = [(Room([TABLE]), (0, 0, 0), 10), (Room([]), (-0.4, 0.2, 0), 20)]
-    assert standing(build(looks)) == []
+    assert above_floor(build(looks)) == []
 
 
 def test_a_narrow_ledge_that_was_carried_away_is_gone():
     ledge = Board(1.4, 0.0, 0.12, 1.2, 0.8)
     looks = [(Room([ledge]), (0, 0, 0), 10), (Room([]), (-0.4, 0.2, 0), 20)]
-    assert standing(build(looks)) == []
+    assert above_floor(build(looks)) == []
 
 
 @pytest.mark.parametrize("pose", [(0, 0, 0), (0.02, 0.01, 0.01), (-0.5, 0.1, 0.0)])
 def test_a_table_hidden_by_a_person_stays(pose):
     person = Screen(0.6, -0.4, 0.6, 0.4, 1.8)
     looks = [(Room([TABLE]), (0, 0, 0), 10), (Room([TABLE], [person]), pose, 20)]
-    (table,) = standing(build(looks))
+    (table,) = above_floor(build(looks))
     assert overlap(table, TABLE) >= 0.8
     assert table.first_seen_ns == 10
 
@@ -149,22 +149,22 @@ def test_standing_still_keeps_one_view_of_a_place():
     room = Room([TABLE])
     looks = [(room, (0.0, 0.001 * k, 0.0), 10 * k + 10) for k in range(6)]
     mapped = build(looks)
-    (table,) = standing(mapped)
+    (table,) = above_floor(mapped)
     assert [v.stamp_ns for v in table.views] == [60]
     assert (table.first_seen_ns, table.last_seen_ns) == (10, 60)
-    assert table.id == standing(build(looks[:1]))[0].id
+    assert table.id == above_floor(build(looks[:1]))[0].id
 
 
 def test_surfaces_that_are_too_low_are_not_kept():
     room = Room([Board(1.2, 0.0, 0.8, 0.8, 0.12), TABLE])
-    assert [round(s.height, 2) for s in standing(build([(room, (0, 0, 0), 10)]))] == [0.74]
+    assert [round(s.height, 2) for s in above_floor(build([(room, (0, 0, 0), 10)]))] == [0.74]
 
 
 def test_heights_count_from_the_floor():
     low = Room([Board(1.4, 0.0, 0.8, 0.8, 0.2)], floor=Board(0.0, 0.0, 12.0, 12.0, -0.3))
     mapped = build([(low, (0, 0, 0), 10)])
     assert mapped.floor_z == pytest.approx(-0.3, abs=1e-6)
-    (table,) = standing(mapped)
+    (table,) = above_floor(mapped)
     assert table.height == pytest.approx(0.2, abs=1e-6)
     assert table.label == "table"
 
@@ -173,7 +173,7 @@ def test_no_floor_is_no_height():
     room = Room([TABLE], floor=Board(0.0, 0.0, 0.01, 0.01, -9.0))
     mapped = build([(room, (0, 0, 0), 10)])
     assert mapped.floor_z is None
-    assert len(standing(mapped)) == 1
+    assert len(above_floor(mapped)) == 1
 
 
 def test_no_views_no_surfaces():

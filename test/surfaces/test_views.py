@@ -6,7 +6,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from room import Board, Room
-from surface_maps import build, poses_at, standing
+from surface_maps import build, poses_at, above_floor
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, transform2
@@ -86,9 +86,9 @@ def test_each_view_is_moved_by_its_own_pose():
     """Only the second view's pose is corrected: what the first alone saw stays."""
     rooms = Room([STOOL]), Room([Board(1.5, 1.2, 0.8, 0.8, 0.74)])
     looks = [(rooms[0], (0.0, 0.0, 0.0), 10), (rooms[1], (0.0, 0.8, 0.0), 20)]
-    before = {round(s.height, 2): s for s in standing(build(looks, sees_through=False))}
+    before = {round(s.height, 2): s for s in above_floor(build(looks, sees_through=False))}
     poses = [(0.0, 0.0, 0.0), (0.0, 1.1, 0.0)]
-    after = {round(s.height, 2): s for s in standing(build(looks, poses, sees_through=False))}
+    after = {round(s.height, 2): s for s in above_floor(build(looks, poses, sees_through=False))}
     np.testing.assert_array_equal(after[0.46].boundary, before[0.46].boundary)
     assert after[0.74].centroid == pytest.approx(np.add(before[0.74].centroid, (0, 0.3, 0)))
 
@@ -116,7 +116,7 @@ def test_a_place_seen_from_afar_in_a_few_lines_counts():
     surface_map = SurfaceMap(CONFIG)
     surface_map.add(cloud(points, [0] * len(floor) + [1] * len(far)))
     surface_map.add(ViewIntervals(7, "base", np.zeros((0, 4), np.float32)))
-    (table,) = standing(surface_map.build(poses_at(np.eye(4)[None])))
+    (table,) = above_floor(surface_map.build(poses_at(np.eye(4)[None])))
     assert table.points == 48
     assert table.area == pytest.approx(0.36 * 0.8, rel=0.35)
     assert table.height == pytest.approx(0.74, abs=1e-6)

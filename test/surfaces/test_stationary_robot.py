@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from surface_maps import TABLE, poses_at, standing
+from surface_maps import TABLE, poses_at, above_floor
 
 from tccm_ros.config import Config
 from tccm_ros.records import SurfaceCloud
@@ -23,10 +23,10 @@ def size(surface_map):
     return sum(array.nbytes for array in pack_views(surface_map.views).values())
 
 
-def stand(surface_map, views, has_stood=lambda a, b: True):
+def stand(surface_map, views, is_stationary=lambda a, b: True):
     for view in views:
         surface_map.add_view(view)
-        surface_map.forget(has_stood)
+        surface_map.forget(is_stationary)
 
 
 def built(surface_map):
@@ -53,7 +53,7 @@ def test_memory_is_flat_over_an_hour_of_standing():
     stand(surface_map, sweeps(Room([TABLE]), HOUR - 40, start=40))
     assert len(surface_map.views) == LATE_VIEWS + 1
     assert size(surface_map) <= 1.05 * early
-    (table,) = standing(built(surface_map))
+    (table,) = above_floor(built(surface_map))
     assert table.first_seen_ns == 10
     assert table.last_seen_ns == 10 * HOUR
     assert [v.stamp_ns for v in table.views] == [10 * HOUR]
@@ -64,7 +64,7 @@ def test_names_are_those_of_the_first_look():
     first, long = SurfaceMap(Config()), SurfaceMap(Config())
     stand(first, sweeps(room, 1))
     stand(long, sweeps(room, 30))
-    assert [s.id for s in standing(built(long))] == [s.id for s in standing(built(first))]
+    assert [s.id for s in above_floor(built(long))] == [s.id for s in above_floor(built(first))]
     loaded = SurfaceMap(Config())
     for view in unpack_views(pack_views(long.views)):
         loaded.add_view(view)
@@ -91,13 +91,13 @@ def test_what_only_the_older_view_saw_is_kept():
     stand(surface_map, sweeps(Room([TABLE, stool]), 10))
     hidden = Room([TABLE, stool], [Screen(0.35, 0.6, 0.7, 0.15, 1.9)])
     stand(surface_map, sweeps(hidden, 30, start=10))
-    assert {round(s.height, 1) for s in standing(built(surface_map))} == {0.5, 0.7}
+    assert {round(s.height, 1) for s in above_floor(built(surface_map))} == {0.5, 0.7}
     assert len(surface_map.views) <= LATE_VIEWS + 3
 
 
 def test_a_robot_that_moves_keeps_its_views():
     surface_map = SurfaceMap(Config())
-    stand(surface_map, sweeps(Room([TABLE]), 20), has_stood=lambda a, b: False)
+    stand(surface_map, sweeps(Room([TABLE]), 20), is_stationary=lambda a, b: False)
     assert len(surface_map.views) == 20
 
 
@@ -106,7 +106,7 @@ def test_a_table_that_was_carried_away_is_gone(gone):
     surface_map = SurfaceMap(Config())
     stand(surface_map, sweeps(Room([TABLE]), 12))
     stand(surface_map, sweeps(Room([] if gone else [TABLE]), 20, start=12))
-    assert len(standing(built(surface_map))) == (0 if gone else 1)
+    assert len(above_floor(built(surface_map))) == (0 if gone else 1)
 
 
 def test_single_lines_of_a_sweep_are_no_surface_and_keep_no_view():
@@ -117,7 +117,7 @@ def test_single_lines_of_a_sweep_are_no_surface_and_keep_no_view():
     surface_map = SurfaceMap(Config())
     stand(surface_map, lines)
     assert len(surface_map.views) == LATE_VIEWS + 1
-    (table,) = standing(built(surface_map))
+    (table,) = above_floor(built(surface_map))
     assert table.height == pytest.approx(TABLE.z, abs=0.005)
 
 

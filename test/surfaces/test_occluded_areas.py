@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from room import Board, Room, Screen
 from shapely import Polygon
-from surface_maps import build, overlap, standing
+from surface_maps import build, overlap, above_floor
 
 HERE = (0.0, 0.0, 0.0)
 
@@ -36,7 +36,7 @@ def share_filled(surface, gap):
 
 @pytest.mark.parametrize("gap", [0.25, 0.4])
 def test_a_gap_that_was_looked_through_stays_open(gap):
-    (table,) = standing(build([(OneSurface(u_shape(gap)), HERE, 10)]))
+    (table,) = above_floor(build([(OneSurface(u_shape(gap)), HERE, 10)]))
     assert share_filled(table, gap) < 0.2
 
 
@@ -44,7 +44,7 @@ def test_the_shadow_of_a_thing_is_closed():
     """A thing 0.3 m wide on a table hides what is behind it, up to the table's far edge."""
     board = Board(1.6, 0.0, 1.0, 1.4, 0.74)
     thing = Screen(1.45, -0.15, 1.45, 0.15, 1.1)
-    (table,) = standing(build([(Room([board], [thing]), HERE, 10)]))
-    (alone,) = standing(build([(Room([board]), HERE, 10)]))
+    (table,) = above_floor(build([(Room([board], [thing]), HERE, 10)]))
+    (alone,) = above_floor(build([(Room([board]), HERE, 10)]))
     assert overlap(table, board) > overlap(alone, board) - 0.05
     assert np.isfinite(table.boundary).all()

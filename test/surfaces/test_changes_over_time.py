@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from surface_maps import overlap, poses_at, standing
+from surface_maps import overlap, poses_at, above_floor
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
@@ -33,7 +33,7 @@ def look_at(rooms, *, saved_after=None):
                 surface_map.add_view(view)
     count = len(rooms)
     where = spatial(np.array(PLACES[:count], float))
-    return {round(s.height, 2): s for s in standing(surface_map.build(poses_at(where)))}
+    return {round(s.height, 2): s for s in above_floor(surface_map.build(poses_at(where)))}
 
 
 BOTH = Room([TABLE, STOOL])

@@ -64,7 +64,7 @@ class _ViewPair:
     older: View
     newer: View
     T_newer_older: Float64
-    is_same_place: bool
+    is_same_pose: bool
 
 
 def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:
@@ -87,9 +87,9 @@ def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:
             if distance[v] > newer.max_range + older.max_range:
                 continue
             yaw = abs(wrap_angle(poses[v, 2] - poses[w, 2]))
-            is_same_place = distance[v] <= same.place_distance and yaw <= same.place_angle
+            is_same_pose = distance[v] <= same.place_distance and yaw <= same.place_angle
             T_newer_older = inverse(T_map_view[w]) @ T_map_view[v]
-            pair = _ViewPair(older, newer, T_newer_older, bool(is_same_place))
+            pair = _ViewPair(older, newer, T_newer_older, bool(is_same_pose))
             for p, patch in enumerate(older.patches):
                 gone, q = _carve_patch(pair, patch, left.keep[v][p], config)
                 left.keep[v][p][gone] = False
@@ -149,7 +149,7 @@ def _carve_patch(
         return kept, None
     margin = config.views.clear_margin + TILT_MARGIN * distance
     through = pair.newer.free.contains(points, margin)
-    if not pair.is_same_place and not through.any():
+    if not pair.is_same_pose and not through.any():
         return kept[:0], None
     rim = config.surfaces.merge_distance
     owner = _measured_by(points, pair.newer.patches, margin, 0.5 * rim)
@@ -157,7 +157,7 @@ def _carve_patch(
     block = max(config.views.cell_size, BLOCK_SPACING * patch.spacing)
     if gone.sum() < GONE_FRACTION * total:
         gone &= _in_block(points, gone, block)
-    if not pair.is_same_place or not (owner >= 0).any():
+    if not pair.is_same_pose or not (owner >= 0).any():
         return kept[gone], None
     again = _measured_by(points, pair.newer.patches, margin, -rim) >= 0
     rest = ~gone & ~again

@@ -15,8 +15,8 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.surfaces.occluded_areas import MAX_OCCLUDED_WIDTH, MIN_OCCLUDED_AREA, is_occluded
 from tccm_ros.surfaces.merged_surface import MergedSurface
+from tccm_ros.surfaces.occluded_areas import MAX_OCCLUDED_WIDTH, MIN_OCCLUDED_AREA, is_occluded
 from tccm_ros.surfaces.patch_planes import (
     FLATNESS,
     GATE,
@@ -27,7 +27,7 @@ from tccm_ros.surfaces.patch_planes import (
 from tccm_ros.surfaces.polygons import GRID, box_sides, close_gaps, largest_part, polygons_of
 from tccm_ros.surfaces.views import View
 
-__all__ = ["Between", "MayJoin", "occluded_area_between", "join", "join_over_occlusions"]
+__all__ = ["Between", "MayJoin", "join", "join_over_occlusions", "occluded_area_between"]
 
 
 Between = Callable[[MergedSurface, MergedSurface], Polygon | None]

@@ -43,7 +43,7 @@ NARROW = 0.4
 """Width of a box, m, up to which irregular edges are a large fraction of it; chosen."""
 
 RAGGED = 0.08
-"""Deviation of outlines from straight edges, m; chosen: several spacings of scan lines."""
+"""Deviation of outlines from straight edges, m; chosen."""
 
 MIN_TREADS = 3
 """At least this many treads in a row are stairs; chosen."""

@@ -35,7 +35,7 @@ AREA_FADE = 0.5
 """An area's score falls to 0 over this, in its natural logarithm (a factor of 1.65); chosen."""
 
 MIN_BED = (0.8, 1.6)
-"""Min width and length of a bed, m; chosen: just below a cot's."""
+"""Min width and length of a bed, m; chosen."""
 
 MIN_BED_FILLED = 0.75
 """A bed fills at least this fraction of its box; chosen: an L shape is a sofa."""
@@ -49,8 +49,8 @@ AT_WALL_TABLE = 0.4
 SLENDER_SEAT = 0.8
 """Weight of a seat that is slender; chosen."""
 
-AWAY_FROM_WALL = 0.7
-"""Weight of a counter or a ledge away from any wall; chosen."""
+AWAY_FROM_WALL, AT_WALL = 0.7, 0.3
+"""Weight of a counter or a ledge away from any wall, and what is added to it at a wall; chosen."""
 
 ONE_SIDE = 3.0
 """A counter or a ledge has its full score where one part in so many of its outline is at walls: one
@@ -145,14 +145,15 @@ def _scores(surface: Features, rules: Labels) -> dict[SurfaceLabel, float]:
     seat = _fit(surface, rules.seat) * (SLENDER_SEAT if surface.is_slender else 1.0)
     sofa = _fit(surface, rules.sofa) if surface.backed else 0.0
     is_bed = surface.width >= MIN_BED[0] and surface.length >= MIN_BED[1]
-    near_wall = AWAY_FROM_WALL + 0.3 * min(1.0, ONE_SIDE * surface.at_wall)
+    near_wall = AWAY_FROM_WALL + AT_WALL * min(1.0, ONE_SIDE * surface.at_wall)
     counter, ledge = (_fit(surface, rule) * near_wall for rule in (rules.counter, rules.ledge))
     return {
         SurfaceLabel.TABLE: max(_fit(surface, rules.table), low) * away * (not surface.carried),
         SurfaceLabel.COUNTER: counter * (not surface.carried),
         SurfaceLabel.SEAT: max(seat, sofa),
         SurfaceLabel.BED: _fit(surface, rules.bed) * (is_bed and surface.filled >= MIN_BED_FILLED),
-        SurfaceLabel.SHELF: _fit(surface, rules.shelf) * (1.0 if surface.stacked else UNSTACKED_SHELF),
+        SurfaceLabel.SHELF: _fit(surface, rules.shelf)
+        * (1.0 if surface.stacked else UNSTACKED_SHELF),
         SurfaceLabel.LEDGE: ledge * (surface.is_slender and not surface.in_flight),
         SurfaceLabel.STEP: _fit(surface, rules.step) * (surface.carried or surface.in_flight),
     }

@@ -12,8 +12,8 @@ from shapely.affinity import affine_transform
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform
-from tccm_ros.surfaces.occluded_areas import MAX_OCCLUDED_WIDTH, MIN_OCCLUDED_AREA, is_occluded
 from tccm_ros.surfaces.merging import Members, NumberedPatch, clouds_in_map
+from tccm_ros.surfaces.occluded_areas import MAX_OCCLUDED_WIDTH, MIN_OCCLUDED_AREA, is_occluded
 from tccm_ros.surfaces.outline import covered_area
 from tccm_ros.surfaces.patch_planes import fit_plane, is_line, pool_moments
 from tccm_ros.surfaces.polygons import GRID, close_gaps, largest_part, polygons_of
@@ -23,7 +23,7 @@ __all__ = ["MergedSurface", "fit_surface"]
 
 
 SIMPLIFY = 0.004
-"""Outlines are simplified by at most this, m; chosen: the noise of a range."""
+"""Outlines are simplified by at most this, m; chosen: below the noise of a range."""
 
 SHADOW_WIDTH = 0.16
 """Notches and holes up to this wide, m, are closed as shadows of objects on the surface; chosen."""

@@ -44,8 +44,8 @@ SIDE_EDGE_FRACTION = 0.15
 """Sideways, the edge is expected this fraction of the lines' distance beyond the last beam; chosen."""
 
 MIN_SIDE_EDGE, MAX_SIDE_EDGE = 0.004, 0.0125
-"""Limits of the distance by which an outline is widened, m; chosen: half the distance of beams of 0.5
-deg at 1 m, and of 0.7 deg at 2 m."""
+"""Limits of the distance by which an outline is widened, m; chosen: the lower one is half the
+distance of beams of 0.5 deg at 1 m."""
 
 MITRE_LIMIT = 2.0
 """Corners of a widened outline move by at most this many times its distance; chosen."""
@@ -101,7 +101,7 @@ def _mesh(points_xy: Float64) -> Mesh:
 
 
 def _gap_by_area(points_xy: Float64, triangles: Int64, longest: Float64) -> float:
-    """Return the median of the longest edges, m, weighted by area: slivers of noise have none."""
+    """Return the area-weighted median of longest edges, m: slivers of noise have hardly any area."""
     if len(triangles) == 0:
         return 0.0
     a, b, c = (points_xy[triangles[:, k]] for k in range(3))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from surface_maps import overlap, poses_at, above_floor
+from surface_maps import above_floor, overlap, poses_at
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial

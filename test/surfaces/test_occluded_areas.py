@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from room import Board, Room, Screen
 from shapely import Polygon
-from surface_maps import build, overlap, above_floor
+from surface_maps import above_floor, build, overlap
 
 HERE = (0.0, 0.0, 0.0)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from surface_maps import build, above_floor
+from surface_maps import above_floor, build
 
 from tccm_ros.baselines.seed_segmentation import segment
 from tccm_ros.config import Config

@@ -12,7 +12,7 @@ from tccm_ros.slam.factors import BetweenViews
 from tccm_ros.slam.solution import Solution
 from tccm_ros.surfaces.carving import carve
 from tccm_ros.surfaces.registration import register_views, side_factors
-from tccm_ros.surfaces.side_matching import BLIND, match_sides
+from tccm_ros.surfaces.side_matching import OPEN_SIGMA, match_sides
 from tccm_ros.surfaces.sides import Sides, find_sides
 from tccm_ros.surfaces.surface_map import SurfaceMap
 
@@ -126,7 +126,7 @@ def test_parallel_sides_leave_the_way_along_them_open():
     match = match_sides(sides, sides, np.zeros(3), 0.1 * START, 0.02)
     assert match is not None
     assert np.sqrt(match.cov[0, 0]) < 0.01
-    assert np.sqrt(match.cov[1, 1]) > 0.9 * BLIND
+    assert np.sqrt(match.cov[1, 1]) > 0.9 * OPEN_SIGMA
 
 
 def test_a_comb_of_equal_boards_is_ambiguous():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from surface_maps import TABLE, poses_at, above_floor
+from surface_maps import TABLE, above_floor, poses_at
 
 from tccm_ros.config import Config
 from tccm_ros.records import SurfaceCloud

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from surface_maps import TABLE, build, overlap, above_floor
+from surface_maps import TABLE, above_floor, build, overlap
 
 from tccm_ros.config import Config
 from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPoses

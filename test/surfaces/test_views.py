@@ -6,7 +6,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from room import Board, Room
-from surface_maps import build, poses_at, above_floor
+from surface_maps import above_floor, build, poses_at
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, transform2

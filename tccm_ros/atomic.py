@@ -1,8 +1,8 @@
-"""Atomic output: files and folders change as a whole or not at all, also if the process is killed.
+"""Atomic output: files and folders change as a whole or not at all, even if a process is killed.
 
-A file is written under a temporary name in the same folder, flushed to the disk and renamed. The new
-files of a folder are written into a temporary folder and flushed to the disk. If the folder does not
-exist, the temporary one is renamed to it. If it exists, the temporary one is renamed to
+A file is written under a temporary name in the same folder, flushed to the disk and renamed. The
+new files of a folder are written into a temporary folder and flushed to the disk. If the folder
+does not exist, the temporary one is renamed to it. If it exists, the temporary one is renamed to
 ``.tccm-ready-*`` inside it; from then on the new files are saved. They replace those of the same
 name one after the other. If this is interrupted, `finish_moves` completes it, before anything is
 read from the folder or written into it. An incomplete temporary folder of a process that was killed
@@ -123,7 +123,7 @@ def finish_moves(out: Path) -> None:
 
 
 def _home(out: Path) -> Path:
-    """Return where the temporary folder is made: beside `out`, or in it where that is impossible."""
+    """Return where the temporary folder is made: beside `out` or, if that is impossible, in it."""
     if out.exists() and not out.is_dir():
         raise NotADirectoryError(f"{out.name} is a file; give a folder")
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -147,7 +147,7 @@ def _make(home: Path, name: str) -> tuple[Path, int]:
 
 
 def _lock(folder: Path, *, is_patient: bool = True) -> int:
-    """Lock a folder until the file descriptor is closed, at the latest by the end of the process."""
+    """Lock a folder until the returned file descriptor is closed, or the process ends."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if is_patient else fcntl.LOCK_NB))

@@ -34,9 +34,7 @@ SetOption = Annotated[list[str], typer.Option("--set", help="group.key=value; ma
 RemapOption = Annotated[
     list[str], typer.Option("--remap", help="input:=/topic, for example scan:=/base_scan")
 ]
-QuietOption = Annotated[
-    bool, typer.Option("--quiet", "-q", help="print nothing but errors and warnings")
-]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")]
 JsonOption = Annotated[bool, typer.Option("--json", help="print the result as JSON")]
 
 

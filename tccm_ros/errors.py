@@ -93,8 +93,8 @@ def suggest(name: str, known: Iterable[str], *, limit: int = 12) -> str:
 def one_line(error: BaseException, *, limit: int = 200) -> str:
     """Return the text of an error as one line of at most `limit` characters.
 
-    Of an error of the system only its meaning is returned ("no such file or directory"): the message
-    around it names the file.
+    Of an error of the system only its meaning is returned ("no such file or directory"): the
+    message around it names the file.
     """
     text = str(error)
     if isinstance(error, OSError) and error.strerror:

@@ -107,12 +107,8 @@ class CenterCore(Group):
     trials: int = param(50, "random trials", ge=1, le=10000)
     cores: int = param(3, "center cores drawn in a trial (l)", ge=2, le=100)
     min_quality: float = param(0.15, "min val of Eq. (8)", unit="m2", ge=0.0)
-    angle_threshold: float = param(
-        0.30, "angle of Eq. (7) and of inliers to the plane", unit="rad", gt=0.0, le=1.5
-    )
-    distance_threshold: float = param(
-        0.02, "distance of an inlier from the plane", unit="m", gt=0.0, le=0.5
-    )
+    angle_threshold: float = param(0.30, "angle of Eq. (7)", unit="rad", gt=0.0, le=1.5)
+    distance_threshold: float = param(0.02, "distance of an inlier", unit="m", gt=0.0, le=0.5)
 
 
 class Objects(Group):

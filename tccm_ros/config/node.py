@@ -53,6 +53,4 @@ class Save(Group):
 class Markers(Group):
     """Content of the markers."""
 
-    cuboid_color: Literal["height", "age"] = param(
-        "height", "quantity that the color of a cuboid shows"
-    )
+    cuboid_color: Literal["height", "age"] = param("height", "what the color of a cuboid shows")

@@ -40,7 +40,7 @@ class Rig(Group):
 
     kinematics: Literal["auto", "urdf", "tf", "rig"] = param(
         "auto",
-        "source of the laser poses: robot description, recorded tf or this group",
+        "source of laser poses: robot description, recorded tf or this group",
         read_only=True,
     )
     tilt_laser: Pose6 | None = param(

@@ -25,7 +25,7 @@ class Views(Group):
     )
     place_distance: float = param(
         0.10,
-        "a newer view from within this distance replaces an older one",
+        "a newer view within this distance replaces an older one",
         unit="m",
         ge=0.0,
         le=2.0,
@@ -54,7 +54,7 @@ class Surfaces(Group):
     cluster_distance: float = param(0.10, "seed: Euclidean clustering", unit="m", gt=0.0, le=1.0)
     merge_distance: float = param(
         0.05,
-        "surfaces with points within this distance are one, if coplanar",
+        "surfaces with points this near are one, if coplanar",
         unit="m",
         gt=0.0,
         le=1.0,

@@ -34,7 +34,7 @@ BLOCK_SPACING = 1.2
 of a surface is not empty by chance; chosen."""
 
 TILT_MARGIN = 0.006
-"""Uncertainty of heights per metre of distance, m/m: 0.3 deg of roll and pitch of the base; chosen."""
+"""Uncertainty of heights per metre of distance: 0.3 deg of roll and pitch of the base; chosen."""
 
 MAJORITY = 0.5
 """A column is removed where more than this fraction of its points is gone; chosen."""

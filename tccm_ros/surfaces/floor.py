@@ -19,7 +19,7 @@ MIN_AREA = 0.3
 """Smallest surface that counts for the height of the floor, m2; chosen."""
 
 TOLERANCE = 0.06
-"""A surface within this height of the floor is floor, m: 0.7 deg of roll and pitch at 5 m; chosen."""
+"""Max difference in height of surfaces that are floor, m; chosen: 0.7 deg of tilt at 5 m."""
 
 MIN_OVERLAP = 0.1
 """Pieces of different views that overlap by at least this area, m2, are the same floor; chosen."""

@@ -20,7 +20,7 @@ __all__ = ["Features", "features_of", "outline_width", "treads"]
 
 
 MIN_OVERLAP = 0.5
-"""A surface is over another where the overlap of their footprints is this fraction of one; chosen."""
+"""Min overlap of the footprints of surfaces over each other, as a fraction of one; chosen."""
 
 MIN_CARRIED = 0.3
 """A step has at least this fraction of its outline on or near the surface that carries it; chosen:
@@ -33,8 +33,8 @@ MIN_BACK_LENGTH = 0.8
 """A back runs along at least this fraction of its seat's length; chosen."""
 
 MIN_BOARD_DEPTH = 0.75
-"""A board over another does not make the lower one a shelf if its depth is less than this fraction of
-the lower one's; chosen: boards hang over worktops and desks."""
+"""A board over another does not make the lower one a shelf if its depth is less than this fraction
+of the lower one's; chosen: boards hang over worktops and desks."""
 
 SLENDER = 3.0
 """A surface is slender if its length is at least this many times its width; chosen."""

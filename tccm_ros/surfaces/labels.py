@@ -1,8 +1,8 @@
 """Labels of surfaces (table, counter, shelf, ...) by rules over their features.
 
 A rule is a range for height above the floor, width and area (configuration group ``labels``). Its
-score is 1 inside all ranges and falls to 0 outside; relations to walls and other surfaces weight it.
-Where the best label is not clearly better than the second-best, the label is ``other``: a wrong
+score is 1 inside all ranges and falls to 0 outside; relations to walls and other surfaces weight
+it. Where the best label is not clearly better than the second-best, the label is ``other``: a wrong
 label is worse than none.
 """
 
@@ -25,11 +25,11 @@ Rule = tuple[float, float, float, float, float, float]
 """Min and max of height (m), width (m) and area (m2)."""
 
 FADE = 0.12
-"""A width's score falls to 0 over this many metres, and this fraction of its max, outside; chosen."""
+"""A width's score falls to 0 over this, m, and this fraction of its max outside; chosen."""
 
 HEIGHT_FADE = 0.08
-"""A height's score falls to 0 over this, m, outside its range; chosen: furniture of one kind differs
-more than the map errs."""
+"""A height's score falls to 0 over this, m, outside its range; chosen: furniture of one kind
+differs more than the map errs."""
 
 AREA_FADE = 0.5
 """An area's score falls to 0 over this, in its natural logarithm (a factor of 1.65); chosen."""
@@ -56,7 +56,7 @@ ONE_SIDE = 3.0
 """A counter or a ledge has its full score where one part in so many of its outline is at walls: one
 side; chosen."""
 
-UNSTACKED_SHELF = 0.3
+LONE_SHELF = 0.3
 """Weight of a shelf without another board above or below it; chosen."""
 
 STACKED_OTHER = 0.6
@@ -66,7 +66,7 @@ RIVAL = 0.5
 """The confidence is the best score less this fraction of the second-best; chosen."""
 
 UNDECIDED = 0.75
-"""Where the second-best score is above this fraction of the best, the label is ``other``; chosen."""
+"""The label is ``other`` if the second-best score is above this fraction of the best; chosen."""
 
 
 class SurfaceLabel(StrEnum):
@@ -139,7 +139,7 @@ def _fit(surface: Features, rule: Rule) -> float:
 
 
 def _scores(surface: Features, rules: Labels) -> dict[SurfaceLabel, float]:
-    """Return the score of each label: its rule, weighted by relations to walls and other surfaces."""
+    """Return the score of each label: its rule, weighted by relations to walls and surfaces."""
     away = 1.0 - AT_WALL_TABLE * surface.at_wall
     low = 0.0 if surface.backed else LOW_TABLE * _fit(surface, rules.low_table)
     seat = _fit(surface, rules.seat) * (SLENDER_SEAT if surface.is_slender else 1.0)
@@ -152,8 +152,7 @@ def _scores(surface: Features, rules: Labels) -> dict[SurfaceLabel, float]:
         SurfaceLabel.COUNTER: counter * (not surface.carried),
         SurfaceLabel.SEAT: max(seat, sofa),
         SurfaceLabel.BED: _fit(surface, rules.bed) * (is_bed and surface.filled >= MIN_BED_FILLED),
-        SurfaceLabel.SHELF: _fit(surface, rules.shelf)
-        * (1.0 if surface.stacked else UNSTACKED_SHELF),
+        SurfaceLabel.SHELF: _fit(surface, rules.shelf) * (1.0 if surface.stacked else LONE_SHELF),
         SurfaceLabel.LEDGE: ledge * (surface.is_slender and not surface.in_flight),
         SurfaceLabel.STEP: _fit(surface, rules.step) * (surface.carried or surface.in_flight),
     }

@@ -50,8 +50,8 @@ Members = tuple[NumberedPatch, ...]
 """Patches that are one surface, in the order of their numbers."""
 
 MergeFunction = Callable[[Sequence[Float64], float], Int64]
-"""A merging of P patches, from the points of each in map, float64 (N, 3), and a distance (m): returns
-for each patch the first patch of its surface, int64 (P,)."""
+"""A merging of P patches, from the points of each in map, float64 (N, 3), and a distance (m):
+returns for each patch the first patch of its surface, int64 (P,)."""
 
 
 def surviving_patches(views: list[View], left: Survivors, config: Config) -> list[NumberedPatch]:

@@ -30,18 +30,18 @@ NEIGHBOURS = 24
 """Number of nearest points over which the local spacing is taken; chosen."""
 
 QUANTILE = 0.4
-"""Quantile of the neighbours' largest gaps that is the local spacing; chosen: less than half, as along
-a border up to half of the neighbours have a gap across it."""
+"""Quantile of the neighbours' largest gaps that is the local spacing; chosen: less than half, as
+along a border up to half of the neighbours have a gap across it."""
 
 FAR_EDGE_FRACTION = 0.35
-"""The far edge is expected this fraction of the lines' distance beyond the last one; chosen: less than
-half, as the union of several views takes the furthest edge of each."""
+"""The far edge is expected this fraction of the lines' distance beyond the last one; chosen: less
+than half, as the union of several views takes the furthest edge of each."""
 
 MAX_FAR_EDGE = 0.025
 """The far edge is moved by at most this, m; chosen."""
 
 SIDE_EDGE_FRACTION = 0.15
-"""Sideways, the edge is expected this fraction of the lines' distance beyond the last beam; chosen."""
+"""Sideways, the edge is expected this fraction of the lines' distance further out; chosen."""
 
 MIN_SIDE_EDGE, MAX_SIDE_EDGE = 0.004, 0.0125
 """Limits of the distance by which an outline is widened, m; chosen: the lower one is half the
@@ -101,7 +101,7 @@ def _mesh(points_xy: Float64) -> Mesh:
 
 
 def _gap_by_area(points_xy: Float64, triangles: Int64, longest: Float64) -> float:
-    """Return the area-weighted median of longest edges, m: slivers of noise have hardly any area."""
+    """Return the area-weighted median of longest edges, m: slivers of noise have no area."""
     if len(triangles) == 0:
         return 0.0
     a, b, c = (points_xy[triangles[:, k]] for k in range(3))

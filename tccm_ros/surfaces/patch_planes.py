@@ -1,7 +1,7 @@
 """Planes of patches in map, with the covariances of their heights and slopes.
 
-The plane of a patch is the height field ``h(x, y) = z + a (x - x0) + b (y - y0)`` about its centroid
-``(x0, y0, z)``.
+The plane of a patch is the height field ``h(x, y) = z + a (x - x0) + b (y - y0)`` about its
+centroid ``(x0, y0, z)``.
 """
 
 from __future__ import annotations
@@ -75,8 +75,9 @@ class PatchPlanes(NamedTuple):
 def fit_plane(cov: Float64) -> tuple[Float64, Float64]:
     """Fit the exact least-squares plane to points of covariance `cov`, float64 (3, 3).
 
-    Surfaces are horizontal, or nearly so. Where the fit is steep, the points are on a line and do not
-    determine the slope across it: the plane is then the one nearest to horizontal through the line.
+    Surfaces are horizontal, or nearly so. Where the fit is steep, the points are on a line and do
+    not determine the slope across it: the plane is then the one nearest to horizontal through the
+    line.
 
     Returns
     -------

@@ -41,19 +41,19 @@ YAW_WEIGHT = 1.0
 """Metres that a radian of yaw counts in the distance of two poses; chosen."""
 
 MIN_SIGMA, MAX_SIGMA = (0.01, np.radians(0.3)), (0.15, np.radians(3.0))
-"""Limits of the standard deviations (m, rad) of the relative pose of two views that the search covers;
-chosen: with a wider search, sides of other surfaces match."""
+"""Limits of the standard deviations (m, rad) of the relative pose of two views that the search
+covers; chosen: with a wider search, sides of other surfaces match."""
 
 MIN_REMAINING = 0.5
-"""Min fraction of a patch that carving leaves for its sides to be matched; chosen: a patch with less
-was moved or replaced."""
+"""Min fraction of a patch that carving leaves for its sides to be matched; chosen: a patch with
+less was moved or replaced."""
 
 MIN_POINTS = 4
 """Points of a patch in a plane factor: three give a plane without a residual."""
 
 OPEN_SIGMAS = (1.0, 1.0, 1.0)
-"""Standard deviations of z, roll and pitch (m, rad) in a factor of sides: wide, so that it leaves them
-open."""
+"""Standard deviations of z, roll and pitch (m, rad) in a factor of sides: wide, so that it leaves
+them open."""
 
 
 def register_views(views: list[View], known: Solution, config: Config) -> list[Factor]:

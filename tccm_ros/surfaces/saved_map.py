@@ -1,4 +1,4 @@
-"""A saved map: arrays of walls and keyframes, and views with the keyframes that carry their poses."""
+"""A saved map: arrays of walls and keyframes, and views with poses in keyframes."""
 
 from __future__ import annotations
 

@@ -139,8 +139,8 @@ def _open_cells(view: View, floor_z: float) -> Int64:
 def _frontier(cells: Int64, size: float) -> Int64:
     """Return the first columns (N, 2) behind open ones, seen from the base.
 
-    The lateral borders of the field of view are not among them: a column behind a column there, seen
-    from the base, is open too.
+    The lateral borders of the field of view are not among them: a column behind a column there,
+    seen from the base, is open too.
     """
     middle = (cells + 0.5) * size
     direction = middle / np.linalg.norm(middle, axis=1)[:, None]
@@ -188,7 +188,8 @@ def _search(in_map: _FreeSpace, in_session: _FreeSpace) -> tuple[Float64, float,
     The scores of all shifts at one yaw are a correlation of rasters.
     """
     origin = in_map.open.min(axis=0) - 1.0
-    radius = max(np.abs(tin_map.frontier).max(), np.abs(tin_map.open).max()) * np.sqrt(2.0) + 1.0
+    farthest = max(np.abs(in_session.frontier).max(), np.abs(in_session.open).max())
+    radius = farthest * np.sqrt(2.0) + 1.0
     extent = np.ceil((in_map.open.max(axis=0) + 1.0 - origin + 2.0 * radius) / CELL).astype(int)
     shape = tuple(next_fast_len(int(n), real=True) for n in extent)
     near = gaussian_filter(_raster(in_map.frontier, origin, shape).clip(max=1.0), BLUR)

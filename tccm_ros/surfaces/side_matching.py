@@ -45,7 +45,7 @@ MIN_SIDES, MIN_VOTES = 2, 0.5
 """Min number of sides in a match, and their min total length, m; chosen."""
 
 WIDE_SEARCH, MIN_SIDES_WIDE = 0.06, 3
-"""In a search of more than this, m, sides match by chance more often: min number of sides; chosen."""
+"""Min number of sides after a search of more than this, m: more match by chance; chosen."""
 
 MAX_HYPOTHESES = 400
 """Max number of hypotheses, those of the longest sides first; chosen."""

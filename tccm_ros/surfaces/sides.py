@@ -1,9 +1,9 @@
 """Sides of surfaces: straight edges at which a view saw that a surface ends.
 
-Most of a patch's outline is no edge of the surface: there the tilt cycle ended, or an object hid the
-rest. A segment of the outline is a side if the view looked through the columns just beyond it. Its
-position is where the surface is expected to end, beyond the last points by half the distance of the
-scan lines across it; that distance also gives its standard deviation.
+Most of a patch's outline is no edge of the surface: there the tilt cycle ended, or an object hid
+the rest. A segment of the outline is a side if the view looked through the columns just beyond it.
+Its position is where the surface is expected to end, beyond the last points by half the distance of
+the scan lines across it; that distance also gives its standard deviation.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ MIN_BINS = 5
 """Min number of points to which a line is fitted; chosen."""
 
 BEYOND = (0.10, 0.15)
-"""Distances beyond a side, m, at one of which the view must have looked through; chosen: a column."""
+"""Distances beyond a side, m, at one of which the view must have looked through; chosen."""
 
 SEEN_THROUGH = 0.8
 """Min fraction of a side along which the view looked through; chosen."""
 
 PROBE_SPACING, END_MARGIN = 0.05, 0.1
-"""Distance of the probes along a side, m, and by how much less than its length they cover; chosen."""
+"""Distance of the probes along a side, and length of it that they leave out, m; chosen."""
 
 CLEAR = 0.02
 """Min distance of a probe from the ends of its free interval, m; chosen."""
@@ -90,7 +90,7 @@ class Sides:
 
     @property
     def yaw_sigma(self) -> Float64:
-        """Standard deviations of the yaws, float64 (S,), rad: those of an even error along the sides."""
+        """Standard deviations of the yaws, float64 (S,), rad, for even errors along the sides."""
         return np.sqrt(12.0) * self.sigma / self.length
 
     def chosen(self, keep: Bool) -> Sides:
@@ -205,8 +205,8 @@ def _expected_edge(
 
     Scan lines run around the robot at a distance of `spacing`, with beams at a distance of `gap`. A
     far side is between the last line and the next. On a line that runs across a side, the last beam
-    is lost as a mixed pixel. At a near side the laser sees the front of the object, so that the last
-    points are at the side.
+    is lost as a mixed pixel. At a near side the laser sees the front of the object, so that the
+    last points are at the side.
     """
     radial = float(outward @ middle / max(np.hypot(*middle), 1e-6))
     line, beam = spacing * max(radial, 0.0), gap * np.sqrt(max(1.0 - radial**2, 0.0))

@@ -6,7 +6,8 @@ the views alone, not from the order in which they arrived or from how often the 
 
 The merged ids of a surface are the numbers that its other patches have or inherited. They contain
 the id of each surface of an earlier solution that is part of this one, whatever poses that solution
-had. A surface that is split off is not among them any more. `changes` lists merges and splits between two solutions.
+had. A surface that is split off is not among them any more. `changes` lists merges and splits
+between two solutions.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Views: compact, exact in their moments, and moved as a whole with the pose they hang on."""
+"""Views: compact, with exact moments, and moved as a whole with their pose."""
 
 import numpy as np
 import pytest
@@ -93,7 +93,7 @@ def test_each_view_is_moved_by_its_own_pose():
     assert after[0.74].centroid == pytest.approx(np.add(before[0.74].centroid, (0, 0.3, 0)))
 
 
-def test_halves_that_come_in_any_order_and_twice_are_one_view():
+def test_cloud_and_intervals_in_any_order_or_twice_are_one_view():
     records = Room([TABLE]).look((0, 0, 0), 7)
     orders = ([0, 1], [1, 0], [0, 0, 1], [1, 0, 1])
     packed = []
@@ -107,8 +107,8 @@ def test_halves_that_come_in_any_order_and_twice_are_one_view():
             np.testing.assert_array_equal(array, other[name])
 
 
-def test_a_place_seen_from_afar_in_a_few_lines_counts():
-    """Four lines of a sweep, 12 cm apart, 48 points: less than a tenth of the published 500."""
+def test_a_far_table_seen_in_four_scan_lines_is_a_surface():
+    """Four scan lines at distances of 12 cm, 48 points: a tenth of the published 500."""
     x, y = np.meshgrid(4.0 + 0.12 * np.arange(4), np.linspace(-0.4, 0.4, 12))
     far = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.74)])
     floor = board(3000, z=0.0)

@@ -120,7 +120,7 @@ def test_a_broken_urdf_is_an_error_of_one_line(check, tmp_path):
     assert "robot description" in check(write_bag(tmp_path / "bag", urdf="<robot><link"))
 
 
-def test_an_error_of_an_unknown_key_names_the_most_similar(check, tmp_path):
+def test_an_error_of_an_unknown_key_names_a_similar_one(check, tmp_path):
     bag = write_bag(tmp_path / "bag")
     assert "map.cell_size" in check(bag, "--set", "map.cel_size=0.02")
     assert "map.cell_size" in check(bag, "--set", "map.cell_size=7")

@@ -25,7 +25,7 @@ def test_every_error_has_the_common_base_class():
         ("", ["a"], "; there are: a"),
     ],
 )
-def test_a_suggestion_names_the_most_similar_name_or_all(name, known, clause):
+def test_a_suggestion_names_a_similar_name_or_all(name, known, clause):
     assert suggest(name, known) == clause
 
 

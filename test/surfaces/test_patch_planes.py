@@ -10,7 +10,7 @@ def covariance(points):
     return np.cov(np.asarray(points, float).T, bias=True)
 
 
-def test_a_plane_is_the_least_squares_one():
+def test_the_plane_of_points_on_a_plane_is_that_plane():
     rng = np.random.default_rng(0)
     xy = rng.uniform(-1.0, 1.0, (500, 2))
     points = np.column_stack([xy, 0.05 * xy[:, 0] - 0.02 * xy[:, 1]])

@@ -90,7 +90,7 @@ def test_a_surface_that_replaces_two_pieces_has_both_ids():
 
 
 def test_every_id_of_one_solution_is_found_in_another():
-    """Whatever the poses of the views, the id of a surface is an id or a merged id in another map."""
+    """Whatever the poses of the views, an id of one map is an id or a merged id of another."""
     room = Room([TABLE, Board(1.3, 1.6, 0.7, 0.6, 0.74)])
     looks = [(room, (0, 0, 0), 10), (room, (0.2, 0.9, 0.1), 20), (room, (3.2, 0.3, 3.14), 30)]
     rng = np.random.default_rng(4)

@@ -39,9 +39,7 @@ class Rig(Group):
     """Poses of the lasers where there is no robot description, and corrections of a real rig."""
 
     kinematics: Literal["auto", "urdf", "tf", "rig"] = param(
-        "auto",
-        "source of laser poses: robot description, recorded tf or this group",
-        read_only=True,
+        "auto", "source of laser poses: robot description, tf or this group", read_only=True
     )
     tilt_laser: Pose6 | None = param(
         None,

@@ -24,11 +24,7 @@ class Views(Group):
         5.0, "max range of the free intervals of a tilt cycle", unit="m", gt=0.0, le=50.0
     )
     place_distance: float = param(
-        0.10,
-        "a newer view within this distance replaces an older one",
-        unit="m",
-        ge=0.0,
-        le=2.0,
+        0.10, "newer views this near replace older ones", unit="m", ge=0.0, le=2.0
     )
     place_angle: float = param(0.0873, "as place_distance, for the yaw", unit="rad", ge=0.0, le=3.2)
     voxel_size: float = param(0.01, "thinning of stored clouds", unit="m", gt=0.0, le=0.2)
@@ -53,11 +49,7 @@ class Surfaces(Group):
     )
     cluster_distance: float = param(0.10, "seed: Euclidean clustering", unit="m", gt=0.0, le=1.0)
     merge_distance: float = param(
-        0.05,
-        "surfaces with points this near are one, if coplanar",
-        unit="m",
-        gt=0.0,
-        le=1.0,
+        0.05, "surfaces with points this near are one, if coplanar", unit="m", gt=0.0, le=1.0
     )
     min_height: float = param(0.30, "min height above the floor", unit="m", ge=0.0, le=3.0)
     max_step: float = param(

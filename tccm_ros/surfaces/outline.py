@@ -19,6 +19,7 @@ from shapely import MultiPolygon
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.surfaces.polygons import GRID, polygons_of
+from tccm_ros.surfaces.thinning import cell_means
 
 __all__ = ["covered_area", "expected_area", "horizontal_outline"]
 
@@ -80,10 +81,10 @@ def covered_area(points_xy: Float64, min_gap: float) -> tuple[MultiPolygon, floa
 
     The parameters are those of `horizontal_outline`; the points may be in any frame.
     """
-    mesh = _mesh(_thin(points_xy, 0.5 * min_gap))
+    mesh = _mesh(cell_means(points_xy, 0.5 * min_gap)[0])
     gap = 0.25 * _gap_by_area(*mesh)
     if gap > 0.5 * min_gap:
-        mesh = _mesh(_thin(points_xy, gap))
+        mesh = _mesh(cell_means(points_xy, gap)[0])
     points, triangles, longest = mesh
     if len(triangles) == 0:
         return MultiPolygon(), 0.0
@@ -109,18 +110,6 @@ def _gap_by_area(points_xy: Float64, triangles: Int64, longest: Float64) -> floa
     order = np.argsort(longest, kind="stable")
     area = np.cumsum(np.abs(ux * vy - uy * vx)[order])
     return float(longest[order[np.searchsorted(area, 0.5 * area[-1])]])
-
-
-def _thin(points_xy: Float64, cell: float) -> Float64:
-    """Return the mean of the points of each cell, so that noise is not taken for spacing."""
-    cells = np.floor(points_xy / cell).astype(np.int64)
-    if len(cells) == 0:
-        return points_xy
-    cells -= cells.min(axis=0)
-    keys = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
-    _, group, count = np.unique(keys, return_inverse=True, return_counts=True)
-    sums = [np.bincount(group, points_xy[:, k], len(count)) for k in range(2)]
-    return np.stack(sums, axis=1) / count[:, None]
 
 
 def _area_of(points_xy: Float64, triangles: Int64) -> MultiPolygon:

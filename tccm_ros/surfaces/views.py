@@ -15,16 +15,16 @@ from shapely import MultiPolygon, Polygon
 
 from tccm_ros.arrays import Float32, Float64, Int32, Int64
 from tccm_ros.config import Config
-from tccm_ros.cuboids.free_columns import KEY_STEP, FreeColumns
+from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.records import SurfaceCloud, ViewIntervals
 from tccm_ros.surfaces.outline import horizontal_outline
+from tccm_ros.surfaces.thinning import thin_cloud
 
 __all__ = [
     "Patch",
     "View",
     "empty_view",
     "first_numbers",
-    "thin_cloud",
     "with_cloud",
     "with_intervals",
     "with_numbers_of",
@@ -100,31 +100,6 @@ class View:
     def key(self) -> tuple[int, int]:
         """Session and stamp, by which views are sorted."""
         return self.session, self.stamp_ns
-
-
-def thin_cloud(points: Float32, voxel_size: float) -> tuple[Float32, Int32]:
-    """Replace the points of each voxel by their mean.
-
-    Parameters
-    ----------
-    points
-        float32 (N, 3), m.
-    voxel_size
-        Edge of a voxel, m.
-
-    Returns
-    -------
-    points : float32 (M, 3)
-        In the order of the voxels (x, y, z).
-    weights : int32 (M,)
-        Points of each voxel.
-    """
-    exact = points.astype(np.float64)
-    cells = np.floor(exact / voxel_size).astype(np.int64)
-    keys = (cells[:, 0] * KEY_STEP + cells[:, 1]) * KEY_STEP + cells[:, 2]
-    _, group, count = np.unique(keys, return_inverse=True, return_counts=True)
-    sums = [np.bincount(group, exact[:, k], len(count)) for k in range(3)]
-    return (np.stack(sums, axis=1) / count[:, None]).astype(np.float32), count.astype(np.int32)
 
 
 def _make_patches(points: Float32, config: Config) -> list[Patch]:

@@ -13,7 +13,8 @@ from tccm_ros.geometry import compose2, transform2
 from tccm_ros.records import SurfaceCloud, ViewIntervals
 from tccm_ros.surfaces.saved_map import pack_views
 from tccm_ros.surfaces.surface_map import SurfaceMap
-from tccm_ros.surfaces.views import empty_view, thin_cloud, with_cloud
+from tccm_ros.surfaces.thinning import thin_cloud
+from tccm_ros.surfaces.views import empty_view, with_cloud
 
 CONFIG = Config()
 TABLE, STOOL = Board(1.5, 0.3, 0.8, 1.2, 0.74), Board(1.2, -1.2, 0.4, 0.4, 0.46)

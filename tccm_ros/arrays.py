@@ -1,6 +1,6 @@
-"""Types of arrays of one kind of number, for annotations.
+"""Types of NumPy arrays for annotations: one name for each kind of number.
 
-Shapes stand in docstrings: NumPy has no type for them.
+Shapes are given in docstrings, as NumPy has no type for them.
 """
 
 import numpy as np

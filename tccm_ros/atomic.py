@@ -1,12 +1,12 @@
-"""Files and folders that change whole or not at all, whatever ends the process.
+"""Atomic output: files and folders change as a whole or not at all, even if a process is killed.
 
-A file is written under a temporary name beside its place, flushed to the disk and moved there.
-What is new in a folder is written into a temporary folder and flushed to the disk. One rename makes
-that the folder or, where this exists, puts it inside as ``.tccm-ready-*``: from then on it is
-saved. Its files replace those of the same name one after the other. If this is interrupted,
-`finish_moves` goes on with it, before anything is read from the folder or written into it. What a
-process that was killed has left half-written beside a folder is removed when the folder is written
-again.
+A file is written under a temporary name in the same folder, flushed to the disk and renamed. The
+new files of a folder are written into a temporary folder and flushed to the disk. If the folder
+does not exist, the temporary one is renamed to it. If it exists, the temporary one is renamed to
+``.tccm-ready-*`` inside it; from then on the new files are saved. They replace those of the same
+name one after the other. If this is interrupted, `finish_moves` completes it, before anything is
+read from the folder or written into it. An incomplete temporary folder of a process that was killed
+is removed when the folder is written again.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from tccm_ros.errors import OutputError, one_line
 __all__ = ["finish_moves", "output_file", "output_folder"]
 
 READY = ".tccm-ready-"
-"""Begins the name of a folder within another whose files are to be moved there."""
+"""Prefix of the name of a folder within another, into which its files will be moved."""
 
 UNFINISHED = ".tccm-new-"
-"""Ends, with random letters, the hidden name of a folder that is being written."""
+"""Part of the hidden name of a folder that is being written; random letters follow."""
 
 
 @contextmanager
 def output_file(path: Path | str) -> Iterator[Path]:
-    """Give a temporary path beside `path`; what is written there replaces `path` at the end.
+    """Yield a temporary path beside `path`, which replaces `path` at the end.
 
-    After an error `path` is as before and nothing is left beside it.
+    After an error `path` is unchanged and the temporary file is removed.
 
     Parameters
     ----------
     path
-        The file; it need not exist, its folder is made.
+        The file; neither it nor its folder needs to exist.
 
     Raises
     ------
     OutputError
-        If it cannot be written; any OSError of the block counts as that.
+        If it cannot be written; any OSError of the block is taken for that.
     """
     path = Path(path)
     beside = path.with_name(f".{path.name}.{os.getpid()}.partial")
@@ -62,7 +62,7 @@ def output_file(path: Path | str) -> Iterator[Path]:
 
 @contextmanager
 def output_folder(out: Path | str, *, is_replaced: bool = False) -> Iterator[Path]:
-    """Give a temporary folder beside `out`, and move what is in it to `out` at the end.
+    """Yield a temporary folder beside `out`, and move its files to `out` at the end.
 
     Files of the same name in `out` are replaced, other files there stay. After an error nothing
     is moved and the temporary folder is removed.
@@ -70,14 +70,14 @@ def output_folder(out: Path | str, *, is_replaced: bool = False) -> Iterator[Pat
     Parameters
     ----------
     out
-        The folder; it need not exist, its parent is made.
+        The folder; neither it nor its parent needs to exist.
     is_replaced
-        Whether `out` is replaced as a whole: what else was there goes.
+        Whether other files in `out` are removed.
 
     Raises
     ------
     OutputError
-        If `out` is a file or cannot be written; found before any work is done.
+        If `out` is a file or cannot be written; this is checked before the block.
     """
     out = Path(os.path.abspath(out))
     try:
@@ -104,7 +104,7 @@ def output_folder(out: Path | str, *, is_replaced: bool = False) -> Iterator[Pat
 
 
 def finish_moves(out: Path) -> None:
-    """Move the files into a folder that were ready when a process was killed.
+    """Complete moves into a folder that were interrupted when a process was killed.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def finish_moves(out: Path) -> None:
     """
     with suppress(FileNotFoundError, NotADirectoryError):
         for name in sorted(name for name in os.listdir(out) if name.startswith(READY)):
-            # Another process may be at it: wait for its end, or do the rest.
+            # Another process may be moving them: wait for it, or do the rest.
             with suppress(FileNotFoundError):
                 lock = _lock(out / name)
                 try:
@@ -123,7 +123,7 @@ def finish_moves(out: Path) -> None:
 
 
 def _home(out: Path) -> Path:
-    """Return where the temporary folder is made: beside `out`, or in it where that is no help."""
+    """Return where the temporary folder is made: beside `out` or, if that is impossible, in it."""
     if out.exists() and not out.is_dir():
         raise NotADirectoryError(f"{out.name} is a file; give a folder")
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -131,23 +131,23 @@ def _home(out: Path) -> Path:
         return out.parent
     if not os.access(out, os.W_OK | os.X_OK):
         raise PermissionError("no permission to write")
-    is_alike = out.stat().st_dev == out.parent.stat().st_dev
-    return out.parent if is_alike and os.access(out.parent, os.W_OK | os.X_OK) else out
+    is_same_device = out.stat().st_dev == out.parent.stat().st_dev
+    return out.parent if is_same_device and os.access(out.parent, os.W_OK | os.X_OK) else out
 
 
 def _make(home: Path, name: str) -> tuple[Path, int]:
-    """Return a new folder and its lock, which tells others that somebody writes it."""
+    """Return a new folder and its lock, which tells other processes that it is being written."""
     while True:
         made = Path(tempfile.mkdtemp(prefix=f".{name}{UNFINISHED}", dir=home))
         with suppress(FileNotFoundError):
             lock = _lock(made)
-            if made.exists():  # before it was locked, it looked as if nobody wrote it
+            if made.exists():  # another process may have removed it before it was locked
                 return made, lock
             os.close(lock)
 
 
 def _lock(folder: Path, *, is_patient: bool = True) -> int:
-    """Lock a folder until the file descriptor is closed, at the latest by the process's end."""
+    """Lock a folder until the returned file descriptor is closed, or the process ends."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if is_patient else fcntl.LOCK_NB))
@@ -160,7 +160,7 @@ def _lock(folder: Path, *, is_patient: bool = True) -> int:
 
 
 def _remove_unfinished(home: Path, name: str) -> None:
-    """Remove what processes that are gone have begun to write."""
+    """Remove incomplete folders of processes that have ended."""
     for entry in os.listdir(home):
         if entry.startswith(f".{name}{UNFINISHED}"):
             with suppress(OSError):
@@ -196,7 +196,7 @@ def _move_files(ready: Path, out: Path) -> None:
 
 
 def _remove_others(out: Path, names: Collection[str]) -> None:
-    """Remove what was in a folder before, but for entries of these names."""
+    """Remove the entries of a folder except those of these names."""
     for entry in out.iterdir():
         if entry.name not in names:
             if entry.is_dir():
@@ -206,7 +206,7 @@ def _remove_others(out: Path, names: Collection[str]) -> None:
 
 
 def _flush(folder: Path) -> None:
-    """Have everything in a folder on the disk: the loss of power must not leave empty files."""
+    """Flush everything in a folder to the disk: a loss of power must not leave empty files."""
     for path, _, names in os.walk(folder):
         for name in names:
             _flush_entry(Path(path) / name)

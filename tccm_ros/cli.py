@@ -1,7 +1,7 @@
 """The `tccm` command.
 
-Exit status: 0 done; 1 an error that one line explains; 2 wrong usage. Modules are imported where
-they are used, so that `tccm --help` is quick.
+Exit status: 0 done; 1 an error that one line explains; 2 wrong usage. The help of an option is its
+description. Modules are imported where they are used, so that `tccm --help` is quick.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SetOption = Annotated[list[str], typer.Option("--set", help="group.key=value; ma
 RemapOption = Annotated[
     list[str], typer.Option("--remap", help="input:=/topic, for example scan:=/base_scan")
 ]
-QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="say nothing unless it fails")]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")]
 JsonOption = Annotated[bool, typer.Option("--json", help="print the result as JSON")]
 
 
@@ -53,7 +53,7 @@ def replay(
     bag: BagsArgument,
     out: Annotated[Path, typer.Option("--out", help="folder for the results")],
     map: Annotated[
-        Path | None, typer.Option("--map", help="go on with a map: map.mcap, or its folder")
+        Path | None, typer.Option("--map", help="map to continue: map.mcap, or its folder")
     ] = None,
     config: ConfigOption = None,
     set: SetOption = [],  # noqa: B006
@@ -62,7 +62,7 @@ def replay(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Turn a recorded bag into planes, walls, a trajectory and one map of surfaces."""
+    """Compute planes, walls, a trajectory and a surface map from a recorded bag."""
     from tccm_ros.config.reader import read_config
     from tccm_ros.pipeline.replay import replay as run
     from tccm_ros.progress import progress
@@ -77,7 +77,7 @@ def replay(
 
 @app.command()
 def info(path: BagArgument, as_json: JsonOption = False) -> None:
-    """Show what is in a bag, and what a replay of it would miss; or what is in a saved map."""
+    """Show the contents of a bag and what a replay of it would miss, or those of a saved map."""
     from tccm_ros.pipeline.info import bag_info
     from tccm_ros.results.map_file import is_map
     from tccm_ros.results.map_info import map_info
@@ -98,21 +98,21 @@ def simulate(
     """Simulate a robot in a world and write its bag and the truth."""
     from tccm_ros.pipeline.sim import WORLDS, options_from_settings
     from tccm_ros.pipeline.sim import simulate as run
-    from tccm_ros.progress import Shares, progress
+    from tccm_ros.progress import FractionBar, progress
 
     if world == "list":
         typer.echo("\n".join(f"{name:<12} {meaning}" for name, (_, meaning) in WORLDS.items()))
         return
     options = options_from_settings(_settings(set))
     with progress(quiet) as bars:
-        shares = Shares(bars, "simulate")
-        folder = run(world, out, seed=seed, options=options, overwrite=overwrite, progress=shares)
+        bar = FractionBar(bars, "simulate")
+        folder = run(world, out, seed=seed, options=options, overwrite=overwrite, progress=bar)
     _tell({}, f"{folder}: bag with truth.json and truth.tum", quiet, False)
 
 
 @app.command()
 def evaluate(
-    folder: Annotated[Path, typer.Argument(help="what replay wrote")],
+    folder: Annotated[Path, typer.Argument(help="result folder of replay")],
     truth: Annotated[
         list[Path],
         typer.Option("--truth", help="truth.json, a TUM, relations or reference file; repeatable"),
@@ -142,7 +142,7 @@ def evaluate(
 
 @app.command()
 def view(target: Annotated[Path, typer.Argument(help="a result folder, a map or a bag")]) -> None:
-    """Open the report in the browser; a map or a bag is worked out first, beside itself."""
+    """Open the report in the browser; of a map or a bag it is made first, beside it."""
     from tccm_ros.config import Config
     from tccm_ros.pipeline.replay import report_of
     from tccm_ros.pipeline.report.viewing import view as show
@@ -155,16 +155,16 @@ def view(target: Annotated[Path, typer.Argument(help="a result folder, a map or 
 
 @app.command()
 def compare(
-    before: Annotated[Path, typer.Argument(help="a result folder, as it was")],
-    after: Annotated[Path, typer.Argument(help="a result folder, as it is")],
+    before: Annotated[Path, typer.Argument(help="result folder of the earlier map")],
+    after: Annotated[Path, typer.Argument(help="result folder of the later map")],
     out: Annotated[
         Path | None, typer.Option("--out", help="folder for a picture and a page")
     ] = None,
     lay_over: Annotated[
-        bool, typer.Option("--lay-over", help="the maps have other frames: lay one over the other")
+        bool, typer.Option("--lay-over", help="the maps have different frames: align them")
     ] = False,
 ) -> None:
-    """Show which surfaces came, went or moved between two maps."""
+    """Show which surfaces are new, gone or moved between two maps."""
     from tccm_ros.pipeline.report.compare import compare as run
     from tccm_ros.pipeline.report.compare_page import write_comparison
 
@@ -211,7 +211,7 @@ def import_carmen(
     out: Annotated[Path, typer.Argument(help="folder of the bag")],
     quiet: QuietOption = False,
 ) -> None:
-    """Turn a CARMEN log into a bag."""
+    """Convert a CARMEN log to a bag."""
     from tccm_ros.bags.carmen import import_carmen as run
     from tccm_ros.progress import progress
 
@@ -226,7 +226,7 @@ def recover(
     out: Annotated[Path, typer.Argument(help="folder of the new bag")],
     quiet: QuietOption = False,
 ) -> None:
-    """Save what can be read of a damaged bag into a new one."""
+    """Write the readable messages of a damaged bag into a new one."""
     from tccm_ros.bags.recover import recover as run
     from tccm_ros.progress import progress
 

@@ -1,4 +1,4 @@
-"""Every error that a user can cause: one base class, one subclass per family.
+"""The errors that a user can cause: one base class, one subclass per family.
 
 A message is one line, lower case, and names the file, topic, frame, joint or field, what was
 found, what was expected and what to do. The command line prints it and exits with status 1.
@@ -56,7 +56,7 @@ class MapError(TccmError):
 
 
 class OutputError(TccmError):
-    """A place that cannot be written."""
+    """A file or folder that cannot be written."""
 
 
 class MessageError(TccmError):
@@ -64,16 +64,16 @@ class MessageError(TccmError):
 
 
 def suggest(name: str, known: Iterable[str], *, limit: int = 12) -> str:
-    """Name the nearest of the known names, or list them.
+    """Return a hint with the most similar of the known names, or a list of them.
 
     Parameters
     ----------
     name
-        What was asked for.
+        Name that is not known.
     known
-        What there is.
+        Names that are.
     limit
-        The most names that are listed when none is near.
+        Max number of names that are listed when none is similar.
 
     Returns
     -------
@@ -93,8 +93,8 @@ def suggest(name: str, known: Iterable[str], *, limit: int = 12) -> str:
 def one_line(error: BaseException, *, limit: int = 200) -> str:
     """Return the text of an error as one line of at most `limit` characters.
 
-    Of an error of the system only what it means is told ("no such file or directory"): the message
-    around it names the file that the user knows.
+    Of an error of the system only its meaning is returned ("no such file or directory"): the
+    message around it names the file.
     """
     text = str(error)
     if isinstance(error, OSError) and error.strerror:

@@ -1,4 +1,4 @@
-"""Rigid transforms.
+"""Rigid transforms in space and in the plane.
 
 ``T_a_b`` maps coordinates in frame b to frame a: ``p_a = T_a_b @ p_b``. Three-dimensional poses are
 float64 arrays (..., 4, 4); planar poses are float64 arrays (..., 3) of (x, y, yaw), in m and rad.
@@ -84,7 +84,7 @@ def transform(T_a_b: ArrayLike, points_b: ArrayLike) -> Float64:
 
 
 def interpolate_poses(T0: ArrayLike, T1: ArrayLike, fraction: ArrayLike) -> Float64:
-    """Interpolate between pairs of poses: translation linearly, rotation along the great circle.
+    """Interpolate between pairs of poses: translation linearly, rotation about one axis.
 
     Parameters
     ----------
@@ -103,13 +103,13 @@ def interpolate_poses(T0: ArrayLike, T1: ArrayLike, fraction: ArrayLike) -> Floa
     f = np.broadcast_to(f, shape)
     R0 = Rotation.from_matrix(T0[..., :3, :3].reshape(-1, 3, 3))
     R1 = Rotation.from_matrix(T1[..., :3, :3].reshape(-1, 3, 3))
-    turn = (R0.inv() * R1).as_rotvec() * f.reshape(-1, 1)
-    R = (R0 * Rotation.from_rotvec(turn)).as_matrix().reshape(*shape, 3, 3)
+    partial = (R0.inv() * R1).as_rotvec() * f.reshape(-1, 1)
+    R = (R0 * Rotation.from_rotvec(partial)).as_matrix().reshape(*shape, 3, 3)
     return pose(R, T0[..., :3, 3] * (1.0 - f[..., None]) + T1[..., :3, 3] * f[..., None])
 
 
 def planar(T_a_b: ArrayLike) -> Float64:
-    """Project poses (..., 4, 4) to (x, y, yaw) (..., 3); yaw is the heading of the x axis."""
+    """Project poses (..., 4, 4) to (x, y, yaw) (..., 3); yaw is that of the x axis."""
     T = np.asarray(T_a_b, float)
     result = np.empty((*T.shape[:-2], 3))
     result[..., :2] = T[..., :2, 3]
@@ -129,7 +129,7 @@ def spatial(pose2: ArrayLike) -> Float64:
 
 
 def level(T_a_b: ArrayLike) -> Float64:
-    """Return poses (..., 4, 4) with the same translation and heading, without roll and pitch."""
+    """Return poses (..., 4, 4) with the same translation and yaw, without roll and pitch."""
     T = np.asarray(T_a_b, float)
     result = spatial(planar(T))
     result[..., 2, 3] = T[..., 2, 3]

@@ -19,40 +19,64 @@ from rich.progress import (
 )
 from rich.text import Text
 
-__all__ = ["Bars", "Shares", "Silent", "progress"]
+__all__ = ["Bars", "FractionBar", "Silent", "progress"]
 
 
 class Bars(Protocol):
-    """What long-running work reports to."""
+    """Progress bars of long-running work, one after the other."""
 
     def start(self, name: str, total: float, unit: str = "") -> None:
-        """Begin a bar; a running one is finished first."""
+        """Begin a bar; a running one is finished first.
+
+        Parameters
+        ----------
+        name
+            Shown before the bar.
+        total
+            Amount at which the bar is full, in `unit`.
+        unit
+            Of the rate that is shown; ``s`` for seconds of a recording.
+        """
 
     def advance(self, amount: float) -> None:
-        """Move the running bar on."""
+        """Advance the running bar by an amount, in its unit."""
 
 
 class Silent:
     """Bars that show nothing."""
 
     def start(self, name: str, total: float, unit: str = "") -> None:
-        """Show nothing."""
+        """Show nothing, with the arguments of `Bars.start`.
+
+        Parameters
+        ----------
+        name, total, unit
+            Ignored.
+        """
 
     def advance(self, amount: float) -> None:
         """Show nothing."""
 
 
-class Shares:
-    """Tells bars of work that reports the share that is done, 0 to 1."""
+class FractionBar:
+    """A bar for work that reports the fraction that is done.
+
+    Parameters
+    ----------
+    bars
+        Where the bar is shown.
+    name
+        Shown before the bar.
+    """
 
     def __init__(self, bars: Bars, name: str):
-        self._bars, self._share = bars, 0.0
+        self._bars, self._done = bars, 0.0
         bars.start(name, 100.0, "%")
 
-    def __call__(self, share: float) -> None:
-        """Report the share that is done."""
-        self._bars.advance(100.0 * (share - self._share))
-        self._share = share
+    def __call__(self, fraction: float) -> None:
+        """Report the fraction that is done, 0 to 1."""
+        self._bars.advance(100.0 * (fraction - self._done))
+        self._done = fraction
 
 
 class _Rate(ProgressColumn):

@@ -1,4 +1,4 @@
-"""Seconds that stages of a job take."""
+"""Stopwatch: the seconds that each stage of a job takes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Stopwatch:
     Parameters
     ----------
     now
-        The clock, s; a benchmark on a busy machine takes that of the process.
+        Returns the time, s; benchmarks on a busy machine use the CPU time of the process.
     """
 
     def __init__(self, now: Callable[[], float] = time.perf_counter) -> None:

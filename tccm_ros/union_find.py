@@ -1,7 +1,7 @@
 """Disjoint sets in kernels: a forest of parents in one array, which begins as ``arange(n)``.
 
 scipy's `DisjointSet` cannot be used within a compiled loop, and `connected_components` needs the
-list of all links first; here links are found and sets united in one pass.
+list of all links first; here links are found and sets merged in one pass.
 """
 
 from __future__ import annotations
@@ -10,17 +10,17 @@ from typing import Any
 
 from numba import njit
 
-__all__ = ["find_root", "unite"]
+__all__ = ["find_root", "merge_sets"]
 
 
 @njit(nogil=True, cache=True)
 def find_root(parent: Any, i: int) -> int:
-    """Return the representative of element i, halving the path on the way.
+    """Return the root of element i, halving the path to it.
 
     Parameters
     ----------
     parent
-        int32 or int64 (N,), parent of each element; a root is its own.
+        int32 or int64 (N,), parent of each element; a root is its own parent.
     i
         Element, 0 <= i < N.
     """
@@ -31,8 +31,16 @@ def find_root(parent: Any, i: int) -> int:
 
 
 @njit(nogil=True, cache=True)
-def unite(parent: Any, i: int, j: int) -> None:
-    """Unite the sets of elements i and j under the smaller of their roots."""
+def merge_sets(parent: Any, i: int, j: int) -> None:
+    """Merge the sets of elements i and j under the smaller of their roots.
+
+    Parameters
+    ----------
+    parent
+        As in `find_root`; changed in place.
+    i, j
+        Elements, 0 <= i, j < N.
+    """
     a, b = parent[i], parent[j]
     if a == b:
         return

@@ -1,4 +1,4 @@
-"""Files and folders are old or new after a kill at any moment, and nothing is left over."""
+"""After a kill at any moment files and folders are old or new, and no temporary files stay."""
 
 import os
 import subprocess
@@ -50,12 +50,12 @@ def write_a_folder(out) -> None:
         (made / "b").write_text("new")
 
 
-def state(out) -> set[str]:
+def contents(out) -> set[str]:
     return {(out / name).read_text() for name in NAMES}
 
 
 @pytest.mark.parametrize("exists", [True, False])
-def test_a_kill_before_any_step_leaves_the_old_or_the_new(tmp_path, exists):
+def test_a_kill_before_any_step_leaves_the_old_or_the_new_folder(tmp_path, exists):
     out, states = tmp_path / "map", []
     for steps in range(1, 100):
         if exists:
@@ -64,7 +64,7 @@ def test_a_kill_before_any_step_leaves_the_old_or_the_new(tmp_path, exists):
         status = write(out, "new", steps)
         if out.exists():
             finish_moves(out)
-            states.append(state(out))
+            states.append(contents(out))
             assert not exists or (out / "mine").read_text() == "kept"
             assert set(os.listdir(out)) <= {"a", "b", "c", "folder", "mine"}
         else:
@@ -86,12 +86,12 @@ def test_a_kill_before_any_step_leaves_the_old_or_the_new(tmp_path, exists):
     assert os.listdir(tmp_path) == ["map"]
 
 
-def test_what_another_process_is_writing_stays(tmp_path):
+def test_the_temporary_folder_of_a_running_process_stays(tmp_path):
     out = tmp_path / "map"
     with output_folder(out) as slow:
         (slow / "a").write_text("slow")
         assert write(out, "quick") == 0
-        assert state(out) == {"quick"}
+        assert contents(out) == {"quick"}
     assert (out / "a").read_text() == "slow"
     assert (out / "b").read_text() == "quick"
 
@@ -101,11 +101,11 @@ def test_a_file_in_place_of_a_folder_is_an_error_and_nothing_is_moved(tmp_path):
     assert write(out, "old") == 0
     with pytest.raises(OutputError, match="a is a file"):
         write_a_folder(out)
-    assert state(out) == {"old"}
+    assert contents(out) == {"old"}
     assert sorted(os.listdir(tmp_path)) == ["map"]
 
 
-def test_foreign_hidden_folders_stay(tmp_path):
+def test_hidden_folders_of_others_stay(tmp_path):
     (tmp_path / ".map.backup").mkdir()
     with output_folder(tmp_path / "map") as made:
         (made / "a").write_text("")

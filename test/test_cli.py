@@ -66,30 +66,30 @@ def check(capsys, monkeypatch, tmp_path):
     return lambda bag, *more: fails(capsys, monkeypatch, tmp_path, bag, *more)
 
 
-def test_no_such_bag(check, tmp_path):
+def test_a_missing_bag_is_an_error_of_one_line(check, tmp_path):
     assert "nowhere" in check(tmp_path / "nowhere")
 
 
-def test_an_empty_file(check, tmp_path):
+def test_an_empty_file_is_an_error_of_one_line(check, tmp_path):
     path = tmp_path / "empty.mcap"
     path.touch()
     assert "empty.mcap" in check(path)
 
 
-def test_a_truncated_bag(check, tmp_path):
+def test_a_truncated_bag_is_an_error_of_one_line(check, tmp_path):
     whole = (write_bag(tmp_path / "bag") / "bag.mcap").read_bytes()
     path = tmp_path / "cut.mcap"
     path.write_bytes(whole[: len(whole) // 2])
     assert "recover" in check(path)
 
 
-def test_garbage(check, tmp_path):
+def test_a_file_of_random_bytes_is_an_error_of_one_line(check, tmp_path):
     path = tmp_path / "garbage.mcap"
     path.write_bytes(bytes(range(256)) * 40)
     assert "garbage.mcap" in check(path)
 
 
-def test_no_scans_on_the_topic_names_those_that_are_there(check, tmp_path):
+def test_an_error_without_scans_names_the_topics_of_the_bag(check, tmp_path):
     err = check(write_bag(tmp_path / "bag", topic="/head_scan"))
     assert "/tilt_scan" in err
     assert "/head_scan" in err
@@ -98,7 +98,7 @@ def test_no_scans_on_the_topic_names_those_that_are_there(check, tmp_path):
     assert "/head_scan" in err
 
 
-def test_no_joint_of_that_name_names_those_that_are_there(check, tmp_path):
+def test_an_error_of_a_missing_joint_names_the_joints_of_the_bag(check, tmp_path):
     err = check(write_bag(tmp_path / "bag"), "--set", "frames.tilt_joint=tlit")
     assert "tlit" in err
     assert "'tilt'" in err
@@ -110,23 +110,23 @@ def test_joint_samples_of_other_joints_are_named(check, tmp_path):
     assert "elbow" in err
 
 
-def test_no_way_from_base_to_laser_names_the_frames(check, tmp_path):
+def test_an_error_of_an_unconnected_laser_names_the_frames(check, tmp_path):
     err = check(write_bag(tmp_path / "bag", urdf=URDF.replace("laser", "lidar")))
     assert "base_link" in err
     assert "laser" in err
 
 
-def test_a_broken_urdf(check, tmp_path):
+def test_a_broken_urdf_is_an_error_of_one_line(check, tmp_path):
     assert "robot description" in check(write_bag(tmp_path / "bag", urdf="<robot><link"))
 
 
-def test_an_unknown_key_names_the_nearest(check, tmp_path):
+def test_an_error_of_an_unknown_key_names_a_similar_one(check, tmp_path):
     bag = write_bag(tmp_path / "bag")
     assert "map.cell_size" in check(bag, "--set", "map.cel_size=0.02")
     assert "map.cell_size" in check(bag, "--set", "map.cell_size=7")
 
 
-def test_a_folder_that_cannot_be_written(capsys, monkeypatch, tmp_path):
+def test_a_folder_that_cannot_be_written_is_an_error_of_one_line(capsys, monkeypatch, tmp_path):
     bag = write_bag(tmp_path / "bag")
     (tmp_path / "file").touch()
     status, _, err = run(capsys, monkeypatch, "replay", bag, "--out", tmp_path / "file", "-q")
@@ -135,12 +135,12 @@ def test_a_folder_that_cannot_be_written(capsys, monkeypatch, tmp_path):
     assert (tmp_path / "file").read_bytes() == b""
 
 
-def test_wrong_usage_is_status_2(capsys, monkeypatch):
+def test_wrong_usage_has_exit_status_2(capsys, monkeypatch):
     assert run(capsys, monkeypatch, "replay")[0] == 2
     assert run(capsys, monkeypatch, "replya")[0] == 2
 
 
-def test_info_and_json(capsys, monkeypatch, tmp_path):
+def test_info_of_a_bag_is_printed_as_text_or_json(capsys, monkeypatch, tmp_path):
     bag = write_bag(tmp_path / "bag")
     status, out, _ = run(capsys, monkeypatch, "info", bag, "--json")
     assert status == 0
@@ -148,7 +148,7 @@ def test_info_and_json(capsys, monkeypatch, tmp_path):
     assert names["/joint_states"] == 200
 
 
-def test_info_tells_the_lasers_apart(capsys, monkeypatch):
+def test_info_distinguishes_the_lasers(capsys, monkeypatch):
     """Of two lasers with other names, the one that a joint moves is the tilting one."""
     _, out, _ = run(capsys, monkeypatch, "info", BAGS / "upside_down")
     assert out.splitlines()[-1] == (
@@ -164,7 +164,7 @@ def test_info_gives_no_laser_two_roles(capsys, monkeypatch, tmp_path):
     assert "scan:=/head_scan" not in out.replace("tilt_scan:=/head_scan", "")
 
 
-def test_info_of_a_map(capsys, monkeypatch, tmp_path):
+def test_info_shows_the_contents_of_a_saved_map(capsys, monkeypatch, tmp_path):
     run(capsys, monkeypatch, "replay", BAGS / "walkthrough", "--out", tmp_path, "--no-pictures")
     path = tmp_path / "map.mcap"
     status, out, _ = run(capsys, monkeypatch, "info", path)
@@ -179,7 +179,7 @@ def test_info_of_a_map(capsys, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("command", ["info", "replay"])
-def test_a_damaged_map_is_one_line_and_status_1(capsys, monkeypatch, tmp_path, command):
+def test_a_damaged_map_is_an_error_of_one_line(capsys, monkeypatch, tmp_path, command):
     run(capsys, monkeypatch, "replay", BAGS / "walkthrough", "--out", tmp_path, "--no-pictures")
     path = tmp_path / "map.mcap"
     data = bytearray(path.read_bytes())
@@ -197,7 +197,7 @@ def test_a_damaged_map_is_one_line_and_status_1(capsys, monkeypatch, tmp_path, c
     assert not (tmp_path / "out").exists()
 
 
-def test_the_folder_of_a_map_stands_for_its_map(capsys, monkeypatch, tmp_path):
+def test_a_map_can_be_given_by_its_folder(capsys, monkeypatch, tmp_path):
     bag, out = BAGS / "walkthrough", tmp_path / "out"
     status, _, error = run(capsys, monkeypatch, "replay", bag, "--map", tmp_path, "--out", out)
     assert status == 1
@@ -213,7 +213,7 @@ def test_the_folder_of_a_map_stands_for_its_map(capsys, monkeypatch, tmp_path):
         ("evaluate", "nowhere", "--truth", BAGS / "flat" / "truth.json"),
     ],
 )
-def test_a_path_that_is_not_there_is_named_in_plain_words(capsys, monkeypatch, arguments):
+def test_the_error_of_a_missing_path_names_it(capsys, monkeypatch, arguments):
     status, _, err = run(capsys, monkeypatch, *arguments)
     assert status == 1
     assert "nowhere" in err
@@ -227,7 +227,7 @@ def test_parameters_print_the_shipped_file(capsys, monkeypatch):
     assert "cell_size: 0.02" in out
 
 
-def test_the_command_is_quick_to_explain_itself():
+def test_help_is_printed_without_importing_slow_libraries():
     """No heavy import before a command is known: --help must work without them."""
     code = (
         "import sys; from tccm_ros import cli; "

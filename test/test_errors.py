@@ -8,7 +8,7 @@ from tccm_ros import errors
 from tccm_ros.errors import TccmError, one_line, suggest
 
 
-def test_every_error_is_of_the_family():
+def test_every_error_has_the_common_base_class():
     families = [
         e for _, e in inspect.getmembers(errors, inspect.isclass) if e.__module__ == errors.__name__
     ]
@@ -25,16 +25,16 @@ def test_every_error_is_of_the_family():
         ("", ["a"], "; there are: a"),
     ],
 )
-def test_suggestions_name_the_nearest_or_all(name, known, clause):
+def test_a_suggestion_names_a_similar_name_or_all(name, known, clause):
     assert suggest(name, known) == clause
 
 
-def test_long_lists_are_cut():
+def test_a_long_list_of_names_is_cut():
     clause = suggest("x", (f"topic{i:02}" for i in range(50)))
     assert clause.endswith("topic11, ...")
 
 
-def test_any_error_becomes_one_short_line():
+def test_the_text_of_any_error_becomes_one_short_line():
     assert one_line(ValueError("a\n  b\tc")) == "a b c"
     assert one_line(KeyError()) == "KeyError"
     assert len(one_line(ValueError("x" * 1000))) == 200

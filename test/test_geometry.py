@@ -44,7 +44,7 @@ def test_wrapped_angles_are_the_same_direction_in_half_open_range(value):
     assert abs(np.exp(1j * wrapped) - np.exp(1j * value)) < 1e-9
 
 
-def test_half_a_turn_wraps_to_plus_pi():
+def test_minus_pi_wraps_to_plus_pi():
     assert wrap_angle(-np.pi) == np.pi
     assert wrap_angle(np.pi) == np.pi
 
@@ -58,7 +58,7 @@ def test_inverse_takes_points_back(T, p):
 
 @settings(deadline=None, max_examples=50)
 @given(poses, poses, points)
-def test_composition_is_one_after_the_other(A, B, p):
+def test_a_composed_pose_is_one_transform_after_the_other(A, B, p):
     np.testing.assert_allclose(transform(A @ B, p), transform(A, transform(B, p)), **CLOSE)
 
 
@@ -102,7 +102,7 @@ def test_planar_poses_are_the_spatial_ones_seen_from_above(a, b, p):
 
 @settings(deadline=None, max_examples=50)
 @given(poses)
-def test_levelled_poses_keep_place_and_heading(T):
+def test_poses_without_roll_and_pitch_keep_translation_and_yaw(T):
     L = level(T)
     np.testing.assert_allclose(L[:3, 3], T[:3, 3])
     np.testing.assert_allclose(L[2, :3], [0, 0, 1])

@@ -13,7 +13,7 @@ from numba import njit
 
 from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.config import Config
-from tccm_ros.union_find import find_root, unite
+from tccm_ros.union_find import find_root, merge_sets
 
 __all__ = ["cluster", "segment"]
 
@@ -159,7 +159,7 @@ def _unite(
             if find_root(parent, a) != find_root(parent, b) and _touch(
                 points, starts[a], ends[a], starts[b], ends[b], distance
             ):
-                unite(parent, a, b)
+                merge_sets(parent, a, b)
     for a in range(len(keys)):
         parent[a] = find_root(parent, a)
     return parent

@@ -1,8 +1,8 @@
-"""The configuration: every parameter with its unit, range and meaning.
+"""The configuration: all parameters with their units, ranges and meanings.
 
-One set of classes serves the command line (``--set group.key=value``), the YAML files and the
-nodes' ROS parameters (``group.key``). A parameter is declared once, by `param`; the shipped YAML,
-the nodes' declarations and the README's table are made from it and a test holds them together.
+The same classes serve the command line (``--set group.key=value``), the YAML files and the ROS
+parameters of the nodes (``group.key``). A parameter is declared once, by `param`; the shipped YAML
+file, the declarations of the nodes and the table of the reference are made from that.
 """
 
 from tccm_ros.config.configuration import Config, parameters

@@ -17,7 +17,15 @@ __all__ = ["Config", "parameters"]
 
 
 class Config(Group):
-    """All parameters."""
+    """All parameters: the groups, and two that are in no group.
+
+    Attributes
+    ----------
+    clock_jump, sync_timeout
+        s, of message time.
+    frames, rig, ...
+        The groups of parameters.
+    """
 
     frames: Frames = Field(default_factory=Frames)
     rig: Rig = Field(default_factory=Rig)

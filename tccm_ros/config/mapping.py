@@ -1,4 +1,4 @@
-"""The TCCM: tilt cycles, maps, planes and objects."""
+"""Parameters of tilt cycles, of the TCCM, of planes and of objects on them."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ Box = tuple[float, float, float, float, float, float]
 
 
 class Cycle(Group):
-    """Tilt cycles from the joint alone."""
+    """Detection of tilt cycles from the angle of the joint."""
 
     dead_band: float = param(
         0.010, "reversals smaller than this are encoder jitter", unit="rad", gt=0.0, le=0.5
     )
     min_sweep: float = param(
-        0.10, "a sweep shorter than this is joined to the next", unit="rad", gt=0.0, le=3.0
+        0.10, "a half cycle shorter than this is joined to the next", unit="rad", gt=0.0, le=3.0
     )
     rest_time: float = param(
         0.5, "a cycle closes when the joint rests this long", unit="s", gt=0.0, le=60.0
@@ -82,7 +82,7 @@ class Planes(Group):
         0.010, "largest step in height between neighbours of one surface", unit="m", gt=0.0, le=0.2
     )
     horizontal_angle: float = param(
-        0.10, "a plane within this angle of level is horizontal", unit="rad", gt=0.0, le=0.8
+        0.10, "a plane tilted by less than this is horizontal", unit="rad", gt=0.0, le=0.8
     )
     min_points: int = param(50, "points that support a plane", ge=4)
     min_area: float = param(0.02, "area of a plane", unit="m2", ge=0.0)
@@ -93,34 +93,34 @@ class Planes(Group):
         0.15, "largest ratio of the standard deviations across and along a plane", gt=0.0, le=0.5
     )
     track_distance: float = param(
-        0.03, "a plane that moved less across itself is the same plane", unit="m", gt=0.0, le=1.0
+        0.03, "a plane that moved less along its normal is the same plane", unit="m", gt=0.0, le=1.0
     )
     track_angle: float = param(
-        0.15, "a plane that turned less is the same plane", unit="rad", gt=0.0, le=1.0
+        0.15, "a plane whose normal rotated less is the same plane", unit="rad", gt=0.0, le=1.0
     )
     track_cycles: int = param(3, "cycles that a hidden plane keeps its id", ge=0, le=1000)
 
 
 class CenterCore(Group):
-    """The paper's center-core detector, a baseline."""
+    """The center-core plane detector of the paper, a baseline."""
 
     trials: int = param(50, "random trials", ge=1, le=10000)
     cores: int = param(3, "center cores drawn in a trial (l)", ge=2, le=100)
-    min_quality: float = param(0.15, "least val of Eq. (8)", unit="m2", ge=0.0)
-    angle_threshold: float = param(0.30, "Eq. (7) and belonging", unit="rad", gt=0.0, le=1.5)
-    distance_threshold: float = param(0.02, "belonging", unit="m", gt=0.0, le=0.5)
+    min_quality: float = param(0.15, "min val of Eq. (8)", unit="m2", ge=0.0)
+    angle_threshold: float = param(0.30, "angle of Eq. (7)", unit="rad", gt=0.0, le=1.5)
+    distance_threshold: float = param(0.02, "distance of an inlier", unit="m", gt=0.0, le=0.5)
 
 
 class Objects(Group):
-    """What stands on a surface, and where there is room."""
+    """Objects on horizontal surfaces, and free places between them."""
 
     min_height: float = param(0.02, "an object rises at least this", unit="m", gt=0.0, le=1.0)
-    max_height: float = param(0.60, "only what is lower is an object", unit="m", gt=0.0, le=3.0)
+    max_height: float = param(0.60, "an object rises at most this", unit="m", gt=0.0, le=3.0)
     cluster_distance: float = param(0.05, "gap that separates objects", unit="m", gt=0.0, le=1.0)
     min_points: int = param(8, "points of an object", ge=1)
     track_distance: float = param(
         0.15, "an object that moved less is the same", unit="m", gt=0.0, le=2.0
     )
     place_size: tuple[float, float] = param(
-        (0.15, 0.15), "width and depth of what should be put down", unit="m"
+        (0.15, 0.15), "width and depth of a free place for an object to put down", unit="m"
     )

@@ -1,4 +1,4 @@
-"""What only a running node has: topics, tf, saving and markers. No result depends on it."""
+"""Parameters of running nodes alone: QoS, tf, saving and markers. No result depends on them."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Tf(Group):
 
 
 class Save(Group):
-    """Where and when a live node saves."""
+    """Saving of maps by a live node."""
 
     directory: str = param("tccm_map", "folder that ~/save_map writes and ~/load_map reads")
     on_shutdown: bool = param(False, "save when the node is told to stop")
@@ -51,6 +51,6 @@ class Save(Group):
 
 
 class Markers(Group):
-    """What the markers show."""
+    """Content of the markers."""
 
-    cuboid_color: Literal["height", "age"] = param("height", "what colours a cuboid")
+    cuboid_color: Literal["height", "age"] = param("height", "what the color of a cuboid shows")

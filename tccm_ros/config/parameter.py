@@ -1,4 +1,4 @@
-"""What a parameter is: declared once, with unit, range and meaning, and listed from there."""
+"""Declaration of a parameter with unit, range and meaning, and the list of declared parameters."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def param(
     Parameters
     ----------
     default
-        Value when nothing is set.
+        Value where none is set.
     meaning
-        One line for the YAML file, the node's descriptor and the README.
+        One line for the YAML file, the node's descriptor and the reference.
     unit
         SI unit, or empty for a pure number or a name.
     ge, gt, le
@@ -47,13 +47,26 @@ def param(
 
 
 class Group(BaseModel):
-    """Base of all groups: unknown keys are errors, assignments are checked, numbers are finite."""
+    """Base of all groups: unknown keys are errors, assignments are checked, numbers are finite.
+
+    The attributes of a group are parameters; `param` gives unit, range and meaning of each.
+    """
 
     model_config = ConfigDict(extra="forbid", validate_assignment=True, allow_inf_nan=False)
 
 
 class Parameter(NamedTuple):
-    """One parameter as the YAML file, the nodes and the README show it."""
+    """One parameter as the YAML file, the nodes and the reference show it.
+
+    Attributes
+    ----------
+    name
+        ``group.key``.
+    default, type
+        Value where none is set, and the annotation.
+    unit, minimum, maximum, meaning, read_only
+        As of `param`; None: no limit.
+    """
 
     name: str
     default: Any

@@ -1,7 +1,8 @@
-"""Read a configuration from a YAML file and ``--set`` options, and check it."""
+"""Reading of a configuration from a YAML file and ``--set`` options, with all checks."""
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,12 @@ from pydantic import ValidationError
 from tccm_ros.config import Config, parameters
 from tccm_ros.errors import ConfigError, one_line, suggest
 
-__all__ = ["read_config", "validated"]
+__all__ = ["REMOVED", "read_config", "validated"]
+
+REMOVED = {"map.retain_points": "points of the window are not kept any more"}
+"""Parameters of release 0.1 that are gone, with the reason; release 0.2 ignores them and warns."""
+
+LOG = logging.getLogger(__name__)
 
 
 def read_config(
@@ -27,12 +33,13 @@ def read_config(
     settings
         ``group.key=value`` strings, which win over the file; values are YAML.
     base
-        What the file and the settings change; the defaults if None.
+        Configuration that the file and the settings change; the defaults if None.
 
     Raises
     ------
     ConfigError
-        For a file that cannot be read, an unknown key (the nearest is named) or a bad value.
+        For a file that cannot be read, an unknown key or a bad value; the message names the most
+        similar key.
     """
     tree: dict[str, Any] = (base or Config()).model_dump()
     where = "configuration"
@@ -98,6 +105,8 @@ def _merge(tree: dict[str, Any], changes: Mapping[str, Any], where: str, prefix:
     for key, value in changes.items():
         if isinstance(key, str) and key not in tree and "." in key and not prefix:
             _merge(tree, _nested(key, value), where)
+        elif (removed := f"{prefix}{key}") in REMOVED:
+            LOG.warning("%s: %s is ignored: %s", where, removed, REMOVED[removed])
         elif key not in tree:
             known = [p.name for p in parameters()]
             name = f"{prefix}{key}" + _first_leaf(value)

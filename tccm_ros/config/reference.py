@@ -1,4 +1,4 @@
-"""The configuration as text: the shipped YAML file and the README's table, both made from it."""
+"""The configuration as text: the shipped YAML file and the table of the reference."""
 
 from collections.abc import Iterator
 from typing import Any, get_args

@@ -1,4 +1,4 @@
-"""What is known of the robot: names of frames, where the lasers are, which beams count."""
+"""Parameters of the robot: names of frames, poses of the lasers, filters of beams."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Pose6 = tuple[float, float, float, float, float, float]
 
 
 class Frames(Group):
-    """Names that are found from the data unless they are set (DESIGN section 3)."""
+    """Names that are found from the data unless they are set (docs/design/frames_and_time.md)."""
 
     base: str = param("", "base frame; empty: child frame of the odometry", read_only=True)
     odom: str = param("odom", "odometry frame when there is no odometry", read_only=True)
@@ -36,10 +36,10 @@ class Frames(Group):
 
 
 class Rig(Group):
-    """Where the lasers are when no robot description says so, and corrections of a real rig."""
+    """Poses of the lasers where there is no robot description, and corrections of a real rig."""
 
     kinematics: Literal["auto", "urdf", "tf", "rig"] = param(
-        "auto", "where the lasers are: robot description, recorded tf or this group", read_only=True
+        "auto", "source of laser poses: robot description, tf or this group", read_only=True
     )
     tilt_laser: Pose6 | None = param(
         None,
@@ -50,7 +50,7 @@ class Rig(Group):
     )
     tilt_center: tuple[float, float, float] | None = param(
         None,
-        "a point of the tilt axis in base; empty: the laser's own place",
+        "a point of the tilt axis in base; empty: the origin of the laser",
         unit="m",
         read_only=True,
     )
@@ -85,12 +85,12 @@ class Rig(Group):
 
 
 class ScanFilter(Group):
-    """From ranges to points."""
+    """Filters of ranges and points of scans."""
 
     shadow_angle: float = param(
         0.14,
-        "a beam whose line to its neighbour's hit lies within this angle of the beam is a mixed "
-        "pixel and is dropped, unless it is in line with its neighbours; 0 turns the filter off",
+        "a beam whose line to its neighbour's hit is within this angle of the beam is a mixed "
+        "pixel and is dropped, unless it is in line with its neighbours; 0 disables the filter",
         unit="rad",
         ge=0.0,
         le=1.0,

@@ -1,4 +1,4 @@
-"""The surface map: views, surfaces and what they are called."""
+"""Parameters of the surface map: views, surfaces and labels."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ class Views(Group):
     """Views of surfaces."""
 
     when: Literal["always", "still"] = param(
-        "always", "still: only sweeps in which the base stood still"
+        "always", "still: only tilt cycles in which the base was stationary"
     )
     cell_size: float = param(
-        0.10, "column of the seen-through view", unit="m", gt=0.01, le=1.0, read_only=True
+        0.10, "edge of a column of free intervals", unit="m", gt=0.01, le=1.0, read_only=True
     )
     reach: float = param(
-        5.0, "distance up to which a sweep tells what it saw through", unit="m", gt=0.0, le=50.0
+        5.0, "max range of the free intervals of a tilt cycle", unit="m", gt=0.0, le=50.0
     )
     place_distance: float = param(
-        0.10, "a place: the newer view replaces the older", unit="m", ge=0.0, le=2.0
+        0.10, "newer views this near replace older ones", unit="m", ge=0.0, le=2.0
     )
-    place_angle: float = param(0.0873, "a place, as place_distance", unit="rad", ge=0.0, le=3.2)
+    place_angle: float = param(0.0873, "as place_distance, for the yaw", unit="rad", ge=0.0, le=3.2)
     voxel_size: float = param(0.01, "thinning of stored clouds", unit="m", gt=0.0, le=0.2)
     clear_margin: float = param(
         0.03,
-        "what a newer view looked through is gone if it is this far inside the free interval",
+        "a point is gone if it is this far inside a free interval of a newer view",
         unit="m",
         ge=0.0,
         le=0.5,
@@ -43,7 +43,7 @@ class Surfaces(Group):
     segmentation: Literal["tccm", "seed"] = param(
         "tccm", "seed: RANSAC, clustering and merging as published", read_only=True
     )
-    min_points: int = param(500, "seed: least points of a cluster", ge=3)
+    min_points: int = param(500, "seed: min points of a cluster", ge=3)
     seed_distance: float = param(
         0.02, "seed: distance of an inlier from its plane", unit="m", gt=0.0, le=0.2
     )
@@ -51,28 +51,28 @@ class Surfaces(Group):
     merge_distance: float = param(
         0.05, "surfaces with points this near are one, if coplanar", unit="m", gt=0.0, le=1.0
     )
-    min_height: float = param(0.30, "least height above the floor", unit="m", ge=0.0, le=3.0)
+    min_height: float = param(0.30, "min height above the floor", unit="m", ge=0.0, le=3.0)
     max_step: float = param(
-        0.03, "surfaces further apart in height are never one", unit="m", gt=0.0, le=0.5
+        0.03, "surfaces that differ more in height are never one", unit="m", gt=0.0, le=0.5
     )
     min_area: float = param(0.02, "smallest surface in the map", unit="m2", ge=0.0)
     max_floor_height: float = param(
-        0.15, "the floor is not higher than this above the first base frame", unit="m", le=2.0
+        0.15, "max height of the floor above the first base frame", unit="m", le=2.0
     )
     registration: bool = param(True, "register overlapping views")
 
 
 def label_rule(default: Rule, meaning: str) -> Any:
-    """Declare the rule of one label: ranges of height above the floor, width and area."""
+    """Declare the rule of a label: ranges of height above the floor, width and area."""
     return param(
         default,
-        f"{meaning}: least and largest height above the floor, width, area",
+        f"{meaning}: min and max of height above the floor, width, area",
         unit="m, m2",
     )
 
 
 class Labels(Group):
-    """What a surface is called: rules over its height, width (of its narrowest box) and area."""
+    """Rules of labels over the height, width and area of a surface."""
 
     table: Rule = label_rule((0.66, 0.80, 0.45, 2.0, 0.25, 6.0), "a table or desk")
     counter: Rule = label_rule((0.82, 1.10, 0.35, 1.0, 0.30, 6.0), "a counter")
@@ -85,7 +85,7 @@ class Labels(Group):
     )
     bed: Rule = label_rule((0.30, 0.62, 0.75, 2.4, 1.30, 6.0), "a bed")
     shelf: Rule = label_rule((0.10, 2.20, 0.12, 0.65, 0.04, 2.0), "a board over or under another")
-    ledge: Rule = label_rule((0.30, 2.20, 0.03, 0.25, 0.02, 1.0), "something long and narrow")
+    ledge: Rule = label_rule((0.30, 2.20, 0.03, 0.25, 0.02, 1.0), "a long and narrow surface")
     step: Rule = label_rule(
         (0.30, 1.60, 0.10, 1.0, 0.02, 1.5), "a low step on a larger surface, or a tread of stairs"
     )
@@ -96,12 +96,12 @@ class Labels(Group):
         (0.12, 0.23), "treads of stairs rise this much above each other", unit="m"
     )
     shelf_gap: tuple[float, float] = param(
-        (0.12, 0.70), "boards of a shelf are this far apart", unit="m"
+        (0.12, 0.70), "distance of the boards of a shelf", unit="m"
     )
     back_height: tuple[float, float] = param(
         (0.20, 0.70), "a back rises this much above its seat", unit="m"
     )
     wall_distance: float = param(
-        0.15, "an edge this near to a wall stands at it", unit="m", ge=0.0, le=1.0
+        0.15, "an edge within this distance of a wall is at it", unit="m", ge=0.0, le=1.0
     )
     min_confidence: float = param(0.5, "below this a surface is labelled other", ge=0.0, le=1.0)

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from tccm_ros.arrays import Bool, Float64, Int32, UInt8
-from tccm_ros.union_find import unite
+from tccm_ros.union_find import merge_sets
 
 __all__ = [
     "OBSTACLES",
@@ -274,14 +274,14 @@ def accept_links(
         j = back_x[i]
         if j >= 0:
             if ix[i] - ix[j] < limit_x[p]:
-                unite(parent, r, run[j])
+                merge_sets(parent, r, run[j])
                 mine |= 1
                 sides[j] |= 2
             else:
                 back_x[i] = -1
         sides[i] = mine
     for k in range(len(touching)):
-        unite(parent, run[touching[k, 0]], run[touching[k, 1]])
+        merge_sets(parent, run[touching[k, 0]], run[touching[k, 1]])
     # Parents have smaller numbers, so one pass leads all to the first run of their set.
     for r in range(runs):
         parent[r] = parent[parent[r]]

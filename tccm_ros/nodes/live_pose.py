@@ -105,7 +105,7 @@ class LivePosePublisher:
 
     def note_solution(self, solution: SurfaceSolution) -> None:
         """Note how well the newest keyframe is known, and where the session is in its map."""
-        slam, place = solution.slam, solution.session
+        slam, place = solution.slam, solution.alignment
         if place is not None:
             self.is_localised = place.found
             self._map_session = planar(place.T_map_session)

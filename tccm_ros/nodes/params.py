@@ -21,7 +21,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from tccm_ros.config import Config, Parameter, parameters
-from tccm_ros.config.reader import validated
+from tccm_ros.config.reader import REMOVED, validated
 from tccm_ros.errors import ConfigError, TccmError, suggest
 
 __all__ = ["declare_config", "follow_changes", "ros_type", "ros_value", "type_advice"]
@@ -106,7 +106,9 @@ def _warn_of_unknown(node: Node) -> None:
     """Name what was set but is no parameter: a misspelt one would go unseen."""
     known = [parameter.name for parameter in parameters()]
     for name in node._parameter_overrides:
-        if not node.has_parameter(name) and not name.startswith("qos_overrides."):
+        if name in REMOVED:
+            node.get_logger().warning(f"parameter {name} is ignored: {REMOVED[name]}")
+        elif not node.has_parameter(name) and not name.startswith("qos_overrides."):
             hint = suggest(name, known)
             node.get_logger().warning(
                 f"parameter {name} is set but there is none of this name{hint}"

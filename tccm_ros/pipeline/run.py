@@ -71,7 +71,7 @@ def run_bag(
         pipeline.finish()
         _check_used(pipeline, reader, topics)
         solution = pipeline.solve()
-        if not pipeline.slam.is_placed(solution):
+        if not pipeline.slam.is_aligned(solution):
             raise MapError(
                 f"{reader.path}: its place in the saved map was not found for certain; "
                 "nothing is changed: map it without --map"

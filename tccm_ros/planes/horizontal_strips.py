@@ -22,7 +22,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.arrays import Bool, Float64, Int64
-from tccm_ros.union_find import find_root, unite
+from tccm_ros.union_find import find_root, merge_sets
 
 __all__ = ["LEAST_WIDTH", "horizontal_strips"]
 
@@ -221,7 +221,7 @@ def link_runs(runs: Runs, is_vertical: Bool, step: float) -> Int64:
                 continue
             apart, longest = distance_between(other, one)
             if APART <= apart <= min(WIDEST, longest):
-                unite(parent, a, b)
+                merge_sets(parent, a, b)
     roots = np.empty(len(runs), np.int64)
     for k in range(len(runs)):
         roots[k] = find_root(parent, k)

@@ -1,1 +1,1 @@
-"""The surface map: views of horizontal surfaces, merged over the whole trajectory."""
+"""The surface map: horizontal surfaces, merged over the views of the whole trajectory."""

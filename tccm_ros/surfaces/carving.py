@@ -1,8 +1,8 @@
-"""What is still there: a newer view decides wherever it looked.
+"""Carving: points of older views are removed where a newer view saw something else.
 
-A point of an older view is *gone* where a newer view looked through its place and measured no
-surface there; it is *replaced* where a view of the same place measured that surface again. What a
-newer view did not see, because a person stood before it, stays.
+A point of an older view is *gone* where a newer view looked through its position and measured no
+surface there; it is *replaced* where a newer view from the same pose measured that surface again. A
+point that the newer view did not see, because a person stood in front of it, stays.
 """
 
 from __future__ import annotations
@@ -14,30 +14,35 @@ import shapely
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
+from tccm_ros.cuboids.free_columns import KEY_STEP, column_keys
 from tccm_ros.geometry import inverse, planar, transform, wrap_angle
 from tccm_ros.surfaces.patch_planes import fit_plane, is_line
-from tccm_ros.surfaces.views import KEY_STEP, Patch, View, column_keys
+from tccm_ros.surfaces.views import Patch, View
 
-__all__ = ["Survivors", "carve", "superseded"]
+__all__ = ["Survivors", "carve", "find_replacements"]
 
 
 GONE_FRACTION = 0.7
-"""A patch of which this fraction is gone is gone, however small it is."""
+"""A patch of which this fraction is gone is removed as a whole, however small it is; chosen."""
 
 REPLACED_FRACTION = 0.95
-"""A patch of which a view of the same place measured this fraction again, or looked through it, is
-replaced as a whole, with its rim."""
+"""A patch of which a newer view from the same pose measured or looked through this fraction is
+replaced as a whole, with its rim; chosen."""
 
 BLOCK_SPACING = 1.2
-"""Columns in which the older points are counted are this many of their spacings wide."""
+"""Columns in which the older points are counted are this many point spacings wide, so that a column
+of a surface is not empty by chance; chosen."""
 
 TILT_MARGIN = 0.006
-"""The base rolls and pitches: heights are this uncertain per metre of distance (0.3 deg)."""
+"""Uncertainty of heights per metre of distance: 0.3 deg of roll and pitch of the base; chosen."""
+
+MAJORITY = 0.5
+"""A column is removed where more than this fraction of its points is gone; chosen."""
 
 
 @dataclass(slots=True)
 class Survivors:
-    """What is left of the patches.
+    """The points and patches that carving leaves.
 
     Attributes
     ----------
@@ -59,11 +64,11 @@ class _ViewPair:
     older: View
     newer: View
     T_newer_older: Float64
-    is_same_place: bool
+    is_same_pose: bool
 
 
 def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:
-    """Take from each view what newer views saw otherwise.
+    """Remove from each view the points that newer views contradict or replace.
 
     Parameters
     ----------
@@ -79,12 +84,12 @@ def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:
     for w, newer in enumerate(views):
         distance = np.hypot(*(poses[:w, :2] - poses[w, :2]).T)
         for v, older in enumerate(views[:w]):
-            if distance[v] > newer.reach + older.reach:
+            if distance[v] > newer.max_range + older.max_range:
                 continue
             yaw = abs(wrap_angle(poses[v, 2] - poses[w, 2]))
-            is_same_place = distance[v] <= same.place_distance and yaw <= same.place_angle
+            is_same_pose = distance[v] <= same.place_distance and yaw <= same.place_angle
             T_newer_older = inverse(T_map_view[w]) @ T_map_view[v]
-            pair = _ViewPair(older, newer, T_newer_older, bool(is_same_place))
+            pair = _ViewPair(older, newer, T_newer_older, bool(is_same_pose))
             for p, patch in enumerate(older.patches):
                 gone, q = _carve_patch(pair, patch, left.keep[v][p], config)
                 left.keep[v][p][gone] = False
@@ -93,17 +98,25 @@ def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:
     return left
 
 
-def superseded(older: View, newer: View, config: Config) -> dict[int, int] | None:
-    """Return what replaced an older view that a newer one, taken without a move, makes redundant.
+def find_replacements(older: View, newer: View, config: Config) -> dict[int, int] | None:
+    """Find the patches that replace those of an older view which a newer one makes redundant.
 
-    It does where nothing is left of the older one's patches and where it looked through all that
-    the older one did. Single scan lines do not count: they cover nothing, and the newer view has
-    its own.
+    The older view is redundant where carving leaves none of its patches and where the newer view
+    looked through all columns that the older one did. Patches that are single scan lines do not
+    count: they cover no area, and the newer view has its own.
+
+    Parameters
+    ----------
+    older, newer
+        Two views between which the base did not move.
+    config
+        Uses the groups ``views`` and ``surfaces``.
 
     Returns
     -------
-    For each patch of the older view that was measured again, the patch that replaced it; None
-    where the older view still tells something.
+    dict of int to int, or None
+        For each patch of the older view that was measured again, the index of the patch that
+        replaced it; None where the older view is not redundant.
     """
     known = np.isin(older.free.keys, newer.free.keys)
     if np.count_nonzero(known) < REPLACED_FRACTION * len(known):
@@ -118,25 +131,25 @@ def superseded(older: View, newer: View, config: Config) -> dict[int, int] | Non
 def _carve_patch(
     pair: _ViewPair, patch: Patch, keep: Bool, config: Config
 ) -> tuple[Int64, int | None]:
-    """Find what the newer view of a pair saw otherwise of a patch of the older one.
+    """Find the points of a patch of the older view that the newer view of a pair removes.
 
     Returns
     -------
     gone : int64 (G,)
-        Thinned points, among those that are kept so far, that are not there any more.
+        Indices of thinned points, among those that are kept so far, that are removed.
     replaced_by : int or None
         The patch of the newer view that replaced this one, in whole or in part.
     """
     kept = np.flatnonzero(keep)
     points = transform(pair.T_newer_older, patch.points[kept])
     distance = np.hypot(points[:, 0], points[:, 1])
-    near = distance <= pair.newer.reach
+    near = distance <= pair.newer.max_range
     total, kept, points, distance = len(kept), kept[near], points[near], distance[near]
     if len(kept) == 0:
         return kept, None
     margin = config.views.clear_margin + TILT_MARGIN * distance
     through = pair.newer.free.contains(points, margin)
-    if not pair.is_same_place and not through.any():
+    if not pair.is_same_pose and not through.any():
         return kept[:0], None
     rim = config.surfaces.merge_distance
     owner = _measured_by(points, pair.newer.patches, margin, 0.5 * rim)
@@ -144,7 +157,7 @@ def _carve_patch(
     block = max(config.views.cell_size, BLOCK_SPACING * patch.spacing)
     if gone.sum() < GONE_FRACTION * total:
         gone &= _in_block(points, gone, block)
-    if not pair.is_same_place or not (owner >= 0).any():
+    if not pair.is_same_pose or not (owner >= 0).any():
         return kept[gone], None
     again = _measured_by(points, pair.newer.patches, margin, -rim) >= 0
     rest = ~gone & ~again
@@ -159,8 +172,8 @@ def _measured_by(
 ) -> Int64:
     """Return the patch that covers each point (N, 3) of the same frame, int64 (N,), -1 = none.
 
-    A patch covers what its outline covers, grown by `grow` m: a replaced patch keeps a rim, so
-    that what is left of it still touches what replaced it.
+    A patch covers its outline, grown by `grow` m. Where it is negative, a replaced patch keeps a
+    rim, so that its remaining points still touch the patch that replaced it.
     """
     owner = np.full(len(points), -1, np.int64)
     margin_xy = max(grow, 0.0)
@@ -179,14 +192,14 @@ def _measured_by(
 
 
 def _in_block(points: Float64, chosen: Bool, cell_size: float) -> Bool:
-    """Return which points stand in a square of 2 x 2 columns where most points are chosen.
+    """Return which points are in a square of 2 x 2 columns where most points are chosen.
 
-    Along an edge, columns are seen through that the surface covers in part: those are one column
-    wide, what has really gone is wider.
+    Along an edge, the view looked through columns that the surface covers in part: they form a
+    strip one column wide. A region that is really gone is wider.
     """
     keys, group = np.unique(column_keys(points, cell_size), return_inverse=True)
     fraction = np.bincount(group, chosen, len(keys)) / np.bincount(group, minlength=len(keys))
-    full = keys[fraction > 0.5]
+    full = keys[fraction > MAJORITY]
     block = np.zeros(len(keys), bool)
     for dx in (-1, 0):
         for dy in (-1, 0):

@@ -1,12 +1,13 @@
-"""Which patches touch and agree in height: exact to the bit of a brute-force search, and fast.
+"""Contact between patches: the connected components of patches that touch and agree in height.
 
-Two patches touch where any of their points come within a distance of each other. They *meet* where
-they do so in x and y, whatever their heights: of a step, the points that happen to touch would tell
-too little. Patches that touch and agree in height where they meet, directly or over others, are one
-component; a pair that is already connected need not be searched.
+Two patches touch where any two of their points are within a distance of each other. They *meet*
+where points are within that distance in x and y, whatever their heights: at a step, the few points
+that touch would not show the difference in height. Patches that touch and agree in height where
+they meet, directly or over others, are one component; a pair that is already connected is not
+searched. The result equals that of a brute-force search bit by bit.
 
-Where patches meet, their points there tell their heights: a large patch is bent by what is wrong
-with the sensor, and the plane of a sparse one is not worth much where it ends.
+The heights of patches are compared at their points where they meet, not by their planes alone:
+errors of the sensor bend a large patch, and the plane of a sparse patch is uncertain at its end.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ from numba import njit
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.surfaces.patch_planes import EFFECTIVE_POINTS, FLATNESS, GATE, PatchPlanes
-from tccm_ros.union_find import find_root, unite
+from tccm_ros.union_find import find_root, merge_sets
 
 __all__ = ["PatchClouds", "box_pairs", "connect", "patch_clouds"]
 
 
 SLACK = 1.0 + 1e-9
-"""Boxes and cells are wider than the distance by this, so that rounding never hides a pair."""
+"""Factor by which boxes and cells are wider than the distance, so that rounding hides no pair."""
 
 
 class PatchClouds(NamedTuple):
@@ -215,10 +216,10 @@ def _agree(
 ) -> bool:
     """Return whether two patches have one height where they meet, within their uncertainty.
 
-    The height of either in the middle of the meeting is that of its plane, raised by the mean
-    residual of its points there. They differ by less than GATE sigmas and never by more than
-    `max_step`, m. `meets` bool (N,) marks, of either patch, the points that meet the other: at
-    least one of each.
+    The height of either patch is that of its plane at the centroid of the points that meet, raised
+    by the mean residual of its points there. Heights agree if they differ by at most GATE sigmas
+    and at most `max_step`, m. `meets` bool (N,) marks the points of either patch that meet the
+    other: at least one of each.
     """
     points, offsets, (q, p) = clouds.points, clouds.offsets, pair
     x, y, count = 0.0, 0.0, 0
@@ -233,7 +234,7 @@ def _agree(
         total, count = 0.0, 0
         for i in range(offsets[patch], offsets[patch + 1]):
             if meets[i]:
-                # The plane through this point, at the middle of the meeting.
+                # The plane, shifted to this point, at the centroid of the points that meet.
                 dx, dy = x - points[i, 0], y - points[i, 1]
                 total += points[i, 2] + slope[0] * dx + slope[1] * dy
                 count += 1
@@ -258,7 +259,7 @@ def connect(
     pairs
         int64 (M, 2), candidates (q, p), q < p, sorted by (p, q).
     distance
-        Patches touch where two of their points are at most this far apart, m.
+        Patches touch where two of their points have at most this distance, m.
     planes
         Of the patches.
     max_step
@@ -266,7 +267,7 @@ def connect(
 
     Returns
     -------
-    int64 (P,), the least patch of each patch's component.
+    int64 (P,), the first patch of each patch's component.
     """
     parent = np.arange(len(clouds.boxes))
     meets = np.zeros(len(clouds.points), np.bool_)
@@ -286,7 +287,7 @@ def connect(
         _mark_near(clouds, p, _grid(clouds, q, edge), distance, 0.0, meets)
         if not _agree(clouds, meets, planes, (q, p), max_step):
             continue
-        unite(parent, q, p)
+        merge_sets(parent, q, p)
     for p in range(len(parent)):
         parent[p] = find_root(parent, p)
     return parent

@@ -1,4 +1,4 @@
-"""The floor: what heights are counted from, in as few pieces as there is evidence for."""
+"""The floor: its height, the surfaces that belong to it, and the joining of its pieces."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.surfaces.joining import hidden_place_between, join
+from tccm_ros.surfaces.joining import join, occluded_area_between
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import largest_part, polygons_of
 from tccm_ros.surfaces.views import View
@@ -16,21 +16,21 @@ from tccm_ros.surfaces.views import View
 __all__ = ["find_floor", "is_floor", "join_floor"]
 
 MIN_AREA = 0.3
-"""The floor is at least this large, m2."""
+"""Smallest surface that counts for the height of the floor, m2; chosen."""
 
 TOLERANCE = 0.06
-"""A far floor, seen by a base that rolls and pitches, is still floor within this height, m."""
+"""Max difference in height of surfaces that are floor, m; chosen: 0.7 deg of tilt at 5 m."""
 
 MIN_OVERLAP = 0.1
-"""Pieces that overlap by at least this much, m2, were measured at one place twice."""
+"""Pieces of different views that overlap by at least this area, m2, are the same floor; chosen."""
 
 
 def find_floor(surfaces: list[MergedSurface], config: Config) -> float | None:
     """Return the height of the floor in map, m; None where no floor was seen.
 
-    The floor is the height at which most of the low surfaces' area lies, the lower one of two that
-    are alike. The lowest surface would not do: reflections lie below the floor, and so does a far
-    floor where the tilt zero is wrong.
+    The height of the floor is the one that most area of the low surfaces supports; of two with
+    equal support, the lower one. The lowest surface is not the floor: reflections are below the
+    floor, and so is a far part of it where the tilt zero is wrong.
     """
     low = [s for s in surfaces if s.height <= config.surfaces.max_floor_height]
     low = [s for s in low if s.polygon.area >= MIN_AREA]
@@ -56,30 +56,47 @@ def join_floor(
     T_map_view: Float64,
     config: Config,
 ) -> list[MergedSurface]:
-    """Join pieces of the floor over what nobody could see, and what was measured twice.
+    """Join pieces of the floor over occluded areas, and pieces of different views that overlap.
 
-    A sensor that bends the floor leaves steps where strips of it are missing: its pieces need not
-    be coplanar as furniture is, only within `TOLERANCE`, which made them floor; and a place is none
-    only where a view looked deeper than that. No floor lies over another: where different views
-    put it at different heights it is the same. Where pieces touch, a step between them stays a
-    step.
+    Errors of the sensor bend the floor and leave steps where strips of it are missing. So pieces of
+    the floor need not be coplanar as those of furniture: their heights may differ by `TOLERANCE`,
+    and an area between them counts as seen through only where a view looked deeper than that. Two
+    overlapping pieces of different views are one floor, whatever their heights. Pieces that touch
+    are not joined: a step between them stays.
+
+    Parameters
+    ----------
+    surfaces
+        All surfaces of the map.
+    floor_z
+        Height of the floor, m; None: unknown, and nothing is joined.
+    views, T_map_view
+        V views, and float64 (V, 4, 4).
+    config
+        Uses `views.clear_margin`.
+
+    Returns
+    -------
+    The surfaces of the floor, joined, and then the others as they were.
     """
     floor = [s for s in surfaces if is_floor(s, floor_z)]
     others = [s for s in surfaces if not is_floor(s, floor_z)]
 
-    def may_join(a: MergedSurface, b: MergedSurface, place: Float64) -> bool:
-        return abs(a.height_at(place) - b.height_at(place)) <= TOLERANCE
+    def may_join(a: MergedSurface, b: MergedSurface, at_xy: Float64) -> bool:
+        return abs(a.height_at(at_xy) - b.height_at(at_xy)) <= TOLERANCE
 
     def between(a: MergedSurface, b: MergedSurface) -> Polygon | None:
         overlap = _overlap(a, b)
-        return overlap or hidden_place_between(a, b, may_join, views, T_map_view, config, TOLERANCE)
+        return overlap or occluded_area_between(
+            a, b, may_join, views, T_map_view, config, TOLERANCE
+        )
 
     return [*join(floor, between), *others]
 
 
 def _overlap(a: MergedSurface, b: MergedSurface) -> Polygon | None:
-    """Return the largest place that different views put at the heights of two pieces."""
+    """Return the largest area that two pieces of different views both cover; None: none."""
     if not a.views.isdisjoint(b.views) or not shapely.intersects(a.polygon, b.polygon):
         return None
-    place = largest_part(polygons_of(a.polygon.intersection(b.polygon)))
-    return place if place.area >= MIN_OVERLAP else None
+    shared = largest_part(polygons_of(a.polygon.intersection(b.polygon)))
+    return shared if shared.area >= MIN_OVERLAP else None

@@ -1,7 +1,7 @@
-"""The features of a surface that the rules of the labels look at.
+"""The features of a surface that the rules of the labels use.
 
-Height, width, area, the walls nearby, and what is above, below and beside it among the other
-surfaces: boards of a shelf, the back of a sofa, what carries a step, the treads of stairs.
+They are height, width, length, area, nearby walls, and relations to the surfaces above, below and
+beside it: boards of a shelf, the back of a sofa, the surface under a step, the treads of stairs.
 """
 
 from __future__ import annotations
@@ -20,55 +20,55 @@ __all__ = ["Features", "features_of", "outline_width", "treads"]
 
 
 MIN_OVERLAP = 0.5
-"""A surface is over another where their footprints share this fraction of the smaller one."""
+"""Min overlap of the footprints of surfaces over each other, as a fraction of one; chosen."""
 
 MIN_CARRIED = 0.3
-"""A step has this fraction of its outline on or near the surface that carries it: a side of four is
-enough, what lies behind a stove may never be seen."""
+"""A step has at least this fraction of its outline on or near the surface that carries it; chosen:
+one side of four is enough, as the surface behind a stove may never be seen."""
 
 MAX_BACK_WIDTH = 0.40
-"""The top of a back is no wider than this, m,"""
+"""The top of the back of a sofa is no wider than this, m; chosen."""
 
 MIN_BACK_LENGTH = 0.8
-"""and runs along this fraction of its seat."""
+"""A back runs along at least this fraction of its seat's length; chosen."""
 
 MIN_BOARD_DEPTH = 0.75
-"""Of a board over another, whose depth is less than this fraction of the lower one's, nothing
-follows for the lower one: boards hang over worktops and desks."""
+"""A board over another does not make the lower one a shelf if its depth is less than this fraction
+of the lower one's; chosen: boards hang over worktops and desks."""
 
 SLENDER = 3.0
-"""A band is so many times as long as it is wide."""
+"""A surface is slender if its length is at least this many times its width; chosen."""
 
 NARROW = 0.4
-"""Width of a box, m, up to which ragged edges are a good part of it."""
+"""Width of a box, m, up to which irregular edges are a large fraction of it; chosen."""
 
 RAGGED = 0.08
-"""Outlines stray this far from straight edges, m."""
+"""Deviation of outlines from straight edges, m; chosen."""
 
 MIN_TREADS = 3
-"""So many treads in a row are stairs."""
+"""At least this many treads in a row are stairs; chosen."""
 
 MIN_TREAD_CONTACT = 0.5
-"""Treads lie along each other over this fraction of their length,"""
+"""Two treads are adjacent along at least this fraction of the longer one's length; chosen."""
 
 MAX_GOING = 0.5
-"""their centroids are no further apart than this, m,"""
+"""Max horizontal distance of the centroids of two treads, m; chosen."""
 
 MAX_TREAD_OVERLAP = 0.5
-"""and they are not boards over each other: less than this fraction of the smaller one is shared."""
+"""Two treads overlap by less than this fraction of the smaller one: else they are boards over each
+other; chosen."""
 
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """What the rules look at: m, m2 and fractions from 0 to 1.
+    """The features of one surface: m, m2 and fractions from 0 to 1.
 
     Attributes
     ----------
     height
         Above the floor (above the map's origin where no floor is known).
     width
-        Of the narrowest box around the outline; an L-shaped counter is as wide as its arms, and a
-        narrow band as on the mean.
+        As of `outline_width`.
     length
         Of the narrowest box.
     area
@@ -100,7 +100,7 @@ class Features:
 
     @property
     def is_slender(self) -> bool:
-        """Whether it is a band."""
+        """Whether its length is a multiple of its width."""
         return self.length >= SLENDER * self.width
 
 
@@ -157,9 +157,11 @@ def _features(
 def outline_width(polygon: shapely.Polygon) -> float:
     """Return the width of a surface, m.
 
-    What fills less than half of its box is a band with a bend: it is as wide as the rectangle of
-    the same area and perimeter. The outline is smoothed first, as a ragged edge is long. A narrow
-    band without a bend is as wide as on the mean: waves of its edges would make up much of its box.
+    It is that of the narrowest box around the outline, with two exceptions. An outline that fills
+    less than half of its box is a band with a bend, as of an L-shaped counter: its width is that of
+    the rectangle of the same area and perimeter. The outline is smoothed first, as an irregular
+    edge is long. The width of a narrow band without a bend is area over length, as waves of its
+    edges would be a large fraction of its box.
     """
     sides, whole = box_sides(polygon), shapely.Polygon(polygon.exterior)
     smooth = whole.simplify(RAGGED)
@@ -185,7 +187,7 @@ def _is_stacked(surface: MergedSurface, other: MergedSurface, rules: Labels) -> 
 
 
 def _is_carried(surface: MergedSurface, other: MergedSurface, rules: Labels) -> bool:
-    """Return whether a surface rises a little from a larger one under or beside it."""
+    """Return whether a surface rises by a step's height from a larger one under or beside it."""
     low, high = rules.step_height
     if (
         not low <= surface.height - other.height <= high
@@ -200,8 +202,8 @@ def _is_carried(surface: MergedSurface, other: MergedSurface, rules: Labels) -> 
 def _is_back(back: MergedSurface, seat: MergedSurface, rules: Labels) -> bool:
     """Return whether a surface is the top of a back along a seat.
 
-    It is higher, narrow, and stands beside the seat along most of it, not over it: a headboard,
-    along the short side of a bed, is no back.
+    A back is higher than the seat, narrow, and beside most of its length, not over it. A headboard
+    is no back: it is along the short side of a bed.
     """
     low, high = rules.back_height
     if not low <= back.height - seat.height <= high:
@@ -229,7 +231,7 @@ def treads(surfaces: list[MergedSurface], rules: Labels) -> list[MergedSurface]:
     pairs = [(i, j) for i in range(len(order)) for j in range(i + 1, len(order))]
     steps = [(i, j) for i, j in pairs if _is_next(order[i], order[j], rules)]
     below, above = np.zeros(len(order), np.int64), np.zeros(len(order), np.int64)
-    for i, j in steps:  # the lower tread of a step has all that lie below it already
+    for i, j in steps:  # sorted by height: the count of the lower tread is complete
         below[j] = max(below[j], below[i] + 1)
     for i, j in reversed(steps):
         above[i] = max(above[i], above[j] + 1)

@@ -1,8 +1,9 @@
-"""What a surface is: rules over height, width, area, walls nearby and what is above and below.
+"""Labels of surfaces (table, counter, shelf, ...) by rules over their features.
 
-Each rule is a range for height above the floor, width and area (configuration group ``labels``);
-inside all ranges it is met, outside it fades. A label must be better than every other one by more
-than chance, else the answer is ``other``: a wrong name is worse than none.
+A rule is a range for height above the floor, width and area (configuration group ``labels``). Its
+score is 1 inside all ranges and falls to 0 outside; relations to walls and other surfaces weight
+it. Where the best label is not clearly better than the second-best, the label is ``other``: a wrong
+label is worse than none.
 """
 
 from __future__ import annotations
@@ -21,29 +22,55 @@ from tccm_ros.surfaces.merged_surface import MergedSurface
 __all__ = ["Label", "SurfaceLabel", "label_surfaces"]
 
 Rule = tuple[float, float, float, float, float, float]
-"""Least and greatest height, width (m) and area (m2)."""
+"""Min and max of height (m), width (m) and area (m2)."""
 
 FADE = 0.12
-"""A range fades out over this fraction of its limits (widths: and this many metres more)."""
+"""A width's score falls to 0 over this, m, and this fraction of its max outside; chosen."""
 
 HEIGHT_FADE = 0.08
-"""For heights, m: furniture of one kind differs, the map hardly does."""
+"""A height's score falls to 0 over this, m, outside its range; chosen: furniture of one kind
+differs more than the map errs."""
+
+AREA_FADE = 0.5
+"""An area's score falls to 0 over this, in its natural logarithm (a factor of 1.65); chosen."""
 
 MIN_BED = (0.8, 1.6)
-"""No bed is smaller than this, m,"""
+"""Min width and length of a bed, m; chosen."""
 
 MIN_BED_FILLED = 0.75
-"""and it fills this fraction of its box: what has the shape of an L is a sofa."""
+"""A bed fills at least this fraction of its box; chosen: an L shape is a sofa."""
 
 LOW_TABLE = 0.9
-"""A low table is believed this much: a sofa whose back nobody saw looks like one."""
+"""Weight of a low table: a sofa whose back was not seen looks like one; chosen."""
+
+AT_WALL_TABLE = 0.4
+"""A table loses this fraction of its score where all of its outline is at walls; chosen."""
+
+SLENDER_SEAT = 0.8
+"""Weight of a seat that is slender; chosen."""
+
+AWAY_FROM_WALL, AT_WALL = 0.7, 0.3
+"""Weight of a counter or a ledge away from any wall, and what is added to it at a wall; chosen."""
+
+ONE_SIDE = 3.0
+"""A counter or a ledge has its full score where one part in so many of its outline is at walls: one
+side; chosen."""
+
+LONE_SHELF = 0.3
+"""Weight of a shelf without another board above or below it; chosen."""
+
+STACKED_OTHER = 0.6
+"""Weight of every label but the shelf for a board above or below another; chosen."""
+
+RIVAL = 0.5
+"""The confidence is the best score less this fraction of the second-best; chosen."""
 
 UNDECIDED = 0.75
-"""Where the second-best label reaches this fraction of the best, neither is given."""
+"""The label is ``other`` if the second-best score is above this fraction of the best; chosen."""
 
 
 class SurfaceLabel(StrEnum):
-    """All labels."""
+    """The labels that a surface may have."""
 
     FLOOR = "floor"
     TABLE = "table"
@@ -58,16 +85,15 @@ class SurfaceLabel(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """A name and how sure it is.
+    """The label of a surface with its confidence.
 
     Attributes
     ----------
     name
-        The name.
+        The label.
     confidence
-        How well the rules of the name are met, less half of how well those of the next one are: at
-        least `labels.min_confidence`, 1 at most. Of ``other``: how far the best name is from being
-        met; 0 where two names fit.
+        Score of the label less half of the second-best score, from `labels.min_confidence` to 1. Of
+        ``other``: 1 less the best score.
     """
 
     name: SurfaceLabel
@@ -97,7 +123,7 @@ def label_surfaces(
 
 
 def _met(value: float, low: float, high: float, fade: float) -> float:
-    """Return 1 inside a range, falling to 0 over `fade` outside it."""
+    """Return a score: 1 inside a range, falling to 0 over `fade` outside it."""
     outside = max(low - value, value - high, 0.0)
     return max(0.0, 1.0 - outside / fade)
 
@@ -108,25 +134,25 @@ def _fit(surface: Features, rule: Rule) -> float:
     return min(
         _met(surface.height, min_height, max_height, HEIGHT_FADE),
         _met(surface.width, min_width, max_width, FADE + FADE * max_width),
-        _met(np.log(surface.area), np.log(min_area), np.log(max_area), 0.5),
+        _met(np.log(surface.area), np.log(min_area), np.log(max_area), AREA_FADE),
     )
 
 
 def _scores(surface: Features, rules: Labels) -> dict[SurfaceLabel, float]:
-    """Return the score of each label; what stands near and above raises or rules out."""
-    away = 1.0 - 0.4 * surface.at_wall
+    """Return the score of each label: its rule, weighted by relations to walls and surfaces."""
+    away = 1.0 - AT_WALL_TABLE * surface.at_wall
     low = 0.0 if surface.backed else LOW_TABLE * _fit(surface, rules.low_table)
-    seat = _fit(surface, rules.seat) * (0.8 if surface.is_slender else 1.0)
+    seat = _fit(surface, rules.seat) * (SLENDER_SEAT if surface.is_slender else 1.0)
     sofa = _fit(surface, rules.sofa) if surface.backed else 0.0
     is_bed = surface.width >= MIN_BED[0] and surface.length >= MIN_BED[1]
-    counter = _fit(surface, rules.counter) * (0.7 + 0.3 * min(1.0, 3.0 * surface.at_wall))
-    ledge = _fit(surface, rules.ledge) * (0.7 + 0.3 * min(1.0, 3.0 * surface.at_wall))
+    near_wall = AWAY_FROM_WALL + AT_WALL * min(1.0, ONE_SIDE * surface.at_wall)
+    counter, ledge = (_fit(surface, rule) * near_wall for rule in (rules.counter, rules.ledge))
     return {
         SurfaceLabel.TABLE: max(_fit(surface, rules.table), low) * away * (not surface.carried),
         SurfaceLabel.COUNTER: counter * (not surface.carried),
         SurfaceLabel.SEAT: max(seat, sofa),
         SurfaceLabel.BED: _fit(surface, rules.bed) * (is_bed and surface.filled >= MIN_BED_FILLED),
-        SurfaceLabel.SHELF: _fit(surface, rules.shelf) * (1.0 if surface.stacked else 0.3),
+        SurfaceLabel.SHELF: _fit(surface, rules.shelf) * (1.0 if surface.stacked else LONE_SHELF),
         SurfaceLabel.LEDGE: ledge * (surface.is_slender and not surface.in_flight),
         SurfaceLabel.STEP: _fit(surface, rules.step) * (surface.carried or surface.in_flight),
     }
@@ -136,10 +162,10 @@ def _best(surface: Features, rules: Labels) -> Label:
     scores = _scores(surface, rules)
     if surface.stacked:
         shelf = SurfaceLabel.SHELF
-        scores = {name: s * (1.0 if name is shelf else 0.6) for name, s in scores.items()}
+        scores = {name: s * (1.0 if name is shelf else STACKED_OTHER) for name, s in scores.items()}
     order = sorted(scores, key=lambda name: (-scores[name], name))
     best, second = scores[order[0]], scores[order[1]]
-    confidence = best - 0.5 * second
+    confidence = best - RIVAL * second
     if confidence < rules.min_confidence or second > UNDECIDED * best:
         return Label(SurfaceLabel.OTHER, round(float(1.0 - best), 6))
     return Label(order[0], round(float(confidence), 6))

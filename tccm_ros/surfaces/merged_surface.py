@@ -1,4 +1,4 @@
-"""A merged surface in map, before it has an id and a label: plane, outline and moments."""
+"""A merged surface in map: the plane, outline and moments of patches that are one surface."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from shapely.affinity import affine_transform
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform
-from tccm_ros.surfaces.hidden_places import HIDDEN_WIDTH, MIN_HIDDEN_AREA, is_hidden
 from tccm_ros.surfaces.merging import Members, NumberedPatch, clouds_in_map
+from tccm_ros.surfaces.occluded_areas import MAX_OCCLUDED_WIDTH, MIN_OCCLUDED_AREA, is_occluded
 from tccm_ros.surfaces.outline import covered_area
 from tccm_ros.surfaces.patch_planes import fit_plane, is_line, pool_moments
 from tccm_ros.surfaces.polygons import GRID, close_gaps, largest_part, polygons_of
@@ -23,18 +23,24 @@ __all__ = ["MergedSurface", "fit_surface"]
 
 
 SIMPLIFY = 0.004
-"""Outlines are simplified by this much, m: finer than the laser measures."""
+"""Outlines are simplified by at most this, m; chosen: below the noise of a range."""
 
 SHADOW_WIDTH = 0.16
-"""What stands on a surface hides strips of it: notches and holes up to this wide, m, are taken for
-shadows and closed."""
+"""Notches and holes up to this wide, m, are closed as shadows of objects on the surface; chosen."""
 
 LARGE_AREA = 4.0
-"""Of surfaces larger than this, m2, no narrow parts are looked for between the scan lines of
-several views: that is the floor, and its points are many."""
+"""Above this area, m2, the scan lines of several views are not outlined together: such a surface is
+the floor, and that would take long; chosen."""
 
 MAX_SPACING = 0.2
-"""Gaps are closed up to the finest spacing of a surface's views, but never more than this, m."""
+"""Gaps are closed up to the finest spacing of a surface's views, but at most this, m; chosen."""
+
+CLOSING = 0.505
+"""Outlines are grown and shrunk by this fraction of a gap's width to close it: half, and a margin
+for rounding."""
+
+OVERLAP = 1e-3
+"""Occluded areas are grown by this, m, so that they overlap the outline that they touch."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,13 +73,21 @@ class MergedSurface:
     def of_moments(
         cls, members: Members, polygon: Polygon, count: float, mean: Float64, cov: Float64
     ) -> MergedSurface:
-        """Return the surface whose plane is the least-squares one of these moments."""
+        """Return the surface with the least-squares plane of moments.
+
+        Parameters
+        ----------
+        members, polygon
+            As the attributes.
+        count, mean, cov
+            Moments of the points measured: float, float64 (3,) and (3, 3), in map.
+        """
         normal, _ = fit_plane(cov)
         return cls(members, polygon, mean, cov, normal, float(normal @ mean), int(count))
 
     @property
     def views(self) -> set[int]:
-        """The views that saw any of it."""
+        """Indices of the views that saw any of it."""
         return {member.view for member in self.members}
 
     @property
@@ -82,26 +96,35 @@ class MergedSurface:
         return float(self.mean[2])
 
     def lift(self, points_xy: Float64) -> Float64:
-        """Put points (N, 2) of map onto the plane: float64 (N, 3)."""
+        """Return points (N, 2) of map on the plane, float64 (N, 3)."""
         z = (self.offset - points_xy @ self.normal[:2]) / self.normal[2]
         return np.column_stack([points_xy, z])
 
-    def height_at(self, place: Float64) -> float:
-        """Return the height of the plane at a place (x, y), m."""
-        return float(self.lift(place[None])[0, 2])
+    def height_at(self, at_xy: Float64) -> float:
+        """Return the height of the plane, m, at a position, float64 (2,)."""
+        return float(self.lift(at_xy[None])[0, 2])
 
 
 def fit_surface(
     members: Members, views: list[View], T_map_view: Float64, config: Config
 ) -> MergedSurface | None:
-    """Fit the plane and draw the outline of a merged surface; None where it has no area.
+    """Compute plane, outline and moments of a merged surface; None where it has no area.
 
-    Points on a line have none either, whatever the outline of their noise is.
+    Points on a line have no area, whatever the outline of their noise is.
+
+    Parameters
+    ----------
+    members
+        Patches that are one surface.
+    views, T_map_view
+        V views, and float64 (V, 4, 4).
+    config
+        Uses `surfaces.merge_distance` and `views.clear_margin`.
     """
     polygon = _merged_outline(members, T_map_view, config.surfaces.merge_distance)
     if polygon.is_empty:
         return None
-    polygon = _with_hidden_places(polygon, members, views, T_map_view, config)
+    polygon = _with_occluded_areas(polygon, members, views, T_map_view, config)
     T = np.stack([T_map_view[m.view] for m in members])
     R = T[:, :3, :3]
     means = np.stack([m.patch.mean for m in members])
@@ -118,10 +141,10 @@ def fit_surface(
 
 
 def _merged_outline(members: Members, T_map_view: Float64, distance: float) -> Polygon:
-    """Unite the outlines of patches; gaps of `distance` between them are closed.
+    """Return the union of the outlines of patches, with gaps of up to `distance`, m, closed.
 
-    Where lines are far apart, those of one view lie between those of another: what the points of
-    such views cover together is more than what each view's do.
+    Where a view has sparse scan lines, lines of another view are between them: the points of such
+    views together cover more than the points of each view alone.
     """
     parts = []
     for member in members:
@@ -136,27 +159,27 @@ def _merged_outline(members: Members, T_map_view: Float64, distance: float) -> P
         together, _ = covered_area(points[:, :2], distance)
         union = shapely.union_all([union, together], grid_size=GRID)
     spacing = min(m.patch.spacing for m in members)
-    closed = close_gaps(union, 0.505 * max(distance, SHADOW_WIDTH, min(spacing, MAX_SPACING)))
+    closed = close_gaps(union, CLOSING * max(distance, SHADOW_WIDTH, min(spacing, MAX_SPACING)))
     whole = polygons_of(shapely.make_valid(closed.simplify(SIMPLIFY)))
     return largest_part(whole)
 
 
-def _with_hidden_places(
+def _with_occluded_areas(
     polygon: Polygon, members: Members, views: list[View], T_map_view: Float64, config: Config
 ) -> Polygon:
-    """Close wide notches and holes of a surface that nothing was seen through."""
-    closed = polygons_of(close_gaps(polygon, 0.5 * HIDDEN_WIDTH).simplify(SIMPLIFY))
+    """Close wide notches and holes of a surface that no view looked through."""
+    closed = polygons_of(close_gaps(polygon, 0.5 * MAX_OCCLUDED_WIDTH).simplify(SIMPLIFY))
     added = polygons_of(closed.difference(polygon))
     height = float(np.mean([_height(m, T_map_view) for m in members]))
     hidden = [
         part
         for part in added.geoms
-        if part.area >= MIN_HIDDEN_AREA and is_hidden(part, height, views, T_map_view, config)
+        if part.area >= MIN_OCCLUDED_AREA and is_occluded(part, height, views, T_map_view, config)
     ]
     if not hidden:
         return polygon
-    # Parts touch the outline along its edge: a hair of overlap makes one polygon of them.
-    grown = [part.buffer(1e-3, join_style="mitre") for part in hidden]
+    # Parts touch the outline along its edge alone: overlap makes one polygon of them.
+    grown = [part.buffer(OVERLAP, join_style="mitre") for part in hidden]
     union = shapely.union_all([polygon, *grown], grid_size=GRID)
     return largest_part(polygons_of(shapely.make_valid(union.simplify(SIMPLIFY))))
 

@@ -1,4 +1,4 @@
-"""Which patches of different views are one surface: those that touch and are coplanar."""
+"""Merging: patches that touch and are coplanar become one surface, in one view or several."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NumberedPatch:
-    """What is left of a patch.
+    """The part of a patch that carving left, with its number.
 
     Attributes
     ----------
@@ -50,12 +50,27 @@ Members = tuple[NumberedPatch, ...]
 """Patches that are one surface, in the order of their numbers."""
 
 MergeFunction = Callable[[Sequence[Float64], float], Int64]
-"""From the points of P patches in map, float64 (N, 3), and a distance (m) to int64 (P,): the first
-patch of the surface that each patch is part of."""
+"""A merging of P patches, from the points of each in map, float64 (N, 3), and a distance (m):
+returns for each patch the first patch of its surface, int64 (P,)."""
 
 
 def surviving_patches(views: list[View], left: Survivors, config: Config) -> list[NumberedPatch]:
-    """Return the patches of which anything is left."""
+    """Return the patches of which points are left.
+
+    Parameters
+    ----------
+    views
+        In stamp order.
+    left
+        Of `carve`, for these views.
+    config
+        Uses `surfaces.merge_distance`.
+
+    Returns
+    -------
+    list of NumberedPatch
+        In the order of their numbers; moments and outlines are of the points that are left.
+    """
     found = []
     for v, (first, view) in enumerate(zip(first_numbers(views), views)):
         for p, patch in enumerate(view.patches):
@@ -66,7 +81,7 @@ def surviving_patches(views: list[View], left: Survivors, config: Config) -> lis
 
 
 def _rest(patch: Patch, keep: Bool, config: Config) -> Patch | None:
-    """Return the part of a patch that is left, with its moments and outline; None: nothing."""
+    """Return a patch of the points that are left, with their moments and outline; None: none."""
     if keep.all():
         return patch
     if not keep.any():
@@ -110,6 +125,6 @@ def merge_coplanar(
 
 
 def group_patches(patches: Sequence[NumberedPatch], root: Int64) -> list[Members]:
-    """Return the patches by the first patch of their surface, `root` int64 (P,)."""
+    """Group patches by the first patch of their surface, `root` int64 (P,)."""
     groups = [np.flatnonzero(root == first).tolist() for first in np.unique(root)]
     return [tuple(patches[k] for k in group) for group in groups]

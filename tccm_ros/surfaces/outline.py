@@ -1,13 +1,13 @@
-"""The outline of a patch of points, with holes, at the scale of its own sampling.
+"""The outline of a patch of points, with holes, at the scale of its local point spacing.
 
-The points of a horizontal surface are triangulated in x and y. A triangle belongs to the surface
-where it is not much larger than those around it: scan lines of a far tilt cycle are decimetres
-apart and still one table top, while a gap of a few decimetres in a near and dense one is a gap.
+The points of a horizontal surface are triangulated in x and y. A triangle belongs to the surface if
+its longest edge is not much longer than the local spacing: scan lines on a far table have distances
+of decimetres, while a distance of decimetres between dense points of a near table is a gap.
 
-The scan lines run around the robot, one beyond the other. A surface's far edge lies somewhere
-between the last line that hit it and the next; at its near edge lines still hit the front. Sideways
-a line ends a beam or two before the edge: a beam that hits both sides of an edge tells of neither.
-So an outline is moved away from the robot by much, and widened by little.
+The scan lines run around the robot, one beyond the other. The far edge of a surface is between the
+last line that hit it and the next line; at its near edge, lines hit the front of the object.
+Sideways, a line ends one or two beams before the edge, as a beam that hits an edge in part is a
+mixed pixel. So an outline is moved away from the robot by much, and widened by little.
 """
 
 from __future__ import annotations
@@ -19,37 +19,44 @@ from shapely import MultiPolygon
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.surfaces.polygons import GRID, polygons_of
+from tccm_ros.surfaces.thinning import cell_means
 
 __all__ = ["covered_area", "expected_area", "horizontal_outline"]
 
 
 SPACING_FACTOR = 2.2
-"""A triangle longer than this many local spacings bridges a gap: twice the spacing, and noise."""
+"""A triangle longer than this many local spacings bridges a gap; chosen: twice, and noise."""
 
 NEIGHBOURS = 24
-"""Points whose gaps make the local spacing."""
+"""Number of nearest points over which the local spacing is taken; chosen."""
 
 QUANTILE = 0.4
-"""Of the neighbours' largest gaps: along a border up to half of them look across it."""
+"""Quantile of the neighbours' largest gaps that is the local spacing; chosen: less than half, as
+along a border up to half of the neighbours have a gap across it."""
 
 FAR_EDGE_FRACTION = 0.35
-"""The far edge is expected this fraction of the lines' distance beyond the last one: less than
-half, as the union of several views takes the furthest edge of each."""
+"""The far edge is expected this fraction of the lines' distance beyond the last one; chosen: less
+than half, as the union of several views takes the furthest edge of each."""
 
 MAX_FAR_EDGE = 0.025
-"""And no further than this, m."""
+"""The far edge is moved by at most this, m; chosen."""
 
 SIDE_EDGE_FRACTION = 0.15
-"""Sideways the edge is expected this fraction of the lines' distance beyond the last beam,"""
+"""Sideways, the edge is expected this fraction of the lines' distance further out; chosen."""
 
 MIN_SIDE_EDGE, MAX_SIDE_EDGE = 0.004, 0.0125
-"""at least half of what beams are apart at arm's length, and at most this, m."""
+"""Limits of the distance by which an outline is widened, m; chosen: the lower one is half the
+distance of beams of 0.5 deg at 1 m."""
+
+MITRE_LIMIT = 2.0
+"""Corners of a widened outline move by at most this many times its distance; chosen."""
 
 Mesh = tuple[Float64, Int64, Float64]
+"""Points, triangles and longest edges, as of `_mesh`."""
 
 
 def horizontal_outline(points_xy: Float64, min_gap: float) -> tuple[MultiPolygon, float]:
-    """Return the outline of what a view saw of a surface, and how densely its points lie.
+    """Return the outline of the points of a surface that one view saw, and their spacing.
 
     Parameters
     ----------
@@ -72,12 +79,12 @@ def horizontal_outline(points_xy: Float64, min_gap: float) -> tuple[MultiPolygon
 def covered_area(points_xy: Float64, min_gap: float) -> tuple[MultiPolygon, float]:
     """Return the area that points cover, as disjoint parts, and their spacing, m.
 
-    The parameters are those of `horizontal_outline`, but for the frame, which may be any.
+    The parameters are those of `horizontal_outline`; the points may be in any frame.
     """
-    mesh = _mesh(_thin(points_xy, 0.5 * min_gap))
+    mesh = _mesh(cell_means(points_xy, 0.5 * min_gap)[0])
     gap = 0.25 * _gap_by_area(*mesh)
     if gap > 0.5 * min_gap:
-        mesh = _mesh(_thin(points_xy, gap))
+        mesh = _mesh(cell_means(points_xy, gap)[0])
     points, triangles, longest = mesh
     if len(triangles) == 0:
         return MultiPolygon(), 0.0
@@ -95,7 +102,7 @@ def _mesh(points_xy: Float64) -> Mesh:
 
 
 def _gap_by_area(points_xy: Float64, triangles: Int64, longest: Float64) -> float:
-    """Return the gap, m, that half of the area consists of: noise makes many slivers, no area."""
+    """Return the area-weighted median of longest edges, m: slivers of noise have no area."""
     if len(triangles) == 0:
         return 0.0
     a, b, c = (points_xy[triangles[:, k]] for k in range(3))
@@ -105,20 +112,8 @@ def _gap_by_area(points_xy: Float64, triangles: Int64, longest: Float64) -> floa
     return float(longest[order[np.searchsorted(area, 0.5 * area[-1])]])
 
 
-def _thin(points_xy: Float64, cell: float) -> Float64:
-    """Return the mean of the points of each cell, so that noise does not look like spacing."""
-    cells = np.floor(points_xy / cell).astype(np.int64)
-    if len(cells) == 0:
-        return points_xy
-    cells -= cells.min(axis=0)
-    keys = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
-    _, group, count = np.unique(keys, return_inverse=True, return_counts=True)
-    sums = [np.bincount(group, points_xy[:, k], len(count)) for k in range(2)]
-    return np.stack(sums, axis=1) / count[:, None]
-
-
 def _area_of(points_xy: Float64, triangles: Int64) -> MultiPolygon:
-    """Return the area that triangles cover: what the edges of only one triangle enclose."""
+    """Return the area that triangles cover: edges of only one triangle are its border."""
     if len(triangles) == 0:
         return MultiPolygon()
     a, b = triangles, triangles[:, [1, 2, 0]]
@@ -143,8 +138,8 @@ def _triangulate(points_xy: Float64) -> Int64:
 def _local_spacing(points_xy: Float64, triangles: Int64, longest: Float64) -> Float64:
     """Return the spacing around each point, float64 (N,), m.
 
-    A point's own gap is the longest edge of its triangles: the distance between sweep lines, even
-    where the beams of a line are a hundred times nearer to each other.
+    A point's own gap is the longest edge of its triangles: the distance between scan lines, even
+    where the distance between the beams of a line is a hundredth of that.
     """
     own = np.zeros(len(points_xy))
     np.maximum.at(own, triangles.ravel(), np.repeat(longest, 3))
@@ -171,13 +166,13 @@ def expected_area(area: MultiPolygon, spacing: float) -> MultiPolygon:
     """
     far = min(FAR_EDGE_FRACTION * spacing, MAX_FAR_EDGE)
     aside = min(max(SIDE_EDGE_FRACTION * spacing, MIN_SIDE_EDGE), MAX_SIDE_EDGE)
-    swept = [_swept_away(part, far) for part in area.geoms]
-    wide = [part.buffer(aside, join_style="mitre", mitre_limit=2.0) for part in swept]
+    moved = [_with_far_edges_moved(part, far) for part in area.geoms]
+    wide = [part.buffer(aside, join_style="mitre", mitre_limit=MITRE_LIMIT) for part in moved]
     return MultiPolygon([p for part in wide for p in polygons_of(part).geoms])
 
 
-def _swept_away(part: shapely.Polygon, distance: float) -> shapely.Geometry:
-    """Return what a polygon covers on its way away from the origin by a distance, m."""
+def _with_far_edges_moved(part: shapely.Polygon, distance: float) -> shapely.Geometry:
+    """Return the area that a polygon passes when it moves away from the origin by a distance, m."""
     moved = shapely.make_valid(shapely.transform(part, lambda xy: _away(xy, distance)))
     bands = []
     for ring in (part.exterior, *part.interiors):

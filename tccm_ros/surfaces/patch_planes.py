@@ -1,6 +1,7 @@
-"""Planes of patches in the map, with how well they are known.
+"""Planes of patches in map, with the covariances of their heights and slopes.
 
-A patch's height is the height field ``h(x, y) = z + a (x - x0) + b (y - y0)``.
+The plane of a patch is the height field ``h(x, y) = z + a (x - x0) + b (y - y0)`` about its
+centroid ``(x0, y0, z)``.
 """
 
 from __future__ import annotations
@@ -29,15 +30,22 @@ __all__ = [
 
 
 EFFECTIVE_POINTS = 50.0
-"""The points of a patch err together (one laser, a few sweep lines): they count as this many."""
+"""The points of a patch have correlated errors (one laser, a few scan lines): they count as at most
+this many independent points; chosen."""
 
 FLATNESS = 0.004
-"""Furniture is flat to this much, m (one sigma)."""
+"""Deviation of furniture from a plane, m (one sigma); chosen."""
 
 GATE = 3.0
-"""Sigmas within which two planes count as one."""
+"""Sigmas within which the heights of two planes agree; chosen."""
 
 UP = np.array([0.0, 0.0, 1.0])
+
+MIN_NORMAL_Z = 0.5
+"""Limit of a normal's z component in a division, so that a steep fit gives no infinite variance."""
+
+MIN_NORMAL_Z_OF_SLOPE = 0.1
+"""The same for slopes."""
 
 
 class PatchPlanes(NamedTuple):
@@ -54,7 +62,7 @@ class PatchPlanes(NamedTuple):
     noise
         float64 (P,), variance of the height of one point about the plane, m2.
     cov_pose
-        float64 (P, 3, 3) of (z, a, b) at the centroid, from the pose that the patch hangs on.
+        float64 (P, 3, 3) of (z, a, b) at the centroid, from the pose of the view.
     """
 
     view_index: Int64
@@ -67,8 +75,9 @@ class PatchPlanes(NamedTuple):
 def fit_plane(cov: Float64) -> tuple[Float64, Float64]:
     """Fit the exact least-squares plane to points of covariance `cov`, float64 (3, 3).
 
-    Surfaces are horizontal, or nearly so. A fit that is steep is one to points on a line, across
-    which they tell nothing: the plane is then the one nearest to horizontal through that line.
+    Surfaces are horizontal, or nearly so. Where the fit is steep, the points are on a line and do
+    not determine the slope across it: the plane is then the one nearest to horizontal through the
+    line.
 
     Returns
     -------
@@ -93,7 +102,19 @@ def is_line(cov: Float64) -> bool:
 
 
 def pool_moments(counts: Float64, means: Float64, covs: Float64) -> tuple[float, Float64, Float64]:
-    """Pool the moments of sets of points: counts (K,), means (K, 3), covs (K, 3, 3)."""
+    """Pool the moments of sets of points.
+
+    Parameters
+    ----------
+    counts, means, covs
+        float64 (K,), (K, 3) and (K, 3, 3), of each set in one frame.
+
+    Returns
+    -------
+    count : float
+    mean, cov : float64 (3,) and (3, 3)
+        Of the union of the sets.
+    """
     total = float(counts.sum())
     weights = counts / total
     mean = weights @ means
@@ -105,21 +126,21 @@ def pool_moments(counts: Float64, means: Float64, covs: Float64) -> tuple[float,
 def point_variance(cov: Float64) -> float:
     """Return the variance of one point's height about the plane of points with `cov`, m2."""
     normal, variances = fit_plane(cov)
-    return float(variances[0] / max(normal[2], 0.5) ** 2 + FLATNESS**2)
+    return float(variances[0] / max(normal[2], MIN_NORMAL_Z) ** 2 + FLATNESS**2)
 
 
 def fit_covariance(cov: Float64, count: int) -> Float64:
-    """Return the covariance of (z, a, b) of a fit to points with covariance `cov` (3, 3)."""
+    """Return the covariance of (z, a, b) of a fit to `count` points of covariance `cov` (3, 3)."""
     noise = point_variance(cov)
     result = np.zeros((3, 3))
     result[0, 0] = noise / min(count, EFFECTIVE_POINTS)
-    floor = FLATNESS**2 * np.eye(2)
-    result[1:, 1:] = noise / min(count, EFFECTIVE_POINTS) * np.linalg.inv(cov[:2, :2] + floor)
+    regular = cov[:2, :2] + FLATNESS**2 * np.eye(2)
+    result[1:, 1:] = noise / min(count, EFFECTIVE_POINTS) * np.linalg.inv(regular)
     return result
 
 
 def pose_covariance(T_map_base: Float64, cov_tilt: Float64, centroid: Float64) -> Float64:
-    """Return the covariance of (z, a, b) at a centroid from that of a pose.
+    """Propagate the covariance of a pose to (z, a, b) at a centroid.
 
     Parameters
     ----------
@@ -133,13 +154,13 @@ def pose_covariance(T_map_base: Float64, cov_tilt: Float64, centroid: Float64) -
     c, s = T_map_base[0, 0], T_map_base[1, 0]
     norm = np.hypot(c, s)
     c, s = c / norm, s / norm
-    ahead, left = np.array([c, s]), np.array([-s, c])
+    forward, left = np.array([c, s]), np.array([-s, c])
     arm = centroid[:2] - T_map_base[:2, 3]
     J = np.array(
         [
-            [1.0, left @ arm, -(ahead @ arm)],
-            [0.0, left[0], -ahead[0]],
-            [0.0, left[1], -ahead[1]],
+            [1.0, left @ arm, -(forward @ arm)],
+            [0.0, left[0], -forward[0]],
+            [0.0, left[1], -forward[1]],
         ]
     )
     return J @ cov_tilt @ J.T
@@ -148,7 +169,7 @@ def pose_covariance(T_map_base: Float64, cov_tilt: Float64, centroid: Float64) -
 def stack_planes(
     patches: list[Patch], view: Int64, T_map_view: Float64, cov_tilt: Float64
 ) -> PatchPlanes:
-    """Compute the planes of patches in map.
+    """Compute the planes of patches in map, with their covariances.
 
     Parameters
     ----------
@@ -169,7 +190,7 @@ def stack_planes(
         cov = T[:3, :3] @ patch.cov @ T[:3, :3].T
         normal, _ = fit_plane(cov)
         centroid[p] = T[:3, :3] @ patch.mean + T[:3, 3]
-        slope[p] = -normal[:2] / max(normal[2], 0.1)
+        slope[p] = -normal[:2] / max(normal[2], MIN_NORMAL_Z_OF_SLOPE)
         noise[p] = point_variance(cov)
         cov_pose[p] = pose_covariance(T, cov_tilt[view[p]], centroid[p])
     return PatchPlanes(view, centroid, slope, noise, cov_pose)

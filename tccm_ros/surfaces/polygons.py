@@ -1,4 +1,4 @@
-"""Polygons of outlines: their parts, gaps, boxes and rings."""
+"""Polygons of outlines: parts, gaps, narrowest boxes and rings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["GRID", "box_sides", "close_gaps", "largest_part", "polygon_rings", "
 
 
 GRID = 1e-6
-"""Outlines are snapped to this grid, m, so that unions do not depend on rounding."""
+"""Outlines are snapped to this grid, m, so that unions do not depend on rounding; chosen."""
 
 
 def close_gaps(area: shapely.Geometry, half_width: float) -> shapely.Geometry:
@@ -21,13 +21,13 @@ def close_gaps(area: shapely.Geometry, half_width: float) -> shapely.Geometry:
 
 
 def box_sides(polygon: Polygon) -> Float64:
-    """Return the sides of a polygon's narrowest box, float64 (2,), m, the lesser first."""
+    """Return the sides of a polygon's narrowest box, float64 (2,), m, the shorter first."""
     box = np.asarray(shapely.oriented_envelope(polygon).exterior.coords)
     return np.sort(np.hypot(*np.diff(box[:3], axis=0).T))
 
 
 def largest_part(area: MultiPolygon) -> Polygon:
-    """Return the largest of polygons; an empty one where there is none."""
+    """Return the polygon of the largest area; an empty one where there is none."""
     return min(area.geoms, key=lambda part: (-part.area, part.bounds), default=Polygon())
 
 
@@ -43,9 +43,9 @@ def polygon_rings(polygon: Polygon) -> tuple[Float64, tuple[Float64, ...]]:
     Returns
     -------
     boundary : float64 (N, 2)
-        Counter-clockwise, from the vertex with the least (x, y).
+        Counter-clockwise, from the vertex with the smallest (x, y).
     holes : tuple of float64 (N, 2)
-        Clockwise, each from its least vertex, sorted by it.
+        Clockwise, each from its smallest vertex, sorted by it.
     """
     oriented = shapely.geometry.polygon.orient(polygon, 1.0)
     holes = [_open_ring(ring) for ring in oriented.interiors]

@@ -1,9 +1,9 @@
-"""Registration of views: what they saw in common corrects their poses.
+"""Registration of views: factors of the graph from surfaces that several views saw.
 
-The planes of surfaces constrain height, roll and pitch; their sides constrain x, y and yaw. A
-registration by sides is a robust factor between two views whose covariance leaves open what their
-common sides leave open. There is none where the views share too little, or where another relative
-pose fits nearly as well.
+The planes of surfaces constrain z, roll and pitch; their sides constrain x, y and yaw. A match of
+sides is a robust factor between two views; its covariance is large in directions that the common
+sides do not determine. There is no factor where two views have too few sides in common, or where
+another relative pose fits nearly as well.
 """
 
 from __future__ import annotations
@@ -32,31 +32,39 @@ PLANAR_ORDER = [3, 4, 2]
 """x, y and yaw in the same order."""
 
 MAX_TILT_SIGMA = 0.02
-"""A patch whose tilt is less certain than this (rad) tells nothing about roll and pitch."""
+"""Max standard deviation of a patch's slope for a plane factor, rad; chosen."""
 
-PARTNERS = 6
-"""Each view is registered to so many older ones, the nearest."""
+MAX_NEIGHBOUR_VIEWS = 6
+"""Each view is matched with at most this many older ones, the nearest; chosen."""
 
 YAW_WEIGHT = 1.0
-"""Between two poses, a radian of yaw counts like this many metres."""
+"""Metres that a radian of yaw counts in the distance of two poses; chosen."""
 
 MIN_SIGMA, MAX_SIGMA = (0.01, np.radians(0.3)), (0.15, np.radians(3.0))
-"""The relative pose of two views is searched as if it were known this well (m, rad) at best, and
-this badly at worst: further off, sides of other surfaces come into question."""
+"""Limits of the standard deviations (m, rad) of the relative pose of two views that the search
+covers; chosen: with a wider search, sides of other surfaces match."""
 
 MIN_REMAINING = 0.5
-"""A patch of which a smaller fraction is left was moved or replaced: its sides tell no pose."""
+"""Min fraction of a patch that carving leaves for its sides to be matched; chosen: a patch with
+less was moved or replaced."""
+
+MIN_POINTS = 4
+"""Points of a patch in a plane factor: three give a plane without a residual."""
+
+OPEN_SIGMAS = (1.0, 1.0, 1.0)
+"""Standard deviations of z, roll and pitch (m, rad) in a factor of sides: wide, so that it leaves
+them open."""
 
 
 def register_views(views: list[View], known: Solution, config: Config) -> list[Factor]:
-    """Return factors that constrain views to each other, from the poses that are known so far.
+    """Return the plane factors and side factors between views.
 
     Parameters
     ----------
     views
         V views in stamp order.
     known
-        The graph without these factors, with the same views.
+        Solution of the graph without these factors, with the same views.
     config
         Uses the groups ``views`` and ``surfaces``.
     """
@@ -92,7 +100,9 @@ def plane_factors(
 
 
 def _informative(members: Members) -> list[NumberedPatch]:
-    return [m for m in members if m.patch.count > 3 and _tilt_variance(m) <= MAX_TILT_SIGMA**2]
+    return [
+        m for m in members if m.patch.count >= MIN_POINTS and _tilt_variance(m) <= MAX_TILT_SIGMA**2
+    ]
 
 
 def _tilt_variance(member: NumberedPatch) -> float:
@@ -101,10 +111,10 @@ def _tilt_variance(member: NumberedPatch) -> float:
 
 
 def _plane_factor(member: NumberedPatch, plane: int) -> ViewPlane:
-    """Measure a patch's plane in its view.
+    """Return the factor of a patch's plane, measured in its view.
 
-    The covariance is isotropic in the two rotations, the larger one for both, and the offset at
-    the view's origin is that at the centroid and what the rotation makes of the way there.
+    Both rotations have the larger of the two variances. The variance of the offset at the view's
+    origin is that at the centroid, and that of the rotation times the squared lever arm.
     """
     patch = member.patch
     normal, _ = fit_plane(patch.cov)
@@ -118,26 +128,38 @@ def _plane_factor(member: NumberedPatch, plane: int) -> ViewPlane:
 def side_factors(
     views: list[View], left: Survivors, known: Solution, config: Config
 ) -> list[BetweenViews]:
-    """Return a factor for each pair of views whose sides agree; as `register_views`.
+    """Return a factor for each pair of views whose sides match.
 
-    A side's deviation is what it is, while the graph's factors are careful: to have its due weight
-    among them a match is made as careful as they are.
+    The covariances of the graph are conservative: those expected are `known.unit_variance` times as
+    large. The covariance of a match is the one expected, so it is divided by that, to weigh as the
+    other factors do.
+
+    Parameters
+    ----------
+    views
+        V views in stamp order.
+    left
+        Of `carve`, for these views.
+    known
+        Solution of the graph without these factors, with the same views.
+    config
+        Uses `surfaces.max_step`.
     """
     T_map_view, poses = known.T_map_views, planar(known.T_map_views)
     sides = [
-        _levelled(_remaining(find_sides(view), keep), T)
+        _in_planar_frame(_remaining(find_sides(view), keep), T)
         for view, keep, T in zip(views, left.keep, T_map_view)
     ]
     cov_poses = known.cov_views[:, PLANAR_ORDER][:, :, PLANAR_ORDER] * known.unit_variance
     found: list[tuple[int, int, SideMatch]] = []
     for j in range(1, len(views)):
-        for i in _partners(poses, j):
+        for i in _nearest_views(poses, j):
             cov = _relative_covariance(cov_poses, poses, i, j)
             step = config.surfaces.max_step
             match = match_sides(sides[i], sides[j], between2(poses[i], poses[j]), cov, step)
             if match is not None:
                 found.append((i, j, match))
-    # A view's sides serve in all of its matches: together they must not count for more than once.
+    # The matches of a view use the same sides: together they must not count more than once.
     uses = np.bincount([v for i, j, _ in found for v in (i, j)], minlength=len(views))
     return [
         _between_factor(
@@ -148,30 +170,30 @@ def side_factors(
 
 
 def _remaining(sides: Sides, keep: list[Bool]) -> Sides:
-    """Leave out the sides of patches that newer views saw moved or replaced."""
+    """Return the sides of patches that newer views did not see moved or replaced."""
     fraction = np.array([mask.mean() for mask in keep])
     return sides.chosen(fraction[sides.patch] >= MIN_REMAINING)
 
 
-def _levelled(sides: Sides, T_map_view: Float64) -> Sides:
-    """Express sides in the planar frame of their view: level, and with heights in map."""
+def _in_planar_frame(sides: Sides, T_map_view: Float64) -> Sides:
+    """Transform sides to the horizontal frame at the planar pose of their view, z as in map."""
     T = inverse(spatial(planar(T_map_view))) @ T_map_view
     points = transform(T, np.column_stack([sides.middle, sides.height]))
     return sides.moved(points[:, :2], points[:, 2])
 
 
-def _partners(poses: Float64, j: int) -> list[int]:
-    """Return the older views nearest to view `j`, in order."""
+def _nearest_views(poses: Float64, j: int) -> list[int]:
+    """Return the older views that are nearest to view `j`, in order."""
     yaw = np.abs(wrap_angle(poses[:j, 2] - poses[j, 2]))
     distance = np.hypot(*(poses[:j, :2] - poses[j, :2]).T) + YAW_WEIGHT * yaw
-    return sorted(np.argsort(distance, kind="stable")[:PARTNERS].tolist())
+    return sorted(np.argsort(distance, kind="stable")[:MAX_NEIGHBOUR_VIEWS].tolist())
 
 
 def _relative_covariance(cov_poses: Float64, poses: Float64, i: int, j: int) -> Float64:
-    """Bound how well the pose of view `j` in view `i` is known, float64 (3, 3) of (x, y, yaw).
+    """Bound the covariance of the pose of view `j` in view `i`, float64 (3, 3) of (x, y, yaw).
 
-    The errors of two views have much in common, which is not known here: their sum is on the
-    safe side.
+    The errors of two views are correlated, but the correlation is not known here. The sum of their
+    variances is an upper bound.
     """
     position = sum(float(np.linalg.eigvalsh(cov_poses[v, :2, :2])[1]) for v in (i, j))
     yaw = float(cov_poses[i, 2, 2] + cov_poses[j, 2, 2])
@@ -183,11 +205,11 @@ def _relative_covariance(cov_poses: Float64, poses: Float64, i: int, j: int) -> 
 def _between_factor(
     i: int, j: int, match: SideMatch, T_map_view: Float64, scale: float
 ) -> BetweenViews:
-    """Make a factor: x, y and yaw as matched, their covariance times `scale`.
+    """Return the factor of a match: x, y and yaw as matched, their covariance times `scale`.
 
-    Height, roll and pitch are as they are; the factor leaves them open.
+    z, roll and pitch are those of the poses known so far, with `OPEN_SIGMAS`.
     """
     T_level_view = inverse(spatial(planar(T_map_view[j]))) @ T_map_view[j]
     T_map_j = spatial(compose2(planar(T_map_view[i]), match.pose)) @ T_level_view
-    cov = planar_covariance(match.cov * scale, (1.0, 1.0, 1.0))
+    cov = planar_covariance(match.cov * scale, OPEN_SIGMAS)
     return BetweenViews(i, j, inverse(T_map_view[i]) @ T_map_j, cov)

@@ -1,4 +1,4 @@
-"""What is kept of a map between sessions: the walls' state, and views with what they hang on."""
+"""A saved map: arrays of walls and keyframes, and views with poses in keyframes."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ import shapely
 from numpy.typing import NDArray
 
 from tccm_ros.arrays import Float64, Int64
+from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.errors import MapError
 from tccm_ros.surfaces.polygons import polygons_of
-from tccm_ros.surfaces.views import FreeColumns, Patch, View
+from tccm_ros.surfaces.views import Patch, View
 
 __all__ = ["SavedMap", "SavedView", "pack_views", "unpack_views"]
 
@@ -33,24 +34,24 @@ class SavedView:
         The view.
     keyframe
         Keyframe of its session that is nearest in time; -1 where there was none.
-    hangs
-        Whether it hangs on that keyframe; else, without a level laser, it is fixed in map.
+    is_on_keyframe
+        Whether its pose moves with that keyframe; else, without a level laser, it is fixed in map.
     T_anchor_view
-        float64 (4, 4), pose in that keyframe (level, at its planar pose), or in map.
+        float64 (4, 4), pose in that keyframe (horizontal, at its planar pose), or in map.
     cov_tilt
         float64 (3, 3) of (z, roll, pitch).
     """
 
     view: View
     keyframe: int
-    hangs: bool
+    is_on_keyframe: bool
     T_anchor_view: Float64
     cov_tilt: Float64
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SavedMap:
-    """A map as a later session finds it.
+    """A map that a later session continues.
 
     Attributes
     ----------
@@ -65,13 +66,13 @@ class SavedMap:
 
 
 def pack_views(views: Sequence[View]) -> Arrays:
-    """Return the arrays of views: rows of all views follow each other, counts say whose."""
+    """Return the arrays of views: rows of all views one after the other, and counts of rows."""
     patches = [patch for view in views for patch in view.patches]
     outlines = [np.frombuffer(shapely.to_wkb(p.outline), np.uint8) for p in patches]
     return {
         "stamp_ns": np.array([v.stamp_ns for v in views], np.int64),
         "session": np.array([v.session for v in views], np.int64),
-        "reach": np.array([v.reach for v in views], float),
+        "reach": np.array([v.max_range for v in views], float),
         "forgotten": np.array([v.forgotten for v in views], np.int64),
         "patches": np.array([len(v.patches) for v in views], np.int64),
         "free": np.array([len(v.free.keys) for v in views], np.int64),
@@ -154,7 +155,7 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
 
 
 def _present(a: Mapping[str, NDArray[Any]], name: str, k: int) -> int | None:
-    """Return an entry that may be None, or absent altogether in maps of older versions."""
+    """Return an entry that may be None, or may be missing in maps of older versions."""
     value = int(a[name][k]) if name in a else ABSENT
     return None if value == ABSENT else value
 

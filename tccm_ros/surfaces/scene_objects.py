@@ -1,4 +1,4 @@
-"""What stands on the surfaces of the map, as the latest view of each surface has it."""
+"""Objects and free places on the surfaces of the map, from the latest view of each surface."""
 
 from __future__ import annotations
 
@@ -18,20 +18,34 @@ from tccm_ros.surfaces.surface_slam import SurfaceSolution
 __all__ = ["SceneObject", "scene_objects"]
 
 
-REACH = 0.10
-"""A plane of a cycle and a surface of the map are the same within this height, m."""
+MAX_HEIGHT_DIFFERENCE = 0.10
+"""Max difference in height of an object or a free place and the surface of the map under it, m;
+chosen."""
 
-MARGIN = 0.05
-"""An object stands on a surface if its centre is within this of the outline, m."""
+OUTLINE_MARGIN = 0.05
+"""Max distance of an object's centre from the outline of the surface under it, m; chosen."""
 
-
-LEAN = 0.05
-"""So much a surface may rise from its outline to a point that is `MARGIN` outside of it, m."""
+MAX_RISE = 0.05
+"""Max rise of a surface's plane over `OUTLINE_MARGIN`, m: a slope of 45 deg; chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneObject:
-    """A box on a surface, in map: yaw of its x axis in (-pi/2, pi/2]."""
+    """The bounding box of an object on a surface, in map.
+
+    Attributes
+    ----------
+    id
+        Of the tabletop object.
+    surface
+        Id of the surface that it is on.
+    center
+        float64 (3,), m.
+    size
+        float64 (3,), edges along its own x, y and z, m.
+    yaw
+        Of its x axis, in (-pi/2, pi/2], rad.
+    """
 
     id: int
     surface: int
@@ -43,14 +57,21 @@ class SceneObject:
 def scene_objects(
     solution: SurfaceSolution, cycles: Sequence[CycleResult]
 ) -> tuple[list[SceneObject], dict[int, list[Float64]]]:
-    """Collect objects and free places: for each surface those of the last cycle that saw it.
+    """Return objects and free places: for each surface those of the last tilt cycle that saw it.
+
+    Parameters
+    ----------
+    solution
+        The surfaces of the map.
+    cycles
+        Results of the tilt cycles of this session.
 
     Returns
     -------
-    objects
-        In map, sorted by (surface, id).
-    free
-        Rings float64 (N, 3) in map by surface.
+    objects : list of SceneObject
+        Sorted by (surface, id).
+    free : dict of int to list of float64 (N, 3)
+        Boundaries of free places in map, by the id of the surface.
     """
     footprints = {s.id: Polygon(s.boundary[:, :2]) for s in solution.surfaces}
     # In the order of sessions: the clock of an earlier one may have been ahead.
@@ -65,27 +86,27 @@ def scene_objects(
         T_map_odom = T @ inverse(cycle.T_odom_base)
         current = [s for s in solution.surfaces if latest[s.id] == cycle.stamp_ns]
         heights = _bottoms(cycle.objects, T_map_odom)
-        for item, (place, bottom) in zip(cycle.objects, heights):
-            owner = _surface_under(place, bottom, current, footprints)
-            if owner is not None:
-                objects.append(_in_map(item, owner, T_map_odom))
+        for item, (at_xy, bottom) in zip(cycle.objects, heights):
+            surface = _surface_under(at_xy, bottom, current, footprints)
+            if surface is not None:
+                objects.append(_in_map(item, surface, T_map_odom))
         for places in cycle.free_places(_near_surfaces(cycle.planes, T_map_odom, current)):
             for ring in places.polygons:
                 ring_map = transform(T_map_odom, ring)
                 middle = ring_map.mean(axis=0)
-                owner = _surface_under(middle[:2], middle[2], current, footprints)
-                if owner is not None:
-                    free.setdefault(owner, []).append(ring_map)
+                surface = _surface_under(middle[:2], middle[2], current, footprints)
+                if surface is not None:
+                    free.setdefault(surface, []).append(ring_map)
     return sorted(objects, key=lambda o: (o.surface, o.id)), free
 
 
 def _near_surfaces(
     planes: Sequence[PlaneRecord], T_map_odom: Float64, surfaces: Sequence[Surface]
 ) -> list[PlaneRecord]:
-    """Return the planes whose places could lie on a surface: their boxes, and a slack, meet."""
-    slack = np.array([MARGIN, MARGIN, REACH + LEAN])
-    low = np.array([s.boundary.min(axis=0) for s in surfaces]).reshape(-1, 3) - slack
-    high = np.array([s.boundary.max(axis=0) for s in surfaces]).reshape(-1, 3) + slack
+    """Return the horizontal planes whose bounding boxes overlap those of surfaces, with margins."""
+    margins = np.array([OUTLINE_MARGIN, OUTLINE_MARGIN, MAX_HEIGHT_DIFFERENCE + MAX_RISE])
+    low = np.array([s.boundary.min(axis=0) for s in surfaces]).reshape(-1, 3) - margins
+    high = np.array([s.boundary.max(axis=0) for s in surfaces]).reshape(-1, 3) + margins
     near = []
     for plane in planes:
         if plane.kind == "horizontal" and len(plane.boundary) >= 3:
@@ -97,7 +118,7 @@ def _near_surfaces(
 
 
 def _bottoms(objects: Sequence[TabletopObject], T_map_odom: Float64) -> list[tuple[Float64, float]]:
-    """Return where objects stand: (x, y) and the height of their lower side, in map."""
+    """Return position (x, y) and height of the lower side of objects, in map."""
     result = []
     for item in objects:
         center = transform(T_map_odom, item.center[None])[0]
@@ -106,14 +127,14 @@ def _bottoms(objects: Sequence[TabletopObject], T_map_odom: Float64) -> list[tup
 
 
 def _surface_under(
-    place: Float64, height: float, surfaces: Sequence[Surface], footprints: dict[int, Polygon]
+    at_xy: Float64, height: float, surfaces: Sequence[Surface], footprints: dict[int, Polygon]
 ) -> int | None:
-    """Return the id of the surface that a place lies on, the nearest in height; None: none."""
-    best, nearest = None, REACH
+    """Return the id of the surface under a position, the nearest in height; None: none."""
+    best, nearest = None, MAX_HEIGHT_DIFFERENCE
     for surface in surfaces:
-        z = (surface.offset - place @ surface.normal[:2]) / surface.normal[2]
+        z = (surface.offset - at_xy @ surface.normal[:2]) / surface.normal[2]
         if abs(z - height) < nearest and shapely.dwithin(
-            footprints[surface.id], shapely.points(place), MARGIN
+            footprints[surface.id], shapely.points(at_xy), OUTLINE_MARGIN
         ):
             best, nearest = surface.id, abs(z - height)
     return best

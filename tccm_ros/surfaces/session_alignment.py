@@ -1,8 +1,9 @@
-"""The pose of a new session in a saved map, when no level laser tells: by structure and planes.
+"""Alignment of a new session with a saved map, where there is no level laser to localise it.
 
-What a view looked through ends at walls and furniture. These ends, in columns seen from above, are
-matched over all yaws and shifts; the floor gives height, roll and pitch. A match that another pose
-nearly reaches is refused: a wrong session spoils a map for good.
+The free space of views ends at walls and furniture. The first columns behind free space, its
+*frontier*, are matched with those of the saved map over all yaws and shifts, seen from above; the
+floor gives z, roll and pitch. An ambiguous match is refused: a session at a wrong pose would spoil
+the map for good.
 """
 
 from __future__ import annotations
@@ -17,46 +18,62 @@ from scipy.spatial import cKDTree
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
+from tccm_ros.cuboids.free_columns import KEY_STEP
 from tccm_ros.geometry import compose2, planar, pose, spatial, transform, transform2
 from tccm_ros.surfaces.patch_planes import fit_plane
-from tccm_ros.surfaces.views import KEY_STEP, View
+from tccm_ros.surfaces.views import View
 
-__all__ = ["AlignmentResult", "SessionAlignment", "Structure", "align_session", "structure"]
+__all__ = ["AlignmentResult", "SessionAlignment", "align_session"]
 
 
 BAND = (0.3, 1.6)
-"""Heights above the floor, m, in which a column must be free to count as open."""
+"""Heights above the floor, m, in which a column must be free to count as open; chosen."""
 
 MIN_FREE_FRACTION = 0.5
-"""Of the band."""
+"""Min fraction of the band that is free in an open column; chosen."""
 
 CELL = 0.1
-"""Cell of the search, m."""
+"""Edge of a cell of the search, m; chosen: a column of a view by default."""
 
 YAWS = 360
-"""Yaws that are searched: a degree apart."""
+"""Number of yaws that are searched: steps of one degree; chosen."""
 
 SAME_POSE = (0.4, np.radians(10.0))
-"""Poses further apart than this (m, rad) are different ones."""
+"""Poses that differ by more than this (m, rad) are different ones; chosen."""
 
 CONTRADICTION = 0.5
-"""What an end costs that lies where the other side looked through, of what a match earns."""
+"""Score that a frontier cell loses in open columns of the map, as a fraction of that of a match;
+chosen."""
 
 MAX_BLUR = 0.03
-"""Where less than this of the blurred ends is left, the open is away from any end."""
+"""Open cells count as such where the blurred frontier is below this; chosen."""
+
+BLUR = 0.7
+"""Standard deviation of the blur of the frontier, cells; chosen."""
+
+FULL_MATCH = 0.45
+"""Value of the blurred frontier at which a cell matches fully; chosen."""
 
 MIN_SCORE = 0.12
-"""Fraction of the new ends that must lie on old ends, less those that lie in the open."""
+"""Min score of a match: fraction of the session's frontier cells that match, less contradictions;
+chosen."""
 
 AMBIGUOUS = 0.72
-"""A second pose with this fraction of the best one's score makes the match ambiguous."""
+"""A second pose with this fraction of the best one's score makes the match ambiguous; chosen."""
 
-MIN_ENDS = 30
-"""Fewer ends than this tell no pose."""
+MIN_FRONTIER = 30
+"""Min number of frontier cells for a match; chosen."""
+
+MATCH_DISTANCES = (0.3, 0.2, 0.15, 0.12, 0.12, 0.12, 0.12, 0.12)
+"""Distances, m, beyond which a frontier cell is an outlier in each iteration of the refinement;
+chosen."""
+
+MIN_WEIGHT = 3.0
+"""Min sum of weights in an iteration of the refinement; chosen."""
 
 
 class AlignmentResult(StrEnum):
-    """Why a session was found in a map, or was not."""
+    """Whether a session was found in a map, and by what, or why not."""
 
     FOUND = "structure and floor"
     TOO_FEW_ENDS = "too little structure"
@@ -66,12 +83,12 @@ class AlignmentResult(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionAlignment:
-    """How a session was aligned with a map.
+    """The result of the alignment of a session with a map.
 
     Attributes
     ----------
     result
-        Whether it is part of the map, and why not.
+        Whether the session is part of the map, or why not.
     T_map_session
         float64 (4, 4); identity where it was not found.
     """
@@ -86,25 +103,27 @@ class SessionAlignment:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Structure:
-    """What views show from above: ends float64 (N, 2) of what was looked through, and what was
-    open float64 (M, 2), m.
+class _FreeSpace:
+    """The free space of views, seen from above, m: centres of columns.
+
+    `frontier` float64 (N, 2) are the first columns behind open ones, `open` float64 (M, 2) the open
+    ones.
     """
 
-    ends: Float64
+    frontier: Float64
     open: Float64
 
 
-def structure(views: list[View], T_map_view: Float64, floor_z: float) -> Structure:
-    """Return the structure that views show, in their common frame."""
-    ends, open_ = [np.zeros((0, 2))], [np.zeros((0, 2))]
+def _free_space(views: list[View], T_map_view: Float64, floor_z: float) -> _FreeSpace:
+    """Return the free space of views in their common frame."""
+    frontier, open_ = [np.zeros((0, 2))], [np.zeros((0, 2))]
     for view, T in zip(views, T_map_view):
         cells = _open_cells(view, floor_z - T[2, 3])
         if len(cells):
             size = view.free.cell_size
             open_.append(transform2(planar(T), (cells + 0.5) * size))
-            ends.append(transform2(planar(T), (_end_cells(cells, size) + 0.5) * size))
-    return Structure(np.concatenate(ends), np.concatenate(open_))
+            frontier.append(transform2(planar(T), (_frontier(cells, size) + 0.5) * size))
+    return _FreeSpace(np.concatenate(frontier), np.concatenate(open_))
 
 
 def _open_cells(view: View, floor_z: float) -> Int64:
@@ -117,16 +136,16 @@ def _open_cells(view: View, floor_z: float) -> Int64:
     return np.stack([x, keys - x * KEY_STEP], axis=1)
 
 
-def _end_cells(cells: Int64, size: float) -> Int64:
+def _frontier(cells: Int64, size: float) -> Int64:
     """Return the first columns (N, 2) behind open ones, seen from the base.
 
-    The sides of what the laser swept are not ends: what lies behind them, seen from the base, is
-    open too.
+    The lateral borders of the field of view are not among them: a column behind a column there,
+    seen from the base, is open too.
     """
     middle = (cells + 0.5) * size
-    ahead = middle / np.linalg.norm(middle, axis=1)[:, None]
-    behind = np.unique(np.floor((middle + ahead * size) / size).astype(np.int64), axis=0)
-    # A view covers a square around the base: what reaches its border was cut there, not stopped.
+    direction = middle / np.linalg.norm(middle, axis=1)[:, None]
+    behind = np.unique(np.floor((middle + direction * size) / size).astype(np.int64), axis=0)
+    # A view covers a square around the base: free space that ends at its border was cut there.
     behind = behind[np.abs((behind + 0.5) * size).max(axis=1) < np.abs(middle).max()]
     known = set(map(tuple, cells.tolist()))
     return np.array([c for c in behind.tolist() if tuple(c) not in known], np.int64).reshape(-1, 2)
@@ -146,44 +165,48 @@ def align_session(
     config
         Uses the group ``surfaces``.
     """
-    floors = _floor(old, T_map_old, config), _floor(new, T_session_new, config)
+    floors = _floor_frame(old, T_map_old, config), _floor_frame(new, T_session_new, config)
     heights = [0.0 if floor is None else float(floor[2, 3]) for floor in floors]
-    here = structure(old, T_map_old, heights[0])
-    there = structure(new, T_session_new, heights[1])
-    if min(len(here.ends), len(there.ends)) < MIN_ENDS:
+    in_map = _free_space(old, T_map_old, heights[0])
+    in_session = _free_space(new, T_session_new, heights[1])
+    if min(len(in_map.frontier), len(in_session.frontier)) < MIN_FRONTIER:
         return SessionAlignment(AlignmentResult.TOO_FEW_ENDS, np.eye(4))
-    best, score, second = _search(here, there)
+    best, score, second = _search(in_map, in_session)
     if score < MIN_SCORE:
         return SessionAlignment(AlignmentResult.NO_MATCH, np.eye(4))
     if second > AMBIGUOUS * score:
         return SessionAlignment(AlignmentResult.AMBIGUOUS, np.eye(4))
-    T = spatial(_refine(here, there, best))
+    T = spatial(_refine(in_map, in_session, best))
     if floors[0] is not None and floors[1] is not None:
-        T = _lay_on(floors[0], floors[1], T)
+        T = _align_floors(floors[0], floors[1], T)
     return SessionAlignment(AlignmentResult.FOUND, T)
 
 
-def _search(here: Structure, there: Structure) -> tuple[Float64, float, float]:
-    """Return the best planar pose (3,) of the new structure, its score, and the second best."""
-    origin = here.open.min(axis=0) - 1.0
-    radius = max(np.abs(there.ends).max(), np.abs(there.open).max()) * np.sqrt(2.0) + 1.0
-    extent = np.ceil((here.open.max(axis=0) + 1.0 - origin + 2.0 * radius) / CELL).astype(int)
+def _search(in_map: _FreeSpace, in_session: _FreeSpace) -> tuple[Float64, float, float]:
+    """Return the planar pose (3,) of the session that scores best, its score, and the second best.
+
+    The scores of all shifts at one yaw are a correlation of rasters.
+    """
+    origin = in_map.open.min(axis=0) - 1.0
+    farthest = max(np.abs(in_session.frontier).max(), np.abs(in_session.open).max())
+    radius = farthest * np.sqrt(2.0) + 1.0
+    extent = np.ceil((in_map.open.max(axis=0) + 1.0 - origin + 2.0 * radius) / CELL).astype(int)
     shape = tuple(next_fast_len(int(n), real=True) for n in extent)
-    near = gaussian_filter(_raster(here.ends, origin, shape).clip(max=1.0), 0.7)
-    inside = _raster(here.open, origin, shape).clip(max=1.0) * (near < MAX_BLUR)
-    gain = np.minimum(near / 0.45, 1.0) - CONTRADICTION * inside
+    near = gaussian_filter(_raster(in_map.frontier, origin, shape).clip(max=1.0), BLUR)
+    inside = _raster(in_map.open, origin, shape).clip(max=1.0) * (near < MAX_BLUR)
+    gain = np.minimum(near / FULL_MATCH, 1.0) - CONTRADICTION * inside
     gains = rfft2(gain)
     corner = np.array([-radius, -radius])
     scores, poses = np.empty(YAWS), np.empty((YAWS, 3))
     for k, yaw in enumerate(np.arange(YAWS) * (2.0 * np.pi / YAWS)):
-        turned = transform2(np.array([0.0, 0.0, yaw]), there.ends)
-        ends = rfft2(_raster(turned, corner, shape).clip(max=1.0))
-        matches = irfft2(gains * ends.conj(), shape) / len(there.ends)
+        rotated = transform2(np.array([0.0, 0.0, yaw]), in_session.frontier)
+        frontier = rfft2(_raster(rotated, corner, shape).clip(max=1.0))
+        matches = irfft2(gains * frontier.conj(), shape) / len(in_session.frontier)
         cell = np.array(np.unravel_index(int(np.argmax(matches)), shape))
         scores[k] = matches[tuple(cell)]
         cell -= np.array(shape) * (cell > np.array(shape) // 2)
         poses[k] = (*(origin + cell * CELL + radius), yaw)
-    k = int(np.argmax(scores))  # of equal ones the first: the least yaw
+    k = int(np.argmax(scores))  # of equal ones the first: the smallest yaw
     moved = poses - poses[k]
     yaw = np.abs((moved[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
     elsewhere = (np.hypot(moved[:, 0], moved[:, 1]) > SAME_POSE[0]) | (yaw > SAME_POSE[1])
@@ -199,16 +222,16 @@ def _raster(points: Float64, origin: Float64, shape: tuple[int, int]) -> Float64
     return grid
 
 
-def _refine(here: Structure, there: Structure, start: Float64) -> Float64:
-    """Move the ends onto each other: point to point, with a weight that forgets outliers."""
-    tree, refined = cKDTree(here.ends), start
-    for max_distance in (0.3, 0.2, 0.15, 0.12, 0.12, 0.12, 0.12, 0.12):
-        moved = transform2(refined, there.ends)
+def _refine(in_map: _FreeSpace, in_session: _FreeSpace, start: Float64) -> Float64:
+    """Refine the pose by point-to-point registration of the frontiers, robust to outliers."""
+    tree, refined = cKDTree(in_map.frontier), start
+    for max_distance in MATCH_DISTANCES:
+        moved = transform2(refined, in_session.frontier)
         distance, near = tree.query(moved)
         weight = np.clip(1.0 - (distance / max_distance) ** 2, 0.0, None) ** 2
-        if weight.sum() < 3.0:
+        if weight.sum() < MIN_WEIGHT:
             break
-        refined = compose2(_fit(moved, here.ends[near], weight), refined)
+        refined = compose2(_fit(moved, in_map.frontier[near], weight), refined)
     return refined
 
 
@@ -218,12 +241,12 @@ def _fit(source: Float64, target: Float64, weight: Float64) -> Float64:
     a, b = w @ source, w @ target
     s, t = source - a, target - b
     yaw = np.arctan2(w @ (s[:, 0] * t[:, 1] - s[:, 1] * t[:, 0]), w @ np.sum(s * t, axis=1))
-    turned = transform2(np.array([0.0, 0.0, yaw]), a[None])[0]
-    return np.array([*(b - turned), yaw])
+    rotated = transform2(np.array([0.0, 0.0, yaw]), a[None])[0]
+    return np.array([*(b - rotated), yaw])
 
 
-def _floor(views: list[View], T_map_view: Float64, config: Config) -> Float64 | None:
-    """Return a frame on the floor that the views saw, float64 (4, 4): z up from it."""
+def _floor_frame(views: list[View], T_map_view: Float64, config: Config) -> Float64 | None:
+    """Return a frame on the largest patch of floor, float64 (4, 4), z up; None: no floor seen."""
     best: tuple[float, Float64] | None = None
     for view, T in zip(views, T_map_view):
         for patch in view.patches:
@@ -242,8 +265,8 @@ def _rotation_to(normal: Float64) -> Float64:
     return np.stack([x, np.cross(normal, x), normal], axis=1)
 
 
-def _lay_on(floor_map: Float64, floor_session: Float64, T_map_session: Float64) -> Float64:
-    """Correct height, roll and pitch of a placed session so that its floor lies on the map's."""
+def _align_floors(floor_map: Float64, floor_session: Float64, T_map_session: Float64) -> Float64:
+    """Correct z, roll and pitch of an aligned session so that its floor is that of the map."""
     floor = T_map_session @ floor_session
     R = _rotation_to(floor_map[:3, 2]) @ _rotation_to(floor[:3, 2]).T
     about = floor[:3, 3]

@@ -1,9 +1,9 @@
-"""Match the sides that two views saw of the same surfaces: their relative pose in x, y and yaw.
+"""Matching of the sides of surfaces in two views: their relative pose in x, y and yaw.
 
-A side is a line: it measures the distance across itself, and a heading. Sides of one table face
-different ways, so that one table in common is often enough; where all sides are parallel, the pose
-along them stays open and the covariance says so. Hypotheses from pairs of sides are compared
-before one is refined, so that a second pose that fits nearly as well is seen and refused.
+A side is a line segment: it measures the position across itself and a yaw. Sides of one table have
+different directions, so that one common table is often enough. Where all sides are parallel, the
+position along them stays undetermined, and the covariance is large in that direction. Hypotheses
+from pairs of sides are compared before one is refined, so that ambiguous matches are refused.
 """
 
 from __future__ import annotations
@@ -20,38 +20,44 @@ __all__ = ["SideMatch", "match_sides"]
 
 
 MIN_OVERLAP = 0.12
-"""Sides that share less than this along themselves (m) are not matched."""
+"""Min overlap of two sides along themselves, m; chosen."""
 
 YAW_GATE = np.radians(12.0)
-"""Short sides are seen turned by a few degrees; further apart they are different sides."""
+"""Max difference in yaw of two sides beyond the search, rad; chosen: short sides err by a few
+degrees."""
 
 INLIER = 3.0
-"""Standard deviations within which two sides are one."""
+"""Max residual of two sides that are one, standard deviations; chosen."""
 
 CROSSING = 0.4
-"""Two sides at this sine of their angle, or more, fix a position."""
+"""Min sine of the angle of two sides that determine a position; chosen."""
 
 MAX_LENGTH = 1.0
-"""A longer side (m) has no more votes than this one."""
+"""Max votes of a side, m of its length; chosen."""
 
 AMBIGUOUS = 0.75
-"""A second pose with this fraction of the best one's votes makes a match ambiguous."""
+"""A second pose with this fraction of the best one's votes makes a match ambiguous; chosen."""
 
 SAME_POSE = (0.05, np.radians(4.0))
-"""Poses further apart than this (m, rad) are different ones."""
+"""Poses that differ by more than this (m, rad) are different ones; chosen."""
 
 MIN_SIDES, MIN_VOTES = 2, 0.5
-"""A match has so many sides and so many metres of them."""
+"""Min number of sides in a match, and their min total length, m; chosen."""
 
-SEARCHED, SEARCHED_SIDES = 0.06, 3
-"""Where more than this (m) was searched, chance agrees more often: so many sides are asked for."""
+WIDE_SEARCH, MIN_SIDES_WIDE = 0.06, 3
+"""Min number of sides after a search of more than this, m: more match by chance; chosen."""
 
 MAX_HYPOTHESES = 400
-"""Hypotheses are made of so many pairs, the longest sides first."""
+"""Max number of hypotheses, those of the longest sides first; chosen."""
 
-ROUNDS = 8
-BLIND = 0.3
-"""Standard deviation (m, rad) of what the sides leave open: there a match stays where it began."""
+SEARCH_MARGIN = 0.02
+"""Hypotheses may leave the search by this, m and rad; chosen."""
+
+MAX_ROUNDS, CONVERGED = 8, 1e-7
+"""Max iterations of the refinement, and the change (m, rad) below which it ends; chosen."""
+
+OPEN_SIGMA = 0.3
+"""Standard deviation (m, rad) of the pose in directions that the sides do not determine; chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,9 +69,9 @@ class SideMatch:
     pose
         float64 (3,), planar pose of the second view in the first.
     cov
-        float64 (3, 3) of (x, y, yaw) in the second view's frame; `BLIND` where nothing tells.
+        float64 (3, 3) of (x, y, yaw) in the second view's frame; `OPEN_SIGMA` where undetermined.
     sides
-        How many sides agree.
+        Number of sides that agree.
     """
 
     pose: Float64
@@ -75,10 +81,10 @@ class SideMatch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pairs:
-    """Candidates: side `a` of the first view may be side `b` of the second.
+    """Candidates for a match: side `a` of the first view and side `b` of the second.
 
     `normal` and `anchor` float64 (M, 2) are of the first, `middle` (M, 2) and `outward` (M, 2) of
-    the second view, each in its own frame; `sigma` (M,) across, `turn_sigma` (M,), `votes` (M,).
+    the second view, each in its own frame; `sigma` (M,) across, `yaw_sigma` (M,), `votes` (M,).
     """
 
     a: Int64
@@ -88,25 +94,25 @@ class _Pairs:
     middle: Float64
     outward: Float64
     sigma: Float64
-    turn_sigma: Float64
+    yaw_sigma: Float64
     votes: Float64
 
 
 def match_sides(
     first: Sides, second: Sides, start: Float64, cov_start: Float64, height_gate: float
 ) -> SideMatch | None:
-    """Find the pose of `second` in `first`; None where nothing is certain.
+    """Find the pose of `second` in `first`; None where there is no match, or an ambiguous one.
 
     Parameters
     ----------
     first, second
-        Sides in levelled frames with common height.
+        Sides in horizontal frames whose origins have one height.
     start
-        float64 (3,), the pose as known so far.
+        float64 (3,), planar pose as known so far.
     cov_start
-        float64 (3, 3), how well it is known: the search covers three standard deviations.
+        float64 (3, 3) of (x, y, yaw): the search covers three standard deviations.
     height_gate
-        Sides of one surface do not differ more in height, m.
+        Max difference in height of two sides of one surface, m.
     """
     max_shift = INLIER * float(np.sqrt(max(np.linalg.eigvalsh(cov_start[:2, :2])[1], 0.0)))
     max_yaw = INLIER * float(np.sqrt(max(cov_start[2, 2], 0.0)))
@@ -115,7 +121,7 @@ def match_sides(
         return None
     trials = _hypotheses(pairs, start, (max_shift, max_yaw))
     votes = np.array([_votes(pairs, trial) for trial in trials])
-    min_sides = MIN_SIDES if max_shift <= SEARCHED else SEARCHED_SIDES
+    min_sides = MIN_SIDES if max_shift <= WIDE_SEARCH else MIN_SIDES_WIDE
     best = _refine(pairs, trials[int(np.argmax(votes))], start, min_sides)
     if best is None or _has_rival(pairs, trials, votes, start, best):
         return None
@@ -129,7 +135,7 @@ def _candidates(
     search: tuple[float, float],
     height_gate: float,
 ) -> _Pairs:
-    """Return the pairs of sides that may be one, within a shift (m) and a yaw (rad) of `start`."""
+    """Return the pairs of sides that may be one, within a shift (m) and yaw (rad) from `start`."""
     max_shift, max_yaw = search
     middle = transform2(start, second.middle)
     outward = transform2(np.array([0.0, 0.0, start[2]]), second.outward)
@@ -140,11 +146,11 @@ def _candidates(
     shared = 0.5 * (first.length[:, None] + second.length[None]) - beside
     shared = np.minimum(shared, np.minimum(first.length[:, None], second.length[None]))
     sigma = np.hypot(first.sigma[:, None], second.sigma[None])
-    turned = np.arccos(np.clip(first.outward @ outward.T, -1.0, 1.0))
-    swing = max_yaw * np.hypot(*second.middle.T)[None]
-    may = (np.abs(across) <= max_shift + swing + INLIER * sigma) & (turned <= YAW_GATE + max_yaw)
+    rotation = np.arccos(np.clip(first.outward @ outward.T, -1.0, 1.0))
+    lever = max_yaw * np.hypot(*second.middle.T)[None]
+    may = (np.abs(across) <= max_shift + lever + INLIER * sigma) & (rotation <= YAW_GATE + max_yaw)
     may &= np.abs(first.height[:, None] - second.height[None]) <= height_gate
-    may &= shared + max_shift + swing >= MIN_OVERLAP
+    may &= shared + max_shift + lever >= MIN_OVERLAP
     a, b = np.nonzero(may)
     shortest = np.minimum(first.length[a], second.length[b])
     return _Pairs(
@@ -155,13 +161,13 @@ def _candidates(
         second.middle[b],
         second.outward[b],
         sigma[a, b],
-        np.hypot(first.turn_sigma[a], second.turn_sigma[b]),
+        np.hypot(first.yaw_sigma[a], second.yaw_sigma[b]),
         np.minimum(shortest, MAX_LENGTH),
     )
 
 
 def _hypotheses(pairs: _Pairs, start: Float64, search: tuple[float, float]) -> Float64:
-    """Return poses (H, 3): the start, and what two crossing sides say together."""
+    """Return poses (H, 3): the start, and those that two crossing pairs of sides determine."""
     max_shift, max_yaw = search
     trials = [start]
     order = np.argsort(-pairs.votes, kind="stable")
@@ -177,8 +183,8 @@ def _hypotheses(pairs: _Pairs, start: Float64, search: tuple[float, float]) -> F
             trial = _solve(pairs, np.array([m, n]), start, np.ones(2))
             moved = trial - start
             if (
-                np.hypot(*moved[:2]) <= max_shift + 0.02
-                and abs(wrap_angle(moved[2])) <= max_yaw + 0.02
+                np.hypot(*moved[:2]) <= max_shift + SEARCH_MARGIN
+                and abs(wrap_angle(moved[2])) <= max_yaw + SEARCH_MARGIN
             ):
                 trials.append(trial)
             if len(trials) > MAX_HYPOTHESES:
@@ -187,20 +193,20 @@ def _hypotheses(pairs: _Pairs, start: Float64, search: tuple[float, float]) -> F
 
 
 def _residuals(pairs: _Pairs, use: Int64, pose: Float64) -> tuple[Float64, Float64]:
-    """Return distance across (m) and turn (rad) of pairs at a pose, each over its deviation."""
+    """Return residuals across the sides and in yaw at a pose, in standard deviations."""
     normal = pairs.normal[use]
     across = np.sum((transform2(pose, pairs.middle[use]) - pairs.anchor[use]) * normal, axis=1)
     outward = transform2(np.array([0.0, 0.0, pose[2]]), pairs.outward[use])
-    turned = np.arctan2(
+    rotation = np.arctan2(
         normal[:, 0] * outward[:, 1] - normal[:, 1] * outward[:, 0],
         np.sum(normal * outward, axis=1),
     )
-    return across / pairs.sigma[use], turned / pairs.turn_sigma[use]
+    return across / pairs.sigma[use], rotation / pairs.yaw_sigma[use]
 
 
 def _solve(pairs: _Pairs, use: Int64, start: Float64, weight: Float64) -> Float64:
-    """Run weighted Gauss-Newton on pairs, all of which count; what they leave open stays."""
-    pose, prior = start, np.eye(3) / BLIND**2
+    """Fit a pose to pairs by weighted Gauss-Newton, with a prior of `OPEN_SIGMA` at the start."""
+    pose, prior = start, np.eye(3) / OPEN_SIGMA**2
     for _ in range(3):
         J, r = _system(pairs, use, pose)
         W = np.r_[weight, weight][:, None]
@@ -211,25 +217,25 @@ def _solve(pairs: _Pairs, use: Int64, start: Float64, weight: Float64) -> Float6
 
 def _system(pairs: _Pairs, use: Int64, pose: Float64) -> tuple[Float64, Float64]:
     """Return Jacobian (2M, 3) over (x, y, yaw) of `pose` and residuals (2M,)."""
-    across, turned = _residuals(pairs, use, pose)
+    across, rotation = _residuals(pairs, use, pose)
     arm = transform2(np.array([0.0, 0.0, pose[2]]), pairs.middle[use])
     normal = pairs.normal[use]
-    swing = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
+    lever = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
     J = np.zeros((2 * len(use), 3))
-    J[: len(use)] = np.column_stack([normal, swing]) / pairs.sigma[use, None]
-    J[len(use) :, 2] = 1.0 / pairs.turn_sigma[use]
-    return J, np.r_[across, turned]
+    J[: len(use)] = np.column_stack([normal, lever]) / pairs.sigma[use, None]
+    J[len(use) :, 2] = 1.0 / pairs.yaw_sigma[use]
+    return J, np.r_[across, rotation]
 
 
 def _votes(pairs: _Pairs, pose: Float64) -> float:
-    """Return the metres of sides that agree at a pose: each side of the second view once."""
+    """Return the votes at a pose: the length, m, of the sides that agree, each side once."""
     return float(pairs.votes[_agreeing(pairs, pose)].sum())
 
 
 def _agreeing(pairs: _Pairs, pose: Float64) -> Int64:
-    """Return the pairs that agree at a pose, one for each side of either view."""
-    across, turned = _residuals(pairs, np.arange(len(pairs.a)), pose)
-    miss = np.maximum(np.abs(across), np.abs(turned))
+    """Return the pairs that agree at a pose, at most one for each side of either view."""
+    across, rotation = _residuals(pairs, np.arange(len(pairs.a)), pose)
+    miss = np.maximum(np.abs(across), np.abs(rotation))
     chosen: list[int] = []
     seen_a: set[int] = set()
     seen_b: set[int] = set()
@@ -246,7 +252,7 @@ def _agreeing(pairs: _Pairs, pose: Float64) -> Int64:
 def _has_rival(
     pairs: _Pairs, trials: Float64, votes: Float64, start: Float64, best: SideMatch
 ) -> bool:
-    """Return whether a trial that is refined to another pose gets nearly as many votes."""
+    """Return whether a hypothesis is refined to another pose with nearly as many votes."""
     enough = AMBIGUOUS * _votes(pairs, best.pose)
     for trial in trials[(votes > enough) & _differ(trials, best.pose)]:
         other = _refine(pairs, trial, start, MIN_SIDES)
@@ -265,17 +271,17 @@ def _differ(poses: Float64, pose: Float64) -> Bool:
 
 
 def _refine(pairs: _Pairs, trial: Float64, start: Float64, min_sides: int) -> SideMatch | None:
-    """Fit the pose to all pairs that agree, with weights that forget outliers."""
+    """Fit the pose to all pairs that agree, robust to outliers; None: too few agree."""
     pose = trial
     use = _agreeing(pairs, pose)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         if len(use) < min_sides:
             return None
-        across, turned = _residuals(pairs, use, pose)
-        weight = 1.0 / (1.0 + np.maximum(across**2, turned**2) / INLIER**2)
+        across, rotation = _residuals(pairs, use, pose)
+        weight = 1.0 / (1.0 + np.maximum(across**2, rotation**2) / INLIER**2)
         moved = _solve(pairs, use, start, weight)
         use = _agreeing(pairs, moved)
-        done = np.abs(moved - pose).max() < 1e-7
+        done = np.abs(moved - pose).max() < CONVERGED
         pose = moved
         if done:
             break
@@ -285,10 +291,10 @@ def _refine(pairs: _Pairs, trial: Float64, start: Float64, min_sides: int) -> Si
 
 
 def _covariance(pairs: _Pairs, use: Int64, pose: Float64) -> Float64:
-    """Return the covariance of (x, y, yaw) in the second view's frame, `BLIND` where open."""
+    """Return the covariance of (x, y, yaw) in the second view's frame."""
     J, r = _system(pairs, use, pose)
     scatter = max(1.0, float(r @ r) / max(len(r) - 3, 1))
-    information = J.T @ J / scatter + np.eye(3) / BLIND**2
+    information = J.T @ J / scatter + np.eye(3) / OPEN_SIGMA**2
     R = np.eye(3)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     R[:2, :2] = [[c, -s], [s, c]]

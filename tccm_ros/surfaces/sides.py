@@ -1,9 +1,9 @@
-"""Sides of surfaces: the straight edges at which a view saw a surface really end.
+"""Sides of surfaces: straight edges at which a view saw that a surface ends.
 
-Most of a patch's outline is no edge of the surface: there the tilt cycle ended, or something hid
-the rest. A side counts where the view looked *through* the place just beyond it. It lies where the
-surface is expected to end: beyond the last point by what the sampling across it left open, which is
-also how uncertain it is.
+Most of a patch's outline is no edge of the surface: there the tilt cycle ended, or an object hid
+the rest. A segment of the outline is a side if the view looked through the columns just beyond it.
+Its position is where the surface is expected to end, beyond the last points by half the distance of
+the scan lines across it; that distance also gives its standard deviation.
 """
 
 from __future__ import annotations
@@ -15,41 +15,52 @@ import numpy as np
 import shapely
 
 from tccm_ros.arrays import Bool, Float64, Int64
-from tccm_ros.surfaces.views import FreeColumns, Patch, View
+from tccm_ros.cuboids.free_columns import FreeColumns
+from tccm_ros.surfaces.views import Patch, View
 
 __all__ = ["Sides", "find_sides"]
 
 
 STRAIGHT = 0.02
-"""An outline is cut into straight sides within this, m."""
+"""Max deviation of an outline from its straight sides, m; chosen."""
 
 MIN_LENGTH = 0.2
-"""Shorter sides (m) have no direction."""
+"""Min length of a side, m; chosen: shorter ones have no certain yaw."""
 
 INSIDE, OUTSIDE = 0.12, 0.05
-"""Points this far (m) inside and outside of an outline's side may lie along the edge."""
+"""Points within these distances inside and outside of a segment may be at the edge, m; chosen."""
 
 MIN_BINS = 5
-"""A line is fitted to at least so many points."""
+"""Min number of points to which a line is fitted; chosen."""
 
 BEYOND = (0.10, 0.15)
-"""So far outside of a side (m) the view must have looked through."""
+"""Distances beyond a side, m, at one of which the view must have looked through; chosen."""
 
 SEEN_THROUGH = 0.8
-"""Along this fraction of the side."""
+"""Min fraction of a side along which the view looked through; chosen."""
+
+PROBE_SPACING, END_MARGIN = 0.05, 0.1
+"""Distance of the probes along a side, and length of it that they leave out, m; chosen."""
 
 CLEAR = 0.02
-"""Looked through: this far (m) from the ends of the free interval."""
+"""Min distance of a probe from the ends of its free interval, m; chosen."""
 
 SIGMA = 0.004
-"""Standard deviation of the best side, m: range noise and mixed pixels."""
+"""Standard deviation of the best side, m: range noise and mixed pixels; chosen."""
 
 FIT_ROUNDS = 6
+"""Iterations of the robust line fit; chosen."""
+
+FRONT_FRACTION = 0.15
+"""Standard deviation of a near side, as a fraction of the distance of the scan lines; chosen."""
+
+MAD_TO_SIGMA = 1.4826
+"""Standard deviation of normal residuals over their median absolute deviation."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sides:
-    """The sides that one view saw, seen from above in the frame that its patches are in.
+    """The sides that one view saw, seen from above in the frame of its patches.
 
     Attributes
     ----------
@@ -58,7 +69,7 @@ class Sides:
     middle
         float64 (S, 2), m.
     outward
-        float64 (S, 2), unit: away from the surface.
+        float64 (S, 2), unit vectors away from the surface.
     length
         float64 (S,), m.
     height
@@ -78,16 +89,16 @@ class Sides:
         return len(self.patch)
 
     @property
-    def turn_sigma(self) -> Float64:
-        """Standard deviations of the headings, float64 (S,), rad: errors spread along the sides."""
+    def yaw_sigma(self) -> Float64:
+        """Standard deviations of the yaws, float64 (S,), rad, for even errors along the sides."""
         return np.sqrt(12.0) * self.sigma / self.length
 
     def chosen(self, keep: Bool) -> Sides:
-        """Return some of the sides; `keep` is bool (S,)."""
+        """Return the sides of which `keep`, bool (S,), is true."""
         return Sides(*(getattr(self, field.name)[keep] for field in fields(self)))
 
     def moved(self, middle: Float64, height: Float64) -> Sides:
-        """Return the sides at other points (S, 2) and heights (S,)."""
+        """Return the sides with other middles, float64 (S, 2), and heights, float64 (S,)."""
         return replace(self, middle=middle, height=height)
 
 
@@ -113,7 +124,7 @@ def find_sides(view: View) -> Sides:
 
 
 def _side(patch: Patch, free: FreeColumns, start: Float64, end: Float64) -> _Side | None:
-    """Fit a side from `start` to `end`, the surface to its left; None: no edge of the surface."""
+    """Fit a side to a segment, the surface to its left; None: the segment is no edge of it."""
     length = float(np.hypot(*(end - start)))
     if length < MIN_LENGTH:
         return None
@@ -129,15 +140,15 @@ def _side(patch: Patch, free: FreeColumns, start: Float64, end: Float64) -> _Sid
     if not _is_edge(free, middle, along, outward, length, height):
         return None
     outward = (outward - slope * along) / np.hypot(1.0, slope)
-    open_, sigma = _unseen(patch.spacing, gap, outward, middle)
+    beyond, sigma = _expected_edge(patch.spacing, gap, outward, middle)
     sigma = float(np.sqrt(sigma**2 + SIGMA**2 + spread**2 / len(at)))
-    return middle + open_ * outward, outward, length, height, sigma
+    return middle + beyond * outward, outward, length, height, sigma
 
 
 def _edge_points(
     patch: Patch, start: Float64, along: Float64, outward: Float64, length: float
 ) -> tuple[Float64, Float64, float] | None:
-    """Return the outermost points, binned along a side: where along it, how far out, their gap."""
+    """Return position along and across a side of its outermost points, and their median gap, m."""
     offset = patch.points[:, :2].astype(np.float64) - start
     at, across = offset @ along, offset @ outward
     near = (at > 0.0) & (at < length) & (across > -INSIDE) & (across < OUTSIDE)
@@ -162,7 +173,7 @@ def _fit_line(at: Float64, across: Float64) -> tuple[float, float, float]:
         W = A * weight[:, None]
         line = np.asarray(np.linalg.solve(W.T @ A + 1e-9 * np.eye(2), W.T @ across), np.float64)
         residual = across - A @ line
-        spread = max(1.4826 * float(np.median(np.abs(residual))), 0.5 * SIGMA)
+        spread = max(MAD_TO_SIGMA * float(np.median(np.abs(residual))), 0.5 * SIGMA)
         weight = 1.0 / (1.0 + (residual / (2.0 * spread)) ** 2)
     return float(line[0]), float(line[1]), spread
 
@@ -175,8 +186,9 @@ def _is_edge(
     length: float,
     height: float,
 ) -> bool:
-    """Return whether the view looked through, beyond a side."""
-    steps = np.linspace(-0.5, 0.5, max(int(length / 0.05), 2)) * (length - 0.1)
+    """Return whether the view looked through the columns beyond a side."""
+    count = max(int(length / PROBE_SPACING), 2)
+    steps = np.linspace(-0.5, 0.5, count) * (length - END_MARGIN)
     for beyond in BEYOND:
         probe = middle + steps[:, None] * along + beyond * outward
         points = np.column_stack([probe, np.full(len(probe), height)])
@@ -186,14 +198,17 @@ def _is_edge(
     return False
 
 
-def _unseen(spacing: float, gap: float, outward: Float64, middle: Float64) -> tuple[float, float]:
-    """Return how far beyond the last points a surface is expected to end, and its deviation, m.
+def _expected_edge(
+    spacing: float, gap: float, outward: Float64, middle: Float64
+) -> tuple[float, float]:
+    """Return the expected distance of an edge beyond the last points, and its deviation, m.
 
-    Scan lines run around the robot, `spacing` apart, and a line's beams `gap`. A far side
-    lies between the last line and the next. Of a line that runs across a side the last beam is
-    lost: it is a mixed pixel. A near side shows its front face: there the last points are at it.
+    Scan lines run around the robot at a distance of `spacing`, with beams at a distance of `gap`. A
+    far side is between the last line and the next. On a line that runs across a side, the last beam
+    is lost as a mixed pixel. At a near side the laser sees the front of the object, so that the
+    last points are at the side.
     """
-    ahead = float(outward @ middle / max(np.hypot(*middle), 1e-6))
-    line, beam = spacing * max(ahead, 0.0), gap * np.sqrt(max(1.0 - ahead**2, 0.0))
-    front = 0.15 * spacing * max(-ahead, 0.0)
+    radial = float(outward @ middle / max(np.hypot(*middle), 1e-6))
+    line, beam = spacing * max(radial, 0.0), gap * np.sqrt(max(1.0 - radial**2, 0.0))
+    front = FRONT_FRACTION * spacing * max(-radial, 0.0)
     return 0.5 * line + beam, float(np.sqrt((line**2 + beam**2) / 12.0 + front**2))

@@ -1,7 +1,7 @@
-"""The surface map: views on the poses of the graph become surfaces.
+"""The surface map: surfaces from all views at the poses that the graph gives them.
 
-It is built anew after each optimisation from the same views, so that a loop closure can merge and
-split surfaces, and so that neither arrival order nor history can show in it.
+It is built anew after each optimisation from the same views. So a loop closure can merge and split
+surfaces, and the map depends neither on the order in which views arrive nor on earlier solutions.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.records import Surface, SurfaceCloud, SurfaceSighting, ViewIntervals
-from tccm_ros.surfaces.carving import Survivors, carve, superseded
+from tccm_ros.surfaces.carving import Survivors, carve, find_replacements
 from tccm_ros.surfaces.floor import find_floor, is_floor, join_floor
-from tccm_ros.surfaces.joining import join_pieces
+from tccm_ros.surfaces.joining import join_over_occlusions
 from tccm_ros.surfaces.labels import Label, label_surfaces
 from tccm_ros.surfaces.merged_surface import MergedSurface, fit_surface
 from tccm_ros.surfaces.merging import (
@@ -32,18 +32,18 @@ from tccm_ros.surfaces.merging import (
 from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.polygons import polygon_rings
 from tccm_ros.surfaces.track_ids import TrackIds
-from tccm_ros.surfaces.views import View, empty_view, inheriting, with_cloud, with_intervals
+from tccm_ros.surfaces.views import View, empty_view, with_cloud, with_intervals, with_numbers_of
 
 __all__ = ["MappedSurfaces", "SurfaceMap", "ViewPoses"]
 
 
 LATE_VIEWS = 8
-"""Before so many of the newest views, a late one may still come in."""
+"""Number of newest views among which a late one may still arrive; chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewPoses:
-    """The poses of the views.
+    """The poses of all views with their covariances and keyframes.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class ViewPoses:
     cov_tilt
         float64 (V, 3, 3) of (z, roll, pitch), m and rad.
     keyframes
-        int64 (V,), nearest keyframe of each view; -1 = none.
+        int64 (V,), id of the nearest keyframe of each view; -1: none.
     """
 
     T_map_view: Float64
@@ -86,30 +86,30 @@ class MappedSurfaces:
 
 
 class SurfaceMap:
-    """Views in stamp order, however they arrive, and the surfaces that they show.
+    """Views in stamp order, in whatever order they arrive, and the surfaces built from them.
 
     Parameters
     ----------
     config
         Uses the groups ``views``, ``surfaces`` and ``labels``.
     session
-        That the views to come belong to.
-    published_merge
-        A baseline: it says which patches are one surface, and nothing is joined over what is
-        hidden. None: ours.
+        Session of the views that will be added, counted from 0.
+    baseline_merge
+        Merging of a baseline, in place of `merge_coplanar`; nothing is joined over occluded areas
+        then. None: no baseline.
     """
 
     def __init__(
-        self, config: Config, session: int = 0, published_merge: MergeFunction | None = None
+        self, config: Config, session: int = 0, baseline_merge: MergeFunction | None = None
     ):
         self._config = config
         self._session = session
-        self._published_merge = published_merge
+        self._published_merge = baseline_merge
         self._views: dict[tuple[int, int], View] = {}
         self._newest_compared = (-1, -1)
 
     def add(self, record: SurfaceCloud | ViewIntervals) -> None:
-        """Take one half of a surface message; the other half is found by its stamp.
+        """Add the cloud or the free intervals of a view; those of one stamp are one view.
 
         A second cloud, or second intervals, of one stamp replace the first.
         """
@@ -122,33 +122,32 @@ class SurfaceMap:
         self._views[key] = view
 
     def add_view(self, view: View) -> None:
-        """Take a view as it is: from a saved map."""
+        """Add a complete view, of a saved map."""
         self._views[view.key] = view
 
-    def forget(self, has_stood: Callable[[int, int], bool]) -> None:
-        """Forget views that the next one, taken without a move, makes redundant.
+    def forget(self, is_stationary: Callable[[int, int], bool]) -> None:
+        """Remove views that the next one, from the same pose, makes redundant.
 
-        The newest views are not compared yet: arrival order must not show.
+        The newest views are not compared yet, so that the order of arrival has no effect.
 
         Parameters
         ----------
-        has_stood
-            Returns of two stamps of this session whether the base was at one place.
+        is_stationary
+            Returns whether the base did not move between two stamps of this session, ns.
         """
         own = [view for view in self.views if view.session == self._session]
         for older, newer in itertools.pairwise(own[: -LATE_VIEWS or None]):
             if newer.key <= self._newest_compared:
                 continue
             self._newest_compared = newer.key
-            # What the pair before has made of the older one counts, and what this one makes of
-            # the newer one is seen by the next.
+            # Both may have inherited numbers when the pair before was compared.
             older, newer = self._views[older.key], self._views[newer.key]
             replaced_by = None
-            if has_stood(older.stamp_ns, newer.stamp_ns):
-                replaced_by = superseded(older, newer, self._config)
+            if is_stationary(older.stamp_ns, newer.stamp_ns):
+                replaced_by = find_replacements(older, newer, self._config)
             if replaced_by is not None:
                 del self._views[older.key]
-                self._views[newer.key] = inheriting(newer, older, replaced_by)
+                self._views[newer.key] = with_numbers_of(newer, older, replaced_by)
 
     @property
     def views(self) -> list[View]:
@@ -161,19 +160,19 @@ class SurfaceMap:
         Parameters
         ----------
         poses
-            Of the views, in the order of `views`.
+            In the order of `views`.
         walls
-            float64 (W, 2, 2), ends of the walls in map: nothing is joined through them, and they
-            serve for the labels.
+            float64 (W, 2, 2), ends of the walls in map, m: pieces on two sides of a wall are not
+            joined, and labels depend on the distance to walls. None: no walls.
         """
         walls = np.zeros((0, 2, 2)) if walls is None else walls
         views, config, T = self.views, self._config, poses.T_map_view
         left = carve(views, T, config)
-        groups = self._merged(views, left, poses)
+        groups = self._merge(views, left, poses)
         fitted = [fit_surface(members, views, T, config) for members in groups]
         surfaces = [surface for surface in fitted if surface is not None]
         if self._published_merge is None:
-            surfaces = join_pieces(surfaces, views, T, poses.cov_tilt, walls, config)
+            surfaces = join_over_occlusions(surfaces, views, T, poses.cov_tilt, walls, config)
         surfaces = [s for s in surfaces if s.polygon.area >= config.surfaces.min_area]
         floor_z = find_floor(surfaces, config)
         if self._published_merge is None:
@@ -188,8 +187,8 @@ class SurfaceMap:
         ]
         return _mapped(records, surfaces, floor_z, T)
 
-    def _merged(self, views: list[View], left: Survivors, poses: ViewPoses) -> list[Members]:
-        """Return what is left of the patches, by surface."""
+    def _merge(self, views: list[View], left: Survivors, poses: ViewPoses) -> list[Members]:
+        """Group the patches that carving left into surfaces."""
         patches = surviving_patches(views, left, self._config)
         if self._published_merge is None:
             return merge_coplanar(patches, poses.T_map_view, poses.cov_tilt, self._config)
@@ -199,7 +198,7 @@ class SurfaceMap:
 
 
 def _is_wanted(surface: MergedSurface, floor_z: float | None, config: Config) -> bool:
-    """Return whether a surface is floor or high enough to put things on."""
+    """Return whether a surface is floor, or at least `surfaces.min_height` above it."""
     height = surface.height - (floor_z or 0.0)
     return is_floor(surface, floor_z) or height >= config.surfaces.min_height
 

@@ -1,4 +1,4 @@
-"""The processor of the surface map: level scans, odometry and surface messages in, a map out."""
+"""`SurfaceSlam`, the processor that makes a surface map of level scans, odometry and views."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ __all__ = ["SurfaceSlam", "SurfaceSolution"]
 SlamInput = Event | LandmarkObservation | SurfaceCloud | ViewIntervals
 
 ROLES = {None, *roles_of("slam")}
-"""Of events that are taken: those of the streams for it, and those that concern everybody."""
+"""Roles of the events that are processed: those of its streams, and those for all processors."""
 
-STOOD = (0.01, 0.005)
-"""A base that moved no more than this (m, rad) has stood."""
+MAX_STATIONARY_MOTION = (0.01, 0.005)
+"""Max motion (m, rad) of a base that is stationary; chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +54,7 @@ class SurfaceSolution:
     Attributes
     ----------
     slam
-        Keyframes, walls, loops and poses; in the frame of this session where it is not placed.
+        Keyframes, walls, loops and poses; in the frame of this session where it is not aligned.
     view_stamps_ns, T_map_views
         int64 (V,), increasing, and float64 (V, 4, 4): the views of this session.
     view_poses
@@ -64,7 +64,7 @@ class SurfaceSolution:
     trajectory_ns, trajectory
         int64 (N,) and float64 (N, 3): planar pose of base in map for each level scan, for each
         tilt scan where there is no level laser.
-    session
+    alignment
         How this session was aligned with a saved map; None where there was nothing to align.
     """
 
@@ -75,7 +75,7 @@ class SurfaceSolution:
     mapped: MappedSurfaces
     trajectory_ns: Int64
     trajectory: Float64
-    session: SessionAlignment | None = None
+    alignment: SessionAlignment | None = None
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
@@ -89,7 +89,7 @@ class SurfaceSolution:
 
 
 class SurfaceSlam:
-    """Add events as they come; solve when a map is wanted.
+    """Wall SLAM and surface map of one session: add events as they come, solve for a map.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class SurfaceSlam:
         self.config = config
         self.counts: Counter[str] = Counter()
         self.odom_frame = config.frames.odom_name
-        self._takers: dict[type, Callable[[Any], list[ScanPose]]] = {
+        self._handlers: dict[type, Callable[[Any], list[ScanPose]]] = {
             PosedScan: self._take_scan,
             Odometry: self._take_odometry,
             LandmarkObservation: self._take_landmark,
@@ -122,7 +122,7 @@ class SurfaceSlam:
         self._begin()
 
     def _begin(self) -> None:
-        """Begin a session: with a saved map, or with nothing."""
+        """Begin a session, with the saved map if there is one."""
         self.walls = (
             WallSlam.from_state(self.config, self._saved_walls)
             if self._saved_walls
@@ -134,26 +134,26 @@ class SurfaceSlam:
         self._tilt_stamps: set[int] = set()
 
     def _empty_map(self, session: int = 0) -> SurfaceMap:
-        """Return a map without views, which merges as the configuration says."""
+        """Return a map without views, with the merging that the configuration selects."""
         is_published = self.config.surfaces.segmentation == "seed"
         return SurfaceMap(self.config, session, merge_by_distance if is_published else None)
 
     @property
     def saved_keyframes(self) -> int:
-        """Keyframes of the saved map that this session goes on with."""
+        """Number of keyframes of the saved map that this session continues."""
         return len(self._saved_walls.get("keyframe_stamp_ns", ()))
 
     def takes(self, event: SlamInput) -> bool:
         """Return whether an event is for this processor."""
-        return type(event) in self._takers and getattr(event, "role", None) in ROLES
+        return type(event) in self._handlers and getattr(event, "role", None) in ROLES
 
     def add(self, event: SlamInput) -> list[ScanPose]:
-        """Take one event; return the pose of the level scan that it is, if it is one.
+        """Process one event; return the pose of a level scan, and nothing for other events.
 
-        Landmarks, surface clouds and views may come at any time: they are placed by their stamps.
-        Events that are for others are left alone.
+        Landmarks, surface clouds and intervals may come at any time: their stamps tell where they
+        belong. Events for other processors are ignored.
         """
-        return self._takers[type(event)](event) if self.takes(event) else []
+        return self._handlers[type(event)](event) if self.takes(event) else []
 
     def _take_scan(self, posed: PosedScan) -> list[ScanPose]:
         self.odom_frame = posed.odom_frame
@@ -172,24 +172,27 @@ class SurfaceSlam:
     def _take_view(self, counted: str, half: SurfaceCloud | ViewIntervals) -> list[ScanPose]:
         self.counts[counted] += 1
         self.map.add(half)
-        self.map.forget(self._has_stood)
+        self.map.forget(self._is_stationary)
         return []
 
     def _take_jump(self, jump: ClockJump) -> list[ScanPose]:
-        """Forget everything that has a stamp."""
+        """Begin the session anew: stamps before and after a jump cannot be compared."""
         self.counts["resets"] += 1
         self._begin()
         return []
 
-    def _has_stood(self, first_ns: int, last_ns: int) -> bool:
-        """Tell whether the base was at one place at two stamps."""
+    def _is_stationary(self, first_ns: int, last_ns: int) -> bool:
+        """Return whether the base did not move between two stamps."""
         motion = self.walls.motion_between(first_ns, last_ns)
         if motion is None:
             return False
-        return bool(np.hypot(motion[0], motion[1]) <= STOOD[0] and abs(motion[2]) <= STOOD[1])
+        return bool(
+            np.hypot(motion[0], motion[1]) <= MAX_STATIONARY_MOTION[0]
+            and abs(motion[2]) <= MAX_STATIONARY_MOTION[1]
+        )
 
     def add_pose_stamp(self, stamp_ns: int) -> None:
-        """Ask for the pose at the stamp of a tilt scan: the trajectory without a level laser."""
+        """Add the stamp of a tilt scan: without a level laser the trajectory has its pose."""
         self._tilt_stamps.add(stamp_ns)
 
     def current_pose(self) -> LivePose:
@@ -202,20 +205,20 @@ class SurfaceSlam:
         Parameters
         ----------
         every_covariance
-            Whether all keyframes get their covariance (see `WallSlam.solve`).
+            Whether the covariances of all keyframes are computed (see `WallSlam.solve`).
         """
-        lost = self._is_lost
-        views = [view for view in self.map.views if view.session == self.session and not lost]
+        is_lost = self._is_lost
+        views = [view for view in self.map.views if view.session == self.session and not is_lost]
         slam = self._solve_graph(views, every_covariance)
         own = _view_poses(slam)
         alignment = self._align_session(views, own.T_map_view)
         T_map_session = np.eye(4) if alignment is None else alignment.T_map_session
         own = replace(own, T_map_view=T_map_session @ own.T_map_view)
-        found = not lost and (alignment is None or alignment.found)
-        shown = self.map if found else self._saved_map()
-        view_poses = self._all_views(slam, own) if found else self._old_views(slam)
+        is_found = not is_lost and (alignment is None or alignment.found)
+        surface_map = self.map if is_found else self._saved_map()
+        view_poses = self._all_poses(slam, own) if is_found else self._saved_poses(slam)
         lines = np.array([wall.endpoints for wall in slam.walls]).reshape(-1, 2, 2)
-        mapped = shown.build(view_poses, lines)
+        mapped = surface_map.build(view_poses, lines)
         stamps, poses = self._trajectory(slam)
         return SurfaceSolution(
             slam,
@@ -229,7 +232,7 @@ class SurfaceSlam:
         )
 
     def _solve_graph(self, views: list[View], every_covariance: bool) -> Solution:
-        """Optimise; where views share surfaces, once more with these as plane landmarks."""
+        """Optimise the graph; where views have surfaces in common, again with their factors."""
         stamps = [view.stamp_ns for view in views]
         slam = self.walls.solve(stamps, every_covariance=every_covariance)
         if not self.config.surfaces.registration or len(views) < 2:
@@ -239,19 +242,19 @@ class SurfaceSlam:
             return slam
         return self.walls.solve(stamps, factors, every_covariance=every_covariance)
 
-    def is_placed(self, solution: SurfaceSolution) -> bool:
-        """Tell whether this session was found in the saved map that it goes on with, if any."""
+    def is_aligned(self, solution: SurfaceSolution) -> bool:
+        """Return whether this session was found in the saved map that it continues, if any."""
         if self.saved_keyframes:
             return not self._is_lost
-        return solution.session is None or solution.session.found
+        return solution.alignment is None or solution.alignment.found
 
     @property
     def _is_lost(self) -> bool:
-        """Whether the level laser has not found this session in the saved walls yet."""
+        """Whether this session is not localised in the saved walls yet."""
         return bool(self.saved_keyframes) and not self.walls.current_pose().localised
 
     def _align_session(self, views: list[View], T_session_view: Float64) -> SessionAlignment | None:
-        """Find this session in a saved map that has no level scans of its own to do that."""
+        """Align this session with a saved map without walls; None where there is none."""
         if not self.saved_views or self.saved_keyframes:
             return None
         old = [saved.view for saved in self.saved_views]
@@ -259,25 +262,25 @@ class SurfaceSlam:
         return align_session(old, T_map_old, views, T_session_view, self.config)
 
     def _saved_map(self) -> SurfaceMap:
-        """Return the saved map alone: a session that was not found must not spoil it."""
-        shown = self._empty_map()
+        """Return the saved map without this session, which was not found in it."""
+        surface_map = self._empty_map()
         for saved in self.saved_views:
-            shown.add_view(saved.view)
-        return shown
+            surface_map.add_view(saved.view)
+        return surface_map
 
-    def _old_views(self, slam: Solution) -> ViewPoses:
-        """Return the poses of a saved map's views: they move with the keyframes they hang on."""
+    def _saved_poses(self, slam: Solution) -> ViewPoses:
+        """Return the poses of the saved map's views, which move with their keyframes."""
         keyframes = np.array([saved.keyframe for saved in self.saved_views], np.int64)
         T_anchor_view = np.array([s.T_anchor_view for s in self.saved_views]).reshape(-1, 4, 4)
         poses = np.array([k.pose for k in slam.keyframes]).reshape(-1, 3)
         anchors = np.broadcast_to(np.eye(4), T_anchor_view.shape).copy()
-        hung = np.array([saved.hangs for saved in self.saved_views], bool)
-        anchors[hung] = spatial(poses[keyframes[hung]])
+        moves = np.array([saved.is_on_keyframe for saved in self.saved_views], bool)
+        anchors[moves] = spatial(poses[keyframes[moves]])
         cov = np.array([saved.cov_tilt for saved in self.saved_views]).reshape(-1, 3, 3)
         return ViewPoses(anchors @ T_anchor_view, cov, keyframes)
 
-    def _all_views(self, slam: Solution, own: ViewPoses) -> ViewPoses:
-        old = self._old_views(slam)
+    def _all_poses(self, slam: Solution, own: ViewPoses) -> ViewPoses:
+        old = self._saved_poses(slam)
         return ViewPoses(
             np.concatenate([old.T_map_view, own.T_map_view]),
             np.concatenate([old.cov_tilt, own.cov_tilt]),
@@ -291,27 +294,30 @@ class SurfaceSlam:
         return stamps, slam.pose_at(stamps)
 
     def saved(self, solution: SurfaceSolution) -> SavedMap:
-        """Return what a later session needs to go on with this map.
+        """Return the map that a later session can continue.
 
-        A session that was not found in its saved map leaves that map as it was.
+        A session that was not found in its saved map leaves that map unchanged.
         """
         if self._is_lost:
             return SavedMap(self._saved_walls, self.saved_views)
-        view_poses, keep = solution.view_poses, self.map.views[: len(solution.view_poses.keyframes)]
+        view_poses = solution.view_poses
+        solved = self.map.views[: len(view_poses.keyframes)]
         poses = {k.id: spatial(k.pose) for k in solution.slam.keyframes}
         state = self.walls.state() if self.counts["level scans"] or self.saved_keyframes else {}
         views = []
         for view, T, cov, k in zip(
-            keep, view_poses.T_map_view, view_poses.cov_tilt, view_poses.keyframes.tolist()
+            solved, view_poses.T_map_view, view_poses.cov_tilt, view_poses.keyframes.tolist()
         ):
-            hangs = bool(state) and k in poses
-            T_anchor = poses[k] if hangs else np.eye(4)
-            views.append(SavedView(view, k, hangs, inverse(T_anchor) @ T, cov))
+            is_on_keyframe = bool(state) and k in poses
+            T_anchor = poses[k] if is_on_keyframe else np.eye(4)
+            views.append(SavedView(view, k, is_on_keyframe, inverse(T_anchor) @ T, cov))
         return SavedMap(state, tuple(views))
 
     @classmethod
     def from_saved(cls, config: Config, saved: SavedMap) -> SurfaceSlam:
-        """Go on with a saved map in a new session; the robot may start anywhere.
+        """Return a processor that continues a saved map in a new session.
+
+        The robot may start anywhere in the map.
 
         Raises
         ------

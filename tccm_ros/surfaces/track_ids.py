@@ -4,9 +4,10 @@ A patch is numbered over all views in stamp order. The id of a surface is the nu
 patch; the patch of a newer view that replaced that patch inherits the number. So ids follow from
 the views alone, not from the order in which they arrived or from how often the map was built.
 
-The merged ids of a surface are the numbers that its other patches have or have inherited: whatever
-poses an earlier solution had, a surface that has been merged into this one is among them, and one
-that is split from it is not any more. `changes` lists merges and splits between two solutions.
+The merged ids of a surface are the numbers that its other patches have or inherited. They contain
+the id of each surface of an earlier solution that is part of this one, whatever poses that solution
+had. A surface that is split off is not among them any more. `changes` lists merges and splits
+between two solutions.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ __all__ = ["SurfaceChange", "TrackIds", "changes"]
 
 
 class TrackIds:
-    """The numbers and stamps that the patches of all views have, and those that they inherited.
+    """Ids and dates of surfaces, from the numbers that patches have and inherited.
 
     Parameters
     ----------
     views
         In stamp order.
     left
-        Says which patch replaced which.
+        Of `carve`, for these views: which patch replaced which.
     """
 
     def __init__(self, views: list[View], left: Survivors):
@@ -62,7 +63,7 @@ class TrackIds:
         return self._sorted_ids(members)[0]
 
     def merged_ids(self, members: Members) -> tuple[int, ...]:
-        """Return the ids of surfaces that are part of this one now."""
+        """Return the ids of the surfaces that are merged into this one."""
         return tuple(self._sorted_ids(members)[1:])
 
     def first_seen_ns(self, members: Members) -> int:
@@ -75,16 +76,16 @@ class TrackIds:
 
 
 class SurfaceChange(NamedTuple):
-    """What became of a surface between two solutions.
+    """A merge or a split of a surface between two solutions.
 
     Attributes
     ----------
     id
-        Of the surface as it is now.
+        Id of the surface in the later solution.
     merged_ids
-        Ids of surfaces that there were, and that are part of it now.
+        Ids of surfaces of the earlier solution that are merged into it.
     split_from
-        Id of the surface that it was part of; None where it was there, or is new.
+        Id of the surface of the earlier solution that it was part of; None where there is none.
     """
 
     id: int
@@ -101,7 +102,7 @@ class SurfaceChange(NamedTuple):
 def changes(before: Sequence[Surface], after: Sequence[Surface]) -> list[SurfaceChange]:
     """Return the merges and splits between two solutions of one map, by id.
 
-    Views must not have come in between the older ones: patches are numbered in their order.
+    Between the two, no view may have been added before an older one: that would renumber patches.
     """
     known = {surface.id for surface in before}
     owners = {merged: surface.id for surface in before for merged in surface.took}

@@ -1,7 +1,7 @@
-"""Views: the surface clouds of tilt cycles, compact, in the base frame of their own stamps.
+"""Views: the surfaces that one tilt cycle measured, in the base frame of its stamp.
 
-A view is never read again from the recording: it keeps exact moments of each patch, a thinned
-cloud, the outline of each patch and the free intervals that the cycle looked through.
+A view keeps the exact moments of each patch, its outline, a thinned cloud, and the free intervals
+that the tilt cycle looked through. Nothing is read again from the recording.
 """
 
 from __future__ import annotations
@@ -15,28 +15,25 @@ from shapely import MultiPolygon, Polygon
 
 from tccm_ros.arrays import Float32, Float64, Int32, Int64
 from tccm_ros.config import Config
-from tccm_ros.cuboids.free_columns import KEY_STEP, FreeColumns, column_keys
+from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.records import SurfaceCloud, ViewIntervals
 from tccm_ros.surfaces.outline import horizontal_outline
+from tccm_ros.surfaces.thinning import thin_cloud
 
 __all__ = [
-    "KEY_STEP",
-    "FreeColumns",
     "Patch",
     "View",
-    "column_keys",
     "empty_view",
     "first_numbers",
-    "inheriting",
-    "thin_cloud",
     "with_cloud",
     "with_intervals",
+    "with_numbers_of",
 ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patch:
-    """What one view saw of one surface, in the base frame of the view.
+    """The part of a surface that one view measured, in the base frame of the view.
 
     Attributes
     ----------
@@ -53,7 +50,7 @@ class Patch:
     outline
         In x and y of the base frame.
     spacing
-        Distance between neighbouring points or sweep lines, m.
+        Distance between neighbouring points or scan lines, m.
     number
         Of the oldest patch that this one replaced, counted from the first patch of its view (so
         it is negative); None where it is the first.
@@ -74,66 +71,41 @@ class Patch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One surface cloud with what its cycle looked through.
+    """One surface cloud with the free intervals of its tilt cycle.
 
     Attributes
     ----------
     stamp_ns
-        Time at which the base frame is meant.
+        Stamp of the base frame.
     patches
         In the order of the cloud's surface indices.
     free
         Columns looked through, in the base frame.
-    reach
-        Largest horizontal distance from the base of anything in the view, m.
+    max_range
+        Largest horizontal distance of a point or a free column from the base, m.
     session
-        Runs of the robot on one map are counted from 0; stamps may repeat over sessions.
+        Session in which it was taken, counted from 0; stamps may repeat over sessions.
     forgotten
-        Patches of older views of the same place that this one replaced and that are not kept.
+        Number of patches of older views that this one replaced and that were removed.
     """
 
     stamp_ns: int
     patches: tuple[Patch, ...]
     free: FreeColumns
-    reach: float
+    max_range: float
     session: int = 0
     forgotten: int = 0
 
     @property
     def key(self) -> tuple[int, int]:
-        """What orders views: session and stamp."""
+        """Session and stamp, by which views are sorted."""
         return self.session, self.stamp_ns
 
 
-def thin_cloud(points: Float32, voxel_size: float) -> tuple[Float32, Int32]:
-    """Replace the points of each voxel by their mean.
+def _make_patches(points: Float32, config: Config) -> list[Patch]:
+    """Make the patches of one surface of a cloud, one for each part of its outline.
 
-    Parameters
-    ----------
-    points
-        float32 (N, 3), m.
-    voxel_size
-        Edge of a voxel, m.
-
-    Returns
-    -------
-    points : float32 (M, 3)
-        In the order of the voxels (x, y, z).
-    weights : int32 (M,)
-        Points of each voxel.
-    """
-    exact = points.astype(np.float64)
-    cells = np.floor(exact / voxel_size).astype(np.int64)
-    keys = (cells[:, 0] * KEY_STEP + cells[:, 1]) * KEY_STEP + cells[:, 2]
-    _, group, count = np.unique(keys, return_inverse=True, return_counts=True)
-    sums = [np.bincount(group, exact[:, k], len(count)) for k in range(3)]
-    return (np.stack(sums, axis=1) / count[:, None]).astype(np.float32), count.astype(np.int32)
-
-
-def make_patches(points: Float32, config: Config) -> list[Patch]:
-    """Make the patches of one surface of a cloud: one for each part of its outline.
-
-    Points without an outline (a single sweep line) make one patch without area.
+    Points without an outline (a single scan line) make one patch without area.
     """
     thinned, weights = thin_cloud(points, config.views.voxel_size)
     outline, spacing = horizontal_outline(
@@ -157,7 +129,7 @@ def make_patches(points: Float32, config: Config) -> list[Patch]:
 
 
 def _nearest(parts: list[Polygon], points: Float32) -> Int64:
-    """Return the nearest part of each point (N, >= 2), int64 (N,)."""
+    """Return the index of the part that is nearest to each point (N, >= 2), int64 (N,)."""
     x, y = points[:, :2].astype(np.float64).T
     nearest = np.zeros(len(points), np.int64)
     found = np.zeros(len(points), np.int64)
@@ -166,7 +138,7 @@ def _nearest(parts: list[Polygon], points: Float32) -> Int64:
         inside = shapely.intersects_xy(part, x, y)
         nearest[inside] = k
         found += inside
-    others = np.flatnonzero(found != 1)  # a tree takes long, and most points lie in one part alone
+    others = np.flatnonzero(found != 1)  # a tree takes long, and most points are in one part alone
     nearest[others] = shapely.STRtree(parts).nearest(shapely.points(x[others], y[others]))
     return nearest
 
@@ -185,7 +157,7 @@ def _patch(
 
 
 def first_numbers(views: list[View]) -> list[int]:
-    """Return the number of the first patch of each view; forgotten patches keep theirs."""
+    """Return the number of the first patch of each view; removed patches keep their numbers."""
     numbers, after = [], 0
     for view in views:
         numbers.append(after + view.forgotten)
@@ -193,15 +165,15 @@ def first_numbers(views: list[View]) -> list[int]:
     return numbers
 
 
-def inheriting(newer: View, older: View, replaced_by: Mapping[int, int]) -> View:
-    """Return the newer view with the numbers and stamps of an older one, which is to be forgotten.
+def with_numbers_of(newer: View, older: View, replaced_by: Mapping[int, int]) -> View:
+    """Return the newer view with the numbers and stamps of an older one that will be removed.
 
     Parameters
     ----------
     newer, older
-        Neighbours in the order of views.
+        Two successive views.
     replaced_by
-        For patches of the older view, the patch of the newer one that replaced it.
+        Of `find_replacements`: for patches of the older view, that of the newer one.
     """
     patches = list(newer.patches)
     for p, q in sorted(replaced_by.items()):
@@ -217,23 +189,42 @@ def inheriting(newer: View, older: View, replaced_by: Mapping[int, int]) -> View
 
 
 def empty_view(stamp_ns: int, session: int, config: Config) -> View:
-    """Return a view in which nothing was seen yet."""
+    """Return a view without patches and free intervals.
+
+    Parameters
+    ----------
+    stamp_ns, session
+        As of `View`.
+    config
+        Uses `views.cell_size`.
+    """
     return View(stamp_ns, (), FreeColumns.of(None, config.views.cell_size), 0.0, session)
 
 
 def with_cloud(view: View, cloud: SurfaceCloud, config: Config) -> View:
-    """Return a view with the surfaces of a cloud of the same stamp."""
+    """Return a view with the patches of a cloud.
+
+    Parameters
+    ----------
+    view
+        Of the same stamp; patches that it has are replaced.
+    cloud
+        The surfaces that the tilt cycle measured, in the base frame.
+    config
+        Uses `views.voxel_size` and `surfaces.merge_distance`.
+    """
     order = np.argsort(cloud.surface, kind="stable")
     _, starts = np.unique(cloud.surface[order], return_index=True)
     groups = np.split(order, starts[1:]) if len(starts) else []
-    patches = [patch for group in groups for patch in make_patches(cloud.points[group], config)]
-    reach = np.hypot(cloud.points[:, 0], cloud.points[:, 1]).max(initial=0.0)
-    return replace(view, patches=tuple(patches), reach=max(view.reach, float(reach)))
+    patches = [patch for group in groups for patch in _make_patches(cloud.points[group], config)]
+    distance = np.hypot(cloud.points[:, 0], cloud.points[:, 1]).max(initial=0.0)
+    max_range = max(view.max_range, float(distance))
+    return replace(view, patches=tuple(patches), max_range=max_range)
 
 
 def with_intervals(view: View, intervals: ViewIntervals) -> View:
     """Return a view with the free intervals of the same stamp."""
     free = FreeColumns.of(intervals, view.free.cell_size)
     xy = intervals.intervals[:, :2].astype(np.float64)
-    reach = np.hypot(xy[:, 0], xy[:, 1]).max(initial=-free.cell_size) + free.cell_size
-    return replace(view, free=free, reach=max(view.reach, float(reach)))
+    distance = np.hypot(xy[:, 0], xy[:, 1]).max(initial=-free.cell_size) + free.cell_size
+    return replace(view, free=free, max_range=max(view.max_range, float(distance)))

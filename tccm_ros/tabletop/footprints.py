@@ -15,7 +15,7 @@ from numba import njit
 from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import CuboidArrays
 from tccm_ros.outlines.rings import is_inside
-from tccm_ros.union_find import find_root, unite
+from tccm_ros.union_find import find_root, merge_sets
 
 __all__ = [
     "LooseCuboids",
@@ -160,7 +160,7 @@ def clusters(mean: Float64, chosen: Int64, gap: float) -> tuple[Int64, Int64]:
                 while m >= 0:
                     dx, dy = mean[chosen[m], 0] - x, mean[chosen[m], 1] - y
                     if dx * dx + dy * dy <= gap * gap:
-                        unite(parent, k, m)
+                        merge_sets(parent, k, m)
                     m = before[m]
         before[k] = last[a, b]
         last[a, b] = k

@@ -1,11 +1,11 @@
-"""The configuration: what is read, what is refused, and how the refusal helps."""
+"""Reading of the configuration: files, settings, and the errors of bad ones."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tccm_ros.config import Config, parameters
-from tccm_ros.config.reader import read_config
+from tccm_ros.config.reader import REMOVED, read_config
 from tccm_ros.errors import ConfigError
 
 DEFAULTS = {
@@ -43,19 +43,19 @@ def value_of(config, dotted):
 
 
 @pytest.mark.parametrize(("name", "value"), DEFAULTS.items())
-def test_names_and_defaults_that_are_fixed(name, value):
+def test_names_and_defaults_that_users_rely_on_stay(name, value):
     assert value_of(Config(), name) == value
     assert name in {p.name for p in parameters()}
 
 
-def test_every_parameter_says_what_it_is():
+def test_every_parameter_has_a_meaning_of_one_line():
     for parameter in parameters():
         assert parameter.meaning, parameter.name
         assert "\n" not in parameter.meaning, parameter.name
         assert not parameter.meaning.endswith("."), parameter.name
 
 
-def test_a_file_and_settings_win_in_this_order(tmp_path):
+def test_settings_override_the_file_and_the_file_the_defaults(tmp_path):
     path = tmp_path / "robot.yaml"
     path.write_text("map:\n  cell_size: 0.03\n  window_cycles: 5\nsync_timeout: 1\n")
     config = read_config(path, ["map.window_cycles=7"])
@@ -77,7 +77,7 @@ def test_an_empty_file_changes_nothing(tmp_path):
     assert read_config(path) == Config()
 
 
-def test_a_given_configuration_is_the_ground():
+def test_settings_change_a_given_configuration():
     base = read_config(None, ["map.cell_size=0.05"])
     assert read_config(None, ["map.window_cycles=3"], base).map.cell_size == 0.05
 
@@ -100,7 +100,7 @@ def test_a_given_configuration_is_the_ground():
         ("=3", "unknown key"),
     ],
 )
-def test_a_bad_setting_is_one_helpful_line(setting, message):
+def test_a_bad_setting_is_an_error_of_one_line(setting, message):
     with pytest.raises(ConfigError, match=message) as caught:
         read_config(None, [setting])
     assert "\n" not in str(caught.value)
@@ -117,7 +117,7 @@ def test_a_bad_setting_is_one_helpful_line(setting, message):
         ("map:\n  1: 2\n", "unknown key"),
     ],
 )
-def test_a_bad_file_is_named(tmp_path, text, message):
+def test_the_error_of_a_bad_file_names_it(tmp_path, text, message):
     path = tmp_path / "bad.yaml"
     path.write_text(text)
     with pytest.raises(ConfigError, match=message) as caught:
@@ -125,12 +125,24 @@ def test_a_bad_file_is_named(tmp_path, text, message):
     assert str(path) in str(caught.value)
 
 
-def test_a_file_that_is_not_there_or_not_text(tmp_path):
+def test_a_missing_or_binary_file_is_an_error(tmp_path):
     with pytest.raises(ConfigError, match="cannot be read"):
         read_config(tmp_path / "none.yaml")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00\x80")
     with pytest.raises(ConfigError):
         read_config(tmp_path / "binary.yaml")
+
+
+@pytest.mark.parametrize("name", REMOVED)
+def test_a_parameter_of_release_0_1_that_is_gone_is_ignored_with_a_warning(name, tmp_path, caplog):
+    group, key = name.split(".")
+    path = tmp_path / "old.yaml"
+    path.write_text(f"{group}:\n  {key}: true\n  cell_size: 0.03\n")
+    assert read_config(path) == read_config(None, ["map.cell_size=0.03"])
+    (warning,) = caplog.messages
+    assert warning == f"{path}: {name} is ignored: {REMOVED[name]}"
+    assert read_config(None, [f"{name}=true"]) == Config()
+    assert caplog.messages[1].startswith(f"--set {name}=true: {name} is ignored")
 
 
 def test_assignments_are_checked():

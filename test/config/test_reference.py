@@ -1,4 +1,4 @@
-"""What is shipped as text is what the configuration says."""
+"""The shipped YAML file against the configuration that it is made from."""
 
 from pathlib import Path
 

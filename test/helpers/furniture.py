@@ -1,12 +1,12 @@
-"""Surfaces of furniture as a map has them."""
+"""Surfaces of furniture with the errors that those of a map have."""
 
 import numpy as np
 
 from tccm_ros.surfaces.merged_surface import MergedSurface
 
 
-def merged(polygon, height, rng):
-    """A surface as a map has it: the outline loses a few centimetres, the height some mm."""
+def noisy_surface(polygon, height, rng):
+    """Return a surface whose outline loses up to 2 cm, and whose height errs by 3 mm."""
     seen = polygon.buffer(-rng.uniform(0.0, 0.02))
     x, y, z = *seen.centroid.coords[0], height + rng.normal(0.0, 0.003)
     normal = np.array([0.0, 0.0, 1.0])

@@ -1,6 +1,6 @@
 """A room of horizontal boards and vertical screens, seen by an ideal tilting laser.
 
-Beams are cast by the simulator, which shares nothing with what maps.
+Beams are cast by the simulator, which has no code in common with the mapping.
 """
 
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ EYE = np.array([0.0, 0.0, 1.4])
 
 @dataclass(frozen=True)
 class Board:
-    """A horizontal rectangle: middle (x, y), size, height z, turned by yaw."""
+    """A horizontal rectangle: centre (x, y), size, height z and yaw; m, rad."""
 
     x: float
     y: float
@@ -46,6 +46,8 @@ class Screen:
 
 @dataclass
 class Room:
+    """Boards and screens on a floor."""
+
     boards: list
     screens: list = field(default_factory=list)
     floor: Board = field(default_factory=lambda: Board(0.0, 0.0, 12.0, 12.0, 0.0))
@@ -54,11 +56,11 @@ class Room:
         """Return the surface message of one tilt cycle from a planar base pose (x, y, yaw)."""
         boards = [self.floor, *self.boards]
         beams = _beams(rows, columns)
-        rays = beams @ _turn(pose[2]).T
-        origin = _turn(pose[2]) @ EYE + [pose[0], pose[1], 0.0]
+        rays = beams @ _yaw_rotation(pose[2]).T
+        origin = _yaw_rotation(pose[2]) @ EYE + [pose[0], pose[1], 0.0]
         hit, distance = _cast(origin, rays, boards, self.screens)
         ends = origin + rays * np.minimum(distance, 6.0)[:, None]
-        back = (ends - [pose[0], pose[1], 0.0]) @ _turn(pose[2])
+        back = (ends - [pose[0], pose[1], 0.0]) @ _yaw_rotation(pose[2])
         rng = np.random.default_rng(seed)
         seen = (hit >= 0) & (hit < len(boards)) & (distance < 6.0)
         points = back[seen] + beams[seen] * rng.normal(0.0, noise, (seen.sum(), 1))
@@ -68,7 +70,7 @@ class Room:
         return cloud, ViewIntervals(stamp_ns, "base", _intervals(back, cell))
 
 
-def _turn(yaw):
+def _yaw_rotation(yaw):
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
@@ -96,9 +98,9 @@ def _cast(origin, rays, boards, screens):
 
 
 def _intervals(ends, cell):
-    """Return where beams passed: heights in bins of 2 cm, joined over two empty bins."""
-    share = np.linspace(0.0, 0.985, 90)
-    p = (EYE + (ends[:, None] - EYE) * share[None, :, None]).reshape(-1, 3)
+    """Return the free intervals: heights in bins of 2 cm, joined over two empty bins."""
+    fraction = np.linspace(0.0, 0.985, 90)
+    p = (EYE + (ends[:, None] - EYE) * fraction[None, :, None]).reshape(-1, 3)
     bins = np.floor(p / [cell, cell, 0.02]).astype(np.int64) + 1000
     keys = np.unique((bins[:, 0] * 10_000 + bins[:, 1]) * 10_000 + bins[:, 2])
     start = np.flatnonzero(np.r_[True, np.diff(keys) > 3])

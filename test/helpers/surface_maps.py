@@ -18,13 +18,13 @@ def default_tilt_covariance(count):
 
 
 def poses_at(T_map_view):
-    """Return view poses at (V, 4, 4), each with a keyframe of its own."""
+    """Return view poses (V, 4, 4), each with a keyframe of its own."""
     count = len(T_map_view)
     return ViewPoses(T_map_view, default_tilt_covariance(count), np.arange(count))
 
 
 def build(looks, poses=None, config=None, order=None, *, sees_through=True):
-    """Map sweeps (room, pose, stamp) at their true poses, or at others."""
+    """Map tilt cycles (room, pose, stamp) at their true poses, or at others."""
     surface_map = SurfaceSlam(config or Config()).map
     records = [r for room, pose, stamp in looks for r in room.look(pose, stamp)]
     if not sees_through:
@@ -36,10 +36,12 @@ def build(looks, poses=None, config=None, order=None, *, sees_through=True):
     return surface_map.build(poses_at(spatial(np.array(where))))
 
 
-def standing(mapped):
+def above_floor(mapped):
+    """Return the surfaces that are not floor."""
     return [s for s in mapped.surfaces if s.label != "floor"]
 
 
 def overlap(surface, board):
+    """Return the intersection over union of a surface and a board, seen from above."""
     polygon = Polygon(surface.boundary[:, :2], [h[:, :2] for h in surface.holes])
     return polygon.intersection(board.polygon).area / polygon.union(board.polygon).area

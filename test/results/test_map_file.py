@@ -56,8 +56,8 @@ def test_a_new_session_without_common_odometry_goes_on(saved):
     start = (0.2, -0.4, 0.3)
     places = [start, (0.0, 0.3, -0.5), (-0.4, 0.1, 0.0)]
     solution = drive(slam, places, start=start, seed=9).solve()
-    assert solution.session.found
-    x, y, yaw = planar(solution.session.T_map_session)
+    assert solution.alignment.found
+    x, y, yaw = planar(solution.alignment.T_map_session)
     assert np.hypot(x - start[0], y - start[1]) < 0.05
     assert abs(yaw - start[2]) < 0.02
     tables = [s for s in solution.surfaces if abs(s.height - TABLE.z) < 0.02]
@@ -78,7 +78,7 @@ def test_an_ambiguous_session_leaves_the_map_alone(run, saved):
     for record in hall.look((0, 0, 0), 1_000_000_000):
         slam.add(record)
     solution = slam.solve()
-    assert not solution.session.found
+    assert not solution.alignment.found
     assert text_of(solution) == text_of(run[1])
 
 

@@ -1,3 +1,5 @@
+"""Contact of patches against a brute-force search over all points."""
+
 from itertools import pairwise
 
 import numpy as np
@@ -18,10 +20,10 @@ from tccm_ros.surfaces.patch_planes import (
 STEP = 0.03
 
 
-def clouds(seed, patches, most, size):
+def clouds(seed, patches, max_points, size):
     rng = np.random.default_rng(seed)
     middles = rng.uniform(0.0, size, (patches, 3)) * [1.0, 1.0, 0.05]
-    counts = rng.integers(0, most + 1, patches)
+    counts = rng.integers(0, max_points + 1, patches)
     parts = [m + rng.uniform(-0.2, 0.2, (n, 3)) * [1, 1, 0.05] for m, n in zip(middles, counts)]
     return patch_clouds(parts)
 
@@ -32,7 +34,7 @@ def parts_of(clouds):
 
 
 def planes_of(clouds, seed=None):
-    """Return planes of patches: horizontal and known to nothing, or tilted at random."""
+    """Return planes of patches: horizontal and unknown, or tilted at random."""
     count = len(clouds.boxes)
     if seed is None:
         cov = np.tile(np.eye(3), (count, 1, 1))
@@ -51,8 +53,8 @@ def planes_of(clouds, seed=None):
     )
 
 
-def agree(a, b, meeting, planes, q, p):
-    """Tell whether two patches have one height where they meet, pair by pair of points."""
+def have_common_height(a, b, meeting, planes, q, p):
+    """Return whether two patches have one height where they meet, point by point."""
     zones = (a[meeting.any(axis=1)], b[meeting.any(axis=0)])
     middle = np.concatenate(zones)[:, :2].mean(axis=0)
     heights, variance = [], 2 * FLATNESS**2
@@ -67,8 +69,8 @@ def agree(a, b, meeting, planes, q, p):
     return abs(heights[0] - heights[1]) <= min(GATE * np.sqrt(variance), STEP)
 
 
-def brute_force(clouds, distance, planes=None):
-    """Connected components by all distances, patches coming one by one."""
+def connect_by_brute_force(clouds, distance, planes=None):
+    """Return connected components from all distances, patch by patch."""
     parts = parts_of(clouds)
     count = len(parts)
     root = np.arange(count)
@@ -78,16 +80,16 @@ def brute_force(clouds, distance, planes=None):
             a, b = parts[q], parts[p]
             touch = cdist(a, b, "sqeuclidean") <= distance**2
             meeting = cdist(a[:, :2], b[:, :2], "sqeuclidean") <= distance**2
-            if touch.any() and (planes is None or agree(a, b, meeting, planes, q, p)):
+            if touch.any() and (planes is None or have_common_height(a, b, meeting, planes, q, p)):
                 touched.add(root[q])
         if touched:
-            least = min(touched)
-            root[np.isin(root, list(touched))] = least
-            root[p] = least
+            first = min(touched)
+            root[np.isin(root, list(touched))] = first
+            root[p] = first
     return root
 
 
-def fast(clouds, distance, planes=None, step=np.inf):
+def connected(clouds, distance, planes=None, step=np.inf):
     planes = planes_of(clouds) if planes is None else planes
     return connect(clouds, box_pairs(clouds.boxes, distance), distance, planes, step)
 
@@ -96,37 +98,37 @@ def fast(clouds, distance, planes=None, step=np.inf):
 @given(
     st.integers(0, 10**6), st.integers(1, 25), st.integers(0, 30), st.sampled_from([0.5, 1.5, 4.0])
 )
-def test_components_equal_brute_force(seed, patches, most, size):
-    some = clouds(seed, patches, most, size)
-    np.testing.assert_array_equal(fast(some, 0.05), brute_force(some, 0.05))
+def test_components_equal_those_by_brute_force(seed, patches, max_points, size):
+    some = clouds(seed, patches, max_points, size)
+    np.testing.assert_array_equal(connected(some, 0.05), connect_by_brute_force(some, 0.05))
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10**6), st.integers(2, 25), st.integers(1, 30), st.sampled_from([0.5, 1.5]))
-def test_patches_that_differ_where_they_meet_stay_apart_as_by_brute_force(
-    seed, patches, most, size
+def test_components_of_patches_with_heights_equal_those_by_brute_force(
+    seed, patches, max_points, size
 ):
-    some = clouds(seed, patches, most, size)
+    some = clouds(seed, patches, max_points, size)
     planes = planes_of(some, seed)
-    root = fast(some, 0.05, planes, STEP)
-    np.testing.assert_array_equal(root, brute_force(some, 0.05, planes))
+    root = connected(some, 0.05, planes, STEP)
+    np.testing.assert_array_equal(root, connect_by_brute_force(some, 0.05, planes))
 
 
-def test_the_limit_itself_touches():
+def test_points_at_exactly_the_distance_touch():
     distance = 0.0625  # exact in binary, so that the squared distance is exact too
     near = np.array([[0.0, 0.0, 0.0], [distance, 0.0, 0.0]])
     far = np.array([[0.0, 0.0, 0.0], [np.nextafter(distance, 1.0), 0.0, 0.0]])
-    assert fast(patch_clouds(np.split(near, 2)), distance).tolist() == [0, 0]
-    assert fast(patch_clouds(np.split(far, 2)), distance).tolist() == [0, 1]
+    assert connected(patch_clouds(np.split(near, 2)), distance).tolist() == [0, 0]
+    assert connected(patch_clouds(np.split(far, 2)), distance).tolist() == [0, 1]
 
 
-def test_pairs_that_may_not_merge_keep_their_patches_apart():
+def test_only_patches_of_a_candidate_pair_are_connected():
     some = patch_clouds([np.zeros((1, 3))] * 3)
     root = connect(some, np.array([[0, 2]]), 0.05, planes_of(some), np.inf)
     assert root.tolist() == [0, 1, 0]
 
 
 @pytest.mark.parametrize("count", [0, 1])
-def test_no_pairs_without_patches(count):
+def test_a_single_patch_or_none_has_no_pairs(count):
     some = patch_clouds([np.zeros((1, 3))] * count)
-    assert fast(some, 0.05).tolist() == list(range(count))
+    assert connected(some, 0.05).tolist() == list(range(count))

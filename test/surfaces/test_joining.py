@@ -1,9 +1,9 @@
-"""Pieces of one surface with something between them, and pieces that are none of that."""
+"""Joining of pieces over occluded areas, and pieces that must not be joined."""
 
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from surface_maps import overlap, poses_at, standing
+from surface_maps import above_floor, overlap, poses_at
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
@@ -15,7 +15,7 @@ POST = Screen(1.2, -0.09, 1.2, 0.09, 1.8)
 """Hides a strip right across the sideboard."""
 
 HALVES = [Board(1.6, -0.475, 0.5, 0.65, 0.75), Board(1.6, 0.475, 0.5, 0.65, 0.75)]
-"""Two tables in the place of the sideboard, 0.3 m apart."""
+"""Two tables in place of the sideboard, with a gap of 0.3 m."""
 
 
 def build(records, poses, walls=None):
@@ -27,16 +27,16 @@ def build(records, poses, walls=None):
 
 def look(room, *poses, walls=None):
     records = [r for k, pose in enumerate(poses) for r in room.look(pose, 10 * k + 10)]
-    return standing(build(records, poses, walls))
+    return above_floor(build(records, poses, walls))
 
 
-def test_what_something_hides_right_across_is_joined():
+def test_a_board_that_a_post_hides_in_part_is_joined():
     (found,) = look(Room([SIDEBOARD], [POST]), (0, 0, 0))
     assert overlap(found, SIDEBOARD) >= 0.85
     assert len(found.took) == 1
 
 
-def test_tables_with_a_gap_that_was_looked_through_stay_apart():
+def test_tables_with_a_gap_that_was_looked_through_are_two():
     assert len(look(Room(HALVES), (0, 0, 0))) == 2
 
 
@@ -48,29 +48,29 @@ def test_a_hidden_gap_is_joined_until_a_view_looks_through_it():
 
 def test_tables_of_one_height_on_two_sides_of_a_wall_are_two():
     room = Room(HALVES, [Screen(1.2, -0.14, 1.2, 0.14, 1.8)])
-    behind = np.array([[[1.8, -1.0], [1.8, 1.0]]])  # ends at a wall, as most furniture does
+    behind = np.array([[[1.8, -1.0], [1.8, 1.0]]])
     between = np.array([[[0.5, 0.0], [2.5, 0.0]]])
     elsewhere = np.array([[[3.0, 0.0], [5.0, 0.0]]])
     for walls, count in ((behind, 1), (elsewhere, 1), (between, 2)):
         assert len(look(room, (0, 0, 0), walls=walls)) == count
 
 
-def test_a_step_over_a_hidden_gap_stays_a_step():
+def test_tables_of_different_heights_with_a_hidden_gap_are_two():
     lower = Board(1.6, 0.475, 0.5, 0.65, 0.71)
     found = look(Room([HALVES[0], lower], [POST]), (0, 0, 0))
     assert sorted(round(s.height, 2) for s in found) == [0.71, 0.75]
 
 
-def test_tables_that_hardly_face_each_other_stay_apart():
+def test_tables_that_hardly_face_each_other_are_two():
     one, other = Board(1.4, -0.5, 0.5, 0.7, 0.75), Board(1.95, 0.5, 0.5, 0.7, 0.75)
     screens = [Screen(1.0, -0.15, 1.0, 0.2, 1.8)]
     assert len(look(Room([one, other], screens), (0, 0, 0))) == 2
 
 
-def strip(x, z, stamp, lean=0.0):
+def strip(x, z, stamp, slope=0.0):
     """Return a cloud of a floor 2 m wide over a range of x, nothing looked through."""
     xs, ys = (axis.ravel() for axis in np.meshgrid(np.arange(*x, 0.03), np.arange(-1, 1, 0.03)))
-    points = np.column_stack([xs, ys, z + lean * (xs - x[0])]).astype(np.float32)
+    points = np.column_stack([xs, ys, z + slope * (xs - x[0])]).astype(np.float32)
     return SurfaceCloud(stamp, "base", points, np.zeros(len(points), np.uint32))
 
 
@@ -90,7 +90,7 @@ def floors(*strips):
 
 
 @pytest.mark.parametrize("stamp", [1, 2])
-def test_a_floor_with_a_strip_and_a_step_missing_is_one(stamp):
+def test_a_floor_with_a_step_over_a_missing_strip_is_one(stamp):
     (floor,) = floors(strip((0.5, 1.5), 0.0, 1), strip((1.7, 3.0), 0.045, stamp))
     assert floor.area == pytest.approx(2.0 * 2.5, rel=0.05)
 
@@ -104,6 +104,6 @@ def test_a_platform_on_the_floor_is_not_the_floor():
 
 
 def test_a_floor_that_two_views_put_at_two_heights_is_one():
-    # The first leans down by 5 deg, the second begins level where the first is 0.1 m too low.
+    # The first is tilted down by 5 deg, the second begins horizontal where that is 0.1 m too low.
     low, high = strip((0.5, 2.9), 0.05, 1, -0.0875), strip((2.0, 4.0), 0.0, 2)
     assert len(floors(low, high)) == 1

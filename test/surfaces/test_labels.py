@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import shapely
-from furniture import merged
+from furniture import noisy_surface
 from shapely import Point, affinity, box
 
 from tccm_ros.config import Config, Labels
@@ -17,10 +17,12 @@ L_COUNTER = shapely.union_all([box(0, 0, 2.4, 0.6), box(1.8, -2.1, 2.4, 0.6)])
 WALL = np.array([[[-3.0, -0.01], [6.0, -0.01]]])
 
 
-def names(*parts, walls=None, config=None, turn=0.0):
+def names(*parts, walls=None, config=None, angle_deg=0.0):
     """Return the labels of outlines at heights, as a map has them; each keeps its confidence."""
     rng = np.random.default_rng(1)
-    surfaces = [merged(affinity.rotate(p, turn, origin=(0, 0)), z, rng) for p, z in parts]
+    surfaces = [
+        noisy_surface(affinity.rotate(p, angle_deg, origin=(0, 0)), z, rng) for p, z in parts
+    ]
     return [
         (x.name, x.confidence) for x in label_surfaces(surfaces, 0.0, walls, config or Config())
     ]
@@ -47,13 +49,13 @@ def test_a_rectangle_is_as_wide_as_its_shorter_side(width, length):
     assert outline_width(polygon) == pytest.approx(width, abs=1e-9)
 
 
-def test_the_rules_know_the_ranges_of_the_configuration():
+def test_rules_of_labels_are_ranges_of_the_configuration():
     rules = Config().labels
     assert rules.counter[0] < 0.9 < rules.counter[1]
     assert rules.seat[1] < rules.table[1]
 
 
-def test_a_narrow_band_with_wavy_edges_is_as_wide_as_on_the_mean():
+def test_the_width_of_a_narrow_band_with_wavy_edges_is_its_mean_width():
     x = np.linspace(0.0, 2.0, 41)
     wave = 0.04 * np.sin(2.0 * np.pi * x / 0.5)
     ring = [*zip(x, wave, strict=True), *zip(x[::-1], 0.24 + wave[::-1], strict=True)]
@@ -79,10 +81,10 @@ CASES = [
 """Surfaces, and what a person would call them."""
 
 
-@pytest.mark.parametrize("turn", [0.0, 33.0, 118.0])
+@pytest.mark.parametrize("angle_deg", [0.0, 33.0, 118.0])
 @pytest.mark.parametrize(("parts", "expected"), CASES)
-def test_every_label_is_reached(parts, expected, turn):
-    assert only(parts, turn=turn) == expected
+def test_surfaces_have_the_labels_that_a_person_would_give(parts, expected, angle_deg):
+    assert only(parts, angle_deg=angle_deg) == expected
 
 
 def test_there_is_a_case_for_each_label():
@@ -91,7 +93,7 @@ def test_there_is_a_case_for_each_label():
 
 @pytest.mark.parametrize(("lower", "name"), [(DESK, "table"), (WORKTOP, "counter")])
 @pytest.mark.parametrize("depth", [0.25, 0.4])
-def test_a_board_over_a_desk_or_a_worktop_makes_no_shelf_of_it(lower, name, depth):
+def test_a_desk_or_worktop_below_a_board_is_no_shelf(lower, name, depth):
     length = lower[0].bounds[2]
     for boards in ([1.2], [1.2, 1.55]):
         above = [(box(0, 0, length, depth), z) for z in boards]
@@ -100,7 +102,7 @@ def test_a_board_over_a_desk_or_a_worktop_makes_no_shelf_of_it(lower, name, dept
         assert set(found[1:]) <= {"shelf", "ledge"}
 
 
-def test_two_treads_are_no_stairs_and_neither_are_boards_over_each_other():
+def test_two_treads_or_boards_over_each_other_are_no_stairs():
     assert "step" not in only(STAIRS[:2])
     assert "step" not in only([(box(0, 0, 0.9, 0.26), z) for z in (0.5, 0.67, 0.84, 1.01)])
     # Boxes of different heights in a row, too deep for treads.
@@ -108,7 +110,7 @@ def test_two_treads_are_no_stairs_and_neither_are_boards_over_each_other():
     assert "step" not in only(deep)
 
 
-def test_what_has_the_shape_of_an_l_is_no_bed():
+def test_a_surface_in_the_shape_of_an_l_is_no_bed():
     sofa = shapely.union_all([box(0, 0, 2.4, 0.9), box(1.6, -1.0, 2.4, 0.9)])
     assert only([(sofa, 0.44)]) == ["other"]
     assert only([(box(0, 0, 2.4, 1.9), 0.44)]) == ["bed"]
@@ -120,17 +122,17 @@ def furniture(seed):
     return [(box(0, 0, *rng.uniform(0.1, 2.2, 2)), rng.uniform(0.3, 1.5)) for _ in range(300)]
 
 
-def test_no_name_is_given_below_the_least_confidence():
-    for least in (0.3, 0.5, 0.8):
-        rules = Config.model_validate({"labels": {"min_confidence": least}})
+def test_no_label_is_given_below_the_min_confidence():
+    for min_confidence in (0.3, 0.5, 0.8):
+        rules = Config.model_validate({"labels": {"min_confidence": min_confidence}})
         found = [names(one, config=rules)[0] for one in furniture(0)]
         named = [confidence for name, confidence in found if name != "other"]
         assert named
-        assert min(named) >= least
+        assert min(named) >= min_confidence
         assert all(0.0 <= confidence <= 1.0 for _, confidence in found)
 
 
-def test_a_higher_least_confidence_only_takes_names_away():
+def test_a_higher_min_confidence_only_replaces_labels_by_other():
     strict = Config.model_validate({"labels": {"min_confidence": 0.8}})
     changed = 0
     for one in furniture(1):
@@ -173,12 +175,12 @@ def test_there_is_an_example_for_each_rule():
 # --8<-- [end:rules]
 
 
-def test_the_rise_of_stairs_is_a_rule():
+def test_the_rise_of_stairs_is_a_parameter():
     flat = Config.model_validate({"labels": {"stair_rise": (0.3, 0.4)}})
     assert "step" not in only(STAIRS, config=flat)
 
 
-def test_where_two_names_fit_neither_is_given():
+def test_the_label_is_other_where_two_labels_fit():
     """A bed of 0.9 m with a rim along its side is a sofa as well."""
     bed, rim = box(0, 0, 2.0, 0.9), box(0, 0.91, 2.0, 1.05)
     assert only([(bed, 0.45)]) == ["bed"]

@@ -1,4 +1,4 @@
-"""Which patches are one surface: heights count where the patches meet."""
+"""Merging of patches: their heights are compared where they meet."""
 
 import numpy as np
 import pytest
@@ -32,39 +32,42 @@ def count(patches, views):
     return len(merge_coplanar(patches, T, default_tilt_covariance(len(T)), CONFIG))
 
 
-def level(z):
+def horizontal(z):
     return lambda x: np.full(len(x), z)
 
 
 def bent(z):
-    """Rise from `z` at 3 m as a sensor errs: level where it begins, 3.4 deg on the whole."""
+    """Rise from `z` at 3 m as a sensor errs: horizontal where it begins, 3.4 deg on the whole."""
     return lambda x: z + 0.03 * (x - 3.0) ** 2
 
 
 @pytest.mark.parametrize("views", [(0, 0), (0, 1)])
-def test_a_far_floor_that_bends_away_is_one_with_the_floor_it_goes_on_from(views):
-    near, far = patch((1.0, 3.0), level(0.0)), patch((3.02, 5.0), bent(0.0), seed=1)
+def test_a_far_floor_that_bends_up_is_one_with_the_near_floor(views):
+    near, far = patch((1.0, 3.0), horizontal(0.0)), patch((3.02, 5.0), bent(0.0), seed=1)
     assert count([near, far], views) == 1
 
 
 @pytest.mark.parametrize("views", [(0, 0), (0, 1)])
 @pytest.mark.parametrize("step", [0.035, 0.05])
-@pytest.mark.parametrize("shape", [level, bent])
-def test_a_step_stays_a_step(step, shape, views):
-    near, far = patch((1.0, 3.0), level(0.0)), patch((3.02, 5.0), shape(step), seed=1)
+@pytest.mark.parametrize("shape", [horizontal, bent])
+def test_patches_with_a_step_between_them_are_two(step, shape, views):
+    near, far = patch((1.0, 3.0), horizontal(0.0)), patch((3.02, 5.0), shape(step), seed=1)
     assert count([near, far], views) == 2
 
 
-def test_one_view_tells_a_step_of_two_centimetres():
-    board, lid = patch((1.0, 2.0), level(0.7)), patch((1.4, 1.7), level(0.72), seed=1)
+def test_a_step_of_two_centimetres_in_one_view_makes_two_surfaces():
+    board, lid = patch((1.0, 2.0), horizontal(0.7)), patch((1.4, 1.7), horizontal(0.72), seed=1)
     assert count([board, lid], (0, 0)) == 2
 
 
 def test_a_sheet_that_crosses_above_a_table_is_not_the_table():
-    table = patch((1.0, 3.0), level(0.7))
+    table = patch((1.0, 3.0), horizontal(0.7))
     above = patch((1.0, 3.0), lambda x: 0.735 + 0.02 * (x - 2.0), seed=1)
     assert count([table, above], (0, 0)) == 2
 
 
-def test_tables_that_do_not_touch_stay_apart():
-    assert count([patch((1.0, 2.0), level(0.7)), patch((2.06, 3.0), level(0.7))], (0, 1)) == 2
+def test_tables_that_do_not_touch_are_two():
+    assert (
+        count([patch((1.0, 2.0), horizontal(0.7)), patch((2.06, 3.0), horizontal(0.7))], (0, 1))
+        == 2
+    )

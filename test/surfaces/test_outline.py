@@ -1,4 +1,4 @@
-"""Outlines at the scale of their sampling; far edges further out, near ones where they are."""
+"""Outlines at the scale of the point spacing; far edges are moved out, near ones stay."""
 
 import numpy as np
 import pytest
@@ -19,8 +19,8 @@ from tccm_ros.surfaces.polygons import polygon_rings
 L_SHAPE = shapely.Polygon([(0, 0), (2, 0), (2, 0.6), (0.6, 0.6), (0.6, 2), (0, 2)])
 
 
-def sweep_lines(polygon, gap, noise, seed=0):
-    """Points on lines of constant x, `gap` apart, as a sweep leaves them."""
+def scan_lines(polygon, gap, noise, seed=0):
+    """Return noisy points on lines of constant x at a distance of `gap`, m."""
     rng = np.random.default_rng(seed)
     x = np.arange(0.01, 2.0, gap)
     points = np.stack(np.meshgrid(x, np.linspace(0.0, 2.0, 300)), axis=-1).reshape(-1, 2)
@@ -34,26 +34,26 @@ def iou(a, b):
 
 
 @pytest.mark.parametrize(
-    ("gap", "noise", "least"),
+    ("gap", "noise", "min_iou"),
     [(0.02, 0.004, 0.93), (0.1, 0.006, 0.85), (0.2, 0.006, 0.75), (0.3, 0.01, 0.7)],
 )
-def test_an_l_stays_an_l_at_any_spacing(gap, noise, least):
-    outline, spacing = horizontal_outline(sweep_lines(L_SHAPE, gap, noise), 0.05)
+def test_an_l_shape_is_outlined_at_any_spacing(gap, noise, min_iou):
+    outline, spacing = horizontal_outline(scan_lines(L_SHAPE, gap, noise), 0.05)
     assert len(outline.geoms) == 1
-    assert iou(outline, L_SHAPE) >= least
+    assert iou(outline, L_SHAPE) >= min_iou
     assert spacing == pytest.approx(max(gap, 0.025), rel=0.5)
 
 
-def test_holes_stay_holes():
+def test_a_hole_in_a_table_is_a_hole_in_its_outline():
     table = shapely.box(0, 0, 1.6, 1.0).difference(shapely.box(0.6, 0.3, 1.0, 0.7))
-    outline, _ = horizontal_outline(sweep_lines(table, 0.02, 0.003), 0.05)
+    outline, _ = horizontal_outline(scan_lines(table, 0.02, 0.003), 0.05)
     assert len(outline.geoms[0].interiors) == 1
     assert iou(outline, table) >= 0.9
 
 
-def test_parts_stay_apart():
+def test_two_boards_with_a_gap_are_two_parts():
     parts = shapely.union_all([shapely.box(0, 0, 0.8, 1.0), shapely.box(1.1, 0, 1.9, 1.0)])
-    outline, _ = horizontal_outline(sweep_lines(parts, 0.03, 0.002), 0.05)
+    outline, _ = horizontal_outline(scan_lines(parts, 0.03, 0.002), 0.05)
     assert len(outline.geoms) == 2
 
 
@@ -65,7 +65,7 @@ def test_points_without_area_have_no_outline(points):
     assert outline.area == 0.0
 
 
-def test_rings_are_canonical():
+def test_rings_begin_at_their_smallest_vertex():
     square = shapely.Polygon(
         [(1, 1), (1, 0), (0, 0), (0, 1)], [[(0.2, 0.2), (0.4, 0.2), (0.4, 0.4), (0.2, 0.4)]]
     )
@@ -78,7 +78,7 @@ def test_rings_are_canonical():
 SPACING = 0.05
 
 
-def test_a_far_edge_moves_out_and_a_near_one_stays():
+def test_the_far_edge_moves_out_and_the_near_one_stays():
     board = shapely.box(1.0, -0.3, 1.6, 0.3)
     area = shapely.union_all(expected_area(MultiPolygon([board]), SPACING))
     aside = 0.15 * SPACING
@@ -91,28 +91,28 @@ def test_a_far_edge_moves_out_and_a_near_one_stays():
 
 @given(st.integers(0, 10**6), st.floats(0.3, 4.0), st.floats(-np.pi, np.pi), st.floats(0.0, 0.5))
 @settings(max_examples=60, deadline=None)
-def test_the_area_grows_by_what_is_allowed_and_loses_nothing(seed, distance, bearing, spacing):
+def test_the_area_grows_within_its_limits_and_loses_nothing(seed, distance, bearing, spacing):
     rng = np.random.default_rng(seed)
     middle = distance * np.array([np.cos(bearing), np.sin(bearing)])
     hull = shapely.MultiPoint(middle + rng.uniform(-0.25, 0.25, (8, 2))).convex_hull
     grown = shapely.union_all(expected_area(MultiPolygon([hull]), spacing))
     assert grown.buffer(1e-5).contains(hull)
     assert grown.area > hull.area + 0.5 * MIN_SIDE_EDGE * hull.length
-    # A mitred corner reaches out twice as far as its sides.
-    most = min(FAR_EDGE_FRACTION * spacing, MAX_FAR_EDGE) + 2.0 * 0.0125 + 1e-5
-    assert hull.buffer(1.01 * most).contains(grown)
+    # A mitred corner moves out twice as far as its sides.
+    max_distance = min(FAR_EDGE_FRACTION * spacing, MAX_FAR_EDGE) + 2.0 * 0.0125 + 1e-5
+    assert hull.buffer(1.01 * max_distance).contains(grown)
 
 
 @given(st.integers(0, 10**6), st.floats(-np.pi, np.pi))
 @settings(max_examples=30, deadline=None)
-def test_it_turns_with_the_area(seed, angle):
+def test_the_growth_does_not_depend_on_the_bearing(seed, angle):
     rng = np.random.default_rng(seed)
     corners = np.array([2.0, 0.0]) + rng.uniform(-0.4, 0.4, (7, 2))
     c, s = np.cos(angle), np.sin(angle)
-    turned = corners @ np.array([[c, s], [-s, c]])
+    rotated = corners @ np.array([[c, s], [-s, c]])
     areas = [
         shapely.union_all(expected_area(MultiPolygon([shapely.MultiPoint(p).convex_hull]), 0.04))
-        for p in (corners, turned)
+        for p in (corners, rotated)
     ]
     assert areas[1].area == pytest.approx(areas[0].area, rel=1e-3)
 

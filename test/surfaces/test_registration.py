@@ -1,4 +1,4 @@
-"""Sides of surfaces and what they tell of the pose between views; truth is the room itself."""
+"""Sides of surfaces and the relative poses of views from them; the truth is the room itself."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from tccm_ros.slam.factors import BetweenViews
 from tccm_ros.slam.solution import Solution
 from tccm_ros.surfaces.carving import carve
 from tccm_ros.surfaces.registration import register_views, side_factors
-from tccm_ros.surfaces.side_matching import BLIND, match_sides
+from tccm_ros.surfaces.side_matching import OPEN_SIGMA, match_sides
 from tccm_ros.surfaces.sides import Sides, find_sides
 from tccm_ros.surfaces.surface_map import SurfaceMap
 
@@ -66,7 +66,7 @@ def test_sides_lie_on_the_borders_of_boards():
         ([Screen(0.8, -0.1, 0.8, 1.5, 1.9)], {(1, 0), (-1, 0), (0, -1)}),
     ],
 )
-def test_what_hides_a_surface_makes_no_side(screens, faces):
+def test_the_edge_of_an_occlusion_is_no_side(screens, faces):
     board = Board(1.8, 0.0, 0.8, 2.0, 0.74)
     (view,) = views_of(Room([board], screens), POSES[:1])
     sides = find_sides(view)
@@ -82,10 +82,10 @@ def box_sides(pose, size=(1.2, 0.8), sigma=0.003, height=0.7, rng=None):
     if rng is not None:
         middle = middle + outward * rng.normal(0.0, sigma, (4, 1))
     back = between2(np.asarray(pose), np.zeros(3))
-    turned = transform2(np.array([0.0, 0.0, back[2]]), outward)
+    rotated = transform2(np.array([0.0, 0.0, back[2]]), outward)
     length = np.array([size[1], size[0], size[1], size[0]])
     return Sides(
-        np.arange(4), transform2(back, middle), turned, length, np.full(4, height),
+        np.arange(4), transform2(back, middle), rotated, length, np.full(4, height),
         np.full(4, sigma),
     )  # fmt: skip
 
@@ -94,13 +94,13 @@ START = np.diag([0.05, 0.05, 0.03]) ** 2
 
 
 def in_own_frame(pose, error):
-    turn = np.eye(3)
+    R = np.eye(3)
     c, s = np.cos(pose[2]), np.sin(pose[2])
-    turn[:2, :2] = [[c, -s], [s, c]]
-    return turn.T @ error
+    R[:2, :2] = [[c, -s], [s, c]]
+    return R.T @ error
 
 
-def test_a_match_is_as_good_as_it_says():
+def test_errors_of_matches_agree_with_their_covariances():
     first, second = np.array([-1.5, 0.2, 0.1]), np.array([-0.2, 1.9, -1.2])
     truth = between2(first, second)
     squares = []
@@ -114,22 +114,22 @@ def test_a_match_is_as_good_as_it_says():
             continue  # a start further off than three deviations, now and then
         error = in_own_frame(truth, match.pose - truth)
         squares.append(error @ np.linalg.solve(match.cov, error))
-    # Three degrees of freedom; turns are taken to be known as well as distances allow.
+    # Three degrees of freedom; yaws are as uncertain as distances allow.
     assert len(squares) >= 55
     assert 0.5 < np.mean(squares) < 4.5
 
 
-def test_parallel_sides_leave_the_way_along_them_open():
+def test_parallel_sides_do_not_determine_the_position_along_them():
     keep = np.array([True, False, True, False])
     pose = np.array([-1.5, 0.2, 0.0])
     sides = box_sides(pose).chosen(keep)
     match = match_sides(sides, sides, np.zeros(3), 0.1 * START, 0.02)
     assert match is not None
     assert np.sqrt(match.cov[0, 0]) < 0.01
-    assert np.sqrt(match.cov[1, 1]) > 0.9 * BLIND
+    assert np.sqrt(match.cov[1, 1]) > 0.9 * OPEN_SIGMA
 
 
-def test_a_comb_of_equal_boards_is_ambiguous():
+def test_a_match_of_equal_boards_in_a_row_is_refused_as_ambiguous():
     pose = np.array([-1.5, 0.0, 0.0])
     board, shift = box_sides(pose, (0.06, 0.8)), np.array([0.12, 0.0])
     parts = [board.moved(board.middle + k * shift, board.height) for k in range(5)]
@@ -145,8 +145,8 @@ def test_boards_at_other_heights_are_not_matched(height):
     assert (match is None) == (height > 0.75)
 
 
-def test_views_off_by_centimetres_are_brought_together():
-    """Fused with what was known before, by their covariances, matches lessen the error."""
+def test_matches_reduce_the_error_of_views_by_centimetres():
+    """Fused with the prior by their covariances, matches reduce the error."""
     views = views_of(Room(TABLES), POSES)
     off = POSES + np.array([[0.0, 0.0, 0.0], [0.02, -0.03, 0.01], [-0.03, 0.02, -0.01]])
     factors = side_factors(views, carve(views, spatial(off), CONFIG), known(off), CONFIG)
@@ -165,7 +165,7 @@ def test_views_off_by_centimetres_are_brought_together():
     assert np.mean(afters) < 0.8 * np.mean(befores)
 
 
-def test_a_table_that_was_moved_does_not_tie_views():
+def test_a_table_that_was_moved_does_not_constrain_views():
     moved = Room([Board(1.9, 0.6, 0.8, 1.2, 0.74, 0.2)])
     first, second = views_of(Room(TABLES[:1]), POSES[:1]), views_of(moved, POSES[:1])
     views = [first[0], replace(second[0], stamp_ns=99)]
@@ -174,7 +174,7 @@ def test_a_table_that_was_moved_does_not_tie_views():
     assert not [f for f in factors if isinstance(f, BetweenViews)]
 
 
-def test_registration_repeats():
+def test_registration_of_the_same_views_gives_the_same_factors():
     views = views_of(Room(TABLES), POSES)
     a, b = (register_views(views, known(POSES), CONFIG) for _ in range(2))
     assert len(a) == len(b)

@@ -1,3 +1,5 @@
+"""Objects and free places of a recording, on the surfaces of its map."""
+
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +19,7 @@ def outcome():
     return run_bag(BAG, Config())
 
 
-def test_only_planes_that_lie_on_no_surface_are_left_out(outcome, monkeypatch):
+def test_planes_that_are_left_out_have_no_objects_or_free_places(outcome, monkeypatch):
     objects, free = module.scene_objects(outcome.solution, outcome.cycles)
     assert free
     monkeypatch.setattr(module, "_near_surfaces", lambda planes, *_: list(planes))
@@ -29,13 +31,13 @@ def test_only_planes_that_lie_on_no_surface_are_left_out(outcome, monkeypatch):
             np.testing.assert_array_equal(ring, expected)
 
 
-def test_free_places_lie_on_their_surface(outcome):
+def test_free_places_are_at_the_height_of_their_surface(outcome):
     _, free = module.scene_objects(outcome.solution, outcome.cycles)
     surfaces = {surface.id: surface for surface in outcome.solution.surfaces}
     for identity, rings in free.items():
         for ring in rings:
             height = ring @ surfaces[identity].normal - surfaces[identity].offset
-            assert np.abs(height.mean()) < module.REACH
+            assert np.abs(height.mean()) < module.MAX_HEIGHT_DIFFERENCE
 
 
 def test_an_earlier_session_whose_clock_was_ahead_hides_no_object(outcome):

@@ -1,4 +1,4 @@
-"""One office swept from three places that share no odometry, and offices next door."""
+"""One office swept from three later_sessions that share no odometry, and offices next door."""
 
 import numpy as np
 import pytest
@@ -35,37 +35,39 @@ def first(rig):
 
 
 @pytest.fixture(scope="module")
-def places(rig, first):
-    """The second and the third place, each gone on with the map before."""
+def later_sessions(rig, first):
+    """The second and the third recording, each continuing the map before."""
     second = run(OFFICE[1], rig, first[0])
     return second, run(OFFICE[2], rig, second[0])
 
 
-def test_three_places_of_one_office_become_one_map(rig, first, places):
-    second, (saved, solution) = places
-    assert second[1].session.found
-    assert solution.session.found
+def test_recordings_of_one_office_at_three_positions_become_one_map(rig, first, later_sessions):
+    second, (saved, solution) = later_sessions
+    assert second[1].alignment.found
+    assert solution.alignment.found
     floor = floors(solution)[0]
     assert {view.stamp_ns for view in floor.views} == {s.view.stamp_ns for s in saved.views}
     assert floor.area > floors(first[1])[0].area
     assert abs(floor.height - floors(first[1])[0].height) < 0.01
     shared_surfaces = [s for s in solution.surfaces if s.label != "floor" and len(s.views) > 1]
-    assert shared_surfaces, "furniture that two places saw is one surface"
-    # Through the second session or straight: the third is at one place.
+    assert shared_surfaces, "furniture that two later_sessions saw is one surface"
+    # The pose of the third session is the same with and without the second.
     straight = run(OFFICE[2], rig, first[0])[1]
-    apart = planar(inverse(straight.session.T_map_session) @ solution.session.T_map_session)
-    assert np.hypot(apart[0], apart[1]) < 0.10
-    assert abs(apart[2]) < np.radians(2.0)
+    difference = planar(
+        inverse(straight.alignment.T_map_session) @ solution.alignment.T_map_session
+    )
+    assert np.hypot(difference[0], difference[1]) < 0.10
+    assert abs(difference[2]) < np.radians(2.0)
 
 
-def test_the_floor_leaves_hardly_a_piece(places):
-    _, (_, solution) = places
+def test_the_floor_is_one_surface_but_for_small_pieces(later_sessions):
+    _, (_, solution) = later_sessions
     floor, *rest = floors(solution)
     assert sum(s.area for s in rest) < 0.05 * floor.area
 
 
-def test_the_floor_of_a_corridor_is_one_over_its_three_places():
-    # As it is, with a tilt zero that is wrong by degrees: no rig is needed for that.
+def test_the_floor_of_a_corridor_seen_at_three_positions_is_one_surface():
+    # Without calibration: the tilt zero is wrong by degrees.
     _, solution = run("kurt3d_corridor", Config())
     floor, *rest = floors(solution)
     assert len(floor.views) == 3

@@ -1,4 +1,4 @@
-"""Views: compact, exact in their moments, and moved as a whole with the pose they hang on."""
+"""Views: compact, with exact moments, and moved as a whole with their pose."""
 
 import numpy as np
 import pytest
@@ -6,14 +6,15 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from room import Board, Room
-from surface_maps import build, poses_at, standing
+from surface_maps import above_floor, build, poses_at
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, transform2
 from tccm_ros.records import SurfaceCloud, ViewIntervals
 from tccm_ros.surfaces.saved_map import pack_views
 from tccm_ros.surfaces.surface_map import SurfaceMap
-from tccm_ros.surfaces.views import empty_view, thin_cloud, with_cloud
+from tccm_ros.surfaces.thinning import thin_cloud
+from tccm_ros.surfaces.views import empty_view, with_cloud
 
 CONFIG = Config()
 TABLE, STOOL = Board(1.5, 0.3, 0.8, 1.2, 0.74), Board(1.2, -1.2, 0.4, 0.4, 0.46)
@@ -86,14 +87,14 @@ def test_each_view_is_moved_by_its_own_pose():
     """Only the second view's pose is corrected: what the first alone saw stays."""
     rooms = Room([STOOL]), Room([Board(1.5, 1.2, 0.8, 0.8, 0.74)])
     looks = [(rooms[0], (0.0, 0.0, 0.0), 10), (rooms[1], (0.0, 0.8, 0.0), 20)]
-    before = {round(s.height, 2): s for s in standing(build(looks, sees_through=False))}
+    before = {round(s.height, 2): s for s in above_floor(build(looks, sees_through=False))}
     poses = [(0.0, 0.0, 0.0), (0.0, 1.1, 0.0)]
-    after = {round(s.height, 2): s for s in standing(build(looks, poses, sees_through=False))}
+    after = {round(s.height, 2): s for s in above_floor(build(looks, poses, sees_through=False))}
     np.testing.assert_array_equal(after[0.46].boundary, before[0.46].boundary)
     assert after[0.74].centroid == pytest.approx(np.add(before[0.74].centroid, (0, 0.3, 0)))
 
 
-def test_halves_that_come_in_any_order_and_twice_are_one_view():
+def test_cloud_and_intervals_in_any_order_or_twice_are_one_view():
     records = Room([TABLE]).look((0, 0, 0), 7)
     orders = ([0, 1], [1, 0], [0, 0, 1], [1, 0, 1])
     packed = []
@@ -107,8 +108,8 @@ def test_halves_that_come_in_any_order_and_twice_are_one_view():
             np.testing.assert_array_equal(array, other[name])
 
 
-def test_a_place_seen_from_afar_in_a_few_lines_counts():
-    """Four lines of a sweep, 12 cm apart, 48 points: less than a tenth of the published 500."""
+def test_a_far_table_seen_in_four_scan_lines_is_a_surface():
+    """Four scan lines at distances of 12 cm, 48 points: a tenth of the published 500."""
     x, y = np.meshgrid(4.0 + 0.12 * np.arange(4), np.linspace(-0.4, 0.4, 12))
     far = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.74)])
     floor = board(3000, z=0.0)
@@ -116,7 +117,7 @@ def test_a_place_seen_from_afar_in_a_few_lines_counts():
     surface_map = SurfaceMap(CONFIG)
     surface_map.add(cloud(points, [0] * len(floor) + [1] * len(far)))
     surface_map.add(ViewIntervals(7, "base", np.zeros((0, 4), np.float32)))
-    (table,) = standing(surface_map.build(poses_at(np.eye(4)[None])))
+    (table,) = above_floor(surface_map.build(poses_at(np.eye(4)[None])))
     assert table.points == 48
     assert table.area == pytest.approx(0.36 * 0.8, rel=0.35)
     assert table.height == pytest.approx(0.74, abs=1e-6)

@@ -61,7 +61,7 @@ def at(solution, entry):
     ]
 
 
-def test_the_map_is_that_of_the_room_as_it_is_now(recording, solutions):
+def test_the_map_shows_the_room_after_the_changes(recording, solutions):
     _, truth = recording
     _, after = solutions
     names = {entry["label"]: entry for entry in truth["surfaces"]}
@@ -72,10 +72,10 @@ def test_the_map_is_that_of_the_room_as_it_is_now(recording, solutions):
         found = Polygon(surface.boundary[:, :2])
         assert found.intersection(outline).area / found.union(outline).area > 0.7
         assert surface.height == pytest.approx(entry["height"], abs=0.005)
-    assert sum(map(in_view, after.surfaces)) == 3, "nothing is left at old places"
+    assert sum(map(in_view, after.surfaces)) == 3, "nothing is left at old positions"
 
 
-def test_what_was_carried_away_was_there_and_is_gone(recording, solutions):
+def test_a_stool_that_was_carried_away_is_gone(recording, solutions):
     _, truth = recording
     (stool,) = truth["gone"]
     before, after = solutions
@@ -83,7 +83,7 @@ def test_what_was_carried_away_was_there_and_is_gone(recording, solutions):
     assert at(after, stool) == []
 
 
-def test_what_the_person_hides_keeps_its_id_and_its_dates(recording, solutions):
+def test_a_cupboard_that_a_person_hides_keeps_its_id_and_dates(recording, solutions):
     _, truth = recording
     before, after = solutions
     cupboard = next(e for e in truth["surfaces"] if e["label"] == "cupboard")

@@ -1,11 +1,11 @@
-"""A robot that stands still keeps one current view of a place, and flat memory."""
+"""A stationary robot keeps one current view, and memory does not grow."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from surface_maps import TABLE, poses_at, standing
+from surface_maps import TABLE, above_floor, poses_at
 
 from tccm_ros.config import Config
 from tccm_ros.records import SurfaceCloud
@@ -23,18 +23,18 @@ def size(surface_map):
     return sum(array.nbytes for array in pack_views(surface_map.views).values())
 
 
-def stand(surface_map, views, has_stood=lambda a, b: True):
+def add_views(surface_map, views, is_stationary=lambda a, b: True):
     for view in views:
         surface_map.add_view(view)
-        surface_map.forget(has_stood)
+        surface_map.forget(is_stationary)
 
 
 def built(surface_map):
     return surface_map.build(poses_at(np.stack([np.eye(4)] * len(surface_map.views))))
 
 
-def sweeps(room, count, start=0):
-    """Noisy sweeps of a standing robot: a few different ones in turn."""
+def tilt_cycles(room, count, start=0):
+    """Return noisy views of a stationary robot: three different ones, repeated."""
     kinds = []
     for seed in range(3):
         one = SurfaceMap(Config())
@@ -46,25 +46,25 @@ def sweeps(room, count, start=0):
     ]
 
 
-def test_memory_is_flat_over_an_hour_of_standing():
+def test_memory_does_not_grow_over_an_hour_of_a_stationary_robot():
     surface_map = SurfaceMap(Config())
-    stand(surface_map, sweeps(Room([TABLE]), 40))
+    add_views(surface_map, tilt_cycles(Room([TABLE]), 40))
     early = size(surface_map)
-    stand(surface_map, sweeps(Room([TABLE]), HOUR - 40, start=40))
+    add_views(surface_map, tilt_cycles(Room([TABLE]), HOUR - 40, start=40))
     assert len(surface_map.views) == LATE_VIEWS + 1
     assert size(surface_map) <= 1.05 * early
-    (table,) = standing(built(surface_map))
+    (table,) = above_floor(built(surface_map))
     assert table.first_seen_ns == 10
     assert table.last_seen_ns == 10 * HOUR
     assert [v.stamp_ns for v in table.views] == [10 * HOUR]
 
 
-def test_names_are_those_of_the_first_look():
+def test_ids_are_those_of_the_first_view():
     room = Room([TABLE, Board(1.2, 1.4, 0.6, 0.6, 0.5)])
     first, long = SurfaceMap(Config()), SurfaceMap(Config())
-    stand(first, sweeps(room, 1))
-    stand(long, sweeps(room, 30))
-    assert [s.id for s in standing(built(long))] == [s.id for s in standing(built(first))]
+    add_views(first, tilt_cycles(room, 1))
+    add_views(long, tilt_cycles(room, 30))
+    assert [s.id for s in above_floor(built(long))] == [s.id for s in above_floor(built(first))]
     loaded = SurfaceMap(Config())
     for view in unpack_views(pack_views(long.views)):
         loaded.add_view(view)
@@ -72,57 +72,57 @@ def test_names_are_those_of_the_first_look():
         assert (a.id, a.first_seen_ns, a.last_seen_ns) == (b.id, b.first_seen_ns, b.last_seen_ns)
 
 
-def test_late_arrivals_do_not_show():
+def test_views_that_arrive_late_change_nothing():
     room = Room([TABLE])
-    looks = sweeps(room, 30)
+    looks = tilt_cycles(room, 30)
     in_order, late = SurfaceMap(Config()), SurfaceMap(Config())
-    stand(in_order, looks)
+    add_views(in_order, looks)
     order = np.arange(30)
     order[[10, 14]] = order[[14, 10]]
-    stand(late, [looks[k] for k in order])
+    add_views(late, [looks[k] for k in order])
     for name, array in pack_views(in_order.views).items():
         np.testing.assert_array_equal(array, pack_views(late.views)[name])
 
 
-def test_what_only_the_older_view_saw_is_kept():
-    """A person stands before the stool from the tenth sweep on: the view that shows it stays."""
+def test_the_last_view_of_an_occluded_surface_is_kept():
+    """A person hides the stool from the tenth tilt cycle on: the view that shows it stays."""
     stool = Board(1.2, 1.0, 0.4, 0.4, 0.5)
     surface_map = SurfaceMap(Config())
-    stand(surface_map, sweeps(Room([TABLE, stool]), 10))
+    add_views(surface_map, tilt_cycles(Room([TABLE, stool]), 10))
     hidden = Room([TABLE, stool], [Screen(0.35, 0.6, 0.7, 0.15, 1.9)])
-    stand(surface_map, sweeps(hidden, 30, start=10))
-    assert {round(s.height, 1) for s in standing(built(surface_map))} == {0.5, 0.7}
+    add_views(surface_map, tilt_cycles(hidden, 30, start=10))
+    assert {round(s.height, 1) for s in above_floor(built(surface_map))} == {0.5, 0.7}
     assert len(surface_map.views) <= LATE_VIEWS + 3
 
 
 def test_a_robot_that_moves_keeps_its_views():
     surface_map = SurfaceMap(Config())
-    stand(surface_map, sweeps(Room([TABLE]), 20), has_stood=lambda a, b: False)
+    add_views(surface_map, tilt_cycles(Room([TABLE]), 20), is_stationary=lambda a, b: False)
     assert len(surface_map.views) == 20
 
 
 @pytest.mark.parametrize("gone", [True, False])
 def test_a_table_that_was_carried_away_is_gone(gone):
     surface_map = SurfaceMap(Config())
-    stand(surface_map, sweeps(Room([TABLE]), 12))
-    stand(surface_map, sweeps(Room([] if gone else [TABLE]), 20, start=12))
-    assert len(standing(built(surface_map))) == (0 if gone else 1)
+    add_views(surface_map, tilt_cycles(Room([TABLE]), 12))
+    add_views(surface_map, tilt_cycles(Room([] if gone else [TABLE]), 20, start=12))
+    assert len(above_floor(built(surface_map))) == (0 if gone else 1)
 
 
-def test_single_lines_of_a_sweep_are_no_surface_and_keep_no_view():
+def test_single_scan_lines_are_no_surface_and_keep_no_view():
     lines = [
         replace(view, patches=(*view.patches, *line_view(0.9 + 0.01 * (k % 3)).patches))
-        for k, view in enumerate(sweeps(Room([TABLE]), 40))
+        for k, view in enumerate(tilt_cycles(Room([TABLE]), 40))
     ]
     surface_map = SurfaceMap(Config())
-    stand(surface_map, lines)
+    add_views(surface_map, lines)
     assert len(surface_map.views) == LATE_VIEWS + 1
-    (table,) = standing(built(surface_map))
+    (table,) = above_floor(built(surface_map))
     assert table.height == pytest.approx(TABLE.z, abs=0.005)
 
 
 def line_view(x):
-    """A view of a single line of a sweep, 1.2 m high."""
+    """Return a view of a single scan line, 1.2 m high."""
     y = np.linspace(-0.4, 0.4, 60)
     rng = np.random.default_rng(1)
     points = np.stack([x + rng.normal(0.0, 0.002, 60), y, np.full(60, 1.2)], axis=1)
@@ -133,7 +133,7 @@ def line_view(x):
 
 
 def test_the_lines_of_several_views_make_a_surface():
-    """Three lines of three views 4 cm apart are a ledge 8 cm deep."""
+    """Three lines of three views at distances of 4 cm are a ledge 8 cm deep."""
     surface_map = SurfaceMap(Config())
     for k, x in enumerate((0.90, 0.94, 0.98)):
         surface_map.add_view(replace(line_view(x), stamp_ns=10 + k))

@@ -1,11 +1,11 @@
-"""What was moved, carried away or hidden, over several views, and over a save in between."""
+"""Furniture that is moved, carried away or hidden, over several views and saved maps."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from surface_maps import overlap, poses_at, standing
+from surface_maps import above_floor, overlap, poses_at
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
@@ -15,13 +15,13 @@ from tccm_ros.surfaces.surface_map import SurfaceMap
 TABLE = Board(1.6, -0.9, 0.8, 0.9, 0.74)
 STOOL = Board(1.3, 0.9, 0.4, 0.4, 0.46)
 PERSON = Screen(0.7, -0.9, 0.9, -0.2, 1.8)
-"""Stands before the table."""
+"""Hides the table."""
 
 PLACES = [(0, 0, 0), (-0.4, 0.2, 0.0), (0.1, -0.5, 0.2), (-0.2, 0.6, -0.2), (0, 0, 0), (0.3, 0, 0)]
 
 
 def look_at(rooms, *, saved_after=None):
-    """Map a room as it changes, from one place after the other; perhaps save and load between."""
+    """Map a room that changes, from several poses; save and load after a view if asked."""
     surface_map = SurfaceMap(Config())
     for k, (room, place) in enumerate(zip(rooms, PLACES, strict=False)):
         for record in room.look(place, 10 * k + 10):
@@ -33,7 +33,7 @@ def look_at(rooms, *, saved_after=None):
                 surface_map.add_view(view)
     count = len(rooms)
     where = spatial(np.array(PLACES[:count], float))
-    return {round(s.height, 2): s for s in standing(surface_map.build(poses_at(where)))}
+    return {round(s.height, 2): s for s in above_floor(surface_map.build(poses_at(where)))}
 
 
 BOTH = Room([TABLE, STOOL])
@@ -45,7 +45,7 @@ SAVES = [None, 0, 1, 2]
 
 
 @pytest.mark.parametrize("saved_after", SAVES)
-def test_what_a_person_hides_stays_with_its_id(saved_after):
+def test_a_table_that_a_person_hides_keeps_its_id(saved_after):
     before = look_at([BOTH])
     after = look_at([BOTH, HIDDEN, HIDDEN, BOTH], saved_after=saved_after)
     meanwhile = look_at([BOTH, HIDDEN, HIDDEN], saved_after=saved_after)
@@ -56,7 +56,7 @@ def test_what_a_person_hides_stays_with_its_id(saved_after):
     assert len(after) == len(meanwhile) == 2
 
 
-def test_what_is_hidden_was_last_seen_before():
+def test_a_hidden_table_was_last_seen_before():
     hidden = Screen(0.6, -2.4, 0.9, 0.0, 1.8)
     found = look_at([BOTH, Room([TABLE, STOOL], [hidden]), Room([TABLE, STOOL], [hidden])])
     assert (found[0.74].first_seen_ns, found[0.46].first_seen_ns) == (10, 10)
@@ -65,7 +65,7 @@ def test_what_is_hidden_was_last_seen_before():
 
 
 @pytest.mark.parametrize("saved_after", SAVES)
-def test_what_was_carried_away_is_gone_and_stays_gone(saved_after):
+def test_a_table_that_was_carried_away_is_gone_and_stays_gone(saved_after):
     for rooms in ([BOTH, NO_TABLE], [BOTH, BOTH, NO_TABLE], [BOTH, NO_TABLE, NO_TABLE]):
         found = look_at(rooms, saved_after=saved_after)
         assert set(found) == {0.46}
@@ -73,12 +73,12 @@ def test_what_was_carried_away_is_gone_and_stays_gone(saved_after):
 
 
 @pytest.mark.parametrize("saved_after", SAVES)
-def test_what_was_hidden_first_and_carried_away_then_is_gone(saved_after):
+def test_a_table_that_was_hidden_and_then_carried_away_is_gone(saved_after):
     assert set(look_at([BOTH, HIDDEN, NO_TABLE], saved_after=saved_after)) == {0.46}
 
 
 @pytest.mark.parametrize("saved_after", SAVES)
-def test_what_comes_back_is_there_again_and_new(saved_after):
+def test_a_table_that_comes_back_is_a_new_surface(saved_after):
     found = look_at([BOTH, NO_TABLE, BOTH], saved_after=saved_after)
     assert found[0.74].first_seen_ns == 30
     assert found[0.74].id not in {s.id for s in look_at([BOTH]).values()}
@@ -86,7 +86,7 @@ def test_what_comes_back_is_there_again_and_new(saved_after):
 
 
 @pytest.mark.parametrize("saved_after", SAVES)
-def test_what_was_moved_is_where_it_is_now(saved_after):
+def test_a_table_that_was_moved_is_at_its_new_position(saved_after):
     moved = MOVED.boards[0]
     found = look_at([BOTH, MOVED, MOVED], saved_after=saved_after)
     assert len(found) == 2
@@ -99,7 +99,7 @@ def test_what_was_moved_is_where_it_is_now(saved_after):
 
 
 @pytest.mark.parametrize("saved_after", SAVES)
-def test_one_goes_while_the_other_is_hidden(saved_after):
+def test_a_stool_is_gone_while_a_person_hides_the_table(saved_after):
     found = look_at([BOTH, Room([TABLE], [PERSON])], saved_after=saved_after)
     assert set(found) == {0.74}
     assert found[0.74].id == look_at([BOTH])[0.74].id

@@ -1,4 +1,4 @@
-"""Errors of calibrations of simulated rigs, compared with their covariances and the Cramer-Rao bound.
+"""Errors of calibrations of simulated rigs, against their covariances and the Cramer-Rao bound.
 
 python bench/calibration_coverage.py [--seeds 20] [--case NAME ...]
 
@@ -40,10 +40,10 @@ IN_THE_WAY = {"clutter": 40, "ramp": True, "people": True}
 CASES = {
     "all errors": ERRORS,
     "clutter, ramp, person": ERRORS | IN_THE_WAY,
-    "base tilted by 0.07 deg": ERRORS | {"lean": 1.0},
-    "floor from 2 m": ERRORS | IN_THE_WAY | {"sweep_limits": (-0.9, 0.3)},
-    "floor from 3 m, clutter, ramp, person": ERRORS | IN_THE_WAY | {"sweep_limits": (-0.9, 0.2)},
-    "floor from 3 m": ERRORS | {"sweep_limits": (-0.9, 0.2)},
+    "base tilted by 0.07 deg": ERRORS | {"base_tilt": 1.0},
+    "floor from 2 m": ERRORS | IN_THE_WAY | {"tilt_limits": (-0.9, 0.3)},
+    "floor from 3 m, clutter, ramp, person": ERRORS | IN_THE_WAY | {"tilt_limits": (-0.9, 0.2)},
+    "floor from 3 m": ERRORS | {"tilt_limits": (-0.9, 0.2)},
 }
 
 #: The option of the simulator that is the truth of a quantity.
@@ -59,7 +59,13 @@ NEAR, GRAZING = 0.03, 0.02
 
 def run(options: dict[str, object], seed: int, folder: Path) -> Calibration:
     """Simulate and calibrate."""
-    usual = {"tilt_beams": 181, "sigma": SIGMA, "sweep_period": 2.0, "lean": 0.0, "people": False}
+    usual = {
+        "tilt_beams": 181,
+        "sigma": SIGMA,
+        "cycle_period": 2.0,
+        "base_tilt": 0.0,
+        "people": False,
+    }
     settings = usual | options
     simulate("room", folder, seed=seed, options=Options.model_validate(settings), overwrite=True)
     return calibrate(folder, floor_z=0.0)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.pipeline.sim.raycast import FACES, TOP_FACE
 from tccm_ros.pipeline.sim.scene import FrozenScene, Solid
-from tccm_ros.pipeline.sim.situations import SWEEP_TIME, TILT_HIGH, TILT_LOW, situation_scene
+from tccm_ros.pipeline.sim.situations import CYCLE_TIME, TILT_HIGH, TILT_LOW, situation_scene
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -109,10 +109,10 @@ def cycle(
     """
     scene = situation_scene(name, yaw, pitch, translation, room)
     frozen, labels_of = _frozen(name, yaw, pitch, translation, room)
-    first = start + SWEEP_TIME / scans * np.arange(scans)
+    first = start + CYCLE_TIME / scans * np.arange(scans)
     times = first[:, None] + SCAN_TIME / (beams - 1) * np.arange(beams)
     low, high = tilt_limits if downwards else tilt_limits[::-1]
-    tilts = low + (high - low) * (times - start) / SWEEP_TIME
+    tilts = low + (high - low) * (times - start) / CYCLE_TIME
     bearings = np.linspace(-FIELD / 2.0, FIELD / 2.0, beams)
     directions = _directions(bearings, tilts).reshape(-1, 3)
     origins = np.broadcast_to(np.array([0.0, 0.0, LASER_HEIGHT]), directions.shape)

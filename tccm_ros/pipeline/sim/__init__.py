@@ -1,6 +1,6 @@
-"""A simulator whose geometry is written down independently of the mapping code."""
+"""A simulator of robots with lasers, with its own geometry."""
 
-from tccm_ros.pipeline.sim.engine import Published, Simulation
+from tccm_ros.pipeline.sim.engine import SimulatedMessage, Simulation
 from tccm_ros.pipeline.sim.options import Options, options_from_settings
 from tccm_ros.pipeline.sim.recording import run, simulate
 from tccm_ros.pipeline.sim.worlds import WORLDS, build_world
@@ -8,7 +8,7 @@ from tccm_ros.pipeline.sim.worlds import WORLDS, build_world
 __all__ = [
     "WORLDS",
     "Options",
-    "Published",
+    "SimulatedMessage",
     "Simulation",
     "build_world",
     "options_from_settings",

@@ -25,14 +25,14 @@ CASES = {
     "floor far away": {
         "tilt_offset": 0.14, "tilt_scale": 0.965, "laser_roll": 0.02, "laser_height": 0.03,
         "joint_time_offset": 0.012, "clutter": 40, "ramp": True, "people": True,
-        "sweep_limits": (-0.9, 0.3),
+        "tilt_limits": (-0.9, 0.3),
     },
 }  # fmt: skip
 
 
 def run(folder: Path, **options) -> Calibration:
     settings = {
-        "tilt_beams": 181, "sigma": 0.006, "sweep_period": 2.0, "lean": 0.0, "people": False,
+        "tilt_beams": 181, "sigma": 0.006, "cycle_period": 2.0, "base_tilt": 0.0, "people": False,
     } | options  # fmt: skip
     simulate("room", folder, options=Options(**settings))
     return calibrate(folder, floor_z=FLOOR_Z)
@@ -76,7 +76,7 @@ def test_the_person_in_the_simulated_room_changes_ranges_at_each_stop():
     """Otherwise the case with people would test nothing."""
 
     def ranges(people: bool) -> np.ndarray:
-        options = Options(tilt_beams=61, sweep_period=2.0, faults=False, people=people)
+        options = Options(tilt_beams=61, cycle_period=2.0, faults=False, people=people)
         messages = [m for m in run_room("room", options=options) if m.topic == "/tilt_scan"]
         return np.array([record.ranges for m in messages for record in m.records])
 
@@ -124,7 +124,7 @@ def test_hits_near_two_planes_belong_to_neither():
 
 
 def test_without_the_height_of_the_floor_the_height_of_the_laser_is_not_estimated(tmp_path: Path):
-    simulate("room", tmp_path / "bag", options=Options(tilt_beams=121, sweep_period=2.0))
+    simulate("room", tmp_path / "bag", options=Options(tilt_beams=121, cycle_period=2.0))
     found = calibrate(tmp_path / "bag")
     height = next(q for q in found.observability.quantities if q.name == "height")
     assert not height.is_determined

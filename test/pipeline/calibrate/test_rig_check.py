@@ -11,7 +11,7 @@ from tccm_ros.records import PlaneRecord
 
 
 def findings(**errors) -> dict[str, float]:
-    options = Options(tilt_beams=181, sweep_period=2.0, people=False, **errors)
+    options = Options(tilt_beams=181, cycle_period=2.0, people=False, **errors)
     fed, check = fed_tccm(expects_odometry=True), RigCheck()
     for message in run("room", options=options):
         if message.topic != "/scan":

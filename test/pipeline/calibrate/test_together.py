@@ -21,7 +21,7 @@ ERRORS = {"tilt_offset": 0.05, "tilt_scale": 0.98, "laser_roll": 0.01, "joint_ti
 
 def bag(folder: Path, world: str = "room", **errors) -> Path:
     settings = {
-        "tilt_beams": 121, "sigma": 0.006, "sweep_period": 2.0, "lean": 0.0, "people": False,
+        "tilt_beams": 121, "sigma": 0.006, "cycle_period": 2.0, "base_tilt": 0.0, "people": False,
     } | errors  # fmt: skip
     simulate(world, folder, options=Options(**settings))
     return folder

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tccm_ros.pipeline.sim.engine import EPOCH_NS, Simulation
-from tccm_ros.pipeline.sim.joints import Profile, sweeps
+from tccm_ros.pipeline.sim.joints import Profile, oscillation
 from tccm_ros.pipeline.sim.motion import Waypoint, drive, stand
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.robots import HUMANOID, SEGWAY, UPSIDE_DOWN
@@ -72,7 +72,7 @@ def test_upside_down_laser_sees_left_on_the_right():
 
 
 def test_each_beam_has_the_joint_of_its_own_time():
-    world = bare_world(joints={"laser_tilt_joint": sweeps([(0.0, 0.5)], 0.5, (0.9, 1.3), 0.0)})
+    world = bare_world(joints={"laser_tilt_joint": oscillation([(0.0, 0.5)], 0.5, (0.9, 1.3), 0.0)})
     world = replace(world, rig=HUMANOID)
     scan = records(world, topic="/tilt_scan")[2]
     beams = np.arange(len(scan.ranges))
@@ -86,7 +86,7 @@ def test_each_beam_has_the_joint_of_its_own_time():
 
 
 def test_each_beam_has_the_base_of_its_own_time():
-    path = drive([Waypoint(0, 0, 0.0), Waypoint(1.5, 0)], lean=0.0)
+    path = drive([Waypoint(0, 0, 0.0), Waypoint(1.5, 0)], base_tilt=0.0)
     simulation = Simulation(bare_world(path=path), 0, EXACT)
     scans = [m.records[0] for m in simulation.run() if m.topic == "/scan"]
     scan = scans[len(scans) // 2]

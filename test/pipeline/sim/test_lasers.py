@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tccm_ros.pipeline.sim.lasers import footprint, measure
+from tccm_ros.pipeline.sim.lasers import measure, rim_directions
 from tccm_ros.pipeline.sim.robots import LMS_291, UTM_30LX
 
 BARE = replace(UTM_30LX, mixed=0.0, lost=0.0, invalid=0.0)
@@ -45,7 +45,7 @@ def test_mixed_pixels_lie_between():
 
 def test_rim_lies_at_the_divergence():
     bearings = np.linspace(-2.0, 2.0, 200)
-    rays = footprint(bearings, 0.01, random())
+    rays = rim_directions(bearings, 0.01, random())
     center = np.stack([np.cos(bearings), np.sin(bearings), 0 * bearings], -1)
     assert np.linalg.norm(rays, axis=1) == pytest.approx(1.0)
     assert np.arccos((rays * center).sum(1)) == pytest.approx(0.01, rel=1e-3)

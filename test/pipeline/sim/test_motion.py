@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tccm_ros.pipeline.sim.joints import Profile, sweeps
+from tccm_ros.pipeline.sim.joints import Profile, oscillation
 from tccm_ros.pipeline.sim.motion import (
     STEP,
     OdometryErrors,
@@ -19,7 +19,7 @@ ROUTE = [
     Waypoint(3.0, 1.5, 2.0, 3.0),
     Waypoint(0.5, 1.0, -1.0, 2.0),
 ]
-PERFECT = OdometryErrors(scale=1.0, turn_scale=1.0, drift=0.0, noise=0.0, turn_noise=0.0)
+PERFECT = OdometryErrors(scale=1.0, yaw_scale=1.0, drift=0.0, noise=0.0, yaw_noise=0.0)
 
 
 def test_stops_are_where_the_route_has_them():
@@ -52,8 +52,8 @@ def test_it_never_slides_sideways():
 
 def test_base_leans_back_when_it_starts():
     """Pitch is positive when the nose goes down: an accelerating base lifts it."""
-    path = drive([Waypoint(0, 0, 0.0), Waypoint(3, 0)], lean=1.0)
-    flat = drive([Waypoint(0, 0, 0.0), Waypoint(3, 0)], lean=0.0)
+    path = drive([Waypoint(0, 0, 0.0), Waypoint(3, 0)], base_tilt=1.0)
+    flat = drive([Waypoint(0, 0, 0.0), Waypoint(3, 0)], base_tilt=0.0)
     assert np.all(flat.states[:, 3:] == 0.0)
     starting = path.states[(path.times > 0.4) & (path.times < 0.9), 4]
     cruising = path.states[(path.times > 3.0) & (path.times < 3.5), 4]
@@ -68,8 +68,8 @@ def test_perfect_wheels_follow_the_truth():
 
 
 def test_errors_of_the_wheels_are_what_they_say():
-    path = drive([Waypoint(0, 0, 0.0), Waypoint(10, 0)], lean=0.0)
-    errors = OdometryErrors(scale=1.02, turn_scale=1.0, drift=0.012, noise=0.0, turn_noise=0.0)
+    path = drive([Waypoint(0, 0, 0.0), Waypoint(10, 0)], base_tilt=0.0)
+    errors = OdometryErrors(scale=1.02, yaw_scale=1.0, drift=0.012, noise=0.0, yaw_noise=0.0)
     wheels = wheel_odometry(path, errors, (1.0, 2.0, 0.5), np.random.default_rng(0))
     length = path.states[-1, 0]
     assert wheels[0] == pytest.approx([1.0, 2.0, 0.5])
@@ -93,20 +93,20 @@ def test_pose_is_roll_pitch_yaw():
 
 class TestJoints:
     def test_sweeps_go_back_and_forth_and_rest_between_windows(self):
-        profile = sweeps([(1.0, 5.1), (10.0, 12.0)], 2.0, (-0.5, 1.0))
+        profile = oscillation([(1.0, 5.1), (10.0, 12.0)], 2.0, (-0.5, 1.0))
         assert profile.at([0.0, 1.0, 3.0, 5.0, 8.0, 12.0, 20.0]) == pytest.approx(
             [-0.5, -0.5, 1.0, -0.5, -0.5, 1.0, 1.0]
         )
 
     def test_middle_of_a_sweep_is_even(self):
-        profile = sweeps([(0.0, 2.0)], 2.0, (0.0, 1.0), ramp=0.1)
+        profile = oscillation([(0.0, 2.0)], 2.0, (0.0, 1.0), ramp=0.1)
         t = np.linspace(0.3, 1.7, 50)
         assert np.diff(profile.at(t), 2) == pytest.approx(0.0, abs=1e-12)
         assert profile.at([1.0]) == pytest.approx(0.5)
 
     @pytest.mark.parametrize("ramp", [0.0, 0.1, 0.5])
     def test_no_jumps(self, ramp):
-        profile = sweeps([(0.0, 6.0)], 1.5, (-1.0, 1.0), ramp)
+        profile = oscillation([(0.0, 6.0)], 1.5, (-1.0, 1.0), ramp)
         steps = np.abs(np.diff(profile.at(np.arange(0.0, 7.0, 1e-3))))
         assert steps.max() <= 2.0 / 1.5 * 1e-3 / (1.0 - ramp) + 1e-9
 

@@ -153,7 +153,7 @@ def test_robots_keep_clear_of_what_stands_there():
         world = build_world(name)
         points = MultiPoint(world.drive.states[::20, :2])
         for solid in world.scene.solids:
-            low = solid.T_world_solid[2, 3] - solid.reach[2]
+            low = solid.T_world_solid[2, 3] - solid.half_extent[2]
             if solid.role in ("floor", "ceiling", "person") or low > 1.4 or not solid.is_still:
                 continue
             assert points.distance(outline(solid)) > 0.25, (name, solid.name)

@@ -83,7 +83,7 @@ def test_map_is_the_first_base_pose_levelled():
 
 
 def test_trajectory_of_a_drive():
-    path = drive([Waypoint(0, 0, 0.0), Waypoint(2, 0)], lean=0.0)
+    path = drive([Waypoint(0, 0, 0.0), Waypoint(2, 0)], base_tilt=0.0)
     scene = Scene()
     scene.floor_and_ceiling((-1, 1), (-1, 1))
     lines = np.array([line.split() for line in trajectory(simulation_of(scene, path))], float)
@@ -110,6 +110,6 @@ def test_walkthrough_and_moved_change():
     walkthrough = surfaces(Simulation(build_world("walkthrough")))
     assert {o["name"] for o in walkthrough["objects"]} == {"box that stays", "box that comes"}
     assert list(rows(walkthrough, "gone")) == ["stool"]
-    moved = surfaces(Simulation(build_world("moved", Options(lean=0.0))))
+    moved = surfaces(Simulation(build_world("moved", Options(base_tilt=0.0))))
     assert set(rows(moved)) == {"moved table", "cupboard", "crate"}
     assert rows(moved)["moved table"]["centroid"] == pytest.approx([2.4, 0.6, 0.7])

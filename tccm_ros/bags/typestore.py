@@ -1,4 +1,4 @@
-"""Message classes of the rosbags typestore: what bags are read and written with, without ROS."""
+"""Message classes of the rosbags typestore, with which bags are read and written without ROS."""
 
 from __future__ import annotations
 

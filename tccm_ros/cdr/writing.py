@@ -89,7 +89,7 @@ class CdrWriter:
         Raises
         ------
         TypeError
-            For a type that holds other things than numbers of one kind.
+            For a type with other fields than numbers of one kind.
         """
         row = self._rows.get(msgtype)
         if row is None:
@@ -101,7 +101,7 @@ class CdrWriter:
         kinds = {detail[0] for _, (kind, detail) in leaves if kind == Nodetype.BASE}
         flat = all(kind == Nodetype.BASE for _, (kind, _) in leaves)
         if not flat or len(kinds) != 1 or kinds == {"string"}:
-            raise TypeError(f"{msgtype} holds other things than numbers of one kind")
+            raise TypeError(f"{msgtype} has other fields than numbers of one kind")
         return Row(_dtype(kinds.pop()), len(leaves))
 
     def _append(self, msgtype: str, message: Any, out: bytearray) -> None:

@@ -31,7 +31,7 @@ SCAN_TIME = 0.028 * 240.0 / 360.0  # s, first to last beam: a turn takes 28 ms
 
 @dataclass(frozen=True)
 class Cycle:
-    """One sweep.
+    """One tilt cycle.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ def cycle(
     tilt_limits: tuple[float, float] = (TILT_LOW, TILT_HIGH),
     quantum: float = 0.0,
 ) -> Cycle:
-    """Return one sweep over a situation.
+    """Return one tilt cycle over a situation.
 
     Parameters
     ----------
@@ -97,11 +97,11 @@ def cycle(
     start
         Time of the first beam, s; the arm of C is where it is at that time.
     downwards
-        Whether the sweep goes from its first to its second limit.
+        Whether the tilt cycle goes from its first to its second limit.
     room
         Whether side walls, a rear wall and a ceiling close the scene, so that all beams return.
     scans, beams, tilt_limits
-        Of the sweep; tilts in rad.
+        Of the tilt cycle; tilts in rad.
 
     Returns
     -------

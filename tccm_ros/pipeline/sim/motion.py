@@ -117,7 +117,7 @@ def drive(route: Sequence[Waypoint], base_tilt: float = 1.0, speed: float = SPEE
     ----------
     route
         The first way point is the start (with its heading); there are two or more.
-    lean
+    base_tilt
         Factor of roll and pitch, from acceleration and from the floor.
     speed
         Max speed, m/s.

@@ -1,4 +1,4 @@
-"""Flats with furniture at random, to judge the surface map over more than one layout.
+"""Flats with furniture at random, to evaluate the surface map over more than one layout.
 
 ``random_flat(seed, options)`` is a world like those of ``tccm_ros.pipeline.sim``: two or three
 rooms in a row, furniture along the walls and in the middle, a robot that stops two or three times
@@ -28,7 +28,7 @@ PAUSE = 5.4
 CLEAR = 0.45
 """Half the width of what the robot needs along its route, m."""
 GAP = 0.12
-"""Pieces of furniture stand this far apart at least, m."""
+"""Min distance of pieces of furniture, m."""
 
 Box = tuple[float, float, float, float]
 """x_min, y_min, x_max, y_max."""
@@ -136,11 +136,11 @@ def _block(
     scene.block(name, *spans, z, surface=surface)
 
 
-def _things(
+def _objects(
     scene: Scene, middle: NDArray[np.float64], size: tuple[float, float], top: float,
     count: int, rng: Generator,
 ) -> None:  # fmt: skip
-    """Put boxes and cylinders on a top, apart from each other."""
+    """Put boxes and cylinders on a top, at a distance from each other."""
     placed: list[NDArray[np.float64]] = []
     for _ in range(20 * count):
         if len(placed) == count:
@@ -153,8 +153,8 @@ def _things(
             if rng.random() < 0.5:
                 scene.cylinder("thing", edge / 2, height, center, role="object")
             else:
-                turn = (0.0, 0.0, float(rng.uniform(0, pi)))
-                scene.box("thing", (edge, 0.8 * edge, height), center, turn, role="object")
+                rpy = (0.0, 0.0, float(rng.uniform(0, pi)))
+                scene.box("thing", (edge, 0.8 * edge, height), center, rpy, role="object")
 
 
 def _counter(scene: Scene, room: Room, name: str, rng: Generator) -> None:
@@ -162,7 +162,7 @@ def _counter(scene: Scene, room: Room, name: str, rng: Generator) -> None:
     found = _find_place(room, rng, size, at_wall=True)
     if found:
         _block(scene, "counter", found[0], size, (0.0, top), f"counter of {name}")
-        _things(scene, found[0], size, top, int(rng.integers(1, 4)), rng)
+        _objects(scene, found[0], size, top, int(rng.integers(1, 4)), rng)
 
 
 def _table(scene: Scene, room: Room, name: str, rng: Generator) -> None:
@@ -174,7 +174,7 @@ def _table(scene: Scene, room: Room, name: str, rng: Generator) -> None:
     top, (x, y) = rng.uniform(0.70, 0.76), found[0].tolist()
     label = f"table {len(room.taken)} of {name}"
     scene.table(label, size, top, (x, y), yaw)
-    _things(scene, found[0], (0.8 * size[0], 0.7 * size[1]), top, int(rng.integers(0, 4)), rng)
+    _objects(scene, found[0], (0.8 * size[0], 0.7 * size[1]), top, int(rng.integers(0, 4)), rng)
     ahead = (x + rng.uniform(-0.2, 0.2), y + found[1] * (around[1] / 2 + 0.3))
     box = (ahead[0] - 0.25, ahead[1] - 0.25, ahead[0] + 0.25, ahead[1] + 0.25)
     if room.is_free(box):
@@ -197,7 +197,7 @@ def _sideboard(scene: Scene, room: Room, name: str, rng: Generator) -> None:
     found = _find_place(room, rng, size, at_wall=True)
     if found:
         _block(scene, "sideboard", found[0], size, (0.0, top), f"sideboard of {name}")
-        _things(scene, found[0], size, top, int(rng.integers(3, 8)), rng)
+        _objects(scene, found[0], size, top, int(rng.integers(3, 8)), rng)
 
 
 def _bench(scene: Scene, room: Room, name: str, rng: Generator) -> None:

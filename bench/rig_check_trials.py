@@ -33,8 +33,8 @@ TRIALS: dict[str, tuple[dict[str, object], str | None]] = {
     "right rig, second seed": ({"seed": 1}, None),
     "right rig, clutter, ramp, person": (IN_THE_WAY, None),
     "right rig, scans while driving": ({"always": True}, None),
-    "right rig, base leans by 0.14 deg": ({"base_tilt": 2.0}, None),
-    "right rig, slow sweeps": ({"cycle_period": 4.0}, None),
+    "right rig, base tilted by 0.14 deg": ({"base_tilt": 2.0}, None),
+    "right rig, slow tilt cycles": ({"cycle_period": 4.0}, None),
     "right rig, world flat": ({"world": "flat"}, None),
     "right rig, world moved": ({"world": "moved"}, None),
     **{
@@ -103,8 +103,8 @@ def line(name: str, wanted: str | None, said: list[list[tuple[str, float]]]) -> 
         verdict = f"not first, named in {there}" if there else "**not seen**"
         return f"| {name} | {len(said)} | - | {verdict} | {_size(wanted, sizes)} | {spoken} |"
     right = sum(one == wanted for one in firsts[first:])
-    share = f"{right} of {len(firsts) - first}"
-    return f"| {name} | {len(said)} | {first + 1} | {share} | {_size(wanted, sizes)} | {spoken} |"
+    count = f"{right} of {len(firsts) - first}"
+    return f"| {name} | {len(said)} | {first + 1} | {count} | {_size(wanted, sizes)} | {spoken} |"
 
 
 def _size(name: str, sizes: list[float]) -> str:

@@ -100,7 +100,13 @@ class Solid:
 
 
 class Traits(TypedDict, total=False):
-    """Optional attributes of a solid: see `Solid`."""
+    """Optional attributes of a solid.
+
+    Attributes
+    ----------
+    surface, role, motion, span
+        As in `Solid`.
+    """
 
     surface: str
     role: str

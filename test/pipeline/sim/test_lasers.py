@@ -29,9 +29,9 @@ def test_ranges_beyond_the_limits_and_failures_are_marked():
     ranges = measure(replace(BARE, sigma=0.0), exact, None, random())
     assert ranges.tolist() == [-np.inf, 1.0, np.inf, np.inf]
     broken = measure(replace(BARE, lost=0.3, invalid=0.2), np.ones(MANY), None, random())
-    share = 4 * np.sqrt(0.25 / MANY)
-    assert np.isposinf(broken).mean() == pytest.approx(0.3, abs=share)
-    assert (np.isnan(broken) | (broken == 0)).mean() == pytest.approx(0.2, abs=share)
+    fraction = 4 * np.sqrt(0.25 / MANY)
+    assert np.isposinf(broken).mean() == pytest.approx(0.3, abs=fraction)
+    assert (np.isnan(broken) | (broken == 0)).mean() == pytest.approx(0.2, abs=fraction)
 
 
 def test_mixed_pixels_are_between_both_ranges():

@@ -101,10 +101,10 @@ def test_an_existing_bag_is_not_overwritten_by_default(bag):
 
 
 def test_progress_ends_at_one(tmp_path):
-    shares = []
-    simulate("situation_a", tmp_path / "a", options=SHORT, progress=shares.append)
-    assert shares == sorted(shares)
-    assert shares[-1] == pytest.approx(1.0, abs=0.05)
+    fractions = []
+    simulate("situation_a", tmp_path / "a", options=SHORT, progress=fractions.append)
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == pytest.approx(1.0, abs=0.05)
 
 
 def test_unknown_worlds_and_options_are_errors():

@@ -21,13 +21,13 @@ def test_points_are_on_the_planes_of_their_labels(name):
 
 
 def test_planes_of_the_situations_are_at_their_stated_positions():
-    turn = np.radians(20.0)
-    facing = (-np.cos(turn), -np.sin(turn), 0.0)
+    yaw = np.radians(20.0)
+    facing = (-np.cos(yaw), -np.sin(yaw), 0.0)
     for name, normal, offset in (
         ("a", (0, 0, 1), 0.700),
         ("b", (-1, 0, 0), -0.600),
         ("c", (0, 0, 1), 0.700),
-        ("d", facing, -0.6 * np.cos(turn)),  # the front turns about its own middle
+        ("d", facing, -0.6 * np.cos(yaw)),  # the front rotates about its own centre
     ):
         c = cycle(name, 0.0)
         assert c.normal == pytest.approx(normal)

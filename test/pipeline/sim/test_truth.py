@@ -77,7 +77,7 @@ def test_the_map_frame_is_the_first_base_pose_without_roll_and_pitch():
     first = np.array(next(iter(trajectory(simulation))).split(), float)
     assert first[0] == 1.6e9
     assert first[1:4] == pytest.approx([0, 0, 0])
-    assert np.abs(first[4:6]).max() > 0  # the lean stays in the trajectory
+    assert np.abs(first[4:6]).max() > 0  # roll and pitch stay in the trajectory
     assert first[6] == pytest.approx(0, abs=1e-6)
     assert map_from_world(simulation)[2, :3] == pytest.approx([0, 0, 1])
 

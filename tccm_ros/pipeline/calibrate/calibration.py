@@ -18,7 +18,7 @@ from tccm_ros.pipeline.calibrate.agreement import Agreement, compare
 from tccm_ros.pipeline.calibrate.estimate import estimate
 from tccm_ros.pipeline.calibrate.layout import Trust
 from tccm_ros.pipeline.calibrate.observability import UNITS, Observability, assess_observability
-from tccm_ros.pipeline.calibrate.reading import MAX_CYCLES, read_recording
+from tccm_ros.pipeline.calibrate.reading import CORRECTIONS, MAX_CYCLES, read_recording
 from tccm_ros.pipeline.calibrate.recording import Recording
 from tccm_ros.pipeline.calibrate.room import Room, rooms
 from tccm_ros.pipeline.calibrate.together import join
@@ -74,7 +74,7 @@ class Calibration:
             "format": "tccm_ros/calibration",
             "version": 2,
             "bags": list(self.bags),
-            "rig": _changed(self.rig),
+            "rig": self.rig.model_dump(mode="json", include=CORRECTIONS),
             "quantities": {
                 q.name: {
                     "value": round(q.value, 6),
@@ -121,7 +121,7 @@ class Calibration:
             "  ros__parameters:",
             "    rig:",
         ]
-        for key, value in _changed(self.rig).items():
+        for key, value in self.rig.model_dump(mode="json", include=CORRECTIONS).items():
             text = json.dumps(value)
             lines.append(f"      {key}: {text}{self._comment(key)}")
         return "\n".join(lines) + "\n"
@@ -232,16 +232,6 @@ def _rpy(T: Float64) -> Pose6:
     angles = Rotation.from_matrix(T[:3, :3]).as_euler("xyz")
     x, y, z, roll, pitch, yaw = (round(float(v), 6) + 0.0 for v in (*T[:3, 3], *angles))
     return x, y, z, roll, pitch, yaw
-
-
-def _changed(rig: Rig) -> dict[str, Any]:
-    return {
-        "tilt_offset": rig.tilt_offset,
-        "tilt_scale": rig.tilt_scale,
-        "joint_time_offset": rig.joint_time_offset,
-        "mount_correction": list(rig.mount_correction),
-        "level_correction": list(rig.level_correction),
-    }
 
 
 def _count(number: int, noun: str) -> str:

@@ -14,7 +14,7 @@ from tccm_ros.geometry import pose, pose_from_rpy
 from tccm_ros.pipeline.calibrate.recording import CycleScans
 from tccm_ros.robot.chain import Chain, JointReading, Part, twist_angle
 
-__all__ = ["RIG_PARAMETERS", "Beams", "RigModel", "RigValues"]
+__all__ = ["RIG_PARAMETERS", "Beams", "RigModel", "RigValues", "beams_of", "join_beams"]
 
 RIG_PARAMETERS = ("tilt_offset", "tilt_scale", "roll", "height", "joint_time_offset")
 """Order of the parameters of the tilting laser in vectors and covariances."""
@@ -85,6 +85,21 @@ class Beams:
         return Beams(
             self.cycle[rows], self.stamps_ns[rows], self.points[rows], self.T_place_base[rows]
         )
+
+
+def beams_of(number: int, cycle: CycleScans) -> Beams:
+    """Return the valid beams of the tilt cycle with a number, scan by scan."""
+    rows, columns = np.nonzero(np.isfinite(cycle.ranges))
+    r, angle = cycle.ranges[rows, columns].astype(float), cycle.bearings[columns]
+    points = np.column_stack([r * np.cos(angle), r * np.sin(angle), np.zeros(len(r))])
+    poses = cycle.T_place_base()[rows]
+    return Beams(np.full(len(r), number), cycle.stamps_ns[rows, columns], points, poses)
+
+
+def join_beams(parts: Sequence[Beams]) -> Beams:
+    """Return the beams of several tilt cycles, given in the order of their numbers."""
+    names = ("cycle", "stamps_ns", "points", "T_place_base")
+    return Beams(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
 class RigModel:

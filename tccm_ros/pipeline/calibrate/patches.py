@@ -6,14 +6,14 @@ whole), so patches are cut once and then transformed under each rig.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import inverse, transform
-from tccm_ros.pipeline.calibrate.model import Beams, RigModel, RigValues
+from tccm_ros.pipeline.calibrate.model import Beams, RigModel, RigValues, beams_of, join_beams
 from tccm_ros.pipeline.calibrate.recording import CycleScans
 
 __all__ = ["Patches", "cut_patches"]
@@ -77,28 +77,18 @@ def cut_patches(cycles: Mapping[int, CycleScans], model: RigModel, values: RigVa
     parts = [_cut(number, cycle, model, values, max_hits) for number, cycle in cycles.items()]
     firsts = np.cumsum([0, *(len(part) for part in parts)])
     return Patches(
-        _join([part.centers for part in parts]),
+        join_beams([part.centers for part in parts]),
         np.concatenate([part.normals for part in parts]),
         np.concatenate([part.spread for part in parts]),
-        _join([part.hits for part in parts]),
+        join_beams([part.hits for part in parts]),
         np.concatenate([part.patch + first for part, first in zip(parts, firsts)]),
-    )
-
-
-def _join(parts: Sequence[Beams]) -> Beams:
-    return Beams(
-        np.concatenate([p.cycle for p in parts]),
-        np.concatenate([p.stamps_ns for p in parts]),
-        np.concatenate([p.points for p in parts]),
-        np.concatenate([p.T_place_base for p in parts]),
     )
 
 
 def _cut(
     number: int, cycle: CycleScans, model: RigModel, values: RigValues, max_hits: int
 ) -> Patches:
-    rows, columns = np.nonzero(np.isfinite(cycle.ranges))
-    beams = _beams(number, cycle, rows, columns)
+    beams, columns = beams_of(number, cycle), np.nonzero(np.isfinite(cycle.ranges))[1]
     blocks = _blocks(beams, cycle, columns, model, values)
     order = np.argsort(blocks, kind="stable")
     kept, patch, size = _full(blocks[order])
@@ -125,14 +115,6 @@ def _cut(
         beams.take(order[sample][by_time]),
         new[patch[sample]][by_time],
     )
-
-
-def _beams(number: int, cycle: CycleScans, rows: Int64, columns: Int64) -> Beams:
-    r = cycle.ranges[rows, columns].astype(float)
-    angle = cycle.bearings[columns]
-    points = np.column_stack([r * np.cos(angle), r * np.sin(angle), np.zeros(len(r))])
-    T = cycle.T_place_base()[rows]
-    return Beams(np.full(len(r), number), cycle.stamps_ns[rows, columns], points, T)
 
 
 def _blocks(

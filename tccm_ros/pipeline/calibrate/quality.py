@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import binary_erosion
 
 from tccm_ros.arrays import Bool, Float64, Int64
-from tccm_ros.pipeline.calibrate.model import Beams
+from tccm_ros.pipeline.calibrate.model import Beams, beams_of, join_beams
 from tccm_ros.pipeline.calibrate.recording import CycleScans
 
 __all__ = ["MIN_HITS", "Flatness", "HitMasks", "all_beams", "cell_means", "flatness", "select"]
@@ -65,14 +65,7 @@ class HitMasks:
 
 def all_beams(cycles: Sequence[CycleScans], first: int = 0) -> Beams:
     """Return every valid hit of all tilt cycles, which are numbered from `first`."""
-    parts = []
-    for number, cycle in enumerate(cycles, first):
-        rows, columns = np.nonzero(np.isfinite(cycle.ranges))
-        r, angle = cycle.ranges[rows, columns].astype(float), cycle.bearings[columns]
-        points = np.column_stack([r * np.cos(angle), r * np.sin(angle), np.zeros(len(r))])
-        parts.append((np.full(len(r), number), cycle.stamps_ns[rows, columns], points,
-                      cycle.T_place_base()[rows]))  # fmt: skip
-    return Beams(*(np.concatenate(arrays) for arrays in zip(*parts)))
+    return join_beams([beams_of(number, cycle) for number, cycle in enumerate(cycles, first)])
 
 
 def select(

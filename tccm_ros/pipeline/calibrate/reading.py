@@ -13,7 +13,7 @@ import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
-from tccm_ros.config import Config
+from tccm_ros.config import Config, Rig
 from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
 from tccm_ros.errors import BagError, FrameError, TopicError
 from tccm_ros.geometry import inverse, planar
@@ -53,22 +53,18 @@ LEVEL_SCANS = 6
 MIN_SCANS = 8
 """Scans that a tilt cycle must have to be used (chosen)."""
 
+CORRECTIONS = frozenset(
+    ("tilt_offset", "tilt_scale", "joint_time_offset", "mount_correction", "level_correction")
+)
+"""Parameters of the group `rig` that a calibration estimates."""
+
 END_OF_TIME_NS = 2**62
 """Later than every stamp."""
 
 
 def uncorrected(config: Config) -> Config:
-    """Return the configuration with all corrections of the rig taken out."""
-    zero = (0.0,) * 6
-    rig = config.rig.model_copy(
-        update={
-            "tilt_offset": 0.0,
-            "tilt_scale": 1.0,
-            "joint_time_offset": 0.0,
-            "mount_correction": zero,
-            "level_correction": zero,
-        }
-    )
+    """Return the configuration with the default values of all corrections of the rig."""
+    rig = config.rig.model_copy(update=Rig().model_dump(include=CORRECTIONS))
     return config.model_copy(update={"rig": rig})
 
 

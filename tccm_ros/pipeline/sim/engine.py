@@ -21,7 +21,7 @@ from tccm_ros.pipeline.sim.scene import FrozenScene, Scene
 from tccm_ros.pipeline.sim.world import World, with_options
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan, TransformSample
 
-__all__ = ["EPOCH_NS", "SimulatedMessage", "Simulation"]
+__all__ = ["EPOCH_NS", "Message", "Simulation"]
 
 Record = RobotDescription | TransformSample | JointSample | Odometry | Scan
 
@@ -41,7 +41,7 @@ MARGIN_NS = 40_000_000
 """Time of joints and odometry before the first scan and after the last."""
 
 
-class SimulatedMessage(NamedTuple):
+class Message(NamedTuple):
     """One message of the robot.
 
     Attributes
@@ -122,7 +122,7 @@ class Simulation:
         """Length of the recording, ns."""
         return round(self.world.duration * 1e9)
 
-    def run(self) -> Iterator[SimulatedMessage]:
+    def run(self) -> Iterator[Message]:
         """Yield the messages in the order of their time of publication."""
         rig, topics = self.rig, self.rig.topics
         always = np.array([[-np.inf, np.inf]])
@@ -154,21 +154,19 @@ class Simulation:
         positions = {name: profile.at(times) for name, profile in self.world.joints.items()}
         return self._true_rig.laser_poses(frame, positions, len(times))
 
-    def _description(self) -> Iterator[SimulatedMessage]:
+    def _description(self) -> Iterator[Message]:
         """Yield the robot description and the fixed joints."""
         log_ns = EPOCH_NS
         if self.options.description:
-            yield SimulatedMessage(
-                log_ns, "/robot_description", (RobotDescription(self.rig.urdf()),)
-            )
+            yield Message(log_ns, "/robot_description", (RobotDescription(self.rig.urdf()),))
         fixed = tuple(
             TransformSample(log_ns, j.parent, j.child, rigid(j.xyz, j.rpy), True)
             for j in self.rig.joints
             if not j.moves
         )
-        yield SimulatedMessage(log_ns, "/tf_static", fixed)
+        yield Message(log_ns, "/tf_static", fixed)
 
-    def _joints(self) -> Iterator[SimulatedMessage]:
+    def _joints(self) -> Iterator[Message]:
         """Yield the joint states with the resolution of the encoders."""
         options, rig = self.options, self.rig
         names = (*rig.moving, *rig.wheels)
@@ -181,13 +179,13 @@ class Simulation:
             for now_ns, row in zip(times_ns.tolist(), np.round(true / rig.encoder) * rig.encoder):
                 sample = JointSample(EPOCH_NS + now_ns - late_ns, names, row.copy())
                 log_ns = EPOCH_NS + now_ns + JOINT_DELAY_NS
-                yield SimulatedMessage(log_ns, rig.topics.joint_states, (sample,))
+                yield Message(log_ns, rig.topics.joint_states, (sample,))
                 if options.publish_tf:
                     positions = dict(zip(names, row))
                     transforms = tuple(
                         _joint_transform(j, sample, positions[j.name]) for j in moving
                     )
-                    yield SimulatedMessage(log_ns, "/tf", transforms)
+                    yield Message(log_ns, "/tf", transforms)
 
     def _joint_positions(self, times: Float64) -> Float64:
         """Return the true positions (B, J) of the moving joints, then of the wheels."""
@@ -202,7 +200,7 @@ class Simulation:
         ]
         return np.column_stack([*turning, *wheels])
 
-    def _odometry(self) -> Iterator[SimulatedMessage]:
+    def _odometry(self) -> Iterator[Message]:
         """Yield the wheel odometry."""
         rig, drive = self.rig, self.world.drive
         for times_ns in _blocks(self.duration_ns, ODOMETRY_PERIOD_NS):
@@ -212,12 +210,12 @@ class Simulation:
                 stamp_ns = EPOCH_NS + now_ns
                 record = Odometry(stamp_ns, rig.odom_frame, rig.base, T_odom_base)
                 log_ns = stamp_ns + ODOMETRY_DELAY_NS
-                yield SimulatedMessage(log_ns, rig.topics.odom, (record,))
+                yield Message(log_ns, rig.topics.odom, (record,))
                 if self.options.publish_tf:
                     sample = TransformSample(stamp_ns, rig.odom_frame, rig.base, T_odom_base, False)
-                    yield SimulatedMessage(log_ns, "/tf", (sample,))
+                    yield Message(log_ns, "/tf", (sample,))
 
-    def _scans(self, mount: _Mount, random: Generator) -> Iterator[SimulatedMessage]:
+    def _scans(self, mount: _Mount, random: Generator) -> Iterator[Message]:
         """Yield the scans of one laser that begin and end within its windows."""
         laser = mount.laser
         period_ns, scan_duration = round(laser.period * 1e9), float(laser.offsets[-1])
@@ -228,7 +226,7 @@ class Simulation:
             stamp_ns = EPOCH_NS + start_ns
             ranges = self._ranges(mount, start + laser.offsets, random)
             scan = Scan(stamp_ns, mount.frame, *_limits(laser), ranges)
-            yield SimulatedMessage(
+            yield Message(
                 stamp_ns + round(scan_duration * 1e9) + SCAN_DELAY_NS, mount.topic, (scan,)
             )
 

@@ -10,7 +10,7 @@ from typing import Any
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter, Qos
 from tccm_ros.pipeline.sim import truth
-from tccm_ros.pipeline.sim.engine import SimulatedMessage, Simulation
+from tccm_ros.pipeline.sim.engine import Message, Simulation
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan
@@ -30,7 +30,7 @@ SENSOR = Qos(reliable=False, depth=5)
 """QoS of scans: sensor data, as drivers offer it."""
 
 
-def run(name: str, *, seed: int = 0, options: Options | None = None) -> Iterator[SimulatedMessage]:
+def run(name: str, *, seed: int = 0, options: Options | None = None) -> Iterator[Message]:
     """Yield the messages of the robot of a world, in order, without a bag.
 
     Parameters
@@ -105,7 +105,7 @@ def simulate(
     return Path(out)
 
 
-def _message(types: TypestoreMessages, message: SimulatedMessage, simulation: Simulation) -> (
+def _message(types: TypestoreMessages, message: Message, simulation: Simulation) -> (
     tuple[str, Any]
 ):  # fmt: skip
     """Return the type and the content of a simulated message."""

@@ -20,7 +20,7 @@ __all__ = ["ring"]
 Point = tuple[float, float]
 
 LENGTH, WIDTH = 30.0, 20.0  # m, of the loop along the middle of the corridors
-HALF_WIDTH = 1.0  # m, of a corridor
+HALF = 1.0  # m, half the width of a corridor
 HEIGHT = 2.6
 HEADING_DRIFT = 0.012  # rad/m
 SPEED = 0.8  # m/s
@@ -77,7 +77,7 @@ def ring(options: Options) -> World:
 
 def _outer_walls(scene: Scene) -> None:
     """Add the outer walls, counter-clockwise, with their niches."""
-    low, right, top = -HALF_WIDTH, LENGTH + HALF_WIDTH, WIDTH + HALF_WIDTH
+    low, right, top = -HALF, LENGTH + HALF, WIDTH + HALF
     corners = [(low, low), (right, low), (right, top), (low, top), (low, low)]
     for (start, end), niches in zip(pairwise(corners), NICHES):
         for a, b in pairwise(_with_niches(start, end, niches)):
@@ -100,23 +100,23 @@ def _with_niches(
 
 def _inner_walls(scene: Scene) -> None:
     """Add the walls of the block in the middle, clockwise, with a few pilasters."""
-    right, top = LENGTH - HALF_WIDTH, WIDTH - HALF_WIDTH
+    right, top = LENGTH - HALF, WIDTH - HALF
     corners = [
-        (HALF_WIDTH, HALF_WIDTH),
-        (HALF_WIDTH, top),
+        (HALF, HALF),
+        (HALF, top),
         (right, top),
-        (right, HALF_WIDTH),
-        (HALF_WIDTH, HALF_WIDTH),
+        (right, HALF),
+        (HALF, HALF),
     ]
     for start, end in pairwise(corners):
         scene.wall("inner wall", start, end, HEIGHT)
     for x, y in (
-        (7.3, HALF_WIDTH),
-        (12.9, HALF_WIDTH),
-        (24.1, HALF_WIDTH),
+        (7.3, HALF),
+        (12.9, HALF),
+        (24.1, HALF),
         (right, 6.7),
         (right, 16.4),
     ):
         scene.block("pilaster", (x - 0.15, x + 0.15), (y - 0.15, y + 0.15), (0.0, HEIGHT))
-    for x, y in ((21.8, top), (9.4, top), (5.2, top), (HALF_WIDTH, 4.4), (HALF_WIDTH, 9.1)):
+    for x, y in ((21.8, top), (9.4, top), (5.2, top), (HALF, 4.4), (HALF, 9.1)):
         scene.block("pilaster", (x - 0.12, x + 0.12), (y - 0.12, y + 0.12), (0.0, HEIGHT))

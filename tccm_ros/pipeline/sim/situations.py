@@ -5,13 +5,13 @@ Floor and back wall (2.6 m ahead) are in all; the laser tilts from 5 to 65 degre
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import radians
 
 import numpy as np
 
-from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.sim.rigid import rigid
-from tccm_ros.pipeline.sim.scene import Motion, Scene, Solid
+from tccm_ros.pipeline.sim.scene import Motion, Scene
 
 __all__ = ["SITUATIONS", "situation_scene"]
 
@@ -63,7 +63,7 @@ def situation_scene(
     rotation_y = -pitch if name in "ac" else pitch
     move = rigid(pivot + translation, (0.0, rotation_y, total_yaw)) @ rigid(-pivot)
     for solid in subject.solids:
-        scene.solids.append(_transformed(solid, move))
+        scene.solids.append(replace(solid, T_world_solid=move @ solid.T_world_solid))
     if name == "c":
         _arm(scene)
     scene.floor_and_ceiling((-4.0, 8.0), (-6.0, 6.0), 2.6 if room else None)
@@ -73,14 +73,6 @@ def situation_scene(
         scene.wall("wall", (-4.0, -2.5), (WALL_X, -2.5), 2.6)
         scene.wall("wall", (-2.0, 6.0), (-2.0, -6.0), 2.6)
     return scene
-
-
-def _transformed(solid: Solid, move: Float64) -> Solid:
-    """Return a solid with its pose transformed by T_world_subject."""
-    place = move @ solid.T_world_solid
-    return Solid(
-        solid.shape, place, solid.half, solid.name, solid.surface, solid.role, solid.motion
-    )
 
 
 def _table(scene: Scene, with_objects: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -192,9 +193,7 @@ def _moved(solid: Solid, time: float) -> Solid:
     T = rigid((x, y, z), (0.0, 0.0, yaw))
     place = rigid(solid.T_world_solid[:3, 3] + T[:3, 3])
     place[:3, :3] = T[:3, :3] @ solid.T_world_solid[:3, :3]
-    return Solid(
-        solid.shape, place, solid.half, solid.name, solid.surface, solid.role, None, solid.span
-    )
+    return replace(solid, T_world_solid=place, motion=None)
 
 
 def _rounded(values: Float64) -> Any:

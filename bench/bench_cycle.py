@@ -36,15 +36,15 @@ REPEATS = 5
 
 
 class Recorder(TccmProcessor):
-    """A processor that keeps its sweeps."""
+    """A processor that keeps its tilt cycles."""
 
     def __init__(self, config: Config) -> None:
         super().__init__(config)
-        self.sweeps: list[Any] = []
+        self.cycles: list[Any] = []
 
-    def _result(self, sweep: Any, *args: Any) -> CycleResult:
-        self.sweeps.append(sweep)
-        return super()._result(sweep, *args)
+    def _result(self, cycle: Any, *args: Any) -> CycleResult:
+        self.cycles.append(cycle)
+        return super()._result(cycle, *args)
 
 
 class Stages:
@@ -62,16 +62,16 @@ class Stages:
         return result
 
 
-def run_cycles(sweeps: list[Any], config: Config, all_stages: list[Stages]) -> None:
+def run_cycles(cycles: list[Any], config: Config, all_stages: list[Stages]) -> None:
     """Run every stage of all cycles once."""
     the_map, seen = IntegrationMap(config), SeenFree(config)
     tracker, objects_tracker = PlaneTracker(config), ObjectTracker(config)
     types = TypestoreMessages()
     publications = CyclePublications(types, config)
-    for sweep, stages in zip(sweeps, all_stages, strict=True):
+    for cycle, stages in zip(cycles, all_stages, strict=True):
         run = stages.run
-        T, viewpoint = sweep.T_odom_base(), sweep.T_odom_laser()[:3, 3]
-        run("map", lambda s=sweep: the_map.add(s.part))
+        T, viewpoint = cycle.T_odom_base(), cycle.T_odom_laser()[:3, 3]
+        run("map", lambda s=cycle: the_map.add(s.part))
         cuboids = run("cuboids", the_map.cuboids)
         fits = run("planes", lambda c=cuboids, v=viewpoint: find_planes(c, config, v))
         run("outlines", lambda f=fits: [fit.area for fit in f])
@@ -82,17 +82,17 @@ def run_cycles(sweeps: list[Any], config: Config, all_stages: list[Stages]) -> N
                 find_objects(c, f, p, config)
             ),
         )
-        view = run("view", lambda s=sweep, T=T: view_intervals(s, config, T, "base"))
-        run("seen free", lambda s=sweep, T=T, w=view: seen.add(s.part.cycle, T, w))
+        view = run("view", lambda s=cycle, T=T: view_intervals(s, config, T, "base"))
+        run("seen free", lambda s=cycle, T=T, w=view: seen.add(s.part.cycle, T, w))
         surfaces = run(
             "surface message",
-            lambda s=sweep, f=fits, T=T, v=viewpoint: surface_cloud(s, f, T, v, "base", True),
+            lambda s=cycle, f=fits, T=T, v=viewpoint: surface_cloud(s, f, T, v, "base", True),
         )
         result = CycleResult(
-            cycle=sweep.part.cycle, stamp_ns=sweep.stamp_ns, start_ns=sweep.part.start_ns,
-            end_ns=sweep.part.end_ns, frame_id="odom", base_frame_id="base", T_odom_base=T,
+            cycle=cycle.part.cycle, stamp_ns=cycle.stamp_ns, start_ns=cycle.part.start_ns,
+            end_ns=cycle.part.end_ns, frame_id="odom", base_frame_id="base", T_odom_base=T,
             planes=planes, objects=found, place_size=config.objects.place_size, surfaces=surfaces,
-            view=view, part=sweep.part, scans=len(sweep.scans), base_speed=0.0,
+            view=view, part=cycle.part, scans=len(cycle.scans), base_speed=0.0,
             base_turn_rate=0.0, ended_by="turn",
         )  # fmt: skip
         for publication in publications.of(result, lambda c=cuboids: c):
@@ -118,10 +118,10 @@ def main(bag: Path) -> None:
     for event in robot.flush():
         recorder.add(event)
     recorder.finish()
-    all_stages = [Stages() for _ in recorder.sweeps]
+    all_stages = [Stages() for _ in recorder.cycles]
     for _ in range(REPEATS):
-        run_cycles(recorder.sweeps, config, all_stages)
-    print(f"{bag.name}, {len(recorder.sweeps)} cycles\n")
+        run_cycles(recorder.cycles, config, all_stages)
+    print(f"{bag.name}, {len(recorder.cycles)} cycles\n")
     print("| stage | median, ms | slowest cycle, ms |\n|---|---|---|")
     names = list(all_stages[0].ms)
     for name in names:

@@ -2,8 +2,8 @@
 
     python bench/bench_nodes.py [--seconds 20]
 
-Prints, for each node, its share of a core, its longest step and the scans lost; and how long after
-a cycle's last beam its planes are out. The simulator's world `load` (1,081 beams at 40 Hz
+Prints, for each node, its fraction of a core, its longest step and the scans lost; and how long
+after a cycle's last beam its planes are out. The simulator's world `load` (1,081 beams at 40 Hz
 tilting, 361 at 12.5 Hz level) is computed before the clock starts.
 """
 
@@ -185,11 +185,11 @@ def measure(messages, cycles, processes, seconds: float) -> None:
     driver.spin_until(lambda: {"tccm", "surface_slam"} <= set(driver.reports))
     before = [cpu_seconds(p.pid) for p in processes]
     driver.play()
-    took = [cpu_seconds(p.pid) - b for p, b in zip(processes, before)]
+    elapsed = [cpu_seconds(p.pid) - b for p, b in zip(processes, before)]
     late = latencies(driver, cycles)
-    print("\n| node | share of a core | longest step | received / sent scans | dropped |")
+    print("\n| node | fraction of a core | longest step | received / sent scans | dropped |")
     print("|---|---|---|---|---|")
-    for name, topic, used in zip(("tccm", "surface_slam"), ("/tilt_scan", "/scan"), took):
+    for name, topic, used in zip(("tccm", "surface_slam"), ("/tilt_scan", "/scan"), elapsed):
         values = driver.reports[name]
         dropped = {k: v for k, v in values.items() if k.startswith(("dropped", "lost"))}
         print(

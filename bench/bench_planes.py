@@ -23,13 +23,13 @@ from plane_scenes import (  # noqa: E402
     REGION,
     error,
     eye,
+    fitted_plane,
     in_region,
-    least_squares,
     median_ms,
+    part_map_of,
     pcl_planes,
     subject_fit,
     subject_points,
-    sweep_map,
 )
 from situation_cycle import cycle  # noqa: E402
 
@@ -97,26 +97,26 @@ def positions(name: str, sigma: float, tests: int) -> dict[str, list[float]]:
     errors: dict[str, list[float]] = {}
     clouds, kept = [], []
     for seed in range(tests):
-        sweep = cycle(name, sigma, seed, room=True)
-        inliers = subject_points(sweep)
+        simulated = cycle(name, sigma, seed, room=True)
+        inliers = subject_points(simulated)
         middle = inliers.mean(axis=0)
-        cuboids = sweep_map(sweep, CONFIG, REGION)
+        cuboids = part_map_of(simulated, CONFIG, REGION)
 
-        def note(method, plane, sweep=sweep, middle=middle):
+        def note(method, plane, simulated=simulated, middle=middle):
             value = np.nan
             if plane is not None:
-                mm, deg = error(plane[0], plane[1], sweep, middle)
+                mm, deg = error(plane[0], plane[1], simulated, middle)
                 value = mm if abs(mm) < 20.0 and deg < 2.0 else np.nan
             errors.setdefault(method, []).append(value)
 
-        fit = subject_fit(find_planes(cuboids, CONFIG, eye(sweep)), sweep, middle)
-        note("least squares on the true points", least_squares(inliers))
+        fit = subject_fit(find_planes(cuboids, CONFIG, eye(simulated)), simulated, middle)
+        note("least squares on the true points", fitted_plane(inliers))
         note("**pooled moments**", fit and (fit.normal, fit.offset))
         cores = center_cores(cuboids)
         for trials in (50, 10):
             plane = find_core_plane(cores, CONFIG, trials, seed)
             note(f"cores, {trials} trials", plane and (plane.normal, plane.offset))
-        clouds.append(sweep.points[in_region(sweep.points)])
+        clouds.append(simulated.points[in_region(simulated.points)])
         kept.append(note)
     for limit, trials in PCL_TRIALS.items():
         for note, runs in zip(kept, pcl_planes(clouds, trials) or [], strict=False):
@@ -145,10 +145,14 @@ def table_two() -> None:
     ratios: dict[tuple[bool, str], list[str]] = {}
     for region in (REGION, None):
         for name in NAMES:
-            sweep = cycle(name, 0.0025, 1, room=region is None)
-            cuboids = sweep_map(sweep, CONFIG, region)
-            points = sweep.points if region is None else sweep.points[in_region(sweep.points)]
-            place, cores = eye(sweep), center_cores(cuboids)
+            simulated = cycle(name, 0.0025, 1, room=region is None)
+            cuboids = part_map_of(simulated, CONFIG, region)
+            points = (
+                simulated.points
+                if region is None
+                else simulated.points[in_region(simulated.points)]
+            )
+            place, cores = eye(simulated), center_cores(cuboids)
             ours = median_ms(lambda c=cuboids, p=place: find_planes(c, CONFIG, p), 200)
             labels = median_ms(lambda c=cuboids: label_horizontal(c), 200)
             published = [
@@ -202,9 +206,9 @@ def table_open3d() -> None:
     print("\n### Open3D\n\n| scene | segment_plane, ms | detect_planar_patches, ms | planes |")
     print("|---|---|---|---|")
     for name in NAMES:
-        sweep = cycle(name, 0.0025, 1, room=True)
+        simulated = cycle(name, 0.0025, 1, room=True)
         cloud = open3d.geometry.PointCloud()
-        cloud.points = open3d.utility.Vector3dVector(sweep.points[in_region(sweep.points)])
+        cloud.points = open3d.utility.Vector3dVector(simulated.points[in_region(simulated.points)])
         one = median_ms(lambda c=cloud: c.segment_plane(0.01, 3, 100), 20)
         cloud.estimate_normals()
         many = median_ms(lambda c=cloud: c.detect_planar_patches(), 3)
@@ -217,9 +221,9 @@ def table_outlines() -> None:
     print("| scene | planes | ours | shapely: union of cells, simplified | shapely: concave hull |")
     print("|---|---|---|---|---|")
     for name in NAMES:
-        sweep = cycle(name, 0.0025, 1, room=True)
-        cuboids = sweep_map(sweep, CONFIG, None)
-        fits = find_planes(cuboids, CONFIG, eye(sweep))
+        simulated = cycle(name, 0.0025, 1, room=True)
+        cuboids = part_map_of(simulated, CONFIG, None)
+        fits = find_planes(cuboids, CONFIG, eye(simulated))
         kept = [f for f in fits if abs(f.normal[2]) >= OUTLINED_BY_COLUMNS]
         labels = np.full(len(cuboids), -1, np.int32)
         for k, fit in enumerate(kept):

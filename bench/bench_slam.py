@@ -220,7 +220,9 @@ def main() -> None:
     bench_lines(plan)
     bench_graph()
     bench_nees(plan, options.seeds)
-    print("logs: pairs of reference rows less than 3 m apart with more than 10 m of path between")
+    print(
+        "logs: pairs of reference rows at a distance below 3 m with more than 10 m of path between"
+    )
     for name in ("intel", "mit-csail"):
         log = options.shared / "data" / "carmen" / f"{name}.clf.bz2"
         if not log.exists():

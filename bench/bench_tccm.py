@@ -1,9 +1,9 @@
 """The TCCM against its peers, as ratios in one run: docs/design/experiments/tccm.md.
 
 Single thread, medians of CPU time, warm caches; what is compared takes turns. The rig is the
-paper's: a laser at 1.52 m, 240 deg, 569 beams, 28 ms a scan, 40 scans a sweep, tilt 5 to 65 deg
-down; situation A (a table) in a closed room, so that every beam returns. Times are of this machine;
-what counts are the ratios.
+paper's: a laser at 1.52 m, 240 deg, 569 beams, 28 ms a scan, 40 scans a tilt cycle, tilt 5 to 65
+deg down; situation A (a table) in a closed room, so that every beam returns. Times are of this
+machine; what counts are the ratios.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from tccm_ros.records import PosedScan, Scan  # noqa: E402
 REGION = (0.2, 1.5, -0.9, 0.9, 0.1, 1.45)
 """What the arms reach, m."""
 
-KNOTS = 4
+POSE_SAMPLES = 4
 """Poses per scan: every 10 ms."""
 
 NO_OCTOMAP = "OctoMap: liboctomap-dev or pyoctomap"
@@ -53,10 +53,10 @@ Call = Callable[[], object]
 
 def median_ms(call: Call, repeats: int, before: Call | None = None) -> float:
     """Return the median CPU time of a call, ms; `before` is run before each and not timed."""
-    return in_turn_ms(repeats, (call, before))[0]
+    return alternating_ms(repeats, (call, before))[0]
 
 
-def in_turn_ms(repeats: int, *calls: tuple[Call, Call | None]) -> list[float]:
+def alternating_ms(repeats: int, *calls: tuple[Call, Call | None]) -> list[float]:
     """Return the median CPU times of calls, ms, each with what is run before it and not timed.
 
     The calls take turns, `BATCH` times each, so that all of them meet the same load of the machine
@@ -76,8 +76,8 @@ def in_turn_ms(repeats: int, *calls: tuple[Call, Call | None]) -> list[float]:
 
 
 @dataclass(frozen=True)
-class Sweep:
-    """One simulated sweep, as scans and as points."""
+class SimulatedCycle:
+    """One simulated tilt cycle, as scans and as points."""
 
     ranges: NDArray[np.float32]
     bearings: NDArray[np.float64]
@@ -85,7 +85,7 @@ class Sweep:
     times: NDArray[np.float64]
     xyz: NDArray[np.float64]
     height: float
-    knots: int = KNOTS
+    pose_samples: int = POSE_SAMPLES
 
     @property
     def step(self) -> float:
@@ -98,10 +98,10 @@ class Sweep:
         increment = float(self.times[0, 1] - self.times[0, 0])
         result = []
         for ranges, times, tilts in zip(self.ranges, self.times, self.tilts, strict=True):
-            at = np.linspace(0, len(ranges) - 1, self.knots)
+            at = np.linspace(0, len(ranges) - 1, self.pose_samples)
             angles = np.interp(at, np.arange(len(ranges)), tilts)
             c, s, one = np.cos(angles), np.sin(angles), np.ones_like(angles)
-            T = np.zeros((self.knots, 4, 4))
+            T = np.zeros((self.pose_samples, 4, 4))
             T[:, 0, 0], T[:, 0, 2], T[:, 1, 1] = c, s, one
             T[:, 2, 0], T[:, 2, 2], T[:, 2, 3] = -s, c, self.height
             T[:, 3, 3] = one
@@ -109,9 +109,9 @@ class Sweep:
             scan = Scan(
                 stamp, "laser", float(self.bearings[0]), self.step, increment, 0.02, 30.0, ranges
             )
-            knots = stamp + np.rint(at * increment * 1e9).astype(np.int64)
+            stamps_ns = stamp + np.rint(at * increment * 1e9).astype(np.int64)
             base = np.broadcast_to(np.eye(4), T.shape).copy()
-            result.append((PosedScan(scan, knots, base, T), np.isfinite(ranges)))
+            result.append((PosedScan(scan, stamps_ns, base, T), np.isfinite(ranges)))
         return result
 
     @cached_property
@@ -130,11 +130,13 @@ class Sweep:
         )
 
 
-def make_sweep(seed: int, scans: int = 40, downwards: bool = True, room: bool = True) -> Sweep:
-    """Return a sweep over situation A, in a closed room or with a floor and a back wall only."""
+def simulate_cycle(
+    seed: int, scans: int = 40, downwards: bool = True, room: bool = True
+) -> SimulatedCycle:
+    """Return a tilt cycle over situation A, in a closed room or with a floor and a back wall."""
     c = situation("a", 0.0025, seed, room=room, scans=scans, downwards=downwards)
     assert np.isfinite(c.ranges).all() == room
-    return Sweep(
+    return SimulatedCycle(
         c.ranges.astype(np.float32), c.bearings, c.tilts, c.times, c.points, c.laser_height
     )
 
@@ -146,9 +148,9 @@ class Ours:
         self.builder, self.map = PartMapBuilder(config), IntegrationMap(config)
         self.cycle = 0
 
-    def scans(self, sweep: Sweep) -> None:
-        """Project and bin all scans of a sweep."""
-        for posed, keep in sweep.scans:
+    def scans(self, scene: SimulatedCycle) -> None:
+        """Project and bin all scans of a tilt cycle."""
+        for posed, keep in scene.scans:
             self.builder.add(posed, keep)
 
     def close(self):
@@ -156,9 +158,9 @@ class Ours:
         self.cycle += 1
         return self.builder.close(self.cycle - 1, 0, 1)
 
-    def one(self, sweep: Sweep) -> None:
+    def one(self, scene: SimulatedCycle) -> None:
         """A whole cycle."""
-        self.scans(sweep)
+        self.scans(scene)
         self.map.add(self.close())
 
 
@@ -187,14 +189,17 @@ def times_as_fast(ours: float, peer: float | None) -> str:
 
 def part_maps(twin_library, new_octomap, repeats: int) -> None:
     """Row: points -> part map with moments, in the closed room and without its walls."""
-    for name, sweep in (("full room", make_sweep(0)), ("open scene", make_sweep(0, room=False))):
-        one_scene(name, sweep, twin_library, new_octomap, repeats)
+    for name, scene in (
+        ("full room", simulate_cycle(0)),
+        ("open scene", simulate_cycle(0, room=False)),
+    ):
+        one_scene(name, scene, twin_library, new_octomap, repeats)
 
 
-def one_scene(name: str, sweep: Sweep, twin_library, new_octomap, repeats: int) -> None:
+def one_scene(name: str, scene: SimulatedCycle, twin_library, new_octomap, repeats: int) -> None:
     """Row: points -> part map with moments."""
-    print(f"\n### Points -> part map with moments ({len(sweep.xyz)} points, 20 mm, {name})\n")
-    xyz, single = sweep.xyz, np.ascontiguousarray(sweep.xyz, np.float32)
+    print(f"\n### Points -> part map with moments ({len(scene.xyz)} points, 20 mm, {name})\n")
+    xyz, single = scene.xyz, np.ascontiguousarray(scene.xyz, np.float32)
     config = settings(gap="fixed")
     builder = PartMapBuilder(config)
 
@@ -218,12 +223,15 @@ def one_scene(name: str, sweep: Sweep, twin_library, new_octomap, repeats: int) 
         same = twin.read_part(theirs())
         assert all((a == b).all() for a, b in zip(same, (keys, bounds, moments), strict=True))
         calls.append((theirs, None))
-    mine, *twins = in_turn_ms(3 * repeats, *calls)
+    mine, *twins = alternating_ms(3 * repeats, *calls)
     table = Table("what", "ms", "peer / ours", "cuboids")
     table.row("ours (compiled Python)", ms(mine), "1", str(len(part)))
-    for took in twins:
+    for elapsed in twins:
         table.row(
-            "C++ -O3 twin, same cuboids bit for bit", ms(took), times_as_fast(mine, took), "same"
+            "C++ -O3 twin, same cuboids bit for bit",
+            ms(elapsed),
+            times_as_fast(mine, elapsed),
+            "same",
         )
     numpys = median_ms(lambda: numpy_part(xyz, 200, 300), max(repeats // 10, 3))
     table.row(
@@ -232,10 +240,10 @@ def one_scene(name: str, sweep: Sweep, twin_library, new_octomap, repeats: int) 
     if new_octomap is not None:
         octo = new_octomap(0.02)
         ends = median_ms(lambda: octo.endpoints(single), max(repeats // 10, 3), octo.clear)
-        rays = median_ms(lambda: octo.rays(single, (0, 0, sweep.height)), 2, octo.clear)
-        for name, took in (("endpoints", ends), ("ray cast", rays)):
+        rays = median_ms(lambda: octo.rays(single, (0, 0, scene.height)), 2, octo.clear)
+        for name, elapsed in (("endpoints", ends), ("ray cast", rays)):
             row = f"{octo.name}, {name} (no moments)"
-            table.row(row, ms(took), times_as_fast(mine, took), "voxels")
+            table.row(row, ms(elapsed), times_as_fast(mine, elapsed), "voxels")
     else:
         table.row(NO_OCTOMAP, ms(None), "-", "-")
     target = np.empty_like(xyz)
@@ -245,11 +253,11 @@ def one_scene(name: str, sweep: Sweep, twin_library, new_octomap, repeats: int) 
 
 def profile(repeats: int) -> None:
     """Where the time of a part map goes, kernel by kernel."""
-    sweep = make_sweep(0)
-    n = len(sweep.xyz)
+    scene = simulate_cycle(0)
+    n = len(scene.xyz)
     print(f"\n### Profile: points -> part map ({n} points, full room, 20 mm)\n")
-    builder, flat = PartMapBuilder(settings(gap="fixed")), sweep.xyz.reshape(-1)
-    builder.add_points(sweep.xyz)
+    builder, flat = PartMapBuilder(settings(gap="fixed")), scene.xyz.reshape(-1)
+    builder.add_points(scene.xyz)
     part, tiles, work = builder.close(0, 0, 1), builder._tiles, builder._work
     s, points = builder._scratch_for(n), np.empty(2 * n, np.int64)
     cells, starts, addresses = s.cells
@@ -290,14 +298,14 @@ def profile(repeats: int) -> None:
     assert (sums.reshape(-1, 10) == part.moments).all()
     table = Table("step", "ms", "ns a point")
     for name, own in times.items():
-        took = statistics.median(own[3:])
-        table.row(name, ms(took), f"{1e6 * took / n:.1f}")
+        elapsed = statistics.median(own[3:])
+        table.row(name, ms(elapsed), f"{1e6 * elapsed / n:.1f}")
 
 
 def whole_cycles(twin_library, new_octomap, repeats: int) -> None:
     """Rows: a whole cycle, in the region of interest and in the full room."""
     print("\n### A whole cycle: project, part map, newest in, oldest out, 10 part maps, exact\n")
-    sweeps = [make_sweep(seed) for seed in range(WINDOW + 1)]
+    scenes = [simulate_cycle(seed) for seed in range(WINDOW + 1)]
     table = Table(
         "scene, gap", "ours ms", "of it scans / close / merge", "C++ twin ms", "ours / twin",
         "reading all moments: ours, twin ms", "OctoMap rebuild ms: endpoints, rays",
@@ -306,14 +314,16 @@ def whole_cycles(twin_library, new_octomap, repeats: int) -> None:
     for name, region in (("region of interest", REGION), ("full room", None)):
         for gap in ("fixed", "adaptive"):
             config = settings(region=region, gap=gap)
-            row = one_cycle(config, sweeps, twin_library, repeats)
-            octo = rebuilt(sweeps, region, new_octomap) if gap == "fixed" else ""
+            row = one_cycle(config, scenes, twin_library, repeats)
+            octo = rebuilt(scenes, region, new_octomap) if gap == "fixed" else ""
             table.row(f"{name}, {gap}", *row[:-1], octo, row[-1])
 
 
-def one_cycle(config: Config, sweeps: list[Sweep], twin_library, repeats: int) -> list[str]:
-    ours, turn = Ours(config), iter(range(10**9))
-    pick = lambda: sweeps[next(turn) % len(sweeps)]  # noqa: E731
+def one_cycle(
+    config: Config, scenes: list[SimulatedCycle], twin_library, repeats: int
+) -> list[str]:
+    ours, numbers = Ours(config), iter(range(10**9))
+    pick = lambda: scenes[next(numbers) % len(scenes)]  # noqa: E731
     for _ in range(2 * WINDOW):
         ours.one(pick())
     scans = median_ms(lambda: ours.scans(pick()), repeats, ours.builder.clear)
@@ -338,29 +348,29 @@ def one_cycle(config: Config, sweeps: list[Sweep], twin_library, repeats: int) -
         mine, reading = median_ms(one, repeats), median_ms(ours.map.cuboids, repeats, one)
         sizes = f"{len(ours.map.pieces)}, {len(ours.map.cuboids())}"
         return [ms(mine), detail, ms(None), "-", ms(reading), sizes]
-    twin, twin_turn = Twin(twin_library, config), iter(range(10**9))
+    twin, twin_numbers = Twin(twin_library, config), iter(range(10**9))
 
     def theirs():
-        twin.scans(sweeps[next(twin_turn) % len(sweeps)])
+        twin.scans(scenes[next(twin_numbers) % len(scenes)])
         twin.close()
         return twin.merge()
 
     for _ in range(2 * WINDOW):
         theirs()
-    mine, twins = in_turn_ms(3 * repeats, (one, None), (theirs, None))
-    reading, twin_reading = in_turn_ms(repeats, (ours.map.cuboids, one), (twin.compose, theirs))
+    mine, twins = alternating_ms(3 * repeats, (one, None), (theirs, None))
+    reading, twin_reading = alternating_ms(repeats, (ours.map.cuboids, one), (twin.compose, theirs))
     sizes = f"{len(ours.map.pieces)}, {len(ours.map.cuboids())}"
-    compare(config, sweeps, twin_library)
+    compare(config, scenes, twin_library)
     both = f"{reading:.3f}, {twin_reading:.3f}"
     return [ms(mine), detail, ms(twins), f"{mine / twins:.2f}", both, sizes]
 
 
-def compare(config: Config, sweeps: list[Sweep], twin_library) -> None:
+def compare(config: Config, scenes: list[SimulatedCycle], twin_library) -> None:
     """Check that the twin's map is ours, bit for bit."""
     ours, twin = Ours(config), Twin(twin_library, config)
-    for sweep in sweeps:
-        ours.one(sweep)
-        twin.scans(sweep)
+    for scene in scenes:
+        ours.one(scene)
+        twin.scans(scene)
         twin.close()
         count = twin.merge()
     keys, pieces = twin.read_pieces(count)
@@ -370,13 +380,13 @@ def compare(config: Config, sweeps: list[Sweep], twin_library) -> None:
     assert (moments == np.column_stack([c.count, c.s, c.S])).all()
 
 
-def rebuilt(sweeps: list[Sweep], region, new_octomap) -> str:
+def rebuilt(scenes: list[SimulatedCycle], region, new_octomap) -> str:
     """Return OctoMap's time to rebuild its map of the window, as it cannot forget."""
     if new_octomap is None:
         return ms(None)
     octo, clouds = new_octomap(0.02), []
-    for sweep in sweeps[:WINDOW]:
-        p = sweep.xyz
+    for scene in scenes[:WINDOW]:
+        p = scene.xyz
         if region is not None:
             low, high = np.array(region[::2]), np.array(region[1::2])
             p = p[((p >= low) & (p <= high)).all(axis=1)]
@@ -389,13 +399,13 @@ def rebuilt(sweeps: list[Sweep], region, new_octomap) -> str:
 def point_order(repeats: int) -> None:
     """Row: tilt direction, point order."""
     print("\n### Tilt direction and point order (points -> part map, 20 mm, full room)\n")
-    down, up = make_sweep(0).xyz, make_sweep(0, downwards=False).xyz
+    down, up = simulate_cycle(0).xyz, simulate_cycle(0, downwards=False).xyz
     shuffled = np.random.default_rng(0).permutation(down)
     table = Table(
         "order",
         "ms fixed gap",
         "against the first",
-        "ms whole sweep, adaptive",
+        "ms whole tilt cycle, adaptive",
         "against the first",
     )
     names = ("tilting down", "tilting up", "beams backwards", "random")
@@ -404,16 +414,18 @@ def point_order(repeats: int) -> None:
     def part_of(points):
         return lambda: (builder.add_points(points), builder.close(0, 0, 1)), None
 
-    def sweep_of(sweep):
-        return lambda: (ours.scans(sweep), ours.close()), None
+    def cloud_of_scene(scene):
+        return lambda: (ours.scans(scene), ours.close()), None
 
     clouds = down, up, np.ascontiguousarray(down[::-1]), shuffled
-    took = in_turn_ms(3 * repeats, *map(part_of, clouds))
-    whole = in_turn_ms(
-        3 * repeats, sweep_of(make_sweep(0)), sweep_of(make_sweep(0, downwards=False))
+    elapsed = alternating_ms(3 * repeats, *map(part_of, clouds))
+    whole = alternating_ms(
+        3 * repeats,
+        cloud_of_scene(simulate_cycle(0)),
+        cloud_of_scene(simulate_cycle(0, downwards=False)),
     )
     for i, name in enumerate(names):
-        cells = [ms(took[i]), f"{100 * (took[i] / took[0] - 1):+.0f} %", "-", "-"]
+        cells = [ms(elapsed[i]), f"{100 * (elapsed[i] / elapsed[0] - 1):+.0f} %", "-", "-"]
         if i < len(whole):
             cells[2:] = ms(whole[i]), f"{100 * (whole[i] / whole[0] - 1):+.0f} %"
         table.row(name, *cells)
@@ -421,17 +433,17 @@ def point_order(repeats: int) -> None:
 
 def memory(new_octomap) -> None:
     """Row: geometry memory."""
-    print("\n### Memory (10 sweeps of the full room, 20 mm)\n")
-    sweeps = [make_sweep(seed) for seed in range(WINDOW)]
+    print("\n### Memory (10 tilt cycles of the full room, 20 mm)\n")
+    scenes = [simulate_cycle(seed) for seed in range(WINDOW)]
     table = Table("what", "kB", "against OctoMap endpoints")
     base = None
     if new_octomap is not None:
         for name, rays in (("endpoints", False), ("ray cast", True)):
             octo = new_octomap(0.02)
-            for sweep in sweeps[: 1 if rays else WINDOW]:
-                points = np.ascontiguousarray(sweep.xyz, np.float32)
+            for scene in scenes[: 1 if rays else WINDOW]:
+                points = np.ascontiguousarray(scene.xyz, np.float32)
                 if rays:
-                    octo.rays(points, (0, 0, sweep.height))
+                    octo.rays(points, (0, 0, scene.height))
                 else:
                     octo.endpoints(points)
             size = octo.memory()
@@ -439,8 +451,8 @@ def memory(new_octomap) -> None:
             table.row(f"{octo.name}, {name}", f"{size / 1e3:.0f}", f"1/{base / size:.1f}")
     for gap in ("adaptive", "fixed"):
         ours = Ours(settings(gap=gap))
-        for sweep in sweeps:
-            ours.one(sweep)
+        for scene in scenes:
+            ours.one(scene)
         c, parts = ours.map.cuboids(), ours.map.parts
         newest = parts[-1]
         sizes = {
@@ -466,9 +478,9 @@ def ghosts(new_octomap) -> None:
     box = (0.75, 1.05, -0.15, 0.15, 0.72, 1.05)
     with_box, without = [], []
     for seed in range(WINDOW):
-        sweep = make_sweep(seed)
-        without.append(sweep.xyz)
-        with_box.append(put_box(sweep, box))
+        scene = simulate_cycle(seed)
+        without.append(scene.xyz)
+        with_box.append(put_box(scene, box))
     config = settings(gap="fixed")
     builder, map_, left = PartMapBuilder(config), IntegrationMap(config), []
     for cycle, points in enumerate(with_box + without):
@@ -503,32 +515,32 @@ def inside(points, box) -> int:
     return int(((points > low) & (points < high)).all(axis=1).sum())
 
 
-def put_box(sweep: Sweep, box) -> NDArray[np.float64]:
+def put_box(scene: SimulatedCycle, box) -> NDArray[np.float64]:
     """Return the points with a box in the way (slab test)."""
-    origin = np.array([0.0, 0.0, sweep.height])
-    direction = sweep.xyz - origin
+    origin = np.array([0.0, 0.0, scene.height])
+    direction = scene.xyz - origin
     with np.errstate(divide="ignore"):
         a = (np.array(box[::2]) - origin) / direction
         b = (np.array(box[1::2]) - origin) / direction
     near, far = np.minimum(a, b).max(axis=1), np.maximum(a, b).min(axis=1)
     hit = (near <= far) & (near > 0) & (near < 1)
-    return np.where(hit[:, None], origin + near[:, None] * direction, sweep.xyz)
+    return np.where(hit[:, None], origin + near[:, None] * direction, scene.xyz)
 
 
 def figure_8(twin_library, repeats: int, image: Path | None) -> None:
     """Time against number of scans, per cell size, and compression."""
-    print("\n### Fig. 8: cell size x scans a sweep (full room, adaptive gap)\n")
+    print("\n### Fig. 8: cell size x scans a tilt cycle (full room, adaptive gap)\n")
     table = Table(
         "cell", "scans", "part map ms", "whole cycle ms", "C++ twin ms", "cuboids of a part map",
         "points per cuboid", "cuboids of the map", "beams inserted per cuboid",
     )  # fmt: skip
     curves: dict[float, list[float]] = {}
     for scans in SCANS:
-        sweeps = [make_sweep(seed, scans) for seed in range(WINDOW + 1)]
+        scenes = [simulate_cycle(seed, scans) for seed in range(WINDOW + 1)]
         for cell in CELLS:
             config = settings(cell_size=cell)
-            ours, turn = Ours(config), iter(range(10**9))
-            pick = lambda: sweeps[next(turn) % len(sweeps)]  # noqa: B023, E731
+            ours, numbers = Ours(config), iter(range(10**9))
+            pick = lambda: scenes[next(numbers) % len(scenes)]  # noqa: B023, E731
             for _ in range(WINDOW + 2):
                 ours.one(pick())
             part = median_ms(lambda: (ours.scans(pick()), ours.close()), repeats)  # noqa: B023
@@ -539,7 +551,7 @@ def figure_8(twin_library, repeats: int, image: Path | None) -> None:
                 for _ in range(WINDOW + 2):
                     step()
                 calls.append((step, None))
-            cycle, *twins = in_turn_ms(repeats, *calls)
+            cycle, *twins = alternating_ms(repeats, *calls)
             newest, c = ours.map.parts[-1], ours.map.cuboids()
             points = int(newest.moments[:, 0].sum())
             curves.setdefault(cell, []).append(cycle)
@@ -562,7 +574,7 @@ def plot(curves: dict[float, list[float]], image: Path) -> None:
     for cell, times in curves.items():
         axes.plot(SCANS, times, marker="o", label=f"{1e3 * cell:.0f} mm")
     axes.set(
-        xlabel="scans a sweep (569 beams each)", ylabel="whole cycle, ms", ylim=(0, None),
+        xlabel="scans a tilt cycle (569 beams each)", ylabel="whole cycle, ms", ylim=(0, None),
         title="Project, part map, newest in, oldest out of ten (full room)",
     )  # fmt: skip
     axes.grid(alpha=0.3)

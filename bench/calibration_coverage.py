@@ -1,13 +1,13 @@
-"""How far off are calibrations of simulated rigs, against what they state and what is possible?
+"""Errors of calibrations of simulated rigs, against their covariances and the Cramer-Rao bound.
 
 python bench/calibration_coverage.py [--seeds 20] [--case NAME ...]
 
 Each case is simulated and calibrated with many seeds of noise. Printed are the mean and the rms of
-the errors, the stated standard deviation, and the Cramer-Rao bound: the least standard deviation
-that any unbiased estimator can have that is told that the base is level, walls upright, the
-ceiling level and ranges unbiased, and that uses every hit on the planes with its independent noise.
-What is stated also covers what a simulation does not vary (a base that leans, a floor that is not
-flat), and is larger.
+the errors, the stated standard deviation, and the Cramer-Rao bound: the min standard deviation
+of any unbiased estimator that knows that the base is horizontal, walls vertical, the
+ceiling horizontal and ranges unbiased, and that uses every hit on the planes with its independent
+noise. The stated covariance also covers what a simulation does not vary (a tilted base, a floor
+that is not flat), and is larger.
 """
 
 from __future__ import annotations
@@ -40,10 +40,10 @@ IN_THE_WAY = {"clutter": 40, "ramp": True, "people": True}
 CASES = {
     "all errors": ERRORS,
     "clutter, ramp, person": ERRORS | IN_THE_WAY,
-    "base leans by 0.07 deg": ERRORS | {"lean": 1.0},
-    "floor from 2 m": ERRORS | IN_THE_WAY | {"sweep_limits": (-0.9, 0.3)},
-    "floor from 3 m, clutter, ramp, person": ERRORS | IN_THE_WAY | {"sweep_limits": (-0.9, 0.2)},
-    "floor from 3 m": ERRORS | {"sweep_limits": (-0.9, 0.2)},
+    "base tilted by 0.07 deg": ERRORS | {"base_tilt": 1.0},
+    "floor from 2 m": ERRORS | IN_THE_WAY | {"tilt_limits": (-0.9, 0.3)},
+    "floor from 3 m, clutter, ramp, person": ERRORS | IN_THE_WAY | {"tilt_limits": (-0.9, 0.2)},
+    "floor from 3 m": ERRORS | {"tilt_limits": (-0.9, 0.2)},
 }
 
 #: The option of the simulator that is the truth of a quantity.
@@ -59,7 +59,13 @@ NEAR, GRAZING = 0.03, 0.02
 
 def run(options: dict[str, object], seed: int, folder: Path) -> Calibration:
     """Simulate and calibrate."""
-    usual = {"tilt_beams": 181, "sigma": SIGMA, "sweep_period": 2.0, "lean": 0.0, "people": False}
+    usual = {
+        "tilt_beams": 181,
+        "sigma": SIGMA,
+        "cycle_period": 2.0,
+        "base_tilt": 0.0,
+        "people": False,
+    }
     settings = usual | options
     simulate("room", folder, seed=seed, options=Options.model_validate(settings), overwrite=True)
     return calibrate(folder, floor_z=0.0)
@@ -67,11 +73,13 @@ def run(options: dict[str, object], seed: int, folder: Path) -> Calibration:
 
 def bound(found: Calibration) -> Float64:
     """Return the least standard deviations of the rig's parameters, float64 (5,); nan if fixed."""
-    estimate = found.judgement.estimate
+    estimate = found.observability.estimate
     problem, x, free = estimate.problem, estimate.solution.x, estimate.free.copy()
     layout = problem.layout
     told = [layout.bias, layout.floor]
-    told += [i for place in range(layout.places) for i in range(layout.size)[layout.lean(place)]]
+    told += [
+        i for place in range(layout.places) for i in range(layout.size)[layout.roll_pitch(place)]
+    ]
     told += [layout.wall(number).stop - 1 for number in range(layout.walls)]
     free[told] = False
     lin = problem.linearise(x)
@@ -98,9 +106,9 @@ def _slopes(problem: Problem) -> list[int]:
 
 def _all_of_used(found: Calibration, problem: Problem, x: Float64) -> Float64:
     """Return how many hits lie on each plane for one that was used, float64 (Q,)."""
-    beams = all_beams(found.recording.sweeps)
-    points = problem.model.place(beams, found.judgement.estimate.values)
-    place = found.recording.places[beams.sweep]
+    beams = all_beams(found.recording.cycles)
+    points = problem.model.transform_points(beams, found.observability.estimate.values)
+    place = found.recording.places[beams.cycle]
     planes = problem.planes(x)
     ratios = np.ones(int(planes.number.max()) + 1)
     for number in range(len(ratios)):
@@ -120,7 +128,7 @@ def report(name: str, found: list[Calibration], options: dict[str, object]) -> N
     usual = {"tilt_scale": 1.0}
     for i, quantity in enumerate(RIG_PARAMETERS):
         truth = float(options.get(TRUTH.get(quantity, quantity), usual.get(quantity, 0.0)))  # type: ignore[arg-type]
-        seen = [one.judgement.quantities[i] for one in found]
+        seen = [one.observability.quantities[i] for one in found]
         errors = np.array([q.value - truth for q in seen if q.sigma is not None])
         sigmas = np.array([q.sigma for q in seen if q.sigma is not None])
         if len(errors) == 0:
@@ -128,8 +136,8 @@ def report(name: str, found: list[Calibration], options: dict[str, object]) -> N
             continue
         unit, factor = UNITS[quantity]
         rms, stated = np.sqrt(np.mean(errors**2)), np.sqrt(np.mean(sigmas**2))
-        least = float(np.nanmean(bounds[:, i]))
-        cells = [np.mean(errors), rms, np.abs(errors).max(), stated, least]
+        bound_sigma = float(np.nanmean(bounds[:, i]))
+        cells = [np.mean(errors), rms, np.abs(errors).max(), stated, bound_sigma]
         shown = " | ".join(f"{value * factor:.4f}" for value in cells)
         print(
             f"| {name} | {quantity}{', ' + unit if unit else ''} | {len(errors)} of {len(seen)} | "

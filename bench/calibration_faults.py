@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from tccm_ros.pipeline.calibrate import calibrate
 from tccm_ros.pipeline.calibrate.estimate import Estimate
 from tccm_ros.pipeline.calibrate.model import Beams, RigValues
-from tccm_ros.pipeline.calibrate.quality import Seen, flatness
-from tccm_ros.pipeline.calibrate.room import seen_in
+from tccm_ros.pipeline.calibrate.quality import HitMasks, flatness
+from tccm_ros.pipeline.calibrate.room import hits_of_bag
 from tccm_ros.pipeline.calibrate.surroundings import CEILING, FLOOR
 
 Float64 = NDArray[np.float64]
@@ -37,7 +37,7 @@ UP = np.array([0.0, 0.0, 1.0])
 #: Standard deviation of a fault before anything is seen, so that what nothing shows stays small.
 WIDE = 0.05
 
-#: Standard deviation of what may lean as it likes, rad.
+#: Standard deviation of free roll, pitch and angles of walls, rad.
 FREE = 0.5
 
 STEP = 1e-5
@@ -53,7 +53,7 @@ def shift(direction: Callable[[Float64, Float64, Float64], Float64]) -> Fault:
     return fault
 
 
-def turn(angle: Callable[[Float64], Float64]) -> Fault:
+def joint_error(angle: Callable[[Float64], Float64]) -> Fault:
     """Return a fault of the joint; `angle` takes tilts."""
     return lambda points, tilt: (np.zeros_like(points), angle(tilt))
 
@@ -75,10 +75,10 @@ FAULTS: dict[str, Fault] = {
     "mirror wobble, cos 2b": shift(lambda p, r, b: (r * np.cos(2 * b))[:, None] * UP),
     "mirror wobble, sin 2b": shift(lambda p, r, b: (r * np.sin(2 * b))[:, None] * UP),
     "time within a scan": skew,
-    "joint, t^2": turn(lambda t: t**2),
-    "joint, t^3": turn(lambda t: t**3),
+    "joint, t^2": joint_error(lambda t: t**2),
+    "joint, t^3": joint_error(lambda t: t**3),
     **{
-        f"joint, {name} {k}t": turn(lambda t, f=f, k=k: f(k * t))  # type: ignore[misc]
+        f"joint, {name} {k}t": joint_error(lambda t, f=f, k=k: f(k * t))  # type: ignore[misc]
         for k in (1, 2, 4, 8)
         for name, f in (("sin", np.sin), ("cos", np.cos))
     },
@@ -92,21 +92,23 @@ class Recording:
     estimate: Estimate
     columns: dict[str, Float64]
     beams: Beams
-    seen: Seen
+    seen: HitMasks
 
     @classmethod
     def of(cls, bag: str, floor_z: float | None) -> Recording:
         """Calibrate, and say how each fault would move what is left of each hit."""
         found = calibrate(bag, floor_z=floor_z)
-        estimate = found.judgement.estimate
+        estimate = found.observability.estimate
         problem, values, lin = estimate.problem, estimate.values, estimate.solution.linearised
         by_rig = lin.jacobian[:, problem.layout.rig.start]  # by the zero: per rad of tilt
         normals, tilt, columns = _normals(estimate), tilts(estimate, problem.hits), {}
         for name, fault in FAULTS.items():
             moved, turned = fault(problem.hits.points, tilt)
-            across = np.sum(normals * problem.model.turn(problem.hits, values, moved), axis=1)
+            across = np.sum(
+                normals * problem.model.transform_directions(problem.hits, values, moved), axis=1
+            )
             columns[name] = across / lin.sigma + by_rig * turned
-        return cls(estimate, columns, *seen_in(found.judgement, found.recording, 0))
+        return cls(estimate, columns, *hits_of_bag(found.observability, found.recording, 0))
 
     def fit(
         self, fault: str | None, given: float | None = None, sigmas: Float64 | None = None
@@ -131,9 +133,9 @@ class Recording:
         inverse = np.linalg.pinv(H / np.outer(size, size), hermitian=True) / np.outer(size, size)
         step = -inverse @ (J.T @ (weights * r) + precision * off)
         cluster = np.unique(lin.cluster, return_inverse=True)[1]
-        pulls = np.zeros((int(cluster.max()) + 1, J.shape[1]))
-        np.add.at(pulls, cluster, (weights * lin.residuals)[:, None] * J)
-        spread = inverse @ (pulls.T @ pulls + np.diag(precision)) @ inverse
+        gradients = np.zeros((int(cluster.max()) + 1, J.shape[1]))
+        np.add.at(gradients, cluster, (weights * lin.residuals)[:, None] * J)
+        spread = inverse @ (gradients.T @ gradients + np.diag(precision)) @ inverse
         x = solution.x.copy()
         x[free] += step[: int(free.sum())]
         if fault is None or given is not None:
@@ -141,13 +143,13 @@ class Recording:
         return x, float(step[-1]), float(np.sqrt(max(spread[-1, -1], inverse[-1, -1])))
 
     def untrusting(self) -> Float64:
-        """Return priors under which bases, walls and ceilings may lean as they like."""
+        """Return priors under which bases, walls and ceilings may have any roll and pitch."""
         layout, sigmas = self.estimate.problem.layout, self.estimate.sigmas.copy()
         sigmas[layout.ceiling(0)][1:] = FREE
         for number in range(layout.walls):
             sigmas[layout.wall(number).stop - 1] = FREE
         for place in range(layout.places):
-            sigmas[layout.lean(place)] = FREE
+            sigmas[layout.roll_pitch(place)] = FREE
         return sigmas
 
     def squares(self, x: Float64, fault: str | None, value: float) -> Float64:
@@ -165,12 +167,14 @@ class Recording:
         """Return the angle between floor and ceiling of all hits, deg; nan where one is gone."""
         model = self.estimate.problem.model
         values = RigValues.of_vector(x[self.estimate.problem.layout.rig])
-        points = model.place(self.beams, values)
+        points = model.transform_points(self.beams, values)
         if fault is not None:
             more = replace(values, tilt_offset=values.tilt_offset + STEP)
-            by_tilt = (model.place(self.beams, more) - points) / STEP
+            by_tilt = (model.transform_points(self.beams, more) - points) / STEP
             moved, turned = FAULTS[fault](self.beams.points, tilts(self.estimate, self.beams))
-            by_fault = model.turn(self.beams, values, moved) + by_tilt * turned[:, None]
+            by_fault = (
+                model.transform_directions(self.beams, values, moved) + by_tilt * turned[:, None]
+            )
             points = points + value * by_fault
         floor, ceiling = flatness(points[self.seen.floor]), flatness(points[self.seen.ceiling])
         if floor is None or ceiling is None:
@@ -236,8 +240,11 @@ def main() -> None:
     every = [one for room in rooms for one in room]
     for name, fits in (
         ("none", [one.fit(None) for one in every]),
-        ("none; walls, ceiling level", [one.fit(None, None, one.estimate.strict) for one in every]),
-        ("none; all may lean freely", [one.fit(None, None, one.untrusting()) for one in every]),
+        (
+            "none; walls vertical, ceiling horizontal",
+            [one.fit(None, None, one.estimate.strict) for one in every],
+        ),
+        ("none; all roll and pitch free", [one.fit(None, None, one.untrusting()) for one in every]),
     ):
         angles = [one.parallel(fit[0], None, 0.0) for one, fit in zip(every, fits)]
         print(f"| {name} | - | - | - | - | - | {' '.join(f'{a:.2f}' for a in angles)} |")

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from tccm_ros.pipeline.calibrate import Calibration, calibrate
 from tccm_ros.pipeline.calibrate.observability import UNITS
 from tccm_ros.pipeline.calibrate.quality import MIN_HITS, Flatness, cell_means
-from tccm_ros.pipeline.calibrate.room import seen_in
+from tccm_ros.pipeline.calibrate.room import hits_of_bag
 from tccm_ros.pipeline.report.figure import canvas, png
 
 Float64 = NDArray[np.float64]
@@ -35,7 +35,7 @@ HEADER = (
     "of that unevenness, deg | floor cells, mm rms |\n|---|---|---|---|---|---|---|---|---|---|---|"
 )
 ROOM_HEADER = (
-    "| pair | apart, m | turned, deg | in cells of | cells | correlation | difference, mm rms | "
+    "| pair | distance, m | turned, deg | in cells of | cells | correlation | difference, mm rms | "
     "each, mm rms |\n|---|---|---|---|---|---|---|---|"
 )
 
@@ -50,7 +50,7 @@ def row(found: Calibration) -> str:
     """Return one line of the table; before -> after where both are shown."""
     room = found.rooms[0]
     cells = [room.bag]
-    for q in found.judgement.quantities[:4]:
+    for q in found.observability.quantities[:4]:
         _, factor = UNITS[q.name]
         factor = 1.0 if q.name == "tilt_scale" else factor
         digits = 4 if q.name == "tilt_scale" else 1 if q.name == "height" else 2
@@ -65,15 +65,15 @@ def row(found: Calibration) -> str:
     cells.append("-" if angles is None else " → ".join(f"{np.rad2deg(a):.2f}" for a in angles))
     floor, ceiling = room.floor[1], room.ceiling[1]
     both = floor is not None and ceiling is not None
-    apart = slopes(ceiling) - slopes(floor) if both else None
-    cells.append("-" if apart is None else "{:+.2f}, {:+.2f}".format(*apart))
-    cells.append("-" if apart is None else "{:.2f}, {:.2f}".format(*unevenness(found)))
+    difference = slopes(ceiling) - slopes(floor) if both else None
+    cells.append("-" if difference is None else "{:+.2f}, {:+.2f}".format(*difference))
+    cells.append("-" if difference is None else "{:.2f}, {:.2f}".format(*unevenness(found)))
     cells.append("-" if floor is None or floor.rms is None else f"{floor.rms * 1e3:.1f}")
     return "| " + " | ".join(cells) + " |"
 
 
 def slopes(surface: Flatness) -> Float64:
-    """Return how a level surface rises along x and y of the base, deg."""
+    """Return how a horizontal surface rises along x and y of the base, deg."""
     a, b, c = surface.normal
     result: Float64 = np.rad2deg(np.arctan2([-a, -b], c))
     return result
@@ -85,9 +85,9 @@ def unevenness(found: Calibration) -> Float64:
     Surfaces are not flat, and other parts of them would give other slopes: the standard deviation
     over slopes of floor and ceiling put together from blocks that are drawn at random.
     """
-    estimate = found.judgement.estimate
-    beams, seen = seen_in(found.judgement, found.recording, 0)
-    points = estimate.problem.model.place(beams, estimate.values)
+    estimate = found.observability.estimate
+    beams, seen = hits_of_bag(found.observability, found.recording, 0)
+    points = estimate.problem.model.transform_points(beams, estimate.values)
     draw = np.random.default_rng(0)
     floors, ceilings = (_drawn(points[on], draw) for on in (seen.floor, seen.ceiling))
     result: Float64 = np.rad2deg(np.std(ceilings - floors, axis=0))
@@ -119,21 +119,21 @@ class Floor:
     @classmethod
     def of(cls, found: Calibration) -> Floor:
         """Take the hits that count in the table, and the walls."""
-        estimate = found.judgement.estimate
+        estimate = found.observability.estimate
         layout, x, model = estimate.problem.layout, estimate.solution.x, estimate.problem.model
-        beams, seen = seen_in(found.judgement, found.recording, 0)
-        points = model.place(beams, estimate.values)
+        beams, seen = hits_of_bag(found.observability, found.recording, 0)
+        points = model.transform_points(beams, estimate.values)
         walls = np.array([x[layout.wall(i)][:2] for i in range(layout.walls)])
         return cls(found.bags[0], points[seen.floor], walls)
 
     def register(self, other: Floor) -> tuple[float, Float64]:
         """Return the yaw and the shift (2,) that lay the other's walls on these."""
-        turn = np.angle(np.exp(1j * (self.walls[:, None, 0] - other.walls[None, :, 0])))
+        yaws = np.angle(np.exp(1j * (self.walls[:, None, 0] - other.walls[None, :, 0])))
         off = self.walls[:, None, 1] - other.walls[None, :, 1]
-        a, b = np.nonzero((np.abs(turn) < SAME_ANGLE) & (np.abs(off) < SAME_DISTANCE))
+        a, b = np.nonzero((np.abs(yaws) < SAME_ANGLE) & (np.abs(off) < SAME_DISTANCE))
         phi = self.walls[a, 0]
         normals = np.column_stack([np.cos(phi), np.sin(phi)])
-        return float(np.mean(turn[a, b])), np.linalg.lstsq(normals, off[a, b], rcond=None)[0]
+        return float(np.mean(yaws[a, b])), np.linalg.lstsq(normals, off[a, b], rcond=None)[0]
 
     def residuals(self, yaw: float, shift: Float64) -> Cells:
         """Return what is left of full cells, m; cells are in the place that yaw and shift give."""
@@ -156,14 +156,14 @@ def compare(floors: list[Floor]) -> list[Cells]:
     in_base = [floor.residuals(*still) for floor in floors]
     print(ROOM_HEADER)
     for i, j in combinations(range(len(floors)), 2):
-        apart = float(np.linalg.norm(poses[i][1] - poses[j][1]))
+        distance = float(np.linalg.norm(poses[i][1] - poses[j][1]))
         turned = np.rad2deg(abs(poses[i][0] - poses[j][0]))
         for frame, maps in (("room", in_room), ("base", in_base)):
             both = sorted(maps[i].keys() & maps[j].keys())
             z = 1e3 * np.array([[maps[i][cell], maps[j][cell]] for cell in both])
             each, difference = np.sqrt(np.mean(z**2)), np.sqrt(np.mean((z[:, 0] - z[:, 1]) ** 2))
             print(
-                f"| {floors[i].bag}, {floors[j].bag} | {apart:.2f} | {turned:.1f} | {frame} | "
+                f"| {floors[i].bag}, {floors[j].bag} | {distance:.2f} | {turned:.1f} | {frame} | "
                 f"{len(both)} | {np.corrcoef(z.T)[0, 1]:.2f} | {difference:.1f} | {each:.1f} |"
             )
     return in_room

@@ -26,11 +26,11 @@ from plane_scenes import (  # noqa: E402
     REGION,
     error,
     eye,
+    fitted_plane,
     in_region,
-    least_squares,
     median_ms,
+    part_map_of,
     subject_fit,
-    sweep_map,
 )
 from situation_cycle import Cycle, cycle  # noqa: E402
 
@@ -73,14 +73,14 @@ def table_three() -> None:
     print("| yaw | pitch | ours, ms | error, mm | deg | val | cores: val of 50 | paper: ms | val |")
     print("|---|---|---|---|---|---|---|---|---|")
     for (yaw, pitch), (paper_ms, paper_val) in PAPER_THREE.items():
-        sweep = cycle("a", 0.0025, 1, room=True)
+        simulated = cycle("a", 0.0025, 1, room=True)
         R, shift = rotation(yaw, pitch), np.array([0.3, -0.2, 0.1])
-        use = in_region(sweep.points)
-        points = (sweep.points[use] - eye(sweep)) @ R.T + shift
+        use = in_region(simulated.points)
+        points = (simulated.points[use] - eye(simulated)) @ R.T + shift
         cuboids = map_of(points)
-        inliers = points[sweep.labels[use] == 2]
+        inliers = points[simulated.labels[use] == 2]
         place = shift.copy()
-        truth = moved(sweep, R, shift)
+        truth = moved(simulated, R, shift)
         fit = subject_fit(find_planes(cuboids, CONFIG, place), truth, inliers.mean(axis=0))
         ms = median_ms(lambda c=cuboids, p=place: find_planes(c, CONFIG, p))
         core = find_core_plane(center_cores(cuboids), CONFIG, 50, 1)
@@ -92,16 +92,16 @@ def table_three() -> None:
         )
 
 
-def moved(sweep: Cycle, R: Array, shift: Array) -> Cycle:
-    """Return a sweep whose true plane is turned about the laser and shifted."""
-    normal = R @ sweep.normal
-    offset = sweep.offset - float(sweep.normal @ eye(sweep)) + float(normal @ shift)
-    return Cycle(**{**{f: getattr(sweep, f) for f in sweep.__dataclass_fields__},
+def moved(simulated: Cycle, R: Array, shift: Array) -> Cycle:
+    """Return a tilt cycle whose true plane is turned about the laser and shifted."""
+    normal = R @ simulated.normal
+    offset = simulated.offset - float(simulated.normal @ eye(simulated)) + float(normal @ shift)
+    return Cycle(**{**{f: getattr(simulated, f) for f in simulated.__dataclass_fields__},
                     "normal": normal, "offset": offset})  # fmt: skip
 
 
 def draw_map(axes: Axes, cuboids: Cuboids, labels: NDArray[np.int32] | None = None) -> None:
-    """Draw cuboids in a 3D plot, as their upright middles, coloured by height or label."""
+    """Draw cuboids in a 3D plot, as their vertical middles, coloured by height or label."""
     x = (cuboids.ix + 0.5) * cuboids.cell_size
     y = (cuboids.iy + 0.5) * cuboids.cell_size
     top, bottom = cuboids.top * TICK, cuboids.bottom * TICK
@@ -132,24 +132,24 @@ def figure_seven(folder: Path) -> None:
     figure, rows = plt.subplots(2, 2, figsize=(9, 8), subplot_kw={"projection": "3d"})
     print("\n### Fig. 7: cuboids before and after taking out the horizontal planes\n")
     for column, name in enumerate("cd"):
-        sweep = cycle(name, 0.0025, 1, room=True)
-        cuboids = sweep_map(sweep, CONFIG, REGION)
-        fits = find_planes(cuboids, CONFIG, eye(sweep))
+        simulated = cycle(name, 0.0025, 1, room=True)
+        cuboids = part_map_of(simulated, CONFIG, REGION)
+        fits = find_planes(cuboids, CONFIG, eye(simulated))
         horizontal = [fit.index for fit in fits if fit.kind == "horizontal"]
         rest = cuboids.select(~np.isin(fits.labels, horizontal))
         draw_map(rows[0][column], cuboids)
         draw_map(rows[1][column], rest)
         rows[0][column].set_title(f"{name.upper()}: {len(cuboids)} cuboids")
-        rows[1][column].set_title(f"without level planes: {len(rest)}")
+        rows[1][column].set_title(f"without horizontal planes: {len(rest)}")
         print(f"- {name.upper()}: {len(cuboids)} -> {len(rest)}")
     save(figure, folder / "planes_fig7.png")
 
 
 def figure_nine(folder: Path) -> None:
     """Draw the height profile across a table top."""
-    sweep = cycle("a", 0.005, 1, room=True, quantum=0.001)
-    cuboids = sweep_map(sweep, CONFIG, REGION)
-    fits = find_planes(cuboids, CONFIG, eye(sweep))
+    simulated = cycle("a", 0.005, 1, room=True, quantum=0.001)
+    cuboids = part_map_of(simulated, CONFIG, REGION)
+    fits = find_planes(cuboids, CONFIG, eye(simulated))
     fit = next(f for f in fits if f.kind == "horizontal")
     mean = cuboids.mean()[fit.members]
     figure, axes = plt.subplots(figsize=(8, 3))
@@ -166,9 +166,9 @@ def figure_nine(folder: Path) -> None:
 
 
 def figure_eleven(folder: Path) -> None:
-    """Draw the center cores of a shelf with knobs, seen from a base that leans by 1 deg."""
-    sweep = cycle("d", 0.0025, 1, yaw=-np.deg2rad(20.0), pitch=np.deg2rad(1.0))
-    cores = center_cores(sweep_map(sweep, CONFIG, (0.2, 1.5, -0.9, 0.9, -0.1, 1.45)), 0.004)
+    """Draw the center cores of a shelf with knobs, seen from a base with a pitch of 1 deg."""
+    simulated = cycle("d", 0.0025, 1, yaw=-np.deg2rad(20.0), pitch=np.deg2rad(1.0))
+    cores = center_cores(part_map_of(simulated, CONFIG, (0.2, 1.5, -0.9, 0.9, -0.1, 1.45)), 0.004)
     ends = cores.ends()
     figure, (front, side) = plt.subplots(1, 2, figsize=(9, 5), sharey=True)
     for axes, k, title in ((front, 1, "front view"), (side, 0, "side view")):
@@ -176,11 +176,11 @@ def figure_eleven(folder: Path) -> None:
         axes.set(title=title, xlabel="y, m" if k else "x, m", aspect="equal")
     front.set_ylabel("z, m")
     save(figure, folder / "planes_fig11.png")
-    print(f"\n### Fig. 11\n\n{len(cores)} center cores; the front leans by 1 deg and shows it.")
+    print(f"\n### Fig. 11\n\n{len(cores)} center cores; the front is tilted by 1 deg and shows it.")
 
 
 def seen(scene: Scene, seed: int = 1, sigma: float = 0.0025) -> Array:
-    """Return the points of one sweep over a scene, in the region of interest, m."""
+    """Return the points of one tilt cycle over a scene, in the region of interest, m."""
     rig = cycle("a", 0.0)
     x, y = np.cos(rig.bearings), np.sin(rig.bearings)
     across = np.broadcast_to(y, rig.tilts.shape)
@@ -259,7 +259,7 @@ def real_tables(recordings: Path, folder: Path) -> None:
             turned = points @ R.T
             cuboids = map_of(turned)
             fits = find_planes(cuboids, CONFIG, np.zeros(3))
-            row, fit = judge_table(turned, is_top, cuboids, fits)
+            row, fit = fit_table(turned, is_top, cuboids, fits)
             print(f"| {path.stem} | {frame} | {row} | {len(fits)} |")
             if frame == "level":
                 pictures.append((path.stem, turned, is_top, fit))
@@ -268,27 +268,27 @@ def real_tables(recordings: Path, folder: Path) -> None:
 
 def leveling(points: Array) -> Array:
     """Return the rotation that makes a table level."""
-    normal = least_squares(points)[0]
+    normal = fitted_plane(points)[0]
     normal = normal if normal @ points.mean(axis=0) < 0 else -normal
     x = np.cross((0.0, 1.0, 0.0), normal)
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(normal, x), normal])
 
 
-def judge_table(points: Array, is_top, cuboids: Cuboids, fits: PlaneFits):  # type: ignore[no-untyped-def]
+def fit_table(points: Array, is_top, cuboids: Cuboids, fits: PlaneFits):  # type: ignore[no-untyped-def]
     """Return a table row and the fit that holds most of a labelled top."""
     labels = fits.labels[owners(points, cuboids)]
     found = labels[is_top]
     index = int(np.bincount(found[found >= 0]).argmax())
     member = labels == index
-    normal, offset = least_squares(points[is_top])
+    normal, offset = fitted_plane(points[is_top])
     fit, middle = fits[index], points[is_top].mean(axis=0)
     sign = np.sign(normal @ fit.normal)
     off = 1e3 * ((fit.offset - fit.normal @ middle) - sign * (offset - normal @ middle))
     angle = np.degrees(np.arccos(min(1.0, abs(float(normal @ fit.normal)))))
-    share = (member & is_top).sum() / is_top.sum()
+    fraction = (member & is_top).sum() / is_top.sum()
     false = (member & ~is_top).sum() / member.sum()
-    text = f"{100 * share:.1f} % | {100 * false:.2f} % | {angle:.3f} | {off:.2f}"
+    text = f"{100 * fraction:.1f} % | {100 * false:.2f} % | {angle:.3f} | {off:.2f}"
     return f"{text} | {1e3 * fit.rms:.2f}", fit
 
 
@@ -317,14 +317,14 @@ def draw_tables(pictures: list, folder: Path) -> None:
 
 
 def real_bags(recordings: Path) -> None:
-    """Print the planes of the recorded office and corridor sweeps."""
+    """Print the planes of the recorded office and corridor tilt cycles."""
     bags = sorted((recordings / "bags").glob("dlut_*")) + sorted(
         (recordings / "bags").glob("kurt3d_corridor")
     )
     if not bags:
         print("\nThe recorded bags are not here: left out.")
         return
-    print("\n### Recorded sweeps: planes of the part map of each, largest first\n")
+    print("\n### Recorded tilt cycles: planes of the part map of each, largest first\n")
     print("| bag | cycle | planes | largest: tilt deg, offset m, area m2 |")
     print("|---|---|---|---|")
     for bag in bags:

@@ -1,7 +1,7 @@
 """The experiments of docs/design/experiments/surface_map.md, as Markdown.
 
 - the table of the surface mapping paper's Section V on the simulated flat, published and ours;
-- its main claim: views on full-SLAM poses against views frozen at the estimate of their time,
+- its main result: views on full-SLAM poses against views frozen at the estimate of their time,
   before and after registration, on the flat and on the ring;
 - flats at random: which surfaces are found, how well, and what is false.
 """
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(Path(__file__).resolve().parent)]
 
-from in_view import edge_errors, seen_share, true_hits, true_outlines  # noqa: E402
+from in_view import edge_errors, seen_fraction, true_hits, true_outlines  # noqa: E402
 from random_flats import random_flat  # noqa: E402
 
 from tccm_ros.config import Config  # noqa: E402
@@ -105,7 +105,7 @@ def solve(run: Run, *, registration: bool = True) -> SurfaceSolution:
 
 
 def misalignments(solution: SurfaceSolution, T_map_view: Array, T_true: Array) -> Array:
-    """Return how far apart two views put a surface that both saw, float64 (N, 3), m.
+    """Return the distance of two views of one surface, float64 (N, 3), m.
 
     Each view puts the surface's middle where its own pose is wrong; floors are left out.
     """
@@ -133,11 +133,11 @@ def score(solution: SurfaceSolution, simulation: Simulation) -> SurfaceScore:
         return score_surfaces(folder / "found.json", folder / "truth.json")
 
 
-def shares(run: Run, score: SurfaceScore) -> list[float]:
-    """Return the share of each true surface that was in view, in the order of the score."""
+def fractions(run: Run, score: SurfaceScore) -> list[float]:
+    """Return the fraction of each true surface that was in view, in the order of the score."""
     outlines = true_outlines(run.simulation)
     return [
-        seen_share(outline, match.height, run.hits)
+        seen_fraction(outline, match.height, run.hits)
         for outline, match in zip(outlines, score.matches)
     ]
 
@@ -149,7 +149,7 @@ def pair(values: Array) -> str:
     return f"{1e3 * values.mean():.1f} / {1e3 * values.max():.1f}"
 
 
-def claim(name: str, run: Run) -> Iterator[str]:
+def view_errors(name: str, run: Run) -> Iterator[str]:
     """Yield rows: frozen poses, full SLAM, and full SLAM with registered views."""
     before, after = solve(run, registration=False), solve(run)
     stamps = after.view_stamps_ns
@@ -160,9 +160,10 @@ def claim(name: str, run: Run) -> Iterator[str]:
         ("full SLAM, registered", after, after.T_map_views),
     ):
         place = np.linalg.norm(poses[:, :2, 3] - true[:, :2, 3], axis=1)
-        apart = misalignments(solution, poses, true)
-        flat, height = np.hypot(apart[:, 0], apart[:, 1]), np.abs(apart[:, 2])
-        yield f"| {name} | {kind} | {pair(place)} | {len(apart)} | {pair(flat)} | {pair(height)} |"
+        distances = misalignments(solution, poses, true)
+        flat, height = np.hypot(distances[:, 0], distances[:, 1]), np.abs(distances[:, 2])
+        cells = [name, kind, pair(place), len(distances), pair(flat), pair(height)]
+        yield f"| {' | '.join(map(str, cells))} |"
 
 
 def section_five(ours: Run, seed_run: Run) -> None:
@@ -173,8 +174,8 @@ def section_five(ours: Run, seed_run: Run) -> None:
     views = [{s.id: len(s.views) for s in m.surfaces} for m in (seed_map, ours_map)]
     print("| surface | in view | published: overlap | mm | views | ours: overlap | mm | views |")
     print("|---|---|---|---|---|---|---|---|")
-    for old, new, share in zip(a.matches, b.matches, shares(ours, b)):
-        cells = [f"{share:.2f}"]
+    for old, new, fraction in zip(a.matches, b.matches, fractions(ours, b)):
+        cells = [f"{fraction:.2f}"]
         for match, count in ((old, views[0]), (new, views[1])):
             if match.is_found and match.found is not None:
                 cells += [f"{match.overlap:.2f}", f"{1e3 * match.height_error:+.1f}"]
@@ -202,8 +203,8 @@ def flats(first: int, count: int) -> None:
         large = [m for m in result.matches if m.area >= 0.1]
         seen = [
             m
-            for m, share in zip(result.matches, shares(run, result))
-            if m in large and share >= IN_VIEW
+            for m, fraction in zip(result.matches, fractions(run, result))
+            if m in large and fraction >= IN_VIEW
         ]
         errors = [abs(match.height_error) for match in large if match.is_found]
         edges = edge_errors(solution, result, run.simulation, run.hits)
@@ -223,17 +224,17 @@ def flats(first: int, count: int) -> None:
     print()
 
 
-def main_claim(flat: Run) -> None:
-    """Print how far apart views are, on frozen poses and on those of the graph."""
+def compare_views(flat: Run) -> None:
+    """Print the distances of views, on frozen poses and on those of the graph."""
     print(
         "### Views on full-SLAM poses, and frozen at the estimate of their time; mean / max, mm\n"
     )
-    print("| world | poses | error of the views | pairs | apart in x, y | apart in height |")
+    print("| world | poses | error of the views | pairs | distance in x, y | distance in height |")
     print("|---|---|---|---|---|---|")
-    print("\n".join(claim("flat", flat)), flush=True)
+    print("\n".join(view_errors("flat", flat)), flush=True)
     for name, world, options in (("ring", "ring", Options()), ("flat, hard", "flat", HARD)):
         run = play(build_world(world, options), 1, options, Config())
-        print("\n".join(claim(name, run)), flush=True)
+        print("\n".join(view_errors(name, run)), flush=True)
     print()
 
 
@@ -252,7 +253,7 @@ def main() -> None:
             published = config.model_copy(update={"surfaces": seed})
             section_five(flat, play(build_world("flat", options), 1, options, published))
         if arguments.only != "five":
-            main_claim(flat)
+            compare_views(flat)
     if arguments.only in (None, "flats"):
         flats(arguments.first, arguments.flats)
 

@@ -26,7 +26,7 @@ LEVEL, INSET = 0.015, 0.02
 its front, or the wall behind, did not see it."""
 
 EDGE_IN_VIEW = 0.8
-"""An edge was in view if beams' ends on the surface are `NEAR` this share of it."""
+"""An edge was in view if beams' ends on the surface are `NEAR` this fraction of it."""
 
 
 def true_hits(simulation: Simulation, scan: Scan) -> Array:
@@ -45,8 +45,8 @@ def true_hits(simulation: Simulation, scan: Scan) -> Array:
     return np.unique(np.round(points / THIN), axis=0) * THIN
 
 
-def seen_share(outline: Polygon, height: float, hits: Array) -> float:
-    """Return which share of a true surface lies within `NEAR` of a beam's end on it."""
+def seen_fraction(outline: Polygon, height: float, hits: Array) -> float:
+    """Return which fraction of a true surface lies within `NEAR` of a beam's end on it."""
     x_min, y_min, x_max, y_max = outline.bounds
     chosen = np.abs(hits[:, 2] - height) <= LEVEL
     chosen &= (hits[:, 0] > x_min) & (hits[:, 0] < x_max)

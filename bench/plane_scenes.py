@@ -43,8 +43,8 @@ def in_region(points: Array) -> NDArray[np.bool_]:
     return np.all((points > low) & (points < high), axis=1)
 
 
-def sweep_map(cycle: Cycle, config: Config, region: tuple[float, ...] | None = None) -> Cuboids:
-    """Return the part map of a simulated sweep."""
+def part_map_of(cycle: Cycle, config: Config, region: tuple[float, ...] | None = None) -> Cuboids:
+    """Return the part map of a simulated tilt cycle."""
     builder = PartMapBuilder(config)
     if region is not None:
         builder.set_region(region)
@@ -52,13 +52,13 @@ def sweep_map(cycle: Cycle, config: Config, region: tuple[float, ...] | None = N
     step = float(cycle.bearings[1] - cycle.bearings[0])
     beams = len(cycle.bearings)
     for ranges, tilts, times in zip(cycle.ranges, cycle.tilts, cycle.times, strict=True):
-        knots = np.rint(times[[0, -1]] * 1e9).astype(np.int64)
+        stamps_ns = np.rint(times[[0, -1]] * 1e9).astype(np.int64)
         T = np.stack([pose_from_rpy((0, 0, cycle.laser_height, 0, t, 0)) for t in tilts[[0, -1]]])
         scan = Scan(
-            int(knots[0]), "laser", float(cycle.bearings[0]), step,
+            int(stamps_ns[0]), "laser", float(cycle.bearings[0]), step,
             float(times[-1] - times[0]) / (beams - 1), 0.05, 30.0, ranges.astype(np.float32),
         )  # fmt: skip
-        builder.add(PosedScan(scan, knots, still, T), np.isfinite(ranges))
+        builder.add(PosedScan(scan, stamps_ns, still, T), np.isfinite(ranges))
     return builder.close(0, 0, 1).cuboids()
 
 
@@ -67,7 +67,7 @@ def subject_points(cycle: Cycle) -> Array:
     return cycle.points[(cycle.labels == SUBJECT) & in_region(cycle.points)]
 
 
-def least_squares(points: Array) -> tuple[Array, float]:
+def fitted_plane(points: Array) -> tuple[Array, float]:
     """Return the least-squares plane of points."""
     mean = points.mean(axis=0)
     normal = np.linalg.svd(points - mean, full_matrices=False)[2][2]

@@ -1,4 +1,4 @@
-"""Flats with furniture at random, to judge the surface map over more than one layout.
+"""Flats with furniture at random, to evaluate the surface map over more than one layout.
 
 ``random_flat(seed, options)`` is a world like those of ``tccm_ros.pipeline.sim``: two or three
 rooms in a row, furniture along the walls and in the middle, a robot that stops two or three times
@@ -28,7 +28,7 @@ PAUSE = 5.4
 CLEAR = 0.45
 """Half the width of what the robot needs along its route, m."""
 GAP = 0.12
-"""Pieces of furniture stand this far apart at least, m."""
+"""Min distance of pieces of furniture, m."""
 
 Box = tuple[float, float, float, float]
 """x_min, y_min, x_max, y_max."""
@@ -110,7 +110,7 @@ def _furnish(scene: Scene, room: Room, name: str, rng: Generator) -> None:
         pieces[piece](scene, room, name, rng)
 
 
-def _place(
+def _find_place(
     room: Room, rng: Generator, size: tuple[float, float], *, at_wall: bool
 ) -> tuple[NDArray[np.float64], float] | None:
     """Find a place for a footprint: (its middle, direction away from the wall); None: no room."""
@@ -136,11 +136,11 @@ def _block(
     scene.block(name, *spans, z, surface=surface)
 
 
-def _things(
+def _objects(
     scene: Scene, middle: NDArray[np.float64], size: tuple[float, float], top: float,
     count: int, rng: Generator,
 ) -> None:  # fmt: skip
-    """Put boxes and cylinders on a top, apart from each other."""
+    """Put boxes and cylinders on a top, at a distance from each other."""
     placed: list[NDArray[np.float64]] = []
     for _ in range(20 * count):
         if len(placed) == count:
@@ -153,28 +153,28 @@ def _things(
             if rng.random() < 0.5:
                 scene.cylinder("thing", edge / 2, height, center, role="object")
             else:
-                turn = (0.0, 0.0, float(rng.uniform(0, pi)))
-                scene.box("thing", (edge, 0.8 * edge, height), center, turn, role="object")
+                rpy = (0.0, 0.0, float(rng.uniform(0, pi)))
+                scene.box("thing", (edge, 0.8 * edge, height), center, rpy, role="object")
 
 
 def _counter(scene: Scene, room: Room, name: str, rng: Generator) -> None:
     size, top = (rng.uniform(1.2, 2.2), 0.6), rng.uniform(0.86, 0.95)
-    found = _place(room, rng, size, at_wall=True)
+    found = _find_place(room, rng, size, at_wall=True)
     if found:
         _block(scene, "counter", found[0], size, (0.0, top), f"counter of {name}")
-        _things(scene, found[0], size, top, int(rng.integers(1, 4)), rng)
+        _objects(scene, found[0], size, top, int(rng.integers(1, 4)), rng)
 
 
 def _table(scene: Scene, room: Room, name: str, rng: Generator) -> None:
     size, yaw = (rng.uniform(0.9, 1.5), rng.uniform(0.6, 0.85)), rng.uniform(-0.2, 0.2)
     around = (size[0] + 0.3, size[1] + 0.35)
-    found = _place(room, rng, around, at_wall=False)
+    found = _find_place(room, rng, around, at_wall=False)
     if found is None:
         return
     top, (x, y) = rng.uniform(0.70, 0.76), found[0].tolist()
     label = f"table {len(room.taken)} of {name}"
     scene.table(label, size, top, (x, y), yaw)
-    _things(scene, found[0], (0.8 * size[0], 0.7 * size[1]), top, int(rng.integers(0, 4)), rng)
+    _objects(scene, found[0], (0.8 * size[0], 0.7 * size[1]), top, int(rng.integers(0, 4)), rng)
     ahead = (x + rng.uniform(-0.2, 0.2), y + found[1] * (around[1] / 2 + 0.3))
     box = (ahead[0] - 0.25, ahead[1] - 0.25, ahead[0] + 0.25, ahead[1] + 0.25)
     if room.is_free(box):
@@ -184,7 +184,7 @@ def _table(scene: Scene, room: Room, name: str, rng: Generator) -> None:
 
 def _shelf(scene: Scene, room: Room, name: str, rng: Generator) -> None:
     size = (rng.uniform(0.8, 1.2), rng.uniform(0.30, 0.42))
-    found = _place(room, rng, size, at_wall=True)
+    found = _find_place(room, rng, size, at_wall=True)
     if found:
         (x, y), first, step = found[0], rng.uniform(0.36, 0.45), rng.uniform(0.36, 0.42)
         spans = (x - size[0] / 2, x + size[0] / 2), (y - size[1] / 2, y + size[1] / 2)
@@ -194,29 +194,29 @@ def _shelf(scene: Scene, room: Room, name: str, rng: Generator) -> None:
 
 def _sideboard(scene: Scene, room: Room, name: str, rng: Generator) -> None:
     size, top = (rng.uniform(1.0, 1.6), rng.uniform(0.40, 0.48)), rng.uniform(0.70, 0.85)
-    found = _place(room, rng, size, at_wall=True)
+    found = _find_place(room, rng, size, at_wall=True)
     if found:
         _block(scene, "sideboard", found[0], size, (0.0, top), f"sideboard of {name}")
-        _things(scene, found[0], size, top, int(rng.integers(3, 8)), rng)
+        _objects(scene, found[0], size, top, int(rng.integers(3, 8)), rng)
 
 
 def _bench(scene: Scene, room: Room, name: str, rng: Generator) -> None:
     size, top = (rng.uniform(0.9, 1.5), rng.uniform(0.38, 0.5)), rng.uniform(0.42, 0.48)
-    found = _place(room, rng, size, at_wall=True)
+    found = _find_place(room, rng, size, at_wall=True)
     if found:
         _block(scene, "bench", found[0], size, (0.0, top), f"bench of {name}")
 
 
 def _ledge(scene: Scene, room: Room, name: str, rng: Generator) -> None:
     size, top = (rng.uniform(0.7, 1.1), rng.uniform(0.16, 0.22)), rng.uniform(0.95, 1.1)
-    found = _place(room, rng, size, at_wall=True)
+    found = _find_place(room, rng, size, at_wall=True)
     if found:
         _block(scene, "ledge", found[0], size, (top - 0.05, top), f"ledge of {name}")
 
 
 def _side_table(scene: Scene, room: Room, name: str, rng: Generator) -> None:
     edge, top = rng.uniform(0.40, 0.55), rng.uniform(0.45, 0.56)
-    found = _place(room, rng, (edge + 0.05, edge + 0.05), at_wall=False)
+    found = _find_place(room, rng, (edge + 0.05, edge + 0.05), at_wall=False)
     if found:
         x, y = found[0].tolist()
         scene.table(f"side table of {name}", (edge, edge), top, (x, y), rng.uniform(-0.1, 0.1))
@@ -224,6 +224,6 @@ def _side_table(scene: Scene, room: Room, name: str, rng: Generator) -> None:
 
 def _cabinet(scene: Scene, room: Room, name: str, rng: Generator) -> None:
     """A cabinet too high to see onto."""
-    found = _place(room, rng, (0.6, 0.6), at_wall=True)
+    found = _find_place(room, rng, (0.6, 0.6), at_wall=True)
     if found:
         _block(scene, "cabinet", found[0], (0.6, 0.6), (0.0, 1.9), "")

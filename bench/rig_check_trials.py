@@ -35,8 +35,8 @@ TRIALS: dict[str, tuple[dict[str, object], str | None]] = {
     "right rig, second seed": ({"seed": 1}, None),
     "right rig, clutter, ramp, person": (IN_THE_WAY, None),
     "right rig, scans while driving": ({"always": True}, None),
-    "right rig, base leans by 0.14 deg": ({"lean": 2.0}, None),
-    "right rig, slow sweeps": ({"sweep_period": 4.0}, None),
+    "right rig, base tilted by 0.14 deg": ({"base_tilt": 2.0}, None),
+    "right rig, slow tilt cycles": ({"cycle_period": 4.0}, None),
     "right rig, world flat": ({"world": "flat"}, None),
     "right rig, world moved": ({"world": "moved"}, None),
     **{
@@ -62,7 +62,7 @@ TRIALS: dict[str, tuple[dict[str, object], str | None]] = {
 
 def simulated(options: dict[str, object]) -> list[list[tuple[str, float]]]:
     """Return what was said after each cycle: names and sizes, the first first."""
-    usual = {"tilt_beams": 181, "sweep_period": 2.0, "people": False}
+    usual = {"tilt_beams": 181, "cycle_period": 2.0, "people": False}
     settings = usual | options
     world, seed = str(settings.pop("world", "room")), int(str(settings.pop("seed", 0)))
     messages = run(world, seed=seed, options=Options.model_validate(settings))
@@ -106,8 +106,8 @@ def line(name: str, wanted: str | None, said: list[list[tuple[str, float]]]) -> 
         verdict = f"not first, named in {there}" if there else "**not seen**"
         return f"| {name} | {len(said)} | - | {verdict} | {_size(wanted, sizes)} | {spoken} |"
     right = sum(one == wanted for one in firsts[first:])
-    share = f"{right} of {len(firsts) - first}"
-    return f"| {name} | {len(said)} | {first + 1} | {share} | {_size(wanted, sizes)} | {spoken} |"
+    count = f"{right} of {len(firsts) - first}"
+    return f"| {name} | {len(said)} | {first + 1} | {count} | {_size(wanted, sizes)} | {spoken} |"
 
 
 def _size(name: str, sizes: list[float]) -> str:

@@ -3,8 +3,8 @@
 Stand-ins for logs that are not here: identical offices, a court of several hundred metres, crossing
 corridors behind glass, a campus, plain corridors. Usage: python bench/slam_buildings.py
 [BUILDING ...] [--robots NAME ...] [--seeds N] [--first SEED] [--layouts] [--walls]. Prints a table
-of the rms error after alignment and of the mean error over pairs of poses less than 3 m apart with
-more than 10 m of path between them; asserts nothing.
+of the rms error after alignment and of the mean error over pairs of poses at a distance below 3 m
+with more than 10 m of path between them; asserts nothing.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ DRAWN = {
 }
 """Buildings whose layout `--layouts` draws with the seed."""
 
-MOST_ROWS = 700
+MAX_ROWS = 700
 """Poses of which pairs are compared: a relation each few scans."""
 
 HEAD = (
@@ -75,8 +75,8 @@ def bench(name: str, robot: str, walls: bool, seed: int, drawn: bool) -> None:
     odometry = planar(np.concatenate([s.T_odom_base for s in run.scans]))
     path = np.hypot(*np.diff(run.truth[:, :2], axis=0).T).sum()
     absolute = absolute_errors(spatial(solution.poses), spatial(run.truth))
-    rms, turn = (np.sqrt(np.mean(e**2)) for e in (absolute.translation, absolute.rotation))
-    rows = slice(None, None, 1 + len(run.truth) // MOST_ROWS)
+    rms, angle = (np.sqrt(np.mean(e**2)) for e in (absolute.translation, absolute.rotation))
+    rows = slice(None, None, 1 + len(run.truth) // MAX_ROWS)
     truth, found = spatial(run.truth[rows]), spatial(solution.poses[rows])
     i, j = pairs_that_meet(truth[:, :3, 3]).T
     pairs = relation_errors(found[i], found[j], inverse(truth[i]) @ truth[j])
@@ -84,7 +84,7 @@ def bench(name: str, robot: str, walls: bool, seed: int, drawn: bool) -> None:
     print(
         f"{name:14} {robot:13} {seed:4d} {'on' if walls else 'off':5} {path:6.0f} "
         f"{len(run.scans):6d} {plan.errors(run.truth, odometry)[0]:8.1f} "
-        f"{rms:7.3f} {np.degrees(turn):6.3f} {pairs.translation.mean():8.4f} "
+        f"{rms:7.3f} {np.degrees(angle):6.3f} {pairs.translation.mean():8.4f} "
         f"{np.degrees(pairs.rotation.mean()):6.3f} {accepted:6d} {wrong:6d} {seconds:6.1f}",
         flush=True,
     )

@@ -1,8 +1,8 @@
 """Which rows of a log's reference contradict the reference's own map? No estimate of ours is used.
 
 For each row the scan is laid over what at least four of the other rows within 4 m saw, all at the
-reference's poses: the share of its points within 10 cm of that, and the largest share within 10 cm
-and 0.5 rad around the row's pose. A row whose share grows much by a turn is wrong by it.
+reference's poses: the fraction of its points within 10 cm of that, and the largest fraction within
+10 cm and 0.5 rad around the row's pose. A row whose fraction grows much by a turn is wrong by it.
 
 Usage: python bench/slam_reference.py [LOG ...] [--shared FOLDER]. Prints a table; asserts nothing.
 """
@@ -26,13 +26,13 @@ from tccm_ros.pipeline.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.slam.level_scan import level_scan
 
 NEAR, MATCHED = 4.0, 0.10  # m
-TURNS = np.arange(-0.48, 0.481, 0.04)  # rad
+YAWS = np.arange(-0.48, 0.481, 0.04)  # rad
 SHIFTS = (-0.1, 0.0, 0.1)  # m
 CELL, WITNESSES = 0.10, 4
 """Cells (m) that so many rows saw make the map: few rows with one error do not carry each other."""
 
 GAIN = 0.2
-"""Rows whose share grows by more than this are listed."""
+"""Rows whose fraction grows by more than this are listed."""
 
 
 def read_rows(log: Path) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
@@ -55,18 +55,18 @@ def seen_by_several(points: list[np.ndarray]) -> np.ndarray:
     return (found[count >= WITNESSES] + 0.5) * CELL
 
 
-def best_turn(tree: cKDTree, points: np.ndarray, pose: np.ndarray) -> tuple[float, float, float]:
-    """Return the share at the pose, the best share around it, and the turn of that, rad."""
+def best_yaw(tree: cKDTree, points: np.ndarray, pose: np.ndarray) -> tuple[float, float, float]:
+    """Return the fraction at the pose, the best fraction around it, and its yaw, rad."""
 
-    def share(offset: tuple[float, float, float]) -> float:
+    def fraction(offset: tuple[float, float, float]) -> float:
         near = tree.query(transform2(pose + offset, points), distance_upper_bound=MATCHED)[0]
         return float(np.mean(np.isfinite(near)))
 
-    here = share((0.0, 0.0, 0.0))
-    tries = [(x, y, t) for t, x, y in itertools.product(TURNS, SHIFTS, SHIFTS)]
-    shares = [share(offset) for offset in tries]
-    best = int(np.argmax(shares))
-    return here, max(shares[best], here), tries[best][2] if shares[best] > here else 0.0
+    here = fraction((0.0, 0.0, 0.0))
+    tries = [(x, y, t) for t, x, y in itertools.product(YAWS, SHIFTS, SHIFTS)]
+    fractions = [fraction(offset) for offset in tries]
+    best = int(np.argmax(fractions))
+    return here, max(fractions[best], here), tries[best][2] if fractions[best] > here else 0.0
 
 
 def check(log: Path) -> None:
@@ -78,17 +78,17 @@ def check(log: Path) -> None:
         if len(near) < WITNESSES:
             continue
         tree = cKDTree(seen_by_several([transform2(poses[j], points[j]) for j in near]))
-        found.append((int(index[i]), len(near), *best_turn(tree, points[i], pose)))
-    shares = np.array([row[2] for row in found])
+        found.append((int(index[i]), len(near), *best_yaw(tree, points[i], pose)))
+    fractions = np.array([row[2] for row in found])
     print(
-        f"{log.name.split('.')[0]}: {len(found)} rows; share of matched points: median "
-        f"{np.median(shares):.2f}, 5 % of the rows below {np.quantile(shares, 0.05):.2f}"
+        f"{log.name.split('.')[0]}: {len(found)} rows; fraction of matched points: median "
+        f"{np.median(fractions):.2f}, 5 % of the rows below {np.quantile(fractions, 0.05):.2f}"
     )
-    for scan, near, here, best, turn in found:
+    for scan, near, here, best, yaw in found:
         if best - here > GAIN:
             print(
                 f"  scan {scan}: {here:.2f} at the reference's pose, {best:.2f} turned by "
-                f"{turn:+.2f} rad ({near} rows near)"
+                f"{yaw:+.2f} rad ({near} rows near)"
             )
 
 

@@ -165,11 +165,11 @@ def report(slam: SurfaceSlam, hour: float, steps: list[float]) -> None:
     memory, start = memory_mb(), time.process_time()
     with Standstill() as standstill:
         solution = slam.solve(every_covariance=False)
-    took = time.process_time() - start
+    elapsed = time.process_time() - start
     ms = 1e3 * np.array(steps)
     print(
         f"| {hour:.2f} | {memory:.0f} MB | {len(solution.slam.keyframes)} | "
-        f"{np.quantile(ms, 0.99):.1f} ms | {ms.max():.0f} ms | {took:.2f} s | "
+        f"{np.quantile(ms, 0.99):.1f} ms | {ms.max():.0f} ms | {elapsed:.2f} s | "
         f"{standstill.longest_s:.2f} s |",
         flush=True,
     )

@@ -61,12 +61,12 @@ class Twin:
         )
         self._cycle = 0
 
-    def scans(self, sweep) -> None:
-        """Project and bin all scans of a sweep."""
-        n_scans, beams = sweep.ranges.shape
+    def scans(self, scene) -> None:
+        """Project and bin all scans of a tilt cycle."""
+        n_scans, beams = scene.ranges.shape
         self._lib.twin_scans(
-            self._twin, *map(_pointer, sweep.for_twin), ctypes.c_int(n_scans),
-            ctypes.c_int(sweep.knots), ctypes.c_int(beams), ctypes.c_double(sweep.step),
+            self._twin, *map(_pointer, scene.for_twin), ctypes.c_int(n_scans),
+            ctypes.c_int(scene.stamps_ns), ctypes.c_int(beams), ctypes.c_double(scene.step),
         )  # fmt: skip
 
     def points(self, xyz: NDArray[np.float64]) -> None:

@@ -1,4 +1,4 @@
-"""From a path to the storage files of a bag."""
+"""Find the storage files of a bag."""
 
 from __future__ import annotations
 
@@ -16,10 +16,9 @@ from tccm_ros.errors import BagError
 __all__ = ["storage_paths", "unpacked"]
 
 SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
-MAX_EXPANSION = 1000
-"""A compressed file that grows more than this (and beyond `SMALL`) is a bomb, not a recording."""
-
-SMALL = 2**26
+MAX_EXPANSION, SMALL = 1000, 2**26
+"""A compressed file that grows by a larger factor, and beyond `SMALL` bytes, is refused
+(chosen)."""
 
 
 def storage_paths(path: Path, *, listed: bool = True) -> list[Path]:
@@ -70,19 +69,19 @@ def _listed(metadata: Path) -> list[Path]:
 
 @contextmanager
 def unpacked(path: Path, *, partly: bool = False) -> Iterator[Path]:
-    """Give a storage file as it is, or, compressed as a whole, in a temporary folder.
+    """Yield a storage file, unpacked in a temporary folder if it is compressed as a whole.
 
     Parameters
     ----------
     path
         The file.
     partly
-        Whether what comes before damage of the compression is enough.
+        Whether a file with damage is unpacked up to the damage.
 
     Raises
     ------
     BagError
-        Where it is damaged, or grows beyond what a recording can.
+        Where it is damaged, or is larger than `MAX_EXPANSION` and `SMALL` allow.
     """
     with reading(path), path.open("rb") as stream:
         is_compressed = stream.read(4) == ZSTD_MAGIC

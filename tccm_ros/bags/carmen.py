@@ -1,7 +1,7 @@
-"""Make a bag of a CARMEN log, so that it replays without any setting.
+"""Import a CARMEN log: write a bag that replays without any setting.
 
-File order is the true order of a log; its stamps may step back. The bag has strictly increasing
-stamps as near to the logged ones as possible, and ``stamps.csv`` says which scan became which.
+The order of lines is the true order of a log; its stamps may step back. The bag has strictly
+increasing stamps as near to the logged ones as possible; ``stamps.csv`` has both for each scan.
 """
 
 from __future__ import annotations
@@ -33,27 +33,28 @@ __all__ = ["ImportedLog", "import_carmen"]
 BASE, LASER, ODOM = "base_link", "laser", "odom"
 
 SICK_NO_RETURN_M = 81.8
-"""The SICK LMS codes 8183 to 8191 cm mean no return, dazzle and the like."""
+"""The SICK LMS codes of 8183 to 8191 cm mean no return or dazzle (manual of the LMS 2xx)."""
 
 SICK_RANGE_M = 80.0
 RANGE_MIN_M = 0.02
+"""Limits of valid ranges where a log has none: of the SICK LMS, and chosen."""
 
-SENTINEL_SHARE = 1e-3
+SENTINEL_FRACTION = 1e-3
 SENTINEL_RATIO = 20.0
-"""The largest reading stands for no return where at least this share of all readings equals it,
-and this many times more than typically equal another value of the upper half: measured distances
-are noisy, or repeat as often as each other."""
+"""The largest reading means no return where at least this fraction of all readings equals it, and
+its number is this many times the median number of the values in the upper half (chosen: measured
+distances are noisy, or repeat as often as each other)."""
 
 MAX_OFFSET_SPREAD = 0.005
-"""Interquartile range of the laser's offset, m or rad; beyond it the poses are corrected ones,
-whose difference from the odometry says nothing about the laser."""
+"""Max interquartile range of the laser's offset, m and rad; beyond it the poses are corrected ones,
+whose difference from the odometry is not the offset of the laser (chosen)."""
 
 CARMEN_OFFSET = "robot_frontlaser_offset"
 
 
 @dataclass(frozen=True)
 class ImportedLog:
-    """What became of a log.
+    """Summary of an imported log.
 
     Attributes
     ----------
@@ -86,7 +87,7 @@ class ImportedLog:
         x, y, yaw = self.laser
         return (
             f"{self.scans} scans ({self.kind}), {self.odometry} odometry, {self.damaged} damaged "
-            f"lines; {self.steps_back} stamps step back, moved by {self.moved_s:.3f} s at most; "
+            f"lines; {self.steps_back} stamps step back, changed by up to {self.moved_s:.3f} s; "
             f"laser at {x:g} {y:g} m, {yaw:g} rad; ranges to {self.range_max:g} m"
         )
 
@@ -103,7 +104,7 @@ def import_carmen(
     out
         A folder; stamps.csv is put into it too.
     overwrite
-        Whether what is at `out` is replaced.
+        Whether an existing `out` is replaced.
     bars
         Where progress is shown.
 
@@ -154,9 +155,10 @@ def import_carmen(
 
 
 def _clock(scans: list[ScanLine], log: CarmenLog) -> tuple[list[int], dict[int, int]]:
-    """Return a time of each scan, and that of each line by its number, by a clock that goes on.
+    """Return a time of each scan, and that of each line by its number, by a clock that never
+    steps back.
 
-    Where the computers' clock stands still, the logger's is taken.
+    Where the computers' clock is constant, the logger's is used.
     """
     if len({scan.time_ns for scan in scans}) == 1 and len({s.logged_ns for s in scans}) > 1:
         times = without_resets([scan.logged_ns for scan in scans])
@@ -186,7 +188,7 @@ def _laser_offset(scans: list[ScanLine], log: CarmenLog) -> Float64:
 
 
 def _no_return(scans: list[ScanLine]) -> tuple[float, float]:
-    """Return the reading from which on nothing was seen, and the largest valid range, m."""
+    """Return the smallest reading that means no return, and the max valid range, m."""
     stated = max(scan.range_max for scan in scans)
     if 0.0 < stated < SICK_NO_RETURN_M:
         return stated, stated
@@ -197,7 +199,7 @@ def _no_return(scans: list[ScanLine]) -> tuple[float, float]:
         return SICK_NO_RETURN_M, SICK_RANGE_M
     top, others = float(values[-1]), counts[:-1][values[:-1] > 0.5 * values[-1]]
     typical = float(np.median(others)) if len(others) else 1.0
-    if counts[-1] >= max(SENTINEL_SHARE * len(readings), SENTINEL_RATIO * typical):
+    if counts[-1] >= max(SENTINEL_FRACTION * len(readings), SENTINEL_RATIO * typical):
         return top, top
     return SICK_NO_RETURN_M, SICK_RANGE_M
 
@@ -250,8 +252,8 @@ def _write_odometry(
 ) -> int:
     """Write ODOM lines where the scans have no odometry of their own; return how many there are.
 
-    A scan line repeats the odometry that was current when it was measured, so that ODOM lines
-    beside it would say the same at another time.
+    A scan line repeats the odometry at its time, so that ODOM lines would repeat it at another
+    time.
     """
     paired = sum(scan.odometry is not None for scan in scans)
     if paired:

@@ -34,10 +34,13 @@ __all__ = ["CarmenLog", "OdomLine", "ScanLine", "read_log"]
 
 MAX_LINE = 2**20
 MAX_LOG = 2**33
-"""Bytes of a line and of an unpacked log that are read; larger is no log but a bomb."""
+"""Max bytes of a line and of an unpacked log (chosen: larger ones are compression bombs)."""
 
 MAX_BEAMS = 20_000
 MAX_COORDINATE = 1e7
+"""Max number of readings and max coordinate of a valid line (chosen: far above those of any
+log)."""
+
 MAX_TIME_S = 2**31 - 1
 """Stamps of messages have 32 bits of seconds."""
 
@@ -67,7 +70,7 @@ class ScanLine:
     angle_min, angle_increment
         rad.
     range_max
-        As the line says, m; 0 where it does not.
+        As stated by the line, m; 0 where it is not.
     ranges
         float64 (N,), m, as logged.
     laser, odometry
@@ -89,7 +92,17 @@ class ScanLine:
 
 @dataclass(frozen=True, slots=True)
 class OdomLine:
-    """Odometry on line `line` of the file: time in ns, pose (x, y, yaw)."""
+    """An ODOM line.
+
+    Attributes
+    ----------
+    line
+        Of the file, from 0.
+    time_ns
+        ipc_time, ns.
+    pose
+        x, y, yaw in the odometry frame, m and rad.
+    """
 
     line: int
     time_ns: int
@@ -98,18 +111,20 @@ class OdomLine:
 
 @dataclass
 class CarmenLog:
-    """What is in a log, in file order.
+    """The lines of a log by kind, in file order.
 
     Attributes
     ----------
     scans
-        By kind.
+        Scans by kind.
     odometry
         ODOM lines.
     parameters
         PARAM lines.
     damaged
-        Lines of a known kind that cannot be read.
+        Number of lines of a known kind that cannot be read.
+    counts
+        Number of all lines by kind.
     """
 
     scans: dict[str, list[ScanLine]] = field(default_factory=dict)
@@ -182,9 +197,9 @@ def _take(log: CarmenLog, line: bytes, number: int) -> None:
 
 
 def _drop_miscounted(log: CarmenLog) -> None:
-    """Drop lines whose number of readings is not what they state, unless most are so.
+    """Drop lines whose number of readings is not the stated one, unless most lines are such.
 
-    One line alone has a reading that was torn in two, and its bearings are wrong from there on.
+    A single such line has a reading that was split in two, with wrong bearings after it.
     """
     for kind, scans in log.scans.items():
         counted = [scan for scan in scans if len(scan.ranges) == scan.stated]

@@ -1,4 +1,4 @@
-"""What publishers offer, as rosbag2 stores it beside each topic."""
+"""Quality of service of publishers, as rosbag2 stores it for each topic."""
 
 from __future__ import annotations
 
@@ -17,11 +17,20 @@ LATCHED = ("robot_description", "tf_static")
 FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 MAX_DEPTH = 10_000
+"""Max depth that is taken from a bag (chosen: memory)."""
 
 
 @dataclass(frozen=True)
 class Qos:
-    """What a topic's publisher offers; players publish with it again."""
+    """Quality of service of a topic's publisher; players publish with it.
+
+    Attributes
+    ----------
+    reliable, latched
+        Whether it is reliable (else best effort), and transient local (else volatile).
+    depth
+        Messages in its queue.
+    """
 
     reliable: bool = True
     latched: bool = False
@@ -43,17 +52,17 @@ class Qos:
 
 
 def default_qos(topic: str) -> Qos:
-    """Return what is offered for a topic of which nothing is known."""
+    """Return the quality of service of a topic without publishers in the metadata."""
     if topic.rsplit("/", 1)[-1] in LATCHED:
         return Qos(latched=True, depth=1)
     return Qos()
 
 
 def qos_of_publishers(offered: Sequence[interfaces.Qos], topic: str) -> Qos:
-    """Return what satisfies all of a topic's publishers, or the topic's default if there are none.
+    """Return the quality of service of a topic's publishers, or the topic's default without any.
 
-    Several publishers may have offered different things: the weakest reliability and the
-    strongest durability are taken, as rosbag2's player does.
+    Publishers may differ: the result has the weakest reliability and the strongest durability, as
+    in rosbag2's player.
     """
     if not offered:
         return default_qos(topic)

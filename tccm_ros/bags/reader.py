@@ -47,7 +47,7 @@ DEFAULT_TOPICS: Mapping[str, str] = {
     "tf": "/tf",
     "tf_static": "/tf_static",
 }
-"""Topic of each role (DESIGN section 5)."""
+"""Default topic of each role (docs/reference/files.md, 'Recordings')."""
 
 BagPaths = Path | str | Sequence[Path | str]
 """A recording: one bag, or several that are read as one."""
@@ -55,7 +55,15 @@ BagPaths = Path | str | Sequence[Path | str]
 
 @dataclass(frozen=True, slots=True)
 class TopicInfo:
-    """A topic of a bag."""
+    """A topic of a bag.
+
+    Attributes
+    ----------
+    name, msgtype
+        Names.
+    count
+        Number of messages.
+    """
 
     name: str
     msgtype: str
@@ -70,7 +78,7 @@ def remap_topics(
     Raises
     ------
     TopicError
-        For text of another form, or a role that there is not.
+        For text of another form, or an unknown role.
     """
     topics = dict(defaults)
     for remap in remaps:
@@ -99,7 +107,7 @@ class BagReader:
         metadata.yaml), or one .mcap or .db3 file; or several of these, in any order, that are read
         as one recording.
     readers
-        By role of a topic: how its messages become records.
+        Readers of messages by role of their topic.
 
     Attributes
     ----------
@@ -160,14 +168,14 @@ class BagReader:
         return (self.end_ns - self.start_ns) * 1e-9
 
     def topics(self) -> list[TopicInfo]:
-        """Return what is in the bag, by name."""
+        """Return the topics of the bag, by name."""
         counts: Counter[tuple[str, str]] = Counter()
         for topic in self._connections():
             counts[topic.topic, topic.msgtype] += topic.msgcount
         return [TopicInfo(name, kind, count) for (name, kind), count in sorted(counts.items())]
 
     def qos(self, topic: str) -> Qos:
-        """Return what the publishers of a topic offered, or the topic's default."""
+        """Return the quality of service of a topic's publishers, or the topic's default."""
         same = [_stored(c) for c in self._connections() if c.topic == topic]
         return qos_of_publishers([qos for c in same for qos in c.offered_qos_profiles], topic)
 

@@ -1,7 +1,7 @@
-"""Copy what can be read of a truncated or damaged bag into a new one.
+"""Recover a truncated or damaged bag: copy its readable messages to a new one.
 
-An mcap file is walked record by record, as the mcap library reads them; where the walk meets
-damage it goes on at the next chunk that is whole by its sizes. A sqlite3 file is read from both
+An mcap file is read record by record with the mcap library; after damage the reading continues at
+the next chunk whose sizes are consistent. A sqlite3 file is read from both
 ends, with what its write-ahead log holds.
 """
 
@@ -35,7 +35,7 @@ from tccm_ros.progress import Bars, Silent
 __all__ = ["Recovered", "recover"]
 
 RECORD_KINDS = frozenset(Opcode)
-"""Other kinds of records are taken for damage."""
+"""Records of other kinds are damage."""
 
 CHUNK_MARK = bytes([Opcode.CHUNK])
 HEADER_BYTES = 9
@@ -47,7 +47,7 @@ _u32 = struct.Struct("<I").unpack_from
 
 @dataclass
 class Recovered:
-    """What `recover` found.
+    """Counts of a recovery.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ def recover(
     out
         The new bag, as for BagWriter.
     overwrite
-        Whether what is at `out` is replaced.
+        Whether an existing `out` is replaced.
     bars
         Where progress is shown.
 
@@ -127,7 +127,7 @@ class _Copier:
         self._channels: dict[int, Channel] = {}
 
     def copy(self, path: Path) -> None:
-        """Copy what can be read of a file; of neither kind nothing can."""
+        """Copy the readable messages of a file; files of other kinds have none."""
         with reading(path):
             with path.open("rb") as stream:
                 head = stream.read(len(SQLITE_MAGIC))
@@ -195,7 +195,7 @@ class _Copier:
 
 
 def _whole_records(m: mmap.mmap) -> Iterator[tuple[int, int]]:
-    """Yield (start, end) of records that are whole by their sizes, in file order."""
+    """Yield (start, end) of records with consistent sizes, in file order."""
     at = len(MCAP0_MAGIC)
     while 0 <= at < len(m):
         end = _end_of_record(m, at)
@@ -207,7 +207,7 @@ def _whole_records(m: mmap.mmap) -> Iterator[tuple[int, int]]:
 
 
 def _end_of_record(m: mmap.mmap, at: int) -> int | None:
-    """Return where the record at a place ends, None where its sizes contradict each other."""
+    """Return the end of the record at an offset, None where its sizes contradict each other."""
     try:
         end = at + HEADER_BYTES + _u64(m, at + 1)[0]
         if m[at] == Opcode.CHUNK:  # times, size, checksum; compression; data

@@ -1,4 +1,4 @@
-"""One storage file of a bag, mcap or sqlite3, read by rosbags with damage found and named.
+"""One storage file of a bag, mcap or sqlite3, read by rosbags, with checks for damage.
 
 rosbags checks the chunks of an mcap file against their checksums. It does not look at the checksum
 of the summary, skips what the index leaves out, and reads what a damaged size field asks for:
@@ -37,7 +37,7 @@ ROS1_MAGIC = b"#ROSBAG V"
 RECOVER = "; try `tccm recover`"
 
 MAX_BLOCK_BYTES = 2**30
-"""Largest chunk or message that is unpacked; a damaged file may declare any size."""
+"""Max size of a chunk or message that is unpacked (chosen: a damaged file may declare any size)."""
 
 FOOTER_BYTES = 9 + 20 + len(MCAP0_MAGIC)
 """Header and content of the last record of an mcap file, and the magic bytes behind it."""
@@ -46,7 +46,17 @@ BEHIND_SUMMARY_CRC = 4 + len(MCAP0_MAGIC)
 
 
 class BagMessage(NamedTuple):
-    """A serialised message of a bag (CDR)."""
+    """A serialised message of a bag.
+
+    Attributes
+    ----------
+    topic, msgtype
+        Names.
+    log_ns
+        Log time.
+    data
+        CDR, with its header.
+    """
 
     topic: str
     msgtype: str
@@ -75,12 +85,12 @@ def expand(packed: Any, limit: int = MAX_BLOCK_BYTES) -> Iterator[bytes]:
     packed
         Bytes, or a file that is open for reading.
     limit
-        Most bytes that may come out of it.
+        Max number of bytes that are unpacked.
 
     Raises
     ------
     ValueError
-        Where it is a bomb, not a recording.
+        For more than `limit` bytes.
     """
     stream = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
     while piece := stream.read(2**20):
@@ -158,7 +168,7 @@ class StorageFile:
 
 
 class _BoundedFile(BufferedReader):
-    """A file that is asked for no more than it has: Python allocates before it reads."""
+    """A file that reads no more than its size: Python allocates before it reads."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(FileIO(path))

@@ -1,4 +1,4 @@
-"""Message classes of the rosbags typestore: what bags are read and written with, without ROS."""
+"""Message classes of the rosbags typestore, with which bags are read and written without ROS."""
 
 from __future__ import annotations
 
@@ -57,7 +57,17 @@ class TypestoreMessages:
         return int(value)
 
     def rows(self, msgtype: str, table: ArrayLike, chosen: ArrayLike | None = None) -> Any:
-        """Return the value of a list of messages that hold numbers alone: the table itself."""
+        """Return the value of a list of messages with numbers only: the table itself.
+
+        Parameters
+        ----------
+        msgtype
+            Type of the messages.
+        table
+            (N, C), a row for each message.
+        chosen
+            Rows that are taken, by mask or by index; None for all.
+        """
         row = self._writer.row(msgtype)
         values = np.asarray(table, row.dtype).reshape(-1, row.columns)
         return values if chosen is None else values[np.asarray(chosen)]

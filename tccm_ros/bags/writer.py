@@ -1,6 +1,6 @@
 """Write rosbag2 bags: mcap with checksums, the same bytes for the same input.
 
-A bag is written under a temporary name beside its place and moved there when it is complete.
+A bag is written under a temporary name in the same folder and renamed when it is complete.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ class _Topic:
 class BagWriter:
     """A bag that is being written; a context manager.
 
-    When the block ends the bag is moved to its place; when it ends by an exception nothing stays.
+    The bag gets its name when the block ends; after an exception no file remains.
 
     Parameters
     ----------
     path
         A folder (rosbag2: ``name/name.mcap`` and ``metadata.yaml``), or a file ending in .mcap.
     overwrite
-        Whether what is at `path` is replaced, once the new bag is complete.
+        Whether an existing `path` is replaced, when the new bag is complete.
     typestore
         Message classes to serialise with.
 
@@ -81,7 +81,7 @@ class BagWriter:
 
     @property
     def folder(self) -> Path:
-        """Folder under its temporary name; what is put there moves into place with the bag."""
+        """Folder under its temporary name; other files in it are renamed with the bag."""
         return self._temporary
 
     def __enter__(self) -> BagWriter:
@@ -114,7 +114,7 @@ class BagWriter:
             raise OutputError(f"{self.path}: cannot be written ({one_line(failure)})") from None
 
     def add_topic(self, topic: str, msgtype: str, qos: Qos | None = None) -> None:
-        """Declare a topic; `write` does it by itself for topics without special wishes.
+        """Declare a topic; `write` does so for topics with the default quality of service.
 
         Parameters
         ----------
@@ -136,7 +136,19 @@ class BagWriter:
         profiles: list[dict[str, Any]],
         type_hash: str = "",
     ) -> None:
-        """Declare a topic with all that rosbag2 stores of it (used when a bag is copied)."""
+        """Declare a topic with all of its metadata, as copies of a bag need.
+
+        Parameters
+        ----------
+        topic, msgtype
+            Names.
+        definition, encoding
+            Text of the message definition, and its format (``ros2msg``).
+        profiles
+            Quality of service of the publishers, in the form of rosbag2's metadata.
+        type_hash
+            REP-2016 hash of the type.
+        """
         if topic in self._topics:
             raise ValueError(f"topic {topic} is declared already")
         if msgtype not in self._schemas:

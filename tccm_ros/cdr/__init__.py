@@ -1,1 +1,1 @@
-"""Records and messages straight from and to CDR bytes, the encoding of ROS 2 messages."""
+"""CDR, the encoding of ROS 2 messages: bytes to records, and messages to bytes."""

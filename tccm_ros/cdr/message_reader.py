@@ -1,4 +1,4 @@
-"""How a serialised message becomes records: straight from its bytes, or by a message object."""
+"""Readers of serialised messages: to records from CDR bytes or from a message object."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["MessageReader", "NotPlain"]
 
 
 class NotPlain(ValueError):
-    """Bytes that are left to the typestore."""
+    """Bytes that the typestore has to read."""
 
 
 class MessageReader(NamedTuple):
@@ -22,12 +22,11 @@ class MessageReader(NamedTuple):
     message_type
         Such as ``sensor_msgs/msg/LaserScan``.
     of_message
-        Gives the records of a message, of any family of message classes; `MessageError` for content
-        that no processor can use.
+        Returns the records of a message object, of any family of message classes; raises
+        `MessageError` for content that no processor can use.
     of_bytes
-        The same straight from CDR bytes, for messages that come often: a message object takes ten
-        times as long. It raises NotPlain, struct.error or UnicodeDecodeError for what `of_message`
-        shall read.
+        Returns the records of CDR bytes without a message object, which takes ten times as long;
+        raises NotPlain, struct.error or UnicodeDecodeError for bytes that `of_message` has to read.
     """
 
     message_type: str
@@ -44,7 +43,7 @@ class MessageReader(NamedTuple):
         data
             CDR bytes.
         deserialize
-            Makes a message object of a type's name and bytes.
+            Returns the message object of a type's name and bytes.
 
         Raises
         ------

@@ -1,11 +1,11 @@
-"""Records straight from CDR bytes, for the four types that most of a bag's messages have.
+"""Read records from CDR bytes, for the four most frequent types of messages.
 
 A bag has ten odometry, joint and tf messages for each scan. A record of one takes 3.6 to 5.3 us
-here; by the message objects of rosbags it takes 9.7 to 15.2 us, of which `deserialize_cdr` is the
-larger part (``python bench/bench_bags.py``). Names are read once: the next message has the same
-bytes in their place. What is not plain little-endian CDR of the expected size is left to the
-typestore, which reads it or says what is wrong: readers raise NotPlain, struct.error or
-UnicodeDecodeError then, and MessageError where a message object would as well.
+here; with the message objects of rosbags it takes 9.7 to 15.2 us, of which `deserialize_cdr` is the
+larger part (``python bench/bench_bags.py``). Names are decoded only
+where their bytes differ from those of the last message. The typestore reads all that is not plain
+little-endian CDR of the expected size: readers raise NotPlain, struct.error or UnicodeDecodeError
+for it, and MessageError in the same cases as with a message object.
 """
 
 from __future__ import annotations
@@ -48,9 +48,7 @@ _U32 = struct.Struct("<I").unpack_from
 _STAMP = struct.Struct("<iI").unpack_from
 _POSE = struct.Struct("<7d").unpack_from
 _BEAMS = struct.Struct("<7f").unpack_from
-POSE_BYTES = 56
-BEAMS_BYTES = 28
-
+POSE_BYTES, BEAMS_BYTES = 56, 28
 
 MAX_TRAILING_BYTES = 15
 """Bytes after a message that are accepted: rclpy's serialize_message leaves up to 8 where
@@ -62,7 +60,7 @@ def _align(at: int, size: int) -> int:
 
 
 def _text(data: bytes, at: int) -> tuple[str, int]:
-    """Return a string at a place (aligned first) and where it ends."""
+    """Return the string at an offset (aligned first) and its end."""
     at = _align(at, 4)
     (length,) = _U32(data, at)
     end = at + 4 + length
@@ -72,7 +70,7 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
 
 
 def _header(data: bytes, at: int) -> tuple[int, str, int]:
-    """Return stamp in ns, frame, and where the header ends."""
+    """Return stamp in ns, frame, and the end of the header."""
     at = _align(at, 4)
     sec, nanosec = _STAMP(data, at)
     frame, end = _text(data, at + 8)
@@ -80,7 +78,7 @@ def _header(data: bytes, at: int) -> tuple[int, str, int]:
 
 
 def _numbers(data: bytes, at: int, dtype: str, size: int) -> tuple[NDArray[Any], int]:
-    """Return a sequence of numbers of `size` bytes (a view), and where it ends."""
+    """Return a sequence of numbers of `size` bytes (a view), and its end."""
     at = _align(at, 4)
     (count,) = _U32(data, at)
     if count == 0:
@@ -93,12 +91,12 @@ def _numbers(data: bytes, at: int, dtype: str, size: int) -> tuple[NDArray[Any],
 
 
 class _Names:
-    """Reads what stands between a message's stamp and its numbers: names, mostly the last ones.
+    """Reads the names between stamp and numbers of a message, with a cache of the last ones.
 
     Parameters
     ----------
     read
-        Gives the names of a message, and where they end.
+        Returns the names of a message and their end.
     """
 
     def __init__(self, read: Callable[[bytes], tuple[tuple[str, ...], int]]) -> None:
@@ -106,7 +104,7 @@ class _Names:
         self._last: tuple[bytes | None, tuple[str, ...], int] = (None, (), 0)
 
     def __call__(self, data: bytes) -> tuple[int, tuple[str, ...], int]:
-        """Return the stamp in ns, the names and where they end."""
+        """Return the stamp in ns, the names and their end."""
         sec, nanosec = _STAMP(data, ORIGIN)
         known, names, end = self._last
         if data[STAMP_END:end] != known:

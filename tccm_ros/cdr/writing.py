@@ -1,9 +1,9 @@
-"""Messages to CDR bytes, with whole tables of points and colours in one piece.
+"""Write messages to CDR bytes, with tables of points and colours as arrays.
 
 A message type is flattened once into a few steps: runs of numbers, texts, arrays of numbers, and
 lists of messages. A list of messages that hold numbers of one kind alone (points, colours) may be
-an array with a row for each of them: it is written as it lies in memory. A marker of 10,000 points
-takes 0.04 ms so, 14 ms with an object for each point and rosbags' `serialize_cdr`
+an array with a row for each of them: its memory is copied. A marker of 10,000 points
+takes 0.04 ms, and 14 ms with an object for each point and rosbags' `serialize_cdr`
 (``python bench/bench_bags.py``).
 """
 
@@ -35,10 +35,10 @@ _CODES: Final = {
 }  # fmt: skip
 _COUNT = struct.Struct("<I").pack
 _GAPS: Final = (b"", b"\0\0\0", b"\0\0", b"\0")
-"""What comes before a count, by the length so far modulo 4, of which the encapsulation is one."""
+"""Padding before a count, by the length so far modulo 4."""
 
 _NO_TEXT: Final = tuple(gap + b"\1\0\0\0\0" for gap in _GAPS)
-"""An empty text after such a gap: a marker has four of them."""
+"""An empty text with its padding: a marker has four of them."""
 
 Step = Callable[[Any, bytearray], None]
 """Appends some fields of a message to its bytes."""
@@ -48,7 +48,15 @@ Fields = Sequence[tuple[str, Any]]
 
 
 class Row(NamedTuple):
-    """A message that holds numbers of one kind alone: what a row of a table of them has."""
+    """Layout of a message with numbers of one kind only, as a row of a table.
+
+    Attributes
+    ----------
+    dtype
+        Of the numbers, little-endian.
+    columns
+        How many a message has.
+    """
 
     dtype: np.dtype[Any]
     columns: int
@@ -84,12 +92,12 @@ class CdrWriter:
         return out
 
     def row(self, msgtype: str) -> Row:
-        """Return what a message is as a row of a table.
+        """Return the layout of a type as a row of a table.
 
         Raises
         ------
         TypeError
-            For a type that holds other things than numbers of one kind.
+            For a type with other fields than numbers of one kind.
         """
         row = self._rows.get(msgtype)
         if row is None:
@@ -101,7 +109,7 @@ class CdrWriter:
         kinds = {detail[0] for _, (kind, detail) in leaves if kind == Nodetype.BASE}
         flat = all(kind == Nodetype.BASE for _, (kind, _) in leaves)
         if not flat or len(kinds) != 1 or kinds == {"string"}:
-            raise TypeError(f"{msgtype} holds other things than numbers of one kind")
+            raise TypeError(f"{msgtype} has other fields than numbers of one kind")
         return Row(_dtype(kinds.pop()), len(leaves))
 
     def _append(self, msgtype: str, message: Any, out: bytearray) -> None:
@@ -112,7 +120,7 @@ class CdrWriter:
             step(message, out)
 
     def _leaves(self, msgtype: str, prefix: str) -> Iterator[tuple[str, Any]]:
-        """Yield path and description of each field, those of messages inside in their place."""
+        """Yield path and description of each field, with those of messages inside."""
         for name, description in self._fielddefs[msgtype][1]:
             if description[0] == Nodetype.NAME:
                 yield from self._leaves(description[1], f"{prefix}{name}.")
@@ -171,7 +179,7 @@ def _pad(out: bytearray, size: int) -> None:
 
 
 def _begin(items: Any, size: int | None, out: bytearray) -> int:
-    """Write the length of a sequence; check that of an array, which is not written."""
+    """Write the length of a sequence; check that of an array, whose length is not written."""
     length = len(items)
     if size is None:
         out += _GAPS[len(out) & 3]
@@ -182,7 +190,7 @@ def _begin(items: Any, size: int | None, out: bytearray) -> int:
 
 
 def _numbers(run: Sequence[tuple[str, str]]) -> Step:
-    """Return the step of fields that stand side by side: one layout for each place to begin at."""
+    """Return the step of adjacent fields, with one layout for each alignment of its start."""
     paths = [path for path, _ in run]
     codes = [code for _, code in run]
     get = attrgetter(*paths)

@@ -50,7 +50,7 @@ def original(name):
 
 KINDS = ["zstd", "lz4", "plain", "unchunked", "without checksums", "sqlite3"]
 KINDS += ["message compression"]
-ORIGINALS = {}
+UNDAMAGED = {}
 CHECKED = ("zstd", "lz4", "plain")
 """Kinds in which every byte of a message is under a checksum."""
 
@@ -91,16 +91,16 @@ def read_some(path):
 
 
 @pytest.fixture(scope="module", autouse=True)
-def originals():
+def undamaged_bags():
     for kind in KINDS:
-        ORIGINALS[kind] = original(kind)
+        UNDAMAGED[kind] = original(kind)
 
 
 @settings(max_examples=250, deadline=None)
 @given(kind=st.sampled_from(KINDS), changes=edits, cut=st.floats(0.0, 1.0))
 @example(kind="zstd", changes=[(0.0, b"\x88")], cut=1.0)
 def test_damage_is_an_error_or_harmless(kind, changes, cut):
-    data = ORIGINALS[kind]
+    data = UNDAMAGED[kind]
     damaged = apply(data, changes)
     if cut < 0.3:
         damaged = damaged[: int(len(damaged) * cut / 0.3)]

@@ -139,7 +139,7 @@ ROBOTLASER = (
 )
 
 
-def test_new_format(tmp_path):
+def test_robotlaser_lines_are_read(tmp_path):
     lines = [
         ROBOTLASER.format(limit=50, x=k + 0.2, y=k, time=f"{START + k}.250000") for k in range(6)
     ]
@@ -154,7 +154,7 @@ def test_new_format(tmp_path):
 
 
 @pytest.mark.parametrize("blank", ["  {}", "{}\r", "\t{}  "])
-def test_blanks_around_a_line_and_tabs_within(tmp_path, blank):
+def test_blanks_and_tabs_separate_words(tmp_path, blank):
     lines = [flaser(START + 0.2 * k, (0.1 * k, 0.0, 0.0)) for k in range(4)]
     lines = [blank.format(line.replace(" ", "\t", 1)) for line in lines]
     found = import_carmen(write_log(tmp_path / "a.clf", lines), tmp_path / "bag")
@@ -211,7 +211,7 @@ def test_file_order_is_kept_and_stamps_csv_says_so(tmp_path):
     assert found.moved_s == pytest.approx(0.05, abs=1e-5)
 
 
-def test_one_wild_stamp_costs_its_scan_alone(tmp_path):
+def test_a_scan_with_a_stamp_far_from_its_neighbours_is_left_out(tmp_path):
     times = [START + 0.2 * k for k in range(20)]
     times[7] += 1e8
     lines = [flaser(t) for t in times]
@@ -219,7 +219,7 @@ def test_one_wild_stamp_costs_its_scan_alone(tmp_path):
     assert (found.scans, found.damaged, found.moved_s) == (19, 1, 0.0)
 
 
-def test_pauses_are_no_wild_stamps(tmp_path):
+def test_scans_after_a_pause_are_kept(tmp_path):
     times = [START + 100.0 * k for k in range(10)]
     found = import_carmen(
         write_log(tmp_path / "a.clf", [flaser(t) for t in times]), tmp_path / "bag"
@@ -228,7 +228,7 @@ def test_pauses_are_no_wild_stamps(tmp_path):
 
 
 @pytest.mark.parametrize("pack", [bz2.compress, gzip.compress])
-def test_compressed_logs(tmp_path, pack):
+def test_compressed_logs_are_read(tmp_path, pack):
     text = "\n".join(flaser(START + k) for k in range(3)).encode()
     (tmp_path / "a.log").write_bytes(pack(text))
     assert import_carmen(tmp_path / "a.log", tmp_path / "bag").scans == 3
@@ -252,7 +252,7 @@ def test_logs_without_scans_are_errors(tmp_path, content, cause):
     assert [p.name for p in tmp_path.iterdir()] == ["a.clf"]
 
 
-def test_missing_logs_and_wrong_places(tmp_path):
+def test_missing_logs_and_outputs_that_are_no_folder_are_errors(tmp_path):
     with pytest.raises(LogError, match="absent"):
         import_carmen(tmp_path / "absent.clf", tmp_path / "bag")
     log = write_log(tmp_path / "a.clf", [flaser(START)])
@@ -288,7 +288,7 @@ def test_what_is_no_scan_is_left_out_and_a_last_line_that_is_cut_is_damaged(tmp_
     assert (found.scans, found.odometry, found.damaged) == (4, 4, 1)
 
 
-def test_one_reading_more_than_stated_on_all_lines(tmp_path):
+def test_one_reading_more_than_stated_on_all_lines_is_read(tmp_path):
     """`FLASER 180` with 181 readings: the bearings are those of 181, and the poses are found."""
     rows = [[1.0 + 0.01 * i for i in range(181)] for _ in range(6)]
     poses = [(0.1 * k, 0.2, 0.3) for k in range(6)]
@@ -328,7 +328,7 @@ def test_remission_values_are_skipped(tmp_path):
 
 
 @pytest.mark.parametrize("step", [-3600.0, -float(START)])
-def test_a_clock_that_is_set_back_goes_on(tmp_path, step):
+def test_stamps_increase_after_a_clock_was_set_back(tmp_path, step):
     times = [START + 0.2 * k + (step if k >= 10 else 0.0) for k in range(20)]
     found = import_carmen(
         write_log(tmp_path / "a.clf", [flaser(t) for t in times]), tmp_path / "bag"
@@ -339,7 +339,7 @@ def test_a_clock_that_is_set_back_goes_on(tmp_path, step):
     assert (found.scans, found.damaged, found.steps_back) == (20, 0, 1)
 
 
-def test_a_clock_that_is_set_back_takes_its_odometry_along(tmp_path):
+def test_odometry_is_shifted_with_the_scans_after_a_clock_was_set_back(tmp_path):
     lines = []
     for k in range(20):
         time = START + k - (5000 if k >= 10 else 0)
@@ -355,7 +355,7 @@ def test_a_clock_that_is_set_back_takes_its_odometry_along(tmp_path):
 
 
 @pytest.mark.parametrize(("logged", "step"), [(0.2, 200_000_000), (0.0, 1_000)])
-def test_a_clock_that_stands_still_leaves_the_loggers(tmp_path, logged, step):
+def test_the_clock_of_the_logger_is_used_where_the_other_one_is_constant(tmp_path, logged, step):
     lines = [flaser(START).rsplit(" ", 1)[0] + f" {5 + logged * k:.6f}" for k in range(8)]
     import_carmen(write_log(tmp_path / "a.clf", lines), tmp_path / "bag")
     stamps = [s.stamp_ns for s in scans_of(tmp_path / "bag")]
@@ -397,7 +397,7 @@ def test_any_text_is_a_bag_or_an_error(parts, with_scan):
 
 @settings(max_examples=60, deadline=None)
 @given(place=st.integers(0, 10**6), piece=st.binary(min_size=1, max_size=3))
-def test_damaged_bytes_cost_a_line_at_most(place, piece):
+def test_damaged_bytes_damage_one_line_only(place, piece):
     data = bytearray("\n".join(flaser(START + k) for k in range(4)).encode())
     at = 3 + place % (len(data) - len(piece) - 3)  # the first three tell a compressed file
     data[at : at + len(piece)] = piece
@@ -415,7 +415,7 @@ def path_length(bag):
 @pytest.mark.parametrize(
     ("name", "scans", "length", "back"), [("intel", 13631, 508, 631), ("mit-csail", 1988, 374, 0)]
 )
-def test_real_logs(tmp_path, name, scans, length, back):
+def test_real_logs_are_imported(tmp_path, name, scans, length, back):
     found = import_carmen(shared(f"carmen/{name}.clf.bz2"), tmp_path / "bag")
     assert (found.scans, found.steps_back, found.laser) == (scans, back, (0.0, 0.0, 0.0))
     assert (found.damaged, found.range_max) == (0, 80.0)

@@ -39,7 +39,7 @@ def reference(tmp_path_factory):
     return read(write_sample(tmp_path_factory.mktemp("reference") / "bag"))
 
 
-def test_records_in_log_order(reference):
+def test_records_are_read_in_log_order(reference):
     assert Counter(role for role, _, _ in reference) == expected_records()
     times = [log_ns for _, log_ns, _ in reference]
     assert times == sorted(times)
@@ -49,7 +49,7 @@ def test_records_in_log_order(reference):
     ]  # fmt: skip
 
 
-def test_topics_and_times(tmp_path):
+def test_a_bag_has_topics_and_times(tmp_path):
     with BagReader(write_sample(tmp_path / "bag")) as bag:
         infos = {t.name: (t.msgtype, t.count) for t in bag.topics()}
         assert infos["/joint_states"] == (JOINTS, 20)
@@ -61,7 +61,7 @@ def test_topics_and_times(tmp_path):
 @pytest.mark.parametrize("mode", [None, CompressionMode.FILE, CompressionMode.MESSAGE])
 @pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
 @pytest.mark.parametrize("with_metadata", [True, False])
-def test_bags_of_other_writers(tmp_path, reference, plugin, mode, with_metadata):
+def test_bags_of_other_writers_are_read(tmp_path, reference, plugin, mode, with_metadata):
     bag = rosbags_bag(tmp_path / "bag", plugin, mode)
     if not with_metadata:
         (bag / "metadata.yaml").unlink()
@@ -83,7 +83,7 @@ def test_bags_of_other_writers(tmp_path, reference, plugin, mode, with_metadata)
         {"enable_crcs": False},
     ],
 )
-def test_every_way_to_write_mcap(tmp_path, reference, options):
+def test_mcap_files_with_all_options_of_writing_are_read(tmp_path, reference, options):
     bag = mcap_bag(tmp_path / "bag.mcap", sample_messages(), **options)
     assert read(bag) == reference
     with BagReader(bag) as reader:
@@ -215,7 +215,7 @@ def test_metadata_cannot_point_outside_of_its_folder(tmp_path):
         BagReader(folder)
 
 
-def test_remapped_topics(tmp_path):
+def test_remappings_change_the_topics_of_roles(tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
         writer.write("/base_scan", SCAN, START, TYPES.make(SCAN))
     topics = remap_topics(["scan:=base_scan", "/tilt_scan:=/base_scan"])
@@ -224,7 +224,7 @@ def test_remapped_topics(tmp_path):
 
 
 @pytest.mark.parametrize("remap", ["scan=/x", "scan:=", "scann:=/x"])
-def test_remappings_that_mean_nothing(remap):
+def test_remappings_of_another_form_are_errors(remap):
     with pytest.raises(TopicError):
         remap_topics([remap])
 
@@ -332,7 +332,7 @@ def damaged(path, name):
         ("zstd of garbage", "neither mcap nor sqlite3"),
     ],
 )
-def test_what_is_no_bag_is_named_with_its_cause(tmp_path, name, cause):
+def test_the_error_of_a_file_that_is_no_bag_names_the_cause(tmp_path, name, cause):
     path = damaged(tmp_path, name)
     with pytest.raises(BagError, match=cause) as caught:
         BagReader(path)
@@ -341,7 +341,7 @@ def test_what_is_no_bag_is_named_with_its_cause(tmp_path, name, cause):
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
-def test_a_bag_that_may_not_be_read(tmp_path):
+def test_a_bag_without_permission_is_an_error(tmp_path):
     bag = write_sample(tmp_path / "bag.mcap", n=1)
     bag.chmod(0)
     with pytest.raises(BagError, match="Permission denied"):
@@ -370,7 +370,7 @@ def test_chunks_that_declare_gigabytes_are_refused(tmp_path):
         BagReader(bag)
 
 
-def test_messages_that_the_index_leaves_out_are_missed(tmp_path):
+def test_messages_that_the_index_leaves_out_are_an_error(tmp_path):
     bag = mcap_bag(tmp_path / "bag.mcap", sample_messages(), chunk_size=500, enable_crcs=False)
     with bag.open("rb") as stream:
         chunk = make_reader(stream).get_summary().chunk_indexes[1]
@@ -385,7 +385,7 @@ def test_messages_that_the_index_leaves_out_are_missed(tmp_path):
         BagReader(bag)
 
 
-def test_metadata_that_is_no_metadata(tmp_path):
+def test_metadata_of_another_form_is_an_error(tmp_path):
     bag = write_sample(tmp_path / "bag", n=1)
     (bag / "metadata.yaml").write_text("- 1\n")
     with pytest.raises(BagError, match=r"metadata\.yaml.*without this file"):
@@ -401,7 +401,7 @@ def test_yaml_cannot_run_code(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["sim2_flat", "kurt3d_corridor", "dlut_A605"])
-def test_recordings_are_read(name):
+def test_real_recordings_are_read(name):
     with BagReader(shared(f"bags/{name}")) as bag:
         counts = Counter(role for role, _, _ in bag.records())
         topics = {t.name: t.count for t in bag.topics()}

@@ -60,7 +60,7 @@ def test_every_chunk_before_the_cut_is_recovered(tmp_path, options, fraction):
 
 
 @pytest.mark.parametrize("options", KINDS[:3])
-def test_a_damaged_chunk_costs_itself_alone(tmp_path, options):
+def test_only_a_damaged_chunk_is_lost(tmp_path, options):
     bag = big_bag(tmp_path / "bag.mcap", **options)
     before = read(bag)
     data = bytearray(bag.read_bytes())
@@ -74,7 +74,7 @@ def test_a_damaged_chunk_costs_itself_alone(tmp_path, options):
     assert 0 < sum(lost.values()) < 0.2 * len(before)
 
 
-def test_a_lost_record_length_is_overcome(tmp_path):
+def test_recovery_continues_after_a_damaged_record_length(tmp_path):
     bag = big_bag(tmp_path / "bag.mcap")
     before = read(bag)
     data = bytearray(bag.read_bytes())
@@ -162,7 +162,7 @@ def test_a_database_whose_log_was_left_beside_it_is_recovered_with_it(tmp_path):
     assert after[-1][1] == last
 
 
-def test_nothing_to_recover_leaves_nothing(tmp_path):
+def test_without_readable_messages_no_bag_is_written(tmp_path):
     (tmp_path / "bag.mcap").write_bytes(b"\x89MCAP0\r\n" + b"garbage" * 100)
     with pytest.raises(BagError, match="nothing in it can be recovered"):
         recover(tmp_path / "bag.mcap", tmp_path / "out")
@@ -171,7 +171,7 @@ def test_nothing_to_recover_leaves_nothing(tmp_path):
         recover(tmp_path / "absent", tmp_path / "out")
 
 
-def test_the_place_of_the_new_bag_must_be_free(tmp_path):
+def test_an_existing_bag_is_not_overwritten(tmp_path):
     bag = write_sample(tmp_path / "bag.mcap", n=1)
     with pytest.raises(OutputError, match="exists already"):
         recover(bag, bag)

@@ -33,7 +33,7 @@ def test_other_readers_read_the_folder(tmp_path):
     assert qos["/tilt_scan"].reliability == QosReliability.RELIABLE
 
 
-def test_checksums_are_there_and_times_are_those_given(tmp_path):
+def test_the_file_has_checksums_and_the_given_times(tmp_path):
     bag = write_sample(tmp_path / "bag.mcap")
     with bag.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
@@ -59,7 +59,7 @@ def test_metadata_counts_and_times(tmp_path):
     assert information["relative_file_paths"] == ["bag.mcap"]
 
 
-def test_special_wishes_for_a_topic(tmp_path):
+def test_the_quality_of_service_of_a_topic_can_be_given(tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
         writer.add_topic("/scan", SCAN, Qos(reliable=False, depth=5))
         writer.write("/scan", SCAN, START, TYPES.make(SCAN))
@@ -77,7 +77,7 @@ def test_an_empty_bag_is_a_bag(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["bag", "bag.mcap"])
-def test_nothing_stays_after_an_exception(tmp_path, name):
+def test_no_file_remains_after_an_exception(tmp_path, name):
     def interrupted():
         with BagWriter(tmp_path / name) as writer:
             writer.write("/a", STRING, START, TYPES.make(STRING))
@@ -89,7 +89,7 @@ def test_nothing_stays_after_an_exception(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", ["bag", "bag.mcap"])
-def test_what_exists_is_kept_unless_asked_and_until_the_new_one_is_complete(tmp_path, name):
+def test_an_existing_bag_is_replaced_on_request_when_the_new_one_is_complete(tmp_path, name):
     path = write_sample(tmp_path / name, n=3)
     with pytest.raises(OutputError, match="exists already"):
         BagWriter(path)
@@ -107,14 +107,14 @@ def test_what_exists_is_kept_unless_asked_and_until_the_new_one_is_complete(tmp_
     assert [p.name for p in tmp_path.iterdir()] == [name]
 
 
-def test_more_files_move_into_place_with_the_bag(tmp_path):
+def test_other_files_are_renamed_with_the_bag(tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
         (writer.folder / "truth.json").write_text("{}")
         assert not (tmp_path / "bag").exists()
     assert (tmp_path / "bag" / "truth.json").exists()
 
 
-def test_a_place_that_cannot_be_written_is_named(tmp_path):
+def test_the_error_names_a_path_that_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot be written"), BagWriter(tmp_path / "file" / "a"):
         pass

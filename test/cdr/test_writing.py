@@ -89,8 +89,8 @@ def test_rows_can_be_chosen_again_and_again():
     assert [c.r for c in TYPES.deserialize(MARKER, back).colors] == [1.0, 1.0, 0.0]
 
 
-def test_a_table_takes_messages_of_one_kind_of_number_alone():
-    with pytest.raises(TypeError, match="holds other things than numbers of one kind"):
+def test_only_messages_of_one_kind_of_number_are_rows_of_a_table():
+    with pytest.raises(TypeError, match="has other fields than numbers of one kind"):
         TYPES.rows("std_msgs/msg/Header", np.zeros((2, 3)))
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.pipeline.sim.raycast import FACES, TOP_FACE
 from tccm_ros.pipeline.sim.scene import FrozenScene, Solid
-from tccm_ros.pipeline.sim.situations import SWEEP_TIME, TILT_HIGH, TILT_LOW, situation_scene
+from tccm_ros.pipeline.sim.situations import CYCLE_TIME, TILT_HIGH, TILT_LOW, situation_scene
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -31,7 +31,7 @@ SCAN_TIME = 0.028 * 240.0 / 360.0  # s, first to last beam: a turn takes 28 ms
 
 @dataclass(frozen=True)
 class Cycle:
-    """One sweep.
+    """One tilt cycle.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ def cycle(
     tilt_limits: tuple[float, float] = (TILT_LOW, TILT_HIGH),
     quantum: float = 0.0,
 ) -> Cycle:
-    """Return one sweep over a situation.
+    """Return one tilt cycle over a situation.
 
     Parameters
     ----------
@@ -97,11 +97,11 @@ def cycle(
     start
         Time of the first beam, s; the arm of C is where it is at that time.
     downwards
-        Whether the sweep goes from its first to its second limit.
+        Whether the tilt cycle goes from its first to its second limit.
     room
         Whether side walls, a rear wall and a ceiling close the scene, so that all beams return.
     scans, beams, tilt_limits
-        Of the sweep; tilts in rad.
+        Of the tilt cycle; tilts in rad.
 
     Returns
     -------
@@ -109,10 +109,10 @@ def cycle(
     """
     scene = situation_scene(name, yaw, pitch, translation, room)
     frozen, labels_of = _frozen(name, yaw, pitch, translation, room)
-    first = start + SWEEP_TIME / scans * np.arange(scans)
+    first = start + CYCLE_TIME / scans * np.arange(scans)
     times = first[:, None] + SCAN_TIME / (beams - 1) * np.arange(beams)
     low, high = tilt_limits if downwards else tilt_limits[::-1]
-    tilts = low + (high - low) * (times - start) / SWEEP_TIME
+    tilts = low + (high - low) * (times - start) / CYCLE_TIME
     bearings = np.linspace(-FIELD / 2.0, FIELD / 2.0, beams)
     directions = _directions(bearings, tilts).reshape(-1, 3)
     origins = np.broadcast_to(np.array([0.0, 0.0, LASER_HEIGHT]), directions.shape)

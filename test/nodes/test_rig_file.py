@@ -11,7 +11,7 @@ from tccm_ros.config import Config, Rig
 from tccm_ros.config.reader import read_config
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.pipeline.calibrate.calibration import Calibration
-from tccm_ros.pipeline.calibrate.observability import Judgement
+from tccm_ros.pipeline.calibrate.observability import Observability
 from tccm_ros.records import RobotDescription
 from tccm_ros.ros import scan_message
 from tccm_ros.sensors.laser_scan import scan_from_message
@@ -37,9 +37,9 @@ WITHOUT_URDF = f"""
 @pytest.fixture
 def rig_file(tmp_path):
     """Return rig.yaml as `tccm calibrate` writes it."""
-    judgement = Judgement(None, (), np.zeros((0, 0)))
+    observability = Observability(None, (), np.zeros((0, 0)))
     path = tmp_path / "rig.yaml"
-    found = Calibration(("room",), CALIBRATED, Rig(), judgement, None, (), None, ("x",))
+    found = Calibration(("room",), CALIBRATED, Rig(), observability, None, (), None, ("x",))
     path.write_text(found.yaml())
     return path
 

@@ -1,4 +1,4 @@
-"""Whether several recordings are of one rig: each is estimated alone, and the estimates compared.
+"""Agreement of several recordings on one rig: each is estimated alone, and the estimates compared.
 
 Between two recordings somebody may have moved the laser or set the tilt's zero anew. One rig fitted
 to both would be wrong for both.
@@ -18,15 +18,25 @@ from tccm_ros.pipeline.calibrate.estimate import Estimate
 from tccm_ros.pipeline.calibrate.observability import UNITS, columns
 from tccm_ros.pipeline.calibrate.solver import covariance
 
-__all__ = ["Agreement", "Compared", "compare"]
+__all__ = ["Agreement", "ComparedQuantity", "compare"]
 
-#: Recordings of one rig disagree more than this rarely.
-RARE = 1e-4
+MIN_PROBABILITY = 1e-4
+"""Recordings with a less probable disagreement are not of one rig (chosen)."""
 
 
 @dataclass(frozen=True, slots=True)
-class Compared:
-    """One quantity in the recordings that may show it: their names, values and deviations."""
+class ComparedQuantity:
+    """One parameter as several recordings determine it.
+
+    Attributes
+    ----------
+    name
+        As in `UNITS`.
+    bags
+        Names of the recordings that determine it.
+    values, sigmas
+        The estimate of each and its standard deviation, rad, 1, m or s.
+    """
 
     name: str
     bags: tuple[str, ...]
@@ -35,17 +45,17 @@ class Compared:
 
     @property
     def chi_square(self) -> float:
-        """How much they disagree, in variances; one less than the recordings if they do not."""
+        """Sum of squared deviations over variances, its mean the number of recordings less one."""
         values, weights = np.array(self.values), 1.0 / np.array(self.sigmas) ** 2
         return float(np.sum(weights * (values - np.average(values, weights=weights)) ** 2))
 
     @property
     def probability(self) -> float:
-        """How often recordings of one rig disagree as much."""
+        """Probability that recordings of one rig disagree at least as much."""
         return float(chi2.sf(self.chi_square, len(self.values) - 1))
 
     def text(self) -> str:
-        """Return the values that are furthest apart, with their bags."""
+        """Return the smallest and the largest value, with their bags."""
         unit, factor = UNITS[self.name]
         low, high = int(np.argmin(self.values)), int(np.argmax(self.values))
         shown = [
@@ -58,14 +68,20 @@ class Compared:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """All quantities that two recordings or more may show."""
+    """All parameters that two recordings or more determine.
 
-    compared: tuple[Compared, ...]
+    Attributes
+    ----------
+    compared
+        In the order of `UNITS`.
+    """
+
+    compared: tuple[ComparedQuantity, ...]
 
     @property
-    def differing(self) -> tuple[Compared, ...]:
-        """What is not the same in all recordings, the clearest first."""
-        off = [one for one in self.compared if one.probability < RARE]
+    def differing(self) -> tuple[ComparedQuantity, ...]:
+        """Parameters that differ between recordings, the clearest first."""
+        off = [one for one in self.compared if one.probability < MIN_PROBABILITY]
         return tuple(sorted(off, key=lambda one: -one.chi_square / len(one.values)))
 
     def check(self) -> None:
@@ -78,7 +94,7 @@ class Agreement:
         """
         if self.differing:
             found = "; ".join(one.text() for one in self.differing)
-            raise BagError(f"the recordings are not of one rig: {found}; calibrate them apart")
+            raise BagError(f"the recordings are not of one rig: {found}; calibrate them separately")
 
     def to_json(self) -> list[dict[str, Any]]:
         """Return everything as plain numbers."""
@@ -96,9 +112,9 @@ class Agreement:
 
 
 def compare(bags: Sequence[str], estimates: Sequence[Estimate]) -> Agreement:
-    """Compare estimates that were made alone.
+    """Compare the estimates of single recordings.
 
-    Nothing that is hard to see is fixed before: a wrong fixed value would move the others.
+    No weak parameter is fixed before: a wrong fixed value would move the others.
     """
     found = [_free(estimate) for estimate in estimates]
     result = []
@@ -106,12 +122,12 @@ def compare(bags: Sequence[str], estimates: Sequence[Estimate]) -> Agreement:
         shown = [(bag, *one[name]) for bag, one in zip(bags, found) if name in one]
         if len(shown) > 1:
             names, values, sigmas = zip(*shown)
-            result.append(Compared(name, names, values, sigmas))
+            result.append(ComparedQuantity(name, names, values, sigmas))
     return Agreement(tuple(result))
 
 
 def _free(estimate: Estimate) -> dict[str, tuple[float, float]]:
-    """Return value and standard deviation of what was estimated."""
+    """Return value and standard deviation of the free parameters."""
     cov = covariance(estimate.solution, estimate.free, estimate.sigmas)
     sigmas = np.full(len(estimate.free), np.nan)
     sigmas[estimate.free] = np.sqrt(np.diag(cov))

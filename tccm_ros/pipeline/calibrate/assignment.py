@@ -1,4 +1,4 @@
-"""Which hits lie on which planes, and which parameters these may determine."""
+"""Assign hits to planes, and find the parameters that these hits may determine."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from tccm_ros.arrays import Bool, Float64
 from tccm_ros.pipeline.calibrate.model import RigValues
 from tccm_ros.pipeline.calibrate.patches import Patches
 from tccm_ros.pipeline.calibrate.problem import LevelHits, Planes, Problem
+from tccm_ros.pipeline.calibrate.recording import LevelScans, Recording
 from tccm_ros.pipeline.calibrate.surroundings import (
     CEILING,
     FIRST_WALL,
@@ -18,15 +19,16 @@ from tccm_ros.pipeline.calibrate.surroundings import (
     assign,
     near_another,
 )
-from tccm_ros.pipeline.calibrate.sweeps import LevelScans, Recording
 
 __all__ = ["assigned", "determinable"]
 
-#: How far beyond what the tilting laser saw of a wall a hit of the level laser may be on it, m.
-BEYOND = 0.2
+WALL_MARGIN = 0.2
+"""Max distance of the level laser's hits beyond the part of a wall that the tilting laser saw, m
+(chosen)."""
 
-#: Time offsets show where speeds of the joint that are not a line in its angle have this share.
 VARIED_SPEED = 0.3
+"""A time offset may be determined if this fraction of the joint's speed is not linear in its angle
+(chosen)."""
 
 
 def assigned(
@@ -37,7 +39,7 @@ def assigned(
     gates: tuple[float, float],
     level_gate: float,
 ) -> Problem:
-    """Say which hits lie on which planes under what was estimated so far.
+    """Assign hits to planes under the current estimate.
 
     Parameters
     ----------
@@ -46,27 +48,27 @@ def assigned(
     x
         float64 (P,), the estimate.
     recording, patches
-        What was measured.
+        The input, and its patches.
     gates
         Largest distance (m) and angle (rad) of a patch to its plane.
     level_gate
         Largest distance of a hit of the level laser to its wall, m.
     """
-    model, places = problem.model, recording.places[patches.centers.sweep]
+    model, places = problem.model, recording.places[patches.centers.cycle]
     values = RigValues.of_vector(x[problem.layout.rig])
-    centers = model.place(patches.centers, values)
-    normals = model.turn(patches.centers, values, patches.normals)
+    centers = model.transform_points(patches.centers, values)
+    normals = model.transform_directions(patches.centers, values, patches.normals)
     planes = _seen_planes(problem, x)
     plane = assign(centers, normals, places, patches.spread, planes, gates)
     of_hit = plane[patches.patch]
-    everywhere = model.place(patches.hits, values)
+    everywhere = model.transform_points(patches.hits, values)
     at = places[patches.patch]
     on = (of_hit != NO_PLANE) & ~near_another(everywhere, at, of_hit, planes)
     hits, place = patches.hits.take(on), places[patches.patch[on]]
     problem = replace(problem, hits=hits, plane=of_hit[on], place=place)
-    placed = model.place(hits, values)
+    tilt_hits = model.transform_points(hits, values)
     level = tuple(
-        _on_walls(problem, x, scans, at, placed, level_gate)
+        _on_walls(problem, x, scans, at, tilt_hits, level_gate)
         for at, scans in sorted(recording.level.items())
     )
     return replace(problem, level=level)
@@ -94,7 +96,7 @@ def determinable(problem: Problem, values: RigValues, *, floor_is_known: bool) -
     for number in range(layout.walls):
         free[layout.wall(number)] = seen[FIRST_WALL + number]
     for place in np.unique(problem.place).tolist():
-        free[layout.lean(place)] = True
+        free[layout.roll_pitch(place)] = True
     free[layout.rig.start + 3] = floor_is_known and bool(seen[FLOOR])
     free[layout.rig.start + 4] = _speeds_vary(problem, values)
     walls = {int(w) for hits in problem.level for w in np.unique(hits.wall) if w >= 0}
@@ -103,7 +105,7 @@ def determinable(problem: Problem, values: RigValues, *, floor_is_known: bool) -
 
 
 def _seen_planes(problem: Problem, x: Float64) -> Planes:
-    """Return the planes with those that were not found out of reach."""
+    """Return the planes, those that were not found at an infinite distance."""
     planes, found = problem.planes(x), problem.surroundings
     if found.floor is None:
         planes.offsets[planes.number == FLOOR] = np.inf
@@ -114,9 +116,9 @@ def _seen_planes(problem: Problem, x: Float64) -> Planes:
 
 
 def _on_walls(
-    problem: Problem, x: Float64, scans: LevelScans, place: int, placed: Float64, gate: float
+    problem: Problem, x: Float64, scans: LevelScans, place: int, tilt_hits: Float64, gate: float
 ) -> LevelHits:
-    """Say which hits of the level laser lie on which wall that the tilting laser saw."""
+    """Assign hits of the level laser to walls that the tilting laser saw."""
     T = problem.level_mount(x[problem.layout.level], scans.T_base_laser) @ scans.T_base_laser
     T = scans.T_place_base @ T
     points = np.einsum("nij,nj->ni", T[:, :3, :3], scans.points) + T[:, :3, 3]
@@ -127,10 +129,12 @@ def _on_walls(
             continue
         phi, rho, _ = x[problem.layout.wall(number)]
         along = np.array([-np.sin(phi), np.cos(phi)])
-        limits = np.quantile(placed[mine, :2] @ along, [0.01, 0.99])
+        limits = np.quantile(tilt_hits[mine, :2] @ along, [0.01, 0.99])
         at = points[:, :2] @ along
         distance = np.abs(points[:, :2] @ [np.cos(phi), np.sin(phi)] - rho)
-        better = (distance < nearest) & (at > limits[0] - BEYOND) & (at < limits[1] + BEYOND)
+        better = (
+            (distance < nearest) & (at > limits[0] - WALL_MARGIN) & (at < limits[1] + WALL_MARGIN)
+        )
         nearest[better], wall[better] = distance[better], number
     return LevelHits(scans, place, wall)
 
@@ -138,7 +142,7 @@ def _on_walls(
 def _speeds_vary(problem: Problem, values: RigValues) -> bool:
     """Return whether a time offset looks different from a zero and a scale.
 
-    One-way sweeps at an even speed shift all angles alike, and so does a zero.
+    One-way tilt cycles at an even speed shift all angles alike, and so does a zero.
     """
     if not len(problem.plane):
         return False

@@ -17,25 +17,26 @@ from tccm_ros.errors import BagError
 from tccm_ros.pipeline.calibrate.agreement import Agreement, compare
 from tccm_ros.pipeline.calibrate.estimate import estimate
 from tccm_ros.pipeline.calibrate.layout import Trust
-from tccm_ros.pipeline.calibrate.observability import UNITS, Judgement, judge
-from tccm_ros.pipeline.calibrate.reading import MAX_SWEEPS, read_recording
+from tccm_ros.pipeline.calibrate.observability import UNITS, Observability, assess_observability
+from tccm_ros.pipeline.calibrate.reading import CORRECTIONS, MAX_CYCLES, read_recording
+from tccm_ros.pipeline.calibrate.recording import Recording
 from tccm_ros.pipeline.calibrate.room import Room, rooms
-from tccm_ros.pipeline.calibrate.sweeps import Recording
 from tccm_ros.pipeline.calibrate.together import join
 from tccm_ros.progress import Bars, Silent
 
 __all__ = ["Calibration", "calibrate"]
 
 
-#: Sweeps of all bags together that are used, and of each bag at least.
-ALL_SWEEPS, MIN_SWEEPS = 48, 4
+MAX_CYCLES_OF_ALL, MIN_CYCLES = 48, 4
+"""Tilt cycles that are used of all bags together, and of each bag at least (chosen: more cost
+time)."""
 
 Pose6 = tuple[float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """What recordings say of a rig.
+    """The corrected parameters of a rig, with what they rest on.
 
     Attributes
     ----------
@@ -46,7 +47,7 @@ class Calibration:
     before
         The configured ones.
     judgement
-        Quantities with standard deviations and covariance, and why others were left alone.
+        Quantities with standard deviations and covariance, and why others were not estimated.
     recording
         What was used.
     rooms
@@ -60,7 +61,7 @@ class Calibration:
     bags: tuple[str, ...]
     rig: Rig
     before: Rig
-    judgement: Judgement
+    observability: Observability
     recording: Recording
     rooms: tuple[Room, ...]
     agreement: Agreement | None
@@ -68,12 +69,12 @@ class Calibration:
 
     def to_json(self) -> dict[str, Any]:
         """Return everything as plain numbers, rounded to 1e-6."""
-        names = self.judgement.determined
+        names = self.observability.determined
         return {
             "format": "tccm_ros/calibration",
             "version": 2,
             "bags": list(self.bags),
-            "rig": _changed(self.rig),
+            "rig": self.rig.model_dump(mode="json", include=CORRECTIONS),
             "quantities": {
                 q.name: {
                     "value": round(q.value, 6),
@@ -81,11 +82,13 @@ class Calibration:
                     "determined": q.is_determined,
                     "reason": q.reason,
                 }
-                for q in self.judgement.quantities
+                for q in self.observability.quantities
             },
             "covariance": {
                 "order": list(names),
-                "matrix": [[float(f"{v:.6e}") for v in row] for row in self.judgement.covariance],
+                "matrix": [
+                    [float(f"{v:.6e}") for v in row] for row in self.observability.covariance
+                ],
             },
             "rooms": [room.to_json() for room in self.rooms],
             "agreement": None if self.agreement is None else self.agreement.to_json(),
@@ -94,12 +97,12 @@ class Calibration:
 
     def text(self) -> str:
         """Return the result for people."""
-        lines = [f"{', '.join(self.bags)}: {_count(len(self.recording.sweeps), 'sweep')}"]
-        for q in self.judgement.quantities:
+        lines = [f"{', '.join(self.bags)}: {_count(len(self.recording.cycles), 'tilt cycle')}"]
+        for q in self.observability.quantities:
             unit, factor = UNITS[q.name]
             sigma = "" if q.sigma is None else f" +- {q.sigma * factor:.4f}"
-            state = "" if q.is_determined else f"  left alone: {q.reason}"
-            lines.append(f"  {q.name:<18} {q.value * factor:9.4f}{sigma} {unit}".rstrip() + state)
+            remark = "" if q.is_determined else f"  not estimated: {q.reason}"
+            lines.append(f"  {q.name:<18} {q.value * factor:9.4f}{sigma} {unit}".rstrip() + remark)
         for room in self.rooms:
             lines += [f"  {room.bag}" for _ in self.rooms[1:2]] + room.text()
         return "\n".join([*lines, *(f"  {text}" for text in self.assumptions)])
@@ -110,15 +113,15 @@ class Calibration:
             f"# Made by `tccm calibrate {' '.join(self.bags)}`.",
             *(f"# {text}" for text in self.assumptions),
             *(
-                f"# {q.name}: left alone, {q.reason}"
-                for q in self.judgement.quantities
+                f"# {q.name}: not estimated, {q.reason}"
+                for q in self.observability.quantities
                 if not q.is_determined
             ),
             "/**:",
             "  ros__parameters:",
             "    rig:",
         ]
-        for key, value in _changed(self.rig).items():
+        for key, value in self.rig.model_dump(mode="json", include=CORRECTIONS).items():
             text = json.dumps(value)
             lines.append(f"      {key}: {text}{self._comment(key)}")
         return "\n".join(lines) + "\n"
@@ -129,7 +132,7 @@ class Calibration:
             "level_correction": ("level_x", "level_y", "level_yaw"),
         }.get(key, (key,))
         notes = []
-        for q in self.judgement.quantities:
+        for q in self.observability.quantities:
             if q.name in parts and q.sigma is not None:
                 unit, factor = UNITS[q.name]
                 text = f"{q.name} {q.value * factor:.4f} +- {q.sigma * factor:.4f} {unit}"
@@ -146,7 +149,7 @@ def calibrate(
     trust: Trust | None = None,
     bars: Bars | None = None,
 ) -> Calibration:
-    """Estimate what is wrong with a rig from recordings of a floor, and perhaps ceiling and walls.
+    """Estimate the errors of a rig from recordings of a floor, and perhaps ceiling and walls.
 
     Parameters
     ----------
@@ -160,7 +163,7 @@ def calibrate(
         Height of the floor in the base frame, m. None: 0 where a frame whose name ends in
         ``footprint`` says so, else the height of the laser stays.
     trust
-        What is taken for granted of buildings and bases.
+        Standard deviations of what is assumed of buildings and bases.
     bars
         Where progress is shown.
 
@@ -174,8 +177,10 @@ def calibrate(
     paths = [bags] if isinstance(bags, Path | str) else list(bags)
     if len({Path(path).resolve() for path in paths}) < len(paths):
         raise BagError("a bag is given twice, which tells nothing new; give each bag once")
-    most = int(np.clip(ALL_SWEEPS // len(paths), MIN_SWEEPS, MAX_SWEEPS))
-    recordings = [read_recording(path, config, remap, bars, most=most) for path in paths]
+    max_cycles = int(np.clip(MAX_CYCLES_OF_ALL // len(paths), MIN_CYCLES, MAX_CYCLES))
+    recordings = [
+        read_recording(path, config, remap, bars, max_cycles=max_cycles) for path in paths
+    ]
     recording = join(recordings)
     floor_z = recording.footprint_z if floor_z is None else floor_z
     agreement = None
@@ -183,28 +188,28 @@ def calibrate(
         alone = [estimate(one, config, floor_z, trust, bars) for one in recordings]
         agreement = compare(recording.bags, alone)
         agreement.check()
-    judgement = judge(estimate(recording, config, floor_z, trust, bars), floor_z)
+    observability = assess_observability(estimate(recording, config, floor_z, trust, bars), floor_z)
     return Calibration(
-        recording.bags, _rig(judgement, config.rig), config.rig, judgement, recording,
-        rooms(judgement, recording), agreement, _assumptions(recording, trust),
+        recording.bags, _rig(observability, config.rig), config.rig, observability, recording,
+        rooms(observability, recording), agreement, _assumptions(recording, trust),
     )  # fmt: skip
 
 
 def _assumptions(recording: Recording, trust: Trust) -> tuple[str, ...]:
     places = int(recording.places.max()) + 1
     where = "one place" if places == 1 else f"{places} places"
-    lean = (
-        f"A leaning base looks like a wrong tilt zero or roll: the base is taken to stand level "
-        f"within {np.rad2deg(trust.lean):.2g} deg at each of {where}; more places and headings "
-        f"average it out."
+    base_tilt = (
+        f"A tilted base looks like a wrong tilt zero or roll: the base is assumed to be level "
+        f"within {np.rad2deg(trust.base_tilt):.2g} deg at each of {where}; more places and "
+        f"headings average it out."
     )
     if not recording.moving:
-        return (lean,)
-    return (lean, "The base moved during all sweeps: odometry errors are in the result.")
+        return (base_tilt,)
+    return (base_tilt, "The base moved during all tilt cycles: odometry errors are in the result.")
 
 
-def _rig(judgement: Judgement, configured: Rig) -> Rig:
-    found = judgement.estimate
+def _rig(observability: Observability, configured: Rig) -> Rig:
+    found = observability.estimate
     layout, x = found.problem.layout, found.solution.x
     values = found.values
     mount = _rpy(found.problem.model.mount(values))
@@ -229,15 +234,5 @@ def _rpy(T: Float64) -> Pose6:
     return x, y, z, roll, pitch, yaw
 
 
-def _changed(rig: Rig) -> dict[str, Any]:
-    return {
-        "tilt_offset": rig.tilt_offset,
-        "tilt_scale": rig.tilt_scale,
-        "joint_time_offset": rig.joint_time_offset,
-        "mount_correction": list(rig.mount_correction),
-        "level_correction": list(rig.level_correction),
-    }
-
-
-def _count(number: int, thing: str) -> str:
-    return f"{number} {thing}" + ("" if number == 1 else "s")
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" + ("" if number == 1 else "s")

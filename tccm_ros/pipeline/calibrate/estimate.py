@@ -1,4 +1,4 @@
-"""From a recording to the rig: guess, find planes, refine through narrowing gates, judge."""
+"""Estimate the rig from a recording: first guess, planes, refinement through narrowing gates."""
 
 from __future__ import annotations
 
@@ -15,38 +15,40 @@ from tccm_ros.pipeline.calibrate.layout import Layout, Trust
 from tccm_ros.pipeline.calibrate.model import RigModel, RigValues
 from tccm_ros.pipeline.calibrate.patches import Patches, cut_patches
 from tccm_ros.pipeline.calibrate.problem import Problem
+from tccm_ros.pipeline.calibrate.recording import Recording
 from tccm_ros.pipeline.calibrate.search import first_guess
 from tccm_ros.pipeline.calibrate.solver import Solution, solve
 from tccm_ros.pipeline.calibrate.surroundings import Surroundings, find_planes
-from tccm_ros.pipeline.calibrate.sweeps import Recording
 from tccm_ros.progress import Bars, Silent
 
 __all__ = ["Estimate", "estimate"]
 
-#: Largest distance (m) and angle (rad) of a patch to its plane in each round.
 GATES = tuple(
     (distance, float(np.deg2rad(angle)))
     for distance, angle in ((0.30, 12.0), (0.15, 8.0), (0.08, 5.0), (0.05, 3.5), (0.03, 2.5),
                             (0.03, 2.5))
 )  # fmt: skip
+"""Max distance (m) and angle (rad) of a patch to its plane in each round (chosen: they halve until
+the noise of patches limits them)."""
 
-#: Share of what walls and ceilings may lean that is left while solving.
-STRICT = 0.05
+STRICT_FACTOR = 0.05
+"""Factor on the standard deviations of vertical walls and horizontal ceilings while solving
+(chosen)."""
 
-#: While gates are wider than this, m, scale, time offset and range bias stay: furniture that is
-#: taken for floor or wall would bend them.
-ROUGH = 0.1
+ROUGH_GATE = 0.1
+"""While gates are wider than this, m, scale, time offset and range bias are fixed (chosen:
+furniture that is taken for floor or wall would distort them)."""
 
-#: Planes are looked for anew before each of the first rounds.
 SEARCHES = 3
+"""Planes are searched anew before each of the first rounds (chosen)."""
 
-#: Distance to a wall within which a hit of the level laser may be on it in each round, m.
 LEVEL_GATES = (0.30, 0.15, 0.10, 0.06, 0.04, 0.04)
+"""Max distance of a hit of the level laser to its wall in each round, m (chosen, as `GATES`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """The minimum, with all that its judgement needs.
+    """The solution of the least-squares problem, with the problem and its priors.
 
     Attributes
     ----------
@@ -57,11 +59,11 @@ class Estimate:
     means, sigmas
         float64 (P,), the priors.
     strict
-        float64 (P,), the priors that were solved with: walls upright and ceilings level, so that
-        a wrong scale cannot hide in walls that lean. How far they may really lean (`sigmas`)
+        float64 (P,), the priors that were solved with: walls vertical and ceilings horizontal,
+        so that a wrong scale cannot be explained by tilted walls. Their real tolerance (`sigmas`)
         counts in the covariance.
     configured
-        What the configuration said of the rig.
+        The configured rig.
     """
 
     problem: Problem
@@ -74,7 +76,7 @@ class Estimate:
 
     @property
     def values(self) -> RigValues:
-        """The rig."""
+        """The estimated rig."""
         return RigValues.of_vector(self.solution.x[self.problem.layout.rig])
 
     def again(self, free: Bool, x: Float64) -> Estimate:
@@ -90,18 +92,18 @@ def estimate(
     trust: Trust,
     bars: Bars | None = None,
 ) -> Estimate:
-    """Estimate everything that might be determined.
+    """Estimate all parameters that the recording may determine.
 
     Parameters
     ----------
     recording
-        What the bag holds.
+        The scans of one or several bags.
     config
-        What the rig is believed to be.
+        The configured rig.
     floor_z
         Height of the floor in the base frame, m; None where it is not known.
     trust
-        What is taken for granted.
+        Standard deviations of what is assumed.
     bars
         Where progress is shown.
 
@@ -112,21 +114,21 @@ def estimate(
     """
     bars = bars or Silent()
     bars.start("estimate", len(GATES) + 1.0)
-    model = RigModel(recording.sweeps, config.rig)
+    model = RigModel(recording.cycles, config.rig)
     configured = RigValues.of_rig(config.rig)
-    values = first_guess(recording.sweeps, model, configured)
-    patches = cut_patches(dict(enumerate(recording.sweeps)), model, values)
-    work = _Work(recording, model, patches, config, floor_z, trust, configured, values)
+    values = first_guess(recording.cycles, model, configured)
+    patches = cut_patches(dict(enumerate(recording.cycles)), model, values)
+    refinement = _Refinement(recording, model, patches, config, floor_z, trust, configured, values)
     bars.advance(1.0)
     level = np.zeros(3)
     found: Estimate | None = None
     for number, gates in enumerate(GATES):
         if found is None or number < SEARCHES:
-            surroundings = work.search(values)
+            surroundings = refinement.search(values)
             x = None
         else:
             x = found.solution.x
-        found = work.refine(surroundings, values, level, x, gates, LEVEL_GATES[number])
+        found = refinement.refine(surroundings, values, level, x, gates, LEVEL_GATES[number])
         values, level = found.values, found.solution.x[found.problem.layout.level]
         bars.advance(1.0)
     assert found is not None
@@ -134,7 +136,7 @@ def estimate(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Work:
+class _Refinement:
     recording: Recording
     model: RigModel
     patches: Patches
@@ -146,13 +148,13 @@ class _Work:
 
     @property
     def places(self) -> Int64:
-        return self.recording.places[self.patches.centers.sweep]
+        return self.recording.places[self.patches.centers.cycle]
 
     def search(self, values: RigValues) -> Surroundings:
-        """Find the planes under a rig."""
+        """Find the planes as a rig sees them."""
         at = self.patches.centers
-        centers = self.model.place(at, values)
-        normals = self.model.turn(at, values, self.patches.normals)
+        centers = self.model.transform_points(at, values)
+        normals = self.model.transform_directions(at, values, self.patches.normals)
         found = find_planes(
             centers, normals, self.places, self.recording.bag, float(self.model.pivot[2])
         )
@@ -170,7 +172,7 @@ class _Work:
         gates: tuple[float, float],
         level_gate: float,
     ) -> Estimate:
-        """Say which patches lie on which planes, and solve."""
+        """Assign patches to planes and solve."""
         rec = self.recording
         layout = Layout(len(rec.bags), len(surroundings.walls), len(rec.bag))
         problem = Problem(
@@ -184,9 +186,9 @@ class _Work:
                 x[layout.rig.start + 3] += self.floor_z - surroundings.floor
                 x[layout.floor] = self.floor_z
         problem = assigned(problem, x, rec, self.patches, gates, level_gate)
-        rough = gates[0] > ROUGH
+        rough = gates[0] > ROUGH_GATE
         means, sigmas = problem.priors(self.guess)
-        strict = problem.priors(self.guess, STRICT)[1]
+        strict = problem.priors(self.guess, STRICT_FACTOR)[1]
         if self.floor_z is not None:
             means[layout.floor], sigmas[layout.floor] = self.floor_z, self.trust.floor
             strict[layout.floor] = self.trust.floor

@@ -1,4 +1,4 @@
-"""What is estimated, where it is in the vector, and what is taken for granted about it."""
+"""Order of the estimated parameters in a vector, and standard deviations of their priors."""
 
 from __future__ import annotations
 
@@ -7,32 +7,33 @@ from typing import ClassVar
 
 import numpy as np
 
-__all__ = ["LEVEL_PARAMETERS", "WIDE", "WIDE_LEVEL", "Layout", "Trust"]
+__all__ = ["LEVEL_PARAMETERS", "WIDE_LEVEL_SIGMAS", "WIDE_SIGMAS", "Layout", "Trust"]
 
 LEVEL_PARAMETERS = ("level_x", "level_y", "level_yaw")
-"""Where the level laser really is against where it is configured, in the base, m and rad."""
+"""Corrections of the level laser's configured pose, in the base frame, m and rad."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trust:
-    """Standard deviations of what is taken for granted.
+    """Standard deviations of what is assumed of buildings, bases and lasers (defaults: chosen).
 
     Attributes
     ----------
-    lean
-        Of the base's roll and pitch at a place against level, rad.
-    upright, ceiling
-        Of walls against upright and of the ceiling against the floor, rad.
+    base_tilt
+        Of the base's roll and pitch at a place, rad.
+    vertical, ceiling
+        Of the angle of walls to the vertical and of the ceiling to the floor, rad.
     range_noise, angle_noise, flatness
-        Of ranges (m), of beam directions (rad), and of what neighbouring hits on a plane share (m).
+        Of ranges (m), of beam directions (rad), and of the error that
+        neighbouring hits on a plane have in common (m).
     range_bias
-        Of what all ranges of the tilting laser are too short by, m.
+        Of the common error of all ranges of the tilting laser (positive: too short), m.
     floor
         Of the floor's height in the base frame where it is given, m.
     """
 
-    lean: float = float(np.deg2rad(0.1))
-    upright: float = float(np.deg2rad(0.2))
+    base_tilt: float = float(np.deg2rad(0.1))
+    vertical: float = float(np.deg2rad(0.2))
     ceiling: float = float(np.deg2rad(0.1))
     range_noise: float = 0.008
     angle_noise: float = 3e-4
@@ -41,17 +42,26 @@ class Trust:
     floor: float = 0.0005
 
 
-#: Standard deviations of rig parameters about the first guess, only to keep what is not determined
-#: from running away: in the order of `RIG_PARAMETERS`, then of `LEVEL_PARAMETERS`.
-WIDE = np.array([0.1, 0.04, 0.1, 0.5, 0.08])
-WIDE_LEVEL = np.array([0.5, 0.5, 0.3])
+WIDE_SIGMAS = np.array([0.1, 0.04, 0.1, 0.5, 0.08])
+WIDE_LEVEL_SIGMAS = np.array([0.5, 0.5, 0.3])
+"""Standard deviations of the rig's parameters about the first guess, in the order of
+`RIG_PARAMETERS` and of `LEVEL_PARAMETERS`, m, rad, s (chosen: wide; they only bound what is not
+determined)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where parameters are in the vector.
+    """Indices of the parameters in the vector.
 
-    Rig, level laser, the tilting laser's range bias, floor, the ceiling of each bag, walls, leans.
+    In order: rig, level laser, the tilting laser's range bias, floor, the ceiling of each bag,
+    walls, roll and pitch of each place.
+
+    Attributes
+    ----------
+    bags, walls, places
+        Number of bags, of walls, and of places.
+    rig, level, bias, floor, first_ceiling
+        Where the parameters that every vector has are.
     """
 
     rig: ClassVar[slice] = slice(0, 5)
@@ -65,22 +75,22 @@ class Layout:
     places: int
 
     def ceiling(self, bag: int) -> slice:
-        """Return the height of a bag's ceiling at its first place, and its slopes along x and y."""
+        """Return where a ceiling's height at the bag's first place and slopes along x and y are."""
         first = self.first_ceiling + 3 * bag
         return slice(first, first + 3)
 
     @property
     def first_wall(self) -> int:
-        """Where the walls begin."""
+        """Index of the first wall's first parameter."""
         return self.first_ceiling + 3 * self.bags
 
     def wall(self, number: int) -> slice:
-        """Return phi, rho and the angle against upright of a wall."""
+        """Return where phi, rho and the angle to the vertical of a wall are."""
         first = self.first_wall + 3 * number
         return slice(first, first + 3)
 
-    def lean(self, place: int) -> slice:
-        """Return roll and pitch of the base at a place."""
+    def roll_pitch(self, place: int) -> slice:
+        """Return where roll and pitch of the base at a place are."""
         first = self.first_wall + 3 * self.walls + 2 * place
         return slice(first, first + 2)
 

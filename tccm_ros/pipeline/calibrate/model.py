@@ -1,4 +1,4 @@
-"""The forward model: where beams hit, as a function of what may be wrong with the rig."""
+"""The forward model: positions of hits as a function of the rig's parameters."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from scipy.spatial.transform import Rotation
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Rig
 from tccm_ros.geometry import pose, pose_from_rpy
-from tccm_ros.pipeline.calibrate.sweeps import TiltSweep
+from tccm_ros.pipeline.calibrate.recording import CycleScans
 from tccm_ros.robot.chain import Chain, JointReading, Part, twist_angle
 
-__all__ = ["RIG_PARAMETERS", "Beams", "RigModel", "RigValues"]
+__all__ = ["RIG_PARAMETERS", "Beams", "RigModel", "RigValues", "beams_of", "join_beams"]
 
 RIG_PARAMETERS = ("tilt_offset", "tilt_scale", "roll", "height", "joint_time_offset")
 """Order of the parameters of the tilting laser in vectors and covariances."""
 
-#: Step of the derivative by the tilt angle, rad, and by the time offset, s.
 ANGLE_STEP, TIME_STEP = 1e-5, 1e-3
+"""Steps of the numeric derivatives by the tilt angle, rad, and by the time offset, s (chosen)."""
 
 
 @dataclass(frozen=True, slots=True)
 class RigValues:
-    """What places the tilting laser.
+    """The parameters of the tilting laser's pose.
 
     Attributes
     ----------
     tilt_offset, tilt_scale
         True tilt = tilt_scale * measured + tilt_offset, rad.
     roll, height
-        Turn of the tilt axis's mount about the level direction across the axis, through the axis,
-        rad, and its way up, m; both on top of the configured mount.
+        Rotation of the tilt axis's mount about the horizontal direction across the axis, through
+        the axis, rad, and its shift upwards, m; both on top of the configured mount.
     joint_time_offset
         Added to the stamps of joint samples, s.
     """
@@ -46,7 +46,7 @@ class RigValues:
 
     @classmethod
     def of_rig(cls, rig: Rig) -> RigValues:
-        """Return what a configuration says."""
+        """Return the values of a configuration."""
         return cls(rig.tilt_offset, rig.tilt_scale, 0.0, 0.0, rig.joint_time_offset)
 
     def vector(self) -> Float64:
@@ -61,39 +61,54 @@ class RigValues:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Beams:
-    """Beams of any sweeps, sorted by sweep.
+    """Beams of one or several tilt cycles, sorted by tilt cycle.
 
     Attributes
     ----------
-    sweep
-        int64 (N,), the sweep of each.
+    cycle
+        int64 (N,), number of the tilt cycle of each.
     stamps_ns
         int64 (N,).
     points
         float64 (N, 3), m, the hits in the laser's frame.
     T_place_base
-        float64 (N, 4, 4), the base seen from the sweep's place.
+        float64 (N, 4, 4), the base seen from the tilt cycle's place.
     """
 
-    sweep: Int64
+    cycle: Int64
     stamps_ns: Int64
     points: Float64
     T_place_base: Float64
 
     def take(self, rows: Bool | Int64) -> Beams:
-        """Return some of the beams; rows must keep them sorted by sweep."""
+        """Return some of the beams; rows must keep them sorted by tilt cycle."""
         return Beams(
-            self.sweep[rows], self.stamps_ns[rows], self.points[rows], self.T_place_base[rows]
+            self.cycle[rows], self.stamps_ns[rows], self.points[rows], self.T_place_base[rows]
         )
 
 
+def beams_of(number: int, cycle: CycleScans) -> Beams:
+    """Return the valid beams of the tilt cycle with a number, scan by scan."""
+    rows, columns = np.nonzero(np.isfinite(cycle.ranges))
+    r, angle = cycle.ranges[rows, columns].astype(float), cycle.bearings[columns]
+    points = np.column_stack([r * np.cos(angle), r * np.sin(angle), np.zeros(len(r))])
+    poses = cycle.T_place_base()[rows]
+    return Beams(np.full(len(r), number), cycle.stamps_ns[rows, columns], points, poses)
+
+
+def join_beams(parts: Sequence[Beams]) -> Beams:
+    """Return the beams of several tilt cycles, given in the order of their numbers."""
+    names = ("cycle", "stamps_ns", "points", "T_place_base")
+    return Beams(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
 class RigModel:
-    """Places beams in the base.
+    """Transforms beams to the base frame under any rig.
 
     Parameters
     ----------
-    sweeps
-        With uncorrected chains.
+    cycles
+        Scans by tilt cycle, with uncorrected chains.
     rig
         The configured mount, on top of which roll and height come.
 
@@ -102,11 +117,11 @@ class RigModel:
     pivot
         float64 (3,), a point of the tilt axis in the base, m.
     roll_axis
-        float64 (3,), the level direction across the tilt axis that is nearest to forward.
+        float64 (3,), the horizontal direction across the tilt axis that is nearest to forward.
     """
 
-    def __init__(self, sweeps: Sequence[TiltSweep], rig: Rig) -> None:
-        self._sweeps = sweeps
+    def __init__(self, cycles: Sequence[CycleScans], rig: Rig) -> None:
+        self._cycles = cycles
         self._T_mount = pose_from_rpy(rig.mount_correction)
         self.pivot, axis = self._tilt_axis()
         across = np.array([axis[1], -axis[0], 0.0])
@@ -116,13 +131,13 @@ class RigModel:
         self.roll_axis: Float64 = across * np.sign(across[largest])
 
     def _tilt_axis(self) -> tuple[Float64, Float64]:
-        """Return a point and the direction of the tilt axis in the base, in the first sweep."""
-        sweep = self._sweeps[0]
-        chain = sweep.chain
-        before = Chain(chain.fixed[: sweep.tilt + 1], chain.parts[: sweep.tilt])
-        middle = np.array([(sweep.span_ns[0] + sweep.span_ns[1]) // 2], np.int64)
+        """Return a point and the direction of the tilt axis in the base in the first tilt cycle."""
+        cycle = self._cycles[0]
+        chain = cycle.chain
+        before = Chain(chain.fixed[: cycle.tilt + 1], chain.parts[: cycle.tilt])
+        middle = np.array([(cycle.span_ns[0] + cycle.span_ns[1]) // 2], np.int64)
         T = self._T_mount @ before.at(middle)[0]
-        part = chain.parts[sweep.tilt][0]
+        part = chain.parts[cycle.tilt][0]
         if isinstance(part, JointReading):
             return T[:3, 3], T[:3, :3] @ part.axis
         T = T @ part.track.at(middle)[0]
@@ -133,12 +148,26 @@ class RigModel:
         """Return the correction of the mount, T_base_base float64 (4, 4)."""
         R = Rotation.from_rotvec(values.roll * self.roll_axis).as_matrix()
         up = np.array([0.0, 0.0, values.height])
-        turn: Float64 = pose(R, self.pivot - R @ self.pivot + up) @ self._T_mount
-        return turn
+        T: Float64 = pose(R, self.pivot - R @ self.pivot + up) @ self._T_mount
+        return T
 
-    def T_base_laser(self, sweep: int, stamps_ns: Int64, values: RigValues) -> Float64:
-        """Return T_base_laser float64 (K, 4, 4) at stamps int64 (K,) of a sweep."""
-        data = self._sweeps[sweep]
+    def T_base_laser(self, cycle: int, stamps_ns: Int64, values: RigValues) -> Float64:
+        """Return T_base_laser under a rig.
+
+        Parameters
+        ----------
+        cycle
+            Number of the tilt cycle.
+        stamps_ns
+            int64 (K,), stamps within it.
+        values
+            The rig.
+
+        Returns
+        -------
+        float64 (K, 4, 4)
+        """
+        data = self._cycles[cycle]
         chain = data.chain
         parts = list(chain.parts)
         part, backwards = parts[data.tilt]
@@ -148,35 +177,47 @@ class RigModel:
         return Chain(fixed, tuple(parts)).at(self._shifted(data, stamps_ns, values))
 
     @staticmethod
-    def _shifted(data: TiltSweep, stamps_ns: Int64, values: RigValues) -> Int64:
-        """Return the stamps that the joint samples had, within what there are samples of."""
+    def _shifted(data: CycleScans, stamps_ns: Int64, values: RigValues) -> Int64:
+        """Return stamps on the clock of the joint samples, clipped to the time of the samples."""
         shifted = stamps_ns - round(values.joint_time_offset * 1e9)
         known = [
             (part.track.stamps_ns[0], part.track.stamps_ns[-1]) for part, _ in data.chain.parts
         ]
         return np.clip(shifted, max(k[0] for k in known), min(k[1] for k in known))
 
-    def place(self, beams: Beams, values: RigValues) -> Float64:
-        """Return the hits float64 (N, 3), m, seen from each sweep's place."""
+    def transform_points(self, beams: Beams, values: RigValues) -> Float64:
+        """Return the hits float64 (N, 3), m, seen from each tilt cycle's place."""
         return self._map(beams, values, beams.points, 1.0)
 
-    def turn(self, beams: Beams, values: RigValues, directions: Float64) -> Float64:
-        """Return directions float64 (N, 3) of the laser's frame as seen from the sweep's place."""
+    def transform_directions(self, beams: Beams, values: RigValues, directions: Float64) -> Float64:
+        """Rotate directions from the laser's frame to the frame of the tilt cycle's place.
+
+        Parameters
+        ----------
+        beams, values
+            The beam of each direction, and the rig.
+        directions
+            float64 (N, 3), in the laser's frame.
+
+        Returns
+        -------
+        float64 (N, 3)
+        """
         return self._map(beams, values, directions, 0.0)
 
     def _map(self, beams: Beams, values: RigValues, vectors: Float64, is_point: float) -> Float64:
         result = np.empty_like(vectors)
-        for sweep, rows in _slices(beams.sweep):
-            T = beams.T_place_base[rows] @ self.T_base_laser(sweep, beams.stamps_ns[rows], values)
+        for cycle, rows in _slices(beams.cycle):
+            T = beams.T_place_base[rows] @ self.T_base_laser(cycle, beams.stamps_ns[rows], values)
             turned = np.einsum("nij,nj->ni", T[:, :3, :3], vectors[rows])
             result[rows] = turned + is_point * T[:, :3, 3]
         return result
 
     def measured(self, beams: Beams, values: RigValues) -> Float64:
         """Return the measured tilt angles float64 (N,), rad: without scale and offset."""
-        angles = np.empty(len(beams.sweep))
-        for sweep, rows in _slices(beams.sweep):
-            data = self._sweeps[sweep]
+        angles = np.empty(len(beams.cycle))
+        for cycle, rows in _slices(beams.cycle):
+            data = self._cycles[cycle]
             part = data.chain.parts[data.tilt][0]
             stamps = self._shifted(data, beams.stamps_ns[rows], values)
             if isinstance(part, JointReading):
@@ -185,24 +226,28 @@ class RigModel:
                 angles[rows] = twist_angle(part.track.at(stamps), part.axis)
         return angles
 
-    def jacobian(self, beams: Beams, values: RigValues, placed: Float64) -> Float64:
+    def jacobian(self, beams: Beams, values: RigValues, points: Float64) -> Float64:
         """Return the derivatives float64 (N, 3, 5) of the hits by `RIG_PARAMETERS`.
 
         Parameters
         ----------
         beams, values
-            As in `place`.
+            As in `transform_points`.
         placed
-            What `place` gave for them.
+            float64 (N, 3), m, the result of `transform_points` for them.
         """
-        turned = self.place(beams, replace(values, tilt_offset=values.tilt_offset + ANGLE_STEP))
-        by_angle = (turned - placed) / ANGLE_STEP
+        turned = self.transform_points(
+            beams, replace(values, tilt_offset=values.tilt_offset + ANGLE_STEP)
+        )
+        by_angle = (turned - points) / ANGLE_STEP
         late, early = (
-            self.place(beams, replace(values, joint_time_offset=values.joint_time_offset + step))
+            self.transform_points(
+                beams, replace(values, joint_time_offset=values.joint_time_offset + step)
+            )
             for step in (TIME_STEP, -TIME_STEP)
         )
-        by_roll = np.cross(self.roll_axis, placed - self.pivot)
-        by_height = np.broadcast_to(np.array([0.0, 0.0, 1.0]), placed.shape)
+        by_roll = np.cross(self.roll_axis, points - self.pivot)
+        by_height = np.broadcast_to(np.array([0.0, 0.0, 1.0]), points.shape)
         columns = [
             by_angle,
             self.measured(beams, values)[:, None] * by_angle,
@@ -222,8 +267,8 @@ def _corrected(part: Part, values: RigValues) -> Part:
     return replace(part, scale=values.tilt_scale, offset=values.tilt_offset)
 
 
-def _slices(sweep: Int64) -> list[tuple[int, slice]]:
-    """Return each sweep's rows."""
-    numbers, firsts = np.unique(sweep, return_index=True)
-    ends = [*firsts[1:].tolist(), len(sweep)]
+def _slices(cycle: Int64) -> list[tuple[int, slice]]:
+    """Return each tilt cycle's rows."""
+    numbers, firsts = np.unique(cycle, return_index=True)
+    ends = [*firsts[1:].tolist(), len(cycle)]
     return [(n, slice(a, b)) for n, a, b in zip(numbers.tolist(), firsts.tolist(), ends)]

@@ -1,4 +1,4 @@
-"""What a recording determines, and what it leaves open and why."""
+"""Observability: which of the rig's parameters a recording determines, and why not the others."""
 
 from __future__ import annotations
 
@@ -14,9 +14,8 @@ from tccm_ros.pipeline.calibrate.model import RIG_PARAMETERS
 from tccm_ros.pipeline.calibrate.solver import covariance
 from tccm_ros.pipeline.calibrate.surroundings import FLOOR
 
-__all__ = ["UNITS", "Judgement", "Quantity", "columns", "judge"]
+__all__ = ["UNITS", "Observability", "Quantity", "assess_observability", "columns"]
 
-#: A parameter with a larger standard deviation is not determined: rad, 1, m, s.
 LIMITS: Mapping[str, float] = {
     "joint_time_offset": 0.005,
     "tilt_scale": 0.02,
@@ -27,20 +26,33 @@ LIMITS: Mapping[str, float] = {
     "level_y": 0.03,
     "level_yaw": float(np.deg2rad(0.5)),
 }
-"""In the order in which they are given up: what is least often wrong goes first."""
+"""A parameter with a larger standard deviation is not determined: s, 1, rad, m (chosen). Parameters
+are fixed in this order: the ones that are rarely wrong come first."""
 
 ADVICE: Mapping[str, str] = {
-    "tilt_offset": "record a level floor from 1 to 4 m, at several places",
-    "tilt_scale": "sweep from the floor near the robot up to the ceiling or high up the walls",
+    "tilt_offset": "record a horizontal floor from 1 to 4 m, at several places",
+    "tilt_scale": "tilt from the floor near the robot up to the ceiling or high up the walls",
     "roll": "record a floor or ceiling that reaches far to both sides",
-    "joint_time_offset": "record sweeps up and down, fast ones too, while the base stands",
+    "joint_time_offset": "record tilt cycles up and down, fast ones too, while the base stands",
     "level": "record two walls that are not parallel and that both lasers see",
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """One parameter: its value, its standard deviation (None if it was left alone), and why."""
+    """One parameter of the rig.
+
+    Attributes
+    ----------
+    name
+        As in `UNITS`.
+    value
+        rad, 1, m or s.
+    sigma
+        Standard deviation in the same unit, None where it was not estimated.
+    reason
+        Why it was not estimated.
+    """
 
     name: str
     value: float
@@ -54,8 +66,18 @@ class Quantity:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Judgement:
-    """The final estimate, each quantity, and the covariance float64 (D, D) of those determined."""
+class Observability:
+    """The final estimate and what it determines.
+
+    Attributes
+    ----------
+    estimate
+        The solution with only the determined parameters free.
+    quantities
+        All parameters of the rig, in the order of `RIG_PARAMETERS` and `LEVEL_PARAMETERS`.
+    covariance
+        float64 (D, D) of the determined ones, in the order of `determined`.
+    """
 
     estimate: Estimate
     quantities: tuple[Quantity, ...]
@@ -67,8 +89,8 @@ class Judgement:
         return tuple(q.name for q in self.quantities if q.is_determined)
 
 
-def judge(estimate: Estimate, floor_z: float | None) -> Judgement:
-    """Give up what is not determined, one by one, and solve again without it."""
+def assess_observability(estimate: Estimate, floor_z: float | None) -> Observability:
+    """Fix parameters that are not determined, one by one, and solve again without them."""
     layout, reasons = estimate.problem.layout, _never_free(estimate, floor_z)
     column = columns(layout)
     while True:
@@ -87,7 +109,7 @@ def judge(estimate: Estimate, floor_z: float | None) -> Judgement:
     )
     kept = [column[q.name] for q in quantities if q.is_determined]
     place = np.cumsum(estimate.free) - 1
-    return Judgement(estimate, quantities, cov[np.ix_(place[kept], place[kept])])
+    return Observability(estimate, quantities, cov[np.ix_(place[kept], place[kept])])
 
 
 def columns(layout: Layout) -> dict[str, int]:
@@ -118,8 +140,8 @@ def _without(estimate: Estimate, column: int) -> Estimate:
 def _never_free(estimate: Estimate, floor_z: float | None) -> dict[str, str]:
     """Return why parameters were not estimated at all."""
     reasons = {
-        "joint_time_offset": "all sweeps go one way at an even speed, where a delay looks like a "
-        f"zero: {ADVICE['joint_time_offset']}",
+        "joint_time_offset": "all tilt cycles go one way at an even speed, where a delay looks "
+        f"like a zero: {ADVICE['joint_time_offset']}",
         "height": "no floor was seen"
         if not (estimate.problem.plane == FLOOR).any()
         else "the height of the floor in the base frame is not known: give --floor-z",

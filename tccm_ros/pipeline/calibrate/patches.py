@@ -1,39 +1,42 @@
 """Flat patches: blocks of neighbouring beams in neighbouring scans that lie in one plane.
 
-Whether a block is flat hardly depends on the rig's errors (a wrong tilt zero turns it as a whole),
-so patches are cut once and then placed again and again.
+Whether a block is flat hardly depends on the rig's errors (a wrong tilt zero rotates it as a
+whole), so patches are cut once and then transformed under each rig.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import inverse, transform
-from tccm_ros.pipeline.calibrate.model import Beams, RigModel, RigValues
-from tccm_ros.pipeline.calibrate.sweeps import TiltSweep
+from tccm_ros.pipeline.calibrate.model import Beams, RigModel, RigValues, beams_of, join_beams
+from tccm_ros.pipeline.calibrate.recording import CycleScans
 
 __all__ = ["Patches", "cut_patches"]
 
-#: Beams of a block, and at least this many scans and beams, and hits.
 BEAMS, MIN_SIDE, MIN_HITS = 36, 3, 12
+"""Beams of a block, and the scans and beams along its sides and the hits that it has at least
+(chosen: the normal of a patch is then known to a degree)."""
 
-#: A flat patch is no thicker than this, m (standard deviation), or this share of its width.
-MAX_THICKNESS, MAX_SHARE = 0.025, 0.25
+MAX_THICKNESS, MAX_THICKNESS_RATIO = 0.025, 0.25
+"""Max standard deviation of a flat patch along its normal, m, and its max ratio to the patch's
+width (chosen: three times the noise of the laser)."""
 
-#: A patch is wider than long by no more than this factor (the smaller of its two widths counts).
-MIN_WIDTH_SHARE = 0.05
+MIN_WIDTH_RATIO = 0.05
+"""Min ratio of a patch's smaller width to its larger one (chosen)."""
 
-#: Hits kept of each patch, and of all patches together.
 HITS, MIN_KEPT, ALL_HITS = 20, 3, 16_000
+"""Max and min number of hits that are kept of each patch, and of all patches together (chosen:
+cost)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patches:
-    """P patches with some hits of each.
+    """P patches with a sample of the hits of each.
 
     Attributes
     ----------
@@ -59,48 +62,40 @@ class Patches:
         return len(self.normals)
 
 
-def cut_patches(sweeps: Mapping[int, TiltSweep], model: RigModel, values: RigValues) -> Patches:
-    """Cut all sweeps into blocks and keep the flat ones.
+def cut_patches(cycles: Mapping[int, CycleScans], model: RigModel, values: RigValues) -> Patches:
+    """Cut all tilt cycles into blocks and keep the flat ones.
 
     Parameters
     ----------
-    sweeps
-        Sweeps by their number, in order.
+    cycles
+        Scans by the number of the tilt cycle, in order.
     model, values
-        Places the beams; it need not be right.
+        The rig under which patches are cut; it need not be right.
     """
-    beams = sum(int(np.isfinite(sweep.ranges).sum()) for sweep in sweeps.values())
-    most = int(np.clip(ALL_HITS * BEAMS / max(beams, 1), MIN_KEPT, HITS))
-    parts = [_cut(number, sweep, model, values, most) for number, sweep in sweeps.items()]
+    beams = sum(int(np.isfinite(cycle.ranges).sum()) for cycle in cycles.values())
+    max_hits = int(np.clip(ALL_HITS * BEAMS / max(beams, 1), MIN_KEPT, HITS))
+    parts = [_cut(number, cycle, model, values, max_hits) for number, cycle in cycles.items()]
     firsts = np.cumsum([0, *(len(part) for part in parts)])
     return Patches(
-        _join([part.centers for part in parts]),
+        join_beams([part.centers for part in parts]),
         np.concatenate([part.normals for part in parts]),
         np.concatenate([part.spread for part in parts]),
-        _join([part.hits for part in parts]),
+        join_beams([part.hits for part in parts]),
         np.concatenate([part.patch + first for part, first in zip(parts, firsts)]),
     )
 
 
-def _join(parts: Sequence[Beams]) -> Beams:
-    return Beams(
-        np.concatenate([p.sweep for p in parts]),
-        np.concatenate([p.stamps_ns for p in parts]),
-        np.concatenate([p.points for p in parts]),
-        np.concatenate([p.T_place_base for p in parts]),
-    )
-
-
-def _cut(number: int, sweep: TiltSweep, model: RigModel, values: RigValues, most: int) -> Patches:
-    rows, columns = np.nonzero(np.isfinite(sweep.ranges))
-    beams = _beams(number, sweep, rows, columns)
-    blocks = _blocks(beams, sweep, columns, model, values)
+def _cut(
+    number: int, cycle: CycleScans, model: RigModel, values: RigValues, max_hits: int
+) -> Patches:
+    beams, columns = beams_of(number, cycle), np.nonzero(np.isfinite(cycle.ranges))[1]
+    blocks = _blocks(beams, cycle, columns, model, values)
     order = np.argsort(blocks, kind="stable")
     kept, patch, size = _full(blocks[order])
-    order, placed = order[kept], model.place(beams, values)[order[kept]]
-    mean, normal, widths = _fit(placed, patch, size)
-    flat = (widths[:, 0] < MAX_THICKNESS) & (widths[:, 0] < MAX_SHARE * widths[:, 1])
-    flat &= widths[:, 1] > MIN_WIDTH_SHARE * widths[:, 2]
+    order, points_place = order[kept], model.transform_points(beams, values)[order[kept]]
+    mean, normal, widths = _fit(points_place, patch, size)
+    flat = (widths[:, 0] < MAX_THICKNESS) & (widths[:, 0] < MAX_THICKNESS_RATIO * widths[:, 1])
+    flat &= widths[:, 1] > MIN_WIDTH_RATIO * widths[:, 2]
     middle = order[np.cumsum(size) - size + size // 2]
     T_place_laser = _laser_poses(number, beams.take(middle), model, values)
     T_laser_place = inverse(T_place_laser)
@@ -108,40 +103,32 @@ def _cut(number: int, sweep: TiltSweep, model: RigModel, values: RigValues, most
     points = transform(T_laser_place, mean[:, None, :])[:, 0]
     normals = np.einsum("nij,nj->ni", T_laser_place[:, :3, :3], normal)
     normals *= -np.sign(np.sum(normals * points, axis=1, keepdims=True))
-    centers = Beams(centers.sweep, centers.stamps_ns, points, centers.T_place_base)
-    some = _some(size, flat, most)
-    by_time = np.argsort(beams.stamps_ns[order[some]], kind="stable")
+    centers = Beams(centers.cycle, centers.stamps_ns, points, centers.T_place_base)
+    sample = _sample(size, flat, max_hits)
+    by_time = np.argsort(beams.stamps_ns[order[sample]], kind="stable")
     new = np.cumsum(flat) - 1
     spread = widths[:, 0] / np.sqrt(size) / np.maximum(widths[:, 1], 1e-6)
     return Patches(
         centers.take(flat),
         normals[flat],
         spread[flat],
-        beams.take(order[some][by_time]),
-        new[patch[some]][by_time],
+        beams.take(order[sample][by_time]),
+        new[patch[sample]][by_time],
     )
 
 
-def _beams(number: int, sweep: TiltSweep, rows: Int64, columns: Int64) -> Beams:
-    r = sweep.ranges[rows, columns].astype(float)
-    angle = sweep.bearings[columns]
-    points = np.column_stack([r * np.cos(angle), r * np.sin(angle), np.zeros(len(r))])
-    T = sweep.T_place_base()[rows]
-    return Beams(np.full(len(r), number), sweep.stamps_ns[rows, columns], points, T)
-
-
 def _blocks(
-    beams: Beams, sweep: TiltSweep, columns: Int64, model: RigModel, values: RigValues
+    beams: Beams, cycle: CycleScans, columns: Int64, model: RigModel, values: RigValues
 ) -> Int64:
     """Return the block of each beam: square, of equal steps of tilt and bearing."""
     tilt = model.measured(beams, values)
-    between_lines = float(np.ptp(tilt)) / max(len(sweep.ranges) - 1, 1)
-    between_beams = float(np.ptp(sweep.bearings)) / max(len(sweep.bearings) - 1, 1)
+    between_lines = float(np.ptp(tilt)) / max(len(cycle.ranges) - 1, 1)
+    between_beams = float(np.ptp(cycle.bearings)) / max(len(cycle.bearings) - 1, 1)
     side = np.sqrt(BEAMS * between_lines * between_beams)
     high = max(side, MIN_SIDE * between_lines, 1e-6)
     wide = max(round(side / max(between_beams, 1e-9)), MIN_SIDE)
     up = np.floor((tilt - tilt.min()) / high).astype(np.int64)
-    result: Int64 = up * (len(sweep.bearings) // wide + 1) + columns // wide
+    result: Int64 = up * (len(cycle.bearings) // wide + 1) + columns // wide
     return result
 
 
@@ -171,11 +158,11 @@ def _laser_poses(number: int, beams: Beams, model: RigModel, values: RigValues) 
     return T
 
 
-def _some(size: Int64, wanted: Bool, most: int) -> Int64:
-    """Return the rows of at most so many hits of each wanted patch, evenly spread."""
+def _sample(size: Int64, wanted: Bool, max_hits: int) -> Int64:
+    """Return the rows of up to `max_hits` hits of each wanted patch, evenly spread."""
     firsts = np.cumsum(size) - size
     rows = [
-        first + np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
+        first + np.unique(np.linspace(0, count - 1, min(count, max_hits)).astype(np.int64))
         for first, count, ok in zip(firsts.tolist(), size.tolist(), wanted.tolist())
         if ok
     ]

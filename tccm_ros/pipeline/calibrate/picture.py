@@ -1,4 +1,4 @@
-"""The room from the side and its floor, before and after calibration."""
+"""Picture of a calibration: the room from the side and its floor, before and after."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from tccm_ros.arrays import Bool, Float64
 from tccm_ros.atomic import output_file
 from tccm_ros.pipeline.calibrate.calibration import Calibration
 from tccm_ros.pipeline.calibrate.model import RigValues
-from tccm_ros.pipeline.calibrate.quality import Seen
-from tccm_ros.pipeline.calibrate.room import seen_in
+from tccm_ros.pipeline.calibrate.quality import HitMasks
+from tccm_ros.pipeline.calibrate.room import hits_of_bag
 from tccm_ros.pipeline.report.figure import canvas, png
 
 __all__ = ["write_picture"]
 
-#: Hits that are drawn at most, and how far away, m.
-MOST, REACH = 25_000, 9.0
+MAX_DRAWN, MAX_RANGE = 25_000, 9.0
+"""Number of hits that are drawn, and their max range, m."""
 
 ROOM, FLOOR, CEILING = "#9aa3ad", "#d55e00", "#0072b2"
 
@@ -31,17 +31,17 @@ def write_picture(calibration: Calibration, path: Path | str) -> None:
     OutputError
         If the picture cannot be written.
     """
-    found, recording = calibration.judgement.estimate, calibration.recording
+    found, recording = calibration.observability.estimate, calibration.recording
     model, first = found.problem.model, slice(0, int((recording.places == 0).sum()))
-    beams, seen = seen_in(calibration.judgement, recording, 0, first)
-    some = np.arange(0, len(beams.sweep), max(len(beams.sweep) // MOST, 1))
-    beams, seen = beams.take(some), Seen(seen.floor[some], seen.ceiling[some])
-    near = np.linalg.norm(beams.points, axis=1) < REACH
+    beams, seen = hits_of_bag(calibration.observability, recording, 0, first)
+    some = np.arange(0, len(beams.cycle), max(len(beams.cycle) // MAX_DRAWN, 1))
+    beams, seen = beams.take(some), HitMasks(seen.floor[some], seen.ceiling[some])
+    near = np.linalg.norm(beams.points, axis=1) < MAX_RANGE
     with canvas(10.0, 6.4) as (figure, _):
         for row, (title, values) in enumerate(
             (("before", found.configured), ("after", found.values))
         ):
-            points = model.place(beams, values)
+            points = model.transform_points(beams, values)
             side = figure.add_axes((0.06, 0.56 - 0.49 * row, 0.58, 0.38))
             _draw_side(side, points, near, seen)
             side.set_title(f"{calibration.bags[0]}, {title}: {_settings(values)}", fontsize=9)
@@ -57,7 +57,7 @@ def _settings(values: RigValues) -> str:
     return f"zero {zero:.2f} deg, scale {values.tilt_scale:.4f}, roll {roll:.2f} deg"
 
 
-def _draw_side(axes: Axes, points: Float64, near: Bool, seen: Seen) -> None:
+def _draw_side(axes: Axes, points: Float64, near: Bool, seen: HitMasks) -> None:
     for rows, color in (
         (near & ~seen.floor & ~seen.ceiling, ROOM),
         (near & seen.floor, FLOOR),

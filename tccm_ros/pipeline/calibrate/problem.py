@@ -1,9 +1,9 @@
-"""The least-squares problem: rig, planes and leaning bases against hits on floor, ceiling, walls.
+"""The least-squares problem: rig, planes, and roll and pitch of bases from hits on planes.
 
-A hit p (seen from its place), the place's small lean (a turn w about x and y) and a plane with
-normal n and offset d give the residual ``n . (p + w x p) - d``. What is taken for granted about
-buildings and bases has a standard deviation and is a prior: that is what tells a wrong zero from a
-leaning base, and how well.
+A hit p (in the frame of its place), the small roll and pitch w of the base at that place and a
+plane with normal n and offset d give the residual ``n . (p + w x p) - d``. Assumptions about
+buildings and bases are priors with standard deviations: they separate a wrong tilt zero from a
+tilted base.
 """
 
 from __future__ import annotations
@@ -16,17 +16,27 @@ from scipy.spatial.transform import Rotation
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import pose
-from tccm_ros.pipeline.calibrate.layout import WIDE, WIDE_LEVEL, Layout, Trust
+from tccm_ros.pipeline.calibrate.layout import WIDE_LEVEL_SIGMAS, WIDE_SIGMAS, Layout, Trust
 from tccm_ros.pipeline.calibrate.model import Beams, RigModel, RigValues
+from tccm_ros.pipeline.calibrate.recording import LevelScans
 from tccm_ros.pipeline.calibrate.surroundings import CEILING, FIRST_WALL, FLOOR, Surroundings
-from tccm_ros.pipeline.calibrate.sweeps import LevelScans
 
 __all__ = ["LevelHits", "Linearised", "Planes", "Problem"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LevelHits:
-    """Hits of the level laser that lie on walls: by place; `wall` is -1 for those on none."""
+    """Hits of the level laser at one place, with their walls.
+
+    Attributes
+    ----------
+    scans
+        The hits.
+    place
+        Number of the place.
+    wall
+        int64 (N,), number of the wall of each hit, -1 for those on none.
+    """
 
     scans: LevelScans
     place: int
@@ -34,10 +44,18 @@ class LevelHits:
 
 
 class Planes(NamedTuple):
-    """All planes as seen from level bases: the floor, the ceiling at each place, then the walls.
+    """All planes in the frames of horizontal bases: floor, ceiling at each place, then walls.
 
-    Normals float64 (Q, 3) towards the laser, offsets float64 (Q,), m, numbers of the planes
-    int64 (Q,), and the place int64 (Q,) from which each is seen so, -1 for all places.
+    Attributes
+    ----------
+    normals
+        float64 (Q, 3), unit vectors towards the laser.
+    offsets
+        float64 (Q,), m: normal . x = offset.
+    number
+        int64 (Q,), `FLOOR`, `CEILING`, or `FIRST_WALL` and on.
+    place
+        int64 (Q,), the place in whose frame the plane is given, -1 for all places.
     """
 
     normals: Float64
@@ -48,10 +66,21 @@ class Planes(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Linearised:
-    """Residuals float64 (N,) in standard deviations, their derivatives (N, P), and clusters.
+    """Residuals and derivatives at an estimate.
 
-    `sigma` float64 (N,), m, is what a residual was divided by. Residuals of one cluster share
-    errors: they lie in one place of one plane.
+    Attributes
+    ----------
+    residuals
+        float64 (N,), divided by `sigma`.
+    jacobian
+        float64 (N, P), their derivatives by the parameters.
+    sigma
+        float64 (N,), standard deviation of each residual, m.
+    cluster
+        int64 (N,); residuals of one cluster have an error in common: they are near each other on
+        one plane. Negative for the level laser.
+    is_level
+        bool (N,), whether the level laser measured it.
     """
 
     residuals: Float64
@@ -68,23 +97,26 @@ class Problem:
     Attributes
     ----------
     model
-        Places the hits.
+        Transforms the hits.
     hits, plane, place
         Hits, and the plane and the place of each, int64 (N,).
     bag, poses
-        The bag int64 (P,) and the pose float64 (P, 3) of each place, as in `Recording`: a ceiling
-        that slopes slopes the same way in the room, other ways for bases with other headings.
+        The bag int64 (P,) and the pose float64 (P, 3) of each place, as in `Recording`: the slope
+        of a ceiling is constant in the room, and differs in the frames of bases with other
+        headings.
     surroundings
-        Where the numbers of planes come from.
+        The planes that were found, whose numbers `plane` holds.
     level
         Hits of the level laser.
     T_level_mount
         The configured correction of the level laser's mount, float64 (4, 4).
     trust
-        What is taken for granted.
+        Standard deviations of what is assumed.
+    layout
+        Order of the parameters.
     blur
-        Added to the standard deviation of every residual, m: wide at first, 0 at last, so that no
-        plane pulls before all planes are known roughly.
+        Added to the standard deviation of every residual, m: wide in the first round, so that no
+        plane dominates before all planes are known roughly.
     """
 
     model: RigModel
@@ -111,14 +143,16 @@ class Problem:
     def _tilt_part(self, x: Float64) -> Linearised:
         layout, values = self.layout, RigValues.of_vector(x[self.layout.rig])
         ranges = np.linalg.norm(self.hits.points, axis=1)
-        beams = self.model.turn(self.hits, values, self.hits.points / ranges[:, None])
-        placed = self.model.place(self.hits, values) + x[layout.bias] * beams
-        by_rig = self.model.jacobian(self.hits, values, placed - x[layout.bias] * beams)
-        residuals, J, normals = self._against_planes(x, placed, self.plane, self.place)
+        beams = self.model.transform_directions(
+            self.hits, values, self.hits.points / ranges[:, None]
+        )
+        points = self.model.transform_points(self.hits, values) + x[layout.bias] * beams
+        by_rig = self.model.jacobian(self.hits, values, points - x[layout.bias] * beams)
+        residuals, J, normals = self._against_planes(x, points, self.plane, self.place)
         J[:, layout.rig] = np.einsum("ni,nij->nj", normals, by_rig)
         cosine = np.sum(normals * beams, axis=1)
         J[:, layout.bias] = cosine
-        cluster = _clusters(placed, self.plane, self.place, normals)
+        cluster = _clusters(points, self.plane, self.place, normals)
         sigma = self._sigma(cosine, ranges, cluster)
         is_level = np.zeros(len(ranges), bool)
         return Linearised(residuals / sigma, J / sigma[:, None], sigma, cluster, is_level)
@@ -127,18 +161,18 @@ class Problem:
         layout, on = self.layout, level.wall >= 0
         T = self.level_mount(x[layout.level], level.scans.T_base_laser) @ level.scans.T_base_laser
         T = level.scans.T_place_base[on] @ T
-        placed = np.einsum("nij,nj->ni", T[:, :3, :3], level.scans.points[on]) + T[:, :3, 3]
+        points = np.einsum("nij,nj->ni", T[:, :3, :3], level.scans.points[on]) + T[:, :3, 3]
         place = np.full(on.sum(), level.place)
         plane = level.wall[on] + FIRST_WALL
-        residuals, J, normals = self._against_planes(x, placed, plane, place)
+        residuals, J, normals = self._against_planes(x, points, plane, place)
         R = level.scans.T_place_base[on][:, :3, :3]
         J[:, layout.level.start : layout.level.start + 2] = np.einsum(
             "ni,nij->nj", normals, R[:, :, :2]
         )
-        arm = placed - T[:, :3, 3]
+        arm = points - T[:, :3, 3]
         J[:, layout.level.stop - 1] = normals[:, 1] * arm[:, 0] - normals[:, 0] * arm[:, 1]
         beams = arm / np.maximum(level.scans.ranges[on], 1e-3)[:, None]
-        cluster = _clusters(placed, plane, place, normals)
+        cluster = _clusters(points, plane, place, normals)
         sigma = self._sigma(np.sum(normals * beams, axis=1), level.scans.ranges[on], cluster)
         is_level = np.ones(len(sigma), bool)
         return Linearised(residuals / sigma, J / sigma[:, None], sigma, -1 - cluster, is_level)
@@ -146,8 +180,8 @@ class Problem:
     def _sigma(self, cosine: Float64, ranges: Float64, cluster: Int64) -> Float64:
         """Return the standard deviation of each residual, m.
 
-        What the hits of a cluster share (the plane is not flat, the laser errs alike) counts once
-        for the cluster, however many they are.
+        The error that the hits of a cluster have in common (the plane is not flat, the laser's
+        error is the same) counts once for the cluster, whatever their number is.
         """
         trust = self.trust
         shared = trust.flatness**2 * np.bincount(cluster, minlength=1)[cluster]
@@ -158,20 +192,20 @@ class Problem:
     def _against_planes(
         self, x: Float64, points: Float64, plane: Int64, place: Int64
     ) -> tuple[Float64, Float64, Float64]:
-        """Return residuals (m), derivatives without the rig's, and normals by leaning bases."""
+        """Return residuals (m), derivatives without the rig's, and normals in the bases' frames."""
         layout = self.layout
         planes = self.planes(x)
         row = np.where(plane == CEILING, 1 + place, plane + layout.places - 1)
         row[plane == FLOOR] = 0
         n, d = planes.normals[row], planes.offsets[row]
-        leans = np.array([x[layout.lean(p)] for p in range(layout.places)])[place]
-        w = np.column_stack([leans, np.zeros(len(leans))])
+        rolls_pitches = np.array([x[layout.roll_pitch(p)] for p in range(layout.places)])[place]
+        w = np.column_stack([rolls_pitches, np.zeros(len(rolls_pitches))])
         level = points + np.cross(w, points)
         J = np.zeros((len(points), layout.size))
         rows = np.arange(len(points))
-        lean = layout.first_wall + 3 * layout.walls + 2 * place
-        J[rows, lean] = n[:, 2] * points[:, 1] - n[:, 1] * points[:, 2]
-        J[rows, lean + 1] = n[:, 0] * points[:, 2] - n[:, 2] * points[:, 0]
+        column = layout.first_wall + 3 * layout.walls + 2 * place
+        J[rows, column] = n[:, 2] * points[:, 1] - n[:, 1] * points[:, 2]
+        J[rows, column + 1] = n[:, 0] * points[:, 2] - n[:, 2] * points[:, 0]
         J[plane == FLOOR, layout.floor] = -1.0
         self._ceiling_derivatives(J, level, plane, place)
         self._wall_derivatives(J, x, level, plane)
@@ -204,7 +238,7 @@ class Problem:
             )
 
     def planes(self, x: Float64) -> Planes:
-        """Return all planes under parameters float64 (P,)."""
+        """Return all planes at parameters float64 (P,)."""
         layout, places = self.layout, range(self.layout.places)
         normals, offsets = [[0.0, 0.0, 1.0]], [float(x[layout.floor])]
         for number, (at_x, at_y, yaw) in zip(self.bag.tolist(), self.poses.tolist()):
@@ -233,7 +267,7 @@ class Problem:
         return T
 
     def start(self, values: RigValues, level: Float64) -> Float64:
-        """Return the parameters that the found planes and level bases give, float64 (P,)."""
+        """Return the parameters of the found planes with horizontal bases, float64 (P,)."""
         x = np.zeros(self.layout.size)
         x[self.layout.rig], x[self.layout.level] = values.vector(), level
         x[self.layout.floor] = self.surroundings.floor or 0.0
@@ -243,41 +277,40 @@ class Problem:
             x[self.layout.wall(number)] = wall.phi, wall.rho, 0.0
         return x
 
-    def priors(self, guess: RigValues, share: float = 1.0) -> tuple[Float64, Float64]:
+    def priors(self, guess: RigValues, building_factor: float = 1.0) -> tuple[Float64, Float64]:
         """Return means and standard deviations of all parameters, float64 (P,) each.
 
-        `share` multiplies those of upright walls and level ceilings.
-
-        Infinite where nothing is taken for granted; those of the rig are only `WIDE`.
+        `building_factor` multiplies those of vertical walls, horizontal ceilings and the range
+        bias. They are infinite where nothing is assumed; those of the rig are `WIDE_SIGMAS`.
         """
         layout, trust = self.layout, self.trust
         means, sigmas = np.zeros(layout.size), np.full(layout.size, np.inf)
-        means[layout.rig], sigmas[layout.rig] = guess.vector(), WIDE
-        sigmas[layout.level] = WIDE_LEVEL
-        sigmas[layout.bias] = trust.range_bias * share
+        means[layout.rig], sigmas[layout.rig] = guess.vector(), WIDE_SIGMAS
+        sigmas[layout.level] = WIDE_LEVEL_SIGMAS
+        sigmas[layout.bias] = trust.range_bias * building_factor
         for bag in range(layout.bags):
-            sigmas[layout.ceiling(bag)][1:] = trust.ceiling * share
+            sigmas[layout.ceiling(bag)][1:] = trust.ceiling * building_factor
         for number in range(layout.walls):
-            sigmas[layout.wall(number).stop - 1] = trust.upright * share
+            sigmas[layout.wall(number).stop - 1] = trust.vertical * building_factor
         for place in range(layout.places):
-            sigmas[layout.lean(place)] = trust.lean
+            sigmas[layout.roll_pitch(place)] = trust.base_tilt
         return means, sigmas
 
 
-#: How much of `Problem.blur` counts where a beam grazes its plane: errors of ranges count by the
-#: cosine of incidence. Without that, squeezing a room would make it flat.
 GRAZING = 0.2
+"""Fraction of `Problem.blur` that counts where a beam grazes its plane, as errors of ranges count
+by the cosine of incidence (chosen: without it a scale that shrinks a room would make it flat)."""
 
-#: Hits of one plane within cells of this size share their errors, m.
-CLUSTER = 0.5
+CLUSTER_SIZE = 0.5
+"""Edge of the cells of a plane whose hits are one cluster, m (chosen)."""
 
 
 def _clusters(points: Float64, plane: Int64, place: Int64, normals: Float64) -> Int64:
-    """Return a number for each cell of each plane at each place."""
+    """Return the number of each point's cluster: a cell of a plane at a place."""
     drop = np.argmax(np.abs(normals), axis=1)
     rows = np.arange(len(points))
     u, v = points[rows, (drop + 1) % 3], points[rows, (drop + 2) % 3]
-    cell_u, cell_v = ((np.floor(w / CLUSTER).astype(np.int64) % 4096) for w in (u, v))
+    cell_u, cell_v = ((np.floor(w / CLUSTER_SIZE).astype(np.int64) % 4096) for w in (u, v))
     keys = ((place * 4096 + plane) * 4096 + cell_u) * 4096 + cell_v
     result: Int64 = np.unique(keys, return_inverse=True)[1]
     return result

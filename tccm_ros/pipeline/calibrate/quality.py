@@ -1,4 +1,4 @@
-"""How level, parallel and flat floor and ceiling are under a rig: measured from all hits."""
+"""Quality of floor and ceiling under a rig: tilt and flatness from all hits."""
 
 from __future__ import annotations
 
@@ -9,30 +9,29 @@ import numpy as np
 from scipy.ndimage import binary_erosion
 
 from tccm_ros.arrays import Bool, Float64, Int64
-from tccm_ros.pipeline.calibrate.model import Beams
-from tccm_ros.pipeline.calibrate.sweeps import TiltSweep
+from tccm_ros.pipeline.calibrate.model import Beams, beams_of, join_beams
+from tccm_ros.pipeline.calibrate.recording import CycleScans
 
-__all__ = ["MIN_HITS", "Flatness", "Seen", "all_beams", "cell_means", "flatness", "select"]
+__all__ = ["MIN_HITS", "Flatness", "HitMasks", "all_beams", "cell_means", "flatness", "select"]
 
-#: Edge of a cell whose mean height is taken, m, and hits that it must have to be looked at, and
-#: to shape the plane.
 CELL, MIN_HITS, FEW_HITS = 0.25, 50, 8
+"""Edge of a cell, m, hits that it must have for the flatness, and for the plane (chosen)."""
 
-#: Hits within this of the plane belong to it, m.
 NEAR = 0.05
+"""Max distance of a surface's hits to its height, m (chosen)."""
 
-#: Scans and beams on either side of a hit that have to be near the plane as well.
 AROUND = 2
+"""Scans and beams on either side of a hit that have to be near the plane as well (chosen)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Flatness:
-    """A level surface.
+    """Tilt and flatness of a roughly horizontal surface.
 
     Attributes
     ----------
     tilt
-        Against level, rad.
+        Angle to the horizontal, rad.
     rms
         Of the means of cells about the plane, m; None where no cell has enough hits for a mean.
     height
@@ -51,28 +50,27 @@ class Flatness:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
-    """Which of all beams hit floor and ceiling, bool (N,) each."""
+class HitMasks:
+    """Which beams hit floor and ceiling.
+
+    Attributes
+    ----------
+    floor, ceiling
+        bool (N,), one of each beam.
+    """
 
     floor: Bool
     ceiling: Bool
 
 
-def all_beams(sweeps: Sequence[TiltSweep], first: int = 0) -> Beams:
-    """Return every valid hit of all sweeps, which are numbered from `first`."""
-    parts = []
-    for number, sweep in enumerate(sweeps, first):
-        rows, columns = np.nonzero(np.isfinite(sweep.ranges))
-        r, angle = sweep.ranges[rows, columns].astype(float), sweep.bearings[columns]
-        points = np.column_stack([r * np.cos(angle), r * np.sin(angle), np.zeros(len(r))])
-        parts.append((np.full(len(r), number), sweep.stamps_ns[rows, columns], points,
-                      sweep.T_place_base()[rows]))  # fmt: skip
-    return Beams(*(np.concatenate(arrays) for arrays in zip(*parts)))
+def all_beams(cycles: Sequence[CycleScans], first: int = 0) -> Beams:
+    """Return every valid hit of all tilt cycles, which are numbered from `first`."""
+    return join_beams([beams_of(number, cycle) for number, cycle in enumerate(cycles, first)])
 
 
 def select(
-    sweeps: Sequence[TiltSweep], heights: Float64, floor: float | None, ceiling: float | None
-) -> Seen:
+    cycles: Sequence[CycleScans], heights: Float64, floor: float | None, ceiling: float | None
+) -> HitMasks:
     """Return the hits on floor and ceiling.
 
     A hit is on the floor if it and all hits around it (`AROUND`) are near the floor's height: the
@@ -80,25 +78,25 @@ def select(
 
     Parameters
     ----------
-    sweeps
-        All sweeps.
+    cycles
+        Scans by tilt cycle.
     heights
-        float64 (N,), m, of every valid hit of all sweeps, in the order of `all_beams`.
+        float64 (N,), m, of every valid hit of all tilt cycles, in the order of `all_beams`.
     floor, ceiling
         Their heights, m; None where there is none.
     """
     none = np.zeros(len(heights), bool)
-    return Seen(
-        none if floor is None else _inner(sweeps, np.abs(heights - floor) < NEAR),
-        none if ceiling is None else _inner(sweeps, np.abs(heights - ceiling) < NEAR),
+    return HitMasks(
+        none if floor is None else _inner(cycles, np.abs(heights - floor) < NEAR),
+        none if ceiling is None else _inner(cycles, np.abs(heights - ceiling) < NEAR),
     )
 
 
-def _inner(sweeps: Sequence[TiltSweep], near: Bool) -> Bool:
+def _inner(cycles: Sequence[CycleScans], near: Bool) -> Bool:
     """Return which hits have only hits around them that are near, too."""
     window, parts, first = np.ones((2 * AROUND + 1, 2 * AROUND + 1)), [], 0
-    for sweep in sweeps:
-        seen = np.isfinite(sweep.ranges)
+    for cycle in cycles:
+        seen = np.isfinite(cycle.ranges)
         grid = np.zeros(seen.shape, bool)
         grid[seen] = near[first : first + int(seen.sum())]
         first += int(seen.sum())
@@ -112,7 +110,7 @@ def flatness(points: Float64) -> Flatness | None:
     Parameters
     ----------
     points
-        float64 (N, 3), m, of one surface that is roughly level.
+        float64 (N, 3), m, of one surface that is roughly horizontal.
     """
     _, means, counts = cell_means(points, points[:, :2])
     if len(means) < 4:
@@ -141,7 +139,7 @@ def cell_means(points: Float64, at: Float64) -> tuple[Int64, Float64, Int64]:
     points
         float64 (N, 3), m.
     at
-        float64 (N, 2), m, what says in which cell of `CELL` a point is.
+        float64 (N, 2), m, the coordinates that give each point's cell of edge `CELL`.
 
     Returns
     -------

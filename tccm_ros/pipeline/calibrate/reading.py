@@ -1,4 +1,4 @@
-"""From a bag to a recording: scans cut into sweeps, sweeps by place, level scans beside them."""
+"""Read a bag for calibration: scans by tilt cycle, tilt cycles by place, and level scans."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
-from tccm_ros.config import Config
+from tccm_ros.config import Config, Rig
 from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
 from tccm_ros.errors import BagError, FrameError, TopicError
 from tccm_ros.geometry import inverse, planar
-from tccm_ros.pipeline.calibrate.sweeps import LevelScans, Recording, TiltSweep, is_near
+from tccm_ros.pipeline.calibrate.recording import CycleScans, LevelScans, Recording, is_near
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Event, PosedScan, StreamComplete, TiltAngle
 from tccm_ros.records.building import Record
@@ -40,33 +40,30 @@ from tccm_ros.sensors.registry import default_streams
 
 __all__ = ["read_recording", "uncorrected"]
 
-#: Joint samples are kept this long before and after a sweep, for time offsets to be tried.
 TRACK_MARGIN_NS = 1_000_000_000
+"""Joint samples are kept this long before and after a tilt cycle, for time offsets (chosen)."""
 
-#: Sweeps that are used; more add time, not accuracy.
-MAX_SWEEPS = 24
+MAX_CYCLES = 24
+"""Tilt cycles of one bag that are used (chosen: more cost time and add little accuracy)."""
 
-#: Level scans that are used at each place.
 LEVEL_SCANS = 6
+"""Level scans that are used at each place (chosen)."""
 
-#: Fewer scans make no sweep.
 MIN_SCANS = 8
+"""Scans that a tilt cycle must have to be used (chosen)."""
 
-END_OF_TIME = 2**62
+CORRECTIONS = frozenset(
+    ("tilt_offset", "tilt_scale", "joint_time_offset", "mount_correction", "level_correction")
+)
+"""Parameters of the group `rig` that a calibration estimates."""
+
+END_OF_TIME_NS = 2**62
+"""Later than every stamp."""
 
 
 def uncorrected(config: Config) -> Config:
-    """Return the configuration with all corrections of the rig taken out."""
-    zero = (0.0,) * 6
-    rig = config.rig.model_copy(
-        update={
-            "tilt_offset": 0.0,
-            "tilt_scale": 1.0,
-            "joint_time_offset": 0.0,
-            "mount_correction": zero,
-            "level_correction": zero,
-        }
-    )
+    """Return the configuration with the default values of all corrections of the rig."""
+    rig = config.rig.model_copy(update=Rig().model_dump(include=CORRECTIONS))
     return config.model_copy(update={"rig": rig})
 
 
@@ -76,14 +73,27 @@ def read_recording(
     remap: Sequence[str] = (),
     bars: Bars | None = None,
     *,
-    most: int = MAX_SWEEPS,
+    max_cycles: int = MAX_CYCLES,
 ) -> Recording:
-    """Read the sweeps, at most so many, and the level scans of a bag.
+    """Read the tilt cycles and the level scans of a bag.
+
+    Parameters
+    ----------
+    bag
+        A rosbag2 folder, an .mcap or a .db3 file.
+    config
+        The configuration; its corrections of the rig are not applied.
+    remap
+        ``scan:=/base_scan`` for topics with other names.
+    bars
+        Where progress is shown.
+    max_cycles
+        Tilt cycles that are used at most, spread over the recording.
 
     Raises
     ------
     BagError, TopicError, FrameError, UrdfError
-        Where the bag cannot be read, has no tilting scans, or the laser cannot be placed.
+        Where the bag cannot be read, has no tilting scans, or the laser's pose cannot be found.
     """
     raw, bars = uncorrected(config), bars or Silent()
     topics = remap_topics(remap, DEFAULT_TOPICS)
@@ -91,7 +101,7 @@ def read_recording(
         counts = {info.name: info.count for info in reader.topics()}
         if not counts.get(topics["tilt_scan"]):
             raise TopicError(reader.missing("tilt_scan", topics["tilt_scan"]))
-        found = _SweepReader(raw, bool(counts.get(topics["odom"])))
+        found = _CycleReader(raw, bool(counts.get(topics["odom"])))
         bars.start("read", reader.duration, "s")
         last_ns = reader.start_ns
         for role, log_ns, record in reader.records(topics):
@@ -99,24 +109,25 @@ def read_recording(
             last_ns = log_ns
             found.add(role, record)
         found.finish()
-    if not found.sweeps:
-        raise _no_sweep(bag, found.tilting)
-    return _recording(Path(bag).name, found, most)
+    if not found.cycles:
+        raise _no_cycle_error(bag, found.tilting)
+    return _recording(Path(bag).name, found, max_cycles)
 
 
-def _no_sweep(bag: Path | str, tilting: Sensor) -> BagError | FrameError:
+def _no_cycle_error(bag: Path | str, tilting: Sensor) -> BagError | FrameError:
     if tilting.problem is not None:
         return FrameError(f"{bag}: {tilting.problem}")
     reasons = ", ".join(f"{n} {why}" for why, n in sorted(tilting.dropped.items()))
     return BagError(
-        f"{bag}: the tilting laser makes no sweep" + (f" (dropped: {reasons})" if reasons else "")
+        f"{bag}: the tilting laser makes no tilt cycle"
+        + (f" (dropped: {reasons})" if reasons else "")
     )
 
 
-class _SweepReader:
-    """Cuts the scans of the tilting laser into sweeps, and keeps those of the level laser.
+class _CycleReader:
+    """Collects the scans of the tilting laser by tilt cycle, and those of the level laser.
 
-    A level laser that cannot be placed is left out.
+    A level laser whose pose is not known is left out.
     """
 
     def __init__(self, config: Config, has_odometry: bool) -> None:
@@ -125,9 +136,9 @@ class _SweepReader:
         self._cycles = TiltCycles(config)
         self._tilt_scans: list[PosedScan] = []
         self.level_scans: list[PosedScan] = []
-        self.sweeps: list[TiltSweep] = []
+        self.cycles: list[CycleScans] = []
         self._scans = {TILT_SCAN.role: self._tilt_scans, LEVEL_SCAN.role: self.level_scans}
-        self._takers: dict[type, Callable[[Any], object]] = {
+        self._handlers: dict[type, Callable[[Any], object]] = {
             PosedScan: lambda posed: self._scans[posed.role].append(posed),
             TiltAngle: lambda tilt: self._cycles.add(tilt.stamp_ns, tilt.angle),
             StreamComplete: lambda complete: self._close_until(complete.until_ns - TRACK_MARGIN_NS),
@@ -140,22 +151,22 @@ class _SweepReader:
 
     def add(self, role: str, record: Record) -> None:
         """Take one record."""
-        self._take(self.robot.add(role, record))
+        self._handle(self.robot.add(role, record))
 
     def finish(self) -> None:
         """Take the end of the input."""
-        self._take(self.robot.flush())
+        self._handle(self.robot.flush())
         self._cycles.finish()
-        self._close_until(END_OF_TIME)
+        self._close_until(END_OF_TIME_NS)
 
-    def _take(self, events: Iterable[Event]) -> None:
+    def _handle(self, events: Iterable[Event]) -> None:
         for event in events:
-            take = self._takers.get(type(event))
-            if take is not None:
-                take(event)
+            handle = self._handlers.get(type(event))
+            if handle is not None:
+                handle(event)
 
     def _close_until(self, until_ns: int) -> None:
-        """Make sweeps of the spans that ended before a stamp: all that belongs to them is here."""
+        """Collect the tilt cycles that ended before a stamp: all their scans have arrived."""
         closed = self._cycles.closed
         while closed and closed[0].end_ns < until_ns:
             self._close(closed.popleft())
@@ -165,10 +176,10 @@ class _SweepReader:
         del self._tilt_scans[: len(mine)]
         mine = [p for p in mine if p.scan.stamp_ns >= span.start_ns]
         if span.cycle is not None and len(mine) >= MIN_SCANS:
-            self.sweeps.append(_sweep(mine, self.tilting.mount, self._config))
+            self.cycles.append(_cycle_scans(mine, self.tilting.mount, self._config))
 
 
-def _sweep(scans: Sequence[PosedScan], mount: Mount, config: Config) -> TiltSweep:
+def _cycle_scans(scans: Sequence[PosedScan], mount: Mount, config: Config) -> CycleScans:
     beams = len(scans[0].scan.ranges)
     scans = [p for p in scans if len(p.scan.ranges) == beams]
     stamps = np.array([beam_stamps(p.scan) for p in scans])
@@ -178,11 +189,11 @@ def _sweep(scans: Sequence[PosedScan], mount: Mount, config: Config) -> TiltSwee
     span = int(stamps.min()), int(stamps.max())
     chain, tilt = _copy_chain(mount, scans[0].scan.frame_id, span)
     T_odom_base = np.array([p.T_odom_base[len(p.T_odom_base) // 2] for p in scans])
-    return TiltSweep(chain, tilt, stamps, ranges, bearings(scans[0].scan), T_odom_base, span)
+    return CycleScans(chain, tilt, stamps, ranges, bearings(scans[0].scan), T_odom_base, span)
 
 
 def _copy_chain(mount: Mount, frame: str, span_ns: tuple[int, int]) -> tuple[Chain, int]:
-    """Return the chain to the laser with the samples of one sweep, and its tilt joint's index."""
+    """Return the chain to the laser with a tilt cycle's samples, and the tilt joint's index."""
     chain = mount.find(frame, final=True)
     assert chain is not None
     limits = span_ns[0] - TRACK_MARGIN_NS, span_ns[1] + TRACK_MARGIN_NS
@@ -207,47 +218,47 @@ def _fill(track: Track, source: Track, rows: Bool) -> None:
         track.append(stamp_ns, value)
 
 
-def _recording(name: str, found: _SweepReader, most: int) -> Recording:
-    still = [sweep for sweep in found.sweeps if sweep.is_still]
-    sweeps = _spread(still or found.sweeps, most)
-    places = _places(sweeps)
-    firsts = [sweeps[i].T_place for i in np.unique(places, return_index=True)[1].tolist()]
+def _recording(name: str, found: _CycleReader, max_cycles: int) -> Recording:
+    still = [cycle for cycle in found.cycles if cycle.is_still]
+    cycles = _spread(still or found.cycles, max_cycles)
+    places = _places(cycles)
+    firsts = [cycles[i].T_place for i in np.unique(places, return_index=True)[1].tolist()]
     return Recording(
         (name,),
-        sweeps,
+        cycles,
         places,
         np.zeros(len(firsts), np.int64),
         planar(inverse(firsts[0]) @ np.array(firsts)),
-        _level_scans(found.level_scans, sweeps, places),
+        _level_scans(found.level_scans, cycles, places),
         found.tilting.mount.base or "",
         _footprint_z(found.robot),
         moving=not still,
     )
 
 
-def _spread(sweeps: Sequence[TiltSweep], most: int) -> list[TiltSweep]:
-    """Return at most so many sweeps, in pairs that follow each other, spread over the time."""
-    if len(sweeps) <= most:
-        return list(sweeps)
-    firsts = np.unique(np.linspace(0, len(sweeps) - 2, most // 2).astype(int))
-    return [sweeps[i] for i in sorted({*firsts.tolist(), *(firsts + 1).tolist()})]
+def _spread(cycles: Sequence[CycleScans], max_cycles: int) -> list[CycleScans]:
+    """Return at most so many tilt cycles, in pairs that follow each other, spread over the time."""
+    if len(cycles) <= max_cycles:
+        return list(cycles)
+    firsts = np.unique(np.linspace(0, len(cycles) - 2, max_cycles // 2).astype(int))
+    return [cycles[i] for i in sorted({*firsts.tolist(), *(firsts + 1).tolist()})]
 
 
-def _places(sweeps: Sequence[TiltSweep]) -> Int64:
-    """Number the places: a sweep from where the one before was made is at the same place."""
+def _places(cycles: Sequence[CycleScans]) -> Int64:
+    """Number the places: a tilt cycle at the pose of the one before is at the same place."""
     numbers = [0]
-    for before, sweep in pairwise(sweeps):
-        together = before.is_still and sweep.is_still and is_near(sweep.place, before.place)
+    for before, cycle in pairwise(cycles):
+        together = before.is_still and cycle.is_still and is_near(cycle.place, before.place)
         numbers.append(numbers[-1] + (0 if together else 1))
     return np.array(numbers, np.int64)
 
 
 def _level_scans(
-    level: Sequence[PosedScan], sweeps: Sequence[TiltSweep], places: Int64
+    level: Sequence[PosedScan], cycles: Sequence[CycleScans], places: Int64
 ) -> dict[int, LevelScans]:
     found: dict[int, LevelScans] = {}
     for place in np.unique(places).tolist():
-        mine = [sweep for sweep, at in zip(sweeps, places) if at == place]
+        mine = [cycle for cycle, at in zip(cycles, places) if at == place]
         start_ns, end_ns = mine[0].span_ns[0], mine[-1].span_ns[1]
         scans = [p for p in level if start_ns <= p.scan.stamp_ns <= end_ns]
         rows = np.unique(np.linspace(0, len(scans) - 1, LEVEL_SCANS).astype(int))
@@ -276,7 +287,7 @@ def _level_points(scans: Sequence[PosedScan], T_odom_place: Float64) -> LevelSca
 
 
 def _footprint_z(robot: Robot) -> float | None:
-    """Return the height in the base of a frame that lies on the floor by its name."""
+    """Return the height in the base (m) of a frame that is on the floor by its name."""
     edges = robot.frames.view(urdf=True, tf=True, moving_tf=False)
     base = robot.sensors[TILT_SCAN.role].mount.base or ""
     for frame in sorted({base, *frames_of(edges)}):

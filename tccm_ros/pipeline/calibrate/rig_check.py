@@ -1,9 +1,10 @@
-"""A check of the rig while it maps: which error would explain what the cycles show.
+"""A check of the rig while it maps: which error would explain the floors of tilt cycles.
 
-Each cycle's part map gives the floor once, from pooled cuboid moments. A floor that is tilted in
-every cycle means a wrong tilt zero (or a leaning base); one that tilts to and fro with the
-direction of the sweep means a delay; one that is bent means a wrong scale. Two large level planes
-one just above the other mean that the same table was mapped twice: odometry, or a delay.
+Each tilt cycle's part map gives the floor once, from pooled cuboid moments. A floor that is tilted
+in every tilt cycle means a wrong tilt zero (or a tilted base); one whose slope alternates with the
+direction of the tilt cycle means a delay; one that is bent means a wrong scale. Two large
+horizontal planes one just above the other mean that the same table was mapped twice: odometry, or a
+delay.
 """
 
 from __future__ import annotations
@@ -23,31 +24,45 @@ from tccm_ros.records import PlaneRecord
 
 __all__ = ["Finding", "RigCheck"]
 
-#: Cycles that are looked at together, and how many must agree.
 WINDOW, ENOUGH = 8, 4
+"""Tilt cycles that are compared, and their min number (chosen)."""
 
-#: What is reported: tilts (rad) and bends over the floor seen (m).
 MIN_TILT, MIN_SWING, MIN_BEND = np.deg2rad(0.4), np.deg2rad(0.25), 0.010
+"""Smallest slope (rad), alternating slope (rad) and bend of the floor (m) that is reported (chosen:
+above those of sound rigs, `bench/rig_check_trials.py`)."""
 
-#: The floor is the largest low plane, of at least this area, m2, that leans less than this, rad. It
-#: mixes the sweeps of the window, which may disagree: a sweep's own floor is looked for near it,
-#: through gates of these widths, m.
-FLOOR_AREA, MAX_LEAN, GATES = 1.0, 0.3, (0.25, 0.15, 0.08)
+FLOOR_AREA, MAX_FLOOR_TILT, GATES = 1.0, 0.3, (0.25, 0.15, 0.08)
+"""The floor is the largest low plane, of at least this area, m2, and with a smaller angle to the
+horizontal, rad. It mixes the tilt cycles of the window, which may disagree: the floor of one tilt
+cycle is searched near it, through gates of these widths, m (chosen)."""
 
-#: Cuboids that a floor needs, and how far it must reach, m.
-MIN_CUBOIDS, MIN_REACH = 150, 1.0
+MIN_CUBOIDS, MIN_EXTENT = 150, 1.0
+"""Min number of cuboids of a floor, and its min extent along x, m (chosen)."""
 
-#: Level planes this far apart cannot both be seen where one hides the other, m, if they share this
-#: part of the smaller one.
-DOUBLED, SHARED = (0.012, 0.06), 0.4
+DOUBLED_DISTANCE, MIN_OVERLAP = (0.012, 0.06), 0.4
+"""Horizontal planes within these distances, m, cannot both be seen where one hides the other, if
+they overlap by this fraction of the smaller one (chosen)."""
 
-#: How far a sound base leans while it drives, rad.
-LEAN = np.deg2rad(0.3)
+DRIVING_TILT = np.deg2rad(0.3)
+"""Roll or pitch of a sound base while it drives, rad (chosen)."""
+
+SIGN_AGREEMENT = 0.75
+"""Fraction of the tilt cycles whose slope or bend has the sign of the median (chosen)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One suspicion: its name, its size (rad or m) and what to say."""
+    """One suspected error of the rig.
+
+    Attributes
+    ----------
+    name
+        The error.
+    size
+        Its size, rad or m.
+    text
+        One line for people.
+    """
 
     name: str
     size: float
@@ -56,7 +71,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class _Floor:
-    """The floor in the levelled base: slopes forward and left (rad), and bend along x (m)."""
+    """The floor in the levelled base frame: slopes forward and left (rad), bend along x (m)."""
 
     cycle: int
     forward: float
@@ -66,44 +81,46 @@ class _Floor:
 
 
 class RigCheck:
-    """Takes cycles and says what may be wrong with the rig; costs a few milliseconds a cycle."""
+    """Collects tilt cycles and finds errors of the rig; costs a few milliseconds each."""
 
     def __init__(self) -> None:
         self._floors: deque[_Floor] = deque(maxlen=WINDOW)
         self._doubled: tuple[float, float] | None = None
 
     def clear(self) -> None:
-        """Forget all cycles."""
+        """Forget all tilt cycles."""
         self._floors.clear()
         self._doubled = None
 
     def add(self, result: CycleResult) -> None:
-        """Take one cycle."""
+        """Add one tilt cycle."""
         floor = _floor(result)
         if floor is not None:
             self._floors.append(floor)
-        self._doubled = _doubled(result.planes, result.T_odom_base, LEAN + 2.0 * self._slope())
+        self._doubled = _doubled(
+            result.planes, result.T_odom_base, DRIVING_TILT + 2.0 * self._slope()
+        )
 
     def _slope(self) -> float:
-        """Return how steep the floor is on average, rad: seen from two sides, twice that."""
+        """Return the mean slope of the floor, rad."""
         if not self._floors:
             return 0.0
         slopes = [(floor.forward, floor.left) for floor in self._floors]
         return float(np.hypot(*np.mean(slopes, axis=0)))
 
     def findings(self) -> list[Finding]:
-        """Return what the last cycles show, the most certain first."""
+        """Return the errors that the last tilt cycles show, the most certain first."""
         found = []
         if len(self._floors) >= ENOUGH:
             found += [f for f in (self._swing(), self._bend(), self._tilt(), self._roll()) if f]
         if self._doubled is not None:
-            apart, height = self._doubled
+            distance, height = self._doubled
             found.append(
                 Finding(
                     "doubled surface",
-                    apart,
-                    f"a surface at {height:.2f} m is mapped twice, {apart * 1e3:.0f} mm apart: "
-                    "odometry drifts, or the joint's stamps are late",
+                    distance,
+                    f"a surface at {height:.2f} m is mapped twice, at a distance of "
+                    f"{distance * 1e3:.0f} mm: odometry drifts, or the joint's stamps are late",
                 )
             )
         return found
@@ -113,7 +130,7 @@ class RigCheck:
         return [finding.text for finding in self.findings()]
 
     def _swing(self) -> Finding | None:
-        """Compare sweeps that turned into each other: they go up and down by turns."""
+        """Compare consecutive tilt cycles: they go up and down in turn."""
         pairs = [
             (-1.0) ** before.cycle * (after.forward - before.forward)
             for before, after in zip(self._floors, list(self._floors)[1:])
@@ -127,8 +144,8 @@ class RigCheck:
         return Finding(
             "delay",
             size,
-            f"up and down sweeps differ by {np.rad2deg(size):.2f} deg in pitch: joint and scan "
-            "stamps do not agree (rig.joint_time_offset); run tccm calibrate",
+            f"tilt cycles up and down differ by {np.rad2deg(size):.2f} deg in pitch: joint and "
+            "scan stamps do not agree (rig.joint_time_offset); run tccm calibrate",
         )
 
     def _tilt(self) -> Finding | None:
@@ -139,7 +156,7 @@ class RigCheck:
             "tilt zero",
             size,
             f"the floor {'rises' if size > 0 else 'falls'} forward by {np.rad2deg(abs(size)):.2f} "
-            "deg: wrong rig.tilt_offset, or the base leans; run tccm calibrate",
+            "deg: wrong rig.tilt_offset, or the base is tilted; run tccm calibrate",
         )
 
     def _roll(self) -> Finding | None:
@@ -150,8 +167,8 @@ class RigCheck:
             "roll",
             size,
             f"the floor {'rises' if size > 0 else 'falls'} to the left by "
-            f"{np.rad2deg(abs(size)):.2f} deg: the laser's mount is rolled, or the base leans; run "
-            "tccm calibrate",
+            f"{np.rad2deg(abs(size)):.2f} deg: the laser's mount is rolled, or the base is tilted; "
+            "run tccm calibrate",
         )
 
     def _bend(self) -> Finding | None:
@@ -166,17 +183,17 @@ class RigCheck:
         )
 
 
-def _steady(values: list[float], least: float) -> float | None:
-    """Return the median where it is large and most values agree on its sign."""
+def _steady(values: list[float], min_size: float) -> float | None:
+    """Return the median where it is large and the values agree on its sign."""
     middle = float(np.median(values))
     agree = np.mean(np.sign(values) == np.sign(middle))
-    return middle if abs(middle) >= least and agree >= 0.75 else None
+    return middle if abs(middle) >= min_size and agree >= SIGN_AGREEMENT else None
 
 
 def _floor(result: CycleResult) -> _Floor | None:
     """Fit the floor of the newest part map, in the levelled base."""
-    lying = [p for p in result.planes if abs(float(p.normal[2])) > np.cos(MAX_LEAN)]
-    large = [p for p in lying if p.area >= FLOOR_AREA]
+    horizontal = [p for p in result.planes if abs(float(p.normal[2])) > np.cos(MAX_FLOOR_TILT)]
+    large = [p for p in horizontal if p.area >= FLOOR_AREA]
     if not large:
         return None
     lowest = min(float(p.centroid[2]) for p in large)
@@ -212,7 +229,7 @@ def _fit(points: Float64, counts: Float64) -> tuple[float, float, float] | None:
     """Return the slopes and the bend of z = a + b x + c y + d x^2, robustly."""
     x, y, z = points.T
     low, high = np.quantile(x, [0.05, 0.95])
-    if high - low < MIN_REACH:
+    if high - low < MIN_EXTENT:
         return None
     u = (x - (low + high) / 2.0) / ((high - low) / 2.0)
     A = np.column_stack([np.ones(len(u)), u, y, u**2 - 1.0 / 3.0])
@@ -233,28 +250,30 @@ def _robust(A: Float64, z: Float64, counts: Float64) -> Float64:
 
 
 def _doubled(
-    planes: list[PlaneRecord], T_odom_base: Float64, lean: float = LEAN
+    planes: list[PlaneRecord], T_odom_base: Float64, base_tilt: float = DRIVING_TILT
 ) -> tuple[float, float] | None:
-    """Return distance and height of two level planes that lie over each other, None if none do.
+    """Return distance and height (m) of two horizontal planes over each other, None if none are.
 
-    The distance is that of the smaller one's middle from the larger one's plane: heights differ
-    along a floor that leans by a fraction of a degree. A base that leans while it drives, or a tilt
-    zero that is wrong, lifts what is far from the base: by `lean`, rad.
+    The distance is that of the smaller one's centroid to the larger one's plane: heights differ
+    along a floor that is tilted by a fraction of a degree. A tilted base, or a wrong tilt zero,
+    lifts what is far from the base: by an angle of `base_tilt`, rad.
     """
     flat = [p for p in planes if p.kind == "horizontal"]
     for a, b in combinations(flat, 2):
         small, large = sorted((a, b), key=lambda p: p.area)
-        apart = abs(float(small.centroid @ large.normal - large.offset))
-        lifted = lean * float(np.linalg.norm(small.centroid[:2] - T_odom_base[:2, 3]))
-        if DOUBLED[0] + lifted < apart < DOUBLED[1] and _overlap(small, large) > SHARED:
-            return apart, float(min(a.centroid[2], b.centroid[2]))
+        distance = abs(float(small.centroid @ large.normal - large.offset))
+        lifted = base_tilt * float(np.linalg.norm(small.centroid[:2] - T_odom_base[:2, 3]))
+        if DOUBLED_DISTANCE[0] + lifted < distance < DOUBLED_DISTANCE[1] and (
+            _overlap(small, large) > MIN_OVERLAP
+        ):
+            return distance, float(min(a.centroid[2], b.centroid[2]))
     return None
 
 
 def _overlap(a: PlaneRecord, b: PlaneRecord) -> float:
-    """Return the shared area of two planes seen from above, as a share of the smaller.
+    """Return the overlap of two planes seen from above, as a fraction of the smaller.
 
-    What lies in a hole of the other shares nothing with it.
+    Holes do not overlap.
     """
     first, second = _area(a), _area(b)
     smaller = min(first.area, second.area)

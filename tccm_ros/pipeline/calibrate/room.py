@@ -1,4 +1,4 @@
-"""How level, parallel and flat floor and ceiling of each recording are, before and after."""
+"""Tilt, flatness and parallelism of floor and ceiling of each recording, before and after."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from tccm_ros.pipeline.calibrate.model import Beams
-from tccm_ros.pipeline.calibrate.observability import Judgement
-from tccm_ros.pipeline.calibrate.quality import Flatness, Seen, all_beams, flatness, select
-from tccm_ros.pipeline.calibrate.sweeps import Recording
+from tccm_ros.pipeline.calibrate.observability import Observability
+from tccm_ros.pipeline.calibrate.quality import Flatness, HitMasks, all_beams, flatness, select
+from tccm_ros.pipeline.calibrate.recording import Recording
 
-__all__ = ["Room", "rooms", "seen_in"]
+__all__ = ["Room", "hits_of_bag", "rooms"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,8 +21,8 @@ class Room:
 
     Attributes
     ----------
-    bag, sweeps, places
-        The recording, and how much of it was used.
+    bag, cycles, places
+        Name of the recording, and numbers of the tilt cycles and places that were used.
     floor, ceiling
         Flatness (before, after) of the same hits, None where too little was seen.
     parallel
@@ -30,7 +30,7 @@ class Room:
     """
 
     bag: str
-    sweeps: int
+    cycles: int
     places: int
     floor: tuple[Flatness | None, Flatness | None]
     ceiling: tuple[Flatness | None, Flatness | None]
@@ -40,7 +40,7 @@ class Room:
         """Return everything as plain numbers, rounded to 1e-6."""
         return {
             "bag": self.bag,
-            "sweeps": self.sweeps,
+            "sweeps": self.cycles,
             "places": self.places,
             "floor": [_flatness_json(f) for f in self.floor],
             "ceiling": [_flatness_json(f) for f in self.ceiling],
@@ -56,7 +56,7 @@ class Room:
                 if before.rms is not None and after.rms is not None:
                     flat = f", flat to {before.rms * 1e3:.1f} -> {after.rms * 1e3:.1f} mm"
                 lines.append(
-                    f"  {name:<18} level to {np.rad2deg(before.tilt):.2f} -> "
+                    f"  {name:<18} tilted by {np.rad2deg(before.tilt):.2f} -> "
                     f"{np.rad2deg(after.tilt):.2f} deg{flat} in {after.cells} cells"
                 )
         if self.parallel is not None:
@@ -65,33 +65,43 @@ class Room:
         return lines
 
 
-def rooms(judgement: Judgement, recording: Recording) -> tuple[Room, ...]:
+def rooms(observability: Observability, recording: Recording) -> tuple[Room, ...]:
     """Measure floor and ceiling of each recording, with all its hits."""
-    return tuple(_room(judgement, recording, bag) for bag in range(len(recording.bags)))
+    return tuple(_room(observability, recording, bag) for bag in range(len(recording.bags)))
 
 
-def seen_in(
-    judgement: Judgement, recording: Recording, bag: int, sweeps: slice | None = None
-) -> tuple[Beams, Seen]:
-    """Return all hits of a bag, or of some of its sweeps, and which are floor and ceiling."""
-    found = judgement.estimate
+def hits_of_bag(
+    observability: Observability, recording: Recording, bag: int, cycles: slice | None = None
+) -> tuple[Beams, HitMasks]:
+    """Return hits of a bag, and which are floor and ceiling.
+
+    Parameters
+    ----------
+    observability, recording
+        The calibration and its input.
+    bag
+        Number of the bag.
+    cycles
+        Which of the bag's tilt cycles; None for all.
+    """
+    found = observability.estimate
     layout, x = found.problem.layout, found.solution.x
-    first, last = recording.sweeps_of(bag)
-    mine = recording.sweeps[first:last][sweeps or slice(None)]
+    first, last = recording.cycles_of(bag)
+    mine = recording.cycles[first:last][cycles or slice(None)]
     beams = all_beams(mine, first)
     at = layout.ceiling(bag).start
     floor = float(x[layout.floor]) if found.free[layout.floor] else None
     ceiling = float(x[at]) if found.free[at] else None
-    heights = found.problem.model.place(beams, found.values)[:, 2]
+    heights = found.problem.model.transform_points(beams, found.values)[:, 2]
     return beams, select(mine, heights, floor, ceiling)
 
 
-def _room(judgement: Judgement, recording: Recording, bag: int) -> Room:
-    found = judgement.estimate
-    beams, seen = seen_in(judgement, recording, bag)
+def _room(observability: Observability, recording: Recording, bag: int) -> Room:
+    found = observability.estimate
+    beams, seen = hits_of_bag(observability, recording, bag)
     both = []
     for values in (found.configured, found.values):
-        points = found.problem.model.place(beams, values)
+        points = found.problem.model.transform_points(beams, values)
         both.append((flatness(points[seen.floor]), flatness(points[seen.ceiling])))
     (floor_before, ceiling_before), (floor_after, ceiling_after) = both
     angles = [
@@ -99,7 +109,7 @@ def _room(judgement: Judgement, recording: Recording, bag: int) -> Room:
         for floor, ceiling in both
         if floor is not None and ceiling is not None
     ]
-    first, last = recording.sweeps_of(bag)
+    first, last = recording.cycles_of(bag)
     return Room(
         recording.bags[bag],
         last - first,

@@ -1,4 +1,4 @@
-"""Robust Gauss-Newton, and covariances that stay honest where errors are shared."""
+"""Robust Gauss-Newton, and covariances for residuals with common errors."""
 
 from __future__ import annotations
 
@@ -11,16 +11,28 @@ from tccm_ros.pipeline.calibrate.problem import Linearised, Problem
 
 __all__ = ["Solution", "covariance", "solve"]
 
-#: Residuals of this many standard deviations count half (Geman and McClure's weights).
-HALF = 3.0
+HALF_WEIGHT = 3.0
+"""Scale of Geman and McClure's weights, in standard deviations (chosen)."""
 
 ROUNDS, SMALL_STEP = 8, 1e-3
-"""Most rounds, and the step in standard deviations at which they end."""
+"""Max number of rounds, and the step in standard deviations at which they end (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """Parameters float64 (P,), the last linearisation, weights (N,), and the noise's scale."""
+    """The minimum.
+
+    Attributes
+    ----------
+    x
+        float64 (P,), the parameters.
+    linearised
+        Residuals and derivatives there.
+    weights
+        float64 (N,), robust weights of the residuals, 0 to 1.
+    scale
+        Robust standard deviation of the residuals, at least 1.
+    """
 
     x: Float64
     linearised: Linearised
@@ -34,7 +46,7 @@ def solve(problem: Problem, x: Float64, free: Bool, means: Float64, sigmas: Floa
     Parameters
     ----------
     problem
-        What is minimised.
+        The problem whose residuals are minimised.
     x
         float64 (P,), where to start; those that are not free stay.
     free
@@ -72,14 +84,14 @@ def _weights(lin: Linearised) -> tuple[Float64, float]:
     if len(lin.residuals) == 0:
         return np.zeros(0), 1.0
     scale = max(1.4826 * float(np.median(np.abs(lin.residuals))), 1.0)
-    u = lin.residuals / (scale * HALF)
+    u = lin.residuals / (scale * HALF_WEIGHT)
     return 1.0 / (1.0 + u**2) ** 2, scale
 
 
 def covariance(solution: Solution, free: Bool, sigmas: Float64) -> Float64:
     """Return the covariance float64 (F, F) of the free parameters.
 
-    The sandwich over clusters of hits that share their errors, with variances no smaller than
+    The sandwich over clusters of hits with common errors, with variances no smaller than
     those of independent noise.
 
     Parameters
@@ -99,9 +111,9 @@ def covariance(solution: Solution, free: Bool, sigmas: Float64) -> Float64:
     inverse = np.linalg.pinv(H / np.outer(size, size), rcond=1e-13, hermitian=True)
     inverse = inverse / np.outer(size, size)
     _, cluster = np.unique(lin.cluster, return_inverse=True)
-    pulls = np.zeros((int(cluster.max()) + 1, J.shape[1]))
-    np.add.at(pulls, cluster, (w * lin.residuals)[:, None] * J)
-    shared = inverse @ (pulls.T @ pulls + prior) @ inverse
+    gradients = np.zeros((int(cluster.max()) + 1, J.shape[1]))
+    np.add.at(gradients, cluster, (w * lin.residuals)[:, None] * J)
+    shared = inverse @ (gradients.T @ gradients + prior) @ inverse
     grow = np.sqrt(np.maximum(np.diag(inverse) / np.maximum(np.diag(shared), 1e-300), 1.0))
     result: Float64 = shared * np.outer(grow, grow)
     return result

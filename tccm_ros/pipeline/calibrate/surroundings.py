@@ -1,4 +1,4 @@
-"""The planes of buildings: one floor, a ceiling for each bag, and walls at each place."""
+"""Search for the planes of buildings: one floor, a ceiling per bag, and walls at each place."""
 
 from __future__ import annotations
 
@@ -24,32 +24,43 @@ __all__ = [
 FLOOR, CEILING, FIRST_WALL, NO_PLANE = 0, 1, 2, -1
 """Numbers of planes: walls follow after the ceiling."""
 
-#: Patches within this angle of level or upright may belong to floor, ceiling or walls, rad.
 LOOSE_ANGLE = np.deg2rad(12.0)
+"""Max angle of patches of floor, ceiling and walls to horizontal and vertical, rad (chosen)."""
 
-#: Height bins for floor and ceiling, m, and how many of them are smoothed over.
 BIN, SMOOTH = 0.04, 3
+"""Height bins for floor and ceiling, m, and half the number of bins that are summed (chosen)."""
 
-#: The floor is the lowest level that has this share of the patches of the largest one.
-FLOOR_SHARE = 0.2
+FLOOR_FRACTION = 0.2
+"""The floor is the lowest height with this fraction of the patches of the height with the largest
+number of patches (chosen: tables may have more than the floor)."""
 
-#: A level or a wall has this many patches.
-MIN_LEVEL, MIN_WALL = 12, 14
+MIN_HORIZONTAL, MIN_WALL = 12, 14
+"""Min number of patches of floor or ceiling, and of a wall (chosen)."""
 
-#: Patches of one wall are within this of its plane, m, and turned by less, rad.
 WALL_DISTANCE, WALL_ANGLE = 0.10, np.deg2rad(9.0)
+"""Max distance (m) and angle (rad) of a wall's patches to its plane (chosen)."""
 
-#: Hits this near a second plane count for neither, m. At the foot of a wall, gates of 3 cm would
-#: take the lowest hits on the wall for floor, all of them too high.
 CORNER = 0.08
+"""Hits this near a second plane count for neither, m (chosen: at the foot of a wall, gates of 3 cm
+would take the lowest hits on the wall for floor, all of them too high)."""
 
-#: Walls at one place, and patches that are tried as its walls.
 MAX_WALLS, TRIED = 8, 200
+"""Max number of walls at one place, and of patches that are tried as each (chosen: cost)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wall:
-    """An upright plane at a place: x cos phi + y sin phi = rho, normal towards the laser."""
+    """A vertical plane at a place: x cos phi + y sin phi = rho.
+
+    Attributes
+    ----------
+    place
+        Number of the place in whose frame it is.
+    phi
+        Direction of its normal, towards the laser, rad.
+    rho
+        Its distance along the normal, m.
+    """
 
     place: int
     phi: float
@@ -58,7 +69,17 @@ class Wall:
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What was found; heights in m, None where there is none; a ceiling for each bag."""
+    """The planes that were found.
+
+    Attributes
+    ----------
+    floor
+        Its height, m, None if there is none.
+    ceilings
+        Height of the ceiling of each bag, m, None where there is none.
+    walls
+        Walls of all places.
+    """
 
     floor: float | None
     ceilings: tuple[float | None, ...]
@@ -83,35 +104,35 @@ def find_planes(
         Height of the laser, m: the floor is below it, the ceiling above.
     """
     z, up = centers[:, 2], normals[:, 2]
-    level = np.cos(LOOSE_ANGLE)
-    of_bag, hangs = bag[places], (up < -level) & (z > laser_z)
+    min_up = np.cos(LOOSE_ANGLE)
+    of_bag, faces_down = bag[places], (up < -min_up) & (z > laser_z)
     walls = [
         wall
         for place in np.unique(places).tolist()
         for wall in _walls(centers, normals, (places == place), place)
     ]
     return Surroundings(
-        _level(z[(up > level) & (z < laser_z)], lowest=True),
+        _horizontal(z[(up > min_up) & (z < laser_z)], lowest=True),
         tuple(
-            _level(z[hangs & (of_bag == number)], lowest=False)
+            _horizontal(z[faces_down & (of_bag == number)], lowest=False)
             for number in range(int(bag.max()) + 1)
         ),
         tuple(walls),
     )
 
 
-def _level(z: Float64, *, lowest: bool) -> float | None:
-    """Return the height at which most patches are, or the lowest one with a good share."""
-    if len(z) < MIN_LEVEL:
+def _horizontal(z: Float64, *, lowest: bool) -> float | None:
+    """Return the height with the largest number of patches, or the lowest with enough of them."""
+    if len(z) < MIN_HORIZONTAL:
         return None
     low = float(z.min())
     counts = np.bincount(((z - low) / BIN).astype(np.int64), minlength=1).astype(float)
     smooth = np.convolve(counts, np.ones(2 * SMOOTH + 1), "same")
-    if smooth.max() < MIN_LEVEL:
+    if smooth.max() < MIN_HORIZONTAL:
         return None
     at = int(np.argmax(smooth))
     if lowest:
-        enough = np.flatnonzero(smooth >= max(FLOOR_SHARE * smooth.max(), MIN_LEVEL))
+        enough = np.flatnonzero(smooth >= max(FLOOR_FRACTION * smooth.max(), MIN_HORIZONTAL))
         first = int(enough[0])
         at = first + int(np.argmax(smooth[first : first + 2 * SMOOTH + 1]))
     near = np.abs(z - (low + (at + 0.5) * BIN)) < (SMOOTH + 0.5) * BIN

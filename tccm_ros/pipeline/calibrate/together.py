@@ -1,4 +1,4 @@
-"""Several recordings of one rig: their places side by side.
+"""Join several recordings of one rig.
 
 Each recording keeps its own time base, joint samples and places. Only the rig is shared, so the
 lasers must be mounted alike in all of them.
@@ -11,13 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from tccm_ros.errors import FrameError
-from tccm_ros.pipeline.calibrate.sweeps import LevelScans, Recording, TiltSweep
+from tccm_ros.pipeline.calibrate.recording import CycleScans, LevelScans, Recording
 from tccm_ros.robot.chain import JointReading
 
 __all__ = ["join"]
 
-#: Fixed transforms are the same within this, m and 1.
 SAME = 1e-4
+"""Fixed transforms are equal within this, m and 1 (chosen: numeric noise of robot descriptions)."""
 
 
 def join(recordings: Sequence[Recording]) -> Recording:
@@ -37,7 +37,7 @@ def join(recordings: Sequence[Recording]) -> Recording:
         level |= {start + place: scans for place, scans in recording.level.items()}
     return Recording(
         _names([name for recording in recordings for name in recording.bags]),
-        [sweep for recording in recordings for sweep in recording.sweeps],
+        [cycle for recording in recordings for cycle in recording.cycles],
         np.concatenate([start + r.places for start, r in zip(ends, recordings)]),
         np.concatenate([number + r.bag for number, r in enumerate(recordings)]),
         np.concatenate([recording.poses for recording in recordings]),
@@ -49,7 +49,7 @@ def join(recordings: Sequence[Recording]) -> Recording:
 
 
 def _names(names: Sequence[str]) -> tuple[str, ...]:
-    """Return names of which each says which bag is meant."""
+    """Return names without repetition: bags of the same name get a number."""
     return tuple(
         name if names.count(name) == 1 else f"{name} ({number})"
         for number, name in enumerate(names, 1)
@@ -60,7 +60,7 @@ def _check_same_rig(first: Recording, other: Recording) -> None:
     where = f"{other.bags[0]} is not of the rig of {first.bags[0]}"
     if other.base != first.base:
         raise FrameError(f"{where}: its base is '{other.base}', not '{first.base}'")
-    difference = _difference(first.sweeps[0], other.sweeps[0])
+    difference = _difference(first.cycles[0], other.cycles[0])
     if difference is not None:
         raise FrameError(f"{where}: {difference}")
     mounts = [scans.T_base_laser for scans in (*first.level.values(), *other.level.values())]
@@ -70,12 +70,12 @@ def _check_same_rig(first: Recording, other: Recording) -> None:
         raise FrameError(f"{where}: the footprint is at another height")
 
 
-def _difference(a: TiltSweep, b: TiltSweep) -> str | None:
+def _difference(a: CycleScans, b: CycleScans) -> str | None:
     """Return how the chain to the tilting laser differs, None if it does not."""
-    names = [[part.name for part, _ in sweep.chain.parts] for sweep in (a, b)]
+    names = [[part.name for part, _ in cycle.chain.parts] for cycle in (a, b)]
     if names[0] != names[1]:
         return f"its tilting laser is moved by {names[1]}, not by {names[0]}"
-    kinds = [[type(part) for part, _ in sweep.chain.parts] for sweep in (a, b)]
+    kinds = [[type(part) for part, _ in cycle.chain.parts] for cycle in (a, b)]
     if kinds[0] != kinds[1]:
         return "joints come from /joint_states in one and from /tf in the other"
     for (one, _), (two, _) in zip(a.chain.parts, b.chain.parts):

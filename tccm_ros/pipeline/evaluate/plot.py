@@ -37,7 +37,7 @@ def plot_score(score: TrajectoryScore, path: Path | str) -> None:
             ordered = np.sort(errors.translation)
             spread.plot(ordered, np.arange(1, len(ordered) + 1) / len(ordered), label=name)
     spread.set_xlabel("translation error, m")
-    spread.set_ylabel("share of pairs below")
+    spread.set_ylabel("fraction of pairs below")
     spread.set_ylim(0.0, 1.0)
     spread.set_xlim(left=0.0)
     spread.grid(alpha=0.3)

@@ -57,15 +57,15 @@ class TrajectoryScore:
     truth: Float64
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the figures: m and deg, rounded to 1e-6."""
-        return {"missing": self.missing, **{k: _figures(e) for k, e in self.errors.items()}}
+        """Return the statistics: m and deg, rounded to 1e-6."""
+        return {"missing": self.missing, **{k: _statistics(e) for k, e in self.errors.items()}}
 
     def table(self) -> str:
-        """Return the figures as text, a row for each measure."""
+        """Return the statistics as text, a row for each measure."""
         head = f"{'measure':28} {'pairs':>7} {'mean m':>18} {'rms m':>8} {'max m':>8}"
         rows = [f"{head} {'mean deg':>17}"]
         for name, errors in self.errors.items():
-            f = _figures(errors)
+            f = _statistics(errors)
             rows.append(
                 f"{name:28} {f['count']:7d} {f['mean_m']:8.4f} +- {f['std_m']:6.4f} "
                 f"{f['rms_m']:8.4f} {f['max_m']:8.4f} {f['mean_deg']:8.3f} +- {f['std_deg']:5.3f}"
@@ -75,7 +75,7 @@ class TrajectoryScore:
         return "\n".join(rows)
 
 
-def _figures(errors: Errors) -> dict[str, Any]:
+def _statistics(errors: Errors) -> dict[str, Any]:
     if not len(errors):
         names = ("mean_m", "std_m", "rms_m", "median_m", "max_m", "mean_deg", "std_deg", "max_deg")
         return {"count": 0, **dict.fromkeys(names, 0.0)}
@@ -107,12 +107,12 @@ def score_trajectory(
         A trajectory (TUM), relations, or a reference by scan index.
     stamps
         stamps.csv of the imported log: relations and references of a log whose stamps stepped
-        back are matched through it. By default it is looked for beside the result and the truth.
+        back are matched through it. By default it is searched beside the result and the truth.
 
     Raises
     ------
     LogError
-        For files that cannot be read, or truth that shares no time with the trajectory.
+        For files that cannot be read, or truth of another time than the trajectory.
     """
     path = Path(result)
     path = path / "trajectory.tum" if path.is_dir() else path
@@ -127,7 +127,7 @@ def score_trajectory(
     else:
         score = _score_trajectory(found, known)
     if not any(len(errors) for errors in score.errors.values()):
-        raise LogError(f"{truth}: no row lies in the time of {path}")
+        raise LogError(f"{truth}: no row is in the time of {path}")
     return score
 
 
@@ -153,7 +153,7 @@ def _score_trajectory(found: Trajectory, truth: Trajectory) -> TrajectoryScore:
     T_true, known = poses_at(truth.stamps_ns, truth.T_map_base, found.stamps_ns)
     poses, T_true = found.T_map_base[known], T_true[known]
     if len(poses) < 2:
-        return _nothing(len(known))
+        return _empty_score(len(known))
     errors = {
         "absolute, aligned": absolute_errors(poses, T_true),
         "absolute, as it is": absolute_errors(poses, T_true, aligned=False),
@@ -185,7 +185,7 @@ def _score_reference(found: Trajectory, truth: Reference, index: dict[int, int])
     poses, known = poses_at(found.stamps_ns, found.T_map_base, asked)
     poses, T_true = poses[known], truth.poses[known]
     if len(poses) < 2:
-        return _nothing(len(known))
+        return _empty_score(len(known))
     errors = {"absolute, aligned": absolute_errors(poses, T_true)}
     rows = np.arange(len(poses) - 1)
     pairs = {
@@ -206,5 +206,5 @@ def _with_positions(
     return TrajectoryScore(errors, missing, (T @ poses)[:, :2, 3], truth[:, :2, 3])
 
 
-def _nothing(missing: int) -> TrajectoryScore:
+def _empty_score(missing: int) -> TrajectoryScore:
     return TrajectoryScore({}, missing, np.zeros((0, 2)), np.zeros((0, 2)))

@@ -23,10 +23,13 @@ __all__ = ["SurfaceMatch", "SurfaceScore", "score_surfaces"]
 
 MIN_OVERLAP = 0.5
 MAX_HEIGHT_ERROR = 0.02
-"""A surface is found from this overlap on and within this error of height, m."""
+"""Min intersection over union and max error of height (m) of a found surface (chosen)."""
 
 FALSE_AREA = 0.1
-"""A surface of at least this area, m2, that is nowhere in the truth is false."""
+"""A surface of at least this area, m2, that is not in the truth is false (chosen)."""
+
+MIN_COVERED = 0.5
+"""Min fraction of a surface that is on a true one of its height, if it is not false (chosen)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +57,7 @@ class SurfaceMatch:
 
     @property
     def is_found(self) -> bool:
-        """Whether overlap and height are good enough."""
+        """Whether overlap and height are within the limits."""
         return self.overlap >= MIN_OVERLAP and abs(self.height_error) <= MAX_HEIGHT_ERROR
 
 
@@ -67,7 +70,7 @@ class SurfaceScore:
     matches
         In the order of the truth.
     false
-        Ids of surfaces of `FALSE_AREA` or more that lie on no true surface.
+        Ids of surfaces of `FALSE_AREA` or more that are on no true surface.
     """
 
     matches: tuple[SurfaceMatch, ...]
@@ -75,7 +78,7 @@ class SurfaceScore:
 
     @property
     def found(self) -> int:
-        """How many true surfaces were found."""
+        """Number of true surfaces that were found."""
         return sum(match.is_found for match in self.matches)
 
     def to_json(self) -> dict[str, Any]:
@@ -134,7 +137,7 @@ def score_surfaces(found: Path | str, truth: Path | str) -> SurfaceScore:
         match = mapped[pairs[i]].surface
         error = match.height - surface.height
         matches.append(SurfaceMatch(*head, match.id, float(overlap[i, pairs[i]]), error))
-    # What is too small or too hidden to count as missed is true all the same.
+    # Surfaces that are too small or too hidden to count as missed are not false, either.
     covered = [*true, *map(_Footprint.of, known.others)]
     false = tuple(
         m.surface.id
@@ -157,7 +160,7 @@ class _Footprint(NamedTuple):
 
 
 def _overlap(true: _Footprint, found: _Footprint) -> float:
-    """Return intersection over union; 0 where the height is another one altogether."""
+    """Return intersection over union; 0 where the heights differ much."""
     if abs(found.surface.height - true.surface.height) > 2 * MAX_HEIGHT_ERROR:
         return 0.0
     common = true.polygon.intersection(found.polygon).area
@@ -176,6 +179,6 @@ def _best_first(overlap: Float64) -> dict[int, int]:
 def _is_on(found: _Footprint, true: Sequence[_Footprint]) -> bool:
     return any(
         abs(found.surface.height - t.surface.height) <= MAX_HEIGHT_ERROR
-        and found.polygon.intersection(t.polygon).area > 0.5 * found.polygon.area
+        and found.polygon.intersection(t.polygon).area > MIN_COVERED * found.polygon.area
         for t in true
     )

@@ -28,7 +28,7 @@ __all__ = [
 
 
 class Order(StrEnum):
-    """In which order a relative pose is compared with a relation."""
+    """The order of factors in the error of a relation, see `relation_errors`."""
 
     KUEMMERLE = "kuemmerle"
     CARTOGRAPHER = "cartographer"
@@ -36,7 +36,15 @@ class Order(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Errors:
-    """Translation (m) and rotation (rad) errors, float64 (N,), >= 0."""
+    """Errors of poses or relative poses.
+
+    Attributes
+    ----------
+    translation
+        float64 (N,), m, >= 0.
+    rotation
+        float64 (N,), rad, 0 to pi.
+    """
 
     translation: Float64
     rotation: Float64
@@ -45,8 +53,8 @@ class Errors:
     def of(cls, T_errors: Float64) -> Errors:
         """Measure error transforms (N, 4, 4)."""
         T = np.asarray(T_errors, float).reshape(-1, 4, 4)
-        turns = Rotation.from_matrix(T[:, :3, :3]).magnitude() if len(T) else np.zeros(0)
-        return cls(np.linalg.norm(T[:, :3, 3], axis=1), turns)
+        angles = Rotation.from_matrix(T[:, :3, :3]).magnitude() if len(T) else np.zeros(0)
+        return cls(np.linalg.norm(T[:, :3, 3], axis=1), angles)
 
     def __len__(self) -> int:
         return len(self.translation)
@@ -64,7 +72,8 @@ def poses_at(
     asked_ns
         int64 (M,).
     max_gap
-        s; a stamp between poses that are further apart, or outside all, is not known.
+        Max time between the poses before and after a stamp, s; beyond it, and outside all poses, a
+        stamp is not known.
 
     Returns
     -------
@@ -120,13 +129,29 @@ def align(points: Float64, truth: Float64) -> Float64:
 
 
 def absolute_errors(poses: Float64, truth: Float64, *, aligned: bool = True) -> Errors:
-    """Compare poses (N, 4, 4) with truth (N, 4, 4), after alignment of the positions."""
+    """Compare poses with truth.
+
+    Parameters
+    ----------
+    poses, truth
+        float64 (N, 4, 4).
+    aligned
+        Whether the positions are aligned first (see `align`).
+    """
     T = align(poses[:, :3, 3], truth[:, :3, 3]) if aligned else np.eye(4)
     return Errors.of(inverse(truth) @ (T @ poses))
 
 
 def distance_errors(poses: Float64, truth: Float64, distance: float) -> Errors:
-    """Compare relative poses over `distance` m of the true path, from every pose that has one."""
+    """Compare relative poses over a length of path.
+
+    Parameters
+    ----------
+    poses, truth
+        float64 (N, 4, 4).
+    distance
+        Length of the true path, m; every pose with a pose at that distance is used.
+    """
     steps = np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1)
     path = np.concatenate([[0.0], np.cumsum(steps)])
     ends = np.searchsorted(path, path + distance)
@@ -151,7 +176,22 @@ def nees(errors: Float64, covariances: Float64) -> Float64:
 
 
 def pairs_that_meet(positions: Float64, *, near: float = 3.0, path: float = 10.0) -> Int64:
-    """Return the pairs (P, 2) of poses within `near` m of each other, `path` m of way apart."""
+    """Return pairs of poses at the same place after a loop.
+
+    Parameters
+    ----------
+    positions
+        float64 (N, 3), m.
+    near
+        Max distance, m.
+    path
+        Min length of path between them, m.
+
+    Returns
+    -------
+    int64 (P, 2)
+        Indices, the earlier first.
+    """
     steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
     pairs: list[Sequence[int]] = []

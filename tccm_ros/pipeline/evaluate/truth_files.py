@@ -36,7 +36,15 @@ PLANAR_COLUMNS = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Relations:
-    """Relative poses T_from_to float64 (N, 4, 4) between stamps int64 (N,)."""
+    """Relative poses between stamps.
+
+    Attributes
+    ----------
+    from_ns, to_ns
+        int64 (N,).
+    deltas
+        T_from_to, float64 (N, 4, 4).
+    """
 
     from_ns: Int64
     to_ns: Int64
@@ -45,7 +53,17 @@ class Relations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """Poses of some scans of a raw log: index, logged stamp, T_map_base float64 (N, 4, 4)."""
+    """Poses of some scans of a raw log.
+
+    Attributes
+    ----------
+    scan_index
+        int64 (N,), index among all scans of the log.
+    stamps_ns
+        int64 (N,), as logged.
+    poses
+        T_map_base, float64 (N, 4, 4).
+    """
 
     scan_index: Int64
     stamps_ns: Int64
@@ -102,7 +120,7 @@ def read_stamps(path: Path | str, *, key: str = "raw_scan_index") -> dict[int, i
 
 
 def read_truth(path: Path | str) -> Trajectory | Relations | Reference:
-    """Read a truth file of any of the three kinds, told apart by its numbers.
+    """Read a truth file of any of the three kinds, which its numbers distinguish.
 
     A quaternion has length 1; a reference begins with whole numbers; the rest are relations.
 

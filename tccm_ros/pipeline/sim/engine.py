@@ -1,4 +1,4 @@
-"""Run a world: the records that its robot would publish, in the order they would arrive."""
+"""Run a world: yield the messages of its robot in the order in which they arrive."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.random import Generator
 
 from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.pipeline.sim.joints import Profile
-from tccm_ros.pipeline.sim.lasers import Laser, footprint, measure
+from tccm_ros.pipeline.sim.lasers import Laser, measure, rim_directions
 from tccm_ros.pipeline.sim.motion import wheel_odometry
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.rigid import rigid
@@ -21,7 +21,7 @@ from tccm_ros.pipeline.sim.scene import FrozenScene, Scene
 from tccm_ros.pipeline.sim.world import World, with_options
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan, TransformSample
 
-__all__ = ["EPOCH_NS", "Published", "Simulation"]
+__all__ = ["EPOCH_NS", "Message", "Simulation"]
 
 Record = RobotDescription | TransformSample | JointSample | Odometry | Scan
 
@@ -29,18 +29,30 @@ EPOCH_NS = 1_600_000_000_000_000_000
 """Stamp of the world's time 0."""
 
 JOINT_PERIOD_NS, ODOMETRY_PERIOD_NS = 10_000_000, 20_000_000
+"""Periods of the messages (chosen: 100 and 50 Hz)."""
+
 JOINT_DELAY_NS, ODOMETRY_DELAY_NS, SCAN_DELAY_NS = 1_000_000, 3_000_000, 2_000_000
-"""How long after a measurement its message is out."""
+"""Delays of messages after their measurements (chosen)."""
 
 BLOCK = 500
 """Samples of joints or odometry that are computed together."""
 
 MARGIN_NS = 40_000_000
-"""Joints and odometry are published this long before the first scan and after the last."""
+"""Time of joints and odometry before the first scan and after the last."""
 
 
-class Published(NamedTuple):
-    """One message: when it is out (ns), its topic, and its record or (on /tf) records."""
+class Message(NamedTuple):
+    """One message of the robot.
+
+    Attributes
+    ----------
+    log_ns
+        When it is published.
+    topic
+        Its topic.
+    records
+        Its record; several on ``/tf``.
+    """
 
     log_ns: int
     topic: str
@@ -48,13 +60,13 @@ class Published(NamedTuple):
 
     @property
     def transforms(self) -> tuple[TransformSample, ...]:
-        """Those of the records that are transforms."""
+        """The records that are transforms."""
         return tuple(r for r in self.records if isinstance(r, TransformSample))
 
 
 @dataclass(frozen=True)
 class _Mount:
-    """Where one laser is, and where its scans go."""
+    """A laser with its frame, its topic, and the times in which it publishes."""
 
     laser: Laser
     frame: str
@@ -70,7 +82,7 @@ class Simulation:
     world
         The world.
     seed
-        Of all noise: the same seed gives the same records.
+        Seed of all noise: the same seed gives the same records.
     options
         Variations.
     """
@@ -110,8 +122,8 @@ class Simulation:
         """Length of the recording, ns."""
         return round(self.world.duration * 1e9)
 
-    def run(self) -> Iterator[Published]:
-        """Yield what is published, in order of its time of publication."""
+    def run(self) -> Iterator[Message]:
+        """Yield the messages in the order of their time of publication."""
         rig, topics = self.rig, self.rig.topics
         always = np.array([[-np.inf, np.inf]])
         level = _Mount(rig.level, rig.level_frame, topics.scan, always)
@@ -142,20 +154,20 @@ class Simulation:
         positions = {name: profile.at(times) for name, profile in self.world.joints.items()}
         return self._true_rig.laser_poses(frame, positions, len(times))
 
-    def _description(self) -> Iterator[Published]:
+    def _description(self) -> Iterator[Message]:
         """Yield the robot description and the fixed joints."""
         log_ns = EPOCH_NS
         if self.options.description:
-            yield Published(log_ns, "/robot_description", (RobotDescription(self.rig.urdf()),))
+            yield Message(log_ns, "/robot_description", (RobotDescription(self.rig.urdf()),))
         fixed = tuple(
             TransformSample(log_ns, j.parent, j.child, rigid(j.xyz, j.rpy), True)
             for j in self.rig.joints
             if not j.moves
         )
-        yield Published(log_ns, "/tf_static", fixed)
+        yield Message(log_ns, "/tf_static", fixed)
 
-    def _joints(self) -> Iterator[Published]:
-        """Yield the joint states, as the encoders report them."""
+    def _joints(self) -> Iterator[Message]:
+        """Yield the joint states with the resolution of the encoders."""
         options, rig = self.options, self.rig
         names = (*rig.moving, *rig.wheels)
         late_ns = round(options.joint_time_offset * 1e9)
@@ -167,11 +179,13 @@ class Simulation:
             for now_ns, row in zip(times_ns.tolist(), np.round(true / rig.encoder) * rig.encoder):
                 sample = JointSample(EPOCH_NS + now_ns - late_ns, names, row.copy())
                 log_ns = EPOCH_NS + now_ns + JOINT_DELAY_NS
-                yield Published(log_ns, rig.topics.joint_states, (sample,))
+                yield Message(log_ns, rig.topics.joint_states, (sample,))
                 if options.publish_tf:
                     positions = dict(zip(names, row))
-                    turned = tuple(_joint_transform(j, sample, positions[j.name]) for j in moving)
-                    yield Published(log_ns, "/tf", turned)
+                    transforms = tuple(
+                        _joint_transform(j, sample, positions[j.name]) for j in moving
+                    )
+                    yield Message(log_ns, "/tf", transforms)
 
     def _joint_positions(self, times: Float64) -> Float64:
         """Return the true positions (B, J) of the moving joints, then of the wheels."""
@@ -179,11 +193,14 @@ class Simulation:
         turning = [self.world.joints.get(name, rest).at(times) for name in self.rig.moving]
         drive = self.world.drive
         path = np.interp(times, drive.times, self._path)
-        apart = np.interp(times, drive.times, drive.columns[2]) * self.rig.wheel_distance / 2.0
-        wheels = [(path - apart) / self.rig.wheel_radius, (path + apart) / self.rig.wheel_radius]
+        yaw_path = np.interp(times, drive.times, drive.columns[2]) * self.rig.wheel_distance / 2.0
+        wheels = [
+            (path - yaw_path) / self.rig.wheel_radius,
+            (path + yaw_path) / self.rig.wheel_radius,
+        ]
         return np.column_stack([*turning, *wheels])
 
-    def _odometry(self) -> Iterator[Published]:
+    def _odometry(self) -> Iterator[Message]:
         """Yield the wheel odometry."""
         rig, drive = self.rig, self.world.drive
         for times_ns in _blocks(self.duration_ns, ODOMETRY_PERIOD_NS):
@@ -193,57 +210,61 @@ class Simulation:
                 stamp_ns = EPOCH_NS + now_ns
                 record = Odometry(stamp_ns, rig.odom_frame, rig.base, T_odom_base)
                 log_ns = stamp_ns + ODOMETRY_DELAY_NS
-                yield Published(log_ns, rig.topics.odom, (record,))
+                yield Message(log_ns, rig.topics.odom, (record,))
                 if self.options.publish_tf:
                     sample = TransformSample(stamp_ns, rig.odom_frame, rig.base, T_odom_base, False)
-                    yield Published(log_ns, "/tf", (sample,))
+                    yield Message(log_ns, "/tf", (sample,))
 
-    def _scans(self, mount: _Mount, random: Generator) -> Iterator[Published]:
+    def _scans(self, mount: _Mount, random: Generator) -> Iterator[Message]:
         """Yield the scans of one laser that begin and end within its windows."""
         laser = mount.laser
-        period_ns, sweep = round(laser.period * 1e9), float(laser.offsets[-1])
+        period_ns, scan_duration = round(laser.period * 1e9), float(laser.offsets[-1])
         for start_ns in range(MARGIN_NS, self.duration_ns - MARGIN_NS - period_ns, period_ns):
-            start, end = start_ns * 1e-9, start_ns * 1e-9 + sweep
+            start, end = start_ns * 1e-9, start_ns * 1e-9 + scan_duration
             if not np.any((mount.windows[:, 0] <= start) & (end <= mount.windows[:, 1])):
                 continue
             stamp_ns = EPOCH_NS + start_ns
             ranges = self._ranges(mount, start + laser.offsets, random)
             scan = Scan(stamp_ns, mount.frame, *_limits(laser), ranges)
-            yield Published(stamp_ns + round(sweep * 1e9) + SCAN_DELAY_NS, mount.topic, (scan,))
+            yield Message(
+                stamp_ns + round(scan_duration * 1e9) + SCAN_DELAY_NS, mount.topic, (scan,)
+            )
 
     def _ranges(self, mount: _Mount, times: Float64, random: Generator) -> Float32:
-        """Return what a laser reports for beams at these times, float32 (B,)."""
+        """Return the ranges of a laser at the times of its beams, float32 (B,), m."""
         laser = mount.laser
         T_base_laser = self._link_poses(mount.frame, times)
         bearings = laser.bearings
         center = np.stack([np.cos(bearings), np.sin(bearings), np.zeros_like(bearings)], axis=-1)
-        reach = laser.range_max + 1.0
-        exact = self._cast(T_base_laser, center, times, reach)
+        max_range = laser.range_max + 1.0
+        exact = self._cast(T_base_laser, center, times, max_range)
         rim = None
         if laser.mixed > 0.0:
-            rays = footprint(bearings, laser.divergence, random)
-            rim = self._cast(T_base_laser, rays, times, reach)
+            rays = rim_directions(bearings, laser.divergence, random)
+            rim = self._cast(T_base_laser, rays, times, max_range)
         return measure(laser, exact, rim, random)
 
-    def _cast(self, T_base_laser: Float64, rays: Float64, times: Float64, reach: float) -> Float64:
+    def _cast(
+        self, T_base_laser: Float64, rays: Float64, times: Float64, max_range: float
+    ) -> Float64:
         """Return exact ranges along rays (B, 3) of the laser's frame: to the world or the robot."""
-        ranges = _cast(self.scene, self.true_poses(times) @ T_base_laser, rays, times, reach)
+        ranges = _cast(self.scene, self.true_poses(times) @ T_base_laser, rays, times, max_range)
         for link, body in self._bodies.items():
             T_link_laser = T_base_laser
             if link != self.rig.base:
                 T_link_laser = np.linalg.inv(self._link_poses(link, times)) @ T_base_laser
-            own = _cast(body, T_link_laser, rays, times, reach)
+            own = _cast(body, T_link_laser, rays, times, max_range)
             ranges = np.minimum(ranges, own)
         return ranges
 
 
 def _cast(
-    scene: FrozenScene, T_scene_laser: Float64, rays: Float64, times: Float64, reach: float
+    scene: FrozenScene, T_scene_laser: Float64, rays: Float64, times: Float64, max_range: float
 ) -> Float64:
     """Return exact ranges along rays (B, 3) of a laser's frame."""
     directions = np.einsum("bij,bj->bi", T_scene_laser[:, :3, :3], rays)
     origins = np.ascontiguousarray(T_scene_laser[:, :3, 3])
-    return scene.cast(origins, directions, times, reach)[0]
+    return scene.cast(origins, directions, times, max_range)[0]
 
 
 def _limits(laser: Laser) -> tuple[float, float, float, float, float]:
@@ -270,7 +291,7 @@ def _blocks(duration_ns: int, period_ns: int) -> Iterator[Int64]:
 
 
 def _joint_transform(joint: Joint, sample: JointSample, position: float) -> TransformSample:
-    """Return the transform of a joint that turns about one axis of its own."""
-    turn = rigid((0.0, 0.0, 0.0), tuple(position * a for a in joint.axis))
-    T = rigid(joint.xyz, joint.rpy) @ turn
+    """Return the transform of a joint at a position."""
+    T_rotation = rigid((0.0, 0.0, 0.0), tuple(position * a for a in joint.axis))
+    T = rigid(joint.xyz, joint.rpy) @ T_rotation
     return TransformSample(sample.stamp_ns, joint.parent, joint.child, T, False)

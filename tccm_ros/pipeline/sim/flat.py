@@ -9,7 +9,7 @@ from math import pi
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.pipeline.sim.joints import Profile, sweeps
+from tccm_ros.pipeline.sim.joints import Profile, oscillation
 from tccm_ros.pipeline.sim.motion import Waypoint, drive
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.robots import SEGWAY
@@ -22,8 +22,8 @@ Span = tuple[float, float]
 
 WALL_HEIGHT = 2.5
 WALL_THICKNESS = 0.12
-SWEEP = (-0.45, 1.0)  # rad, of the tilting laser: from a little up to steeply down
-SWEEP_TIME = 5.0  # s
+TILT_LIMITS = (-0.45, 1.0)  # rad, positive is down
+CYCLE_TIME = 5.0  # s, of a tilt cycle
 PAUSE = 5.4  # s, of a stop
 DOOR = (2.35, 3.35)  # y of the doorway between the rooms
 MIDDLE = 4.5  # x of the wall between the rooms
@@ -64,24 +64,37 @@ def stop_and_scan(
     speed: float = 0.5,
     pans: Sequence[float] = (),
 ) -> World:
-    """Return a world in which the Segway stops to scan with one sweep (or more) at each stop.
+    """Return a world in which the Segway scans with one tilt cycle or more at each stop.
 
-    `pans` are positions of the pan joint at the first stops, rad; it is at 0 at the others.
+    Parameters
+    ----------
+    name
+        Name of the world.
+    scene
+        Its solids.
+    route
+        Way points; the robot scans where they have a pause.
+    options
+        Variations.
+    speed
+        Max speed, m/s.
+    pans
+        Positions of the pan joint at the first stops, rad; it is at 0 at the others.
     """
-    path = drive(route, options.lean, speed)
-    period = options.sweep_period or SWEEP_TIME
-    limits = options.sweep_limits or SWEEP
+    path = drive(route, options.base_tilt, speed)
+    period = options.cycle_period or CYCLE_TIME
+    limits = options.tilt_limits or TILT_LIMITS
     if options.always:
         windows = np.array([[0.05, path.times[-1] - 0.05]])
     else:
         windows = path.stops[path.stops[:, 1] - path.stops[:, 0] >= period + 0.1]
-    tilt = sweeps(windows + np.array([0.05, 0.0]), period, limits)
+    tilt = oscillation(windows + np.array([0.05, 0.0]), period, limits)
     joints = {"ptu_tilt_joint": tilt, "ptu_pan_joint": _pan(path.stops[:, 0], pans)}
     return World(name, scene, SEGWAY, path, joints, windows)
 
 
 def _pan(starts: Float64, pans: Sequence[float]) -> Profile:
-    """Return the pan joint's moves: each ends just before the stop that it is for."""
+    """Return the moves of the pan joint, which end before the stops."""
     moves, here = [], 0.0
     for number, start in enumerate(starts):
         there = pans[number] if number < len(pans) else 0.0
@@ -93,7 +106,7 @@ def _pan(starts: Float64, pans: Sequence[float]) -> Profile:
 
 
 def flat_scene() -> Scene:
-    """Return what stands in the flat: 9 m x 6 m, kitchen on the left, living room on the right."""
+    """Return the solids of the flat: 9 m x 6 m, kitchen on the left, living room on the right."""
     scene = Scene()
     scene.floor_and_ceiling((-0.2, 9.2), (-0.2, 6.2), WALL_HEIGHT)
     corners = [(0.0, 0.0), (9.0, 0.0), (9.0, 6.0), (0.0, 6.0), (0.0, 0.0)]
@@ -147,7 +160,7 @@ def _living_room(scene: Scene) -> None:
 
 
 def _sofa(scene: Scene) -> None:
-    """A sofa against the east wall; its arm rests are no surfaces to put things on."""
+    """A sofa against the east wall; its arm rests are no surfaces to put objects on."""
     low, high = 2.1, 3.9
     scene.block("sofa seat", (8.05, 8.75), (low, high), (0.05, 0.44), surface="sofa seat")
     scene.block(
@@ -158,7 +171,7 @@ def _sofa(scene: Scene) -> None:
 
 
 def _full_of_objects(scene: Scene, x: Span, y: Span, top: float) -> None:
-    """A dozen things that hide much of a sideboard."""
+    """A dozen objects that hide much of a sideboard."""
     sizes = ((0.10, 0.16), (0.14, 0.10), (0.08, 0.24), (0.12, 0.12), (0.16, 0.08), (0.09, 0.20))
     for i in range(12):
         size, height = sizes[i % 6]
@@ -172,7 +185,19 @@ def _full_of_objects(scene: Scene, x: Span, y: Span, top: float) -> None:
 
 
 def chair(scene: Scene, name: str, center: tuple[float, float], yaw: float) -> None:
-    """Add a chair that looks along `yaw`: a seat at 0.46 m, four legs, a back."""
+    """Add a chair: a seat at 0.46 m, four legs, a back.
+
+    Parameters
+    ----------
+    scene
+        Where it is added.
+    name
+        Name of its solids and its surface.
+    center
+        x, y of the seat, m.
+    yaw
+        Direction in which a person on it looks, rad.
+    """
     scene.table(name, (0.44, 0.44), 0.46, center, yaw, board=0.04)
     x, y = center[0] - 0.21 * np.cos(yaw), center[1] - 0.21 * np.sin(yaw)
     scene.box(name, (0.03, 0.42, 0.45), (x, y, 0.46 + 0.225), (0.0, 0.0, yaw))
@@ -183,7 +208,18 @@ def shelves(
 ) -> None:
     """Add a set of shelves: a board per height between two sides.
 
-    `sides` is (1, 0) when the sides stand at the ends of x, (0, 1) at the ends of y.
+    Parameters
+    ----------
+    scene
+        Where it is added.
+    name
+        Name of its solids; its surfaces are ``<name> 1`` and on.
+    x, y
+        Limits of the boards, m.
+    heights
+        Tops of the boards, rising, m.
+    sides
+        (1, 0) where the sides are at the ends of x, (0, 1) at the ends of y.
     """
     board = 0.02
     for number, height in enumerate(heights, 1):

@@ -1,4 +1,4 @@
-"""How joints move: rests, and sweeps between them with rounded turns."""
+"""Positions of joints over time: rests, and oscillations with smooth turning points."""
 
 from __future__ import annotations
 
@@ -10,16 +10,19 @@ from numpy.typing import ArrayLike
 
 from tccm_ros.arrays import Float64
 
-__all__ = ["Profile", "sweeps"]
+__all__ = ["Profile", "oscillation"]
 
 
 @dataclass(frozen=True)
 class Profile:
-    """The position of a joint over time.
+    """The position of a joint over time. It rests before, between and after its moves.
 
-    `moves` float64 (M, 4), in order of time: from time, to time (s), from position, to position
-    (rad). Before, between and after moves the joint rests. `ramp` is the share of a move that it
-    takes to reach its speed, and to brake: 0 turns on the spot, 0.5 never runs evenly.
+    Attributes
+    ----------
+    moves
+        float64 (M, 4), in order of time: start and end time (s), start and end position (rad).
+    ramp
+        Fraction of a move in which the joint accelerates, and in which it brakes, 0 to 0.5.
     """
 
     moves: Float64
@@ -30,8 +33,8 @@ class Profile:
         t = np.asarray(times, float)
         i = np.clip(np.searchsorted(self.moves[:, 0], t, side="right") - 1, 0, None)
         start, end, first, last = self.moves[i].T
-        share = np.clip((t - start) / (end - start), 0.0, 1.0)
-        return first + (last - first) * _eased(share, self.ramp)
+        fraction = np.clip((t - start) / (end - start), 0.0, 1.0)
+        return first + (last - first) * _eased(fraction, self.ramp)
 
     @staticmethod
     def rest(position: float) -> Profile:
@@ -39,33 +42,33 @@ class Profile:
         return Profile(np.array([[0.0, 1.0, position, position]]))
 
 
-def _eased(share: Float64, ramp: float) -> Float64:
-    """Return the way done after a share of the time, with an even speed between two ramps."""
+def _eased(fraction: Float64, ramp: float) -> Float64:
+    """Return the fraction of the way after a fraction of the time."""
     if ramp <= 0.0:
-        return share
+        return fraction
     speed = 1.0 / (1.0 - ramp)
-    up = 0.5 * speed / ramp * share**2
-    down = 1.0 - 0.5 * speed / ramp * (1.0 - share) ** 2
-    even = speed * (share - ramp / 2.0)
-    return np.where(share < ramp, up, np.where(share > 1.0 - ramp, down, even))
+    up = 0.5 * speed / ramp * fraction**2
+    down = 1.0 - 0.5 * speed / ramp * (1.0 - fraction) ** 2
+    even = speed * (fraction - ramp / 2.0)
+    return np.where(fraction < ramp, up, np.where(fraction > 1.0 - ramp, down, even))
 
 
-def sweeps(
+def oscillation(
     windows: Sequence[tuple[float, float]] | Float64,
     period: float,
     limits: tuple[float, float],
     ramp: float = 0.1,
 ) -> Profile:
-    """Return a joint that sweeps back and forth within windows of time and rests between them.
+    """Return a joint that moves back and forth within windows of time and rests between them.
 
     Parameters
     ----------
     windows
-        (from, to) in s; as many whole sweeps as fit are made, each from where the last ended.
+        (start, end) in s; each holds the largest possible number of whole half periods.
     period
-        Of one sweep from one limit to the other, s.
+        Time of a move from one limit to the other, s.
     limits
-        (first, last) position, rad.
+        Positions at both ends, rad; the joint starts at the first.
     ramp
         As in `Profile`.
     """

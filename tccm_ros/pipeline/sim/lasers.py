@@ -1,4 +1,4 @@
-"""What a laser makes of exact distances: noise, steps, mixed pixels, lost and invalid returns."""
+"""Model of a laser: noise, quantisation, mixed pixels, lost and invalid returns."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from numpy.random import Generator
 
 from tccm_ros.arrays import Float32, Float64
 
-__all__ = ["Laser", "footprint", "measure"]
+__all__ = ["Laser", "measure", "rim_directions"]
 
 
-EDGE = 0.05  # m; a footprint whose parts differ by less returns one echo
+EDGE = 0.05
+"""A beam is on an edge where its centre and its rim differ by more, m (chosen: lasers return one
+echo for less)."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +36,9 @@ class Laser:
     divergence
         Half angle of the beam, rad.
     mixed
-        Share of the beams on an edge that return a range in between.
+        Fraction of the beams on an edge that return a range in between.
     lost, invalid
-        Shares of the beams that see nothing (+inf) and that fail (nan or 0).
+        Fractions of the beams that have no return (+inf) and an invalid one (nan or 0).
     """
 
     beams: int
@@ -69,16 +71,30 @@ class Laser:
         return self.time_increment * np.arange(self.beams, dtype=np.float64)
 
 
-def footprint(bearings: Float64, divergence: float, random: Generator) -> Float64:
-    """Return unit directions at the rim of each beam, float64 (B, 3), in the laser's frame.
+def rim_directions(bearings: Float64, divergence: float, random: Generator) -> Float64:
+    """Return a direction at the rim of each beam; a second ray there shows whether it hits an edge.
 
-    The rim is where a second ray tells whether the beam falls on an edge.
+    Parameters
+    ----------
+    bearings
+        float64 (B,), rad.
+    divergence
+        Half angle of the beam, rad.
+    random
+        Source of the angle around the beam.
+
+    Returns
+    -------
+    float64 (B, 3)
+        Unit vectors in the laser's frame.
     """
     around = random.uniform(0.0, 2.0 * np.pi, len(bearings))
     azimuth = bearings + divergence * np.cos(around)
     elevation = divergence * np.sin(around)
-    level = np.cos(elevation)
-    return np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=-1)
+    cosine = np.cos(elevation)
+    return np.stack(
+        [cosine * np.cos(azimuth), cosine * np.sin(azimuth), np.sin(elevation)], axis=-1
+    )
 
 
 def measure(laser: Laser, exact: Float64, rim: Float64 | None, random: Generator) -> Float32:
@@ -106,8 +122,8 @@ def measure(laser: Laser, exact: Float64, rim: Float64 | None, random: Generator
     ranges = exact.copy()
     if rim is not None:
         both = np.isfinite(exact) & np.isfinite(rim)
-        apart = np.abs(np.where(both, exact, 0.0) - np.where(both, rim, 0.0))
-        on_edge = (apart > EDGE) & (chance < laser.mixed)
+        difference = np.abs(np.where(both, exact, 0.0) - np.where(both, rim, 0.0))
+        on_edge = (difference > EDGE) & (chance < laser.mixed)
         ranges[on_edge] = (blend * exact + (1.0 - blend) * rim)[on_edge]
     ranges += laser.sigma * noise
     if laser.quantum > 0.0:

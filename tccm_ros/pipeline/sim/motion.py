@@ -1,4 +1,4 @@
-"""Where the base is: a differential drive that follows way points, leans, and counts its wheels."""
+"""Motion of the base: a differential drive along way points, roll and pitch, wheel odometry."""
 
 from __future__ import annotations
 
@@ -15,21 +15,28 @@ from tccm_ros.arrays import Float64
 __all__ = ["Drive", "OdometryErrors", "Waypoint", "drive", "stand", "wheel_odometry"]
 
 
+# All chosen, in the range of small robots.
 STEP = 0.01  # s, between the samples of a drive
 SPEED, ACCELERATION = 0.5, 0.4  # m/s, m/s2
-TURN_SPEED, TURN_ACCELERATION = 0.9, 1.8  # rad/s, rad/s2
-SETTLE = 1.0  # s of standing before a stop counts: the lean of braking has gone
-LEAN_TIME = 0.15  # s, with which the base follows an acceleration
-LEAN_PER_ACCELERATION = 0.012  # rad per m/s2
-LEAN_OF_PLACE = 0.0012  # rad, amplitude of the floor's unevenness under the wheels
+MAX_YAW_RATE, YAW_ACCELERATION = 0.9, 1.8  # rad/s, rad/s2
+SETTLING_TIME = 1.0  # s between standing and a stop, in which the tilt of braking decays
+TILT_TIME = 0.15  # s, time constant of the base's tilt
+TILT_PER_ACCELERATION = 0.012  # rad per m/s2
+TILT_OF_FLOOR = 0.0012  # rad, amplitude of roll and pitch on an uneven floor
 
 
 @dataclass(frozen=True)
 class Waypoint:
-    """A place to pass, or to stop at.
+    """A position to pass, or to stop at.
 
-    `x`, `y` in the world, m. With `pause` (s) the robot stops, turns to `heading` (rad; None: as
-    it came) and stands for that long.
+    Attributes
+    ----------
+    x, y
+        In the world, m.
+    heading
+        Yaw of the robot during a stop, rad; None for the yaw with which it arrives.
+    pause
+        Duration of the stop, s; 0 for none.
     """
 
     x: float
@@ -42,23 +49,37 @@ class Waypoint:
 class OdometryErrors:
     """Errors of wheel odometry.
 
-    `scale` and `turn_scale` multiply distances and turns; `drift` rad/m turns the heading with
-    the distance; `noise` m per square root of m, `turn_noise` rad per square root of m and of rad.
+    Attributes
+    ----------
+    scale, yaw_scale
+        Factors of distances and of changes of yaw.
+    drift
+        Change of yaw with the distance, rad/m.
+    noise
+        m per square root of m.
+    yaw_noise
+        rad per square root of m and of rad.
     """
 
     scale: float = 1.01
-    turn_scale: float = 0.995
+    yaw_scale: float = 0.995
     drift: float = 0.01
     noise: float = 0.004
-    turn_noise: float = 0.004
+    yaw_noise: float = 0.004
 
 
 @dataclass(frozen=True)
 class Drive:
     """The true motion of a base, linear between samples.
 
-    `times` float64 (T,), s; `states` float64 (T, 5): x, y in m, yaw (not wrapped), roll, pitch in
-    rad; `stops` float64 (S, 2): from when until when it stands to scan.
+    Attributes
+    ----------
+    times
+        float64 (T,), s.
+    states
+        float64 (T, 5): x, y in m, yaw (not wrapped), roll, pitch in rad.
+    stops
+        float64 (S, 2), start and end of each stop, s.
     """
 
     times: Float64
@@ -89,17 +110,17 @@ def stand(duration: float) -> Drive:
     return Drive(times, np.zeros((2, 5)), np.array([[0.0, duration]]))
 
 
-def drive(route: Sequence[Waypoint], lean: float = 1.0, speed: float = SPEED) -> Drive:
+def drive(route: Sequence[Waypoint], base_tilt: float = 1.0, speed: float = SPEED) -> Drive:
     """Return the drive along a route.
 
     Parameters
     ----------
     route
         The first way point is the start (with its heading); there are two or more.
-    lean
-        Multiplies how far the base leans, by acceleration and by place.
+    base_tilt
+        Factor of roll and pitch, from acceleration and from the floor.
     speed
-        Greatest speed, m/s.
+        Max speed, m/s.
 
     Returns
     -------
@@ -110,39 +131,56 @@ def drive(route: Sequence[Waypoint], lean: float = 1.0, speed: float = SPEED) ->
     )
     planar, speeds, stops = _follow(goals, speed)
     times = STEP * np.arange(len(planar), dtype=np.float64)
-    states = np.column_stack([planar, lean * _lean(planar, speeds)])
+    states = np.column_stack([planar, base_tilt * _roll_pitch(planar, speeds)])
     return Drive(times, states, stops)
 
 
-def _lean(planar: Float64, speeds: Float64) -> Float64:
+def _roll_pitch(planar: Float64, speeds: Float64) -> Float64:
     """Return roll and pitch (T, 2) from accelerations and from the floor's unevenness."""
     forward = np.gradient(speeds[:, 0], STEP)
     sideways = speeds[:, 0] * speeds[:, 1]
-    roll, pitch = _low_pass(np.column_stack([sideways, -forward]), STEP / LEAN_TIME).T
+    roll, pitch = _low_pass(np.column_stack([sideways, -forward]), STEP / TILT_TIME).T
     x, y = planar[:, 0], planar[:, 1]
     rough = np.column_stack(
         [np.sin(2.1 * x + 0.7 * y + 0.4), np.sin(0.9 * x - 1.7 * y + 1.1)],
     )
     acceleration = np.column_stack([roll, pitch])
-    return LEAN_PER_ACCELERATION * acceleration + LEAN_OF_PLACE * rough
+    return TILT_PER_ACCELERATION * acceleration + TILT_OF_FLOOR * rough
 
 
 def wheel_odometry(
     true: Drive, errors: OdometryErrors, start: tuple[float, float, float], random: Generator
 ) -> Float64:
-    """Return what the wheels say at the drive's samples, float64 (T, 3): x, y, yaw in m, rad."""
+    """Return the wheel odometry at the drive's samples.
+
+    Parameters
+    ----------
+    true
+        The true motion.
+    errors
+        Errors of the odometry.
+    start
+        x, y, yaw of the odometry at the first sample, m and rad.
+    random
+        Source of noise.
+
+    Returns
+    -------
+    float64 (T, 3)
+        x, y, yaw in odom, m and rad.
+    """
     states = true.states
     forward = np.cos(states[:-1, 2] + np.diff(states[:, 2]) / 2.0)
     left = np.sin(states[:-1, 2] + np.diff(states[:, 2]) / 2.0)
     step = forward * np.diff(states[:, 0]) + left * np.diff(states[:, 1])
-    turn = np.diff(states[:, 2])
+    yaw_step = np.diff(states[:, 2])
     noise = random.standard_normal((len(step), 2))
-    path, angle = np.abs(step), np.abs(turn)
+    path, angle = np.abs(step), np.abs(yaw_step)
     step = errors.scale * step + errors.noise * np.sqrt(path) * noise[:, 0]
-    turn = errors.turn_scale * turn + errors.drift * path
-    turn += errors.turn_noise * np.sqrt(path + angle) * noise[:, 1]
-    yaw = start[2] + np.concatenate([[0.0], np.cumsum(turn)])
-    middle = yaw[:-1] + turn / 2.0
+    yaw_step = errors.yaw_scale * yaw_step + errors.drift * path
+    yaw_step += errors.yaw_noise * np.sqrt(path + angle) * noise[:, 1]
+    yaw = start[2] + np.concatenate([[0.0], np.cumsum(yaw_step)])
+    middle = yaw[:-1] + yaw_step / 2.0
     x = start[0] + np.concatenate([[0.0], np.cumsum(step * np.cos(middle))])
     y = start[1] + np.concatenate([[0.0], np.cumsum(step * np.sin(middle))])
     return np.column_stack([x, y, yaw])
@@ -172,8 +210,8 @@ def _towards(value: float, wanted: float, limit: float) -> float:
 def _follow(goals: Float64, top_speed: float) -> tuple[Float64, Float64, Float64]:
     """Follow way points (x, y, heading or nan, pause): states (T, 3), speeds (T, 2), stops (S, 2).
 
-    Towards a point the robot turns on the spot when it lies far off, else it steers while it
-    drives; before a stop it brakes. At a stop it turns to the heading, settles and stands.
+    The robot rotates on the spot where the direction to the point differs much from its yaw, else
+    it steers while it drives; before a stop it brakes. At a stop it rotates to the heading.
     """
     x, y = goals[0, 0], goals[0, 1]
     yaw = 0.0 if np.isnan(goals[0, 2]) else goals[0, 2]
@@ -196,8 +234,8 @@ def _follow(goals: Float64, top_speed: float) -> tuple[Float64, Float64, Float64
                 if is_stop:
                     wanted = min(wanted, np.sqrt(2.0 * 0.7 * ACCELERATION * distance))
             v = _towards(v, wanted, ACCELERATION * STEP)
-            turn = min(max(2.0 * error, -TURN_SPEED), TURN_SPEED)
-            w = _towards(w, turn, TURN_ACCELERATION * STEP)
+            yaw_rate = min(max(2.0 * error, -MAX_YAW_RATE), MAX_YAW_RATE)
+            w = _towards(w, yaw_rate, YAW_ACCELERATION * STEP)
             x, y = (
                 x + v * STEP * np.cos(yaw + w * STEP / 2),
                 y + v * STEP * np.sin(yaw + w * STEP / 2),
@@ -208,16 +246,18 @@ def _follow(goals: Float64, top_speed: float) -> tuple[Float64, Float64, Float64
         if not is_stop:
             continue
         heading, still = goals[g, 2], 0.0
-        while still < SETTLE:  # brake, turn on the spot, settle
+        while still < SETTLING_TIME:  # brake, turn on the spot, settle
             error = 0.0 if np.isnan(heading) else _wrap(heading - yaw)
             v = _towards(v, 0.0, ACCELERATION * STEP)
-            turn = np.sign(error) * min(np.sqrt(1.4 * TURN_ACCELERATION * abs(error)), TURN_SPEED)
+            yaw_rate = np.sign(error) * min(
+                np.sqrt(1.4 * YAW_ACCELERATION * abs(error)), MAX_YAW_RATE
+            )
             if abs(error) < 0.004:
-                turn = 0.0
-            w = _towards(w, turn, TURN_ACCELERATION * STEP)
+                yaw_rate = 0.0
+            w = _towards(w, yaw_rate, YAW_ACCELERATION * STEP)
             x, y = x + v * STEP * np.cos(yaw), y + v * STEP * np.sin(yaw)
             yaw += w * STEP
-            still = still + STEP if v == 0.0 and w == 0.0 and turn == 0.0 else 0.0
+            still = still + STEP if v == 0.0 and w == 0.0 and yaw_rate == 0.0 else 0.0
             states.append((x, y, yaw))
             speeds.append((v, w))
         if goals[g, 3] > 0.0:

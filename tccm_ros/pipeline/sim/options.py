@@ -1,4 +1,4 @@
-"""What can be varied in a simulation without writing a world."""
+"""Options of a simulation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ Vector6 = tuple[float, float, float, float, float, float]
 
 
 class Options(BaseModel):
-    """Variations of a world; the defaults are the world as it is. SI units, rad."""
+    """Variations of a world; the defaults give the world as it is.
+
+    Each field has its unit in its description.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -25,23 +28,23 @@ class Options(BaseModel):
     faults: bool = Field(True, description="mixed pixels, lost and invalid returns")
     tilt_beams: int | None = Field(None, ge=2, description="beams of the tilting laser")
     tilt_period: float | None = Field(None, gt=0, description="between tilting scans, s")
-    sweep_period: float | None = Field(None, gt=0, description="time of one sweep, s")
-    sweep_limits: tuple[float, float] | None = Field(
-        None, description="tilt of a sweep's ends, rad"
+    cycle_period: float | None = Field(None, gt=0, description="time of one tilt cycle, s")
+    tilt_limits: tuple[float, float] | None = Field(
+        None, description="tilt at both ends of a tilt cycle, rad"
     )
     tilt: bool = Field(True, description="there is a tilting laser")
     self_hits: bool = Field(True, description="the lasers see the robot's own body")
     always: bool = Field(False, description="scan with the tilting laser while driving, too")
     duration: float | None = Field(None, gt=0, description="time of a standing robot, s")
     laps: int = Field(1, ge=1, le=100_000, description="rounds of the route")
-    yaw: float = Field(0.0, description="turn of a situation's subject, rad")
-    pitch: float = Field(0.0, description="tilt of a situation's subject, rad")
+    yaw: float = Field(0.0, description="yaw of a situation's subject, rad")
+    pitch: float = Field(0.0, description="pitch of a situation's subject, rad")
     translation: Vector = Field((0.0, 0.0, 0.0), description="shift of a situation's subject, m")
     people: bool = Field(True, description="people walk where the world has them")
-    clutter: int = Field(0, ge=0, le=1000, description="boxes that lie about")
+    clutter: int = Field(0, ge=0, le=1000, description="boxes on the floor")
     ramp: bool = Field(False, description="a part of the floor that slopes by 4 deg")
-    lean: float = Field(1.0, ge=0, description="multiplies how far the base leans")
-    odometry: float = Field(1.0, ge=0, description="multiplies the errors of wheel odometry")
+    base_tilt: float = Field(1.0, ge=0, description="factor of the base's roll and pitch")
+    odometry: float = Field(1.0, ge=0, description="factor of the errors of wheel odometry")
     heading_drift: float | None = Field(None, description="of the odometry, rad/m")
     tilt_offset: float = Field(0.0, description="true tilt = tilt_scale * reported + this, rad")
     tilt_scale: float = Field(1.0, gt=0, description="see tilt_offset")

@@ -1,7 +1,7 @@
 """Exact distances along rays to boxes and cylinders.
 
-A scene is a handful of flat arrays (`Solids`) and a grid over x, y that says which solids stand
-where (`Grid`). Solids are seen from outside only: a ray that starts inside one passes out of it.
+A scene consists of arrays of all solids (`Solids`) and a grid over x, y with the solids of each
+cell (`Grid`). Solids are hit from outside only: a ray that starts inside one leaves it.
 """
 
 from __future__ import annotations
@@ -27,9 +27,18 @@ NEAREST = 1e-6  # m; a hit closer than this is the ray's own start
 class Solids(NamedTuple):
     """All solids of a scene as arrays of N rows.
 
-    `kind` int8 (N,); `center` and `velocity` float64 (N, 3) in the world, m and m/s;
-    `R_solid_world` float64 (N, 3, 3); `half` float64 (N, 3): half edges, or (radius, radius, half
-    height); `reach` float64 (N,): radius of a ball around it all, m.
+    Attributes
+    ----------
+    kind
+        int8 (N,), `BOX`, `CYLINDER` or `ABSENT`.
+    center, velocity
+        float64 (N, 3) in the world, m and m/s.
+    R_solid_world
+        float64 (N, 3, 3).
+    half
+        float64 (N, 3), half edges, or (radius, radius, half height), m.
+    radius
+        float64 (N,), of a bounding sphere, m.
     """
 
     kind: NDArray[np.int8]
@@ -37,13 +46,24 @@ class Solids(NamedTuple):
     velocity: Float64
     R_solid_world: Float64
     half: Float64
-    reach: Float64
+    radius: Float64
 
 
 class Grid(NamedTuple):
-    """Solids by place: cell (i, j) holds `items[start[i * ny + j] : start[i * ny + j + 1]]`.
+    """Solids by cell of a grid over x, y.
 
-    `everywhere` holds the solids that every ray tests: large ones and moving ones.
+    Attributes
+    ----------
+    origin
+        float64 (2,), its corner in the world, m.
+    cell
+        Edge of a cell, m.
+    nx, ny
+        Number of cells.
+    start, items
+        int64; cell (i, j) holds `items[start[i * ny + j] : start[i * ny + j + 1]]`.
+    everywhere
+        int64, solids that every ray tests: large ones and moving ones.
     """
 
     origin: Float64
@@ -107,7 +127,7 @@ def _try_solids(
     code: int,
     scratch: Float64,
 ) -> tuple[float, int]:
-    """Return the nearest (distance, code) of the rays' hits on some solids and what was known."""
+    """Return the nearest (distance, code) of a ray's hits on some solids and the nearest so far."""
     o, d, offset = scratch[0], scratch[1], scratch[2]
     for i in items:
         if solids.kind[i] == ABSENT:
@@ -117,9 +137,13 @@ def _try_solids(
             offset[m] = origin[m] - solids.center[i, m] - time * solids.velocity[i, m]
             along -= offset[m] * direction[m]
             square += offset[m] * offset[m]
-        reach = solids.reach[i]
-        if square - along * along > reach * reach or along + reach < 0.0 or along - reach > best:
-            continue  # the ray passes the ball around the solid
+        radius = solids.radius[i]
+        if (
+            square - along * along > radius * radius
+            or along + radius < 0.0
+            or along - radius > best
+        ):
+            continue  # the ray misses the bounding sphere
         for k in range(3):
             o[k], d[k] = 0.0, 0.0
             for m in range(3):
@@ -145,7 +169,7 @@ def _walk(
     code: int,
     scratch: Float64,
 ) -> tuple[float, int]:
-    """Walk the grid's cells along a ray until nothing nearer can come."""
+    """Test the solids of the cells along a ray until no nearer hit is possible."""
     size = (grid.nx, grid.ny)
     enter, leave = 0.0, best
     for k in range(2):  # clip the ray to the grid
@@ -206,7 +230,7 @@ def cast(
     times
         float64 (B,), s, since the time of the solids' centres.
     max_range
-        Nothing beyond this distance is sought, m.
+        Max distance of a hit, m.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Write what a simulation publishes to a bag, and the truth beside it."""
+"""Write the messages of a simulation to a bag, and the ground truth beside it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter, Qos
 from tccm_ros.pipeline.sim import truth
-from tccm_ros.pipeline.sim.engine import Published, Simulation
+from tccm_ros.pipeline.sim.engine import Message, Simulation
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan
@@ -27,18 +27,18 @@ __all__ = ["run", "simulate"]
 Progress = Callable[[float], None]
 
 SENSOR = Qos(reliable=False, depth=5)
-"""What drivers offer for scans: sensor data."""
+"""QoS of scans: sensor data, as drivers offer it."""
 
 
-def run(name: str, *, seed: int = 0, options: Options | None = None) -> Iterator[Published]:
-    """Yield what the robot of a world publishes, in order, without writing anything.
+def run(name: str, *, seed: int = 0, options: Options | None = None) -> Iterator[Message]:
+    """Yield the messages of the robot of a world, in order, without a bag.
 
     Parameters
     ----------
     name
         One of `WORLDS`.
     seed
-        Of all noise.
+        Seed of all noise.
     options
         Variations of the world.
 
@@ -69,13 +69,13 @@ def simulate(
         Folder of the bag: ``<name>.mcap``, ``metadata.yaml``, ``truth.json`` (surfaces),
         ``truth.tum`` (trajectory of the base in map) and ``truth_walls.json``.
     seed
-        Of all noise.
+        Seed of all noise.
     options
         Variations of the world.
     overwrite
-        Whether a bag that is there already is replaced.
+        Whether an existing bag is replaced.
     progress
-        Called with the share that is done, 0 to 1.
+        Called with the fraction that is done, 0 to 1.
 
     Returns
     -------
@@ -99,16 +99,16 @@ def simulate(
             msgtype, content = _message(types, message, simulation)
             bag.write(message.topic, msgtype, message.log_ns, content)
             if progress is not None:
-                share = (message.log_ns - simulation.start_ns) / simulation.duration_ns
-                progress(min(share, 1.0))
+                fraction = (message.log_ns - simulation.start_ns) / simulation.duration_ns
+                progress(min(fraction, 1.0))
         _write_truth(simulation, bag.folder)
     return Path(out)
 
 
-def _message(types: TypestoreMessages, message: Published, simulation: Simulation) -> (
+def _message(types: TypestoreMessages, message: Message, simulation: Simulation) -> (
     tuple[str, Any]
 ):  # fmt: skip
-    """Return the type and the message of what was published."""
+    """Return the type and the content of a simulated message."""
     record = message.records[0]
     if isinstance(record, Scan):
         is_tilt = message.topic == simulation.rig.topics.tilt_scan

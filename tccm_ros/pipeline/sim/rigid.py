@@ -1,7 +1,7 @@
-"""The simulator's own rigid transforms.
+"""Rigid transforms of the simulator.
 
-They are written out by hand, and nothing here comes from the mapping side: a sign that is wrong in
-one place must not be wrong in the other as well. ``T_a_b`` maps coordinates in b to a.
+They are independent of `tccm_ros.geometry`, so that an error of sign in one of the two shows in the
+tests. ``T_a_b`` maps coordinates in b to a.
 """
 
 from __future__ import annotations
@@ -18,7 +18,17 @@ __all__ = ["chain_poses", "invert", "quaternion_xyzw", "rigid", "rotation_rpy"]
 
 
 def rotation_rpy(roll: float, pitch: float, yaw: float) -> Float64:
-    """Return Rz(yaw) Ry(pitch) Rx(roll), float64 (3, 3): a positive pitch turns x downwards."""
+    """Return Rz(yaw) Ry(pitch) Rx(roll); a positive pitch rotates x downwards.
+
+    Parameters
+    ----------
+    roll, pitch, yaw
+        rad, about the fixed axes x, y, z.
+
+    Returns
+    -------
+    float64 (3, 3)
+    """
     cr, sr, cp, sp, cy, sy = cos(roll), sin(roll), cos(pitch), sin(pitch), cos(yaw), sin(yaw)
     return np.array(
         [
@@ -77,7 +87,7 @@ def chain_poses(origins: Float64, axes: Float64, angles: Float64) -> Float64:
     """
     poses = np.zeros((len(angles), 4, 4))
     R, t = np.empty((3, 3)), np.empty(3)
-    turn, step = np.empty((3, 3)), np.empty((3, 3))
+    R_joint, step = np.empty((3, 3)), np.empty((3, 3))
     for b in range(len(angles)):
         R[:], t[:] = 0.0, 0.0
         R[0, 0] = R[1, 1] = R[2, 2] = 1.0
@@ -85,9 +95,9 @@ def chain_poses(origins: Float64, axes: Float64, angles: Float64) -> Float64:
             for k in range(3):
                 for m in range(3):
                     t[k] += R[k, m] * origins[j, m, 3]
-            _turn_about(axes[j], angles[b, j], turn)
+            _rotate_about(axes[j], angles[b, j], R_joint)
             _multiply(R, origins[j], step)
-            _multiply(step, turn, R)
+            _multiply(step, R_joint, R)
         poses[b, :3, :3], poses[b, :3, 3], poses[b, 3, 3] = R, t, 1.0
     return poses
 
@@ -101,7 +111,7 @@ def _multiply(A: Float64, B: Float64, product: Float64) -> None:
 
 
 @nb.njit(nogil=True, cache=True)
-def _turn_about(axis: Float64, angle: float, R: Float64) -> None:
+def _rotate_about(axis: Float64, angle: float, R: Float64) -> None:
     """Write the rotation by `angle` about `axis` (Rodrigues) to R; a zero axis gives identity."""
     x, y, z = axis
     if x == 0.0 and y == 0.0 and z == 0.0:

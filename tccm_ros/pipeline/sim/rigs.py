@@ -1,4 +1,4 @@
-"""What a robot is made of: joints, bodies, lasers and names, and its robot description."""
+"""Model of a robot: joints, bodies, lasers, names, and its robot description (URDF)."""
 
 from __future__ import annotations
 
@@ -21,9 +21,16 @@ USUAL_ERRORS = OdometryErrors()
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint as in URDF: `xyz` (m) and `rpy` (rad) of the child in the parent at zero.
+    """A joint as in URDF.
 
-    A joint with an axis turns about it (in the child's frame); without one it is fixed.
+    Attributes
+    ----------
+    name, parent, child
+        Names of the joint and of its links.
+    xyz, rpy
+        Pose of the child in the parent at position zero, m and rad.
+    axis
+        Unit axis of rotation in the child's frame; zero for a fixed joint.
     """
 
     name: str
@@ -35,13 +42,21 @@ class Joint:
 
     @property
     def moves(self) -> bool:
-        """Whether it turns."""
+        """Whether it rotates."""
         return self.axis != (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Body:
-    """A box of a link: its edges and its centre in the link's frame, m."""
+    """A box of a link.
+
+    Attributes
+    ----------
+    link
+        Name of the link.
+    size, center
+        Its edges and its centre in the link's frame, m.
+    """
 
     link: str
     size: Vector
@@ -50,7 +65,15 @@ class Body:
 
 @dataclass(frozen=True)
 class Topics:
-    """Names of the topics that a robot publishes."""
+    """Names of the topics that a robot publishes.
+
+    Attributes
+    ----------
+    tilt_scan, scan
+        Scans of the tilting and of the level laser.
+    joint_states, odom
+        Joint samples and wheel odometry.
+    """
 
     tilt_scan: str = "/tilt_scan"
     scan: str = "/scan"
@@ -65,7 +88,7 @@ class Rig:
     Attributes
     ----------
     base, base_height
-        Base frame, and how high its origin is above the floor, m.
+        Base frame, and the height of its origin above the floor, m.
     joints
         All joints, parents first.
     tilt, tilt_frame, tilt_joint
@@ -73,11 +96,13 @@ class Rig:
     level, level_frame
         The level laser and its frame.
     wheels
-        Joints of the left and the right wheel; their radius and distance, m.
+        Joints of the left and the right wheel.
+    wheel_radius, wheel_distance
+        m.
     encoder
-        Step of the joints' encoders, rad.
+        Resolution of the joints' encoders, rad.
     odom_frame, odom_start
-        Odometry frame, and where the odometry starts in it (x, y, yaw).
+        Odometry frame, and the first pose in it (x, y, yaw), m and rad.
     """
 
     name: str
@@ -101,7 +126,7 @@ class Rig:
 
     @cached_property
     def moving(self) -> tuple[str, ...]:
-        """Names of the joints that turn, without the wheels."""
+        """Names of the joints that rotate, without the wheels."""
         return tuple(j.name for j in self.joints if j.moves and j.name not in self.wheels)
 
     def chain(self, frame: str) -> tuple[Joint, ...]:
@@ -121,7 +146,7 @@ class Rig:
         frame
             Frame of the laser.
         positions
-            By joint: float64 (count,), rad; joints that are not named are at zero.
+            float64 (count,), rad, by name of the joint; the others are at zero.
         count
             Number of poses.
         """
@@ -132,15 +157,23 @@ class Rig:
         angles = np.column_stack([positions.get(joint.name, rest) for joint in chain])
         return chain_poses(origins, axes, angles)
 
-    def mounted(self, frame_of: str, xyz: Vector, rpy: Vector) -> Rig:
-        """Return the rig with the joint `frame_of` moved by `xyz` and turned by `rpy` (added)."""
+    def mounted(self, joint_name: str, xyz: Vector, rpy: Vector) -> Rig:
+        """Return the rig with an error of a mount.
+
+        Parameters
+        ----------
+        joint_name
+            The joint whose origin changes.
+        xyz, rpy
+            Added to its origin, m and rad.
+        """
         joints = tuple(
             replace(
                 joint,
                 xyz=tuple(np.add(joint.xyz, xyz).tolist()),
                 rpy=tuple(np.add(joint.rpy, rpy).tolist()),
             )
-            if joint.name == frame_of
+            if joint.name == joint_name
             else joint
             for joint in self.joints
         )

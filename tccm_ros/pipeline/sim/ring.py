@@ -1,4 +1,4 @@
-"""A ring of corridors, 100 m around, whose ends must meet although the odometry turns away."""
+"""A ring of corridors, 100 m around, for loop closures with a drift of the heading."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ NICHES: tuple[tuple[tuple[float, float, float], ...], ...] = (
     ((6.0, 7.5, 0.6), (16.0, 17.0, 0.25)),
 )
 
-# What stands along the ring: name, centre, size (x, y), height; the tops are surfaces.
+# Furniture: name, centre, size (x, y), height; the tops are surfaces.
 FURNITURE = (
     ("bench", (4.2, 0.75), (1.4, 0.40), 0.45),
     ("table in the niche", (9.3, -1.5), (1.6, 0.70), 0.75),
@@ -101,10 +101,22 @@ def _with_niches(
 def _inner_walls(scene: Scene) -> None:
     """Add the walls of the block in the middle, clockwise, with a few pilasters."""
     right, top = LENGTH - HALF, WIDTH - HALF
-    corners = [(HALF, HALF), (HALF, top), (right, top), (right, HALF), (HALF, HALF)]
+    corners = [
+        (HALF, HALF),
+        (HALF, top),
+        (right, top),
+        (right, HALF),
+        (HALF, HALF),
+    ]
     for start, end in pairwise(corners):
         scene.wall("inner wall", start, end, HEIGHT)
-    for x, y in ((7.3, HALF), (12.9, HALF), (24.1, HALF), (right, 6.7), (right, 16.4)):
+    for x, y in (
+        (7.3, HALF),
+        (12.9, HALF),
+        (24.1, HALF),
+        (right, 6.7),
+        (right, 16.4),
+    ):
         scene.block("pilaster", (x - 0.15, x + 0.15), (y - 0.15, y + 0.15), (0.0, HEIGHT))
     for x, y in ((21.8, top), (9.4, top), (5.2, top), (HALF, 4.4), (HALF, 9.1)):
         scene.block("pilaster", (x - 0.12, x + 0.12), (y - 0.12, y + 0.12), (0.0, HEIGHT))

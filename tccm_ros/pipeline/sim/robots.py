@@ -1,4 +1,4 @@
-"""Three robots, written down as numbers: their joints, lasers, names and errors."""
+"""Three robots: joints, lasers, names and errors."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ __all__ = ["HUMANOID", "LMS_291", "SEGWAY", "UBG_04LX_F01", "UPSIDE_DOWN", "UTM_
 
 _X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
-# SICK LMS 291 at 0.5 deg over 180 deg: one turn of the mirror takes 13.3 ms, half of it sees; the
-# beam widens by 0.7 deg.
+# SICK LMS 291 at 0.5 deg over 180 deg: a revolution of the mirror takes 13.3 ms, half of it is
+# measured; the beam diverges by 0.7 deg.
 LMS_291 = Laser(
     beams=361, angle_min=-pi / 2, angle_max=pi / 2, period=0.080,
     time_increment=0.01333 / 2 / 360, range_min=0.05, range_max=30.0,
     sigma=0.008, quantum=0.01, divergence=radians(0.35), mixed=0.3, lost=0.002,
 )  # fmt: skip
 
-# Hokuyo UBG-04LX-F01: 240 deg in 569 beams, one turn takes 28 ms.
+# Hokuyo UBG-04LX-F01: 240 deg in 569 beams, a revolution takes 28 ms.
 UBG_04LX_F01 = Laser(
     beams=569, angle_min=-radians(120), angle_max=radians(120), period=0.028,
     time_increment=0.028 * 240 / 360 / 568, range_min=0.06, range_max=5.6,
     sigma=0.0025, quantum=0.001, divergence=radians(0.2), mixed=0.5, lost=0.002, invalid=0.001,
 )  # fmt: skip
 
-# Hokuyo UTM-30LX: 270 deg in 1081 beams, one turn takes 25 ms.
+# Hokuyo UTM-30LX: 270 deg in 1081 beams, a revolution takes 25 ms.
 UTM_30LX = Laser(
     beams=1081, angle_min=-radians(135), angle_max=radians(135), period=0.025,
     time_increment=0.025 * 270 / 360 / 1080, range_min=0.1, range_max=30.0,
@@ -114,7 +114,7 @@ SEGWAY = Rig(
 )
 """The robot of the surface mapping paper: LMS 291, and a UTM-30LX on a pan-tilt unit.
 
-The upright actuator of its gripper, in front, comes into the view of the tilting laser.
+The vertical actuator of its gripper, in front, is in the view of the tilting laser.
 """
 
 UPSIDE_DOWN = Rig(
@@ -145,4 +145,4 @@ UPSIDE_DOWN = Rig(
     odom_frame="wheel_odom",
     odom_start=(2.0, -1.0, 0.7),
 )
-"""Another robot: its tilting laser hangs upside down, its joint turns the other way."""
+"""Another robot: its tilting laser hangs upside down, its joint rotates the other way."""

@@ -1,4 +1,4 @@
-"""Rooms: for the upside-down robot, to calibrate in, where things are moved, and to load nodes."""
+"""Rooms: for the upside-down robot, for calibration, with furniture that moves, for load tests."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.sim.flat import flat_scene, stop_and_scan
-from tccm_ros.pipeline.sim.joints import sweeps
+from tccm_ros.pipeline.sim.joints import oscillation
 from tccm_ros.pipeline.sim.motion import Drive, Waypoint, drive
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.robots import UPSIDE_DOWN
@@ -23,13 +23,23 @@ __all__ = ["load", "moved", "room", "upside_down"]
 Point = tuple[float, float]
 
 CEILING = 2.6
-RAMP = radians(4.0)
+RAMP = radians(4.0)  # slope of the ramp of `room`
 ROOM_SPEED = 0.5  # m/s, of the robot in the room to calibrate in
-LOOK_UP, LOOK_DOWN = 0.25, -1.0  # rad, of the joint that turns the other way
+LOOK_UP, LOOK_DOWN = 0.25, -1.0  # rad; positive is up on this robot
 
 
 def box_room(scene: Scene, x: Point, y: Point, height: float = CEILING) -> None:
-    """Add four walls, a floor and a ceiling."""
+    """Add four walls, a floor and a ceiling.
+
+    Parameters
+    ----------
+    scene
+        Where they are added.
+    x, y
+        Limits between the walls, m.
+    height
+        Of the ceiling, m.
+    """
     scene.floor_and_ceiling((x[0] - 0.2, x[1] + 0.2), (y[0] - 0.2, y[1] + 0.2), height)
     corners = [(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1]), (x[0], y[0])]
     for start, end in pairwise(corners):
@@ -49,10 +59,10 @@ def upside_down(options: Options) -> World:
         Waypoint(0.9, 0.35, -0.1, 3.0),
         Waypoint(0.5, -0.6, -0.5, 3.0),
     ]
-    path = drive(_again(route, options.laps), options.lean, speed=0.35)
+    path = drive(_repeated(route, options.laps), options.base_tilt, speed=0.35)
     end = float(path.times[-1])
-    limits = options.sweep_limits or (LOOK_UP, LOOK_DOWN)
-    joints = {"nod_joint": sweeps([(0.2, end)], options.sweep_period or 2.0, limits)}
+    limits = options.tilt_limits or (LOOK_UP, LOOK_DOWN)
+    joints = {"nod_joint": oscillation([(0.2, end)], options.cycle_period or 2.0, limits)}
     return World("upside_down", scene, UPSIDE_DOWN, path, joints)
 
 
@@ -67,9 +77,9 @@ def room(options: Options) -> World:
         rise = length * np.sin(RAMP) / 2.0
         place = (3.9, -1.8, rise - 0.05 * np.cos(RAMP))
         scene.box("ramp", (length, 1.6, 0.1), place, (0.0, -RAMP, 0.0))
-    limits = options.sweep_limits or (-0.9, 1.0)
-    pause = 2.0 * (options.sweep_period or 4.0) + 0.4
-    route = _again(
+    limits = options.tilt_limits or (-0.9, 1.0)
+    pause = 2.0 * (options.cycle_period or 4.0) + 0.4
+    route = _repeated(
         [
             Waypoint(0.0, 0.0, 0.0, pause),
             Waypoint(0.6, 0.5, 1.9, pause),
@@ -78,9 +88,9 @@ def room(options: Options) -> World:
         options.laps,
     )
     if options.people:
-        scene.person("person", _before(route, drive(route, options.lean, ROOM_SPEED).stops))
+        scene.person("person", _before(route, drive(route, options.base_tilt, ROOM_SPEED).stops))
     changed = options.model_copy(
-        update={"sweep_limits": limits, "sweep_period": options.sweep_period or 4.0}
+        update={"tilt_limits": limits, "cycle_period": options.cycle_period or 4.0}
     )
     return stop_and_scan("room", scene, route, changed, ROOM_SPEED)
 
@@ -97,7 +107,7 @@ def _before(route: Sequence[Waypoint], stops: Float64) -> list[tuple[float, ...]
 
 
 def _clutter(scene: Scene, count: int) -> None:
-    """Add boxes of 0.1 to 0.5 m about the room, at places that the golden angle spreads."""
+    """Add boxes of 0.1 to 0.5 m about the room, at positions that the golden angle spreads."""
     for i in range(count):
         radius, angle = 1.3 + 1.6 * ((i * 0.618034) % 1.0), 2.399963 * i
         size = 0.1 + 0.4 * ((i * 0.7548777) % 1.0)
@@ -113,7 +123,7 @@ def moved(options: Options) -> World:
     """
     front, back = Waypoint(0.0, 0.0, 0.0, 5.4), Waypoint(-1.2, 0.1, pi, 5.4)
     route = [front, back, replace(front, x=0.1, y=-0.1)]
-    path = drive(_again(route, options.laps), options.lean)
+    path = drive(_repeated(route, options.laps), options.base_tilt)
     scene = Scene()
     box_room(scene, (-2.5, 4.5), (-2.8, 2.8))
     change = float(path.stops[1].mean())
@@ -126,7 +136,7 @@ def moved(options: Options) -> World:
     if options.people:
         start = float(path.stops[2, 0])
         scene.person("person", [(start, 0.95, -0.9), (start + 5.4, 1.0, -0.95)])
-    return stop_and_scan("moved", scene, _again(route, options.laps), options)
+    return stop_and_scan("moved", scene, _repeated(route, options.laps), options)
 
 
 def load(options: Options) -> World:
@@ -134,18 +144,18 @@ def load(options: Options) -> World:
     corners = [(5.6, 1.3), (6.6, 1.3), (6.6, 4.2), (5.7, 4.2), (5.6, 1.4)]
     route = [Waypoint(5.6, 2.6, -pi / 2, 0.5), *(Waypoint(x, y) for x, y in corners)]
     changed = options.model_copy(
-        update={"always": True, "sweep_period": options.sweep_period or 1.5}
+        update={"always": True, "cycle_period": options.cycle_period or 1.5}
     )
-    world = stop_and_scan("load", flat_scene(), _again(route, options.laps), changed)
-    return replace(world, drive=_first(world.drive, 20.0 * options.laps))
+    world = stop_and_scan("load", flat_scene(), _repeated(route, options.laps), changed)
+    return replace(world, drive=_shortened(world.drive, 20.0 * options.laps))
 
 
-def _again(route: Sequence[Waypoint], laps: int) -> list[Waypoint]:
+def _repeated(route: Sequence[Waypoint], laps: int) -> list[Waypoint]:
     """Return a route that is driven a number of times."""
     return [*route, *(list(route[1:]) * (laps - 1))]
 
 
-def _first(path: Drive, duration: float) -> Drive:
+def _shortened(path: Drive, duration: float) -> Drive:
     """Return the beginning of a drive."""
     count = int(np.searchsorted(path.times, duration)) + 1
     return replace(path, times=path.times[:count], states=path.states[:count])

@@ -1,4 +1,4 @@
-"""What stands in a world: boxes and cylinders, some of which move, appear or go away."""
+"""Solids of a world: boxes and cylinders, some of which move, appear or vanish."""
 
 from __future__ import annotations
 
@@ -18,16 +18,22 @@ __all__ = ["FrozenScene", "Motion", "Scene", "Solid"]
 
 Vector = tuple[float, float, float]
 
-CELL = 0.5  # m, of the grid that finds solids by place
-FEW = 32  # with so few solids a grid costs more than it saves
+CELL = 0.5  # m, of the grid over x, y (chosen)
+FEW = 32  # solids; with fewer a grid costs more than it saves (chosen)
+LARGE = 0.25  # of the cells; larger solids are tested by every ray (chosen)
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Where a solid is over time, by straight lines between key frames.
+    """Position of a solid over time, linear between key frames.
 
-    `times` float64 (K,), s, increasing; `offsets` float64 (K, 4): x, y, z in m and yaw in rad,
-    added to the solid's own place (the yaw turns about the solid's own centre).
+    Attributes
+    ----------
+    times
+        float64 (K,), s, increasing.
+    offsets
+        float64 (K, 4): x, y, z in m and yaw in rad, added to the solid's pose (the yaw about the
+        solid's centre).
     """
 
     times: Float64
@@ -57,14 +63,14 @@ class Solid:
     half
         Half edges, or (radius, radius, half height), m.
     name
-        What it is a part of.
+        Name of the object or furniture that it is a part of.
     surface
         The horizontal surface that its top belongs to by design, or empty. Tops of one name make
         one surface.
     role
         ``floor``, ``wall``, ``ceiling``, ``furniture``, ``object`` or ``person``.
     motion, span
-        How it moves, and from when until when it is there, s.
+        How it moves, and start and end of the time in which it exists, s.
     """
 
     shape: Literal["box", "cylinder"]
@@ -78,23 +84,29 @@ class Solid:
 
     @property
     def is_still(self) -> bool:
-        """Whether it is at one place for ever."""
+        """Whether it always exists and never moves."""
         return self.motion is None and self.span == (-np.inf, np.inf)
 
     @property
-    def ball(self) -> float:
-        """Radius of a ball around it, m."""
+    def bounding_radius(self) -> float:
+        """Radius of its bounding sphere, m."""
         x, y, z = self.half
         return float(np.hypot(x, z) if self.shape == "cylinder" else np.sqrt(x * x + y * y + z * z))
 
     @property
-    def reach(self) -> Float64:
-        """Half edges of its axis-aligned bounding box, float64 (3,)."""
+    def half_extent(self) -> Float64:
+        """Half edges of its axis-aligned bounding box, float64 (3,), m."""
         return np.abs(self.T_world_solid[:3, :3]) @ np.asarray(self.half)
 
 
 class Traits(TypedDict, total=False):
-    """What a solid may be besides its shape: see `Solid`."""
+    """Optional attributes of a solid.
+
+    Attributes
+    ----------
+    surface, role, motion, span
+        As in `Solid`.
+    """
 
     surface: str
     role: str
@@ -104,7 +116,18 @@ class Traits(TypedDict, total=False):
 
 @dataclass
 class Scene:
-    """A list of solids, and short ways to add to it. Lengths in m, angles in rad."""
+    """A list of solids, and methods that add to it.
+
+    Lengths are in m, angles in rad; keyword arguments after those of the shape are those of
+    `Solid`.
+
+    Attributes
+    ----------
+    solids
+        All solids.
+    wall_faces
+        (start, end) of each face of a wall, the free side on the left.
+    """
 
     solids: list[Solid] = field(default_factory=list)
     wall_faces: list[tuple[tuple[float, float], tuple[float, float]]] = field(default_factory=list)
@@ -117,7 +140,17 @@ class Scene:
         rpy: Vector = (0, 0, 0),
         **traits: Unpack[Traits],
     ) -> None:
-        """Add a box with edges `size` about `center`."""
+        """Add a box.
+
+        Parameters
+        ----------
+        name
+            As in `Solid`.
+        size
+            Edges along its own x, y, z.
+        center, rpy
+            Its pose in the world.
+        """
         x, y, z = np.asarray(size, float) / 2.0
         self.solids.append(Solid("box", rigid(center, rpy), (x, y, z), name, **traits))
 
@@ -125,7 +158,15 @@ class Scene:
         self, name: str, x: tuple[float, float], y: tuple[float, float], z: tuple[float, float],
         **traits: Unpack[Traits],
     ) -> None:  # fmt: skip
-        """Add an upright box between the limits of x, y and z."""
+        """Add an axis-aligned box.
+
+        Parameters
+        ----------
+        name
+            As in `Solid`.
+        x, y, z
+            Its limits.
+        """
         low, high = np.array([x, y, z], float).T
         self.box(name, high - low, (low + high) / 2.0, **traits)
 
@@ -138,14 +179,32 @@ class Scene:
         rpy: Vector = (0, 0, 0),
         **traits: Unpack[Traits],
     ) -> None:
-        """Add a cylinder about `center` with its axis along the turned z."""
+        """Add a cylinder.
+
+        Parameters
+        ----------
+        name
+            As in `Solid`.
+        radius, height
+            Its size; the axis is its own z.
+        center, rpy
+            Its pose in the world.
+        """
         half = (radius, radius, height / 2.0)
         self.solids.append(Solid("cylinder", rigid(center, rpy), half, name, **traits))
 
     def floor_and_ceiling(
         self, x: tuple[float, float], y: tuple[float, float], height: float | None = None
     ) -> None:
-        """Add a floor at z = 0 and, where a height is given, a ceiling."""
+        """Add a floor at z = 0 and a ceiling.
+
+        Parameters
+        ----------
+        x, y
+            Limits of both.
+        height
+            Of the ceiling; None for no ceiling.
+        """
         self.block("floor", x, y, (-0.1, 0.0), role="floor")
         if height is not None:
             self.block("ceiling", x, y, (height, height + 0.1), role="ceiling")
@@ -159,7 +218,19 @@ class Scene:
         thickness: float = 0.1,
         two_sided: bool = False,
     ) -> None:
-        """Add a wall whose face runs from start to end; its body lies to the right of that."""
+        """Add a wall.
+
+        Parameters
+        ----------
+        name
+            As in `Solid`.
+        start, end
+            x, y of the ends of its face; the body is on the right of the line from start to end.
+        height, thickness
+            Its size.
+        two_sided
+            Whether the other side is a face, too.
+        """
         along = np.subtract(end, start)
         length = float(np.hypot(*along))
         ux, uy = along / length
@@ -186,7 +257,21 @@ class Scene:
         board: float = 0.03,
         **traits: Unpack[Traits],
     ) -> None:
-        """Add a table: a board with its top at `height`, and four legs."""
+        """Add a table: a board and four legs.
+
+        Parameters
+        ----------
+        name
+            Name of the solids and, by default, of the surface.
+        size
+            Edges of the board.
+        height
+            Of the top.
+        center, yaw
+            Pose of the board from above.
+        board
+            Its thickness.
+        """
         R = rotation_rpy(0.0, 0.0, yaw)[:2, :2]
         place = (*center, height - board / 2.0)
         traits = {"surface": name, **traits}
@@ -198,7 +283,7 @@ class Scene:
             self.box(name, (0.05, 0.05, leg), (x, y, leg / 2.0), (0.0, 0.0, yaw), **traits)
 
     def person(self, name: str, keys: Sequence[Sequence[float]]) -> None:
-        """Add a person, two cylinders, who is there from the first to the last (time, x, y)."""
+        """Add a person, two cylinders, who exists from the first to the last (time, x, y)."""
         motion = Motion.through([(t, x, y, 0.0) for t, x, y in keys])
         span = (float(keys[0][0]), float(keys[-1][0]))
         for radius, low, high in ((0.12, 0.0, 0.85), (0.2, 0.85, 1.75)):
@@ -208,12 +293,18 @@ class Scene:
             )  # fmt: skip
 
     def freeze(self) -> FrozenScene:
-        """Make the scene ready for rays."""
+        """Return the scene with the arrays that rays need."""
         return FrozenScene(tuple(self.solids))
 
 
 class FrozenScene:
-    """A scene that rays can be cast into."""
+    """A scene with the arrays that rays need.
+
+    Attributes
+    ----------
+    solids
+        All solids, in the order of the codes of `cast`.
+    """
 
     def __init__(self, solids: tuple[Solid, ...]) -> None:
         self.solids = solids
@@ -224,7 +315,7 @@ class FrozenScene:
             np.zeros((len(solids), 3)),
             np.array([s.T_world_solid[:3, :3].T for s in solids]),
             np.array([s.half for s in solids], float),
-            np.array([s.ball for s in solids]) + 1e-6,
+            np.array([s.bounding_radius for s in solids]) + 1e-6,
         )
         self._grid = _grid(solids)
 
@@ -235,17 +326,30 @@ class FrozenScene:
         times: Float64,
         max_range: float = 100.0,
     ) -> tuple[Float64, Int64]:
-        """Return exact ranges (B,) and codes (B,) of rays, each at its own time.
+        """Return exact ranges and codes of rays, each at its own time.
 
-        Things move in straight lines from the first of the times to the last, as `raycast.cast`
-        has it; `times` (B,) are s on the world's clock.
+        Solids move in straight lines from the first of the times to the last.
+
+        Parameters
+        ----------
+        origins, directions
+            float64 (B, 3) in the world, m; unit directions.
+        times
+            float64 (B,), s on the world's clock.
+        max_range
+            m.
+
+        Returns
+        -------
+        ranges, codes
+            As in `raycast.cast`.
         """
         start = float(times[0])
-        self._place(start, float(times[-1]))
+        self._move_solids(start, float(times[-1]))
         return raycast.cast(self._arrays, self._grid, origins, directions, times - start, max_range)
 
-    def _place(self, start: float, end: float) -> None:
-        """Put what moves to where it is at `start`, with its velocity until `end`."""
+    def _move_solids(self, start: float, end: float) -> None:
+        """Write the poses of moving solids at `start`, and their velocities until `end`."""
         for i in self._moving:
             solid = self.solids[i]
             is_there = solid.span[0] <= start < solid.span[1]
@@ -262,8 +366,8 @@ class FrozenScene:
 
 
 def _grid(solids: tuple[Solid, ...]) -> Grid:
-    """Sort the solids that stand still into cells; large and moving ones are everywhere."""
-    boxes = np.array([(s.T_world_solid[:2, 3], s.reach[:2]) for s in solids])
+    """Sort the static solids into cells; every ray tests large and moving ones."""
+    boxes = np.array([(s.T_world_solid[:2, 3], s.half_extent[:2]) for s in solids])
     low, high = boxes[:, 0] - boxes[:, 1], boxes[:, 0] + boxes[:, 1]
     origin, span = low.min(axis=0) - 1e-3, high.max(axis=0) - low.min(axis=0) + 2e-3
     is_few = len(solids) <= FEW
@@ -273,7 +377,7 @@ def _grid(solids: tuple[Solid, ...]) -> Grid:
     covered = np.prod(last - first + 1, axis=1)
     everywhere, cells = [], [[] for _ in range(nx * ny)]  # type: ignore[var-annotated]
     for i, solid in enumerate(solids):
-        if is_few or not solid.is_still or covered[i] > 0.25 * nx * ny:
+        if is_few or not solid.is_still or covered[i] > LARGE * nx * ny:
             everywhere.append(i)
             continue
         for cx in range(first[i, 0], last[i, 0] + 1):

@@ -5,13 +5,13 @@ Floor and back wall (2.6 m ahead) are in all; the laser tilts from 5 to 65 degre
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import radians
 
 import numpy as np
 
-from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.sim.rigid import rigid
-from tccm_ros.pipeline.sim.scene import Motion, Scene, Solid
+from tccm_ros.pipeline.sim.scene import Motion, Scene
 
 __all__ = ["SITUATIONS", "situation_scene"]
 
@@ -20,14 +20,14 @@ Vector = tuple[float, float, float]
 SITUATIONS = ("a", "b", "c", "d")
 
 TILT_LOW, TILT_HIGH = radians(5.0), radians(65.0)
-SWEEP_TIME = 1.575  # s
+CYCLE_TIME = 1.575  # s, of a tilt cycle
 WALL_X = 2.6
 TABLE = (0.8, 1.2, 0.03)  # depth, width, thickness
 TABLE_EDGE, TABLE_TOP = 0.5, 0.700
 SHELF = (0.3, 0.9, 1.2)
 SHELF_FRONT = 0.600
 BOARD = 0.02
-TURN = radians(20.0)  # of C and D
+SITUATION_YAW = radians(20.0)  # of C and D
 ARM_PERIOD = 3.15  # s, of the arm that moves over the table of C
 
 
@@ -38,7 +38,17 @@ def situation_scene(
     translation: Vector = (0.0, 0.0, 0.0),
     room: bool = False,
 ) -> Scene:
-    """Return what stands in a situation; the solids of its subject are named ``subject``."""
+    """Return the scene of a situation; the solids of its subject are named ``subject``.
+
+    Parameters
+    ----------
+    name
+        One of `SITUATIONS`.
+    yaw, pitch, translation
+        Pose of the subject relative to its usual one, rad and m.
+    room
+        Whether there are side walls, a rear wall and a ceiling.
+    """
     if name not in SITUATIONS:
         raise ValueError(f"no situation '{name}'; there are {', '.join(SITUATIONS)}")
     scene = Scene()
@@ -49,11 +59,11 @@ def situation_scene(
     else:
         _shelf(subject, is_open=name == "d")
         pivot = np.array([SHELF_FRONT, 0.0, SHELF[2] / 2.0])
-    turn = yaw + (TURN if name in "cd" else 0.0)
-    lean = -pitch if name in "ac" else pitch
-    move = rigid(pivot + translation, (0.0, lean, turn)) @ rigid(-pivot)
+    total_yaw = yaw + (SITUATION_YAW if name in "cd" else 0.0)
+    rotation_y = -pitch if name in "ac" else pitch
+    move = rigid(pivot + translation, (0.0, rotation_y, total_yaw)) @ rigid(-pivot)
     for solid in subject.solids:
-        scene.solids.append(_placed(solid, move))
+        scene.solids.append(replace(solid, T_world_solid=move @ solid.T_world_solid))
     if name == "c":
         _arm(scene)
     scene.floor_and_ceiling((-4.0, 8.0), (-6.0, 6.0), 2.6 if room else None)
@@ -65,35 +75,27 @@ def situation_scene(
     return scene
 
 
-def _placed(solid: Solid, move: Float64) -> Solid:
-    """Return a solid moved by T_world_subject."""
-    place = move @ solid.T_world_solid
-    return Solid(
-        solid.shape, place, solid.half, solid.name, solid.surface, solid.role, solid.motion
-    )
-
-
 def _table(scene: Scene, with_objects: bool) -> None:
     """A table, 1.2 m wide; in C with three boxes on it."""
     center = (TABLE_EDGE + TABLE[0] / 2.0, 0.0)
     scene.table("subject", (TABLE[0], TABLE[1]), TABLE_TOP, center, board=TABLE[2], surface="table")
     if not with_objects:
         return
-    for x, y, size, turn in (
+    for x, y, size, box_yaw in (
         (0.75, 0.32, 0.08, 0.3),
         (1.05, 0.05, 0.14, -0.2),
         (0.9, -0.35, 0.20, 0.5),
     ):
         place = (x, y, TABLE_TOP + size / 2.0)
-        scene.box("box", (size, size, size), place, (0.0, 0.0, turn), role="object")
+        scene.box("box", (size, size, size), place, (0.0, 0.0, box_yaw), role="object")
 
 
 def _arm(scene: Scene) -> None:
     """Two cylinders that swing over the table: a forearm and an upper arm."""
     keys = [(k * ARM_PERIOD / 2.0, 0.0, 0.25 * (-1.0) ** k, 0.0) for k in range(200)]
     motion = Motion.through(keys)
-    lean = radians(80.0)
-    scene.cylinder("arm", 0.04, 0.40, (0.55, -0.1, 0.95), (0.0, lean, 0.3), motion=motion)
+    pitch = radians(80.0)
+    scene.cylinder("arm", 0.04, 0.40, (0.55, -0.1, 0.95), (0.0, pitch, 0.3), motion=motion)
     scene.cylinder("arm", 0.05, 0.35, (0.22, -0.2, 1.05), (0.0, radians(60.0), 0.3), motion=motion)
 
 
@@ -122,7 +124,7 @@ def _shelf(scene: Scene, is_open: bool) -> None:
 
 
 def _drawer(scene: Scene, front: float, limits: tuple[float, float]) -> None:
-    """A drawer, pulled out so that its front board starts at x = `front`, with two things in it."""
+    """A drawer, whose front board starts at x = `front`, with two objects in it."""
     depth, half = SHELF[0] - BOARD, SHELF[1] / 2.0 - BOARD - 0.005
     low, high = limits[0] + 0.005, limits[1] - 0.005
     top = high - 0.06  # sides are lower than the front

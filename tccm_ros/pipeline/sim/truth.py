@@ -1,8 +1,9 @@
-"""What is true of a world, in the files' own terms: surfaces, objects, walls and the trajectory."""
+"""Ground truth of a world: surfaces, objects, walls and the trajectory, as files have them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,14 +20,14 @@ __all__ = ["map_from_world", "surfaces", "trajectory", "walls"]
 
 
 POSE_PERIOD = 0.02  # s, of the true trajectory
-SMALLEST = 0.01  # m2, of a top that is listed
-CONTACT = 0.005  # m; what stands on a top touches it within this
-CAP_CORNERS = 64  # of the polygon that stands for a cylinder's top
-GRID = 1e-6  # m, on which polygons are joined
+SMALLEST = 0.01  # m2, min area of a surface (chosen)
+CONTACT = 0.005  # m, max distance of what stands on a surface to it (chosen)
+CAP_CORNERS = 64  # of the polygon of a cylinder's top
+GRID = 1e-6  # m, of the coordinates of polygons
 
 
 def map_from_world(simulation: Simulation) -> Float64:
-    """Return T_map_world, float64 (4, 4): the map is the first base pose, levelled."""
+    """Return T_map_world, float64 (4, 4): the map is the first base pose without roll and pitch."""
     first = simulation.true_poses(np.zeros(1))[0]
     yaw = float(np.arctan2(first[1, 0], first[0, 0]))
     return invert(rigid(first[:3, 3], (0.0, 0.0, yaw)))
@@ -46,8 +47,8 @@ def trajectory(simulation: Simulation) -> Iterator[str]:
 def surfaces(simulation: Simulation) -> dict[str, Any]:
     """Return truth.json: surfaces at the end of the recording, with the keys of surfaces.json.
 
-    `surfaces` are those that the world is about, `gone` those that were there before the end, and
-    `others` every other level top of at least 0.01 m2; objects that stand on a surface are in
+    `surfaces` are those that are named in the scene, `gone` those that vanished before the end, and
+    `others` all other horizontal tops of at least 0.01 m2; objects that stand on a surface are in
     `objects`. The floor is not listed; `floor_z` is its height.
     """
     T_map_world = map_from_world(simulation)
@@ -57,7 +58,7 @@ def surfaces(simulation: Simulation) -> dict[str, Any]:
     before = [
         _moved(s, max(s.span[0], 0.0)) for s in solids if s.span[1] <= end and s.role != "person"
     ]
-    named = _by_name([s for s in present if s.surface and _is_upright(s)])
+    named = _by_name([s for s in present if s.surface and _has_vertical_axis(s)])
     return {
         "format": "tccm_ros/surfaces",
         "version": 1,
@@ -71,7 +72,7 @@ def surfaces(simulation: Simulation) -> dict[str, Any]:
 
 
 def walls(simulation: Simulation) -> dict[str, Any]:
-    """Return truth_walls.json: the upright faces of walls, as lines in map."""
+    """Return truth_walls.json: the vertical faces of walls, as lines in map."""
     T_map_world = map_from_world(simulation)
     return {
         "frame_id": "map",
@@ -103,7 +104,7 @@ def _by_name(solids: list[Solid]) -> list[tuple[str, list[Solid]]]:
 def _surfaces(
     groups: list[tuple[str, list[Solid]]], present: list[Solid], T_map_world: Float64
 ) -> list[dict[str, Any]]:
-    """Return a row per polygon of the tops of each group, less what stands on them."""
+    """Return a row per polygon of the tops of each group, without what stands on them."""
     rows: list[dict[str, Any]] = []
     for name, group in groups:
         height = _top(group[0])
@@ -147,31 +148,31 @@ def _object(solid: Solid, T_map_world: Float64) -> dict[str, Any]:
 
 
 def _is_other(solid: Solid) -> bool:
-    """Whether a solid has a level top that is no surface by design."""
+    """Return whether a solid has a horizontal top that is not named as a surface."""
     is_furniture = solid.role in ("furniture", "object") and not solid.surface
-    return is_furniture and _is_upright(solid) and _outline(solid).area >= SMALLEST
+    return is_furniture and _has_vertical_axis(solid) and _outline(solid).area >= SMALLEST
 
 
-def _is_upright(solid: Solid) -> bool:
+def _has_vertical_axis(solid: Solid) -> bool:
     return bool(abs(solid.T_world_solid[2, 2]) > 1.0 - 1e-9)
 
 
 def _top(solid: Solid) -> float:
-    return float(solid.T_world_solid[2, 3] + solid.reach[2])
+    return float(solid.T_world_solid[2, 3] + solid.half_extent[2])
 
 
 def _on(solid: Solid, height: float) -> bool:
-    """Whether a solid hides a level at this height: it stands on it or runs through it."""
-    low, high = solid.T_world_solid[2, 3] - solid.reach[2], _top(solid)
+    """Return whether a solid hides a surface at this height: it stands on it or intersects it."""
+    low, high = solid.T_world_solid[2, 3] - solid.half_extent[2], _top(solid)
     return bool(low < height + CONTACT and high > height + CONTACT)
 
 
 def _outline(solid: Solid) -> BaseGeometry:
-    """Return the outline of an upright solid from above."""
+    """Return the outline from above of a solid whose axis is vertical."""
     x, y, _ = solid.half
     if solid.shape == "cylinder":
-        turn = np.arange(CAP_CORNERS) * 2.0 * np.pi / CAP_CORNERS
-        corners = np.column_stack([x * np.cos(turn), x * np.sin(turn)])
+        angles = np.arange(CAP_CORNERS) * 2.0 * np.pi / CAP_CORNERS
+        corners = np.column_stack([x * np.cos(angles), x * np.sin(angles)])
     else:
         corners = np.array([(-x, -y), (x, -y), (x, y), (-x, y)])
     T = solid.T_world_solid
@@ -185,16 +186,14 @@ def _polygons(region: BaseGeometry) -> list[Polygon]:
 
 
 def _moved(solid: Solid, time: float) -> Solid:
-    """Return a solid where it is at a time, standing still."""
+    """Return a static solid at the pose of a moving one at a time."""
     if solid.motion is None:
         return solid
     x, y, z, yaw = solid.motion.at(time)
     T = rigid((x, y, z), (0.0, 0.0, yaw))
     place = rigid(solid.T_world_solid[:3, 3] + T[:3, 3])
     place[:3, :3] = T[:3, :3] @ solid.T_world_solid[:3, :3]
-    return Solid(
-        solid.shape, place, solid.half, solid.name, solid.surface, solid.role, None, solid.span
-    )
+    return replace(solid, T_world_solid=place, motion=None)
 
 
 def _rounded(values: Float64) -> Any:

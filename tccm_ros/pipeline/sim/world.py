@@ -1,4 +1,4 @@
-"""A world: what stands in it, which robot is there, and what the robot does."""
+"""A world: a scene, a robot, and the robot's motion."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ __all__ = ["Builder", "World", "with_options"]
 
 @dataclass(frozen=True)
 class World:
-    """All that a simulation needs.
+    """The input of a simulation.
 
     Attributes
     ----------
     name
         As on the command line.
     scene
-        What stands there.
+        Its solids.
     rig
-        The robot as it describes itself.
+        The robot as its description has it.
     drive
         Its true motion.
     joints
-        By joint: its true position over time; joints that are not named rest at zero.
+        True positions over time by name of the joint; the others rest at zero.
     tilt_windows
-        float64 (W, 2): from when until when the tilting laser publishes, s.
+        float64 (W, 2), start and end of the times in which the tilting laser publishes, s.
     """
 
     name: str
@@ -46,7 +46,7 @@ class World:
 
     @property
     def duration(self) -> float:
-        """Until the last sample of the drive, s."""
+        """Time of the last sample of the drive, s."""
         return float(self.drive.times[-1])
 
 
@@ -63,8 +63,8 @@ def with_options(rig: Rig, options: Options) -> Rig:
     if options.level_sigma is not None:
         level = replace(level, sigma=options.level_sigma)
     if options.tilt_beams is not None:
-        sweep = tilt.time_increment * (tilt.beams - 1)
-        step = sweep / (options.tilt_beams - 1)
+        scan_duration = tilt.time_increment * (tilt.beams - 1)
+        step = scan_duration / (options.tilt_beams - 1)
         tilt = replace(tilt, beams=options.tilt_beams, time_increment=step)
     if options.tilt_period is not None:
         tilt = replace(tilt, period=options.tilt_period)
@@ -74,10 +74,10 @@ def with_options(rig: Rig, options: Options) -> Rig:
     errors = replace(
         errors,
         scale=1.0 + options.odometry * (errors.scale - 1.0),
-        turn_scale=1.0 + options.odometry * (errors.turn_scale - 1.0),
+        yaw_scale=1.0 + options.odometry * (errors.yaw_scale - 1.0),
         drift=options.odometry * errors.drift,
         noise=options.odometry * errors.noise,
-        turn_noise=options.odometry * errors.turn_noise,
+        yaw_noise=options.odometry * errors.yaw_noise,
     )
     if options.heading_drift is not None:
         errors = replace(errors, drift=options.heading_drift)

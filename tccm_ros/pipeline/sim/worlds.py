@@ -1,4 +1,4 @@
-"""The worlds by name."""
+"""The simulated worlds by name."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ WORLDS: dict[str, tuple[Builder, str]] = {
     "situation_c": (situation("c"), "A turned, with boxes on it and an arm that moves over it"),
     "situation_d": (situation("d"), "B turned, with an open drawer and knobs"),
     "shelf": (shelf, "a shelf with an open drawer, scanned while waist and neck move"),
-    "walkthrough": (walkthrough, "A with a person who walks past and things that come and go"),
+    "walkthrough": (walkthrough, "A with a person who walks past and objects that come and go"),
     "load": (load, "20 s of 1,081 beams at 40 Hz, while driving"),
 }
-"""For each name: what builds the world, and what is in it."""
+"""The builder and the description of each world."""
 
 
 def build_world(name: str, options: Options | None = None) -> World:

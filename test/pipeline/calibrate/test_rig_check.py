@@ -1,4 +1,4 @@
-"""The check while mapping names the error that a simulated rig has, and is silent without one."""
+"""The check while mapping finds the error of a simulated rig, and nothing where there is none."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from tccm_ros.records import PlaneRecord
 
 
 def findings(**errors) -> dict[str, float]:
-    options = Options(tilt_beams=181, sweep_period=2.0, people=False, **errors)
+    options = Options(tilt_beams=181, cycle_period=2.0, people=False, **errors)
     fed, check = fed_tccm(expects_odometry=True), RigCheck()
     for message in run("room", options=options):
         if message.topic != "/scan":
@@ -23,7 +23,7 @@ def findings(**errors) -> dict[str, float]:
     return {finding.name: finding.size for finding in check.findings()}
 
 
-def test_a_good_rig_gives_no_finding():
+def test_a_rig_without_errors_gives_no_finding():
     assert findings() == {}
 
 
@@ -37,15 +37,15 @@ def test_a_good_rig_gives_no_finding():
         ({"joint_time_offset": 0.030}, "delay", None),
     ],
 )
-def test_an_error_is_named_first(errors: dict, name: str, size: float | None):
+def test_the_error_of_a_rig_is_the_first_finding(errors: dict, name: str, size: float | None):
     found = findings(**errors)
     assert next(iter(found)) == name
-    # The base leans by 0.07 deg at each place.
+    # The base is tilted by 0.07 deg at each place.
     assert size is None or found[name] == pytest.approx(size, abs=0.004)
 
 
 def square(height, *, side=1.0, at=(0.0, 0.0), slope=0.0, hole=None) -> PlaneRecord:
-    """Return a level plane over a square, which rises by `slope` along x."""
+    """Return a horizontal plane over a square, or one with a slope along x."""
     corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) / 2.0
 
     def ring(width):
@@ -61,22 +61,22 @@ def square(height, *, side=1.0, at=(0.0, 0.0), slope=0.0, hole=None) -> PlaneRec
     )  # fmt: skip
 
 
-def at_origin(planes) -> list[tuple[str, float]]:
+def findings_at_origin(planes) -> list[tuple[str, float]]:
     check = RigCheck()
     check._doubled = _doubled(planes, np.eye(4))
     return [(finding.name, finding.size) for finding in check.findings()]
 
 
 def test_two_planes_one_above_the_other_are_a_surface_mapped_twice():
-    found = at_origin([square(0.70), square(0.72, side=0.8)])
+    found = findings_at_origin([square(0.70), square(0.72, side=0.8)])
     assert found == [("doubled surface", pytest.approx(0.02))]
 
 
-def test_a_floor_that_is_tilted_in_all_cycles_lifts_what_is_far_away():
+def test_the_distance_of_doubled_planes_grows_with_range_where_the_base_is_tilted():
     planes = [square(0.70, at=(2.0, 0.0)), square(0.73, at=(2.0, 0.0), side=0.8)]
-    lean = 0.02  # rad: 40 mm at 2 m
+    base_tilt = 0.02  # rad: 40 mm at 2 m
     assert _doubled(planes, np.eye(4)) is not None
-    assert _doubled(planes, np.eye(4), lean) is None
+    assert _doubled(planes, np.eye(4), base_tilt) is None
 
 
 @pytest.mark.parametrize(
@@ -88,10 +88,10 @@ def test_a_floor_that_is_tilted_in_all_cycles_lifts_what_is_far_away():
         pytest.param([square(0.70, hole=0.6), square(0.72, side=0.5)], id="in a hole"),
         pytest.param(
             [square(0.0, side=9.0, slope=0.005), square(0.02, side=0.8, at=(4.0, 0.0))],
-            id="on a floor that leans",
+            id="on a tilted floor",
         ),
         pytest.param([square(0.70, at=(4.0, 0.0)), square(0.72, at=(4.0, 0.0))], id="far away"),
     ],
 )
-def test_other_planes_are_not_doubled(planes):
-    assert at_origin(planes) == []
+def test_planes_that_may_both_be_seen_are_not_a_surface_mapped_twice(planes):
+    assert findings_at_origin(planes) == []

@@ -11,7 +11,7 @@ from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError
 from tccm_ros.geometry import transform2
 from tccm_ros.pipeline.calibrate import Calibration, calibrate
-from tccm_ros.pipeline.calibrate.agreement import Agreement, Compared
+from tccm_ros.pipeline.calibrate.agreement import Agreement, ComparedQuantity
 from tccm_ros.pipeline.calibrate.reading import read_recording
 from tccm_ros.pipeline.calibrate.together import join
 from tccm_ros.pipeline.sim import Options, simulate
@@ -21,17 +21,17 @@ ERRORS = {"tilt_offset": 0.05, "tilt_scale": 0.98, "laser_roll": 0.01, "joint_ti
 
 def bag(folder: Path, world: str = "room", **errors) -> Path:
     settings = {
-        "tilt_beams": 121, "sigma": 0.006, "sweep_period": 2.0, "lean": 0.0, "people": False,
+        "tilt_beams": 121, "sigma": 0.006, "cycle_period": 2.0, "base_tilt": 0.0, "people": False,
     } | errors  # fmt: skip
     simulate(world, folder, options=Options(**settings))
     return folder
 
 
 def sigmas(found: Calibration) -> dict[str, float]:
-    return {q.name: q.sigma for q in found.judgement.quantities if q.sigma is not None}
+    return {q.name: q.sigma for q in found.observability.quantities if q.sigma is not None}
 
 
-def test_two_recordings_of_one_rig_tell_more_than_one(tmp_path: Path):
+def test_two_recordings_of_one_rig_give_smaller_standard_deviations_than_one(tmp_path: Path):
     bags = [bag(tmp_path / world, world, **ERRORS) for world in ("room", "moved")]
     both = calibrate(bags, floor_z=0.0)
     alone = [calibrate(one, floor_z=0.0) for one in bags]
@@ -42,7 +42,7 @@ def test_two_recordings_of_one_rig_tell_more_than_one(tmp_path: Path):
     for name in ("tilt_offset", "tilt_scale", "roll", "height", "joint_time_offset"):
         assert sigmas(both)[name] < min(sigmas(one)[name] for one in alone), name
     truth = (0.05, 0.98, 0.01, 0.0, 0.008)
-    for quantity, expected in zip(both.judgement.quantities, truth):
+    for quantity, expected in zip(both.observability.quantities, truth):
         assert quantity.value == pytest.approx(expected, abs=3.0 * quantity.sigma)
     content = both.to_json()
     assert content["bags"] == ["room", "moved"]
@@ -50,14 +50,14 @@ def test_two_recordings_of_one_rig_tell_more_than_one(tmp_path: Path):
     assert both.yaml().startswith("# Made by `tccm calibrate room moved`.")
 
 
-def test_recordings_between_which_the_zero_was_set_anew_are_refused(tmp_path: Path):
+def test_recordings_with_different_tilt_zeros_are_refused(tmp_path: Path):
     one = bag(tmp_path / "before", **ERRORS)
     other = bag(tmp_path / "after", **ERRORS | {"tilt_offset": 0.07})
     with pytest.raises(BagError, match=r"not of one rig: tilt_offset is .* in before and .* after"):
         calibrate([one, other], floor_z=0.0)
 
 
-def test_real_recordings_between_which_the_laser_was_moved_are_refused():
+def test_real_recordings_with_different_mounts_of_the_laser_are_refused():
     bags = [shared(f"bags/dlut_{name}") for name in ("A605", "A617")]
     with pytest.raises(BagError, match=r"tilt_offset is .* in dlut_A617 and .* in dlut_A605"):
         calibrate(bags, floor_z=-0.3)
@@ -69,12 +69,12 @@ def test_the_same_bag_twice_is_refused(tmp_path: Path):
         calibrate([tmp_path / "one", tmp_path / "two" / ".." / "one"])
 
 
-def test_a_laser_that_is_mounted_elsewhere_is_named(tmp_path: Path):
+def test_the_error_names_a_laser_that_is_mounted_elsewhere(tmp_path: Path):
     recording = read_recording(bag(tmp_path / "one"), Config())
-    sweep = recording.sweeps[0]
-    chain = replace(sweep.chain, fixed=sweep.chain.fixed.copy())
+    cycle = recording.cycles[0]
+    chain = replace(cycle.chain, fixed=cycle.chain.fixed.copy())
     chain.fixed[-1, 2, 3] += 0.01
-    moved = replace(recording, sweeps=[replace(sweep, chain=chain), *recording.sweeps[1:]])
+    moved = replace(recording, cycles=[replace(cycle, chain=chain), *recording.cycles[1:]])
     with pytest.raises(FrameError, match="the transform before the laser is another one"):
         join([recording, moved])
     other = replace(recording, bags=("two",), base="torso")
@@ -83,24 +83,24 @@ def test_a_laser_that_is_mounted_elsewhere_is_named(tmp_path: Path):
     assert join([recording, recording]).bags == ("one (1)", "one (2)")
 
 
-def test_places_of_all_bags_are_numbered_on(tmp_path: Path):
+def test_joined_recordings_number_their_places_consecutively(tmp_path: Path):
     recording = read_recording(bag(tmp_path / "one"), Config())
     both = join([recording, recording])
     n = len(recording.bag)
     assert both.bag.tolist() == [0] * n + [1] * n
     assert both.places.tolist() == [*recording.places, *(recording.places + n)]
     assert sorted(both.level) == [*recording.level, *(n + place for place in recording.level)]
-    assert both.sweeps_of(1) == (len(recording.sweeps), 2 * len(recording.sweeps))
-    # Poses are seen from the first place: laid on it, they are where the sweeps were made.
+    assert both.cycles_of(1) == (len(recording.cycles), 2 * len(recording.cycles))
+    # Poses are in the frame of the first place; in odom they are the poses of the tilt cycles.
     firsts = np.unique(recording.places, return_index=True)[1]
-    made = np.array([recording.sweeps[i].place for i in firsts])
+    made = np.array([recording.cycles[i].place for i in firsts])
     assert transform2(made[0], recording.poses[:, :2]) == pytest.approx(made[:, :2], abs=1e-4)
 
 
-def test_disagreement_counts_in_standard_deviations():
-    same = Compared("roll", ("a", "b", "c"), (0.01, 0.011, 0.009), (0.001, 0.001, 0.001))
+def test_disagreement_is_measured_in_standard_deviations():
+    same = ComparedQuantity("roll", ("a", "b", "c"), (0.01, 0.011, 0.009), (0.001, 0.001, 0.001))
     assert same.chi_square == pytest.approx(2.0)
-    off = Compared("tilt_scale", ("a", "b"), (1.0, 1.05), (0.003, 0.004))
+    off = ComparedQuantity("tilt_scale", ("a", "b"), (1.0, 1.05), (0.003, 0.004))
     assert off.chi_square == pytest.approx((0.05 / 0.005) ** 2)
     agreement = Agreement((same, off))
     assert agreement.differing == (off,)

@@ -54,7 +54,7 @@ def paths(ways):
 
 
 @pytest.mark.parametrize("aligned", [True, False])
-def test_absolute_errors(ways, aligned):
+def test_absolute_errors_are_those_of_evo(ways, aligned):
     truth, found = paths(ways)
     if aligned:
         found.align(truth)
@@ -65,7 +65,7 @@ def test_absolute_errors(ways, aligned):
 
 
 @pytest.mark.parametrize("frames", [1, 7])
-def test_relations(ways, frames):
+def test_errors_of_relations_are_those_of_evo(ways, frames):
     def metric(relation):
         return metrics.RPE(relation, frames, metrics.Unit.frames, all_pairs=True)
 
@@ -77,7 +77,7 @@ def test_relations(ways, frames):
     np.testing.assert_allclose(ours.rotation, rotation, atol=1e-6)
 
 
-def test_errors_over_distance(ways):
+def test_errors_over_distance_are_those_of_evo(ways):
     """Over 4.75 m of a way with steps of 0.5 m: ten poses later."""
 
     def metric(relation):

@@ -65,7 +65,7 @@ def test_stamps_keep_their_nanoseconds(tmp_path):
     assert np.allclose(read.T_map_base, spatial(poses), atol=1e-8)
 
 
-def test_kinds_of_truth_are_told_apart(tmp_path):
+def test_the_kind_of_a_truth_file_is_found_from_its_numbers(tmp_path):
     poses, stamps = circle(), stamps_of(80)
     tum = write_tum(tmp_path / "a.txt", poses, stamps)
     relations = write_relations(tmp_path / "b.txt", poses, stamps, [(0, 5), (3, 40)])
@@ -95,7 +95,7 @@ def test_relations_may_be_planar(tmp_path):
     assert np.allclose(found.deltas, whole.deltas)
 
 
-def test_both_orders_by_hand():
+def test_errors_of_relations_in_both_orders():
     """The robot is found 0.1 rad too far left at the end of a straight metre."""
     T_from, delta = np.eye(4)[None], spatial(np.array([[1.0, 0.0, 0.0]]))
     found = spatial(np.array([[1.0, 0.0, 0.1]]))
@@ -117,7 +117,7 @@ def test_absolute_errors_ignore_a_rigid_motion():
 
 
 @pytest.mark.parametrize("heights", [False, True])
-def test_alignment_is_the_least_squares_one(heights):
+def test_alignment_minimises_the_squared_distances(heights):
     random = np.random.default_rng(0)
     points = random.normal(size=(40, 3)) * [3, 3, 1.0 if heights else 0.0]
     T = spatial(np.array([1.0, 2.0, 0.7]))
@@ -153,7 +153,7 @@ def test_nees_of_consistent_errors_is_one():
     assert values.mean() == pytest.approx(1.0, abs=0.06)
 
 
-def test_interpolation_and_gaps():
+def test_poses_are_interpolated_and_unknown_within_gaps():
     stamps = np.array([0, 10**9, 20 * 10**9])
     poses = spatial(np.array([[0.0, 0, 0], [1.0, 0, 0.2], [2.0, 0, 0]]))
     asked = np.array([0, 5 * 10**8, 10**9, 10 * 10**9, 20 * 10**9, 21 * 10**9, -1])
@@ -162,7 +162,7 @@ def test_interpolation_and_gaps():
     assert found[1, 0, 3] == pytest.approx(0.5)
 
 
-def test_pairs_that_meet_by_brute_force():
+def test_pairs_that_meet_are_those_of_a_brute_force_search():
     positions = circle()[:, :2]
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(positions, axis=0).T))])
     expected = [
@@ -175,7 +175,7 @@ def test_pairs_that_meet_by_brute_force():
     assert expected
 
 
-def test_a_result_against_each_kind_of_truth(tmp_path):
+def test_a_result_is_compared_with_each_kind_of_truth(tmp_path):
     poses, stamps = circle(), stamps_of(80)
     result = tmp_path / "result"
     result.mkdir()
@@ -194,7 +194,7 @@ def test_a_result_against_each_kind_of_truth(tmp_path):
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
 
 
-def test_stamps_that_the_importer_changed(tmp_path):
+def test_stamps_that_the_importer_changed_are_matched(tmp_path):
     """Truth has the log's stamps, which step back; stamps.csv leads to the bag's."""
     poses, stamps = circle(), stamps_of(80)
     logged = stamps.copy()
@@ -227,14 +227,14 @@ def test_stamps_that_the_importer_changed(tmp_path):
         ("1 nan 0 0 0 0 0 1\n", "finite"),
     ],
 )
-def test_files_that_are_no_trajectory(tmp_path, text, said):
+def test_files_of_another_form_are_errors(tmp_path, text, said):
     path = tmp_path / "bad.tum"
     path.write_text(text)
     with pytest.raises(LogError, match=said):
         score_trajectory(path, path)
 
 
-def test_missing_files_and_truth_of_another_time(tmp_path):
+def test_missing_files_and_truth_of_another_time_are_errors(tmp_path):
     with pytest.raises(LogError, match="cannot be read"):
         read_tum(tmp_path / "none.tum")
     a = write_tum(tmp_path / "a.tum", circle(), stamps_of(80))
@@ -243,5 +243,5 @@ def test_missing_files_and_truth_of_another_time(tmp_path):
         score_trajectory(a, b)
 
 
-def test_errors_of_nothing():
+def test_no_poses_have_no_errors():
     assert len(Errors.of(np.zeros((0, 4, 4)))) == 0

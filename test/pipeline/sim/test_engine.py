@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tccm_ros.pipeline.sim.engine import EPOCH_NS, Simulation
-from tccm_ros.pipeline.sim.joints import Profile, sweeps
+from tccm_ros.pipeline.sim.joints import Profile, oscillation
 from tccm_ros.pipeline.sim.motion import Waypoint, drive, stand
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.robots import HUMANOID, SEGWAY, UPSIDE_DOWN
@@ -19,7 +19,7 @@ EXACT = Options(sigma=0.0, level_sigma=0.0, quantum=0.0, faults=False)
 
 
 def bare_world(rig=SEGWAY, joints=None, path=None):
-    """A floor, and a wall 3 m ahead."""
+    """Return a world with a floor, and a wall 3 m ahead."""
     scene = Scene()
     scene.floor_and_ceiling((-20, 20), (-20, 20))
     scene.wall("wall", (3.0, -8.0), (3.0, 8.0), height=2.0)
@@ -39,19 +39,19 @@ def at_bearing(scan, bearing):
 
 
 def nearest_beam(scan, bearing):
-    """Bearing of the beam nearest to a bearing."""
+    """Return the bearing of the beam that is nearest to a bearing."""
     return scan.angle_min + scan.angle_increment * round(
         (bearing - scan.angle_min) / scan.angle_increment
     )
 
 
-def test_level_laser_sees_the_wall():
+def test_the_level_laser_measures_the_distance_of_a_wall():
     scan = records(bare_world(), topic="/scan")[0]
     assert at_bearing(scan, 0.0) == pytest.approx(3.0 - 0.28, abs=0.006)  # 1 cm steps
     assert at_bearing(scan, np.pi / 4) == pytest.approx((3.0 - 0.28) * np.sqrt(2), abs=0.006)
 
 
-def test_tilted_laser_sees_the_floor():
+def test_a_tilted_laser_measures_the_distance_of_the_floor():
     # Axis at (0.12, 1.336); tilted by 50 deg the laser is at z = 1.336 + 0.064 cos - 0.012 sin.
     tilt = np.radians(50.0)
     world = bare_world(joints={"ptu_tilt_joint": Profile.rest(tilt)})
@@ -61,8 +61,8 @@ def test_tilted_laser_sees_the_floor():
     assert at_bearing(scan, np.pi / 3) == pytest.approx(2 * height / np.sin(tilt), abs=1e-5)
 
 
-def test_upside_down_laser_sees_left_on_the_right():
-    """A post to the left of the robot is at a negative bearing of a laser that hangs."""
+def test_an_upside_down_laser_measures_what_is_on_the_left_at_negative_bearings():
+    """A post on the left of the robot is at a negative bearing."""
     world = bare_world(UPSIDE_DOWN)
     world.scene.cylinder("post", 0.05, 2.0, (2.0, 1.0, 1.0))
     scan = records(world, topic="/nod_lidar/scan")[0]
@@ -71,8 +71,8 @@ def test_upside_down_laser_sees_left_on_the_right():
     assert at_bearing(scan, bearing) == pytest.approx((3.0 - 0.19) / np.cos(bearing), abs=1e-5)
 
 
-def test_each_beam_has_the_joint_of_its_own_time():
-    world = bare_world(joints={"laser_tilt_joint": sweeps([(0.0, 0.5)], 0.5, (0.9, 1.3), 0.0)})
+def test_each_beam_is_cast_from_the_joint_position_at_its_own_time():
+    world = bare_world(joints={"laser_tilt_joint": oscillation([(0.0, 0.5)], 0.5, (0.9, 1.3), 0.0)})
     world = replace(world, rig=HUMANOID)
     scan = records(world, topic="/tilt_scan")[2]
     beams = np.arange(len(scan.ranges))
@@ -85,8 +85,8 @@ def test_each_beam_has_the_joint_of_its_own_time():
     assert scan.ranges[ahead] == pytest.approx(expected[ahead], abs=1e-5)
 
 
-def test_each_beam_has_the_base_of_its_own_time():
-    path = drive([Waypoint(0, 0, 0.0), Waypoint(1.5, 0)], lean=0.0)
+def test_each_beam_is_cast_from_the_base_pose_at_its_own_time():
+    path = drive([Waypoint(0, 0, 0.0), Waypoint(1.5, 0)], base_tilt=0.0)
     simulation = Simulation(bare_world(path=path), 0, EXACT)
     scans = [m.records[0] for m in simulation.run() if m.topic == "/scan"]
     scan = scans[len(scans) // 2]
@@ -96,7 +96,7 @@ def test_each_beam_has_the_base_of_its_own_time():
     assert scan.ranges[middle] == pytest.approx(3.0 - 0.28 - x, abs=0.006)
 
 
-def test_order_and_topics():
+def test_messages_are_in_the_order_of_their_time_on_the_topics_of_the_robot():
     messages = list(Simulation(bare_world(UPSIDE_DOWN), 0, EXACT).run())
     stamps = [m.log_ns for m in messages]
     assert stamps == sorted(stamps)
@@ -110,13 +110,13 @@ def test_order_and_topics():
             assert message.log_ns > message.records[0].end_ns
 
 
-def test_odometry_starts_where_the_robot_says():
+def test_odometry_starts_at_the_first_pose_of_the_robot():
     first = records(bare_world(UPSIDE_DOWN), kind=Odometry)[0]
     assert (first.frame_id, first.child_frame_id) == ("wheel_odom", "chassis")
     assert first.T_odom_base[:2, 3] == pytest.approx([2.0, -1.0])
 
 
-def test_joint_states_name_the_wheels_too():
+def test_joint_states_contain_the_wheels():
     sample = records(bare_world(), kind=JointSample)[0]
     assert sample.names == (
         "ptu_pan_joint", "ptu_tilt_joint", "left_wheel_joint", "right_wheel_joint",
@@ -124,7 +124,7 @@ def test_joint_states_name_the_wheels_too():
 
 
 class TestErrorsOfTheRig:
-    """An option is the correction that `tccm calibrate` must find."""
+    """Each option is the correction that `tccm calibrate` must find."""
 
     tilt = 0.8
     joints = {"ptu_tilt_joint": Profile.rest(tilt)}  # noqa: RUF012
@@ -133,16 +133,16 @@ class TestErrorsOfTheRig:
         options = EXACT.model_copy(update=errors)
         return records(bare_world(joints=self.joints), options, JointSample)[5]
 
-    def test_zero_and_scale(self):
+    def test_tilt_offset_and_tilt_scale_correct_the_reported_tilt(self):
         sample = self.reported(tilt_offset=0.1, tilt_scale=1.03)
         corrected = 1.03 * sample.positions[1] + 0.1
         assert corrected == pytest.approx(self.tilt, abs=1.03 * SEGWAY.encoder / 2)
 
-    def test_delay(self):
+    def test_joint_time_offset_corrects_the_stamps_of_joints(self):
         sample = self.reported(joint_time_offset=0.012)
         assert sample.stamp_ns + 12_000_000 == EPOCH_NS + 50_000_000
 
-    def test_roll_and_height(self):
+    def test_roll_and_height_correct_the_mount_of_the_tilt_axis(self):
         options = EXACT.model_copy(update={"laser_roll": 0.05, "laser_height": 0.02})
         scan = records(bare_world(joints=self.joints), options, topic="/tilt_scan")[0]
         # The roll turns the whole unit about x at the tilt axis (z = 1.336 + 0.02).
@@ -156,7 +156,7 @@ class TestErrorsOfTheRig:
             ray = roll @ (np.cos(bearing) * c, np.sin(bearing), -np.cos(bearing) * s)
             assert at_bearing(scan, bearing) == pytest.approx(-height / ray[2], abs=1e-5)
 
-    def test_level_mount(self):
+    def test_level_error_corrects_the_mount_of_the_level_laser(self):
         options = EXACT.model_copy(update={"level_error": (0.1, 0, 0, 0, 0, 0)})
         scan = records(bare_world(), options, topic="/scan")[0]
         assert at_bearing(scan, 0.0) == pytest.approx(3.0 - 0.38, abs=0.006)
@@ -172,7 +172,7 @@ def test_transforms_on_tf_are_those_of_the_joints():
     assert turned["base_link"].parent == "odom"
 
 
-def test_windows_say_when_the_tilting_laser_publishes():
+def test_the_tilting_laser_publishes_within_its_windows_only():
     world = replace(bare_world(), tilt_windows=np.array([[0.1, 0.3]]))
     stamps = np.array([s.stamp_ns - EPOCH_NS for s in records(world, topic="/tilt_scan")]) * 1e-9
     assert stamps.min() >= 0.1
@@ -181,15 +181,15 @@ def test_windows_say_when_the_tilting_laser_publishes():
     assert len(records(world, always, topic="/tilt_scan")) > len(stamps)
 
 
-def test_same_seed_same_ranges():
+def test_the_same_seed_gives_the_same_ranges():
     world, noisy = bare_world(), Options()
     first, again, other = (records(world, noisy, seed=s) for s in (3, 3, 4))
     assert all(a.ranges.tobytes() == b.ranges.tobytes() for a, b in zip(first, again))
     assert any(a.ranges.tobytes() != b.ranges.tobytes() for a, b in zip(first, other))
 
 
-def test_the_robot_sees_its_own_body():
-    """The gripper's actuator stands in front: its top is 1.1 m high, 0.33 to 0.39 m ahead."""
+def test_lasers_measure_the_body_of_the_robot():
+    """The actuator of the gripper is in front: its top is 1.1 m high, 0.33 to 0.39 m ahead."""
     tilt = 0.95
     world = bare_world(joints={"ptu_tilt_joint": Profile.rest(tilt)})
     height = 1.336 + 0.064 * np.cos(tilt) - 0.012 * np.sin(tilt)
@@ -200,6 +200,6 @@ def test_the_robot_sees_its_own_body():
     assert at_bearing(scan, 0.0) == pytest.approx(height / np.sin(tilt), abs=1e-5)
 
 
-def test_there_may_be_no_tilting_laser():
+def test_without_the_option_tilt_there_are_no_tilting_scans():
     level_only = EXACT.model_copy(update={"tilt": False})
     assert {s.frame_id for s in records(bare_world(), level_only)} == {"lms"}

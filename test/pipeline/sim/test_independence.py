@@ -8,7 +8,7 @@ import tccm_ros.pipeline.sim
 FORBIDDEN = {"geometry", "robot", "sensors", "cuboids", "planes", "mapping", "slam", "surfaces"}
 
 
-def test_no_geometry_of_the_mapping_side_is_imported():
+def test_the_simulator_imports_no_geometry_of_the_mapping_side():
     files = sorted(Path(tccm_ros.pipeline.sim.__file__).parent.glob("*.py"))
     assert len(files) > 10
     for file in files:

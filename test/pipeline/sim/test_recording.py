@@ -34,7 +34,7 @@ def digest(folder: Path) -> dict[str, str]:
     return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.iterdir())}
 
 
-def test_same_seed_same_bytes(bag, tmp_path):
+def test_the_same_seed_gives_the_same_bytes(bag, tmp_path):
     (tmp_path / "again").mkdir()
     again = simulate("situation_a", tmp_path / "again" / "a", seed=5, options=SHORT)
     assert digest(bag) == digest(again)
@@ -43,7 +43,7 @@ def test_same_seed_same_bytes(bag, tmp_path):
     assert digest(bag)["truth.json"] == digest(other)["truth.json"]
 
 
-def test_another_reader_finds_the_records(bag):
+def test_the_bag_holds_the_records_that_the_simulation_yields(bag):
     """What `run` yields is what is in the bag."""
     scans = [
         (m.topic, m.log_ns, m.records[0])
@@ -64,7 +64,7 @@ def test_another_reader_finds_the_records(bag):
         assert message.scan_time > 0
 
 
-def test_quaternions_turn_as_the_robot_does(tmp_path):
+def test_the_orientation_of_the_odometry_is_that_of_the_robot(tmp_path):
     """The odometry's orientation, by hand: the gantry's odometry starts at a yaw of 0.7 rad."""
     path = simulate("upside_down", tmp_path / "u", options=Options(tilt_beams=31))
     odom = next(m for topic, _, m in messages(path) if topic == "/wheel_odom")
@@ -76,7 +76,7 @@ def test_quaternions_turn_as_the_robot_does(tmp_path):
     assert abs(mount.transform.rotation.x) == pytest.approx(1.0)
 
 
-def test_offered_qos(bag):
+def test_scans_are_offered_as_sensor_data_and_descriptions_are_latched(bag):
     info = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     topics = {
         t["topic_metadata"]["name"]: t["topic_metadata"]["offered_qos_profiles"][0]
@@ -87,7 +87,7 @@ def test_offered_qos(bag):
     assert topics["/odom"]["reliability"] == "reliable"
 
 
-def test_truth_is_beside_the_bag(bag):
+def test_the_ground_truth_is_in_the_folder_of_the_bag(bag):
     truth = json.loads((bag / "truth.json").read_text())
     assert truth["format"] == "tccm_ros/surfaces"
     assert [row["label"] for row in truth["surfaces"]] == ["table"]
@@ -95,19 +95,19 @@ def test_truth_is_beside_the_bag(bag):
     assert len(json.loads((bag / "truth_walls.json").read_text())["walls"]) == 4
 
 
-def test_nothing_is_overwritten_by_accident(bag):
+def test_an_existing_bag_is_not_overwritten_by_default(bag):
     with pytest.raises(OutputError, match="exists already"):
         simulate("situation_a", bag)
 
 
 def test_progress_ends_at_one(tmp_path):
-    shares = []
-    simulate("situation_a", tmp_path / "a", options=SHORT, progress=shares.append)
-    assert shares == sorted(shares)
-    assert shares[-1] == pytest.approx(1.0, abs=0.05)
+    fractions = []
+    simulate("situation_a", tmp_path / "a", options=SHORT, progress=fractions.append)
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == pytest.approx(1.0, abs=0.05)
 
 
-def test_unknown_names():
+def test_unknown_worlds_and_options_are_errors():
     with pytest.raises(ConfigError, match="did you mean 'flat'"):
         build_world("flatt")
     with pytest.raises(ConfigError, match="did you mean 'sigma'"):
@@ -116,7 +116,7 @@ def test_unknown_names():
         options_from_settings({"laps": "0"})
 
 
-def test_settings_are_read_as_their_types():
+def test_options_are_parsed_to_their_types():
     options = options_from_settings(
         {"sigma": "0.004", "laps": "3", "people": "false", "translation": "0.1,0,-0.2"}
     )
@@ -127,7 +127,7 @@ def test_settings_are_read_as_their_types():
 
 
 @pytest.mark.parametrize("name", sorted(WORLDS))
-def test_every_world_starts(name):
+def test_the_first_tilting_scan_of_each_world_has_returns(name):
     """The first tilting scan of each world sees something."""
     options = Options(tilt_beams=41)
     world = build_world(name, options)
@@ -138,7 +138,7 @@ def test_every_world_starts(name):
 
 
 def outline(solid):
-    """What an upright solid covers of the floor."""
+    """Return the outline of a solid with a vertical axis, seen from above."""
     x, y, _ = solid.half
     T = solid.T_world_solid
     if solid.shape == "cylinder":
@@ -147,18 +147,18 @@ def outline(solid):
     return Polygon(corners @ T[:2, :2].T + T[:2, 3])
 
 
-def test_robots_keep_clear_of_what_stands_there():
+def test_driving_robots_keep_a_distance_from_furniture():
     """No driving base comes nearer than 0.25 m to anything between 5 cm and 1.4 m of height."""
     for name in ("flat", "ring", "room", "moved", "load", "upside_down"):
         world = build_world(name)
         points = MultiPoint(world.drive.states[::20, :2])
         for solid in world.scene.solids:
-            low = solid.T_world_solid[2, 3] - solid.reach[2]
+            low = solid.T_world_solid[2, 3] - solid.half_extent[2]
             if solid.role in ("floor", "ceiling", "person") or low > 1.4 or not solid.is_still:
                 continue
             assert points.distance(outline(solid)) > 0.25, (name, solid.name)
 
 
-def test_laps_make_it_longer():
+def test_more_laps_make_a_longer_recording():
     once, twice = (build_world("ring", Options(laps=n)).duration for n in (1, 2))
     assert twice > 1.6 * once

@@ -13,11 +13,11 @@ QUARTER = np.pi / 2
 
 
 def laser(rig: Rig, frame: str, **joints: float) -> np.ndarray:
-    """Pose of a laser at these joint positions."""
+    """Return the pose of a laser at joint positions."""
     return rig.laser_poses(frame, {k: np.array([v]) for k, v in joints.items()}, 1)[0]
 
 
-def test_rotation_signs_by_hand():
+def test_rotations_have_the_signs_of_rep_103():
     # Yaw turns x to y; pitch turns x downwards; roll turns y to z.
     assert rotation_rpy(0, 0, QUARTER) @ (1, 0, 0) == pytest.approx([0, 1, 0])
     assert rotation_rpy(0, QUARTER, 0) @ (1, 0, 0) == pytest.approx([0, 0, -1])
@@ -25,7 +25,7 @@ def test_rotation_signs_by_hand():
 
 
 @pytest.mark.parametrize("rpy", [(0, 0, 0), (np.pi, 0, 0), (0.3, -1.2, 2.9), (0, np.pi, 0.1)])
-def test_quaternion_turns_as_the_matrix_does(rpy):
+def test_quaternions_rotate_like_their_matrices(rpy):
     T = rigid((1.0, 2.0, 3.0), rpy)
     x, y, z, w = quaternion_xyzw(T)
     v, u = np.array([x, y, z]), np.array([0.3, -0.5, 0.8])
@@ -80,7 +80,7 @@ class TestSegway:
 class TestUpsideDown:
     frame = "nod_lidar"
 
-    def test_at_rest_left_is_right(self):
+    def test_at_rest_positive_bearings_are_on_the_right(self):
         T = laser(UPSIDE_DOWN, self.frame)
         assert T[:3, 3] == pytest.approx([0.19, -0.01, 1.18])
         assert T[:3, 0] == pytest.approx([1, 0, 0])
@@ -98,8 +98,8 @@ class TestUpsideDown:
 
 
 @pytest.mark.parametrize("rig", RIGS, ids=lambda rig: rig.name)
-def test_urdf_says_what_the_numbers_say(rig):
-    """Pinocchio reads the URDF by itself: any chain it computes must be ours."""
+def test_the_urdf_has_the_same_kinematics_as_the_rig(rig):
+    """Pinocchio computes the chains from the URDF independently."""
     model = pinocchio.buildModelFromXML(rig.urdf())
     data = model.createData()
     random = np.random.default_rng(1)
@@ -114,14 +114,14 @@ def test_urdf_says_what_the_numbers_say(rig):
 
 
 @pytest.mark.parametrize("rig", RIGS, ids=lambda rig: rig.name)
-def test_wheels_stand_on_the_floor(rig):
+def test_wheels_touch_the_floor(rig):
     for wheel in rig.wheels:
         joint = next(j for j in rig.joints if j.name == wheel)
         height = sum(j.xyz[2] for j in rig.chain(joint.child)) + rig.base_height
         assert height == pytest.approx(rig.wheel_radius)
 
 
-def test_a_mount_can_be_wrong():
+def test_an_error_of_a_mount_is_added_to_its_origin():
     rolled = SEGWAY.mounted("ptu_tilt_joint", (0, 0, 0.01), (0.1, 0, 0))
     T = laser(rolled, "utm")
     assert T[:3, 3] == pytest.approx(

@@ -12,7 +12,7 @@ X, Y, Z = np.eye(3)
 
 
 def one_ray(scene, origin, direction, time=0.0):
-    """Distance and code of one ray."""
+    """Return distance and code of one ray."""
     d = np.asarray(direction, float)
     ranges, codes = scene.freeze().cast(
         np.array([origin], float), (d / np.linalg.norm(d))[None], np.array([time])
@@ -20,9 +20,9 @@ def one_ray(scene, origin, direction, time=0.0):
     return ranges[0], codes[0]
 
 
-def march(solids, origin, direction, step=2e-4, reach=6.0):
-    """The twin: walk along the ray until a point lies inside a solid."""
-    t = np.arange(0.0, reach, step)
+def march(solids, origin, direction, step=2e-4, max_range=6.0):
+    """Return the distance along a ray by small steps until a point is inside a solid."""
+    t = np.arange(0.0, max_range, step)
     points = origin + t[:, None] * direction
     inside = np.zeros(len(t), bool)
     for solid in solids:
@@ -36,7 +36,7 @@ def march(solids, origin, direction, step=2e-4, reach=6.0):
     return t[np.argmax(inside)] if inside.any() else np.inf
 
 
-def test_floor_at_45_degrees():
+def test_a_ray_at_45_degrees_hits_the_floor():
     scene = Scene()
     scene.floor_and_ceiling((-5, 5), (-5, 5))
     distance, code = one_ray(scene, (0, 0, 1.5), (1, 0, -1))
@@ -44,7 +44,7 @@ def test_floor_at_45_degrees():
     assert code == TOP_FACE
 
 
-def test_box_faces_are_told_apart():
+def test_codes_distinguish_the_faces_of_a_box():
     scene = Scene()
     scene.block("box", (1, 2), (-0.5, 0.5), (0, 1))
     assert one_ray(scene, (0, 0, 0.5), X) == (pytest.approx(1.0), 0)
@@ -54,7 +54,7 @@ def test_box_faces_are_told_apart():
     assert one_ray(scene, (0, 0, 1.5), X) == (np.inf, -1)
 
 
-def test_cylinder_side_and_cap():
+def test_rays_hit_the_side_and_the_caps_of_a_cylinder():
     scene = Scene()
     scene.cylinder("can", 0.1, 0.4, (1.0, 0.0, 0.2))
     assert one_ray(scene, (0, 0, 0.2), X) == (pytest.approx(0.9), 0)
@@ -63,7 +63,7 @@ def test_cylinder_side_and_cap():
     assert one_ray(scene, (0, 0.11, 0.2), X) == (np.inf, -1)
 
 
-def test_a_wall_faces_left_of_its_run():
+def test_the_face_of_a_wall_is_on_the_left_of_its_direction():
     scene = Scene()
     scene.wall("wall", (2.0, -1.0), (2.0, 1.0), thickness=0.1)
     assert one_ray(scene, (0, 0, 1), X)[0] == pytest.approx(2.0)
@@ -72,8 +72,8 @@ def test_a_wall_faces_left_of_its_run():
 
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 10_000))
-def test_rays_equal_the_twin(seed):
-    """Many solids go through the grid; the twin tests all of them by marching."""
+def test_rays_hit_the_same_distance_as_a_march_in_small_steps(seed):
+    """With many solids rays use the grid; the march tests all solids."""
     random = np.random.default_rng(seed)
     scene = Scene()
     for i in range(40):
@@ -90,7 +90,7 @@ def test_rays_equal_the_twin(seed):
     directions = np.where(np.sign(directions) == np.sign(origins), -directions, directions)
     ranges, codes = frozen.cast(origins, directions, np.zeros(10), 12.0)
     for o, d, distance, code in zip(origins, directions, ranges, codes):
-        twin = march(scene.solids, o, d, step=2e-3, reach=12.0)
+        twin = march(scene.solids, o, d, step=2e-3, max_range=12.0)
         if np.isfinite(twin):  # the marcher may step over a grazed corner, never invent one
             assert distance <= twin + 1e-9
         if distance < twin - 3e-3:
@@ -100,7 +100,7 @@ def test_rays_equal_the_twin(seed):
             assert np.all(np.abs(local) <= np.array(solid.half) + 1e-6)
 
 
-def test_moving_thing_is_hit_where_it_is_at_the_beams_time():
+def test_a_moving_solid_is_hit_at_its_position_at_the_time_of_the_beam():
     scene = Scene()
     motion = Motion.through([(0.0, 0, 0, 0), (10.0, 5.0, 0, 0)])
     scene.box("cart", (0.2, 0.2, 1.0), (1.0, 0.0, 0.5), motion=motion)
@@ -111,14 +111,14 @@ def test_moving_thing_is_hit_where_it_is_at_the_beams_time():
     assert ranges == pytest.approx([0.9 + 1.0, 0.9 + 1.5, 0.9 + 2.0])
 
 
-def test_things_come_and_go():
+def test_solids_are_hit_within_their_time_only():
     scene = Scene()
     scene.box("parcel", (0.2, 0.2, 0.2), (1, 0, 0), span=(2.0, 5.0))
     for time, distance in ((1.9, np.inf), (2.0, 0.9), (4.9, 0.9), (5.0, np.inf)):
         assert one_ray(scene, (0, 0, 0), X, time)[0] == pytest.approx(distance)
 
 
-def test_table_board_ends_at_its_height():
+def test_the_top_of_a_table_is_at_its_height():
     scene = Scene()
     scene.table("table", (1.2, 0.8), 0.7, (1.0, 0.0), 0.4)
     assert one_ray(scene, (1.0, 0.0, 2.0), -Z)[0] == pytest.approx(1.3)

@@ -12,7 +12,7 @@ def subject(c):
 
 
 @pytest.mark.parametrize("name", SITUATIONS)
-def test_points_lie_where_their_labels_say(name):
+def test_points_are_on_the_planes_of_their_labels(name):
     c = cycle(name, 0.0)
     assert np.abs(subject(c) @ c.normal - c.offset).max() < 1e-9
     assert np.abs(c.points[c.labels == FLOOR][:, 2]).max() < 1e-9
@@ -20,14 +20,14 @@ def test_points_lie_where_their_labels_say(name):
     assert np.bincount(c.labels, minlength=4)[SUBJECT] > 1500
 
 
-def test_planes_by_hand():
-    turn = np.radians(20.0)
-    facing = (-np.cos(turn), -np.sin(turn), 0.0)
+def test_planes_of_the_situations_are_at_their_stated_positions():
+    yaw = np.radians(20.0)
+    facing = (-np.cos(yaw), -np.sin(yaw), 0.0)
     for name, normal, offset in (
         ("a", (0, 0, 1), 0.700),
         ("b", (-1, 0, 0), -0.600),
         ("c", (0, 0, 1), 0.700),
-        ("d", facing, -0.6 * np.cos(turn)),  # the front turns about its own middle
+        ("d", facing, -0.6 * np.cos(yaw)),  # the front rotates about its own centre
     ):
         c = cycle(name, 0.0)
         assert c.normal == pytest.approx(normal)
@@ -57,7 +57,7 @@ def test_points_follow_from_ranges_tilts_and_bearings():
     assert c.ranges.shape == (40, 569)
 
 
-def test_tilt_goes_on_within_a_scan():
+def test_the_tilt_changes_within_a_scan():
     c = cycle("a", 0.0)
     assert c.tilts[0, 0] == pytest.approx(np.radians(5.0))
     assert np.degrees(c.tilts[0, -1] - c.tilts[0, 0]) == pytest.approx(60 * 0.028 / 1.575 * 2 / 3)
@@ -86,7 +86,7 @@ def test_subject_can_be_tilted_and_moved(pitch):
     assert len(subject(c)) > 100
 
 
-def test_a_room_returns_every_beam():
+def test_in_a_room_every_beam_has_a_return():
     assert len(cycle("a", 0.0, room=True).points) == 22_760
 
 
@@ -100,6 +100,6 @@ def test_the_arm_moves_and_the_drawer_is_out():
     assert np.any((before > 0.02) & (before < 0.031))
 
 
-def test_unknown_situation():
+def test_an_unknown_situation_is_an_error():
     with pytest.raises(ValueError, match="no situation 'e'"):
         cycle("e")

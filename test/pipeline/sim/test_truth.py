@@ -48,7 +48,7 @@ def test_furniture_on_a_top_is_cut_out_and_objects_are_not():
     assert mug["yaw"] == pytest.approx(0.3)
 
 
-def test_what_moved_is_where_it_went_and_what_left_is_gone():
+def test_moved_furniture_is_at_its_last_pose_and_removed_furniture_is_gone():
     scene = Scene()
     away = Motion.through([(0.2, 0, 0, 0), (0.5, 1.0, -2.0, 0)])
     scene.table("table", (1, 1), 0.7, (1.0, 0.0), motion=away)
@@ -59,8 +59,8 @@ def test_what_moved_is_where_it_went_and_what_left_is_gone():
     assert list(rows(truth, "gone")) == ["stool"]
 
 
-def test_map_is_the_first_base_pose_levelled():
-    """By hand: the base starts at (2, 1) heading +y, so world x is map -y, and it leans."""
+def test_the_map_frame_is_the_first_base_pose_without_roll_and_pitch():
+    """By hand: the base starts at (2, 1) heading +y, so world x is map -y, and it is tilted."""
     scene = Scene()
     scene.block("box", (1.5, 2.5), (3.0, 4.0), (0, 0.5), surface="box")
     scene.wall("wall", (5.0, -5.0), (5.0, 5.0))
@@ -77,13 +77,13 @@ def test_map_is_the_first_base_pose_levelled():
     first = np.array(next(iter(trajectory(simulation))).split(), float)
     assert first[0] == 1.6e9
     assert first[1:4] == pytest.approx([0, 0, 0])
-    assert np.abs(first[4:6]).max() > 0  # the lean stays in the trajectory
+    assert np.abs(first[4:6]).max() > 0  # roll and pitch stay in the trajectory
     assert first[6] == pytest.approx(0, abs=1e-6)
     assert map_from_world(simulation)[2, :3] == pytest.approx([0, 0, 1])
 
 
-def test_trajectory_of_a_drive():
-    path = drive([Waypoint(0, 0, 0.0), Waypoint(2, 0)], lean=0.0)
+def test_the_true_trajectory_is_that_of_the_drive():
+    path = drive([Waypoint(0, 0, 0.0), Waypoint(2, 0)], base_tilt=0.0)
     scene = Scene()
     scene.floor_and_ceiling((-1, 1), (-1, 1))
     lines = np.array([line.split() for line in trajectory(simulation_of(scene, path))], float)
@@ -93,7 +93,7 @@ def test_trajectory_of_a_drive():
     assert np.diff(lines[:, 0]) == pytest.approx(0.02, abs=1e-6)
 
 
-def test_the_flat_is_as_its_plan_has_it():
+def test_the_truth_of_the_flat_has_the_surfaces_of_its_plan():
     truth = surfaces(Simulation(build_world("flat")))
     found = rows(truth)
     assert len(truth["surfaces"]) == 20
@@ -106,10 +106,10 @@ def test_the_flat_is_as_its_plan_has_it():
     assert all(row["area"] < 0.1 or row["height"] > 1.6 for row in truth["others"])
 
 
-def test_walkthrough_and_moved_change():
+def test_the_truth_of_worlds_with_changes_has_gone_surfaces():
     walkthrough = surfaces(Simulation(build_world("walkthrough")))
     assert {o["name"] for o in walkthrough["objects"]} == {"box that stays", "box that comes"}
     assert list(rows(walkthrough, "gone")) == ["stool"]
-    moved = surfaces(Simulation(build_world("moved", Options(lean=0.0))))
+    moved = surfaces(Simulation(build_world("moved", Options(base_tilt=0.0))))
     assert set(rows(moved)) == {"moved table", "cupboard", "crate"}
     assert rows(moved)["moved table"]["centroid"] == pytest.approx([2.4, 0.6, 0.7])

@@ -1,7 +1,7 @@
-"""What a recording holds for calibration: sweeps with all that places their beams, and level scans.
+"""Input of a calibration: scans of tilt cycles with the samples of their joints, and level scans.
 
-Sweeps hold an uncorrected rig; whatever corrects it is applied by `RigModel`, so that the same
-beams can be placed again and again.
+The chains of joints are uncorrected; `RigModel` applies corrections, so that the same beams can be
+transformed under any rig.
 """
 
 from __future__ import annotations
@@ -15,15 +15,16 @@ from tccm_ros.arrays import Bool, Float32, Float64, Int64
 from tccm_ros.geometry import inverse, planar
 from tccm_ros.robot.chain import Chain
 
-__all__ = ["LevelScans", "Recording", "TiltSweep", "is_near"]
+__all__ = ["CycleScans", "LevelScans", "Recording", "is_near"]
 
-#: A sweep in which the base moves further than this (m) or turns more (rad) is not standing.
-STILL_DISTANCE, STILL_TURN = 0.01, np.deg2rad(0.3)
+STILL_DISTANCE, STILL_YAW = 0.01, np.deg2rad(0.3)
+"""The base stands still while its position and yaw change by less, m and rad (chosen: above the
+noise of the odometry of a base that stands)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TiltSweep:
-    """One sweep of the tilting laser.
+class CycleScans:
+    """The scans of the tilting laser of one tilt cycle.
 
     Attributes
     ----------
@@ -52,18 +53,18 @@ class TiltSweep:
 
     @property
     def place(self) -> Float64:
-        """The base in the middle of the sweep, float64 (3,): x, y, yaw in odom."""
+        """The base in the middle of the tilt cycle, float64 (3,): x, y, yaw in odom."""
         return planar(self.T_place)
 
     @property
     def T_place(self) -> Float64:
-        """Return T_odom_base in the middle of the sweep, float64 (4, 4)."""
+        """Return T_odom_base in the middle of the tilt cycle, float64 (4, 4)."""
         T: Float64 = self.T_odom_base[len(self.T_odom_base) // 2]
         return T
 
     @property
     def is_still(self) -> bool:
-        """Whether the base stood."""
+        """Whether the base stood still."""
         return bool(is_near(planar(self.T_odom_base), self.place).all())
 
     def T_place_base(self) -> Float64:
@@ -95,16 +96,17 @@ class LevelScans:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """What is used of one or several bags.
+    """The scans of one or several bags that are used.
 
     Attributes
     ----------
     bags
         Names of the bags.
-    sweeps
+    cycles
         By bag, each bag's in order of time.
     places
-        int64 (S,), the place of each sweep: sweeps from where the base stood still are together.
+        int64 (S,), the place of each tilt cycle: consecutive tilt cycles share one while the base
+        stands still.
     bag
         int64 (P,), the bag of each place.
     poses
@@ -112,14 +114,14 @@ class Recording:
     level
         Scans of the level laser by place.
     base, footprint_z
-        Name of the base frame, and the height in it of a frame that lies on the floor by its name
+        Name of the base frame, and the height in it (m) of a frame on the floor by its name
         (``base_footprint``, REP-120), None if there is none.
     moving
-        Whether sweeps had to be used in which the base moved.
+        Whether tilt cycles had to be used in which the base moved.
     """
 
     bags: tuple[str, ...]
-    sweeps: Sequence[TiltSweep]
+    cycles: Sequence[CycleScans]
     places: Int64
     bag: Int64
     poses: Float64
@@ -128,14 +130,14 @@ class Recording:
     footprint_z: float | None
     moving: bool
 
-    def sweeps_of(self, bag: int) -> tuple[int, int]:
-        """Return the numbers of a bag's first sweep and of the one after its last."""
+    def cycles_of(self, bag: int) -> tuple[int, int]:
+        """Return the numbers of a bag's first tilt cycle and of the one after its last."""
         mine = np.flatnonzero(self.bag[self.places] == bag)
         return int(mine[0]), int(mine[-1]) + 1
 
 
 def is_near(poses: Float64, place: Float64) -> Bool:
-    """Return which poses float64 (..., 3), x, y, yaw, are where a base at a place (3,) stands."""
+    """Return which poses float64 (..., 3), x, y, yaw, equal a place (3,) within the noise."""
     distance = np.hypot(poses[..., 0] - place[0], poses[..., 1] - place[1])
-    turn = np.abs(np.angle(np.exp(1j * (poses[..., 2] - place[2]))))
-    return (distance < STILL_DISTANCE) & (turn < STILL_TURN)
+    yaw = np.abs(np.angle(np.exp(1j * (poses[..., 2] - place[2]))))
+    return (distance < STILL_DISTANCE) & (yaw < STILL_YAW)

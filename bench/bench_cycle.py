@@ -26,7 +26,7 @@ from tccm_ros.mapping.surface_message import surface_cloud, view_intervals
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.planes import find_planes
 from tccm_ros.planes.tracking import PlaneTracker
-from tccm_ros.ros.publications import CyclePublications
+from tccm_ros.ros.topic_messages import CycleMessageBuilder
 from tccm_ros.tabletop.objects import ObjectTracker, find_objects
 
 FLAT = Path(__file__).resolve().parents[1] / "bags" / "flat"
@@ -65,7 +65,7 @@ def run_cycles(sweeps: list[Any], config: Config, all_stages: list[Stages]) -> N
     the_map, seen = IntegrationMap(config), SeenFree(config)
     tracker, objects_tracker = PlaneTracker(config), ObjectTracker(config)
     types = TypestoreMessages()
-    publications = CyclePublications(types, config)
+    publications = CycleMessageBuilder(types, config)
     for sweep, stages in zip(sweeps, all_stages, strict=True):
         run = stages.run
         T, viewpoint = sweep.T_odom_base(), sweep.T_odom_laser()[:3, 3]

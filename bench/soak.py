@@ -30,7 +30,7 @@ from tccm_ros.pipeline.sim.engine import Simulation
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import JointSample
-from tccm_ros.ros.publications import CyclePublications
+from tccm_ros.ros.topic_messages import CycleMessageBuilder
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 TCCM_TOPICS = ("/tilt_scan", "/odom", "/joint_states", "/robot_description")
@@ -111,7 +111,7 @@ def soak_tccm(hours: float, stretch_s: float) -> None:
     records, lap_ns = tilting_lap()
     types, config = TypestoreMessages(), Config()
     processor = TccmProcessor(config, expects_odometry=True)
-    publications = CyclePublications(types, config)
+    publications = CycleMessageBuilder(types, config)
     print("| hour | memory | cycles | 99 % of steps | longest step | cuboids | scans dropped |")
     print("|---|---|---|---|---|---|---|", flush=True)
     steps: list[float] = []

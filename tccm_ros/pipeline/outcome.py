@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
-from tccm_ros.results.cycles import CycleHistory
+from tccm_ros.results.cycles_file import CycleHistory
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 __all__ = ["Outcome"]
@@ -36,7 +36,7 @@ class Outcome:
         was wrong with the first.
     bag_duration
         s.
-    goes_on
+    continues_map
         Whether it is a new session in a saved map.
     """
 
@@ -49,4 +49,4 @@ class Outcome:
     messages: Counter[str] = field(default_factory=Counter)
     dropped: Counter[str] = field(default_factory=Counter)
     bag_duration: float = 0.0
-    goes_on: bool = False
+    continues_map: bool = False

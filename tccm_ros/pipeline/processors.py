@@ -11,7 +11,7 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.records import Event
-from tccm_ros.results.cycles import CycleHistory
+from tccm_ros.results.cycles_file import CycleHistory
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams, roles_of
 from tccm_ros.stopwatch import Stopwatch

@@ -24,7 +24,7 @@ from tccm_ros.pipeline.report.html_report import write_page
 from tccm_ros.pipeline.report.pictures import write_pictures
 from tccm_ros.pipeline.report.viewing import report_map
 from tccm_ros.progress import Bars, Silent
-from tccm_ros.results.cycles import save_cycles
+from tccm_ros.results.cycles_file import save_cycles
 from tccm_ros.results.exports import write_results, write_timing
 from tccm_ros.results.folder_reader import load_results
 from tccm_ros.results.map_file import is_map, load_map, save_map
@@ -37,7 +37,7 @@ from tccm_ros.results.models import (
     SummaryFile,
     TimingFile,
 )
-from tccm_ros.results.result_bag import CycleMessages, write_result_bag
+from tccm_ros.results.result_bag import CycleMessageStore, write_result_bag
 from tccm_ros.results.surface_counts import count_surfaces
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.scene_objects import scene_objects
@@ -146,7 +146,7 @@ def replay(
     bars, clock = bars or Silent(), clock or Stopwatch()
     with output_folder(out) as folder:
         saved = None if saved_map is None else load_map(saved_map)
-        messages = CycleMessages(config, folder)
+        messages = CycleMessageStore(config, folder)
         outcome = run_bag(
             bag, config, remap=remap, saved=saved, on_cycle=messages.add, bars=bars, clock=clock
         )
@@ -175,7 +175,7 @@ def replay(
 def _write(
     folder: Path,
     outcome: Outcome,
-    messages: CycleMessages,
+    messages: CycleMessageStore,
     objects: ObjectsFile,
 ) -> SummaryFile:
     config, solution, cycles = outcome.config, outcome.solution, outcome.cycles
@@ -214,7 +214,7 @@ def _summary(outcome: Outcome, objects: int) -> SummaryFile:
     return SummaryFile(
         versions=_versions(),
         bag_duration=round(outcome.bag_duration, 6),
-        session=SessionEntry(SessionKind.NEW if outcome.goes_on else SessionKind.FIRST),
+        session=SessionEntry(SessionKind.NEW if outcome.continues_map else SessionKind.FIRST),
         counts=CountsEntry(
             messages=dict(sorted(outcome.messages.items())),
             scans_used=ScansUsedEntry(

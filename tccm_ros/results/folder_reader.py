@@ -18,7 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import LogError, MapError, one_line
 from tccm_ros.results.cuboids_file import FinalCuboids, load_cuboids
-from tccm_ros.results.cycles import CycleParts, load_cycles
+from tccm_ros.results.cycles_file import CycleParts, load_cycles
 from tccm_ros.results.models import (
     CycleEntry,
     FreePlacesEntry,
@@ -62,14 +62,14 @@ class Results:
     truth: tuple[TruthSurface, ...]
 
     @property
-    def standing(self) -> tuple[SurfaceEntry, ...]:
+    def above_floor(self) -> tuple[SurfaceEntry, ...]:
         """The surfaces other than the floor."""
         return tuple(s for s in self.surfaces if not s.is_floor)
 
     @property
     def tabletop(self) -> tuple[ObjectEntry, ...]:
         """The objects on surfaces other than the floor."""
-        surfaces = {surface.id for surface in self.standing}
+        surfaces = {surface.id for surface in self.above_floor}
         return tuple(box for box in self.objects if box.surface in surfaces)
 
     @property

@@ -26,7 +26,7 @@ from tccm_ros.atomic import finish_moves, output_file
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import MapError, one_line
 from tccm_ros.results.numbers import array_archive
-from tccm_ros.ros.publications import SolutionPublications
+from tccm_ros.ros.topic_messages import SolutionMessageBuilder
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView, pack_views, unpack_views
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
@@ -97,7 +97,7 @@ def _write_topics(writer: Writer, solution: SurfaceSolution, stamp: int, frame_i
     """Show surfaces, their points and walls, latched for whoever plays the file."""
     types = TypestoreMessages()
     schemas: dict[str, int] = {}
-    for topic, msgtype, build in SolutionPublications(types, frame_id).of(solution, stamp):
+    for topic, msgtype, build in SolutionMessageBuilder(types, frame_id).of(solution, stamp):
         if topic not in SHOWN:
             continue
         if msgtype not in schemas:

@@ -31,18 +31,18 @@ from tccm_ros.geometry import inverse, spatial
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import TransformSample
 from tccm_ros.ros import transform_message, transforms_message
-from tccm_ros.ros.publications import (
+from tccm_ros.ros.output_messages import pose_covariance_message
+from tccm_ros.ros.topic_messages import (
     CYCLE_TOPICS,
-    HAND_OVER_TOPICS,
     SOLUTION_TOPICS,
-    CyclePublications,
-    Publication,
-    SolutionPublications,
+    SURFACE_MESSAGE_TOPICS,
+    CycleMessageBuilder,
+    SolutionMessageBuilder,
+    TopicMessage,
 )
-from tccm_ros.ros.results import pose_covariance_message
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
-__all__ = ["CycleMessages", "write_result_bag"]
+__all__ = ["CycleMessageStore", "write_result_bag"]
 
 TCCM = "/tccm/"
 SLAM = "/surface_slam/"
@@ -69,7 +69,7 @@ class _Kept(NamedTuple):
     size: int
 
 
-class CycleMessages:
+class CycleMessageStore:
     """The messages of tilt cycles, serialised.
 
     Parameters
@@ -82,10 +82,10 @@ class CycleMessages:
 
     def __init__(self, config: Config, folder: Path | None = None):
         self.types = TypestoreMessages()
-        self._publications = CyclePublications(self.types, config)
+        self._publications = CycleMessageBuilder(self.types, config)
         self._file = TemporaryFile(dir=folder)  # noqa: SIM115  (it lives as long as this does)
         self._kept: dict[int, dict[str, _Kept]] = {}
-        self._newest: dict[str, Publication] = {}
+        self._newest: dict[str, TopicMessage] = {}
 
     def add(self, cycle: CycleResult, cuboids: Cuboids) -> None:
         """Make the messages of a cycle.
@@ -106,7 +106,7 @@ class CycleMessages:
         self._newest = {topic: due.pop(topic) for topic in LAST_ONLY}
         self._kept[cycle.cycle] = {topic: self._keep(p) for topic, p in due.items()}
 
-    def _keep(self, publication: Publication) -> _Kept:
+    def _keep(self, publication: TopicMessage) -> _Kept:
         message = self.types.serialize(publication.msgtype, publication.build())
         try:
             return _Kept(publication.msgtype, self._file.tell(), self._file.write(message))
@@ -147,16 +147,16 @@ class ResultBag:
         Group `frames`.
     """
 
-    def __init__(self, bag: BagWriter, messages: CycleMessages, config: Config):
+    def __init__(self, bag: BagWriter, messages: CycleMessageStore, config: Config):
         self._bag, self._messages = bag, messages
         self._map_frame = config.frames.map_name
-        self._solutions = SolutionPublications(bag.types, self._map_frame)
+        self._solutions = SolutionMessageBuilder(bag.types, self._map_frame)
         self._declare()
 
     def _declare(self) -> None:
         latched = Qos(latched=True, depth=1)
         for topic, kind in CYCLE_TOPICS.items():
-            qos = Qos(depth=50) if topic in HAND_OVER_TOPICS else latched
+            qos = Qos(depth=50) if topic in SURFACE_MESSAGE_TOPICS else latched
             self._bag.add_topic(TCCM + topic, kind, qos)
         for topic, kind in SOLUTION_TOPICS.items():
             self._bag.add_topic(SLAM + topic, kind, latched)
@@ -205,7 +205,7 @@ class ResultBag:
         for topic, msgtype, message in self._messages.of(cycle.cycle, is_last=is_last):
             self._bag.write(TCCM + topic, msgtype, cycle.end_ns, message)
 
-    def _publish(self, stamp_ns: int, publications: Iterable[Publication]) -> None:
+    def _publish(self, stamp_ns: int, publications: Iterable[TopicMessage]) -> None:
         for publication in publications:
             topic = SLAM + publication.topic
             self._bag.write(topic, publication.msgtype, stamp_ns, publication.build())
@@ -267,7 +267,7 @@ def _known(solution: SurfaceSolution, seen_ns: int) -> SurfaceSolution:
 def write_result_bag(
     path: Path | str,
     cycles: Sequence[CycleResult],
-    messages: CycleMessages,
+    messages: CycleMessageStore,
     solution: SurfaceSolution,
     config: Config,
 ) -> None:

@@ -1,4 +1,4 @@
-"""What markers are made of: a place in time and space, colours, points, text, complete messages."""
+"""What markers are made of: a context in time and space, colours, points, text, complete messages."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = [
     "TRIANGLE_LIST",
     "Color",
     "MarkerSet",
-    "Place",
+    "MessageContext",
     "identity_color",
     "make_marker",
     "marker_points",
@@ -40,7 +40,7 @@ GOLDEN_RATIO = 0.618033988749895
 Color = tuple[float, float, float]
 
 
-class Place(NamedTuple):
+class MessageContext(NamedTuple):
     """Where and when a list of markers is."""
 
     types: MessageTypes
@@ -97,7 +97,7 @@ def _color_message(types: MessageTypes, color: Color, alpha: float = 1.0) -> Any
 
 
 def make_marker(
-    place: Place,
+    context: MessageContext,
     ns: str,
     identity: int,
     kind: int,
@@ -108,26 +108,26 @@ def make_marker(
 ) -> Any:
     """Return a visualization_msgs/Marker of one kind; `fields` are set as they are."""
     x, y, z = (max(float(value), 0.0) for value in scale)
-    marker = copy(_blank(place))
+    marker = copy(_blank(context))
     marker.ns, marker.id, marker.type = ns, int(identity), kind
-    marker.scale = place.types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
-    marker.color = _color_message(place.types, color, alpha)
+    marker.scale = context.types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+    marker.color = _color_message(context.types, color, alpha)
     for name, value in fields.items():
         setattr(marker, name, value)
     return marker
 
 
 @lru_cache(maxsize=2)
-def _blank(place: Place) -> Any:
+def _blank(context: MessageContext) -> Any:
     """Return a marker to copy: most of its many parts are the same in all markers of a message."""
-    header = header_message(place.types, place.stamp_ns, place.frame_id)
-    return place.types.make("visualization_msgs/msg/Marker", header=header, action=ADD)
+    header = header_message(context.types, context.stamp_ns, context.frame_id)
+    return context.types.make("visualization_msgs/msg/Marker", header=header, action=ADD)
 
 
-def text_marker(place: Place, ns: str, identity: int, at: Float64, text: str) -> Any:
+def text_marker(context: MessageContext, ns: str, identity: int, at: Float64, text: str) -> Any:
     """Return white text at a point float64 (3,), m."""
     x, y, z = at.tolist()
     scale = (0.0, 0.0, TEXT_HEIGHT)
-    point = place.types.make("geometry_msgs/msg/Point", x=x, y=y, z=z)
-    where = place.types.make("geometry_msgs/msg/Pose", position=point)
-    return make_marker(place, ns, identity, TEXT, scale, (1.0, 1.0, 1.0), pose=where, text=text)
+    point = context.types.make("geometry_msgs/msg/Point", x=x, y=y, z=z)
+    where = context.types.make("geometry_msgs/msg/Pose", position=point)
+    return make_marker(context, ns, identity, TEXT, scale, (1.0, 1.0, 1.0), pose=where, text=text)

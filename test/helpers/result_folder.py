@@ -15,7 +15,7 @@ import shapely
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.geometry import spatial
-from tccm_ros.results.cycles import CycleHistory, save_cycles
+from tccm_ros.results.cycles_file import CycleHistory, save_cycles
 from tccm_ros.results.models import (
     CountsEntry,
     CycleEntry,

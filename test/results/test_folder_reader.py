@@ -23,7 +23,7 @@ OPTIONAL = (
 def test_everything_is_read(flat):
     results = load_results(flat)
     assert [s.label for s in results.surfaces][:3] == ["floor", "counter", "counter"]
-    assert len(results.standing) == len(results.surfaces) - 1
+    assert len(results.above_floor) == len(results.surfaces) - 1
     assert results.ground == -0.02
     assert len(results.walls) == 6
     assert results.trajectory.positions.shape == (61, 3)

@@ -23,7 +23,7 @@ from tccm_ros.records import (
     ViewIntervals,
     Wall,
 )
-from tccm_ros.results.result_bag import CycleMessages, write_result_bag
+from tccm_ros.results.result_bag import CycleMessageStore, write_result_bag
 from tccm_ros.slam.solution import Solution
 from tccm_ros.surfaces.surface_map import MappedSurfaces
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
@@ -101,7 +101,7 @@ def bag(cycles, tmp_path_factory):
 
 def write(path, cycles, solved):
     """Write a result bag as a replay does: each cycle's messages when the map is as after it."""
-    messages, map_ = CycleMessages(CONFIG), IntegrationMap(CONFIG)
+    messages, map_ = CycleMessageStore(CONFIG), IntegrationMap(CONFIG)
     for cycle in cycles:
         map_.add(cycle.part)
         messages.add(cycle, map_.cuboids())

@@ -82,7 +82,7 @@ def find_alignment(before: Results, after: Results) -> Float64 | None:
 
 
 def _features(results: Results) -> Features:
-    surfaces = sorted(results.standing, key=lambda s: s.id)
+    surfaces = sorted(results.above_floor, key=lambda s: s.id)
     middles = [[s.centroid[0], s.centroid[1], s.height - results.ground] for s in surfaces]
     ends = np.array([wall.endpoints for wall in results.walls]).reshape(-1, 2, 2)
     along = ends[:, 1] - ends[:, 0]

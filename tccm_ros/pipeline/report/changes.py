@@ -79,8 +79,8 @@ class Change(Generic[Item]):
 
 def surface_changes(before: Results, after: Results) -> list[Change[SurfaceEntry]]:
     """Pair the surfaces of two maps in one frame; heights count from each map's floor."""
-    old = [(s, _outline(s), s.height - before.ground) for s in before.standing]
-    new = [(s, _outline(s), s.height - after.ground) for s in after.standing]
+    old = [(s, _outline(s), s.height - before.ground) for s in before.above_floor]
+    new = [(s, _outline(s), s.height - after.ground) for s in after.above_floor]
     level = [
         (i, j)
         for i, (_, _, low) in enumerate(old)

@@ -19,7 +19,7 @@ from tccm_ros.pipeline.report import palette
 from tccm_ros.pipeline.report.align import describe
 from tccm_ros.pipeline.report.changes import Kind
 from tccm_ros.pipeline.report.compare import Comparison
-from tccm_ros.pipeline.report.figure import (
+from tccm_ros.pipeline.report.drawing import (
     canvas,
     draw_labels,
     png,

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.report import palette
 from tccm_ros.pipeline.report.camera import Camera, look_at
-from tccm_ros.pipeline.report.figure import (
+from tccm_ros.pipeline.report.drawing import (
     canvas,
     draw_labels,
     png,
@@ -109,7 +109,7 @@ def _ground(results: Results) -> Iterator[Piece]:
         if surface.is_floor and len(surface.boundary) > 2:
             style = {"fc": palette.FLOOR, "ec": "#d4d9df", "lw": 0.8}
             yield Piece([_flat(ring, ground) for ring in _rings(surface)], style)
-    for surface in results.standing:
+    for surface in results.above_floor:
         if len(surface.boundary) > 2:
             shadow = {"fc": "#000000", "ec": "none", "alpha": 0.10}
             yield Piece([_flat(ring, ground) for ring in _rings(surface)], shadow)
@@ -126,7 +126,7 @@ def _pieces(results: Results) -> Iterator[Piece]:
     for wall in results.walls:
         yield from _wall(wall, results.ground)
     colors = palette.surface_colors(results.surfaces)
-    surfaces = results.standing
+    surfaces = results.above_floor
     for body, surface in enumerate(surfaces):
         if len(surface.boundary) > 2:
             yield from _surface(surface, colors[surface.id], results.ground, body)
@@ -136,7 +136,7 @@ def _pieces(results: Results) -> Iterator[Piece]:
 
 def _bodies(results: Results) -> list[Float64]:
     """Return the outlines of the surfaces, then of the objects, float64 (N, 3) each."""
-    outlines = [surface.boundary for surface in results.standing]
+    outlines = [surface.boundary for surface in results.above_floor]
     return outlines + [_flat(box_corners(box), float(box.center[2])) for box in results.tabletop]
 
 
@@ -229,7 +229,7 @@ def _paint(axes: Axes, camera: Camera, piece: Piece, zorder: float) -> None:
 
 def _label(axes: Axes, camera: Camera, results: Results) -> None:
     colors = palette.surface_colors(results.surfaces)
-    standing = sorted(results.standing, key=lambda s: (-s.area, s.id))
+    standing = sorted(results.above_floor, key=lambda s: (-s.area, s.id))
     to_pixels = axes.transData.transform
     outlines = [sample_ring(to_pixels(camera.project(s.boundary))) for s in standing]
     draw_labels(

@@ -12,7 +12,7 @@ from matplotlib.patheffects import withStroke
 
 from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.report import palette
-from tccm_ros.pipeline.report.figure import (
+from tccm_ros.pipeline.report.drawing import (
     canvas,
     draw_labels,
     png,
@@ -87,7 +87,7 @@ def draw_map(axes: Axes, results: Results, low: Float64, high: Float64) -> None:
     for mark in results.graph.landmarks:
         _draw_landmark(axes, mark)
     _draw_scale_bar(axes)
-    standing = sorted(results.standing, key=lambda s: (-s.area, s.id))
+    standing = sorted(results.above_floor, key=lambda s: (-s.area, s.id))
     draw_labels(
         axes,
         [f"{s.label}\n{s.height - results.ground:.2f} m" for s in standing],
@@ -169,14 +169,14 @@ def _obstacles(axes: Axes, results: Results) -> Float64:
     """Return points along walls and outlines that labels should not cover, pixels."""
     to_pixels = axes.transData.transform
     lines = [sample_ring(to_pixels(w.endpoints), closed=False) for w in results.walls]
-    lines += [sample_ring(to_pixels(s.boundary[:, :2])) for s in results.standing]
+    lines += [sample_ring(to_pixels(s.boundary[:, :2])) for s in results.above_floor]
     lines += [to_pixels(box_corners(box)) for box in results.tabletop]
     return np.concatenate([np.zeros((0, 2)), *lines])
 
 
 def _legend(results: Results) -> Sequence[Line2D | Patch]:
     handles: list[Line2D | Patch] = []
-    if results.standing:
+    if results.above_floor:
         handles.append(Patch(fc=palette.PALETTE[0], alpha=0.62, label="surface, height over floor"))
     if any(s.is_floor for s in results.surfaces):
         handles.append(Patch(fc=palette.FLOOR, ec="#c9ced4", lw=0.6, label="floor seen"))

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float64
 from tccm_ros.outlines.triangulation import fill_outline
 from tccm_ros.pipeline.report import palette
+from tccm_ros.pipeline.report.array_pack import ArrayPack, differences
 from tccm_ros.pipeline.report.label_layout import label_point
 from tccm_ros.pipeline.report.map_picture import box_corners, extent
-from tccm_ros.pipeline.report.pack import ArrayPack, differences
 from tccm_ros.results.cuboids_file import FinalCuboids
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import CycleEntry, ObjectEntry, PlaneEntry, SurfaceEntry
@@ -67,7 +67,7 @@ def build_scene(results: Results) -> tuple[dict[str, Any], ArrayPack]:
             for wall in results.walls
         ],
         "objects": [_object(box, results) for box in results.objects],
-        "surfaceIds": [surface.id for surface in results.standing],
+        "surfaceIds": [surface.id for surface in results.above_floor],
         "free": list(_free(pack, results)),
         "path": _path(pack, results),
         "places": _places(results),
@@ -139,7 +139,7 @@ def _object(box: ObjectEntry, results: Results) -> dict[str, Any]:
 
 def _free(pack: ArrayPack, results: Results) -> Iterator[dict[str, Any]]:
     """Yield the rings of the free places on surfaces other than the floor."""
-    named = {s.id: f"{s.label} (surface {s.id})" for s in results.standing}
+    named = {s.id: f"{s.label} (surface {s.id})" for s in results.above_floor}
     for place in results.free:
         rings = [ring for ring in place.polygons if len(ring) > 2]
         if place.surface in named and rings:

@@ -59,7 +59,7 @@ def _cell(value: Any) -> str:
 
 def headline(results: Results) -> str:
     """Return the map in one line of plain text."""
-    standing = results.standing
+    standing = results.above_floor
     parts = [
         count_surfaces(standing).text(),
         _count(len(results.walls), "wall"),

@@ -10,7 +10,7 @@ from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError
 from tccm_ros.pipeline.report.compare import compare
 from tccm_ros.pipeline.report.compare_page import write_comparison
-from tccm_ros.pipeline.report.figures import forgetting_png, write_figures
+from tccm_ros.pipeline.report.documentation_pictures import forgetting_png, write_figures
 from tccm_ros.pipeline.report.viewing import find_report, report_map, view
 from tccm_ros.records import Odometry, SurfaceCloud
 from tccm_ros.results.folder_reader import load_results
@@ -197,7 +197,7 @@ def test_a_saved_map_is_shown_too(tmp_path):
     report = report_map(tmp_path / "map.mcap", tmp_path / "shown")
     assert view(report, open_page=lambda _: True) == report
     shown = load_results(tmp_path / "shown")
-    assert [round(s.height - shown.ground, 3) for s in shown.standing] == [0.7]
+    assert [round(s.height - shown.ground, 3) for s in shown.above_floor] == [0.7]
     assert {p.name for p in report.parent.iterdir()} >= {"map.png", "map3d.png", "surfaces.json"}
 
 

@@ -15,8 +15,8 @@ from result_folder import write_folder
 
 from tccm_ros.errors import OutputError
 from tccm_ros.pipeline.report import palette
+from tccm_ros.pipeline.report.array_pack import ArrayPack, differences
 from tccm_ros.pipeline.report.html_report import LAYERS, TIMING_END, TIMING_START, write_report
-from tccm_ros.pipeline.report.pack import ArrayPack, differences
 from tccm_ros.results.folder_reader import load_results
 
 

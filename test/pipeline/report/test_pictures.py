@@ -61,7 +61,7 @@ def test_every_surface_shows_in_its_own_colour(flat, pictures):
     colors = palette.surface_colors(results.surfaces)
     shown = np.asarray(Image.open(pictures[0]).convert("RGB")).reshape(-1, 3)
     kinds, counts = np.unique(shown, axis=0, return_counts=True)
-    for surface in results.standing:
+    for surface in results.above_floor:
         outline = np.array(to_rgb(colors[surface.id])) * 255
         # The two lower boards lie under the upper one; their leaders show their colour, which
         # a palette of 256 keeps to a few steps in a hundred.

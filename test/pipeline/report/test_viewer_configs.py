@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tccm_ros.ros.publications import CYCLE_TOPICS, HAND_OVER_TOPICS, SOLUTION_TOPICS
+from tccm_ros.ros.topic_messages import CYCLE_TOPICS, SOLUTION_TOPICS, SURFACE_MESSAGE_TOPICS
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 
@@ -62,7 +62,7 @@ def test_rviz_displays_know_every_topic(displays):
 
 def test_rviz_asks_for_what_is_offered(displays):
     """A transient-local reader of a volatile writer would never be connected."""
-    volatile = {f"/tccm/{topic}" for topic in HAND_OVER_TOPICS} | {"/pose"}
+    volatile = {f"/tccm/{topic}" for topic in SURFACE_MESSAGE_TOPICS} | {"/pose"}
     for topic, display in displays.items():
         latched = display["Topic"]["Durability Policy"] == "Transient Local"
         assert latched == (topic not in volatile), topic

@@ -17,7 +17,7 @@ from tccm_ros.cuboids.cuboids import TICK, Cuboids
 from tccm_ros.geometry import spatial
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult
 from tccm_ros.ros import surface_cloud_message, view_message
-from tccm_ros.ros.marker_parts import MarkerSet, Place, identity_color
+from tccm_ros.ros.marker_parts import MarkerSet, MessageContext, identity_color
 from tccm_ros.ros.markers import (
     core_markers,
     cuboid_markers,
@@ -26,7 +26,7 @@ from tccm_ros.ros.markers import (
     surface_markers,
     wall_markers,
 )
-from tccm_ros.ros.results import (
+from tccm_ros.ros.output_messages import (
     map_cloud_message,
     obstacle_cloud_message,
     path_message,
@@ -38,9 +38,9 @@ from tccm_ros.surfaces.surface_slam import SurfaceSolution
 __all__ = [
     "CYCLE_TOPICS",
     "SOLUTION_TOPICS",
-    "CyclePublications",
-    "Publication",
-    "SolutionPublications",
+    "CycleMessageBuilder",
+    "TopicMessage",
+    "SolutionMessageBuilder",
 ]
 
 MARKERS = "visualization_msgs/msg/MarkerArray"
@@ -58,7 +58,7 @@ CYCLE_TOPICS = {
 }
 """Private topics of the TCCM node and their types (DESIGN section 4)."""
 
-HAND_OVER_TOPICS = ("surfaces", "view")
+SURFACE_MESSAGE_TOPICS = ("surfaces", "view")
 """Those of `CYCLE_TOPICS` that the SLAM node reads: one for each cycle, never skipped."""
 
 SOLUTION_TOPICS = {
@@ -70,7 +70,7 @@ SOLUTION_TOPICS = {
 """Private topics of the SLAM node that show a solution, and their types."""
 
 
-class Publication(NamedTuple):
+class TopicMessage(NamedTuple):
     """A message that is due on a private topic of a node."""
 
     topic: str
@@ -78,7 +78,7 @@ class Publication(NamedTuple):
     build: Callable[[], Any]
 
 
-class CyclePublications:
+class CycleMessageBuilder:
     """The messages of tilt cycles, each marker array with the deletions of what is gone.
 
     Parameters
@@ -95,7 +95,7 @@ class CyclePublications:
             topic: MarkerSet(types) for topic, kind in CYCLE_TOPICS.items() if kind == MARKERS
         }
 
-    def of(self, result: CycleResult, cuboids: Callable[[], Cuboids]) -> Iterator[Publication]:
+    def of(self, result: CycleResult, cuboids: Callable[[], Cuboids]) -> Iterator[TopicMessage]:
         """Yield what is due for a cycle.
 
         Parameters
@@ -108,39 +108,39 @@ class CyclePublications:
         yield self.planes(result.found)
         yield from self.after_planes(result, cuboids)
 
-    def planes(self, found: CyclePlanes) -> Publication:
+    def planes(self, found: CyclePlanes) -> TopicMessage:
         """Return the markers of a cycle's planes."""
-        place = Place(self._types, found.stamp_ns, found.frame_id)
-        build = self._array("planes", lambda: plane_markers(place, found.planes), found.stamp_ns)
-        return Publication("planes", MARKERS, build)
+        context = MessageContext(self._types, found.stamp_ns, found.frame_id)
+        build = self._array("planes", lambda: plane_markers(context, found.planes), found.stamp_ns)
+        return TopicMessage("planes", MARKERS, build)
 
     def after_planes(
         self, result: CycleResult, cuboids: Callable[[], Cuboids]
-    ) -> Iterator[Publication]:
+    ) -> Iterator[TopicMessage]:
         """Yield all but the planes, as `of`."""
-        place = Place(self._types, result.stamp_ns, result.frame_id)
+        context = MessageContext(self._types, result.stamp_ns, result.frame_id)
         markers: dict[str, Callable[[], list[Any]]] = {
-            "objects": lambda: object_markers(place, result.objects),
-            "cuboids": lambda: self._cuboids(place, cuboids()),
-            "center_cores": lambda: _cores(place, cuboids()),
+            "objects": lambda: object_markers(context, result.objects),
+            "cuboids": lambda: self._cuboids(context, cuboids()),
+            "center_cores": lambda: _cores(context, cuboids()),
         }
         clouds: dict[str, Callable[[], Any]] = {
-            "map_cloud": lambda: _map_cloud(place, cuboids()),
-            "obstacles": lambda: _obstacles(place, cuboids()),
+            "map_cloud": lambda: _map_cloud(context, cuboids()),
+            "obstacles": lambda: _obstacles(context, cuboids()),
             "surfaces": lambda: surface_cloud_message(self._types, result.surfaces),
             "view": lambda: view_message(self._types, result.view),
         }
         for topic, build in markers.items():
-            yield Publication(topic, MARKERS, self._array(topic, build, result.stamp_ns))
+            yield TopicMessage(topic, MARKERS, self._array(topic, build, result.stamp_ns))
         for topic, message in clouds.items():
-            yield Publication(topic, CLOUD, message)
+            yield TopicMessage(topic, CLOUD, message)
 
     def _array(
         self, topic: str, build: Callable[[], list[Any]], stamp_ns: int
     ) -> Callable[[], Any]:
         return lambda: self._sets[topic].message(build(), stamp_ns)
 
-    def _cuboids(self, place: Place, cuboids: Cuboids) -> list[Any]:
+    def _cuboids(self, context: MessageContext, cuboids: Cuboids) -> list[Any]:
         if not len(cuboids):
             return []
         shade = _newest(cuboids) if self._config.markers.cuboid_color == "age" else cuboids.top
@@ -148,13 +148,13 @@ class CyclePublications:
         fraction = (shade - low) / max(high - low, 1e-9)
         depth = self._config.map.cuboid_depth
         return cuboid_markers(
-            place, _tops(cuboids), _depths(cuboids), cuboids.cell_size, depth, fraction
+            context, _tops(cuboids), _depths(cuboids), cuboids.cell_size, depth, fraction
         )
 
 
-def _cores(place: Place, cuboids: Cuboids) -> list[Any]:
+def _cores(context: MessageContext, cuboids: Cuboids) -> list[Any]:
     ends = center_cores(cuboids).ends()
-    return core_markers(place, ends[:, 0], ends[:, 1])
+    return core_markers(context, ends[:, 0], ends[:, 1])
 
 
 def _tops(cuboids: Cuboids) -> Float64:
@@ -170,17 +170,17 @@ def _newest(cuboids: Cuboids) -> Int32:
     return cuboids.cycles[cuboids.cycle_offsets[1:] - 1]
 
 
-def _map_cloud(place: Place, cuboids: Cuboids) -> Any:
+def _map_cloud(context: MessageContext, cuboids: Cuboids) -> Any:
     return map_cloud_message(
-        *place, _tops(cuboids), _depths(cuboids), cuboids.count, _newest(cuboids)
+        *context, _tops(cuboids), _depths(cuboids), cuboids.count, _newest(cuboids)
     )
 
 
-def _obstacles(place: Place, cuboids: Cuboids) -> Any:
-    return obstacle_cloud_message(*place, _tops(cuboids), _depths(cuboids))
+def _obstacles(context: MessageContext, cuboids: Cuboids) -> Any:
+    return obstacle_cloud_message(*context, _tops(cuboids), _depths(cuboids))
 
 
-class SolutionPublications:
+class SolutionMessageBuilder:
     """The messages of a solution of the SLAM node.
 
     Parameters
@@ -195,28 +195,28 @@ class SolutionPublications:
         self._types, self._frame = types, map_frame
         self._walls, self._surfaces = MarkerSet(types), MarkerSet(types)
 
-    def of(self, solution: SurfaceSolution, stamp_ns: int) -> Iterator[Publication]:
+    def of(self, solution: SurfaceSolution, stamp_ns: int) -> Iterator[TopicMessage]:
         """Yield what is due for a solution, stamped with the newest record that it knows."""
-        place = Place(self._types, stamp_ns, self._frame)
+        context = MessageContext(self._types, stamp_ns, self._frame)
         builders: dict[str, Callable[[], Any]] = {
             "path": lambda: path_message(
-                *place, solution.trajectory_ns.tolist(), spatial(solution.trajectory)
+                *context, solution.trajectory_ns.tolist(), spatial(solution.trajectory)
             ),
             "walls": lambda: self._walls.message(
-                wall_markers(place, solution.slam.walls), stamp_ns
+                wall_markers(context, solution.slam.walls), stamp_ns
             ),
             "surfaces": lambda: self._surfaces.message(
-                surface_markers(place, solution.surfaces), stamp_ns
+                surface_markers(context, solution.surfaces), stamp_ns
             ),
-            "surface_cloud": lambda: _surface_cloud(place, solution),
+            "surface_cloud": lambda: _surface_cloud(context, solution),
         }
         for topic, build in builders.items():
-            yield Publication(topic, SOLUTION_TOPICS[topic], build)
+            yield TopicMessage(topic, SOLUTION_TOPICS[topic], build)
 
 
-def _surface_cloud(place: Place, solution: SurfaceSolution) -> Any:
+def _surface_cloud(context: MessageContext, solution: SurfaceSolution) -> Any:
     ids = solution.mapped.surface_id
     known, index = np.unique(ids, return_inverse=True)
     palette = np.array([identity_color(int(i)) for i in known]).reshape(-1, 3)
     colors = np.rint(255 * palette).astype(np.uint8)[index]
-    return surface_map_message(*place, solution.mapped.points, ids, colors)
+    return surface_map_message(*context, solution.mapped.points, ids, colors)

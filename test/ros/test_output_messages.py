@@ -3,8 +3,7 @@ import pytest
 from message_families import to_bag_message
 
 from tccm_ros.geometry import pose_from_rpy
-from tccm_ros.ros.pointcloud import MAP_ROW, POINT_ROW, SURFACE_MAP_ROW, cloud_rows
-from tccm_ros.ros.results import (
+from tccm_ros.ros.output_messages import (
     OBSTACLE_STEP,
     DiagnosticStatus,
     diagnostics_message,
@@ -15,6 +14,7 @@ from tccm_ros.ros.results import (
     pose_covariance_message,
     surface_map_message,
 )
+from tccm_ros.ros.pointcloud import MAP_ROW, POINT_ROW, SURFACE_MAP_ROW, cloud_rows
 
 STAMP = 1_700_000_000_000_000_005
 

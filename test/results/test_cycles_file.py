@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.errors import MapError, OutputError
-from tccm_ros.results.cycles import (
+from tccm_ros.results.cycles_file import (
     JOIN_GAP_CM,
     CycleHistory,
     coarsen,
@@ -73,7 +73,7 @@ def test_round_trip_is_exact_and_repeatable(tmp_path):
 
 
 def test_too_many_cuboids_grow_the_cells(tmp_path, monkeypatch):
-    monkeypatch.setattr("tccm_ros.results.cycles.MAX_CUBOIDS", 50)
+    monkeypatch.setattr("tccm_ros.results.cycles_file.MAX_CUBOIDS", 50)
     history = CycleHistory(window=3)
     history.add(0, 0, cuboids([(3 * x, 3 * y, 0, 300) for x in range(20) for y in range(20)]))
     parts = history.parts(np.eye(4)[None])

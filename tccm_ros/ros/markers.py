@@ -1,7 +1,7 @@
-"""Pictures of records for RViz and Foxglove: visualization_msgs/Marker lists.
+"""Records as lists of visualization_msgs/Marker, for RViz and Foxglove.
 
-A builder returns the markers of one message; `MarkerSet` makes of them a complete MarkerArray that
-also deletes what the message before had. Clouds of boxes and lines are one marker per class.
+A function returns the markers of one message; `MarkerSet` makes a complete MarkerArray of them that
+also deletes those of the message before. Many boxes or lines are one marker (CUBE_LIST, LINE_LIST).
 """
 
 from __future__ import annotations
@@ -42,13 +42,17 @@ __all__ = [
     "wall_markers",
 ]
 
-NORMAL_LENGTH = 0.2
-WALL_HEIGHT = 0.5
-MIN_SCALE = 1e-3
+NORMAL_LENGTH_M = 0.2
+"""Length of the arrow along a plane's normal, m; chosen."""
+
+WALL_HEIGHT_M = 0.5
+"""Walls are drawn this high, m; chosen: low enough to see over."""
+
+MIN_EDGE_M = 1e-3
 """Smallest edge of a marker, m: viewers refuse zero."""
 
 COLOR_STEPS = 64
-"""Colours along a scale, so that equal ones can share one message."""
+"""Colours along a scale; chosen: equal ones share one message object."""
 
 
 def _area_markers(
@@ -63,7 +67,7 @@ def _area_markers(
     mesh = fill_outline(boundary, holes, normal)
     if not len(mesh.points):
         return []
-    # A corner is one message, however many triangles and edges meet there.
+    # A corner is one message object, in however many triangles and edges it occurs.
     corners = np.concatenate([mesh.triangles.ravel(), _edges(mesh.rings)])
     points = marker_points(context.types, mesh.points, corners)
     markers = []
@@ -80,7 +84,7 @@ def _area_markers(
 
 
 def _edges(lengths: Sequence[int]) -> Int64:
-    """Return the corners at the ends of each edge of closed rings that lie one after the other."""
+    """Return the corner indices of each edge of closed rings with these numbers of corners."""
     ends = np.cumsum(lengths)
     edges = np.empty((ends[-1], 2), np.int64)
     edges[:, 0] = np.arange(ends[-1])
@@ -97,12 +101,12 @@ def plane_markers(context: MessageContext, planes: Iterable[PlaneRecord]) -> lis
         markers += _area_markers(
             context, plane.id, plane.boundary, plane.holes, plane.normal, color
         )
-        ends = [plane.centroid, plane.centroid + NORMAL_LENGTH * plane.normal]
+        ends = [plane.centroid, plane.centroid + NORMAL_LENGTH_M * plane.normal]
         arrow = marker_points(context.types, ends)
         thin = (0.01, 0.02, 0.0)
         markers.append(make_marker(context, "normal", plane.id, ARROW, thin, color, points=arrow))
         text = f"{plane.id}: {plane.centroid[2]:.2f} m, {plane.area:.2f} m2"
-        at = plane.centroid + 0.5 * NORMAL_LENGTH * plane.normal
+        at = plane.centroid + 0.5 * NORMAL_LENGTH_M * plane.normal
         markers.append(text_marker(context, "text", plane.id, at, text))
     return markers
 
@@ -122,24 +126,24 @@ def surface_markers(context: MessageContext, surfaces: Iterable[Surface]) -> lis
 
 
 def object_markers(context: MessageContext, objects: Iterable[TabletopObject]) -> list[Any]:
-    """Return a box per object that stands on a surface."""
+    """Return a box for each object on a surface."""
     markers = []
     for item in objects:
         c, s = np.cos(item.yaw), np.sin(item.yaw)
         R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         where = pose_message(context.types, pose(R, item.center))
-        size = np.maximum(item.size, MIN_SCALE).tolist()
+        size = np.maximum(item.size, MIN_EDGE_M).tolist()
         color = identity_color(item.id)
         markers.append(make_marker(context, "object", item.id, CUBE, size, color, 0.8, pose=where))
     return markers
 
 
 def wall_markers(context: MessageContext, walls: Iterable[Wall]) -> list[Any]:
-    """Return each wall as an upright rectangle over its observed extent, with its outline."""
+    """Return each wall as a vertical rectangle over its observed extent, with its outline."""
     markers = []
     for wall in walls:
         (x0, y0), (x1, y1) = wall.endpoints
-        h = WALL_HEIGHT
+        h = WALL_HEIGHT_M
         ring = np.array([[x0, y0, 0.0], [x1, y1, 0.0], [x1, y1, h], [x0, y0, h]])
         normal = np.array([np.cos(wall.phi), np.sin(wall.phi), 0.0])
         markers += _area_markers(context, wall.id, ring, (), normal, identity_color(wall.id))
@@ -147,7 +151,15 @@ def wall_markers(context: MessageContext, walls: Iterable[Wall]) -> list[Any]:
 
 
 def core_markers(context: MessageContext, starts: ArrayLike, ends: ArrayLike) -> list[Any]:
-    """Return the center cores (N, 3) to (N, 3), m, as one LINE_LIST; none where N = 0."""
+    """Return center cores as one LINE_LIST; no marker where there are none.
+
+    Parameters
+    ----------
+    context
+        Message classes and header.
+    starts, ends
+        (N, 3), m.
+    """
     lines = np.stack([np.asarray(starts, float), np.asarray(ends, float)], axis=-2)
     if lines.size == 0:
         return []
@@ -169,15 +181,15 @@ def cuboid_markers(
     Parameters
     ----------
     context
-        Where and when.
+        Message classes and header.
     tops
         (N, 3), m: centre of the cell and upper end of the cuboid.
     depth
-        (N,), m; drawn as the nearest power of two times `cuboid_depth`, hanging from the top.
+        (N,), m; drawn as the nearest power of two times `cuboid_depth`, down from the top.
     cell_size, cuboid_depth
         Edge of a cell and d0, m.
     fraction
-        (N,), 0 to 1 on the colour scale: height or age.
+        (N,), 0 to 1 on the colour scale.
     """
     xyz = np.asarray(tops, np.float64).reshape(-1, 3)
     ratio = np.maximum(np.asarray(depth, np.float64) / cuboid_depth, 1e-6)

@@ -1,6 +1,6 @@
-"""What the nodes publish of a result: once for live topics, once for result.mcap.
+"""Build the messages of a tilt cycle and of a solution, by topic, for live nodes and result.mcap.
 
-Each message is built only when somebody wants it.
+Each message is built only when it is needed.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ __all__ = [
     "CYCLE_TOPICS",
     "SOLUTION_TOPICS",
     "CycleMessageBuilder",
-    "TopicMessage",
     "SolutionMessageBuilder",
+    "TopicMessage",
 ]
 
 MARKERS = "visualization_msgs/msg/MarkerArray"
@@ -56,10 +56,10 @@ CYCLE_TOPICS = {
     "surfaces": CLOUD,
     "view": CLOUD,
 }
-"""Private topics of the TCCM node and their types (DESIGN section 4)."""
+"""Private topics of the TCCM node and their types (docs/reference/nodes.md)."""
 
 SURFACE_MESSAGE_TOPICS = ("surfaces", "view")
-"""Those of `CYCLE_TOPICS` that the SLAM node reads: one for each cycle, never skipped."""
+"""Those of `CYCLE_TOPICS` that the SLAM node reads: one for each tilt cycle, never skipped."""
 
 SOLUTION_TOPICS = {
     "path": "nav_msgs/msg/Path",
@@ -71,7 +71,17 @@ SOLUTION_TOPICS = {
 
 
 class TopicMessage(NamedTuple):
-    """A message that is due on a private topic of a node."""
+    """A message for a private topic of a node, built when it is needed.
+
+    Attributes
+    ----------
+    topic
+        Name of the topic within the node's namespace.
+    msgtype
+        Such as ``sensor_msgs/msg/PointCloud2``.
+    build
+        Returns the message.
+    """
 
     topic: str
     msgtype: str
@@ -79,7 +89,7 @@ class TopicMessage(NamedTuple):
 
 
 class CycleMessageBuilder:
-    """The messages of tilt cycles, each marker array with the deletions of what is gone.
+    """Builds the messages of tilt cycles; marker arrays delete the markers that are gone.
 
     Parameters
     ----------
@@ -91,33 +101,35 @@ class CycleMessageBuilder:
 
     def __init__(self, types: MessageTypes, config: Config):
         self._types, self._config = types, config
-        self._sets = {
+        self._marker_sets = {
             topic: MarkerSet(types) for topic, kind in CYCLE_TOPICS.items() if kind == MARKERS
         }
 
     def of(self, result: CycleResult, cuboids: Callable[[], Cuboids]) -> Iterator[TopicMessage]:
-        """Yield what is due for a cycle.
+        """Yield the messages of a tilt cycle.
 
         Parameters
         ----------
         result
-            The cycle.
+            The tilt cycle.
         cuboids
-            Gives the integration map after that cycle.
+            Returns the integration map after that tilt cycle.
         """
         yield self.planes(result.found)
         yield from self.after_planes(result, cuboids)
 
     def planes(self, found: CyclePlanes) -> TopicMessage:
-        """Return the markers of a cycle's planes."""
+        """Return the markers of the planes of a tilt cycle."""
         context = MessageContext(self._types, found.stamp_ns, found.frame_id)
-        build = self._array("planes", lambda: plane_markers(context, found.planes), found.stamp_ns)
+        build = self._markers(
+            "planes", lambda: plane_markers(context, found.planes), found.stamp_ns
+        )
         return TopicMessage("planes", MARKERS, build)
 
     def after_planes(
         self, result: CycleResult, cuboids: Callable[[], Cuboids]
     ) -> Iterator[TopicMessage]:
-        """Yield all but the planes, as `of`."""
+        """Yield all messages of a tilt cycle except the planes; arguments as `of`."""
         context = MessageContext(self._types, result.stamp_ns, result.frame_id)
         markers: dict[str, Callable[[], list[Any]]] = {
             "objects": lambda: object_markers(context, result.objects),
@@ -131,21 +143,21 @@ class CycleMessageBuilder:
             "view": lambda: view_message(self._types, result.view),
         }
         for topic, build in markers.items():
-            yield TopicMessage(topic, MARKERS, self._array(topic, build, result.stamp_ns))
+            yield TopicMessage(topic, MARKERS, self._markers(topic, build, result.stamp_ns))
         for topic, message in clouds.items():
             yield TopicMessage(topic, CLOUD, message)
 
-    def _array(
+    def _markers(
         self, topic: str, build: Callable[[], list[Any]], stamp_ns: int
     ) -> Callable[[], Any]:
-        return lambda: self._sets[topic].message(build(), stamp_ns)
+        return lambda: self._marker_sets[topic].message(build(), stamp_ns)
 
     def _cuboids(self, context: MessageContext, cuboids: Cuboids) -> list[Any]:
         if not len(cuboids):
             return []
-        shade = _newest(cuboids) if self._config.markers.cuboid_color == "age" else cuboids.top
-        low, high = float(shade.min()), float(shade.max())
-        fraction = (shade - low) / max(high - low, 1e-9)
+        value = _newest(cuboids) if self._config.markers.cuboid_color == "age" else cuboids.top
+        low, high = float(value.min()), float(value.max())
+        fraction = (value - low) / max(high - low, 1e-9)
         depth = self._config.map.cuboid_depth
         return cuboid_markers(
             context, _tops(cuboids), _depths(cuboids), cuboids.cell_size, depth, fraction
@@ -181,14 +193,14 @@ def _obstacles(context: MessageContext, cuboids: Cuboids) -> Any:
 
 
 class SolutionMessageBuilder:
-    """The messages of a solution of the SLAM node.
+    """Builds the messages of a solution of the SLAM node.
 
     Parameters
     ----------
     types
         Message classes.
     map_frame
-        Frame of everything.
+        Frame of all messages.
     """
 
     def __init__(self, types: MessageTypes, map_frame: str):
@@ -196,7 +208,7 @@ class SolutionMessageBuilder:
         self._walls, self._surfaces = MarkerSet(types), MarkerSet(types)
 
     def of(self, solution: SurfaceSolution, stamp_ns: int) -> Iterator[TopicMessage]:
-        """Yield what is due for a solution, stamped with the newest record that it knows."""
+        """Yield the messages of a solution, stamped with the newest record that it contains."""
         context = MessageContext(self._types, stamp_ns, self._frame)
         builders: dict[str, Callable[[], Any]] = {
             "path": lambda: path_message(

@@ -4,7 +4,7 @@ from message_families import to_bag_message
 
 from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.ros.output_messages import (
-    OBSTACLE_STEP,
+    OBSTACLE_STEP_M,
     DiagnosticStatus,
     diagnostics_message,
     grid_message,
@@ -30,12 +30,12 @@ def test_map_cloud_has_the_exact_values(types):
 def test_obstacles_fill_each_cuboid_from_its_top_down(types):
     rng = np.random.default_rng(3)
     tops, depth = rng.uniform(-1.0, 2.0, (50, 3)), rng.uniform(0.0, 0.4, 50)
-    depth[0] = OBSTACLE_STEP  # a whole number of steps: the lower end is a point as well
+    depth[0] = OBSTACLE_STEP_M  # a whole number of steps: the lower end is a point as well
     expected = []
     for (x, y, z), d in zip(tops, depth):
         k = 0
-        while k * OBSTACLE_STEP <= d + 1e-9:
-            expected.append((x, y, z - k * OBSTACLE_STEP))
+        while k * OBSTACLE_STEP_M <= d + 1e-9:
+            expected.append((x, y, z - k * OBSTACLE_STEP_M))
             k += 1
     message = obstacle_cloud_message(types, STAMP, "odom", tops, depth)
     rows = cloud_rows(to_bag_message(types, "sensor_msgs/msg/PointCloud2", message), POINT_ROW)

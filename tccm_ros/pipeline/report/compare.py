@@ -1,7 +1,7 @@
-"""What differs between two maps of one place: surfaces that came, went or moved; walls; paths.
+"""Compare two maps of the same rooms: surfaces that came, went or moved, walls and paths.
 
-Two replays of a bag, or a map and its continuation, are in one frame. Other recordings begin
-elsewhere: there the second map is laid over the first by what both have.
+Two replays of a bag, or a map and its continuation, have one frame. Other recordings have frames of
+their own: there the second map is laid over the first by the surfaces and walls that both have.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from tccm_ros.errors import MapError
-from tccm_ros.pipeline.report.align import describe, find_alignment, moved_results
+from tccm_ros.pipeline.report.align import pose_text, find_alignment, moved_results
 from tccm_ros.pipeline.report.changes import Change, Item, Kind, surface_changes, wall_changes
 from tccm_ros.results.folder_reader import Results, load_results
 from tccm_ros.results.models import SurfaceEntry, WallEntry
@@ -22,8 +22,8 @@ from tccm_ros.results.trajectory import Trajectory
 
 __all__ = ["Comparison", "PathDifference", "compare", "compare_results"]
 
-STAMP_GAP = 0.05
-"""Poses of two trajectories this near in time belong together, s."""
+MAX_STAMP_DIFFERENCE_S = 0.05
+"""Poses of two trajectories this near in time are compared, s; chosen: a scan of 20 Hz."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +35,9 @@ class PathDifference:
     length_before, length_after
         Path lengths, m.
     poses
-        Poses that both trajectories have.
+        Number of poses at stamps of both trajectories.
     rms, largest
-        m; None where there are none.
+        Of the distances, m; None where there are no such poses.
     """
 
     length_before: float
@@ -49,17 +49,17 @@ class PathDifference:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """Two maps side by side.
+    """Differences between two maps.
 
     Attributes
     ----------
     before, after
         The maps, both in the first one's frame.
     surfaces, walls, path
-        What differs.
+        Their differences.
     laid_over
-        Planar pose (x, y, yaw) of the second map's frame in the first's, where it was found by
-        what both have; None where the frames are one.
+        Planar pose (x, y, yaw) of the second map's frame in the first's, m and rad, where it was
+        found by `find_alignment`; None where both have one frame.
     """
 
     before: Results
@@ -100,7 +100,7 @@ class Comparison:
         lines.append(f"walls: {self.counts(self.walls)}")
         lines.append(f"paths: {self.path_text()}")
         if self.laid_over is not None:
-            lines.append(f"the second map was laid over the first: {describe(self.laid_over)}")
+            lines.append(f"the second map was laid over the first: {pose_text(self.laid_over)}")
         return "\n".join(lines)
 
     def path_text(self) -> str:
@@ -109,8 +109,8 @@ class Comparison:
         text = f"{path.length_before:.2f} m and {path.length_after:.2f} m"
         if path.rms is None:
             return text + ", at different times"
-        apart = f"{path.rms:.3f} m apart (rms of {path.poses}), {path.largest:.3f} m at most"
-        return f"{text}, {apart}"
+        distance = f"distance {path.rms:.3f} m rms of {path.poses} poses, {path.largest:.3f} m max"
+        return f"{text}, {distance}"
 
 
 def _both(
@@ -130,20 +130,20 @@ def _both_heights(
 
 
 def compare(folder_a: Path | str, folder_b: Path | str, *, lay_over: bool = False) -> Comparison:
-    """Compare two result folders, the first as it was and the second as it is.
+    """Compare two result folders, the first with the older map.
 
     Parameters
     ----------
     folder_a, folder_b
         What ``tccm replay --out`` wrote.
     lay_over
-        Whether the second map has another frame and is laid over the first.
+        Whether the second map has another frame and is moved into the first's.
 
     Raises
     ------
     MapError
-        If a folder or one of its files is missing or damaged, or if too little is in both maps
-        to lay one over the other.
+        If a folder or one of its files is missing or damaged, or if too few surfaces and walls are
+        in both maps.
     """
     before, after = load_results(folder_a), load_results(folder_b)
     if not lay_over:
@@ -151,8 +151,8 @@ def compare(folder_a: Path | str, folder_b: Path | str, *, lay_over: bool = Fals
     pose = find_alignment(before, after)
     if pose is None:
         raise MapError(
-            f"{folder_b}: too few surfaces and walls of {folder_a} are found again; "
-            "are these maps of one place?"
+            f"{folder_b}: too few surfaces and walls match those of {folder_a}; "
+            "expected two maps of the same rooms"
         )
     comparison = compare_results(before, moved_results(after, pose))
     x, y, yaw = (round(float(value), 6) for value in pose)
@@ -175,9 +175,9 @@ def _path_difference(before: Trajectory, after: Trajectory) -> PathDifference:
     if len(before.stamps) == 0 or len(after.stamps) == 0:
         return PathDifference(*lengths, 0, None, None)
     at = before.nearest(after.stamps)
-    near = np.abs(before.stamps[at] - after.stamps) <= STAMP_GAP
+    near = np.abs(before.stamps[at] - after.stamps) <= MAX_STAMP_DIFFERENCE_S
     if not near.any():
         return PathDifference(*lengths, 0, None, None)
-    apart = np.linalg.norm((before.positions[at] - after.positions)[near, :2], axis=1)
-    rms = float(np.sqrt(np.mean(apart**2)))
-    return PathDifference(*lengths, int(near.sum()), rms, float(apart.max()))
+    distances = np.linalg.norm((before.positions[at] - after.positions)[near, :2], axis=1)
+    rms = float(np.sqrt(np.mean(distances**2)))
+    return PathDifference(*lengths, int(near.sum()), rms, float(distances.max()))

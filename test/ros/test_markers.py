@@ -76,7 +76,7 @@ def test_a_plane_without_boundary_has_no_fill(context):
     assert [m.ns for m in markers] == ["normal", "text"]
 
 
-def test_surfaces_objects_walls_and_cores(context):
+def test_markers_of_surfaces_objects_walls_and_cores_have_their_shapes(context):
     surface = Surface(
         id=2, label="table", confidence=0.9, height=0.7, normal=np.array([0, 0, 1.0]), offset=0.7,
         area=2.0, centroid=np.array([1, 0.5, 0.7]), holes=(),
@@ -99,7 +99,7 @@ def test_surfaces_objects_walls_and_cores(context):
     assert core_markers(context, np.zeros((0, 3)), np.zeros((0, 3))) == []
 
 
-def test_cuboids_hang_from_their_tops_in_classes_of_depth(context):
+def test_cuboids_are_drawn_down_from_their_tops_in_classes_of_depth(context):
     tops = np.array([[0, 0, 1.0], [0.02, 0, 1.0], [0.04, 0, 0.5]])
     depth = np.array([0.03, 0.12, 0.031])
     markers = bag_markers(
@@ -118,7 +118,7 @@ def test_cuboids_hang_from_their_tops_in_classes_of_depth(context):
     assert cuboid_markers(context, np.zeros((0, 3)), np.zeros(0), 0.02, 0.03, np.zeros(0)) == []
 
 
-def test_a_marker_that_is_gone_is_deleted_once(context):
+def test_a_marker_that_is_missing_in_the_next_message_is_deleted_once(context):
     markers = MarkerSet(context.types)
     both = plane_markers(context, [make_plane(1), make_plane(2)])
     one = plane_markers(context, [make_plane(2)])
@@ -131,7 +131,7 @@ def test_a_marker_that_is_gone_is_deleted_once(context):
     assert all(m.header.frame_id == "map" for m in second)
 
 
-def test_neighbouring_identities_differ_in_colour():
+def test_neighbouring_ids_have_different_colours():
     colors = np.array([identity_color(k) for k in range(20)])
     assert np.abs(np.diff(colors, axis=0)).sum(axis=1).min() > 0.3
 

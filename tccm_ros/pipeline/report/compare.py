@@ -7,14 +7,14 @@ their own: there the second map is laid over the first by the surfaces and walls
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from tccm_ros.errors import MapError
-from tccm_ros.pipeline.report.align import pose_text, find_alignment, moved_results
+from tccm_ros.pipeline.report.align import find_alignment, moved_results, pose_text
 from tccm_ros.pipeline.report.changes import Change, Item, Kind, surface_changes, wall_changes
 from tccm_ros.results.folder_reader import Results, load_results
 from tccm_ros.results.models import SurfaceEntry, WallEntry
@@ -77,16 +77,18 @@ class Comparison:
     def surface_rows(self) -> Iterator[tuple[str, ...]]:
         """Yield kind, label, ids, heights over the floor, areas and shift of each surface."""
         for change in self.surfaces:
-            a, b = change.before, change.after
+            sides = ((change.before, self.before.ground), (change.after, self.after.ground))
+            found = [(surface, ground) for surface, ground in sides if surface is not None]
             shift = ""
-            if a is not None and b is not None:
-                shift = f"{np.linalg.norm(b.centroid[:2] - a.centroid[:2]):.3f}"
+            if change.before is not None and change.after is not None:
+                moved = change.after.centroid[:2] - change.before.centroid[:2]
+                shift = f"{np.linalg.norm(moved):.3f}"
             yield (
                 change.kind,
-                _both(a, b, lambda s: s.label),
-                _both(a, b, lambda s: str(s.id)),
-                _both_heights(a, b, self.before.ground, self.after.ground),
-                _both(a, b, lambda s: f"{s.area:.2f}"),
+                _old_and_new([s.label for s, _ in found]),
+                _old_and_new([str(s.id) for s, _ in found]),
+                _old_and_new([f"{s.height - ground:.3f}" for s, ground in found]),
+                _old_and_new([f"{s.area:.2f}" for s, _ in found]),
                 shift,
             )
 
@@ -113,19 +115,8 @@ class Comparison:
         return f"{text}, {distance}"
 
 
-def _both(
-    a: SurfaceEntry | None, b: SurfaceEntry | None, show: Callable[[SurfaceEntry], str]
-) -> str:
-    """Return a value, or ``old -> new`` where it differs."""
-    shown = [show(s) for s in (a, b) if s is not None]
-    return shown[0] if len(set(shown)) == 1 else " -> ".join(shown)
-
-
-def _both_heights(
-    a: SurfaceEntry | None, b: SurfaceEntry | None, ground_a: float, ground_b: float
-) -> str:
-    heights = [s.height - g for s, g in ((a, ground_a), (b, ground_b)) if s is not None]
-    shown = [f"{height:.3f}" for height in heights]
+def _old_and_new(shown: Sequence[str]) -> str:
+    """Return the value of one or two maps, ``old -> new`` where they differ."""
     return shown[0] if len(set(shown)) == 1 else " -> ".join(shown)
 
 

@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 
-from tccm_ros.arrays import Float64, Int64
 from tccm_ros.atomic import output_file
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import transform
@@ -100,7 +99,8 @@ def _draw_cycle(axes: Axes, results: Results, cycles: CycleParts, at: int) -> No
     x, y, z = transform(cycles.T_map_odom[at], points).T
     age = at - np.repeat(np.arange(first, at + 1), np.diff(cycles.offsets[first : at + 2]))
     kept = (z - results.ground > HEIGHTS_M[0]) & (bottom < HEIGHTS_M[1])
-    colors = _age_colors(age[kept], cycles.window)
+    fraction = np.clip(age[kept] / max(cycles.window - 1, 1), 0.0, 1.0)[:, None]
+    colors = NEW_COLOR + fraction * (OLD_COLOR - NEW_COLOR)
     axes.scatter(x[kept], y[kept], c=colors, s=0.8, marker="s", linewidths=0.0, zorder=2)
     for wall in results.walls:
         axes.plot(*wall.endpoints.T, color=palette.WALL, lw=0.6, alpha=0.5, zorder=1)
@@ -109,8 +109,3 @@ def _draw_cycle(axes: Axes, results: Results, cycles: CycleParts, at: int) -> No
         here = int(path.nearest(np.array([cycles.stamps_ns[at] * 1e-9]))[0])
         axes.plot(*path.positions[: here + 1, :2].T, color=palette.PALETTE[5], lw=0.8, zorder=3)
         axes.plot(*path.positions[here, :2], "o", ms=3.5, color=palette.PALETTE[5], zorder=4)
-
-
-def _age_colors(age: Int64, window: int) -> Float64:
-    fraction = np.clip(age / max(window - 1, 1), 0.0, 1.0)[:, None]
-    return NEW_COLOR + fraction * (OLD_COLOR - NEW_COLOR)

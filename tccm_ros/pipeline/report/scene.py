@@ -45,6 +45,8 @@ def build_scene(results: Results) -> tuple[dict[str, Any], ArrayPack]:
     frame = np.eye(4)
     if results.cycles is not None and len(results.cycles):
         frame = results.cycles.T_map_odom[-1]
+    # Transparent surfaces are painted from low to high.
+    by_height = sorted(results.surfaces, key=lambda s: (s.height, s.id))
     scene = {
         "ground": _round(results.ground),
         "start": results.start,
@@ -56,7 +58,7 @@ def build_scene(results: Results) -> tuple[dict[str, Any], ArrayPack]:
             "view": palette.VIEW,
             "object": palette.OBJECT,
         },
-        "surfaces": [_surface(pack, s, colors[s.id], results.ground) for s in _by_height(results)],
+        "surfaces": [_surface(pack, s, colors[s.id], results.ground) for s in by_height],
         "walls": [
             {
                 "id": wall.id,
@@ -85,11 +87,6 @@ def _extent(results: Results) -> tuple[Float64, Float64]:
         return extent(results)
     low, high = np.percentile(results.cuboids.mean[:, :2], [2, 98], axis=0)
     return low - 0.5, high + 0.5
-
-
-def _by_height(results: Results) -> list[SurfaceEntry]:
-    """Return the surfaces from low to high, the order in which transparent ones are painted."""
-    return sorted(results.surfaces, key=lambda s: (s.height, s.id))
 
 
 def _surface(pack: ArrayPack, surface: SurfaceEntry, color: str, ground: float) -> dict[str, Any]:

@@ -144,7 +144,7 @@ class SurfaceEntry:
     views
         The views that measured it.
     took
-        Ids of the surfaces that were merged into this one.
+        Merged ids: ids of the surfaces that were merged into this one.
     """
 
     id: int

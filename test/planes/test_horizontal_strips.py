@@ -12,8 +12,8 @@ from scipy.sparse.csgraph import connected_components
 from tccm_ros.planes.horizontal_strips import (
     APART,
     BEAM_GAPS,
+    BENT,
     FEWEST,
-    L_SHAPE,
     LINES,
     MAX_RISE,
     RUN,
@@ -242,7 +242,7 @@ def plain_runs(lines, seen, azimuth):
                 continue
             rests = [squared_rest(a[:c], z[:c]) + squared_rest(a[c:], z[c:])
                      for c in range(3, len(part) - 2)]  # fmt: skip
-            if rests and min(rests) < L_SHAPE * squares:
+            if rests and min(rests) < BENT * squares:
                 cut = 3 + int(np.argmin(rests))
                 parts += [part[cut:], part[:cut]]
         start = last + 1

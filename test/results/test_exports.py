@@ -192,7 +192,7 @@ def wall(k, phi, rho, ends, corners=()):
     return Wall(k, phi, rho, np.array(ends, float), 9, np.eye(2), tuple(corners))
 
 
-def test_walls_that_share_a_corner_end_at_their_crossing():
+def test_walls_with_a_common_corner_end_at_their_crossing():
     walls = [
         wall(0, 0.0, 2.0, [[2, -1], [2, 1.9]], [1]),
         wall(1, np.pi / 2, 2.1, [[1.9, 2.1], [-1, 2.1]], [0]),

@@ -205,9 +205,7 @@ def test_a_changed_byte_is_an_error(saved):
 
 
 @pytest.mark.parametrize("version", [1, 2])
-def test_a_map_of_an_earlier_release_is_a_clear_error(
-    run, saved, monkeypatch, version
-):
+def test_a_map_of_an_earlier_release_is_a_clear_error(run, saved, monkeypatch, version):
     slam, solution = run
     monkeypatch.setattr("tccm_ros.results.map_file.VERSION", version)
     save_map(saved, slam.saved(solution), solution)

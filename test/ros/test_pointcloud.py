@@ -76,9 +76,7 @@ sizes = st.one_of(st.integers(0, 40), st.sampled_from([2**31, 2**32 - 1]))
 
 @settings(max_examples=150, deadline=None)
 @given(width=sizes, height=sizes, step=sizes, line=sizes, offset=sizes, n=st.integers(0, 64))
-def test_contradicting_sizes_are_refused_without_allocation(
-    width, height, step, line, offset, n
-):
+def test_contradicting_sizes_are_refused_without_allocation(width, height, step, line, offset, n):
     message = cloud_message(TYPESTORE, 0, "map", np.zeros(2, SURFACE_ROW))
     message.width, message.height = width, height
     message.point_step, message.row_step = step, line

@@ -70,7 +70,7 @@ reference: $(STAMP)
 
 # The pictures of docs/design/how_it_works.md and structure.md; other pages name the command of each picture.
 figures: demo
-	@$(BIN)/python -c "from tccm_ros.pipeline.report.figures import write_figures; write_figures('$(OUT)', 'docs/images')"
+	@$(BIN)/python -c "from tccm_ros.pipeline.report.documentation_pictures import write_figures; write_figures('$(OUT)', 'docs/images')"
 	@$(BIN)/python tools/draw_architecture.py
 
 # The documentation as a site, with search and the Python API: out/docs. Dead links are errors (--quiet would hide them).

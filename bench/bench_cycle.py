@@ -27,7 +27,7 @@ from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.planes import find_planes
 from tccm_ros.planes.tracking import PlaneTracker
 from tccm_ros.robot import Robot
-from tccm_ros.ros.publications import CyclePublications
+from tccm_ros.ros.topic_messages import CycleMessageBuilder
 from tccm_ros.sensors.registry import default_streams
 from tccm_ros.tabletop.objects import ObjectTracker, find_objects
 
@@ -67,7 +67,7 @@ def run_cycles(cycles: list[Any], config: Config, all_stages: list[Stages]) -> N
     the_map, seen = IntegrationMap(config), SeenFree(config)
     tracker, objects_tracker = PlaneTracker(config), ObjectTracker(config)
     types = TypestoreMessages()
-    publications = CyclePublications(types, config)
+    publications = CycleMessageBuilder(types, config)
     for cycle, stages in zip(cycles, all_stages, strict=True):
         run = stages.run
         T, viewpoint = cycle.T_odom_base(), cycle.T_odom_laser()[:3, 3]

@@ -24,7 +24,7 @@ from tccm_ros.pipeline.calibrate import Calibration, calibrate
 from tccm_ros.pipeline.calibrate.observability import UNITS
 from tccm_ros.pipeline.calibrate.quality import MIN_HITS, Flatness, cell_means
 from tccm_ros.pipeline.calibrate.room import hits_of_bag
-from tccm_ros.pipeline.report.figure import canvas, png
+from tccm_ros.pipeline.report.drawing import canvas, png
 
 Float64 = NDArray[np.float64]
 Cells = dict[tuple[int, int], float]

@@ -30,7 +30,7 @@ from tccm_ros.pipeline.sim.engine import Simulation
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.robot import Robot
-from tccm_ros.ros.publications import CyclePublications
+from tccm_ros.ros.topic_messages import CycleMessageBuilder
 from tccm_ros.sensors.registry import default_streams
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
@@ -112,7 +112,7 @@ def soak_tccm(hours: float, stretch_s: float) -> None:
     types, config = TypestoreMessages(), Config()
     robot = Robot(config, default_streams(), expects_odometry=True)
     processor = TccmProcessor(config)
-    publications = CyclePublications(types, config)
+    publications = CycleMessageBuilder(types, config)
     print("| hour | memory | cycles | 99 % of steps | longest step | cuboids | scans dropped |")
     print("|---|---|---|---|---|---|---|", flush=True)
     steps: list[float] = []

@@ -15,7 +15,7 @@ from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.nodes.tf import TfPublisher, has_tf2_msgs
 from tccm_ros.records import TransformSample
 from tccm_ros.ros import transform_message
-from tccm_ros.ros.results import pose_covariance_message
+from tccm_ros.ros.output_messages import pose_covariance_message
 from tccm_ros.ros.types import MessageTypes
 from tccm_ros.slam.odometry_model import odometry_covariance
 from tccm_ros.slam.se2 import between, compose

@@ -15,7 +15,7 @@ from rclpy.qos import QoSProfile
 
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.nodes.ros_types import message_class
-from tccm_ros.ros.publications import Publication
+from tccm_ros.ros.topic_messages import TopicMessage
 
 __all__ = ["Outputs"]
 
@@ -62,7 +62,7 @@ class Outputs:
         self._types = types
         self._always = frozenset(always)
         self._post = post
-        self._newest: dict[str, Publication] = {}
+        self._newest: dict[str, TopicMessage] = {}
         self.built = 0
         self._publishers = {
             name: node.create_publisher(
@@ -74,7 +74,7 @@ class Outputs:
             for name, kind in topics.items()
         }
 
-    def publish(self, publications: Iterable[Publication]) -> None:
+    def publish(self, publications: Iterable[TopicMessage]) -> None:
         """Publish what is listened to; keep the rest for who comes later (in the worker)."""
         for publication in publications:
             self._newest[publication.topic] = publication

@@ -25,13 +25,13 @@ from tccm_ros.nodes.warm_up import warm_up_slam
 from tccm_ros.records import Event, ScanPose, Surface, SurfaceCloud, ViewIntervals
 from tccm_ros.results.occupancy import occupancy_grid
 from tccm_ros.ros import READERS
-from tccm_ros.ros.publications import (
-    HAND_OVER_TOPICS,
+from tccm_ros.ros.output_messages import grid_message
+from tccm_ros.ros.topic_messages import (
     SOLUTION_TOPICS,
-    Publication,
-    SolutionPublications,
+    SURFACE_MESSAGE_TOPICS,
+    SolutionMessageBuilder,
+    TopicMessage,
 )
-from tccm_ros.ros.results import grid_message
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.surfaces.track_ids import changes
@@ -65,7 +65,7 @@ class SlamNode(SensorNode):
         self._surfaces: tuple[Surface, ...] = ()
         self._has_tilt_scan = False
         self.live = LivePosePublisher(self, self.types, self.config, self.intake)
-        self._publications = SolutionPublications(self.bulk_types, self.live.map_frame)
+        self._publications = SolutionMessageBuilder(self.bulk_types, self.live.map_frame)
         topics = {**SOLUTION_TOPICS, GRID_TOPIC: GRID}
         profiles = dict.fromkeys(topics, latched())
         self._outputs = Outputs(
@@ -78,7 +78,7 @@ class SlamNode(SensorNode):
         self.start()
 
     def _listen_to_tccm(self) -> None:
-        for role in HAND_OVER_TOPICS:
+        for role in SURFACE_MESSAGE_TOPICS:
             self.subscribe(
                 role,
                 hand_over(),
@@ -159,7 +159,7 @@ class SlamNode(SensorNode):
         self._unsolved.clear()
         self.live.note_solution(solution)
         self._outputs.publish(self._publications.of(solution, self.newest_ns))
-        self._outputs.publish([Publication(GRID_TOPIC, GRID, self._grid)])
+        self._outputs.publish([TopicMessage(GRID_TOPIC, GRID, self._grid)])
         self._boxes.publish(solution.surfaces, self.newest_ns)
         for change in changes(self._surfaces, solution.surfaces):
             self.get_logger().info(str(change))

@@ -20,7 +20,7 @@ from tccm_ros.nodes.warm_up import warm_up_tccm
 from tccm_ros.pipeline.calibrate.rig_check import RigCheck
 from tccm_ros.records import ClockJump, Event
 from tccm_ros.results.cuboids_file import cuboids_archive
-from tccm_ros.ros.publications import CYCLE_TOPICS, HAND_OVER_TOPICS, CyclePublications
+from tccm_ros.ros.topic_messages import CYCLE_TOPICS, SURFACE_MESSAGE_TOPICS, CycleMessageBuilder
 
 __all__ = ["TccmNode", "main"]
 
@@ -36,9 +36,10 @@ class TccmNode(SensorNode):
         self._frame_id = self.config.frames.odom_name
         self._rig_check = RigCheck()
         self._rig_problems: tuple[str, ...] = ()
-        self._publications = CyclePublications(self.bulk_types, self.config)
+        self._publications = CycleMessageBuilder(self.bulk_types, self.config)
         profiles = {
-            topic: hand_over() if topic in HAND_OVER_TOPICS else latched() for topic in CYCLE_TOPICS
+            topic: hand_over() if topic in SURFACE_MESSAGE_TOPICS else latched()
+            for topic in CYCLE_TOPICS
         }
         self._outputs = Outputs(
             self,
@@ -46,7 +47,7 @@ class TccmNode(SensorNode):
             CYCLE_TOPICS,
             profiles,
             self.worker.post,
-            always=HAND_OVER_TOPICS,
+            always=SURFACE_MESSAGE_TOPICS,
         )
         self.listen(watch="needed")
         self.create_service(Trigger, "~/take_view", self._on_take_view)

@@ -1,4 +1,4 @@
-"""A recorded bag through the processors: the same ones as the live nodes', fed from a file."""
+"""Process recorded bags with the processors of the live nodes, and show the results."""
 
 from tccm_ros.pipeline.outcome import Outcome
 from tccm_ros.pipeline.processors import Pipeline

@@ -1,4 +1,4 @@
-"""`tccm info`: what is in a bag, and what a replay of it would miss."""
+"""`tccm info`: the topics of a bag, and the inputs that a replay of it would lack."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from tccm_ros.sensors.registry import default_streams
 
 __all__ = ["BagInfo", "bag_info"]
 
-MEANING = {
+CONSEQUENCES = {
     "tilt_scan": "no surfaces",
-    "scan": "no walls, the map hangs on odometry",
-    "joint_states": "the tilting laser must be placed by tf",
-    "odom": "from tf, or the base is taken to stand still",
-    "robot_description": "the lasers must be placed by tf or rig parameters",
+    "scan": "no walls, the poses are those of odometry",
+    "joint_states": "tf must give the pose of the tilting laser",
+    "odom": "from tf, or the base is assumed not to move",
+    "robot_description": "tf or rig parameters must give the poses of the lasers",
     "tf": "",
     "tf_static": "",
 }
-"""What follows when an input is missing."""
+"""What follows where an input is missing, by role."""
 
 LASERS = ("tilt_scan", "scan")
 
-FIRST_NS = 5_000_000_000
-"""So much of a bag tells which laser a joint moves."""
+MAX_READ_NS = 5_000_000_000
+"""Part of a bag that is read to find which laser a joint moves, ns; chosen: a few tilt cycles."""
 
 
 @dataclass(frozen=True, slots=True)
 class BagInfo:
-    """What is in a bag.
+    """Topics of a bag, and the inputs of a replay that it lacks.
 
     Attributes
     ----------
@@ -47,10 +47,10 @@ class BagInfo:
     duration
         s.
     topics
-        By name.
+        In the order of their names.
     notes
-        One line for each input of a replay that is not there under its usual name; the last one
-        has the remappings to try.
+        One line for each input of a replay that is missing under its usual name; the last one has
+        the remappings to try.
     """
 
     path: Path
@@ -64,30 +64,34 @@ class BagInfo:
         return {"duration": self.duration, "topics": topics, "notes": self.notes}
 
     def text(self) -> str:
-        """Return a table for people."""
+        """Return a table for a terminal."""
         width = max((len(topic.name) for topic in self.topics), default=0)
         rows = [f"{t.name:<{width}}  {t.count:>8}  {t.msgtype}" for t in self.topics]
         return "\n".join([f"{self.path}: {self.duration:.1f} s", *rows, *self.notes])
 
 
 def bag_info(path: Path | str) -> BagInfo:
-    """Read what is in a bag; of its messages only the first seconds, and those only if a laser's
-    topic has another name than usual.
+    """Read the topics of a bag.
+
+    Messages are read only where the topic of a laser has another name than usual, and only those of
+    the first seconds.
 
     Raises
     ------
     BagError
-        For a bag that is missing, empty or damaged.
+        If the bag is missing, empty or damaged.
     """
     with BagReader(path) as reader:
         return BagInfo(Path(path), reader.duration, reader.topics(), _notes(reader))
 
 
 def _notes(reader: BagReader) -> list[str]:
-    """Return a line for each input that is missing, and the remappings to try in one line."""
+    """Return a line for each missing input, and a line with the remappings to try."""
     counts = {topic.name: topic.count for topic in reader.topics()}
     missing = [role for role, topic in DEFAULT_TOPICS.items() if not counts.get(topic)]
-    notes = [f"no {DEFAULT_TOPICS[role]}: {MEANING[role]}" for role in missing if MEANING[role]]
+    notes = [
+        f"no {DEFAULT_TOPICS[role]}: {CONSEQUENCES[role]}" for role in missing if CONSEQUENCES[role]
+    ]
     remaps = _suggestions(reader, missing)
     if remaps:
         notes.append("try " + " ".join(f"--remap {role}:={t}" for role, t in remaps.items()))
@@ -121,9 +125,9 @@ def _tilting(reader: BagReader, lasers: Sequence[str], remaps: Mapping[str, str]
     robot = Robot(Config(), default_streams())
     frames: dict[str, str] = {}
     roles = {role: topic for role, topic in topics.items() if role not in LASERS}
-    with suppress(TccmError):  # what is damaged or of another type is told by a replay
+    with suppress(TccmError):  # a replay reports what is damaged or of another type
         for role, log_ns, record in reader.records(roles):
-            if log_ns - reader.start_ns > FIRST_NS:
+            if log_ns - reader.start_ns > MAX_READ_NS:
                 break
             robot.add(role, record)
     robot.flush()

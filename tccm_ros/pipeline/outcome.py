@@ -1,4 +1,4 @@
-"""What a replay has found."""
+"""Results of a replay in memory, before they are written."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
-from tccm_ros.results.cycles import CycleHistory
+from tccm_ros.results.cycles_file import CycleHistory
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 __all__ = ["Outcome"]
@@ -15,16 +15,16 @@ __all__ = ["Outcome"]
 
 @dataclass(slots=True, eq=False)
 class Outcome:
-    """What a replay has found, before it is written.
+    """Results of a replay in memory, before they are written.
 
     Attributes
     ----------
     config
-        As it was run.
+        Of the replay.
     cycles
         The tilt cycles of this bag, without their points.
     history
-        Coarse part maps of every cycle, for the report.
+        Coarsened part map of every tilt cycle, for the report.
     tccm, slam
         The processors at the end: the integration map and counts.
     solution
@@ -32,12 +32,12 @@ class Outcome:
     messages
         Messages read, by topic.
     dropped
-        Records that were not used, by reason; messages that could not be read, by topic and what
-        was wrong with the first.
+        Records that were not used, by reason; messages that could not be read, by topic and the
+        problem of the first.
     bag_duration
         s.
-    goes_on
-        Whether it is a new session in a saved map.
+    continues_map
+        Whether it is a new session of a saved map.
     """
 
     config: Config
@@ -49,4 +49,4 @@ class Outcome:
     messages: Counter[str] = field(default_factory=Counter)
     dropped: Counter[str] = field(default_factory=Counter)
     bag_duration: float = 0.0
-    goes_on: bool = False
+    continues_map: bool = False

@@ -1,4 +1,4 @@
-"""One intake and the two processors, with what goes from one to the other."""
+"""The intake of sensors and the two processors, connected as the live nodes are."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.records import Event
-from tccm_ros.results.cycles import CycleHistory
+from tccm_ros.results.cycles_file import CycleHistory
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams, roles_of
 from tccm_ros.stopwatch import Stopwatch
@@ -21,14 +21,14 @@ from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 __all__ = ["Pipeline"]
 
 OnCycle = Callable[[CycleResult, Cuboids], object]
-"""Takes a cycle that is complete, and the integration map after it."""
+"""Called with each complete tilt cycle, and the integration map after it."""
 
 MAPPED_ROLES = roles_of("tccm")
-"""Streams whose stamps the trajectory has, where there is no level laser."""
+"""Streams at whose stamps the trajectory has poses."""
 
 
 class Pipeline:
-    """Both processors of a run, fed record by record.
+    """The intake and both processors of a replay, given one record at a time.
 
     Parameters
     ----------
@@ -37,11 +37,11 @@ class Pipeline:
     expects_odometry
         Whether there is an odometry topic (`Robot`).
     saved
-        A map to go on with.
+        A saved map to continue.
     on_cycle
-        Called with each complete cycle and the integration map after it.
+        Called with each complete tilt cycle, and the integration map after it.
     clock
-        Where the time of each stage is added up.
+        Adds up the time of each stage.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Pipeline:
     cycles
         The tilt cycles, without their points.
     history
-        Coarse part maps of every cycle, for the report.
+        Coarsened part map of every tilt cycle, for the report.
     """
 
     def __init__(
@@ -78,19 +78,19 @@ class Pipeline:
         return self.robot.dropped + self.tccm.dropped
 
     def add(self, role: str, record: Any) -> list[CycleResult]:
-        """Take one record; return the cycles that are complete now."""
+        """Process one record; return the tilt cycles that are complete now."""
         with self.clock.stage("pose"):
             events = self.robot.add(role, record)
         if role in MAPPED_ROLES:
             self.slam.add_pose_stamp(record.stamp_ns)
-        return self._give(events) if events else []
+        return self._process(events) if events else []
 
     def finish(self) -> list[CycleResult]:
-        """Take the end of the input."""
-        results = self._give(self.robot.flush())
+        """Process the end of the input; return the last tilt cycles."""
+        results = self._process(self.robot.flush())
         with self.clock.stage("tccm"):
-            last = self.tccm.finish(self._keep_map)
-        self._hand_over(last)
+            last = self.tccm.finish(self._store_map)
+        self._add_cycles(last)
         return results + last
 
     def solve(self) -> SurfaceSolution:
@@ -98,23 +98,23 @@ class Pipeline:
         with self.clock.stage("solve"):
             return self.slam.solve()
 
-    def _keep_map(self, _: CyclePlanes) -> None:
-        """Keep the integration map after a cycle: several may be complete at once."""
+    def _store_map(self, _: CyclePlanes) -> None:
+        """Store the integration map after a tilt cycle: several may be complete at once."""
         self._maps.append(self.tccm.map.cuboids())
 
-    def _give(self, events: Iterable[Event]) -> list[CycleResult]:
-        """Give events to both processors, and the surface messages of one to the other."""
+    def _process(self, events: Iterable[Event]) -> list[CycleResult]:
+        """Process events with both processors, and the surface messages of one with the other."""
         results: list[CycleResult] = []
         with self.clock.stage("tccm"):
             for event in events:
-                results += self.tccm.add(event, self._keep_map)
+                results += self.tccm.add(event, self._store_map)
         with self.clock.stage("slam"):
             for event in events:
                 self.slam.add(event)
-        self._hand_over(results)
+        self._add_cycles(results)
         return results
 
-    def _hand_over(self, results: Iterable[CycleResult]) -> None:
+    def _add_cycles(self, results: Iterable[CycleResult]) -> None:
         for result, cuboids in zip(results, self._maps, strict=True):
             with self.clock.stage("slam"):
                 self.slam.add(result.surfaces)
@@ -123,12 +123,12 @@ class Pipeline:
                 self.history.add(result.cycle, result.stamp_ns, result.part.cuboids())
             with self.clock.stage("write"):
                 self._on_cycle(result, cuboids)
-            self.cycles.append(_outline(result))
+            self.cycles.append(_without_points(result))
         self._maps.clear()
 
 
-def _outline(cycle: CycleResult) -> CycleResult:
-    """Return a cycle's planes and objects alone."""
+def _without_points(cycle: CycleResult) -> CycleResult:
+    """Return a tilt cycle with its planes and objects alone: points and cuboids are large."""
     return replace(
         cycle,
         part=cycle.part.without_points().without_cuboids(),

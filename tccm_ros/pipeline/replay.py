@@ -1,4 +1,4 @@
-"""`tccm replay`: a bag in, a folder of results out, whole or not at all."""
+"""`tccm replay`: process a bag and write its result folder, completely or not at all."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tccm_ros.pipeline.report.html_report import write_page
 from tccm_ros.pipeline.report.pictures import write_pictures
 from tccm_ros.pipeline.report.viewing import report_map
 from tccm_ros.progress import Bars, Silent
-from tccm_ros.results.cycles import save_cycles
+from tccm_ros.results.cycles_file import save_cycles
 from tccm_ros.results.exports import write_results, write_timing
 from tccm_ros.results.folder_reader import load_results
 from tccm_ros.results.map_file import is_map, load_map, save_map
@@ -37,7 +37,7 @@ from tccm_ros.results.models import (
     SummaryFile,
     TimingFile,
 )
-from tccm_ros.results.result_bag import CycleMessages, write_result_bag
+from tccm_ros.results.result_bag import CycleMessageStore, write_result_bag
 from tccm_ros.results.surface_counts import count_surfaces
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.scene_objects import scene_objects
@@ -47,22 +47,22 @@ __all__ = ["Summary", "replay", "report_of"]
 LIBRARIES = ("gtsam", "numba", "numpy", "scipy", "shapely")
 
 PROCESSING = ("read", "pose", "tccm", "slam", "history", "solve", "objects")
-"""Stages of the real-time factor: reading and all processing, without imports and pictures."""
+"""Stages that the real-time factor counts: reading and processing, without imports and pictures."""
 
 WRITING = ("write",)
-"""Stages that make the result files, but for the pictures."""
+"""Stages that write the result files other than pictures."""
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What a replay tells when it is done.
+    """Summary of a finished replay.
 
     Attributes
     ----------
     out
         Folder of the results.
     content
-        What summary.json holds.
+        Of summary.json.
     seconds
         Time of each stage, s.
     real_time_factor
@@ -83,15 +83,15 @@ class Summary:
         }
 
     def text(self) -> str:
-        """Return a few lines for people."""
+        """Return a few lines for a terminal."""
         counts, session = self.content.counts, self.content.session
         lines = [
             f"{counts.surface_counts.text()}, {counts.objects} objects, {counts.walls} walls, "
             f"{counts.cycles} tilt cycles, {counts.keyframes} keyframes, "
-            f"{counts.loops_accepted} loops; {_times(self.real_time_factor)} real time",
+            f"{counts.loops_accepted} loops; {_factor_text(self.real_time_factor)} real time",
         ]
         if session.kind == SessionKind.NEW:
-            lines.append("a new session in the saved map")
+            lines.append("a new session of the saved map")
         if counts.dropped:
             reasons = ", ".join(f"{n} {why}" for why, n in counts.dropped.items())
             lines.append(f"dropped: {reasons}")
@@ -102,7 +102,7 @@ class Summary:
         return "\n".join(lines)
 
 
-def _times(factor: float) -> str:
+def _factor_text(factor: float) -> str:
     return f"{factor:.0f} x" if factor >= 10.0 else f"{factor:.1f} x"
 
 
@@ -117,36 +117,36 @@ def replay(
     bars: Bars | None = None,
     clock: Stopwatch | None = None,
 ) -> Summary:
-    """Run a bag and write its results.
+    """Process a bag and write its results.
 
     Parameters
     ----------
     bag
         A rosbag2 folder, an .mcap or a .db3 file; or several, read as one recording.
     out
-        Folder of the results; made if needed, its result files replaced.
+        Folder of the results; created if needed, older result files are replaced.
     config
         The configuration.
     saved_map
-        A map to go on with: the map.mcap of an earlier replay or of a live node.
+        A map to continue: the map.mcap of an earlier replay or of a live node.
     remap
         ``scan:=/base_scan`` for topics with other names.
     pictures
-        Whether map.png, map3d.png and report.html are made.
+        Whether map.png, map3d.png and report.html are written.
     bars
-        Where progress is shown.
+        Shows the progress.
     clock
-        Where the time of each stage is added up.
+        Adds up the time of each stage.
 
     Raises
     ------
     TccmError
-        Of any family; nothing is left in `out` then.
+        Of any family; `out` is left as it was.
     """
     bars, clock = bars or Silent(), clock or Stopwatch()
     with output_folder(out) as folder:
         saved = None if saved_map is None else load_map(saved_map)
-        messages = CycleMessages(config, folder)
+        messages = CycleMessageStore(config, folder)
         outcome = run_bag(
             bag, config, remap=remap, saved=saved, on_cycle=messages.add, bars=bars, clock=clock
         )
@@ -155,7 +155,7 @@ def replay(
             objects = ObjectsFile.of(*scene_objects(outcome.solution, outcome.cycles))
         with clock.stage("write"):
             content = _write(folder, outcome, messages, objects)
-        _keep_stamps(bag_paths(bag), folder)
+        _copy_stamps(bag_paths(bag), folder)
         factor = _real_time_factor(outcome, clock)
         if pictures:
             bars.start("pictures", 1.0)
@@ -175,7 +175,7 @@ def replay(
 def _write(
     folder: Path,
     outcome: Outcome,
-    messages: CycleMessages,
+    messages: CycleMessageStore,
     objects: ObjectsFile,
 ) -> SummaryFile:
     config, solution, cycles = outcome.config, outcome.solution, outcome.cycles
@@ -190,16 +190,16 @@ def _write(
 
 
 def _T_map_odom(outcome: Outcome) -> Float64:
-    """Return where the odometry frame was in map at each cycle, (C, 4, 4)."""
+    """Return the pose of the odometry frame in map at each tilt cycle, (C, 4, 4)."""
     stamps = np.array([cycle.stamp_ns for cycle in outcome.cycles], np.int64)
     T_odom_base = np.array([cycle.T_odom_base for cycle in outcome.cycles]).reshape(-1, 4, 4)
     return spatial(outcome.solution.slam.pose_at(stamps)) @ inverse(T_odom_base)
 
 
-def _keep_stamps(bags: Sequence[Path], folder: Path) -> None:
-    """Copy the stamps of an imported log, through which `tccm evaluate` matches references.
+def _copy_stamps(bags: Sequence[Path], folder: Path) -> None:
+    """Copy the stamps of an imported log, with which `tccm evaluate` matches references.
 
-    They count the scans of one log: of several none is copied.
+    The stamps belong to the scans of one log: those of several logs are not copied.
     """
     stamps = bags[0] / "stamps.csv"
     if len(bags) == 1 and stamps.is_file():
@@ -214,7 +214,7 @@ def _summary(outcome: Outcome, objects: int) -> SummaryFile:
     return SummaryFile(
         versions=_versions(),
         bag_duration=round(outcome.bag_duration, 6),
-        session=SessionEntry(SessionKind.NEW if outcome.goes_on else SessionKind.FIRST),
+        session=SessionEntry(SessionKind.NEW if outcome.continues_map else SessionKind.FIRST),
         counts=CountsEntry(
             messages=dict(sorted(outcome.messages.items())),
             scans_used=ScansUsedEntry(
@@ -240,7 +240,7 @@ def _versions() -> dict[str, str]:
     for name in LIBRARIES:
         try:
             found[name] = version(name)
-        except PackageNotFoundError:  # a library that apt installed without metadata
+        except PackageNotFoundError:  # apt installs some libraries without metadata
             found[name] = "unknown"
     return found
 
@@ -253,13 +253,21 @@ def _real_time_factor(outcome: Outcome, clock: Stopwatch) -> float:
 def report_of(target: Path | str, config: Config, bars: Bars | None = None) -> Path:
     """Return a folder with the report of a result folder, a saved map or a bag.
 
-    A map or a bag is worked out first, into a folder beside the working directory's files that is
-    named after it.
+    A map or a bag is processed first, into a folder of the working directory named after it.
+
+    Parameters
+    ----------
+    target
+        A result folder, a saved map or a bag.
+    config
+        For a map or a bag.
+    bars
+        Shows the progress.
 
     Raises
     ------
     TccmError
-        If the target is missing, none of these, or damaged.
+        If the target is missing, of another kind, or damaged.
     """
     target = Path(target)
     if (target / "surfaces.json").exists():

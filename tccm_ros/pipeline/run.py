@@ -1,4 +1,4 @@
-"""A bag through the pipeline: topics, how it begins, every record, whether they were of use."""
+"""Process a bag with the pipeline: topics, records, and checks that its lasers were used."""
 
 from __future__ import annotations
 
@@ -18,6 +18,9 @@ __all__ = ["run_bag"]
 
 SCAN_ROLES = ("tilt_scan", "scan")
 
+PROGRESS_STEP_NS = 100_000_000
+"""Time of the bag between two updates of the progress bar, ns; chosen."""
+
 
 def run_bag(
     bag: BagPaths,
@@ -29,7 +32,7 @@ def run_bag(
     bars: Bars | None = None,
     clock: Stopwatch | None = None,
 ) -> Outcome:
-    """Run a bag through the processors.
+    """Process a bag.
 
     Parameters
     ----------
@@ -40,20 +43,20 @@ def run_bag(
     remap
         ``scan:=/base_scan`` for topics with other names.
     saved
-        A map to go on with.
+        A saved map to continue.
     on_cycle
-        Takes each cycle when it is complete, and the integration map after it.
+        Called with each complete tilt cycle, and the integration map after it.
     bars
-        Where progress is shown.
+        Shows the progress.
     clock
-        Where the time of each stage is added up.
+        Adds up the time of each stage.
 
     Raises
     ------
     BagError, TopicError, FrameError, UrdfError
-        As the modules that read say; also where no scan could be used.
+        If the bag cannot be read, or none of its scans could be used.
     MapError
-        Where the bag's place in the saved map was not found.
+        If the bag could not be localised in the saved map.
     """
     bars, clock = bars or Silent(), clock or Stopwatch()
     with BagReader(bag) as reader:
@@ -73,8 +76,8 @@ def run_bag(
         solution = pipeline.solve()
         if not pipeline.slam.is_aligned(solution):
             raise MapError(
-                f"{reader.path}: its place in the saved map was not found for certain; "
-                "nothing is changed: map it without --map"
+                f"{reader.path}: could not be localised in the saved map, which is "
+                "unchanged; expected a recording of the same rooms: replay it without --map"
             )
         unreadable = Counter({f"{t}: {reader.problems[t]}": n for t, n in reader.dropped.items()})
         return Outcome(
@@ -92,7 +95,7 @@ def run_bag(
 
 
 def _topics(reader: BagReader, remap: Sequence[str]) -> Mapping[str, str]:
-    """Return the topic of each role; a bag without scans, or without what was named, is wrong."""
+    """Return the topic of each role; raise TopicError without scans or a remapped topic."""
     topics = remap_topics(remap)
     counts = {info.name: info.count for info in reader.topics()}
     named = [role for role, topic in topics.items() if topic != DEFAULT_TOPICS[role]]
@@ -107,7 +110,7 @@ def _topics(reader: BagReader, remap: Sequence[str]) -> Mapping[str, str]:
 def _feed(
     pipeline: Pipeline, reader: BagReader, topics: Mapping[str, str], bars: Bars
 ) -> Counter[str]:
-    """Give all records to the pipeline; return the messages read, by topic."""
+    """Add all records to the pipeline; return the numbers of messages by topic."""
     messages: Counter[str] = Counter()
     last_ns = reader.start_ns
     records = reader.records(topics)
@@ -120,13 +123,13 @@ def _feed(
         role, log_ns, record = item
         messages[topics[role]] += 1
         pipeline.add(role, record)
-        if log_ns - last_ns > 100_000_000:
+        if log_ns - last_ns > PROGRESS_STEP_NS:
             bars.advance((log_ns - last_ns) * 1e-9)
             last_ns = log_ns
 
 
 def _check_used(pipeline: Pipeline, reader: BagReader, topics: Mapping[str, str]) -> None:
-    """Raise what explains why a laser that is there gave nothing at all."""
+    """Raise an error with the reason where no scan of a recorded laser could be used."""
     counts = {info.name: info.count for info in reader.topics()}
     for topic in (topics[role] for role in SCAN_ROLES):
         if counts.get(topic) and reader.dropped[topic] == counts[topic]:
@@ -143,5 +146,5 @@ def _check_used(pipeline: Pipeline, reader: BagReader, topics: Mapping[str, str]
         if sensor.problem is not None:
             raise FrameError(f"{reader.path}: {laser} laser: {sensor.problem}")
         dropped = sensor.dropped + (pipeline.tccm.dropped if laser == "tilting" else Counter())
-        reasons = ", ".join(f"{n} {why}" for why, n in sorted(dropped.items())) or "no sweep"
+        reasons = ", ".join(f"{n} {why}" for why, n in sorted(dropped.items())) or "no tilt cycle"
         raise BagError(f"{reader.path}: no scan of the {laser} laser could be used: {reasons}")

@@ -1,4 +1,4 @@
-"""cuboids.npz: the integration map at the end, in the odometry frame."""
+"""Write and read cuboids.npz: the final integration map, in the odometry frame."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ __all__ = ["FinalCuboids", "cuboids_archive", "load_cuboids"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FinalCuboids:
-    """What is shown of cuboids.npz.
+    """The arrays of cuboids.npz that the report shows.
 
     Attributes
     ----------
     cell_size
-        m.
+        Edge of a cell, m.
     ix, iy
-        int64 (N,).
+        int64 (N,), cell indices; a cell may hold several cuboids.
     bottom, top
-        float64 (N,), m.
+        float64 (N,), heights in the odometry frame, m.
     count
-        float64 (N,).
+        float64 (N,), points.
     mean, cov
-        float64 (N, 3) and (N, 6: xx xy xz yy yz zz), m and m2.
+        float64 (N, 3) and (N, 6: xx xy xz yy yz zz) of the points, m and m2.
     newest
-        int64 (N,), newest cycle that each cuboid has a piece of.
+        int64 (N,), newest tilt cycle that each cuboid has points of.
     """
 
     cell_size: float
@@ -56,7 +56,7 @@ class FinalCuboids:
 
 
 def cuboids_archive(cuboids: Cuboids, config: Config, frame_id: str) -> bytes:
-    """Return cuboids.npz.
+    """Return the content of cuboids.npz.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def cuboids_archive(cuboids: Cuboids, config: Config, frame_id: str) -> bytes:
     config
         Group ``planes``.
     frame_id
-        Of the map.
+        Frame of the integration map, the odometry frame.
     """
     return array_archive(
         {
@@ -107,7 +107,7 @@ def _final(arrays: Mapping[str, Any]) -> FinalCuboids:
     n = len(ix)
     offsets, cycles = arrays["cycle_offsets"].astype(np.int64), arrays["cycles"].astype(np.int64)
     if len(offsets) != n + 1:
-        raise ValueError("its arrays do not belong together")
+        raise ValueError(f"{len(offsets)} cycle offsets for {n} cuboids, expected {n + 1}")
     return FinalCuboids(
         float(arrays["cell_size"]),
         ix,

@@ -1,4 +1,4 @@
-"""Write the data files of a run: byte-identical on every run."""
+"""Write the data files of a result folder; the same run gives the same bytes."""
 
 from __future__ import annotations
 
@@ -74,7 +74,22 @@ def write_results(
 
 
 def write_solution(folder: Path, solution: SurfaceSolution, config: Config) -> None:
-    """Write what a solution gives: surfaces, walls, graph and trajectory (see `write_results`)."""
+    """Write surfaces, walls, graph and trajectory of a solution.
+
+    Parameters
+    ----------
+    folder
+        Exists; the files are written under their final names.
+    solution
+        Trajectory, walls and surfaces.
+    config
+        Group ``frames``.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
     map_frame, slam = config.frames.map_name, solution.slam
     models = {
         "surfaces.json": SurfacesFile.of(solution.surfaces, solution.floor_z, map_frame),

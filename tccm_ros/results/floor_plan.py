@@ -1,4 +1,4 @@
-"""The floor plan: walls as lines whose corners are closed."""
+"""Floor plan: walls as line segments whose corners are closed."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from tccm_ros.records import Wall
 __all__ = ["close_corners"]
 
 
-LEAST_ANGLE = np.radians(15.0)
-"""Walls nearer to parallel than this have no corner."""
+MIN_CORNER_ANGLE_RAD = np.radians(15.0)
+"""Walls that are nearer to parallel form no corner; chosen: the crossing is uncertain there."""
 
-REACH = 0.6
-"""A wall is drawn longer or shorter by this much, m, at most, to meet its neighbour."""
+MAX_SEEN_CORNER_GAP_M = 0.6
+"""An end is moved at most this far, m, to a corner that a scan showed; chosen."""
 
-NEAR = 0.25
-"""The same, where no scan showed that they share a corner: no door is as narrow."""
+MAX_CORNER_GAP_M = 0.25
+"""The same, m, where no scan showed the corner; chosen: no door is as narrow."""
 
-TOUCH = 0.05
-"""Ends are known this well, m."""
+END_TOLERANCE_M = 0.05
+"""Ends are known to this, m; chosen: the noise of a scan's line ends."""
 
 End = tuple[int, int]
 """Wall id, and which of its ends."""
@@ -32,9 +32,9 @@ End = tuple[int, int]
 def close_corners(walls: Sequence[Wall]) -> list[Float64]:
     """Return the ends (2, 2) of each wall, moved onto the corners with others.
 
-    Walls know the walls that share an endpoint with them; both are drawn to the point where their
-    lines cross. Then, the nearest first, ends that nearly meet are drawn together, and an end that
-    nearly meets the middle of another wall is drawn onto it. Each end is moved once.
+    Walls that share an endpoint (`Wall.corners`) both end where their lines cross. Then, in the
+    order of distance, two ends that are near their crossing are moved to it, and an end that is
+    near the middle of another wall is moved onto it. Each end is moved once.
     """
     by_id = {wall.id: wall for wall in walls}
     ends = {wall.id: np.array(wall.endpoints, float) for wall in walls}
@@ -45,11 +45,11 @@ def close_corners(walls: Sequence[Wall]) -> list[Float64]:
             if corner is None:
                 continue
             near = int(np.argmin(np.linalg.norm(wall.endpoints - corner, axis=1)))
-            if np.linalg.norm(wall.endpoints[near] - corner) <= REACH:
+            if np.linalg.norm(wall.endpoints[near] - corner) <= MAX_SEEN_CORNER_GAP_M:
                 ends[wall.id][near] = corner
                 moved.add((wall.id, near))
-    meetings = [m for a, b in combinations(walls, 2) if (m := _meeting(a, b, ends)) is not None]
-    for _, members, corner in sorted(meetings, key=lambda m: m[:2]):
+    crossings = [c for a, b in combinations(walls, 2) if (c := _near_crossing(a, b, ends))]
+    for _, members, corner in sorted(crossings, key=lambda c: c[:2]):
         if moved.isdisjoint(members):
             moved.update(members)
             for wall_id, end in members:
@@ -57,33 +57,33 @@ def close_corners(walls: Sequence[Wall]) -> list[Float64]:
     return [ends[wall.id] for wall in walls]
 
 
-def _meeting(
+def _near_crossing(
     a: Wall, b: Wall, ends: Mapping[int, Float64]
 ) -> tuple[float, tuple[End, ...], Float64] | None:
-    """Return how far which ends of two walls are from where these nearly meet; None: they do not.
+    """Return the gap, the ends to move and the crossing of two walls; None where they are distant.
 
-    A wall that goes on beyond the crossing is not cut: the other's end lies on its middle.
+    A wall that continues beyond the crossing is not cut: the other's end lies on its middle.
     """
     corner = _crossing(a, b)
     if corner is None:
         return None
     gap, members = 0.0, []
     for wall in (a, b):
-        away = np.linalg.norm(ends[wall.id] - corner, axis=1)
-        end = int(np.argmin(away))
+        distances = np.linalg.norm(ends[wall.id] - corner, axis=1)
+        end = int(np.argmin(distances))
         length = float(np.linalg.norm(ends[wall.id][1] - ends[wall.id][0]))
-        goes_on = away.sum() <= length + TOUCH and away[end] > TOUCH
-        if away[end] > NEAR and not goes_on:
+        continues = distances.sum() <= length + END_TOLERANCE_M and distances[end] > END_TOLERANCE_M
+        if distances[end] > MAX_CORNER_GAP_M and not continues:
             return None
-        if not goes_on:
+        if not continues:
             members.append((wall.id, end))
-            gap = max(gap, float(away[end]))
+            gap = max(gap, float(distances[end]))
     return (gap, tuple(members), corner) if members else None
 
 
 def _crossing(a: Wall, b: Wall) -> Float64 | None:
     """Return where two lines x cos phi + y sin phi = rho cross; None where they are parallel."""
     N = np.array([[np.cos(a.phi), np.sin(a.phi)], [np.cos(b.phi), np.sin(b.phi)]])
-    if abs(np.linalg.det(N)) < np.sin(LEAST_ANGLE):
+    if abs(np.linalg.det(N)) < np.sin(MIN_CORNER_ANGLE_RAD):
         return None
     return np.linalg.solve(N, np.array([a.rho, b.rho]))

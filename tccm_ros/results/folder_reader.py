@@ -1,8 +1,8 @@
-"""The result folder as typed values: what pictures, report and comparison are made of.
+"""Read a result folder as typed values, for pictures, report and comparison.
 
-The report is a function of these files and nothing else, so a folder can be looked at years
-later, on another machine. ``surfaces.json``, ``walls.json`` and ``trajectory.tum`` must be there;
-the rest is shown when it is.
+The report is made from these files and nothing else, so that a folder can be viewed years later,
+on another machine. ``surfaces.json``, ``walls.json`` and ``trajectory.tum`` are required; the other
+files are optional.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import LogError, MapError, one_line
 from tccm_ros.results.cuboids_file import FinalCuboids, load_cuboids
-from tccm_ros.results.cycles import CycleParts, load_cycles
+from tccm_ros.results.cycles_file import CycleParts, load_cycles
 from tccm_ros.results.models import (
     CycleEntry,
     FreePlacesEntry,
@@ -44,7 +44,33 @@ FileType = TypeVar("FileType")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Results:
-    """Everything that a result folder holds; what is not there is None or empty."""
+    """The content of a result folder; what is missing is None or empty.
+
+    Attributes
+    ----------
+    folder
+        The folder that was read.
+    floor_z
+        Height of the floor in map, m; None where the floor was never seen.
+    surfaces, walls
+        Of surfaces.json and walls.json, in map.
+    trajectory
+        Poses of the base in map.
+    graph
+        Keyframes, loop closures and landmarks.
+    objects, free
+        Boxes on surfaces, and free places on surfaces, in map.
+    planes
+        Tracked planes by tilt cycle.
+    cuboids
+        The final integration map, in the odometry frame.
+    cycles
+        The coarsened part map of each tilt cycle, in the odometry frame.
+    summary, timing
+        Of summary.json and timing.json.
+    truth
+        Surfaces of truth.json.
+    """
 
     folder: Path
     floor_z: float | None
@@ -62,14 +88,14 @@ class Results:
     truth: tuple[TruthSurface, ...]
 
     @property
-    def standing(self) -> tuple[SurfaceEntry, ...]:
+    def above_floor(self) -> tuple[SurfaceEntry, ...]:
         """The surfaces other than the floor."""
         return tuple(s for s in self.surfaces if not s.is_floor)
 
     @property
     def tabletop(self) -> tuple[ObjectEntry, ...]:
         """The objects on surfaces other than the floor."""
-        surfaces = {surface.id for surface in self.standing}
+        surfaces = {surface.id for surface in self.above_floor}
         return tuple(box for box in self.objects if box.surface in surfaces)
 
     @property
@@ -79,7 +105,7 @@ class Results:
 
     @property
     def start(self) -> float:
-        """Stamp from which times are told: the first of the trajectory or the cycles, s."""
+        """Stamp that times are shown relative to: the first of trajectory and tilt cycles, s."""
         first = [float(stamp) for stamp in self.trajectory.stamps[:1]]
         first += [cycle.stamp for cycle in self.planes[:1]]
         return min(first, default=0.0)
@@ -97,39 +123,38 @@ def load_results(folder: Path | str, truth: Path | str | None = None) -> Results
     folder
         What ``tccm replay --out`` wrote.
     truth
-        A truth.json to draw beside; ``truth.json`` in the folder, if any, when None.
+        A truth.json to draw with the map; None for the one in the folder, if any.
 
     Raises
     ------
     MapError
-        If the folder or one of the three files that must be there is missing, or one is damaged.
+        If the folder or one of the three required files is missing, or a file is damaged.
     """
     folder = Path(folder)
     if not folder.is_dir():
         raise MapError(f"{folder}: no such folder; expected what 'tccm replay --out' wrote")
     surfaces = read_json(folder / "surfaces.json", SurfacesFile)
     walls = read_json(folder / "walls.json", WallsFile)
-    objects = _if_there(folder / "objects.json", ObjectsFile) or ObjectsFile()
-    planes = _if_there(folder / "planes.json", PlanesFile) or PlanesFile()
+    objects = _read_optional(folder / "objects.json", ObjectsFile) or ObjectsFile()
+    planes = _read_optional(folder / "planes.json", PlanesFile) or PlanesFile()
     cuboids, cycles = folder / "cuboids.npz", folder / "cycles.npz"
-    known = (
-        read_json(Path(truth), TruthFile) if truth else _if_there(folder / "truth.json", TruthFile)
-    )
+    truth_path = folder / "truth.json" if truth is None else Path(truth)
+    true = (_read_optional if truth is None else read_json)(truth_path, TruthFile)
     return Results(
         folder,
         surfaces.floor_z,
         surfaces.surfaces,
         walls.walls,
         _trajectory(folder / "trajectory.tum"),
-        _if_there(folder / "graph.json", GraphFile) or GraphFile(),
+        _read_optional(folder / "graph.json", GraphFile) or GraphFile(),
         objects.objects,
         objects.free,
         planes.cycles,
         load_cuboids(cuboids) if cuboids.exists() else None,
         load_cycles(cycles) if cycles.exists() else None,
-        _if_there(folder / "summary.json", SummaryFile),
-        _if_there(folder / "timing.json", TimingFile),
-        known.surfaces if known else (),
+        _read_optional(folder / "summary.json", SummaryFile),
+        _read_optional(folder / "timing.json", TimingFile),
+        true.surfaces if true else (),
     )
 
 
@@ -159,7 +184,7 @@ def _adapter(model: type[Any]) -> TypeAdapter[Any]:
     return TypeAdapter(model)
 
 
-def _if_there(path: Path, model: type[FileType]) -> FileType | None:
+def _read_optional(path: Path, model: type[FileType]) -> FileType | None:
     return read_json(path, model) if path.exists() else None
 
 

@@ -21,8 +21,15 @@ def feature_collection(
     """Return surfaces as polygons with holes, and walls as a floor plan with closed corners.
 
     The coordinates are x, y, z in m in `frame_id`, not longitude and latitude: a reader that needs
-    those must place the map. Rings are closed; outer ones run counter-clockwise and holes
-    clockwise, as RFC 7946 asks.
+    those must georeference the map. Rings are closed; outer ones run counter-clockwise and holes
+    clockwise, as RFC 7946 requires.
+
+    Parameters
+    ----------
+    surfaces, walls
+        In the frame `frame_id`.
+    frame_id
+        Name of the map frame.
     """
     return {
         "type": "FeatureCollection",

@@ -1,7 +1,7 @@
-"""A map in one file: an mcap that holds what a new session needs, and that opens in Foxglove.
+"""Write and read a saved map: one mcap that a new session continues and that opens in Foxglove.
 
-The map is an attachment, an .npz of named arrays with a checksum of its own. Topics beside it show
-the surfaces, points and walls. Files are written beside their place and moved there.
+The map is an attachment, an .npz of named arrays with a checksum of its own. Topics in the same
+file show the surfaces, points and walls. A file is written under a temporary name and then renamed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from tccm_ros.atomic import finish_moves, output_file
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import MapError, one_line
 from tccm_ros.results.numbers import array_archive
-from tccm_ros.ros.publications import SolutionPublications
+from tccm_ros.ros.topic_messages import SolutionMessageBuilder
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView, pack_views, unpack_views
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
@@ -36,16 +36,18 @@ Arrays = dict[str, NDArray[Any]]
 
 FORMAT = "tccm_ros/map"
 VERSION = 3
+"""Version of the arrays; older ones are refused."""
+
 ATTACHMENT = "map.npz"
 CHECKSUM = "sha256"
-"""Where the metadata has the checksum of the attachment."""
+"""Key of the attachment's checksum in the metadata."""
 
-SHOWN = ("surfaces", "surface_cloud", "walls")
-"""Topics of the SLAM node that are in a map: its path is that of one session alone."""
+TOPICS = ("surfaces", "surface_cloud", "walls")
+"""Topics of the SLAM node that a saved map holds; not its path, which is of one session alone."""
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER = struct.Struct("<QQI")
-"""Start of the summary, start of its offsets, checksum of the summary."""
+"""Last record of an mcap: start of the summary, start of its offsets, checksum of the summary."""
 
 DATA_END = 13
 """Bytes of the record before the summary: opcode, length, checksum of all before it."""
@@ -65,7 +67,7 @@ def save_map(
     saved
         `SurfaceSlam.saved` of the same solution.
     solution
-        What is shown.
+        Its surfaces, points and walls are the topics of the file.
     frame_id
         Name of the map frame.
 
@@ -87,18 +89,18 @@ def _write(stream: Any, saved: SavedMap, solution: SurfaceSolution, frame_id: st
     stamp = max((s.view.stamp_ns for s in saved.views), default=0)
     _write_topics(writer, solution, stamp, frame_id)
     writer.add_attachment(stamp, stamp, ATTACHMENT, "application/zip", archive)
-    about = {"format": FORMAT, "version": str(VERSION)}
-    about[CHECKSUM] = hashlib.sha256(archive).hexdigest()
-    writer.add_metadata(FORMAT, about)
+    metadata = {"format": FORMAT, "version": str(VERSION)}
+    metadata[CHECKSUM] = hashlib.sha256(archive).hexdigest()
+    writer.add_metadata(FORMAT, metadata)
     writer.finish()
 
 
 def _write_topics(writer: Writer, solution: SurfaceSolution, stamp: int, frame_id: str) -> None:
-    """Show surfaces, their points and walls, latched for whoever plays the file."""
+    """Write surfaces, their points and walls as one message each."""
     types = TypestoreMessages()
     schemas: dict[str, int] = {}
-    for topic, msgtype, build in SolutionPublications(types, frame_id).of(solution, stamp):
-        if topic not in SHOWN:
+    for topic, msgtype, build in SolutionMessageBuilder(types, frame_id).of(solution, stamp):
+        if topic not in TOPICS:
             continue
         if msgtype not in schemas:
             definition = types.definition(msgtype).encode()
@@ -108,7 +110,7 @@ def _write_topics(writer: Writer, solution: SurfaceSolution, stamp: int, frame_i
 
 
 def is_map(path: Path | str) -> bool:
-    """Return whether a file says of itself that it is a map, be it whole or not."""
+    """Return whether the metadata of a file names it a map, whole or damaged."""
     with suppress(OSError, McapError, ValueError, EOFError, struct.error), open(path, "rb") as file:
         summary = make_reader(file).get_summary()
         return summary is not None and any(m.name == FORMAT for m in summary.metadata_indexes)
@@ -129,14 +131,14 @@ def load_map(path: Path | str) -> SavedMap:
             finish_moves(path.parent)
         content = path.read_bytes()
         _check_sums(content)
-        about, archive = _read(io.BytesIO(content))
+        metadata, archive = _read(io.BytesIO(content))
     except FileNotFoundError:
         raise MapError(f"{path}: no such map; 'tccm replay' writes one as map.mcap") from None
     except OSError as error:
         raise MapError(f"{path}: cannot be read ({one_line(error)})") from None
     except (McapError, ValueError, EOFError, struct.error, zlib.error, StopIteration) as error:
         raise MapError(f"{path}: damaged or not a map ({one_line(error)})") from None
-    _check(path, about, archive)
+    _check(path, metadata, archive)
     try:
         with np.load(io.BytesIO(archive), allow_pickle=False) as arrays:
             return _map_of({name: arrays[name] for name in arrays.files})
@@ -166,22 +168,22 @@ def _check_sums(content: bytes) -> None:
         data_sum,
         summary_sum,
     ):
-        raise ValueError("its checksum does not fit")
+        raise ValueError("its checksum does not match")
 
 
 def _read(stream: Any) -> tuple[Mapping[str, str], bytes]:
-    """Return the file's metadata and its map; empty where they are not there."""
+    """Return the file's metadata and its map; empty where they are missing."""
     reader = make_reader(stream, validate_crcs=True)
-    about = next((m.metadata for m in reader.iter_metadata() if m.name == FORMAT), {})
+    metadata = next((m.metadata for m in reader.iter_metadata() if m.name == FORMAT), {})
     archives = (a.data for a in reader.iter_attachments() if a.name == ATTACHMENT)
-    return about, next(archives, b"")
+    return metadata, next(archives, b"")
 
 
-def _check(path: Path, about: Mapping[str, str], archive: bytes) -> None:
+def _check(path: Path, metadata: Mapping[str, str], archive: bytes) -> None:
     """Raise MapError where a file is no map, of another version, or damaged."""
-    if about.get("format") != FORMAT:
-        raise MapError(f"{path}: an mcap, but no map of {FORMAT}; a bag cannot be gone on with")
-    version = about.get("version", "")
+    if metadata.get("format") != FORMAT:
+        raise MapError(f"{path}: an mcap, but not a map; expected the map.mcap of 'tccm replay'")
+    version = metadata.get("version", "")
     if not (version.isascii() and version.isdigit()) or int(version) > VERSION:
         raise MapError(f"{path}: version {version}, but this tccm_ros reads {VERSION}; update it")
     if int(version) < VERSION:
@@ -189,8 +191,8 @@ def _check(path: Path, about: Mapping[str, str], archive: bytes) -> None:
             f"{path}: version {version}, saved by tccm_ros 0.1, which this one does not read; "
             "replay its recordings again"
         )
-    if hashlib.sha256(archive).hexdigest() != about.get(CHECKSUM):
-        raise MapError(f"{path}: damaged (its checksum does not fit)")
+    if hashlib.sha256(archive).hexdigest() != metadata.get(CHECKSUM):
+        raise MapError(f"{path}: damaged (its checksum does not match)")
 
 
 def _arrays_of(saved: SavedMap) -> Arrays:

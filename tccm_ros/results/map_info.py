@@ -1,4 +1,4 @@
-"""`tccm info` of a saved map: what is in it."""
+"""`tccm info` of a saved map: numbers of sessions, views and keyframes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["MapInfo", "map_info"]
 
 @dataclass(frozen=True, slots=True)
 class MapInfo:
-    """What is in a saved map.
+    """Size and counts of a saved map.
 
     Attributes
     ----------
@@ -22,7 +22,7 @@ class MapInfo:
     size
         Bytes.
     sessions, views, keyframes
-        How many there are.
+        Numbers of each.
     first, last
         Stamps of the first and the last view, s; None where there is none.
     """
@@ -40,7 +40,7 @@ class MapInfo:
         return {**asdict(self), "path": str(self.path)}
 
     def text(self) -> str:
-        """Return the same for people."""
+        """Return the same as lines for a terminal."""
         counts = (
             f"{self.views} views of {self.sessions} session{'' if self.sessions == 1 else 's'}, "
             f"{self.keyframes} keyframes"
@@ -51,12 +51,12 @@ class MapInfo:
 
 
 def map_info(path: Path | str) -> MapInfo:
-    """Read what is in a saved map.
+    """Count what a saved map holds.
 
     Raises
     ------
     MapError
-        For a map that is damaged, or of another version.
+        If the map is missing, damaged or of another version.
     """
     path = Path(path)
     saved = load_map(path)

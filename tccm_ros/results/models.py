@@ -1,9 +1,9 @@
-"""What the JSON files of a result folder hold: one class for each file and each kind of entry.
+"""Models of the JSON files of a result folder: one class for each file and each kind of entry.
 
-Writer, report, evaluation and comparison use these classes, and `docs/reference/schema` is made
-from them. The names of the fields are the keys of the files, in their order; a trailing underscore
+Writer, report, evaluation and comparison use these classes; `docs/reference/schema` is made from
+them. The names of the fields are the keys of the files, in their order; a trailing underscore
 (`from_`) is no part of the key. Lengths are in m, angles in rad, stamps in s; numbers that are not
-finite are written as null. Readers ignore keys that they do not know.
+finite are written as null. Readers ignore unknown keys.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ __all__ = [
 
 
 def _array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValidator, Any]:
-    """Return how a float64 array of a shape is read, None for any length, and its JSON Schema."""
+    """Return the validator and JSON Schema of a float64 array; a length of None is any length."""
 
     def check(value: Any) -> Float64:
         array = np.asarray(value, np.float64)
@@ -90,7 +90,7 @@ EntryType = TypeVar("EntryType")
 
 
 def _entry(kind: type[EntryType], record: Any, **others: Any) -> EntryType:
-    """Return the entry of a record: its attributes of the same names, but for `others`."""
+    """Return the entry of a record: attributes of the same names, except those in `others`."""
     names = (name for name in kind.__dataclass_fields__ if name not in others)  # type: ignore[attr-defined]
     return kind(**{name: getattr(record, name) for name in names}, **others)
 
@@ -100,7 +100,17 @@ def _entry(kind: type[EntryType], record: Any, **others: Any) -> EntryType:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewEntry:
-    """One view that a surface was measured in; keyframe -1 where there is none near in time."""
+    """One view that a surface was measured in.
+
+    Attributes
+    ----------
+    stamp
+        Of the view, s.
+    keyframe
+        Keyframe nearest in time; -1 where there is none.
+    points
+        Points measured on the surface.
+    """
 
     stamp: float
     keyframe: int
@@ -109,7 +119,33 @@ class ViewEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceEntry:
-    """One surface, in map: the attributes are those of `records.Surface`, stamps in s."""
+    """One surface, in map, as `records.Surface`.
+
+    Attributes
+    ----------
+    id, label, confidence
+        As in `records.Surface`.
+    height
+        z at the centroid, m.
+    normal, offset
+        Unit normal float64 (3,), up; ``normal . p = offset``, m.
+    area
+        m2, of the boundary without the holes.
+    centroid
+        float64 (3,), mean of the points, m.
+    boundary, holes
+        float64 (N, 3), open rings, m; the boundary is counter-clockwise from above.
+    points
+        Points measured, before thinning.
+    height_std
+        Standard deviation of the points' distances from the plane, m.
+    first_seen, last_seen
+        Stamps of the first and the last view, s.
+    views
+        The views that measured it.
+    took
+        Merged ids: ids of the surfaces that were merged into this one.
+    """
 
     id: int
     label: str
@@ -147,7 +183,19 @@ class SurfaceEntry:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SurfacesFile:
-    """surfaces.json: the map of surfaces; `floor_z` is None where the floor was never seen."""
+    """surfaces.json: the surface map.
+
+    Attributes
+    ----------
+    format, version
+        Of the file.
+    frame_id
+        Frame of all coordinates.
+    floor_z
+        Height of the floor, m; None where it was never seen.
+    surfaces
+        By id.
+    """
 
     format: Literal["tccm_ros/surfaces"] = "tccm_ros/surfaces"
     version: Literal[1] = 1
@@ -157,7 +205,17 @@ class SurfacesFile:
 
     @classmethod
     def of(cls, surfaces: Iterable[Surface], floor_z: float | None, frame_id: str) -> SurfacesFile:
-        """Return what surfaces.json holds of these surfaces."""
+        """Return the model of surfaces.json.
+
+        Parameters
+        ----------
+        surfaces
+            In the frame `frame_id`.
+        floor_z
+            Height of the floor, m; None where it was never seen.
+        frame_id
+            Name of the map frame.
+        """
         entries = tuple(map(SurfaceEntry.of, surfaces))
         return cls(frame_id=frame_id, floor_z=floor_z, surfaces=entries)
 
@@ -167,7 +225,21 @@ class SurfacesFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectEntry:
-    """A box on a surface, in map: `yaw` of its x axis in (-pi/2, pi/2]."""
+    """A box on a surface, in map.
+
+    Attributes
+    ----------
+    id
+        Of the object.
+    surface
+        Id of the surface under it.
+    center
+        float64 (3,), m.
+    size
+        float64 (3,), edges along its own x, y and z axes, m.
+    yaw
+        Of its x axis, in (-pi/2, pi/2], rad.
+    """
 
     id: int
     surface: int
@@ -178,7 +250,15 @@ class ObjectEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FreePlacesEntry:
-    """Where there is room on a surface: open rings (N, 3) in map."""
+    """Free places on a surface, in map.
+
+    Attributes
+    ----------
+    surface
+        Id of the surface.
+    polygons
+        Open rings float64 (N, 3), m.
+    """
 
     surface: int
     polygons: tuple[Ring, ...]
@@ -186,7 +266,15 @@ class FreePlacesEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObjectsFile:
-    """objects.json: what stands on surfaces, and where there is room."""
+    """objects.json: objects on surfaces, and free places.
+
+    Attributes
+    ----------
+    objects
+        By surface and id.
+    free
+        By surface.
+    """
 
     objects: tuple[ObjectEntry, ...] = ()
     free: tuple[FreePlacesEntry, ...] = ()
@@ -195,7 +283,7 @@ class ObjectsFile:
     def of(
         cls, objects: Iterable[SceneObject], free: Mapping[int, Sequence[Float64]]
     ) -> ObjectsFile:
-        """Return what objects.json holds of what `scene_objects` gives."""
+        """Return the model of objects.json of the result of `scene_objects`."""
         return cls(
             tuple(_entry(ObjectEntry, item) for item in objects),
             tuple(FreePlacesEntry(s, tuple(rings)) for s, rings in sorted(free.items())),
@@ -207,7 +295,23 @@ class ObjectsFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WallEntry:
-    """One wall, in map: the attributes are those of `records.Wall`."""
+    """One wall, in map, as `records.Wall`.
+
+    Attributes
+    ----------
+    id
+        Index within the file.
+    phi, rho
+        The line ``x cos phi + y sin phi = rho``, rad and m.
+    endpoints
+        float64 (2, 2), ends of the observed extent, m.
+    observations
+        Line measurements that support it.
+    covariance
+        float64 (2, 2) of (phi, rho), rad and m.
+    corners
+        Ids of walls that share an endpoint, ascending.
+    """
 
     id: int
     phi: float
@@ -220,13 +324,19 @@ class WallEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WallsFile:
-    """walls.json."""
+    """walls.json: the walls of the graph.
+
+    Attributes
+    ----------
+    walls
+        By id.
+    """
 
     walls: tuple[WallEntry, ...]
 
     @classmethod
     def of(cls, walls: Iterable[Wall]) -> WallsFile:
-        """Return what walls.json holds of these walls."""
+        """Return the model of walls.json."""
         return cls(tuple(_entry(WallEntry, wall) for wall in walls))
 
 
@@ -235,7 +345,17 @@ class WallsFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyframeEntry:
-    """A keyframe of the graph: `pose` is (x, y, yaw) of base in map."""
+    """A keyframe of the graph.
+
+    Attributes
+    ----------
+    id
+        Of the keyframe.
+    stamp
+        Of its scan, s.
+    pose
+        float64 (3,), (x, y, yaw) of base in map, m and rad.
+    """
 
     id: int
     stamp: float
@@ -244,7 +364,19 @@ class KeyframeEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoopEntry:
-    """A proposed loop closure: `delta` is the planar pose of keyframe `to` in `from`."""
+    """A proposed loop closure.
+
+    Attributes
+    ----------
+    from_, to
+        Ids of the keyframes, ``from_ < to``.
+    delta
+        float64 (3,), planar pose (x, y, yaw) of keyframe `to` in `from_`, m and rad.
+    accepted
+        Whether it is a factor of the graph.
+    reason
+        Why it was accepted or rejected.
+    """
 
     __pydantic_config__ = ConfigDict(alias_generator=key_of)
 
@@ -257,7 +389,19 @@ class LoopEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LandmarkEntry:
-    """A landmark of the graph other than a wall: its position (3,) in map and its covariance."""
+    """A landmark of the graph other than a wall.
+
+    Attributes
+    ----------
+    kind, id
+        Its kind, and its number within the kind.
+    position
+        float64 (3,), in map, m.
+    covariance
+        float64 (3, 3) of the position, m2.
+    observations
+        Measurements that support it.
+    """
 
     kind: str
     id: int
@@ -268,7 +412,17 @@ class LandmarkEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraphFile:
-    """graph.json."""
+    """graph.json: the graph without its walls.
+
+    Attributes
+    ----------
+    keyframes
+        By id.
+    loops
+        Proposed loop closures.
+    landmarks
+        Landmarks other than walls.
+    """
 
     keyframes: tuple[KeyframeEntry, ...] = ()
     loops: tuple[LoopEntry, ...] = ()
@@ -278,7 +432,13 @@ class GraphFile:
     def of(
         cls, keyframes: Iterable[Keyframe], loops: Iterable[Loop], landmarks: Iterable[Landmark]
     ) -> GraphFile:
-        """Return what graph.json holds of a solution's keyframes, loops and landmarks."""
+        """Return the model of graph.json.
+
+        Parameters
+        ----------
+        keyframes, loops, landmarks
+            Of a solution, in map.
+        """
         return cls(
             tuple(_entry(KeyframeEntry, k, stamp=Stamp(k.stamp_ns)) for k in keyframes),
             tuple(LoopEntry(p.from_id, p.to_id, p.delta, p.accepted, p.reason) for p in loops),
@@ -291,7 +451,29 @@ class GraphFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneEntry:
-    """One tracked plane of a cycle: the attributes are those of `records.PlaneRecord`."""
+    """One tracked plane of a tilt cycle, in the odometry frame, as `records.PlaneRecord`.
+
+    Attributes
+    ----------
+    id
+        Track id.
+    kind
+        ``horizontal`` or another class of planes.
+    normal, offset
+        Unit normal float64 (3,); ``normal . p = offset``, m.
+    covariance
+        float64 (3, 3) of two rotations and the offset, rad and m, as in `records.PlaneRecord`.
+    support
+        Points.
+    area
+        m2.
+    quality
+        val of Eq. (8), m2.
+    boundary, holes
+        float64 (N, 3), open rings, m.
+    rms
+        Root mean square distance of the points from the plane, m.
+    """
 
     id: int
     kind: str
@@ -308,7 +490,19 @@ class PlaneEntry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CycleEntry:
-    """The tracked planes of one tilt cycle, in `frame_id`, the odometry frame."""
+    """The tracked planes of one tilt cycle.
+
+    Attributes
+    ----------
+    cycle
+        Number of the tilt cycle.
+    stamp
+        Of the tilt cycle, s.
+    frame_id
+        The odometry frame.
+    planes
+        In that frame.
+    """
 
     cycle: int
     stamp: float
@@ -317,20 +511,26 @@ class CycleEntry:
 
     @classmethod
     def of(cls, cycle: CycleResult) -> CycleEntry:
-        """Return the entry of a cycle."""
+        """Return the entry of a tilt cycle."""
         planes = tuple(_entry(PlaneEntry, plane) for plane in cycle.planes)
         return _entry(cls, cycle, stamp=Stamp(cycle.stamp_ns), planes=planes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanesFile:
-    """planes.json."""
+    """planes.json: the tracked planes of every tilt cycle.
+
+    Attributes
+    ----------
+    cycles
+        In the order of time.
+    """
 
     cycles: tuple[CycleEntry, ...] = ()
 
     @classmethod
     def of(cls, cycles: Iterable[CycleResult]) -> PlanesFile:
-        """Return what planes.json holds of these cycles."""
+        """Return the model of planes.json."""
         return cls(tuple(map(CycleEntry.of, cycles)))
 
 
@@ -338,24 +538,38 @@ class PlanesFile:
 
 
 class SessionKind(StrEnum):
-    """What a recording is to the map."""
+    """Whether a recording starts a map or continues one."""
 
     FIRST = "first"
-    """It begins a map."""
+    """It starts a map."""
     NEW = "new"
-    """It goes on with a saved map, in which its place was found."""
+    """It continues a saved map, in which it was localised."""
 
 
 @dataclass(frozen=True, slots=True)
 class SessionEntry:
-    """How the recording began."""
+    """How the recording relates to a saved map.
+
+    Attributes
+    ----------
+    kind
+        First session of a map, or a new one.
+    """
 
     kind: SessionKind
 
 
 @dataclass(frozen=True, slots=True)
 class ScansUsedEntry:
-    """Scans of each laser that were used."""
+    """Scans of each laser that were used.
+
+    Attributes
+    ----------
+    tilt
+        Of the tilting laser.
+    level
+        Of the level laser.
+    """
 
     tilt: int
     level: int
@@ -363,9 +577,26 @@ class ScansUsedEntry:
 
 @dataclass(frozen=True, slots=True)
 class CountsEntry:
-    """Counts of what was read, dropped and found.
+    """Counts of messages, dropped scans and results.
 
-    `messages` is by topic, `dropped` by reason; surfaces are counted as `surface_counts` says.
+    Attributes
+    ----------
+    messages
+        Messages read, by topic.
+    scans_used
+        Scans of each laser.
+    dropped
+        Records that were not used, by reason.
+    cycles, planes
+        Tilt cycles, and planes with a track id of their own.
+    keyframes, walls
+        Of the graph.
+    loops_accepted, loops_rejected
+        Proposed loop closures.
+    surfaces, small_surfaces
+        As `count_surfaces` counts them.
+    objects
+        On surfaces.
     """
 
     messages: dict[str, int]
@@ -389,9 +620,20 @@ class CountsEntry:
 
 @dataclass(frozen=True, slots=True)
 class SummaryFile:
-    """summary.json: what a replay read and found, and how it was configured.
+    """summary.json: counts and configuration of a replay.
 
-    `versions` are those of the package, Python and libraries; `bag_duration` is in s.
+    Attributes
+    ----------
+    versions
+        Of the package, Python and libraries.
+    bag_duration
+        s.
+    session
+        Whether the recording continued a saved map.
+    counts
+        Of messages, dropped scans and results.
+    config
+        Every parameter, by group.
     """
 
     versions: dict[str, str]
@@ -403,7 +645,15 @@ class SummaryFile:
 
 @dataclass(frozen=True, slots=True)
 class TimingFile:
-    """timing.json: seconds of each stage, and seconds of the bag in a second of processing."""
+    """timing.json: the time that a replay took.
+
+    Attributes
+    ----------
+    seconds
+        Time of each stage, s.
+    real_time_factor
+        Seconds of the bag in a second of processing.
+    """
 
     seconds: dict[str, float] = field(default_factory=dict)
     real_time_factor: float = 0.0
@@ -414,7 +664,17 @@ class TimingFile:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TruthSurface:
-    """A surface that is really there; the keys are those of surfaces.json."""
+    """A true surface; the keys are those of surfaces.json.
+
+    Attributes
+    ----------
+    id, label
+        As in surfaces.json.
+    height, area
+        m in map, and m2.
+    boundary, holes
+        float64 (N, 3), open rings in map, m.
+    """
 
     id: int
     label: str
@@ -426,7 +686,17 @@ class TruthSurface:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TruthObject:
-    """A box that really stands on a surface."""
+    """A true box on a surface.
+
+    Attributes
+    ----------
+    name
+        Of the object in the simulated world.
+    center, size
+        float64 (3,), m, in map.
+    yaw
+        Of its x axis, rad.
+    """
 
     name: str
     center: Vector
@@ -436,9 +706,24 @@ class TruthObject:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TruthFile:
-    """truth.json: surfaces at the end of a recording, what went before, and other level tops.
+    """truth.json: the true surfaces of a recording.
 
-    `others` are too small or too hidden to count as missed.
+    Attributes
+    ----------
+    format, version
+        As in surfaces.json.
+    frame_id
+        Frame of all coordinates.
+    floor_z
+        Height of the floor, m.
+    surfaces
+        That are there at the end of the recording.
+    gone
+        That were removed during the recording.
+    others
+        Horizontal tops that are too small or too hidden to count as missed.
+    objects
+        Boxes on surfaces.
     """
 
     format: Literal["tccm_ros/surfaces"] = "tccm_ros/surfaces"

@@ -1,4 +1,4 @@
-"""An occupancy grid of the level scans on their optimised poses, for navigation."""
+"""Occupancy grid for navigation, from the level scans on their optimised poses."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from tccm_ros.geometry import transform2
 __all__ = ["OccupancyGrid", "occupancy_grid", "save_grid"]
 
 
-HIT_SHARE = 0.35
-"""A cell is occupied where at least this share of the beams that reached it ended in it."""
+MIN_HIT_FRACTION = 0.35
+"""A cell is occupied where at least this fraction of its beams ended in it; chosen."""
 
-LEAST_BEAMS = 2
-"""Fewer beams than this leave a cell unknown."""
+MIN_BEAMS = 2
+"""A cell with fewer beams is unknown; chosen."""
 
-MARGIN = 0.5
-"""Unknown border around everything seen, m."""
+MARGIN_M = 0.5
+"""Unknown border around the scans, m; chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OccupancyGrid:
-    """Cells as nav_msgs/OccupancyGrid has them.
+    """Cells with the values of nav_msgs/OccupancyGrid.
 
     Attributes
     ----------
@@ -48,32 +48,33 @@ class OccupancyGrid:
 
 
 def occupancy_grid(
-    state: Mapping[str, NDArray[Any]], resolution: float = 0.05
+    keyframes: Mapping[str, NDArray[Any]], resolution: float = 0.05
 ) -> OccupancyGrid | None:
-    """Draw the keyframes' scans; None where there is no level laser.
+    """Return the grid of the keyframes' scans; None where there is no level laser.
 
     Parameters
     ----------
-    state
-        `WallSlam.state`: poses, scans (points and laser origins in the base frame) and counts.
+    keyframes
+        The arrays of the wall SLAM: ``keyframe_pose`` (K, 3) in map, ``scan_points`` (N, 2) and
+        ``scan_origin`` (K, 2) in the base frame, m, and ``scan_count`` (K,), points of each.
     resolution
         Edge of a cell, m.
     """
-    if not len(state.get("keyframe_pose", ())) or not len(state["scan_points"]):
+    if not len(keyframes.get("keyframe_pose", ())) or not len(keyframes["scan_points"]):
         return None
-    ends = np.cumsum(state["scan_count"])
-    scans = np.split(state["scan_points"].astype(np.float64), ends[:-1])
-    poses = state["keyframe_pose"]
+    ends = np.cumsum(keyframes["scan_count"])
+    scans = np.split(keyframes["scan_points"].astype(np.float64), ends[:-1])
+    poses = keyframes["keyframe_pose"]
     points = np.concatenate([transform2(p, s) for p, s in zip(poses, scans)])
-    origins = transform2(poses, state["scan_origin"][:, None])[:, 0]
-    starts = np.repeat(origins, state["scan_count"], axis=0)
-    low = np.floor((np.minimum(points.min(0), starts.min(0)) - MARGIN) / resolution) * resolution
-    size = np.ceil((np.maximum(points.max(0), starts.max(0)) + MARGIN - low) / resolution)
+    origins = transform2(poses, keyframes["scan_origin"][:, None])[:, 0]
+    starts = np.repeat(origins, keyframes["scan_count"], axis=0)
+    low = np.floor((np.minimum(points.min(0), starts.min(0)) - MARGIN_M) / resolution) * resolution
+    size = np.ceil((np.maximum(points.max(0), starts.max(0)) + MARGIN_M - low) / resolution)
     hits, passed = np.zeros((2, int(size[1]), int(size[0])), np.int32)
     _trace((starts - low) / resolution, (points - low) / resolution, hits, passed)
     seen = hits + passed
-    cells = np.where(hits >= HIT_SHARE * seen, np.int8(100), np.int8(0))
-    cells[(seen < LEAST_BEAMS) & (hits == 0)] = -1
+    cells = np.where(hits >= MIN_HIT_FRACTION * seen, np.int8(100), np.int8(0))
+    cells[(seen < MIN_BEAMS) & (hits == 0)] = -1
     return OccupancyGrid(cells, resolution, low)
 
 
@@ -103,6 +104,15 @@ def _trace(starts: Float64, ends: Float64, hits: Int32, passed: Int32) -> None:
 
 def save_grid(folder: Path, name: str, grid: OccupancyGrid) -> None:
     """Write ``name.pgm`` and ``name.yaml`` as nav2_map_server reads them (trinary).
+
+    Parameters
+    ----------
+    folder
+        Exists.
+    name
+        Of both files, without suffix.
+    grid
+        The grid.
 
     Raises
     ------

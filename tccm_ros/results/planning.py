@@ -1,8 +1,7 @@
-"""Surfaces as collision objects for a planning scene: boxes and meshes with poses, as plain data.
+"""Surfaces as collision objects of a MoveIt planning scene: boxes and meshes with poses.
 
-A box is what shape_msgs/SolidPrimitive wants, a mesh what shape_msgs/Mesh wants; messages are made
-where message classes are known. `scene_text` is a file that MoveIt reads: "Import" in RViz, or
-``PlanningScene::loadGeometryFromStream``.
+`Box` has the content of shape_msgs/SolidPrimitive, `Mesh` that of shape_msgs/Mesh. MoveIt reads the
+text of `scene_text` ("Import" in RViz, or ``PlanningScene::loadGeometryFromStream``).
 """
 
 from __future__ import annotations
@@ -32,16 +31,24 @@ __all__ = [
 
 
 OBJECT_PREFIX = "tccm_surface_"
-"""Of the names of collision objects, so that those of others stay."""
+"""Prefix of the names of collision objects, so that those of other programs are kept."""
 
-FILLED = 0.75
-"""A surface that fills less than this share of its box is a mesh: the box of a bent counter would
-block the room before it."""
+MIN_BOX_FILL = 0.75
+"""A surface that covers a smaller fraction of its box is a mesh; chosen: the box of an angled
+counter would block the space in front of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Box:
-    """A box: T_map_box float64 (4, 4), of its middle, and size float64 (3,), m."""
+    """A box in map.
+
+    Attributes
+    ----------
+    T_map_box
+        float64 (4, 4), pose of its centre.
+    size
+        float64 (3,), edges along its x, y and z axes, m.
+    """
 
     T_map_box: Float64
     size: Float64
@@ -49,24 +56,32 @@ class Box:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
-    """A closed mesh in map: vertices float64 (N, 3), triangles int64 (M, 3), normals outwards."""
+    """A closed triangle mesh in map.
+
+    Attributes
+    ----------
+    vertices
+        float64 (N, 3), m.
+    triangles
+        int64 (M, 3), rows of `vertices`, counter-clockwise seen from outside.
+    """
 
     vertices: Float64
     triangles: Int64
 
 
 def surface_shape(surface: Surface, thickness: float = 0.02) -> Box | Mesh:
-    """Return a surface as a box, which planners like, or as a mesh where that is too much.
+    """Return a surface as a box, or as a mesh where the box would cover too much more.
 
     Parameters
     ----------
     surface
         Of the map.
     thickness
-        m; its top is the surface.
+        Downwards from the surface, m.
     """
     box = surface_box(surface, thickness)
-    if surface.area / surface.normal[2] < FILLED * box.size[0] * box.size[1]:
+    if surface.area / surface.normal[2] < MIN_BOX_FILL * box.size[0] * box.size[1]:
         return surface_mesh(surface, thickness)
     return box
 
@@ -74,9 +89,9 @@ def surface_shape(surface: Surface, thickness: float = 0.02) -> Box | Mesh:
 def scene_text(surfaces: Iterable[Surface], name: str = "tccm_ros") -> str:
     """Return all surfaces but the floor as the text of a MoveIt planning scene (``.scene``).
 
-    The robot stands on the floor: as an object it would be in collision all the time. The form is
-    the older one of two, which all versions of MoveIt read: for each object its shapes, for each
-    shape its pose (x y z, then the quaternion x y z w) and its colour.
+    The floor is left out because the robot, which stands on it, would always be in collision. The
+    format is the older one of two, which all versions of MoveIt read: for each object its shapes,
+    for each shape its pose (x y z, then the quaternion x y z w) and its colour.
     """
     lines = [name]
     for surface in surfaces:

@@ -1,4 +1,4 @@
-"""Binary PLY of surface points, a colour for each surface."""
+"""Write the points of surfaces as binary PLY, with a colour for each surface."""
 
 from __future__ import annotations
 

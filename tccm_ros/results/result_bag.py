@@ -1,13 +1,13 @@
-"""result.mcap: what the live nodes would have published, for Foxglove and RViz.
+"""Write result.mcap: the messages that the live nodes would have published.
 
-The messages of a tilt cycle are made when the cycle is, from the map as it is then, and kept in a
-temporary file until the poses are known: memory stays bounded in a bag of hours.
+The messages of a tilt cycle are made when the cycle is complete, from the integration map at that
+time, and stored in a temporary file until the poses are known: memory stays bounded in a bag of
+hours.
 
-Log time, publish time and order follow the records that caused the messages. What belongs to a
-tilt cycle is that cycle's; poses, walls and surfaces are those of the final solution, each from
-the time at which it was first seen, so that the map grows while it plays. Markers of cuboids
-and center cores and the obstacles are large and written once, for the last cycle; ``map_cloud``
-has every cycle's exact values.
+Log time, publish time and order follow the records that caused the messages. Poses, walls and
+surfaces are those of the final solution, each from the time at which it was first seen, so that the
+map grows while the bag plays. Markers of cuboids and center cores and the obstacles are large and
+written once, for the last tilt cycle; ``map_cloud`` has the exact values of every tilt cycle.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ from tccm_ros.geometry import inverse, spatial
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import TransformSample
 from tccm_ros.ros import transform_message, transforms_message
-from tccm_ros.ros.publications import (
+from tccm_ros.ros.output_messages import pose_covariance_message
+from tccm_ros.ros.topic_messages import (
     CYCLE_TOPICS,
-    HAND_OVER_TOPICS,
     SOLUTION_TOPICS,
-    CyclePublications,
-    Publication,
-    SolutionPublications,
+    SURFACE_MESSAGE_TOPICS,
+    CycleMessageBuilder,
+    SolutionMessageBuilder,
+    TopicMessage,
 )
-from tccm_ros.ros.results import pose_covariance_message
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
-__all__ = ["CycleMessages", "write_result_bag"]
+__all__ = ["CycleMessageStore", "write_result_bag"]
 
 TCCM = "/tccm/"
 SLAM = "/surface_slam/"
@@ -53,15 +53,15 @@ TF = "tf2_msgs/msg/TFMessage"
 MAP_ODOM_TOPIC = SLAM + "map_to_odom"
 MAP_ODOM = "geometry_msgs/msg/TransformStamped"
 
-LAST_ONLY = ("cuboids", "center_cores", "obstacles")
-"""Topics of a cycle that are written for the last cycle alone."""
+LAST_CYCLE_TOPICS = ("cuboids", "center_cores", "obstacles")
+"""Topics of a tilt cycle that are written for the last one alone."""
 
-GROWING = ("surfaces",)
-"""Topics of the solution that are written whenever a surface is new, the others once: the whole
-cloud each time would make the file grow with the square of the recording."""
+GROWING_TOPICS = ("surfaces",)
+"""Topics of the solution that are written whenever a surface is new. The others are written once:
+the whole cloud each time would make the file grow with the square of the recording's length."""
 
 
-class _Kept(NamedTuple):
+class _StoredMessage(NamedTuple):
     """A message in the temporary file."""
 
     msgtype: str
@@ -69,26 +69,26 @@ class _Kept(NamedTuple):
     size: int
 
 
-class CycleMessages:
-    """The messages of tilt cycles, serialised.
+class CycleMessageStore:
+    """The serialised messages of tilt cycles, in a temporary file.
 
     Parameters
     ----------
     config
         Groups `map` and `markers`.
     folder
-        Where the temporary file is; None for the system's place. It is gone with the process.
+        Folder of the temporary file, which ends with the process; None for the system's.
     """
 
     def __init__(self, config: Config, folder: Path | None = None):
         self.types = TypestoreMessages()
-        self._publications = CyclePublications(self.types, config)
+        self._builder = CycleMessageBuilder(self.types, config)
         self._file = TemporaryFile(dir=folder)  # noqa: SIM115  (it lives as long as this does)
-        self._kept: dict[int, dict[str, _Kept]] = {}
-        self._newest: dict[str, Publication] = {}
+        self._stored: dict[int, dict[str, _StoredMessage]] = {}
+        self._newest: dict[str, TopicMessage] = {}
 
     def add(self, cycle: CycleResult, cuboids: Cuboids) -> None:
-        """Make the messages of a cycle.
+        """Store the messages of a tilt cycle.
 
         Parameters
         ----------
@@ -102,32 +102,40 @@ class CycleMessages:
         OutputError
             If they cannot be written.
         """
-        due = {p.topic: p for p in self._publications.of(cycle, lambda: cuboids)}
-        self._newest = {topic: due.pop(topic) for topic in LAST_ONLY}
-        self._kept[cycle.cycle] = {topic: self._keep(p) for topic, p in due.items()}
+        messages = {m.topic: m for m in self._builder.of(cycle, lambda: cuboids)}
+        self._newest = {topic: messages.pop(topic) for topic in LAST_CYCLE_TOPICS}
+        self._stored[cycle.cycle] = {topic: self._store(m) for topic, m in messages.items()}
 
-    def _keep(self, publication: Publication) -> _Kept:
-        message = self.types.serialize(publication.msgtype, publication.build())
+    def _store(self, message: TopicMessage) -> _StoredMessage:
+        content = self.types.serialize(message.msgtype, message.build())
         try:
-            return _Kept(publication.msgtype, self._file.tell(), self._file.write(message))
+            return _StoredMessage(message.msgtype, self._file.tell(), self._file.write(content))
         except OSError as error:
             raise OutputError(f"result.mcap: cannot be written ({one_line(error)})") from None
 
     def of(self, cycle: int, *, is_last: bool) -> Iterator[tuple[str, str, Any]]:
-        """Yield topic, type and message of what is due for a cycle (its number)."""
-        kept = self._kept[cycle]
+        """Yield topic, type and message of every message of a tilt cycle.
+
+        Parameters
+        ----------
+        cycle
+            Number of a tilt cycle that was added.
+        is_last
+            Whether it is the last one, which has the `LAST_CYCLE_TOPICS` too.
+        """
+        stored = self._stored[cycle]
         for topic in CYCLE_TOPICS:
-            if topic in kept:
-                msgtype, offset, size = kept[topic]
+            if topic in stored:
+                msgtype, offset, size = stored[topic]
                 self._file.seek(offset)
                 yield topic, msgtype, self._file.read(size)
             elif is_last:
-                publication = self._newest[topic]
-                yield topic, publication.msgtype, publication.build()
+                message = self._newest[topic]
+                yield topic, message.msgtype, message.build()
 
 
-class _Due(NamedTuple):
-    """Something to write at a time; what is due at the same time keeps its rank."""
+class _TimedWrite(NamedTuple):
+    """A write at a time; writes at the same time are ordered by rank."""
 
     stamp_ns: int
     rank: int
@@ -135,7 +143,7 @@ class _Due(NamedTuple):
 
 
 class ResultBag:
-    """Writes a result bag.
+    """Writes the messages of tilt cycles and of the solution in the order of time.
 
     Parameters
     ----------
@@ -147,16 +155,16 @@ class ResultBag:
         Group `frames`.
     """
 
-    def __init__(self, bag: BagWriter, messages: CycleMessages, config: Config):
+    def __init__(self, bag: BagWriter, messages: CycleMessageStore, config: Config):
         self._bag, self._messages = bag, messages
         self._map_frame = config.frames.map_name
-        self._solutions = SolutionPublications(bag.types, self._map_frame)
+        self._solution_builder = SolutionMessageBuilder(bag.types, self._map_frame)
         self._declare()
 
     def _declare(self) -> None:
         latched = Qos(latched=True, depth=1)
         for topic, kind in CYCLE_TOPICS.items():
-            qos = Qos(depth=50) if topic in HAND_OVER_TOPICS else latched
+            qos = Qos(depth=50) if topic in SURFACE_MESSAGE_TOPICS else latched
             self._bag.add_topic(TCCM + topic, kind, qos)
         for topic, kind in SOLUTION_TOPICS.items():
             self._bag.add_topic(SLAM + topic, kind, latched)
@@ -173,24 +181,24 @@ class ResultBag:
         solution
             The final one.
         """
-        due = [*self._of_cycles(cycles, solution), *self._of_solution(cycles, solution)]
+        due = [*self._cycle_writes(cycles, solution), *self._solution_writes(cycles, solution)]
         for item in sorted(due, key=lambda item: item[:2]):
             item.write()
 
     # --- cycles ---
 
-    def _of_cycles(
+    def _cycle_writes(
         self, cycles: Sequence[CycleResult], solution: SurfaceSolution
-    ) -> Iterator[_Due]:
+    ) -> Iterator[_TimedWrite]:
         for cycle in cycles:
             T_map_base = spatial(solution.slam.pose_at(cycle.stamp_ns))[0]
             is_last = cycle is cycles[-1]
-            if cycle.scans:  # a sweep without scans knows no pose of the base
-                yield _Due(cycle.end_ns, 0, partial(self._write_frames, cycle, T_map_base))
-            yield _Due(cycle.end_ns, 1, partial(self._write_cycle, cycle, is_last))
+            if cycle.scans:  # a tilt cycle without scans has no pose of the base
+                yield _TimedWrite(cycle.end_ns, 0, partial(self._write_frames, cycle, T_map_base))
+            yield _TimedWrite(cycle.end_ns, 1, partial(self._write_cycle, cycle, is_last))
 
     def _write_frames(self, cycle: CycleResult, T_map_base: Float64) -> None:
-        """Write where the odometry frame and the base were at the cycle's stamp."""
+        """Write the poses of the odometry frame and the base at the stamp of the tilt cycle."""
         stamp_ns, types = cycle.stamp_ns, self._bag.types
         T_map_odom = T_map_base @ inverse(cycle.T_odom_base)
         odom = TransformSample(stamp_ns, self._map_frame, cycle.frame_id, T_map_odom, False)
@@ -205,16 +213,15 @@ class ResultBag:
         for topic, msgtype, message in self._messages.of(cycle.cycle, is_last=is_last):
             self._bag.write(TCCM + topic, msgtype, cycle.end_ns, message)
 
-    def _publish(self, stamp_ns: int, publications: Iterable[Publication]) -> None:
-        for publication in publications:
-            topic = SLAM + publication.topic
-            self._bag.write(topic, publication.msgtype, stamp_ns, publication.build())
+    def _write_messages(self, stamp_ns: int, messages: Iterable[TopicMessage]) -> None:
+        for topic, msgtype, build in messages:
+            self._bag.write(SLAM + topic, msgtype, stamp_ns, build())
 
     # --- the solution ---
 
-    def _of_solution(
+    def _solution_writes(
         self, cycles: Sequence[CycleResult], solution: SurfaceSolution
-    ) -> Iterator[_Due]:
+    ) -> Iterator[_TimedWrite]:
         stamps = solution.trajectory_ns
         keyframes = np.array([k.stamp_ns for k in solution.slam.keyframes], np.int64)
         nearest = np.maximum(np.searchsorted(keyframes, stamps, side="right") - 1, 0)
@@ -222,14 +229,14 @@ class ResultBag:
         for index, stamp_ns in enumerate(stamps.tolist()):
             pose = solution.trajectory[index]
             due = partial(self._write_pose, stamp_ns, pose, covs[nearest[index]])
-            yield _Due(stamp_ns, 2, due)
+            yield _TimedWrite(stamp_ns, 2, due)
         ends = {cycle.stamp_ns: cycle.end_ns for cycle in cycles}
         for seen_ns in sorted({surface.first_seen_ns for surface in solution.surfaces}):
             at_ns = ends.get(seen_ns, seen_ns)
-            yield _Due(at_ns, 3, partial(self._write_surfaces, solution, seen_ns, at_ns))
+            yield _TimedWrite(at_ns, 3, partial(self._write_surfaces, solution, seen_ns, at_ns))
         newest = [*stamps[-1:].tolist(), *(cycle.end_ns for cycle in cycles[-1:])]
         if newest:
-            yield _Due(max(newest), 4, partial(self._write_rest, solution, max(newest)))
+            yield _TimedWrite(max(newest), 4, partial(self._write_solution, solution, max(newest)))
 
     def _write_pose(self, stamp_ns: int, pose: Float64, cov: Float64) -> None:
         message = pose_covariance_message(
@@ -239,35 +246,34 @@ class ResultBag:
 
     def _write_surfaces(self, solution: SurfaceSolution, seen_ns: int, stamp_ns: int) -> None:
         """Write the surfaces that had been seen at a time."""
-        known = _known(solution, seen_ns)
-        due = self._solutions.of(known, seen_ns)
-        self._publish(stamp_ns, (p for p in due if p.topic in GROWING))
+        seen = _seen_by(solution, seen_ns)
+        messages = self._solution_builder.of(seen, seen_ns)
+        self._write_messages(stamp_ns, (m for m in messages if m.topic in GROWING_TOPICS))
 
-    def _write_rest(self, solution: SurfaceSolution, stamp_ns: int) -> None:
-        due = self._solutions.of(solution, stamp_ns)
-        self._publish(stamp_ns, due)
+    def _write_solution(self, solution: SurfaceSolution, stamp_ns: int) -> None:
+        self._write_messages(stamp_ns, self._solution_builder.of(solution, stamp_ns))
 
 
-def _known(solution: SurfaceSolution, seen_ns: int) -> SurfaceSolution:
-    """Return the solution with the surfaces alone that were first seen by then."""
+def _seen_by(solution: SurfaceSolution, seen_ns: int) -> SurfaceSolution:
+    """Return the solution with only those surfaces that were first seen by a time."""
     mapped = solution.mapped
     kept = [surface.first_seen_ns <= seen_ns for surface in mapped.surfaces]
     surfaces = tuple(s for s, keep in zip(mapped.surfaces, kept, strict=True) if keep)
     shown = np.isin(mapped.surface_id, [surface.id for surface in surfaces])
-    part = replace(
+    subset = replace(
         mapped,
         surfaces=surfaces,
         points=mapped.points[shown],
         surface_id=mapped.surface_id[shown],
         members=tuple(m for m, keep in zip(mapped.members, kept, strict=True) if keep),
     )
-    return replace(solution, mapped=part)
+    return replace(solution, mapped=subset)
 
 
 def write_result_bag(
     path: Path | str,
     cycles: Sequence[CycleResult],
-    messages: CycleMessages,
+    messages: CycleMessageStore,
     solution: SurfaceSolution,
     config: Config,
 ) -> None:
@@ -276,18 +282,18 @@ def write_result_bag(
     Parameters
     ----------
     path
-        Where; what is there is replaced.
+        The file; an older one is replaced.
     cycles, solution
-        What the processors gave.
+        Results of the processors.
     messages
-        Those of the same cycles.
+        Of the same tilt cycles.
     config
-        As they were run.
+        Group ``frames``.
 
     Raises
     ------
     OutputError
-        If it cannot be written.
+        If the file cannot be written.
     """
     with BagWriter(path, overwrite=True, typestore=messages.types) as bag:
         ResultBag(bag, messages, config).write(cycles, solution)

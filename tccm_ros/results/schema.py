@@ -37,7 +37,7 @@ FILES: dict[str, type[Any]] = {
     "timing.json": TimingFile,
     "truth.json": TruthFile,
 }
-"""The JSON files that have a model; truth.json is read, the others are written too."""
+"""Model of each JSON file; truth.json is only read, the others are written and read."""
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 

@@ -1,8 +1,8 @@
-"""How many surfaces there are, counted in one way wherever a number is shown.
+"""Count surfaces above the floor, in one way wherever a number is shown.
 
-A surface counts if it is above the floor and at least 0.1 m2 large: what a robot can put something
-on, and what truths and evaluations speak of. Smaller ones are told apart; parts of the floor are
-no count of anything.
+A surface counts if it is above the floor and at least 0.1 m2 large: a robot can put an object on
+it, and evaluations count the same. Smaller ones are counted separately; parts of the floor are not
+counted.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple, Protocol
 
-__all__ = ["COUNTED_AREA", "SurfaceCounts", "count_surfaces"]
+__all__ = ["MIN_COUNTED_AREA_M2", "SurfaceCounts", "count_surfaces"]
 
-COUNTED_AREA = 0.1
-"""Surfaces that are smaller (m2) are called small, and counted apart."""
+MIN_COUNTED_AREA_M2 = 0.1
+"""Smaller surfaces are counted separately, m2; chosen: an object of a hand's size fits on it."""
 
 
 class _Surface(Protocol):
@@ -25,19 +25,27 @@ class _Surface(Protocol):
 
 
 class SurfaceCounts(NamedTuple):
-    """Numbers of surfaces above the floor: of those that count, and of small ones."""
+    """Numbers of surfaces above the floor.
+
+    Attributes
+    ----------
+    counted
+        At least `MIN_COUNTED_AREA_M2` large.
+    small
+        Smaller.
+    """
 
     counted: int
     small: int
 
     def text(self) -> str:
-        """Return the numbers for people."""
+        """Return the numbers in words."""
         text = f"{self.counted} surface{'' if self.counted == 1 else 's'}"
-        return text + (f" (and {self.small} below {COUNTED_AREA} m²)" if self.small else "")
+        return text + (f" (and {self.small} below {MIN_COUNTED_AREA_M2} m²)" if self.small else "")
 
 
 def count_surfaces(surfaces: Iterable[_Surface]) -> SurfaceCounts:
     """Count surfaces above the floor."""
     areas = [s.area for s in surfaces if s.label != "floor"]
-    counted = sum(area >= COUNTED_AREA for area in areas)
+    counted = sum(area >= MIN_COUNTED_AREA_M2 for area in areas)
     return SurfaceCounts(counted, len(areas) - counted)

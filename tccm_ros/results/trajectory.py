@@ -1,4 +1,4 @@
-"""Poses over time: trajectory.tum of a result folder, and rows of stamps and numbers in text files.
+"""Trajectories in TUM format, and text files with rows of stamps and numbers.
 
 Stamps are read as integer nanoseconds from their digits, never through a float.
 """
@@ -20,6 +20,10 @@ __all__ = ["Trajectory", "nanoseconds", "number_columns", "read_tum", "text_rows
 
 
 MAX_STAMP_S = Decimal(9_000_000_000)
+"""Largest stamp, s: nanoseconds of int64 end a little later."""
+
+MAX_NORM_ERROR = 0.01
+"""Largest difference of a quaternion's norm from 1; chosen: files with two decimals pass."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,13 +86,13 @@ def read_tum(path: Path | str) -> Trajectory:
     Raises
     ------
     LogError
-        For a file that is missing or not of this form.
+        If the file is missing or has another format.
     """
     stamps, values = number_columns(path, stamps=1, numbers=7)
     if not len(stamps):
         return Trajectory(np.zeros(0, np.int64), np.zeros((0, 4, 4)))
     norms = np.linalg.norm(values[:, 3:], axis=1)
-    if np.any(np.abs(norms - 1.0) > 0.01):
+    if np.any(np.abs(norms - 1.0) > MAX_NORM_ERROR):
         row = int(np.argmax(np.abs(norms - 1.0)))
         raise LogError(f"{path}: quaternion of pose {row} has length {norms[row]:.3f}, not 1")
     order = np.unique(stamps[::-1, 0], return_index=True)[1]
@@ -98,12 +102,12 @@ def read_tum(path: Path | str) -> Trajectory:
 
 
 def text_rows(path: Path | str) -> list[list[str]]:
-    """Return the words of each line, comments left out; words are parted by blanks or commas.
+    """Return the words of each line without comments; blanks or commas separate words.
 
     Raises
     ------
     LogError
-        For a file that is missing or no text.
+        If the file is missing or not text.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -114,12 +118,28 @@ def text_rows(path: Path | str) -> list[list[str]]:
 
 
 def number_columns(path: Path | str, *, stamps: int, numbers: int) -> tuple[Int64, Float64]:
-    """Return the first columns as nanoseconds int64 (N, stamps), the next as float64.
+    """Read the columns of a text file: stamps first, then numbers.
+
+    Parameters
+    ----------
+    path
+        The file.
+    stamps
+        How many columns are stamps, s.
+    numbers
+        How many columns after those are numbers.
+
+    Returns
+    -------
+    stamps
+        int64 (N, stamps), ns.
+    numbers
+        float64 (N, numbers).
 
     Raises
     ------
     LogError
-        For a file that is missing, or has rows of anything else.
+        If the file is missing, or a row has other content.
     """
     times, values = [], []
     for k, row in enumerate(text_rows(path)):
@@ -144,7 +164,7 @@ def nanoseconds(text: str) -> int:
     Raises
     ------
     ValueError, InvalidOperation
-        For what is no finite number, or no time.
+        If the text is not a finite number, or too large for a stamp.
     """
     number = Decimal(text)
     if not number.is_finite() or abs(number) > MAX_STAMP_S:

@@ -1,4 +1,4 @@
-"""Records to messages and back, and the messages that only go out, for any message classes."""
+"""Convert records to ROS messages and back, for rosidl and rosbags message classes."""
 
 from tccm_ros.ros.reading import (
     READERS,

@@ -1,4 +1,4 @@
-"""What markers are made of: a place in time and space, colours, points, text, complete messages."""
+"""Parts of visualization_msgs markers: message context, colours, points, text, marker arrays."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = [
     "TRIANGLE_LIST",
     "Color",
     "MarkerSet",
-    "Place",
+    "MessageContext",
     "identity_color",
     "make_marker",
     "marker_points",
@@ -33,15 +33,25 @@ __all__ = [
 ARROW, CUBE, LINE_LIST, CUBE_LIST, TEXT, TRIANGLE_LIST = 0, 1, 5, 6, 9, 11
 ADD, DELETE = 0, 2
 
-TEXT_HEIGHT = 0.06
+TEXT_HEIGHT_M = 0.06
+"""Height of a capital letter, m; chosen."""
 
 GOLDEN_RATIO = 0.618033988749895
+"""Steps of hue, in turns: successive multiples stay far from each other."""
 
 Color = tuple[float, float, float]
 
 
-class Place(NamedTuple):
-    """Where and when a list of markers is."""
+class MessageContext(NamedTuple):
+    """Message classes, stamp and frame that the messages of one topic have in common.
+
+    Attributes
+    ----------
+    types
+        Message classes.
+    stamp_ns, frame_id
+        Of the header.
+    """
 
     types: MessageTypes
     stamp_ns: int
@@ -49,7 +59,13 @@ class Place(NamedTuple):
 
 
 class MarkerSet:
-    """Makes each message complete: ADD for all markers, DELETE for those of the message before."""
+    """Makes marker arrays that also delete the markers of the message before that are gone.
+
+    Parameters
+    ----------
+    types
+        Message classes.
+    """
 
     def __init__(self, types: MessageTypes) -> None:
         self._types = types
@@ -76,7 +92,7 @@ class MarkerSet:
 
 
 def identity_color(identity: int, *, brightness: float = 0.95) -> Color:
-    """Return the colour of an id, 0 to 1; neighbouring ids differ strongly (golden ratio)."""
+    """Return the colour of an id, red green blue from 0 to 1; neighbouring ids differ strongly."""
     return colorsys.hsv_to_rgb(identity * GOLDEN_RATIO % 1.0, 0.65, brightness)
 
 
@@ -97,7 +113,7 @@ def _color_message(types: MessageTypes, color: Color, alpha: float = 1.0) -> Any
 
 
 def make_marker(
-    place: Place,
+    context: MessageContext,
     ns: str,
     identity: int,
     kind: int,
@@ -106,28 +122,56 @@ def make_marker(
     alpha: float = 1.0,
     **fields: Any,
 ) -> Any:
-    """Return a visualization_msgs/Marker of one kind; `fields` are set as they are."""
+    """Return a visualization_msgs/Marker.
+
+    Parameters
+    ----------
+    context
+        Message classes and header.
+    ns, identity
+        Namespace and number: together the identity of the marker.
+    kind
+        `ARROW`, `CUBE` and so on.
+    scale
+        (3,), m, as the kind defines it.
+    color, alpha
+        Red green blue, and opacity, 0 to 1.
+    **fields
+        Other fields of the message.
+    """
     x, y, z = (max(float(value), 0.0) for value in scale)
-    marker = copy(_blank(place))
+    marker = copy(_blank(context))
     marker.ns, marker.id, marker.type = ns, int(identity), kind
-    marker.scale = place.types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
-    marker.color = _color_message(place.types, color, alpha)
+    marker.scale = context.types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+    marker.color = _color_message(context.types, color, alpha)
     for name, value in fields.items():
         setattr(marker, name, value)
     return marker
 
 
 @lru_cache(maxsize=2)
-def _blank(place: Place) -> Any:
-    """Return a marker to copy: most of its many parts are the same in all markers of a message."""
-    header = header_message(place.types, place.stamp_ns, place.frame_id)
-    return place.types.make("visualization_msgs/msg/Marker", header=header, action=ADD)
+def _blank(context: MessageContext) -> Any:
+    """Return a marker to copy: most fields are the same in all markers of a message."""
+    header = header_message(context.types, context.stamp_ns, context.frame_id)
+    return context.types.make("visualization_msgs/msg/Marker", header=header, action=ADD)
 
 
-def text_marker(place: Place, ns: str, identity: int, at: Float64, text: str) -> Any:
-    """Return white text at a point float64 (3,), m."""
+def text_marker(context: MessageContext, ns: str, identity: int, at: Float64, text: str) -> Any:
+    """Return a marker of white text.
+
+    Parameters
+    ----------
+    context
+        Message classes and header.
+    ns, identity
+        Namespace and number.
+    at
+        float64 (3,), centre of the text, m.
+    text
+        The text.
+    """
     x, y, z = at.tolist()
-    scale = (0.0, 0.0, TEXT_HEIGHT)
-    point = place.types.make("geometry_msgs/msg/Point", x=x, y=y, z=z)
-    where = place.types.make("geometry_msgs/msg/Pose", position=point)
-    return make_marker(place, ns, identity, TEXT, scale, (1.0, 1.0, 1.0), pose=where, text=text)
+    scale = (0.0, 0.0, TEXT_HEIGHT_M)
+    point = context.types.make("geometry_msgs/msg/Point", x=x, y=y, z=z)
+    where = context.types.make("geometry_msgs/msg/Pose", position=point)
+    return make_marker(context, ns, identity, TEXT, scale, (1.0, 1.0, 1.0), pose=where, text=text)

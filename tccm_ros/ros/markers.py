@@ -1,7 +1,7 @@
-"""Pictures of records for RViz and Foxglove: visualization_msgs/Marker lists.
+"""Records as lists of visualization_msgs/Marker, for RViz and Foxglove.
 
-A builder returns the markers of one message; `MarkerSet` makes of them a complete MarkerArray that
-also deletes what the message before had. Clouds of boxes and lines are one marker per class.
+A function returns the markers of one message; `MarkerSet` makes a complete MarkerArray of them that
+also deletes those of the message before. Many boxes or lines are one marker (CUBE_LIST, LINE_LIST).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from tccm_ros.ros.marker_parts import (
     LINE_LIST,
     TRIANGLE_LIST,
     Color,
-    Place,
+    MessageContext,
     identity_color,
     make_marker,
     marker_points,
@@ -33,7 +33,7 @@ from tccm_ros.ros.marker_parts import (
 from tccm_ros.ros.types import pose_message
 
 __all__ = [
-    "Place",
+    "MessageContext",
     "core_markers",
     "cuboid_markers",
     "object_markers",
@@ -42,17 +42,21 @@ __all__ = [
     "wall_markers",
 ]
 
-NORMAL_LENGTH = 0.2
-WALL_HEIGHT = 0.5
-MIN_SCALE = 1e-3
+NORMAL_LENGTH_M = 0.2
+"""Length of the arrow along a plane's normal, m; chosen."""
+
+WALL_HEIGHT_M = 0.5
+"""Walls are drawn this high, m; chosen: low enough to see over."""
+
+MIN_EDGE_M = 1e-3
 """Smallest edge of a marker, m: viewers refuse zero."""
 
 COLOR_STEPS = 64
-"""Colours along a scale, so that equal ones can share one message."""
+"""Colours along a scale; chosen: equal ones share one message object."""
 
 
 def _area_markers(
-    place: Place,
+    context: MessageContext,
     identity: int,
     boundary: Float64,
     holes: Sequence[Float64],
@@ -63,22 +67,24 @@ def _area_markers(
     mesh = fill_outline(boundary, holes, normal)
     if not len(mesh.points):
         return []
-    # A corner is one message, however many triangles and edges meet there.
+    # A corner is one message object, in however many triangles and edges it occurs.
     corners = np.concatenate([mesh.triangles.ravel(), _edges(mesh.rings)])
-    points = marker_points(place.types, mesh.points, corners)
+    points = marker_points(context.types, mesh.points, corners)
     markers = []
     filled, lines = points[: mesh.triangles.size], points[mesh.triangles.size :]
     if len(filled):
         unit = (1.0, 1.0, 1.0)
-        fill = make_marker(place, "fill", identity, TRIANGLE_LIST, unit, color, 0.5, points=filled)
+        fill = make_marker(
+            context, "fill", identity, TRIANGLE_LIST, unit, color, 0.5, points=filled
+        )
         markers.append(fill)
     width = (0.01, 0.0, 0.0)
-    markers.append(make_marker(place, "outline", identity, LINE_LIST, width, color, points=lines))
+    markers.append(make_marker(context, "outline", identity, LINE_LIST, width, color, points=lines))
     return markers
 
 
 def _edges(lengths: Sequence[int]) -> Int64:
-    """Return the corners at the ends of each edge of closed rings that lie one after the other."""
+    """Return the corner indices of each edge of closed rings with these numbers of corners."""
     ends = np.cumsum(lengths)
     edges = np.empty((ends[-1], 2), np.int64)
     edges[:, 0] = np.arange(ends[-1])
@@ -87,73 +93,83 @@ def _edges(lengths: Sequence[int]) -> Int64:
     return edges.ravel()
 
 
-def plane_markers(place: Place, planes: Iterable[PlaneRecord]) -> list[Any]:
+def plane_markers(context: MessageContext, planes: Iterable[PlaneRecord]) -> list[Any]:
     """Return filled boundary, outline, normal and text of tracked planes."""
     markers = []
     for plane in planes:
         color = identity_color(plane.id)
-        markers += _area_markers(place, plane.id, plane.boundary, plane.holes, plane.normal, color)
-        ends = [plane.centroid, plane.centroid + NORMAL_LENGTH * plane.normal]
-        arrow = marker_points(place.types, ends)
+        markers += _area_markers(
+            context, plane.id, plane.boundary, plane.holes, plane.normal, color
+        )
+        ends = [plane.centroid, plane.centroid + NORMAL_LENGTH_M * plane.normal]
+        arrow = marker_points(context.types, ends)
         thin = (0.01, 0.02, 0.0)
-        markers.append(make_marker(place, "normal", plane.id, ARROW, thin, color, points=arrow))
+        markers.append(make_marker(context, "normal", plane.id, ARROW, thin, color, points=arrow))
         text = f"{plane.id}: {plane.centroid[2]:.2f} m, {plane.area:.2f} m2"
-        at = plane.centroid + 0.5 * NORMAL_LENGTH * plane.normal
-        markers.append(text_marker(place, "text", plane.id, at, text))
+        at = plane.centroid + 0.5 * NORMAL_LENGTH_M * plane.normal
+        markers.append(text_marker(context, "text", plane.id, at, text))
     return markers
 
 
-def surface_markers(place: Place, surfaces: Iterable[Surface]) -> list[Any]:
+def surface_markers(context: MessageContext, surfaces: Iterable[Surface]) -> list[Any]:
     """Return filled boundary, outline and text (label, height, area) of the surface map."""
     markers = []
     for surface in surfaces:
         color = identity_color(surface.id)
         markers += _area_markers(
-            place, surface.id, surface.boundary, surface.holes, surface.normal, color
+            context, surface.id, surface.boundary, surface.holes, surface.normal, color
         )
         text = f"{surface.id} {surface.label}: {surface.height:.2f} m, {surface.area:.2f} m2"
         at = surface.centroid + np.array([0.0, 0.0, 0.1])
-        markers.append(text_marker(place, "text", surface.id, at, text))
+        markers.append(text_marker(context, "text", surface.id, at, text))
     return markers
 
 
-def object_markers(place: Place, objects: Iterable[TabletopObject]) -> list[Any]:
-    """Return a box per object that stands on a surface."""
+def object_markers(context: MessageContext, objects: Iterable[TabletopObject]) -> list[Any]:
+    """Return a box for each object on a surface."""
     markers = []
     for item in objects:
         c, s = np.cos(item.yaw), np.sin(item.yaw)
         R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        where = pose_message(place.types, pose(R, item.center))
-        size = np.maximum(item.size, MIN_SCALE).tolist()
+        where = pose_message(context.types, pose(R, item.center))
+        size = np.maximum(item.size, MIN_EDGE_M).tolist()
         color = identity_color(item.id)
-        markers.append(make_marker(place, "object", item.id, CUBE, size, color, 0.8, pose=where))
+        markers.append(make_marker(context, "object", item.id, CUBE, size, color, 0.8, pose=where))
     return markers
 
 
-def wall_markers(place: Place, walls: Iterable[Wall]) -> list[Any]:
-    """Return each wall as an upright rectangle over its observed extent, with its outline."""
+def wall_markers(context: MessageContext, walls: Iterable[Wall]) -> list[Any]:
+    """Return each wall as a vertical rectangle over its observed extent, with its outline."""
     markers = []
     for wall in walls:
         (x0, y0), (x1, y1) = wall.endpoints
-        h = WALL_HEIGHT
+        h = WALL_HEIGHT_M
         ring = np.array([[x0, y0, 0.0], [x1, y1, 0.0], [x1, y1, h], [x0, y0, h]])
         normal = np.array([np.cos(wall.phi), np.sin(wall.phi), 0.0])
-        markers += _area_markers(place, wall.id, ring, (), normal, identity_color(wall.id))
+        markers += _area_markers(context, wall.id, ring, (), normal, identity_color(wall.id))
     return markers
 
 
-def core_markers(place: Place, starts: ArrayLike, ends: ArrayLike) -> list[Any]:
-    """Return the center cores (N, 3) to (N, 3), m, as one LINE_LIST; none where N = 0."""
+def core_markers(context: MessageContext, starts: ArrayLike, ends: ArrayLike) -> list[Any]:
+    """Return center cores as one LINE_LIST; no marker where there are none.
+
+    Parameters
+    ----------
+    context
+        Message classes and header.
+    starts, ends
+        (N, 3), m.
+    """
     lines = np.stack([np.asarray(starts, float), np.asarray(ends, float)], axis=-2)
     if lines.size == 0:
         return []
-    points = marker_points(place.types, lines)
+    points = marker_points(context.types, lines)
     width = (0.004, 0.0, 0.0)
-    return [make_marker(place, "cores", 0, LINE_LIST, width, (0.2, 0.9, 0.3), points=points)]
+    return [make_marker(context, "cores", 0, LINE_LIST, width, (0.2, 0.9, 0.3), points=points)]
 
 
 def cuboid_markers(
-    place: Place,
+    context: MessageContext,
     tops: ArrayLike,
     depth: ArrayLike,
     cell_size: float,
@@ -164,16 +180,16 @@ def cuboid_markers(
 
     Parameters
     ----------
-    place
-        Where and when.
+    context
+        Message classes and header.
     tops
         (N, 3), m: centre of the cell and upper end of the cuboid.
     depth
-        (N,), m; drawn as the nearest power of two times `cuboid_depth`, hanging from the top.
+        (N,), m; drawn as the nearest power of two times `cuboid_depth`, down from the top.
     cell_size, cuboid_depth
         Edge of a cell and d0, m.
     fraction
-        (N,), 0 to 1 on the colour scale: height or age.
+        (N,), 0 to 1 on the colour scale.
     """
     xyz = np.asarray(tops, np.float64).reshape(-1, 3)
     ratio = np.maximum(np.asarray(depth, np.float64) / cuboid_depth, 1e-6)
@@ -187,14 +203,14 @@ def cuboid_markers(
         height = cuboid_depth * 2.0**index
         centers = xyz[members] - [0.0, 0.0, 0.5 * height]
         marker = make_marker(
-            place,
+            context,
             "cuboids",
             int(index),
             CUBE_LIST,
             (cell_size, cell_size, height),
             (1.0, 1.0, 1.0),
-            points=marker_points(place.types, centers),
-            colors=place.types.rows("std_msgs/msg/ColorRGBA", palette, steps[members]),
+            points=marker_points(context.types, centers),
+            colors=context.types.rows("std_msgs/msg/ColorRGBA", palette, steps[members]),
         )
         markers.append(marker)
     return markers

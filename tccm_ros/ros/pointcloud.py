@@ -1,7 +1,7 @@
-"""PointCloud2 <-> structured arrays, bit for bit.
+"""Convert sensor_msgs/PointCloud2 to structured arrays and back, bit for bit.
 
-A cloud's row is a NumPy structured dtype; the names of its fields are the names of the message's.
-Messages are given and taken by duck typing, as everywhere in `messages`.
+The points of a cloud have a NumPy structured dtype; its field names are those of the message.
+Messages are made and read by duck typing, as everywhere in this room.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ __all__ = [
 
 
 SURFACE_ROW = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("surface", "<u4")])
-"""A row of ~/surfaces, the hand-over."""
+"""A row of ~/surfaces, the surface message."""
 
 VIEW_ROW = np.dtype([("x", "<f4"), ("y", "<f4"), ("z_low", "<f4"), ("z_high", "<f4")])
 """A row of ~/view."""

@@ -1,4 +1,4 @@
-"""Messages to records, written once for every family of message classes.
+"""Convert messages to records, for rosidl and rosbags message classes.
 
 Messages are read by duck typing, so that a live node (rosidl classes) and a bag (rosbags
 typestore) run the same lines. Readers raise `MessageError` for content that no processor can use;
@@ -95,7 +95,7 @@ def robot_description_from_message(message: Any) -> RobotDescription:
 
 
 def surface_cloud_from_message(message: Any) -> SurfaceCloud:
-    """Return the hand-over of a sensor_msgs/PointCloud2 with fields x y z surface.
+    """Return the surface message of a sensor_msgs/PointCloud2 with fields x y z surface.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def view_from_message(message: Any) -> ViewIntervals:
     return ViewIntervals(stamp, frame_name(message.header.frame_id), intervals)
 
 
-def one(
+def _reader(
     message_type: str,
     of_message: Callable[[Any], Any],
     of_bytes: Callable[[bytes], Sequence[Any]] | None = None,
@@ -136,9 +136,11 @@ def one(
 
 
 READERS: Mapping[str, MessageReader] = {
-    "robot_description": one("std_msgs/msg/String", robot_description_from_message),
-    "joint_states": one("sensor_msgs/msg/JointState", joint_sample_from_message, read_joint_sample),
-    "odom": one("nav_msgs/msg/Odometry", odometry_from_message, read_odometry),
+    "robot_description": _reader("std_msgs/msg/String", robot_description_from_message),
+    "joint_states": _reader(
+        "sensor_msgs/msg/JointState", joint_sample_from_message, read_joint_sample
+    ),
+    "odom": _reader("nav_msgs/msg/Odometry", odometry_from_message, read_odometry),
     "tf": MessageReader("tf2_msgs/msg/TFMessage", transforms_from_message, read_transforms),
     "tf_static": MessageReader(
         "tf2_msgs/msg/TFMessage",
@@ -146,10 +148,10 @@ READERS: Mapping[str, MessageReader] = {
         partial(read_transforms, is_static=True),
     ),
     **{stream.role: stream.reader for stream in default_streams()},
-    "surfaces": one("sensor_msgs/msg/PointCloud2", surface_cloud_from_message),
-    "view": one("sensor_msgs/msg/PointCloud2", view_from_message),
+    "surfaces": _reader("sensor_msgs/msg/PointCloud2", surface_cloud_from_message),
+    "view": _reader("sensor_msgs/msg/PointCloud2", view_from_message),
 }
-"""By role of a topic: how its messages become records."""
+"""The reader of messages to records, by role of a topic."""
 
 
 def _transform_sample(message: Any, is_static: bool) -> TransformSample:

@@ -1,4 +1,4 @@
-"""Message classes and the parts that most messages have: stamp, header, pose.
+"""Message classes, and the parts that most messages have: stamp, header, pose.
 
 Messages are made through a `MessageTypes` namespace, so that a live node (rosidl classes) and a bag
 (rosbags typestore) run the same lines.

@@ -1,4 +1,4 @@
-"""Records to messages, written once for every family of message classes.
+"""Convert records to messages, for rosidl and rosbags message classes.
 
 Messages are made through a `MessageTypes` namespace: rosidl classes in a live node, those of the
 rosbags typestore in a bag.
@@ -102,7 +102,7 @@ def robot_description_message(types: MessageTypes, description: RobotDescription
 
 
 def surface_cloud_message(types: MessageTypes, cloud: SurfaceCloud) -> Any:
-    """Return the hand-over ~/surfaces, a sensor_msgs/PointCloud2 (DESIGN section 4)."""
+    """Return the surface message ~/surfaces, a PointCloud2 (docs/reference/nodes.md)."""
     rows = np.zeros(len(cloud.points), SURFACE_ROW)
     for k, name in enumerate("xyz"):
         rows[name] = cloud.points[:, k]
@@ -111,7 +111,7 @@ def surface_cloud_message(types: MessageTypes, cloud: SurfaceCloud) -> Any:
 
 
 def view_message(types: MessageTypes, view: ViewIntervals) -> Any:
-    """Return ~/view, a sensor_msgs/PointCloud2 (DESIGN section 4)."""
+    """Return ~/view, a sensor_msgs/PointCloud2 (docs/reference/nodes.md)."""
     rows = np.zeros(len(view.intervals), VIEW_ROW)
     for k, name in enumerate(VIEW_ROW.names or ()):
         rows[name] = view.intervals[:, k]

@@ -1,4 +1,4 @@
-"""The two families of message classes, for tests that must hold for both."""
+"""The two families of message classes: rosidl, and the rosbags typestore."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Surfaces over given outlines."""
+"""Make surfaces of given outlines."""
 
 import numpy as np
 import shapely
@@ -6,14 +6,14 @@ from shapely import box
 
 from tccm_ros.records import Surface
 
-BENT = shapely.union_all([box(0, 0, 2.4, 0.6), box(1.8, -2.1, 2.4, 0.6)])
+L_SHAPE = shapely.union_all([box(0, 0, 2.4, 0.6), box(1.8, -2.1, 2.4, 0.6)])
 
 
-HOLED = box(0, 0, 2, 1).difference(box(0.4, 0.2, 1.6, 0.8))
+RECTANGLE_WITH_HOLE = box(0, 0, 2, 1).difference(box(0.4, 0.2, 1.6, 0.8))
 
 
 def surface(polygon, slope=(0.0, 0.0), height=0.74, label="table", number=3):
-    """Return a surface over an outline, its plane leaning by slopes."""
+    """Return a surface of an outline; `slope` is the rise of its plane along x and y."""
     normal = np.array([-slope[0], -slope[1], 1.0])
     normal /= np.linalg.norm(normal)
     centroid = np.array([*polygon.centroid.coords[0], height])

@@ -1,6 +1,6 @@
-"""A flat as a result folder, written without the pipeline: two rooms, a kitchen, ten surfaces.
+"""Write a result folder of a flat without a replay: two rooms, a kitchen, ten surfaces.
 
-The files follow the published keys, so that the report's tests need neither a bag nor the mapper.
+Tests of the report need neither a bag nor the processors with it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import shapely
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.geometry import spatial
-from tccm_ros.results.cycles import CycleHistory, save_cycles
+from tccm_ros.results.cycles_file import CycleHistory, save_cycles
 from tccm_ros.results.models import (
     CountsEntry,
     CycleEntry,
@@ -83,7 +83,7 @@ def area(ring):
     return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
-def raised(ring, z):
+def horizontal_ring(ring, z):
     ring = ring if area(ring) > 0 else ring[::-1]
     return np.column_stack([ring, np.full(len(ring), z)])
 
@@ -94,14 +94,14 @@ def surface(index, label, height, outline, holes, stamps):
     views = tuple(ViewEntry(stamp, int(stamp), 900) for stamp in stamps)
     return SurfaceEntry(
         id=index, label=label, confidence=0.9, height=z, normal=UP, offset=z, area=size,
-        centroid=np.append(outline.mean(axis=0), z), boundary=raised(outline, z),
-        holes=tuple(raised(h, z)[::-1] for h in holes), points=int(size * 9000),
+        centroid=np.append(outline.mean(axis=0), z), boundary=horizontal_ring(outline, z),
+        holes=tuple(horizontal_ring(h, z)[::-1] for h in holes), points=int(size * 9000),
         height_std=0.0012, first_seen=stamps[0], last_seen=stamps[-1], views=views,
     )  # fmt: skip
 
 
-def path_points():
-    """Where the robot drove: (61, 4) of stamp, x, y, yaw."""
+def driven_path():
+    """Return the poses of the robot, (61, 4) of stamp, x, y, yaw; s, m and rad."""
     corners = np.array(
         [[0.8, 0.9], [1.2, 2.2], [3.2, 2.2], [4.2, 1.6], [4.6, 0.6], [5.9, 0.2], [5.6, -1.2],
          [4.6, -0.6], [4.4, 0.9], [3.2, -0.9], [2.6, -1.3], [3.3, -0.2], [1.0, 0.4]]
@@ -112,8 +112,8 @@ def path_points():
     return np.column_stack([np.arange(61.0), xy, np.arctan2(heading[:, 1], heading[:, 0])])
 
 
-def scene_cuboids(center, reach, rng):
-    """Furniture tops and walls within reach of a place, as cuboids of 2 cm cells."""
+def furniture_cuboids(center, max_range, rng):
+    """Return tops of furniture and walls within a range of a point as cuboids of 2 cm cells."""
     cells = []
     for label, height, outline, holes, _ in FURNITURE:
         low, high = outline.min(axis=0), outline.max(axis=0)
@@ -128,7 +128,7 @@ def scene_cuboids(center, reach, rng):
             cells.append(np.column_stack([x0 + along * (x1 - x0), y0 + along * (y1 - y0),
                                           np.full(len(along), z)]))  # fmt: skip
     points = np.concatenate(cells)
-    points = points[np.hypot(*(points[:, :2] - center).T) < reach]
+    points = points[np.hypot(*(points[:, :2] - center).T) < max_range]
     top = np.rint((points[:, 2] + rng.normal(0, 0.002, len(points))) * 1e4).astype(np.int32)
     ix, iy = (np.floor(points[:, i] / 0.02).astype(np.int32) for i in (0, 1))
     order = np.lexsort((top, iy, ix))
@@ -148,7 +148,7 @@ def as_cuboids(ix, iy, bottom, top):
 
 
 def write_json(path, model):
-    """Write a model with all digits, so that what is exact here is exact when it is read."""
+    """Write a model with all digits, so that values are read back exactly."""
     path.write_text(json.dumps(model, default=plain, indent=1), encoding="utf-8")
 
 
@@ -158,25 +158,25 @@ def plain(value):
     return {key_of(field.name): getattr(value, field.name) for field in fields(value)}
 
 
-def write_folder(folder: Path, *, cycles: int = CYCLES, reach: float = 1.6) -> Path:
-    """Write a whole result folder, the same bytes on every call."""
+def write_folder(folder: Path, *, cycles: int = CYCLES, max_range: float = 1.6) -> Path:
+    """Write a result folder with all files, the same bytes on every call."""
     folder.mkdir(parents=True, exist_ok=True)
     surfaces = tuple(surface(i, *item) for i, item in enumerate(FURNITURE))
     write_json(folder / "surfaces.json", SurfacesFile(floor_z=FLOOR_Z, surfaces=surfaces))
     walls = tuple(wall(i, *np.array(w)) for i, w in enumerate(WALLS))
     write_json(folder / "walls.json", WallsFile(walls))
-    path = path_points()
+    path = driven_path()
     (folder / "trajectory.tum").write_text(trajectory(path).tum())
     keyframes = tuple(KeyframeEntry(i, t, p[:3]) for i, (t, *p) in enumerate(path.tolist()))
     closed = LoopEntry(2, 60, np.zeros(3), True, "")
-    refused = LoopEntry(7, 30, np.zeros(3), False, "ambiguous")
-    write_json(folder / "graph.json", GraphFile(keyframes, (closed, refused)))
+    rejected = LoopEntry(7, 30, np.zeros(3), False, "ambiguous")
+    write_json(folder / "graph.json", GraphFile(keyframes, (closed, rejected)))
     mug = ObjectEntry(0, 3, np.array([2.2, 0.7, 0.78]), np.array([0.08, 0.08, 0.12]), 0.0)
     tray = ObjectEntry(1, 1, np.array([2.2, 3.1, 0.9]), np.array([0.4, 0.25, 0.05]), 0.3)
     bin_ = ObjectEntry(2, 0, np.array([4.4, -1.8, 0.2]), np.array([0.4, 0.3, 0.4]), 0.0)
-    free = FreePlacesEntry(3, (raised(box(1.8, 0.35, 2.1, 0.6), 0.72),))
+    free = FreePlacesEntry(3, (horizontal_ring(box(1.8, 0.35, 2.1, 0.6), 0.72),))
     write_json(folder / "objects.json", ObjectsFile((mug, tray, bin_), (free,)))
-    write_maps(folder, path, cycles, reach)
+    write_cycles_and_cuboids(folder, path, cycles, max_range)
     write_json(folder / "summary.json", summary(cycles))
     write_json(folder / "timing.json", TimingFile({"reading": 0.21, "mapping": 0.94}, 52.2))
     return folder
@@ -195,7 +195,7 @@ def trajectory(path):
     return Trajectory((path[:, 0] * 1e9).astype(np.int64), spatial(path[:, 1:]))
 
 
-def write_maps(folder, path, cycles, reach):
+def write_cycles_and_cuboids(folder, path, cycles, max_range):
     rng = np.random.default_rng(7)
     history = CycleHistory(window=10)
     plane_cycles = []
@@ -203,15 +203,15 @@ def write_maps(folder, path, cycles, reach):
     newest = None
     for cycle, stamp in enumerate(stamps):
         center = path[int(stamp), 1:3]
-        newest = scene_cuboids(center, reach, rng)
+        newest = furniture_cuboids(center, max_range, rng)
         history.add(cycle, int(stamp * 1e9), newest)
-        planes = tuple(planes_near(center, reach))
+        planes = tuple(planes_near(center, max_range))
         plane_cycles.append(CycleEntry(cycle, float(stamp), "odom", planes))
     T_map_odom = np.tile(np.eye(4), (cycles, 1, 1))
     T_map_odom[:, 0, 3] = np.linspace(0.0, 0.03, cycles)
     save_cycles(folder / "cycles.npz", history.parts(T_map_odom))
     write_json(folder / "planes.json", PlanesFile(tuple(plane_cycles)))
-    final = scene_cuboids(path[30, 1:3], 2.5, rng)
+    final = furniture_cuboids(path[30, 1:3], 2.5, rng)
     n = len(final)
     np.savez_compressed(
         folder / "cuboids.npz", ix=final.ix, iy=final.iy, top=final.top * 1e-4,
@@ -221,10 +221,10 @@ def write_maps(folder, path, cycles, reach):
     )  # fmt: skip
 
 
-def planes_near(center, reach):
+def planes_near(center, max_range):
     for index, (label, height, outline, holes, _) in enumerate(FURNITURE):
         middle = outline.mean(axis=0)
-        if label != "floor" and np.hypot(*(middle - center)) < reach:
+        if label != "floor" and np.hypot(*(middle - center)) < max_range:
             item = surface(index, label, height, outline, holes, [0.0])
             yield PlaneEntry(
                 index, "horizontal", UP, item.offset, np.eye(3), item.points, item.area, 0.2,

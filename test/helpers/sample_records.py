@@ -1,4 +1,4 @@
-"""Records that tests of readers and writers share."""
+"""Sample records for tests of readers and writers."""
 
 import numpy as np
 

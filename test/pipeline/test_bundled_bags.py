@@ -1,4 +1,4 @@
-"""The bags that come with the project: whole, small, described, and with their truth."""
+"""The bundled bags are complete, small, described in a README, and have true values."""
 
 import hashlib
 import json
@@ -17,7 +17,7 @@ MEGABYTE = 1_000_000
 
 
 def table(text: str, header: str) -> list[list[str]]:
-    """Rows of the table of a README that starts with this header."""
+    """Return the rows of the table of a README with this header."""
     lines = text.splitlines()
     start = next(i for i, line in enumerate(lines) if line.startswith(f"| {header} |")) + 2
     end = next((i for i in range(start, len(lines)) if not lines[i].startswith("|")), len(lines))
@@ -56,19 +56,19 @@ def test_truth_has_surfaces_and_a_trajectory(name):
     assert np.linalg.norm(poses[:, 4:], axis=1) == pytest.approx(1.0)
 
 
-def test_they_are_small_together():
+def test_the_bundled_bags_are_small():
     sizes = [p.stat().st_size for p in BAGS.rglob("*") if p.is_file()]
     assert sum(sizes) < 20 * MEGABYTE
 
 
-def test_the_flat_is_long_enough_and_full_enough():
+def test_the_flat_has_the_required_duration_and_furniture():
     info = yaml.safe_load((BAGS / "flat" / "metadata.yaml").read_text())
     duration = info["rosbag2_bagfile_information"]["duration"]["nanoseconds"] * 1e-9
     assert 60.0 < duration < 120.0
     assert len(json.loads((BAGS / "flat" / "truth.json").read_text())["surfaces"]) >= 12
 
 
-def test_the_script_that_made_them_says_how():
+def test_the_script_that_makes_the_bags_lists_every_bag():
     sys.path.insert(0, str(BAGS))
     try:
         import make_bags

@@ -1,4 +1,4 @@
-"""The main job on the bundled bags: a recorded bag in, a map of surfaces out."""
+"""Replays of the bundled bags give maps with their true surfaces."""
 
 import json
 from pathlib import Path
@@ -54,7 +54,7 @@ def flat(tmp_path_factory):
     return out
 
 
-def test_the_flat_has_its_furniture(flat):
+def test_the_map_of_the_flat_has_its_furniture(flat):
     score = score_surfaces(flat / "surfaces.json", BAGS / "flat" / "truth.json")
     assert len(score.matches) == 20
     assert score.found >= 18, score.text()
@@ -62,7 +62,7 @@ def test_the_flat_has_its_furniture(flat):
 
 
 def fits_its_schemas(folder):
-    """Whether every JSON file of a folder is as docs/reference/schema says."""
+    """Return whether every JSON file of a folder is valid by docs/reference/schema."""
     for name in set(FILES) & set(schema.FILES):
         jsonschema.validate(json.loads((folder / name).read_text()), schema.file_schema(name))
     return True
@@ -123,7 +123,7 @@ def test_two_runs_give_the_same_bytes(tmp_path):
             assert one == two, name
 
 
-def test_a_recording_in_two_files_gives_what_it_gives_in_one(tmp_path):
+def test_a_recording_in_two_files_has_the_results_of_one_file(tmp_path):
     bag = BAGS / "walkthrough"
     with BagReader(bag) as reader:
         messages = list(reader.messages())
@@ -142,7 +142,7 @@ def test_a_recording_in_two_files_gives_what_it_gives_in_one(tmp_path):
         assert (parts / name).read_bytes() == (whole / name).read_bytes(), name
 
 
-def test_a_person_who_walked_through_leaves_nothing(tmp_path):
+def test_a_person_who_walked_through_leaves_no_cuboids(tmp_path):
     """The person is seen from 3 to 7 s of 20.7 s: in a window of all cycles, not in the last 5."""
     seen = {}
     for cycles in (13, 5):
@@ -155,14 +155,14 @@ def test_a_person_who_walked_through_leaves_nothing(tmp_path):
 
 
 def cuboids_on_the_way(path):
-    """Cuboids over the strip of floor at x = 1.75 m that the person walked along."""
+    """Return the cuboids over the strip of floor at x = 1.75 m that the person walked along."""
     with np.load(path, allow_pickle=False) as map_:
         x, y = ((map_[key] + 0.5) * map_["cell_size"] for key in ("ix", "iy"))
         over_the_floor = (map_["top"] > 0.3) & (map_["bottom"] < 1.7)
         return int((over_the_floor & (x > 1.6) & (x < 1.9) & (y > -2.0) & (y < 0.5)).sum())
 
 
-def test_other_names_and_an_upside_down_laser(tmp_path):
+def test_a_bag_with_other_topics_and_an_upside_down_laser_is_mapped(tmp_path):
     remap = [
         "tilt_scan:=/nod_lidar/scan",
         "scan:=/front_lidar/scan",
@@ -192,7 +192,7 @@ def rewrite(bag, out, change):
             writer.write(message.topic, types[message.topic], message.log_ns, record)
 
 
-def test_beams_that_are_lost_here_and_there_lose_no_surface(tmp_path):
+def test_randomly_lost_beams_lose_no_surface(tmp_path):
     rng = np.random.default_rng(0)
 
     def lose(scan):
@@ -206,7 +206,7 @@ def test_beams_that_are_lost_here_and_there_lose_no_surface(tmp_path):
     assert max(abs(m.height_error) for m in score.matches) < 0.005, score.text()
 
 
-def test_a_laser_whose_every_message_is_wrong_is_an_error_that_says_why(tmp_path):
+def test_a_laser_without_a_usable_message_is_an_error_that_says_why(tmp_path):
     def spoil(scan):
         scan.time_increment = -1e-5
 
@@ -216,14 +216,14 @@ def test_a_laser_whose_every_message_is_wrong_is_an_error_that_says_why(tmp_path
     assert not (tmp_path / "no").exists()
 
 
-def test_a_map_that_is_none_is_refused(tmp_path):
+def test_a_file_that_is_no_map_is_refused(tmp_path):
     (tmp_path / "map.mcap").write_bytes(b"no map")
     with pytest.raises(MapError, match=r"map\.mcap"):
         replay(BAGS / "walkthrough", tmp_path / "out", Config(), saved_map=tmp_path / "map.mcap")
     assert not (tmp_path / "out").exists()
 
 
-def test_a_bag_of_another_place_does_not_touch_a_map(flat, tmp_path):
+def test_a_bag_of_other_rooms_does_not_change_a_map(flat, tmp_path):
     before = (flat / "map.mcap").read_bytes()
     with pytest.raises(MapError, match="not found for certain"):
         replay(

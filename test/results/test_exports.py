@@ -54,7 +54,7 @@ def write(folder, solution):
     return folder
 
 
-def test_all_files_are_there_and_the_same_every_time(solution, folder, tmp_path_factory):
+def test_all_files_are_written_with_the_same_bytes_each_time(solution, folder, tmp_path_factory):
     other = tmp_path_factory.mktemp("again")
     write(other, drive(new_slam()).solve())
     assert {p.name for p in folder.iterdir()} == FILES
@@ -62,7 +62,7 @@ def test_all_files_are_there_and_the_same_every_time(solution, folder, tmp_path_
         assert (folder / name).read_bytes() == (other / name).read_bytes(), name
 
 
-def test_surfaces_have_the_fixed_keys(folder, solution):
+def test_surfaces_json_has_the_documented_keys(folder, solution):
     table = json.loads((folder / "surfaces.json").read_text())
     assert table["format"] == "tccm_ros/surfaces"
     assert table["version"] == 1
@@ -92,7 +92,7 @@ def test_the_ply_holds_every_point(folder, solution):
     np.testing.assert_array_equal(rows["id"], solution.mapped.surface_id)
 
 
-def test_the_ply_is_read_by_its_header_alone(folder, solution):
+def test_the_ply_is_read_as_its_header_declares_it(folder, solution):
     data = (folder / "surfaces.ply").read_bytes()
     header, body = data.split(b"end_header\n", 1)
     lines = [line.split() for line in header.decode("ascii").splitlines()]
@@ -117,7 +117,7 @@ def test_the_trajectory_has_a_line_for_each_tilt_scan(folder):
     assert all(len(line.split()) == 8 for line in lines)
 
 
-def test_cuboids_need_no_pickle(folder):
+def test_cuboids_npz_is_read_without_pickle(folder):
     with np.load(folder / "cuboids.npz", allow_pickle=False) as arrays:
         assert {"ix", "iy", "top", "bottom", "count", "cls", "mean", "cov"} <= set(arrays.files)
         assert arrays["cycle_offsets"].tolist() == [0]
@@ -127,11 +127,11 @@ def test_cuboids_need_no_pickle(folder):
     ("value", "expected"),
     [(-1e-9, "0.0"), (1.23456789, "1.234568"), (float("inf"), "null"), (float("nan"), "null")],
 )
-def test_numbers_are_rounded(value, expected):
+def test_numbers_are_rounded_to_a_micrometre(value, expected):
     assert json_text(value).strip() == expected
 
 
-def test_stamps_are_exact():
+def test_stamps_are_written_with_all_nanoseconds():
     assert str(Stamp(1_700_000_000_123_456_789)) == "1700000000.123456789"
     assert str(Stamp(-1)) == "-0.000000001"
     assert rounded(-0.0) == 0.0
@@ -139,12 +139,12 @@ def test_stamps_are_exact():
     assert Trajectory(np.array([5]), np.eye(4)[None]).tum().startswith("0.000000005 0.000000")
 
 
-def test_json_refuses_what_it_does_not_know():
+def test_json_of_an_unknown_type_is_an_error():
     with pytest.raises(TypeError):
         json_text(object())
 
 
-def test_an_error_leaves_nothing(tmp_path):
+def test_an_error_while_writing_leaves_no_file(tmp_path):
     def fail():
         with output_folder(tmp_path / "out") as made:
             (made / "half.json").write_text("{")
@@ -155,7 +155,7 @@ def test_an_error_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_other_files_of_the_folder_stay(tmp_path):
+def test_other_files_of_the_result_folder_are_kept(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "map.png").write_text("old")
     with output_folder(tmp_path) as made:
@@ -164,7 +164,7 @@ def test_other_files_of_the_folder_stay(tmp_path):
     assert (tmp_path / "map.png").read_text() == "new"
 
 
-def test_a_file_in_the_way_is_an_error(tmp_path):
+def test_a_file_with_the_name_of_the_folder_is_an_error(tmp_path):
     (tmp_path / "out").write_text("")
     with pytest.raises(OutputError, match="give a folder"), output_folder(tmp_path / "out"):
         pass
@@ -193,7 +193,7 @@ def wall(k, phi, rho, ends, corners=()):
     return Wall(k, phi, rho, np.array(ends, float), 9, np.eye(2), tuple(corners))
 
 
-def test_corners_close():
+def test_walls_with_a_common_corner_end_at_their_crossing():
     walls = [
         wall(0, 0.0, 2.0, [[2, -1], [2, 1.9]], [1]),
         wall(1, np.pi / 2, 2.1, [[1.9, 2.1], [-1, 2.1]], [0]),
@@ -203,7 +203,7 @@ def test_corners_close():
     np.testing.assert_allclose(second, [[2, 2.1], [-1, 2.1]], atol=1e-9)
 
 
-def test_ends_that_nearly_meet_are_drawn_together_without_a_common_sighting():
+def test_ends_near_their_crossing_are_moved_to_it_without_a_seen_corner():
     walls = [
         wall(0, 0.0, 2.0, [[2, -1], [2, 1.9]]),
         wall(1, np.pi / 2, 2.0, [[1.8, 2.0], [-1, 2.0]]),
@@ -213,7 +213,7 @@ def test_ends_that_nearly_meet_are_drawn_together_without_a_common_sighting():
     np.testing.assert_allclose(second, [[2, 2], [-1, 2]], atol=1e-9)
 
 
-def test_an_end_is_drawn_onto_the_middle_of_a_wall_and_cuts_nothing():
+def test_an_end_is_moved_onto_the_middle_of_a_wall_that_is_not_cut():
     walls = [
         wall(0, 0.0, 2.0, [[2, -3], [2, 3]]),
         wall(1, np.pi / 2, 2.9, [[1.8, 2.9], [-1, 2.9]]),
@@ -225,7 +225,7 @@ def test_an_end_is_drawn_onto_the_middle_of_a_wall_and_cuts_nothing():
     np.testing.assert_allclose(third, [[2, 0], [5, 0]], atol=1e-9)
 
 
-def test_a_door_in_a_corner_stays_open():
+def test_a_gap_as_wide_as_a_door_in_a_corner_is_not_closed():
     walls = [
         wall(0, 0.0, 2.0, [[2, -1], [2, 1.3]]),
         wall(1, np.pi / 2, 2.0, [[2.0, 2.0], [-1, 2.0]]),
@@ -233,7 +233,7 @@ def test_a_door_in_a_corner_stays_open():
     np.testing.assert_allclose(close_corners(walls)[0], [[2, -1], [2, 1.3]], atol=1e-9)
 
 
-def test_the_grid_is_free_to_the_wall(tmp_path):
+def test_the_occupancy_grid_is_free_up_to_the_wall_and_occupied_there(tmp_path):
     y = np.linspace(-0.9, 0.9, 200)
     state = {
         "keyframe_pose": np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]),
@@ -268,7 +268,7 @@ def as_map_server_reads(path):
     return cells, about["resolution"], about["origin"]
 
 
-def test_no_level_laser_no_grid():
+def test_without_a_level_laser_there_is_no_occupancy_grid():
     assert occupancy_grid({}) is None
 
 

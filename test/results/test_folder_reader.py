@@ -1,4 +1,4 @@
-"""Reading a result folder: what is there, what may be missing, and damage."""
+"""Reading a result folder: required, optional and damaged files."""
 
 import json
 
@@ -20,10 +20,10 @@ OPTIONAL = (
 )
 
 
-def test_everything_is_read(flat):
+def test_every_file_of_a_folder_is_read(flat):
     results = load_results(flat)
     assert [s.label for s in results.surfaces][:3] == ["floor", "counter", "counter"]
-    assert len(results.standing) == len(results.surfaces) - 1
+    assert len(results.above_floor) == len(results.surfaces) - 1
     assert results.ground == -0.02
     assert len(results.walls) == 6
     assert results.trajectory.positions.shape == (61, 3)
@@ -34,26 +34,26 @@ def test_everything_is_read(flat):
     assert results.summary.counts.cycles == 24
 
 
-def test_length_and_nearest_of_the_trajectory(flat):
+def test_the_trajectory_has_its_length_and_finds_the_nearest_pose(flat):
     trajectory = load_results(flat).trajectory
     assert trajectory.length == pytest.approx(17.64, abs=0.01)
     assert trajectory.nearest(np.array([-5.0, 0.4, 30.6, 99.0])).tolist() == [0, 0, 31, 60]
 
 
 @pytest.mark.parametrize("name", OPTIONAL)
-def test_what_may_be_missing(flat_copy, name):
+def test_an_optional_file_may_be_missing(flat_copy, name):
     (flat_copy / name).unlink()
     assert load_results(flat_copy).surfaces
 
 
 @pytest.mark.parametrize("name", REQUIRED)
-def test_what_must_be_there(flat_copy, name):
+def test_a_missing_required_file_is_an_error_that_names_it(flat_copy, name):
     (flat_copy / name).unlink()
     with pytest.raises(MapError, match=rf"{name}: no such file"):
         load_results(flat_copy)
 
 
-def test_no_folder(tmp_path):
+def test_a_missing_folder_is_an_error(tmp_path):
     with pytest.raises(MapError, match="no such folder"):
         load_results(tmp_path / "nothing")
 
@@ -67,7 +67,7 @@ def test_keys_of_later_versions_are_ignored(flat_copy):
 
 @pytest.mark.parametrize("name", REQUIRED + OPTIONAL)
 @pytest.mark.parametrize("damage", ["truncated", "binary", "list"])
-def test_damage_names_the_file(flat_copy, name, damage):
+def test_a_damaged_file_is_an_error_that_names_it(flat_copy, name, damage):
     path = flat_copy / name
     content = path.read_bytes()
     cut = content[: len(content) // 2 + 3]
@@ -81,7 +81,7 @@ def test_damage_names_the_file(flat_copy, name, damage):
     ("key", "value"),
     [("boundary", [[0.0, None, 1.0]]), ("boundary", [[0.0, 1.0]]), ("height", "high")],
 )
-def test_a_bad_value_names_its_key(flat_copy, key, value):
+def test_a_wrong_value_is_an_error_that_names_its_key(flat_copy, key, value):
     tree = json.loads((flat_copy / "surfaces.json").read_text())
     tree["surfaces"][4][key] = value
     (flat_copy / "surfaces.json").write_text(json.dumps(tree))

@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 import shapely
-from outlined_surfaces import BENT, HOLED, surface
+from outlined_surfaces import L_SHAPE, RECTANGLE_WITH_HOLE, surface
 from shapely import box
 
 from tccm_ros.records import Wall
 from tccm_ros.results.geojson import feature_collection
 from tccm_ros.results.numbers import json_text
 
-SURFACES = [surface(BENT, number=1), surface(HOLED, (0.01, 0.02), number=2)]
+SURFACES = [surface(L_SHAPE, number=1), surface(RECTANGLE_WITH_HOLE, (0.01, 0.02), number=2)]
 WALLS = [
     Wall(4, 0.0, 2.0, np.array([[2.0, -1.0], [2.0, 1.93]]), 9, np.eye(2), (5,)),
     Wall(5, np.pi / 2 + 1e-3, 2.1, np.array([[1.9, 2.1], [-1.0, 2.1]]), 9, np.eye(2), (4,)),
@@ -24,7 +24,7 @@ def collection():
     return json.loads(json_text(feature_collection(SURFACES, WALLS, "map")))
 
 
-def test_features_have_what_the_format_asks_for(collection):
+def test_features_have_the_members_that_rfc_7946_requires(collection):
     assert collection["type"] == "FeatureCollection"
     assert "crs" not in collection, "the format of 2016 has no such member"
     assert len(collection["features"]) == 4
@@ -34,7 +34,7 @@ def test_features_have_what_the_format_asks_for(collection):
         assert not {"coordinates", "geometries", "features"} & set(feature)
 
 
-def test_rings_are_closed_and_turn_the_right_way(collection):
+def test_rings_are_closed_and_have_the_direction_of_rfc_7946(collection):
     for feature in collection["features"][:2]:
         assert feature["geometry"]["type"] == "Polygon"
         for k, ring in enumerate(feature["geometry"]["coordinates"]):
@@ -43,7 +43,7 @@ def test_rings_are_closed_and_turn_the_right_way(collection):
             assert shapely.LinearRing([p[:2] for p in ring]).is_ccw == (k == 0)
 
 
-def test_another_reader_gets_the_surfaces(collection):
+def test_shapely_reads_the_surfaces(collection):
     for feature, one in zip(collection["features"], SURFACES, strict=False):
         polygon = shapely.from_geojson(json.dumps(feature["geometry"]))
         assert polygon.is_valid
@@ -55,16 +55,16 @@ def test_another_reader_gets_the_surfaces(collection):
         assert feature["properties"]["label"] == one.label
 
 
-def test_walls_meet_in_the_file_to_the_last_digit(collection):
+def test_walls_of_a_corner_have_exactly_the_same_end(collection):
     first, second = (f["geometry"] for f in collection["features"][2:])
     assert first["type"] == second["type"] == "LineString"
     assert set(map(tuple, first["coordinates"])) & set(map(tuple, second["coordinates"]))
 
 
-def test_nothing_is_a_collection_too():
+def test_an_empty_map_is_an_empty_collection():
     assert json.loads(json_text(feature_collection([], [], "map")))["features"] == []
 
 
-def test_boxes_have_four_corners():
+def test_a_rectangular_surface_has_a_closed_ring_of_five_points():
     (feature,) = feature_collection([surface(box(0, 0, 1, 2))], [], "map")["features"]
     assert len(feature["geometry"]["coordinates"][0]) == 5

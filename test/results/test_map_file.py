@@ -40,7 +40,7 @@ def text_of(solution):
     return json_text(SurfacesFile.of(solution.surfaces, solution.floor_z, "map"))
 
 
-def test_a_loaded_map_shows_the_same_surfaces(run, saved):
+def test_a_loaded_map_has_the_same_surfaces(run, saved):
     loaded = SurfaceSlam.from_saved(Config(), load_map(saved))
     again = loaded.map.build(loaded._old_views(loaded.walls.solve()))
     assert json_text(SurfacesFile.of(again.surfaces, again.floor_z, "map")) == text_of(run[1])
@@ -51,7 +51,7 @@ def test_saving_what_was_loaded_gives_the_same_bytes(run, saved, tmp_path):
     assert (tmp_path / "again.mcap").read_bytes() == saved.read_bytes()
 
 
-def test_a_new_session_without_common_odometry_goes_on(saved):
+def test_a_new_session_with_other_odometry_continues_the_map(saved):
     slam = SurfaceSlam.from_saved(Config(), load_map(saved))
     start = (0.2, -0.4, 0.3)
     places = [start, (0.0, 0.3, -0.5), (-0.4, 0.1, 0.0)]
@@ -67,7 +67,7 @@ def test_a_new_session_without_common_odometry_goes_on(saved):
     assert outline.intersection(TABLE.polygon).area / outline.union(TABLE.polygon).area > 0.75
 
 
-def test_an_ambiguous_session_leaves_the_map_alone(run, saved):
+def test_an_ambiguous_session_does_not_change_the_map(run, saved):
     from room import Board, Room
     from slam_run import odometry
 
@@ -82,7 +82,7 @@ def test_an_ambiguous_session_leaves_the_map_alone(run, saved):
     assert text_of(solution) == text_of(run[1])
 
 
-def test_it_opens_as_an_mcap_with_messages(saved):
+def test_a_map_is_an_mcap_with_messages(saved):
     with saved.open("rb") as stream:
         topics = {channel.topic for _, channel, _ in make_reader(stream).iter_messages()}
     assert topics == {
@@ -101,10 +101,10 @@ def test_a_damaged_file_is_a_clear_error(saved, where):
         load_map(saved)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.95])
-def test_a_truncated_file_is_an_error(saved, share):
+@pytest.mark.parametrize("fraction", [0.0, 0.2, 0.5, 0.95])
+def test_a_truncated_file_is_an_error(saved, fraction):
     data = saved.read_bytes()
-    saved.write_bytes(data[: int(share * len(data))])
+    saved.write_bytes(data[: int(fraction * len(data))])
     with pytest.raises(MapError, match=r"map\.mcap"):
         load_map(saved)
 
@@ -128,7 +128,7 @@ def test_a_pickle_in_a_map_is_refused(run, saved, monkeypatch):
         load_map(saved)
 
 
-def test_no_file_and_no_map_are_errors(tmp_path):
+def test_a_missing_file_and_a_file_of_another_kind_are_errors(tmp_path):
     with pytest.raises(MapError, match="no such map"):
         load_map(tmp_path / "none.mcap")
     (tmp_path / "text.mcap").write_text(json.dumps({}))
@@ -136,7 +136,7 @@ def test_no_file_and_no_map_are_errors(tmp_path):
         load_map(tmp_path / "text.mcap")
 
 
-def test_a_place_that_cannot_be_written_is_an_error(run, tmp_path):
+def test_a_path_that_cannot_be_written_is_an_error(run, tmp_path):
     slam, solution = run
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError):
@@ -145,7 +145,7 @@ def test_a_place_that_cannot_be_written_is_an_error(run, tmp_path):
 
 
 def growth(act, times):
-    """Return the bytes that Python and NumPy hold more after some calls."""
+    """Return by how many bytes the memory of Python and NumPy grows over some calls."""
     tracemalloc.start()
     try:
         act()
@@ -165,7 +165,7 @@ def held(path):
     return sum(array.nbytes for array in pack_views(views).values())
 
 
-def test_memory_stays_flat_over_100_loads(saved):
+def test_memory_does_not_grow_over_100_loads(saved):
     load_map(saved)
     kept = []
     flat = growth(lambda: load_map(saved), 100)
@@ -173,7 +173,7 @@ def test_memory_stays_flat_over_100_loads(saved):
     assert growth(lambda: kept.append(load_map(saved)), 1) > 0.8 * held(saved), "a leak is seen"
 
 
-def test_it_opens_with_what_foxglove_reads(run, saved):
+def test_the_messages_are_decoded_with_the_definitions_in_the_file(run, saved):
     """Every message is read by the definitions in the file alone, none of this package's."""
     with saved.open("rb") as stream:
         rows = [(s, c, m.data) for s, c, m in make_reader(stream).iter_messages()]
@@ -190,8 +190,8 @@ def test_it_opens_with_what_foxglove_reads(run, saved):
             assert len(message.markers) > 0 or channel.topic == "/surface_slam/walls"
 
 
-def test_no_byte_can_be_wrong(saved):
-    """Bytes all over the file, and each one of its beginning and of its last 400."""
+def test_a_changed_byte_is_an_error(saved):
+    """Bytes spread over the file, each byte of its beginning and each of its last 400."""
     whole = saved.read_bytes()
     places = np.random.default_rng(0).integers(0, len(whole), 150)
     for place in [*range(60), *places.tolist(), *range(len(whole) - 400, len(whole))]:
@@ -205,7 +205,7 @@ def test_no_byte_can_be_wrong(saved):
 
 
 @pytest.mark.parametrize("version", [1, 2])
-def test_a_map_of_an_earlier_release_is_refused_with_a_sentence(run, saved, monkeypatch, version):
+def test_a_map_of_an_earlier_release_is_a_clear_error(run, saved, monkeypatch, version):
     slam, solution = run
     monkeypatch.setattr("tccm_ros.results.map_file.VERSION", version)
     save_map(saved, slam.saved(solution), solution)
@@ -242,7 +242,7 @@ NO_SOLUTION = (
     "where", ["Writer.add_message", "Writer.add_attachment", "Writer.finish", "os.fsync",
               "os.replace", "os._exit"]
 )  # fmt: skip
-def test_a_kill_leaves_the_old_map_or_the_new(saved, where):
+def test_a_killed_process_leaves_the_old_map_or_the_new(saved, where):
     before = saved.read_bytes()
     script = SAVE_AND_DIE.replace("SOLUTION", NO_SOLUTION)
     done = subprocess.run([sys.executable, "-c", script, saved, where], check=False)
@@ -255,7 +255,7 @@ def test_a_kill_leaves_the_old_map_or_the_new(saved, where):
     load_map(saved)
 
 
-def test_the_content_is_on_the_disk_before_the_name(run, tmp_path, monkeypatch):
+def test_the_content_is_synchronised_before_the_file_is_renamed(run, tmp_path, monkeypatch):
     steps = []
     for name in ("fsync", "replace"):
         real = getattr(os, name)

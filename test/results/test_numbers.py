@@ -30,7 +30,7 @@ def test_an_array_is_written_as_its_lists_are(values):
     "values",
     [np.zeros((0, 3)), np.zeros((2, 0)), np.arange(3), np.array([True]), np.array(1.5), ["é"]],
 )
-def test_json_is_read_back_as_it_was(values):
+def test_json_is_read_back_with_the_same_values(values):
     text = json_text({"a": {"b": [{"c": values}]}})
     assert json.loads(text) == {"a": {"b": [{"c": np.asarray(values).tolist()}]}}
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import shapely
-from outlined_surfaces import BENT, HOLED, surface
+from outlined_surfaces import L_SHAPE, RECTANGLE_WITH_HOLE, surface
 from scipy.spatial.transform import Rotation
 from shapely import Point, Polygon, affinity, box
 
@@ -21,8 +21,8 @@ from tccm_ros.results.planning import (
 SHAPES = {
     "table": box(0, 0, 1.4, 0.8),
     "round": Point(0, 0).buffer(0.5),
-    "bent": BENT,
-    "holed": HOLED,
+    "bent": L_SHAPE,
+    "holed": RECTANGLE_WITH_HOLE,
     "sliver": box(0, 0, 1.2, 0.05),
 }
 
@@ -74,10 +74,10 @@ def read_scene(text):
 
 
 @pytest.mark.parametrize("slope", [(0.0, 0.0), (0.03, -0.02)])
-@pytest.mark.parametrize("turn", [0.0, 30.0, 135.0])
+@pytest.mark.parametrize("yaw_deg", [0.0, 30.0, 135.0])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_a_scene_holds_the_surface_and_nothing_above_it(shape, turn, slope):
-    one = surface(affinity.rotate(SHAPES[shape], turn), slope)
+def test_the_collision_object_contains_the_surface_and_nothing_above_it(shape, yaw_deg, slope):
+    one = surface(affinity.rotate(SHAPES[shape], yaw_deg), slope)
     title, (read,) = read_scene(scene_text([one]))
     assert (title, read.name) == ("tccm_ros", "tccm_surface_3")
     if read.kind == "box":
@@ -93,7 +93,7 @@ def test_a_scene_holds_the_surface_and_nothing_above_it(shape, turn, slope):
 
 
 @pytest.mark.parametrize("shape", ["bent", "holed"])
-def test_a_mesh_keeps_the_room_that_a_box_would_block(shape):
+def test_a_mesh_leaves_the_space_free_that_a_box_would_block(shape):
     one = surface(SHAPES[shape])
     _, (read,) = read_scene(scene_text([one]))
     assert read.kind == "mesh"
@@ -106,21 +106,21 @@ def test_a_mesh_keeps_the_room_that_a_box_would_block(shape):
     assert box_.size[0] * box_.size[1] > 1.2 * one.area
 
 
-def test_what_fills_its_box_is_a_box():
+def test_a_surface_that_fills_its_box_is_a_box():
     assert isinstance(surface_shape(surface(SHAPES["table"])), Box)
     assert isinstance(surface_shape(surface(SHAPES["round"])), Box)
     assert isinstance(surface_shape(surface(SHAPES["bent"])), Mesh)
 
 
-def test_the_floor_is_left_out_and_an_empty_map_is_a_scene():
+def test_the_floor_is_left_out_and_an_empty_map_is_an_empty_scene():
     floor = surface(box(-3, -3, 3, 3), height=0.0, label="floor", number=0)
     assert scene_text([floor]) == scene_text([]) == "tccm_ros\n.\n"
-    _, found = read_scene(scene_text([floor, surface(BENT), replace(surface(BENT), id=9)]))
+    _, found = read_scene(scene_text([floor, surface(L_SHAPE), replace(surface(L_SHAPE), id=9)]))
     assert [read.name for read in found] == ["tccm_surface_3", "tccm_surface_9"]
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_triangles_of_the_top_look_up(shape):
+def test_triangles_of_the_top_have_upward_normals(shape):
     mesh = surface_mesh(surface(SHAPES[shape], (0.02, 0.01)))
     count = len(mesh.vertices) // 2
     top = mesh.triangles[(mesh.triangles < count).all(axis=1)]

@@ -23,7 +23,7 @@ from tccm_ros.records import (
     ViewIntervals,
     Wall,
 )
-from tccm_ros.results.result_bag import CycleMessages, write_result_bag
+from tccm_ros.results.result_bag import CycleMessageStore, write_result_bag
 from tccm_ros.slam.solution import Solution
 from tccm_ros.surfaces.surface_map import MappedSurfaces
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
@@ -35,7 +35,7 @@ CONFIG = Config.model_validate({"map": {"window_cycles": 2, "gap": "fixed"}})
 
 
 def cycle_result(index):
-    """One cycle: its part map is a patch of a table at y = index."""
+    """Return a tilt cycle whose part map is a patch of a table at y = index."""
     x, y = np.meshgrid(np.arange(1.0, 1.5, 0.02), np.arange(0.0, 0.4, 0.02))
     points = np.column_stack([x.ravel(), y.ravel() + index, np.full(x.size, 0.7)])
     builder = PartMapBuilder(CONFIG)
@@ -100,8 +100,8 @@ def bag(cycles, tmp_path_factory):
 
 
 def write(path, cycles, solved):
-    """Write a result bag as a replay does: each cycle's messages when the map is as after it."""
-    messages, map_ = CycleMessages(CONFIG), IntegrationMap(CONFIG)
+    """Write a result bag as a replay does: the messages of each cycle from the map after it."""
+    messages, map_ = CycleMessageStore(CONFIG), IntegrationMap(CONFIG)
     for cycle in cycles:
         map_.add(cycle.part)
         messages.add(cycle, map_.cuboids())
@@ -111,7 +111,7 @@ def write(path, cycles, solved):
 
 @pytest.fixture(scope="module")
 def messages(bag):
-    """Topic -> [(log time, message)], as rosbags reads them."""
+    """Return [(log time, message)] by topic, as rosbags reads them."""
     found = {}
     with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         for connection, stamp, raw in reader.messages():
@@ -131,11 +131,11 @@ def matrix(pose_or_transform):
 
 
 def shown(array):
-    """Ids by namespace of the markers that a MarkerArray adds."""
+    """Return (namespace, id) of the markers that a MarkerArray adds."""
     return {(m.ns, m.id) for m in array.markers if m.action == 0}
 
 
-def test_every_topic_of_the_nodes_and_no_diagnostics(messages):
+def test_the_bag_has_every_topic_of_the_nodes_except_diagnostics(messages):
     counts = {topic: len(found) for topic, found in messages.items()}
     assert counts == {
         "/tccm/planes": 3, "/tccm/objects": 3, "/tccm/cuboids": 1, "/tccm/map_cloud": 3,
@@ -146,7 +146,7 @@ def test_every_topic_of_the_nodes_and_no_diagnostics(messages):
     }  # fmt: skip
 
 
-def test_log_time_is_the_causing_record_and_never_steps_back(bag, messages, cycles):
+def test_log_times_are_those_of_the_causing_records_and_never_decrease(bag, messages, cycles):
     with bag.open("rb") as stream:
         read = list(make_reader(stream, validate_crcs=True).iter_messages(log_time_order=False))
     times = [message.log_time for _, _, message in read]
@@ -158,7 +158,7 @@ def test_log_time_is_the_causing_record_and_never_steps_back(bag, messages, cycl
     assert all(log == stamp_of(m.header) for log, m in messages["/pose"])
 
 
-def test_frames_connect_map_to_base(messages, cycles):
+def test_tf_connects_map_to_base(messages, cycles):
     for (_, message), cycle in zip(messages["/tf"], cycles, strict=True):
         odom, base = message.transforms
         assert (odom.header.frame_id, odom.child_frame_id) == ("map", "odom")
@@ -185,7 +185,7 @@ def pose_of(t, q):
     return T
 
 
-def test_poses_are_those_of_the_solution_with_their_keyframe_s_covariance(messages, cycles):
+def test_poses_are_those_of_the_solution_with_the_covariance_of_their_keyframe(messages, cycles):
     expected = solution(cycles)
     for index, (_, message) in enumerate(messages["/pose"]):
         t, q = matrix(message.pose.pose)
@@ -195,7 +195,7 @@ def test_poses_are_those_of_the_solution_with_their_keyframe_s_covariance(messag
         assert message.pose.covariance[0] == (0.02 if late else 0.01)
 
 
-def test_the_map_cloud_forgets_after_the_window(messages):
+def test_the_map_cloud_loses_the_oldest_cycle_after_the_window(messages):
     """Cell rows at y = 0, 1 and 2: of a window of two cycles the oldest is gone."""
     seen = []
     for _, message in messages["/tccm/map_cloud"]:
@@ -204,7 +204,7 @@ def test_the_map_cloud_forgets_after_the_window(messages):
     assert seen == [[0], [0, 1], [1, 2]]
 
 
-def test_the_map_grows_with_what_was_seen(messages, cycles):
+def test_surfaces_appear_at_the_time_when_they_were_first_seen(messages, cycles):
     log, arrays = zip(*messages["/surface_slam/surfaces"])
     assert list(log) == [cycles[0].end_ns, cycles[2].end_ns, 23 * S + S // 2]
     outlines = [{i for ns, i in shown(a) if ns == "outline"} for a in arrays]
@@ -213,21 +213,21 @@ def test_the_map_grows_with_what_was_seen(messages, cycles):
     assert points == [8], "the whole cloud once"
 
 
-def test_planes_that_are_gone_are_deleted(messages):
+def test_markers_of_lost_planes_are_deleted(messages):
     first, second, _ = (m for _, m in messages["/tccm/planes"])
     assert {i for _, i in shown(first)} == {0}
     assert {i for _, i in shown(second)} == {1}
     assert {m.id for m in second.markers if m.action == 2} == {0}
 
 
-def test_the_same_bytes_again(bag, cycles):
+def test_writing_again_gives_the_same_bytes(bag, cycles):
     before = bag.read_bytes()
     write(bag, cycles, solution(cycles))
     assert bag.read_bytes() == before
 
 
 @pytest.mark.parametrize("kind", ["no cycles", "no level scans", "nothing"])
-def test_half_of_a_robot(cycles, tmp_path, kind):
+def test_a_recording_without_cycles_or_level_scans_gives_a_bag(cycles, tmp_path, kind):
     some = [] if kind != "no level scans" else cycles
     scans = 0 if kind != "no cycles" else 30
     write(tmp_path / "r.mcap", some, solution(some, scans))
@@ -238,7 +238,7 @@ def test_half_of_a_robot(cycles, tmp_path, kind):
     assert ("/surface_slam/walls" in topics) == (kind != "nothing")
 
 
-def test_a_place_that_cannot_be_written(cycles, tmp_path):
+def test_a_path_that_cannot_be_written_is_an_error(cycles, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError):
         write(tmp_path / "file" / "r.mcap", cycles, solution(cycles))

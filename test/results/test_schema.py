@@ -1,4 +1,4 @@
-"""JSON Schema of the result files: what is committed is what is made, and what is written fits."""
+"""JSON Schema of the result files: it is that of the models, and written files are valid."""
 
 import json
 from pathlib import Path
@@ -19,7 +19,7 @@ def folder(tmp_path_factory):
     return write_folder(tmp_path_factory.mktemp("made") / "flat", cycles=3)
 
 
-def test_what_is_committed_is_what_is_made(tmp_path):
+def test_the_committed_schemas_are_those_of_the_models(tmp_path):
     write_schemas(tmp_path)
     made = {path.name: path.read_text() for path in tmp_path.iterdir()}
     assert {path.name: path.read_text() for path in COMMITTED.iterdir()} == made, (
@@ -28,12 +28,12 @@ def test_what_is_committed_is_what_is_made(tmp_path):
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_schemas_are_schemas(name):
+def test_every_schema_is_a_valid_json_schema(name):
     jsonschema.Draft202012Validator.check_schema(file_schema(name))
 
 
 @pytest.mark.parametrize("name", [name for name in FILES if name != "truth.json"])
-def test_a_key_that_is_missing_or_of_another_type_does_not_fit(folder, name):
+def test_a_missing_key_or_one_of_another_type_is_invalid(folder, name):
     """Every key that is written is required and has its type."""
     tree, schema = json.loads((folder / name).read_text()), file_schema(name)
     jsonschema.validate(tree, schema)
@@ -46,7 +46,7 @@ def test_a_key_that_is_missing_or_of_another_type_does_not_fit(folder, name):
 
 
 @pytest.mark.parametrize("bag", ["flat", "upside_down", "walkthrough"])
-def test_the_truth_of_the_bundled_bags_fits(bag):
+def test_the_truth_files_of_the_bundled_bags_are_valid(bag):
     truth = json.loads((BAGS / bag / "truth.json").read_text())
     jsonschema.validate(truth, file_schema("truth.json"))
     del truth["surfaces"][0]["height"]

@@ -9,7 +9,7 @@ def surface(label, area):
     return SimpleNamespace(label=label, area=area)
 
 
-def test_the_floor_does_not_count_and_small_surfaces_count_apart():
+def test_the_floor_is_not_counted_and_small_surfaces_are_counted_separately():
     areas = [("floor", 12.0), ("floor", 0.05), ("table", 0.1), ("other", 0.09), ("shelf", 0.4)]
     assert count_surfaces(surface(*row) for row in areas) == SurfaceCounts(counted=2, small=1)
 
@@ -22,5 +22,5 @@ def test_the_floor_does_not_count_and_small_surfaces_count_apart():
         (SurfaceCounts(20, 7), "20 surfaces (and 7 below 0.1 m²)"),
     ],
 )
-def test_the_text_tells_both(counts, text):
+def test_the_text_has_both_numbers(counts, text):
     assert counts.text() == text

@@ -4,5 +4,5 @@ from message_families import family
 
 @pytest.fixture(params=["typestore", "rosidl"])
 def types(request):
-    """Message classes of either family."""
+    """Return the message classes of one family, rosidl or rosbags."""
     return family(request.param)

@@ -3,7 +3,7 @@ import pytest
 from message_families import TYPESTORE, family, to_bag_message
 
 from tccm_ros.records import PlaneRecord, Surface, TabletopObject, Wall
-from tccm_ros.ros.marker_parts import MarkerSet, Place, identity_color
+from tccm_ros.ros.marker_parts import MarkerSet, MessageContext, identity_color
 from tccm_ros.ros.markers import (
     core_markers,
     cuboid_markers,
@@ -19,8 +19,8 @@ HOLE = np.array([[0.5, 0.25, 0], [0.5, 0.75, 0], [1.5, 0.75, 0], [1.5, 0.25, 0]]
 
 
 @pytest.fixture(params=["typestore", "rosidl"])
-def place(request):
-    return Place(family(request.param), STAMP, "map")
+def context(request):
+    return MessageContext(family(request.param), STAMP, "map")
 
 
 def make_plane(identity=3, boundary=SQUARE, holes=(HOLE,)):
@@ -46,13 +46,13 @@ def triangle_area(triangles):
     )
 
 
-def bag_markers(place, markers):
-    array = MarkerSet(place.types).message(markers, STAMP)
-    return to_bag_message(place.types, "visualization_msgs/msg/MarkerArray", array).markers
+def bag_markers(context, markers):
+    array = MarkerSet(context.types).message(markers, STAMP)
+    return to_bag_message(context.types, "visualization_msgs/msg/MarkerArray", array).markers
 
 
-def test_plane_markers_are_the_same_for_both_families(place):
-    found = bag_markers(place, plane_markers(place, [make_plane()]))
+def test_plane_markers_are_the_same_for_both_families(context):
+    found = bag_markers(context, plane_markers(context, [make_plane()]))
     assert [(m.ns, m.id) for m in found] == [
         ("fill", 3),
         ("outline", 3),
@@ -71,38 +71,40 @@ def test_plane_markers_are_the_same_for_both_families(place):
         assert (marker.header.stamp.sec, marker.header.stamp.nanosec) == (1_700_000_000, 5)
 
 
-def test_a_plane_without_boundary_has_no_fill(place):
-    markers = plane_markers(place, [make_plane(boundary=np.zeros((0, 3)), holes=())])
+def test_a_plane_without_boundary_has_no_fill(context):
+    markers = plane_markers(context, [make_plane(boundary=np.zeros((0, 3)), holes=())])
     assert [m.ns for m in markers] == ["normal", "text"]
 
 
-def test_surfaces_objects_walls_and_cores(place):
+def test_markers_of_surfaces_objects_walls_and_cores_have_their_shapes(context):
     surface = Surface(
         id=2, label="table", confidence=0.9, height=0.7, normal=np.array([0, 0, 1.0]), offset=0.7,
         area=2.0, centroid=np.array([1, 0.5, 0.7]), holes=(),
         boundary=SQUARE + np.array([0, 0, 0.7]),
         points=1000, height_std=0.002, first_seen_ns=1, last_seen_ns=2, views=(),
     )  # fmt: skip
-    markers = bag_markers(place, surface_markers(place, [surface]))
+    markers = bag_markers(context, surface_markers(context, [surface]))
     assert markers[-1].text == "2 table: 0.70 m, 2.00 m2"
     box = TabletopObject(1, 2, np.array([1, 2, 3.0]), np.array([0.1, 0.0, 0.3]), np.pi / 2)
-    (cube,) = bag_markers(place, object_markers(place, [box]))
+    (cube,) = bag_markers(context, object_markers(context, [box]))
     assert (cube.scale.x, cube.scale.y, cube.scale.z) == (0.1, 0.001, 0.3)
     assert cube.pose.orientation.z == pytest.approx(np.sqrt(0.5))
     ends = np.array([[2.0, -1.0], [2.0, 3.0]])
     wall = Wall(0, 0.0, 2.0, ends, 5, np.eye(2))
-    fill = bag_markers(place, wall_markers(place, [wall]))[0]
+    fill = bag_markers(context, wall_markers(context, [wall]))[0]
     corners = np.array([[p.x, p.y, p.z] for p in fill.points]).reshape(-1, 3, 3)
     assert triangle_area(corners).sum() == pytest.approx(4 * 0.5)
-    (lines,) = bag_markers(place, core_markers(place, np.zeros((3, 3)), np.ones((3, 3))))
+    (lines,) = bag_markers(context, core_markers(context, np.zeros((3, 3)), np.ones((3, 3))))
     assert len(lines.points) == 6
-    assert core_markers(place, np.zeros((0, 3)), np.zeros((0, 3))) == []
+    assert core_markers(context, np.zeros((0, 3)), np.zeros((0, 3))) == []
 
 
-def test_cuboids_hang_from_their_tops_in_classes_of_depth(place):
+def test_cuboids_are_drawn_down_from_their_tops_in_classes_of_depth(context):
     tops = np.array([[0, 0, 1.0], [0.02, 0, 1.0], [0.04, 0, 0.5]])
     depth = np.array([0.03, 0.12, 0.031])
-    markers = bag_markers(place, cuboid_markers(place, tops, depth, 0.02, 0.03, [0.0, 0.5, 1.0]))
+    markers = bag_markers(
+        context, cuboid_markers(context, tops, depth, 0.02, 0.03, [0.0, 0.5, 1.0])
+    )
     assert [m.id for m in markers] == [0, 2]
     assert [m.scale.z for m in markers] == [0.03, 0.12]
     for marker in markers:
@@ -113,13 +115,13 @@ def test_cuboids_hang_from_their_tops_in_classes_of_depth(place):
     blue, red = markers[0].colors
     assert blue.b > blue.r
     assert red.r > red.b
-    assert cuboid_markers(place, np.zeros((0, 3)), np.zeros(0), 0.02, 0.03, np.zeros(0)) == []
+    assert cuboid_markers(context, np.zeros((0, 3)), np.zeros(0), 0.02, 0.03, np.zeros(0)) == []
 
 
-def test_a_marker_that_is_gone_is_deleted_once(place):
-    markers = MarkerSet(place.types)
-    both = plane_markers(place, [make_plane(1), make_plane(2)])
-    one = plane_markers(place, [make_plane(2)])
+def test_a_marker_that_is_missing_in_the_next_message_is_deleted_once(context):
+    markers = MarkerSet(context.types)
+    both = plane_markers(context, [make_plane(1), make_plane(2)])
+    one = plane_markers(context, [make_plane(2)])
     assert all(m.action == 0 for m in markers.message(both, STAMP).markers)
     second = markers.message(one, STAMP + 1).markers
     gone = [(m.ns, m.id) for m in second if m.action == 2]
@@ -129,16 +131,16 @@ def test_a_marker_that_is_gone_is_deleted_once(place):
     assert all(m.header.frame_id == "map" for m in second)
 
 
-def test_neighbouring_identities_differ_in_colour():
+def test_neighbouring_ids_have_different_colours():
     colors = np.array([identity_color(k) for k in range(20)])
     assert np.abs(np.diff(colors, axis=0)).sum(axis=1).min() > 0.3
 
 
 def test_messages_of_markers_are_repeatable():
-    place = Place(TYPESTORE, STAMP, "map")
+    context = MessageContext(TYPESTORE, STAMP, "map")
 
     def data():
-        message = MarkerSet(TYPESTORE).message(plane_markers(place, [make_plane()]), STAMP)
+        message = MarkerSet(TYPESTORE).message(plane_markers(context, [make_plane()]), STAMP)
         return bytes(TYPESTORE.serialize("visualization_msgs/msg/MarkerArray", message))
 
     assert data() == data()

@@ -22,7 +22,7 @@ def random_rows(row, n):
 
 @pytest.mark.parametrize("row", [MAP_ROW, SURFACE_MAP_ROW, SURFACE_ROW, VIEW_ROW])
 @pytest.mark.parametrize("n", [0, 1, 5])
-def test_rows_survive_bit_for_bit(row, n):
+def test_rows_are_read_back_bit_for_bit(row, n):
     rows = random_rows(row, n)
     back = cloud_rows(cloud_message(TYPESTORE, 7, "map", rows), row)
     assert back.dtype == row
@@ -52,19 +52,19 @@ def organised(row, height, width, padding, big):
 
 
 @pytest.mark.parametrize("big", [False, True])
-def test_padding_lines_extra_fields_and_byte_order(big):
+def test_a_cloud_with_padding_lines_extra_fields_and_any_byte_order_is_read(big):
     rows = cloud_rows(organised(SURFACE_ROW, 3, 4, 5, big), SURFACE_ROW)
     assert rows["x"].tolist() == list(range(12))
     assert rows["surface"].tolist() == [k + 30 for k in range(12)]
 
 
-def test_missing_field_is_named():
+def test_a_missing_field_is_an_error_that_names_it():
     message = cloud_message(TYPESTORE, 0, "map", np.zeros(2, VIEW_ROW))
     with pytest.raises(MessageError, match="no field 'z'"):
         cloud_rows(message, SURFACE_ROW)
 
 
-def test_field_of_another_type_is_named():
+def test_a_field_of_another_type_is_an_error_that_names_it():
     message = cloud_message(TYPESTORE, 0, "map", np.zeros(2, SURFACE_ROW))
     message.fields[3].datatype = 7
     with pytest.raises(MessageError, match="'surface' is f4, expected u4"):
@@ -76,7 +76,7 @@ sizes = st.one_of(st.integers(0, 40), st.sampled_from([2**31, 2**32 - 1]))
 
 @settings(max_examples=150, deadline=None)
 @given(width=sizes, height=sizes, step=sizes, line=sizes, offset=sizes, n=st.integers(0, 64))
-def test_sizes_that_lie_are_refused_without_allocating(width, height, step, line, offset, n):
+def test_contradicting_sizes_are_refused_without_allocation(width, height, step, line, offset, n):
     message = cloud_message(TYPESTORE, 0, "map", np.zeros(2, SURFACE_ROW))
     message.width, message.height = width, height
     message.point_step, message.row_step = step, line

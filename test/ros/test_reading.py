@@ -1,4 +1,4 @@
-"""What readers make of messages, and what they refuse."""
+"""Readers return records of messages, and refuse messages with unusable content."""
 
 import math
 from contextlib import suppress
@@ -45,7 +45,7 @@ from tccm_ros.sensors.laser_scan import scan_from_message
         {"range_max": math.nan},
     ],
 )
-def test_scan_that_no_processor_can_use_is_refused(changes):
+def test_a_scan_that_no_processor_can_use_is_refused(changes):
     message = scan_message(TYPESTORE, make_scan([1.0, 2.0]))
     for key, value in changes.items():
         setattr(message, key, value)
@@ -79,7 +79,7 @@ def test_quaternions_are_normalised():
     np.testing.assert_allclose(odometry_from_message(message).T_odom_base, np.eye(4))
 
 
-def test_slashes_before_frame_names_are_dropped():
+def test_slashes_before_frame_names_are_removed():
     message = transforms_message(
         TYPESTORE, [TransformSample(STAMP, "/base_link", "/laser", np.eye(4), False)]
     )
@@ -87,7 +87,7 @@ def test_slashes_before_frame_names_are_dropped():
     assert (sample.parent, sample.child) == ("base_link", "laser")
 
 
-def test_hand_over_with_points_that_are_not_finite_is_refused():
+def test_a_surface_message_with_points_that_are_not_finite_is_refused():
     points = np.array([[0, 0, np.nan]], np.float32)
     message = surface_cloud_message(
         TYPESTORE, SurfaceCloud(STAMP, "base", points, np.zeros(1, np.uint32))
@@ -107,7 +107,7 @@ def test_every_reader_refuses_or_reads_default_messages():
 
 @settings(max_examples=60, deadline=None)
 @given(data=st.binary(max_size=200), role=st.sampled_from(sorted(READERS)))
-def test_reader_never_fails_otherwise_than_by_message_error(data, role):
+def test_a_reader_of_random_bytes_raises_nothing_but_message_errors(data, role):
     """Whatever bytes deserialise to, the reader gives records or a MessageError."""
     reader = READERS[role]
     records = []

@@ -1,4 +1,4 @@
-"""What is written is read back as it was, in both families of messages."""
+"""Records are read back from their messages unchanged, in both families of message classes."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def bits(array):
     return np.ascontiguousarray(array).view(np.uint8).tolist()
 
 
-def test_scan_returns_as_it_went_with_every_special_range(types):
+def test_a_scan_with_every_special_range_is_read_back_bit_for_bit(types):
     scan = make_scan([1.5, np.inf, -np.inf, np.nan, 0.0, -0.0, 3e38])
     message = to_bag_message(
         types, "sensor_msgs/msg/LaserScan", scan_message(types, scan, scan_time=0.025)
@@ -65,11 +65,11 @@ def test_live_message_and_bag_message_give_the_same_scan(types):
     assert bits(live.ranges) == bits(scan.ranges)
 
 
-def test_empty_scan(types):
+def test_an_empty_scan_is_read_back(types):
     assert len(scan_from_message(scan_message(types, make_scan([]))).ranges) == 0
 
 
-def test_joint_sample_round_trip_and_unknown_positions(types):
+def test_a_joint_sample_is_read_back_without_unknown_positions(types):
     sample = JointSample(STAMP, ("wheel", "tilt", "neck"), np.array([1.0, np.nan, -0.25]))
     message = joint_sample_message(types, sample)
     message = to_bag_message(types, "sensor_msgs/msg/JointState", message)
@@ -79,7 +79,7 @@ def test_joint_sample_round_trip_and_unknown_positions(types):
     assert back.stamp_ns == STAMP
 
 
-def test_odometry_round_trip(types):
+def test_odometry_is_read_back(types):
     message = odometry_message(types, Odometry(STAMP, "odom", "base_link", T))
     back = odometry_from_message(to_bag_message(types, "nav_msgs/msg/Odometry", message))
     assert (back.stamp_ns, back.frame_id, back.child_frame_id) == (STAMP, "odom", "base_link")
@@ -93,7 +93,7 @@ def test_odometry_round_trip(types):
 @example(np.array([1.0, 0.0, 0.0, 0.0]))
 @example(np.array([0.0, 1.0, 0.0, 1e-9]))
 @example(np.array([0.0, 0.0, -1.0, 0.0]))
-def test_rotations_survive_as_quaternions(q):
+def test_rotations_are_read_back_from_quaternions(q):
     rotation = Rotation.from_quat(q).as_matrix()
     message = odometry_message(TYPESTORE, Odometry(0, "odom", "base", pose(rotation, np.zeros(3))))
     orientation = message.pose.pose.orientation
@@ -105,7 +105,7 @@ def test_rotations_survive_as_quaternions(q):
     np.testing.assert_allclose(back[:3, :3], rotation, atol=1e-12)
 
 
-def test_transforms_round_trip():
+def test_transforms_are_read_back():
     samples = [
         TransformSample(STAMP, "map", "odom", T, False),
         TransformSample(STAMP + 1, "base", "laser", np.eye(4), False),
@@ -120,7 +120,7 @@ def test_transforms_round_trip():
     np.testing.assert_allclose(back[0].T_parent_child, T, atol=1e-14)
 
 
-def test_robot_description_round_trip(types):
+def test_a_robot_description_is_read_back(types):
     urdf = RobotDescription('<robot name="Müller"/>')
     message = robot_description_message(types, urdf)
     message = to_bag_message(types, "std_msgs/msg/String", message)
@@ -135,7 +135,7 @@ finite32 = st.floats(width=32, allow_nan=False, allow_infinity=False)
     points=hnp.arrays(np.float32, st.tuples(st.integers(0, 20), st.just(3)), elements=finite32),
     seed=st.integers(0, 2**32 - 1),
 )
-def test_surface_cloud_round_trip_is_exact(points, seed):
+def test_a_surface_message_is_read_back_exactly(points, seed):
     surface = np.random.default_rng(seed).integers(0, 2**32, len(points)).astype(np.uint32)
     cloud = SurfaceCloud(STAMP, "base", points, surface)
     message = surface_cloud_message(TYPESTORE, cloud)
@@ -150,7 +150,7 @@ def test_surface_cloud_round_trip_is_exact(points, seed):
 
 
 @pytest.mark.parametrize("n", [0, 1, 7])
-def test_hand_over_is_the_same_for_both_families(types, n):
+def test_the_surface_message_has_the_same_bytes_in_both_families(types, n):
     rng = np.random.default_rng(1)
     points = rng.normal(size=(n, 3)).astype(np.float32)
     cloud = SurfaceCloud(STAMP, "base", points, np.arange(n, dtype=np.uint32) + 2**31)
@@ -164,19 +164,19 @@ def test_hand_over_is_the_same_for_both_families(types, n):
     assert (message.width, message.height, message.point_step) == (n, 1, 16)
 
 
-def test_view_round_trip_keeps_open_intervals(types):
+def test_a_view_is_read_back_with_its_open_intervals(types):
     intervals = np.array([[0.05, 0.15, -np.inf, 1.0], [0.05, 0.25, 0.1, np.inf]], np.float32)
     message = view_message(types, ViewIntervals(STAMP, "base", intervals))
     back = view_from_message(to_bag_message(types, "sensor_msgs/msg/PointCloud2", message))
     assert bits(back.intervals) == bits(intervals)
 
 
-def test_stamp_beyond_a_message_is_refused():
+def test_a_stamp_that_does_not_fit_a_message_is_refused():
     scan = Scan(2**31 * 10**9, "laser", 0.0, 0.1, 0.0, 0.0, 1.0, np.zeros(1, np.float32))
     with pytest.raises(MessageError, match="stamp"):
         scan_message(TYPESTORE, scan)
 
 
-def test_negative_stamps_round_trip():
+def test_negative_stamps_are_read_back():
     scan = Scan(-1, "laser", 0.0, 0.1, 0.0, 0.0, 1.0, np.zeros(1, np.float32))
     assert scan_from_message(scan_message(TYPESTORE, scan)).stamp_ns == -1

@@ -24,7 +24,7 @@ from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.results.exports import cuboids_archive
 from tccm_ros.robot import MountKind, Robot, Stream
 from tccm_ros.ros import READERS, joint_sample_message, odometry_message, robot_description_message
-from tccm_ros.ros.markers import Place, cuboid_markers
+from tccm_ros.ros.markers import MessageContext, cuboid_markers
 from tccm_ros.ros.types import header_message
 from tccm_ros.sensors.registry import default_streams
 
@@ -147,6 +147,6 @@ def test_what_it_mapped_is_drawn_saved_loaded_and_drawn_again(mapped, tmp_path):
 def draw(ix, iy, top, bottom):
     """Return the points of the markers of cuboids."""
     tops, cell = np.column_stack([(ix + 0.5) * 0.02, (iy + 0.5) * 0.02, top]), 0.02
-    place = Place(TYPESTORE, START, "odom")
+    place = MessageContext(TYPESTORE, START, "odom")
     markers = cuboid_markers(place, tops, top - bottom, cell, 0.03, np.zeros(len(ix)))
     return [tuple(point) for marker in markers for point in np.asarray(marker.points)]

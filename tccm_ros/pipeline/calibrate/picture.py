@@ -13,7 +13,7 @@ from tccm_ros.pipeline.calibrate.calibration import Calibration
 from tccm_ros.pipeline.calibrate.model import RigValues
 from tccm_ros.pipeline.calibrate.quality import HitMasks
 from tccm_ros.pipeline.calibrate.room import hits_of_bag
-from tccm_ros.pipeline.report.figure import canvas, png
+from tccm_ros.pipeline.report.drawing import canvas, png
 
 __all__ = ["write_picture"]
 

@@ -1,4 +1,4 @@
-"""A pinhole camera for pictures in perspective."""
+"""Pinhole camera for pictures in perspective."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ __all__ = ["Camera", "look_at"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
-    """Where it stands and how it looks.
+    """Pose of a pinhole camera.
 
     Attributes
     ----------
     eye
-        float64 (3,), in map, m.
+        float64 (3,), its centre in map, m.
     R_camera_map
         float64 (3, 3): rows are the directions right, up and back in map.
     """
@@ -35,7 +35,7 @@ class Camera:
         return seen[..., :2] / np.maximum(-seen[..., 2:], 1e-6)
 
     def distance(self, points: Float64) -> float:
-        """Return the distance of the middle of points (N, 3) from the eye, m."""
+        """Return the distance of the mean of points (N, 3) from the camera, m."""
         return float(np.linalg.norm(points.mean(axis=0) - self.eye))
 
 

@@ -1,20 +1,20 @@
-"""What differs between two maps of one place: surfaces that came, went or moved; walls; paths.
+"""Compare two maps of the same rooms: surfaces that came, went or moved, walls and paths.
 
-Two replays of a bag, or a map and its continuation, are in one frame. Other recordings begin
-elsewhere: there the second map is laid over the first by what both have.
+Two replays of a bag, or a map and its continuation, have one frame. Other recordings have frames of
+their own: there the second map is laid over the first by the surfaces and walls that both have.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from tccm_ros.errors import MapError
-from tccm_ros.pipeline.report.align import describe, find_alignment, moved_results
+from tccm_ros.pipeline.report.align import find_alignment, moved_results, pose_text
 from tccm_ros.pipeline.report.changes import Change, Item, Kind, surface_changes, wall_changes
 from tccm_ros.results.folder_reader import Results, load_results
 from tccm_ros.results.models import SurfaceEntry, WallEntry
@@ -22,8 +22,8 @@ from tccm_ros.results.trajectory import Trajectory
 
 __all__ = ["Comparison", "PathDifference", "compare", "compare_results"]
 
-STAMP_GAP = 0.05
-"""Poses of two trajectories this near in time belong together, s."""
+MAX_STAMP_DIFFERENCE_S = 0.05
+"""Poses of two trajectories this near in time are compared, s; chosen: a scan of 20 Hz."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +35,9 @@ class PathDifference:
     length_before, length_after
         Path lengths, m.
     poses
-        Poses that both trajectories have.
+        Number of poses at stamps of both trajectories.
     rms, largest
-        m; None where there are none.
+        Of the distances, m; None where there are no such poses.
     """
 
     length_before: float
@@ -49,17 +49,17 @@ class PathDifference:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """Two maps side by side.
+    """Differences between two maps.
 
     Attributes
     ----------
     before, after
         The maps, both in the first one's frame.
     surfaces, walls, path
-        What differs.
+        Their differences.
     laid_over
-        Planar pose (x, y, yaw) of the second map's frame in the first's, where it was found by
-        what both have; None where the frames are one.
+        Planar pose (x, y, yaw) of the second map's frame in the first's, m and rad, where it was
+        found by `find_alignment`; None where both have one frame.
     """
 
     before: Results
@@ -77,16 +77,18 @@ class Comparison:
     def surface_rows(self) -> Iterator[tuple[str, ...]]:
         """Yield kind, label, ids, heights over the floor, areas and shift of each surface."""
         for change in self.surfaces:
-            a, b = change.before, change.after
+            sides = ((change.before, self.before.ground), (change.after, self.after.ground))
+            found = [(surface, ground) for surface, ground in sides if surface is not None]
             shift = ""
-            if a is not None and b is not None:
-                shift = f"{np.linalg.norm(b.centroid[:2] - a.centroid[:2]):.3f}"
+            if change.before is not None and change.after is not None:
+                moved = change.after.centroid[:2] - change.before.centroid[:2]
+                shift = f"{np.linalg.norm(moved):.3f}"
             yield (
                 change.kind,
-                _both(a, b, lambda s: s.label),
-                _both(a, b, lambda s: str(s.id)),
-                _both_heights(a, b, self.before.ground, self.after.ground),
-                _both(a, b, lambda s: f"{s.area:.2f}"),
+                _old_and_new([s.label for s, _ in found]),
+                _old_and_new([str(s.id) for s, _ in found]),
+                _old_and_new([f"{s.height - ground:.3f}" for s, ground in found]),
+                _old_and_new([f"{s.area:.2f}" for s, _ in found]),
                 shift,
             )
 
@@ -100,7 +102,7 @@ class Comparison:
         lines.append(f"walls: {self.counts(self.walls)}")
         lines.append(f"paths: {self.path_text()}")
         if self.laid_over is not None:
-            lines.append(f"the second map was laid over the first: {describe(self.laid_over)}")
+            lines.append(f"the second map was laid over the first: {pose_text(self.laid_over)}")
         return "\n".join(lines)
 
     def path_text(self) -> str:
@@ -109,41 +111,30 @@ class Comparison:
         text = f"{path.length_before:.2f} m and {path.length_after:.2f} m"
         if path.rms is None:
             return text + ", at different times"
-        apart = f"{path.rms:.3f} m apart (rms of {path.poses}), {path.largest:.3f} m at most"
-        return f"{text}, {apart}"
+        distance = f"distance {path.rms:.3f} m rms of {path.poses} poses, {path.largest:.3f} m max"
+        return f"{text}, {distance}"
 
 
-def _both(
-    a: SurfaceEntry | None, b: SurfaceEntry | None, show: Callable[[SurfaceEntry], str]
-) -> str:
-    """Return a value, or ``old -> new`` where it differs."""
-    shown = [show(s) for s in (a, b) if s is not None]
-    return shown[0] if len(set(shown)) == 1 else " -> ".join(shown)
-
-
-def _both_heights(
-    a: SurfaceEntry | None, b: SurfaceEntry | None, ground_a: float, ground_b: float
-) -> str:
-    heights = [s.height - g for s, g in ((a, ground_a), (b, ground_b)) if s is not None]
-    shown = [f"{height:.3f}" for height in heights]
+def _old_and_new(shown: Sequence[str]) -> str:
+    """Return the value of one or two maps, ``old -> new`` where they differ."""
     return shown[0] if len(set(shown)) == 1 else " -> ".join(shown)
 
 
 def compare(folder_a: Path | str, folder_b: Path | str, *, lay_over: bool = False) -> Comparison:
-    """Compare two result folders, the first as it was and the second as it is.
+    """Compare two result folders, the first with the older map.
 
     Parameters
     ----------
     folder_a, folder_b
         What ``tccm replay --out`` wrote.
     lay_over
-        Whether the second map has another frame and is laid over the first.
+        Whether the second map has another frame and is moved into the first's.
 
     Raises
     ------
     MapError
-        If a folder or one of its files is missing or damaged, or if too little is in both maps
-        to lay one over the other.
+        If a folder or one of its files is missing or damaged, or if too few surfaces and walls are
+        in both maps.
     """
     before, after = load_results(folder_a), load_results(folder_b)
     if not lay_over:
@@ -151,8 +142,8 @@ def compare(folder_a: Path | str, folder_b: Path | str, *, lay_over: bool = Fals
     pose = find_alignment(before, after)
     if pose is None:
         raise MapError(
-            f"{folder_b}: too few surfaces and walls of {folder_a} are found again; "
-            "are these maps of one place?"
+            f"{folder_b}: too few surfaces and walls match those of {folder_a}; "
+            "expected two maps of the same rooms"
         )
     comparison = compare_results(before, moved_results(after, pose))
     x, y, yaw = (round(float(value), 6) for value in pose)
@@ -175,9 +166,9 @@ def _path_difference(before: Trajectory, after: Trajectory) -> PathDifference:
     if len(before.stamps) == 0 or len(after.stamps) == 0:
         return PathDifference(*lengths, 0, None, None)
     at = before.nearest(after.stamps)
-    near = np.abs(before.stamps[at] - after.stamps) <= STAMP_GAP
+    near = np.abs(before.stamps[at] - after.stamps) <= MAX_STAMP_DIFFERENCE_S
     if not near.any():
         return PathDifference(*lengths, 0, None, None)
-    apart = np.linalg.norm((before.positions[at] - after.positions)[near, :2], axis=1)
-    rms = float(np.sqrt(np.mean(apart**2)))
-    return PathDifference(*lengths, int(near.sum()), rms, float(apart.max()))
+    distances = np.linalg.norm((before.positions[at] - after.positions)[near, :2], axis=1)
+    rms = float(np.sqrt(np.mean(distances**2)))
+    return PathDifference(*lengths, int(near.sum()), rms, float(distances.max()))

@@ -1,4 +1,4 @@
-"""Two maps side by side, as a picture and as a page."""
+"""Draw the comparison of two maps as a picture and as a page."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from matplotlib.patches import Patch
 from tccm_ros.arrays import Float64
 from tccm_ros.atomic import output_file
 from tccm_ros.pipeline.report import palette
-from tccm_ros.pipeline.report.align import describe
+from tccm_ros.pipeline.report.align import pose_text
 from tccm_ros.pipeline.report.changes import Kind
 from tccm_ros.pipeline.report.compare import Comparison
-from tccm_ros.pipeline.report.figure import (
+from tccm_ros.pipeline.report.drawing import (
     canvas,
     draw_labels,
     png,
@@ -41,21 +41,25 @@ COLORS: dict[Kind, str] = {
     Kind.CAME: "#009e73",
     Kind.WENT: "#d55e00",
 }
-"""Colours of changes, distinct for colour-blind readers; what went is hatched as well."""
+"""Colours of changes, distinct for colour-blind readers; surfaces that went are hatched as well."""
 
-WIDTH = 12.0
-HEIGHTS = (3.0, 10.0)
-TITLE = 0.35
-LEGEND = 0.42
+WIDTH_IN = 12.0
+"""Width of the picture, inches."""
+
+HEIGHTS_IN = (3.0, 10.0)
+"""Limits of the height of the maps, inches."""
+
+TITLE_IN, LEGEND_IN = 0.35, 0.42
+"""Heights of title and legend, inches."""
 
 
 def write_comparison(comparison: Comparison, folder: Path | str) -> tuple[Path, Path]:
-    """Write compare.png and compare.html into a folder, made if needed, and return their paths.
+    """Write compare.png and compare.html into a folder, created if needed; return their paths.
 
     Raises
     ------
     OutputError
-        If one cannot be written.
+        If a file cannot be written.
     """
     picture, page = Path(folder) / "compare.png", Path(folder) / "compare.html"
     drawn = comparison_png(comparison)
@@ -70,17 +74,19 @@ def comparison_png(comparison: Comparison) -> bytes:
     """Draw both maps with the same limits as a PNG file, the same bytes for the same maps."""
     corners = [extent(comparison.before), extent(comparison.after)]
     low, high = np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)
-    scale = WIDTH / 2.0 / (high[0] - low[0])
-    maps = float(np.clip((high[1] - low[1]) * scale, *HEIGHTS))
-    height = maps + TITLE + LEGEND
-    with canvas(WIDTH, height) as (figure, left):
+    scale = WIDTH_IN / 2.0 / (high[0] - low[0])
+    maps = float(np.clip((high[1] - low[1]) * scale, *HEIGHTS_IN))
+    height = maps + TITLE_IN + LEGEND_IN
+    with canvas(WIDTH_IN, height) as (figure, left):
         right = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         sides = ((left, comparison.before, "before"), (right, comparison.after, "after"))
         for index, (axes, results, title) in enumerate(sides):
             axes.set_axis_off()
-            axes.set_position((index * 0.5, LEGEND / height, 0.5, maps / height))
+            axes.set_position((index * 0.5, LEGEND_IN / height, 0.5, maps / height))
             middle = index * 0.5 + 0.25
-            figure.text(middle, 1.0 - TITLE / height / 2, title, ha="center", va="center", size=11)
+            figure.text(
+                middle, 1.0 - TITLE_IN / height / 2, title, ha="center", va="center", size=11
+            )
             _draw_side(axes, comparison, results, (low, high))
         figure.legend(handles=_legend(), loc="lower center", ncols=5, frameon=False)
         return png(figure)
@@ -151,10 +157,10 @@ def _legend() -> Sequence[Patch | Line2D]:
     return [*changes, Line2D([], [], color=palette.WALL, lw=3, label="wall")]
 
 
-def _laid_over(comparison: Comparison) -> str:
+def _alignment_html(comparison: Comparison) -> str:
     if comparison.laid_over is None:
         return ""
-    return f"\n<p>the second map was laid over the first: {describe(comparison.laid_over)}</p>"
+    return f"\n<p>the second map was laid over the first: {pose_text(comparison.laid_over)}</p>"
 
 
 def _page(comparison: Comparison, drawn: bytes) -> str:
@@ -178,7 +184,7 @@ def _page(comparison: Comparison, drawn: bytes) -> str:
 <header><h1>Two maps</h1>
 <p>surfaces: {escape(comparison.counts(comparison.surfaces))}</p>
 <p>walls: {escape(comparison.counts(comparison.walls))}</p>
-<p>paths: {escape(comparison.path_text())}</p>{_laid_over(comparison)}</header>
+<p>paths: {escape(comparison.path_text())}</p>{_alignment_html(comparison)}</header>
 <main>
 <section id="maps">
 <img alt="both maps" width="1150" src="data:image/png;base64,{content}">

@@ -1,4 +1,4 @@
-"""report.html: one file that opens anywhere, offline, and shows what was mapped."""
+"""Write report.html: the map in three dimensions, pictures and tables in one offline page."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from tccm_ros.results.folder_reader import Results, load_results
 __all__ = ["TIMING_END", "TIMING_START", "report_html", "write_page", "write_report"]
 
 SCRIPTS = ("math", "shaders", "draw", "camera", "scene", "hover", "main")
-"""The page's script, in the order in which its parts use each other."""
+"""Parts of the page's script, each after those that it uses."""
 
 TIMING_START = "<!-- timing: measured on the clock, differs between runs -->"
 TIMING_END = "<!-- end of timing -->"
-"""Between these, and nowhere else, two reports of the same input may differ."""
+"""Two reports of the same input may differ between these marks, and nowhere else."""
 
 LAYERS = {
     "surfaces": ("surfaces", True),
@@ -40,16 +40,16 @@ LAYERS = {
     "labels": ("labels", True),
     "objects": ("objects on surfaces", True),
     "free": ("free places", False),
-    "things": ("things on the floor", False),
+    "floor_objects": ("objects on the floor", False),
     "walls": ("walls", True),
     "path": ("path, 3D views", True),
     "cuboids": ("cuboids", True),
-    "planes": ("planes, level", True),
-    "upright": ("planes, other", False),
+    "planes": ("planes, horizontal", True),
+    "other_planes": ("planes, other", False),
     "cores": ("center cores", False),
     "floor": ("floor", True),
 }
-"""Layer -> its name on the page, and whether it shows at first."""
+"""Layer -> its name on the page, and whether it is visible at first."""
 
 
 def write_report(folder: Path | str, truth: Path | str | None = None) -> Path:
@@ -74,12 +74,21 @@ def write_report(folder: Path | str, truth: Path | str | None = None) -> Path:
 
 
 def write_page(results: Results, pictures: Pictures, folder: Path | str) -> Path:
-    """Write report.html, with pictures of the same results, into a folder; return its path.
+    """Write report.html into a folder and return its path.
+
+    Parameters
+    ----------
+    results
+        The map.
+    pictures
+        Of the same results.
+    folder
+        Where the page goes; created if needed.
 
     Raises
     ------
     OutputError
-        If it cannot be written.
+        If the page cannot be written.
     """
     path = Path(folder) / "report.html"
     with output_file(path) as made:
@@ -112,7 +121,7 @@ def _layer(name: str, shown: tuple[str, bool]) -> str:
 
 
 def _json(tree: Any) -> str:
-    """Return JSON that cannot end the element around it."""
+    """Return JSON without characters that could end the HTML element around it."""
     text = json.dumps(tree, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 

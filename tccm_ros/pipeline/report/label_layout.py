@@ -1,10 +1,10 @@
-"""Where to put the words of a picture, so that none covers another.
+"""Place the labels of a picture so that none covers another.
 
-This is our own because adjustText 1.4 was tried on map.png and map3d.png of bags/flat and was
-slower and worse. It stops on a clock by default (1 s), so that two runs drew different pictures;
-stopped after 200 steps instead, with the same points to keep clear of, it took minutes for
-map.png where `place_labels` takes 0.5 s (27 labels, 3,057 points), and names of shelves one above
-the other still covered each other: words with one anchor are not pushed apart.
+adjustText 1.4 was slower and worse on map.png and map3d.png of bags/flat. It stops after 1 s of
+clock time by default, so that two runs drew different pictures. With 200 iterations instead and the
+same obstacle points, it took minutes for map.png, where `place_labels` takes 0.5 s (27 labels,
+3,057 points), and the labels of shelves one above the other still covered each other: it does not
+separate labels with the same anchor.
 """
 
 from __future__ import annotations
@@ -22,40 +22,61 @@ from tccm_ros.results.models import SurfaceEntry
 __all__ = ["LabelRequest", "label_point", "place_labels"]
 
 DIRECTIONS = 16
+"""Candidates on each ring around an anchor; chosen."""
+
 RINGS = 14
-COVER_LABEL = 1e4
-"""Cost of covering a whole label: more than any other, so that it happens only when it must."""
+"""Rings of candidates; chosen."""
 
-COVER_POINT = 6.0
-"""Cost of covering one obstacle point."""
+RING_STEP = 0.7
+"""Distance between rings, in half sizes of the label; chosen."""
 
-OUTSIDE = 1e6
-MARGIN = 3.0
-"""Pixels left free around a label."""
+LABEL_COST = 1e4
+"""Cost of covering a whole label, pixels; chosen: only where there is no other candidate."""
 
-POLE_TOLERANCE = 0.01
-"""How exactly the innermost point of an outline is wanted, m."""
+POINT_COST = 6.0
+"""Cost of covering one obstacle point, pixels; chosen."""
+
+OUTSIDE_COST = 1e6
+"""Cost of leaving the picture, pixels; chosen: above all others."""
+
+MARGIN_PX = 3.0
+"""Free space around a label, pixels; chosen."""
+
+POLE_TOLERANCE_M = 0.01
+"""Tolerance of the innermost point of an outline, m; chosen."""
+
+MIN_CENTROID_ROOM = 0.6
+"""A label is at the centroid where that has this fraction of the innermost point's distance from
+the outline; chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelRequest:
-    """A label that wants to be at `anchor`, float64 (2,), with `size` (2,); pixels."""
+    """A label to be placed.
+
+    Attributes
+    ----------
+    anchor
+        float64 (2,), where its centre should be, pixels.
+    size
+        float64 (2,), width and height, pixels.
+    """
 
     anchor: Float64
     size: Float64
 
 
 def label_point(surface: SurfaceEntry) -> Float64:
-    """Return where a surface's name belongs, float64 (3,), m: its centroid, or well inside it."""
+    """Return the point of a surface's label, float64 (3,), m: the centroid or a point inside."""
     ring = Polygon(
         surface.boundary[:, :2], [hole[:, :2] for hole in surface.holes if len(hole) > 2]
     )
     if not ring.is_valid or ring.is_empty:
         return surface.centroid
-    inner = polylabel(ring, POLE_TOLERANCE)
+    inner = polylabel(ring, POLE_TOLERANCE_M)
     middle = Point(surface.centroid[:2])
     room = inner.distance(ring.boundary)
-    if ring.contains(middle) and middle.distance(ring.boundary) > 0.6 * room:
+    if ring.contains(middle) and middle.distance(ring.boundary) > MIN_CENTROID_ROOM * room:
         return surface.centroid
     return np.array([inner.x, inner.y, surface.centroid[2]])
 
@@ -65,16 +86,16 @@ def place_labels(
     canvas: Float64,
     obstacles: Float64,
 ) -> Float64:
-    """Place labels near their anchors, greedily in the order given.
+    """Place labels near their anchors, greedily in the given order.
 
     Parameters
     ----------
     requests
         The labels, the most important first.
     canvas
-        float64 (2, 2), lower and upper corner of where labels may be, pixels.
+        float64 (2, 2), lower and upper corner of the area for labels, pixels.
     obstacles
-        float64 (M, 2), points that labels should rather not cover (walls, outlines), pixels.
+        float64 (M, 2), points that labels should not cover (walls, outlines), pixels.
 
     Returns
     -------
@@ -87,9 +108,9 @@ def place_labels(
         candidates = _candidates(request)
         cost = np.hypot(*(candidates - request.anchor).T)
         boxes = np.stack([candidates, candidates], axis=1)
-        boxes += np.array([-0.5, 0.5])[:, None] * (request.size + 2 * MARGIN)
-        cost = cost + OUTSIDE * _outside(boxes, canvas) + COVER_LABEL * _overlap(boxes, placed)
-        cost = cost + COVER_POINT * _covered(boxes, obstacles)
+        boxes += np.array([-0.5, 0.5])[:, None] * (request.size + 2 * MARGIN_PX)
+        cost = cost + OUTSIDE_COST * _outside(boxes, canvas) + LABEL_COST * _overlap(boxes, placed)
+        cost = cost + POINT_COST * _covered(boxes, obstacles)
         best = int(np.argmin(np.round(cost, 6)))
         centers[index] = candidates[best]
         placed = np.concatenate([placed, boxes[best : best + 1]])
@@ -97,10 +118,10 @@ def place_labels(
 
 
 def _candidates(request: LabelRequest) -> Float64:
-    """Return the anchor, then rings of places around it, float64 (1 + rings * directions, 2)."""
-    turns = np.arange(DIRECTIONS) * (2.0 * np.pi / DIRECTIONS)
-    circle = np.stack([np.cos(turns), np.sin(turns)], axis=1) * (0.5 * request.size + MARGIN)
-    rings = np.arange(1, RINGS + 1)[:, None, None] * 0.7
+    """Return the anchor, then rings of points around it, float64 (1 + rings * directions, 2)."""
+    angles = np.arange(DIRECTIONS) * (2.0 * np.pi / DIRECTIONS)
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1) * (0.5 * request.size + MARGIN_PX)
+    rings = np.arange(1, RINGS + 1)[:, None, None] * RING_STEP
     return np.concatenate([request.anchor[None], (request.anchor + rings * circle).reshape(-1, 2)])
 
 
@@ -109,7 +130,7 @@ def _outside(boxes: Float64, canvas: Float64) -> Bool:
 
 
 def _overlap(boxes: Float64, placed: Float64) -> Float64:
-    """Return the share of each box that placed boxes cover, summed, float64 (K,)."""
+    """Return the fraction of each box that placed boxes cover, summed, float64 (K,)."""
     if len(placed) == 0:
         return np.zeros(len(boxes))
     low = np.maximum(boxes[:, None, 0], placed[None, :, 0])

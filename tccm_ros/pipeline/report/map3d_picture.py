@@ -1,7 +1,7 @@
-"""map3d.png: the map in perspective, as Fig. 8 of the surface mapping paper.
+"""Draw map3d.png: the map in perspective, as Fig. 8 of the surface mapping paper.
 
-Everything is a flat piece, projected once and painted from far to near, so that outlines with
-holes, text and lines keep the quality of the picture from above.
+The map is divided into flat polygons, projected and painted from far to near (painter's algorithm),
+so that outlines with holes, text and lines keep the quality of the picture from above.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.report import palette
 from tccm_ros.pipeline.report.camera import Camera, look_at
-from tccm_ros.pipeline.report.figure import (
+from tccm_ros.pipeline.report.drawing import (
     canvas,
     draw_labels,
     png,
@@ -31,30 +31,46 @@ from tccm_ros.results.models import ObjectEntry, SurfaceEntry, WallEntry
 
 __all__ = ["map3d_png", "view_camera"]
 
-WIDTH = 9.0
-HEIGHTS = (3.6, 8.0)
-WALL_HEIGHT = 0.9
-"""Walls are drawn this high, m: enough to read the rooms, low enough to see over."""
+WIDTH_IN = 9.0
+"""Width of the picture, inches."""
 
-WALL_PIECE = 0.5
-"""Walls are painted in pieces of this length, m, so that far and near are in order."""
+HEIGHTS_IN = (3.6, 8.0)
+"""Limits of its height, inches."""
 
-ELEVATION = np.deg2rad(38.0)
-AZIMUTHS = np.deg2rad([-66.0, 24.0])
-"""From where a map that is wide in x, and one that is wide in y, is looked at."""
+WALL_HEIGHT_M = 0.9
+"""Walls are drawn this high, m; chosen: rooms are recognised, and seen over the walls."""
 
-PAINT_STEP = 1e-3
-"""By how much what lies over something is nearer in the order of painting, m."""
+WALL_PIECE_M = 0.5
+"""Length of the pieces in which a wall is painted, m; chosen: far and near are in order."""
 
-DISTANCE = 1.9
-"""Camera distance in units of the map's larger side."""
+ELEVATION_RAD = np.deg2rad(38.0)
+"""Elevation of the camera, rad; chosen."""
+
+AZIMUTHS_RAD = np.deg2rad([-66.0, 24.0])
+"""Azimuths of the camera for a map that is longer in x, and one longer in y, rad; chosen."""
+
+PAINT_STEP_M = 1e-3
+"""Depth by which a body above another is painted nearer, m; chosen."""
+
+CAMERA_DISTANCE = 1.9
+"""Camera distance in units of the map's longer side; chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """A flat piece: rings float64 (N, 3) in map, or an open line where `is_line`.
+    """A flat polygon with holes, or an open line, to be painted.
 
-    Pieces of one `body` (an index of `_bodies`) are painted together, others by their own distance.
+    Attributes
+    ----------
+    rings
+        float64 (N, 3) each, in map, m: outline and holes, or the line.
+    style
+        Arguments of matplotlib.
+    is_line
+        Whether it is an open line.
+    body
+        Index within `_bodies`: pieces of one body are painted together; None for a piece that is
+        painted by its own distance.
     """
 
     rings: Sequence[Float64]
@@ -67,9 +83,9 @@ def map3d_png(results: Results) -> bytes:
     """Draw the map in perspective as a PNG file, the same bytes for the same results."""
     camera = view_camera(results)
     low, high = _picture_limits(results, camera)
-    scale = WIDTH / (high[0] - low[0])
-    height = float(np.clip((high[1] - low[1]) * scale, *HEIGHTS))
-    with canvas(WIDTH, height) as (figure, axes):
+    scale = WIDTH_IN / (high[0] - low[0])
+    height = float(np.clip((high[1] - low[1]) * scale, *HEIGHTS_IN))
+    with canvas(WIDTH_IN, height) as (figure, axes):
         show_extent(axes, low, high)
         for piece in _ground(results):
             _paint(axes, camera, piece, 1.0)
@@ -85,9 +101,9 @@ def view_camera(results: Results) -> Camera:
     """Return a camera that sees the whole map with its longer side across the picture."""
     low, high = extent(results)
     side = high - low
-    azimuth = AZIMUTHS[0] if side[0] >= side[1] else AZIMUTHS[1]
+    azimuth = AZIMUTHS_RAD[0] if side[0] >= side[1] else AZIMUTHS_RAD[1]
     target = np.array([*(0.5 * (low + high)), results.ground + 0.3])
-    return look_at(target, azimuth, ELEVATION, DISTANCE * float(side.max()))
+    return look_at(target, azimuth, ELEVATION_RAD, CAMERA_DISTANCE * float(side.max()))
 
 
 def _picture_limits(results: Results, camera: Camera) -> tuple[Float64, Float64]:
@@ -103,30 +119,30 @@ def _picture_limits(results: Results, camera: Camera) -> tuple[Float64, Float64]
 
 
 def _ground(results: Results) -> Iterator[Piece]:
-    """Give what lies on the floor: the floor, shadows of the surfaces, the path."""
+    """Yield the pieces on the floor: the floor, shadows of the surfaces, the path."""
     ground = results.ground
     for surface in results.surfaces:
         if surface.is_floor and len(surface.boundary) > 2:
             style = {"fc": palette.FLOOR, "ec": "#d4d9df", "lw": 0.8}
             yield Piece([_flat(ring, ground) for ring in _rings(surface)], style)
-    for surface in results.standing:
+    for surface in results.above_floor:
         if len(surface.boundary) > 2:
             shadow = {"fc": "#000000", "ec": "none", "alpha": 0.10}
             yield Piece([_flat(ring, ground) for ring in _rings(surface)], shadow)
     if len(results.trajectory.stamps) > 1:
         path = _flat(results.trajectory.positions, ground)
         yield Piece([path], {"color": palette.PATH, "lw": 1.2}, is_line=True)
-    for place in _view_places(results):
+    for position in _view_positions(results):
         style = {"color": palette.VIEW, "marker": "o", "ms": 3.6, "mec": "white", "mew": 0.6}
-        yield Piece([_flat(place[None], ground)], style, is_line=True)
+        yield Piece([_flat(position[None], ground)], style, is_line=True)
 
 
 def _pieces(results: Results) -> Iterator[Piece]:
-    """Give what stands on the floor, in no order."""
+    """Yield the pieces above the floor: walls, surfaces and objects, in no order."""
     for wall in results.walls:
         yield from _wall(wall, results.ground)
     colors = palette.surface_colors(results.surfaces)
-    surfaces = results.standing
+    surfaces = results.above_floor
     for body, surface in enumerate(surfaces):
         if len(surface.boundary) > 2:
             yield from _surface(surface, colors[surface.id], results.ground, body)
@@ -136,15 +152,15 @@ def _pieces(results: Results) -> Iterator[Piece]:
 
 def _bodies(results: Results) -> list[Float64]:
     """Return the outlines of the surfaces, then of the objects, float64 (N, 3) each."""
-    outlines = [surface.boundary for surface in results.standing]
+    outlines = [surface.boundary for surface in results.above_floor]
     return outlines + [_flat(box_corners(box), float(box.center[2])) for box in results.tabletop]
 
 
 def _body_depths(results: Results, camera: Camera) -> list[float]:
-    """Return how far each body is for the order of painting, m.
+    """Return the depth of each body for the order of painting, m.
 
-    Seen from above, what lies over something else must be painted after it, although its middle
-    may be farther away (a mug at the far end of a table).
+    A body above another must be painted after it although its middle may be farther away (a mug at
+    the far end of a table).
     """
     bodies = _bodies(results)
     depths = [camera.distance(body) if len(body) else 0.0 for body in bodies]
@@ -152,7 +168,7 @@ def _body_depths(results: Results, camera: Camera) -> list[float]:
     for rank, (_, upper) in enumerate(upwards):
         for _, lower in upwards[:rank]:
             if _overlap(bodies[upper][:, :2], bodies[lower][:, :2]):
-                depths[upper] = min(depths[upper], depths[lower] - PAINT_STEP)
+                depths[upper] = min(depths[upper], depths[lower] - PAINT_STEP_M)
     return depths
 
 
@@ -177,16 +193,18 @@ def _surface(surface: SurfaceEntry, color: str, ground: float, body: int) -> Ite
 
 
 def _corners(ring: Float64) -> Float64:
-    """Return the four corners that stand out in the diagonal directions, each once, (<= 4, 3)."""
+    """Return the extreme points of a ring in the diagonal directions, each once, (<= 4, 3)."""
     directions = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
     return ring[np.unique(np.argmax(ring[:, :2] @ directions.T, axis=0))]
 
 
 def _wall(wall: WallEntry, ground: float) -> Iterator[Piece]:
     start, end = wall.endpoints
-    count = max(int(np.ceil(np.hypot(*(end - start)) / WALL_PIECE)), 1)
+    count = max(int(np.ceil(np.hypot(*(end - start)) / WALL_PIECE_M)), 1)
     ends = start + np.linspace(0.0, 1.0, count + 1)[:, None] * (end - start)
-    low, high = (np.column_stack([ends, np.full(count + 1, ground + h)]) for h in (0, WALL_HEIGHT))
+    low, high = (
+        np.column_stack([ends, np.full(count + 1, ground + h)]) for h in (0, WALL_HEIGHT_M)
+    )
     for i in range(count):
         panel = np.stack([low[i], low[i + 1], high[i + 1], high[i]])
         yield Piece([panel], {"fc": palette.WALL, "ec": "none", "alpha": 0.20})
@@ -212,7 +230,7 @@ def _flat(points: Float64, z: float) -> Float64:
     return np.column_stack([points[:, :2], np.full(len(points), z)])
 
 
-def _view_places(results: Results) -> Float64:
+def _view_positions(results: Results) -> Float64:
     path = results.trajectory
     if len(path.stamps) == 0:
         return np.zeros((0, 3))
@@ -229,7 +247,7 @@ def _paint(axes: Axes, camera: Camera, piece: Piece, zorder: float) -> None:
 
 def _label(axes: Axes, camera: Camera, results: Results) -> None:
     colors = palette.surface_colors(results.surfaces)
-    standing = sorted(results.standing, key=lambda s: (-s.area, s.id))
+    standing = sorted(results.above_floor, key=lambda s: (-s.area, s.id))
     to_pixels = axes.transData.transform
     outlines = [sample_ring(to_pixels(camera.project(s.boundary))) for s in standing]
     draw_labels(

@@ -1,4 +1,4 @@
-"""map.png: the map from above, as Fig. 7 of the surface mapping paper."""
+"""Draw map.png: the map from above, as Fig. 7 of the surface mapping paper."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.patheffects import withStroke
 
 from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.report import palette
-from tccm_ros.pipeline.report.figure import (
+from tccm_ros.pipeline.report.drawing import (
     canvas,
     draw_labels,
     png,
@@ -26,23 +26,32 @@ from tccm_ros.results.models import LandmarkEntry, ObjectEntry, SurfaceEntry
 
 __all__ = ["box_corners", "draw_map", "extent", "map_png"]
 
-WIDTH = 9.0
-"""Inches; the height follows the map."""
+WIDTH_IN = 9.0
+"""Width of the picture, inches; the height follows the map."""
 
-HEIGHTS = (3.6, 12.0)
-LEGEND_HEIGHT = 0.42
+HEIGHTS_IN = (3.6, 12.0)
+"""Limits of the height of the map, inches."""
+
+LEGEND_IN = 0.42
+"""Height of the legend, inches."""
+
 MARGIN_M = 0.35
-SCALE_BARS = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
-HEADING_M = 0.16
+"""Margin around the map, m."""
+
+SCALE_BARS_M = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+"""Lengths of the scale bar, m."""
+
+YAW_ARROW_M = 0.16
+"""Length of the arrow of a view's yaw, m."""
 
 
 def map_png(results: Results) -> bytes:
     """Draw the map from above as a PNG file, the same bytes for the same results."""
     low, high = extent(results)
-    scale = WIDTH / (high[0] - low[0])
-    height = float(np.clip((high[1] - low[1]) * scale, *HEIGHTS)) + LEGEND_HEIGHT
-    with canvas(WIDTH, height) as (figure, axes):
-        axes.set_position((0.0, LEGEND_HEIGHT / height, 1.0, 1.0 - LEGEND_HEIGHT / height))
+    scale = WIDTH_IN / (high[0] - low[0])
+    height = float(np.clip((high[1] - low[1]) * scale, *HEIGHTS_IN)) + LEGEND_IN
+    with canvas(WIDTH_IN, height) as (figure, axes):
+        axes.set_position((0.0, LEGEND_IN / height, 1.0, 1.0 - LEGEND_IN / height))
         figure.patch.set_facecolor("white")
         draw_map(axes, results, low, high)
         handles = _legend(results)
@@ -55,11 +64,11 @@ def map_png(results: Results) -> bytes:
 
 
 def extent(results: Results) -> tuple[Float64, Float64]:
-    """Return the corners of what is worth drawing, with a margin, float64 (2,) each, m."""
+    """Return the corners of surfaces, walls, landmarks and path with a margin, float64 (2,), m."""
     shown = [s.boundary[:, :2] for s in results.surfaces]
     shown += [s.boundary[:, :2] for s in results.truth]
     shown += [wall.endpoints for wall in results.walls]
-    shown += [mark.position[None, :2] for mark in results.graph.landmarks]
+    shown += [landmark.position[None, :2] for landmark in results.graph.landmarks]
     shown.append(results.trajectory.positions[:, :2])
     points = np.concatenate(shown)
     if len(points) == 0:
@@ -71,23 +80,33 @@ def extent(results: Results) -> tuple[Float64, Float64]:
 
 
 def draw_map(axes: Axes, results: Results, low: Float64, high: Float64) -> None:
-    """Draw the map between two corners in map (m) into frameless axes."""
+    """Draw the map into frameless axes.
+
+    Parameters
+    ----------
+    axes
+        With its final size.
+    results
+        The map.
+    low, high
+        float64 (2,), corners of the drawn rectangle in map, m.
+    """
     show_extent(axes, low, high)
     colors = palette.surface_colors(results.surfaces)
     for surface in sorted(results.surfaces, key=lambda s: (s.height, s.id)):
         _draw_surface(axes, surface, colors[surface.id])
-    for known in results.truth:
-        axes.add_patch(polygon([known.boundary[:, :2]], fill=False, ec=palette.TRUTH,
+    for true in results.truth:
+        axes.add_patch(polygon([true.boundary[:, :2]], fill=False, ec=palette.TRUTH,
                                lw=0.9, ls=(0, (4, 3)), zorder=6))  # fmt: skip
     for box in results.tabletop:
         _draw_object(axes, box)
     for wall in results.walls:
         axes.plot(*wall.endpoints.T, color=palette.WALL, lw=4.0, solid_capstyle="round", zorder=8)
     _draw_path(axes, results)
-    for mark in results.graph.landmarks:
-        _draw_landmark(axes, mark)
+    for landmark in results.graph.landmarks:
+        _draw_landmark(axes, landmark)
     _draw_scale_bar(axes)
-    standing = sorted(results.standing, key=lambda s: (-s.area, s.id))
+    standing = sorted(results.above_floor, key=lambda s: (-s.area, s.id))
     draw_labels(
         axes,
         [f"{s.label}\n{s.height - results.ground:.2f} m" for s in standing],
@@ -112,13 +131,13 @@ def _draw_surface(axes: Axes, surface: SurfaceEntry, color: str) -> None:
     if surface.is_floor:
         axes.add_patch(polygon(rings, fc=color, ec="none", zorder=1))
         return
-    # Lower surfaces first and all half open, so that shelves one above the other all show.
+    # Lower surfaces first and half transparent, so that shelves one above the other are visible.
     axes.add_patch(polygon(rings, fc=color, ec="none", alpha=0.62, zorder=3))
     axes.add_patch(polygon(rings, fill=False, ec=color, lw=1.6, zorder=4))
 
 
 def _draw_object(axes: Axes, box: ObjectEntry) -> None:
-    """Draw an object's box half open: what it stands on should show."""
+    """Draw an object's box half transparent: the surface below stays visible."""
     corners = box_corners(box)
     axes.add_patch(polygon([corners], fc=palette.OBJECT, ec="none", alpha=0.35, zorder=5))
     axes.add_patch(polygon([corners], fill=False, ec=palette.OBJECT, lw=0.9, zorder=7))
@@ -131,20 +150,20 @@ def _draw_path(axes: Axes, results: Results) -> None:
     axes.plot(*path.positions[:, :2].T, color=palette.PATH, lw=1.1, zorder=9)
     axes.plot(*path.positions[0, :2], "s", ms=5, color=palette.PATH, mec="white", zorder=10)
     at = path.nearest(results.view_stamps())
-    places = path.T_map_base[np.unique(at)]
-    if len(places):
-        x, y, dx, dy = places[:, 0, 3], places[:, 1, 3], places[:, 0, 0], places[:, 1, 0]
+    poses = path.T_map_base[np.unique(at)]
+    if len(poses):
+        x, y, dx, dy = poses[:, 0, 3], poses[:, 1, 3], poses[:, 0, 0], poses[:, 1, 0]
         axes.quiver(x, y, dx, dy, color=palette.VIEW, angles="xy", scale_units="xy", width=0.0022,
-                    scale=1.0 / HEADING_M, headwidth=4, headlength=4, zorder=10)  # fmt: skip
+                    scale=1.0 / YAW_ARROW_M, headwidth=4, headlength=4, zorder=10)  # fmt: skip
         axes.plot(x, y, "o", ms=3.6, color=palette.VIEW, mec="white", mew=0.6, zorder=11)
 
 
-def _draw_landmark(axes: Axes, mark: LandmarkEntry) -> None:
+def _draw_landmark(axes: Axes, landmark: LandmarkEntry) -> None:
     """Draw a diamond and the landmark's name: there is no symbol for each kind."""
-    x, y = mark.position[:2]
+    x, y = landmark.position[:2]
     axes.plot(x, y, "D", ms=5, color=palette.LANDMARK, mec="white", zorder=12)
     axes.annotate(
-        f"{mark.kind} {mark.id}", (x, y), (5, 5), textcoords="offset points",
+        f"{landmark.kind} {landmark.id}", (x, y), (5, 5), textcoords="offset points",
         color=palette.LANDMARK, zorder=15,
         path_effects=[withStroke(linewidth=2.5, foreground="white")],
     )  # fmt: skip
@@ -154,11 +173,11 @@ def _draw_scale_bar(axes: Axes) -> None:
     x0, x1 = axes.get_xlim()
     y0, y1 = axes.get_ylim()
     width, height = x1 - x0, y1 - y0
-    length = max((bar for bar in SCALE_BARS if bar <= 0.22 * width), default=SCALE_BARS[0])
+    length = max((bar for bar in SCALE_BARS_M if bar <= 0.22 * width), default=SCALE_BARS_M[0])
     left, bottom = x0 + 0.02 * width, y0 + 0.012 * width
     thick = 0.006 * width
-    for part, color in ((0, palette.VIEW), (1, "white")):
-        axes.add_patch(Rectangle((left + part * length / 2, bottom), length / 2, thick,
+    for index, color in ((0, palette.VIEW), (1, "white")):
+        axes.add_patch(Rectangle((left + index * length / 2, bottom), length / 2, thick,
                                  fc=color, ec=palette.VIEW, lw=0.8, zorder=15))  # fmt: skip
     axes.text(left + length / 2, bottom + thick + 0.004 * max(width, height), f"{length:g} m",
               ha="center", va="bottom", zorder=15, color=palette.VIEW,
@@ -169,14 +188,14 @@ def _obstacles(axes: Axes, results: Results) -> Float64:
     """Return points along walls and outlines that labels should not cover, pixels."""
     to_pixels = axes.transData.transform
     lines = [sample_ring(to_pixels(w.endpoints), closed=False) for w in results.walls]
-    lines += [sample_ring(to_pixels(s.boundary[:, :2])) for s in results.standing]
+    lines += [sample_ring(to_pixels(s.boundary[:, :2])) for s in results.above_floor]
     lines += [to_pixels(box_corners(box)) for box in results.tabletop]
     return np.concatenate([np.zeros((0, 2)), *lines])
 
 
 def _legend(results: Results) -> Sequence[Line2D | Patch]:
     handles: list[Line2D | Patch] = []
-    if results.standing:
+    if results.above_floor:
         handles.append(Patch(fc=palette.PALETTE[0], alpha=0.62, label="surface, height over floor"))
     if any(s.is_floor for s in results.surfaces):
         handles.append(Patch(fc=palette.FLOOR, ec="#c9ced4", lw=0.6, label="floor seen"))

@@ -47,10 +47,10 @@ LANDMARK = "#a0257a"
 
 
 def surface_colors(surfaces: Sequence[SurfaceEntry]) -> dict[int, str]:
-    """Give every surface a colour of `PALETTE` so that equal colours lie far apart.
+    """Assign every surface a colour of `PALETTE`: surfaces of equal colour are far from each other.
 
-    In the order of ids each surface takes the colour whose nearest bearer is farthest from it,
-    the first of the palette among equals; the floor is pale.
+    In the order of ids, each surface gets the colour whose nearest surface is farthest from it, the
+    first of the palette among equals; the floor is pale.
 
     Parameters
     ----------
@@ -63,17 +63,17 @@ def surface_colors(surfaces: Sequence[SurfaceEntry]) -> dict[int, str]:
         Surface id -> ``#rrggbb``.
     """
     colors: dict[int, str] = {}
-    bearers: dict[str, list[Float64]] = {color: [] for color in PALETTE}
+    centroids: dict[str, list[Float64]] = {color: [] for color in PALETTE}
     for surface in sorted(surfaces, key=lambda s: s.id):
         if surface.is_floor:
             colors[surface.id] = FLOOR
             continue
-        distance = {c: _nearest(surface.centroid, seen) for c, seen in bearers.items()}
+        distance = {c: _min_distance(surface.centroid, seen) for c, seen in centroids.items()}
         best = max(PALETTE, key=lambda color: distance[color])
-        bearers[best].append(surface.centroid)
+        centroids[best].append(surface.centroid)
         colors[surface.id] = best
     return colors
 
 
-def _nearest(place: Float64, others: Sequence[Float64]) -> float:
-    return min((float(np.linalg.norm(place - other)) for other in others), default=np.inf)
+def _min_distance(point: Float64, others: Sequence[Float64]) -> float:
+    return min((float(np.linalg.norm(point - other)) for other in others), default=np.inf)

@@ -1,4 +1,4 @@
-"""The two pictures of a result folder."""
+"""Draw and write map.png and map3d.png of a result folder."""
 
 from __future__ import annotations
 
@@ -14,7 +14,15 @@ __all__ = ["Pictures", "draw_pictures", "write_pictures"]
 
 
 class Pictures(NamedTuple):
-    """PNG files: the map from above, and in perspective."""
+    """Pictures of a map as PNG files.
+
+    Attributes
+    ----------
+    above
+        The map from above (map.png).
+    perspective
+        The map in perspective (map3d.png).
+    """
 
     above: bytes
     perspective: bytes

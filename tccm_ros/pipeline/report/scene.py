@@ -1,4 +1,4 @@
-"""What the page's three-dimensional view shows, as plain values and packed arrays."""
+"""Data of the report's three-dimensional view, as JSON values and packed arrays."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float64
 from tccm_ros.outlines.triangulation import fill_outline
 from tccm_ros.pipeline.report import palette
+from tccm_ros.pipeline.report.array_pack import ArrayPack, differences
 from tccm_ros.pipeline.report.label_layout import label_point
 from tccm_ros.pipeline.report.map_picture import box_corners, extent
-from tccm_ros.pipeline.report.pack import ArrayPack, differences
 from tccm_ros.results.cuboids_file import FinalCuboids
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import CycleEntry, ObjectEntry, PlaneEntry, SurfaceEntry
@@ -21,19 +21,19 @@ from tccm_ros.results.models import CycleEntry, ObjectEntry, PlaneEntry, Surface
 __all__ = ["build_scene"]
 
 MAX_CUBOIDS = 400_000
-"""Of a larger final map the newest cuboids are shown."""
+"""Of a larger final map only the newest cuboids are shown; chosen: smooth in a browser."""
 
-FINE_UNIT = 1e-3
-"""Heights of the final map's cuboids, and center cores, are shown to this, m ..."""
+MIN_UNIT_M = 1e-3
+"""Unit of the heights of cuboids and of center cores, m; chosen."""
 
-LARGEST = 32_000
-"""... or coarser where a map reaches further than so many units."""
+MAX_UNITS = 32_000
+"""Largest number of units in an int16; the unit is larger where a map extends farther."""
 
-CORE_POINTS = 3
-"""A center core needs as many points."""
+MIN_CORE_POINTS = 3
+"""Smallest number of points of a center core; chosen."""
 
-UNIFORM_HALF = 3.0**0.5
-"""Half the length of an evenly covered line, in standard deviations."""
+HALF_LENGTH_PER_STD = 3.0**0.5
+"""Half the length of a uniformly covered line, in standard deviations of its points."""
 
 
 def build_scene(results: Results) -> tuple[dict[str, Any], ArrayPack]:
@@ -45,6 +45,8 @@ def build_scene(results: Results) -> tuple[dict[str, Any], ArrayPack]:
     frame = np.eye(4)
     if results.cycles is not None and len(results.cycles):
         frame = results.cycles.T_map_odom[-1]
+    # Transparent surfaces are painted from low to high.
+    by_height = sorted(results.surfaces, key=lambda s: (s.height, s.id))
     scene = {
         "ground": _round(results.ground),
         "start": results.start,
@@ -56,7 +58,7 @@ def build_scene(results: Results) -> tuple[dict[str, Any], ArrayPack]:
             "view": palette.VIEW,
             "object": palette.OBJECT,
         },
-        "surfaces": [_surface(pack, s, colors[s.id], results.ground) for s in _upwards(results)],
+        "surfaces": [_surface(pack, s, colors[s.id], results.ground) for s in by_height],
         "walls": [
             {
                 "id": wall.id,
@@ -67,10 +69,10 @@ def build_scene(results: Results) -> tuple[dict[str, Any], ArrayPack]:
             for wall in results.walls
         ],
         "objects": [_object(box, results) for box in results.objects],
-        "surfaceIds": [surface.id for surface in results.standing],
+        "surfaceIds": [surface.id for surface in results.above_floor],
         "free": list(_free(pack, results)),
         "path": _path(pack, results),
-        "places": _places(results),
+        "places": _views(results),
         "planes": [_plane_cycle(pack, cycle, results.ground) for cycle in results.planes],
         "final": _final(pack, cuboids, frame, window) if cuboids else None,
         "cores": _cores(pack, cuboids) if cuboids else None,
@@ -85,11 +87,6 @@ def _extent(results: Results) -> tuple[Float64, Float64]:
         return extent(results)
     low, high = np.percentile(results.cuboids.mean[:, :2], [2, 98], axis=0)
     return low - 0.5, high + 0.5
-
-
-def _upwards(results: Results) -> list[SurfaceEntry]:
-    """Return the surfaces from low to high, the order in which half-open ones are painted."""
-    return sorted(results.surfaces, key=lambda s: (s.height, s.id))
 
 
 def _surface(pack: ArrayPack, surface: SurfaceEntry, color: str, ground: float) -> dict[str, Any]:
@@ -139,7 +136,7 @@ def _object(box: ObjectEntry, results: Results) -> dict[str, Any]:
 
 def _free(pack: ArrayPack, results: Results) -> Iterator[dict[str, Any]]:
     """Yield the rings of the free places on surfaces other than the floor."""
-    named = {s.id: f"{s.label} (surface {s.id})" for s in results.standing}
+    named = {s.id: f"{s.label} (surface {s.id})" for s in results.above_floor}
     for place in results.free:
         rings = [ring for ring in place.polygons if len(ring) > 2]
         if place.surface in named and rings:
@@ -163,7 +160,7 @@ def _path(pack: ArrayPack, results: Results) -> dict[str, Any]:
     }
 
 
-def _places(results: Results) -> list[dict[str, Any]]:
+def _views(results: Results) -> list[dict[str, Any]]:
     stamps = results.view_stamps()
     if len(results.trajectory.stamps) == 0:
         return []
@@ -171,10 +168,10 @@ def _places(results: Results) -> list[dict[str, Any]]:
     return [
         {
             "stamp": float(stamp),
-            "at": _list(place[:2]),
+            "at": _list(position[:2]),
             "surfaces": sum(any(v.stamp == stamp for v in s.views) for s in results.surfaces),
         }
-        for stamp, place in zip(stamps, at, strict=True)
+        for stamp, position in zip(stamps, at, strict=True)
     ]
 
 
@@ -226,7 +223,7 @@ def _final(pack: ArrayPack, cuboids: FinalCuboids, frame: Float64, window: int) 
 
 def _unit(lengths: Float64) -> float:
     """Return a unit, m, in which these lengths fit into int16."""
-    return max(FINE_UNIT, float(np.abs(lengths).max(initial=0.0)) / LARGEST)
+    return max(MIN_UNIT_M, float(np.abs(lengths).max(initial=0.0)) / MAX_UNITS)
 
 
 def _columns(
@@ -247,10 +244,12 @@ def _columns(
 
 def _cores(pack: ArrayPack, cuboids: FinalCuboids) -> dict[str, Any]:
     """Return the center cores: the longest eigenvector of each cuboid's P (paper IV.B)."""
-    chosen = cuboids.count >= CORE_POINTS
+    chosen = cuboids.count >= MIN_CORE_POINTS
     P = cuboids.cov[chosen][:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
     values, vectors = np.linalg.eigh(P)
-    half = UNIFORM_HALF * np.sqrt(np.maximum(values[:, -1], 0.0))[:, None] * vectors[:, :, -1]
+    half = (
+        HALF_LENGTH_PER_STD * np.sqrt(np.maximum(values[:, -1], 0.0))[:, None] * vectors[:, :, -1]
+    )
     # An eigenvector's sign is arbitrary: fix it, so that the same map gives the same page.
     largest = np.take_along_axis(half, np.argmax(np.abs(half), axis=1)[:, None], axis=1)
     half = np.where(largest < 0.0, -half, half)

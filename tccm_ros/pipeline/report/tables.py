@@ -1,4 +1,4 @@
-"""The report's tables as HTML; everything that comes from a file is escaped."""
+"""Tables of the report as HTML; all text from files is escaped."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Any]], numbers: Sequence[
 
 
 class Markup(str):
-    """HTML that is not to be escaped."""
+    """HTML that `table` does not escape."""
 
 
 def _cell(value: Any) -> str:
@@ -58,8 +58,8 @@ def _cell(value: Any) -> str:
 
 
 def headline(results: Results) -> str:
-    """Return the map in one line of plain text."""
-    standing = results.standing
+    """Return the counts of a map in one line of plain text."""
+    standing = results.above_floor
     parts = [
         count_surfaces(standing).text(),
         _count(len(results.walls), "wall"),
@@ -68,7 +68,7 @@ def headline(results: Results) -> str:
         f"{results.trajectory.length:.1f} m driven",
     ]
     area = sum(s.area for s in standing)
-    return ", ".join(parts) + f"; {area:.2f} m² to put things on"
+    return ", ".join(parts) + f"; {area:.2f} m² to put objects on"
 
 
 def _count(number: int, name: str) -> str:
@@ -101,7 +101,7 @@ def surfaces_table(results: Results) -> str:
 
 
 def loops_table(results: Results) -> str:
-    """Return the loop closures that were proposed, or nothing where there were none."""
+    """Return the proposed loop closures; empty where there were none."""
     if not results.graph.loops:
         return ""
     rows = [
@@ -112,7 +112,7 @@ def loops_table(results: Results) -> str:
 
 
 def counts_table(summary: SummaryFile) -> str:
-    """Return everything of summary.json but the configuration and what was dropped."""
+    """Return the content of summary.json except configuration and dropped scans."""
     tree = asdict(summary)
     counts = tree.pop("counts")
     del tree["config"], counts["dropped"]
@@ -129,13 +129,13 @@ def drops_table(summary: SummaryFile) -> str:
 
 
 def timing_table(timing: TimingFile) -> str:
-    """Return timing.json as it is."""
+    """Return the content of timing.json."""
     rows = [(key, _value(v)) for key, v in flatten(asdict(timing))]
     return table(("stage", "value"), rows, numbers=(1,))
 
 
 def configuration_table(summary: SummaryFile) -> str:
-    """Return the configuration; what differs from the defaults is marked."""
+    """Return the configuration; values that differ from the defaults are marked."""
     found = dict(flatten(summary.config, joiner="."))
     known = {p.name: p for p in parameters()}
     lines = ["<table><thead><tr><th>parameter</th><th>value</th><th>unit</th><th>meaning</th>"]
@@ -158,7 +158,17 @@ SEPARATOR = ": "
 
 
 def flatten(tree: Any, prefix: str = "", joiner: str = SEPARATOR) -> Iterator[tuple[str, Any]]:
-    """Yield the leaves of nested mappings with their joined keys, in the order of the file."""
+    """Yield the leaves of nested mappings with their joined keys, in their order.
+
+    Parameters
+    ----------
+    tree
+        Mappings and leaves.
+    prefix
+        Keys of the mappings around, joined.
+    joiner
+        Text between the keys.
+    """
     if not isinstance(tree, Mapping):
         yield prefix, tree
         return

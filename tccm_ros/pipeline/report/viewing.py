@@ -1,4 +1,4 @@
-"""Open a report in the browser: of a result folder, or of a saved map."""
+"""Open the report of a result folder in the browser, and write the report of a saved map."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ REPORT = "report.html"
 
 
 def view(target: Path | str, *, open_page: Callable[[str], object] = webbrowser.open) -> Path:
-    """Show a result folder in the browser, its report written first where there is none.
+    """Show the report of a result folder in the browser; a missing one is written first.
 
     Parameters
     ----------
     target
         A result folder, or a report.html.
     open_page
-        Opens an address; returns False where it cannot.
+        Opens an address; returns False where that fails.
 
     Returns
     -------
@@ -39,7 +39,7 @@ def view(target: Path | str, *, open_page: Callable[[str], object] = webbrowser.
     Raises
     ------
     MapError
-        If the target is neither, or is damaged.
+        If the target is missing, of another kind, or damaged.
     OutputError
         If the report cannot be written, or no browser opens (the path is named).
     """
@@ -50,7 +50,7 @@ def view(target: Path | str, *, open_page: Callable[[str], object] = webbrowser.
 
 
 def find_report(target: Path) -> Path:
-    """Return the report of a result folder; a missing one, or one older than the map, is written.
+    """Return the report of a result folder; one that is missing or older than the map is written.
 
     Raises
     ------
@@ -76,11 +76,11 @@ def report_map(saved: Path | str, folder: Path | str, config: Config | None = No
     Parameters
     ----------
     saved
-        What ``~/save_map`` or ``tccm replay`` saved to go on with.
+        A saved map of ``~/save_map`` or ``tccm replay``.
     folder
-        Where the files go; made if needed.
+        Folder of the files; created if needed.
     config
-        As the map was made; the defaults if None.
+        Configuration of the map; the defaults if None.
 
     Returns
     -------

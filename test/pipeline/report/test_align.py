@@ -1,4 +1,4 @@
-"""Maps of one place with other frames: laid over each other by what both have."""
+"""Maps of the same rooms in other frames are aligned by the surfaces and walls of both."""
 
 import json
 
@@ -42,15 +42,15 @@ def other(flat_copy):
 
 @settings(max_examples=25, deadline=None)
 @given(POSES)
-def test_a_moved_map_is_found_again(results, pose):
+def test_the_pose_of_a_moved_map_is_found(results, pose):
     found = find_alignment(results, moved_results(results, inverse2(pose)))
     assert np.allclose(between2(pose, found), 0.0, atol=1e-6)
 
 
 @settings(max_examples=25, deadline=None)
 @given(POSES)
-def test_moving_a_map_moves_all_of_it(results, pose):
-    """Walls stay on their lines, and everything comes back."""
+def test_moving_a_map_moves_surfaces_walls_and_trajectory(results, pose):
+    """The ends of moved walls are on their lines, and the inverse motion restores the map."""
     moved = moved_results(results, pose)
     for wall in moved.walls:
         normal = np.array([np.cos(wall.phi), np.sin(wall.phi)])
@@ -62,7 +62,7 @@ def test_moving_a_map_moves_all_of_it(results, pose):
     assert np.allclose(back.trajectory.T_map_base, results.trajectory.T_map_base, atol=1e-9)
 
 
-def test_what_changed_is_told_although_the_frames_differ(flat, other, results):
+def test_changes_are_found_between_maps_in_different_frames(flat, other, results):
     pose = np.array([3.0, -1.0, 2.2])
     changed = load_results(other)
     found = find_alignment(results, moved_results(changed, inverse2(pose)))
@@ -75,7 +75,7 @@ def test_what_changed_is_told_although_the_frames_differ(flat, other, results):
     assert "laid over the first: " in laid.text()
 
 
-def test_maps_of_two_places_are_not_laid_over_each_other(flat, flat_copy):
+def test_maps_of_different_rooms_are_not_aligned(flat, flat_copy):
     rng = np.random.default_rng(5)
     tree = json.loads((flat_copy / "surfaces.json").read_text())
     for surface in tree["surfaces"]:
@@ -85,11 +85,11 @@ def test_maps_of_two_places_are_not_laid_over_each_other(flat, flat_copy):
     for wall in walls["walls"]:
         wall["endpoints"] = rng.uniform(-5, 5, (2, 2)).tolist()
     (flat_copy / "walls.json").write_text(json.dumps(walls))
-    with pytest.raises(MapError, match="maps of one place"):
+    with pytest.raises(MapError, match="maps of the same rooms"):
         compare(flat, flat_copy, lay_over=True)
 
 
-def test_a_map_without_surfaces_is_not_laid_over(flat, flat_copy):
+def test_a_map_without_surfaces_is_not_aligned(flat, flat_copy):
     (flat_copy / "surfaces.json").write_text('{"surfaces": []}')
-    with pytest.raises(MapError, match="maps of one place"):
+    with pytest.raises(MapError, match="maps of the same rooms"):
         compare(flat, flat_copy, lay_over=True)

@@ -1,4 +1,4 @@
-"""Two maps: what came, went and moved, by changes made by hand."""
+"""Comparisons of two maps find the surfaces and walls that came, went and moved."""
 
 import json
 
@@ -10,7 +10,7 @@ from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError
 from tccm_ros.pipeline.report.compare import compare
 from tccm_ros.pipeline.report.compare_page import write_comparison
-from tccm_ros.pipeline.report.figures import forgetting_png, write_figures
+from tccm_ros.pipeline.report.documentation_pictures import forgetting_png, write_figures
 from tccm_ros.pipeline.report.viewing import find_report, report_map, view
 from tccm_ros.records import Odometry, SurfaceCloud
 from tccm_ros.results.folder_reader import load_results
@@ -44,7 +44,7 @@ def test_a_map_is_the_same_as_itself(flat):
     assert comparison.path.poses == 61
 
 
-def test_what_came_and_what_went(flat, flat_copy):
+def test_a_surface_in_one_map_alone_came_or_went(flat, flat_copy):
     def change(tree):
         tree["surfaces"] = [s for s in tree["surfaces"] if s["id"] != 9]
 
@@ -56,7 +56,7 @@ def test_what_came_and_what_went(flat, flat_copy):
 
 
 @pytest.mark.parametrize("move", [(-0.6, -0.3), (-2.0, 0.4), (0.0, 0.08)])
-def test_a_table_that_moved(flat, flat_copy, move):
+def test_a_table_at_another_position_has_moved(flat, flat_copy, move):
     edit(flat_copy / "surfaces.json", lambda tree: shift(tree["surfaces"][8], *move))
     comparison = compare(flat, flat_copy)
     assert kinds(comparison)[8] == "moved"
@@ -74,13 +74,13 @@ def test_a_table_seen_in_part_has_not_moved(flat, flat_copy):
     assert kinds(compare(flat, flat_copy))[7] == "same"
 
 
-def test_a_board_at_another_height_is_another_board(flat, flat_copy):
+def test_a_shelf_at_another_height_is_another_surface(flat, flat_copy):
     edit(flat_copy / "surfaces.json", lambda tree: shift(tree["surfaces"][5], 0, 0, 0.2))
     changes = [c.kind for c in compare(flat, flat_copy).surfaces]
     assert sorted(changes) == ["came"] + ["same"] * 9 + ["went"]
 
 
-def test_heights_count_from_each_map_s_floor(flat, flat_copy):
+def test_heights_are_compared_over_the_floor_of_each_map(flat, flat_copy):
     def change(tree):
         tree["floor_z"] += 0.3
         for surface in tree["surfaces"]:
@@ -90,7 +90,7 @@ def test_heights_count_from_each_map_s_floor(flat, flat_copy):
     assert set(kinds(compare(flat, flat_copy)).values()) == {"same"}
 
 
-def test_walls(flat, flat_copy):
+def test_walls_are_matched_by_line_and_extent(flat, flat_copy):
     def change(tree):
         del tree["walls"][5]
         # Through the origin, the normal may point either way.
@@ -102,7 +102,7 @@ def test_walls(flat, flat_copy):
     assert [(w.kind, w.either.id) for w in walls if w.kind != "same"] == [("went", 5)]
 
 
-def test_paths(flat, flat_copy):
+def test_paths_are_compared_at_equal_stamps(flat, flat_copy):
     file = flat_copy / "trajectory.tum"
     lines = [line.split() for line in file.read_text().splitlines()]
     for line in lines:
@@ -118,7 +118,7 @@ def test_paths(flat, flat_copy):
     assert "different times" in compare(flat, flat_copy).text()
 
 
-def test_the_text_table(flat, flat_copy):
+def test_the_text_lists_every_change(flat, flat_copy):
     edit(flat_copy / "surfaces.json", lambda tree: shift(tree["surfaces"][8], 0.5, 0))
     text = compare(flat, flat_copy).text()
     assert "moved  table" in text
@@ -137,7 +137,7 @@ def test_picture_and_page_are_repeatable_and_escaped(flat, flat_copy, tmp_path):
     assert Image.open(tmp_path / "a" / "compare.png").size[0] == 2400
 
 
-def test_damage_and_places_that_cannot_be_written(flat, tmp_path):
+def test_a_damaged_folder_and_a_path_that_cannot_be_written_are_errors(flat, tmp_path):
     with pytest.raises(MapError, match="no such folder"):
         compare(flat, tmp_path / "none")
     (tmp_path / "file").write_text("")
@@ -159,14 +159,14 @@ def test_view_writes_a_missing_report_and_opens_it(flat_copy):
     assert find_report(report) == report
 
 
-def test_view_says_what_is_wrong(flat_copy, tmp_path):
+def test_view_of_a_wrong_target_is_an_error_that_says_why(flat_copy, tmp_path):
     with pytest.raises(MapError, match=r"no surfaces\.json here"):
         view(tmp_path, open_page=print)
     with pytest.raises(OutputError, match="no browser opens here"):
         view(flat_copy, open_page=lambda _: False)
 
 
-def test_figures_of_the_documentation(flat, flat_copy, tmp_path):
+def test_the_pictures_of_the_documentation_are_repeatable(flat, flat_copy, tmp_path):
     written = write_figures(flat, tmp_path / "figures")
     assert [p.name for p in written] == ["map.png", "map3d.png", "forgetting.png"]
     again = write_figures(flat, tmp_path / "again")
@@ -187,7 +187,7 @@ def table_cloud(stamp_ns):
     )
 
 
-def test_a_saved_map_is_shown_too(tmp_path):
+def test_a_saved_map_has_a_report(tmp_path):
     slam = SurfaceSlam(Config())
     for i in range(5):
         slam.add(Odometry(i * 10**9, "odom", "base_link", np.eye(4)))
@@ -197,11 +197,11 @@ def test_a_saved_map_is_shown_too(tmp_path):
     report = report_map(tmp_path / "map.mcap", tmp_path / "shown")
     assert view(report, open_page=lambda _: True) == report
     shown = load_results(tmp_path / "shown")
-    assert [round(s.height - shown.ground, 3) for s in shown.standing] == [0.7]
+    assert [round(s.height - shown.ground, 3) for s in shown.above_floor] == [0.7]
     assert {p.name for p in report.parent.iterdir()} >= {"map.png", "map3d.png", "surfaces.json"}
 
 
-def test_a_saved_map_that_is_not_one(tmp_path):
+def test_a_report_of_a_file_that_is_no_map_is_an_error(tmp_path):
     (tmp_path / "map.mcap").write_bytes(b"not a map")
     with pytest.raises(MapError, match=r"map\.mcap"):
         report_map(tmp_path / "map.mcap", tmp_path / "shown")

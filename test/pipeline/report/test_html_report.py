@@ -1,4 +1,4 @@
-"""report.html: one file, repeatable, escaped, and alive in a real browser."""
+"""report.html: one file, repeatable, escaped, and interactive in a real browser."""
 
 import base64
 import json
@@ -15,8 +15,8 @@ from result_folder import write_folder
 
 from tccm_ros.errors import OutputError
 from tccm_ros.pipeline.report import palette
+from tccm_ros.pipeline.report.array_pack import ArrayPack, differences
 from tccm_ros.pipeline.report.html_report import LAYERS, TIMING_END, TIMING_START, write_report
-from tccm_ros.pipeline.report.pack import ArrayPack, differences
 from tccm_ros.results.folder_reader import load_results
 
 
@@ -51,7 +51,7 @@ def still(page):
     page.wait_for("!tccmReport.waiting")
 
 
-def test_the_same_bytes_again(flat, report):
+def test_writing_again_gives_the_same_bytes(flat, report):
     before = report.read_bytes()
     assert write_report(flat).read_bytes() == before
 
@@ -65,13 +65,13 @@ def test_only_the_timing_differs_between_runs(flat_copy, report):
     assert cut.sub("", a) == cut.sub("", b)
 
 
-def test_nothing_is_fetched(report):
+def test_the_page_loads_nothing_from_elsewhere(report):
     text = report.read_text(encoding="utf-8")
     assert not re.search(r"""(?:src|href)\s*=\s*["'](?!data:)""", text)
     assert not re.search(r"https?://|@import|url\((?!data:)", text)
 
 
-def test_what_comes_from_files_is_escaped(flat_copy):
+def test_text_from_files_is_escaped(flat_copy):
     evil = "</script><script>alert(1)</script><b>&\"'"
     for name in ("surfaces.json", "summary.json", "timing.json", "graph.json"):
         tree = json.loads((flat_copy / name).read_text())
@@ -90,21 +90,21 @@ def test_what_comes_from_files_is_escaped(flat_copy):
     assert text.count("&lt;/script&gt;&lt;script&gt;") >= 6
 
 
-def test_a_folder_with_little_in_it(flat_copy):
+def test_a_folder_with_the_required_files_alone_has_a_report(flat_copy):
     for name in ("planes.json", "cycles.npz", "cuboids.npz", "objects.json", "timing.json",
                  "summary.json", "graph.json"):  # fmt: skip
         (flat_copy / name).unlink()
     assert TIMING_START not in write_report(flat_copy).read_text(encoding="utf-8")
 
 
-def test_a_place_that_cannot_be_written(flat_copy):
+def test_a_path_that_cannot_be_written_is_an_error(flat_copy):
     (flat_copy / "report.html").unlink(missing_ok=True)
     (flat_copy / "report.html").mkdir()
     with pytest.raises(OutputError, match=r"report\.html: cannot be written"):
         write_report(flat_copy)
 
 
-def test_it_draws_without_complaints(page, tmp_path, flat):
+def test_the_page_draws_without_errors_in_the_browser(page, tmp_path, flat):
     page.evaluate("tccmReport.setLayer('cuboids', true)")
     still(page)
     assert page.complaints() == []
@@ -123,9 +123,9 @@ def palette_rgb(flat, index):
 
 
 @pytest.mark.parametrize("name", LAYERS)
-def test_a_layer_can_be_switched(page, name):
+def test_a_layer_can_be_hidden_and_shown(page, name):
     page.evaluate(f"tccmReport.setLayer('{name}', true)")
-    page.evaluate(f"tccmReport.setCycle({9 if name in ('planes', 'upright') else 24})")
+    page.evaluate(f"tccmReport.setCycle({9 if name in ('planes', 'other_planes') else 24})")
     before = shown(page)
     page.click(f"#layer-{name}")
     assert shown(page) != before
@@ -135,7 +135,7 @@ def test_a_layer_can_be_switched(page, name):
 
 
 def shown(page):
-    """What is on the canvas and how many labels are over it, as one value to compare."""
+    """Return the content of the canvas and the number of labels as one value to compare."""
     still(page)
     return page.evaluate("""(() => {
         tccmReport.draw();
@@ -150,7 +150,7 @@ def shown(page):
     })()""")
 
 
-def test_the_slider_shows_the_map_forgetting(page):
+def test_the_slider_shows_the_map_of_each_cycle(page):
     seen = []
     for cycle in range(24):
         page.evaluate(f"tccmReport.setCycle({cycle})")
@@ -164,7 +164,7 @@ def test_the_slider_shows_the_map_forgetting(page):
     assert page.complaints() == []
 
 
-def test_pointing_at_a_table_tells_about_it(page):
+def test_pointing_at_a_table_shows_its_values(page):
     page.evaluate("tccmReport.setLayer('path', false)")
     still(page)
     x, y = page.evaluate("""(() => {
@@ -186,7 +186,7 @@ def test_pointing_at_a_table_tells_about_it(page):
     assert re.search(r"views\s+3", text)
 
 
-def test_dragging_turns_the_view(page):
+def test_dragging_rotates_the_view(page):
     before = page.evaluate("tccmReport.camera.azimuth")
     x, y = page.evaluate(
         "(() => { const b = tccmReport.canvas.getBoundingClientRect();"
@@ -199,15 +199,15 @@ def test_dragging_turns_the_view(page):
     assert page.complaints() == []
 
 
-def test_a_flat_of_fifty_cycles_stays_small(tmp_path_factory):
-    folder = write_folder(tmp_path_factory.mktemp("big") / "flat", cycles=50, reach=4.0)
+def test_the_report_of_fifty_cycles_is_small(tmp_path_factory):
+    folder = write_folder(tmp_path_factory.mktemp("big") / "flat", cycles=50, max_range=4.0)
     results = load_results(folder)
     assert len(results.cycles) == 50
     assert write_report(folder).stat().st_size < 15e6
 
 
 @given(st.lists(st.integers(-32000, 32000), max_size=30))
-def test_packed_differences_add_up_again(values):
+def test_packed_differences_sum_to_the_values(values):
     pack = ArrayPack()
     pack.add(np.zeros(3), "f4")
     kind, offset, count = pack.add(differences(np.array(values, np.int64)), "i2")

@@ -1,4 +1,4 @@
-"""map.png and map3d.png: repeatable, without metadata, and showing what is there."""
+"""map.png and map3d.png: repeatable, without metadata, with the content of the map."""
 
 import io
 import struct
@@ -34,14 +34,14 @@ def pictures(flat):
     return flat / "map.png", flat / "map3d.png"
 
 
-def test_the_same_bytes_without_metadata(flat, pictures):
+def test_pictures_have_the_same_bytes_each_time_and_no_metadata(flat, pictures):
     before = [path.read_bytes() for path in pictures]
     assert list(draw_pictures(load_results(flat))) == before
     for data in before:
         assert set(chunks(data)) <= {b"IHDR", b"PLTE", b"IDAT", b"IEND"}
 
 
-def test_the_users_own_settings_do_not_show(flat, pictures, monkeypatch):
+def test_the_users_matplotlib_settings_have_no_effect(flat, pictures, monkeypatch):
     import matplotlib
 
     before = pictures[0].read_bytes()
@@ -49,19 +49,19 @@ def test_the_users_own_settings_do_not_show(flat, pictures, monkeypatch):
         assert draw_pictures(load_results(flat)).above == before
 
 
-def test_readme_size(pictures):
+def test_pictures_have_the_size_for_the_readme(pictures):
     for path in pictures:
         width, height = Image.open(path).size
         assert width == 1800
         assert 600 <= height <= 2600
 
 
-def test_every_surface_shows_in_its_own_colour(flat, pictures):
+def test_every_surface_is_drawn_in_its_colour(flat, pictures):
     results = load_results(flat)
     colors = palette.surface_colors(results.surfaces)
     shown = np.asarray(Image.open(pictures[0]).convert("RGB")).reshape(-1, 3)
     kinds, counts = np.unique(shown, axis=0, return_counts=True)
-    for surface in results.standing:
+    for surface in results.above_floor:
         outline = np.array(to_rgb(colors[surface.id])) * 255
         # The two lower boards lie under the upper one; their leaders show their colour, which
         # a palette of 256 keeps to a few steps in a hundred.
@@ -69,24 +69,24 @@ def test_every_surface_shows_in_its_own_colour(flat, pictures):
         assert counts[near].sum() > 50, (surface.id, surface.label)
 
 
-def test_neighbours_never_share_a_colour(flat):
+def test_neighbouring_surfaces_have_different_colours(flat):
     colors = palette.surface_colors(load_results(flat).surfaces)
     standing = [c for c in colors.values() if c != palette.FLOOR]
     assert len(set(standing)) == len(standing)
 
 
-def test_colours_do_not_depend_on_order(flat):
+def test_colours_do_not_depend_on_the_order_of_surfaces(flat):
     surfaces = load_results(flat).surfaces
     assert palette.surface_colors(surfaces) == palette.surface_colors(surfaces[::-1])
 
 
-def test_truth_is_drawn_beside(flat, pictures):
+def test_true_outlines_are_drawn(flat, pictures):
     with_truth = map_png(load_results(flat, truth=flat / "surfaces.json"))
     assert with_truth != pictures[0].read_bytes()
 
 
 @pytest.mark.parametrize("keep", ["nothing", "walls", "surfaces"])
-def test_a_map_that_has_only_some_of_it(flat_copy, keep):
+def test_a_map_with_some_files_alone_is_drawn(flat_copy, keep):
     if keep != "surfaces":
         (flat_copy / "surfaces.json").write_text('{"floor_z": null, "surfaces": []}')
     if keep != "walls":
@@ -96,13 +96,13 @@ def test_a_map_that_has_only_some_of_it(flat_copy, keep):
         assert Image.open(io.BytesIO(content)).size[0] == 1800
 
 
-def test_a_picture_that_cannot_be_written(flat, tmp_path):
+def test_a_path_that_cannot_be_written_is_an_error(flat, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match=r"map\.png: cannot be written"):
         write_pictures(load_results(flat), tmp_path / "file")
 
 
-def test_the_camera_keeps_left_and_up(flat):
+def test_the_camera_keeps_left_and_up_in_the_picture(flat):
     camera = view_camera(load_results(flat))
     west, east, up = camera.project(np.array([[0.0, 0, 0], [7.0, 0, 0], [0.0, 0, 1.0]]))
     assert west[0] < east[0]
@@ -115,18 +115,18 @@ PLACES = st.lists(st.tuples(st.floats(0, 400), st.floats(0, 400)), min_size=1, m
 
 @settings(max_examples=40, deadline=None)
 @given(PLACES)
-def test_labels_never_cover_one_another_while_there_is_room(places):
+def test_labels_do_not_overlap_while_there_is_room(places):
     size = np.array([60.0, 24.0])
     requests = [LabelRequest(np.array(p), size) for p in places]
     area = np.array([[-200.0, -200.0], [600.0, 600.0]])
     centers = place_labels(requests, area, np.zeros((0, 2)))
     gaps = np.abs(centers[:, None] - centers[None]) - size
-    apart = (gaps >= 0).any(axis=2) | np.eye(len(places), dtype=bool)
-    assert apart.all()
+    separate = (gaps >= 0).any(axis=2) | np.eye(len(places), dtype=bool)
+    assert separate.all()
     assert ((centers - size / 2 >= area[0]) & (centers + size / 2 <= area[1])).all()
 
 
-def test_the_label_point_of_an_angle_lies_inside_it(flat):
+def test_the_label_point_of_an_angled_outline_is_inside(flat):
     counter = load_results(flat).surfaces[1]
     x, y = label_point(counter)[:2]
     assert (x < 0.6 and y > 1.6) or y > 2.8

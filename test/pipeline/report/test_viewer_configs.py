@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tccm_ros.ros.publications import CYCLE_TOPICS, HAND_OVER_TOPICS, SOLUTION_TOPICS
+from tccm_ros.ros.topic_messages import CYCLE_TOPICS, SOLUTION_TOPICS, SURFACE_MESSAGE_TOPICS
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 
@@ -14,10 +14,10 @@ PUBLISHED = {f"/tccm/{topic}" for topic in CYCLE_TOPICS}
 PUBLISHED |= {f"/surface_slam/{topic}" for topic in SOLUTION_TOPICS}
 
 OTHERS = {"/pose", "/map", "/scan", "/surface_slam/map_to_odom", "/tccm/center_cores"}
-"""What the nodes or the robot publish beside results (DESIGN section 4)."""
+"""Topics that the nodes or the robot publish besides results (docs/reference/nodes.md)."""
 
 NOT_IN_RVIZ = {"/tccm/view"}
-"""Intervals, which RViz has no display for."""
+"""Topics with intervals, for which RViz has no display."""
 
 
 @pytest.fixture(scope="module")
@@ -40,12 +40,12 @@ def test_foxglove_panels_know_every_topic(panels):
         assert panel["followTf"] == "map"
 
 
-def test_the_layout_uses_the_panels_that_are_there(panels):
+def test_the_foxglove_layout_uses_panels_that_it_defines(panels):
     layout = json.loads((CONFIG / "foxglove.json").read_text())["layout"]
     assert {layout["first"], layout["second"]} == set(panels)
 
 
-def test_what_a_newcomer_should_see_is_on(panels, displays):
+def test_the_main_topics_are_visible_at_first(panels, displays):
     wanted = {
         "/surface_slam/surfaces", "/surface_slam/walls", "/tccm/planes", "/tccm/objects",
         "/tccm/map_cloud", "/pose",
@@ -60,15 +60,15 @@ def test_rviz_displays_know_every_topic(displays):
     assert set(displays) <= PUBLISHED | OTHERS
 
 
-def test_rviz_asks_for_what_is_offered(displays):
-    """A transient-local reader of a volatile writer would never be connected."""
-    volatile = {f"/tccm/{topic}" for topic in HAND_OVER_TOPICS} | {"/pose"}
+def test_rviz_requests_the_qos_that_publishers_offer(displays):
+    """A transient-local subscription does not match a volatile publisher."""
+    volatile = {f"/tccm/{topic}" for topic in SURFACE_MESSAGE_TOPICS} | {"/pose"}
     for topic, display in displays.items():
         latched = display["Topic"]["Durability Policy"] == "Transient Local"
         assert latched == (topic not in volatile), topic
 
 
-def test_rviz_display_classes_fit_the_types(displays):
+def test_rviz_display_classes_match_the_message_types(displays):
     kinds = {
         "visualization_msgs/msg/MarkerArray": "rviz_default_plugins/MarkerArray",
         "sensor_msgs/msg/PointCloud2": "rviz_default_plugins/PointCloud2",

@@ -1,4 +1,4 @@
-// An orbit camera: drag turns, right drag or Shift moves, the wheel or a pinch zooms.
+// An orbit camera: drag orbits, right drag or Shift moves, the wheel or a pinch zooms.
 
 const FIELD_OF_VIEW = 0.6;
 const STEEPEST = Math.PI / 2 - 0.002;
@@ -61,7 +61,7 @@ class OrbitCamera {
     return { eye, width, height, ratio, depth: lens[14], matrix: multiply(lens, pose) };
   }
 
-  turn(dx, dy) {
+  orbit(dx, dy) {
     this.azimuth -= dx * 0.006;
     this.elevation = Math.min(Math.max(this.elevation + dy * 0.006, -0.2), STEEPEST);
     this.changed();
@@ -104,13 +104,13 @@ class OrbitCamera {
     const [dx, dy] = [now[0] - before[0], now[1] - before[1]];
     if (this.pointers.size === 2) {
       const [, other] = [...this.pointers].find(([id]) => id !== event.pointerId);
-      const apart = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]) + 1;
-      this.zoom(apart(before) / apart(now));
+      const distance = (p) => Math.hypot(p[0] - other[0], p[1] - other[1]) + 1;
+      this.zoom(distance(before) / distance(now));
       this.move(dx / 2, dy / 2);
     } else if (event.buttons & 2 || event.shiftKey) {
       this.move(dx, dy);
     } else {
-      this.turn(dx, dy);
+      this.orbit(dx, dy);
     }
     this.pointers.set(event.pointerId, now);
   }

@@ -1,4 +1,4 @@
-// What the pointer shows: the facts about one thing, as rows of a small table.
+// What the pointer shows: the values of one object, as rows of a small table.
 
 // Times are told from the start of the recording.
 let startStamp = 0;

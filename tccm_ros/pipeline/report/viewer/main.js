@@ -1,6 +1,6 @@
 // The page: layers, slider, pointer and drawing. Nothing is drawn unless something changed.
 
-const LAYERS = ['surfaces', 'boundaries', 'labels', 'objects', 'free', 'things', 'walls', 'path', 'cuboids', 'planes', 'upright',
+const LAYERS = ['surfaces', 'boundaries', 'labels', 'objects', 'free', 'floor_objects', 'walls', 'path', 'cuboids', 'planes', 'other_planes',
   'cores', 'floor'];
 const HEIGHT_RANGE_M = [0, 2];
 const LIFT_M = 0.015;
@@ -185,35 +185,35 @@ class Report {
   paint(view, pick) {
     const { painter, layers, built, gl } = this;
     painter.begin(view, pick);
-    const apart = () => { if (pick) { gl.depthMask(true); gl.clear(gl.DEPTH_BUFFER_BIT); } };
+    const clearPickDepth = () => { if (pick) { gl.depthMask(true); gl.clear(gl.DEPTH_BUFFER_BIT); } };
     if (!pick) painter.lines(built.grid.edge, 1);
     if (layers.floor) {
       painter.fill(built.surfaces.floor);
       painter.lines(built.surfaces.floorEdge, 1);
     }
-    apart();
+    clearPickDepth();
     if (pick && layers.walls) painter.fill(built.walls.fill);
-    apart();
-    this.paintThings();
+    clearPickDepth();
+    this.paintContents();
     if (!pick && layers.walls) painter.fill(built.walls.fill, IDENTITY, 0.2);
   }
 
-  paintThings() {
+  paintContents() {
     const { painter, layers, built } = this;
     const cuboids = layers.cuboids ? this.cuboidLook() : null;
     if (cuboids) painter.cuboids(cuboids.set, cuboids.first, cuboids.count, cuboids);
-    for (const name of ['objects', 'things']) {
+    for (const name of ['objects', 'floor_objects']) {
       if (!layers[name]) continue;
       painter.fill(built[name].fill);
       painter.lines(built[name].edge, 1);
     }
-    // Cuboids reach a little over the plane through their points: what lies on it is lifted.
+    // Cuboids reach a little over the plane through their points: objects on it are lifted.
     const lifted = IDENTITY.slice();
     if (cuboids) lifted[14] = LIFT_M;
     if (layers.surfaces) painter.fill(built.surfaces.fill, lifted, 0.86);
     if (layers.boundaries) painter.lines(built.surfaces.edge, 2, lifted);
     if (layers.free) painter.lines(built.free.edge, 3, multiply(lifted, lifted));
-    for (const name of ['planes', 'upright']) {
+    for (const name of ['planes', 'other_planes']) {
       if (!layers[name] || !this.cycleNow() || !built[name].length) continue;
       const frame = multiply(lifted, multiply(lifted, this.planeFrame()));
       painter.fill(built[name][this.cycle].fill, frame, 0.5);

@@ -1,9 +1,9 @@
-// From the page's data to buffers: one builder for each kind of thing in the scene.
+// Buffers from the page's data: one function for each kind of object in the scene.
 
 const BOUNDARY = [30, 34, 40];
 const WALL_HEIGHT = 0.9;
 const GRID_STEP = 1;
-const LEVEL_BELOW = 2.0;  // level planes above are ceilings: with the walls'
+const MAX_HORIZONTAL_HEIGHT = 2.0;  // horizontal planes above are ceilings: in the layer of the walls
 
 async function unpackBlob(text) {
   const bytes = Uint8Array.from(atob(text.trim()), (c) => c.charCodeAt(0));
@@ -27,7 +27,7 @@ class Arrays {
   }
 }
 
-// What the pointer can find: every thing gets a number, and cuboids get one each after those.
+// What the pointer can find: every object gets a number, and cuboids get one each after those.
 class Register {
   constructor() { this.entries = [null]; }
 
@@ -176,11 +176,11 @@ function buildHistory(gl, arrays, cycles) {
   return { ...buildCuboids(gl, arrays, cycles, cycle), frames: cycles.frames.map(fromRows) };
 }
 
-function buildPlanes(gl, arrays, scene, register, isLevel) {
+function buildPlanes(gl, arrays, scene, register, isHorizontal) {
   return scene.planes.map((cycle) => {
     const [fill, edge] = [new Rows(3), new Rows(6)];
     for (const plane of cycle.planes) {
-      if ((plane.kind === 'horizontal' && plane.height < LEVEL_BELOW) !== isLevel) continue;
+      if ((plane.kind === 'horizontal' && plane.height < MAX_HORIZONTAL_HEIGHT) !== isHorizontal) continue;
       const number = register.add({ kind: 'plane', ...plane });
       const color = hexColor(scene.palette[plane.id % scene.palette.length]);
       addShape(arrays, plane.shape, fill, edge, color, color, number);
@@ -196,10 +196,10 @@ function buildScene(gl, arrays, scene) {
     walls: buildWalls(gl, scene, register),
     objects: buildObjects(gl, scene, register, true),
     free: buildFree(gl, arrays, scene, register),
-    things: buildObjects(gl, scene, register, false),
+    floor_objects: buildObjects(gl, scene, register, false),
     path: buildPath(gl, arrays, scene, register),
     planes: buildPlanes(gl, arrays, scene, register, true),
-    upright: buildPlanes(gl, arrays, scene, register, false),
+    other_planes: buildPlanes(gl, arrays, scene, register, false),
     robot: buildRobot(gl, scene),
     grid: buildGrid(gl, scene),
     cores: buildCores(gl, arrays, scene.cores),

@@ -1,4 +1,4 @@
-// Three kinds of things are drawn: filled meshes, lines of some pixels' width, and cuboids.
+// Three kinds of objects are drawn: filled meshes, lines of some pixels' width, and cuboids.
 // Each is drawn with its colour, or, to find what lies under the pointer, with its number.
 
 const FRAGMENT = `#version 300 es
@@ -53,7 +53,7 @@ out vec4 vColor;
 out vec2 vEdge;
 flat out uint vNumber;
 const float NEAR = 1e-3;
-const float NEARER = 1.5e-3;  // lines on a surface are drawn nearer by this share of their distance
+const float NEARER = 1.5e-3;  // lines on a surface are drawn nearer by this fraction of their distance
 void main() {
   vec4 a = uViewProjection * uFrame * vec4(aStart, 1.0);
   vec4 b = uViewProjection * uFrame * vec4(aEnd, 1.0);
@@ -97,7 +97,7 @@ const vec2 CORNERS[6] = vec2[6](
   vec2(0, 0), vec2(1, 0), vec2(1, 1), vec2(0, 0), vec2(1, 1), vec2(0, 1));
 void main() {
   float age = max(uNow - aCycle, 0.0);
-  // What is newer owns the place: an older cuboid is drawn a little smaller, inside the newer.
+  // Where cuboids coincide the newer is visible: older ones are drawn a little smaller.
   float inset = min(0.012 * age, 0.2) * uCellSize;
   vec3 low = vec3(aCell * uCellSize, aSpan.x * uHeightUnit) + inset;
   float top = min(aSpan.y * uHeightUnit, uCut);
@@ -105,15 +105,15 @@ void main() {
   int axis = gl_VertexID / 6;
   vec2 corner = CORNERS[gl_VertexID % 6];
   vec3 side = step(0.5 * (low + high), uEye);
-  vec3 share = axis == 0 ? vec3(side.x, corner) : axis == 1 ? vec3(corner.x, side.y, corner.y)
+  vec3 fraction = axis == 0 ? vec3(side.x, corner) : axis == 1 ? vec3(corner.x, side.y, corner.y)
       : vec3(corner, side.z);
-  gl_Position = uViewProjection * uFrame * vec4(mix(low, high, share), 1.0);
+  gl_Position = uViewProjection * uFrame * vec4(mix(low, high, fraction), 1.0);
   if (aSpan.x * uHeightUnit > uCut) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
   float value = uByAge ? 1.0 - age / max(uWindow - 1.0, 1.0)
       : (top - uHeightRange.x) / (uHeightRange.y - uHeightRange.x);
-  vec2 place = vec2(clamp(value, 0.002, 0.998), uByAge ? 0.75 : 0.25);
+  vec2 at = vec2(clamp(value, 0.002, 0.998), uByAge ? 0.75 : 0.25);
   float light = axis == 2 ? 1.0 : axis == 0 ? 0.84 : 0.72;
-  vColor = vec4(texture(uColors, place).rgb * light, 1.0);
+  vColor = vec4(texture(uColors, at).rgb * light, 1.0);
   vEdge = corner;
   vNumber = uFirstNumber + uint(gl_InstanceID);
 }`;

@@ -1,4 +1,4 @@
-"""The pictures of the README and the documentation, made from a result folder."""
+"""Draw the pictures of the README and the documentation from a result folder."""
 
 from __future__ import annotations
 
@@ -8,27 +8,31 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 
-from tccm_ros.arrays import Float64, Int64
 from tccm_ros.atomic import output_file
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import transform
 from tccm_ros.pipeline.report import palette
-from tccm_ros.pipeline.report.figure import canvas, png
+from tccm_ros.pipeline.report.drawing import canvas, png
 from tccm_ros.pipeline.report.map3d_picture import map3d_png
 from tccm_ros.pipeline.report.map_picture import extent, map_png
-from tccm_ros.results.cycles import CycleParts
+from tccm_ros.results.cycles_file import CycleParts
 from tccm_ros.results.folder_reader import Results, load_results
 
 __all__ = ["forgetting_png", "write_figures"]
 
 PANELS = 4
-WIDTH = 9.0
-TITLE = 0.3
-HEIGHTS = (1.2, 4.0)
-CUT_M = (0.12, 1.6)
-"""Cuboids that begin above the floor and below the ceiling, m over the floor: the furniture."""
+"""Tilt cycles that are drawn."""
 
-OLD, NEW = np.array(to_rgb("#dfe4ea")), np.array(to_rgb("#0b3c6f"))
+WIDTH_IN, TITLE_IN = 9.0, 0.3
+"""Width of the picture and height of its titles, inches."""
+
+HEIGHTS_IN = (1.2, 4.0)
+"""Limits of the height of a panel, inches."""
+
+HEIGHTS_M = (0.12, 1.6)
+"""Cuboids that begin between these heights over the floor are drawn, m: the furniture."""
+
+OLD_COLOR, NEW_COLOR = np.array(to_rgb("#dfe4ea")), np.array(to_rgb("#0b3c6f"))
 
 
 def write_figures(folder: Path | str, out: Path | str) -> list[Path]:
@@ -39,7 +43,7 @@ def write_figures(folder: Path | str, out: Path | str) -> list[Path]:
     folder
         What ``tccm replay --out`` wrote.
     out
-        Where the pictures go; made if needed.
+        Folder of the pictures; created if needed.
 
     Raises
     ------
@@ -59,7 +63,7 @@ def write_figures(folder: Path | str, out: Path | str) -> list[Path]:
 
 
 def forgetting_png(results: Results) -> bytes:
-    """Draw the integration map from above after some cycles: dark is new, pale is old.
+    """Draw the integration map from above after some tilt cycles: dark is new, pale is old.
 
     Raises
     ------
@@ -71,11 +75,11 @@ def forgetting_png(results: Results) -> bytes:
         raise MapError(f"{results.folder}: no cycles.npz; replay the bag again")
     low, high = extent(results)
     shown = np.unique(np.linspace(min(2, len(cycles) - 1), len(cycles) - 1, PANELS).astype(int))
-    width = WIDTH / PANELS
-    tall = float(np.clip(width * (high[1] - low[1]) / (high[0] - low[0]), *HEIGHTS))
-    with canvas(WIDTH, tall + TITLE) as (figure, _):
+    width = WIDTH_IN / PANELS
+    tall = float(np.clip(width * (high[1] - low[1]) / (high[0] - low[0]), *HEIGHTS_IN))
+    with canvas(WIDTH_IN, tall + TITLE_IN) as (figure, _):
         for index, at in enumerate(shown.tolist()):
-            axes = figure.add_axes((index / PANELS, 0.0, 0.98 / PANELS, tall / (tall + TITLE)))
+            axes = figure.add_axes((index / PANELS, 0.0, 0.98 / PANELS, tall / (tall + TITLE_IN)))
             axes.set_axis_off()
             axes.set_xlim(low[0], high[0])
             axes.set_ylim(low[1], high[1])
@@ -94,8 +98,9 @@ def _draw_cycle(axes: Axes, results: Results, cycles: CycleParts, at: int) -> No
     bottom = cycles.bottom[rows] * 0.01 - results.ground
     x, y, z = transform(cycles.T_map_odom[at], points).T
     age = at - np.repeat(np.arange(first, at + 1), np.diff(cycles.offsets[first : at + 2]))
-    kept = (z - results.ground > CUT_M[0]) & (bottom < CUT_M[1])
-    colors = _age_colors(age[kept], cycles.window)
+    kept = (z - results.ground > HEIGHTS_M[0]) & (bottom < HEIGHTS_M[1])
+    fraction = np.clip(age[kept] / max(cycles.window - 1, 1), 0.0, 1.0)[:, None]
+    colors = NEW_COLOR + fraction * (OLD_COLOR - NEW_COLOR)
     axes.scatter(x[kept], y[kept], c=colors, s=0.8, marker="s", linewidths=0.0, zorder=2)
     for wall in results.walls:
         axes.plot(*wall.endpoints.T, color=palette.WALL, lw=0.6, alpha=0.5, zorder=1)
@@ -104,8 +109,3 @@ def _draw_cycle(axes: Axes, results: Results, cycles: CycleParts, at: int) -> No
         here = int(path.nearest(np.array([cycles.stamps_ns[at] * 1e-9]))[0])
         axes.plot(*path.positions[: here + 1, :2].T, color=palette.PALETTE[5], lw=0.8, zorder=3)
         axes.plot(*path.positions[here, :2], "o", ms=3.5, color=palette.PALETTE[5], zorder=4)
-
-
-def _age_colors(age: Int64, window: int) -> Float64:
-    share = np.clip(age / max(window - 1, 1), 0.0, 1.0)[:, None]
-    return NEW + share * (OLD - NEW)

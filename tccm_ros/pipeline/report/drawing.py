@@ -1,4 +1,4 @@
-"""Figures that come out the same, byte for byte, wherever they are drawn."""
+"""Draw with matplotlib: canvases, polygons, labels and PNG files, repeatable byte for byte."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ __all__ = ["canvas", "draw_labels", "png", "polygon", "sample_ring", "show_exten
 DPI = 200
 """Twice the width that a README shows, for sharp text."""
 
-FONT = 9.0
-"""Points; 12 pixels at README size."""
+FONT_PT = 9.0
+"""Font size, points; 12 pixels at README size."""
 
-OBSTACLE_STEP = 6.0
-"""Pixels between the points that stand for a line that labels avoid."""
+OBSTACLE_STEP_PX = 6.0
+"""Distance between the points that represent a line that labels avoid, pixels; chosen."""
 
 
 @contextmanager
 def canvas(width: float, height: float) -> Iterator[tuple[Figure, Axes]]:
-    """Give an empty figure of width x height inches with one frameless axes over all of it.
+    """Return an empty figure of width x height inches with one frameless axes over all of it.
 
-    The user's own matplotlib settings do not show; the font is the one that comes with matplotlib.
+    The user's own matplotlib settings have no effect; the font is the one that matplotlib installs.
     """
-    settings: dict[Any, Any] = {"font.family": ["DejaVu Sans"], "font.size": FONT}
+    settings: dict[Any, Any] = {"font.family": ["DejaVu Sans"], "font.size": FONT_PT}
     with matplotlib.style.context("default"), matplotlib.rc_context(settings):
         figure = Figure(figsize=(width, height), dpi=DPI)
         FigureCanvasAgg(figure)
@@ -49,7 +49,15 @@ def canvas(width: float, height: float) -> Iterator[tuple[Figure, Axes]]:
 
 
 def show_extent(axes: Axes, low: Float64, high: Float64) -> None:
-    """Show all between two corners (2,) on one scale in x and y, in the middle of the axes."""
+    """Set the limits of axes so that a rectangle fills them, with one scale in x and y.
+
+    Parameters
+    ----------
+    axes
+        With its final size.
+    low, high
+        float64 (2,), corners of the rectangle, data units.
+    """
     size = np.array(axes.get_window_extent().size, np.float64)
     scale = float(np.max((high - low) / size))
     middle, half = 0.5 * (low + high), 0.5 * scale * size
@@ -76,14 +84,14 @@ def polygon(rings: Sequence[Float64], **style: Any) -> PathPatch:
     vertices: list[Float64] = []
     codes: list[int] = []
     for index, ring in enumerate(rings):
-        vertices.append(np.concatenate([_wound(ring, ccw=index == 0), ring[:1]]))
+        vertices.append(np.concatenate([_oriented(ring, ccw=index == 0), ring[:1]]))
         codes += [int(Outline.MOVETO)] + [int(Outline.LINETO)] * (len(ring) - 1)
         codes.append(int(Outline.CLOSEPOLY))
     return PathPatch(Outline(np.concatenate(vertices), codes), **style)
 
 
-def _wound(ring: Float64, *, ccw: bool) -> Float64:
-    """Return the ring counter-clockwise or clockwise: fills leave out what winds the other way."""
+def _oriented(ring: Float64, *, ccw: bool) -> Float64:
+    """Return the ring counter-clockwise or clockwise: a ring of the other direction is a hole."""
     x, y = ring[:, 0], ring[:, 1]
     area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
     return ring if (area > 0.0) == ccw else ring[::-1]
@@ -95,9 +103,9 @@ def sample_ring(points: Float64, *, closed: bool = True) -> Float64:
     starts = points if closed else points[:-1]
     pieces = [np.zeros((0, 2))]
     for start, end in zip(starts, ends, strict=True):
-        count = max(int(np.hypot(*(end - start)) / OBSTACLE_STEP), 1)
-        share = np.arange(count)[:, None] / count
-        pieces.append(start + share * (end - start))
+        count = max(int(np.hypot(*(end - start)) / OBSTACLE_STEP_PX), 1)
+        fraction = np.arange(count)[:, None] / count
+        pieces.append(start + fraction * (end - start))
     return np.concatenate(pieces)
 
 
@@ -108,10 +116,10 @@ def draw_labels(
     colors: Sequence[str],
     obstacles: Float64,
     *,
-    size: float = FONT,
+    size: float = FONT_PT,
     zorder: float = 20.0,
 ) -> None:
-    """Write labels near their anchors without covering one another, with leaders where they moved.
+    """Write labels near their anchors without overlaps, with leader lines where they moved.
 
     Parameters
     ----------
@@ -152,8 +160,8 @@ def draw_labels(
 def _leader(axes: Axes, request: LabelRequest, center: Float64, color: str, zorder: float) -> None:
     """Draw a line from the label's edge to its anchor."""
     offset = request.anchor - center
-    reach = np.min((0.5 * request.size + 2.0) / np.maximum(np.abs(offset), 1e-9))
-    ends = np.stack([center + offset * min(reach, 1.0), request.anchor])
+    to_edge = np.min((0.5 * request.size + 2.0) / np.maximum(np.abs(offset), 1e-9))
+    ends = np.stack([center + offset * min(to_edge, 1.0), request.anchor])
     x, y = axes.transData.inverted().transform(ends).T
     halo = [withStroke(linewidth=2.2, foreground="white")]
     axes.plot(x, y, color=color, lw=1.1, zorder=zorder, path_effects=halo)

@@ -3,9 +3,8 @@ import pytest
 from message_families import to_bag_message
 
 from tccm_ros.geometry import pose_from_rpy
-from tccm_ros.ros.pointcloud import MAP_ROW, POINT_ROW, SURFACE_MAP_ROW, cloud_rows
-from tccm_ros.ros.results import (
-    OBSTACLE_STEP,
+from tccm_ros.ros.output_messages import (
+    OBSTACLE_STEP_M,
     DiagnosticStatus,
     diagnostics_message,
     grid_message,
@@ -15,11 +14,12 @@ from tccm_ros.ros.results import (
     pose_covariance_message,
     surface_map_message,
 )
+from tccm_ros.ros.pointcloud import MAP_ROW, POINT_ROW, SURFACE_MAP_ROW, cloud_rows
 
 STAMP = 1_700_000_000_000_000_005
 
 
-def test_map_cloud_has_the_exact_values(types):
+def test_the_map_cloud_has_the_exact_values_of_the_cuboids(types):
     tops = np.array([[0.01, 0.03, 0.7]])
     message = map_cloud_message(types, STAMP, "odom", tops, [0.03], [6.999999], [4])
     rows = cloud_rows(to_bag_message(types, "sensor_msgs/msg/PointCloud2", message), MAP_ROW)
@@ -27,27 +27,27 @@ def test_map_cloud_has_the_exact_values(types):
     assert rows.tobytes() == expected.tobytes()
 
 
-def test_obstacles_fill_each_cuboid_from_its_top_down(types):
+def test_obstacle_points_fill_each_cuboid_from_its_top_down(types):
     rng = np.random.default_rng(3)
     tops, depth = rng.uniform(-1.0, 2.0, (50, 3)), rng.uniform(0.0, 0.4, 50)
-    depth[0] = OBSTACLE_STEP  # a whole number of steps: the lower end is a point as well
+    depth[0] = OBSTACLE_STEP_M  # a whole number of steps: the lower end is a point as well
     expected = []
     for (x, y, z), d in zip(tops, depth):
         k = 0
-        while k * OBSTACLE_STEP <= d + 1e-9:
-            expected.append((x, y, z - k * OBSTACLE_STEP))
+        while k * OBSTACLE_STEP_M <= d + 1e-9:
+            expected.append((x, y, z - k * OBSTACLE_STEP_M))
             k += 1
     message = obstacle_cloud_message(types, STAMP, "odom", tops, depth)
     rows = cloud_rows(to_bag_message(types, "sensor_msgs/msg/PointCloud2", message), POINT_ROW)
     assert rows.tobytes() == np.array(expected, np.float32).tobytes()
 
 
-def test_no_cuboids_no_obstacles(types):
+def test_without_cuboids_there_are_no_obstacle_points(types):
     message = obstacle_cloud_message(types, STAMP, "odom", np.zeros((0, 3)), [])
     assert message.width == 0
 
 
-def test_surface_cloud_has_identity_and_colour(types):
+def test_the_surface_cloud_has_id_and_colour(types):
     message = surface_map_message(types, STAMP, "map", [[1, 2, 3]], [9], [[255, 128, 1]])
     message = to_bag_message(types, "sensor_msgs/msg/PointCloud2", message)
     assert [(f.name, f.datatype) for f in message.fields][3:] == [("id", 6), ("rgb", 7)]
@@ -55,7 +55,7 @@ def test_surface_cloud_has_identity_and_colour(types):
     assert (row["id"], row["rgb"]) == (9, 0xFF8001)
 
 
-def test_planar_covariance_takes_its_rows_of_six(types):
+def test_a_planar_covariance_fills_the_rows_of_x_y_and_yaw(types):
     cov = np.array([[1.0, 0.1, 0.2], [0.1, 2.0, 0.3], [0.2, 0.3, 3.0]])
     T = pose_from_rpy([1, 2, 0, 0, 0, np.pi / 2])
     message = pose_covariance_message(types, STAMP, "map", T, cov)
@@ -68,7 +68,7 @@ def test_planar_covariance_takes_its_rows_of_six(types):
     assert message.pose.pose.orientation.w == pytest.approx(np.sqrt(0.5))
 
 
-def test_path_keeps_stamps_and_poses(types):
+def test_a_path_has_the_stamps_and_poses(types):
     poses = np.stack([pose_from_rpy([k, 0, 0, 0, 0, 0]) for k in range(3)])
     message = path_message(types, STAMP, "map", [10, 20, 30], poses)
     message = to_bag_message(types, "nav_msgs/msg/Path", message)
@@ -78,7 +78,7 @@ def test_path_keeps_stamps_and_poses(types):
     assert empty.poses == []
 
 
-def test_grid(types):
+def test_an_occupancy_grid_has_its_cells_size_and_origin(types):
     cells = np.array([[0, 100, -1], [1, 2, 3]], np.int8)
     message = grid_message(types, STAMP, "map", cells, 0.05, np.eye(4))
     message = to_bag_message(types, "nav_msgs/msg/OccupancyGrid", message)
@@ -86,7 +86,7 @@ def test_grid(types):
     assert message.data.tolist() == [0, 100, -1, 1, 2, 3]
 
 
-def test_diagnostics(types):
+def test_diagnostics_have_level_message_and_values_as_text(types):
     status = DiagnosticStatus("scan", 1, "no scans", {"dropped: no joint sample": 3})
     message = diagnostics_message(types, STAMP, "tccm", [status])
     message = to_bag_message(types, "diagnostic_msgs/msg/DiagnosticArray", message)

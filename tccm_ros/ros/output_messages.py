@@ -1,4 +1,4 @@
-"""What only goes out: clouds of maps, poses, paths, grids and diagnostics as messages."""
+"""Messages that are only published: map clouds, poses, paths, grids and diagnostics."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tccm_ros.ros.pointcloud import MAP_ROW, POINT_ROW, SURFACE_MAP_ROW, cloud_m
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message, stamp_message
 
 __all__ = [
-    "OBSTACLE_STEP",
+    "OBSTACLE_STEP_M",
     "DiagnosticStatus",
     "diagnostics_message",
     "grid_message",
@@ -24,8 +24,8 @@ __all__ = [
     "surface_map_message",
 ]
 
-OBSTACLE_STEP = 0.05
-"""Points of a cuboid are this far apart, m: a cell of an ordinary costmap."""
+OBSTACLE_STEP_M = 0.05
+"""Distance of the points in a cuboid, m; chosen: the cell of an ordinary costmap."""
 
 
 def map_cloud_message(
@@ -67,8 +67,8 @@ def obstacle_cloud_message(
 ) -> Any:
     """Return ~/obstacles, a sensor_msgs/PointCloud2 that fills each cuboid with points.
 
-    A costmap marks where points are, and looks at nothing but their heights: a cuboid that reaches
-    from the floor to above the robot needs points all along.
+    A costmap marks the cells of points within a range of heights: a cuboid from the floor to above
+    the robot needs points over its whole height.
 
     Parameters
     ----------
@@ -77,13 +77,13 @@ def obstacle_cloud_message(
     tops
         (N, 3), m: centre of the cell and upper end of the cuboid.
     depth
-        (N,), m; a point at the top, and one each `OBSTACLE_STEP` below it.
+        (N,), m; there is a point at the top, and one every `OBSTACLE_STEP_M` below it.
     """
-    steps = np.floor(np.asarray(depth, np.float64) / OBSTACLE_STEP + 1e-9).astype(np.int64)
+    steps = np.floor(np.asarray(depth, np.float64) / OBSTACLE_STEP_M + 1e-9).astype(np.int64)
     ends = np.cumsum(steps + 1)
     below = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - steps - 1, steps + 1)
     xyz = np.repeat(np.asarray(tops, np.float64).reshape(-1, 3), steps + 1, axis=0)
-    xyz[:, 2] -= OBSTACLE_STEP * below
+    xyz[:, 2] -= OBSTACLE_STEP_M * below
     rows = np.ascontiguousarray(xyz, np.float32).view(POINT_ROW).reshape(-1)
     return cloud_message(types, stamp_ns, frame_id, rows)
 
@@ -96,9 +96,18 @@ def surface_map_message(
     ids: ArrayLike,
     colors: ArrayLike,
 ) -> Any:
-    """Return ~/surface_cloud, a sensor_msgs/PointCloud2 of points (N, 3), m, with id and colour.
+    """Return ~/surface_cloud, a sensor_msgs/PointCloud2 of points with surface id and colour.
 
-    `ids` are the surfaces' (N,); `colors` are (N, 3) red green blue, 0 to 255.
+    Parameters
+    ----------
+    types, stamp_ns, frame_id
+        Message classes and header.
+    points
+        (N, 3), m.
+    ids
+        (N,), of the surfaces.
+    colors
+        (N, 3), red green blue, 0 to 255.
     """
     xyz = np.asarray(points, np.float32).reshape(-1, 3)
     rows = np.zeros(len(xyz), SURFACE_MAP_ROW)
@@ -115,7 +124,14 @@ def pose_covariance_message(
 ) -> Any:
     """Return a geometry_msgs/PoseWithCovarianceStamped.
 
-    `cov` is (6, 6) of (x, y, z, roll, pitch, yaw), or planar (3, 3) of (x, y, yaw); m and rad.
+    Parameters
+    ----------
+    types, stamp_ns, frame_id
+        Message classes and header.
+    T_a_b
+        float64 (4, 4), pose of b in the frame `frame_id`.
+    cov
+        (6, 6) of (x, y, z, roll, pitch, yaw), or planar (3, 3) of (x, y, yaw); m and rad.
     """
     full = np.asarray(cov, np.float64)
     if full.shape == (3, 3):
@@ -139,7 +155,17 @@ def path_message(
     stamps_ns: Sequence[int],
     T_a_b: Float64,
 ) -> Any:
-    """Return a nav_msgs/Path of poses (N, 4, 4) at stamps (N,)."""
+    """Return a nav_msgs/Path.
+
+    Parameters
+    ----------
+    types, stamp_ns, frame_id
+        Message classes and header.
+    stamps_ns
+        (N,), stamps of the poses.
+    T_a_b
+        float64 (N, 4, 4), poses in the frame `frame_id`.
+    """
     poses = [
         types.make(
             "geometry_msgs/msg/PoseStamped",
@@ -190,7 +216,19 @@ def grid_message(
 
 
 class DiagnosticStatus(NamedTuple):
-    """One line of /diagnostics; level 0 is ok, 1 warning, 2 error, 3 stale."""
+    """One status of /diagnostics.
+
+    Attributes
+    ----------
+    name
+        Of the component.
+    level
+        0 ok, 1 warning, 2 error, 3 stale.
+    message
+        One line.
+    values
+        Key-value pairs, shown in their order.
+    """
 
     name: str
     level: int
@@ -201,7 +239,17 @@ class DiagnosticStatus(NamedTuple):
 def diagnostics_message(
     types: MessageTypes, stamp_ns: int, hardware_id: str, statuses: Sequence[DiagnosticStatus]
 ) -> Any:
-    """Return a diagnostic_msgs/DiagnosticArray; values are shown as text, in their order."""
+    """Return a diagnostic_msgs/DiagnosticArray.
+
+    Parameters
+    ----------
+    types, stamp_ns
+        Message classes and stamp.
+    hardware_id
+        Of all statuses.
+    statuses
+        Their values become text.
+    """
     made = [
         types.make(
             "diagnostic_msgs/msg/DiagnosticStatus",

@@ -1,4 +1,4 @@
-"""The coarse time series: unions against a brute force, round trip, damage."""
+"""cycles.npz: coarsening against a brute force, reading back, and damaged files."""
 
 import numpy as np
 import pytest
@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.errors import MapError, OutputError
-from tccm_ros.results.cycles import (
-    JOIN_GAP_CM,
+from tccm_ros.results.cycles_file import (
+    MAX_MERGE_GAP_CM,
     CycleHistory,
     coarsen,
     load_cycles,
@@ -32,7 +32,7 @@ def cuboids(rows, cell_size=0.02):
 
 @settings(max_examples=60, deadline=None)
 @given(INTERVALS)
-def test_coarsen_is_the_union_with_small_gaps_closed(rows):
+def test_coarsening_is_the_union_of_intervals_with_small_gaps_closed(rows):
     columns = np.array([(x, y, b, b + d) for x, y, b, d in rows], np.int64).reshape(-1, 4).T
     covered: dict = {}
     for x, y, b, d in rows:
@@ -42,13 +42,13 @@ def test_coarsen_is_the_union_with_small_gaps_closed(rows):
         heights = sorted(units)
         start = heights[0]
         for low, high in zip(heights, [*heights[1:], None]):
-            if high is None or high - (low + 1) > JOIN_GAP_CM:
+            if high is None or high - (low + 1) > MAX_MERGE_GAP_CM:
                 expected.append((x, y, start, low + 1))
                 start = high
     assert coarsen(*columns).T.tolist() == [list(e) for e in expected]
 
 
-def test_heights_are_rounded_outwards_and_cells_nest():
+def test_a_coarse_cuboid_contains_the_cuboids_that_it_is_made_of():
     history = CycleHistory(window=10)
     history.add(0, 5, cuboids([(-1, 2, -101, 99), (5, 3, 6900, 7001)]))
     parts = history.parts(np.eye(4)[None])
@@ -59,7 +59,7 @@ def test_heights_are_rounded_outwards_and_cells_nest():
     assert parts.top.tolist() == [1, 71]
 
 
-def test_round_trip_is_exact_and_repeatable(tmp_path):
+def test_a_file_is_read_back_exactly_and_written_with_the_same_bytes(tmp_path):
     history = CycleHistory(window=3)
     for cycle in range(3):
         history.add(cycle, 100 * cycle, cuboids([(i, cycle, 100, 7000) for i in range(20)]))
@@ -72,8 +72,8 @@ def test_round_trip_is_exact_and_repeatable(tmp_path):
         assert np.array_equal(getattr(again, name), getattr(parts, name)), name
 
 
-def test_too_many_cuboids_grow_the_cells(tmp_path, monkeypatch):
-    monkeypatch.setattr("tccm_ros.results.cycles.MAX_CUBOIDS", 50)
+def test_cells_grow_until_the_cuboids_fit_the_limit(tmp_path, monkeypatch):
+    monkeypatch.setattr("tccm_ros.results.cycles_file.MAX_CUBOIDS", 50)
     history = CycleHistory(window=3)
     history.add(0, 0, cuboids([(3 * x, 3 * y, 0, 300) for x in range(20) for y in range(20)]))
     parts = history.parts(np.eye(4)[None])
@@ -81,13 +81,13 @@ def test_too_many_cuboids_grow_the_cells(tmp_path, monkeypatch):
     assert parts.cell_size == pytest.approx(0.24)
 
 
-def test_no_cycles_is_a_file_too(tmp_path):
+def test_a_file_without_cycles_is_read_back(tmp_path):
     save_cycles(tmp_path / "c.npz", CycleHistory(window=10).parts(np.zeros((0, 4, 4))))
     assert len(load_cycles(tmp_path / "c.npz")) == 0
 
 
 @pytest.mark.parametrize("damage", ["missing", "truncated", "text", "short"])
-def test_damage_is_one_clear_error(tmp_path, damage):
+def test_a_damaged_file_is_a_map_error_that_names_it(tmp_path, damage):
     path = tmp_path / "cycles.npz"
     history = CycleHistory(window=3)
     history.add(0, 0, cuboids([(i, 0, 100, 7000) for i in range(20)]))
@@ -108,13 +108,13 @@ def test_damage_is_one_clear_error(tmp_path, damage):
         load_cycles(path)
 
 
-def test_a_place_that_cannot_be_written(tmp_path):
+def test_a_path_that_cannot_be_written_is_an_output_error(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot be written"):
         save_cycles(tmp_path / "file" / "c.npz", CycleHistory(window=1).parts(np.zeros((0, 4, 4))))
 
 
-def test_a_cycle_that_saw_nothing_keeps_the_frame_of_the_one_before():
+def test_a_cycle_without_cuboids_has_the_pose_of_the_cycle_before():
     history = CycleHistory(window=3)
     for cycle, rows in enumerate([[], [(0, 0, 0, 300)], [], [(1, 1, 0, 300)], []]):
         history.add(cycle, cycle, cuboids(rows))

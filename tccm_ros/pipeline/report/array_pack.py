@@ -1,4 +1,4 @@
-"""Arrays on their way into a page: one block of bytes, compressed, as text."""
+"""Pack arrays into an HTML page: one block of bytes, compressed, as base64 text."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Reference = tuple[str, int, int]
 
 TYPES = {"f4": np.float32, "f8": np.float64, "i2": np.int16, "u2": np.uint16}
 ALIGNMENT = 8
-LEVEL = 9
+ZIP_LEVEL = 9
 
 
 class ArrayPack:
@@ -41,7 +41,7 @@ class ArrayPack:
 
     def text(self) -> str:
         """Return everything, deflated (RFC 1950) and in base64."""
-        return base64.b64encode(zlib.compress(b"".join(self._chunks), LEVEL)).decode("ascii")
+        return base64.b64encode(zlib.compress(b"".join(self._chunks), ZIP_LEVEL)).decode("ascii")
 
 
 def differences(column: NDArray[Any]) -> NDArray[np.int16]:

@@ -1,8 +1,8 @@
-"""The time series for the report: every cycle's part map, coarsened, in one small file.
+"""Write and read cycles.npz: the part map of every tilt cycle, coarsened, for the report.
 
-``cycles.npz`` lets the report show what the map held after any cycle: the newest n part maps.
-Cells are joined to at least `CELL_SIZE` and heights rounded outwards to centimetres, so that an
-hour of mapping stays a few megabytes. What is exact is in ``cuboids.npz``.
+The report shows with it what the integration map held after any tilt cycle: the newest n part maps.
+Cells are merged to at least `MIN_CELL_SIZE_M` and heights rounded outwards to centimetres, so that
+an hour of mapping stays a few megabytes. ``cuboids.npz`` has the exact final map.
 """
 
 from __future__ import annotations
@@ -22,18 +22,21 @@ from tccm_ros.errors import MapError, one_line
 
 __all__ = ["CycleHistory", "CycleParts", "coarsen", "load_cycles", "save_cycles"]
 
-CELL_SIZE = 0.05
-"""Smallest edge of a coarse cell, m."""
+MIN_CELL_SIZE_M = 0.05
+"""Smallest edge of a coarse cell, m; chosen: about a pixel of the report's view of a flat."""
 
 MAX_CUBOIDS = 1_200_000
-"""Cells grow until no more cuboids than this are left: about 5 MB, and smooth in a browser."""
+"""Cells grow until no more cuboids than this are left; chosen: about 5 MB, smooth in a browser."""
 
 TICKS_PER_CM = TICKS_PER_M // 100
-JOIN_GAP_CM = 2
-"""Coarse cuboids nearer than this in height are one: finer is not seen at this scale."""
+MAX_MERGE_GAP_CM = 2
+"""Coarse cuboids with a smaller gap in height are merged, cm; chosen: not visible at this scale."""
 
 FORMAT = 1
-LIMIT = np.iinfo(np.int16).max
+"""Version of the file."""
+
+MAX_INDEX = np.iinfo(np.int16).max
+"""Largest cell index and height that the file's integers hold."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,19 +80,34 @@ class CycleParts:
 
 
 class CycleHistory:
-    """Collects part maps as they close, each coarsened at once so that memory stays small."""
+    """Collects the part map of each tilt cycle, coarsened at once so that memory stays small.
+
+    Parameters
+    ----------
+    window
+        Part maps that the integration map holds (``map.window_cycles``).
+    """
 
     def __init__(self, window: int):
-        """Start empty; `window` is ``map.window_cycles``."""
         self.window = window
-        self._cell_size = CELL_SIZE
+        self._cell_size = MIN_CELL_SIZE_M
         self._cycles: list[int] = []
         self._stamps_ns: list[int] = []
         self._parts: list[Int64] = []
 
     def add(self, cycle: int, stamp_ns: int, part: Cuboids) -> None:
-        """Append the part map of one cycle, in the odometry frame."""
-        factor = max(1, int(np.ceil(CELL_SIZE / part.cell_size - 1e-9)))
+        """Append the part map of one tilt cycle.
+
+        Parameters
+        ----------
+        cycle
+            Number of the tilt cycle, larger than those before.
+        stamp_ns
+            Stamp of the tilt cycle.
+        part
+            Its part map, in the odometry frame.
+        """
+        factor = max(1, int(np.ceil(MIN_CELL_SIZE_M / part.cell_size - 1e-9)))
         self._cell_size = factor * part.cell_size
         self._cycles.append(cycle)
         self._stamps_ns.append(stamp_ns)
@@ -108,15 +126,15 @@ class CycleHistory:
         Parameters
         ----------
         T_map_odom
-            float64 (C, 4, 4), one for each cycle that was added. A cycle that saw nothing knows
-            no pose: that of the cycle before is taken (or after, at the beginning).
+            float64 (C, 4, 4), one for each cycle that was added. A cycle without cuboids has no
+            pose of its own: it takes that of the cycle before (at the beginning, of the one after).
         """
         parts, cell_size = self._parts, self._cell_size
         while _must_grow(parts):
             parts = [coarsen(p[0] // 2, p[1] // 2, p[2], p[3]) for p in parts]
             cell_size *= 2.0
         table = np.concatenate([np.zeros((4, 0), np.int64), *parts], axis=1)
-        ix, iy, bottom, top = np.clip(table, -LIMIT, LIMIT).astype(np.int16)
+        ix, iy, bottom, top = np.clip(table, -MAX_INDEX, MAX_INDEX).astype(np.int16)
         return CycleParts(
             cell_size,
             self.window,
@@ -127,12 +145,12 @@ class CycleHistory:
             iy,
             bottom,
             top,
-            _carried(np.asarray(T_map_odom, float).reshape(len(parts), 4, 4), self._parts),
+            _fill_poses(np.asarray(T_map_odom, float).reshape(len(parts), 4, 4), self._parts),
         )
 
 
-def _carried(T_map_odom: Float64, parts: list[Int64]) -> Float64:
-    """Return the poses, those of empty parts replaced by the last before or the first after."""
+def _fill_poses(T_map_odom: Float64, parts: list[Int64]) -> Float64:
+    """Return the poses, those of empty part maps replaced by the last before or first after."""
     known = np.flatnonzero([part.shape[1] > 0 for part in parts])
     if len(known) == 0:
         return T_map_odom
@@ -141,9 +159,10 @@ def _carried(T_map_odom: Float64, parts: list[Int64]) -> Float64:
 
 
 def _must_grow(parts: list[Int64]) -> bool:
+    """Return whether the cells have to be larger for the limits of the file."""
     if sum(p.shape[1] for p in parts) > MAX_CUBOIDS:
         return True
-    return any(p.size > 0 and np.abs(p[:2]).max() > LIMIT for p in parts)
+    return any(p.size > 0 and np.abs(p[:2]).max() > MAX_INDEX for p in parts)
 
 
 def coarsen(
@@ -152,7 +171,7 @@ def coarsen(
     bottom: Int64,
     top: Int64,
 ) -> Int64:
-    """Join the intervals of each cell that touch or nearly touch.
+    """Merge the intervals of each cell that touch or nearly touch (`MAX_MERGE_GAP_CM`).
 
     Parameters
     ----------
@@ -169,12 +188,12 @@ def coarsen(
     if len(ix) == 0:
         return np.zeros((4, 0), np.int64)
     new_cell = np.r_[True, (np.diff(ix) != 0) | (np.diff(iy) != 0)]
-    # A running maximum that starts anew in each cell: every cell gets its own range of numbers.
+    # A running maximum that restarts in each cell: every cell gets its own range of numbers.
     span = int(top.max() - top.min()) + 1
     base = np.cumsum(new_cell) * span - top.min()
-    reach = np.maximum.accumulate(top + base) - base
+    top_so_far = np.maximum.accumulate(top + base) - base
     starts = new_cell.copy()
-    starts[1:] |= bottom[1:] > reach[:-1] + JOIN_GAP_CM
+    starts[1:] |= bottom[1:] > top_so_far[:-1] + MAX_MERGE_GAP_CM
     first = np.flatnonzero(starts)
     return np.stack([ix[first], iy[first], bottom[first], np.maximum.reduceat(top, first)])
 
@@ -237,4 +256,4 @@ def _check(path: Path | str, parts: CycleParts) -> None:
     )
     poses = parts.T_map_odom.shape == (len(parts), 4, 4) and len(parts.stamps_ns) == len(parts)
     if not (same and whole and poses and bool(np.all(np.diff(parts.offsets) >= 0))):
-        raise MapError(f"{path}: damaged, its arrays do not belong together")
+        raise MapError(f"{path}: damaged, its arrays have lengths that contradict each other")

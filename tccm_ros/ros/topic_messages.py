@@ -1,0 +1,234 @@
+"""Build the messages of a tilt cycle and of a solution, by topic, for live nodes and result.mcap.
+
+Each message is built only when it is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tccm_ros.arrays import Float64, Int32
+from tccm_ros.baselines.center_cores import center_cores
+from tccm_ros.config import Config
+from tccm_ros.cuboids.cuboids import TICK, Cuboids
+from tccm_ros.geometry import spatial
+from tccm_ros.mapping.tccm import CyclePlanes, CycleResult
+from tccm_ros.ros import surface_cloud_message, view_message
+from tccm_ros.ros.marker_parts import MarkerSet, MessageContext, identity_color
+from tccm_ros.ros.markers import (
+    core_markers,
+    cuboid_markers,
+    object_markers,
+    plane_markers,
+    surface_markers,
+    wall_markers,
+)
+from tccm_ros.ros.output_messages import (
+    map_cloud_message,
+    obstacle_cloud_message,
+    path_message,
+    surface_map_message,
+)
+from tccm_ros.ros.types import MessageTypes
+from tccm_ros.surfaces.surface_slam import SurfaceSolution
+
+__all__ = [
+    "CYCLE_TOPICS",
+    "SOLUTION_TOPICS",
+    "CycleMessageBuilder",
+    "SolutionMessageBuilder",
+    "TopicMessage",
+]
+
+MARKERS = "visualization_msgs/msg/MarkerArray"
+CLOUD = "sensor_msgs/msg/PointCloud2"
+
+CYCLE_TOPICS = {
+    "planes": MARKERS,
+    "objects": MARKERS,
+    "cuboids": MARKERS,
+    "center_cores": MARKERS,
+    "map_cloud": CLOUD,
+    "obstacles": CLOUD,
+    "surfaces": CLOUD,
+    "view": CLOUD,
+}
+"""Private topics of the TCCM node and their types (docs/reference/nodes.md)."""
+
+SURFACE_MESSAGE_TOPICS = ("surfaces", "view")
+"""Those of `CYCLE_TOPICS` that the SLAM node reads: one for each tilt cycle, never skipped."""
+
+SOLUTION_TOPICS = {
+    "path": "nav_msgs/msg/Path",
+    "walls": MARKERS,
+    "surfaces": MARKERS,
+    "surface_cloud": CLOUD,
+}
+"""Private topics of the SLAM node that show a solution, and their types."""
+
+
+class TopicMessage(NamedTuple):
+    """A message for a private topic of a node, built when it is needed.
+
+    Attributes
+    ----------
+    topic
+        Name of the topic within the node's namespace.
+    msgtype
+        Such as ``sensor_msgs/msg/PointCloud2``.
+    build
+        Returns the message.
+    """
+
+    topic: str
+    msgtype: str
+    build: Callable[[], Any]
+
+
+class CycleMessageBuilder:
+    """Builds the messages of tilt cycles; marker arrays delete the markers that are gone.
+
+    Parameters
+    ----------
+    types
+        Message classes.
+    config
+        Groups `map` and `markers`.
+    """
+
+    def __init__(self, types: MessageTypes, config: Config):
+        self._types, self._config = types, config
+        self._marker_sets = {
+            topic: MarkerSet(types) for topic, kind in CYCLE_TOPICS.items() if kind == MARKERS
+        }
+
+    def of(self, result: CycleResult, cuboids: Callable[[], Cuboids]) -> Iterator[TopicMessage]:
+        """Yield the messages of a tilt cycle.
+
+        Parameters
+        ----------
+        result
+            The tilt cycle.
+        cuboids
+            Returns the integration map after that tilt cycle.
+        """
+        yield self.planes(result.found)
+        yield from self.after_planes(result, cuboids)
+
+    def planes(self, found: CyclePlanes) -> TopicMessage:
+        """Return the markers of the planes of a tilt cycle."""
+        context = MessageContext(self._types, found.stamp_ns, found.frame_id)
+        build = self._markers(
+            "planes", lambda: plane_markers(context, found.planes), found.stamp_ns
+        )
+        return TopicMessage("planes", MARKERS, build)
+
+    def after_planes(
+        self, result: CycleResult, cuboids: Callable[[], Cuboids]
+    ) -> Iterator[TopicMessage]:
+        """Yield all messages of a tilt cycle except the planes; arguments as `of`."""
+        context = MessageContext(self._types, result.stamp_ns, result.frame_id)
+        markers: dict[str, Callable[[], list[Any]]] = {
+            "objects": lambda: object_markers(context, result.objects),
+            "cuboids": lambda: self._cuboids(context, cuboids()),
+            "center_cores": lambda: _cores(context, cuboids()),
+        }
+        clouds: dict[str, Callable[[], Any]] = {
+            "map_cloud": lambda: _map_cloud(context, cuboids()),
+            "obstacles": lambda: _obstacles(context, cuboids()),
+            "surfaces": lambda: surface_cloud_message(self._types, result.surfaces),
+            "view": lambda: view_message(self._types, result.view),
+        }
+        for topic, build in markers.items():
+            yield TopicMessage(topic, MARKERS, self._markers(topic, build, result.stamp_ns))
+        for topic, message in clouds.items():
+            yield TopicMessage(topic, CLOUD, message)
+
+    def _markers(
+        self, topic: str, build: Callable[[], list[Any]], stamp_ns: int
+    ) -> Callable[[], Any]:
+        return lambda: self._marker_sets[topic].message(build(), stamp_ns)
+
+    def _cuboids(self, context: MessageContext, cuboids: Cuboids) -> list[Any]:
+        if not len(cuboids):
+            return []
+        value = _newest(cuboids) if self._config.markers.cuboid_color == "age" else cuboids.top
+        low, high = float(value.min()), float(value.max())
+        fraction = (value - low) / max(high - low, 1e-9)
+        depth = self._config.map.cuboid_depth
+        return cuboid_markers(
+            context, _tops(cuboids), _depths(cuboids), cuboids.cell_size, depth, fraction
+        )
+
+
+def _cores(context: MessageContext, cuboids: Cuboids) -> list[Any]:
+    ends = center_cores(cuboids).ends()
+    return core_markers(context, ends[:, 0], ends[:, 1])
+
+
+def _tops(cuboids: Cuboids) -> Float64:
+    xy = (np.stack([cuboids.ix, cuboids.iy], axis=1) + 0.5) * cuboids.cell_size
+    return np.column_stack([xy, cuboids.top * TICK])
+
+
+def _depths(cuboids: Cuboids) -> Float64:
+    return np.asarray((cuboids.top - cuboids.bottom) * TICK, np.float64)
+
+
+def _newest(cuboids: Cuboids) -> Int32:
+    return cuboids.cycles[cuboids.cycle_offsets[1:] - 1]
+
+
+def _map_cloud(context: MessageContext, cuboids: Cuboids) -> Any:
+    return map_cloud_message(
+        *context, _tops(cuboids), _depths(cuboids), cuboids.count, _newest(cuboids)
+    )
+
+
+def _obstacles(context: MessageContext, cuboids: Cuboids) -> Any:
+    return obstacle_cloud_message(*context, _tops(cuboids), _depths(cuboids))
+
+
+class SolutionMessageBuilder:
+    """Builds the messages of a solution of the SLAM node.
+
+    Parameters
+    ----------
+    types
+        Message classes.
+    map_frame
+        Frame of all messages.
+    """
+
+    def __init__(self, types: MessageTypes, map_frame: str):
+        self._types, self._frame = types, map_frame
+        self._walls, self._surfaces = MarkerSet(types), MarkerSet(types)
+
+    def of(self, solution: SurfaceSolution, stamp_ns: int) -> Iterator[TopicMessage]:
+        """Yield the messages of a solution, stamped with the newest record that it contains."""
+        context = MessageContext(self._types, stamp_ns, self._frame)
+        builders: dict[str, Callable[[], Any]] = {
+            "path": lambda: path_message(
+                *context, solution.trajectory_ns.tolist(), spatial(solution.trajectory)
+            ),
+            "walls": lambda: self._walls.message(
+                wall_markers(context, solution.slam.walls), stamp_ns
+            ),
+            "surfaces": lambda: self._surfaces.message(
+                surface_markers(context, solution.surfaces), stamp_ns
+            ),
+            "surface_cloud": lambda: _surface_cloud(context, solution),
+        }
+        for topic, build in builders.items():
+            yield TopicMessage(topic, SOLUTION_TOPICS[topic], build)
+
+
+def _surface_cloud(context: MessageContext, solution: SurfaceSolution) -> Any:
+    ids = solution.mapped.surface_id
+    known, index = np.unique(ids, return_inverse=True)
+    palette = np.array([identity_color(int(i)) for i in known]).reshape(-1, 3)
+    colors = np.rint(255 * palette).astype(np.uint8)[index]
+    return surface_map_message(*context, solution.mapped.points, ids, colors)

@@ -17,14 +17,14 @@ __all__ = ["AS_PRINTED"]
 
 
 @njit(nogil=True, cache=True)
-def order_of_arrival(records: Any, n: Any, heights: Any, scratch: Any, order: Any) -> None:
+def keep_arrival_order(records: Any, n: Any, heights: Any, scratch: Any, order: Any) -> None:
     """Leave the points in the order in which they came; arguments as in `order_by_height`."""
     for i in range(n):
         order[i] = i
 
 
 @njit(nogil=True, cache=True)
-def unite_as_printed(
+def merge_as_printed(
     points: Any, n: Any, begins: Any, cell_keys: Any, n_cells: Any, found: Any
 ) -> Any:
     """Grow the cuboids of each cell by Eq. (1) as printed, point by point in their order.
@@ -32,7 +32,7 @@ def unite_as_printed(
     A point at or below a cuboid's top u and not further below its bottom than d0 extends it by
     u - z, even where it was inside; a point above the top, within the cuboid's own depth d of it,
     raises it. Cuboids that then overlap are merged (section III.A). Arguments and result are those
-    of `union.unite_intervals`, but a cell's points are in the order in which they came; they are
+    of `union.merge_intervals`, but a cell's points are in the order in which they came; they are
     reordered, so that those of a cuboid follow each other.
     """
     keys, bounds, firsts = found
@@ -59,7 +59,7 @@ def unite_as_printed(
     return k
 
 
-AS_PRINTED = CuboidRule(order_of_arrival, unite_as_printed)
+AS_PRINTED = CuboidRule(keep_arrival_order, merge_as_printed)
 """Eq. (1) as printed, in the order in which the points came."""
 
 

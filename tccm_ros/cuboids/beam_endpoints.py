@@ -24,15 +24,15 @@ __all__ = [
     "WORK_SIZE",
     "Beams",
     "RegionFrame",
-    "Stretch",
+    "ScanSegment",
     "angle_between_lines",
+    "extend_box",
     "mark_inside",
     "mark_kept",
-    "place_beams",
     "poses_in_beams",
+    "project_beams",
     "quantise",
-    "region_from",
-    "widen",
+    "region_in_segment",
 ]
 
 BLOCK = 512
@@ -40,7 +40,7 @@ BLOCK = 512
 
 # Rows of the scratch array, int32: whether the beam is used, its tile in the directory, its cell
 # in the tile, its height in ticks, its place in the cell (x << 16 | y) and its depth in ticks.
-USED, TILE_OF, CELL_OF, HEIGHT, PLACE, DEPTH_OF = (np.uint64(row * BLOCK) for row in range(6))
+USED, TILE_OF, CELL_OF, HEIGHT, IN_CELL, DEPTH_OF = (np.uint64(row * BLOCK) for row in range(6))
 
 WORK_SIZE = 6 * BLOCK
 """Elements of the scratch array `work`, int32."""
@@ -111,8 +111,8 @@ class Beams(NamedTuple):
     step: Any
 
 
-class Stretch(NamedTuple):
-    """A stretch of a scan between two poses.
+class ScanSegment(NamedTuple):
+    """A segment of a scan between two poses.
 
     Attributes
     ----------
@@ -187,11 +187,11 @@ def angle_between_lines(T: Any, settings: Any, step: Any) -> Any:
 
 
 @njit(nogil=True, cache=True)
-def region_from(T_odom_base: Any, stretch: Any, settings: Any, seen: Any) -> None:
-    """Write how the beams of a stretch see the region: `seen` of `mark_inside`."""
+def region_in_segment(T_odom_base: Any, segment: Any, settings: Any, seen: Any) -> None:
+    """Write how the beams of a segment see the region: `seen` of `mark_inside`."""
     m = len(T_odom_base) // 2
     in_base = settings.region_frame == RegionFrame.BASE
-    T0, T1, f0, df = stretch
+    T0, T1, f0, df = segment
     for i in range(3):
         low, high = settings.region[2 * i], settings.region[2 * i + 1]
         seen[6, i] = 0.5 * (high - low)
@@ -234,13 +234,13 @@ def quantise(work: Any, j: Any, used: Any, px: Any, py: Any, pz: Any, depth: Any
     work[TILE_OF + j] = tx * tiles_y + ty
     work[CELL_OF + j] = ((ix & 63) << 6) | (iy & 63)
     work[HEIGHT + j] = z
-    work[PLACE + j] = ((x - ix * cell) << 16) | (y - iy * cell)
+    work[IN_CELL + j] = ((x - ix * cell) << 16) | (y - iy * cell)
     work[DEPTH_OF + j] = np.int32(depth)
     return used, tx, ty, z
 
 
 @njit(nogil=True, cache=True)
-def widen(counters: Any, x: Any, y: Any, z: Any) -> Any:
+def extend_box(counters: Any, x: Any, y: Any, z: Any) -> Any:
     """Take in the tiles (x, y) and heights z of a block, each (least, greatest).
 
     Returns whether the directory covers its tiles.
@@ -264,7 +264,7 @@ def mark_kept(keep: Any, first: Any, n: Any, work: Any) -> None:
 def mark_inside(beams: Any, seen: Any, first: Any, n: Any, work: Any) -> Any:
     """Mark the n beams from `first` on that are to be used and hit inside the region.
 
-    `seen` float32 (7, 3) is the region as beam 0 sees it (`region_from`), along its axes: the
+    `seen` float32 (7, 3) is the region as beam 0 sees it (`region_in_segment`), along its axes: the
     laser's x and y axis, how both change per beam, the laser's place from the region's centre, how
     it moves per beam, and half the region's size. Returns the first beam marked, of n, and the one
     after the last.
@@ -295,8 +295,8 @@ def mark_inside(beams: Any, seen: Any, first: Any, n: Any, work: Any) -> Any:
 
 
 @njit(nogil=True, cache=True)
-def place_beams(
-    beams: Any, stretch: Any, growth: Any, settings: Any, block: Any, work: Any, counters: Any
+def project_beams(
+    beams: Any, segment: Any, growth: Any, settings: Any, block: Any, work: Any, counters: Any
 ) -> Any:
     """Place the beams of a block, first + [low, high) with `block` = (first, low, high).
 
@@ -304,7 +304,7 @@ def place_beams(
     added in float64. `growth` is the depth of a point, ticks, per metre of range. Returns whether
     the directory covers all of them.
     """
-    T0, T1, f0, df = stretch
+    T0, T1, f0, df = segment
     first, low, high = block
     g0, dg = np.float32(f0), np.float32(df)
     a00, a01 = np.float32(T0[0, 0]), np.float32(T0[0, 1])
@@ -342,4 +342,4 @@ def place_beams(
         x0, x1 = min(x0, tx if used else BEYOND), max(x1, tx if used else -BEYOND)
         y0, y1 = min(y0, ty if used else BEYOND), max(y1, ty if used else -BEYOND)
         bottom, top = min(bottom, h if used else BEYOND), max(top, h if used else -BEYOND)
-    return widen(counters, (x0, x1), (y0, y1), (bottom, top))
+    return extend_box(counters, (x0, x1), (y0, y1), (bottom, top))

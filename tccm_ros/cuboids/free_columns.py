@@ -13,7 +13,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.records import ViewIntervals
 
-__all__ = ["KEY_STEP", "NEVER", "FreeColumns", "SeenFree", "column_keys"]
+__all__ = ["KEY_STEP", "NEVER", "FreeColumns", "FreeSpace", "column_keys"]
 
 
 KEY_STEP = 1 << 21
@@ -80,7 +80,7 @@ class _CycleView(NamedTuple):
     free: FreeColumns
 
 
-class SeenFree:
+class FreeSpace:
     """What the cycles of the window saw through.
 
     Parameters

@@ -27,7 +27,7 @@ WORDS = BINS // 64
 
 ALL = np.uint64(0xFFFF_FFFF_FFFF_FFFF)
 
-LOWEST = -1.5
+MIN_HEIGHT = -1.5
 """Lowest height of a column, m above the base."""
 
 HIT_MARGIN = 2
@@ -36,13 +36,13 @@ HIT_MARGIN = 2
 GAP_STEPS = 2.0
 """Gaps up to this many scan line distances are closed."""
 
-MAX_GAP = 10
+MAX_GAP_BINS = 10
 """Bins that are closed at most."""
 
 
 @njit(nogil=True, cache=True)
 def _bin(z: Any) -> Any:
-    return np.int64(np.floor((z - LOWEST) * (1.0 / BIN)))
+    return np.int64(np.floor((z - MIN_HEIGHT) * (1.0 / BIN)))
 
 
 @njit(nogil=True, cache=True)
@@ -141,7 +141,7 @@ def list_intervals(seen: Any, hit: Any, cell: Any, half: Any, angle_step: Any, r
         if not seen[column].any():
             continue
         x, y = (column // width - half + 0.5) * cell, (column % width - half + 0.5) * cell
-        gap = np.int64(min(GAP_STEPS * angle_step * np.hypot(x, y) / BIN, 1.0 * MAX_GAP))
+        gap = np.int64(min(GAP_STEPS * angle_step * np.hypot(x, y) / BIN, 1.0 * MAX_GAP_BINS))
         start, last = -1, -1
         for b in range(BINS + 1):
             blocked = b == BINS or _is_set(hit, column, b)
@@ -149,7 +149,7 @@ def list_intervals(seen: Any, hit: Any, cell: Any, half: Any, angle_step: Any, r
             if start >= 0 and not free and (blocked or b - last > gap):
                 if n < rows.shape[0]:
                     rows[n, 0], rows[n, 1] = x, y
-                    rows[n, 2], rows[n, 3] = LOWEST + start * BIN, LOWEST + (last + 1) * BIN
+                    rows[n, 2], rows[n, 3] = MIN_HEIGHT + start * BIN, MIN_HEIGHT + (last + 1) * BIN
                 n += 1
                 start = -1
             if free:

@@ -1,7 +1,7 @@
 """The integration map M_t: the last n part maps, newest over older (section III.C; DESIGN 6).
 
 Original cuboids are never changed. The map holds *pieces* of them: what newer part maps leave
-visible. So any part map can be taken out again, and a rebuild from the originals gives the same
+visible. So any part map can be taken out again, and a rebuild from the part_cuboids gives the same
 pieces, bit for bit.
 """
 
@@ -103,7 +103,7 @@ class IntegrationMap:
         return part
 
     def rebuild(self) -> None:
-        """Make the pieces anew from the originals, oldest first."""
+        """Make the pieces anew from the part_cuboids, oldest first."""
         self._n = 0
         self._cuboids = None
         for part in self.parts:
@@ -144,9 +144,9 @@ class IntegrationMap:
         cells, spans = np.empty((2, m), np.int32), np.empty((2, m), np.int32)
         count, s, S = np.empty(m), np.empty((m, 3)), np.empty((m, 6))
         cycles, offsets = np.empty(n, np.int32), np.zeros(m + 1, np.int64)
-        originals = self._addresses.table(self.parts), self.parts[0].cycle if n else 0
+        part_cuboids = self._addresses.table(self.parts), self.parts[0].cycle if n else 0
         found = cells, spans, count, s, S
-        used = compose_cuboids(self._keys, self._pieces, n, originals, found, cycles, offsets)
+        used = compose_cuboids(self._keys, self._pieces, n, part_cuboids, found, cycles, offsets)
         return Cuboids(
             self.cell_size, cells[0], cells[1], spans[0], spans[1], count, s, S,
             cycles[:used].copy(), offsets,

@@ -37,7 +37,7 @@ most of the time."""
 
 
 @njit(nogil=True, cache=True)
-def is_level(top: Int32, mean: Int32, i: int, j: int, limit: int) -> bool:
+def has_same_height(top: Int32, mean: Int32, i: int, j: int, limit: int) -> bool:
     """Tell whether two cuboids have the same height: by their tops or by their means."""
     return (abs(top[i] - top[j]) < limit) | (abs(mean[i] - mean[j]) < limit)
 
@@ -77,7 +77,7 @@ def find_links(
                 passed += 1
                 if passed > OBSTACLES or y - cell >= STEPS:
                     break
-            if is_level(top, mean, i, j, limit):
+            if has_same_height(top, mean, i, j, limit):
                 found_y = j
                 if cell == y:
                     touching[pairs, 0], touching[pairs, 1] = i, j
@@ -100,19 +100,19 @@ def find_links(
                 passed += 1
                 if passed > OBSTACLES or x - cell >= STEPS:
                     break
-            if cell != x and is_level(top, mean, i, j, limit):
+            if cell != x and has_same_height(top, mean, i, j, limit):
                 found_x, gap_x = j, x - cell
                 break
             j = before[j]
         back_x[i] = found_x
         # The cell behind in the column leads to both corners, that in the row to the nearer one.
         if gap_x > 1:
-            j = level_corner(ix, top, mean, limit, before, last[c + 1], i)
+            j = corner_of_same_height(ix, top, mean, limit, before, last[c + 1], i)
             if j >= 0:
                 touching[pairs, 0], touching[pairs, 1] = i, j
                 pairs += 1
             if gap_y > 1:
-                j = level_corner(ix, top, mean, limit, before, last[c - 1], i)
+                j = corner_of_same_height(ix, top, mean, limit, before, last[c - 1], i)
                 if j >= 0:
                     touching[pairs, 0], touching[pairs, 1] = i, j
                     pairs += 1
@@ -120,12 +120,12 @@ def find_links(
 
 
 @njit(nogil=True, cache=True)
-def level_corner(
+def corner_of_same_height(
     ix: Int32, top: Int32, mean: Int32, limit: int, before: Int32, j: int, i: int
 ) -> int:
     """Return a cuboid of the height of i in the row behind, j or before it in its column, or -1."""
     while j >= 0 and ix[i] - ix[j] < 2:
-        if ix[j] != ix[i] and is_level(top, mean, i, j, limit):
+        if ix[j] != ix[i] and has_same_height(top, mean, i, j, limit):
             return j
         j = before[j]
     return -1
@@ -260,10 +260,10 @@ def accept_links(
     sides = np.zeros(n, np.uint8)
     runs = 0
     for i in range(n):
-        p, j, mine = patch[i], back_y[i], 0
+        p, j, own = patch[i], back_y[i], 0
         if j >= 0 and iy[i] - iy[j] < limit_y[p]:
             r = run[j]
-            mine = 4
+            own = 4
             sides[j] |= 8
         else:
             back_y[i] = -1
@@ -275,11 +275,11 @@ def accept_links(
         if j >= 0:
             if ix[i] - ix[j] < limit_x[p]:
                 unite(parent, r, run[j])
-                mine |= 1
+                own |= 1
                 sides[j] |= 2
             else:
                 back_x[i] = -1
-        sides[i] = mine
+        sides[i] = own
     for k in range(len(touching)):
         unite(parent, run[touching[k, 0]], run[touching[k, 1]])
     # Parents have smaller numbers, so one pass leads all to the first run of their set.
@@ -331,11 +331,11 @@ def link_in_plane(ix: Int32, iy: Int32) -> tuple[Int32, Bool]:
     """
     back_x, back_y, touching = find_links_in_plane(ix, iy)
     root, sides = accept_links(ix, iy, back_x, back_y, touching)
-    return root, is_deep(back_x, back_y, sides)
+    return root, are_deep(back_x, back_y, sides)
 
 
 @njit(nogil=True, cache=True)
-def is_deep(back_x: Int32, back_y: Int32, sides: UInt8) -> Bool:
+def are_deep(back_x: Int32, back_y: Int32, sides: UInt8) -> Bool:
     """Tell which cuboids have links on all sides, and their neighbours as well."""
     deep = np.ones(len(sides), np.bool_)
     for i in range(len(sides)):

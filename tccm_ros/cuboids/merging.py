@@ -13,7 +13,7 @@ from numba import carray, njit
 
 from tccm_ros.cuboids.intrinsics import lowest_bit, pointer_to
 
-__all__ = ["compose_cuboids", "count_composites", "join_pieces", "merge_part", "owners"]
+__all__ = ["compose_cuboids", "count_composites", "merge_part", "owners", "write_composites"]
 
 _HALF = 2**31
 _U0, _U1, _U2, _U3, _U4 = (np.uint64(i) for i in range(5))
@@ -125,7 +125,7 @@ def count_composites(keys: Any, pieces: Any, n: Any) -> Any:
 
 
 @njit(nogil=True, cache=True)
-def join_pieces(keys: Any, pieces: Any, n: Any, cells: Any, spans: Any) -> Any:
+def write_composites(keys: Any, pieces: Any, n: Any, cells: Any, spans: Any) -> Any:
     """Write cell and (bottom, top) of each composite cuboid; return how many there are."""
     k = 0
     for i in range(n):
@@ -138,7 +138,7 @@ def join_pieces(keys: Any, pieces: Any, n: Any, cells: Any, spans: Any) -> Any:
 
 @njit(nogil=True, cache=True)
 def compose_cuboids(
-    keys: Any, pieces: Any, n: Any, originals: Any, found: Any, cycles: Any, offsets: Any
+    keys: Any, pieces: Any, n: Any, part_cuboids: Any, found: Any, cycles: Any, offsets: Any
 ) -> Any:
     """Join touching pieces to composite cuboids and add up their weighted moments.
 
@@ -149,7 +149,7 @@ def compose_cuboids(
     ----------
     keys, pieces, n
         The pieces.
-    originals
+    part_cuboids
         Where the part maps' cuboids are (`PartAddresses`), and the cycle of the first row.
     found
         int32 (2, C) twice, receive ix and iy, bottom and top; float64 (C,), (C, 3), (C, 6),
@@ -162,7 +162,7 @@ def compose_cuboids(
     int
         Number of entries in `cycles`.
     """
-    addresses, first_cycle = originals
+    addresses, first_cycle = part_cuboids
     cells, spans, count, s, S = found
     k, used, begin = -1, 0, 0
     # A window of up to 64 cycles is a word of bits: no sorting, and nothing to mispredict.

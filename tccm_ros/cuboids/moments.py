@@ -16,10 +16,10 @@ from tccm_ros.cuboids.cuboids import CuboidArrays
 __all__ = [
     "FLAT",
     "Moments",
-    "gather",
-    "moved",
+    "moments_about",
     "plane_of",
     "residuals_of",
+    "shift_moments",
     "tangents",
     "uncertainty_of",
 ]
@@ -38,12 +38,12 @@ MORE_STEPS = 30
 
 
 @njit(nogil=True, cache=True)
-def moved(
+def shift_moments(
     ix: int, iy: int, sums: Moments | Float64, cell: float, tick: float, origin: Float64
 ) -> Moments:
     """Return the moments of a cuboid of cell (ix, iy) about an origin, m.
 
-    `sums` are its count, sums and products, ticks; the rest is as in `gather`.
+    `sums` are its count, sums and products, ticks; the rest is as in `moments_about`.
     """
     n, sx, sy, sz, xx, xy, xz, yy, yz, zz = sums
     tick2 = tick * tick
@@ -63,7 +63,7 @@ def moved(
 
 
 @njit(nogil=True, cache=True)
-def gather(cuboids: CuboidArrays, origin: Float64) -> Float64:
+def moments_about(cuboids: CuboidArrays, origin: Float64) -> Float64:
     """Return the moments of all cuboids about one origin, float64 (N, 10), m.
 
     Parameters
@@ -80,7 +80,7 @@ def gather(cuboids: CuboidArrays, origin: Float64) -> Float64:
             cuboids.counts[i], s[i, 0], s[i, 1], s[i, 2],
             S[i, 0], S[i, 1], S[i, 2], S[i, 3], S[i, 4], S[i, 5],
         )  # fmt: skip
-        m = moved(cuboids.ix[i], cuboids.iy[i], sums, cuboids.cell, cuboids.tick, origin)
+        m = shift_moments(cuboids.ix[i], cuboids.iy[i], sums, cuboids.cell, cuboids.tick, origin)
         out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = m[0], m[1], m[2], m[3], m[4]
         out[i, 5], out[i, 6], out[i, 7], out[i, 8], out[i, 9] = m[5], m[6], m[7], m[8], m[9]
     return out

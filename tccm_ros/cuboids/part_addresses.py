@@ -39,7 +39,7 @@ class PartAddresses:
         """
         known = self._known
         self._known = {
-            p.cycle: known[p.cycle] if p.cycle in known and known[p.cycle][0] is p else _found(p)
+            p.cycle: known[p.cycle] if p.cycle in known and known[p.cycle][0] is p else _locate(p)
             for p in parts
         }
         first = parts[0].cycle if parts else 0
@@ -49,7 +49,7 @@ class PartAddresses:
         return table
 
 
-def _found(part: PartMap) -> tuple[PartMap, tuple[int, int], tuple[NDArray[Any], ...]]:
+def _locate(part: PartMap) -> tuple[PartMap, tuple[int, int], tuple[NDArray[Any], ...]]:
     rows = (
         np.ascontiguousarray(part.moments, np.int64),
         np.ascontiguousarray(part.bounds, np.int32),

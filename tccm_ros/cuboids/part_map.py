@@ -18,7 +18,7 @@ from tccm_ros.cuboids import binning
 from tccm_ros.cuboids.beam_endpoints import SETTINGS, WORK_SIZE, RegionFrame
 from tccm_ros.cuboids.caps import Caps, no_caps, sum_caps
 from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, Cuboids, key_cells
-from tccm_ros.cuboids.tiles import TileState
+from tccm_ros.cuboids.tiles import BinnedPoints
 from tccm_ros.cuboids.union import (
     HISTOGRAM_SIZE,
     UNION,
@@ -225,13 +225,13 @@ class PartMapBuilder:
             max(depth, round(config.map.max_depth * TICKS_PER_M)) if adaptive else depth
         )
         self.set_region(config.map.region)
-        self._tiles = TileState()
+        self._tiles = BinnedPoints()
         self._work = np.zeros(WORK_SIZE, np.int32)
         self._directions: dict[tuple[float, float, int], Float32] = {}
         self._scratch: _Scratch | None = None
         self._stamps: list[int] = []
         self._ends: list[int] = []
-        self._at_most = 0
+        self._max_points = 0
 
     def set_region(self, region: tuple[float, ...] | None) -> None:
         """Set the region of interest, in `map.region_frame`, m; None for all."""
@@ -325,7 +325,7 @@ class PartMapBuilder:
         ends = np.array(self._ends, np.int32)
         gather_points(records, n, scratch.order, ends, scratch.scans, counts, points)
         mark_cells(starts, n_cells, addresses, counts, begins)
-        k = self._rule.unite(points, n, begins, cells, n_cells, scratch.found)
+        k = self._rule.merge(points, n, begins, cells, n_cells, scratch.found)
         moments, seen = np.empty((n - k, 10), np.int64), np.empty((n - k, 2), np.int64)
         stamps = np.array(self._stamps, np.int64)
         sum_cuboids(points, n, begins, stamps, moments.reshape(-1), seen.reshape(-1))
@@ -350,17 +350,17 @@ class PartMapBuilder:
 
     def _begin(self) -> None:
         self._settings["has_normal"] = False
-        self._stamps, self._ends, self._at_most = [], [], 0
+        self._stamps, self._ends, self._max_points = [], [], 0
 
     def _end_scan(self, stamp_ns: int, points: int) -> None:
         self._stamps.append(stamp_ns)
         self._ends.append(points)
 
     def _make_room(self, n: int) -> None:
-        self._at_most += n
-        if self._at_most > self._tiles.room:
-            self._at_most = self._tiles.points + n
-            self._tiles.make_room(self._at_most)
+        self._max_points += n
+        if self._max_points > self._tiles.room:
+            self._max_points = self._tiles.points + n
+            self._tiles.make_room(self._max_points)
 
     def _scratch_for(self, n: int) -> _Scratch:
         if self._scratch is None or self._scratch.room < n:

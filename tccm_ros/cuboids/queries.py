@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids, cell_keys
-from tccm_ros.cuboids.free_columns import NEVER, SeenFree
+from tccm_ros.cuboids.free_columns import NEVER, FreeSpace
 from tccm_ros.cuboids.integration_map import IntegrationMap
 
 __all__ = ["MapQuery", "Measurement", "Occupancy"]
@@ -65,7 +65,7 @@ class MapQuery:
         What the window's cycles saw through; without it nothing is known to be free.
     """
 
-    def __init__(self, map_: IntegrationMap, seen_free: SeenFree | None = None) -> None:
+    def __init__(self, map_: IntegrationMap, seen_free: FreeSpace | None = None) -> None:
         self._map = map_
         self._free = seen_free
         self.cuboids = map_.cuboids()

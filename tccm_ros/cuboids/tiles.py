@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.arrays import Int32, Int64
 
-__all__ = ["CELLS_PER_TILE", "GROW_SLOTS", "GROW_TILES", "TILE", "TileState", "Tiles"]
+__all__ = ["CELLS_PER_TILE", "GROW_SLOTS", "GROW_TILES", "TILE", "BinnedPoints", "Tiles"]
 
 TILE = 64
 """Cells along a tile's edge: one row is one word of the bitmap."""
@@ -72,7 +72,7 @@ class Tiles(NamedTuple):
     counters: NDArray[Any]
 
 
-class TileState:
+class BinnedPoints:
     """Binned points, scan by scan, in arrays that grow.
 
     Attributes

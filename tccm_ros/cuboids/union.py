@@ -27,9 +27,9 @@ __all__ = [
     "CuboidRule",
     "gather_points",
     "mark_cells",
+    "merge_intervals",
     "order_by_height",
     "sum_cuboids",
-    "unite_intervals",
 ]
 
 _DIGIT_BITS = 8
@@ -49,12 +49,12 @@ class CuboidRule(NamedTuple):
     ----------
     order
         Orders the points of all cells; arguments as in `order_by_height`.
-    unite
-        Makes the cuboids of points in that order; arguments and result as in `unite_intervals`.
+    merge
+        Makes the cuboids of points in that order; arguments and result as in `merge_intervals`.
     """
 
     order: Callable[..., None]
-    unite: Callable[..., int]
+    merge: Callable[..., int]
 
 
 @njit(nogil=True, cache=True)
@@ -154,7 +154,7 @@ def mark_cells(starts: Any, n_cells: Any, addresses: Any, counts: Any, begins: A
 
 
 @njit(nogil=True, cache=True)
-def unite_intervals(
+def merge_intervals(
     points: Any, n: Any, begins: Any, cell_keys: Any, n_cells: Any, found: Any
 ) -> Any:
     """Unite the intervals of each cell, from the last point to the first.
@@ -203,7 +203,7 @@ def unite_intervals(
     return k
 
 
-UNION = CuboidRule(order_by_height, unite_intervals)
+UNION = CuboidRule(order_by_height, merge_intervals)
 """The union of the points' intervals, whatever their order."""
 
 

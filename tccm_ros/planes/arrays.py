@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.cuboids.cuboids import CuboidArrays
-from tccm_ros.cuboids.moments import Moments, gather, moved
+from tccm_ros.cuboids.moments import Moments, moments_about, shift_moments
 
 __all__ = ["PLANE", "PlaneMap", "PlaneTable", "cap_of", "keep_planes", "plane_map"]
 
@@ -65,7 +65,16 @@ def plane_map(cuboids: CuboidArrays, cap_rows: Int, cap_sums: Array, origin: Arr
     """Return a map's cuboids with their moments about one origin; arguments as in `PlaneMap`."""
     c = cuboids
     return PlaneMap(
-        gather(c, origin), c.ix, c.iy, c.bottom, c.top, cap_rows, cap_sums, c.cell, c.tick, origin
+        moments_about(c, origin),
+        c.ix,
+        c.iy,
+        c.bottom,
+        c.top,
+        cap_rows,
+        cap_sums,
+        c.cell,
+        c.tick,
+        origin,
     )
 
 
@@ -73,12 +82,12 @@ def plane_map(cuboids: CuboidArrays, cap_rows: Int, cap_sums: Array, origin: Arr
 def cap_of(of: PlaneMap, i: int) -> Moments:
     """Return the moments of the cap of cuboid i of a map with caps, about the map's origin.
 
-    Few caps are asked for, those of rims, so they are moved one by one.
+    Few caps are asked for, those of rims, so they are shift_moments one by one.
     """
     r = of.cap_rows[i]
     m = of.M[i] if r < 0 else of.cap_sums[r]
     sums = m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9]
-    return sums if r < 0 else moved(of.ix[i], of.iy[i], sums, of.cell, of.tick, of.origin)
+    return sums if r < 0 else shift_moments(of.ix[i], of.iy[i], sums, of.cell, of.tick, of.origin)
 
 
 @njit(nogil=True, cache=True)

@@ -230,7 +230,7 @@ def fit_horizontal(
     cuboids, members
         The map, and its cuboids in one connected set.
     deep
-        bool (M,), of `is_deep`.
+        bool (M,), of `are_deep`.
     plane
         A first guess.
     total

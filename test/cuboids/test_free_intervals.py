@@ -12,7 +12,7 @@ from tccm_ros.cuboids.free_intervals import (
     BIN,
     BINS,
     HIT_MARGIN,
-    LOWEST,
+    MIN_HEIGHT,
     WORDS,
     FreeIntervalTracer,
     trace_beams,
@@ -54,11 +54,11 @@ def test_columns_equal_sampling(line):
     points = samples(origin[0], end[0])
     cells = np.floor(points[:, :2] / cell).astype(int)
     # Rounded as in the kernel: a height on the border of two bins belongs to one of them.
-    bins = np.floor((points[:, 2] - LOWEST) * (1.0 / BIN)).astype(int)
+    bins = np.floor((points[:, 2] - MIN_HEIGHT) * (1.0 / BIN)).astype(int)
     truth = {(x, y, b) for (x, y), b in zip(cells.tolist(), bins.tolist(), strict=True)}
     assert truth <= found
     # Besides, only what the beam touches for less than a sample, at edges and corners.
-    sizes, low = np.array([cell, cell, BIN]), np.array([0.0, 0.0, LOWEST])
+    sizes, low = np.array([cell, cell, BIN]), np.array([0.0, 0.0, MIN_HEIGHT])
     for box in found - truth:
         bottom = low + np.array(box) * sizes
         assert touches(origin[0], end[0], bottom, bottom + sizes), box

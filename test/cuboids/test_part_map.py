@@ -27,8 +27,8 @@ from tccm_ros.cuboids.union import (
     HISTOGRAM_SIZE,
     gather_points,
     mark_cells,
+    merge_intervals,
     order_by_height,
-    unite_intervals,
 )
 from tccm_ros.errors import ConfigError
 from tccm_ros.geometry import interpolate_poses, transform
@@ -126,7 +126,7 @@ def found_cuboids(points, cells, starts):
     order_by_height(records, n, (min(heights), max(heights)), scratch, order)
     gather_points(records, n, order, np.array([n], np.int32), scan_of, counts, points_out)
     mark_cells(starts, n_cells, addresses, counts, begins)
-    k = unite_intervals(points_out, n, begins, cells.astype(np.int64), n_cells, found)
+    k = merge_intervals(points_out, n, begins, cells.astype(np.int64), n_cells, found)
     assert not counts.any()
     for first, last in itertools.pairwise(starts):
         assert (np.diff(points_out[2 * first : 2 * last : 2]) >= 0).all()

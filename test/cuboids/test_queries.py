@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tccm_rig import config, exactly, part_of
 
-from tccm_ros.cuboids.free_columns import NEVER, SeenFree
+from tccm_ros.cuboids.free_columns import NEVER, FreeSpace
 from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.cuboids.queries import MapQuery, Occupancy
 from tccm_ros.geometry import pose_from_rpy
@@ -71,7 +71,7 @@ def test_boxes_equal_brute_force(points, boxes):
 
 def test_free_is_what_was_seen_through_and_is_not_occupied():
     settings = config(window_cycles=2)
-    free = SeenFree(settings)
+    free = FreeSpace(settings)
     T = pose_from_rpy([2.0, 1.0, 0.0, 0.0, 0.0, np.pi / 2])
     free.add(0, T, view(77, [[0.55, 0.05, 0.2, 1.0], [0.55, 0.05, 1.2, 1.5], [0.65, 0.05, 0, 1]]))
     query = MapQuery(map_of([(19_600, 15_600, 7000)]), free)
@@ -85,7 +85,7 @@ def test_free_is_what_was_seen_through_and_is_not_occupied():
 
 
 def test_what_was_seen_free_is_forgotten_with_its_cycle():
-    free = SeenFree(config(window_cycles=2))
+    free = FreeSpace(config(window_cycles=2))
     point = np.array([[0.55, 0.05, 0.5]])
     free.add(3, np.eye(4), view(30, [[0.55, 0.05, 0.0, 1.0]]))
     free.add(4, np.eye(4), view(40, []))

@@ -164,7 +164,7 @@ def test_short_sweeps_are_joined_or_counted():
     # Alone between rests it is no cycle.
     angle = np.concatenate([np.zeros(80), np.linspace(0, 0.05, 10), np.full(80, 0.05)])
     spans = cut(np.arange(len(angle)) / RATE, angle)
-    assert "short sweep" in [s.reason for s in spans]
+    assert "short tilt cycle" in [s.reason for s in spans]
     assert sweeps(spans) == []
 
 

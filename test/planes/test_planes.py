@@ -8,7 +8,7 @@ from plane_rig import EYE, cuboid_of, least_squares, part_map, room, scan, sheet
 
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, CuboidArrays
-from tccm_ros.cuboids.moments import gather, plane_of, residuals_of, tangents
+from tccm_ros.cuboids.moments import moments_about, plane_of, residuals_of, tangents
 from tccm_ros.planes import find_planes
 
 CONFIG = Config()
@@ -29,7 +29,7 @@ def test_moments_of_all_cuboids_are_those_of_their_points():
     points = rng.uniform((-3, -3, 0), (3, 3, 2), (2000, 3))
     cuboids = part_map(points)
     origin = np.array([1000.0, -2000.0, 15000.0])
-    M = gather(CuboidArrays(*cuboids.arrays), origin)
+    M = moments_about(CuboidArrays(*cuboids.arrays), origin)
     exact = np.rint(points * TICKS_PER_M) - origin
     np.testing.assert_allclose(M.sum(axis=0), moments_of(exact * TICK), rtol=1e-11, atol=1e-8)
 

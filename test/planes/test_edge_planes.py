@@ -5,7 +5,12 @@ import pytest
 
 from tccm_ros.planes.arrays import PLANE, PlaneMap
 from tccm_ros.planes.blocks import sort_into_blocks
-from tccm_ros.planes.edge_planes import EDGE, FLATTER, MAX_CELLS, drop_edge_planes
+from tccm_ros.planes.edge_planes import (
+    MAX_CELLS,
+    MIN_EDGE_FRACTION,
+    MIN_VARIANCE_RATIO,
+    drop_edge_planes,
+)
 
 
 def sample(rng):
@@ -33,11 +38,11 @@ def plainly(ix, iy, bottom, top, labels, planes, is_vertical):
     )  # fmt: skip
     kept, variance = [], planes["variances"][:, 2]
     for p in range(len(planes)):
-        flatter = ~is_vertical & (FLATTER * variance <= variance[p])
+        flatter = ~is_vertical & (MIN_VARIANCE_RATIO * variance <= variance[p])
         held = i[(labels >= 0) & flatter[labels]]
         own = i[labels == p]
         off = len(own) - beside[np.ix_(own, held)].any(axis=1).sum()
-        if is_vertical[p] or not flatter.any() or off > (1.0 - EDGE) * len(own):
+        if is_vertical[p] or not flatter.any() or off > (1.0 - MIN_EDGE_FRACTION) * len(own):
             kept.append(p)
     return kept
 

@@ -16,7 +16,7 @@ def share_in_one_label(labels, cuboids, points):
     return counts.max() / len(points), int(counts.argmax())
 
 
-def labels_by_brute_force(cuboids, threshold, least):
+def labels_by_brute_force(cuboids, threshold, min_cuboids):
     x, y, u = (np.asarray(k, np.int64) for k in (cuboids.ix, cuboids.iy, cuboids.top))
     near = (abs(x[:, None] - x) <= 1) & (abs(y[:, None] - y) <= 1)
     near &= (x[:, None] != x) | (y[:, None] != y)
@@ -24,7 +24,7 @@ def labels_by_brute_force(cuboids, threshold, least):
     _, label = connected_components(coo_array(near), directed=False)
     names, first, size = np.unique(label, return_index=True, return_counts=True)
     result = np.full(len(x), -1)
-    for index, name in enumerate(names[np.argsort(first)][size[np.argsort(first)] >= least]):
+    for index, name in enumerate(names[np.argsort(first)][size[np.argsort(first)] >= min_cuboids]):
         result[label == name] = index
     return result
 

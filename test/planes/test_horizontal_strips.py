@@ -10,22 +10,22 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from tccm_ros.planes.horizontal_strips import (
-    APART,
-    BEAM_GAPS,
-    BENT,
-    FEWEST,
-    LINES,
+    MAX_BEAMS,
+    MAX_DISTANCE,
+    MAX_LINES,
+    MAX_OFFSET,
     MAX_RISE,
+    MIN_BEAMS,
+    MIN_DISTANCE,
     RUN,
     SIGMAS,
-    STRAIGHT,
+    SPLIT_FRACTION,
     TOLERANCE,
     VERTICAL_FRACTION,
-    WIDEST,
+    are_near,
     find_runs,
-    goes_on_vertically,
+    find_vertical_runs,
     horizontal_strips,
-    is_near,
     link_runs,
 )
 
@@ -150,7 +150,7 @@ def test_narrow_things_of_one_height_a_line_apart_are_not_one(width, expected):
     strip = strips_of(points, lines)
     assert set(strip.tolist()) == expected
     if 0 in expected:
-        assert np.ptp(points[strip == 0, 0]) > APART
+        assert np.ptp(points[strip == 0, 0]) > MIN_DISTANCE
         assert len(np.unique(lines[strip == 0])) == 2
 
 
@@ -176,7 +176,7 @@ def test_runs_are_straight_horizontal_and_of_one_line(seed, sigma, yaw):
     for k, run in enumerate(runs):
         own = np.flatnonzero(of_point == k)
         z, a = seen[own, 2], azimuth[own]
-        assert len(own) == run["points"] >= FEWEST
+        assert len(own) == run["points"] >= MIN_BEAMS
         assert set(lines[own].tolist()) == {run["line"]}
         assert (run["first"], run["last"]) == (a[0], a[-1])
         assert run["height"] == pytest.approx(z.mean(), abs=1e-9)
@@ -220,17 +220,21 @@ def plain_runs(lines, seen, azimuth):
         members, k = [], start
         last = start
         while k < len(lines) and lines[k] == lines[start]:
-            if azimuth[k] - azimuth[last] > BEAM_GAPS * BEAM:
+            if azimuth[k] - azimuth[last] > MAX_BEAMS * BEAM:
                 break
             height = np.mean(seen[members, 2]) if members else seen[k, 2]
-            if of_point[k] < 0 and abs(seen[k, 2] - height) <= TOLERANCE and is_near(seen, last, k):
+            if (
+                of_point[k] < 0
+                and abs(seen[k, 2] - height) <= TOLERANCE
+                and are_near(seen, last, k)
+            ):
                 members.append(k)
                 last = k
             k += 1
         parts = [members]
         while parts:
             part = parts.pop()
-            if len(part) < FEWEST:
+            if len(part) < MIN_BEAMS:
                 continue
             a, z = azimuth[part], seen[part, 2]
             squares = squared_rest(a, z)
@@ -242,7 +246,7 @@ def plain_runs(lines, seen, azimuth):
                 continue
             rests = [squared_rest(a[:c], z[:c]) + squared_rest(a[c:], z[c:])
                      for c in range(3, len(part) - 2)]  # fmt: skip
-            if rests and min(rests) < BENT * squares:
+            if rests and min(rests) < SPLIT_FRACTION * squares:
                 cut = 3 + int(np.argmin(rests))
                 parts += [part[cut:], part[:cut]]
         start = last + 1
@@ -273,11 +277,11 @@ def test_what_goes_on_vertically_equals_interpolation(seed):
             there = (lines == line) & (azimuth >= run["first"]) & (azimuth <= run["last"])
             away = distance[there] - np.interp(azimuth[there], azimuth[own], distance[own])
             rises = np.abs(seen[there, 2] - run["height"]) > 2.0 * MAX_RISE
-            same = np.count_nonzero(rises & (np.abs(away) <= STRAIGHT))
+            same = np.count_nonzero(rises & (np.abs(away) <= MAX_OFFSET))
             expected[r] |= same >= VERTICAL_FRACTION * ((run["last"] - run["first"]) / BEAM + 1.0)
     assert expected.any()
     assert not expected.all()
-    is_vertical = goes_on_vertically(lines, seen, azimuth, BEAM, of_point, runs)
+    is_vertical = find_vertical_runs(lines, seen, azimuth, BEAM, of_point, runs)
     np.testing.assert_array_equal(is_vertical, expected)
 
 
@@ -285,7 +289,7 @@ def test_what_goes_on_vertically_equals_interpolation(seed):
 def test_linked_runs_equal_all_pairs(seed):
     lines, seen, azimuth = sorted_sweep(seed)
     of_point, runs = find_runs(lines, seen, azimuth, BEAM)
-    is_vertical = goes_on_vertically(lines, seen, azimuth, BEAM, of_point, runs)
+    is_vertical = find_vertical_runs(lines, seen, azimuth, BEAM, of_point, runs)
     pairs = [
         (a, b) for b in range(len(runs)) for a in range(b) if may_link(runs, is_vertical, a, b)
     ]
@@ -307,9 +311,9 @@ def may_link(runs, is_vertical, a, b):
     offset = 0.5 * (short["begin"] + short["end"]) - long["begin"]
     apart = abs(along[0] * offset[1] - along[1] * offset[0])
     return (
-        0 < abs(one["line"] - other["line"]) <= LINES
+        0 < abs(one["line"] - other["line"]) <= MAX_LINES
         and not (is_vertical[a] and is_vertical[b])
-        and overlap >= -BEAM_GAPS * BEAM
+        and overlap >= -MAX_BEAMS * BEAM
         and abs(one["height"] - other["height"]) <= MAX_RISE + SIGMAS * noise
-        and APART <= apart <= min(WIDEST, 2.0 * min(length))
+        and MIN_DISTANCE <= apart <= min(MAX_DISTANCE, 2.0 * min(length))
     )

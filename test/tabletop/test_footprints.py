@@ -12,10 +12,10 @@ from shapely import Polygon
 
 from tccm_ros.tabletop.footprints import (
     LooseCuboids,
-    clusters,
+    cluster_footprints,
     convex_hull,
+    cuboids_above,
     distance_to_ring,
-    over,
     rectangle,
 )
 
@@ -69,7 +69,7 @@ def test_clusters_are_connected_components(seed, n, gap):
     rng = np.random.default_rng(seed)
     mean = rng.uniform(0.0, 2.0, (n + 5, 3))
     chosen = np.sort(rng.permutation(n + 5)[:n])
-    members, starts = clusters(mean, chosen, gap)
+    members, starts = cluster_footprints(mean, chosen, gap)
     pairs = cKDTree(mean[chosen, :2]).query_pairs(gap, output_type="ndarray") if n else []
     graph = coo_array((np.ones(len(pairs)), tuple(np.reshape(pairs, (-1, 2)).T)), shape=(n, n))
     count, label = connected_components(graph, directed=False) if n else (0, np.zeros(0, int))
@@ -87,7 +87,7 @@ def test_over_a_plane_is_within_the_hull_and_high_enough():
     normal, offset = np.array([0.0, 0.0, 1.0]), 0.5
     free = rng.random(500) < 0.8
     loose = LooseCuboids(column, np.ones(500), mean, mean, mean + 0.01, free, 0.02)
-    found = over(loose, hull, normal, offset, 0.05)
+    found = cuboids_above(loose, hull, normal, offset, 0.05)
     expected = free & (mean[:, 2] + 0.01 - 0.5 >= 0.05)
     expected &= shapely.contains_xy(Polygon(hull), mean[:, 0], mean[:, 1])
     np.testing.assert_array_equal(found, np.flatnonzero(expected))

@@ -1,6 +1,6 @@
-"""From beams to binned points, scan by scan: place each beam, find its cell, count it there.
+"""From beams to binned points, scan by scan: the endpoint of each beam is counted in its cell.
 
-Beams go through in blocks: all that is arithmetic first (`beam_endpoints`), then what depends on
+Beams are processed in blocks: first all arithmetic (`beam_endpoints`), then all random access to
 memory, beam by beam.
 """
 
@@ -76,10 +76,21 @@ def _count(low: Any, high: Any, work: Any, tiles: Any) -> Any:
 
 @njit(nogil=True, cache=True)
 def bin_points(points: Any, first: Any, settings: Any, work: Any, arrays: Any) -> Any:
-    """Bin points, float64 (3 N,), m: x y z of each in the map's frame, from point `first` on.
+    """Bin points in the map's frame; those that are not finite are left out.
 
-    Those that are not finite are left out; all have the least depth. Everything else is as in
-    `bin_scan`.
+    Parameters
+    ----------
+    points
+        float64 (3 N,), m: x y z of each.
+    first
+        Number of the first point to be binned.
+    settings, work, arrays
+        As in `bin_scan`; all points have the minimum depth.
+
+    Returns
+    -------
+    int
+        As of `bin_scan`.
     """
     tiles, own = Tiles(*arrays), settings[0]
     counters = tiles.counters[0]
@@ -109,7 +120,7 @@ def bin_points(points: Any, first: Any, settings: Any, work: Any, arrays: Any) -
 
 @njit(nogil=True, cache=True)
 def bin_scan(scan: Any, poses: Any, settings: Any, work: Any, arrays: Any) -> Any:
-    """Place the beams of a scan, drop those outside the region, and bin the rest.
+    """Compute the endpoints of a scan's beams, drop those outside the region, and bin the rest.
 
     Parameters
     ----------
@@ -151,8 +162,8 @@ def bin_scan(scan: Any, poses: Any, settings: Any, work: Any, arrays: Any) -> An
         for begin in range(start, end, BLOCK):
             low, high = np.int64(0), min(end - begin, np.int64(BLOCK))
             if has_region:
-                # Most of a scan lies outside: only from the first to the last beam inside is
-                # placed.
+                # Most of a scan lies outside: only the beams from the first to the last one inside
+                # are projected.
                 low, high = mark_inside(beams, seen, begin, high, work)
             else:
                 mark_kept(beams.keep, begin, high, work)

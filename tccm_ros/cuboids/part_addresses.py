@@ -1,7 +1,7 @@
-"""Where the part maps of the window lie in memory, so that kernels can read them.
+"""Memory addresses of the part maps in the window, for kernels that read them in place.
 
-Part maps are made one by one and never changed. To have them in one array they would be copied in
-every cycle; a table of where each begins is enough.
+Part maps are made one by one and never changed. In one array they would be copied in every tilt
+cycle; a table of their addresses is enough.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ __all__ = ["PartAddresses"]
 
 
 class PartAddresses:
-    """Where the cuboids of the part maps of a window are."""
+    """The addresses of the moments and bounds of the part maps in a window."""
 
     def __init__(self) -> None:
         self._known: dict[int, tuple[PartMap, tuple[int, int], tuple[NDArray[Any], ...]]] = {}
 
     def table(self, parts: Sequence[PartMap]) -> Int64:
-        """Return where the moments and the bounds of each cycle's part map are.
+        """Return the addresses of the moments and the bounds of each cycle's part map.
 
         Parameters
         ----------
@@ -35,7 +35,7 @@ class PartAddresses:
         Returns
         -------
         int64 (K, 2), a row per cycle from that of the oldest part map on, 0 where there is none.
-        Good until the next call, as long as this object lives.
+        Valid until the next call, while this object exists.
         """
         known = self._known
         self._known = {

@@ -44,7 +44,7 @@ def touches(origin, end, bottom, top, slack=1e-9):
 @given(beam)
 @example(((0.0, 0.5, 0.0), (0.5, 0.0, 0.5)))
 @example(((0.0, 0.0, 0.38), (0.0, 0.0, 0.38)))
-def test_columns_equal_sampling(line):
+def test_free_intervals_equal_dense_sampling_of_the_beams(line):
     origin, end = (np.array([p]) for p in line)
     half, cell, width = 10, 0.1, 20
     seen, hit = np.zeros((width**2, WORDS), np.uint64), np.zeros((width**2, WORDS), np.uint64)
@@ -75,7 +75,7 @@ def test_a_hit_is_not_free_and_ends_the_beam():
 
 
 def test_gaps_between_scan_lines_are_closed_but_not_across_a_hit():
-    # Two lines 6 cm apart in a column 0.75 m away: an angle of 0.08 rad.
+    # Two lines at a distance of 6 cm in a column 0.75 m away: an angle of 0.08 rad.
     origins = np.array([[0.05, 0.05, 0.40], [0.05, 0.05, 0.46]])
     ends = np.array([[0.95, 0.05, 0.40], [0.95, 0.05, 0.46]])
     columns = FreeIntervalTracer(0.1, 1.0)
@@ -101,7 +101,7 @@ spans = st.lists(
 
 @exactly
 @given(beam, spans, st.booleans())
-def test_passed_cuboids_equal_sampling(line, boxes, is_hit):
+def test_cuboids_passed_by_beams_equal_dense_sampling(line, boxes, is_hit):
     cell = 0.2
     rows = sorted({(x, y): (b / 20, (b + d) / 20) for x, y, b, d in boxes}.items())
     keys = cell_keys([k[0] for k, _ in rows], [k[1] for k, _ in rows])

@@ -54,7 +54,7 @@ def kinds_of(points, cuboids, fits):
 
 
 @pytest.mark.parametrize("depth", [0.15, 0.3])
-def test_boards_and_the_wall_behind_keep_what_is_theirs(depth):
+def test_boards_and_the_wall_behind_keep_their_own_cuboids(depth):
     wall, boards = shelf(np.random.default_rng(0), depth)
     cuboids = part_map(np.concatenate([wall, boards]))
     fits = find_planes(cuboids, CONFIG, EYE)
@@ -91,7 +91,7 @@ def plain_reassignment(points, labels, planes, is_vertical):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_the_rule_is_that_of_plain_distances(seed):
+def test_reassignment_equals_a_rule_on_distances_of_points(seed):
     rng = np.random.default_rng(seed)
     n, planes = 40, np.zeros(3, PLANE)
     planes["normal"], planes["offset"] = [(0, 0, 1), (1, 0, 0), (0, 0, 1)], (0, 0, 0.02)

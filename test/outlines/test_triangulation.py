@@ -36,7 +36,7 @@ def star(rng, n, low, high, centre):
 
 
 def check_fills(triangles, polygon):
-    """Triangles are counter-clockwise, do not overlap, and are the polygon together: holes stay holes."""
+    """Assert that triangles are counter-clockwise, do not overlap and fill the polygon."""
     assert (areas(triangles) > 0.0).all()
     assert areas(triangles).sum() == pytest.approx(polygon.area)
     together = shapely.union_all([Polygon(t) for t in triangles])

@@ -104,7 +104,7 @@ def test_region_is_exactly_the_area_that_the_rectangle_can_cover(w, d, yaw, x, y
         assert Polygon(ring).difference(shape.buffer(1e-9)).area < 1e-9
 
 
-def test_a_too_large_object_fits_nowhere_and_one_of_exact_size_everywhere():
+def test_a_too_large_object_fits_nowhere_and_a_fitting_one_covers_all_room():
     assert where_fits(rectangle(0, 0, 0.3, 0.3), (0.31, 0.1), 0.0) == []
     rings = where_fits(rectangle(0, 0, 0.4, 0.4), (0.2, 0.3), 0.0)
     assert sum(Polygon(r).area for r in rings) == pytest.approx(0.16, abs=1e-9)

@@ -95,7 +95,7 @@ def test_legs_carry_the_table_and_are_no_objects():
     assert scene(FLOOR, TABLE, *legs)[1] == []
 
 
-def test_a_post_higher_than_the_limit_is_no_object():
+def test_a_pillar_and_a_wall_are_no_objects():
     pillar = box((0.2, 0.3), (0.7, 0.8), (0.0, 1.8))
     wall = box((1.9, 1.92), (-1.0, 1.0), (0.0, 2.0))
     assert scene(FLOOR, pillar, wall)[1] == []

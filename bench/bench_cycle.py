@@ -20,7 +20,7 @@ import numpy as np
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
-from tccm_ros.cuboids.free_columns import SeenFree
+from tccm_ros.cuboids.free_columns import FreeSpace
 from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.mapping.surface_message import surface_cloud, view_intervals
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
@@ -64,7 +64,7 @@ class Stages:
 
 def run_cycles(cycles: list[Any], config: Config, all_stages: list[Stages]) -> None:
     """Run every stage of all cycles once."""
-    the_map, seen = IntegrationMap(config), SeenFree(config)
+    the_map, seen = IntegrationMap(config), FreeSpace(config)
     tracker, objects_tracker = PlaneTracker(config), ObjectTracker(config)
     types = TypestoreMessages()
     publications = CycleMessageBuilder(types, config)

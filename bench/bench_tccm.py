@@ -285,7 +285,7 @@ def profile(repeats: int) -> None:
             records, n, s.order, ends, s.scans, counts, points
         ),
         "mark the cells": lambda: union.mark_cells(starts, found[0], addresses, counts, s.begins),
-        "unite": lambda: union.unite_intervals(points, n, s.begins, cells, found[0], s.found),
+        "unite": lambda: union.merge_intervals(points, n, s.begins, cells, found[0], s.found),
         "sum the moments": lambda: union.sum_cuboids(points, n, s.begins, stamps, sums, seen),
     }
     times: dict[str, list[float]] = {name: [] for name in steps}

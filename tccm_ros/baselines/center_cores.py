@@ -1,7 +1,7 @@
 """Center cores, and the plane detector that the paper builds on them (IV.B, IV.C), as a baseline.
 
 The center core of a cuboid is the long axis of the ellipsoid of its points. A trial draws a few
-cores; if they lie in one plane, the cores that belong to it are gathered and judged by Eq. (8). The
+cores; if they lie in one plane, the cores that belong to it are collected and rated by Eq. (8). The
 best of 10 or 50 trials is the plane.
 
 Where the printed formulas are incomplete: the normals b of Eq. (6) are given one sign before they
@@ -24,8 +24,8 @@ from tccm_ros.cuboids.cuboids import Cuboids
 __all__ = ["CenterCores", "CorePlane", "center_cores", "find_core_plane"]
 
 
-LEAST_POINTS = 3
-"""A cuboid of fewer points has no axis worth the name."""
+MIN_POINTS = 3
+"""A cuboid of fewer points has no center core. Chosen: the covariance of two points is a line."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,8 +54,8 @@ class CenterCores:
 
     def ends(self) -> Float64:
         """Return both ends of each core, two standard deviations out, float64 (K, 2, 3), m."""
-        reach = (2.0 * self.length)[:, None] * self.axis
-        return np.stack([self.center - reach, self.center + reach], axis=1)
+        offsets = (2.0 * self.length)[:, None] * self.axis
+        return np.stack([self.center - offsets, self.center + offsets], axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +88,7 @@ def center_cores(cuboids: Cuboids, min_length: float = 0.0) -> CenterCores:
     min_length
         Shorter cores are left out, m (standard deviation along the axis).
     """
-    chosen = np.flatnonzero(cuboids.count >= LEAST_POINTS)
+    chosen = np.flatnonzero(cuboids.count >= MIN_POINTS)
     xx, xy, xz, yy, yz, zz = cuboids.cov()[chosen].T
     matrices = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
     values, vectors = np.linalg.eigh(matrices)
@@ -109,7 +109,7 @@ def find_core_plane(
     cores
         Of one map.
     config
-        Group `center_core`: cores drawn in a trial, thresholds, trials, least quality.
+        Group `center_core`: cores drawn in a trial, thresholds, trials, minimum quality.
     trials
         In place of `center_core.trials`.
     seed
@@ -158,7 +158,7 @@ def _best_trial(
 def _common_plane(
     center: Float64, axis: Float64, length: Float64, chosen: Int64, angle: float, plane: Float64
 ) -> bool:
-    """Fill in the plane of a few cores by Eq. (6) and (7), and tell whether they have one."""
+    """Write the plane of a few cores by Eq. (6) and (7); return whether they have one."""
     count = len(chosen)
     total = np.zeros(3)
     first = np.zeros(3)
@@ -184,10 +184,10 @@ def _common_plane(
             used += 1
     if used < 2:
         return False
-    least = math.cos(angle)
+    min_cosine = math.cos(angle)
     for i in range(used):
         for j in range(i):
-            if abs(normals[i] @ normals[j]) < least:
+            if abs(normals[i] @ normals[j]) < min_cosine:
                 return False
     norm = math.sqrt(total @ total)
     if norm < 1e-9:
@@ -200,13 +200,13 @@ def _common_plane(
 
 @njit(nogil=True, cache=True)
 def _belongs(center: Float64, axis: Float64, plane: Float64, angle: float, distance: float) -> Bool:
-    """Tell which cores lie in a plane: along it, and near it."""
-    least = math.sin(angle)
+    """Return which cores lie in a plane: along it, and near it."""
+    max_sine = math.sin(angle)
     result = np.empty(len(center), np.bool_)
     for k in range(len(center)):
-        lean = axis[k, 0] * plane[0] + axis[k, 1] * plane[1] + axis[k, 2] * plane[2]
+        across = axis[k, 0] * plane[0] + axis[k, 1] * plane[1] + axis[k, 2] * plane[2]
         off = center[k, 0] * plane[0] + center[k, 1] * plane[1] + center[k, 2] * plane[2]
-        result[k] = abs(lean) < least and abs(off - plane[3]) < distance
+        result[k] = abs(across) < max_sine and abs(off - plane[3]) < distance
     return result
 
 

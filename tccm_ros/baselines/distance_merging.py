@@ -1,7 +1,7 @@
 """Merging as published (surface mapping, IV.B): surfaces with points within a distance are one.
 
-A part of the baseline ``surfaces.segmentation: seed``: no height is compared, so that what stands
-less than the distance above a surface is one with it.
+A part of the baseline ``surfaces.segmentation: seed``. Heights are not compared, so that anything
+less than the distance above a surface is merged with it.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """The published pipeline (surface mapping, IV.A): iterative RANSAC and Euclidean clustering.
 
-A baseline, selected by ``surfaces.segmentation: seed``: it tells the surfaces of each tilt cycle in
-place of the TCCM's planes. The largest plane of the cloud is found and taken out again and again;
-the inliers of roughly horizontal ones are clustered, clusters with enough points are surfaces. It
-ends when no plane has enough points. As published, it does not ask from which side a plane is seen.
+A baseline, selected by ``surfaces.segmentation: seed``: it finds the surfaces of each tilt cycle in
+place of the TCCM's planes. The largest plane of the cloud is found and its inliers are removed,
+repeatedly; the inliers of roughly horizontal planes are clustered, clusters with enough points are
+surfaces. It ends when no plane has enough points. As published, it does not test from which side a
+plane is seen.
 """
 
 from __future__ import annotations
@@ -19,19 +20,19 @@ __all__ = ["cluster", "segment"]
 
 
 TRIALS = 600
-"""Random planes a round: finds one with 1 % of the cloud's triples in it with 99.7 %."""
+"""Random planes in a round: one with 1 % of the cloud's triples in it is found with 99.7 %."""
 
 SAMPLE = 3000
-"""Points that a random plane is scored on; the winner is refined on all points."""
+"""Points that a random plane is scored on; the best is refined on all points. Chosen."""
 
 MAX_ROUNDS = 100
-"""Planes that are looked for at most."""
+"""Maximum number of planes. Chosen."""
 
-FITS_A_CELL = 0.577
-"""Edge of a cell whose diagonal is just less than one,"""
+CELL_FRACTION = 0.577
+"""Edge of a cell whose diagonal is just less than the cluster distance, in such distances,"""
 
-REACH = 2
-"""and cells on either side in which a neighbour within one can be."""
+CELL_STEPS = 2
+"""and the cells on either side in which a neighbour within that distance can be."""
 
 SEED = 20110509
 """The same cloud gives the same surfaces."""
@@ -57,10 +58,10 @@ def segment(points: Float64, config: Config) -> Int32:
     labels = np.full(len(points), -1, np.int32)
     rest = np.arange(len(points))
     found = 0
-    for turn in range(MAX_ROUNDS):
+    for round_number in range(MAX_ROUNDS):
         if len(rest) < max(rules.min_points, 3):
             break
-        plane = _largest_plane(points[rest], rules.seed_distance, SEED + turn)
+        plane = _largest_plane(points[rest], rules.seed_distance, SEED + round_number)
         inliers = np.abs(points[rest] @ plane[:3] - plane[3]) <= rules.seed_distance
         if inliers.sum() < rules.min_points:
             break
@@ -91,9 +92,9 @@ def _largest_plane(points: Float64, distance: float, seed: int) -> Float64:
 
 @njit(nogil=True, cache=True)
 def _best_of(points: Float64, sample: Float64, triples: Int64, distance: float) -> Float64:
-    """Return the plane through one of the triples (T, 3) that most of the sample lies on."""
+    """Return the plane through one of the triples (T, 3) that max_count of the sample lies on."""
     best = np.array([0.0, 0.0, 1.0, 0.0])
-    most = -1
+    max_count = -1
     for t in range(len(triples)):
         a, b, c = points[triples[t, 0]], points[triples[t, 1]], points[triples[t, 2]]
         normal = np.cross(b - a, c - a)
@@ -107,8 +108,8 @@ def _best_of(points: Float64, sample: Float64, triples: Int64, distance: float) 
             p = sample[i]
             if abs(normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2] - offset) <= distance:
                 count += 1
-        if count > most:
-            most = count
+        if count > max_count:
+            max_count = count
             best[:3] = normal
             best[3] = offset
     return best
@@ -125,18 +126,18 @@ def cluster(points: Float64, distance: float) -> Int64:
     if len(points) == 0:
         return np.zeros(0, np.int64)
     # Any two points of such a cell are neighbours: a cell has one cluster.
-    cells = np.floor(points / (FITS_A_CELL * distance)).astype(np.int64)
+    cells = np.floor(points / (CELL_FRACTION * distance)).astype(np.int64)
     cells -= cells.min(axis=0)
-    size = cells.max(axis=0) + 1 + 2 * REACH
-    cells += REACH
+    size = cells.max(axis=0) + 1 + 2 * CELL_STEPS
+    cells += CELL_STEPS
     keys = (cells[:, 0] * size[1] + cells[:, 1]) * size[2] + cells[:, 2]
     order = np.argsort(keys, kind="stable")
     known, starts = np.unique(keys[order], return_index=True)
     ends = np.append(starts[1:], len(points))
-    steps = np.arange(-REACH, REACH + 1)
+    steps = np.arange(-CELL_STEPS, CELL_STEPS + 1)
     x, y, z = (step.ravel() for step in np.meshgrid(steps, steps, steps, indexing="ij"))
     offsets = (x * size[1] + y) * size[2] + z
-    roots = _unite(points[order], known, starts, ends, offsets[offsets > 0], distance)
+    roots = _merge_cells(points[order], known, starts, ends, offsets[offsets > 0], distance)
     of_point = np.empty(len(points), np.int64)
     of_point[order] = np.repeat(roots, ends - starts)
     _, first, label = np.unique(of_point, return_index=True, return_inverse=True)
@@ -146,10 +147,10 @@ def cluster(points: Float64, distance: float) -> Int64:
 
 
 @njit(nogil=True, cache=True)
-def _unite(
+def _merge_cells(
     points: Float64, keys: Int64, starts: Int64, ends: Int64, offsets: Int64, distance: float
 ) -> Int32:
-    """Unite cells (C,) that hold neighbours; return the first cell of each cell's cluster."""
+    """Merge cells (C,) that hold neighbours; return the first cell of each cell's cluster."""
     parent = np.arange(len(keys)).astype(np.int32)
     for a in range(len(keys)):
         for offset in offsets:

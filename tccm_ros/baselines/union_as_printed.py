@@ -1,7 +1,7 @@
 """Cuboids by Eq. (1) as the paper prints it, point by point: `map.mode: paper`.
 
-Handed to `PartMapBuilder` in place of the union of intervals. As printed, the equation over-extends
-a cuboid that has grown, and what comes out depends on the order of the points.
+A rule of `PartMapBuilder` in place of the union of intervals. As printed, the equation over-extends
+a cuboid that has grown, and the result depends on the order of the points.
 """
 
 from __future__ import annotations
@@ -17,23 +17,40 @@ __all__ = ["AS_PRINTED"]
 
 
 @njit(nogil=True, cache=True)
-def order_of_arrival(records: Any, n: Any, heights: Any, scratch: Any, order: Any) -> None:
-    """Leave the points in the order in which they came; arguments as in `order_by_height`."""
+def keep_arrival_order(records: Any, n: Any, heights: Any, scratch: Any, order: Any) -> None:
+    """Keep the points in the order in which they came.
+
+    Parameters
+    ----------
+    records, n, heights, scratch, order
+        As in `union.order_by_height`.
+    """
     for i in range(n):
         order[i] = i
 
 
 @njit(nogil=True, cache=True)
-def unite_as_printed(
+def merge_as_printed(
     points: Any, n: Any, begins: Any, cell_keys: Any, n_cells: Any, found: Any
 ) -> Any:
     """Grow the cuboids of each cell by Eq. (1) as printed, point by point in their order.
 
     A point at or below a cuboid's top u and not further below its bottom than d0 extends it by
     u - z, even where it was inside; a point above the top, within the cuboid's own depth d of it,
-    raises it. Cuboids that then overlap are merged (section III.A). Arguments and result are those
-    of `union.unite_intervals`, but a cell's points are in the order in which they came; they are
-    reordered, so that those of a cuboid follow each other.
+    raises it. Cuboids that then overlap are merged (section III.A).
+
+    Parameters
+    ----------
+    points
+        int64 (2 n,), as in `union.merge_intervals`, but a cell's points in the order in which they
+        came. They are reordered, so that those of a cuboid follow each other.
+    n, begins, cell_keys, n_cells, found
+        As in `union.merge_intervals`.
+
+    Returns
+    -------
+    int
+        Row of the first cuboid; the rows before it are not used.
     """
     keys, bounds, firsts = found
     grown = np.empty((n, 2), np.int64)
@@ -59,15 +76,15 @@ def unite_as_printed(
     return k
 
 
-AS_PRINTED = CuboidRule(order_of_arrival, unite_as_printed)
+AS_PRINTED = CuboidRule(keep_arrival_order, merge_as_printed)
 """Eq. (1) as printed, in the order in which the points came."""
 
 
 @njit(nogil=True, cache=True)
 def _grow(grown: Any, n: Any, z: Any, d0: Any) -> Any:
-    """Put a point into the first of n cuboids (bottom, top) that takes it, or a new one; return n.
+    """Add a point to the first of n cuboids (bottom, top) that Eq. (1) lets it extend.
 
-    Eq. (1) as printed.
+    It begins a new one where there is none. Returns the number of cuboids.
     """
     for j in range(n):
         bottom, top = grown[j, 0], grown[j, 1]
@@ -83,7 +100,7 @@ def _grow(grown: Any, n: Any, z: Any, d0: Any) -> Any:
 
 @njit(nogil=True, cache=True)
 def _merge_overlaps(intervals: Any, n: Any) -> Any:
-    """Sort n intervals (bottom, top) by falling top and unite those that touch; return how many."""
+    """Sort n intervals (bottom, top) by falling top and merge those that touch; return how many."""
     for i in range(1, n):
         bottom, top, j = intervals[i, 0], intervals[i, 1], i
         while j > 0 and intervals[j - 1, 1] < top:

@@ -1,8 +1,8 @@
-"""Placing beams: where each hits, in whole ticks, in blocks that become vector code.
+"""Endpoints of beams in whole ticks, computed in blocks that the compiler vectorises.
 
-All that is arithmetic is done in blocks of `BLOCK` beams, into a scratch array whose rows are a
-block apart: at a distance that the compiler knows, so that it needs no proof that rows do not
-overlap and makes vector code. Indices are unsigned: a signed one may be negative and then counts
+All arithmetic is done in blocks of `BLOCK` beams, into a scratch array of rows of that length: the
+compiler knows the distance of the rows, so that it needs no proof that they do not overlap, and
+makes vector code. Indices are unsigned: a signed one may be negative and then counts
 from the end, and that test alone keeps loops from being vectors. Projecting 22,760 beams so takes
 0.05 ms; with a sine and a cosine of the tilt for each beam it took 0.24 ms.
 """
@@ -24,23 +24,23 @@ __all__ = [
     "WORK_SIZE",
     "Beams",
     "RegionFrame",
-    "Stretch",
+    "ScanSegment",
     "angle_between_lines",
+    "extend_box",
     "mark_inside",
     "mark_kept",
-    "place_beams",
     "poses_in_beams",
+    "project_beams",
     "quantise",
-    "region_from",
-    "widen",
+    "region_in_segment",
 ]
 
 BLOCK = 512
 """Beams that are worked on together: their scratch rows stay in the first cache."""
 
 # Rows of the scratch array, int32: whether the beam is used, its tile in the directory, its cell
-# in the tile, its height in ticks, its place in the cell (x << 16 | y) and its depth in ticks.
-USED, TILE_OF, CELL_OF, HEIGHT, PLACE, DEPTH_OF = (np.uint64(row * BLOCK) for row in range(6))
+# in the tile, its height in ticks, its position in the cell (x << 16 | y) and its depth in ticks.
+USED, TILE_OF, CELL_OF, HEIGHT, IN_CELL, DEPTH_OF = (np.uint64(row * BLOCK) for row in range(6))
 
 WORK_SIZE = 6 * BLOCK
 """Elements of the scratch array `work`, int32."""
@@ -59,7 +59,7 @@ SETTINGS = np.dtype(
     ],
     align=True,
 )
-"""Settings of binning, and what the adaptive gap knows of the scan before."""
+"""Settings of binning, and the plane of the scan before for the adaptive gap."""
 
 BLEND_ANGLE = 0.01
 """Poses of a scan that turn by more than this, rad, are refined before matrices are blended: the
@@ -79,7 +79,7 @@ BEYOND = np.int64(2**40)
 
 
 class RegionFrame(IntEnum):
-    """Where the region of interest stands."""
+    """The frame of the region of interest."""
 
     NONE = 0
     ODOM = 1
@@ -94,7 +94,7 @@ class Beams(NamedTuple):
     ranges
         float32 (N,), m.
     keep
-        bool (N,), which are to be used.
+        bool (N,), which are valid.
     directions
         float32 (2, N), cosines and sines of the bearings.
     first, last
@@ -111,8 +111,8 @@ class Beams(NamedTuple):
     step: Any
 
 
-class Stretch(NamedTuple):
-    """A stretch of a scan between two poses.
+class ScanSegment(NamedTuple):
+    """The part of a scan between two pose samples.
 
     Attributes
     ----------
@@ -177,7 +177,17 @@ def poses_in_beams(
 
 @njit(nogil=True, cache=True)
 def angle_between_lines(T: Any, settings: Any, step: Any) -> Any:
-    """Return the larger of the steps between beams and to the scan before, rad."""
+    """Return the larger of the angles between beams and to the plane of the scan before, rad.
+
+    Parameters
+    ----------
+    T
+        float64 (K, 3, 4), T_odom_laser at the pose samples of the scan.
+    settings
+        One element of `SETTINGS`.
+    step
+        Angle between neighbouring beams, rad.
+    """
     if not settings.has_normal:
         return step
     square = 0.0
@@ -187,11 +197,21 @@ def angle_between_lines(T: Any, settings: Any, step: Any) -> Any:
 
 
 @njit(nogil=True, cache=True)
-def region_from(T_odom_base: Any, stretch: Any, settings: Any, seen: Any) -> None:
-    """Write how the beams of a stretch see the region: `seen` of `mark_inside`."""
+def region_in_segment(T_odom_base: Any, segment: Any, settings: Any, seen: Any) -> None:
+    """Write the region of interest in the coordinates of the beams of a segment.
+
+    Parameters
+    ----------
+    T_odom_base
+        float64 (K, 4, 4), at the pose samples of the scan.
+    segment, settings
+        `ScanSegment`, and one element of `SETTINGS`.
+    seen
+        float32 (7, 3), written: see `mark_inside`.
+    """
     m = len(T_odom_base) // 2
     in_base = settings.region_frame == RegionFrame.BASE
-    T0, T1, f0, df = stretch
+    T0, T1, f0, df = segment
     for i in range(3):
         low, high = settings.region[2 * i], settings.region[2 * i + 1]
         seen[6, i] = 0.5 * (high - low)
@@ -214,10 +234,23 @@ def region_from(T_odom_base: Any, stretch: Any, settings: Any, seen: Any) -> Non
 
 @njit(nogil=True, cache=True)
 def quantise(work: Any, j: Any, used: Any, px: Any, py: Any, pz: Any, depth: Any, grid: Any) -> Any:
-    """Write what a point at (px, py, pz), in ticks, is in whole ticks. Branch-free.
+    """Write a point in whole ticks, by tile, cell and position in the cell. Branch-free.
 
-    `grid` holds cells per tick, ticks per cell, and the directory's first tile and width. Returns
-    whether the point is used, its tile in the directory along x and y, and its height.
+    Parameters
+    ----------
+    work, j
+        int32 (WORK_SIZE,), receives the point in column j.
+    used
+        Whether the point is to be used.
+    px, py, pz, depth
+        The point, and the depth of its interval, ticks.
+    grid
+        Cells per tick, ticks per cell, and the directory's first tile (x, y) and width.
+
+    Returns
+    -------
+    used, tx, ty, z
+        Whether the point is used, its tile in the directory, and its height, ticks.
     """
     per_tick, cell, tile_x0, tile_y0, tiles_y = grid
     used = used & (abs(px) < _MAX_TICKS) & (abs(py) < _MAX_TICKS) & (abs(pz) < _MAX_TICKS)
@@ -234,16 +267,26 @@ def quantise(work: Any, j: Any, used: Any, px: Any, py: Any, pz: Any, depth: Any
     work[TILE_OF + j] = tx * tiles_y + ty
     work[CELL_OF + j] = ((ix & 63) << 6) | (iy & 63)
     work[HEIGHT + j] = z
-    work[PLACE + j] = ((x - ix * cell) << 16) | (y - iy * cell)
+    work[IN_CELL + j] = ((x - ix * cell) << 16) | (y - iy * cell)
     work[DEPTH_OF + j] = np.int32(depth)
     return used, tx, ty, z
 
 
 @njit(nogil=True, cache=True)
-def widen(counters: Any, x: Any, y: Any, z: Any) -> Any:
-    """Take in the tiles (x, y) and heights z of a block, each (least, greatest).
+def extend_box(counters: Any, x: Any, y: Any, z: Any) -> Any:
+    """Extend the box of tiles and heights by those of a block.
 
-    Returns whether the directory covers its tiles.
+    Parameters
+    ----------
+    counters
+        One element of `tiles._COUNTERS`, changed.
+    x, y, z
+        Minimum and maximum of the tiles in the directory and of the heights, ticks.
+
+    Returns
+    -------
+    bool
+        Whether the directory covers the block's tiles.
     """
     if x[0] > x[1]:
         return True
@@ -255,19 +298,42 @@ def widen(counters: Any, x: Any, y: Any, z: Any) -> Any:
 
 @njit(nogil=True, cache=True)
 def mark_kept(keep: Any, first: Any, n: Any, work: Any) -> None:
-    """Mark the n beams from `first` on that are to be used."""
+    """Mark the valid beams of a block.
+
+    Parameters
+    ----------
+    keep
+        bool (N,), which beams of the scan are valid.
+    first, n
+        First beam and length of the block.
+    work
+        int32 (WORK_SIZE,), its row USED is written.
+    """
     for j in range(np.uint64(n)):
         work[USED + j] = keep[np.uint64(first) + j]
 
 
 @njit(nogil=True, cache=True)
 def mark_inside(beams: Any, seen: Any, first: Any, n: Any, work: Any) -> Any:
-    """Mark the n beams from `first` on that are to be used and hit inside the region.
+    """Mark the valid beams of a block that hit inside the region.
 
-    `seen` float32 (7, 3) is the region as beam 0 sees it (`region_from`), along its axes: the
-    laser's x and y axis, how both change per beam, the laser's place from the region's centre, how
-    it moves per beam, and half the region's size. Returns the first beam marked, of n, and the one
-    after the last.
+    Parameters
+    ----------
+    beams
+        The scan.
+    seen
+        float32 (7, 3), the region at beam 0 (`region_in_segment`), along its axes: the laser's x
+        and y axis, how both change per beam, the laser's position from the region's centre, how it
+        moves per beam, and half the region's size.
+    first, n
+        First beam and length of the block.
+    work
+        int32 (WORK_SIZE,), its row USED is written.
+
+    Returns
+    -------
+    low, high
+        The first beam marked, of n, and the one after the last.
     """
     a0, a1, a2 = seen[0, 0], seen[0, 1], seen[0, 2]
     b0, b1, b2 = seen[1, 0], seen[1, 1], seen[1, 2]
@@ -295,16 +361,35 @@ def mark_inside(beams: Any, seen: Any, first: Any, n: Any, work: Any) -> Any:
 
 
 @njit(nogil=True, cache=True)
-def place_beams(
-    beams: Any, stretch: Any, growth: Any, settings: Any, block: Any, work: Any, counters: Any
+def project_beams(
+    beams: Any, segment: Any, growth: Any, settings: Any, block: Any, work: Any, counters: Any
 ) -> Any:
-    """Place the beams of a block, first + [low, high) with `block` = (first, low, high).
+    """Write the endpoints of the beams of a block.
 
-    Hits are reckoned in float32 from the laser, good for a micrometre there; the laser's place is
-    added in float64. `growth` is the depth of a point, ticks, per metre of range. Returns whether
-    the directory covers all of them.
+    They are computed in float32 relative to the laser, exact to a micrometre; the laser's position
+    is added in float64.
+
+    Parameters
+    ----------
+    beams, segment
+        The scan, and the part of it between two pose samples.
+    growth
+        Depth of a point's interval per metre of range, ticks.
+    settings
+        One element of `SETTINGS`.
+    block
+        (first, low, high): the beams first + [low, high).
+    work
+        int32 (WORK_SIZE,), written.
+    counters
+        One element of `tiles._COUNTERS`, changed.
+
+    Returns
+    -------
+    bool
+        Whether the directory covers all tiles of the block.
     """
-    T0, T1, f0, df = stretch
+    T0, T1, f0, df = segment
     first, low, high = block
     g0, dg = np.float32(f0), np.float32(df)
     a00, a01 = np.float32(T0[0, 0]), np.float32(T0[0, 1])
@@ -317,7 +402,7 @@ def place_beams(
     ox, oy, oz = T0[0, 3] + mx * f0, T0[1, 3] + my * f0, T0[2, 3] + mz * f0
     dx, dy, dz = mx * df, my * df, mz * df
     ranges, cosines, sines = beams.ranges, beams.directions[0], beams.directions[1]
-    ticks, least, most = settings.ticks, settings.depth, settings.max_depth
+    ticks, min_depth, max_depth = settings.ticks, settings.depth, settings.max_depth
     grid = (
         1.0 / settings.cell_ticks, np.int64(settings.cell_ticks),
         counters.tile_x0, counters.tile_y0, counters.tiles_y,
@@ -334,12 +419,12 @@ def place_beams(
         z = (a20 + f * b20) * u + (a21 + f * b21) * v
         px, py, pz = x + (ox + dx * number), y + (oy + dy * number), z + (oz + dz * number)
         depth = growth * r
-        depth = depth if depth > least else least
-        depth = depth if depth < most else most
+        depth = depth if depth > min_depth else min_depth
+        depth = depth if depth < max_depth else max_depth
         used, tx, ty, h = quantise(
             work, j, work[USED + j] != 0, px * ticks, py * ticks, pz * ticks, depth, grid
         )
         x0, x1 = min(x0, tx if used else BEYOND), max(x1, tx if used else -BEYOND)
         y0, y1 = min(y0, ty if used else BEYOND), max(y1, ty if used else -BEYOND)
         bottom, top = min(bottom, h if used else BEYOND), max(top, h if used else -BEYOND)
-    return widen(counters, (x0, x1), (y0, y1), (bottom, top))
+    return extend_box(counters, (x0, x1), (y0, y1), (bottom, top))

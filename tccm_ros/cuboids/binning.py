@@ -1,6 +1,6 @@
-"""From beams to binned points, scan by scan: place each beam, find its cell, count it there.
+"""From beams to binned points, scan by scan: the endpoint of each beam is counted in its cell.
 
-Beams go through in blocks: all that is arithmetic first (`beam_endpoints`), then what depends on
+Beams are processed in blocks: first all arithmetic (`beam_endpoints`), then all random access to
 memory, beam by beam.
 """
 
@@ -17,20 +17,20 @@ from tccm_ros.cuboids.beam_endpoints import (
     CELL_OF,
     DEPTH_OF,
     HEIGHT,
-    PLACE,
+    IN_CELL,
     TILE_OF,
     USED,
     Beams,
     RegionFrame,
-    Stretch,
+    ScanSegment,
     angle_between_lines,
+    extend_box,
     mark_inside,
     mark_kept,
-    place_beams,
     poses_in_beams,
+    project_beams,
     quantise,
-    region_from,
-    widen,
+    region_in_segment,
 )
 from tccm_ros.cuboids.intrinsics import lowest_bit
 from tccm_ros.cuboids.tiles import CELLS_PER_TILE, GROW_SLOTS, GROW_TILES, TILE, Tiles
@@ -66,7 +66,7 @@ def _count(low: Any, high: Any, work: Any, tiles: Any) -> Any:
         address = slot * CELLS_PER_TILE + cell
         counts[np.uint64(address)] += 1
         bits[np.uint64(address >> 6)] |= _U1 << np.uint64(cell & 63)
-        place = np.int64(np.uint32(work[PLACE + j]))
+        place = np.int64(np.uint32(work[IN_CELL + j]))
         records[_U2 * n] = (np.int64(work[HEIGHT + j]) << 32) | place
         records[_U2 * n + _U1] = (np.int64(work[DEPTH_OF + j]) << 32) | address
         n += _U1
@@ -76,10 +76,21 @@ def _count(low: Any, high: Any, work: Any, tiles: Any) -> Any:
 
 @njit(nogil=True, cache=True)
 def bin_points(points: Any, first: Any, settings: Any, work: Any, arrays: Any) -> Any:
-    """Bin points, float64 (3 N,), m: x y z of each in the map's frame, from point `first` on.
+    """Bin points in the map's frame; those that are not finite are left out.
 
-    Those that are not finite are left out; all have the least depth. Everything else is as in
-    `bin_scan`.
+    Parameters
+    ----------
+    points
+        float64 (3 N,), m: x y z of each.
+    first
+        Number of the first point to be binned.
+    settings, work, arrays
+        As in `bin_scan`; all points have the minimum depth.
+
+    Returns
+    -------
+    int
+        As of `bin_scan`.
     """
     tiles, own = Tiles(*arrays), settings[0]
     counters = tiles.counters[0]
@@ -98,7 +109,7 @@ def bin_points(points: Any, first: Any, settings: Any, work: Any, arrays: Any) -
             y0, y1 = min(y0, ty if used else BEYOND), max(y1, ty if used else -BEYOND)
             bottom, top = min(bottom, h if used else BEYOND), max(top, h if used else -BEYOND)
         counters.next_beam = begin
-        if not widen(counters, (x0, x1), (y0, y1), (bottom, top)):
+        if not extend_box(counters, (x0, x1), (y0, y1), (bottom, top)):
             return GROW_TILES
         done = _count(0, count, work, tiles)
         if done < count:
@@ -109,7 +120,7 @@ def bin_points(points: Any, first: Any, settings: Any, work: Any, arrays: Any) -
 
 @njit(nogil=True, cache=True)
 def bin_scan(scan: Any, poses: Any, settings: Any, work: Any, arrays: Any) -> Any:
-    """Place the beams of a scan, drop those outside the region, and bin the rest.
+    """Compute the endpoints of a scan's beams, drop those outside the region, and bin the rest.
 
     Parameters
     ----------
@@ -145,20 +156,20 @@ def bin_scan(scan: Any, poses: Any, settings: Any, work: Any, arrays: Any) -> An
             f0 = -times[k] * df
             if j < n - 1:
                 end = min(max(np.int64(np.ceil(times[j])), start), beams.last)
-        stretch = Stretch(T[k], T[j], f0, df)
+        segment = ScanSegment(T[k], T[j], f0, df)
         if has_region and start < end:
-            region_from(poses[3], stretch, own, seen)
+            region_in_segment(poses[3], segment, own, seen)
         for begin in range(start, end, BLOCK):
             low, high = np.int64(0), min(end - begin, np.int64(BLOCK))
             if has_region:
-                # Most of a scan lies outside: only from the first to the last beam inside is
-                # placed.
+                # Most of a scan lies outside: only the beams from the first to the last one inside
+                # are projected.
                 low, high = mark_inside(beams, seen, begin, high, work)
             else:
                 mark_kept(beams.keep, begin, high, work)
             if low >= high:
                 continue
-            covered = place_beams(beams, stretch, growth, own, (begin, low, high), work, counters)
+            covered = project_beams(beams, segment, growth, own, (begin, low, high), work, counters)
             counters.next_beam = begin
             if not covered:
                 return GROW_TILES

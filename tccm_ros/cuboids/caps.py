@@ -1,9 +1,9 @@
-"""Caps of cuboids: the moments of the points at a cuboid's top, apart from the rest.
+"""Caps of cuboids: the moments of the points at a cuboid's top, separate from the rest.
 
-Where a board ends in a level surface, the highest cuboid of each cell holds points of both. What is
-foreign to the board lies at the top; with its moments known apart they can be taken off, exactly.
-A part map still has its points, so their caps are summed when its cuboids are asked for; an
-integration map's originals have no points any more, and it has no caps.
+Where a board ends in a horizontal surface, the highest cuboid of each cell holds points of both.
+Those of the surface lie at the top; their moments, known separately, can be subtracted exactly. A
+part map with points sums the caps when its cuboids are made; the part maps of an integration map
+have no points any more, so that it has no caps.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from tccm_ros.arrays import Float64, Int32
 __all__ = ["CAP_DEPTH", "Caps", "no_caps", "sum_caps"]
 
 CAP_DEPTH = 150
-"""Depth of a cap, ticks: the noise of a level surface that is seen at an angle, both ways."""
+"""Depth of a cap, ticks. Chosen: 15 mm, the noise of a horizontal surface in height, both ways."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +40,7 @@ class Caps:
 
 
 def no_caps() -> Caps:
-    """Return what a map has whose points are gone."""
+    """Return the caps of a map without points: they are not known."""
     return Caps(np.zeros(0, np.int32), np.zeros((0, 10)))
 
 
@@ -51,11 +51,11 @@ def sum_caps(points: Any, counts: Any, first: Any, tops: Any, of: Any, sums: Any
     Parameters
     ----------
     points
-        int64 (M, 2), see `part.PartPoints`.
+        int64 (M, 2), see `part_map.PartPoints`.
     counts, first, tops
         int64 (N,), int32 (N,) and int32 (N,): points, first point and top, ticks, of each cuboid.
     of, sums
-        int32 (N,) and float64 (N, 10), zero: receive what `Caps` has.
+        int32 (N,) and float64 (N, 10), zero: receive the fields of `Caps`.
 
     Returns
     -------

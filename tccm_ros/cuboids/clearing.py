@@ -1,8 +1,8 @@
-"""Seen-through clearing: a beam that passed through a cuboid takes it away within that cycle.
+"""Clearing by beams: a cuboid of an older part map that a beam passed through is removed.
 
-What a cycle cleared is kept with its part map as *voids*: intervals of height per cell, taken
-from all older part maps. So a rebuild replays the clearing, and taking the part map out of the map
-takes its clearing out as well.
+What a tilt cycle cleared is stored with its part map as *voids*: intervals of height per cell that
+are removed from all older part maps. A rebuild therefore repeats the clearing, and removing the
+part map from the integration map removes its clearing as well.
 """
 
 from __future__ import annotations
@@ -15,29 +15,31 @@ from numba import njit
 
 from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.config import Config
-from tccm_ros.cuboids.beam_rays import sweep_beams
+from tccm_ros.cuboids.beam_rays import scan_rays
 from tccm_ros.cuboids.cuboids import TICKS_PER_M
-from tccm_ros.cuboids.cycle_builder import Sweep
+from tccm_ros.cuboids.cycle_builder import TiltCycleData
 from tccm_ros.cuboids.integration_map import IntegrationMap
-from tccm_ros.cuboids.merging import join_pieces, merge_part
+from tccm_ros.cuboids.merging import merge_part, write_composites
 from tccm_ros.cuboids.part_map import PartMap
 
-__all__ = ["see_through"]
+__all__ = ["add_voids"]
 
 MARGIN = 0.010
-"""A beam must pass at least this deep inside a cuboid, m: what grazes a surface leaves it."""
+"""A beam must pass at least this deep inside a cuboid, m: a beam that grazes a surface does not
+clear it. Chosen: four standard deviations of a range (2.5 mm)."""
 
 STOP_CELLS = 2.0
-"""A beam is followed to this many cells before its end: there it is at the surface it hit."""
+"""A beam is followed to this many cells before its end, as its last cells hold the surface that it
+hit. Chosen: the cell of the hit and the one before it."""
 
 
-def see_through(sweep: Sweep, map_: IntegrationMap, config: Config) -> PartMap:
-    """Find what the newest sweep saw through.
+def add_voids(cycle: TiltCycleData, map_: IntegrationMap, config: Config) -> PartMap:
+    """Find what the beams of the newest tilt cycle passed through.
 
     Parameters
     ----------
-    sweep
-        The newest sweep.
+    cycle
+        The newest tilt cycle.
     map_
         The map that it is about to be added to.
     config
@@ -46,22 +48,24 @@ def see_through(sweep: Sweep, map_: IntegrationMap, config: Config) -> PartMap:
     Returns
     -------
     PartMap
-        The sweep's part map with its voids.
+        The tilt cycle's part map with its voids.
     """
-    part = sweep.part
+    part = cycle.part
     keys, spans = _older(part, map_, config.map.window_cycles)
     if len(keys) == 0:
         return part
     index = index_cells(keys, spans * (1.0 / TICKS_PER_M))
     passed = np.zeros(len(keys), np.bool_)
-    for scan in sweep.scans:
-        rays = sweep_beams(scan, config.scan.max_range)
+    for scan in cycle.scans:
+        rays = scan_rays(scan, config.scan.max_range)
         mark_passed(*rays, config.map.cell_size, index, passed)
     return replace(part, void_keys=keys[passed], void_bounds=spans[passed])
 
 
 def _older(part: PartMap, map_: IntegrationMap, window: int) -> tuple[Int64, Int32]:
-    """Return the cuboids that older part maps will have once the newest is in: keys and spans."""
+    """Return keys and spans of the composite cuboids that older part maps will have once the
+    newest one is added.
+    """
     keys, pieces = map_.keys, map_.pieces
     room = len(keys) + 2 * len(part) + 1
     left_keys, left = np.empty(room, np.int64), np.empty((room, 4), np.int32)
@@ -70,7 +74,7 @@ def _older(part: PartMap, map_: IntegrationMap, window: int) -> tuple[Int64, Int
         (left_keys, left),
     )  # fmt: skip
     cells, spans = np.empty(n, np.int64), np.empty((n, 2), np.int32)
-    m = join_pieces(left_keys, left, n, cells, spans)
+    m = write_composites(left_keys, left, n, cells, spans)
     return cells[:m].copy(), spans[:m].copy()
 
 
@@ -143,7 +147,7 @@ def mark_passed(origins: Any, ends: Any, hits: Any, cell: Any, index: Any, passe
     index
         The cuboids: `CellIndex`.
     passed
-        bool (C,), set where a beam passed.
+        bool (C,), written: True where a beam passed through.
     """
     for i in range(len(origins)):
         ox, oy, oz = origins[i, 0] / cell, origins[i, 1] / cell, origins[i, 2]

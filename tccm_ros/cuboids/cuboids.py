@@ -1,7 +1,8 @@
-"""Cuboids as arrays: what part maps and integration maps give to everything that reads them.
+"""Cuboids as arrays: the common form of part maps and integration maps for all readers.
 
-A cuboid stands in cell (ix, iy) of edge `cell_size` and covers [bottom, top]. Heights and moments
-are kept in ticks of 0.1 mm, so that adding and subtracting points is exact (DESIGN section 6).
+A cuboid lies in cell (ix, iy) of edge `cell_size` and covers the heights [bottom, top]. Heights and
+moments are in ticks of 0.1 mm, so that adding and subtracting points is exact
+(docs/design/tccm.md, "Ticks").
 """
 
 from __future__ import annotations
@@ -104,7 +105,7 @@ class Cuboids:
     bottom, top
         int32 (N,), ticks, bottom < top.
     count
-        float64 (N,), points; not whole where pieces weigh less than their originals.
+        float64 (N,), points; not whole where a piece is only a part of its part map's cuboid.
     s
         float64 (N, 3), ticks: sum of (x - x_cell, y - y_cell, z), x_cell = rint(ix * cell_size).
     S

@@ -1,7 +1,8 @@
-"""From posed scans and tilt samples to the sweeps of the tilting laser.
+"""From posed scans and tilt angles to tilt cycles with their part maps.
 
-Scans are worked on as soon as it is certain to which cycle their beams belong. A cycle ends when
-the joint has turned and every scan before the turn is there, or can no longer come.
+A scan is binned as soon as it is certain to which tilt cycle its beams belong. A tilt cycle is
+complete when the joint has reversed and every scan before the reversal has come, or can no longer
+come.
 """
 
 from __future__ import annotations
@@ -21,16 +22,27 @@ from tccm_ros.geometry import interpolate_poses
 from tccm_ros.records import PosedScan
 from tccm_ros.sensors.laser_scan import used_beams
 
-__all__ = ["CycleBuilder", "Sweep", "SweepScan"]
+__all__ = ["CycleBuilder", "CycleScan", "TiltCycleData"]
 
 
 SPEED_WINDOW_NS = 250_000_000
-"""Base speeds are taken over at least this time: shorter steps show the odometry's jitter."""
+"""Base speeds are taken over at least this time, ns: shorter steps show the odometry's jitter.
+Chosen: 12 samples of an odometry of 50 Hz."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SweepScan:
-    """Beams [first, last) of a scan that belong to a sweep; `keep` bool (N,) are those to use."""
+class CycleScan:
+    """Beams of a scan that belong to one tilt cycle.
+
+    Attributes
+    ----------
+    posed
+        The scan with its poses.
+    keep
+        bool (N,), which of all beams of the scan are valid.
+    first, last
+        The beams [first, last) belong to the tilt cycle.
+    """
 
     posed: PosedScan
     keep: Bool
@@ -51,8 +63,8 @@ class SweepScan:
 
 
 @dataclass(slots=True, eq=False)
-class Sweep:
-    """One closed cycle.
+class TiltCycleData:
+    """What was measured in one complete tilt cycle.
 
     Attributes
     ----------
@@ -61,12 +73,12 @@ class Sweep:
     part
         Its part map, with points.
     scans
-        The scans that it is made of.
+        The scans that it is made of, in stamp order.
     """
 
     span: Span
     part: PartMap
-    scans: list[SweepScan] = field(default_factory=list)
+    scans: list[CycleScan] = field(default_factory=list)
 
     @property
     def stamp_ns(self) -> int:
@@ -75,17 +87,17 @@ class Sweep:
 
     def T_odom_base(self) -> Float64:
         """Return the base's pose at `stamp_ns`, float64 (4, 4); the identity without scans."""
-        stamps, poses = self._knots(lambda posed: posed.T_odom_base)
+        stamps, poses = self._pose_samples(lambda posed: posed.T_odom_base)
         return _pose_at(stamps, poses, self.stamp_ns)
 
     def T_odom_laser(self) -> Float64:
         """Return the laser's pose at `stamp_ns`, float64 (4, 4); the identity without scans."""
-        stamps, poses = self._knots(lambda posed: posed.T_odom_base @ posed.T_base_laser)
+        stamps, poses = self._pose_samples(lambda posed: posed.T_odom_base @ posed.T_base_laser)
         return _pose_at(stamps, poses, self.stamp_ns)
 
     def base_speeds(self) -> tuple[float, float]:
-        """Return the largest speed (m/s) and turn rate (rad/s) of the base during the sweep."""
-        stamps, poses = self._knots(lambda posed: posed.T_odom_base)
+        """Return the largest speed (m/s) and rotation rate (rad/s) of the base in the cycle."""
+        stamps, poses = self._pose_samples(lambda posed: posed.T_odom_base)
         if len(stamps) < 2:
             return 0.0, 0.0
         later = np.minimum(np.searchsorted(stamps, stamps + SPEED_WINDOW_NS), len(stamps) - 1)
@@ -96,8 +108,8 @@ class Sweep:
         seconds = (stamps[later] - stamps)[full] * 1e-9
         step = np.linalg.norm(then[:, :3, 3] - now[:, :3, 3], axis=1)
         cosine = (np.einsum("nij,nij->n", now[:, :3, :3], then[:, :3, :3]) - 1.0) / 2.0
-        turn = np.arccos(np.clip(cosine, -1.0, 1.0))
-        return float((step / seconds).max()), float((turn / seconds).max())
+        rotation = np.arccos(np.clip(cosine, -1.0, 1.0))
+        return float((step / seconds).max()), float((rotation / seconds).max())
 
     def angle_step(self) -> float:
         """Return the mean angle between scan lines, rad; 0 with fewer than two scans."""
@@ -109,7 +121,7 @@ class Sweep:
         )
         return float(np.linalg.norm(np.diff(normals, axis=0), axis=1).mean())
 
-    def _knots(self, poses_of: Callable[[PosedScan], Float64]) -> tuple[Int64, Float64]:
+    def _pose_samples(self, poses_of: Callable[[PosedScan], Float64]) -> tuple[Int64, Float64]:
         if not self.scans:
             return np.zeros(0, np.int64), np.zeros((0, 4, 4))
         stamps = np.concatenate([s.posed.knots_ns for s in self.scans])
@@ -119,7 +131,7 @@ class Sweep:
 
 
 class CycleBuilder:
-    """Sorts beams into cycles and builds their part maps.
+    """Assigns beams to tilt cycles and builds their part maps.
 
     Parameters
     ----------
@@ -139,11 +151,11 @@ class CycleBuilder:
         self._cycles = TiltCycles(config)
         self._builder = PartMapBuilder(config, rule)
         self.dropped: Counter[str] = Counter()
-        self._waiting: deque[SweepScan] = deque()
-        self._open: list[SweepScan] = []
+        self._waiting: deque[CycleScan] = deque()
+        self._open: list[CycleScan] = []
 
     def clear(self) -> None:
-        """Forget what has not become a cycle, as after a jump of the clock."""
+        """Forget all scans of the open tilt cycle, as after a jump of the clock."""
         self.dropped["clock jump"] += len(self._waiting) + len(self._open)
         self._waiting.clear()
         self._open = []
@@ -157,20 +169,20 @@ class CycleBuilder:
     def add_scan(self, posed: PosedScan) -> None:
         """Take the next scan, in stamp order."""
         keep = used_beams(posed, self._config)
-        self._waiting.append(SweepScan(posed, keep, 0, len(posed.scan.ranges)))
+        self._waiting.append(CycleScan(posed, keep, 0, len(posed.scan.ranges)))
 
-    def finish(self) -> list[Sweep]:
-        """Close the open cycle: the input has ended."""
+    def finish(self) -> list[TiltCycleData]:
+        """Close the open tilt cycle at the end of the input; return the cycles completed."""
         self._cycles.finish()
-        sweeps = self.take(complete_ns=2**62)
+        cycles = self.take(complete_ns=2**62)
         self.dropped["no joint samples"] += len(self._waiting)
         self._waiting.clear()
-        return sweeps
+        return cycles
 
-    def take(self, complete_ns: int) -> list[Sweep]:
-        """Work on what can be worked on.
+    def take(self, complete_ns: int) -> list[TiltCycleData]:
+        """Bin the scans whose tilt cycle is certain and return the tilt cycles that are complete.
 
-        Where no more samples of the joint can come for the open cycle, it ends.
+        The open cycle ends where no more samples of the joint can come for it.
 
         Parameters
         ----------
@@ -179,11 +191,11 @@ class CycleBuilder:
 
         Returns
         -------
-        list[Sweep]
-            The cycles that are complete now, in order.
+        list[TiltCycleData]
+            The tilt cycles completed by this call, in order.
         """
         self._cycles.advance(complete_ns)
-        sweeps: list[Sweep] = []
+        cycles: list[TiltCycleData] = []
         closed = self._cycles.closed
         while True:
             if self._waiting:
@@ -191,38 +203,38 @@ class CycleBuilder:
                 split = _first_beam_at(head, closed[0].end_ns) if closed else head.last
                 certain = closed or _end_ns(head) < self._cycles.decided_ns
                 if not certain:
-                    return sweeps
-                used = bool(closed[0].cycle is not None if closed else self._cycles.sweeping)
+                    return cycles
+                used = bool(closed[0].cycle is not None if closed else self._cycles.is_moving)
                 reason = closed[0].reason if closed else "joint rests"
                 self._waiting.popleft()
                 self._use(head, split, used, reason)
                 if split == head.last:
                     continue
                 self._waiting.appendleft(
-                    SweepScan(head.posed, head.keep, max(split, head.first), head.last)
+                    CycleScan(head.posed, head.keep, max(split, head.first), head.last)
                 )
             elif not closed or closed[0].end_ns > complete_ns:
-                return sweeps
-            sweep = self._close(closed.popleft())
-            if sweep is not None:
-                sweeps.append(sweep)
+                return cycles
+            cycle = self._close(closed.popleft())
+            if cycle is not None:
+                cycles.append(cycle)
 
-    def _use(self, head: SweepScan, split: int, used: bool, reason: str) -> None:
+    def _use(self, head: CycleScan, split: int, used: bool, reason: str) -> None:
         """Put the beams before `split` into the open part map, or count the scan as dropped."""
         if used and split > head.first:
             self._builder.add(head.posed, head.keep, head.first, split)
-            self._open.append(SweepScan(head.posed, head.keep, head.first, split))
+            self._open.append(CycleScan(head.posed, head.keep, head.first, split))
         elif not used and split == head.last and head.first == 0:
             self.dropped[reason] += 1
 
-    def _close(self, span: Span) -> Sweep | None:
+    def _close(self, span: Span) -> TiltCycleData | None:
         scans, self._open = self._open, []
-        sweep = self._sweep(span, scans)
-        # A new region counts from the next sweep on: a part map has one.
+        cycle = self._cycle_data(span, scans)
+        # A new region counts from the next tilt cycle on: a part map has one region.
         self._builder.set_region(self._config.map.region)
-        return sweep
+        return cycle
 
-    def _sweep(self, span: Span, scans: list[SweepScan]) -> Sweep | None:
+    def _cycle_data(self, span: Span, scans: list[CycleScan]) -> TiltCycleData | None:
         if span.cycle is None:
             self.dropped[span.reason] += len(scans)
             self._builder.clear()
@@ -230,14 +242,14 @@ class CycleBuilder:
         stamps = [s for s in (scan.stamps_ns() for scan in scans) if s is not None]
         start_ns = min((s[0] for s in stamps), default=span.start_ns)
         end_ns = max((s[1] for s in stamps), default=span.end_ns - 1)
-        return Sweep(span, self._builder.close(span.cycle, start_ns, end_ns), scans)
+        return TiltCycleData(span, self._builder.close(span.cycle, start_ns, end_ns), scans)
 
 
-def _end_ns(scan: SweepScan) -> int:
+def _end_ns(scan: CycleScan) -> int:
     return max(scan.posed.scan.stamp_ns, scan.posed.scan.end_ns)
 
 
-def _first_beam_at(scan: SweepScan, stamp_ns: int) -> int:
+def _first_beam_at(scan: CycleScan, stamp_ns: int) -> int:
     """Return the first of the scan's beams that is not before a stamp."""
     step_ns = scan.posed.scan.time_increment * 1e9
     ahead_ns = stamp_ns - scan.posed.scan.stamp_ns

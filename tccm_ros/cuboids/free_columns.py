@@ -1,4 +1,4 @@
-"""What was seen through, per column: free intervals of height, to be asked point by point."""
+"""Free space per column: intervals of height that beams passed through, queried by points."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.records import ViewIntervals
 
-__all__ = ["KEY_STEP", "NEVER", "FreeColumns", "SeenFree", "column_keys"]
+__all__ = ["KEY_STEP", "NEVER", "FreeColumns", "FreeSpace", "column_keys"]
 
 
 KEY_STEP = 1 << 21
-"""Keys of columns and voxels: columns -2^20..2^20 on either axis."""
+"""Factor of x in the keys of columns and voxels: columns -2^20..2^20 on either axis."""
 
 NEVER = -1
 """Stamp of what was never seen."""
@@ -72,7 +72,7 @@ class FreeColumns:
 
 
 class _CycleView(NamedTuple):
-    """What one cycle saw through, in the base frame at its stamp."""
+    """The free intervals of one tilt cycle, in the base frame at its stamp."""
 
     cycle: int
     stamp_ns: int
@@ -80,8 +80,8 @@ class _CycleView(NamedTuple):
     free: FreeColumns
 
 
-class SeenFree:
-    """What the cycles of the window saw through.
+class FreeSpace:
+    """The free intervals of the tilt cycles in the window.
 
     Parameters
     ----------
@@ -95,7 +95,17 @@ class SeenFree:
         self._views: deque[_CycleView] = deque()
 
     def add(self, cycle: int, T_odom_base: Float64, view: ViewIntervals) -> None:
-        """Take what a cycle saw through, and forget what leaves the window."""
+        """Add the free intervals of a tilt cycle, and drop those of cycles before the window.
+
+        Parameters
+        ----------
+        cycle
+            Its number.
+        T_odom_base
+            float64 (4, 4), at the stamp of the view.
+        view
+            The free intervals, in the base frame.
+        """
         free = FreeColumns.of(view, self._cell_size)
         self._views.append(_CycleView(cycle, view.stamp_ns, inverse(T_odom_base), free))
         while self._views[0].cycle <= cycle - self._window:
@@ -108,7 +118,7 @@ class SeenFree:
     def last_seen(self, points: Float64) -> Int64:
         """Return when points (N, 3), m, in odom, were last seen to be free, int64 (N,), ns.
 
-        `NEVER` where none of the window's cycles saw through.
+        `NEVER` where no beam of the window's tilt cycles passed.
         """
         seen = np.full(len(points), NEVER, np.int64)
         for view in self._views:

@@ -1,8 +1,9 @@
-"""What a sweep saw through: free intervals of height per column, by ray traversal.
+"""Free intervals of height per column from the beams of a tilt cycle, by ray traversal.
 
-Each beam is followed through the columns that it crosses. A column keeps bits for heights that
-beams passed and heights where beams ended; free is what was passed and not hit. Scan lines leave
-gaps, which are closed where they are no larger than the lines are apart and nothing was hit.
+Each beam is followed through the columns that it crosses. A column has bits for the heights that
+beams passed and for the heights where beams ended; free are those passed and not hit. Gaps between
+scan lines are closed where they are at most `GAP_STEPS` times the lines' distance and nothing was
+hit.
 """
 
 from __future__ import annotations
@@ -17,32 +18,32 @@ from tccm_ros.arrays import Bool, Float32, Float64
 __all__ = ["BIN", "BINS", "FreeIntervalTracer"]
 
 BIN = 0.02
-"""Height of a bin, m."""
+"""Height of a bin, m. Chosen: a cell of the map."""
 
 BINS = 256
-"""Bins of a column: 5.12 m."""
+"""Bins of a column. Chosen: 5.12 m."""
 
 WORDS = BINS // 64
 """Words of a column: a bit for each bin, so that a beam sets all that it passes at once."""
 
 ALL = np.uint64(0xFFFF_FFFF_FFFF_FFFF)
 
-LOWEST = -1.5
-"""Lowest height of a column, m above the base."""
+MIN_HEIGHT = -1.5
+"""Lowest height of a column, m above the base. Chosen: floors below a platform are seen."""
 
 HIT_MARGIN = 2
-"""Bins around a hit that are not free: what is there may be a little higher or lower."""
+"""Bins around a hit that are not free: the surface may be slightly higher or lower. Chosen."""
 
 GAP_STEPS = 2.0
-"""Gaps up to this many scan line distances are closed."""
+"""Gaps up to this many scan line distances are closed. Chosen: one line may be lost."""
 
-MAX_GAP = 10
-"""Bins that are closed at most."""
+MAX_GAP_BINS = 10
+"""Maximum number of bins of a gap that is closed. Chosen: 20 cm."""
 
 
 @njit(nogil=True, cache=True)
 def _bin(z: Any) -> Any:
-    return np.int64(np.floor((z - LOWEST) * (1.0 / BIN)))
+    return np.int64(np.floor((z - MIN_HEIGHT) * (1.0 / BIN)))
 
 
 @njit(nogil=True, cache=True)
@@ -125,7 +126,7 @@ def trace_beams(
 
 @njit(nogil=True, cache=True)
 def list_intervals(seen: Any, hit: Any, cell: Any, half: Any, angle_step: Any, rows: Any) -> Any:
-    """List the free intervals of all columns; returns how many, also beyond the room in `rows`.
+    """List the free intervals of all columns.
 
     Parameters
     ----------
@@ -135,13 +136,18 @@ def list_intervals(seen: Any, hit: Any, cell: Any, half: Any, angle_step: Any, r
         Angle between scan lines, rad.
     rows
         float32 (M, 4), receives x, y of the column's centre, z_low, z_high.
+
+    Returns
+    -------
+    int
+        Number of intervals, also where `rows` has no room for all of them.
     """
     n, width = 0, 2 * half
     for column in range(width * width):
         if not seen[column].any():
             continue
         x, y = (column // width - half + 0.5) * cell, (column % width - half + 0.5) * cell
-        gap = np.int64(min(GAP_STEPS * angle_step * np.hypot(x, y) / BIN, 1.0 * MAX_GAP))
+        gap = np.int64(min(GAP_STEPS * angle_step * np.hypot(x, y) / BIN, 1.0 * MAX_GAP_BINS))
         start, last = -1, -1
         for b in range(BINS + 1):
             blocked = b == BINS or _is_set(hit, column, b)
@@ -149,7 +155,7 @@ def list_intervals(seen: Any, hit: Any, cell: Any, half: Any, angle_step: Any, r
             if start >= 0 and not free and (blocked or b - last > gap):
                 if n < rows.shape[0]:
                     rows[n, 0], rows[n, 1] = x, y
-                    rows[n, 2], rows[n, 3] = LOWEST + start * BIN, LOWEST + (last + 1) * BIN
+                    rows[n, 2], rows[n, 3] = MIN_HEIGHT + start * BIN, MIN_HEIGHT + (last + 1) * BIN
                 n += 1
                 start = -1
             if free:
@@ -158,36 +164,36 @@ def list_intervals(seen: Any, hit: Any, cell: Any, half: Any, angle_step: Any, r
 
 
 class FreeIntervalTracer:
-    """Follows the beams of one sweep and collects what they saw through.
+    """Traces the beams of one tilt cycle and collects the free intervals.
 
     Parameters
     ----------
     cell_size
         Edge of a column, m.
-    reach
-        Distance from the base within which columns are kept, m.
+    max_range
+        Distance from the base along x and y within which columns are kept, m.
     """
 
-    def __init__(self, cell_size: float, reach: float) -> None:
+    def __init__(self, cell_size: float, max_range: float) -> None:
         self._cell = cell_size
-        self._half = max(round(reach / cell_size), 1)
+        self._half = max(round(max_range / cell_size), 1)
         shape = ((2 * self._half) ** 2, WORDS)
         self._seen, self._hit = np.zeros(shape, np.uint64), np.zeros(shape, np.uint64)
 
-    def add(
-        self,
-        origins: Float64,
-        ends: Float64,
-        hits: Bool,
-    ) -> None:
-        """Follow beams from origins to ends, float64 (N, 3), m, in the base frame.
+    def add(self, origins: Float64, ends: Float64, hits: Bool) -> None:
+        """Trace beams.
 
-        `hits`, bool (N,), says which of them ended on something.
+        Parameters
+        ----------
+        origins, ends
+            float64 (N, 3), m, in the base frame.
+        hits
+            bool (N,), which of the beams ended on a surface.
         """
         trace_beams(origins, ends, hits, self._cell, self._half, self._seen, self._hit)
 
     def intervals(self, angle_step: float) -> Float32:
-        """Return the free intervals float32 (N, 4) of `records.ViewIntervals`, and begin anew.
+        """Return the free intervals float32 (N, 4) of `records.ViewIntervals`, and reset.
 
         Parameters
         ----------

@@ -1,8 +1,8 @@
-"""How steep a plane is before it counts as vertical: one limit for each question that is asked.
+"""Limits of the inclination of planes, for each step that treats vertical planes differently.
 
-Each is the vertical component of the unit normal, |n_z|: 1 for horizontal planes, 0 for vertical
-ones. They differ because being wrong costs something else each time. Which planes are *horizontal*
-is a setting, `planes.horizontal_angle`.
+Each is a vertical component of the unit normal, |n_z|: 1 for horizontal planes, 0 for vertical
+ones. The limits differ because an error has other effects in each step. Which planes are
+*horizontal* is a setting, `planes.horizontal_angle`.
 """
 
 __all__ = [

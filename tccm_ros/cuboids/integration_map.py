@@ -1,8 +1,8 @@
-"""The integration map M_t: the last n part maps, newest over older (section III.C; DESIGN 6).
+"""The integration map M_t: the last n part maps, newest over older (section III.C of the paper).
 
-Original cuboids are never changed. The map holds *pieces* of them: what newer part maps leave
-visible. So any part map can be taken out again, and a rebuild from the originals gives the same
-pieces, bit for bit.
+The cuboids of part maps are never changed. The map holds *pieces* of them: the intervals that newer
+part maps do not cover. So any part map can be removed again, and a rebuild from the part maps gives
+the same pieces, bit for bit.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class IntegrationMap:
 
     @property
     def pieces(self) -> Int32:
-        """Pieces, int32 (P, 4): bottom, top, cycle, index of the original; sorted as `keys`."""
+        """Pieces, int32 (P, 4): bottom, top, cycle, cuboid of its part map; sorted as `keys`."""
         return self._pieces[: self._n]
 
     def part(self, cycle: int) -> PartMap:
@@ -65,7 +65,7 @@ class IntegrationMap:
         raise KeyError(cycle)
 
     def add(self, part: PartMap) -> None:
-        """Add the newest part map; the one that leaves the window goes in the same pass.
+        """Add the newest part map, and remove the one that leaves the window in the same pass.
 
         Raises
         ------
@@ -81,12 +81,12 @@ class IntegrationMap:
         self._put(self.parts[-1])
 
     def remove(self, cycle: int) -> PartMap:
-        """Take one part map out again; what it had covered comes back.
+        """Remove one part map; the pieces that it covered are restored.
 
         Returns
         -------
         PartMap
-            What was taken out.
+            The removed part map.
 
         Raises
         ------
@@ -103,7 +103,7 @@ class IntegrationMap:
         return part
 
     def rebuild(self) -> None:
-        """Make the pieces anew from the originals, oldest first."""
+        """Recompute the pieces from the part maps, oldest first."""
         self._n = 0
         self._cuboids = None
         for part in self.parts:
@@ -144,9 +144,9 @@ class IntegrationMap:
         cells, spans = np.empty((2, m), np.int32), np.empty((2, m), np.int32)
         count, s, S = np.empty(m), np.empty((m, 3)), np.empty((m, 6))
         cycles, offsets = np.empty(n, np.int32), np.zeros(m + 1, np.int64)
-        originals = self._addresses.table(self.parts), self.parts[0].cycle if n else 0
+        part_cuboids = self._addresses.table(self.parts), self.parts[0].cycle if n else 0
         found = cells, spans, count, s, S
-        used = compose_cuboids(self._keys, self._pieces, n, originals, found, cycles, offsets)
+        used = compose_cuboids(self._keys, self._pieces, n, part_cuboids, found, cycles, offsets)
         return Cuboids(
             self.cell_size, cells[0], cells[1], spans[0], spans[1], count, s, S,
             cycles[:used].copy(), offsets,

@@ -1,4 +1,4 @@
-"""What kernels need of the processor and numba does not offer: the lowest set bit, and pointers."""
+"""Intrinsics for kernels that numba does not offer: the lowest set bit, and pointers."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Which cuboids of a surface hang together, when beams leave empty cells between scan lines.
+"""Connected sets of a surface's cuboids, where beams leave empty cells between scan lines.
 
-Each cuboid looks back along its row (-y) and its column (-x) for the nearest cuboid of the same
-surface. The typical step between them is the local sample spacing, per patch and direction; a step
-is a link if it is shorter than twice that spacing. Where every cell is filled the spacing is one
-cell, and this is the paper's 8-neighbourhood (IV.A).
+For each cuboid the nearest one of the same surface is found back along its row (-y) and its column
+(-x). The typical step between them is the local sample spacing, per patch and direction; a step is
+a link if it is shorter than twice that spacing. Where every cell is filled the spacing is one cell,
+and this is the paper's 8-neighbourhood (IV.A).
 """
 
 import numpy as np
@@ -23,22 +23,33 @@ __all__ = [
 
 
 PATCH_BITS = 4
-"""A patch in which the spacing is estimated is 2**4 cells wide."""
+"""A patch in which the spacing is estimated is 2**4 cells wide. Chosen: 32 cm at 20 mm."""
 
 ALL_SIDES = 15
+"""The bits of all four sides on which a cuboid may have links."""
 
 STEPS = 32
-"""Steps of this many cells and more are no links."""
+"""Steps of this many cells and more are no links. Chosen: 64 cm at 20 mm."""
 
 OBSTACLES = 3
-"""A search ends behind so many occupied cells that hold nothing of the same height: whatever lies
-further off is not a neighbour. Without it a wall's cells, which have no neighbours at all, cost
-most of the time."""
+"""A search ends behind this many occupied cells without a cuboid of the same height: whatever lies
+further away is not a neighbour. Without it a wall's cells, which have no neighbours at all, cost
+most of the time. Chosen."""
 
 
 @njit(nogil=True, cache=True)
-def is_level(top: Int32, mean: Int32, i: int, j: int, limit: int) -> bool:
-    """Tell whether two cuboids have the same height: by their tops or by their means."""
+def has_same_height(top: Int32, mean: Int32, i: int, j: int, limit: int) -> bool:
+    """Return whether two cuboids have the same height: by their tops or by their means.
+
+    Parameters
+    ----------
+    top, mean
+        int32 (N,), ticks.
+    i, j
+        Indices of the cuboids.
+    limit
+        Ticks, below which a difference must be.
+    """
     return (abs(top[i] - top[j]) < limit) | (abs(mean[i] - mean[j]) < limit)
 
 
@@ -47,6 +58,11 @@ def find_links(
     ix: Int32, iy: Int32, top: Int32, mean: Int32, threshold: float
 ) -> tuple[Int32, Int32, Int32]:
     """Find for each cuboid the nearest one of the same height behind it in its column and its row.
+
+    Parameters
+    ----------
+    ix, iy, top, mean, threshold
+        As in `link`.
 
     Returns
     -------
@@ -77,7 +93,7 @@ def find_links(
                 passed += 1
                 if passed > OBSTACLES or y - cell >= STEPS:
                     break
-            if is_level(top, mean, i, j, limit):
+            if has_same_height(top, mean, i, j, limit):
                 found_y = j
                 if cell == y:
                     touching[pairs, 0], touching[pairs, 1] = i, j
@@ -100,19 +116,19 @@ def find_links(
                 passed += 1
                 if passed > OBSTACLES or x - cell >= STEPS:
                     break
-            if cell != x and is_level(top, mean, i, j, limit):
+            if cell != x and has_same_height(top, mean, i, j, limit):
                 found_x, gap_x = j, x - cell
                 break
             j = before[j]
         back_x[i] = found_x
         # The cell behind in the column leads to both corners, that in the row to the nearer one.
         if gap_x > 1:
-            j = level_corner(ix, top, mean, limit, before, last[c + 1], i)
+            j = corner_of_same_height(ix, top, mean, limit, before, last[c + 1], i)
             if j >= 0:
                 touching[pairs, 0], touching[pairs, 1] = i, j
                 pairs += 1
             if gap_y > 1:
-                j = level_corner(ix, top, mean, limit, before, last[c - 1], i)
+                j = corner_of_same_height(ix, top, mean, limit, before, last[c - 1], i)
                 if j >= 0:
                     touching[pairs, 0], touching[pairs, 1] = i, j
                     pairs += 1
@@ -120,12 +136,26 @@ def find_links(
 
 
 @njit(nogil=True, cache=True)
-def level_corner(
+def corner_of_same_height(
     ix: Int32, top: Int32, mean: Int32, limit: int, before: Int32, j: int, i: int
 ) -> int:
-    """Return a cuboid of the height of i in the row behind, j or before it in its column, or -1."""
+    """Return a cuboid of the height of another in the row behind it, -1 for none.
+
+    Parameters
+    ----------
+    ix, top, mean
+        As in `link`.
+    limit
+        As in `has_same_height`.
+    before
+        int32 (N,), the cuboid before each one in its column, -1 for none.
+    j
+        Last cuboid of the column that is searched, -1 for none.
+    i
+        The cuboid.
+    """
     while j >= 0 and ix[i] - ix[j] < 2:
-        if ix[j] != ix[i] and is_level(top, mean, i, j, limit):
+        if ix[j] != ix[i] and has_same_height(top, mean, i, j, limit):
             return j
         j = before[j]
     return -1
@@ -133,7 +163,7 @@ def level_corner(
 
 @njit(nogil=True, cache=True)
 def find_links_in_plane(ix: Int32, iy: Int32) -> tuple[Int32, Int32, Int32]:
-    """Find the links of cuboids that all lie in one plane: as `find_links` where all is level."""
+    """Find the links of cuboids of one plane: as `find_links` where all heights are the same."""
     n = len(ix)
     low_y = iy.min()
     last = np.full(iy.max() - low_y + 3, -1, np.int32)
@@ -171,8 +201,8 @@ def find_links_in_plane(ix: Int32, iy: Int32) -> tuple[Int32, Int32, Int32]:
 def spacing(histogram: Int32, fallback: float) -> float:
     """Return the typical step of a histogram of steps: the mean of those up to 1.5 x the median.
 
-    A few long steps, over a gap or a missing return, must not raise it. `fallback` is returned
-    where there are fewer than four steps.
+    A few long steps, over a gap or a missing return, do not raise it. `fallback` is returned where
+    there are fewer than four steps.
     """
     total = 0
     for k in range(STEPS):
@@ -255,15 +285,15 @@ def accept_links(
     patch, patches = patches_of(ix, iy)
     limit_x = limits_of(ix, patch, patches, back_x)
     limit_y = limits_of(iy, patch, patches, back_y)
-    # What is linked along a row is one run; only runs are united.
+    # The cuboids linked along a row are one run; only runs are merged.
     run, parent, first = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.int32)
     sides = np.zeros(n, np.uint8)
     runs = 0
     for i in range(n):
-        p, j, mine = patch[i], back_y[i], 0
+        p, j, own = patch[i], back_y[i], 0
         if j >= 0 and iy[i] - iy[j] < limit_y[p]:
             r = run[j]
-            mine = 4
+            own = 4
             sides[j] |= 8
         else:
             back_y[i] = -1
@@ -275,11 +305,11 @@ def accept_links(
         if j >= 0:
             if ix[i] - ix[j] < limit_x[p]:
                 merge_sets(parent, r, run[j])
-                mine |= 1
+                own |= 1
                 sides[j] |= 2
             else:
                 back_x[i] = -1
-        sides[i] = mine
+        sides[i] = own
     for k in range(len(touching)):
         merge_sets(parent, run[touching[k, 0]], run[touching[k, 1]])
     # Parents have smaller numbers, so one pass leads all to the first run of their set.
@@ -331,12 +361,24 @@ def link_in_plane(ix: Int32, iy: Int32) -> tuple[Int32, Bool]:
     """
     back_x, back_y, touching = find_links_in_plane(ix, iy)
     root, sides = accept_links(ix, iy, back_x, back_y, touching)
-    return root, is_deep(back_x, back_y, sides)
+    return root, are_deep(back_x, back_y, sides)
 
 
 @njit(nogil=True, cache=True)
-def is_deep(back_x: Int32, back_y: Int32, sides: UInt8) -> Bool:
-    """Tell which cuboids have links on all sides, and their neighbours as well."""
+def are_deep(back_x: Int32, back_y: Int32, sides: UInt8) -> Bool:
+    """Return which cuboids have links on all sides, and their neighbours as well.
+
+    Parameters
+    ----------
+    back_x, back_y
+        int32 (N,), the links that are accepted, -1 for none.
+    sides
+        uint8 (N,), of `accept_links`.
+
+    Returns
+    -------
+    bool (N,)
+    """
     deep = np.ones(len(sides), np.bool_)
     for i in range(len(sides)):
         x, y = back_x[i], back_y[i]

@@ -1,7 +1,8 @@
-"""Compiled loops of the integration map: who owns what, and what the map says where.
+"""Kernels of the integration map: merging of part maps to pieces, and of pieces to cuboids.
 
-A piece is a row (bottom, top, cycle, index): what is left visible of cuboid `index` of the part map
-`cycle`. Pieces are sorted by (cell, bottom) and do not overlap within a cell.
+A piece is a row (bottom, top, cycle, index): an interval of cuboid `index` of the part map `cycle`
+that newer part maps do not cover. Pieces are sorted by (cell, bottom) and do not overlap within a
+cell.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from numba import carray, njit
 
 from tccm_ros.cuboids.intrinsics import lowest_bit, pointer_to
 
-__all__ = ["compose_cuboids", "count_composites", "join_pieces", "merge_part", "owners"]
+__all__ = ["compose_cuboids", "count_composites", "merge_part", "owners", "write_composites"]
 
 _HALF = 2**31
 _U0, _U1, _U2, _U3, _U4 = (np.uint64(i) for i in range(5))
@@ -26,10 +27,10 @@ _LAST = 2**62
 
 @njit(nogil=True, cache=True)
 def merge_part(older: Any, n_older: Any, part: Any, cycle: Any, oldest: Any, out: Any) -> Any:
-    """Put the newest part map over the pieces of the older ones; one pass over both.
+    """Merge the newest part map with the pieces of the older ones; one pass over both.
 
-    Where the newest covers an older piece it owns the overlap: older pieces become shorter (at
-    the top, at the bottom), are divided in two, or vanish.
+    Where the newest covers an older piece the overlap is the newest's: older pieces become shorter
+    (at the top, at the bottom), are divided in two, or vanish.
 
     Parameters
     ----------
@@ -39,7 +40,7 @@ def merge_part(older: Any, n_older: Any, part: Any, cycle: Any, oldest: Any, out
         int64 (N,) and int32 (N, 2): the newest part map's cells and intervals, sorted, not
         touching within a cell.
     cycle
-        Number of the newest part map; negative if it only takes away (voids).
+        Number of the newest part map; negative if it only removes (voids).
     oldest
         Pieces of older cycles than this are left out.
     out
@@ -72,8 +73,8 @@ def merge_part(older: Any, n_older: Any, part: Any, cycle: Any, oldest: Any, out
         bottom, top = max(np.int64(rows[row]), cover), np.int64(rows[row + _U1])
         c, index = rows[row + _U2], rows[row + _U3]
         kept = c >= oldest
-        # What is below the next newer interval is written, and counted only if it is there: that
-        # is faster than to ask first.
+        # The part below the next newer interval is always written, and counted only if it is not
+        # empty: that is faster than a branch.
         end = min(top, low) if key == here else top
         _write(out_keys, out_rows, n, here, bottom, end, c, index)
         n += np.uint64(kept & (end > bottom))
@@ -116,7 +117,13 @@ def _next(keys: Any, rows: Any, j: Any) -> Any:
 
 @njit(nogil=True, cache=True)
 def count_composites(keys: Any, pieces: Any, n: Any) -> Any:
-    """Return the number of composite cuboids: runs of touching pieces of one cell."""
+    """Return the number of composite cuboids: runs of touching pieces of one cell.
+
+    Parameters
+    ----------
+    keys, pieces, n
+        int64 (>= n,) cells and int32 (>= n, 4) pieces, sorted.
+    """
     count = 0
     for i in range(n):
         if i == 0 or keys[i] != keys[i - 1] or pieces[i, 0] != pieces[i - 1, 1]:
@@ -125,8 +132,21 @@ def count_composites(keys: Any, pieces: Any, n: Any) -> Any:
 
 
 @njit(nogil=True, cache=True)
-def join_pieces(keys: Any, pieces: Any, n: Any, cells: Any, spans: Any) -> Any:
-    """Write cell and (bottom, top) of each composite cuboid; return how many there are."""
+def write_composites(keys: Any, pieces: Any, n: Any, cells: Any, spans: Any) -> Any:
+    """Write cell and interval of each composite cuboid.
+
+    Parameters
+    ----------
+    keys, pieces, n
+        As in `count_composites`.
+    cells, spans
+        int64 (>= C,) and int32 (>= C, 2), receive the cells, and bottoms and tops, ticks.
+
+    Returns
+    -------
+    int
+        Number of composite cuboids, C.
+    """
     k = 0
     for i in range(n):
         if i == 0 or keys[i] != keys[i - 1] or pieces[i, 0] != pieces[i - 1, 1]:
@@ -138,18 +158,18 @@ def join_pieces(keys: Any, pieces: Any, n: Any, cells: Any, spans: Any) -> Any:
 
 @njit(nogil=True, cache=True)
 def compose_cuboids(
-    keys: Any, pieces: Any, n: Any, originals: Any, found: Any, cycles: Any, offsets: Any
+    keys: Any, pieces: Any, n: Any, part_cuboids: Any, found: Any, cycles: Any, offsets: Any
 ) -> Any:
     """Join touching pieces to composite cuboids and add up their weighted moments.
 
-    A piece weighs its length over its original's. Moments are added from the lowest piece to the
-    highest, so that equal pieces give equal sums to the last bit.
+    The weight of a piece is its length over that of its part map's cuboid. Moments are added from
+    the lowest piece to the highest, so that equal pieces give equal sums to the last bit.
 
     Parameters
     ----------
     keys, pieces, n
         The pieces.
-    originals
+    part_cuboids
         Where the part maps' cuboids are (`PartAddresses`), and the cycle of the first row.
     found
         int32 (2, C) twice, receive ix and iy, bottom and top; float64 (C,), (C, 3), (C, 6),
@@ -162,7 +182,7 @@ def compose_cuboids(
     int
         Number of entries in `cycles`.
     """
-    addresses, first_cycle = originals
+    addresses, first_cycle = part_cuboids
     cells, spans, count, s, S = found
     k, used, begin = -1, 0, 0
     # A window of up to 64 cycles is a word of bits: no sorting, and nothing to mispredict.
@@ -213,7 +233,7 @@ def compose_cuboids(
 
 @njit(nogil=True, cache=True)
 def _insert_cycle(cycles: Any, begin: Any, end: Any, cycle: Any) -> Any:
-    """Put a cycle in order into cycles[begin:end], unless it is there; return the new end."""
+    """Insert a cycle in order into cycles[begin:end], unless it is there; return the new end."""
     j = end
     while j > begin and cycles[j - 1] > cycle:
         j -= 1
@@ -227,14 +247,14 @@ def _insert_cycle(cycles: Any, begin: Any, end: Any, cycle: Any) -> Any:
 
 @njit(nogil=True, cache=True)
 def owners(ix: Any, iy: Any, bottom: Any, keys: Any, bounds: Any) -> Any:
-    """Return the cuboid of a map that each cuboid of its part map lies in; one pass over both.
+    """Return the cuboid of a map in which each cuboid of its part map lies; one pass over both.
 
     Parameters
     ----------
     ix, iy, bottom
         int32 (N,), of the map, N > 0, sorted.
     keys, bounds
-        int64 (M,) and int32 (M, 2), of a part map that the map has taken, sorted.
+        int64 (M,) and int32 (M, 2), of a part map in the map, sorted.
 
     Returns
     -------

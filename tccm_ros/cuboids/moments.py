@@ -1,8 +1,7 @@
 """Pooled moments: the moments of any set of cuboids add up, and give its least-squares plane.
 
 A moment vector is float64 (10,): N, the sums of x y z, and the sums of xx xy xz yy yz zz, in m
-about an origin near the points (the laser), so that differences of large numbers lose nothing that
-matters.
+about an origin near the points (the laser), so that differences of sums lose no precision.
 """
 
 import math
@@ -16,10 +15,10 @@ from tccm_ros.cuboids.cuboids import CuboidArrays
 __all__ = [
     "FLAT",
     "Moments",
-    "gather",
-    "moved",
+    "moments_about",
     "plane_of",
     "residuals_of",
+    "shift_moments",
     "tangents",
     "uncertainty_of",
 ]
@@ -33,17 +32,28 @@ FLAT = 1e-9
 
 
 FIRST_STEPS = 3
+"""Steps of the eigenvalue iteration that are always taken: enough for most planes."""
+
 MORE_STEPS = 30
-"""Enough for a double root, where each step leaves a third."""
+"""Further steps at most: enough for a double root, where each step leaves a third of the error."""
 
 
 @njit(nogil=True, cache=True)
-def moved(
+def shift_moments(
     ix: int, iy: int, sums: Moments | Float64, cell: float, tick: float, origin: Float64
 ) -> Moments:
-    """Return the moments of a cuboid of cell (ix, iy) about an origin, m.
+    """Return the moments of a cuboid about an origin, m.
 
-    `sums` are its count, sums and products, ticks; the rest is as in `gather`.
+    Parameters
+    ----------
+    ix, iy
+        Its cell.
+    sums
+        Its count, sums and products as in `Cuboids`, ticks.
+    cell, tick
+        Edge of a cell in ticks, and a tick in m.
+    origin
+        float64 (3,), ticks.
     """
     n, sx, sy, sz, xx, xy, xz, yy, yz, zz = sums
     tick2 = tick * tick
@@ -63,7 +73,7 @@ def moved(
 
 
 @njit(nogil=True, cache=True)
-def gather(cuboids: CuboidArrays, origin: Float64) -> Float64:
+def moments_about(cuboids: CuboidArrays, origin: Float64) -> Float64:
     """Return the moments of all cuboids about one origin, float64 (N, 10), m.
 
     Parameters
@@ -80,7 +90,7 @@ def gather(cuboids: CuboidArrays, origin: Float64) -> Float64:
             cuboids.counts[i], s[i, 0], s[i, 1], s[i, 2],
             S[i, 0], S[i, 1], S[i, 2], S[i, 3], S[i, 4], S[i, 5],
         )  # fmt: skip
-        m = moved(cuboids.ix[i], cuboids.iy[i], sums, cuboids.cell, cuboids.tick, origin)
+        m = shift_moments(cuboids.ix[i], cuboids.iy[i], sums, cuboids.cell, cuboids.tick, origin)
         out[i, 0], out[i, 1], out[i, 2], out[i, 3], out[i, 4] = m[0], m[1], m[2], m[3], m[4]
         out[i, 5], out[i, 6], out[i, 7], out[i, 8], out[i, 9] = m[5], m[6], m[7], m[8], m[9]
     return out
@@ -88,7 +98,15 @@ def gather(cuboids: CuboidArrays, origin: Float64) -> Float64:
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def root_step(trace: float, minors: float, det: float, x: float) -> float:
-    """Return a step of Halley's method from x towards the smallest eigenvalue, 0 if x is beyond."""
+    """Return a step of Halley's method towards the smallest eigenvalue, 0 if x is beyond it.
+
+    Parameters
+    ----------
+    trace, minors, det
+        Coefficients of the characteristic polynomial.
+    x
+        The last estimate.
+    """
     value = det - x * (minors - x * (trace - x))
     slope = minors - x * (2.0 * trace - 3.0 * x)
     step = value * slope / (slope * slope - value * (trace - 3.0 * x))
@@ -101,10 +119,15 @@ def eigenvalues(
 ) -> tuple[float, float, float]:
     """Return the eigenvalues of a covariance, falling.
 
-    Halley's method on the characteristic polynomial, from 0: below its smallest root it rises to it
-    without overshooting, in a few steps where that root stands apart, as for every plane. It is
-    several times faster than the trigonometric form. The first steps are taken unasked, so that the
-    processor can work on several planes at once.
+    Halley's method on the characteristic polynomial, from 0: below its smallest root it converges
+    without overshooting, in a few steps where that root is well separated, as for every plane. It
+    is several times faster than the trigonometric form. The first steps are taken without a test,
+    so that the processor can work on several planes at once.
+
+    Parameters
+    ----------
+    xx, xy, xz, yy, yz, zz
+        The covariance.
     """
     trace = xx + yy + zz
     minors = xx * yy - xy * xy + xx * zz - xz * xz + yy * zz - yz * yz
@@ -162,7 +185,15 @@ def plane_of(
 
 @njit(nogil=True, cache=True)
 def residuals_of(m: Float64, nx: float, ny: float, nz: float, d: float) -> tuple[float, float]:
-    """Return the sum and the sum of squares of the distances of the points to a plane."""
+    """Return the sum and the sum of squares of the signed distances of points from a plane, m, m2.
+
+    Parameters
+    ----------
+    m
+        float64 (10,), moments of the points.
+    nx, ny, nz, d
+        The plane, ``n . p = d``: distances are positive on the side of the normal.
+    """
     n = m[0]
     first = nx * m[1] + ny * m[2] + nz * m[3]
     second = nx * (nx * m[4] + 2.0 * (ny * m[5] + nz * m[6])) + ny * (ny * m[7] + 2.0 * nz * m[8])
@@ -172,12 +203,12 @@ def residuals_of(m: Float64, nx: float, ny: float, nz: float, d: float) -> tuple
 
 @njit(nogil=True, cache=True)
 def tangents(normal: Float64) -> tuple[Float64, Float64]:
-    """Return the tangent directions (u, v) of a plane: u level, v up the slope, u x v = normal.
+    """Return the tangent directions of a plane: u horizontal, v up the slope, u x v = normal.
 
     Parameters
     ----------
     normal
-        float64 (3,), unit. For a level plane u is x and v is y (-y where the normal points down).
+        float64 (3,), unit. For a horizontal plane u is x and v is y (-y if the normal points down).
     """
     nx, ny, nz = normal[0], normal[1], normal[2]
     slope = math.hypot(nx, ny)
@@ -194,7 +225,7 @@ def tangents(normal: Float64) -> tuple[Float64, Float64]:
 
 @njit(nogil=True, cache=True)
 def uncertainty_of(m: Float64, normal: Float64, variance: float) -> tuple[Float64, float]:
-    """Return how well the points of a moment vector fix their plane.
+    """Return the covariance of the plane of a moment vector's points, and its quality.
 
     Parameters
     ----------

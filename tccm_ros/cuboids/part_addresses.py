@@ -1,7 +1,7 @@
-"""Where the part maps of the window lie in memory, so that kernels can read them.
+"""Memory addresses of the part maps in the window, for kernels that read them in place.
 
-Part maps are made one by one and never changed. To have them in one array they would be copied in
-every cycle; a table of where each begins is enough.
+Part maps are made one by one and never changed. In one array they would be copied in every tilt
+cycle; a table of their addresses is enough.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ __all__ = ["PartAddresses"]
 
 
 class PartAddresses:
-    """Where the cuboids of the part maps of a window are."""
+    """The addresses of the moments and bounds of the part maps in a window."""
 
     def __init__(self) -> None:
         self._known: dict[int, tuple[PartMap, tuple[int, int], tuple[NDArray[Any], ...]]] = {}
 
     def table(self, parts: Sequence[PartMap]) -> Int64:
-        """Return where the moments and the bounds of each cycle's part map are.
+        """Return the addresses of the moments and the bounds of each cycle's part map.
 
         Parameters
         ----------
@@ -35,11 +35,11 @@ class PartAddresses:
         Returns
         -------
         int64 (K, 2), a row per cycle from that of the oldest part map on, 0 where there is none.
-        Good until the next call, as long as this object lives.
+        Valid until the next call, while this object exists.
         """
         known = self._known
         self._known = {
-            p.cycle: known[p.cycle] if p.cycle in known and known[p.cycle][0] is p else _found(p)
+            p.cycle: known[p.cycle] if p.cycle in known and known[p.cycle][0] is p else _locate(p)
             for p in parts
         }
         first = parts[0].cycle if parts else 0
@@ -49,7 +49,7 @@ class PartAddresses:
         return table
 
 
-def _found(part: PartMap) -> tuple[PartMap, tuple[int, int], tuple[NDArray[Any], ...]]:
+def _locate(part: PartMap) -> tuple[PartMap, tuple[int, int], tuple[NDArray[Any], ...]]:
     rows = (
         np.ascontiguousarray(part.moments, np.int64),
         np.ascontiguousarray(part.bounds, np.int32),

@@ -1,7 +1,7 @@
-"""The part map of one tilt cycle, and how it is built (section III.A, III.B of the paper).
+"""The part map of one tilt cycle, and its builder (sections III.A and III.B of the paper).
 
-Scans are placed and binned as they come, so that little is left to do when the cycle ends, namely
-to unite the intervals of each cell and to sum the moments (DESIGN section 6).
+Scans are projected and binned as they come. At the end of the tilt cycle it remains to merge the
+intervals of each cell and to sum the moments (docs/design/tccm.md, "Part map").
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from tccm_ros.cuboids import binning
 from tccm_ros.cuboids.beam_endpoints import SETTINGS, WORK_SIZE, RegionFrame
 from tccm_ros.cuboids.caps import Caps, no_caps, sum_caps
 from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, Cuboids, key_cells
-from tccm_ros.cuboids.tiles import TileState
+from tccm_ros.cuboids.tiles import BinnedPoints
 from tccm_ros.cuboids.union import (
     HISTOGRAM_SIZE,
     UNION,
@@ -36,7 +36,7 @@ __all__ = ["PartMap", "PartMapBuilder", "PartPoints"]
 _LOW = np.int64(0xFFFFFFFF)
 
 _MAX_GEOMETRIES = 8
-"""Scan geometries whose bearings are kept."""
+"""Scan geometries whose bearings are cached. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,8 +46,8 @@ class PartPoints:
     Attributes
     ----------
     packed
-        int64 (M, 2): z in ticks and place within the cell, ``z << 32 | x << 16 | y``; depth in
-        ticks and number of the scan within the cycle, ``depth << 32 | scan``.
+        int64 (M, 2): z in ticks and position within the cell, ``z << 32 | x << 16 | y``; depth in
+        ticks and number of the scan within the tilt cycle, ``depth << 32 | scan``.
     first
         int32 (N,), first point of each cuboid; a cuboid's points follow each other.
     """
@@ -61,7 +61,7 @@ class PartPoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PartMap:
-    """The cuboids of one cycle, sorted by (ix, iy, bottom). Never changed once made.
+    """The cuboids of one tilt cycle, sorted by (ix, iy, bottom). Never changed once made.
 
     Attributes
     ----------
@@ -81,8 +81,8 @@ class PartMap:
     seen_ns
         int64 (N, 2), stamps of the first and the last scan that measured the cuboid.
     void_keys, void_bounds
-        int64 (V,) and int32 (V, 2), as `keys` and `bounds`: where this cycle saw through what older
-        cycles had measured; it takes their cuboids there away (`clearing`).
+        int64 (V,) and int32 (V, 2), as `keys` and `bounds`: where beams of this tilt cycle passed
+        through cuboids of older part maps, which it removes there (`clearing`).
     points
         The points, or None where they are not kept.
     """
@@ -103,7 +103,7 @@ class PartMap:
         return len(self.keys)
 
     def without_cuboids(self) -> PartMap:
-        """Return the cycle's times alone, for histories that must not grow."""
+        """Return the part map with its times alone, for histories of bounded memory."""
         return PartMap(
             self.cycle,
             self.start_ns,
@@ -225,13 +225,13 @@ class PartMapBuilder:
             max(depth, round(config.map.max_depth * TICKS_PER_M)) if adaptive else depth
         )
         self.set_region(config.map.region)
-        self._tiles = TileState()
+        self._tiles = BinnedPoints()
         self._work = np.zeros(WORK_SIZE, np.int32)
         self._directions: dict[tuple[float, float, int], Float32] = {}
         self._scratch: _Scratch | None = None
         self._stamps: list[int] = []
         self._ends: list[int] = []
-        self._at_most = 0
+        self._max_points = 0
 
     def set_region(self, region: tuple[float, ...] | None) -> None:
         """Set the region of interest, in `map.region_frame`, m; None for all."""
@@ -251,7 +251,7 @@ class PartMapBuilder:
         return len(self._stamps)
 
     def add(self, posed: PosedScan, keep: Bool, first: int = 0, last: int | None = None) -> None:
-        """Place and bin beams of a scan.
+        """Project and bin beams of a scan.
 
         Parameters
         ----------
@@ -260,7 +260,7 @@ class PartMapBuilder:
         keep
             bool (N,), the valid beams.
         first, last
-            The beams [first, last) belong to this cycle; all by default.
+            The beams [first, last) belong to this tilt cycle; all by default.
         """
         scan, tiles = posed.scan, self._tiles
         n = len(scan.ranges)
@@ -288,7 +288,7 @@ class PartMapBuilder:
         Parameters
         ----------
         points
-            float64 (N, 3), m; points that are not finite are left out, the region is not asked.
+            float64 (N, 3), m; points that are not finite are left out, the region is ignored.
         stamp_ns
             Their time.
         """
@@ -304,7 +304,7 @@ class PartMapBuilder:
         self._end_scan(stamp_ns, count)
 
     def close(self, cycle: int, start_ns: int, end_ns: int) -> PartMap:
-        """Return the part map of what was added, and begin anew.
+        """Return the part map of the scans added since the last `close`.
 
         Parameters
         ----------
@@ -325,7 +325,7 @@ class PartMapBuilder:
         ends = np.array(self._ends, np.int32)
         gather_points(records, n, scratch.order, ends, scratch.scans, counts, points)
         mark_cells(starts, n_cells, addresses, counts, begins)
-        k = self._rule.unite(points, n, begins, cells, n_cells, scratch.found)
+        k = self._rule.merge(points, n, begins, cells, n_cells, scratch.found)
         moments, seen = np.empty((n - k, 10), np.int64), np.empty((n - k, 2), np.int64)
         stamps = np.array(self._stamps, np.int64)
         sum_cuboids(points, n, begins, stamps, moments.reshape(-1), seen.reshape(-1))
@@ -344,23 +344,23 @@ class PartMapBuilder:
         )
 
     def clear(self) -> None:
-        """Forget what was added since the last `close`."""
+        """Forget the scans added since the last `close`."""
         self._tiles.clear(listed=False)
         self._begin()
 
     def _begin(self) -> None:
         self._settings["has_normal"] = False
-        self._stamps, self._ends, self._at_most = [], [], 0
+        self._stamps, self._ends, self._max_points = [], [], 0
 
     def _end_scan(self, stamp_ns: int, points: int) -> None:
         self._stamps.append(stamp_ns)
         self._ends.append(points)
 
     def _make_room(self, n: int) -> None:
-        self._at_most += n
-        if self._at_most > self._tiles.room:
-            self._at_most = self._tiles.points + n
-            self._tiles.make_room(self._at_most)
+        self._max_points += n
+        if self._max_points > self._tiles.room:
+            self._max_points = self._tiles.points + n
+            self._tiles.make_room(self._max_points)
 
     def _scratch_for(self, n: int) -> _Scratch:
         if self._scratch is None or self._scratch.room < n:
@@ -380,7 +380,7 @@ class PartMapBuilder:
 
 
 class _Scratch:
-    """Room for `room` points, cells and cuboids, kept from cycle to cycle."""
+    """Scratch arrays for `room` points, cells and cuboids, reused from cycle to cycle."""
 
     def __init__(self, room: int) -> None:
         n, self.room = room, room

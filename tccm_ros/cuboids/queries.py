@@ -1,7 +1,7 @@
-"""What a manipulation planner asks of the map: is a place free, occupied or never seen, since when.
+"""Queries of a manipulation planner: is a place free, occupied or unknown, and when was it seen.
 
-All questions are vectorised and in the map's frame. What is occupied is exact to the cell; what is
-free is known per column of ``views.cell_size``, from what the window's cycles saw through.
+All queries are vectorised and in the map's frame. Occupied space is exact to the cell; free space
+is known per column of ``views.cell_size``, from the beams of the tilt cycles in the window.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids, cell_keys
-from tccm_ros.cuboids.free_columns import NEVER, SeenFree
+from tccm_ros.cuboids.free_columns import NEVER, FreeSpace
 from tccm_ros.cuboids.integration_map import IntegrationMap
 
 __all__ = ["MapQuery", "Measurement", "Occupancy"]
 
 
 class Occupancy(IntEnum):
-    """The state of a place."""
+    """Occupancy of a place."""
 
     UNKNOWN = -1
     FREE = 0
@@ -32,7 +32,7 @@ class Occupancy(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """One original cuboid behind a place of the map.
+    """One cuboid of a part map at a place of the map.
 
     Attributes
     ----------
@@ -55,17 +55,17 @@ class Measurement:
 
 
 class MapQuery:
-    """Questions to an integration map as it is now.
+    """Queries to an integration map as it is now.
 
     Parameters
     ----------
     map_
         The map.
     seen_free
-        What the window's cycles saw through; without it nothing is known to be free.
+        Free space of the tilt cycles in the window; without it nothing is known to be free.
     """
 
-    def __init__(self, map_: IntegrationMap, seen_free: SeenFree | None = None) -> None:
+    def __init__(self, map_: IntegrationMap, seen_free: FreeSpace | None = None) -> None:
         self._map = map_
         self._free = seen_free
         self.cuboids = map_.cuboids()
@@ -89,12 +89,11 @@ class MapQuery:
         boxes
             (N, 6), m: x_min x_max y_min y_max z_min z_max, as `map.region`.
         spacing
-            A box is free if points of it, this far apart, were all seen to be free, m.
+            A box is free if all points of a grid in it, of at most this spacing, are free, m.
 
         Returns
         -------
-        int8 (N,). A box is occupied if a cuboid reaches into it: its cell and its heights overlap
-        the box, or touch it.
+        int8 (N,). A box is occupied if the cell and the heights of a cuboid overlap or touch it.
         """
         b = np.asarray(boxes, np.float64).reshape(-1, 6)
         ticks = np.floor(b * TICKS_PER_M + 0.5).astype(np.int64)
@@ -123,7 +122,7 @@ class MapQuery:
     def trace(self, point: ArrayLike) -> list[Measurement]:
         """Return the measurements behind the cuboid at a point (3,), oldest cycle first.
 
-        All originals that touch each other there are named; none if nothing is there.
+        These are all part maps' cuboids that touch each other there; an empty list without cuboid.
         """
         at = int(self._at(np.asarray(point, np.float64).reshape(1, 3))[0])
         if at < 0:
@@ -173,7 +172,7 @@ class MapQuery:
         return heights
 
     def cuboids_in(self, box: ArrayLike) -> Cuboids:
-        """Return the cuboids that reach into a box (6,), m: as `boxes`."""
+        """Return the cuboids that overlap or touch a box (6,), m, given as in `boxes`."""
         b = np.floor(np.asarray(box, np.float64) * TICKS_PER_M + 0.5).astype(np.int64)
         c = self.cuboids
         x, y = c.ix.astype(np.int64) * self._cell, c.iy.astype(np.int64) * self._cell
@@ -212,9 +211,18 @@ def _first_of(keys: Any, key: Any) -> Any:
 
 @njit(nogil=True, cache=True)
 def find_cuboids(keys: Any, first: Any, spans: Any, wanted: Any, heights: Any) -> Any:
-    """Return the cuboid at each (cell, height), int64 (N,), -1 for none; ends are inside.
+    """Return the cuboid at each (cell, height); of two that touch there, the upper one.
 
-    `keys`, `first` and `spans` are those of `Columns`. Of two that touch there, the upper one.
+    Parameters
+    ----------
+    keys, first, spans
+        The fields of `Columns`.
+    wanted, heights
+        int64 (N,), keys of cells, and heights, ticks; both ends of a cuboid are inside it.
+
+    Returns
+    -------
+    int64 (N,), -1 for none.
     """
     found = np.full(len(wanted), -1, np.int64)
     for i in range(len(wanted)):
@@ -229,7 +237,19 @@ def find_cuboids(keys: Any, first: Any, spans: Any, wanted: Any, heights: Any) -
 
 @njit(nogil=True, cache=True)
 def find_overlaps(keys: Any, first: Any, spans: Any, boxes: Any, cell: Any, hit: Any) -> None:
-    """Mark the boxes int64 (B, 6), ticks, that a cuboid of the `Columns` reaches into."""
+    """Mark the boxes that a cuboid overlaps or touches.
+
+    Parameters
+    ----------
+    keys, first, spans
+        The fields of `Columns`.
+    boxes
+        int64 (B, 6), ticks: x_min x_max y_min y_max z_min z_max.
+    cell
+        Edge of a cell, ticks.
+    hit
+        bool (B,), set to True.
+    """
     for i in range(len(boxes)):
         x0, x1, y0, y1, z0, z1 = (
             boxes[i, 0] // cell, boxes[i, 1] // cell, boxes[i, 2] // cell,

@@ -1,6 +1,6 @@
-"""Cells counted in tiles of 64 x 64, which are made where points fall.
+"""Binned points: counts per cell in tiles of 64 x 64 cells, which are made where points fall.
 
-So the memory follows what was seen and not the box around it. A cell's address is
+So the memory grows with the cells seen and not with the box around them. A cell's address is
 ``slot * 4096 + x * 64 + y``; a bitmap of the counted cells lets them be listed in order without
 sorting.
 """
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.arrays import Int32, Int64
 
-__all__ = ["CELLS_PER_TILE", "GROW_SLOTS", "GROW_TILES", "TILE", "TileState", "Tiles"]
+__all__ = ["CELLS_PER_TILE", "GROW_SLOTS", "GROW_TILES", "TILE", "BinnedPoints", "Tiles"]
 
 TILE = 64
 """Cells along a tile's edge: one row is one word of the bitmap."""
@@ -22,13 +22,13 @@ TILE = 64
 CELLS_PER_TILE = TILE * TILE
 
 GROW_TILES, GROW_SLOTS = -1, -2
-"""What `binning` asks for before it goes on."""
+"""What must grow before `binning` can continue."""
 
 _FIRST_SLOTS = 16
-"""Tiles that there is room for at first."""
+"""Tiles that there is room for at first. Chosen."""
 
 _TILE_MARGIN = 6
-"""Tiles that the directory covers beyond what asked for it."""
+"""Tiles that the directory covers beyond those needed. Chosen."""
 
 _NO_HEIGHTS = 2**40, -(2**40)
 
@@ -72,7 +72,7 @@ class Tiles(NamedTuple):
     counters: NDArray[Any]
 
 
-class TileState:
+class BinnedPoints:
     """Binned points, scan by scan, in arrays that grow.
 
     Attributes
@@ -107,7 +107,7 @@ class TileState:
 
     @property
     def heights(self) -> tuple[int, int]:
-        """The least and the greatest height so far, ticks; (0, 0) without points."""
+        """Minimum and maximum height so far, ticks; (0, 0) without points."""
         if self.points == 0:
             return 0, 0
         return int(self._counters["lowest"][0]), int(self._counters["highest"][0])
@@ -120,7 +120,7 @@ class TileState:
             self._records, self.room = records, 2 * count
 
     def grow(self, wanted: int) -> None:
-        """Give the kernel what it asked for: `GROW_TILES` or `GROW_SLOTS`."""
+        """Enlarge what a kernel returned: `GROW_TILES` or `GROW_SLOTS`."""
         if wanted == GROW_TILES:
             self._grow_directory()
         else:
@@ -137,7 +137,7 @@ class TileState:
         self._counters[["lowest", "highest"]] = _NO_HEIGHTS
 
     def _grow_directory(self) -> None:
-        """Cover the box of tiles that was asked for, and what is in use."""
+        """Extend the directory to the box of tiles in the counters, and to the tiles in use."""
         c: Any = self._counters[0]
         x0, x1 = c["box_x0"] - _TILE_MARGIN, c["box_x1"] + _TILE_MARGIN + 1
         y0, y1 = c["box_y0"] - _TILE_MARGIN, c["box_y1"] + _TILE_MARGIN + 1

@@ -1,8 +1,9 @@
 """Tilt cycles from the samples of the tilt joint alone.
 
-Time is cut into spans that follow each other without gaps: sweeps, which make cycles, and spans
-that belong to no cycle because the joint rests, its samples are missing, or the sweep is too short.
-A span's limits are final once it is given; beams belong to the span of their own time.
+Time is cut into spans that follow each other without gaps. A span is a tilt cycle, in which the
+joint moves one way, or belongs to none: the joint rests, its samples are missing, or it moved by
+less than `cycle.min_sweep`. The limits of a span are final once it is closed; a beam belongs to the
+span of its own time.
 """
 
 from __future__ import annotations
@@ -17,20 +18,22 @@ __all__ = ["CycleEnd", "NoCycle", "Span", "TiltCycles"]
 
 START_OF_TIME = -(2**62)
 
-NEAR = 0.25
-"""As near to where the joint is furthest as this fraction of the dead band, it is there."""
+NEAR_END = 0.25
+"""The joint has arrived at its furthest angle within this fraction of the dead band. Chosen: above
+the jitter of encoders."""
 
-SURE = 4.0
-"""A joint at a known end has turned when it is back by this many times its usual unsteadiness."""
+SURE_REVERSAL = 4.0
+"""A joint at a known end has reversed when it is back by this many times its mean jitter. Chosen:
+jitter alone hardly ever makes so large a step."""
 
-MEMORY = 0.1
-"""Weight of the newest sample in the mean unsteadiness: it is that of the last ten samples."""
+JITTER_WEIGHT = 0.1
+"""Weight of the newest sample in the mean jitter. Chosen: the mean is over some ten samples."""
 
 
 class CycleEnd(StrEnum):
     """Why a tilt cycle ended."""
 
-    TURN = "turn"
+    REVERSAL = "turn"
     REST = "rest"
     GAP = "gap"
     TIME = "time"
@@ -43,7 +46,7 @@ class NoCycle(StrEnum):
     BEFORE_JOINT_SAMPLES = "before joint samples"
     NO_JOINT_SAMPLES = "no joint samples"
     JOINT_RESTS = "joint rests"
-    SHORT_SWEEP = "short sweep"
+    SHORT_CYCLE = "short tilt cycle"
 
 
 class _State(Enum):
@@ -76,7 +79,7 @@ class Span:
 
 
 class TiltCycles:
-    """Cuts time at the turning points of the tilt joint.
+    """Cuts time at the reversals of the tilt joint.
 
     Parameters
     ----------
@@ -86,7 +89,7 @@ class TiltCycles:
     Attributes
     ----------
     closed
-        Closed spans that nobody has taken yet, in order of time.
+        Closed spans, in order of time; the reader removes those that it has used.
     """
 
     def __init__(self, config: Config) -> None:
@@ -103,7 +106,7 @@ class TiltCycles:
         self._decided_ns = START_OF_TIME
         self._last: tuple[int, float] | None = None
         self._ends: dict[int, float] = {}
-        self._step, self._unsteady = 0.0, self._limits.dead_band
+        self._step, self._jitter = 0.0, self._limits.dead_band
 
     @property
     def decided_ns(self) -> int:
@@ -111,7 +114,7 @@ class TiltCycles:
         return self._decided_ns
 
     @property
-    def sweeping(self) -> bool:
+    def is_moving(self) -> bool:
         """Whether the open span may become a cycle."""
         return self._state in (_State.STARTING, _State.MOVING)
 
@@ -134,16 +137,16 @@ class TiltCycles:
         else:
             self._while_resting(stamp_ns, angle)
         if self._last is not None:
-            self._note_step(angle - self._last[1])
+            self._update_jitter(angle - self._last[1])
         self._last = (stamp_ns, angle)
 
-    def _note_step(self, step: float) -> None:
-        """Follow how unsteady the joint's steps are: jitter, but acceleration as well."""
-        self._unsteady += MEMORY * (abs(step - self._step) - self._unsteady)
+    def _update_jitter(self, step: float) -> None:
+        """Update the mean jitter: how much the joint's steps differ, acceleration included."""
+        self._jitter += JITTER_WEIGHT * (abs(step - self._step) - self._jitter)
         self._step = step
 
     def advance(self, now_ns: int) -> None:
-        """Close the open sweep if no sample can come any more that would go on with it."""
+        """Close the open span if no sample can come any more that would continue it."""
         if self._last is not None and now_ns - self._last[0] > _ns(self._limits.max_gap):
             self._lose_joint()
 
@@ -162,14 +165,14 @@ class TiltCycles:
         if self._state == _State.RESTING:
             self._close(end_ns, NoCycle.JOINT_RESTS)
         else:
-            self._close_sweep(end_ns, reason)
+            self._close_cycle(end_ns, reason)
         self._state = _State.SILENT
         self._decided_ns = end_ns
 
-    def _close_sweep(self, end_ns: int, reason: CycleEnd) -> None:
-        """Close the open span: a tilt cycle if the joint has swept far enough."""
-        is_cycle = self._sweep >= self._limits.min_sweep
-        self._close(end_ns, reason if is_cycle else NoCycle.SHORT_SWEEP)
+    def _close_cycle(self, end_ns: int, reason: CycleEnd) -> None:
+        """Close the open span: a tilt cycle if the joint has moved far enough one way."""
+        is_cycle = self._travel >= self._limits.min_sweep
+        self._close(end_ns, reason if is_cycle else NoCycle.SHORT_CYCLE)
 
     def _close(self, end_ns: int, reason: CycleEnd | NoCycle) -> None:
         """Close the open span and begin the next one where it ends."""
@@ -182,7 +185,7 @@ class TiltCycles:
     def _begin(self, state: _State, stamp_ns: int, angle: float) -> None:
         self._state = state
         self._direction = 0
-        self._sweep = 0.0
+        self._travel = 0.0
         self._leg_start = self._extreme = angle
         self._extreme_ns = stamp_ns
         self._anchor_at(stamp_ns, angle)
@@ -205,14 +208,14 @@ class TiltCycles:
         self._leg_start = self._anchor
         self._extreme, self._extreme_ns = angle, stamp_ns
         self._anchor_at(stamp_ns, angle)
-        self._sweep = abs(angle - self._leg_start)
+        self._travel = abs(angle - self._leg_start)
         self._decided_ns = stamp_ns
 
     def _while_resting(self, stamp_ns: int, angle: float) -> None:
         away = abs(angle - self._anchor)
         if away > self._limits.dead_band:
             self._close(self._still_ns, NoCycle.JOINT_RESTS)
-            self._sweep = 0.0
+            self._travel = 0.0
             self._set_off(stamp_ns, angle)
         elif away <= 0.5 * self._limits.dead_band:
             self._still_ns = self._decided_ns = stamp_ns
@@ -220,9 +223,9 @@ class TiltCycles:
     def _while_moving(self, stamp_ns: int, angle: float) -> None:
         if self._direction * (angle - self._extreme) > 0.0:
             self._extreme, self._extreme_ns = angle, stamp_ns
-            self._sweep = max(self._sweep, abs(angle - self._leg_start))
-        if self._direction * (self._extreme - angle) > self._reversal():
-            self._turn(stamp_ns, angle)
+            self._travel = max(self._travel, abs(angle - self._leg_start))
+        if self._direction * (self._extreme - angle) > self._reversal_angle():
+            self._reverse(stamp_ns, angle)
         elif abs(angle - self._anchor) > self._limits.dead_band:
             self._anchor_at(stamp_ns, angle)
         else:
@@ -231,44 +234,44 @@ class TiltCycles:
         if stamp_ns - self._anchor_ns > _ns(self._limits.rest_time):
             self._rest(arrival_ns, stamp_ns, angle)
         elif stamp_ns - self._start_ns > _ns(self._limits.max_time):
-            self._close_sweep(arrival_ns, CycleEnd.TIME)
-            self._leg_start, self._sweep = self._extreme, 0.0
+            self._close_cycle(arrival_ns, CycleEnd.TIME)
+            self._leg_start, self._travel = self._extreme, 0.0
         else:
             self._decided_ns = max(self._decided_ns, arrival_ns)
 
-    def _reversal(self) -> float:
-        """Return how far back the joint must be to have turned.
+    def _reversal_angle(self) -> float:
+        """Return the angle, rad, by which the joint must be back to have reversed.
 
-        Where it turned the last time it is sure to turn again, and need not go all through the
-        dead band. If it does go on, the cycle has ended that much too early and no other is made:
-        the rest is too short for a sweep.
+        Near its last reversal the joint is expected to reverse again, and need not cross the whole
+        dead band. If it moves on instead, the cycle has ended that much too early and no second one
+        is made: the rest is too short for a cycle.
         """
         end, dead_band = self._ends.get(self._direction), self._limits.dead_band
-        is_sweep = abs(self._extreme - self._leg_start) >= self._limits.min_sweep
-        if end is None or not is_sweep or abs(self._extreme - end) > dead_band:
+        is_far_enough = abs(self._extreme - self._leg_start) >= self._limits.min_sweep
+        if end is None or not is_far_enough or abs(self._extreme - end) > dead_band:
             return dead_band
-        return min(max(NEAR * dead_band, SURE * self._unsteady), dead_band)
+        return min(max(NEAR_END * dead_band, SURE_REVERSAL * self._jitter), dead_band)
 
     def _arrival_ns(self) -> int:
-        """When the joint came to where it now is furthest, within a quarter of the dead band."""
-        near = self._extreme - self._direction * NEAR * self._limits.dead_band
+        """Return when the joint came within `NEAR_END` of its furthest angle."""
+        near = self._extreme - self._direction * NEAR_END * self._limits.dead_band
         while len(self._since) > 1 and self._direction * (self._since[0][1] - near) < 0.0:
             self._since.popleft()
         return min(self._since[0][0], self._extreme_ns)
 
-    def _turn(self, stamp_ns: int, angle: float) -> None:
+    def _reverse(self, stamp_ns: int, angle: float) -> None:
         if abs(self._extreme - self._leg_start) >= self._limits.min_sweep:
-            self._close(self._extreme_ns, CycleEnd.TURN)
+            self._close(self._extreme_ns, CycleEnd.REVERSAL)
             self._ends[self._direction] = self._extreme
-            self._sweep = 0.0
+            self._travel = 0.0
         self._direction = -self._direction
         self._leg_start = self._extreme
         self._extreme, self._extreme_ns = angle, stamp_ns
-        self._sweep = max(self._sweep, abs(angle - self._leg_start))
+        self._travel = max(self._travel, abs(angle - self._leg_start))
         self._anchor_at(stamp_ns, angle)
 
     def _rest(self, arrival_ns: int, stamp_ns: int, angle: float) -> None:
-        self._close_sweep(arrival_ns, CycleEnd.REST)
+        self._close_cycle(arrival_ns, CycleEnd.REST)
         self._state = _State.RESTING
         self._anchor = angle
         self._still_ns = self._decided_ns = stamp_ns

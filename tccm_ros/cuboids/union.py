@@ -6,8 +6,8 @@ is exact and does not depend on the order of the points.
 
 Points are sorted by cell and height (radix sort: first by height, then by cell, whose counts are
 known). One pass downwards finds the cuboids, one upwards sums their moments. Most cuboids have one
-to three points, and no processor can predict where they end; so nothing here branches on it: what
-differs between two cases is masked. It takes the same time whatever the points and their order.
+to three points, and no processor can predict where they end; so nothing here branches on it: the
+cases are masked. The time does not depend on the points and their order.
 Arrays are flat, so that rows have a length that the compiler knows. Points of 22,760 beams become
 cuboids with moments in 0.29 ms; numpy's lexsort and reduceat take 3.3 to 5.4 ms, and a linked list
 in each cell 1.1 ms (`bench/bench_tccm.py` measures it, and each step).
@@ -27,13 +27,13 @@ __all__ = [
     "CuboidRule",
     "gather_points",
     "mark_cells",
+    "merge_intervals",
     "order_by_height",
     "sum_cuboids",
-    "unite_intervals",
 ]
 
 _DIGIT_BITS = 8
-"""At most; the ends of 256 runs of points fit into the first cache."""
+"""Maximum number of bits of a digit: the ends of 256 runs of points fit into the first cache."""
 
 HISTOGRAM_SIZE = 2 << _DIGIT_BITS
 """Elements of `histogram`: the counts of a digit and of the next."""
@@ -49,12 +49,12 @@ class CuboidRule(NamedTuple):
     ----------
     order
         Orders the points of all cells; arguments as in `order_by_height`.
-    unite
-        Makes the cuboids of points in that order; arguments and result as in `unite_intervals`.
+    merge
+        Makes the cuboids of points in that order; arguments and result as in `merge_intervals`.
     """
 
     order: Callable[..., None]
-    unite: Callable[..., int]
+    merge: Callable[..., int]
 
 
 @njit(nogil=True, cache=True)
@@ -66,7 +66,7 @@ def order_by_height(records: Any, n: Any, heights: Any, scratch: Any, order: Any
     records, n
         int64 (>= 2 n,), two words for each of n points, see `tiles.Tiles`.
     heights
-        The least and the greatest height, ticks.
+        Minimum and maximum height, ticks.
     scratch
         uint64 (>= n,) twice, and int64 (HISTOGRAM_SIZE,).
     order
@@ -145,7 +145,17 @@ def gather_points(
 
 @njit(nogil=True, cache=True)
 def mark_cells(starts: Any, n_cells: Any, addresses: Any, counts: Any, begins: Any) -> None:
-    """Mark with -1 where cells begin, and the end of the last; set their counts back to zero."""
+    """Mark where cells begin, and the end of the last; reset their counts to zero.
+
+    Parameters
+    ----------
+    starts, n_cells, addresses
+        Of `binning.list_cells`.
+    counts
+        int32, per address, changed.
+    begins
+        int8 (n + 1,), receives -1 where a cell begins and at n, else 0.
+    """
     begins[: np.int64(starts[n_cells]) + 1] = 0
     for cell in range(np.uint64(n_cells)):
         begins[np.uint64(starts[cell])] = -1
@@ -154,10 +164,10 @@ def mark_cells(starts: Any, n_cells: Any, addresses: Any, counts: Any, begins: A
 
 
 @njit(nogil=True, cache=True)
-def unite_intervals(
+def merge_intervals(
     points: Any, n: Any, begins: Any, cell_keys: Any, n_cells: Any, found: Any
 ) -> Any:
-    """Unite the intervals of each cell, from the last point to the first.
+    """Merge the intervals of each cell, from the last point to the first.
 
     Cuboids are written from the end of the arrays on, so that they come out in rising order.
 
@@ -180,30 +190,30 @@ def unite_intervals(
     """
     keys, bounds, firsts = found
     k, cell = np.int64(n), np.int64(n_cells)
-    reach = top = np.int64(0)
+    lowest = top = np.int64(0)
     for j in range(np.uint64(n)):
         i = np.uint64(n) - _U1 - j
         z = points[_U2 * i] >> 32
         bottom = z - (points[_U2 * i + _U1] >> 32)
-        # Masks: -1 where it is so, 0 where not. The point above is of another cell, or what is
-        # above does not reach down to this one; then it is the top of a new cuboid.
+        # Masks: -1 for true, 0 for false. A point is the top of a new cuboid if the point above is
+        # of another cell, or if the interval above ends above this point.
         left = np.int64(begins[i + _U1])
-        is_new = left | ((z - reach) >> 63)
+        is_new = left | ((z - lowest) >> 63)
         begins[i + _U1] = is_new
         k += is_new
         cell += left
         top ^= (top ^ z) & is_new
-        lower = bottom - reach
-        reach += lower & ((lower >> 63) | is_new)
+        lower = bottom - lowest
+        lowest += lower & ((lower >> 63) | is_new)
         u = np.uint64(k)
         keys[u] = cell_keys[np.uint64(cell)]
-        bounds[_U2 * u], bounds[_U2 * u + _U1] = reach, top
+        bounds[_U2 * u], bounds[_U2 * u + _U1] = lowest, top
         firsts[u] = i
     begins[np.uint64(0)] = -1
     return k
 
 
-UNION = CuboidRule(order_by_height, unite_intervals)
+UNION = CuboidRule(order_by_height, merge_intervals)
 """The union of the points' intervals, whatever their order."""
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.config import Config
-from tccm_ros.cuboids.beam_rays import sweep_beams
-from tccm_ros.cuboids.cycle_builder import Sweep
+from tccm_ros.cuboids.beam_rays import scan_rays
+from tccm_ros.cuboids.cycle_builder import TiltCycleData
 from tccm_ros.cuboids.free_intervals import FreeIntervalTracer
 from tccm_ros.cuboids.inclination import SEEN_AS_WALL
 from tccm_ros.cuboids.merging import owners
@@ -49,7 +49,7 @@ def plane_labels(part: PartMap, fits: PlaneFits) -> Int32:
 
 
 def surface_cloud(
-    sweep: Sweep,
+    cycle: TiltCycleData,
     fits: PlaneFits,
     T_odom_base: Float64,
     viewpoint: Float64,
@@ -61,7 +61,7 @@ def surface_cloud(
 
     Parameters
     ----------
-    sweep
+    cycle
         The newest tilt cycle.
     fits
         Planes of the map, in odom.
@@ -76,7 +76,7 @@ def surface_cloud(
     segmentation
         Tells the surfaces in place of the planes.
     """
-    part, T_base_odom = sweep.part, inverse(T_odom_base)
+    part, T_base_odom = cycle.part, inverse(T_odom_base)
     points, surface = np.zeros((0, 3)), np.zeros(0, np.int64)
     if wanted and part.points is not None and len(part.points):
         if segmentation is not None:
@@ -87,7 +87,7 @@ def surface_cloud(
             points, surface = _horizontal_points(part, fits, viewpoint)
             points = transform(T_base_odom, points)
     return SurfaceCloud(
-        sweep.stamp_ns, frame_id, points.astype(np.float32), surface.astype(np.uint32)
+        cycle.stamp_ns, frame_id, points.astype(np.float32), surface.astype(np.uint32)
     )
 
 
@@ -130,15 +130,15 @@ def _on_planes(points: Float64, labels: Int32, chosen: list[PlaneFit], planes: i
 
 
 def view_intervals(
-    sweep: Sweep, config: Config, T_odom_base: Float64, frame_id: str
+    cycle: TiltCycleData, config: Config, T_odom_base: Float64, frame_id: str
 ) -> ViewIntervals:
-    """Return what the beams of a sweep saw through, in the base frame at the sweep's stamp."""
+    """Return what a tilt cycle's beams passed through, in the base frame at the cycle's stamp."""
     columns = FreeIntervalTracer(config.views.cell_size, config.views.reach)
     T_base_odom = inverse(T_odom_base)
     # Half again: the reach is a distance on the floor, the beam goes down as well.
     longest = 1.5 * min(config.views.reach, config.scan.max_range)
-    for scan in sweep.scans:
+    for scan in cycle.scans:
         spacing = abs(scan.posed.scan.angle_increment) * config.views.reach * BEAMS_PER_COLUMN
         every = max(int(config.views.cell_size / max(spacing, 1e-9)), 1)
-        columns.add(*sweep_beams(scan, longest, every, T_base_odom))
-    return ViewIntervals(sweep.stamp_ns, frame_id, columns.intervals(sweep.angle_step()))
+        columns.add(*scan_rays(scan, longest, every, T_base_odom))
+    return ViewIntervals(cycle.stamp_ns, frame_id, columns.intervals(cycle.angle_step()))

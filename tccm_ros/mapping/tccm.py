@@ -14,9 +14,9 @@ from tccm_ros.arrays import Float64
 from tccm_ros.baselines.seed_segmentation import segment
 from tccm_ros.baselines.union_as_printed import AS_PRINTED
 from tccm_ros.config import Config
-from tccm_ros.cuboids.clearing import see_through
-from tccm_ros.cuboids.cycle_builder import CycleBuilder, Sweep
-from tccm_ros.cuboids.free_columns import SeenFree
+from tccm_ros.cuboids.clearing import add_voids
+from tccm_ros.cuboids.cycle_builder import CycleBuilder, TiltCycleData
+from tccm_ros.cuboids.free_columns import FreeSpace
 from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.cuboids.part_map import PartMap
 from tccm_ros.cuboids.queries import MapQuery
@@ -90,7 +90,7 @@ class CycleResult:
     scans
         Scans of which beams were used.
     base_speed, base_turn_rate
-        Largest of the base during the sweep, m/s and rad/s.
+        Largest of the base during the tilt cycle, m/s and rad/s.
     ended_by
         Why the cycle ended: ``turn``, ``rest``, ``gap``, ``time`` or ``end``.
     """
@@ -128,7 +128,7 @@ class CycleResult:
 
     @property
     def is_still(self) -> bool:
-        """Whether the base stood still for the whole sweep."""
+        """Whether the base stood still for the whole tilt cycle."""
         return self.base_speed < STILL_SPEED and self.base_turn_rate < STILL_TURN_RATE
 
 
@@ -152,7 +152,7 @@ class TccmProcessor:
         self.config = config
         self.counts: Counter[str] = Counter()
         self.map = IntegrationMap(config)
-        self.seen_free = SeenFree(config)
+        self.seen_free = FreeSpace(config)
         # The baselines are chosen here, and handed down as functions.
         rule = AS_PRINTED if config.map.mode == "paper" else UNION
         self._cycles = CycleBuilder(config, rule)
@@ -163,7 +163,7 @@ class TccmProcessor:
         self._objects = ObjectTracker(config)
         self._odom_frame, self._base_frame = config.frames.odom_name, ""
         self._view_is_asked = False
-        self._takers: dict[type, Callable[[Any], None]] = {
+        self._handlers: dict[type, Callable[[Any], None]] = {
             PosedScan: self._take_scan,
             TiltAngle: self._take_angle,
             StreamComplete: self._take_complete,
@@ -177,7 +177,7 @@ class TccmProcessor:
 
     def takes(self, event: Event) -> bool:
         """Return whether an event is for this processor."""
-        return type(event) in self._takers and getattr(event, "role", None) in ROLES
+        return type(event) in self._handlers and getattr(event, "role", None) in ROLES
 
     def add(self, event: Event, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:
         """Take one event; return the cycles that are complete now, in order.
@@ -187,8 +187,8 @@ class TccmProcessor:
         """
         if not self.takes(event):
             return []
-        self._takers[type(event)](event)
-        return [self._result(sweep, on_planes) for sweep in self._cycles.take(self._complete_ns)]
+        self._handlers[type(event)](event)
+        return [self._result(cycle, on_planes) for cycle in self._cycles.take(self._complete_ns)]
 
     def _take_scan(self, posed: PosedScan) -> None:
         self._odom_frame, self._base_frame = posed.odom_frame, posed.base_frame
@@ -205,7 +205,7 @@ class TccmProcessor:
 
     def finish(self, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:
         """Close the open cycle: the input has ended."""
-        return [self._result(sweep, on_planes) for sweep in self._cycles.finish()]
+        return [self._result(cycle, on_planes) for cycle in self._cycles.finish()]
 
     def reset(self) -> None:
         """Begin anew; cycles count from 0 again."""
@@ -231,29 +231,29 @@ class TccmProcessor:
         """Return the map as it is now, to be asked (`queries`)."""
         return MapQuery(self.map, self.seen_free)
 
-    def _result(self, sweep: Sweep, on_planes: OnPlanes) -> CycleResult:
+    def _result(self, cycle: TiltCycleData, on_planes: OnPlanes) -> CycleResult:
         if self.config.map.clear_seen_through:
-            sweep.part = see_through(sweep, self.map, self.config)
-        part = sweep.part
+            cycle.part = add_voids(cycle, self.map, self.config)
+        part = cycle.part
         self.map.add(part)
         self.counts["cycles"] += 1
-        self.counts["scans used"] += len(sweep.scans)
-        T_odom_base, viewpoint = sweep.T_odom_base(), sweep.T_odom_laser()[:3, 3]
+        self.counts["scans used"] += len(cycle.scans)
+        T_odom_base, viewpoint = cycle.T_odom_base(), cycle.T_odom_laser()[:3, 3]
         cuboids = part.cuboids() if self.config.planes.source == "part" else self.map.cuboids()
         fits = find_planes(cuboids, self.config, viewpoint)
         planes = self._planes.update(fits)
-        on_planes(CyclePlanes(sweep.stamp_ns, self._odom_frame, planes))
+        on_planes(CyclePlanes(cycle.stamp_ns, self._odom_frame, planes))
         objects = self._objects.update(find_objects(cuboids, fits, planes, self.config))
-        speed, turn_rate = sweep.base_speeds()
+        speed, turn_rate = cycle.base_speeds()
         base = self._base_frame
         still = speed < STILL_SPEED and turn_rate < STILL_TURN_RATE
         wanted = self.config.views.when == "always" or still or self._view_is_asked
         self._view_is_asked = False
-        view = view_intervals(sweep, self.config, T_odom_base, base)
+        view = view_intervals(cycle, self.config, T_odom_base, base)
         self.seen_free.add(part.cycle, T_odom_base, view)
         return CycleResult(
             cycle=part.cycle,
-            stamp_ns=sweep.stamp_ns,
+            stamp_ns=cycle.stamp_ns,
             start_ns=part.start_ns,
             end_ns=part.end_ns,
             frame_id=self._odom_frame,
@@ -263,12 +263,12 @@ class TccmProcessor:
             objects=objects,
             place_size=self.config.objects.place_size,
             surfaces=surface_cloud(
-                sweep, fits, T_odom_base, viewpoint, base, wanted, self._segmentation
+                cycle, fits, T_odom_base, viewpoint, base, wanted, self._segmentation
             ),
             view=view if wanted else replace(view, intervals=view.intervals[:0]),
             part=part,
-            scans=len(sweep.scans),
+            scans=len(cycle.scans),
             base_speed=speed,
             base_turn_rate=turn_rate,
-            ended_by=sweep.span.reason,
+            ended_by=cycle.span.reason,
         )

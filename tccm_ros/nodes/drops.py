@@ -21,7 +21,7 @@ ADVICE = {
 }
 
 
-ORDINARY = ("short sweep",)
+ORDINARY = ("short tilt cycle",)
 """A sweep too short to be one is no fault: the laser came to rest."""
 
 LEAST = 3

@@ -1,9 +1,9 @@
 """The true outlines of planes: holes stay holes, an L stays an L.
 
 A vertical plane is outlined from its front, in columns along its horizontal direction, any other
-from above, in the map's cells; the outline is then lifted onto the plane. How samples become a
-raster is told in `raster`, `gaps` and `edge_cells`, how that becomes rings in `contour`. All planes
-of a map are outlined in one compiled call.
+from above, in the map's cells; the outline is then lifted onto the plane. `raster`, `gaps` and
+`edge_cells` make a raster of the samples, `contour` makes rings of it. All planes of a map are
+outlined in one compiled call.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from tccm_ros.cuboids.cuboids import CuboidArrays, Cuboids
 from tccm_ros.cuboids.inclination import OUTLINED_BY_COLUMNS
 from tccm_ros.outlines.contour import largest_polygon, trace
 from tccm_ros.outlines.edge_cells import (
+    bound_edges_horizontal,
+    bound_edges_vertical,
     extend_edges,
     find_edges,
-    reach_horizontal,
-    reach_vertical,
 )
 from tccm_ros.outlines.gaps import close_combs, fill_gaps, find_gaps
 from tccm_ros.outlines.raster import (
@@ -38,15 +38,16 @@ from tccm_ros.outlines.raster import (
 __all__ = ["Outline", "members_by_plane", "outlines"]
 
 
-LEAST_HOLE = 6.0
-"""Holes smaller than this many samples' part of the area are gaps between samples."""
+MIN_HOLE = 6.0
+"""Holes smaller than the mean area of this many samples are gaps between samples. Chosen."""
 
 TOLERANCE = 1.0
-"""Corners that move the outline by less than this, in cells, are left out: an edge is not
+"""Corners that move the outline by less than this, in cells, are left out. Chosen: an edge is not
 known better than to its cell."""
 
-MOST_CELLS = 65_536
-"""A raster of more cells is made coarser: a floor needs no outline to the centimetre."""
+MAX_CELLS = 65_536
+"""A raster of more cells is made coarser. Chosen: 256 x 256 cells, 5 m at 20 mm; a floor needs no
+outline to the centimetre."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +124,14 @@ def outlines(
 def outline_planes(
     arrays: tuple[Any, ...], members: Int64, starts: Int64, normals: Float64, offsets: Float64
 ) -> tuple[Float64, Int64, Int64, Float64]:
-    """Outline planes (`outlines`); `arrays` are the fields of `CuboidArrays`.
+    """Outline planes: the kernel of `outlines`.
+
+    Parameters
+    ----------
+    arrays
+        The fields of `CuboidArrays`.
+    members, starts, normals, offsets
+        As in `outlines`.
 
     Returns
     -------
@@ -175,7 +183,7 @@ def outline_planes(
 def coarseness(rows: float, columns: float) -> int:
     """Return by which power of two cells are made wider, so that there are not too many."""
     coarse = 0
-    while rows * columns > MOST_CELLS * 4.0**coarse:
+    while rows * columns > MAX_CELLS * 4.0**coarse:
         coarse += 1
     return coarse
 
@@ -220,10 +228,10 @@ def outline_from_above(
     gaps, usual_a, usual_b = find_gaps(raster, samples)
     fill_gaps(raster, gaps, usual_a, usual_b)
     edges = find_edges(raster)
-    reach = np.empty((len(edges), 4))
+    bounds = np.empty((len(edges), 4))
     scale = 1.0 / (1 << coarse)
-    reach_horizontal(raster, runs, (low_a, low_b), cuboids, members, scale, reach)
-    vertices, ends, area = polygon(raster, edges, reach, usual_a, usual_b, samples)
+    bound_edges_horizontal(raster, runs, (low_a, low_b), cuboids, members, scale, bounds)
+    vertices, ends, area = trace_polygon(raster, edges, bounds, usual_a, usual_b, samples)
     vertices[:, 0] += low_a
     vertices[:, 1] += low_b
     return vertices, ends, area, cuboids.cell / scale
@@ -233,7 +241,22 @@ def outline_from_above(
 def outline_from_front(
     cuboids: CuboidArrays, members: Int64, normal: Float64
 ) -> tuple[Float64, Int32, float, float]:
-    """Outline a vertical plane from its front; as `outline_from_above`, a along u and b upwards."""
+    """Outline a vertical plane from its front, a along its horizontal direction and b upwards.
+
+    Parameters
+    ----------
+    cuboids
+        Those of the map.
+    members
+        int64 (M,), indices of the plane's cuboids, M > 0.
+    normal
+        float64 (3,), unit, of the plane.
+
+    Returns
+    -------
+    vertices, ends, area, cell
+        As of `outline_from_above`; b is 0 at the height 0 of the map.
+    """
     slope, size = math.hypot(normal[0], normal[1]), cuboids.cell
     extent = np.empty((len(members), 4))
     measure_vertical(cuboids, members, -normal[1] / slope, normal[0] / slope, extent)
@@ -248,30 +271,62 @@ def outline_from_front(
     gaps, usual_a, usual_b = find_gaps(raster, samples)
     fill_gaps(raster, gaps, usual_a, usual_b)
     edges = find_edges(raster)
-    reach = np.empty((len(edges), 4))
-    reach_vertical(raster, runs, (low_a, low_b), extent, 1.0 / cell, reach)
-    vertices, ends, area = polygon(raster, edges, reach, usual_a, usual_b, samples)
+    bounds = np.empty((len(edges), 4))
+    bound_edges_vertical(raster, runs, (low_a, low_b), extent, 1.0 / cell, bounds)
+    vertices, ends, area = trace_polygon(raster, edges, bounds, usual_a, usual_b, samples)
     vertices[:, 0] += low_a
     vertices[:, 1] += low_b
     return vertices, ends, area, cell
 
 
 @njit(nogil=True, cache=True)
-def polygon(
-    raster: Int32, edges: Int32, reach: Float64, usual_a: Float64, usual_b: Float64, samples: int
+def trace_polygon(
+    raster: Int32, edges: Int32, bounds: Float64, usual_a: Float64, usual_b: Float64, samples: int
 ) -> tuple[Float64, Int32, float]:
-    """Return the largest polygon of a raster without specks, in its cells."""
-    extend_edges(raster, edges, reach, usual_a, usual_b)
+    """Return the largest polygon of a raster.
+
+    Parameters
+    ----------
+    raster
+        int32 (A, B) after `find_edges`, changed: combs and sparse edges are filled.
+    edges, bounds
+        Of `find_edges`, and float64 (E, 4) of `edge_cells`.
+    usual_a, usual_b
+        Of `find_gaps`.
+    samples
+        Number of samples in the raster.
+
+    Returns
+    -------
+    vertices, ends, area
+        As of `contour.largest_polygon`, in cells.
+    """
+    extend_edges(raster, edges, bounds, usual_a, usual_b)
     close_combs(raster, usual_a.max(), usual_b.max())
-    vertices, ends = trace(raster, reach)
-    return largest_polygon(vertices, ends, TOLERANCE, LEAST_HOLE / samples)
+    vertices, ends = trace(raster, bounds)
+    return largest_polygon(vertices, ends, TOLERANCE, MIN_HOLE / samples)
 
 
 @njit(nogil=True, cache=True)
 def lift(
     flat: Float64, ends: Int32, normal: Float64, offset: float, cell: float, out: Float64
 ) -> None:
-    """Write the points of a plane, m, for rings in cells; against the normal they turn left."""
+    """Lift rings from the raster onto their plane.
+
+    Parameters
+    ----------
+    flat
+        float64 (V, 2), corners (a, b), cells from the map's origin.
+    ends
+        int32 (R,), where each ring ends in `flat`.
+    normal, offset
+        The plane, ``normal . p = offset``, m.
+    cell
+        Edge of a raster's cell, m.
+    out
+        float64 (>= V, 3), receives the corners, m. Outer rings are counter-clockwise seen against
+        the normal.
+    """
     nx, ny, nz = normal[0], normal[1], normal[2]
     slope = math.hypot(nx, ny)
     for k in range(len(flat)):

@@ -1,8 +1,8 @@
-"""Rings around the full cells of a raster, as few corners as describe them.
+"""Rings around the full cells of a raster: marching squares, simplified by Douglas and Peucker.
 
-The rings are those of marching squares: each side between a full and an empty cell has one point,
-on the line between the two middles, moved to where the surface ends, and each turn has a corner.
-So rings never cross or touch, whatever the reaches are. Corners are then left out by Douglas and
+Each side between a full and an empty cell has one point, on the line between the two cells'
+middles, moved to where the surface ends, and each corner of the contour has another. So rings never
+cross or touch, whatever the edge cells' bounds are. Corners are then left out by Douglas and
 Peucker's rule, as long as the rings still do not cross.
 """
 
@@ -16,24 +16,23 @@ from tccm_ros.outlines.rings import crosses, is_inside, signed_area, simplify
 __all__ = ["largest_polygon", "trace"]
 
 
-INSIDE = 0.49
-"""A point is moved by less than half a cell from its side: the rings stay apart."""
+MAX_SHIFT = 0.49
+"""A point is moved by at most this from its side, cells: below one half, rings do not touch."""
 
 HALVINGS = 6
-"""How often the tolerance is halved before every corner is kept."""
+"""How often the tolerance is halved before every corner is kept. Chosen."""
 
 
 @njit(nogil=True, cache=True)
-def trace(raster: Int32, reach: Float64) -> tuple[Float64, Int32]:
-    """Walk around all sets of full cells, the full side on the left; cells that touch at a corner
-    only are apart.
+def trace(raster: Int32, bounds: Float64) -> tuple[Float64, Int32]:
+    """Trace the contours of all sets of full cells; cells that touch at a corner only are separate.
 
     Parameters
     ----------
     raster
         int32 (A, B) of `raster`, empty at its rim.
-    reach
-        float64 (E, 4), of the edge cells.
+    bounds
+        float64 (E, 4), of the edge cells (`edge_cells`).
 
     Returns
     -------
@@ -62,19 +61,19 @@ def trace(raster: Int32, reach: Float64) -> tuple[Float64, Int32]:
                     x, y = vertices[first, 0], vertices[first, 1]
                 elif heading == 0:
                     done[a, b] = True
-                    x, y = a + 0.5, edge_at(raster[a, b], reach, 2, b)
+                    x, y = a + 0.5, edge_at(raster[a, b], bounds, 2, b)
                     a += 1
                     left, right = raster[a, b] != EMPTY, raster[a, b - 1] != EMPTY
                 elif heading == 1:
-                    x, y = edge_at(raster[a - 1, b], reach, 1, a), b + 0.5
+                    x, y = edge_at(raster[a - 1, b], bounds, 1, a), b + 0.5
                     b += 1
                     left, right = raster[a - 1, b] != EMPTY, raster[a, b] != EMPTY
                 elif heading == 2:
-                    x, y = a - 0.5, edge_at(raster[a - 1, b - 1], reach, 3, b)
+                    x, y = a - 0.5, edge_at(raster[a - 1, b - 1], bounds, 3, b)
                     a -= 1
                     left, right = raster[a - 1, b - 1] != EMPTY, raster[a - 1, b] != EMPTY
                 else:
-                    x, y = edge_at(raster[a, b - 1], reach, 0, a), b - 0.5
+                    x, y = edge_at(raster[a, b - 1], bounds, 0, a), b - 0.5
                     b -= 1
                     left, right = raster[a, b - 1] != EMPTY, raster[a - 1, b - 1] != EMPTY
                 if turned:
@@ -103,16 +102,28 @@ def trace(raster: Int32, reach: Float64) -> tuple[Float64, Int32]:
 
 
 @njit(nogil=True, cache=True)
-def edge_at(cell: int, reach: Float64, side: int, border: int) -> float:
-    """Return where the surface ends near a side of a cell; the border where nothing is known."""
-    if cell < 0 or abs(reach[cell, side] - border) > 1.0:
+def edge_at(cell: int, bounds: Float64, side: int, border: int) -> float:
+    """Return where the surface ends near a side of a cell; the border where nothing is known.
+
+    Parameters
+    ----------
+    cell
+        Element of the raster: number of an edge cell, or negative.
+    bounds
+        float64 (E, 4), of the edge cells (`edge_cells`).
+    side
+        Column of `bounds`: low a, high a, low b, high b.
+    border
+        Coordinate of the cell's border on that side, cells.
+    """
+    if cell < 0 or abs(bounds[cell, side] - border) > 1.0:
         return float(border)
-    return border + min(max(reach[cell, side] - border, -INSIDE), INSIDE)
+    return border + min(max(bounds[cell, side] - border, -MAX_SHIFT), MAX_SHIFT)
 
 
 @njit(nogil=True, cache=True)
 def largest_polygon(
-    vertices: Float64, ends: Int32, tolerance: float, least_hole: float
+    vertices: Float64, ends: Int32, tolerance: float, min_hole: float
 ) -> tuple[Float64, Int32, float]:
     """Return the largest of the polygons that rings enclose, with few corners.
 
@@ -122,7 +133,7 @@ def largest_polygon(
         Of `trace`.
     tolerance
         Corners within this of what remains are left out, cells.
-    least_hole
+    min_hole
         Holes smaller than this fraction of the polygon's area are closed.
 
     Returns
@@ -146,14 +157,14 @@ def largest_polygon(
     for end in ends:
         ring = vertices[start:end]
         start = end
-        if -signed_area(ring) > least_hole * largest and is_inside(shell, ring[0, 0], ring[0, 1]):
+        if -signed_area(ring) > min_hole * largest and is_inside(shell, ring[0, 0], ring[0, 1]):
             rings.append(ring)
     return join_rings(rings, tolerance)
 
 
 @njit(nogil=True, cache=True)
 def join_rings(rings: list[Float64], tolerance: float) -> tuple[Float64, Int32, float]:
-    """Simplify rings, the outer one first, so far that they do not cross; put them together."""
+    """Simplify rings, the outer one first, as far as they do not cross, and concatenate them."""
     total = 0
     for ring in rings:
         total += len(ring)

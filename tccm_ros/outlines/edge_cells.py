@@ -1,8 +1,8 @@
 """Where a surface ends within the cells at its edge.
 
-How far the points of a cell reach is worked out only for cells at an edge. Where samples are
-sparse the surface goes on for half a spacing beyond the last one. The reach of an edge cell, a row
-of float64 (E, 4), is the low and high a, low and high b of its points, in the raster's cells.
+The bounds of the points of a cell are computed only for cells at an edge. Where samples are sparse
+the surface continues for half a spacing beyond the last one. The bounds of an edge cell, a row of
+float64 (E, 4), are the low and high a, low and high b of its points, in the raster's cells.
 """
 
 import numpy as np
@@ -13,11 +13,12 @@ from tccm_ros.cuboids.cuboids import CuboidArrays
 from tccm_ros.outlines.gaps import patch_of
 from tccm_ros.outlines.raster import EMPTY, ROOT3, SAMPLE
 
-__all__ = ["extend_edges", "find_edges", "reach_horizontal", "reach_vertical"]
+__all__ = ["bound_edges_horizontal", "bound_edges_vertical", "extend_edges", "find_edges"]
 
 
-SPARSE = 1.2
-"""Where samples are further apart than this, in cells, the surface goes on beyond the last."""
+SPARSE_SPACING = 1.2
+"""Above this spacing of samples, cells, the surface continues beyond the last one. Chosen: where
+every cell is filled the spacing is 1."""
 
 
 @njit(nogil=True, cache=True)
@@ -45,20 +46,30 @@ def find_edges(raster: Int32) -> Int32:
 
 
 @njit(nogil=True, cache=True)
-def widen(reach: Float64, a: float, b: float, spread_a: float, spread_b: float) -> None:
-    """Let the reach of a cell, (4,), take in a cuboid's points."""
-    reach[0] = min(reach[0], a - spread_a)
-    reach[1] = max(reach[1], a + spread_a)
-    reach[2] = min(reach[2], b - spread_b)
-    reach[3] = max(reach[3], b + spread_b)
+def include_points(bounds: Float64, a: float, b: float, spread_a: float, spread_b: float) -> None:
+    """Extend the bounds of a cell by a cuboid's points.
+
+    Parameters
+    ----------
+    bounds
+        float64 (4,), changed: low a, high a, low b, high b, cells.
+    a, b
+        Middle of the points, cells.
+    spread_a, spread_b
+        Half widths of the points, cells.
+    """
+    bounds[0] = min(bounds[0], a - spread_a)
+    bounds[1] = max(bounds[1], a + spread_a)
+    bounds[2] = min(bounds[2], b - spread_b)
+    bounds[3] = max(bounds[3], b + spread_b)
 
 
 @njit(nogil=True, cache=True)
-def reach_horizontal(
+def bound_edges_horizontal(
     raster: Int32, runs: Int32, low: tuple[int, int], cuboids: CuboidArrays, members: Int64,
-    scale: float, reach: Float64,
+    scale: float, bounds: Float64,
 ) -> None:  # fmt: skip
-    """Write the reach of the edge cells of a plane seen from above.
+    """Write the bounds of the points in the edge cells of a plane seen from above.
 
     Parameters
     ----------
@@ -68,12 +79,12 @@ def reach_horizontal(
         As in `measure_vertical`.
     scale
         Raster cells in a map's cell.
-    reach
-        float64 (E, 4).
+    bounds
+        float64 (E, 4), written.
     """
     ix, iy, _, _, count, s, S, size, _ = cuboids
     low_a, low_b = low
-    reach[:, 0::2], reach[:, 1::2] = np.inf, -np.inf
+    bounds[:, 0::2], bounds[:, 1::2] = np.inf, -np.inf
     for k in range(len(members)):
         e = raster[runs[k, 0] - low_a, runs[k, 1] - low_b]
         if e < 0:
@@ -84,16 +95,26 @@ def reach_horizontal(
         spread_x = ROOT3 * np.sqrt(max(S[i, 0] * n - x * x, 0.0)) / size * scale
         spread_y = ROOT3 * np.sqrt(max(S[i, 3] * n - y * y, 0.0)) / size * scale
         at_a, at_b = (ix[i] + x / size) * scale - low_a, (iy[i] + y / size) * scale - low_b
-        widen(reach[e], at_a, at_b, spread_x, spread_y)
+        include_points(bounds[e], at_a, at_b, spread_x, spread_y)
 
 
 @njit(nogil=True, cache=True)
-def reach_vertical(
-    raster: Int32, runs: Int32, low: tuple[int, int], extent: Float64, scale: float, reach: Float64
+def bound_edges_vertical(
+    raster: Int32, runs: Int32, low: tuple[int, int], extent: Float64, scale: float, bounds: Float64
 ) -> None:
-    """Write the reach of the edge cells of a vertical plane; arguments as in `runs_vertical`."""
+    """Write the bounds of the points in the edge cells of a vertical plane.
+
+    Parameters
+    ----------
+    raster, runs, low
+        As in `draw_runs`, after `find_edges`.
+    extent, scale
+        As in `runs_vertical`.
+    bounds
+        float64 (E, 4), written.
+    """
     low_a, low_b = low
-    reach[:, 0::2], reach[:, 1::2] = np.inf, -np.inf
+    bounds[:, 0::2], bounds[:, 1::2] = np.inf, -np.inf
     for k in range(len(runs)):
         a = runs[k, 0] - low_a
         for b in range(runs[k, 1] - low_b, runs[k, 2] - low_b + 1):
@@ -102,39 +123,63 @@ def reach_vertical(
                 bottom = max(extent[k, 2] * scale - low_b, np.float64(b))
                 top = min(extent[k, 3] * scale - low_b, b + 1.0)
                 middle = 0.5 * (bottom + top)
-                widen(
-                    reach[e], extent[k, 0] * scale - low_a, middle, extent[k, 1] * scale,
+                include_points(
+                    bounds[e], extent[k, 0] * scale - low_a, middle, extent[k, 1] * scale,
                     middle - bottom,
                 )  # fmt: skip
 
 
 @njit(nogil=True, cache=True)
 def extend_edges(
-    raster: Int32, edges: Int32, reach: Float64, usual_a: Float64, usual_b: Float64
+    raster: Int32, edges: Int32, bounds: Float64, usual_a: Float64, usual_b: Float64
 ) -> None:
-    """Let the surface go on for half a spacing beyond the edge cells, where samples are sparse.
+    """Extend the surface by half a spacing beyond the edge cells, where samples are sparse.
 
-    The cells that are reached take the number of the edge cell.
+    Parameters
+    ----------
+    raster
+        int32 (A, B), changed: empty cells within the new bounds get the number of the edge cell.
+    edges
+        int32 (E, 2), of `find_edges`.
+    bounds
+        float64 (E, 4), changed.
+    usual_a, usual_b
+        Of `find_gaps`.
     """
     rows, columns = raster.shape
     for e in range(len(edges)):
         a, b = edges[e, 0], edges[e, 1]
         patch = patch_of(a, b, columns)
-        if usual_a[patch] > SPARSE:
-            low, high = lengthen(reach[e, 0:2], usual_a[patch], rows)
+        if usual_a[patch] > SPARSE_SPACING:
+            low, high = extend_bounds(bounds[e, 0:2], usual_a[patch], rows)
             for k in range(low, high + 1):
                 if raster[k, b] == EMPTY:
                     raster[k, b] = e
-        if usual_b[patch] > SPARSE:
-            low, high = lengthen(reach[e, 2:4], usual_b[patch], columns)
+        if usual_b[patch] > SPARSE_SPACING:
+            low, high = extend_bounds(bounds[e, 2:4], usual_b[patch], columns)
             for k in range(low, high + 1):
                 if raster[a, k] == EMPTY:
                     raster[a, k] = e
 
 
 @njit(nogil=True, cache=True)
-def lengthen(reach: Float64, usual: float, cells: int) -> tuple[int, int]:
-    """Let a reach (low, high) take in half a spacing about its middle; return its cells."""
-    middle = 0.5 * (reach[0] + reach[1])
-    reach[0], reach[1] = min(reach[0], middle - 0.5 * usual), max(reach[1], middle + 0.5 * usual)
-    return max(int(np.floor(reach[0])), 1), min(int(np.floor(reach[1])), cells - 2)
+def extend_bounds(span: Float64, usual: float, cells: int) -> tuple[int, int]:
+    """Extend the bounds of an edge cell along one axis by half a spacing about their middle.
+
+    Parameters
+    ----------
+    span
+        float64 (2,), changed: low and high, cells.
+    usual
+        Spacing of the samples, cells.
+    cells
+        Cells of the raster along the axis.
+
+    Returns
+    -------
+    low, high : int
+        The first and the last cell within the bounds, without the raster's rim.
+    """
+    middle = 0.5 * (span[0] + span[1])
+    span[0], span[1] = min(span[0], middle - 0.5 * usual), max(span[1], middle + 0.5 * usual)
+    return max(int(np.floor(span[0])), 1), min(int(np.floor(span[1])), cells - 2)

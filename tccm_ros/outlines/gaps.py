@@ -1,26 +1,30 @@
-"""Gaps between the samples of a plane: short ones are filled.
+"""Filling of short gaps between the samples of a plane.
 
-Cells are linked as in `linking`: a gap shorter than twice the local sample spacing is filled and a
-longer one stays open.
+Cells are linked as in `cuboids.linking`: a gap shorter than twice the local sample spacing is
+filled and a longer one stays open.
 """
 
 import numpy as np
 from numba import njit
 
 from tccm_ros.arrays import Float64, Int32
-from tccm_ros.cuboids.linking import STEPS, spacing
+from tccm_ros.cuboids.linking import PATCH_BITS, STEPS, spacing
 from tccm_ros.outlines.raster import EMPTY, FILLED, SAMPLE
 
 __all__ = ["close_combs", "fill_gaps", "find_gaps", "patch_of"]
 
 
-PATCH_BITS = 4
-"""A patch in which the spacing is estimated is 2**4 cells wide."""
-
-
 @njit(nogil=True, cache=True)
 def patch_of(a: int, b: int, columns: int) -> int:
-    """Return the patch of a cell in a raster of so many columns."""
+    """Return the patch, in which the spacing is estimated, of a raster's cell.
+
+    Parameters
+    ----------
+    a, b
+        Row and column of the cell.
+    columns
+        Columns of the raster.
+    """
     return (a >> PATCH_BITS) * ((columns >> PATCH_BITS) + 1) + (b >> PATCH_BITS)
 
 
@@ -84,7 +88,15 @@ def usual_steps(steps: Int32) -> Float64:
 
 @njit(nogil=True, cache=True)
 def fill_gaps(raster: Int32, gaps: Int32, usual_a: Float64, usual_b: Float64) -> None:
-    """Fill the gaps that are shorter than twice the spacing of their patch."""
+    """Fill the gaps that are shorter than twice the spacing of their patch.
+
+    Parameters
+    ----------
+    raster
+        int32 (A, B), changed: cells of filled gaps become FILLED.
+    gaps, usual_a, usual_b
+        Of `find_gaps`.
+    """
     columns = raster.shape[1]
     for k in range(len(gaps)):
         a, b, step = gaps[k, 0], gaps[k, 1], gaps[k, 2]
@@ -102,7 +114,14 @@ def fill_gaps(raster: Int32, gaps: Int32, usual_a: Float64, usual_b: Float64) ->
 def close_combs(raster: Int32, usual_a: float, usual_b: float) -> None:
     """Fill gaps between full cells that are shorter than twice the largest spacing.
 
-    Scan lines whose samples stand in turn leave combs, which only the other axis shows.
+    Scan lines whose samples alternate leave combs, which only the other axis shows.
+
+    Parameters
+    ----------
+    raster
+        int32 (A, B), changed: cells of filled gaps become FILLED.
+    usual_a, usual_b
+        Largest spacing of the samples along each axis, cells.
     """
     rows, columns = raster.shape
     if usual_b > 1.0:

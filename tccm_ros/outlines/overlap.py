@@ -1,4 +1,4 @@
-"""The area that two outlines share, by lines laid across them.
+"""The area that two outlines have in common, by lines laid across them.
 
 All pairs of a tilt cycle's planes and tracks are compared in one compiled call; shapely would need
 two polygons and an intersection for each.
@@ -15,7 +15,8 @@ __all__ = ["overlap_fraction", "overlap_fractions"]
 
 
 LINES = 48
-"""Lines across the part where both outlines may be: enough to tell who overlaps whom most."""
+"""Lines across the extent that both outlines have in common. Chosen: enough to find the outline
+with the largest overlap."""
 
 
 @njit(nogil=True, cache=True)
@@ -43,15 +44,27 @@ def overlap_fractions(
     for k in range(len(pairs)):
         i, j = pairs[k, 0], pairs[k, 1]
         u, v = tangents(normals[i])
-        first = flat(a[ends_a[i - 1] if i else 0 : ends_a[i]], u, v)
-        second = flat(b[ends_b[j - 1] if j else 0 : ends_b[j]], u, v)
+        first = project_ring(a[ends_a[i - 1] if i else 0 : ends_a[i]], u, v)
+        second = project_ring(b[ends_b[j - 1] if j else 0 : ends_b[j]], u, v)
         fractions[k] = overlap_fraction(first, second)
     return fractions
 
 
 @njit(nogil=True, cache=True)
-def flat(ring: Float64, u: Float64, v: Float64) -> Float64:
-    """Return the coordinates (N, 2) of a ring (N, 3) along two directions."""
+def project_ring(ring: Float64, u: Float64, v: Float64) -> Float64:
+    """Return the coordinates of a ring along two directions.
+
+    Parameters
+    ----------
+    ring
+        float64 (N, 3), m.
+    u, v
+        float64 (3,), unit.
+
+    Returns
+    -------
+    float64 (N, 2), m.
+    """
     out = np.empty((len(ring), 2))
     for i in range(len(ring)):
         x, y, z = ring[i, 0], ring[i, 1], ring[i, 2]
@@ -78,13 +91,28 @@ def overlap_fraction(a: Float64, b: Float64) -> float:
     total, step = 0.0, (high - low) / LINES
     for line in range(LINES):
         y = low + (line + 0.5) * step
-        total += shared_length(cuts_a[: cut(a, y, cuts_a)], cuts_b[: cut(b, y, cuts_b)])
+        total += shared_length(cuts_a[: cut_ring(a, y, cuts_a)], cuts_b[: cut_ring(b, y, cuts_b)])
     return min(total * step / smaller, 1.0)
 
 
 @njit(nogil=True, cache=True)
-def cut(ring: Float64, y: float, cuts: Float64) -> int:
-    """Write where a ring crosses a line of constant y, rising; return how often."""
+def cut_ring(ring: Float64, y: float, cuts: Float64) -> int:
+    """Write where a ring crosses a line of constant y.
+
+    Parameters
+    ----------
+    ring
+        float64 (N, 2).
+    y
+        Of the line.
+    cuts
+        float64 (>= N,), receives x of the crossings, rising.
+
+    Returns
+    -------
+    int
+        Number of crossings.
+    """
     n, j = 0, len(ring) - 1
     for i in range(len(ring)):
         if (ring[i, 1] > y) != (ring[j, 1] > y):

@@ -1,8 +1,8 @@
-"""The cuboids of a plane on a raster.
+"""The cuboids of a plane drawn on a raster.
 
 A raster is int32 (A, B) with a margin of empty cells. Its cells are EMPTY, FILLED, SAMPLE, or the
-number of an edge cell. `gaps` fills what is empty between samples, `edge_cells` tells how far the
-surface reaches within the cells at its edge.
+number of an edge cell. `gaps` fills the empty cells between samples, `edge_cells` computes where
+the surface ends within the cells at its edge.
 """
 
 import numpy as np
@@ -28,11 +28,10 @@ ROOT3 = 1.7320508075688772
 """Half the length of a uniform spread, in standard deviations."""
 
 EMPTY, FILLED, SAMPLE = -1, -2, -3
-"""A cell with nothing, one between samples, one with a sample."""
+"""Values of a cell: nothing, between samples, a sample."""
 
 MARGIN = 6
-"""Empty cells around the samples: the surface goes on into all but the last, however sparse the
-samples are."""
+"""Empty cells around the samples; sparse samples extend the surface into all but one. Chosen."""
 
 
 @njit(nogil=True, cache=True)
@@ -107,9 +106,21 @@ def measure_vertical(
 
 @njit(nogil=True, cache=True)
 def draw_runs(raster: Int32, runs: Int32, low_a: int, low_b: int) -> int:
-    """Mark the cells of all runs as SAMPLE; return how many they are.
+    """Mark the cells of all runs as SAMPLE.
 
-    (low_a, low_b) is the raster's first cell.
+    Parameters
+    ----------
+    raster
+        int32 (A, B), changed.
+    runs
+        int32 (M, 3), a, lowest b and highest b of each.
+    low_a, low_b
+        Coordinates of the raster's first cell.
+
+    Returns
+    -------
+    int
+        Number of cells marked, each once.
     """
     samples = 0
     for k in range(len(runs)):

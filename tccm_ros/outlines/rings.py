@@ -1,4 +1,4 @@
-"""Closed rings in a plane, in kernels: area, inside, fewer corners, whether any cross.
+"""Kernels for closed rings in a plane: area, point inside, simplification, crossings.
 
 `shapely` has the same for one polygon at a time, from Python; here they are steps of a compiled
 loop over all planes of a map.
@@ -24,7 +24,15 @@ def signed_area(ring: Float64) -> float:
 
 @njit(nogil=True, cache=True)
 def is_inside(ring: Float64, x: float, y: float) -> bool:
-    """Return whether a point is inside a ring."""
+    """Return whether a point is inside a ring, by counting crossings (even-odd rule).
+
+    Parameters
+    ----------
+    ring
+        float64 (N, 2), open.
+    x, y
+        The point.
+    """
     inside, j = False, len(ring) - 1
     for i in range(len(ring)):
         if (ring[i, 1] > y) != (ring[j, 1] > y):
@@ -50,11 +58,11 @@ def simplify(ring: Float64, tolerance: float) -> Float64:
             ring[i, 0] == ring[first, 0] and ring[i, 1] < ring[first, 1]
         ):
             first = i
-    far, most = 0, -1.0
+    far, max_distance2 = 0, -1.0
     for i in range(n):
         x, y = ring[(first + i) % n, 0] - ring[first, 0], ring[(first + i) % n, 1] - ring[first, 1]
-        if x * x + y * y > most:
-            far, most = i, x * x + y * y
+        if x * x + y * y > max_distance2:
+            far, max_distance2 = i, x * x + y * y
     keep[0] = keep[far] = keep[n] = True
     stack = np.empty((n + 2, 2), np.int32)
     stack[0, 0], stack[0, 1] = 0, far
@@ -109,7 +117,7 @@ def crosses(vertices: Float64, ends: Int32) -> bool:
             if low[j] > high[i]:
                 break
             if after[i] == j or after[j] == i:
-                if folds(vertices, i, after[i], j, after[j]):
+                if sides_overlap(vertices, i, after[i], j, after[j]):
                     return True
             elif sides_meet(vertices, i, after[i], j, after[j]):
                 return True
@@ -117,14 +125,30 @@ def crosses(vertices: Float64, ends: Int32) -> bool:
 
 
 @njit(nogil=True, cache=True)
-def turn(v: Float64, p: int, q: int, r: int) -> float:
-    """Return twice the signed area of three vertices."""
+def ccw(v: Float64, p: int, q: int, r: int) -> float:
+    """Return twice the signed area of a triangle, positive if counter-clockwise.
+
+    Parameters
+    ----------
+    v
+        float64 (V, 2), vertices.
+    p, q, r
+        Indices of the corners.
+    """
     return (v[q, 0] - v[p, 0]) * (v[r, 1] - v[p, 1]) - (v[q, 1] - v[p, 1]) * (v[r, 0] - v[p, 0])
 
 
 @njit(nogil=True, cache=True)
 def sides_meet(v: Float64, p: int, q: int, r: int, s: int) -> bool:
-    """Return whether two sides p q and r s have a point in common."""
+    """Return whether two sides have a point in common.
+
+    Parameters
+    ----------
+    v
+        float64 (V, 2), vertices.
+    p, q, r, s
+        Indices of the ends: sides p q and r s.
+    """
     if min(v[p, 1], v[q, 1]) > max(v[r, 1], v[s, 1]) or min(v[r, 1], v[s, 1]) > max(
         v[p, 1], v[q, 1]
     ):
@@ -133,15 +157,23 @@ def sides_meet(v: Float64, p: int, q: int, r: int, s: int) -> bool:
         v[p, 0], v[q, 0]
     ):
         return False
-    return turn(v, p, q, r) * turn(v, p, q, s) <= 0.0 and turn(v, r, s, p) * turn(v, r, s, q) <= 0.0
+    return ccw(v, p, q, r) * ccw(v, p, q, s) <= 0.0 and ccw(v, r, s, p) * ccw(v, r, s, q) <= 0.0
 
 
 @njit(nogil=True, cache=True)
-def folds(v: Float64, p: int, q: int, r: int, s: int) -> bool:
-    """Return whether two sides with a common vertex lie on each other."""
+def sides_overlap(v: Float64, p: int, q: int, r: int, s: int) -> bool:
+    """Return whether two sides with a common vertex overlap in more than that vertex.
+
+    Parameters
+    ----------
+    v
+        float64 (V, 2), vertices.
+    p, q, r, s
+        Indices of the ends, sides p q and r s, with q = r or p = s.
+    """
     if q == r:
         a, b, c = p, q, s
     else:
         a, b, c = r, s, q
     along = (v[a, 0] - v[b, 0]) * (v[c, 0] - v[b, 0]) + (v[a, 1] - v[b, 1]) * (v[c, 1] - v[b, 1])
-    return turn(v, a, b, c) == 0.0 and along >= 0.0
+    return ccw(v, a, b, c) == 0.0 and along >= 0.0

@@ -2,8 +2,8 @@
 
 Read in this order: `fits` is what users call; `search` is the kernel behind it, and its steps are
 `blocks`, `region_growing`, `inliers`, `vertical_patches` and `vertical_planes`, `reassignment` and
-`edge_planes`. What follows each cycle: `tracking`, and for the surface message `horizontal_strips`,
-`plane_noise` and `wall_contact`.
+`edge_planes`. After each tilt cycle follow `tracking` and, for the surface message,
+`horizontal_strips`, `plane_noise` and `wall_contact`.
 
 The kernels stay ours: all planes of a room are found in a 27th to a 40th of the time that PCL takes
 for the largest one, and in a region of interest in a half to a fifth (`bench/bench_planes.py`,

@@ -1,4 +1,4 @@
-"""What the plane kernels read and fill: the cuboids of a map, and a table of planes."""
+"""Arrays of the plane kernels: the cuboids of a map (input) and the table of planes (output)."""
 
 from typing import Any, NamedTuple
 
@@ -6,13 +6,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.cuboids import CuboidArrays
-from tccm_ros.cuboids.moments import Moments, gather, moved
+from tccm_ros.cuboids.moments import Moments, moments_about, shift_moments
 
 __all__ = ["PLANE", "PlaneMap", "PlaneTable", "cap_of", "keep_planes", "plane_map"]
-
-Array = NDArray[np.float64]
-Int = NDArray[np.int32]
 
 PLANE = np.dtype(
     [
@@ -48,42 +46,66 @@ class PlaneMap(NamedTuple):
         float64 (3,), ticks.
     """
 
-    M: Array
-    ix: Int
-    iy: Int
-    bottom: Int
-    top: Int
-    cap_rows: Int
-    cap_sums: Array
+    M: Float64
+    ix: Int32
+    iy: Int32
+    bottom: Int32
+    top: Int32
+    cap_rows: Int32
+    cap_sums: Float64
     cell: float
     tick: float
-    origin: Array
+    origin: Float64
 
 
 @njit(nogil=True, cache=True)
-def plane_map(cuboids: CuboidArrays, cap_rows: Int, cap_sums: Array, origin: Array) -> PlaneMap:
-    """Return a map's cuboids with their moments about one origin; arguments as in `PlaneMap`."""
-    c = cuboids
-    return PlaneMap(
-        gather(c, origin), c.ix, c.iy, c.bottom, c.top, cap_rows, cap_sums, c.cell, c.tick, origin
-    )
+def plane_map(
+    cuboids: CuboidArrays, cap_rows: Int32, cap_sums: Float64, origin: Float64
+) -> PlaneMap:
+    """Return a map's cuboids with their moments about one origin.
+
+    Parameters
+    ----------
+    cuboids
+        Those of the map.
+    cap_rows, cap_sums
+        As in `PlaneMap`.
+    origin
+        float64 (3,), ticks.
+    """
+    c, M = cuboids, moments_about(cuboids, origin)
+    return PlaneMap(M, c.ix, c.iy, c.bottom, c.top, cap_rows, cap_sums, c.cell, c.tick, origin)
 
 
 @njit(nogil=True, cache=True)
 def cap_of(of: PlaneMap, i: int) -> Moments:
     """Return the moments of the cap of cuboid i of a map with caps, about the map's origin.
 
-    Few caps are asked for, those of rims, so they are moved one by one.
+    Few caps are asked for, those of rims, so they are shifted one by one.
     """
     r = of.cap_rows[i]
     m = of.M[i] if r < 0 else of.cap_sums[r]
     sums = m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9]
-    return sums if r < 0 else moved(of.ix[i], of.iy[i], sums, of.cell, of.tick, of.origin)
+    return sums if r < 0 else shift_moments(of.ix[i], of.iy[i], sums, of.cell, of.tick, of.origin)
 
 
 @njit(nogil=True, cache=True)
-def keep_planes(labels: Int, planes: PlaneTable, is_kept: NDArray[np.bool_]) -> PlaneTable:
-    """Return the rows that are kept, and number the labels anew; those of others become -1."""
+def keep_planes(labels: Int32, planes: PlaneTable, is_kept: Bool) -> PlaneTable:
+    """Remove planes and renumber the labels.
+
+    Parameters
+    ----------
+    labels
+        int32 (N,), changed: rows of the remaining planes, -1 for none and for removed ones.
+    planes
+        (P,), changed.
+    is_kept
+        bool (P,), the planes that remain.
+
+    Returns
+    -------
+    (Q,), the remaining planes, in their order.
+    """
     number = np.full(len(planes), -1, np.int32)
     kept = 0
     for p in range(len(planes)):

@@ -1,9 +1,9 @@
-"""Planes that are nothing but the edge of flatter ones.
+"""Removal of planes that consist of the edge cells of flatter planes.
 
 Where a stove stands on a counter, the cells along its rim hold points of its top, of its low front
-and of the counter. Neither plane takes them, and what is left hangs together around the stove: a
-band that scatters by as much as the front is high, and joins the two levels if it is taken for a
-surface. Its cuboids tell: nearly each lies beside one of a plane that is at least twice as flat.
+and of the counter. They are inliers of neither plane and form a connected band around the stove,
+which scatters by as much as the front is high and would join the two surfaces. Such a band is
+recognised by its cuboids: nearly each lies beside one of a plane that is at least twice as flat.
 """
 
 import numpy as np
@@ -16,14 +16,16 @@ from tccm_ros.planes.blocks import BLOCK_BITS, Blocks
 __all__ = ["drop_edge_planes"]
 
 
-FLATTER = 4.0
-"""A plane is flatter than another if its variance across is this many times smaller."""
+MIN_VARIANCE_RATIO = 4.0
+"""A plane is flatter than another if its variance across is this many times smaller. Chosen: half
+the standard deviation."""
 
 MAX_CELLS = 2
-"""Cells between cuboids that are beside each other, at most; less than a block's width."""
+"""Maximum number of cells between neighbouring cuboids; less than a block's width. Chosen."""
 
-EDGE = 0.8
-"""Fraction of a plane's cuboids beside flatter planes from which on it is their edge."""
+MIN_EDGE_FRACTION = 0.8
+"""A plane of which at least this fraction of the cuboids lies beside flatter planes is their edge.
+Chosen."""
 
 
 @njit(nogil=True, cache=True)
@@ -50,7 +52,7 @@ def drop_edge_planes(
     if is_vertical.all():
         return planes
     variance = np.where(is_vertical, np.inf, planes["variances"][:, 2])
-    suspect = (variance > FLATTER * variance.min()) & ~is_vertical
+    suspect = (variance > MIN_VARIANCE_RATIO * variance.min()) & ~is_vertical
     if not suspect.any():
         return planes
     own, off = np.zeros(len(planes), np.int32), np.zeros(len(planes), np.int32)
@@ -61,17 +63,31 @@ def drop_edge_planes(
     for i in range(len(labels)):
         p = labels[i]
         if p >= 0 and suspect[p]:
-            most = variance[p] / FLATTER
-            if not is_beside(cuboids, i, blocks, labels, variance, flattest, most):
+            max_variance = variance[p] / MIN_VARIANCE_RATIO
+            if not is_beside(cuboids, i, blocks, labels, variance, flattest, max_variance):
                 off[p] += 1
-                # Most planes are none's edge, which their first cuboids tell.
-                suspect[p] = off[p] <= (1.0 - EDGE) * own[p]
+                # Most planes are no edges: a few of their cuboids suffice to decide that.
+                suspect[p] = off[p] <= (1.0 - MIN_EDGE_FRACTION) * own[p]
     return keep_planes(labels, planes, ~suspect)
 
 
 @njit(nogil=True, cache=True)
 def flattest_by_block(blocks: Blocks, labels: Int32, variance: Float64) -> Float64:
-    """Return the least variance of the planes of each block's cuboids, inf where there are none."""
+    """Return the smallest variance of the planes of each block's cuboids.
+
+    Parameters
+    ----------
+    blocks
+        Those of the map.
+    labels
+        int32 (N,), plane of each cuboid, -1 for none.
+    variance
+        float64 (P,), across each plane, m2.
+
+    Returns
+    -------
+    float64 (blocks,), m2, inf where there are no planes.
+    """
     start, order = blocks.start, blocks.order
     flattest = np.full(len(start) - 1, np.inf)
     for block in range(len(flattest)):
@@ -85,9 +101,21 @@ def flattest_by_block(blocks: Blocks, labels: Int32, variance: Float64) -> Float
 @njit(nogil=True, cache=True)
 def is_beside(
     cuboids: PlaneMap, i: int, blocks: Blocks, labels: Int32, variance: Float64, flattest: Float64,
-    most: float,
+    max_variance: float,
 ) -> bool:  # fmt: skip
-    """Return whether cuboid i is beside one of a plane whose variance is `most` at most."""
+    """Return whether a cuboid lies beside a cuboid of a flat plane.
+
+    Parameters
+    ----------
+    cuboids, i
+        The map, and the index of the cuboid.
+    blocks, labels, variance
+        As in `flattest_by_block`.
+    flattest
+        Of `flattest_by_block`.
+    max_variance
+        Variance across up to which a plane is flat, m2.
+    """
     _, ix, iy, bottom, top = cuboids[:5]
     start, order, rows, wide, low_x, low_y = blocks
     x, y = ix[i], iy[i]
@@ -96,14 +124,14 @@ def is_beside(
     for bx in range(max(first_x, 0), min(last_x + 1, rows)):
         for by in range(max(first_y, 0), min(last_y + 1, wide)):
             block = bx * wide + by
-            if flattest[block] > most:
+            if flattest[block] > max_variance:
                 continue
             for k in range(start[block], start[block + 1]):
                 j = order[k]
                 q = labels[j]
                 if (
                     q >= 0
-                    and variance[q] <= most
+                    and variance[q] <= max_variance
                     and abs(ix[j] - x) <= MAX_CELLS
                     and abs(iy[j] - y) <= MAX_CELLS
                     and bottom[j] <= top[i]

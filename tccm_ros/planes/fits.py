@@ -1,9 +1,9 @@
 """All planes of a map, by pooled moments: exact least-squares fits without touching a point.
 
 The detector works on cuboid moments alone. `blocks` pools cuboids into flat patches,
-`region_growing` grows regions of patches, `inliers` decides cuboid by cuboid, and `search` links
-what hangs together and fits. Planes of any tilt are found at once, each as exactly as a
-least-squares fit to the points of its cuboids.
+`region_growing` grows regions of patches, `inliers` assigns cuboids to them, and `search` splits
+them into connected sets and fits these. Planes of any tilt are found at once, each as exactly as by
+a least-squares fit to the points of its cuboids.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ __all__ = ["PlaneFit", "PlaneFits", "find_planes"]
 
 @dataclass(frozen=True, eq=False)
 class PlaneCuboids:
-    """The cuboids of all planes of a map, sorted by plane when that is asked for.
+    """The cuboids of all planes of a map, sorted by plane on first use.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class PlaneCuboids:
 
 @dataclass(frozen=True, eq=False)
 class PlaneFit:
-    """One plane of a map, in its frame. What costs time is worked out when it is asked for.
+    """One plane of a map, in its frame. Outline and covariance are computed on first use.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class PlaneFit:
         Standard deviation of the fit's points across the plane, m.
     moments, origin
         Moments float64 (10,) of the points that shaped the fit, about an origin, m.
-    owned
+    plane_cuboids
         The cuboids of this and the other planes of the map.
     """
 
@@ -91,7 +91,7 @@ class PlaneFit:
     rms: float
     moments: Float64
     origin: tuple[float, float, float]
-    owned: PlaneCuboids
+    plane_cuboids: PlaneCuboids
 
     @cached_property
     def centroid(self) -> Float64:
@@ -100,7 +100,7 @@ class PlaneFit:
 
     @cached_property
     def tangents(self) -> tuple[Float64, Float64]:
-        """Level direction u and slope direction v; (u, v, normal) is right-handed."""
+        """Horizontal direction u and slope direction v; (u, v, normal) is right-handed."""
         return tangents(self.normal)
 
     @property
@@ -123,12 +123,12 @@ class PlaneFit:
     @cached_property
     def members(self) -> Int64:
         """Indices of its cuboids."""
-        return self.owned.members(self.index)
+        return self.plane_cuboids.members(self.index)
 
     @cached_property
     def outline(self) -> Outline:
-        """The true outline, with holes. With the first one those of all planes are made."""
-        return self.owned.outlines[self.index]
+        """The true outline, with holes. The first access computes those of all planes."""
+        return self.plane_cuboids.outlines[self.index]
 
     @property
     def boundary(self) -> Float64:
@@ -168,7 +168,7 @@ class PlaneFits(Sequence[PlaneFit]):
         """One `PlaneFit` per row of `search.segment`."""
         rows = self._rows
         normals, offsets = rows["normal"].copy(), rows["offset"].copy()
-        owned = PlaneCuboids(self.cuboids, self.labels, normals, offsets)
+        plane_cuboids = PlaneCuboids(self.cuboids, self.labels, normals, offsets)
         x, y, z = self._origin.tolist()
         return [
             PlaneFit(
@@ -180,7 +180,7 @@ class PlaneFits(Sequence[PlaneFit]):
                 rms=math.sqrt(row["variances"][2]),
                 moments=row["moments"],
                 origin=(x, y, z),
-                owned=owned,
+                plane_cuboids=plane_cuboids,
             )
             for index, row in enumerate(rows)
         ]

@@ -1,8 +1,9 @@
 """Horizontal surfaces by clustering of cuboids (the paper's IV.A), for scans with gaps.
 
-The paper gives neighbouring cells the same label `cls` if their tops differ by less than 10 mm.
-At 20 mm cells a single sweep leaves empty cells between its scan lines, so plain 8-neighbours break
-a table into strips. Here the neighbourhood follows the local sample spacing, see `linking`.
+The paper gives neighbouring cells the same label `cls` if their tops differ by less than 10 mm. At
+cells of 20 mm a single tilt cycle leaves empty cells between its scan lines, so that plain
+8-neighbours break a table into strips. Here the neighbourhood follows the local sample spacing, see
+`cuboids.linking`.
 """
 
 import numpy as np
@@ -25,9 +26,9 @@ def label_horizontal(
     cuboids
         The map.
     height_threshold
-        Neighbours, which are less than twice the local sample spacing apart, belong together if
-        their heights differ by less, m. Heights are tops or means: the mean is what noise leaves
-        steady, the top what an edge cell shares with its neighbours.
+        Neighbours within twice the local sample spacing get one label if their tops or their mean
+        heights differ by less, m: the mean is less noisy, the top is common to an edge cell and its
+        neighbours.
     min_cuboids
         Smaller clusters get no label.
 
@@ -45,10 +46,10 @@ def label_horizontal(
 
 @njit(nogil=True, cache=True)
 def _label(
-    ix: Int32, iy: Int32, top: Int32, s: Float64, count: Float64, threshold: float, least: int
+    ix: Int32, iy: Int32, top: Int32, s: Float64, count: Float64, threshold: float, min_cuboids: int
 ) -> Int32:
     """Label what `linking.link` connects."""
-    return _number(link(ix, iy, top, _mean_heights(s, count), threshold)[0], least)
+    return _number(link(ix, iy, top, _mean_heights(s, count), threshold)[0], min_cuboids)
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -61,8 +62,8 @@ def _mean_heights(s: Float64, count: Float64) -> Int32:
 
 
 @njit(nogil=True, cache=True)
-def _number(root: Int32, least: int) -> Int32:
-    """Turn set representatives (the smallest index of each set) into labels from 0."""
+def _number(root: Int32, min_cuboids: int) -> Int32:
+    """Return labels from 0 for set representatives (the smallest index of each set)."""
     n = len(root)
     size = np.zeros(n, np.int32)
     for i in range(n):
@@ -72,8 +73,8 @@ def _number(root: Int32, least: int) -> Int32:
     for i in range(n):
         r = root[i]
         if r == i:
-            labels[i] = used if size[i] >= least else -1
-            used += size[i] >= least
+            labels[i] = used if size[i] >= min_cuboids else -1
+            used += size[i] >= min_cuboids
         else:
             labels[i] = labels[r]
     return labels

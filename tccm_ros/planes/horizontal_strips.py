@@ -1,15 +1,15 @@
-"""Horizontal strips: what few lines of a tilt cycle saw of a narrow horizontal surface.
+"""Horizontal strips: narrow horizontal surfaces on which only a few scan lines of a cycle lie.
 
-The laser looks along a ledge, or onto a board just below it, so flatly that one to five lines of a
-tilt cycle lie on it: too few cells for a plane. Yet each line tells more than its few points say.
-Where the lines of a tilting laser run over vertical things, each lies at a height of its own, a
-line's spacing above the one before. Two lines at *one* height, one further away than the other, lie
-on something horizontal. So *runs* of neighbouring beams at one height are found in each line, and
+The laser sees a ledge, or a board just below it, at so flat an angle that one to five lines of a
+tilt cycle lie on it: too few cells for a plane. Lines on a vertical object each lie at a height of
+their own, a line's spacing above the one before. Two lines at *one* height, one further away than
+the other, lie on a horizontal surface. So *runs* of neighbouring beams at one height are found in
+each line, and
 
-- a run that lies on a horizontal plane in part lies on it as a whole;
-- runs of neighbouring lines that have one height within what the noise leaves open are a strip;
-- a long straight run that nothing is straight above or below of is a strip by itself: whether it is
-  one of a ledge, other views tell.
+- a run of which a part lies on a horizontal plane lies on it as a whole;
+- runs of neighbouring lines whose heights agree within their noise are a strip;
+- a long straight run without points straight above or below it is a strip by itself: other views
+  decide whether it is one of a ledge.
 """
 
 from __future__ import annotations
@@ -24,33 +24,35 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.union_find import find_root, merge_sets
 
-__all__ = ["LEAST_WIDTH", "horizontal_strips"]
+__all__ = ["MIN_WIDTH", "horizontal_strips"]
 
 
 TOLERANCE = 0.006
-"""Points further than this from the height of their run are not of it, m: three deviations of the
-noisiest laser, seen as flatly as this."""
+"""Points of a run are within this of its mean height, m. Chosen: three standard deviations of the
+noisiest laser at so flat an angle."""
 
 MAX_RISE = 0.0015
-"""Runs may rise by this much from end to end beyond their noise, m: a laser that is not quite
-level."""
+"""Runs may rise by this much from end to end beyond their noise, m. Chosen: a laser that is not
+exactly level."""
 
 SIGMAS = 3.0
+"""Standard errors within which heights and slopes of runs agree. Chosen."""
 
-FEWEST = 6
-"""Beams of a run: its slope is to be told from its noise."""
+MIN_BEAMS = 6
+"""Minimum number of beams of a run, so that its slope can be told from noise. Chosen."""
 
-BEAM_GAPS = 3.5
-"""Neighbours of a run are at most so many beams apart."""
+MAX_BEAMS = 3.5
+"""Maximum angle between neighbours of a run, in steps between beams: two lost beams. Chosen."""
 
-BENT = 0.7
-"""A run is two where two straight lines leave less than this fraction of what one does, squared."""
+SPLIT_FRACTION = 0.7
+"""A run is split where two straight lines leave less than this fraction of the squared residuals of
+one. Chosen."""
 
-SLANT = 4.0
-"""Neighbours of a run are at most so many times as far apart as across the line of sight,"""
+MAX_SLANT = 4.0
+"""The distance of neighbours of a run is at most this many times that across the line of sight,"""
 
-NOISE = 0.02
-"""and this, m."""
+POINT_NOISE = 0.02
+"""plus this, m, the noise of the two ranges. Chosen."""
 
 RUN = np.dtype(
     [
@@ -70,37 +72,37 @@ RUN = np.dtype(
 Runs = NDArray[Any]
 """An array of `RUN`."""
 
-LINES = 2
-"""Neighbouring runs are at most so many lines apart: one line may be lost to noise."""
+MAX_LINES = 2
+"""Maximum difference of the line numbers of linked runs: one line may be lost to noise. Chosen."""
 
-APART = 0.015
-"""... and at least this far, m: lines nearer to each other do not tell a top from a front."""
+MIN_DISTANCE = 0.015
+"""Minimum distance of linked runs, m: nearer lines may be on a front as well as a top. Chosen."""
 
-WIDEST = 0.30
-"""Runs further apart than this are not taken for one surface, m; nor are runs that are further
-apart than the shorter one is long: two things of one height stand there as well as one."""
+MAX_DISTANCE = 0.30
+"""Maximum distance of linked runs, m. Their distance is at most the length of the shorter one, too:
+otherwise two objects of one height are as likely as one. Chosen."""
 
 VERTICAL_FRACTION = 0.5
-"""A run lies at something vertical where for this fraction of its beams those of a neighbouring
-line are straight above or below. One run of two may: it lies at the rim of a board."""
+"""A run lies on a vertical object where for this fraction of its beams those of a neighbouring line
+are straight above or below. One of two linked runs may: it lies at the rim of a board. Chosen."""
 
-STRAIGHT = 0.015
-"""Straight above or below is within this, m: nearly two deviations of what lies between two beams
-of the noisiest laser."""
+MAX_OFFSET = 0.015
+"""Maximum horizontal distance of points straight above each other, m. Chosen: nearly two standard
+deviations of the difference of two beams of the noisiest laser."""
 
-LEAST_POINTS = 20
-"""Points of a strip."""
+MIN_POINTS = 20
+"""Minimum number of points of a strip. Chosen."""
 
-LEAST_WIDTH = 0.03
-"""Width of a strip, m, as that of an even spread: a vertical thing has none. What is narrower is a
-line, and must not go on vertically anywhere. A line that bends is neither."""
+MIN_WIDTH = 0.03
+"""Minimum width of a strip, m, as that of an even spread: a vertical object has none. A narrower
+strip is a line, none of whose runs may be vertical; a bent line is neither. Chosen."""
 
-LEAST_LENGTH = 0.30
-"""And its length, m: what is shorter and as narrow is the top of a thing."""
+MIN_LENGTH = 0.30
+"""Minimum length of a strip, m: a shorter one is the top of an object. Chosen."""
 
 
 def horizontal_strips(points: Float64, lines: Int64, surface: Int64, viewpoint: Float64) -> Int64:
-    """Complete the horizontal surfaces of a tilt cycle by what its lines tell.
+    """Complete the horizontal surfaces of a tilt cycle by the runs in its scan lines.
 
     Parameters
     ----------
@@ -124,9 +126,9 @@ def horizontal_strips(points: Float64, lines: Int64, surface: Int64, viewpoint: 
     azimuth = np.arctan2(seen[:, 1], seen[:, 0])
     order = np.lexsort((azimuth, scan))
     chosen, scan, seen, azimuth = chosen[order], scan[order], seen[order], azimuth[order]
-    step = _usual_step(scan, azimuth)
+    step = _beam_step(scan, azimuth)
     of_point, runs = find_runs(scan, seen, azimuth, step)
-    is_vertical = goes_on_vertically(scan, seen, azimuth, step, of_point, runs)
+    is_vertical = find_vertical_runs(scan, seen, azimuth, step, of_point, runs)
     strips = _strips(link_runs(runs, is_vertical, step), is_vertical, of_point, runs, seen)
     strips[strips >= 0] += surface.max(initial=-1) + 1
     plane = _plane_of_runs(of_point, surface[chosen], len(runs))
@@ -149,19 +151,30 @@ def _plane_of_runs(of_point: Int64, surface: Int64, runs: int) -> Int64:
     return plane
 
 
-def _usual_step(scan: Int64, azimuth: Float64) -> float:
+def _beam_step(scan: Int64, azimuth: Float64) -> float:
     """Return the angle between neighbouring beams, rad."""
     steps = np.diff(azimuth)[np.diff(scan) == 0]
     return float(np.median(steps)) if len(steps) else 0.0
 
 
 @njit(nogil=True, cache=True)
-def goes_on_vertically(
+def find_vertical_runs(
     scan: Int64, seen: Float64, azimuth: Float64, step: float, of_point: Int64, runs: Runs
 ) -> Bool:
-    """Return of which runs the line before or after lies straight above or below; bool (R,).
+    """Return of which runs the line before or after lies straight above or below.
 
     It does where it is as far away at the same bearing, whatever corners the run has.
+
+    Parameters
+    ----------
+    scan, seen, azimuth, step
+        As in `find_runs`.
+    of_point, runs
+        Of `find_runs`.
+
+    Returns
+    -------
+    bool (R,)
     """
     is_vertical = np.zeros(len(runs), np.bool_)
     own = np.empty(len(scan), np.int64)
@@ -184,7 +197,7 @@ def goes_on_vertically(
                     m += 1
                 away = distance_at(seen, azimuth, own[m], own[m + 1], azimuth[k])
                 rises = abs(seen[k, 2] - run.height) > 2.0 * MAX_RISE
-                same += rises and abs(away - math.hypot(seen[k, 0], seen[k, 1])) <= STRAIGHT
+                same += rises and abs(away - math.hypot(seen[k, 0], seen[k, 1])) <= MAX_OFFSET
                 k += 1
             if same >= VERTICAL_FRACTION * beams:
                 is_vertical[r] = True
@@ -193,7 +206,17 @@ def goes_on_vertically(
 
 @njit(nogil=True, cache=True)
 def distance_at(seen: Float64, azimuth: Float64, a: int, b: int, bearing: float) -> float:
-    """Return how far away, seen from above, the line between two points is at a bearing, m."""
+    """Return the horizontal distance of the line between two points at a bearing, m.
+
+    Parameters
+    ----------
+    seen, azimuth
+        As in `find_runs`.
+    a, b
+        Indices of the points.
+    bearing
+        rad; it is clipped to the bearings of the points.
+    """
     wide = azimuth[b] - azimuth[a]
     fraction = (bearing - azimuth[a]) / wide if wide > 0.0 else 0.0
     near, far = math.hypot(seen[a, 0], seen[a, 1]), math.hypot(seen[b, 0], seen[b, 1])
@@ -202,25 +225,39 @@ def distance_at(seen: Float64, azimuth: Float64, a: int, b: int, bearing: float)
 
 @njit(nogil=True, cache=True)
 def link_runs(runs: Runs, is_vertical: Bool, step: float) -> Int64:
-    """Put runs of neighbouring lines together that have one height; int64 (R,), their roots."""
+    """Link runs of neighbouring lines that have one height.
+
+    Parameters
+    ----------
+    runs
+        (R,), `RUN`, by line.
+    is_vertical
+        bool (R,), of `find_vertical_runs`.
+    step
+        Angle between neighbouring beams, rad.
+
+    Returns
+    -------
+    int64 (R,), the first run of each run's connected set.
+    """
     parent = np.arange(len(runs)).astype(np.int32)
     begin = 0
     for b in range(len(runs)):
         one = runs[b]
-        while one.line - runs[begin].line > LINES:
+        while one.line - runs[begin].line > MAX_LINES:
             begin += 1
         for a in range(begin, b):
             other = runs[a]
             if other.line == one.line:
                 break
             low, high = max(other.first, one.first), min(other.last, one.last)
-            if (is_vertical[a] and is_vertical[b]) or low - high > BEAM_GAPS * step:
+            if (is_vertical[a] and is_vertical[b]) or low - high > MAX_BEAMS * step:
                 continue
             noise = math.sqrt(other.height_sigma**2 + one.height_sigma**2)
             if abs(other.height - one.height) > MAX_RISE + SIGMAS * noise:
                 continue
-            apart, longest = distance_between(other, one)
-            if APART <= apart <= min(WIDEST, longest):
+            distance, longest = distance_between(other, one)
+            if MIN_DISTANCE <= distance <= min(MAX_DISTANCE, longest):
                 merge_sets(parent, a, b)
     roots = np.empty(len(runs), np.int64)
     for k in range(len(runs)):
@@ -230,8 +267,8 @@ def link_runs(runs: Runs, is_vertical: Bool, step: float) -> Int64:
 
 @njit(nogil=True, cache=True)
 def distance_between(a: Any, b: Any) -> tuple[float, float]:
-    """Return how far the middle of the shorter run is from the line of the longer one, and its
-    length, m.
+    """Return the distance of the middle of the shorter run from the line of the longer one, and the
+    length of the shorter one, m.
     """
     dx, dy = a.end[0] - a.begin[0], a.end[1] - a.begin[1]
     ex, ey = b.end[0] - b.begin[0], b.end[1] - b.begin[1]
@@ -239,8 +276,8 @@ def distance_between(a: Any, b: Any) -> tuple[float, float]:
         a, b, dx, dy, ex, ey = b, a, ex, ey, dx, dy
     x = 0.5 * (b.begin[0] + b.end[0]) - a.begin[0]
     y = 0.5 * (b.begin[1] + b.end[1]) - a.begin[1]
-    apart = abs(dx * y - dy * x) / math.sqrt(dx * dx + dy * dy)
-    return apart, 2.0 * math.sqrt(ex * ex + ey * ey)
+    distance = abs(dx * y - dy * x) / math.sqrt(dx * dx + dy * dy)
+    return distance, 2.0 * math.sqrt(ex * ex + ey * ey)
 
 
 def _strips(roots: Int64, is_vertical: Bool, of_point: Int64, runs: Runs, seen: Float64) -> Int64:
@@ -252,9 +289,9 @@ def _strips(roots: Int64, is_vertical: Bool, of_point: Int64, runs: Runs, seen: 
     first, last = np.full(len(width), line.max(initial=0)), np.zeros(len(width), np.int64)
     np.minimum.at(first, group, line)
     np.maximum.at(last, group, line)
-    is_wide = (first < last) & (width >= LEAST_WIDTH)
-    is_line = (np.bincount(group, is_vertical) == 0) & (width < LEAST_WIDTH)
-    is_large = (np.bincount(group, runs["points"]) >= LEAST_POINTS) & (length >= LEAST_LENGTH)
+    is_wide = (first < last) & (width >= MIN_WIDTH)
+    is_line = (np.bincount(group, is_vertical) == 0) & (width < MIN_WIDTH)
+    is_large = (np.bincount(group, runs["points"]) >= MIN_POINTS) & (length >= MIN_LENGTH)
     chosen = is_large & (is_wide | is_line)
     number = np.where(chosen, np.cumsum(chosen) - 1, -1)
     return number[group]
@@ -292,26 +329,26 @@ def find_runs(scan: Int64, seen: Float64, azimuth: Float64, step: float) -> tupl
     n = len(scan)
     of_point, taken = np.full(n, -1, np.int64), np.zeros(n, np.bool_)
     members, sums = np.empty(n, np.int64), np.zeros((n + 1, 5))
-    runs = np.empty(n // FEWEST + 1, RUN)
+    runs = np.empty(n // MIN_BEAMS + 1, RUN)
     ranges = np.empty((n + 1, 2), np.int64)
     found, first = 0, 0
     while first < n:
         count, total = 0, 0.0
         i, last = first, first
-        while i < n and scan[i] == scan[first] and azimuth[i] - azimuth[last] <= BEAM_GAPS * step:
+        while i < n and scan[i] == scan[first] and azimuth[i] - azimuth[last] <= MAX_BEAMS * step:
             close = count == 0 or abs(seen[i, 2] - total / count) <= TOLERANCE
-            if close and not taken[i] and is_near(seen, last, i):
+            if close and not taken[i] and are_near(seen, last, i):
                 members[count] = last = i
                 count += 1
                 total += seen[i, 2]
             i += 1
-        add_up(seen, azimuth, members, count, sums)
+        running_sums(seen, azimuth, members, count, sums)
         ranges[0, 0], ranges[0, 1] = 0, count
         height = 1
         while height:
             height -= 1
             low, high = ranges[height, 0], ranges[height, 1]
-            if high - low < FEWEST:
+            if high - low < MIN_BEAMS:
                 continue
             if is_horizontal(sums, low, high, runs[found]):
                 write_run(scan, seen, azimuth, members, low, high, runs[found])
@@ -331,8 +368,20 @@ def find_runs(scan: Int64, seen: Float64, azimuth: Float64, step: float) -> tupl
 
 
 @njit(nogil=True, cache=True)
-def add_up(seen: Float64, azimuth: Float64, members: Int64, count: int, sums: Float64) -> None:
-    """Write running sums of azimuth, height and their products over the members of a run."""
+def running_sums(
+    seen: Float64, azimuth: Float64, members: Int64, count: int, sums: Float64
+) -> None:
+    """Write running sums of azimuth, height and their products over the members of a run.
+
+    Parameters
+    ----------
+    seen, azimuth
+        As in `find_runs`.
+    members, count
+        int64 (>= count,), the points of the run, and their number.
+    sums
+        float64 (> count, 5), row 0 zero: receives the sums over the first k members in row k.
+    """
     for k in range(count):
         a = azimuth[members[k]] - azimuth[members[0]]
         z = seen[members[k], 2] - seen[members[0], 2]
@@ -345,7 +394,15 @@ def add_up(seen: Float64, azimuth: Float64, members: Int64, count: int, sums: Fl
 
 @njit(nogil=True, cache=True)
 def line_through(sums: Float64, low: int, high: int) -> tuple[float, float, float]:
-    """Return slope, m/rad, squared residuals, m2, and spread, rad2, of a part of a run."""
+    """Return slope, m/rad, squared residuals, m2, and spread, rad2, of a part of a run.
+
+    Parameters
+    ----------
+    sums
+        Of `running_sums`.
+    low, high
+        The members [low, high) of the run.
+    """
     n = high - low
     a, z = sums[high, 0] - sums[low, 0], sums[high, 1] - sums[low, 1]
     aa = sums[high, 2] - sums[low, 2] - a * a / n
@@ -357,8 +414,14 @@ def line_through(sums: Float64, low: int, high: int) -> tuple[float, float, floa
 
 @njit(nogil=True, cache=True)
 def best_split(sums: Float64, low: int, high: int) -> int:
-    """Return where a run is best divided into two straight parts; -1 where one does as well."""
-    best, middle = BENT * line_through(sums, low, high)[1], -1
+    """Return where a run is best split into two straight parts, -1 where one line does as well.
+
+    Parameters
+    ----------
+    sums, low, high
+        As in `line_through`.
+    """
+    best, middle = SPLIT_FRACTION * line_through(sums, low, high)[1], -1
     for k in range(low + 3, high - 2):
         rest = line_through(sums, low, k)[1] + line_through(sums, k, high)[1]
         if rest < best:
@@ -368,12 +431,20 @@ def best_split(sums: Float64, low: int, high: int) -> int:
 
 @njit(nogil=True, cache=True)
 def is_horizontal(sums: Float64, low: int, high: int, run: Any) -> bool:
-    """Return whether a part of a run is horizontal; write the error of its height."""
+    """Return whether a part of a run is horizontal; write the standard error of its height.
+
+    Parameters
+    ----------
+    sums, low, high
+        As in `line_through`.
+    run
+        `RUN`, its `height_sigma` is written.
+    """
     n = high - low
     slope, squares, spread = line_through(sums, low, high)
     noise = math.sqrt(squares / (n - 2.0))
     run.height_sigma = noise / math.sqrt(n)
-    # The ends of an even spread are sqrt(12) standard deviations apart.
+    # The length of an even spread is sqrt(12) standard deviations.
     rise = abs(slope) * math.sqrt(12.0 * spread / n)
     return rise <= MAX_RISE + SIGMAS * noise * math.sqrt(12.0 / n)
 
@@ -382,7 +453,17 @@ def is_horizontal(sums: Float64, low: int, high: int, run: Any) -> bool:
 def write_run(
     scan: Int64, seen: Float64, azimuth: Float64, members: Int64, low: int, high: int, run: Any
 ) -> None:
-    """Write the rest of a run."""
+    """Write the fields of a run but `height_sigma`.
+
+    Parameters
+    ----------
+    scan, seen, azimuth
+        As in `find_runs`.
+    members, low, high
+        The run's points are ``members[low:high]``.
+    run
+        `RUN`, written.
+    """
     first, last, z = members[low], members[high - 1], 0.0
     for k in range(low, high):
         z += seen[members[k], 2]
@@ -400,9 +481,17 @@ def write_run(
 
 
 @njit(nogil=True, cache=True)
-def is_near(seen: Float64, a: int, b: int) -> bool:
-    """Return whether two neighbours of a line may be of one surface, seen from the side."""
+def are_near(seen: Float64, a: int, b: int) -> bool:
+    """Return whether two neighbours in a line may lie on one surface, by their distance.
+
+    Parameters
+    ----------
+    seen
+        float64 (N, 3), the points from the laser, m.
+    a, b
+        Indices of the points.
+    """
     dx, dy = seen[b, 0] - seen[a, 0], seen[b, 1] - seen[a, 1]
     cross = abs(seen[a, 0] * seen[b, 1] - seen[a, 1] * seen[b, 0])
     across = cross / math.sqrt(seen[a, 0] ** 2 + seen[a, 1] ** 2 + 1e-12)
-    return dx * dx + dy * dy <= (SLANT * across + NOISE) ** 2
+    return dx * dx + dy * dy <= (MAX_SLANT * across + POINT_NOISE) ** 2

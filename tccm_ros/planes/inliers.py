@@ -1,7 +1,7 @@
-"""Which cuboids belong to a plane, and which of them may shape its fit.
+"""Assignment of cuboids to planes, and the fit of planes that are not vertical.
 
-Belonging is generous: whatever is within the gate, so that the noise's tails are not cut off.
-Shaping is careful: a cell at an edge mixes the surface with what is below or beside it.
+All cuboids within a gate are inliers, so that the noise's tails are not cut off. Fewer of them take
+part in the fit: a cell at an edge holds points of the surface and of what is below or beside it.
 """
 
 import math
@@ -38,25 +38,28 @@ NOTHING = (0.0,) * 10
 """Moments of no points."""
 
 GATE = 4.0
-"""A cuboid whose mean is within this many standard deviations of a plane belongs to it: one point
-in 16,000 is further away, so that the noise's tails are not cut off and do not pull."""
+"""A cuboid is an inlier of a plane within this many standard deviations. Chosen: one point in
+16,000 is further away, so that the noise's tails are not cut off and do not bias the fit."""
 
 NOISE_FLOOR = 0.00025
-"""Least standard deviation for gates, m: ranges are quantised, tables are not perfect."""
+"""Minimum standard deviation for gates, m: ranges are quantised, tables are not flat. Chosen."""
 
 LENIENT = 4.0
-"""Deviations of the chi-square test for a cuboid deep inside a surface: hardly any is refused."""
+"""Deviations of the chi-square test for a cuboid deep inside a surface: hardly any is refused.
+Chosen."""
 
 STRICT = 2.0
-"""The same near an edge, where mixed cells are to be expected."""
+"""The same near an edge, where mixed cells are to be expected. Chosen."""
 
 ROUNDS = 3
-SETTLED = 0.9
-"""A fit that takes this share of the points needs no second look."""
+"""Maximum number of refits. Chosen."""
+
+MIN_FRACTION = 0.9
+"""A fit to this fraction of the points is not repeated. Chosen."""
 
 
 @njit(nogil=True, cache=True)
-def most_scatter(n: float, deviations: float) -> float:
+def max_scatter(n: float, deviations: float) -> float:
     """Return the largest sum of squared distances that noise explains for n points, in variances.
 
     The sum of n squares is chi-square: mean n, variance 2 n; the last term allows a few points
@@ -67,11 +70,20 @@ def most_scatter(n: float, deviations: float) -> float:
 
 @njit(nogil=True, cache=True)
 def is_mixed(n: float, second: float, variance: float, deviations: float) -> bool:
-    """Tell whether points scatter more about a plane than its noise explains.
+    """Return whether points scatter more about a plane than its noise explains.
 
-    The test is even: it refuses both sides of the plane alike.
+    The test is symmetric: it treats both sides of the plane alike.
+
+    Parameters
+    ----------
+    n, second
+        Number of points, and the sum of their squared distances from the plane, m2.
+    variance
+        Of the noise across the plane, m2.
+    deviations
+        As in `max_scatter`.
     """
-    return second > variance * most_scatter(n, deviations)
+    return second > variance * max_scatter(n, deviations)
 
 
 @njit(nogil=True, cache=True)
@@ -83,7 +95,15 @@ def pooled_plane(total: Float64 | Moments) -> Plane:
 
 @njit(nogil=True, cache=True)
 def add_scaled(total: Moments, m: Float64, weight: float) -> Moments:
-    """Return moments with others added, times a weight; a tuple, so that it stays in registers."""
+    """Return ``total + weight * m`` as a tuple, so that it stays in registers.
+
+    Parameters
+    ----------
+    total, m
+        Moments of points.
+    weight
+        Weight of `m`.
+    """
     return (
         total[0] + weight * m[0], total[1] + weight * m[1], total[2] + weight * m[2],
         total[3] + weight * m[3], total[4] + weight * m[4], total[5] + weight * m[5],
@@ -144,9 +164,9 @@ def assign_inliers(
     blocks
         Those of the map.
     flood, queued, mark
-        Work space, in which so many blocks to begin with are queued and have the mark.
+        Work space, in which the first `queued` blocks are queued and have the mark.
     labels
-        int32 (N,): only cuboids with -1 are taken.
+        int32 (N,): only cuboids with -1 are assigned.
     plane, weight
         Plane of the region, and its points.
 
@@ -167,7 +187,7 @@ def assign_inliers(
         for k in range(start[b], start[b + 1]):
             i = order[k]
             m = M[i]
-            # Most of what is not of the plane is told by its mean, for half the work.
+            # The mean rejects most of the other cuboids, for half the work.
             one = abs(nx * m[1] + ny * m[2] + nz * m[3] - m[0] * d)
             if (one > gate * m[0]) | (labels[i] >= 0):
                 continue
@@ -204,7 +224,19 @@ def drain(is_set: Words, count: int) -> Int32:
 
 @njit(nogil=True, cache=True)
 def sharing_cells(ix: Int32, iy: Int32, members: Int32) -> Bool:
-    """Tell which members, sorted by cell, have others in their cells, bool (M,)."""
+    """Return which members have others in their cells.
+
+    Parameters
+    ----------
+    ix, iy
+        int32 (N,), cells of the map's cuboids.
+    members
+        int32 (M,), indices of cuboids, sorted by cell.
+
+    Returns
+    -------
+    bool (M,)
+    """
     is_sharing = np.zeros(len(members), np.bool_)
     for k in range(1, len(members)):
         i, j = members[k], members[k - 1]
@@ -220,17 +252,16 @@ def fit_horizontal(
 ) -> Plane:
     """Fit a plane that is not vertical, so that its cells lie side by side.
 
-    It is fitted first to its inside, then with its edges.
-
-    A plane that rises by less than a cell over a cell passes each cell once. Where several cuboids
-    of one cell are within the gate, as at the front below a small top, none of them may shape it.
+    It is fitted first to its inside, then with its edges. A plane that rises by less than a cell
+    over a cell passes each cell once. Where several cuboids of one cell are within the gate, as at
+    the front below a small top, none of them takes part in the fit.
 
     Parameters
     ----------
     cuboids, members
         The map, and its cuboids in one connected set.
     deep
-        bool (M,), of `is_deep`.
+        bool (M,), of `are_deep`.
     plane
         A first guess.
     total
@@ -239,33 +270,33 @@ def fit_horizontal(
     n, M = len(members), cuboids.M
     is_flat = abs(plane[2]) > CROSSES_CELLS_ONCE
     is_sharing = sharing_cells(cuboids.ix, cuboids.iy, members)
-    # The most that a cuboid's points may scatter, in variances, does not depend on the plane.
-    most = np.empty(n)
+    # How much a cuboid's points may scatter, in variances, does not depend on the plane.
+    max_scatters = np.empty(n)
     inside, everything = NOTHING, 0.0
     squares = squares_about(plane)
     for k in range(n):
         m = M[members[k]]
         everything += m[0]
-        most[k] = most_scatter(m[0], LENIENT if deep[k] else STRICT)
+        max_scatters[k] = max_scatter(m[0], LENIENT if deep[k] else STRICT)
         if is_flat & is_sharing[k]:
-            most[k] = -1.0
-        takes = deep[k] & (dot(squares, m) <= plane[4] * most[k])
+            max_scatters[k] = -1.0
+        takes = deep[k] & (dot(squares, m) <= plane[4] * max_scatters[k])
         inside = add_scaled(inside, m, 1.0 * takes)
-    # A small surface has no inside to speak of; then the first guess has to do.
+    # The inside of a small surface is too small for a fit; then the first guess is kept.
     if inside[0] > max(20.0, 0.15 * everything):
         plane = pooled_plane(inside)
-    # A guess that leans refuses much of the surface; what it takes is the better guess.
+    # A tilted first guess refuses much of the surface; the fit to the rest is a better guess.
     for _ in range(ROUNDS):
         pooled = NOTHING
         squares = squares_about(plane)
         for k in range(n):
             m = M[members[k]]
-            pooled = add_scaled(pooled, m, 1.0 * (dot(squares, m) <= plane[4] * most[k]))
+            pooled = add_scaled(pooled, m, 1.0 * (dot(squares, m) <= plane[4] * max_scatters[k]))
         for c in range(10):
             total[c] = pooled[c]
         if pooled[0] < 3.0:
             return plane
         plane = pooled_plane(pooled)
-        if pooled[0] > SETTLED * everything:
+        if pooled[0] > MIN_FRACTION * everything:
             break
     return plane

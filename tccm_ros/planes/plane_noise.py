@@ -1,8 +1,8 @@
-"""Planes that are thicker than the laser is noisy.
+"""Detection of planes that are thicker than the noise of the ranges explains.
 
-A plane is as thick as the noise of the ranges makes it, seen at the angle at which the beams meet
+The thickness of a plane follows from the noise of the ranges and the angle at which the beams meet
 it: a table top that the laser looks along is flat to a millimetre where a wall before it is not.
-A level plane through the front of a ledge and its top is thicker than that by far.
+A horizontal plane through the front of a ledge and its top is much thicker than that.
 """
 
 from __future__ import annotations
@@ -14,14 +14,15 @@ from tccm_ros.arrays import Bool, Float64, Int32, Int64
 __all__ = ["are_too_thick", "range_noise"]
 
 
-LEAST_SLOPE = 0.02
-"""Beams are taken to meet planes at least this steeply (sine): flatter ones are never straight."""
+MIN_SLOPE = 0.02
+"""Minimum sine of the angle between beams and a plane: no plane is straight enough for less.
+Chosen."""
 
 SIGMAS = 3.0
-"""A plane may be this many times as thick as the noise of the ranges makes it,"""
+"""A plane may be this many times as thick as the noise of the ranges explains,"""
 
-UNEVEN = 0.005
-"""plus this, m: neither surfaces nor sensors are perfect."""
+MAX_UNEVENNESS = 0.005
+"""plus this, m, for uneven surfaces and sensor errors. Chosen."""
 
 
 def are_too_thick(
@@ -32,7 +33,7 @@ def are_too_thick(
     rms: Float64,
     viewpoint: Float64,
 ) -> Bool:
-    """Tell which planes of a sweep are thicker than the noise of the sweep's ranges explains.
+    """Return which planes of a tilt cycle are thicker than the noise of its ranges explains.
 
     Parameters
     ----------
@@ -51,11 +52,11 @@ def are_too_thick(
     """
     slope, count = _slopes(points, labels, normals, offsets, viewpoint)
     noise = range_noise(rms / slope, count)
-    return np.asarray((rms > SIGMAS * noise * slope + UNEVEN) & (count > 0))
+    return np.asarray((rms > SIGMAS * noise * slope + MAX_UNEVENNESS) & (count > 0))
 
 
 def range_noise(implied: Float64, count: Int64) -> float:
-    """Return the noise of the ranges that most points' planes imply: the weighted median, m."""
+    """Return the noise of the ranges, m: the median of what planes imply, weighted by points."""
     if not count.any():
         return 0.0
     order = np.argsort(implied, kind="stable")
@@ -80,4 +81,4 @@ def _slopes(
     count = np.bincount(of, minlength=len(normals))
     mean = np.bincount(of, inverse, len(normals)) / np.maximum(count, 1)
     slope = np.abs(normals @ viewpoint - offsets) * np.sqrt(mean)
-    return np.maximum(slope, LEAST_SLOPE), count
+    return np.maximum(slope, MIN_SLOPE), count

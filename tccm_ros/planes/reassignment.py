@@ -1,11 +1,11 @@
-"""Inliers that a vertical plane took from a horizontal one: they go to the plane that fits them.
+"""Reassignment of inliers from vertical planes to the horizontal planes that fit them better.
 
-Inliers are assigned plane by plane in the order of their size, whatever is within the gate. A wall
-so takes the rear of the shelf boards that stand against it, and a plane through the rears of
-several boards, one above the other, may be found where nothing stands. A cuboid of a vertical plane
-that lies in another one beside it goes there if its points are further from the vertical one than
-the other's noise explains, and more than twice as far as from the other. "Horizontal" is here each
-plane that is not vertical.
+Inliers are assigned plane by plane, the largest first, within a gate. A wall so gets the rear of
+the shelf boards that stand against it, and a plane through the rears of several boards, one above
+the other, may be found where there is no surface. A cuboid of a vertical plane is reassigned to a
+horizontal plane beside it if its points are further from the vertical plane than the horizontal
+plane's noise explains, and more than twice as far as from the horizontal plane. "Horizontal" stands
+here for each plane that is not vertical.
 """
 
 import numpy as np
@@ -20,21 +20,23 @@ from tccm_ros.planes.inliers import GATE, NOISE_FLOOR
 __all__ = ["reassign_inliers"]
 
 
-OFF = 2.5
-"""Deviations of the horizontal plane by which points must be off the vertical one."""
+MIN_DEVIATIONS = 2.5
+"""Minimum rms distance of the points from the vertical plane, in standard deviations of the
+horizontal one. Chosen."""
 
-CLOSER = 4.0
-"""How much smaller the sum of squared distances to the horizontal plane must be."""
+MIN_RATIO = 4.0
+"""Minimum ratio of the sums of squared distances from the vertical and from the horizontal plane.
+Chosen: twice the distance."""
 
-KEPT = 0.5
-"""A vertical plane that loses more of its points was none."""
+MIN_KEPT = 0.5
+"""A vertical plane that keeps less than this fraction of its points is removed. Chosen."""
 
 
 @njit(nogil=True, cache=True)
 def reassign_inliers(
     M: Float64, blocks: Blocks, labels: Int32, planes: PlaneTable, is_vertical: Bool
 ) -> PlaneTable:
-    """Give horizontal planes the inliers that vertical ones hold; drop those left with too few.
+    """Reassign inliers from vertical to horizontal planes; drop vertical planes with too few left.
 
     Parameters
     ----------
@@ -65,7 +67,7 @@ def reassign_inliers(
             if count > 0:
                 members = order[start[b] : start[b + 1]]
                 reassign_block(M, members, near[:count], labels, planes, is_vertical)
-    return keep_planes(labels, planes, ~is_vertical | (planes["support"] >= KEPT * before))
+    return keep_planes(labels, planes, ~is_vertical | (planes["support"] >= MIN_KEPT * before))
 
 
 @njit(nogil=True, cache=True)
@@ -73,6 +75,15 @@ def horizontal_planes_by_block(
     blocks: Blocks, labels: Int32, is_vertical: Bool
 ) -> tuple[Int32, Int32, Bool]:
     """List the horizontal planes of each block.
+
+    Parameters
+    ----------
+    blocks
+        Those of the map.
+    labels
+        int32 (N,), plane of each cuboid, -1 for none.
+    is_vertical
+        bool (P,), which planes are vertical.
 
     Returns
     -------
@@ -111,7 +122,22 @@ def horizontal_planes_by_block(
 def horizontal_planes_around(
     b: int, blocks: Blocks, first: Int32, horizontal: Int32, near: Int32
 ) -> int:
-    """Write the horizontal planes in and around block b to `near`, rising; return how many."""
+    """List the horizontal planes in and around a block.
+
+    Parameters
+    ----------
+    b, blocks
+        The block, and all blocks of the map.
+    first, horizontal
+        Of `horizontal_planes_by_block`.
+    near
+        int32 (>= P,), receives the planes, rising.
+
+    Returns
+    -------
+    int
+        Number of planes written.
+    """
     rows, wide = blocks.rows, blocks.wide
     bx, by = b // wide, b % wide
     count = 0
@@ -134,31 +160,42 @@ def horizontal_planes_around(
 def reassign_block(
     M: Float64, block: Int32, near: Int32, labels: Int32, planes: PlaneTable, is_vertical: Bool
 ) -> None:
-    """Label the cuboids of a block that a vertical plane explains less well than one of `near`.
+    """Reassign the cuboids of a block that fit a horizontal plane better than their vertical one.
 
-    Of several horizontal planes the first takes a cuboid, in the order of their size.
+    Of several horizontal planes a cuboid goes to the first, in the order of their size.
+
+    Parameters
+    ----------
+    M
+        float64 (N, 10), moments.
+    block
+        int32, indices of the block's cuboids.
+    near
+        int32, the horizontal planes in and around the block.
+    labels, planes, is_vertical
+        As in `reassign_inliers`; labels and support are changed.
     """
     for q in near:
         normal = planes[q].normal
         nx, ny, nz = normal[0], normal[1], normal[2]
         d, variance = planes[q].offset, planes[q].variances[2]
         variance = max(variance, NOISE_FLOOR * NOISE_FLOOR)
-        most = GATE * GATE * variance
+        max_variance = GATE * GATE * variance
         for i in block:
             n = M[i, 0]
-            # Nearly all are told by their mean, for a third of the work.
+            # The mean rejects nearly all cuboids, for a third of the work.
             one = nx * M[i, 1] + ny * M[i, 2] + nz * M[i, 3] - n * d
-            if one * one > most * n * n:
+            if one * one > max_variance * n * n:
                 continue
             p = labels[i]
             if p < 0 or not is_vertical[p]:
                 continue
             _, two = residuals_of(M[i], nx, ny, nz, d)
-            if two > most * n:
+            if two > max_variance * n:
                 continue
             other = planes[p].normal
             _, held = residuals_of(M[i], other[0], other[1], other[2], planes[p].offset)
-            if held > max(OFF * OFF * variance * n, CLOSER * two):
+            if held > max(MIN_DEVIATIONS * MIN_DEVIATIONS * variance * n, MIN_RATIO * two):
                 labels[i] = q
                 planes[p].support -= n
                 planes[q].support += n

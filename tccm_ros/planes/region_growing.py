@@ -12,16 +12,25 @@ from tccm_ros.planes.blocks import Blocks, flatness_order
 __all__ = ["cover", "grow_regions"]
 
 
-JOIN = 2.5
-"""A patch joins a region if its rms about the region's plane is within this factor of its noise."""
+JOIN_FACTOR = 2.5
+"""A patch joins a region if its rms about the region's plane is within this factor of the region's
+noise,"""
 
 SLACK = 0.002
-"""... plus this, m: surfaces are not perfectly flat, and small patches know their noise badly."""
+"""plus this, m: surfaces are not perfectly flat, and the noise of small patches is known badly.
+Chosen."""
 
 
 @njit(nogil=True, cache=True)
 def cover(place: Int32, rows: int, wide: int) -> tuple[Int32, Int32, Int32]:
     """List for each block of the lowest level the patches that cover it.
+
+    Parameters
+    ----------
+    place
+        int32 (K, 3), of `find_patches`.
+    rows, wide
+        Blocks of the lowest level in x and y.
 
     Returns
     -------
@@ -53,7 +62,14 @@ def cover(place: Int32, rows: int, wide: int) -> tuple[Int32, Int32, Int32]:
 def grow_regions(
     moments: Float64, planes: Float64, place: Int32, blocks: Blocks, max_rms: float
 ) -> tuple[Int32, Float64]:
-    """Grow regions from the flattest patches; arguments as `find_patches` takes and returns them.
+    """Grow regions from the flattest patches.
+
+    Parameters
+    ----------
+    moments, planes, place
+        Of `find_patches`.
+    blocks, max_rms
+        As in `find_patches`.
 
     Returns
     -------
@@ -107,7 +123,7 @@ def grow_regions(
                         seen[p] = regions
                         _, second = residuals_of(moments[p], nx, ny, nz, d)
                         noise = math.sqrt(variance + FLAT)
-                        if second > moments[p, 0] * min(JOIN * noise + SLACK, max_rms) ** 2:
+                        if second > moments[p, 0] * min(JOIN_FACTOR * noise + SLACK, max_rms) ** 2:
                             continue
                         region[p] = regions
                         queue[end] = p

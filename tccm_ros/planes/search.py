@@ -32,22 +32,22 @@ __all__ = ["Limits", "planes_of", "segment"]
 
 
 PATCH_POINTS = 6
-"""Least points of a flat patch: a plane has three parameters, and needs as many to judge it."""
+"""Minimum number of points of a flat patch: three define a plane, as many more test it. Chosen."""
 
 
 class Limits(NamedTuple):
-    """What a plane must be.
+    """Limits that a plane must meet.
 
     Attributes
     ----------
     max_rms
         Largest standard deviation across it, m.
     min_points, min_area
-        Least points, and least area, m2.
+        Minimum number of points, and minimum area, m2.
     flatness
         Largest ratio of the standard deviations across and along the narrower side.
     horizontal
-        Least vertical component of a horizontal plane's normal.
+        Minimum vertical component of a horizontal plane's normal.
     """
 
     max_rms: float
@@ -88,7 +88,7 @@ def segment(cuboids: PlaneMap, view: Float64, limits: Limits) -> tuple[Int32, Pl
     view
         float64 (3,), m: where the laser was.
     limits
-        What a plane must be.
+        Limits that a plane must meet.
 
     Returns
     -------
@@ -110,7 +110,7 @@ def segment(cuboids: PlaneMap, view: Float64, limits: Limits) -> tuple[Int32, Pl
     planes = np.empty(n // 2 + 1, PLANE)
     found = 0
     for r in np.argsort(-pooled[:, 0]):
-        # Regions leave out what is sparse; a third of the points is the least to begin with.
+        # Regions leave out sparse parts of a surface: they need a third of a plane's points.
         if pooled[r, 0] < limits.min_points / 3.0:
             break
         queued = queue_region(by_region[first[r] : first[r + 1]], place, blocks, flood, r)
@@ -134,9 +134,18 @@ def are_vertical(planes: PlaneTable) -> Bool:
 
 @njit(nogil=True, cache=True)
 def orient(row: Any, view: Float64, start: Float64, horizontal: float) -> None:
-    """Turn a plane's normal up or towards the laser, and bring its offset from `start` to the map.
+    """Orient a plane's normal up or towards the laser, and express its offset in the map's frame.
 
-    Normals whose vertical component is `horizontal` at least belong to horizontal planes.
+    Parameters
+    ----------
+    row
+        `PLANE`, changed: its offset is about `start` and then about the map's origin.
+    view
+        float64 (3,), m: where the laser was.
+    start
+        float64 (3,), m, the origin of the moments.
+    horizontal
+        Minimum vertical component of a horizontal plane's normal.
     """
     nx, ny, nz, d = row.normal[0], row.normal[1], row.normal[2], row.offset
     height = nz
@@ -167,9 +176,23 @@ def patches_by_region(region: Int32, regions: int) -> tuple[Int32, Int32]:
 
 @njit(nogil=True, cache=True)
 def queue_region(patches: Int32, place: Int32, blocks: Blocks, flood: Flood, mark: int) -> int:
-    """Queue the blocks of a region's patches, and around patches of higher levels as far again.
+    """Queue the blocks of a region's patches, with a margin of their width at higher levels.
 
-    Returns how many are queued.
+    Parameters
+    ----------
+    patches
+        int32, the patches of the region.
+    place
+        int32 (K, 3), of `find_patches`.
+    blocks
+        Those of the map.
+    flood, mark
+        Work space, changed, and the number of the search.
+
+    Returns
+    -------
+    int
+        Number of blocks queued.
     """
     rows, wide, queue, stamp = blocks.rows, blocks.wide, flood.queue, flood.stamp
     queued = 0
@@ -197,9 +220,25 @@ def split_and_fit(
     planes: PlaneTable,
     found: int,
 ) -> int:
-    """Split a plane's cuboids where they do not hang together, fit and label each set.
+    """Split a plane's cuboids into connected sets, fit and label each set.
 
-    Returns the number of planes found so far.
+    Parameters
+    ----------
+    cuboids, members
+        The map, and the indices int32 (M,) of the plane's cuboids.
+    plane
+        A first guess.
+    limits
+        Limits that a plane must meet.
+    labels, planes
+        int32 (N,) and (P,), changed: receive the planes found.
+    found
+        Number of planes found before.
+
+    Returns
+    -------
+    int
+        Number of planes found so far.
     """
     M, ix, iy = cuboids.M, cuboids.ix, cuboids.iy
     n = len(members)
@@ -231,7 +270,22 @@ def split_and_fit(
 
 @njit(nogil=True, cache=True)
 def sizes_of_sets(M: Float64, members: Int32, root: Int32) -> tuple[Float64, Int32]:
-    """Return the points and the cuboids of each set, at its smallest index."""
+    """Return the number of points and of cuboids of each set.
+
+    Parameters
+    ----------
+    M
+        float64 (N, 10), moments.
+    members
+        int32 (M,), indices of cuboids.
+    root
+        int32 (M,), the smallest index of each member's set.
+
+    Returns
+    -------
+    support, size : float64 (M,), int32 (M,)
+        At the smallest index of each set.
+    """
     support, size = np.zeros(len(root)), np.zeros(len(root), np.int32)
     # Sums go on in registers for as long as the set is the same.
     k = 0
@@ -247,7 +301,15 @@ def sizes_of_sets(M: Float64, members: Int32, root: Int32) -> tuple[Float64, Int
 
 @njit(nogil=True, cache=True)
 def take_set(members: Int32, deep: Bool, root: Int32, k: int, size: int) -> tuple[Int32, Bool]:
-    """Return the members of the set whose smallest index is k, and which of them are deep."""
+    """Return the members of one set, and which of them are deep inside it.
+
+    Parameters
+    ----------
+    members, deep, root
+        int32 (M,), bool (M,) and int32 (M,), of all sets.
+    k, size
+        Smallest index of the set, and its number of members.
+    """
     one, its_deep = np.empty(size, np.int32), np.empty(size, np.bool_)
     used = 0
     for j in range(k, len(members)):
@@ -275,7 +337,22 @@ def is_plane(row: Any, limits: Limits) -> bool:
 def label_members(
     cuboids: PlaneMap, members: Int32, plane: Plane, labels: Int32, label: int
 ) -> float:
-    """Label the members that are within the gate of the final plane, and return their points."""
+    """Label the members that are within the gate of the final plane.
+
+    Parameters
+    ----------
+    cuboids, members
+        The map, and the indices int32 (M,) of the plane's cuboids.
+    plane
+        The fitted plane.
+    labels, label
+        int32 (N,), changed, and the number of the plane.
+
+    Returns
+    -------
+    float
+        Number of points of the labelled cuboids.
+    """
     M, is_flat = cuboids.M, abs(plane[2]) > CROSSES_CELLS_ONCE
     is_sharing = sharing_cells(cuboids.ix, cuboids.iy, members)
     nx, ny, nz, d, variance = plane

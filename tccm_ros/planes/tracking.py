@@ -1,7 +1,7 @@
-"""The identity of planes from cycle to cycle.
+"""Tracking of planes from tilt cycle to tilt cycle.
 
-A plane of this cycle is a known one if it lies in nearly the same plane and its outline overlaps.
-The map's frame is the odometry frame, so the robot's own motion does not matter.
+A plane is matched with a track if it lies in nearly the same plane and its outline overlaps. The
+map's frame is the odometry frame, so the robot's own motion does not matter.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class _Track:
 
 
 class PlaneTracker:
-    """Gives each plane an id that stays.
+    """Gives each plane a persistent id.
 
     Parameters
     ----------
@@ -46,12 +46,12 @@ class PlaneTracker:
         self._tracks.clear()
 
     def update(self, fits: PlaneFits) -> list[PlaneRecord]:
-        """Match the planes of one cycle with those known.
+        """Match the planes of one tilt cycle with the tracks.
 
         Parameters
         ----------
         fits
-            Planes of this cycle's map.
+            Planes of this tilt cycle's map.
 
         Returns
         -------
@@ -95,14 +95,14 @@ class PlaneTracker:
         return result
 
     def _may_match(self, fits: list[PlaneFit]) -> Bool:
-        """Tell which fits lie in the plane of which tracks, bool (fits, tracks)."""
+        """Return which fits lie in the plane of which tracks, bool (fits, tracks)."""
         known = [track.record for track in self._tracks]
         n, m = np.array([f.normal for f in fits]), np.array([k.normal for k in known])
         step = np.array([f.centroid for f in fits]) @ m.T - [k.offset for k in known]
         back = n @ np.array([k.centroid for k in known]).T - np.array([[f.offset] for f in fits])
-        apart = np.minimum(np.abs(step), np.abs(back))
+        distance = np.minimum(np.abs(step), np.abs(back))
         parallel = n @ m.T >= math.cos(self._config.track_angle)
-        return np.asarray(parallel & (apart <= self._config.track_distance))
+        return np.asarray(parallel & (distance <= self._config.track_distance))
 
 
 def _joined(rings: list[Float64]) -> tuple[Float64, Int64]:
@@ -111,7 +111,7 @@ def _joined(rings: list[Float64]) -> tuple[Float64, Int64]:
 
 
 def plane_record(fit: PlaneFit, identity: int) -> PlaneRecord:
-    """Return the record of a plane, with the outline worked out."""
+    """Return the record of a plane, with its outline."""
     return PlaneRecord(
         id=identity,
         kind=fit.kind,

@@ -1,13 +1,13 @@
-"""The patches of a vertical plane: what a fit accepts or refuses as a whole.
+"""The patches of a vertical plane, which a fit accepts or refuses as a whole.
 
-The points of one spot on a board fall in two cells, before and behind the wall between them. To
-refuse one cell and keep the other would shift the plane, so *patches* are judged whole: the cuboids
-of one step along the board that overlap in height.
+The points of one spot on a board fall in two cells, before and behind the border between them. To
+refuse one cell and keep the other would shift the plane, so *patches* are tested as a whole: the
+cuboids of one step along the board that overlap in height.
 
 Where a board ends in a horizontal surface, as a shelf's front in its top, the highest patch of a
 step is a *rim*: it may hold points of that surface, all at the rim's height, up to a cell behind
-the board. A part map knows the moments of its cuboids' caps, and a rim's are taken off; of an
-integration map it is only told which patches are rims.
+the board. A part map knows the moments of its cuboids' caps, and those of rims are subtracted; in
+an integration map patches are only marked as rims.
 """
 
 import math
@@ -24,19 +24,31 @@ __all__ = ["NO_RIM", "bins_along", "link_vertical", "pool_patches"]
 
 
 RIM_DEPTH = 40
-"""A highest patch is a rim unless it ends this far, ticks, below the usual height: a horizontal
-surface has its own height in each cell that it is in."""
+"""A highest patch is a rim unless it ends this far, ticks, below the usual height: the height of a
+horizontal surface differs from cell to cell. Chosen: 4 mm."""
 
 NO_RIM = -(1 << 31)
-"""What stands for no height."""
+"""Marks a patch that is no rim."""
 
 
 @njit(nogil=True, cache=True)
 def bins_along(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> tuple[Int32, int]:
     """Return the step of each cuboid along a vertical plane, and how many steps there are.
 
-    Steps run along its horizontal direction and are as wide as a cell. Cells count by their middle,
-    so that noise does not decide.
+    Steps run along its horizontal direction and are as wide as a cell. A cell is in the step of its
+    middle, so that the result does not depend on noise.
+
+    Parameters
+    ----------
+    ix, iy
+        int32 (N,), cells of the map's cuboids.
+    members, plane
+        int32 (M,), those of the plane, and the plane.
+
+    Returns
+    -------
+    bins : int32 (M,)
+    count : int
     """
     slope = math.hypot(plane[0], plane[1])
     ux, uy = -plane[1] / slope, plane[0] / slope
@@ -57,7 +69,16 @@ def bins_along(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> tuple[Int3
 def link_vertical(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> Int32:
     """Return the connected sets of a vertical plane's cuboids: runs along its horizontal direction.
 
-    As in `linking.link`, the smallest index of each set; a gap of twice the usual step ends a run.
+    A gap of twice the usual step ends a run.
+
+    Parameters
+    ----------
+    ix, iy, members, plane
+        As in `bins_along`.
+
+    Returns
+    -------
+    int32 (M,), the smallest index of each cuboid's set, as in `linking.link`.
     """
     step, bins = bins_along(ix, iy, members, plane)
     run = np.full(bins, -1, np.int32)
@@ -133,9 +154,9 @@ def pool_patches(cuboids: PlaneMap, members: Int32, plane: Plane) -> tuple[Float
         tops[steps] = high
         steps += 1
     begins[patches] = len(members)
-    least = np.median(tops[:steps]) - RIM_DEPTH
+    min_top = np.median(tops[:steps]) - RIM_DEPTH
     for p in range(patches):
-        if rim[p] < least:
+        if rim[p] < min_top:
             rim[p] = NO_RIM
     if len(cuboids.cap_rows) == 0:
         return pooled[:patches], rim[:patches]
@@ -160,7 +181,22 @@ def pool_patches(cuboids: PlaneMap, members: Int32, plane: Plane) -> tuple[Float
 def sort_into_steps(
     ix: Int32, iy: Int32, bottom: Int32, members: Int32, plane: Plane
 ) -> tuple[Int32, Int32]:
-    """Return a vertical plane's cuboids by step and rising, and where each step begins in them."""
+    """Sort a vertical plane's cuboids by step, and by height within a step.
+
+    Parameters
+    ----------
+    ix, iy, members, plane
+        As in `bins_along`.
+    bottom
+        int32 (N,), ticks.
+
+    Returns
+    -------
+    order : int32 (M,)
+        The cuboids.
+    start : int32 (steps + 1,)
+        Where each step begins in them.
+    """
     bins, count = bins_along(ix, iy, members, plane)
     start = np.zeros(count + 1, np.int32)
     for b in bins:

@@ -1,15 +1,15 @@
-"""Vertical planes: boards and walls, whose cells form a line and whose noise the cells' walls cut.
+"""The fit of vertical planes: boards and walls, whose cells form a line.
 
 They are fitted by weighted least squares over their patches (`vertical_patches`), each of which is
 accepted or refused whole: for its own mean and scatter, and as part of its layer. The normal
 equations are those of ``e = a + b s + g z``: s is the distance along the plane's horizontal
-direction (ux, uy), z the height, and e the distance from a first guess; what is looked for is how
-far the guess is off (a) and turned (b, g).
+direction (ux, uy), z the height, and e the distance from a first guess; unknown are the guess's
+errors in offset (a) and direction (b, g).
 
-Where the caps of rims are not known, moments cannot tell which points of a rim are the board's, but
-they can be weighed by their depth below it: the sum of (z_rim - z) e knows nothing of what lies at
-z_rim. So a rim gives this one equation instead of its mean, with three quarters of the information
-(`rim_moments`).
+Where the caps of rims are not known, moments cannot separate the points of the board from those of
+the surface at its rim, but points can be weighted by their depth below the rim: a point at z_rim
+adds nothing to the sum of (z_rim - z) e. So a rim gives this one equation instead of its mean, with
+three quarters of the information (`rim_moments`).
 """
 
 import math
@@ -29,33 +29,35 @@ __all__ = ["fit_vertical"]
 
 LAYER = 0.25
 """Height, m, of the layers in which noise is estimated, as it depends on the beams' incidence, and
-which are refused whole: a drawer's back may lie 10 mm behind the front above it."""
+which are refused as a whole: a drawer's back may lie 10 mm behind the front above it. Chosen."""
 
 WARP = 0.001
-"""A patch may be this far off its plane, m, beyond what noise explains: no board is flat."""
+"""A patch may be this far off its plane, m, beyond its noise: no board is flat. Chosen."""
 
 DEVIATIONS = 3.0
-"""Of the tests for a patch: shifted off the plane, or of more scatter than noise explains."""
+"""Standard deviations of the two tests of a patch: its mean, and its scatter. Chosen."""
 
 PRIOR = 20.0
-"""Points that the noise of the whole plane counts for in the noise of a layer."""
+"""Points that the noise of the whole plane counts for in the noise of a layer. Chosen."""
 
 ROUNDS = 3
-SETTLED = 0.9
-"""A round that takes what the last one took is the last, unless it finds this much less variance:
-then the next one may refuse more."""
+"""Maximum number of refits. Chosen."""
+
+CONVERGED = 0.9
+"""A round that accepts the same patches as the one before is the last, unless the variance falls
+below this fraction of the one before: then the next one may refuse more. Chosen."""
 
 SLICES = 256
-"""Slices of the patches' distances in which their median is looked for."""
+"""Slices of the patches' distances in which their median is searched. Chosen."""
 
-LEAST_POINTS = 10.0
-"""With fewer points left after the tests the guess has to do."""
+MIN_POINTS = 10.0
+"""With fewer points left after the tests the first guess is kept. Chosen."""
 
-LEAST_DEPTH = 0.01
-"""A rim of less rms depth, m, is one scan line, and says nothing."""
+MIN_DEPTH = 0.01
+"""A rim of less rms depth, m, is one scan line, and is not used. Chosen."""
 
 SINGULAR = 1e-9
-"""Fraction of the determinant below which a direction is not told."""
+"""Fraction of the determinant's diagonal part below which a direction is not determined. Chosen."""
 
 
 class _Patches(NamedTuple):
@@ -79,7 +81,7 @@ class _Patches(NamedTuple):
 
 
 class _Taken(NamedTuple):
-    """The patches that the last round took, bool (P,), and their moments by layer (L, 10)."""
+    """The patches that the last round accepted, bool (P,), and their moments by layer (L, 10)."""
 
     is_taken: Bool
     moments: Float64
@@ -96,8 +98,8 @@ def fit_vertical(cuboids: PlaneMap, members: Int32, plane: Plane, total: Float64
     plane
         A first guess.
     total
-        float64 (10,), written: pooled moments of the patches that shaped the fit; a rim counts for
-        as many points as its equation is worth.
+        float64 (10,), written: pooled moments of the patches that took part in the fit; a rim
+        counts for as many points as its equation is worth.
     """
     pooled, rim = pool_patches(cuboids, members, plane)
     total[:] = 0.0
@@ -115,7 +117,7 @@ def fit_vertical(cuboids: PlaneMap, members: Int32, plane: Plane, total: Float64
     for _ in range(ROUNDS):
         before = plane[4]
         plane, changes = improve(patches, plane, taken, total)
-        if changes == 0 and plane[4] > SETTLED * before:
+        if changes == 0 and plane[4] > CONVERGED * before:
             break
     return plane
 
@@ -135,7 +137,7 @@ def through_median(pooled: Float64, plane: Plane) -> Plane:
         off[p] = (nx * m[1] + ny * m[2] + nz * m[3]) / m[0] - d
         low, high = min(low, off[p]), max(high, off[p])
         half += 0.5 * m[0]
-    # A guess needs no sorting: the middle of the slice in which the median is.
+    # A first guess needs no sorting: the middle of the slice in which the median is.
     slices = np.zeros(SLICES + 1)
     width = max((high - low) / SLICES, 1e-12)
     for p in range(len(pooled)):
@@ -156,13 +158,13 @@ def improve(patches: _Patches, plane: Plane, taken: _Taken, total: Float64) -> t
     patches, plane
         The plane's patches, and the last plane.
     taken
-        Changed: what the last round took.
+        Changed: the patches accepted.
     total
         float64 (10,), written.
 
     Returns
     -------
-    The plane, and how many patches are taken or left other than in the last round.
+    The plane, and for how many patches the decision differs from the last round's.
     """
     pooled, rim, layer, tick, ground = patches
     is_taken, by_layer = taken
@@ -210,7 +212,7 @@ def improve(patches: _Patches, plane: Plane, taken: _Taken, total: Float64) -> t
             m = pooled[p]
             sides = rim_moments(m, plane, ux, uy, rim[p] * tick - ground)
             w, _, _, we, w2 = sides
-            if w2 <= LEAST_DEPTH * LEAST_DEPTH * m[0] or is_shifted(w2, w, we, lenient):
+            if w2 <= MIN_DEPTH * MIN_DEPTH * m[0] or is_shifted(w2, w, we, lenient):
                 continue
             add_rim(equations, sides, 1.0 / usual[j])
             fraction = w * w / (w2 * m[0])
@@ -222,7 +224,7 @@ def improve(patches: _Patches, plane: Plane, taken: _Taken, total: Float64) -> t
         points += by_layer[j, 0]
         for c in range(10):
             total[c] += by_layer[j, c]
-    if total[0] < LEAST_POINTS:
+    if total[0] < MIN_POINTS:
         return plane, changes
     a, b, g = solve(equations)
     # What was e = n p - d is now e - a - b s - g z.
@@ -235,16 +237,37 @@ def improve(patches: _Patches, plane: Plane, taken: _Taken, total: Float64) -> t
 
 @njit(nogil=True, cache=True)
 def is_shifted(spread: float, weight: float, first: float, variance: float) -> bool:
-    """Tell whether a weighted sum of distances is more than noise and warp explain.
+    """Return whether a weighted sum of distances is more than noise and warp explain.
 
-    `spread` is the sum of the weights' squares, `weight` that of the weights.
+    Parameters
+    ----------
+    spread, weight
+        Sum of the squares of the weights, and of the weights.
+    first
+        Weighted sum of the distances, m.
+    variance
+        Of the noise across the plane, m2.
     """
     return abs(first) > DEVIATIONS * math.sqrt(spread * variance) + weight * WARP
 
 
 @njit(nogil=True, cache=True)
 def add_patch(N: Float64, m: Float64, plane: Plane, ux: float, uy: float, k: float) -> None:
-    """Add a patch's points to the normal equations of ``e = a + b s + g z``, with weight k."""
+    """Add a patch's points to the normal equations of ``e = a + b s + g z``.
+
+    Parameters
+    ----------
+    N
+        float64 (3, 4), changed.
+    m
+        float64 (10,), moments of the points.
+    plane
+        The first guess, from which e is taken.
+    ux, uy
+        Its horizontal direction.
+    k
+        Weight of a point.
+    """
     nx, ny, nz, d, _ = plane
     s, sx, sy = ux * m[1] + uy * m[2], ux * m[4] + uy * m[5], ux * m[5] + uy * m[7]
     sz = ux * m[6] + uy * m[8]
@@ -254,16 +277,26 @@ def add_patch(N: Float64, m: Float64, plane: Plane, ux: float, uy: float, k: flo
         nx * sx + ny * sy + nz * sz - d * s,
         nx * m[6] + ny * m[8] + nz * m[9] - d * m[3],
     )
-    add(N, k, left, right)
+    add_equation(N, k, left, right)
 
 
 @njit(nogil=True, cache=True)
 def add_rim(N: Float64, sides: tuple[float, float, float, float, float], k: float) -> None:
-    """Add the one equation of a rim, from `rim_moments`, with weight k for a point."""
+    """Add the one equation of a rim to the normal equations.
+
+    Parameters
+    ----------
+    N
+        float64 (3, 4), changed.
+    sides
+        Of `rim_moments`.
+    k
+        Weight of a point.
+    """
     w, ws, wz, we, w2 = sides
     k /= w2
     left = w * w, w * ws, w * wz, ws * ws, ws * wz, wz * wz
-    add(N, k, left, (w * we, ws * we, wz * we))
+    add_equation(N, k, left, (w * we, ws * we, wz * we))
 
 
 @njit(nogil=True, cache=True)
@@ -273,6 +306,15 @@ def rim_moments(
     """Return the sums of w, w s, w z, w e and w w over a patch's points, for w = z_rim - z.
 
     Here s is the distance along (ux, uy), z the height and e the distance from the plane.
+
+    Parameters
+    ----------
+    m
+        float64 (10,), moments of the points.
+    plane, ux, uy
+        As in `add_patch`.
+    z_rim
+        Height of the rim, m, about the moments' origin.
     """
     nx, ny, nz, d, _ = plane
     s, sz = ux * m[1] + uy * m[2], ux * m[6] + uy * m[8]
@@ -288,13 +330,23 @@ def rim_moments(
 
 
 @njit(nogil=True, cache=True)
-def add(
+def add_equation(
     N: Float64,
     k: float,
     left: tuple[float, float, float, float, float, float],
     right: tuple[float, float, float],
 ) -> None:
-    """Add to normal equations for (a, b, g), float64 (3, 4): the upper triangle and the right."""
+    """Add weighted terms to the normal equations for (a, b, g).
+
+    Parameters
+    ----------
+    N
+        float64 (3, 4), changed: the upper triangle and the right side.
+    k
+        Weight.
+    left, right
+        The terms: row by row of the upper triangle, and of the right side.
+    """
     N[0, 0] += k * left[0]
     N[0, 1] += k * left[1]
     N[0, 2] += k * left[2]
@@ -308,7 +360,7 @@ def add(
 
 @njit(nogil=True, cache=True)
 def solve(N: Float64) -> tuple[float, float, float]:
-    """Return the solution (a, b, g) of normal equations; b = g = 0 where they do not tell."""
+    """Return the solution (a, b, g) of normal equations; b = g = 0 where these are singular."""
     b, g = N[0, 1] / N[0, 0], N[0, 2] / N[0, 0]
     bb, bg, gg = N[1, 1] - b * N[0, 1], N[1, 2] - b * N[0, 2], N[2, 2] - g * N[0, 2]
     right_b, right_g = N[1, 3] - b * N[0, 3], N[2, 3] - g * N[0, 3]

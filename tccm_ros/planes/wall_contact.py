@@ -1,9 +1,9 @@
-"""Points of walls that were taken for a horizontal surface which ends there.
+"""Wall points among the inliers of a horizontal surface that ends at the wall.
 
-A line of the tilt cycle that runs over a wall at the height of a board beside it is horizontal
-where the wall is seen from the front, and no cuboid of it tells that it is not of the board. What
-does tell is that nothing of the board lies before it: a board that ends at a wall has its rear
-there. Both sides are looked at, as the rail of a chair is seen over its seat.
+A scan line over a wall at the height of a board beside it is horizontal where the wall is seen from
+the front, and its cuboids do not show that it is not of the board. But no point of the board lies
+before it there, while a board that ends at a wall has its rear before the wall. Both sides are
+tested, as the rail of a chair is seen over its seat.
 """
 
 from __future__ import annotations
@@ -19,23 +19,26 @@ __all__ = ["lie_on_walls"]
 
 
 MAX_DISTANCE = 0.010
-"""A point is on a vertical plane within this, and three deviations of it up to as much again, m."""
+"""A point is on a vertical plane within this plus `SIGMAS`, at most as much again, m. Chosen."""
 
 SIGMAS = 3.0
+"""Standard deviations across the plane within which a point is on it. Chosen."""
 
 ABOVE = 0.03
-"""... where the plane goes on above the point by this much, m: the front of a block does not."""
+"""A point is on a wall only where the wall continues above it by this, m: the front of a block does
+not. Chosen."""
 
 SAME_HEIGHT = 0.02
-"""The rear of a board may have been found apart from its front: points of this height count, m."""
+"""Points within this height belong to the same board, m: its rear may be a surface of its own.
+Chosen."""
 
 BEFORE = 0.30
-"""How far before the wall the surface's own points may begin, m: as far apart as lines are where
-strips are found."""
+"""Distance before the wall within which the board's points must begin, m: that of the lines in
+strips, `horizontal_strips.MAX_DISTANCE`."""
 
 
 def lie_on_walls(points: Float64, surface: Int64, fits: PlaneFits, is_wall: Bool) -> Bool:
-    """Return which points of horizontal surfaces lie on a wall that they do not reach there.
+    """Return which points of horizontal surfaces lie on a wall where the surface does not end.
 
     Parameters
     ----------
@@ -56,8 +59,8 @@ def lie_on_walls(points: Float64, surface: Int64, fits: PlaneFits, is_wall: Bool
     chosen = np.flatnonzero(is_wall[fits.labels])
     if len(points) == 0 or len(chosen) == 0:
         return np.zeros(len(points), np.bool_)
-    reach = [min(SIGMAS * f.rms, MAX_DISTANCE) + MAX_DISTANCE for f in fits]
-    planes = np.array([(*f.normal, f.offset, r) for f, r in zip(fits, reach, strict=True)])
+    within = [min(SIGMAS * f.rms, MAX_DISTANCE) + MAX_DISTANCE for f in fits]
+    planes = np.array([(*f.normal, f.offset, d) for f, d in zip(fits, within, strict=True)])
     cells = np.floor(points[:, :2] / c.cell_size).astype(np.int64)
     low = cells.min(axis=0) - 1
     shape = cells.max(axis=0) + 2 - low
@@ -120,16 +123,30 @@ def mark_points(
         if marked[i]:
             a, b = cells[i]
             nx, ny, z = planes[owner[a, b], 0], planes[owner[a, b], 1], points[i, 2]
-            before = has_before(board, a, b, nx, ny, size, z)
-            marked[i] = not (before or has_before(board, a, b, -nx, -ny, size, z))
+            before = has_surface_before(board, a, b, nx, ny, size, z)
+            marked[i] = not (before or has_surface_before(board, a, b, -nx, -ny, size, z))
     return marked
 
 
 @njit(nogil=True, cache=True)
-def has_before(
+def has_surface_before(
     board: Float64, a: int, b: int, nx: float, ny: float, size: float, height: float
 ) -> bool:
-    """Return whether surface points of a height lie before a place on a wall of a normal."""
+    """Return whether surface points of a height lie before a cell of a wall.
+
+    Parameters
+    ----------
+    board
+        float64, a raster of the heights of the surfaces' own points, m; inf without.
+    a, b
+        The cell.
+    nx, ny
+        Normal of the wall, towards the side that is searched.
+    size
+        Edge of a cell, m.
+    height
+        m.
+    """
     rows, columns = board.shape
     for step in range(1, int(BEFORE / size) + 1):
         x, y = a + round(nx * step), b + round(ny * step)

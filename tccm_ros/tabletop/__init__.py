@@ -1,1 +1,1 @@
-"""What stands on surfaces, and where there is room to put something down."""
+"""Objects on horizontal surfaces, and free places where an object can be put down."""

@@ -1,8 +1,8 @@
-"""Compiled loops of `objects`: what stands over a surface, in clusters with their footprints.
+"""Kernels of `objects`: cuboids above a surface, their clusters, hulls and rectangles.
 
 Hull and rectangle are not those of `shapely`: where two sides give rectangles of one size the first
-one wins, so that the yaw of an object does not depend on rounding. Distances from outlines are
-asked for 200 times in a full tilt cycle: with `shapely` finding objects took 1.2 to 1.5 times as
+one is taken, so that the yaw of an object does not depend on rounding. Distances from outlines are
+computed 200 times in a full tilt cycle: with `shapely` finding objects took 1.2 to 1.5 times as
 long on the fullest cycles of bags/flat (the row "objects" of `bench/bench_cycle.py`).
 """
 
@@ -14,23 +14,20 @@ from numba import njit
 
 from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import CuboidArrays
+from tccm_ros.outlines.raster import ROOT3
 from tccm_ros.outlines.rings import is_inside
 from tccm_ros.union_find import find_root, merge_sets
 
 __all__ = [
     "LooseCuboids",
-    "clusters",
+    "cluster_footprints",
     "convex_hull",
-    "corners_of",
+    "cuboids_above",
     "distance_to_ring",
+    "footprint_corners",
     "loose_cuboids",
-    "over",
     "rectangle",
 ]
-
-
-ROOT3 = 1.7320508075688772
-"""Half the length of a uniform spread, in standard deviations."""
 
 
 class LooseCuboids(NamedTuple):
@@ -98,19 +95,21 @@ def loose_cuboids(arrays: tuple[Any, ...], labels: Int32, structure: Bool) -> Lo
 
 
 @njit(nogil=True, cache=True)
-def over(loose: LooseCuboids, hull: Float64, normal: Float64, offset: float, least: float) -> Int64:
-    """Return the free cuboids over a plane, rising.
+def cuboids_above(
+    loose: LooseCuboids, hull: Float64, normal: Float64, offset: float, min_height: float
+) -> Int64:
+    """Return the indices of the free cuboids above a plane, rising.
 
     Parameters
     ----------
     loose
         Those of a map.
     hull
-        float64 (H, 2), convex, counter-clockwise: over this the means must be.
+        float64 (H, 2), convex, counter-clockwise, m: the means lie within it, seen from above.
     normal, offset
-        The plane, m.
-    least
-        Height over the plane that is reached, m.
+        The plane, ``normal . p = offset``, m.
+    min_height
+        The tops are at least so far above the plane, m.
     """
     x, mean, high, cell = loose.column, loose.mean, loose.high, loose.cell
     first = np.searchsorted(x, math.floor(hull[:, 0].min() / cell) - 1)
@@ -121,15 +120,24 @@ def over(loose: LooseCuboids, hull: Float64, normal: Float64, offset: float, lea
         if not loose.is_free[i] or mean[i, 1] < y_low or mean[i, 1] > y_high:
             continue
         reached = high[i, 0] * normal[0] + high[i, 1] * normal[1] + high[i, 2] * normal[2]
-        if reached - offset >= least and is_inside(hull, mean[i, 0], mean[i, 1]):
+        if reached - offset >= min_height and is_inside(hull, mean[i, 0], mean[i, 1]):
             chosen[n] = i
             n += 1
     return chosen[:n].copy()
 
 
 @njit(nogil=True, cache=True)
-def clusters(mean: Float64, chosen: Int64, gap: float) -> tuple[Int64, Int64]:
+def cluster_footprints(mean: Float64, chosen: Int64, gap: float) -> tuple[Int64, Int64]:
     """Group cuboids whose means come within a gap of each other, seen from above.
+
+    Parameters
+    ----------
+    mean
+        float64 (L, 3), means of the points of all cuboids, m.
+    chosen
+        int64 (K,), indices of the cuboids to be grouped.
+    gap
+        Largest distance of neighbours, m.
 
     Returns
     -------
@@ -186,8 +194,20 @@ def clusters(mean: Float64, chosen: Int64, gap: float) -> tuple[Int64, Int64]:
 
 
 @njit(nogil=True, cache=True)
-def corners_of(low: Float64, high: Float64, members: Int64) -> Float64:
-    """Return the corners (4 M, 2) of the footprints of some cuboids."""
+def footprint_corners(low: Float64, high: Float64, members: Int64) -> Float64:
+    """Return the corners of the footprints of some cuboids.
+
+    Parameters
+    ----------
+    low, high
+        float64 (L, 3), low and high corner of the points of all cuboids, m.
+    members
+        int64 (M,), indices of the cuboids.
+
+    Returns
+    -------
+    float64 (4 M, 2), m.
+    """
     out = np.empty((4 * len(members), 2))
     for k in range(len(members)):
         i = members[k]
@@ -266,7 +286,17 @@ def rectangle(hull: Float64) -> tuple[float, float, float, float, float]:
 
 @njit(nogil=True, cache=True)
 def point_to_side(px: float, py: float, ring: Float64, i: int, j: int) -> float:
-    """Return the squared distance of a point from the side between two corners of a ring."""
+    """Return the squared distance of a point from a side of a ring.
+
+    Parameters
+    ----------
+    px, py
+        The point.
+    ring
+        float64 (N, 2), open.
+    i, j
+        Indices of the corners at the side's ends.
+    """
     dx, dy = ring[j, 0] - ring[i, 0], ring[j, 1] - ring[i, 1]
     x, y = px - ring[i, 0], py - ring[i, 1]
     length2 = dx * dx + dy * dy
@@ -306,7 +336,13 @@ def distance_to_ring(shape: Float64, ring: Float64) -> float:
 
 @njit(nogil=True, cache=True)
 def sides_cross(p: Float64, q: Float64, r: Float64, s: Float64) -> bool:
-    """Return whether two sides cross, in the inside of both."""
+    """Return whether two sides cross, at a point that is no end of either.
+
+    Parameters
+    ----------
+    p, q, r, s
+        float64 (2,), ends of the sides p q and r s.
+    """
     a = (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
     b = (q[0] - p[0]) * (s[1] - p[1]) - (q[1] - p[1]) * (s[0] - p[0])
     c = (s[0] - r[0]) * (p[1] - r[1]) - (s[1] - r[1]) * (p[0] - r[0])

@@ -1,6 +1,6 @@
-"""Where there is room on a surface to put something down.
+"""Free places on a surface, where an object of a given size can be put down.
 
-A rectangle's places in a polygon are found exactly, by Minkowski sums of the polygon's edges.
+The area that a rectangle can cover in a polygon is exact: by Minkowski sums of the polygon's edges.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def find_free_places(
     Parameters
     ----------
     planes, objects
-        Horizontal planes and what stands on them.
+        The planes of a map, and the objects on them.
     size
         Width and depth of the object, m.
 

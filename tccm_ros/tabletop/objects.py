@@ -1,4 +1,4 @@
-"""What stands on a surface: objects, and their identity from cycle to cycle."""
+"""Objects on horizontal surfaces, and their ids from tilt cycle to tilt cycle."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from tccm_ros.planes import PlaneFits
 from tccm_ros.records import PlaneKind, PlaneRecord, TabletopObject
 from tccm_ros.tabletop.footprints import (
     LooseCuboids,
-    clusters,
+    cluster_footprints,
     convex_hull,
-    corners_of,
+    cuboids_above,
     distance_to_ring,
+    footprint_corners,
     loose_cuboids,
-    over,
     rectangle,
 )
 
@@ -28,22 +28,23 @@ __all__ = ["ObjectTracker", "find_objects"]
 
 
 SURFACE_AREA = 0.12
-"""A horizontal plane smaller than this, m2, may be the top of an object."""
+"""A horizontal plane smaller than this, m2, may be the top of an object. Chosen: 35 cm square."""
 
 WALL_AREA = 0.25
-"""A vertical plane of this area, m2, is a wall or a piece of furniture, no side of an object."""
+"""A vertical plane of this area, m2, is a wall or a piece of furniture, not a side of an object.
+Chosen: 50 cm square."""
 
 SEAM = 0.06
-"""What ends this near below a surface, m, carries it."""
+"""An object that ends this near below a surface, m, carries it. Chosen: a board and its frame."""
 
 
 def find_objects(
     cuboids: Cuboids, fits: PlaneFits, planes: Sequence[PlaneRecord], config: Config
 ) -> list[TabletopObject]:
-    """Find what stands on the horizontal planes of a map.
+    """Find the objects on the horizontal planes of a map.
 
-    An object ends below `objects.max_height`: what goes on upwards is furniture, a wall or a
-    person. What carries another surface (a table's leg, a seat's front) is no object either.
+    An object ends below `objects.max_height`: a taller cluster is furniture, a wall or a person. A
+    cluster that carries another surface (a table's leg, a seat's front) is no object either.
 
     Parameters
     ----------
@@ -57,8 +58,8 @@ def find_objects(
     Returns
     -------
     list[TabletopObject]
-        By plane, from the highest down, then by position. Ids count from 0; `ObjectTracker` makes
-        them stay.
+        By plane, from the highest down, then by position. Ids count from 0; `ObjectTracker` gives
+        ids that persist.
     """
     levels = [p for p in planes if p.kind == PlaneKind.HORIZONTAL and len(p.boundary) >= 3]
     if not levels:
@@ -78,21 +79,21 @@ def find_objects(
 
 
 def _take_clusters(loose: LooseCuboids, plane: PlaneRecord, config: Config) -> tuple[Int64, Int64]:
-    """Return clusters of what is free over a plane, within the convex hull of its outline.
+    """Return the clusters of free cuboids above a plane, within the convex hull of its outline.
 
-    They are free no more. An object hides what is behind it, so its place may be a notch of the
-    outline; `_object` asks that it touches the outline.
+    The cuboids are marked as not free. An object hides the surface behind it and may so stand in a
+    notch of the outline; `_object` tests that it touches the outline.
     """
     hull = convex_hull(plane.boundary[:, :2])
-    chosen = over(loose, hull, plane.normal, plane.offset, config.objects.min_height)
+    chosen = cuboids_above(loose, hull, plane.normal, plane.offset, config.objects.min_height)
     loose.is_free[chosen] = False
-    return clusters(loose.mean, chosen, config.objects.cluster_distance)
+    return cluster_footprints(loose.mean, chosen, config.objects.cluster_distance)
 
 
 def _are_structure(fits: PlaneFits) -> Bool:
     """Return which planes are surfaces and walls."""
-    least = {PlaneKind.HORIZONTAL: SURFACE_AREA, PlaneKind.ANY: WALL_AREA}
-    return np.array([fit.area > least[fit.kind] for fit in fits], np.bool_)
+    min_areas = {PlaneKind.HORIZONTAL: SURFACE_AREA, PlaneKind.ANY: WALL_AREA}
+    return np.array([fit.area > min_areas[fit.kind] for fit in fits], np.bool_)
 
 
 def _carries(item: TabletopObject, covers: Sequence[PlaneRecord]) -> bool:
@@ -119,7 +120,7 @@ def _object(
     points = float(loose.counts[cluster].sum())
     if points < config.objects.min_points:
         return None
-    hull = convex_hull(corners_of(loose.low, loose.high, cluster))
+    hull = convex_hull(footprint_corners(loose.low, loose.high, cluster))
     if len(hull) < 3:
         return None
     x, y, length, width, yaw = rectangle(hull)
@@ -128,7 +129,8 @@ def _object(
     height = float(loose.high[cluster, 2].max()) - floor
     if height > config.objects.max_height:
         return None
-    # What hangs in the air over the surface does not stand on it, nor what reaches down beside it.
+    # A cluster that hangs in the air above the surface, or extends below it beside its edge, does
+    # not stand on it.
     lift = float(loose.low[cluster, 2].min()) - floor
     if not -SEAM <= lift <= max(0.5 * height, config.objects.cluster_distance):
         return None
@@ -146,7 +148,13 @@ def _object(
 
 
 class ObjectTracker:
-    """Gives each object an id that stays while it stands within `objects.track_distance`."""
+    """Gives each object an id that persists while it moves by less than a distance.
+
+    Attributes
+    ----------
+    config
+        `objects.track_distance` is used, the largest distance between centers in two tilt cycles.
+    """
 
     def __init__(self, config: Config) -> None:
         self._config = config.objects
@@ -154,7 +162,7 @@ class ObjectTracker:
         self._next_id = 0
 
     def update(self, objects: Sequence[TabletopObject]) -> list[TabletopObject]:
-        """Return the objects with ids that stay; nearest pairs are matched first."""
+        """Return the objects with persistent ids; nearest pairs are matched first."""
         pairs = sorted(
             (math.dist(new.center, old.center), i, old.id)
             for i, new in enumerate(objects)

@@ -10,7 +10,7 @@ from tccm_ros.config import Config
 CONFIG = Config()
 
 
-def test_core_is_the_long_axis_of_the_points():
+def test_center_core_is_the_long_axis_of_the_points():
     rng = np.random.default_rng(0)
     axis = np.array([0.1, -0.1, 1.0]) / np.linalg.norm([0.1, -0.1, 1.0])
     at = rng.uniform(-0.05, 0.05, 200)
@@ -31,7 +31,7 @@ def test_cuboids_of_few_points_have_no_core():
 
 
 @pytest.mark.parametrize("trials", [10, 50])
-def test_table_without_noise_is_found(trials):
+def test_the_plane_of_a_table_without_noise_is_found(trials):
     points, _ = scan(table(), 0.0, 0)
     points = points[points[:, 0] > 0.52]
     plane = find_core_plane(center_cores(part_map(points)), CONFIG, trials, seed=1)
@@ -52,7 +52,7 @@ def test_quality_is_that_of_equation_8():
     assert plane.quality == pytest.approx(values[2] * values[1] / 1e-9, rel=0.15)
 
 
-def test_same_seed_same_plane():
+def test_the_same_seed_gives_the_same_plane():
     points, _ = scan(room() + table(), 0.0025, 0)
     cores = center_cores(part_map(points))
     a, b = (find_core_plane(cores, CONFIG, seed=3) for _ in range(2))

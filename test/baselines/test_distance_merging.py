@@ -10,7 +10,7 @@ from tccm_ros.baselines.distance_merging import merge_by_distance
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 12))
-def test_merging_equals_brute_force(seed, count):
+def test_merged_clouds_equal_those_of_brute_force(seed, count):
     rng = np.random.default_rng(seed)
     flat = [1.0, 1.0, 0.1]
     middles = rng.uniform(0.0, 1.5, (count, 3)) * flat
@@ -24,12 +24,12 @@ def test_merging_equals_brute_force(seed, count):
     np.testing.assert_array_equal(merge_by_distance(clouds, 0.05), root)
 
 
-def test_the_limit_itself_touches():
+def test_clouds_at_exactly_the_distance_are_merged():
     distance = 0.0625  # exact in binary, so that the squared distance is exact too
     ends = [distance, np.nextafter(distance, 1.0)]
     pairs = [[np.zeros((1, 3)), np.array([[x, 0.0, 0.0]])] for x in ends]
     assert [merge_by_distance(pair, distance).tolist() for pair in pairs] == [[0, 0], [0, 1]]
 
 
-def test_no_patches_no_surfaces():
+def test_no_clouds_give_no_surfaces():
     assert len(merge_by_distance([], 0.05)) == 0

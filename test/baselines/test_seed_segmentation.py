@@ -63,7 +63,7 @@ def test_clusters_equal_brute_force():
     np.testing.assert_array_equal(labels, np.unique(expected, return_inverse=True)[1])
 
 
-def test_it_makes_the_hand_over_from_end_to_end():
+def test_a_replay_with_the_baseline_makes_surface_messages():
     seed = Config.model_validate({"surfaces": {"segmentation": "seed"}})
     cycles = []
     outcome = run_bag(BAGS / "walkthrough", seed, on_cycle=lambda cycle, _: cycles.append(cycle))

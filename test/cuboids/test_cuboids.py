@@ -4,7 +4,7 @@ import numpy as np
 from tccm_rig import config, filled, part_of
 
 
-def test_chosen_cuboids_keep_their_moments_and_cycles():
+def test_selected_cuboids_keep_their_moments_and_cycles():
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.integers(-900, 900, (2, 800)).T, rng.integers(0, 4000, 800)])
     cuboids = filled(config(), [part_of(p, k, config()) for k, p in enumerate((points, points))])

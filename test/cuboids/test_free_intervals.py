@@ -12,7 +12,7 @@ from tccm_ros.cuboids.free_intervals import (
     BIN,
     BINS,
     HIT_MARGIN,
-    LOWEST,
+    MIN_HEIGHT,
     WORDS,
     FreeIntervalTracer,
     trace_beams,
@@ -44,7 +44,7 @@ def touches(origin, end, bottom, top, slack=1e-9):
 @given(beam)
 @example(((0.0, 0.5, 0.0), (0.5, 0.0, 0.5)))
 @example(((0.0, 0.0, 0.38), (0.0, 0.0, 0.38)))
-def test_columns_equal_sampling(line):
+def test_free_intervals_equal_dense_sampling_of_the_beams(line):
     origin, end = (np.array([p]) for p in line)
     half, cell, width = 10, 0.1, 20
     seen, hit = np.zeros((width**2, WORDS), np.uint64), np.zeros((width**2, WORDS), np.uint64)
@@ -54,11 +54,11 @@ def test_columns_equal_sampling(line):
     points = samples(origin[0], end[0])
     cells = np.floor(points[:, :2] / cell).astype(int)
     # Rounded as in the kernel: a height on the border of two bins belongs to one of them.
-    bins = np.floor((points[:, 2] - LOWEST) * (1.0 / BIN)).astype(int)
+    bins = np.floor((points[:, 2] - MIN_HEIGHT) * (1.0 / BIN)).astype(int)
     truth = {(x, y, b) for (x, y), b in zip(cells.tolist(), bins.tolist(), strict=True)}
     assert truth <= found
     # Besides, only what the beam touches for less than a sample, at edges and corners.
-    sizes, low = np.array([cell, cell, BIN]), np.array([0.0, 0.0, LOWEST])
+    sizes, low = np.array([cell, cell, BIN]), np.array([0.0, 0.0, MIN_HEIGHT])
     for box in found - truth:
         bottom = low + np.array(box) * sizes
         assert touches(origin[0], end[0], bottom, bottom + sizes), box
@@ -75,7 +75,7 @@ def test_a_hit_is_not_free_and_ends_the_beam():
 
 
 def test_gaps_between_scan_lines_are_closed_but_not_across_a_hit():
-    # Two lines 6 cm apart in a column 0.75 m away: an angle of 0.08 rad.
+    # Two lines at a distance of 6 cm in a column 0.75 m away: an angle of 0.08 rad.
     origins = np.array([[0.05, 0.05, 0.40], [0.05, 0.05, 0.46]])
     ends = np.array([[0.95, 0.05, 0.40], [0.95, 0.05, 0.46]])
     columns = FreeIntervalTracer(0.1, 1.0)
@@ -101,7 +101,7 @@ spans = st.lists(
 
 @exactly
 @given(beam, spans, st.booleans())
-def test_passed_cuboids_equal_sampling(line, boxes, is_hit):
+def test_cuboids_passed_by_beams_equal_dense_sampling(line, boxes, is_hit):
     cell = 0.2
     rows = sorted({(x, y): (b / 20, (b + d) / 20) for x, y, b, d in boxes}.items())
     keys = cell_keys([k[0] for k, _ in rows], [k[1] for k, _ in rows])

@@ -1,4 +1,4 @@
-"""The integration map: pieces over unchanged originals, against sets of unit steps."""
+"""The integration map: pieces of unchanged part maps, against sets of unit steps."""
 
 from dataclasses import replace
 
@@ -58,7 +58,7 @@ def check(map_, sources):
 
 @exactly
 @given(st.lists(clouds, max_size=7), st.integers(1, 4))
-def test_equals_brute_force(cycles, window):
+def test_map_of_random_part_maps_equals_brute_force(cycles, window):
     settings = config(window_cycles=window, **SMALL)
     map_ = IntegrationMap(settings)
     for cycle, points in enumerate(cycles):
@@ -80,7 +80,7 @@ steps = st.lists(
 
 @exactly
 @given(steps, st.randoms(use_true_random=False))
-def test_any_sequence_equals_a_rebuild_bit_for_bit(sequence, random):
+def test_any_sequence_of_changes_equals_a_rebuild_bit_for_bit(sequence, random):
     settings = config(window_cycles=5, **SMALL)
     map_, sources = IntegrationMap(settings), []
     cycle = 0
@@ -155,7 +155,7 @@ class TestPreliminaryDeformation:
             (0, 20, 0), (20, 40, 1), (40, 50, 2), (50, 70, 1), (70, 90, 0),
         ]  # fmt: skip
 
-    def test_originals_stay_unchanged(self):
+    def test_part_maps_stay_unchanged(self):
         map_ = column((0, 90), (20, 70))
         assert map_.part(0).bounds.tolist() == [[0, 90]]
         assert map_.part(0).moments[0, 0] == 90
@@ -200,7 +200,7 @@ class TestDivisions:
         assert c.count[0] == pytest.approx(90 * 60 / 90 + 30, rel=1e-15)
 
     def test_division_2_deformed_by_taking_out(self):
-        # Each of the divided cuboids gets the moments of the originals that are left in it.
+        # Each of the divided cuboids gets the moments of the pieces that are left in it.
         map_ = column((40, 60), (0, 40), (60, 90))
         map_.remove(0)
         c = map_.cuboids()
@@ -229,7 +229,7 @@ class TestMsnlist:
 
 
 @pytest.mark.parametrize("window", [1, 2, 5, 10])
-def test_forgets_after_exactly_n_cycles(window):
+def test_part_maps_leave_the_map_after_exactly_n_cycles(window):
     settings = config(window_cycles=window)
     map_ = IntegrationMap(settings)
     floor = [(x, 0, 0) for x in range(0, 1000, 100)]
@@ -251,7 +251,7 @@ def test_moments_stay_exact_over_thousands_of_cycles():
     assert snapshot(map_) == snapshot(filled(settings, map_.parts))
 
 
-def test_numbers_may_be_missing_from_the_window():
+def test_cycle_numbers_may_be_missing_from_the_window():
     settings = config(window_cycles=4)
     map_ = IntegrationMap(settings)
     for cycle in (0, 2, 7, 9):
@@ -260,7 +260,7 @@ def test_numbers_may_be_missing_from_the_window():
     assert map_.cuboids().cycles.tolist() == [7, 9]
 
 
-def test_empty_part_maps_forget_too():
+def test_empty_part_maps_move_the_window_on():
     settings = config(window_cycles=2)
     map_ = filled(settings, [part_of([(0, 0, 7000)], 0, settings)])
     map_.add(part_of([], 1, settings))
@@ -269,7 +269,7 @@ def test_empty_part_maps_forget_too():
     assert len(map_.cuboids()) == 0
 
 
-def test_refuses_older_and_other_cells():
+def test_older_part_maps_and_other_cell_sizes_are_refused():
     settings = config()
     map_ = filled(settings, [part_of([], 3, settings)])
     with pytest.raises(ValueError, match="not newer"):
@@ -291,8 +291,8 @@ def test_composites_of_one_part_map_are_its_cuboids():
     assert sum(len(found) for found in as_dict(part).values()) == len(together)
 
 
-def test_part_maps_of_any_memory_layout_and_lifetime():
-    # Kernels read originals by their address: layout, copies and a dropped window must not show.
+def test_part_maps_may_have_any_memory_layout_and_lifetime():
+    # Kernels read part maps by their address: layout, copies and a dropped window change nothing.
     rng = np.random.default_rng(2)
     clouds = [
         np.column_stack([rng.integers(-300, 300, (80, 2)), rng.integers(-2000, 2000, 80)])

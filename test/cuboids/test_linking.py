@@ -43,7 +43,7 @@ def test_links_lead_to_the_nearest_of_the_same_height(seed, n, wide, heights):
 
 @given(st.integers(0, 10_000), st.integers(1, 150))
 @settings(deadline=None, max_examples=40)
-def test_sets_are_named_by_their_first_and_hold_what_is_linked(seed, n):
+def test_sets_are_labelled_by_their_first_cuboid_and_hold_all_linked_ones(seed, n):
     ix, iy, z = cells(seed, n, 8, 2)
     far = np.arange(len(ix), dtype=np.int32) * 1000
     root, back_x, back_y = link(ix, iy, z, far, 50.0)

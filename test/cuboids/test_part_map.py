@@ -27,8 +27,8 @@ from tccm_ros.cuboids.union import (
     HISTOGRAM_SIZE,
     gather_points,
     mark_cells,
+    merge_intervals,
     order_by_height,
-    unite_intervals,
 )
 from tccm_ros.errors import ConfigError
 from tccm_ros.geometry import interpolate_poses, transform
@@ -50,17 +50,17 @@ points_lists = st.lists(st.tuples(coordinate, coordinate, height), max_size=40)
 @exactly
 @given(points_lists)
 @example([(0, 0, 0), (0, 0, DEPTH)])  # touching: one cuboid
-@example([(0, 0, 0), (0, 0, DEPTH + 1)])  # a tick apart: two
+@example([(0, 0, 0), (0, 0, DEPTH + 1)])  # with a tick between: two
 @example([(0, 0, -5)] * 3)  # equal, negative
 @example([(-1, -1, 0), (0, 0, 0), (CELL - 1, CELL, 0)])  # cell borders
-def test_equals_brute_force(points):
+def test_part_map_of_random_points_equals_brute_force(points):
     part = part_of(points, 0, config())
     assert as_dict(part) == part_cuboids(points, CELL, DEPTH)
 
 
 @exactly
 @given(points_lists, st.randoms(use_true_random=False))
-def test_order_of_points_does_not_show(points, random):
+def test_the_part_map_does_not_depend_on_the_order_of_points(points, random):
     shuffled = list(points)
     random.shuffle(shuffled)
     one, other = part_of(points, 0, config()), part_of(shuffled, 0, config())
@@ -70,7 +70,7 @@ def test_order_of_points_does_not_show(points, random):
 
 @pytest.mark.parametrize("count", [5, 11, 12, 13, 14, 60, 400])
 @pytest.mark.parametrize("order", ["rising", "falling", "random"])
-def test_tall_cells_of_any_size_and_order(count, order):
+def test_cells_with_many_points_in_any_order_equal_brute_force(count, order):
     rng = np.random.default_rng(count)
     z = np.sort(rng.integers(-40_000, 40_000, count))
     z = {"rising": z, "falling": z[::-1], "random": rng.permutation(z)}[order]
@@ -101,12 +101,12 @@ def test_huge_offsets_keep_moments_exact(offset):
 @given(
     st.lists(st.tuples(st.integers(0, 2), st.integers(-400, 400), st.integers(1, 300)), min_size=1)
 )
-def test_depths_that_differ_equal_brute_force(points):
-    # As with the adaptive gap: a deep point may reach down past others.
+def test_points_of_different_depths_equal_brute_force(points):
+    # As with the adaptive gap: the interval of a deep point may contain others.
     cells = sorted({cell for cell, _, _ in points})
     counts = [sum(p[0] == cell for p in points) for cell in cells]
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-    assert found_cuboids(points, np.array(cells), starts) == united(points)
+    assert found_cuboids(points, np.array(cells), starts) == merged_intervals(points)
 
 
 def found_cuboids(points, cells, starts):
@@ -126,7 +126,7 @@ def found_cuboids(points, cells, starts):
     order_by_height(records, n, (min(heights), max(heights)), scratch, order)
     gather_points(records, n, order, np.array([n], np.int32), scan_of, counts, points_out)
     mark_cells(starts, n_cells, addresses, counts, begins)
-    k = unite_intervals(points_out, n, begins, cells.astype(np.int64), n_cells, found)
+    k = merge_intervals(points_out, n, begins, cells.astype(np.int64), n_cells, found)
     assert not counts.any()
     for first, last in itertools.pairwise(starts):
         assert (np.diff(points_out[2 * first : 2 * last : 2]) >= 0).all()
@@ -134,7 +134,7 @@ def found_cuboids(points, cells, starts):
     return [(c, b, t) for c, (b, t) in zip(keys[k:].tolist(), rows, strict=True)]
 
 
-def united(points):
+def merged_intervals(points):
     """Return the same by sets of unit steps: touching intervals share a step of half a tick."""
     result = []
     for cell in sorted({c for c, _, _ in points}):
@@ -146,11 +146,11 @@ def united(points):
 
 
 @given(st.integers(1, 2**64 - 1))
-def test_lowest_bit(word):
+def test_lowest_bit_is_the_index_of_the_lowest_set_bit(word):
     assert lowest_bit(np.uint64(word)) == (word & -word).bit_length() - 1
 
 
-def test_keys_round_trip_and_sort():
+def test_cell_keys_round_trip_and_sort_like_their_cells():
     ix = np.array([-(2**31), -1, 0, 2**31 - 1, 5, 5])
     iy = np.array([2**31 - 1, -(2**31), -1, 0, -7, 7])
     keys = cell_keys(ix, iy)
@@ -159,7 +159,7 @@ def test_keys_round_trip_and_sort():
     assert (np.diff(keys[order]) > 0).all()
 
 
-def test_rounds_to_ticks_and_does_not_truncate():
+def test_points_are_rounded_to_ticks_and_not_truncated():
     builder = PartMapBuilder(config())
     builder.add_points(np.array([[0.00006, -0.00004, 0.70006], [0.00004, -0.00006, 0.69994]]))
     part = builder.close(0, 0, 1)
@@ -188,7 +188,7 @@ def test_points_that_are_not_numbers_are_left_out():
     assert builder.close(0, 0, 1).moments[:, 0].tolist() == [1]
 
 
-def test_cell_must_be_whole_ticks():
+def test_a_cell_size_that_is_no_multiple_of_a_tick_is_refused():
     with pytest.raises(ConfigError, match="cell_size"):
         PartMapBuilder(config(cell_size=0.02005 + 1e-6))
 
@@ -196,7 +196,7 @@ def test_cell_must_be_whole_ticks():
 # -- from scans ---------------------------------------------------------------------------------
 
 
-def sweep(builder, angles, z=0.0, time_increment=0.0, step=0.0, x_wall=3.0, **pose):
+def add_cycle(builder, angles, z=0.0, time_increment=0.0, step=0.0, x_wall=3.0, **pose):
     """Add scans of the floor and a wall; return the true points (N, 3)."""
     truth = []
     bearings = -1.0 + 0.02 * np.arange(101)
@@ -214,9 +214,9 @@ def sweep(builder, angles, z=0.0, time_increment=0.0, step=0.0, x_wall=3.0, **po
     return np.array(truth)
 
 
-def test_beams_fall_where_they_hit():
+def test_beams_are_binned_in_the_cells_that_they_hit():
     builder = PartMapBuilder(config())
-    truth = sweep(builder, np.linspace(0.3, 1.0, 12))
+    truth = add_cycle(builder, np.linspace(0.3, 1.0, 12))
     part = builder.close(0, 0, 1)
     found = part.positions()
     order = np.lexsort(np.rint(found * 1e3).T)
@@ -228,33 +228,35 @@ def test_beams_fall_where_they_hit():
     assert (np.abs(found[:, 2]) <= 1e-4).sum() == on_floor.sum()
 
 
-def test_each_beam_has_the_tilt_of_its_own_time():
+def test_each_beam_is_projected_with_the_tilt_of_its_own_time():
     # The joint moves 1.1 deg within a scan: with one angle for the scan the floor would be 20 mm
     # off; interpolated per beam it is flat within a tick.
     builder = PartMapBuilder(config())
-    sweep(builder, np.linspace(0.5, 1.0, 12), time_increment=0.0002, step=0.02)
+    add_cycle(builder, np.linspace(0.5, 1.0, 12), time_increment=0.0002, step=0.02)
     z = builder.close(0, 0, 1).positions()[:, 2]
     assert np.abs(z[z < 0.2]).max() < 2e-4
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.02, 0.1])
-def test_equals_interpolated_poses(turn):
+@pytest.mark.parametrize("rotation", [0.0, 0.02, 0.1])
+def test_projection_with_a_moving_base_equals_interpolated_poses(rotation):
     # Twin: every beam with scipy's interpolation of its own pose.
     scan = make_scan(10_000, np.linspace(1.0, 4.0, 101), time_increment=0.0003)
-    T0, T1 = rotation_y(0.02), rotation_y(0.02 + turn)
+    T0, T1 = rotation_y(0.02), rotation_y(0.02 + rotation)
     T0[:3, 3], T1[:3, 3] = [3.0, -2.0, 0.01], [3.03, -2.02, 0.0]
-    whole = posed(scan, 0.4, T0, 0.4 + turn, T1)
+    whole = posed(scan, 0.4, T0, 0.4 + rotation, T1)
     builder = PartMapBuilder(config())
     builder.add(whole, np.ones(101, bool))
     found = builder.close(0, 0, 1).positions()
     f = np.arange(101) / 100.0
-    T = interpolate_poses(T0, T1, f) @ interpolate_poses(laser_pose(0.4), laser_pose(0.4 + turn), f)
+    T = interpolate_poses(T0, T1, f) @ interpolate_poses(
+        laser_pose(0.4), laser_pose(0.4 + rotation), f
+    )
     b = -1.0 + 0.02 * np.arange(101)
     local = scan.ranges[:, None] * np.column_stack([np.cos(b), np.sin(b), 0 * b])
     truth = transform(T, local[:, None, :])[:, 0]
     gap = np.linalg.norm(found[:, None] - truth[None], axis=2).min(axis=1)
     # Half a tick per axis, and the sagitta of the path of the laser, 1.52 m above the base.
-    assert gap.max() < 1e-4 + turn**2 / 8 * 1.52
+    assert gap.max() < 1e-4 + rotation**2 / 8 * 1.52
 
 
 def test_beams_outside_the_span_are_left_out():
@@ -266,12 +268,12 @@ def test_beams_outside_the_span_are_left_out():
     assert builder.close(0, 0, 1).moments[:, 0].sum() == 13 + 51
 
 
-def test_adaptive_gap_keeps_a_far_wall_whole():
-    # Scan lines 26 mrad apart hit a wall at 3 m every 8 cm: d0 = 3 cm shatters it.
+def test_with_the_adaptive_gap_the_cuboids_of_a_far_wall_are_connected():
+    # Scan lines at steps of 26 mrad hit a wall at 3 m every 8 cm: d0 = 3 cm divides it.
     whole, shattered = PartMapBuilder(config(gap="adaptive")), PartMapBuilder(config())
     angles = np.linspace(0.0, 0.42, 17)
     for builder in (whole, shattered):
-        sweep(builder, angles, x_wall=3.01)
+        add_cycle(builder, angles, x_wall=3.01)
     # The beam straight ahead stays in one column of cells, whatever the tilt.
     ahead = [as_dict(b.close(0, 0, 1))[150, 0] for b in (whole, shattered)]
     assert [len(cuboids) for cuboids in ahead] == [1, 17]
@@ -288,12 +290,12 @@ def test_adaptive_gap_is_capped_and_never_below_the_depth():
 
 def test_region_in_base_follows_the_robot():
     settings = config(region=(0.5, 1.5, -0.4, 0.4, -0.1, 0.5), region_frame="base")
-    for x, turn in ((0.0, 0.0), (25.0, 1.3)):
+    for x, yaw in ((0.0, 0.0), (25.0, 1.3)):
         T = np.eye(4)
-        c, s = np.cos(turn), np.sin(turn)
+        c, s = np.cos(yaw), np.sin(yaw)
         T[:2, :2], T[0, 3] = [[c, -s], [s, c]], x
         builder = PartMapBuilder(settings)
-        sweep(builder, np.linspace(0.5, 1.0, 12), T_odom_base=T)
+        add_cycle(builder, np.linspace(0.5, 1.0, 12), T_odom_base=T)
         found = transform(np.linalg.inv(T), builder.close(0, 0, 1).positions())
         assert len(found) > 100
         assert found[:, 0].min() >= 0.4999
@@ -301,17 +303,17 @@ def test_region_in_base_follows_the_robot():
         assert np.abs(found[:, 1]).max() <= 0.4001
 
 
-def test_region_in_odom_stays():
+def test_region_in_odom_does_not_move_with_the_robot():
     settings = config(region=(0.5, 1.5, -0.4, 0.4, -0.1, 0.5), region_frame="odom")
     T = np.eye(4)
     T[0, 3] = 25.0
     builder = PartMapBuilder(settings)
-    sweep(builder, [0.6, 0.7], T_odom_base=T)
+    add_cycle(builder, [0.6, 0.7], T_odom_base=T)
     assert builder.points == 0
 
 
-def test_tiles_grow_and_are_reused():
-    # 40 m of floor in tiles of 1.28 m, far from where the next sweep is.
+def test_tiles_grow_and_are_reused_in_the_next_cycle():
+    # 40 m of floor in tiles of 1.28 m, far from where the next add_cycle is.
     builder = PartMapBuilder(config())
     rng = np.random.default_rng(1)
     for cycle, origin in enumerate([0.0, 500.0, -300.0]):
@@ -324,7 +326,7 @@ def test_tiles_grow_and_are_reused():
         )
 
 
-def test_clear_forgets_an_open_sweep():
+def test_clear_drops_the_scans_of_the_open_cycle():
     builder = PartMapBuilder(config())
     builder.add_points(np.random.default_rng(0).uniform(-1, 1, (100, 3)))
     builder.clear()
@@ -332,7 +334,7 @@ def test_clear_forgets_an_open_sweep():
     assert as_dict(builder.close(0, 0, 1)) == part_cuboids([(0, 0, 7000)], CELL, DEPTH)
 
 
-def test_seen_times_are_those_of_the_scans():
+def test_seen_times_of_cuboids_are_the_stamps_of_their_scans():
     builder = PartMapBuilder(config())
     builder.add_points(np.array([[0.001, 0.0, 0.7], [1.0, 0.0, 0.7]]), 100)
     builder.add_points(np.array([[0.002, 0.0, 0.7]]), 200)
@@ -349,19 +351,19 @@ def heights(zs, **settings):
     return part.bounds.tolist(), part.moments[:, 0].tolist()
 
 
-def test_paper_mode_overextends_as_printed():
+def test_equation_1_as_printed_overextends_cuboids():
     # A point inside grows the cuboid by (u - z) although nothing new is covered.
     assert heights([1000, 900]) == ([[1000 - 300 - 100, 1000]], [2])
     assert heights([1000, 1200]) == ([[700, 1200]], [2])
     assert heights([1000, 2000]) == ([[700, 1000], [1700, 2000]], [1, 1])
 
 
-def test_paper_mode_depends_on_the_order_of_points():
+def test_equation_1_as_printed_depends_on_the_order_of_points():
     # 1000 then 700, then 900: each is near; from below upwards the printed rule grows otherwise.
     assert heights([1000, 700, 900]) != heights([700, 900, 1000])
 
 
-def test_paper_mode_keeps_all_points():
+def test_equation_1_as_printed_keeps_all_points():
     rng = np.random.default_rng(5)
     points = np.column_stack([rng.integers(0, 900, (400, 2)), rng.integers(-3000, 3000, 400)])
     part = part_of(points, 0, config(mode="paper"))

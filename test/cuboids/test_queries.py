@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tccm_rig import config, exactly, part_of
 
-from tccm_ros.cuboids.free_columns import NEVER, SeenFree
+from tccm_ros.cuboids.free_columns import NEVER, FreeSpace
 from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.cuboids.queries import MapQuery, Occupancy
 from tccm_ros.geometry import pose_from_rpy
@@ -35,7 +35,7 @@ cloud = st.lists(
 
 @exactly
 @given(cloud, cloud)
-def test_points_equal_brute_force(points, asked):
+def test_occupancy_of_points_equals_brute_force(points, asked):
     query = MapQuery(map_of(points))
     found = query.points(np.array(asked, float).reshape(-1, 3) * 1e-4)
     for (x, y, z), state in zip(asked, found.tolist(), strict=True):
@@ -54,7 +54,7 @@ box = st.tuples(
 
 @exactly
 @given(cloud, st.lists(box, max_size=6))
-def test_boxes_equal_brute_force(points, boxes):
+def test_occupancy_of_boxes_equals_brute_force(points, boxes):
     query = MapQuery(map_of(points))
     bounds = [(x, x + dx, y, y + dy, z, z + dz) for x, dx, y, dy, z, dz in boxes]
     found = query.boxes(np.array(bounds, float).reshape(-1, 6) * 1e-4)
@@ -69,9 +69,9 @@ def test_boxes_equal_brute_force(points, boxes):
         assert state == (OCCUPIED if touched else UNKNOWN)
 
 
-def test_free_is_what_was_seen_through_and_is_not_occupied():
+def test_points_that_beams_passed_are_free_unless_occupied():
     settings = config(window_cycles=2)
-    free = SeenFree(settings)
+    free = FreeSpace(settings)
     T = pose_from_rpy([2.0, 1.0, 0.0, 0.0, 0.0, np.pi / 2])
     free.add(0, T, view(77, [[0.55, 0.05, 0.2, 1.0], [0.55, 0.05, 1.2, 1.5], [0.65, 0.05, 0, 1]]))
     query = MapQuery(map_of([(19_600, 15_600, 7000)]), free)
@@ -84,8 +84,8 @@ def test_free_is_what_was_seen_through_and_is_not_occupied():
     assert query.last_seen(asked).tolist() == [77, NEVER, 77, 77]
 
 
-def test_what_was_seen_free_is_forgotten_with_its_cycle():
-    free = SeenFree(config(window_cycles=2))
+def test_free_space_is_forgotten_when_its_cycle_leaves_the_window():
+    free = FreeSpace(config(window_cycles=2))
     point = np.array([[0.55, 0.05, 0.5]])
     free.add(3, np.eye(4), view(30, [[0.55, 0.05, 0.0, 1.0]]))
     free.add(4, np.eye(4), view(40, []))
@@ -94,7 +94,7 @@ def test_what_was_seen_free_is_forgotten_with_its_cycle():
     assert free.last_seen(point).tolist() == [NEVER]
 
 
-def test_trace_names_the_cycles_and_their_times():
+def test_trace_returns_the_measuring_cycles_and_their_times():
     map_ = map_of([(0, 0, 7000)], [(0, 0, 7100), (900, 0, 7000)], [(0, 0, 1000)])
     query = MapQuery(map_)
     found = query.trace([0.005, 0.005, 0.69])
@@ -106,7 +106,7 @@ def test_trace_names_the_cycles_and_their_times():
     assert query.last_seen([[0.005, 0.005, 0.69], [0.5, 0.5, 0.5]]).tolist() == [19, NEVER]
 
 
-def test_height_map():
+def test_height_map_is_the_highest_top_per_cell():
     query = MapQuery(map_of([(0, 0, 0), (0, 0, 7000), (250, 450, 3000), (-100, 0, 5000)]))
     found = query.height_map((0.0, 0.06, 0.0, 0.06))
     expected = np.full((3, 3), np.nan, np.float32)
@@ -117,7 +117,7 @@ def test_height_map():
     assert query.height_map((0.0, 0.02, 0.0, 0.02), z_max=0.68)[0, 0] == np.float32(0.68)
 
 
-def test_cuboids_in_a_region():
+def test_cuboids_in_a_box_are_those_that_overlap_it():
     query = MapQuery(map_of([(0, 0, 0), (0, 0, 7000), (1000, 0, 0)], [(0, 0, 7100)]))
     found = query.cuboids_in([-0.1, 0.05, -0.1, 0.1, 0.5, 1.0])
     assert (found.ix.tolist(), found.top.tolist(), found.cycles.tolist()) == ([0], [7100], [0, 1])
@@ -127,7 +127,7 @@ def test_cuboids_in_a_region():
 
 
 @pytest.mark.parametrize("points", [[], [(0, 0, 0)]])
-def test_an_empty_map_answers_too(points):
+def test_queries_to_an_empty_map_return_nothing(points):
     query = MapQuery(map_of(points, [], window_cycles=1))
     assert query.points([[0, 0, 0]]).tolist() == [UNKNOWN]
     assert query.boxes([[0, 1, 0, 1, 0, 1]]).tolist() == [UNKNOWN]
@@ -135,7 +135,7 @@ def test_an_empty_map_answers_too(points):
     assert query.trace([0, 0, 0]) == []
 
 
-def test_columns_hold_the_geometry():
+def test_columns_hold_the_intervals_of_all_cuboids():
     # Twin: a dictionary of cells.
     rng = np.random.default_rng(4)
     points = np.column_stack([rng.integers(-300, 300, (200, 2)), rng.integers(-3000, 3000, 200)])

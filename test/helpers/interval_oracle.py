@@ -1,7 +1,7 @@
 """A brute-force TCCM on Python integers: intervals as sets of unit steps, moments as plain sums.
 
-Nothing of the package is used. Heights are ticks; a cuboid (bottom, top) owns the unit steps
-bottom .. top - 1. That is slow and obviously right.
+Nothing of the package is used. Heights are ticks; a cuboid (bottom, top) covers the unit steps
+bottom .. top - 1. That is slow and easy to verify.
 """
 
 from collections import defaultdict
@@ -19,7 +19,7 @@ def part_cuboids(points, cell, depth):
 
 
 def _components(points, depth):
-    """Join points while any interval of one touches any of the other: no sorting, no sweeping."""
+    """Join points while any interval of one touches any of the other: no sorting."""
     groups = [[p] for p in points]
     joined = True
     while joined:
@@ -77,15 +77,15 @@ def _runs(owner_of):
 
 def composites(pieces_of, parts):
     """Return [(ix, iy, bottom, top, exact moments, cycles)] of the pieces, sorted."""
-    originals = {
+    cuboids_by_cycle = {
         (cycle, key): found for cycle, found_in, _ in parts for key, found in found_in.items()
     }
     result = []
     for key in sorted(pieces_of):
         for bottom, top, cycle, index in pieces_of[key]:
-            low, high, moments = originals[cycle, key][index]
-            share = Fraction(top - bottom, high - low)
-            weighed = [share * m for m in moments]
+            low, high, moments = cuboids_by_cycle[cycle, key][index]
+            fraction = Fraction(top - bottom, high - low)
+            weighed = [fraction * m for m in moments]
             if result and result[-1][:2] == [*key] and result[-1][3] == bottom:
                 last = result[-1]
                 last[3] = top

@@ -1,6 +1,6 @@
 """A room of boxes, with a tilting laser on a robot that may drive.
 
-Numbers of its own: nothing that maps places these beams; the simulator casts them. The laser is at
+Independent of the mapping code: the simulator casts the beams. The laser is at
 (0.1, 0, 1.4) in the base, tilts about y through itself, positive downwards, and measures while the
 joint moves.
 """
@@ -17,7 +17,7 @@ LASER = (0.1, 0.0, 1.4)
 BEAMS = 181
 FIRST, STEP = -math.pi / 3, 2 * math.pi / 3 / 180
 SCAN_TIME, HALF_TIME = 0.028, 1.4
-SWEEP = (math.radians(10), math.radians(65))
+TILT_LIMITS = (math.radians(10), math.radians(65))
 
 FLOOR = (-9.0, 9.0, -9.0, 9.0, -1.0, 0.0)
 WALL = (3.0, 9.0, -9.0, 9.0, 0.0, 3.0)
@@ -33,10 +33,10 @@ def settings(**groups):
 
 
 def tilt_at(t):
-    """Return the tilt angle of a triangle between the limits of SWEEP, rad."""
+    """Return the tilt angle of a triangle between the limits of TILT_LIMITS, rad."""
     phase = (t / HALF_TIME) % 2.0
-    share = phase if phase < 1.0 else 2.0 - phase
-    return SWEEP[0] + (SWEEP[1] - SWEEP[0]) * share
+    fraction = phase if phase < 1.0 else 2.0 - phase
+    return TILT_LIMITS[0] + (TILT_LIMITS[1] - TILT_LIMITS[0]) * fraction
 
 
 def base_at(t, drive):

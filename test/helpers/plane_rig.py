@@ -29,6 +29,7 @@ class Patch:
         self.offset = self.normal @ self.corner
 
     def hit(self, eye, directions):
+        """Return the ranges (N,) at which rays from `eye` meet the rectangle, inf for none."""
         with np.errstate(divide="ignore", invalid="ignore"):
             t = (self.offset - self.normal @ eye) / (directions @ self.normal)
             p = eye + t[:, None] * directions - self.corner
@@ -39,7 +40,7 @@ class Patch:
 
 
 def box(name, low, high, yaw=0.0, pivot=(0.0, 0.0)):
-    """Return the six faces of a box, turned about the vertical through `pivot`."""
+    """Return the six faces of a box, rotated about the vertical through `pivot`."""
     low, high = np.asarray(low, float), np.asarray(high, float)
     size = high - low
     c, s = np.cos(yaw), np.sin(yaw)
@@ -58,6 +59,7 @@ def box(name, low, high, yaw=0.0, pivot=(0.0, 0.0)):
 
 
 def room(back=2.6):
+    """Return a floor and a wall ahead at x = `back`."""
     return [
         Patch("floor", (-3, -3, 0), (back + 3, 0, 0), (0, 6, 0)),
         Patch("wall", (back, -3, 0), (0, 6, 0), (0, 0, 2.5)),
@@ -129,7 +131,7 @@ def least_squares(points):
 
 
 def table(x=(0.5, 1.3), y=(-0.6, 0.6), top=0.7, yaw=0.0, name="table"):
-    """Return a board 3 cm thick, turned about the middle of its near edge."""
+    """Return a board 3 cm thick, rotated about the middle of its near edge."""
     return box(name, (x[0], y[0], top - 0.03), (x[1], y[1], top), yaw, (x[0], 0.0))
 
 
@@ -138,8 +140,5 @@ def sheet(rng, n, low, high, normal=(0, 0, 1), offset=0.0, sigma=0.0):
     normal = np.asarray(normal, float) / np.linalg.norm(normal)
     xy = rng.uniform(low, high, (n, 2))
     z = (offset - xy @ normal[:2]) / normal[2]
-    return (
-        np.column_stack([xy, z]) + rng.normal(0, sigma, n)[:, None] * normal
-        if sigma
-        else (np.column_stack([xy, z]))
-    )
+    points = np.column_stack([xy, z])
+    return points + rng.normal(0, sigma, n)[:, None] * normal if sigma else points

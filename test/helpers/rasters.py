@@ -6,5 +6,5 @@ from tccm_ros.outlines.raster import EMPTY, MARGIN, SAMPLE
 
 
 def rastered(mask):
-    """A raster with a sample where the mask is true."""
+    """Return a raster with a sample where the mask is true."""
     return np.pad(np.where(mask, SAMPLE, EMPTY).astype(np.int32), MARGIN, constant_values=EMPTY)

@@ -175,7 +175,7 @@ def test_each_reason_is_told_once_there_are_some():
     (text,) = watch.problems(Counter({"no odometry": 9}))
     assert ADVICE["no odometry"] in text
     assert watch.problems(Counter({"no odometry": 9})) == []
-    assert watch.problems(Counter({"short sweep": 99, "no odometry": 9})) == []
+    assert watch.problems(Counter({"short tilt cycle": 99, "no odometry": 9})) == []
 
 
 def test_a_start_before_the_robot_description(ros):

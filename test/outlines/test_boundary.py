@@ -23,7 +23,7 @@ def winding(ring, normal):
     return Polygon(ring @ np.stack([u, v], axis=1)).exterior.is_ccw
 
 
-def test_a_table_from_one_sweep():
+def test_a_table_seen_in_one_cycle_has_its_true_outline():
     points, _ = scan(room() + table(), 0.0025, 0)
     fits = find_planes(part_map(points), CONFIG, EYE)
     top = max((f for f in fits if abs(f.offset - 0.7) < 0.01), key=lambda f: f.support)
@@ -33,18 +33,18 @@ def test_a_table_from_one_sweep():
     assert winding(top.boundary, top.normal)
 
 
-def test_far_and_sparse_is_not_shattered():
-    # 1.8 m away scan lines are 12 cm apart and beams 2 cm.
+def test_a_far_sparse_surface_is_one_outline():
+    # 1.8 m away the distance of scan lines is 12 cm, that of beams 2 cm.
     points, _ = scan([*room(4.0), *table((1.5, 2.3), (-0.7, 0.7), 0.75, 0.3)], 0.0025, 0)
     fits = find_planes(part_map(points), CONFIG, EYE)
     tops = [f for f in fits if abs(f.offset - 0.75) < 0.01]
     assert len(tops) == 1
-    turn = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
-    corners = np.array([[0, -0.7], [0.8, -0.7], [0.8, 0.7], [0, 0.7]]) @ turn.T + (1.5, 0)
+    R = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
+    corners = np.array([[0, -0.7], [0.8, -0.7], [0.8, 0.7], [0, 0.7]]) @ R.T + (1.5, 0)
     assert overlap(tops[0], Polygon(corners)) > 0.8
 
 
-def test_an_l_stays_an_l():
+def test_an_l_shaped_surface_keeps_its_shape():
     rng = np.random.default_rng(0)
     points = sheet(rng, 20_000, (0.4, -0.8), (1.6, 0.8), offset=0.9, sigma=0.002)
     points = points[(points[:, 0] < 0.9) | (points[:, 1] > 0.2)]
@@ -54,7 +54,7 @@ def test_an_l_stays_an_l():
     assert fit.area == pytest.approx(truth.area, rel=0.02)
 
 
-def test_a_hole_stays_a_hole():
+def test_a_hole_in_a_surface_stays_open():
     rng = np.random.default_rng(0)
     points = sheet(rng, 20_000, (0.4, -0.6), (1.4, 0.6), offset=0.8, sigma=0.002)
     points = points[np.hypot(points[:, 0] - 0.9, points[:, 1]) > 0.15]
@@ -66,7 +66,7 @@ def test_a_hole_stays_a_hole():
     assert fit.area == pytest.approx(1.2 - np.pi * 0.15**2, rel=0.02)
 
 
-def test_a_wall_with_a_window():
+def test_a_window_in_a_wall_is_a_hole():
     wall = Patch("wall", (1.5, -1.0, 0.0), (0, 2.0, 0), (0, 0, 2.0))
     fan = np.deg2rad(np.linspace(-50, 50, 400))
     nod = np.deg2rad(np.linspace(-40, 60, 300))

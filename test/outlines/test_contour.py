@@ -38,7 +38,7 @@ def rings_of(vertices, ends):
 
 @settings(deadline=None)
 @given(MASKS, SEEDS)
-def test_rings_part_full_cells_from_empty_ones(mask, seed):
+def test_rings_separate_full_cells_from_empty_ones(mask, seed):
     raster = rastered(mask)
     vertices, ends = trace(raster, reaches(raster, seed))
     rings = rings_of(vertices, ends)
@@ -71,17 +71,17 @@ def test_the_largest_polygon_is_valid_at_any_tolerance(mask, seed, tolerance):
     assert {tuple(c) for c in corners} <= {tuple(v) for v in vertices}
 
 
-def test_an_edge_is_put_where_its_points_reach():
+def test_an_edge_lies_at_the_bounds_of_its_points():
     raster = np.full((5, 6), EMPTY, np.int32)
     raster[1:4, 1:5] = np.arange(12).reshape(3, 4)
     a, b = np.divmod(np.arange(12), 4) + np.array([[1.0], [1.0]])
-    reach = np.stack([a + 0.25, a + 0.875, b + 0.125, b + 0.75], axis=1)
-    corners, _, _ = largest_polygon(*trace(raster, reach), 0.0, 0.0)
+    bounds = np.stack([a + 0.25, a + 0.875, b + 0.125, b + 0.75], axis=1)
+    corners, _, _ = largest_polygon(*trace(raster, bounds), 0.0, 0.0)
     np.testing.assert_allclose(corners.min(axis=0), (1.25, 1.125))
     np.testing.assert_allclose(corners.max(axis=0), (3.875, 4.75))
 
 
-def test_without_a_reach_an_edge_is_a_border():
+def test_an_edge_without_bounds_lies_at_the_border_of_its_cell():
     raster = np.full((5, 6), EMPTY, np.int32)
     raster[1:4, 1:5] = SAMPLE
     corners, _, area = largest_polygon(*trace(raster, np.zeros((0, 4))), 0.0, 0.0)

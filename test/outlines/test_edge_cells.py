@@ -18,14 +18,14 @@ def test_edges_are_the_samples_beside_an_empty_cell():
         assert raster[a, b] == number
 
 
-def test_sparse_samples_reach_half_a_spacing_further_but_not_out_of_the_raster():
+def test_sparse_samples_extend_by_half_a_spacing_but_not_out_of_the_raster():
     raster = rastered(np.ones((1, 1), bool))
     edges = find_edges(raster)
     at = MARGIN + 0.5
     for spacing, wide in ((1.0, 1), (4.0, 5), (30.0, 2 * MARGIN - 1)):
-        drawn, reach = raster.copy(), np.full((1, 4), at)
+        drawn, bounds = raster.copy(), np.full((1, 4), at)
         usual = np.full(100, spacing)
-        extend_edges(drawn, edges, reach, usual, np.ones(100))
+        extend_edges(drawn, edges, bounds, usual, np.ones(100))
         assert (drawn != EMPTY).sum() == wide
         assert (drawn[:, MARGIN] != EMPTY).sum() == wide
         assert not (drawn[0] != EMPTY).any()

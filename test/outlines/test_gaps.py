@@ -16,7 +16,7 @@ MASKS = arrays.arrays(np.bool_, st.tuples(st.integers(1, 40), st.integers(1, 40)
 
 
 def gaps_of(raster):
-    """(a, b, step, axis) of neighbouring samples in a row or column, more than one cell apart."""
+    """(a, b, step, axis) of neighbouring samples with a gap between them in a row or column."""
     found = set()
     for axis in (0, 1):
         for line, cells in enumerate(raster.T if axis == 0 else raster):
@@ -30,7 +30,7 @@ def gaps_of(raster):
 
 @settings(deadline=None)
 @given(MASKS)
-def test_gaps_are_those_of_a_plain_search(mask):
+def test_gaps_equal_those_of_a_brute_force_search(mask):
     raster = rastered(mask)
     gaps, usual_a, usual_b = find_gaps(raster, int(mask.sum()))
     assert {tuple(g) for g in gaps.tolist()} == gaps_of(raster)

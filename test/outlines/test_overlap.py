@@ -19,18 +19,18 @@ def star(seed, n, centre):
 
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(5, 40), st.floats(-2.5, 2.5), st.floats(-2.5, 2.5))
-def test_share_is_that_of_the_polygons(seed, n, x, y):
+def test_overlap_fraction_is_that_of_the_polygons(seed, n, x, y):
     a, b = star(seed, n, (0.0, 0.0)), star(seed + 1, n, (x, y))
     first, second = Polygon(a), Polygon(b)
     if not (first.is_valid and second.is_valid):
         return
     expected = first.intersection(second).area / min(first.area, second.area)
-    # The lines are at most 2 m / 48 apart, and spikes may lie between two of them.
+    # The distance of the lines is at most 2 m / 48, and spikes may lie between two of them.
     assert overlap_fraction(a, b) == pytest.approx(expected, abs=0.08)
     assert overlap_fraction(a, b) == pytest.approx(overlap_fraction(b, a))
 
 
-def test_a_ring_shares_all_with_itself_and_nothing_with_one_beside_it():
+def test_a_ring_overlaps_itself_fully_and_one_beside_it_not_at_all():
     ring = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
     assert overlap_fraction(ring, ring[::-1].copy()) == pytest.approx(1.0)
     assert overlap_fraction(ring, ring + np.array([2.5, 0.0])) == 0.0
@@ -38,7 +38,7 @@ def test_a_ring_shares_all_with_itself_and_nothing_with_one_beside_it():
     assert overlap_fraction(ring, ring[:2].copy()) == 0.0
 
 
-def test_planes_are_seen_against_their_normal():
+def test_overlap_is_measured_against_the_normal_of_the_first_ring():
     wall = np.array([[1.0, 0.0, 0.0], [1.0, 2.0, 0.0], [1.0, 2.0, 1.0], [1.0, 0.0, 1.0]])
     rings = np.concatenate([wall, wall + np.array([0.0, 1.0, 0.0])])
     ends = np.array([4, 8])

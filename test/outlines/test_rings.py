@@ -12,7 +12,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 @settings(deadline=None)
 @given(SEEDS, st.integers(3, 40), st.floats(0.0, 2.0))
-def test_a_simpler_ring_is_near_the_ring(seed, n, tolerance):
+def test_a_simplified_ring_is_within_the_tolerance(seed, n, tolerance):
     ring = np.random.default_rng(seed).normal(size=(n, 2))
     fewer = simplify(ring, tolerance)
     assert {tuple(c) for c in fewer} <= {tuple(c) for c in ring}
@@ -32,7 +32,7 @@ def test_a_straight_side_has_two_corners():
 
 @settings(deadline=None)
 @given(SEEDS, st.integers(3, 12))
-def test_crossing_is_found_as_a_plain_library_finds_it(seed, n):
+def test_crossings_are_those_that_shapely_finds(seed, n):
     rng = np.random.default_rng(seed)
     ring = rng.integers(0, 6, (n, 2)).astype(float)
     if (ring == np.roll(ring, 1, axis=0)).all(axis=1).any():

@@ -36,7 +36,7 @@ def star(rng, n, low, high, centre):
 
 
 def check_fills(triangles, polygon):
-    """Triangles turn left, do not overlap, and are the polygon together: holes stay holes."""
+    """Assert that triangles are counter-clockwise, do not overlap and fill the polygon."""
     assert (areas(triangles) > 0.0).all()
     assert areas(triangles).sum() == pytest.approx(polygon.area)
     together = shapely.union_all([Polygon(t) for t in triangles])
@@ -45,7 +45,7 @@ def check_fills(triangles, polygon):
 
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(6, 60), st.integers(0, 4), st.booleans())
-def test_triangles_have_the_polygon_s_area_and_do_not_overlap(seed, n, holes, turned):
+def test_triangles_have_the_polygon_s_area_and_do_not_overlap(seed, n, holes, is_reversed):
     rng = np.random.default_rng(seed)
     shell = star(rng, n, 2.0, 3.0, (0.0, 0.0))
     centres = [(-0.8, -0.8), (0.8, -0.8), (-0.8, 0.8), (0.8, 0.8)][:holes]
@@ -53,7 +53,7 @@ def test_triangles_have_the_polygon_s_area_and_do_not_overlap(seed, n, holes, tu
     polygon = Polygon(shell, rings[1:])
     if not polygon.is_valid:
         return
-    rings = [ring[::-1].copy() if turned else ring for ring in rings]
+    rings = [ring[::-1].copy() if is_reversed else ring for ring in rings]
     triangles = filled(rings)
     check_fills(triangles, polygon)
     assert len(triangles) <= sum(map(len, rings)) - 2 + 2 * holes
@@ -61,7 +61,7 @@ def test_triangles_have_the_polygon_s_area_and_do_not_overlap(seed, n, holes, tu
 
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(3, 12), st.booleans())
-def test_rings_that_cross_are_filled_all_the_same(seed, n, with_hole):
+def test_rings_that_cross_are_filled(seed, n, with_hole):
     """Any corners in any order, some of them twice: as outlines that cross themselves have."""
     rng = np.random.default_rng(seed)
     shell = np.round(rng.uniform(0.0, 4.0, (n, 2)))
@@ -74,12 +74,12 @@ def test_rings_that_cross_are_filled_all_the_same(seed, n, with_hole):
     check_fills(filled(rings), shapely.union_all(enclosed))
 
 
-def test_corners_in_a_line_need_no_triangle():
+def test_collinear_corners_give_no_triangle():
     ring = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [1.0, 1.0], [0.0, 1.0]])
     assert areas(filled([ring])).sum() == pytest.approx(2.0)
 
 
-def test_an_l_with_a_hole_in_each_leg():
+def test_an_l_with_a_hole_in_each_leg_is_filled():
     shell = np.array([[0, 0], [4, 0], [4, 1], [1, 1], [1, 4], [0, 4]], float)
     square = np.array([[0.4, 0.4], [0.4, 0.6], [0.6, 0.6], [0.6, 0.4]])
     rings = [shell, square + np.array([2.0, 0.0]), square + np.array([0.0, 2.0])]
@@ -109,8 +109,8 @@ def test_an_outline_is_filled_in_its_plane_and_its_hole_is_left(rpy):
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.floats(0.5, 2.0), min_size=3, max_size=24), st.integers(0, 4))
 def test_triangles_cover_a_sloping_outline_and_leave_its_hole(radii, tilt):
-    turn = np.linspace(0, 2 * np.pi, len(radii), endpoint=False)
-    outline = np.stack([np.cos(turn), np.sin(turn)], axis=1) * np.array(radii)[:, None]
+    bearings = np.linspace(0, 2 * np.pi, len(radii), endpoint=False)
+    outline = np.stack([np.cos(bearings), np.sin(bearings)], axis=1) * np.array(radii)[:, None]
     slope = 0.1 * tilt
     normal = np.array([-slope, 0.0, 1.0]) / np.hypot(1.0, slope)
     rings = (outline, outline[::-1] * 0.4)
@@ -121,7 +121,7 @@ def test_triangles_cover_a_sloping_outline_and_leave_its_hole(radii, tilt):
 
 
 @pytest.mark.parametrize("normal", [UP, -UP])
-def test_triangles_turn_counter_clockwise_seen_against_the_normal(normal):
+def test_triangles_are_counter_clockwise_seen_against_the_normal(normal):
     mesh = fill_outline(SQUARE, [], normal)
     a, b, c = np.moveaxis(mesh.points[mesh.triangles], 1, 0)
     assert (np.cross(b - a, c - a) @ normal > 0).all()
@@ -142,7 +142,7 @@ def test_rings_that_enclose_nothing_give_no_triangles(ring, points):
     assert len(mesh.points) == points
 
 
-def test_a_bow_tie_is_filled_with_corners_where_it_crosses():
+def test_a_ring_that_crosses_itself_is_filled_with_corners_where_it_crosses():
     bow = np.array([[0, 0, 1], [1, 1, 1], [1, 0, 1], [0, 1, 1]], float)
     mesh = fill_outline(bow, [], UP)
     assert triangle_areas(mesh).sum() == pytest.approx(0.5)

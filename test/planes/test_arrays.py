@@ -46,7 +46,7 @@ def test_moments_and_caps_are_sums_over_points_about_the_origin(seed, n, height)
 
 @given(st.sets(st.integers(0, 300)))
 @settings(deadline=None)
-def test_drained_bits_are_the_set_rising_and_then_none(chosen):
+def test_drained_bits_are_those_set_in_rising_order_and_are_cleared(chosen):
     words = np.zeros(5, np.uint64)
     for i in chosen:
         words[i // 64] |= np.uint64(1) << np.uint64(i % 64)
@@ -55,8 +55,8 @@ def test_drained_bits_are_the_set_rising_and_then_none(chosen):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_cells_that_hold_two_heights_do_not_shape_a_horizontal_fit(seed):
-    # A top of one point or more in each cell, and below the edge rows of its front, 40 mm apart.
+def test_cells_with_two_heights_take_no_part_in_a_horizontal_fit(seed):
+    # A top of one point or more in each cell, and 40 mm below it the edge rows of its front.
     rng = np.random.default_rng(seed)
     x, y = (g.ravel() for g in np.meshgrid(np.arange(0.81, 0.95, 0.01), np.arange(0.0, 0.3, 0.01)))
     top = np.column_stack([x, y, 0.9 + rng.normal(0.0, 0.0025, len(x))])

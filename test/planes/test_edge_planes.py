@@ -5,7 +5,12 @@ import pytest
 
 from tccm_ros.planes.arrays import PLANE, PlaneMap
 from tccm_ros.planes.blocks import sort_into_blocks
-from tccm_ros.planes.edge_planes import EDGE, FLATTER, MAX_CELLS, drop_edge_planes
+from tccm_ros.planes.edge_planes import (
+    MAX_CELLS,
+    MIN_EDGE_FRACTION,
+    MIN_VARIANCE_RATIO,
+    drop_edge_planes,
+)
 
 
 def sample(rng):
@@ -24,7 +29,7 @@ def sample(rng):
     return ix, iy, bottom, top, labels, planes, rng.random(5) < 0.2
 
 
-def plainly(ix, iy, bottom, top, labels, planes, is_vertical):
+def kept_by_all_pairs(ix, iy, bottom, top, labels, planes, is_vertical):
     """Return the rows that stay, by looking at all pairs of cuboids."""
     i = np.arange(len(ix))
     beside = (
@@ -33,19 +38,19 @@ def plainly(ix, iy, bottom, top, labels, planes, is_vertical):
     )  # fmt: skip
     kept, variance = [], planes["variances"][:, 2]
     for p in range(len(planes)):
-        flatter = ~is_vertical & (FLATTER * variance <= variance[p])
+        flatter = ~is_vertical & (MIN_VARIANCE_RATIO * variance <= variance[p])
         held = i[(labels >= 0) & flatter[labels]]
         own = i[labels == p]
         off = len(own) - beside[np.ix_(own, held)].any(axis=1).sum()
-        if is_vertical[p] or not flatter.any() or off > (1.0 - EDGE) * len(own):
+        if is_vertical[p] or not flatter.any() or off > (1.0 - MIN_EDGE_FRACTION) * len(own):
             kept.append(p)
     return kept
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_it_drops_what_a_look_at_all_pairs_drops(seed):
+def test_dropped_planes_equal_those_of_a_test_of_all_pairs(seed):
     ix, iy, bottom, top, labels, planes, is_vertical = sample(np.random.default_rng(seed))
-    kept = plainly(ix, iy, bottom, top, labels, planes, is_vertical)
+    kept = kept_by_all_pairs(ix, iy, bottom, top, labels, planes, is_vertical)
     blocks = sort_into_blocks(ix, iy)
     none = np.zeros((0, 10))
     cuboids = PlaneMap(none, ix, iy, bottom, top, ix[:0], none, 200.0, 1e-4, np.zeros(3))
@@ -56,7 +61,7 @@ def test_it_drops_what_a_look_at_all_pairs_drops(seed):
     assert after.tolist() == [number.get(p, -1) for p in labels.tolist()]
 
 
-def test_the_samples_have_edges_and_others():
-    kept = [len(plainly(*sample(np.random.default_rng(seed)))) for seed in range(60)]
+def test_random_samples_have_edge_planes_and_others():
+    kept = [len(kept_by_all_pairs(*sample(np.random.default_rng(seed)))) for seed in range(60)]
     assert min(kept) < 5
     assert kept.count(5) > 5

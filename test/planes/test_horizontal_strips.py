@@ -1,4 +1,4 @@
-"""Horizontal strips: a ledge before a wall under few lines of a tilt cycle, and vertical things."""
+"""Horizontal strips: a ledge before a wall under few lines of a cycle, and vertical objects."""
 
 import math
 
@@ -10,22 +10,22 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from tccm_ros.planes.horizontal_strips import (
-    APART,
-    BEAM_GAPS,
-    BENT,
-    FEWEST,
-    LINES,
+    MAX_BEAMS,
+    MAX_DISTANCE,
+    MAX_LINES,
+    MAX_OFFSET,
     MAX_RISE,
+    MIN_BEAMS,
+    MIN_DISTANCE,
     RUN,
     SIGMAS,
-    STRAIGHT,
+    SPLIT_FRACTION,
     TOLERANCE,
     VERTICAL_FRACTION,
-    WIDEST,
+    are_near,
     find_runs,
-    goes_on_vertically,
+    find_vertical_runs,
     horizontal_strips,
-    is_near,
     link_runs,
 )
 
@@ -34,11 +34,11 @@ BEAM, STEP = math.radians(0.25), math.radians(0.45)
 WALL = 2.5
 
 
-def sweep(yaw, sigma, seed, boxes, wall=True):
-    """Return points (N, 3) and lines (N,) of a sweep over boxes (x, y, z spans) before a wall.
+def simulated_cycle(yaw, sigma, seed, boxes, wall=True):
+    """Return points (N, 3) and lines (N,) of a tilt cycle over boxes (x, y, z spans) before a wall.
 
-    The scene is turned by `yaw` about the laser. What no box stops is left out: points of the wall
-    are known to be vertical.
+    The scene is rotated by `yaw` about the laser. Points of the wall are left out: they are known
+    to be vertical.
     """
     rng = np.random.default_rng(seed)
     bearings = np.arange(-0.6, 0.6, BEAM)
@@ -50,11 +50,11 @@ def sweep(yaw, sigma, seed, boxes, wall=True):
         )
         x, y = (math.cos(yaw) * ray[0] + math.sin(yaw) * ray[1],
                 math.cos(yaw) * ray[1] - math.sin(yaw) * ray[0])  # fmt: skip
-        turned = np.stack([x, y, ray[2]])
+        rotated = np.stack([x, y, ray[2]])
         far = WALL / x if wall else np.full(len(x), np.inf)
         for box in boxes:
             with np.errstate(divide="ignore"):
-                ends = (np.array(box) - EYE[:, None])[:, :, None] / turned[:, None, :]
+                ends = (np.array(box) - EYE[:, None])[:, :, None] / rotated[:, None, :]
             enter, leave = ends.min(axis=1).max(axis=0), ends.max(axis=1).min(axis=0)
             far = np.where((enter <= leave) & (enter > 0.0), np.minimum(far, enter), far)
         seen = np.isfinite(far)
@@ -77,7 +77,7 @@ LEDGE = ((WALL - 0.2, WALL), (-0.5, 0.5), (1.0, 1.05))
 @pytest.mark.parametrize("yaw", [0.0, 0.1, 0.3, -0.45])
 @pytest.mark.parametrize("sigma", [0.0025, 0.006])
 def test_a_ledge_under_few_lines_is_one_strip_at_its_height(yaw, sigma):
-    points, lines = sweep(yaw, sigma, 1, [LEDGE])
+    points, lines = simulated_cycle(yaw, sigma, 1, [LEDGE])
     strip = strips_of(points, lines)
     on_top = np.abs(points[:, 2] - 1.05) < 1e-9 + 3.0 * sigma * 0.2
     chosen = strip >= 0
@@ -90,7 +90,7 @@ def test_a_ledge_under_few_lines_is_one_strip_at_its_height(yaw, sigma):
 
 @pytest.mark.parametrize("known", [0.3, 0.6])
 def test_a_run_that_lies_on_a_plane_in_part_lies_on_it_as_a_whole(known):
-    points, lines = sweep(0.1, 0.0025, 1, [LEDGE])
+    points, lines = simulated_cycle(0.1, 0.0025, 1, [LEDGE])
     strip = strips_of(points, lines)
     along = points @ [-math.sin(0.1), math.cos(0.1), 0.0]
     surface = np.where((strip >= 0) & (along < known - 0.5), 7, -1)
@@ -101,8 +101,8 @@ def test_a_run_that_lies_on_a_plane_in_part_lies_on_it_as_a_whole(known):
         assert np.all(completed[its] == 7)
 
 
-def test_a_line_that_nothing_is_above_or_below_of_is_handed_over_by_itself():
-    points, lines = sweep(0.1, 0.0025, 1, [LEDGE])
+def test_a_line_without_points_above_or_below_it_is_a_strip_by_itself():
+    points, lines = simulated_cycle(0.1, 0.0025, 1, [LEDGE])
     strip = strips_of(points, lines)
     longest = np.bincount(lines[strip >= 0]).argmax()
     alone = (lines == longest) & (strip >= 0)
@@ -114,50 +114,50 @@ def test_a_line_that_nothing_is_above_or_below_of_is_handed_over_by_itself():
 @pytest.mark.parametrize(
     ("bend", "count", "expected"), [(0.0, 40, 0), (0.12, 40, -1), (0.0, 8, -1)]
 )
-def test_a_line_alone_is_straight_and_has_many_beams(bend, count, expected):
+def test_a_single_line_is_a_strip_only_if_straight_and_long(bend, count, expected):
     y = np.linspace(-0.3, 0.3, count)
     points = np.column_stack([2.0 + bend * np.abs(y) / 0.3, y, np.full(count, 1.0)])
     assert set(strips_of(points, np.zeros(count, np.int64)).tolist()) == {expected}
 
 
-def test_a_line_of_the_front_of_a_box_is_not():
+def test_a_line_on_the_front_of_a_box_is_no_strip():
     front = ((1.5, 1.6), (-0.4, 0.4), (0.0, 1.2))
-    points, lines = sweep(0.0, 0.0025, 1, [front], wall=False)
+    points, lines = simulated_cycle(0.0, 0.0025, 1, [front], wall=False)
     points, lines = points[points[:, 0] < 1.52], lines[points[:, 0] < 1.52]
     assert len(points) > 500
     assert not (strips_of(points, lines) >= 0).any()
 
 
 @pytest.mark.parametrize("seed", range(16))
-def test_vertical_things_before_a_wall_have_no_strips(seed):
+def test_vertical_objects_before_a_wall_have_no_strips(seed):
     rng = np.random.default_rng(seed)
     boxes = []
     for _ in range(6):  # too high to see onto, and each of another depth
         x, y = rng.uniform(1.5, 2.4), rng.uniform(-0.8, 0.8)
         boxes.append(((x, x + 0.1), (y, y + rng.uniform(0.1, 0.5)), (0.0, 1.8)))
     yaw = rng.uniform(-0.4, 0.4)
-    points, lines = sweep(yaw, 0.006, seed, boxes)
+    points, lines = simulated_cycle(yaw, 0.006, seed, boxes)
     strip = strips_of(points, lines)
     assert not (strip >= 0).any()
 
 
 @pytest.mark.parametrize(("width", "expected"), [(0.15, {-1}), (0.5, {-1, 0})])
-def test_narrow_things_of_one_height_a_line_apart_are_not_one(width, expected):
-    # One line runs over each top, 0.22 m apart: as far as wide things may be to be one strip.
+def test_narrow_objects_of_one_height_on_neighbouring_lines_are_no_strip(width, expected):
+    # One line runs over each top at a distance of 0.22 m: wide objects would be one strip.
     y = (-0.5 * width, 0.5 * width)
     boxes = [((1.82, 1.87), y, (1.0, 1.25)), ((2.03, 2.09), y, (1.0, 1.25))]
-    points, lines = sweep(0.0, 0.0025, 0, boxes, wall=False)
+    points, lines = simulated_cycle(0.0, 0.0025, 0, boxes, wall=False)
     strip = strips_of(points, lines)
     assert set(strip.tolist()) == expected
     if 0 in expected:
-        assert np.ptp(points[strip == 0, 0]) > APART
+        assert np.ptp(points[strip == 0, 0]) > MIN_DISTANCE
         assert len(np.unique(lines[strip == 0])) == 2
 
 
 @given(st.integers(0, 10_000))
 @settings(deadline=None, max_examples=15)
 def test_the_order_of_points_does_not_matter(seed):
-    points, lines = sweep(0.2, 0.006, seed, [LEDGE])
+    points, lines = simulated_cycle(0.2, 0.006, seed, [LEDGE])
     order = np.random.default_rng(seed).permutation(len(points))
     straight = strips_of(points, lines)
     np.testing.assert_array_equal(strips_of(points[order], lines[order]), straight[order])
@@ -166,7 +166,7 @@ def test_the_order_of_points_does_not_matter(seed):
 @given(st.integers(0, 10_000), st.floats(0.0, 0.006), st.floats(-0.4, 0.4))
 @settings(deadline=None, max_examples=20)
 def test_runs_are_straight_horizontal_and_of_one_line(seed, sigma, yaw):
-    points, lines = sweep(yaw, sigma, seed, [LEDGE])
+    points, lines = simulated_cycle(yaw, sigma, seed, [LEDGE])
     seen = points - EYE
     azimuth = np.arctan2(seen[:, 1], seen[:, 0])
     order = np.lexsort((azimuth, lines))
@@ -176,7 +176,7 @@ def test_runs_are_straight_horizontal_and_of_one_line(seed, sigma, yaw):
     for k, run in enumerate(runs):
         own = np.flatnonzero(of_point == k)
         z, a = seen[own, 2], azimuth[own]
-        assert len(own) == run["points"] >= FEWEST
+        assert len(own) == run["points"] >= MIN_BEAMS
         assert set(lines[own].tolist()) == {run["line"]}
         assert (run["first"], run["last"]) == (a[0], a[-1])
         assert run["height"] == pytest.approx(z.mean(), abs=1e-9)
@@ -190,7 +190,7 @@ def test_runs_are_straight_horizontal_and_of_one_line(seed, sigma, yaw):
         assert run["height_sigma"] == pytest.approx(noise / math.sqrt(len(own)), abs=1e-7)
 
 
-def test_nothing_has_no_strips():
+def test_no_points_have_no_strips():
     nothing = strips_of(np.zeros((0, 3)), np.zeros(0, np.int64))
     assert nothing.shape == (0,)
     runs = find_runs(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), BEAM)[1]
@@ -198,21 +198,21 @@ def test_nothing_has_no_strips():
     assert runs.dtype == RUN
 
 
-def sorted_sweep(seed, sigma=0.004):
+def sorted_cycle(seed, sigma=0.004):
     """Return lines, points from the laser and azimuths of a cluttered scene, sorted."""
     rng = np.random.default_rng(seed)
     boxes = [LEDGE]
     for _ in range(4):
         x, y, z = rng.uniform(1.3, 2.2), rng.uniform(-0.8, 0.6), rng.uniform(0.4, 1.3)
         boxes.append(((x, x + 0.2), (y, y + 0.3), (z - 0.3, z)))
-    points, lines = sweep(rng.uniform(-0.3, 0.3), sigma, seed, boxes)
+    points, lines = simulated_cycle(rng.uniform(-0.3, 0.3), sigma, seed, boxes)
     seen = points - EYE
     azimuth = np.arctan2(seen[:, 1], seen[:, 0])
     order = np.lexsort((azimuth, lines))
     return lines[order].astype(np.int64), seen[order], azimuth[order]
 
 
-def plain_runs(lines, seen, azimuth):
+def expected_runs(lines, seen, azimuth):
     """The runs of find_runs in plain Python: what is near and as high, cut where it bends."""
     of_point, found = np.full(len(lines), -1), 0
     start = 0
@@ -220,17 +220,21 @@ def plain_runs(lines, seen, azimuth):
         members, k = [], start
         last = start
         while k < len(lines) and lines[k] == lines[start]:
-            if azimuth[k] - azimuth[last] > BEAM_GAPS * BEAM:
+            if azimuth[k] - azimuth[last] > MAX_BEAMS * BEAM:
                 break
             height = np.mean(seen[members, 2]) if members else seen[k, 2]
-            if of_point[k] < 0 and abs(seen[k, 2] - height) <= TOLERANCE and is_near(seen, last, k):
+            if (
+                of_point[k] < 0
+                and abs(seen[k, 2] - height) <= TOLERANCE
+                and are_near(seen, last, k)
+            ):
                 members.append(k)
                 last = k
             k += 1
         parts = [members]
         while parts:
             part = parts.pop()
-            if len(part) < FEWEST:
+            if len(part) < MIN_BEAMS:
                 continue
             a, z = azimuth[part], seen[part, 2]
             squares = squared_rest(a, z)
@@ -242,7 +246,7 @@ def plain_runs(lines, seen, azimuth):
                 continue
             rests = [squared_rest(a[:c], z[:c]) + squared_rest(a[c:], z[c:])
                      for c in range(3, len(part) - 2)]  # fmt: skip
-            if rests and min(rests) < BENT * squares:
+            if rests and min(rests) < SPLIT_FRACTION * squares:
                 cut = 3 + int(np.argmin(rests))
                 parts += [part[cut:], part[:cut]]
         start = last + 1
@@ -254,16 +258,16 @@ def squared_rest(a, z):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_runs_equal_plain_python(seed):
-    lines, seen, azimuth = sorted_sweep(seed)
+def test_runs_equal_those_of_plain_python(seed):
+    lines, seen, azimuth = sorted_cycle(seed)
     of_point, runs = find_runs(lines, seen, azimuth, BEAM)
     assert len(runs) > 10
-    np.testing.assert_array_equal(of_point, plain_runs(lines, seen, azimuth))
+    np.testing.assert_array_equal(of_point, expected_runs(lines, seen, azimuth))
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_what_goes_on_vertically_equals_interpolation(seed):
-    lines, seen, azimuth = sorted_sweep(seed)
+def test_vertical_runs_equal_those_found_by_interpolation(seed):
+    lines, seen, azimuth = sorted_cycle(seed)
     of_point, runs = find_runs(lines, seen, azimuth, BEAM)
     distance = np.hypot(seen[:, 0], seen[:, 1])
     expected = np.zeros(len(runs), bool)
@@ -273,19 +277,19 @@ def test_what_goes_on_vertically_equals_interpolation(seed):
             there = (lines == line) & (azimuth >= run["first"]) & (azimuth <= run["last"])
             away = distance[there] - np.interp(azimuth[there], azimuth[own], distance[own])
             rises = np.abs(seen[there, 2] - run["height"]) > 2.0 * MAX_RISE
-            same = np.count_nonzero(rises & (np.abs(away) <= STRAIGHT))
+            same = np.count_nonzero(rises & (np.abs(away) <= MAX_OFFSET))
             expected[r] |= same >= VERTICAL_FRACTION * ((run["last"] - run["first"]) / BEAM + 1.0)
     assert expected.any()
     assert not expected.all()
-    is_vertical = goes_on_vertically(lines, seen, azimuth, BEAM, of_point, runs)
+    is_vertical = find_vertical_runs(lines, seen, azimuth, BEAM, of_point, runs)
     np.testing.assert_array_equal(is_vertical, expected)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_linked_runs_equal_all_pairs(seed):
-    lines, seen, azimuth = sorted_sweep(seed)
+def test_linked_runs_equal_a_test_of_all_pairs(seed):
+    lines, seen, azimuth = sorted_cycle(seed)
     of_point, runs = find_runs(lines, seen, azimuth, BEAM)
-    is_vertical = goes_on_vertically(lines, seen, azimuth, BEAM, of_point, runs)
+    is_vertical = find_vertical_runs(lines, seen, azimuth, BEAM, of_point, runs)
     pairs = [
         (a, b) for b in range(len(runs)) for a in range(b) if may_link(runs, is_vertical, a, b)
     ]
@@ -305,11 +309,11 @@ def may_link(runs, is_vertical, a, b):
     short, long = (other, one) if length[1] <= length[0] else (one, other)
     along = (long["end"] - long["begin"]) / max(length)
     offset = 0.5 * (short["begin"] + short["end"]) - long["begin"]
-    apart = abs(along[0] * offset[1] - along[1] * offset[0])
+    distance = abs(along[0] * offset[1] - along[1] * offset[0])
     return (
-        0 < abs(one["line"] - other["line"]) <= LINES
+        0 < abs(one["line"] - other["line"]) <= MAX_LINES
         and not (is_vertical[a] and is_vertical[b])
-        and overlap >= -BEAM_GAPS * BEAM
+        and overlap >= -MAX_BEAMS * BEAM
         and abs(one["height"] - other["height"]) <= MAX_RISE + SIGMAS * noise
-        and APART <= apart <= min(WIDEST, 2.0 * min(length))
+        and MIN_DISTANCE <= distance <= min(MAX_DISTANCE, 2.0 * min(length))
     )

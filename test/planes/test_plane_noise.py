@@ -35,7 +35,7 @@ def room(sigma, seed, thickness=0.0):
 
 @given(st.integers(0, 10_000), st.floats(0.0, 0.03))
 @settings(deadline=None, max_examples=40)
-def test_planes_of_one_laser_are_as_thick_as_it_is_noisy(seed, sigma):
+def test_planes_as_thick_as_the_noise_explains_are_not_too_thick(seed, sigma):
     assert not are_too_thick(*room(sigma, seed), EYE).any()
 
 
@@ -58,7 +58,7 @@ def test_points_of_no_plane_and_planes_without_points_do_not_matter():
     assert nothing.shape == (0,)
 
 
-def test_the_noise_is_that_of_most_points():
+def test_the_noise_is_the_weighted_median_of_the_planes():
     implied, count = np.array([0.1, 0.004, 0.006, 0.005]), np.array([40, 30, 30, 10])
     points = np.sort(np.repeat(implied, count))
     assert range_noise(implied, count) == points[(len(points) - 1) // 2]

@@ -8,7 +8,7 @@ from plane_rig import EYE, cuboid_of, least_squares, part_map, room, scan, sheet
 
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, CuboidArrays
-from tccm_ros.cuboids.moments import gather, plane_of, residuals_of, tangents
+from tccm_ros.cuboids.moments import moments_about, plane_of, residuals_of, tangents
 from tccm_ros.planes import find_planes
 
 CONFIG = Config()
@@ -19,7 +19,7 @@ def moments_of(points):
     return np.array([len(points), *points.sum(axis=0), *products])
 
 
-def reach(fit, normal, point):
+def offset_of(fit, normal, point):
     """Distance of a fitted plane from a point of the true one, along the true normal."""
     return (fit.offset - fit.normal @ point) * np.sign(fit.normal @ normal)
 
@@ -29,7 +29,7 @@ def test_moments_of_all_cuboids_are_those_of_their_points():
     points = rng.uniform((-3, -3, 0), (3, 3, 2), (2000, 3))
     cuboids = part_map(points)
     origin = np.array([1000.0, -2000.0, 15000.0])
-    M = gather(CuboidArrays(*cuboids.arrays), origin)
+    M = moments_about(CuboidArrays(*cuboids.arrays), origin)
     exact = np.rint(points * TICKS_PER_M) - origin
     np.testing.assert_allclose(M.sum(axis=0), moments_of(exact * TICK), rtol=1e-11, atol=1e-8)
 
@@ -66,22 +66,23 @@ def test_planes_of_any_tilt_are_as_exact_as_least_squares(tilt, yaw):
     true_normal, true_offset = least_squares(points)
     assert fit.support > 0.99 * len(points)
     # Sigma of the mean is 0.03 mm; cuboids cut and quantised differ from it by a fraction.
-    assert abs(reach(fit, normal, centre)) < 1.5e-4
+    assert abs(offset_of(fit, normal, centre)) < 1.5e-4
     assert (
-        abs(reach(fit, normal, centre) - reach_of(true_normal, true_offset, normal, centre)) < 5e-5
+        abs(offset_of(fit, normal, centre) - offset_at(true_normal, true_offset, normal, centre))
+        < 5e-5
     )
     assert np.degrees(np.arccos(min(1.0, abs(fit.normal @ normal)))) < 0.05
     assert fit.rms == pytest.approx(0.0025, rel=0.05)
     assert fit.kind == ("horizontal" if tilt == 0 else "any")
 
 
-def reach_of(n, d, normal, point):
+def offset_at(n, d, normal, point):
     return (d - n @ point) * np.sign(n @ normal)
 
 
 @pytest.mark.parametrize(("sigma", "limit"), [(0.0, 5e-5), (0.0025, 2.5e-4), (0.005, 5e-4)])
-def test_edges_do_not_pull_a_table(sigma, limit):
-    # The front face of the board is seen too, and shares the cells of the edge.
+def test_edge_cells_do_not_bias_the_plane_of_a_table(sigma, limit):
+    # The front face of the board is seen too, in the same cells as the edge.
     patches = room() + table()
     top = next(i for i, p in enumerate(patches) if p.name == "table.top")
     for seed in range(3):
@@ -89,12 +90,12 @@ def test_edges_do_not_pull_a_table(sigma, limit):
         fits = find_planes(part_map(points), CONFIG, EYE)
         middle = points[label == top].mean(axis=0)
         errors = [
-            reach(f, (0, 0, 1), middle) - (0.7 - middle[2]) for f in fits if f.normal[2] > 0.99
+            offset_of(f, (0, 0, 1), middle) - (0.7 - middle[2]) for f in fits if f.normal[2] > 0.99
         ]
         assert min(map(abs, errors)) < limit
 
 
-def test_covariance_is_that_of_the_errors():
+def test_covariance_matches_the_errors_of_many_fits():
     rng = np.random.default_rng(5)
     squares = []
     normal = np.array([0.1, -0.2, 1.0]) / np.linalg.norm([0.1, -0.2, 1.0])
@@ -106,7 +107,7 @@ def test_covariance_is_that_of_the_errors():
             [
                 -(v @ normal),
                 u @ normal,
-                fit.offset - fit.normal @ fit.centroid + reach_error(fit, normal),
+                fit.offset - fit.normal @ fit.centroid + offset_error(fit, normal),
             ]
         )
         squares.append(error @ np.linalg.solve(fit.covariance, error))
@@ -114,12 +115,12 @@ def test_covariance_is_that_of_the_errors():
     assert 2.0 < np.mean(squares) < 4.0
 
 
-def reach_error(fit, normal):
+def offset_error(fit, normal):
     return 0.7 - normal @ fit.centroid
 
 
 @pytest.mark.parametrize("step", [0.05, 0.03])
-def test_surfaces_a_few_centimetres_apart_stay_two(step):
+def test_surfaces_at_a_few_centimetres_distance_stay_two_planes(step):
     rng = np.random.default_rng(1)
     below = sheet(rng, 9000, (0.5, -0.6), (1.3, 0.6), offset=0.85, sigma=0.002)
     is_above = (abs(below[:, 0] - 0.9) < 0.2) & (abs(below[:, 1] - 0.1) < 0.25)
@@ -131,7 +132,7 @@ def test_surfaces_a_few_centimetres_apart_stay_two(step):
     assert heights[1] == pytest.approx(0.85 + step, abs=6e-4)
 
 
-def test_tables_apart_stay_two_planes():
+def test_separate_tables_of_one_height_stay_two_planes():
     patches = room() + table(y=(-0.7, -0.05)) + table(y=(0.05, 0.7), name="other")
     points, _ = scan(patches, 0.002, 3)
     fits = find_planes(part_map(points), CONFIG, EYE)
@@ -140,7 +141,7 @@ def test_tables_apart_stay_two_planes():
     assert sorted(np.sign(f.centroid[1]) for f in tables) == [-1, 1]
 
 
-def test_floor_and_walls_with_their_normals_to_the_laser():
+def test_normals_of_floor_and_walls_point_to_the_laser():
     points, _ = scan(room(), 0.002, 4)
     fits = find_planes(part_map(points), CONFIG, EYE)
     wall = next(f for f in fits if f.kind == "any")
@@ -150,7 +151,7 @@ def test_floor_and_walls_with_their_normals_to_the_laser():
     np.testing.assert_allclose(floor.normal, (0, 0, 1), atol=2e-3)
 
 
-def test_labels_say_which_cuboids_belong():
+def test_labels_are_those_of_the_cuboids_on_each_plane():
     patches = room() + table()
     points, label = scan(patches, 0.0025, 2)
     cuboids = part_map(points)
@@ -165,7 +166,7 @@ def test_labels_say_which_cuboids_belong():
         assert cuboids.count[fit.members].sum() == fit.support
 
 
-def test_same_map_same_bytes():
+def test_the_same_map_gives_the_same_bytes():
     points, _ = scan(room() + table(yaw=0.3), 0.003, 7)
     first, second = (find_planes(part_map(points), CONFIG, EYE) for _ in range(2))
     assert first.labels.tobytes() == second.labels.tobytes()
@@ -176,7 +177,7 @@ def test_same_map_same_bytes():
         assert (a.offset, a.support, a.rms) == (b.offset, b.support, b.rms)
 
 
-def test_nothing_in_nothing_out():
+def test_an_empty_map_has_no_planes():
     one = part_map(np.array([[1.0, 0.0, 0.5]]))
     assert len(find_planes(one, CONFIG, EYE)) == 0
     none = one.select(np.array([False]))

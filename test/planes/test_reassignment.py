@@ -10,8 +10,8 @@ from tccm_ros.planes.arrays import PLANE
 from tccm_ros.planes.blocks import sort_into_blocks
 from tccm_ros.planes.inliers import GATE
 from tccm_ros.planes.reassignment import (
-    CLOSER,
-    OFF,
+    MIN_DEVIATIONS,
+    MIN_RATIO,
     horizontal_planes_around,
     horizontal_planes_by_block,
     reassign_inliers,
@@ -54,7 +54,7 @@ def kinds_of(points, cuboids, fits):
 
 
 @pytest.mark.parametrize("depth", [0.15, 0.3])
-def test_boards_and_the_wall_behind_keep_what_is_theirs(depth):
+def test_boards_and_the_wall_behind_keep_their_own_cuboids(depth):
     wall, boards = shelf(np.random.default_rng(0), depth)
     cuboids = part_map(np.concatenate([wall, boards]))
     fits = find_planes(cuboids, CONFIG, EYE)
@@ -85,13 +85,13 @@ def plain_reassignment(points, labels, planes, is_vertical):
             to_q, to_p = (points[i] @ planes["normal"][k] - planes["offset"][k] for k in (q, p))
             variance = planes["variances"][q, 2]
             near = abs(to_q) <= GATE * variance**0.5
-            if near and to_p**2 > max(OFF**2 * variance, CLOSER * to_q**2):
+            if near and to_p**2 > max(MIN_DEVIATIONS**2 * variance, MIN_RATIO * to_q**2):
                 labels[i] = q
     return labels
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_the_rule_is_that_of_plain_distances(seed):
+def test_reassignment_equals_a_rule_on_distances_of_points(seed):
     rng = np.random.default_rng(seed)
     n, planes = 40, np.zeros(3, PLANE)
     planes["normal"], planes["offset"] = [(0, 0, 1), (1, 0, 0), (0, 0, 1)], (0, 0, 0.02)

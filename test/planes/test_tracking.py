@@ -41,7 +41,7 @@ def test_ids_stay_while_the_robot_moves():
     assert len(ids) == 1
 
 
-def test_a_moved_table_is_updated():
+def test_the_record_of_a_moved_table_is_updated():
     tracker = PlaneTracker(CONFIG)
     before = top_of(update(tracker, room() + table(y=(-0.5, 0.5))))
     after = top_of(update(tracker, room() + table(y=(-0.35, 0.65)), 1))
@@ -60,7 +60,7 @@ def test_a_plane_that_is_gone_is_dropped_and_forgotten():
     assert top_of(update(tracker, room() + table())).id != first.id
 
 
-def test_two_levels_do_not_change_places():
+def test_two_boards_above_each_other_keep_their_ids():
     tracker = PlaneTracker(CONFIG)
     shelf = [*room(), *table((0.6, 0.9), top=0.5), *table((0.9, 1.3), top=0.8, name="upper")]
     ids = []
@@ -71,7 +71,7 @@ def test_two_levels_do_not_change_places():
     assert ids[0][0] != ids[0][1]
 
 
-def test_records_carry_what_the_fits_say():
+def test_records_have_the_values_of_the_fits():
     points, _ = scan(room() + table(), 0.0025, 0)
     fits = find_planes(part_map(points), CONFIG, EYE)
     for fit, record in zip(fits, PlaneTracker(CONFIG).update(fits), strict=True):

@@ -31,8 +31,8 @@ def moments_of(points):
     return np.array([len(points), *points.sum(axis=0), *products])
 
 
-def plane_at(yaw, lean, distance, noise=1e-6):
-    normal = np.array([np.cos(yaw) * np.cos(lean), np.sin(yaw) * np.cos(lean), np.sin(lean)])
+def plane_at(yaw, tilt, distance, noise=1e-6):
+    normal = np.array([np.cos(yaw) * np.cos(tilt), np.sin(yaw) * np.cos(tilt), np.sin(tilt)])
     return normal, (*normal.tolist(), distance, noise)
 
 
@@ -69,10 +69,10 @@ def built_map(points):
 
 @given(st.integers(0, 10_000), st.floats(-3.0, 3.0), st.floats(-0.2, 0.2), st.floats(-1.0, 1.0))
 @settings(deadline=None, max_examples=40)
-def test_rim_moments_are_sums_over_points(seed, yaw, lean, z_rim):
+def test_rim_moments_are_sums_over_points(seed, yaw, tilt, z_rim):
     rng = np.random.default_rng(seed)
     points = rng.uniform(-1.0, 1.0, (30, 3))
-    normal, plane = plane_at(yaw, lean, 0.4)
+    normal, plane = plane_at(yaw, tilt, 0.4)
     ux, uy = -np.sin(yaw), np.cos(yaw)
     w = z_rim - points[:, 2]
     s, e = points @ (ux, uy, 0.0), points @ normal - 0.4
@@ -83,10 +83,10 @@ def test_rim_moments_are_sums_over_points(seed, yaw, lean, z_rim):
 
 @given(st.integers(0, 10_000), st.floats(-3.0, 3.0), st.floats(-0.2, 0.2))
 @settings(deadline=None, max_examples=40)
-def test_the_normal_equations_are_those_of_least_squares(seed, yaw, lean):
+def test_the_normal_equations_are_those_of_least_squares(seed, yaw, tilt):
     rng = np.random.default_rng(seed)
     points = rng.uniform(-1.0, 1.0, (60, 3))
-    normal, plane = plane_at(yaw, lean, 0.4)
+    normal, plane = plane_at(yaw, tilt, 0.4)
     ux, uy = -np.sin(yaw), np.cos(yaw)
     N = np.zeros((3, 4))
     for part in np.array_split(points, 4):
@@ -96,7 +96,7 @@ def test_the_normal_equations_are_those_of_least_squares(seed, yaw, lean):
     np.testing.assert_allclose(solve(N), expected, rtol=1e-7, atol=1e-9)
 
 
-def test_patches_hold_both_sides_of_the_wall_between_cells():
+def test_patches_hold_both_sides_of_the_border_between_cells():
     # The board stands at x = 0.600, the wall between two cells: noise puts half before it.
     rng = np.random.default_rng(0)
     cuboids = part_map(board(rng, 4000, distance=0.6))
@@ -122,11 +122,11 @@ def test_patches_without_their_rims_are_sums_over_points_below(seed):
     assert (rim == NO_RIM).all()
     heights = np.rint(points[:, 2] * TICKS_PER_M)
     column = np.floor(np.rint(points[:, 1] * TICKS_PER_M) / 200).astype(int)
-    least = np.median([heights[column == c].max() for c in np.unique(column)]) - RIM_DEPTH
+    min_top = np.median([heights[column == c].max() for c in np.unique(column)]) - RIM_DEPTH
     count, total = 0, 0.0
     for c in np.unique(column):
         z = heights[column == c]
-        below = (z < z.max() - CAP_DEPTH) | (z.max() < least)
+        below = (z < z.max() - CAP_DEPTH) | (z.max() < min_top)
         count, total = count + below.sum(), total + (z[below] * TICK - EYE[2]).sum()
     assert pooled[:, 0].sum() == count
     assert pooled[:, 3].sum() == pytest.approx(total, abs=1e-6)
@@ -148,7 +148,7 @@ def test_the_guess_goes_through_the_median_patch(seed, patches):
     assert middle[0] - width <= plane[3] - 0.6 <= middle[1] + width
 
 
-def test_steps_do_not_depend_on_noise():
+def test_steps_along_a_plane_do_not_depend_on_noise():
     rng = np.random.default_rng(1)
     cuboids = part_map(board(rng, 3000, yaw=0.35))
     members = np.arange(len(cuboids), dtype=np.int32)
@@ -176,7 +176,7 @@ def test_with_caps_a_shelf_is_as_exact_as_a_fit_to_its_points(sigma):
     assert np.std(ours) < 1.2 * np.std(fitted)
 
 
-def test_a_board_of_one_line_is_no_plane():
+def test_a_board_seen_by_one_line_is_no_plane():
     rng = np.random.default_rng(8)
     line = board(rng, 300, sigma=0.0025, height=(0.7, 0.7), rows=1)
     assert len(find_planes(built_map(line), CONFIG, EYE)) == 0
@@ -197,7 +197,7 @@ def test_a_board_that_steps_back_at_its_foot_is_not_refused():
 
 @pytest.mark.parametrize("yaw", [0.0, 0.35])
 @pytest.mark.parametrize("distance", [0.600, 0.613])
-def test_without_caps_the_top_behind_a_board_does_not_pull_it(yaw, distance):
+def test_without_caps_the_top_behind_a_board_does_not_bias_its_plane(yaw, distance):
     rng = np.random.default_rng(3)
     pulled, ours = [], []
     for _ in range(8):
@@ -235,7 +235,7 @@ def test_a_fit_without_rims_is_weighted_least_squares():
     members = np.arange(len(cuboids), dtype=np.int32)
     total = np.zeros(10)
     plane = fit_vertical(moved(cuboids), members, (1.0, 0.0, 0.0, 0.611, 1e-5), total)
-    # One standard deviation of least squares is 0.035 mm.
+    # One standard deviation of min_top squares is 0.035 mm.
     assert plane[3] + plane[2] * EYE[2] == pytest.approx(0.61, abs=1.5e-4)
     assert plane[4] == pytest.approx(0.0025**2, rel=0.15)
     assert 0.6 * len(points) < total[0] <= len(points)

@@ -42,7 +42,7 @@ def board_and_line(rng, board_end):
 
 @given(st.integers(0, 10_000), st.floats(0.4, 1.5))
 @settings(deadline=None, max_examples=30)
-def test_a_board_keeps_its_rear_and_loses_what_goes_on_along_the_wall(seed, end):
+def test_a_board_keeps_its_rear_and_loses_the_line_on_the_wall_beside_it(seed, end):
     points = board_and_line(np.random.default_rng(seed), end)
     fits, stands = walled(2.0, 2.4)
     gone = lie_on_walls(points, np.zeros(len(points), np.int64), fits, stands)
@@ -54,7 +54,7 @@ def test_a_board_keeps_its_rear_and_loses_what_goes_on_along_the_wall(seed, end)
 
 @given(st.integers(0, 10_000))
 @settings(deadline=None, max_examples=30)
-def test_only_points_with_nothing_of_their_height_before_them_go(seed):
+def test_only_points_without_surface_points_before_them_are_removed(seed):
     rng = np.random.default_rng(seed)
     n = 200
     place = rng.permutation(4 * 90)[:n]  # one point in a cell
@@ -78,7 +78,7 @@ def test_the_top_of_a_block_keeps_its_front_edge():
     assert not lie_on_walls(points, np.zeros(len(points), np.int64), fits, stands).any()
 
 
-def test_without_walls_or_points_nothing_goes():
+def test_without_walls_or_points_nothing_is_removed():
     fits, stands = walled(2.0, 2.4)
     points = board_and_line(np.random.default_rng(0), 1.0)
     none = np.array([False, False])

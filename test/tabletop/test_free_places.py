@@ -1,4 +1,4 @@
-"""Objects on a table as one sweep sees them, and where there is room beside them."""
+"""Objects on a table seen in one tilt cycle, and the free places beside them."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def look(patches, seed=0, sigma=0.002):
     return planes, find_objects(cuboids, fits, planes, CONFIG)
 
 
-def test_boxes_on_a_table():
+def test_boxes_on_a_table_are_objects_of_their_size():
     planes, objects = look(room() + table() + SMALL + LARGE)
     tops = {p.id for p in planes if abs(p.offset - 0.7) < 0.01}
     standing = [o for o in objects if o.plane in tops]
@@ -36,27 +36,27 @@ def test_boxes_on_a_table():
     small, large = sorted(standing, key=lambda o: o.size[2])
     assert small.size[2] == pytest.approx(0.12, abs=0.01)
     assert large.size[2] == pytest.approx(0.25, abs=0.01)
-    # Only the front and the top are seen, in lines 3 to 5 cm apart.
+    # Only the front and the top are seen, in lines at distances of 3 to 5 cm.
     np.testing.assert_allclose(small.center[:2], (0.81, 0.26), atol=0.035)
     np.testing.assert_allclose(large.center[:2], (0.875, -0.25), atol=0.035)
     assert large.size[0] == pytest.approx(0.20, abs=0.04)
-    for thing in standing:
-        assert -np.pi / 2 < thing.yaw <= np.pi / 2
-        assert Polygon(thing.footprint).is_valid
-        assert Polygon(thing.footprint).exterior.is_ccw
-        assert thing.points >= CONFIG.objects.min_points
+    for item in standing:
+        assert -np.pi / 2 < item.yaw <= np.pi / 2
+        assert Polygon(item.footprint).is_valid
+        assert Polygon(item.footprint).exterior.is_ccw
+        assert item.points >= CONFIG.objects.min_points
 
 
 def test_an_empty_table_has_no_objects():
     assert look(room() + table())[1] == []
 
 
-def test_what_hangs_in_the_air_does_not_stand_on_the_table():
+def test_a_box_in_the_air_does_not_stand_on_the_table():
     lamp = box("lamp", (0.8, -0.1, 1.15), (0.95, 0.1, 1.25))
     assert look(room() + table() + lamp)[1] == []
 
 
-def test_objects_keep_their_ids_and_new_ones_get_new_ones():
+def test_objects_keep_their_ids_and_new_objects_get_new_ids():
     tracker = ObjectTracker(CONFIG)
     first = tracker.update(look(room() + table() + LARGE)[1])
     second = tracker.update(look(room() + table() + LARGE + SMALL, 1)[1])
@@ -72,8 +72,8 @@ def test_free_place_is_on_the_table_and_off_the_objects():
     top = max((p for p in planes if abs(p.offset - 0.7) < 0.01), key=lambda p: p.area)
     free = union_all([Polygon(ring[:, :2]) for ring in places[top.id]])
     assert 0.2 < free.area < top.area
-    for thing in objects:
-        assert free.intersection(Polygon(thing.footprint)).area < 1e-6
+    for item in objects:
+        assert free.intersection(Polygon(item.footprint)).area < 1e-6
     assert free.difference(Polygon(top.boundary[:, :2])).area < 1e-6
     for ring in places[top.id]:
         assert np.abs(ring @ top.normal - top.offset).max() < 1e-9
@@ -89,7 +89,7 @@ def covers(rings, point):
     st.floats(0.05, 0.5), st.floats(0.05, 0.5), st.floats(-1.5, 1.5), st.floats(0.0, 1.0),
     st.floats(0.0, 1.0),
 )  # fmt: skip
-def test_region_is_exactly_where_the_rectangle_fits(w, d, yaw, x, y):
+def test_region_is_exactly_the_area_that_the_rectangle_can_cover(w, d, yaw, x, y):
     shape = rectangle(0, 0, 1, 1).difference(rectangle(0.5, 0.4, 1.2, 1.2))
     rings = where_fits(shape, (w, d), yaw)
     for a, b in ((w, d), (d, w)):
@@ -104,13 +104,13 @@ def test_region_is_exactly_where_the_rectangle_fits(w, d, yaw, x, y):
         assert Polygon(ring).difference(shape.buffer(1e-9)).area < 1e-9
 
 
-def test_too_large_fits_nowhere_and_exact_size_is_no_area_lost():
+def test_a_too_large_object_fits_nowhere_and_a_fitting_one_covers_all_room():
     assert where_fits(rectangle(0, 0, 0.3, 0.3), (0.31, 0.1), 0.0) == []
     rings = where_fits(rectangle(0, 0, 0.4, 0.4), (0.2, 0.3), 0.0)
     assert sum(Polygon(r).area for r in rings) == pytest.approx(0.16, abs=1e-9)
 
 
-def test_an_obstacle_in_the_middle_leaves_a_ring_cut_in_rings():
+def test_a_region_around_an_obstacle_is_cut_into_rings_without_holes():
     shape = rectangle(0, 0, 1, 1).difference(rectangle(0.4, 0.4, 0.6, 0.6))
     rings = where_fits(shape, (0.2, 0.2), 0.0)
     assert sum(Polygon(r).area for r in rings) == pytest.approx(0.96, abs=1e-6)

@@ -80,12 +80,12 @@ TABLE = sheet((0.6, 1.4), (-0.5, 0.5), 0.7)
 
 def test_a_box_on_a_table_is_one_object_of_its_size():
     planes, objects = scene(FLOOR, TABLE, box((0.9, 1.1), (0.0, 0.1), (0.71, 0.85)))
-    [thing] = objects
-    table = next(p for p in planes if p.id == thing.plane)
+    [item] = objects
+    table = next(p for p in planes if p.id == item.plane)
     assert table.offset == pytest.approx(0.7, abs=0.005)
-    assert thing.center == pytest.approx([1.0, 0.05, 0.775], abs=0.015)
-    assert sorted(thing.size[:2]) == pytest.approx([0.1, 0.2], abs=0.03)
-    assert thing.size[2] == pytest.approx(0.15, abs=0.01)
+    assert item.center == pytest.approx([1.0, 0.05, 0.775], abs=0.015)
+    assert sorted(item.size[:2]) == pytest.approx([0.1, 0.2], abs=0.03)
+    assert item.size[2] == pytest.approx(0.15, abs=0.01)
 
 
 def test_legs_carry_the_table_and_are_no_objects():
@@ -95,17 +95,17 @@ def test_legs_carry_the_table_and_are_no_objects():
     assert scene(FLOOR, TABLE, *legs)[1] == []
 
 
-def test_what_goes_on_upwards_is_no_object():
+def test_a_pillar_and_a_wall_are_no_objects():
     pillar = box((0.2, 0.3), (0.7, 0.8), (0.0, 1.8))
     wall = box((1.9, 1.92), (-1.0, 1.0), (0.0, 2.0))
     assert scene(FLOOR, pillar, wall)[1] == []
 
 
-def test_a_box_before_a_wall_stays_apart_from_it():
+def test_a_box_before_a_wall_is_separate_from_the_wall():
     wall = box((1.9, 1.92), (-1.0, 1.0), (0.0, 2.0))
     crate = box((1.5, 1.8), (0.2, 0.5), (0.0, 0.25))
-    [thing] = scene(FLOOR, wall, crate)[1]
-    assert thing.center[:2] == pytest.approx([1.65, 0.35], abs=0.02)
+    [item] = scene(FLOOR, wall, crate)[1]
+    assert item.center[:2] == pytest.approx([1.65, 0.35], abs=0.02)
 
 
 def test_free_places_leave_the_objects_out():

@@ -10,7 +10,7 @@ from tccm_ros.cuboids.merging import owners
 
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.integers(0, 40))
-def test_owner_is_the_highest_of_the_cell_that_does_not_begin_above(seed, cells, parts):
+def test_owner_is_the_highest_cuboid_of_the_cell_that_does_not_begin_above(seed, cells, parts):
     rng = np.random.default_rng(seed)
     rows = []
     for x, y in {tuple(c) for c in rng.integers(-3, 3, (cells, 2)).tolist()}:

@@ -17,6 +17,7 @@ import numpy as np
 
 from tccm_ros.bags.carmen import import_carmen
 from tccm_ros.bags.reader import BagReader
+from tccm_ros.baselines.line_ransac import label_by_ransac
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, compose2, inverse, spatial
 from tccm_ros.pipeline.evaluate.trajectory_errors import nees, pairs_that_meet, relation_errors
@@ -33,7 +34,7 @@ from tccm_ros.slam.factors import (
     wall_key,
 )
 from tccm_ros.slam.graph import IncrementalGraph, PoseGraph
-from tccm_ros.slam.lines import extract_lines
+from tccm_ros.slam.lines import extract_lines, label_by_splitting
 from tccm_ros.slam.wall_slam import WallSlam
 
 HERE = Path(__file__).resolve().parent
@@ -57,14 +58,13 @@ def bench_lines(plan) -> None:
     beams = np.stack([np.cos(bearings), np.sin(bearings)], axis=1) * ranges[:, None]
     beams = beams[np.isfinite(ranges)]
     print("line extraction, 1,080 beams               us   lines")
-    for extractor in ("split_merge", "ransac"):
-        config.lines.extractor = extractor
+    for label in (label_by_splitting, label_by_ransac):
         times = []
         for _ in range(60):
             start = time.perf_counter()
-            lines = extract_lines(beams, np.zeros(2), config)
+            lines = extract_lines(beams, np.zeros(2), config, label)
             times.append(time.perf_counter() - start)
-        print(f"  {extractor:34} {np.median(times) * 1e6:8.0f} {len(lines):7d}")
+        print(f"  {label.__name__:34} {np.median(times) * 1e6:8.0f} {len(lines):7d}")
 
 
 def big_graph(poses: int, per_pose: int):

@@ -20,7 +20,7 @@ from tccm_ros.slam.graph import GraphSolution
 from tccm_ros.slam.inliers import Inliers, select_inliers
 from tccm_ros.slam.landmarks import Sighting, landmark_factors, landmark_records
 from tccm_ros.slam.level_scan import LevelScan, level_scan
-from tccm_ros.slam.lines import Lines, extract_lines
+from tccm_ros.slam.lines import LabelBeams, Lines, extract_lines, label_by_splitting
 from tccm_ros.slam.loops import LoopCloser
 from tccm_ros.slam.saved_walls import SavedWalls, pack_state, unpack_state
 from tccm_ros.slam.se2 import between, compose, inverse
@@ -53,10 +53,19 @@ class LivePose(NamedTuple):
 
 
 class WallSlam:
-    """The processor: add records as they come, solve when a result is wanted."""
+    """Estimate the trajectory and the walls: add records as they come, solve for a result.
 
-    def __init__(self, config: Config) -> None:
+    Parameters
+    ----------
+    config
+        All groups but those of the TCCM and the surfaces.
+    label
+        Assigns the beams of a level scan to line segments (see `extract_lines`).
+    """
+
+    def __init__(self, config: Config, label: LabelBeams = label_by_splitting) -> None:
         self.config = config
+        self._label = label
         self._lines: list[Lines] = []
         self._chain = Chain()
         self._closer = LoopCloser(config, self._chain)
@@ -142,7 +151,8 @@ class WallSlam:
         done = len(self._chain.keyframes) - self._front.first_id
         for keyframe in self._front.keyframes[done:]:
             scan = keyframe.scan
-            self._add_keyframe(keyframe, extract_lines(scan.beams, scan.origin, self.config))
+            lines = extract_lines(scan.beams, scan.origin, self.config, self._label)
+            self._add_keyframe(keyframe, lines)
             return keyframe.id
         return -1
 
@@ -232,7 +242,7 @@ class WallSlam:
 
     def _on_odometry(self) -> WallSlam:
         """Return a twin with keyframes on odometry alone."""
-        twin = WallSlam(self.config)
+        twin = WallSlam(self.config, self._label)
         nothing = np.zeros((0, 2))
         twin._odometry = self._odometry
         for observation in self._observed:
@@ -279,15 +289,27 @@ class WallSlam:
         return pack_state(SavedWalls(keyframes, self._lines, poses, used.loops, used.sightings))
 
     @classmethod
-    def from_state(cls, config: Config, state: Mapping[str, NDArray[Any]]) -> WallSlam:
+    def from_state(
+        cls,
+        config: Config,
+        state: Mapping[str, NDArray[Any]],
+        label: LabelBeams = label_by_splitting,
+    ) -> WallSlam:
         """Go on with a saved map: the robot may start anywhere in it, or outside.
+
+        Parameters
+        ----------
+        config, label
+            As for the constructor.
+        state
+            What `state` returned.
 
         Raises
         ------
         MapError
             For arrays that are missing or do not fit each other.
         """
-        slam = cls(config)
+        slam = cls(config, label)
         saved = unpack_state(state)
         for keyframe, lines in zip(saved.keyframes, saved.lines):
             slam._lines.append(lines)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.baselines.distance_merging import merge_by_distance
+from tccm_ros.baselines.line_ransac import label_by_ransac
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, inverse, planar, spatial
 from tccm_ros.records import (
@@ -28,6 +29,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.records.events import EventKind, kind_of
 from tccm_ros.sensors.registry import roles_of
+from tccm_ros.slam.lines import label_by_splitting
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.wall_slam import LivePose, WallSlam
 from tccm_ros.surfaces.registration import TILT_ORDER, register_views
@@ -119,10 +121,12 @@ class SurfaceSlam:
 
     def _begin(self) -> None:
         """Begin a session: with a saved map, or with nothing."""
+        is_ransac = self.config.lines.extractor == "ransac"
+        label = label_by_ransac if is_ransac else label_by_splitting
         self.walls = (
-            WallSlam.from_state(self.config, self._saved_walls)
+            WallSlam.from_state(self.config, self._saved_walls, label)
             if self._saved_walls
-            else WallSlam(self.config)
+            else WallSlam(self.config, label)
         )
         self.map = self._empty_map(self.session)
         for saved in self.saved_views:

@@ -1,4 +1,4 @@
-"""RANSAC lines as in the surface mapping paper (III.A.1), repeatable by its own random numbers."""
+"""Line extraction by RANSAC, the method of the surface mapping paper (III.A.1)."""
 
 from __future__ import annotations
 
@@ -6,12 +6,19 @@ import numpy as np
 from numba import njit
 
 from tccm_ros.arrays import Float64, Int32, Int64
+from tccm_ros.config import Config
 
-__all__ = ["ransac_segments"]
+__all__ = ["label_by_ransac", "ransac_segments"]
 
 
 SPENT = -2
 """Label of points whose line was too short: they are not drawn again."""
+
+
+def label_by_ransac(beams: Float64, config: Config) -> Int32:
+    """Label the beams of each segment; a labelling function for `slam.lines.extract_lines`."""
+    x = config.lines
+    return ransac_segments(beams, x.distance, x.max_gap, x.min_points, x.min_length, x.trials)
 
 
 @njit(nogil=True, cache=True)

@@ -23,7 +23,7 @@ from tccm_ros.geometry import between2, compose2, inverse, spatial
 from tccm_ros.pipeline.evaluate.trajectory_errors import nees, pairs_that_meet, relation_errors
 from tccm_ros.pipeline.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.records import Odometry, PosedScan, Scan
-from tccm_ros.slam.chain import turn_for
+from tccm_ros.slam.chain import yaw_offset_for
 from tccm_ros.slam.factors import (
     BetweenKeyframes,
     Factor,
@@ -77,7 +77,7 @@ def big_graph(poses: int, per_pose: int):
     steps, start = [], truth[:1].copy()
     groups: list[list[Factor]] = []
     bearings = 1.3 * np.arange(per_pose) + 0.2
-    keys = [keyframe_key(k, turn_for(bearings - truth[k, 2])) for k in range(poses)]
+    keys = [keyframe_key(k, yaw_offset_for(bearings - truth[k, 2])) for k in range(poses)]
     for k in range(poses):
         if k == 0:
             groups.append([PriorPose(keys[0], truth[0], cov)])

@@ -55,7 +55,7 @@ def occupancy_grid(
     Parameters
     ----------
     state
-        `WallSlam.state`: poses, scans (points and laser origins in the base frame) and counts.
+        `WallSlam.saved`: poses, scans (points and laser origins in the base frame) and counts.
     resolution
         Edge of a cell, m.
     """

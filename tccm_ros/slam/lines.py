@@ -1,4 +1,4 @@
-"""Line segments from a level scan (surface mapping paper, III.A.1), with full covariance.
+"""Line extraction from level scans (surface mapping paper, III.A.1), with full covariance.
 
 Split and merge labels the beams of each segment: it uses the order of the beams and is an order of
 magnitude faster than the paper's RANSAC, which is in `baselines.line_ransac`. Both labellings end

@@ -124,7 +124,7 @@ class SurfaceSlam:
         is_ransac = self.config.lines.extractor == "ransac"
         label = label_by_ransac if is_ransac else label_by_splitting
         self.walls = (
-            WallSlam.from_state(self.config, self._saved_walls, label)
+            WallSlam.from_saved(self.config, self._saved_walls, label)
             if self._saved_walls
             else WallSlam(self.config, label)
         )
@@ -302,7 +302,7 @@ class SurfaceSlam:
             return SavedMap(self._saved_walls, self.saved_views)
         view_poses, keep = solution.view_poses, self.map.views[: len(solution.view_poses.keyframes)]
         poses = {k.id: spatial(k.pose) for k in solution.slam.keyframes}
-        state = self.walls.state() if self.counts["level scans"] or self.saved_keyframes else {}
+        state = self.walls.saved() if self.counts["level scans"] or self.saved_keyframes else {}
         views = []
         for view, T, cov, k in zip(
             keep, view_poses.T_map_view, view_poses.cov_tilt, view_poses.keyframes.tolist()

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from tccm_ros.geometry import between2, compose2, inverse, spatial
-from tccm_ros.slam.chain import turn_for
+from tccm_ros.slam.chain import yaw_offset_for
 from tccm_ros.slam.factors import (
     BetweenKeyframes,
     BetweenViews,
@@ -39,7 +39,7 @@ def error_of(factor, pose, plane):
     """Return twice the factor's error for a keyframe's planar pose and a wall (phi, rho)."""
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     factor.add_to(graph)
-    values.insert(factor.keyframe.symbol, factor.keyframe.turned(spatial(np.array(pose))))
+    values.insert(factor.keyframe.symbol, factor.keyframe.to_value(spatial(np.array(pose))))
     phi, rho = plane
     coefficients = np.array([np.cos(phi), np.sin(phi), 0.0, -rho])
     values.insert(factor.wall.symbol, gtsam.OrientedPlane3(coefficients))
@@ -49,7 +49,7 @@ def error_of(factor, pose, plane):
 @pytest.mark.parametrize("phi", PHIS)
 def test_a_wall_costs_its_mahalanobis_distance_in_every_direction(phi):
     """Also dead ahead and at right angles, where GTSAM's tangent basis flips."""
-    key = keyframe_key(0, turn_for(np.array([phi])))
+    key = keyframe_key(0, yaw_offset_for(np.array([phi])))
     yc, v_phi, v_perp = 1.2, 0.02**2, 0.01**2
     cov = np.array([[v_phi, yc * v_phi], [yc * v_phi, v_perp + yc**2 * v_phi]])
     factor = WallObservation(key, wall_key(0), float(phi), 2.0, cov)
@@ -66,7 +66,7 @@ def test_walls_hold_a_pose_in_every_direction(phi):
     truth = np.array([[0.0, 0.0, 0.0], [0.5, 0.2, 0.3]])
     walls = [(phi, 3.0), (phi + np.pi / 2, 2.0)]
     bearings = [np.array([w[0] - p[2] for w in walls]) for p in truth]
-    keys = [keyframe_key(k, turn_for(b)) for k, b in enumerate(bearings)]
+    keys = [keyframe_key(k, yaw_offset_for(b)) for k, b in enumerate(bearings)]
     sharp = np.diag([0.001**2, 0.001**2])
     wrong = compose2(between2(truth[0], truth[1]), np.array([0.05, -0.03, 0.04]))
     factors = [
@@ -88,8 +88,8 @@ def test_chi_square_of_a_pose_among_walls_has_the_right_mean():
     cov = np.array([[v_phi, yc * v_phi], [yc * v_phi, v_perp + yc**2 * v_phi]])
     root = np.linalg.cholesky(cov)
     walls = [(0.3, 3.0), (1.9, 2.0), (-2.0, 4.0)]
-    key = keyframe_key(1, turn_for(np.array([w[0] for w in walls])))
-    first = keyframe_key(0, key.turn)
+    key = keyframe_key(1, yaw_offset_for(np.array([w[0] for w in walls])))
+    first = keyframe_key(0, key.yaw_offset)
     sharp, loose = np.eye(2) * 1e-10, np.diag([1.0, 1.0, 1.0])
     values = []
     for _ in range(300):
@@ -196,7 +196,8 @@ def test_isam_agrees_with_the_batch():
     walls = [(0.0, 9.0), (np.pi / 2, 8.0)]
     groups, starts, cov = [], {}, np.diag([0.01**2, 0.02**2])
     keys = [
-        keyframe_key(k, turn_for(np.array([-p[2], np.pi / 2 - p[2]]))) for k, p in enumerate(truth)
+        keyframe_key(k, yaw_offset_for(np.array([-p[2], np.pi / 2 - p[2]])))
+        for k, p in enumerate(truth)
     ]
     pose = truth[0]
     for k, (key, p) in enumerate(zip(keys, truth)):

@@ -72,7 +72,7 @@ def draw(slam, folder):
     solution = replace(empty, slam=found, **path)
     folder.mkdir()
     write_solution(folder, solution, Config())
-    save_map(folder / "map.mcap", SavedMap(slam.state(), ()), solution)
+    save_map(folder / "map.mcap", SavedMap(slam.saved(), ()), solution)
     results = load_results(folder)
     assert [(m.kind, m.id) for m in results.graph.landmarks] == [("beacon", n) for n in BEACONS]
     (folder / "map.png").write_bytes(map_png(results))
@@ -86,7 +86,7 @@ def test_a_beacon_is_estimated_drawn_saved_and_gone_on_with(tmp_path):
     assert_true(first)
     assert draw(slam, tmp_path / "one") > 4 * 20
 
-    later = WallSlam.from_state(Config(), load_map(tmp_path / "one" / "map.mcap").walls)
+    later = WallSlam.from_saved(Config(), load_map(tmp_path / "one" / "map.mcap").walls)
     drive(later, [(12, 4), (12, 9), (3, 9)], 8, 2 * 10**18)
     assert later.current_pose().localised
     again = later.solve().landmarks

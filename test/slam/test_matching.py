@@ -8,7 +8,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import transform2
 from tccm_ros.slam.alignment import Prior, align
 from tccm_ros.slam.correlation import correlate, known_likelihood, support
-from tccm_ros.slam.level_scan import level_scan, thin_with_normals
+from tccm_ros.slam.level_scan import make_level_scan, thin_with_normals
 from tccm_ros.slam.likelihood_grid import CELL, UNKNOWN, make_likelihood_grid, with_unknown
 from tccm_ros.slam.line_map import ACROSS, ALIKE, ALONG, SPACING, make_line_map
 
@@ -17,7 +17,7 @@ ROOM = np.concatenate([plan.box(-2, -2, 3, 2.5), plan.box(1.0, 1.5, 1.6, 2.5)])
 
 def scan_at(pose, seed=0, sigma=0.005):
     run = plan.drive(ROOM, np.array([pose, pose]), seed=seed, sigma=sigma, mount=(0, 0, 0))
-    return level_scan(run.scans[0], Config())
+    return make_level_scan(run.scans[0], Config())
 
 
 def room_map():
@@ -73,7 +73,7 @@ def test_nothing_better_than_asked_is_nothing():
     lines, _, _ = room_map()
     grid = make_likelihood_grid(lines.points)
     points = scan_at([0.0, 0.0, 0.0]).points
-    assert correlate(grid, points + 30.0, np.zeros(3), (0.3, 0.1), least=0.2).score == -1.0
+    assert correlate(grid, points + 30.0, np.zeros(3), (0.3, 0.1), min_score=0.2).score == -1.0
     assert correlate(grid, np.zeros((0, 2)), np.zeros(3), (0.3, 0.1)).score == -1.0
 
 
@@ -131,7 +131,7 @@ def test_alignment_finds_the_pose(truth):
 def test_along_a_corridor_alignment_knows_nothing_and_keeps_the_prior():
     walls = np.array([[[-40.0, 1.0], [40.0, 1.0]], [[-40.0, -1.0], [40.0, -1.0]]])
     run = plan.drive(walls, np.array([[0.0, 0, 0], [0, 0, 0]]), mount=(0, 0, 0))
-    scan = level_scan(run.scans[0], Config())
+    scan = make_level_scan(run.scans[0], Config())
     lines = make_line_map(np.zeros((1, 3)), [scan])
     prior = np.array([0.3, 0.02, 0.01])
     weight = np.diag([100.0, 100.0, 100.0])

@@ -13,8 +13,8 @@ def drive(truth, information, steps=200, seed=0):
     scale = OdometryScale()
     for _ in range(steps):
         odometry = np.array([0.3 / truth + random.normal() * 0.005, 0.0, 0.0])
-        share = information[0, 0] / (information[0, 0] + 1.0 / COV[0, 0])
-        placed = share * 0.3 + (1.0 - share) * scale.value * odometry[0]
+        weight = information[0, 0] / (information[0, 0] + 1.0 / COV[0, 0])
+        placed = weight * 0.3 + (1.0 - weight) * scale.value * odometry[0]
         scale.update(odometry, np.array([placed, 0.0, 0.0]), information, COV)
     return scale
 

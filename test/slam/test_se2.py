@@ -26,7 +26,7 @@ def test_compiled_poses_are_those_of_geometry(a, b):
 @given(poses)
 def test_place_is_that_of_geometry(a):
     points = np.random.default_rng(0).normal(size=(7, 2))
-    assert np.allclose(se2.place(a, points), transform2(a, points))
+    assert np.allclose(se2.transform_points(a, points), transform2(a, points))
 
 
 def test_scans_are_placed_one_after_the_other():
@@ -34,7 +34,7 @@ def test_scans_are_placed_one_after_the_other():
     poses = random.normal(size=(4, 3))
     counts = np.array([3, 0, 5, 1])
     points, normals = random.normal(size=(2, 9, 2))
-    placed, turned = se2.place_scans(poses, counts, points, normals)
+    placed, turned = se2.transform_scans(poses, counts, points, normals)
     at = 0
     for pose, count in zip(poses, counts):
         rows = slice(at, at + count)

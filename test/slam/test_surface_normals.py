@@ -7,11 +7,11 @@ import pytest
 from tccm_ros.config import Config
 from tccm_ros.slam.alignment import Prior, align
 from tccm_ros.slam.buckets import BUCKET
-from tccm_ros.slam.level_scan import LevelScan, level_scan
+from tccm_ros.slam.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.line_map import LineMap, make_line_map
 from tccm_ros.slam.surface_normals import (
-    AROUND,
     FLATNESS,
+    RADIUS,
     fit_missing_normals,
     mean_normals,
 )
@@ -28,10 +28,10 @@ def corridor_map(walls=CORRIDOR, sigma=NOISE, seed=0):
     """Twenty scans along x from -3 m on, in one map at their true poses, and a scan at 0."""
     poses = np.column_stack([np.linspace(-3.0, 3.0, 21), np.zeros((21, 2))])
     run = plan.drive(walls, poses, seed=seed, sigma=sigma, mount=(0, 0, 0))
-    scans = [level_scan(s, Config()) for s in run.scans]
+    scans = [make_level_scan(s, Config()) for s in run.scans]
     lines = make_line_map(poses, scans)
     again = plan.drive(walls, np.zeros((1, 3)), seed=seed + 99, sigma=sigma, mount=(0, 0, 0))
-    return lines, level_scan(again.scans[0], Config())
+    return lines, make_level_scan(again.scans[0], Config())
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -74,7 +74,7 @@ def test_missing_normals_are_those_of_a_fit_to_all_points_around():
     assert np.array_equal(normals[~missing], kept)
     fitted = 0
     for k in np.flatnonzero(missing):
-        near = points[np.hypot(*(points - lines.points[k]).T) < AROUND]
+        near = points[np.hypot(*(points - lines.points[k]).T) < RADIUS]
         if len(near) < 4:
             assert not normals[k].any()
             continue
@@ -88,7 +88,7 @@ def test_missing_normals_are_those_of_a_fit_to_all_points_around():
         expected = values[0] / values[1] / (len(near) - 2.0)
         assert variances[k] == pytest.approx(expected, abs=1e-9)
     assert fitted > 20
-    assert BUCKET > AROUND
+    assert BUCKET > RADIUS
 
 
 @pytest.mark.parametrize("seed", range(6))

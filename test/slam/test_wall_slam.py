@@ -195,7 +195,7 @@ def test_going_on_in_a_saved_map_from_an_unknown_start(lap, solved, mode):
     slam, solution = solved
     config = Config()
     config.graph.mode = mode
-    later = WallSlam.from_state(config, slam.state())
+    later = WallSlam.from_saved(config, slam.saved())
     route = plan.route([(12, 4), (12, 9), (3, 9)])
     run = plan.drive(WALLS, route, seed=8, start_ns=2 * 10**18)
     assert not later.current_pose().localised or later.current_pose().stamp_ns < 0
@@ -212,9 +212,9 @@ def test_going_on_in_a_saved_map_from_an_unknown_start(lap, solved, mode):
 
 
 def test_a_damaged_state_is_an_error(solved):
-    state = solved[0].state()
+    state = solved[0].saved()
     missing = {k: v for k, v in state.items() if k != "line_cov"}
     with pytest.raises(MapError, match="line_cov"):
-        WallSlam.from_state(Config(), missing)
+        WallSlam.from_saved(Config(), missing)
     with pytest.raises(MapError, match="damaged"):
-        WallSlam.from_state(Config(), {**state, "scan_points": state["scan_points"][:-1]})
+        WallSlam.from_saved(Config(), {**state, "scan_points": state["scan_points"][:-1]})

@@ -6,16 +6,16 @@ import pytest
 
 from tccm_ros.config import Config
 from tccm_ros.slam.alignment import Prior, agreement, align
-from tccm_ros.slam.level_scan import level_scan
+from tccm_ros.slam.level_scan import make_level_scan
 from tccm_ros.slam.line_map import make_line_map
-from tccm_ros.slam.seen_through import MARGIN, SECTORS, passes_and_hits
+from tccm_ros.slam.visibility import MARGIN, SECTORS, passes_and_hits
 
 ROOM = np.concatenate([plan.box(-2, -2, 6, 2), plan.box(3.0, 1.4, 3.6, 2)])
 
 
 def scan_at(pose, walls=ROOM, seed=0):
     run = plan.drive(walls, np.array([pose, pose]), seed=seed, sigma=0.005, mount=(0, 0, 0))
-    return level_scan(run.scans[0], Config())
+    return make_level_scan(run.scans[0], Config())
 
 
 def sector_of(x, y):

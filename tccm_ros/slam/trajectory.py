@@ -30,7 +30,10 @@ before and after the stamp, together half a tilt cycle of an ordinary tilting la
 
 @dataclass(slots=True)
 class OdometryTrack:
-    """Planar odometry by stamp, in any order of arrival; the last sample of a stamp is kept."""
+    """Planar odometry by stamp, in any order of arrival; the last sample of a stamp is kept.
+
+    Its fields are private: samples come by `add`.
+    """
 
     _samples: dict[int, tuple[float, float, float]] = field(default_factory=dict)
     _sorted: tuple[Int64, Float64] | None = None

@@ -80,7 +80,7 @@ def draw(slam, folder):
     return int((away < 0.01).sum())
 
 
-def test_a_beacon_is_estimated_drawn_saved_and_gone_on_with(tmp_path):
+def test_a_beacon_is_estimated_drawn_saved_and_used_by_a_later_session(tmp_path):
     slam = drive(WallSlam(Config()), LAP)
     first = slam.solve().landmarks
     assert_true(first)
@@ -106,7 +106,7 @@ def assert_true(landmarks):
     assert np.linalg.norm(errors, axis=1).max() < 0.1
 
 
-def test_beacons_alone_hold_the_live_pose():
+def test_beacons_without_loop_closures_correct_the_live_pose():
     """Odometry turns by 12 mrad/m; nothing but beacons tells, while driving as in the end."""
     config = Config()
     config.matching.enabled = config.loops.enabled = config.walls.enabled = False

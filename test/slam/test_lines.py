@@ -91,7 +91,7 @@ def test_covariance_with_its_correlation_passes_a_chi_square_test(offset):
 
 @pytest.mark.parametrize("label", LABELLINGS)
 @pytest.mark.parametrize("beams", [40, 180, 4000])
-def test_any_resolution(label, beams):
+def test_a_room_has_four_lines_at_any_angular_resolution(label, beams):
     lines = extract_lines(
         scan(plan.box(-2, -2, 2, 2), [0.3, 0.2, 0.4], beams), ORIGIN, config(), label
     )
@@ -106,7 +106,7 @@ def test_too_few_points_are_no_line(label, count):
 
 
 @pytest.mark.parametrize("label", LABELLINGS)
-def test_a_single_line_and_points_all_in_one_place(label):
+def test_one_wall_is_one_line_and_one_point_is_none(label):
     one = np.stack([np.full(50, 2.0), np.linspace(-1, 1, 50)], axis=1)
     lines = extract_lines(one, ORIGIN, config(), label)
     assert len(lines) == 1
@@ -139,13 +139,13 @@ def test_a_gap_ends_a_line(label):
     assert len(lines) == 2
 
 
-def test_minimum_length():
+def test_a_line_shorter_than_the_minimum_length_is_dropped():
     short = np.stack([np.full(30, 1.0), np.linspace(-0.2, 0.2, 30)], axis=1)
     assert len(extract_lines(short, ORIGIN, config())) == 0
     assert len(extract_lines(short, ORIGIN, config(min_length=0.3))) == 1
 
 
-def test_ransac_is_repeatable():
+def test_ransac_returns_the_same_lines_twice():
     beams = scan(plan.ring(), [0, 0, 0.3])
     one, two = (extract_lines(beams, ORIGIN, config(), label_by_ransac) for _ in range(2))
     assert np.array_equal(one.phi, two.phi)

@@ -18,7 +18,7 @@ LOOPS = st.lists(st.tuples(st.integers(0, KEYFRAMES - 1), st.integers(0, KEYFRAM
     st.lists(st.floats(0.1, 5.0), min_size=3, max_size=3),
     st.integers(0, KEYFRAMES - 1),
 )
-def test_the_shortest_paths_are_dijkstras(steps, starts, loops, some, start):
+def test_path_lengths_are_those_of_dijkstras_algorithm(steps, starts, loops, some, start):
     steps = np.array(steps)
     steps[[0, *starts]] = np.inf
     loops = np.array([x for x in loops if x[0] != x[1]], np.int64).reshape(-1, 2)

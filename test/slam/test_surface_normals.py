@@ -92,7 +92,7 @@ def test_missing_normals_are_those_of_a_fit_to_all_points_around():
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_of_a_plain_corridor_noise_says_nothing(seed):
+def test_noise_of_normals_gives_no_information_along_a_plain_corridor(seed):
     """From 0.4 m ahead the match goes to where it is expected, and its information says so."""
     lines, scan = corridor_map(seed=seed)
     prior = np.array([0.05, 0.0, 0.0])
@@ -109,7 +109,7 @@ def test_of_a_plain_corridor_noise_says_nothing(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_wall_ahead_is_known_in_spite_of_noise(seed):
+def test_a_wall_ahead_gives_information_in_spite_of_noise(seed):
     walls = np.concatenate([CORRIDOR, [[[6.0, -1.0], [6.0, 1.0]]]])
     lines, scan = corridor_map(walls, seed=seed)
     start = np.array([0.1, 0.0, 0.0])
@@ -119,7 +119,7 @@ def test_a_wall_ahead_is_known_in_spite_of_noise(seed):
     assert result.information[0, 0] > 1000.0
 
 
-def test_a_map_of_nothing_has_no_normals():
+def test_an_empty_map_has_no_normals():
     nothing = np.zeros((0, 2))
     scan = LevelScan(0, np.zeros(3), nothing, np.zeros(2), nothing, nothing)
     lines = make_line_map(np.zeros((1, 3)), [scan])
@@ -127,7 +127,7 @@ def test_a_map_of_nothing_has_no_normals():
     assert len(lines.variances) == 0
 
 
-def test_noise_takes_few_normals():
+def test_noise_removes_few_normals():
     """At 1.2 m from a wall, noise of 25 mm is a fifth of what a few beams span."""
     _, scan = corridor_map()
     near = np.hypot(*scan.points.T) < 3.0

@@ -24,7 +24,7 @@ def covariance_of_a_view(speed, stamp_ns=5 * SECOND):
 
 
 @pytest.mark.parametrize("speed", [0.05, 0.3, 1.0])
-def test_a_view_taken_while_moving_is_known_less_well(speed):
+def test_the_covariance_of_a_view_grows_with_the_speed_of_the_base(speed):
     more = covariance_of_a_view(speed) - covariance_of_a_view(0.0)
     way = speed * TILT_MOTION_NS / SECOND
     assert more[0, 0] == pytest.approx(2 * (MODEL.sigma_per_m * way) ** 2, rel=1e-6)
@@ -32,7 +32,7 @@ def test_a_view_taken_while_moving_is_known_less_well(speed):
     assert more[2, 2] == pytest.approx(2 * (MODEL.sigma_rad_per_m * way) ** 2, rel=1e-6)
 
 
-def test_a_view_at_the_end_of_odometry_counts_the_motion_before():
+def test_the_covariance_of_the_last_view_has_the_motion_before_it():
     middle, end = (
         covariance_of_a_view(0.3, t)[0, 0] for t in (5 * SECOND, 10 * SECOND - 20_000_000)
     )

@@ -1,7 +1,8 @@
 """Buildings that are hard to map, and a robot whose measurements are as bad as those of old logs.
 
 They stand in for recordings that the repository does not have: identical offices along a corridor,
-a court of several hundred metres, a block of crossing corridors. As `plan`, it shares no code with what it tests.
+a court of several hundred metres, a block of crossing corridors. As `plan`, the module shares no
+code with what it tests.
 """
 
 from __future__ import annotations

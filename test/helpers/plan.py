@@ -52,7 +52,7 @@ def ring(length: float = 12.0, width: float = 9.0, half: float = 1.0) -> Float64
 
 
 def cast(walls: Float64, pose: Float64, bearings: Float64, max_range: float = 20.0) -> Float64:
-    """Return the range of each beam (N,) from a planar pose of the laser; inf beyond its maximum."""
+    """Return the range of each beam (N,) from a planar pose of the laser; inf without a return."""
     angles = pose[2] + bearings
     d = np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None]
     a, e = walls[None, :, 0] - pose[:2], (walls[:, 1] - walls[:, 0])[None]

@@ -242,7 +242,7 @@ def test_a_chain_with_an_uncertainty_of_tens_of_metres_is_optimised():
     assert np.allclose(live.planar_poses(keys), poses, atol=1e-6)
     solution = solve_graph([f for group in factors for f in group], dict(zip(keys, poses)))
     sigma = np.sqrt(np.diag(solution.planar_covariance(keys[-1])))
-    # The yaw error at step 5 over the rest of the path; the yaw errors after it grow with its power of 1.5.
+    # The yaw error at step 5 over the rest of the path; later ones grow with its power of 1.5.
     way = 0.35 * (steps - 5)
     expected = np.hypot(0.25 * way, 0.002 * way * np.sqrt(steps / 3))
     assert sigma[1] == pytest.approx(expected, rel=0.02)

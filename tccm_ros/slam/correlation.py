@@ -100,14 +100,14 @@ def correlate(
 
 
 class _Search(NamedTuple):
-    """A window of `half` cells and `yaw_steps` steps of the yaw to either side of a pose.
+    """A window of `half` cells and `yaws` steps of the yaw to either side of a pose.
 
     A pose loses the penalties per m^2 and rad^2; the coarsest level searched is `depth`.
     """
 
     centre: Float64
     half: int
-    yaw_steps: int
+    yaws: int
     angle_step: float
     shift_penalty: float
     yaw_penalty: float
@@ -255,22 +255,17 @@ def _branch_and_bound(
 ) -> tuple[Float64, float]:  # pragma: no cover - compiled
     """Depth first over blocks of shifts, best block first, for each yaw."""
     levels, outside = grid.levels, grid.outside
-    centre, half, yaw_steps, angle_step = (
-        search.centre,
-        search.half,
-        search.yaw_steps,
-        search.angle_step,
-    )
+    centre, half, yaws, angle_step = search.centre, search.half, search.yaws, search.angle_step
     yaw_penalty, depth = search.yaw_penalty, search.depth
     width = 1 << depth
     blocks = (2 * half) // width + 1
-    angles = 2 * yaw_steps + 1
+    angles = 2 * yaws + 1
     cells = np.empty((angles, len(points), 2), np.int32)
     bounds = np.empty(angles * blocks * blocks)
     totals = np.empty((blocks, blocks), np.int32)
     per_cell = search.shift_penalty * CELL * CELL
     for a in range(angles):
-        dyaw = (a - yaw_steps) * angle_step
+        dyaw = (a - yaws) * angle_step
         _rotate(points, grid.origin, centre, centre[2] + dyaw, cells[a])
         _score_blocks(levels[depth], cells[a], half, width, outside, totals)
         for i in range(blocks):
@@ -291,7 +286,7 @@ def _branch_and_bound(
         if bounds[k] <= best:
             break
         a, i, j = k // (blocks * blocks), (k // blocks) % blocks, k % blocks
-        dyaw = (a - yaw_steps) * angle_step
+        dyaw = (a - yaws) * angle_step
         top = 0
         stack[0, 0], stack[0, 1], stack[0, 2] = depth, -half + i * width, -half + j * width
         while top >= 0:

@@ -16,7 +16,7 @@ from scipy.sparse import csc_matrix
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial, wrap_angle
 from tccm_ros.slam.factors import Factor, Key
-from tccm_ros.slam.factors.noise import rotate_frame_of_covariance
+from tccm_ros.slam.factors.noise import rotate_frame
 from tccm_ros.slam.marginals import marginal_blocks
 
 __all__ = ["GraphSolution", "IncrementalGraph", "PoseGraph"]
@@ -74,7 +74,7 @@ class GraphSolution:
     def planar_covariance(self, key: Key) -> Float64:
         """Return the covariance float64 (3, 3) of (x, y, yaw) in the pose's own frame."""
         cov = self.covariance(key)[np.ix_([3, 4, 2], [3, 4, 2])]
-        return rotate_frame_of_covariance(cov, -key.yaw_offset)
+        return rotate_frame(cov, -key.yaw_offset)
 
     def errors_of(self, indices: Iterable[int]) -> Float64:
         """Return half squared Mahalanobis distances of some factors, float64 (N,)."""

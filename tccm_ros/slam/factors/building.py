@@ -13,7 +13,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial
 from tccm_ros.slam.factors.factor import NoLandmark
 from tccm_ros.slam.factors.keys import Key
-from tccm_ros.slam.factors.noise import PLANAR_SIGMA, UNMEASURED_SIGMA
+from tccm_ros.slam.factors.noise import OPEN_SIGMA, PLANAR_SIGMA
 from tccm_ros.slam.factors.poses import PriorPose
 
 __all__ = ["Building", "WallDirection"]
@@ -41,7 +41,7 @@ class Building:
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
         """Add a prior that holds the frame at the origin and leaves its heading free."""
-        cov = np.diag([PLANAR_SIGMA**2, PLANAR_SIGMA**2, UNMEASURED_SIGMA**2])
+        cov = np.diag([PLANAR_SIGMA**2, PLANAR_SIGMA**2, OPEN_SIGMA**2])
         PriorPose(self.key, np.array([0.0, 0.0, self.yaw]), cov).add_to(graph)
 
     def initial(self, pose_of: Callable[[Key], Float64]) -> list[tuple[Key, Any]]:
@@ -75,8 +75,6 @@ class WallDirection(NoLandmark):
         """Add an oriented-plane factor that does not measure the distance."""
         angle = self.angle - self.building.yaw_offset
         measured = np.array([np.cos(angle), np.sin(angle), 0.0, 0.0])
-        noise = gtsam.noiseModel.Diagonal.Sigmas(
-            np.array([self.sigma, self.sigma, UNMEASURED_SIGMA])
-        )
+        noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([self.sigma, self.sigma, OPEN_SIGMA]))
         keys = self.building.symbol, self.wall.symbol
         graph.add(gtsam.OrientedPlane3Factor(measured, noise, *keys))

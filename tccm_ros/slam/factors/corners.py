@@ -13,7 +13,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial
 from tccm_ros.slam.factors.factor import NoLandmark
 from tccm_ros.slam.factors.keys import Key, rotation_z
-from tccm_ros.slam.factors.noise import UNMEASURED_SIGMA, gaussian, planar_covariance
+from tccm_ros.slam.factors.noise import OPEN_SIGMA, gaussian, planar_covariance
 
 __all__ = ["CornerObservation", "WallThroughCorner"]
 
@@ -89,8 +89,6 @@ class WallThroughCorner(NoLandmark):
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
         """Add an oriented-plane factor that does not measure the angle."""
         measured = np.array([np.cos(self.phi), np.sin(self.phi), 0.0, 0.0])
-        noise = gtsam.noiseModel.Diagonal.Sigmas(
-            np.array([UNMEASURED_SIGMA, UNMEASURED_SIGMA, self.sigma])
-        )
+        noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([OPEN_SIGMA, OPEN_SIGMA, self.sigma]))
         keys = self.corner.symbol, self.wall.symbol
         graph.add(gtsam.OrientedPlane3Factor(measured, noise, *keys))

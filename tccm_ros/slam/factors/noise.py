@@ -11,12 +11,12 @@ from tccm_ros.slam.factors.keys import rotation_z
 __all__ = [
     "FREE_POSITION_SIGMA",
     "LOOSE_SIGMA",
+    "OPEN_SIGMA",
     "PLANAR_SIGMA",
-    "UNMEASURED_SIGMA",
     "gaussian",
     "huber",
     "planar_covariance",
-    "rotate_frame_of_covariance",
+    "rotate_frame",
 ]
 
 
@@ -24,7 +24,7 @@ PLANAR_SIGMA = 1e-5
 """Roll, pitch (rad) and z (m) of a keyframe: small enough to vanish, large enough to be stable
 (chosen)."""
 
-UNMEASURED_SIGMA = 1e3
+OPEN_SIGMA = 1e3
 """Standard deviation (m, rad) of a component that a factor does not measure (chosen)."""
 
 FREE_POSITION_SIGMA = 1e6
@@ -64,7 +64,7 @@ def planar_covariance(cov_xyyaw: Float64, z_roll_pitch: tuple[float, float, floa
     return cov
 
 
-def rotate_frame_of_covariance(cov_xyyaw: Float64, yaw: float) -> Float64:
+def rotate_frame(cov_xyyaw: Float64, yaw: float) -> Float64:
     """Express a covariance of (x, y, yaw) in a frame that is rotated by `yaw` (rad) about z."""
     R = rotation_z(yaw)[:3, :3]
     return R.T @ np.asarray(cov_xyyaw, float) @ R

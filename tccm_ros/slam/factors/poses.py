@@ -14,11 +14,11 @@ from tccm_ros.slam.factors.keys import Key, rotation_z
 from tccm_ros.slam.factors.noise import (
     FREE_POSITION_SIGMA,
     LOOSE_SIGMA,
+    OPEN_SIGMA,
     PLANAR_SIGMA,
-    UNMEASURED_SIGMA,
     gaussian,
     planar_covariance,
-    rotate_frame_of_covariance,
+    rotate_frame,
 )
 
 __all__ = ["BetweenKeyframes", "Planar", "PriorPose"]
@@ -44,7 +44,7 @@ class PriorPose(NoLandmark):
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
         """Add a prior that also holds roll, pitch and z at zero."""
-        cov = rotate_frame_of_covariance(self.cov, self.key.yaw_offset)
+        cov = rotate_frame(self.cov, self.key.yaw_offset)
         noise = gaussian(planar_covariance(cov, (PLANAR_SIGMA,) * 3))
         value = self.key.to_value(spatial(self.pose))
         graph.add(gtsam.PriorFactorPose3(self.key.symbol, value, noise))
@@ -67,7 +67,7 @@ class Planar(NoLandmark):
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
         """Add a prior at `pose` that does not measure (x, y, yaw)."""
-        roll_pitch_yaw = PLANAR_SIGMA, PLANAR_SIGMA, UNMEASURED_SIGMA
+        roll_pitch_yaw = PLANAR_SIGMA, PLANAR_SIGMA, OPEN_SIGMA
         sigmas = np.array([*roll_pitch_yaw, FREE_POSITION_SIGMA, FREE_POSITION_SIGMA, PLANAR_SIGMA])
         noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
         value = self.key.to_value(spatial(self.pose))
@@ -98,7 +98,7 @@ class BetweenKeyframes(NoLandmark):
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
         """Add a between factor; roll, pitch and z follow, loosely (`Planar` holds them)."""
-        cov = rotate_frame_of_covariance(np.asarray(self.cov) / self.weight, self.b.yaw_offset)
+        cov = rotate_frame(np.asarray(self.cov) / self.weight, self.b.yaw_offset)
         noise = gaussian(planar_covariance(cov, (LOOSE_SIGMA,) * 3))
         delta = gtsam.Pose3(
             rotation_z(-self.a.yaw_offset) @ spatial(self.delta) @ rotation_z(self.b.yaw_offset)

@@ -68,7 +68,7 @@ class WallSlam:
 
     def __init__(self, config: Config, label: LabelBeams = label_by_splitting) -> None:
         self.config = config
-        self._label = label
+        self.label = label
         self._lines: list[Lines] = []
         self._chain = Chain()
         self._closer = LoopCloser(config, self._chain)
@@ -154,7 +154,7 @@ class WallSlam:
         done = len(self._chain.keyframes) - self._front.first_id
         for keyframe in self._front.keyframes[done:]:
             scan = keyframe.scan
-            lines = extract_lines(scan.beams, scan.origin, self.config, self._label)
+            lines = extract_lines(scan.beams, scan.origin, self.config, self.label)
             self._add_keyframe(keyframe, lines)
             return keyframe.id
         return -1
@@ -245,7 +245,7 @@ class WallSlam:
 
     def _by_odometry(self) -> WallSlam:
         """Return a processor whose keyframes are the odometry samples."""
-        odometry_slam = WallSlam(self.config, self._label)
+        odometry_slam = WallSlam(self.config, self.label)
         nothing = np.zeros((0, 2))
         odometry_slam._odometry = self._odometry
         for observation in self._observed:

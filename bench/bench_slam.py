@@ -17,12 +17,13 @@ import numpy as np
 
 from tccm_ros.bags.carmen import import_carmen
 from tccm_ros.bags.reader import BagReader
+from tccm_ros.baselines.line_ransac import label_by_ransac
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, compose2, inverse, spatial
 from tccm_ros.pipeline.evaluate.trajectory_errors import nees, pairs_that_meet, relation_errors
 from tccm_ros.pipeline.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.records import Odometry, PosedScan, Scan
-from tccm_ros.slam.chain import turn_for
+from tccm_ros.slam.chain import yaw_offset_for
 from tccm_ros.slam.factors import (
     BetweenKeyframes,
     Factor,
@@ -33,7 +34,7 @@ from tccm_ros.slam.factors import (
     wall_key,
 )
 from tccm_ros.slam.graph import IncrementalGraph, PoseGraph
-from tccm_ros.slam.lines import extract_lines
+from tccm_ros.slam.lines import extract_lines, label_by_splitting
 from tccm_ros.slam.wall_slam import WallSlam
 
 HERE = Path(__file__).resolve().parent
@@ -57,14 +58,13 @@ def bench_lines(plan) -> None:
     beams = np.stack([np.cos(bearings), np.sin(bearings)], axis=1) * ranges[:, None]
     beams = beams[np.isfinite(ranges)]
     print("line extraction, 1,080 beams               us   lines")
-    for extractor in ("split_merge", "ransac"):
-        config.lines.extractor = extractor
+    for label in (label_by_splitting, label_by_ransac):
         times = []
         for _ in range(60):
             start = time.perf_counter()
-            lines = extract_lines(beams, np.zeros(2), config)
+            lines = extract_lines(beams, np.zeros(2), config, label)
             times.append(time.perf_counter() - start)
-        print(f"  {extractor:34} {np.median(times) * 1e6:8.0f} {len(lines):7d}")
+        print(f"  {label.__name__:34} {np.median(times) * 1e6:8.0f} {len(lines):7d}")
 
 
 def big_graph(poses: int, per_pose: int):
@@ -77,7 +77,7 @@ def big_graph(poses: int, per_pose: int):
     steps, start = [], truth[:1].copy()
     groups: list[list[Factor]] = []
     bearings = 1.3 * np.arange(per_pose) + 0.2
-    keys = [keyframe_key(k, turn_for(bearings - truth[k, 2])) for k in range(poses)]
+    keys = [keyframe_key(k, yaw_offset_for(bearings - truth[k, 2])) for k in range(poses)]
     for k in range(poses):
         if k == 0:
             groups.append([PriorPose(keys[0], truth[0], cov)])

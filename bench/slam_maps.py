@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from tccm_ros.bags.carmen import import_carmen
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform2
-from tccm_ros.slam.level_scan import level_scan
+from tccm_ros.slam.level_scan import make_level_scan
 from tccm_ros.slam.wall_slam import WallSlam
 
 HERE = Path(__file__).resolve().parent
@@ -36,7 +36,7 @@ def draw(log: Path, out: Path) -> None:
         slam.add_scan(scan)
     solution = slam.solve()
     points = [
-        transform2(pose, level_scan(scan, config).beams)
+        transform2(pose, make_level_scan(scan, config).beams)
         for pose, scan in zip(solution.poses[::5], scans[::5])
     ]
     figure = Figure(figsize=(9.0, 9.0), layout="constrained")

@@ -23,7 +23,7 @@ from tccm_ros.bags.carmen import import_carmen
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar, transform2
 from tccm_ros.pipeline.evaluate.truth_files import read_reference, read_stamps
-from tccm_ros.slam.level_scan import level_scan
+from tccm_ros.slam.level_scan import make_level_scan
 
 NEAR, MATCHED = 4.0, 0.10  # m
 YAWS = np.arange(-0.48, 0.481, 0.04)  # rad
@@ -45,7 +45,7 @@ def read_rows(log: Path) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
         stamps = read_stamps(bag / "stamps.csv")
     config = Config()
     scans = [by_stamp[stamps[int(i)]] for i in truth.scan_index]
-    return truth.scan_index, planar(truth.poses), [level_scan(s, config).beams for s in scans]
+    return truth.scan_index, planar(truth.poses), [make_level_scan(s, config).beams for s in scans]
 
 
 def seen_by_several(points: list[np.ndarray]) -> np.ndarray:

@@ -32,7 +32,7 @@ def write_map(
     """
     with output_folder(folder) as made:
         write_solution(made, solution, processor.config)
-        grid = occupancy_grid(processor.walls.state())
+        grid = occupancy_grid(processor.walls.saved())
         if grid is not None:
             save_grid(made, GRID_NAME, grid)
         save_map(made / MAP_FILE, processor.saved(solution), solution, map_frame)

@@ -167,7 +167,7 @@ class SlamNode(SensorNode):
 
     def _grid(self) -> Any:
         """Return the level scans as a nav_msgs/OccupancyGrid; empty without a level laser."""
-        grid = occupancy_grid(self.processor.walls.state())
+        grid = occupancy_grid(self.processor.walls.saved())
         cells, size, origin = np.zeros((0, 0), np.int8), 0.05, np.eye(4)
         if grid is not None:
             cells, size, origin[:2, 3] = grid.cells, grid.resolution, grid.origin

@@ -1,9 +1,10 @@
 """Point-to-line alignment of a scan with a local map, from a start that is nearly right.
 
-What speaks for the result is what is seen there, less what is seen through. People who walk along
-are where they were in the scan before, and make it look as if the robot stood still. But where it
-really is, a scan sees through little that others have seen, and what standing still would explain
-better is the people alone, whom hardly two keyframes see in one place.
+`agreement` rates a result by the surfaces that the scan hits, less those that it sees through.
+People who walk along with the robot are where they were in the scan before, so that a match with
+them says that the robot stands still. At the true pose, a scan sees through few surfaces that
+other scans have seen, and a match with the people adds little, because two keyframes hardly ever
+see them at the same position.
 """
 
 from __future__ import annotations
@@ -17,27 +18,46 @@ from tccm_ros.arrays import Float64
 from tccm_ros.slam.buckets import BUCKET
 from tccm_ros.slam.level_scan import LevelScan
 from tccm_ros.slam.line_map import LineMap
-from tccm_ros.slam.se2 import place
-from tccm_ros.slam.seen_through import passes_and_hits
+from tccm_ros.slam.se2 import transform_points
+from tccm_ros.slam.visibility import passes_and_hits
 
 __all__ = ["Alignment", "Prior", "agreement", "align"]
 
 
-ISOTROPIC_SHARE = 0.15
-"""Information of a point without a normal, in each direction, relative to one on a line: where it
-was hit on an object of unknown shape is known to a few centimetres only."""
+ISOTROPIC_WEIGHT = 0.15
+"""Information of a point without a normal, in each direction, relative to one on a line:
+the position of a hit on an object of unknown shape is known to a few centimetres only (chosen)."""
 
-UNCONFIRMED, ENOUGH = 0.1, 0.5
-"""Weight of what a single scan of the map saw, be it people who walk along, where at least this
-share of the neighbours is confirmed; where the robot sees new ground, all count alike."""
+ISOTROPIC_SIGMAS = 2.0
+"""Noise of such a point, in standard deviations of a point on a line (chosen)."""
 
-CLEARER = 3.0
-"""A direction in which the map says less than this many times what the noise of its normals would
-say anyway is not known from the map: along a corridor, that noise alone looks like information."""
+UNCONFIRMED_WEIGHT, MIN_CONFIRMED = 0.1, 0.5
+"""Weight of points that a single scan of the map saw (people who walk along are among them), where
+at least this fraction of the neighbours is confirmed; in new areas all points have weight 1
+(chosen)."""
+
+MIN_INFORMATION_RATIO = 3.0
+"""A direction is taken as unknown where its information is less than this many times that which
+noise of the normals adds: along a corridor, that noise alone looks like information (chosen)."""
+
+RADIUS_SHRINK, MIN_RADIUS_SIGMAS = 0.7, 6.0
+"""Factor on the search radius for neighbours from step to step; its minimum, in sigma (chosen)."""
+
+CAUCHY_SIGMAS = 2.0
+"""Scale of the robust (Cauchy) weight, in standard deviations (chosen)."""
+
+MIN_FACING_COSINE = -0.1
+"""Cosine between the normals of a point and its neighbour below which they face away from each
+other (chosen)."""
+
+RIDGE = (1e-6, 1e-9)
+"""Added to the diagonal of the normal equations: relative to its trace, and absolute (chosen)."""
 
 MAX_STEPS = 25
-STEP_DONE = 1e-5
-"""A step (m, rad) below this ends the alignment: a hundredth of the noise of a result."""
+"""Gauss-Newton steps at most (chosen)."""
+
+CONVERGED_STEP = 1e-5
+"""A step (m, rad) below this ends the alignment: a hundredth of the noise of a result (chosen)."""
 
 
 class Alignment(NamedTuple):
@@ -49,11 +69,11 @@ class Alignment(NamedTuple):
         float64 (3,), of the scan in the map.
     information
         float64 (3, 3) of (x, y, yaw): x, y along the map's axes; the prior not included. It is
-        zero in a direction of which the map says no more than noise would.
+        zero in a direction in which the map has no more than noise would give.
     inliers
-        Share of the scan's points with a neighbour in the map.
+        Fraction of the scan's points with a neighbour in the map, 0..1.
     confirmed
-        Share of the scan's points whose neighbour is confirmed.
+        Fraction of the scan's points whose neighbour is confirmed, 0..1.
     """
 
     pose: Float64
@@ -63,7 +83,15 @@ class Alignment(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """What is known before: a pose (3,) in the map and its information (3, 3) in its axes."""
+    """A prior on the pose of a scan.
+
+    Attributes
+    ----------
+    pose
+        float64 (3,), (x, y, yaw) in the map, m and rad.
+    information
+        float64 (3, 3), inverse covariance of (x, y, yaw) along the map's axes.
+    """
 
     pose: Float64
     information: Float64
@@ -93,6 +121,11 @@ def align(
         Noise of a point's distance to a line, m.
     prior
         Of odometry; None where nothing is known.
+
+    Returns
+    -------
+    Alignment
+        The pose after the last step; where no point has a neighbour, the prior's or the start.
     """
     start = np.asarray(start, float)
     known = prior or Prior(start, np.zeros((3, 3)))
@@ -100,14 +133,28 @@ def align(
 
 
 def agreement(result: Alignment, scan: LevelScan, line_map: LineMap) -> float:
-    """Return the fraction of a scan that lies on confirmed surfaces, less the fraction of the
-    confirmed surfaces in view that the scan sees through: -1..1.
+    """Return how well a scan agrees with the confirmed surfaces of a map.
+
+    Parameters
+    ----------
+    result
+        The scan's alignment with the map.
+    scan
+        The scan.
+    line_map
+        The map.
+
+    Returns
+    -------
+    float
+        Fraction of the scan that lies on confirmed surfaces, less the fraction of the confirmed
+        surfaces in view that the scan sees through: -1..1.
     """
     passes, hits = passes_and_hits(
         line_map.points[line_map.confirmed],
-        place(result.pose, scan.origin[None]),
+        transform_points(result.pose, scan.origin[None]),
         np.array([len(scan.points)]),
-        place(result.pose, scan.points),
+        transform_points(result.pose, scan.points),
     )
     passed, hit = int(passes.sum()), int(hits.sum())
     return result.confirmed - passed / max(passed + hit, 1)
@@ -134,22 +181,22 @@ def _align(
     H, noise, b = np.zeros((3, 3)), np.zeros((2, 2)), np.zeros(3)
     inliers, confirmed = 0.0, 0.0
     for step in range(MAX_STEPS):
-        radius = max(BUCKET * 0.7**step, 6.0 * sigma)
+        radius = max(BUCKET * RADIUS_SHRINK**step, MIN_RADIUS_SIGMAS * sigma)
         inliers, confirmed = _normal_equations(
             line_map, points, normals, pose, sigma, radius, _Equations(H, noise, b)
         )
-        _drop_what_noise_says(H, noise, b)
+        _drop_direction_of_noise(H, noise, b)
         A = H + prior.information
         difference = pose - prior.pose
         difference[2] = np.arctan2(np.sin(difference[2]), np.cos(difference[2]))
         g = b + prior.information @ difference
         # A tiny ridge holds directions that neither the map nor odometry knows.
         for k in range(3):
-            A[k, k] += 1e-6 * (A[0, 0] + A[1, 1] + A[2, 2]) + 1e-9
+            A[k, k] += RIDGE[0] * (A[0, 0] + A[1, 1] + A[2, 2]) + RIDGE[1]
         delta = -np.linalg.solve(A, g)
         pose += delta
-        small = max(abs(delta[0]), abs(delta[1]), abs(delta[2])) < STEP_DONE
-        if small and radius <= 6.0 * sigma:
+        small = max(abs(delta[0]), abs(delta[1]), abs(delta[2])) < CONVERGED_STEP
+        if small and radius <= MIN_RADIUS_SIGMAS * sigma:
             break
     pose[2] = np.arctan2(np.sin(pose[2]), np.cos(pose[2]))
     return pose, H, inliers, confirmed
@@ -169,7 +216,7 @@ def _normal_equations(
 
     `noise` becomes the part of H's first two rows and columns that stems from normals that are
     off by their standard deviation: E[n n^T] holds their variance in the wall's own direction.
-    Returns the shares of inliers and of confirmed ones.
+    Returns the fractions of inliers and of confirmed ones.
     """
     H, noise, b = equations.H, equations.noise, equations.b
     H[:], noise[:], b[:] = 0.0, 0.0, 0.0
@@ -203,32 +250,36 @@ def _normal_equations(
             N[0, 1] -= w * mx * my
             N[1, 1] += w * mx * mx
         else:
-            w = ISOTROPIC_SHARE * _robust(np.sqrt(dx * dx + dy * dy), 2.0 * sigma) / sigma**2
+            w = (
+                ISOTROPIC_WEIGHT
+                * _robust(np.sqrt(dx * dx + dy * dy), ISOTROPIC_SIGMAS * sigma)
+                / sigma**2
+            )
             J[0], J[1], J[2] = 1.0, 0.0, -ry
             _add(G, g, J, dx, w)
             J[0], J[1], J[2] = 0.0, 1.0, rx
             _add(G, g, J, dy, w)
-    share = UNCONFIRMED if confirmed >= ENOUGH * count else 1.0
-    H += share * H1
-    noise += share * noise1
+    weight = UNCONFIRMED_WEIGHT if confirmed >= MIN_CONFIRMED * count else 1.0
+    H += weight * H1
+    noise += weight * noise1
     noise[1, 0] = noise[0, 1]
-    b += share * b1
+    b += weight * b1
     n = max(len(points), 1)
     return count / n, confirmed / n
 
 
 @njit(nogil=True, cache=True)
-def _drop_what_noise_says(H: Float64, noise: Float64, b: Float64) -> None:  # pragma: no cover
-    """Take the direction out of H and b in which they say least of the position, if that is noise.
+def _drop_direction_of_noise(H: Float64, noise: Float64, b: Float64) -> None:  # pragma: no cover
+    """Remove the direction of the smallest information on the position, if it is noise.
 
-    A step along it would follow the noise, and its information would be believed.
+    A step along it would follow the noise, and its covariance would be too small.
     """
     mid, half = 0.5 * (H[0, 0] + H[1, 1]), np.hypot(0.5 * (H[0, 0] - H[1, 1]), H[0, 1])
     angle = 0.5 * np.arctan2(2.0 * H[0, 1], H[0, 0] - H[1, 1])
     # Across the direction of the most information.
     x, y = -np.sin(angle), np.cos(angle)
     by_noise = x * x * noise[0, 0] + 2.0 * x * y * noise[0, 1] + y * y * noise[1, 1]
-    if mid - half >= CLEARER * by_noise:
+    if mid - half >= MIN_INFORMATION_RATIO * by_noise:
         return
     keep = np.array([[1.0 - x * x, -x * y, 0.0], [-x * y, 1.0 - y * y, 0.0], [0.0, 0.0, 1.0]])
     H[:] = keep @ H @ keep
@@ -237,8 +288,8 @@ def _drop_what_noise_says(H: Float64, noise: Float64, b: Float64) -> None:  # pr
 
 @njit(nogil=True, cache=True)
 def _robust(r: float, sigma: float) -> float:  # pragma: no cover - compiled
-    """Weight of a residual (Cauchy at two sigma)."""
-    u = r / (2.0 * sigma)
+    """Return the weight of a residual (Cauchy)."""
+    u = r / (CAUCHY_SIGMAS * sigma)
     return 1.0 / (1.0 + u * u)
 
 
@@ -264,14 +315,14 @@ def _nearest(
     px, py = x - origin[0], y - origin[1]
     low_x, high_x = int(np.floor((px - radius) / BUCKET)), int(np.floor((px + radius) / BUCKET))
     low_y, high_y = int(np.floor((py - radius) / BUCKET)), int(np.floor((py + radius) / BUCKET))
-    best, least = -1, radius * radius
+    best, min_d2 = -1, radius * radius
     for gx in range(max(low_x, 0), min(high_x + 1, starts.shape[0])):
         for gy in range(max(low_y, 0), min(high_y + 1, starts.shape[1])):
             for j in range(starts[gx, gy, 0], starts[gx, gy, 1]):
                 dx, dy = x - line_map.points[j, 0], y - line_map.points[j, 1]
                 d = dx * dx + dy * dy
-                if d < least:
+                if d < min_d2:
                     dot = line_map.normals[j, 0] * nx + line_map.normals[j, 1] * ny
-                    if dot > -0.1:
-                        best, least = j, d
+                    if dot > MIN_FACING_COSINE:
+                        best, min_d2 = j, d
     return best

@@ -14,7 +14,7 @@ __all__ = ["BUCKET", "Buckets", "extent_near_median", "sort_into_buckets"]
 Near = Bool | slice
 
 BUCKET = 0.30
-"""Edge of a bucket, m."""
+"""Edge of a bucket, m: the distance at which a scan may start from its answer (chosen)."""
 
 
 class Buckets(NamedTuple):
@@ -38,7 +38,9 @@ def extent_near_median(points: Float64, half: float) -> tuple[Near, Float64, Flo
     Parameters
     ----------
     points
-        float64 (N, 2), N > 0; no extent is larger than 2 `half`.
+        float64 (N, 2), N > 0, m.
+    half
+        Maximum distance from the median along each axis, m: no extent is larger than 2 `half`.
 
     Returns
     -------
@@ -65,7 +67,16 @@ def _extent(points: Float64) -> tuple[Float64, Float64]:  # pragma: no cover - c
 def sort_into_buckets(
     points: Float64, origin: Float64, shape: Int64
 ) -> tuple[Int64, Int32]:  # pragma: no cover - compiled
-    """Sort points (N, 2) by bucket; the order within a bucket stays (a counting sort).
+    """Sort points by bucket; the order within a bucket stays (a counting sort).
+
+    Parameters
+    ----------
+    points
+        float64 (N, 2), m, all within the grid.
+    origin
+        float64 (2,), lower corner of the grid, m.
+    shape
+        int64 (2,), rows and columns of the grid.
 
     Returns
     -------

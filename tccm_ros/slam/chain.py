@@ -1,4 +1,4 @@
-"""The keyframes of all sessions as variables and factors of a graph, and poses hung on them."""
+"""Keyframes of all sessions in a pose graph, and poses anchored to them."""
 
 from __future__ import annotations
 
@@ -21,39 +21,57 @@ from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.graph import PoseGraph
 from tccm_ros.slam.se2 import compose
 
-__all__ = ["Chain", "HungPose", "turn_for"]
+__all__ = ["AnchoredPose", "Chain", "yaw_offset_for"]
 
 
 START_SIGMA = 1e-4
-"""The first pose defines the map: its standard deviation (m, rad) is only not zero."""
+"""Standard deviation (m, rad) of the first pose, which defines the map: small, but not zero
+(chosen)."""
 
-TURN_STEPS = 18
-"""Turns of a keyframe that are tried, over a quarter turn: 5 degrees apart."""
+YAW_STEPS = 18
+"""Yaw offsets of a keyframe that are tried over 90 degrees: every 5 degrees (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HungPose:
-    """A pose (3,) in keyframe `keyframe`, with covariance (3, 3): of a view or an observation."""
+class AnchoredPose:
+    """The pose of a view or of an observation, relative to a keyframe.
+
+    Attributes
+    ----------
+    keyframe
+        Id of the keyframe.
+    pose
+        float64 (3,), planar pose in the keyframe, m and rad.
+    cov
+        float64 (3, 3) of (x, y, yaw) in the frame of `pose`.
+    """
 
     keyframe: int
     pose: Float64
     cov: Float64
 
 
-def turn_for(phi: Float64) -> float:
-    """Return the turn of a keyframe that keeps lines at phi (L,) far from its x and y axes."""
+def yaw_offset_for(phi: Float64) -> float:
+    """Return the yaw offset (rad) of a keyframe that keeps lines at phi (L,) off its axes."""
     if not len(phi):
         return 0.0
-    turns = np.arange(TURN_STEPS) * (0.5 * np.pi / TURN_STEPS)
-    clearance = np.abs(np.sin(2.0 * (phi[None, :] - turns[:, None]))).min(axis=1)
-    return float(turns[np.argmax(clearance)])
+    offsets = np.arange(YAW_STEPS) * (0.5 * np.pi / YAW_STEPS)
+    clearance = np.abs(np.sin(2.0 * (phi[None, :] - offsets[:, None]))).min(axis=1)
+    return float(offsets[np.argmax(clearance)])
 
 
 @dataclass(slots=True)
 class Chain:
-    """Keyframes, each tied to the one before it in its session.
+    """Keyframes, each constrained to the one before it in its session.
 
-    `fixed` holds the poses of keyframes that must not move: the map in localisation.
+    Attributes
+    ----------
+    keyframes
+        Of all sessions, in the order of their ids.
+    keys
+        Their variables in the graph.
+    fixed
+        Poses float64 (3,) of keyframes that must not move, by id: the map in localisation.
     """
 
     keyframes: list[GraphKeyframe] = field(default_factory=list)
@@ -61,8 +79,8 @@ class Chain:
     fixed: dict[int, Float64] = field(default_factory=dict)
 
     def add(self, keyframe: GraphKeyframe, phi: Float64) -> None:
-        """Append a keyframe that sees lines at `phi` (L,)."""
-        self.keys.append(keyframe_key(keyframe.id, turn_for(phi)))
+        """Append a keyframe that sees lines at `phi`, float64 (L,), rad."""
+        self.keys.append(keyframe_key(keyframe.id, yaw_offset_for(phi)))
         self.keyframes.append(keyframe)
 
     def starts(self, k: int) -> bool:
@@ -70,7 +88,7 @@ class Chain:
         return k == 0 or self.keyframes[k].session != self.keyframes[k - 1].session
 
     def factors_of(self, k: int) -> list[Factor]:
-        """Return the factors that hold keyframe `k`: the first of a later session is free."""
+        """Return the factors that constrain keyframe `k`: the first of a later session is free."""
         keyframe, key = self.keyframes[k], self.keys[k]
         if k in self.fixed:
             return [_pinned(key, self.fixed[k])]
@@ -84,36 +102,50 @@ class Chain:
     def graph(
         self,
         poses: Sequence[Float64] | Float64,
-        tied: Collection[int],
-        hung: Mapping[Key, HungPose] | None = None,
+        localised: Collection[int],
+        anchored: Mapping[Key, AnchoredPose] | None = None,
     ) -> PoseGraph:
-        """Build the graph of all keyframes and of what hangs on them.
+        """Build the graph of all keyframes and of the poses that are anchored to them.
 
         Parameters
         ----------
         poses
             Planar start poses (3,), one for each keyframe.
-        tied
-            Sessions that loop closures tie to the first; the others are pinned where they began.
-        hung
-            Poses by their variables.
+        localised
+            Sessions in the frame of the first; the others are pinned where they began.
+        anchored
+            Poses anchored to keyframes, by their variables.
         """
         starts: dict[Key, Float64] = dict(zip(self.keys, poses))
         factors = [factor for k in range(len(self.keys)) for factor in self.factors_of(k)]
         for k, keyframe in enumerate(self.keyframes):
-            if k and self.starts(k) and keyframe.session not in tied:
+            if k and self.starts(k) and keyframe.session not in localised:
                 factors.append(_pinned(self.keys[k], keyframe.pose))
-        for key, pose in (hung or {}).items():
-            starts[key], factor = self.hang(key, pose, poses)
+        for key, pose in (anchored or {}).items():
+            starts[key], factor = self.anchor(key, pose, poses)
             factors.append(factor)
         return PoseGraph(factors, starts)
 
-    def hang(
-        self, key: Key, hung: HungPose, poses: Sequence[Float64] | Float64
+    def anchor(
+        self, key: Key, anchored: AnchoredPose, poses: Sequence[Float64] | Float64
     ) -> tuple[Float64, Factor]:
-        """Return where a hung pose starts, (3,), and the factor that ties it to its keyframe."""
-        start = compose(np.asarray(poses[hung.keyframe]), hung.pose)
-        return start, KeyframeView(self.keys[hung.keyframe], key, hung.pose, hung.cov)
+        """Return the start value and the factor of a pose that is anchored to a keyframe.
+
+        Parameters
+        ----------
+        key
+            Variable of the anchored pose.
+        anchored
+            The pose in its keyframe.
+        poses
+            float64 (K, 3), where the keyframes are in map.
+
+        Returns
+        -------
+        float64 (3,), planar pose in map, and the factor between keyframe and pose
+        """
+        start = compose(np.asarray(poses[anchored.keyframe]), anchored.pose)
+        return start, KeyframeView(self.keys[anchored.keyframe], key, anchored.pose, anchored.cov)
 
 
 def _pinned(key: Key, pose: Float64) -> PriorPose:

@@ -1,4 +1,4 @@
-"""Corners: where two walls meet, as seen by keyframes that saw both ends."""
+"""Corners: points where two walls meet, from keyframes that saw both ends."""
 
 from __future__ import annotations
 
@@ -24,20 +24,32 @@ __all__ = ["Corner", "corner_factors", "find_corners", "meeting_point"]
 
 
 JOINED = 0.25
-"""Lines whose ends are nearer than this (m) meet there."""
+"""Maximum distance (m) between the ends of two lines that meet (chosen)."""
 
-LEAST_ANGLE = 0.5
-"""Least angle (rad) between walls that meet: nearly parallel ones have no point in common."""
+MIN_ANGLE = 0.5
+"""Minimum angle (rad) between walls that meet: nearly parallel ones have no point in common
+(chosen)."""
 
 POINT_SIGMA = 0.03
-"""How well the end of a line shows the corner, m: the last beam hits short of it."""
+"""Standard deviation (m) of a corner seen as the end of a line: the last beam hits short of it
+(chosen: the distance between beams at a few metres)."""
 
 THROUGH_SIGMA = 0.01
-"""How exactly walls pass through their corner, m."""
+"""Standard deviation (m) of the distance of a wall from its corner (chosen)."""
 
 
 class Corner(NamedTuple):
-    """Walls `a` < `b` meet; keyframes and the points (2,) in their base frames that show it."""
+    """A point where two walls meet.
+
+    Attributes
+    ----------
+    a, b
+        Indices of the walls, a < b.
+    keyframes
+        Ids of the keyframes that saw it.
+    points
+        float64 (2,) for each of them: the corner in its base frame, m.
+    """
 
     a: int
     b: int
@@ -45,8 +57,23 @@ class Corner(NamedTuple):
     points: list[Float64]
 
 
-def find_corners(table: WallTable, lines: Sequence[Lines], least: int) -> list[Corner]:
-    """Return the corners that at least `least` keyframes saw, in order of their walls."""
+def find_corners(table: WallTable, lines: Sequence[Lines], min_keyframes: int) -> list[Corner]:
+    """Find the corners that enough keyframes saw.
+
+    Parameters
+    ----------
+    table
+        Walls and their observations.
+    lines
+        The lines of each keyframe, in its base frame.
+    min_keyframes
+        Keyframes that must see a corner.
+
+    Returns
+    -------
+    list of Corner
+        In the order of their walls.
+    """
     seen: dict[tuple[int, int], tuple[list[int], list[Float64]]] = defaultdict(lambda: ([], []))
     at = np.flatnonzero(table.wall >= 0)
     for group in np.split(at, np.flatnonzero(np.diff(table.keyframe[at])) + 1):
@@ -58,13 +85,15 @@ def find_corners(table: WallTable, lines: Sequence[Lines], least: int) -> list[C
                 if point is not None and a != b:
                     seen[a, b][0].append(k)
                     seen[a, b][1].append(point)
-    return [Corner(a, b, *seen[a, b]) for a, b in sorted(seen) if len(seen[a, b][0]) >= least]
+    return [
+        Corner(a, b, *seen[a, b]) for a, b in sorted(seen) if len(seen[a, b][0]) >= min_keyframes
+    ]
 
 
 def _shared_end(lines: Lines, i: int, j: int) -> Float64 | None:
     """Return the middle (2,) of two line ends that meet, or None."""
-    turn = lines.phi[i] - lines.phi[j]
-    if abs(np.sin(turn)) < np.sin(LEAST_ANGLE):
+    dphi = lines.phi[i] - lines.phi[j]
+    if abs(np.sin(dphi)) < np.sin(MIN_ANGLE):
         return None
     gaps = np.hypot(*np.moveaxis(lines.endpoints[i][:, None] - lines.endpoints[j][None], 2, 0))
     p, q = divmod(int(np.argmin(gaps)), 2)
@@ -76,11 +105,21 @@ def _shared_end(lines: Lines, i: int, j: int) -> Float64 | None:
 def corner_factors(
     corners: Sequence[Corner], table: WallTable, keys: Sequence[Key]
 ) -> list[Factor]:
-    """Return the factors that make each corner one point of two walls."""
+    """Return the factors that make each corner one point of two walls.
+
+    Parameters
+    ----------
+    corners
+        As found.
+    table
+        The walls; their directions say along which normal a wall is constrained.
+    keys
+        Variables of all keyframes.
+    """
     factors: list[Factor] = []
     for n, corner in enumerate(corners):
         key = corner_key(n)
-        # All sightings of one corner end at the same last beam: together they count as one.
+        # All observations of one corner end at the same last beam: together they count as one.
         sigma = POINT_SIGMA * float(np.sqrt(len(corner.points)))
         for k, point in zip(corner.keyframes, corner.points):
             factors.append(CornerObservation(keys[k], key, point, sigma))

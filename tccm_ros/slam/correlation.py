@@ -1,8 +1,8 @@
-"""Correlative matching: the best pose of a scan within a window, found exhaustively in effect.
+"""Correlative scan matching: the best pose of a scan within a window, by branch and bound.
 
-A likelihood grid says how well a point agrees with a local map. Coarser levels hold the maximum
-over 2 x 2, 4 x 4, ... cells, so that a coarse score bounds every finer score below it and whole
-regions of poses are skipped (branch and bound, after Olson 2009 and Hess et al. 2016).
+The result is that of an exhaustive search. A likelihood grid rates each point of the scan. Coarser
+levels hold the maximum over 2 x 2, 4 x 4, ... cells, so that a coarse score bounds every finer
+score below it and whole regions of poses are skipped (after Olson 2009 and Hess et al. 2016).
 """
 
 from __future__ import annotations
@@ -15,11 +15,27 @@ from numba import njit
 from tccm_ros.arrays import Float64, Int32, UInt8
 from tccm_ros.slam.likelihood_grid import CELL, UNKNOWN, LikelihoodGrid
 
-__all__ = ["Correlation", "correlate", "known_likelihood", "support"]
+__all__ = ["SEARCH_WEIGHT", "Correlation", "correlate", "known_likelihood", "support"]
+
+
+SEARCH_WEIGHT = 0.01
+"""Score that a search gives up at one standard deviation from the expected pose: along a corridor,
+the match that overlaps the map best would win otherwise (chosen)."""
+
+ANGLE_STEPS, MIN_RMS_DISTANCE = (0.004, 0.03), 0.5
+"""Range of the yaw step of a search, rad; minimum rms distance of its points, m (chosen)."""
 
 
 class Correlation(NamedTuple):
-    """The best pose float64 (3,) in the map, and its mean likelihood in 0..1 (-1: none)."""
+    """The outcome of `correlate`.
+
+    Attributes
+    ----------
+    pose
+        float64 (3,), of the scan in the map.
+    score
+        Mean likelihood in 0..1, less the penalty; -1 where there is none.
+    """
 
     pose: Float64
     score: float
@@ -33,7 +49,7 @@ def correlate(
     *,
     angle_step: float = 0.0,
     penalty: tuple[float, float] = (0.0, 0.0),
-    least: float = 0.0,
+    min_score: float = 0.0,
     exclude: tuple[Float64, float, float] | None = None,
 ) -> Correlation:
     """Find the pose of a scan with the largest mean likelihood.
@@ -51,22 +67,22 @@ def correlate(
     angle_step
         rad; 0: so that a point at the rms distance moves by one cell.
     penalty
-        Score lost per m^2 and rad^2 away from the centre: what odometry says.
-    least
-        Only a better score counts.
+        Score lost per m^2 and rad^2 of distance from the centre: what odometry says.
+    min_score
+        Only a better score counts, 0..1.
     exclude
         A pose (3,) and the distances (m, rad) around it in which nothing counts.
 
     Returns
     -------
     Correlation
-        With ``score`` -1 where no pose is better than `least`.
+        With ``score`` -1 where no pose is better than `min_score`.
     """
     if not len(points):
         return Correlation(np.array(centre, float), -1.0)
     if angle_step <= 0.0:
         far = float(np.sqrt((points * points).sum() / len(points)))
-        angle_step = float(np.clip(CELL / max(far, 0.5), 0.004, 0.03))
+        angle_step = float(np.clip(CELL / max(far, MIN_RMS_DISTANCE), *ANGLE_STEPS))
     cells = int(np.ceil(window[0] / CELL))
     search = _Search(
         np.asarray(centre, float),
@@ -75,36 +91,36 @@ def correlate(
         float(angle_step),
         penalty[0],
         penalty[1],
-        float(least),
+        float(min_score),
         min(grid.levels.shape[0] - 1, max(0, int(np.log2(max(cells, 1))) - 1)),
     )
-    pose, distance, turn = exclude or (search.centre, -1.0, -1.0)
-    excluded = _Excluded(np.asarray(pose, float) - search.centre, float(distance), float(turn))
+    pose, distance, dyaw = exclude or (search.centre, -1.0, -1.0)
+    excluded = _Excluded(np.asarray(pose, float) - search.centre, float(distance), float(dyaw))
     return Correlation(*_branch_and_bound(grid, points, search, excluded))
 
 
 class _Search(NamedTuple):
-    """Shifts of up to `half` cells and `turns` turns to either side of a pose, and their scores.
+    """A window of `half` cells and `yaws` steps of the yaw to either side of a pose.
 
     A pose loses the penalties per m^2 and rad^2; the coarsest level searched is `depth`.
     """
 
     centre: Float64
     half: int
-    turns: int
+    yaws: int
     angle_step: float
     shift_penalty: float
-    turn_penalty: float
-    least: float
+    yaw_penalty: float
+    min_score: float
     depth: int
 
 
 class _Excluded(NamedTuple):
-    """Poses within a distance (m) and a turn (rad) of one, relative to the centre: (3,)."""
+    """Poses within a distance (m) and an angle (rad) of one, relative to the centre: (3,)."""
 
     pose: Float64
     distance: float
-    turn: float
+    dyaw: float
 
 
 @njit(nogil=True, cache=True)
@@ -136,11 +152,11 @@ def _score_blocks(
     Neighbouring shifts of a point are neighbours in the grid, which is faster than shift by shift.
     """
     blocks = totals.shape[0]
-    reach = (blocks - 1) * width
+    span = (blocks - 1) * width
     totals[:] = 0
     for p in range(len(cells)):
         x0, y0 = cells[p, 0] - half, cells[p, 1] - half
-        if x0 >= 0 and y0 >= 0 and x0 + reach < level.shape[0] and y0 + reach < level.shape[1]:
+        if x0 >= 0 and y0 >= 0 and x0 + span < level.shape[0] and y0 + span < level.shape[1]:
             for i in range(blocks):
                 row, total = level[x0 + i * width], totals[i]
                 if width == 1:
@@ -161,15 +177,38 @@ def _score_blocks(
 
 
 def support(grid: LikelihoodGrid, points: Float64, pose: Float64) -> tuple[float, float]:
-    """Return the fractions of points (N, 2), placed at `pose` (3,), on walls and in free space."""
+    """Return the fractions of a scan's points on walls and in free space.
+
+    Parameters
+    ----------
+    grid
+        Of the map, with free space.
+    points
+        float64 (N, 2), of the scan, m.
+    pose
+        float64 (3,), of the scan in the map.
+    """
     found = _likelihoods(grid, points, np.asarray(pose, float))
     near, free = np.count_nonzero(found > UNKNOWN), np.count_nonzero(found == 0)
     return near / max(len(points), 1), free / max(len(points), 1)
 
 
 def known_likelihood(grid: LikelihoodGrid, points: Float64, pose: Float64) -> float:
-    """Return the mean likelihood of the points (N, 2), placed at `pose` (3,), that fall where
-    beams have been; 0 where none does.
+    """Return the mean likelihood, 0..1, of a scan's points in cells that a beam has reached.
+
+    Parameters
+    ----------
+    grid
+        Of the map, with free space.
+    points
+        float64 (N, 2), of the scan, m.
+    pose
+        float64 (3,), of the scan in the map.
+
+    Returns
+    -------
+    float
+        0 where no point falls in such a cell.
     """
     found = _likelihoods(grid, points, np.asarray(pose, float))
     known = found[found != UNKNOWN]
@@ -192,7 +231,7 @@ def _likelihoods(
 
 
 @njit(nogil=True, cache=True)
-def _least_square(low: int, high: int) -> int:  # pragma: no cover - compiled
+def _min_square(low: int, high: int) -> int:  # pragma: no cover - compiled
     """Return the smallest k*k for k in low..high."""
     if low > 0:
         return low * low
@@ -214,62 +253,62 @@ def _rotate(
 def _branch_and_bound(
     grid: LikelihoodGrid, points: Float64, search: _Search, excluded: _Excluded
 ) -> tuple[Float64, float]:  # pragma: no cover - compiled
-    """Depth first over blocks of shifts, best block first, for each turn, from the middle out."""
+    """Depth first over blocks of shifts, best block first, for each yaw."""
     levels, outside = grid.levels, grid.outside
-    centre, half, turns, angle_step = search.centre, search.half, search.turns, search.angle_step
-    turn_penalty, depth = search.turn_penalty, search.depth
+    centre, half, yaws, angle_step = search.centre, search.half, search.yaws, search.angle_step
+    yaw_penalty, depth = search.yaw_penalty, search.depth
     width = 1 << depth
     blocks = (2 * half) // width + 1
-    angles = 2 * turns + 1
+    angles = 2 * yaws + 1
     cells = np.empty((angles, len(points), 2), np.int32)
     bounds = np.empty(angles * blocks * blocks)
     totals = np.empty((blocks, blocks), np.int32)
     per_cell = search.shift_penalty * CELL * CELL
     for a in range(angles):
-        turn = (a - turns) * angle_step
-        _rotate(points, grid.origin, centre, centre[2] + turn, cells[a])
+        dyaw = (a - yaws) * angle_step
+        _rotate(points, grid.origin, centre, centre[2] + dyaw, cells[a])
         _score_blocks(levels[depth], cells[a], half, width, outside, totals)
         for i in range(blocks):
             x = -half + i * width
             for j in range(blocks):
                 y = -half + j * width
-                far = _least_square(x, x + width - 1) + _least_square(y, y + width - 1)
+                far = _min_square(x, x + width - 1) + _min_square(y, y + width - 1)
                 bounds[(a * blocks + i) * blocks + j] = (
                     totals[i, j] / (255.0 * len(points))
                     - per_cell * far
-                    - turn_penalty * turn * turn
+                    - yaw_penalty * dyaw * dyaw
                 )
     order = np.argsort(-bounds, kind="mergesort")
-    best, result = search.least, np.array([0.0, 0.0, 0.0])
+    best, result = search.min_score, np.array([0.0, 0.0, 0.0])
     found = False
     stack = np.empty((4 * (depth + 1) + 4, 3), np.int64)
     for k in order:
         if bounds[k] <= best:
             break
         a, i, j = k // (blocks * blocks), (k // blocks) % blocks, k % blocks
-        turn = (a - turns) * angle_step
+        dyaw = (a - yaws) * angle_step
         top = 0
         stack[0, 0], stack[0, 1], stack[0, 2] = depth, -half + i * width, -half + j * width
         while top >= 0:
             h, x, y = stack[top]
             top -= 1
             size = 1 << h
-            far = _least_square(x, x + size - 1) + _least_square(y, y + size - 1)
+            far = _min_square(x, x + size - 1) + _min_square(y, y + size - 1)
             bound = (
                 _score(levels[h], cells[a], x, y, outside)
                 - per_cell * far
-                - turn_penalty * turn * turn
+                - yaw_penalty * dyaw * dyaw
             )
             if bound <= best:
                 continue
             if h == 0:
                 away, limit = excluded.pose, excluded.distance * abs(excluded.distance)
-                dx, dy, dt = x * CELL - away[0], y * CELL - away[1], turn - away[2]
+                dx, dy, dt = x * CELL - away[0], y * CELL - away[1], dyaw - away[2]
                 dt = np.arctan2(np.sin(dt), np.cos(dt))
-                if dx * dx + dy * dy <= limit and abs(dt) <= excluded.turn:
+                if dx * dx + dy * dy <= limit and abs(dt) <= excluded.dyaw:
                     continue
                 best, found = bound, True
-                result[0], result[1], result[2] = x * CELL, y * CELL, turn
+                result[0], result[1], result[2] = x * CELL, y * CELL, dyaw
                 continue
             step = size >> 1
             for child in range(4):

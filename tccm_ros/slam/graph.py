@@ -1,7 +1,7 @@
-"""The wall graph: factors in, poses, walls and covariances out.
+"""Pose graphs in GTSAM: batch optimisation, incremental optimisation and marginal covariances.
 
 The graph is built from scratch in a given order and optimised as a batch, so that the result
-depends on nothing but its factors. GTSAM's default elimination ordering is COLAMD, the paper's.
+depends on its factors alone. GTSAM's default elimination ordering is COLAMD, the paper's.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from scipy.sparse import csc_matrix
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial, wrap_angle
 from tccm_ros.slam.factors import Factor, Key
-from tccm_ros.slam.factors.noise import turn_covariance
+from tccm_ros.slam.factors.noise import rotate_frame
 from tccm_ros.slam.marginals import marginal_blocks
 
 __all__ = ["GraphSolution", "IncrementalGraph", "PoseGraph"]
@@ -24,14 +24,29 @@ __all__ = ["GraphSolution", "IncrementalGraph", "PoseGraph"]
 
 MAX_ITERATIONS = 50
 RELATIVE_TOLERANCE = 1e-5
+"""Levenberg-Marquardt ends after so many iterations, or below this relative change of the cost
+(chosen)."""
+
+INITIAL_LAMBDA = 1e-6
+"""First damping: the start values are near the optimum (chosen)."""
 
 RELINEARIZE = 0.1
-"""A variable that moved by more (m, rad) than this is linearised anew."""
+"""A variable that moved by more (m, rad) than this is linearised anew (GTSAM's default)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraphSolution:
-    """An optimised graph, after `iterations`; covariances are computed when they are asked for."""
+    """An optimised graph; covariances are computed when they are asked for.
+
+    Attributes
+    ----------
+    values
+        Of all variables.
+    graph
+        The factors.
+    iterations
+        Of Levenberg-Marquardt.
+    """
 
     values: gtsam.Values
     graph: gtsam.NonlinearFactorGraph
@@ -40,7 +55,7 @@ class GraphSolution:
 
     def pose(self, key: Key) -> Float64:
         """Return T_map_frame float64 (4, 4)."""
-        return key.unturned(self.values.atPose3(key.symbol))
+        return key.from_value(self.values.atPose3(key.symbol))
 
     def planar_poses(self, keys: Sequence[Key]) -> Float64:
         """Return planar poses float64 (N, 3)."""
@@ -59,7 +74,7 @@ class GraphSolution:
     def planar_covariance(self, key: Key) -> Float64:
         """Return the covariance float64 (3, 3) of (x, y, yaw) in the pose's own frame."""
         cov = self.covariance(key)[np.ix_([3, 4, 2], [3, 4, 2])]
-        return turn_covariance(cov, -key.turn)
+        return rotate_frame(cov, -key.yaw_offset)
 
     def errors_of(self, indices: Iterable[int]) -> Float64:
         """Return half squared Mahalanobis distances of some factors, float64 (N,)."""
@@ -93,13 +108,21 @@ def _isam_params(factorization: str, relinearize_skip: int) -> gtsam.ISAM2Params
 
 
 class PoseGraph:
-    """A graph that grows and is optimised as a batch, from where it was."""
+    """A graph that grows and is optimised as a batch, from the values of the last optimisation.
+
+    Parameters
+    ----------
+    factors
+        Of the graph.
+    poses
+        Start values of all poses by variable, float64 (3,) or (4, 4).
+    """
 
     def __init__(self, factors: Iterable[Factor], poses: Mapping[Key, Float64]) -> None:
         self._graph, self._values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._starts = {key: spatial(p) if np.ndim(p) == 1 else p for key, p in poses.items()}
         for key, T in self._starts.items():
-            self._values.insert(key.symbol, key.turned(T))
+            self._values.insert(key.symbol, key.to_value(T))
         self.add(factors)
 
     def add(self, factors: Iterable[Factor]) -> None:
@@ -125,16 +148,19 @@ class PoseGraph:
         params = gtsam.LevenbergMarquardtParams()
         params.setMaxIterations(MAX_ITERATIONS)
         params.setRelativeErrorTol(RELATIVE_TOLERANCE)
-        params.setlambdaInitial(1e-6)
+        params.setlambdaInitial(INITIAL_LAMBDA)
         optimizer = gtsam.LevenbergMarquardtOptimizer(self._graph, self._values, params)
         self._values = optimizer.optimize()
         return GraphSolution(self._values, self._graph, int(optimizer.iterations()), {})
 
 
 class IncrementalGraph:
-    """The same factors while driving: ISAM2, a few milliseconds a step (paper, III.B).
+    """A graph that is optimised incrementally by ISAM2 (surface mapping paper, III.B).
 
-    Each `relinearize_skip` steps, variables that have moved are linearised anew.
+    Parameters
+    ----------
+    relinearize_skip
+        Steps after which variables that have moved are linearised anew.
     """
 
     def __init__(self, relinearize_skip: int = 10) -> None:
@@ -150,22 +176,22 @@ class IncrementalGraph:
         step = list(factors), dict(poses)
         self._steps.append(step)
         try:
-            self._take(*step)
+            self._update(*step)
         except RuntimeError:
             self._begin("QR")
             for earlier in self._steps:
-                self._take(*earlier)
+                self._update(*earlier)
 
-    def _take(self, factors: Sequence[Factor], poses: Mapping[Key, Float64]) -> None:
+    def _update(self, factors: Sequence[Factor], poses: Mapping[Key, Float64]) -> None:
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         starts = {key: spatial(p) if np.ndim(p) == 1 else p for key, p in poses.items()}
         for key, T in starts.items():
-            values.insert(key.symbol, key.turned(T))
+            values.insert(key.symbol, key.to_value(T))
 
         def pose_of(key: Key) -> Float64:
             if key in starts:
                 return starts[key]
-            return key.unturned(self._isam.calculateEstimatePose3(key.symbol))
+            return key.from_value(self._isam.calculateEstimatePose3(key.symbol))
 
         for factor in factors:
             factor.add_to(graph)
@@ -193,5 +219,5 @@ def _planar_poses(values: gtsam.Values, keys: Sequence[Key]) -> Float64:
     known = np.array(poses.keys(), np.uint64)
     rows = matrices[np.searchsorted(known, np.array([key.symbol for key in keys], np.uint64))]
     R, t = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:]
-    yaw = np.arctan2(R[:, 1, 0], R[:, 0, 0]) - np.array([key.turn for key in keys])
+    yaw = np.arctan2(R[:, 1, 0], R[:, 0, 0]) - np.array([key.yaw_offset for key in keys])
     return np.column_stack([t[:, :2], wrap_angle(yaw)])

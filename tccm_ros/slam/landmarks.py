@@ -11,19 +11,27 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from tccm_ros.records import Landmark, LandmarkObservation
-from tccm_ros.slam.chain import HungPose
+from tccm_ros.slam.chain import AnchoredPose
 from tccm_ros.slam.factors import Factor, Key, landmark_class, observer_key
 from tccm_ros.slam.graph import GraphSolution
 
-__all__ = ["LandmarkFactors", "Sighting", "landmark_factors", "landmark_records"]
+__all__ = ["AnchoredObservation", "LandmarkFactors", "landmark_factors", "landmark_records"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
-    """An observation, and where it was made."""
+class AnchoredObservation:
+    """An observation of a landmark, and the pose from which it was made.
+
+    Attributes
+    ----------
+    observation
+        The record.
+    anchored
+        The pose of the base at its stamp, relative to a keyframe.
+    """
 
     observation: LandmarkObservation
-    hung: HungPose
+    anchored: AnchoredPose
 
     @property
     def key(self) -> Key:
@@ -32,50 +40,68 @@ class Sighting:
 
 
 class LandmarkFactors(NamedTuple):
-    """The poses from which landmarks were seen, by variable, and a factor for each sighting."""
+    """What observations of landmarks add to a graph.
 
-    hung: dict[Key, HungPose]
+    Attributes
+    ----------
+    anchored
+        The poses from which landmarks were observed, by variable.
+    factors
+        One for each observation.
+    """
+
+    anchored: dict[Key, AnchoredPose]
     factors: list[Factor]
 
 
 def landmark_factors(
-    sightings: Sequence[Sighting], *, first: int = 0, unit_variance: float = 1.0
+    observations: Sequence[AnchoredObservation], *, first: int = 0, unit_variance: float = 1.0
 ) -> LandmarkFactors:
-    """Return what sightings add to a graph; those of one stamp share their pose.
+    """Return the poses and factors of observations; observations of one stamp have one pose.
 
     Parameters
     ----------
-    sightings
+    observations
         In the order in which they enter the graph.
     first
         Number of the first pose.
     unit_variance
-        What the covariances of the graph's other factors are to be multiplied by: those of
-        landmarks are true, and are divided by it to weigh as much as they should. (Beacons in the
-        ring of the tests, 8 seeds: NEES of 0.89 per degree of freedom.)
+        Factor by which the covariances of the graph's other factors are too large. Those of
+        landmarks are taken as true, and are divided by it, so that the weights are right.
+        (Beacons in the ring of the tests, 8 seeds: NEES of 0.89 per degree of freedom.)
     """
     made = LandmarkFactors({}, [])
     poses: dict[tuple[int, int], Key] = {}
-    for sighting in sightings:
-        seen = sighting.observation
-        place = sighting.hung.keyframe, seen.stamp_ns
+    for observation in observations:
+        seen = observation.observation
+        place = observation.anchored.keyframe, seen.stamp_ns
         pose = poses.setdefault(place, observer_key(first + len(poses)))
-        made.hung[pose] = sighting.hung
+        made.anchored[pose] = observation.anchored
         make = landmark_class(seen.kind)
         made.factors.append(
-            make(pose, sighting.key, seen.measurement, seen.covariance / unit_variance)
+            make(pose, observation.key, seen.measurement, seen.covariance / unit_variance)
         )
     return made
 
 
 def landmark_records(
-    sightings: Sequence[Sighting], solution: GraphSolution, scale: float
+    observations: Sequence[AnchoredObservation], solution: GraphSolution, scale: float
 ) -> tuple[Landmark, ...]:
-    """Read the landmarks back, in the order of kind and id; `scale` multiplies covariances."""
-    groups: dict[tuple[str, int], list[Sighting]] = {}
-    for sighting in sightings:
-        seen = sighting.observation
-        groups.setdefault((seen.kind, seen.id), []).append(sighting)
+    """Return the optimised landmarks in the order of kind and id.
+
+    Parameters
+    ----------
+    observations
+        Of all landmarks.
+    solution
+        Of the graph that holds them.
+    scale
+        Factor on their covariances.
+    """
+    groups: dict[tuple[str, int], list[AnchoredObservation]] = {}
+    for observation in observations:
+        seen = observation.observation
+        groups.setdefault((seen.kind, seen.id), []).append(observation)
     records = []
     for (kind, number), group in sorted(groups.items()):
         key = group[0].key

@@ -1,4 +1,4 @@
-"""A level scan as the front end uses it: planar points at one time, thinned, with normals."""
+"""Level scans for matching: planar points at one time, thinned, with normals."""
 
 from __future__ import annotations
 
@@ -13,29 +13,38 @@ from tccm_ros.geometry import planar
 from tccm_ros.records import PosedScan
 from tccm_ros.sensors.laser_scan import project_level
 
-__all__ = ["LevelScan", "level_scan", "thin_with_normals"]
+__all__ = ["FLATNESS", "LevelScan", "make_level_scan", "thin_with_normals"]
 
 
 THIN_DISTANCE = 0.04
-"""Beams closer than this (m) along a scan say the same and are averaged."""
+"""Beams closer than this (m) along a scan are averaged (chosen: about twice the noise of a
+range)."""
 
 NORMAL_BEAMS = 3
-"""Neighbours on either side that a normal is fitted to at first."""
+"""Neighbours on either side that a normal is fitted to at first (chosen)."""
 
-WIDER = (1, 2, 4)
-"""Where noise hides the direction of a short piece of wall, a longer one shows it."""
+WIDTHS = (1, 2, 4)
+"""Factors on the neighbourhood of a normal, tried in turn: noise hides the direction of a short
+piece of wall, a longer one shows it (chosen)."""
 
 SEARCH_POINTS = 100
-"""Points that a search scores, about."""
+"""Approximate number of points that a search scores (chosen)."""
 
-MIN_REACH = 0.15
-"""Neighbours within this distance (m) belong to one surface whatever the beams' spacing."""
+MIN_RADIUS = 0.15
+"""Minimum radius (m) of the neighbourhood of a normal, whatever the spacing of the beams
+(chosen)."""
 
-MAX_REACH = 0.8
-"""No neighbour further than this (m) does."""
+MAX_RADIUS = 0.8
+"""Maximum radius (m) of the neighbourhood of a normal (chosen)."""
+
+RADIUS_BEAMS = 4.0
+"""Radius of the neighbourhood, in distances between beams (chosen)."""
+
+MIN_NEIGHBOURS = 3
+"""Points that a normal is fitted to at least."""
 
 FLATNESS = 0.2
-"""Largest ratio of a neighbourhood's thickness to its length that still has a normal."""
+"""Largest ratio of a neighbourhood's thickness to its length that still has a normal (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,11 +75,11 @@ class LevelScan:
 
     @property
     def search_points(self) -> Float64:
-        """Some of the points, evenly spread: enough for a search."""
+        """About `SEARCH_POINTS` of the points, evenly spread."""
         return self.points[:: 1 + len(self.points) // SEARCH_POINTS]
 
 
-def level_scan(posed: PosedScan, config: Config) -> LevelScan:
+def make_level_scan(posed: PosedScan, config: Config) -> LevelScan:
     """Project a level scan, each beam by the poses of its own time."""
     beams, _ = project_level(posed, config)
     at_stamp = 0 if posed.knots_ns[0] == posed.scan.stamp_ns else -1
@@ -93,7 +102,11 @@ def thin_with_normals(
     origin
         float64 (2,), the laser; normals point to its side.
     step
-        Angle between beams, rad: beams far from the laser are further apart.
+        Angle between beams, rad: the spacing of points grows with their range.
+
+    Returns
+    -------
+    Points and unit normals, float64 (N, 2) each; zero where the surroundings are not flat
     """
     points = np.empty((len(beams), 2))
     count = 0
@@ -110,7 +123,7 @@ def thin_with_normals(
     points = points[:count].copy()
     normals = np.zeros((count, 2))
     for i in range(count):
-        for times in WIDER:
+        for times in WIDTHS:
             if _fit_normal(points, i, origin, step, times, normals):
                 break
     return points, normals
@@ -120,10 +133,10 @@ def thin_with_normals(
 def _fit_normal(
     points: Float64, i: int, origin: Float64, step: float, times: int, normals: Float64
 ) -> bool:  # pragma: no cover - compiled
-    """Write the normal of point i, if a neighbourhood this many times as large has one."""
+    """Write the normal of point i and return True, if a neighbourhood `times` as large is flat."""
     rx, ry = points[i, 0] - origin[0], points[i, 1] - origin[1]
     spacing = np.sqrt(rx * rx + ry * ry) * step
-    reach = min(times * max(MIN_REACH, 4.0 * spacing), MAX_REACH)
+    radius = min(times * max(MIN_RADIUS, RADIUS_BEAMS * spacing), MAX_RADIUS)
     sx = sy = sxx = sxy = syy = 0.0
     n = 0
     for side in (-1, 1):
@@ -132,12 +145,12 @@ def _fit_normal(
             if j < 0 or j >= len(points):
                 break
             x, y = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
-            if x * x + y * y > reach * reach:
+            if x * x + y * y > radius * radius:
                 break
             sx, sy, n = sx + x, sy + y, n + 1
             sxx, sxy, syy = sxx + x * x, sxy + x * y, syy + y * y
             j += side
-    if n < 3:
+    if n < MIN_NEIGHBOURS:
         return False
     sx, sy = sx / n, sy / n
     a, b, c = sxx / n - sx * sx, sxy / n - sx * sy, syy / n - sy * sy

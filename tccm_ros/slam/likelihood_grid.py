@@ -1,4 +1,4 @@
-"""Likelihood grids: how well a point agrees with a local map, in a pyramid of maxima."""
+"""Likelihood grids of a local map, in a pyramid of maxima for branch and bound."""
 
 from __future__ import annotations
 
@@ -14,32 +14,40 @@ __all__ = ["CELL", "UNKNOWN", "LikelihoodGrid", "make_likelihood_grid", "with_un
 
 
 CELL = 0.05
-"""Edge of a cell, m."""
+"""Edge of a cell, m (chosen)."""
 
 BLUR = 0.06
-"""Standard deviation of the likelihood around a map point, m."""
+"""Standard deviation of the likelihood around a map point, m (chosen)."""
 
 STAMP = 3
-"""Cells on either side of a point that its likelihood reaches."""
+"""Cells on either side of a point with a likelihood: 2.5 standard deviations."""
 
 MAX_CELLS = 1600
 """Cells along a side at most: 80 m, beyond the range of indoor lasers."""
 
 LEVELS = 5
-"""Levels of the pyramid: cells of 5 cm to 80 cm."""
+"""Levels of the pyramid: cells of 5 cm to 80 cm (chosen)."""
 
 UNKNOWN = 64
-"""Likelihood where no beam has been: a point there speaks neither for a pose nor against it."""
+"""Likelihood (of 255) of a cell that no beam has reached: a point there counts neither for a pose
+nor against it (chosen)."""
 
 SHORT = 0.15
-"""A beam proves free space up to this distance (m) before its end."""
+"""A beam proves free space up to this distance (m) before its end (chosen)."""
 
 
 class LikelihoodGrid(NamedTuple):
-    """Likelihoods 0..255, uint8 (levels, rows, columns), and the corner float64 (2,) of cell 0, 0.
+    """Likelihoods of points at all cells, as compiled code takes it.
 
-    `outside` is the likelihood beyond the grid. Cell (i, j) of level h holds the maximum of the
-    finest level over i..i + 2^h - 1 and j..j + 2^h - 1. Compiled code takes it as it is.
+    Attributes
+    ----------
+    levels
+        uint8 (levels, rows, columns), 0..255: cell (i, j) of level h holds the maximum of the
+        finest level over i..i + 2^h - 1 and j..j + 2^h - 1.
+    origin
+        float64 (2,), corner of cell (0, 0) in the map, m.
+    outside
+        Likelihood beyond the grid.
     """
 
     levels: UInt8
@@ -59,8 +67,8 @@ def make_likelihood_grid(
     levels
         Of the pyramid.
     rays
-        Origins and ends, float64 (M, 2) each, of beams: what they passed has likelihood 0, and
-        what no beam has passed is `UNKNOWN`. Without, all is 0 but the points.
+        Origins and ends, float64 (M, 2) each, of beams: cells that they passed have likelihood 0,
+        cells that no beam has passed `UNKNOWN`. Without rays, all cells are 0 but the points.
     """
     outside = UNKNOWN if rays is not None else 0
     if not len(points):
@@ -79,7 +87,7 @@ def make_likelihood_grid(
 
 
 def with_unknown(grid: LikelihoodGrid, likelihood: float) -> LikelihoodGrid:
-    """Return a grid in which places that no beam has been to have another likelihood, 0..1."""
+    """Return a grid in which cells that no beam has reached have another likelihood, 0..1."""
     value = np.uint8(np.clip(np.rint(255.0 * likelihood), 0, 255))
     levels = np.empty_like(grid.levels)
     levels[0] = np.where(grid.levels[0] == UNKNOWN, value, grid.levels[0])
@@ -92,7 +100,7 @@ def _blurred_point() -> UInt8:
     offsets = np.arange(-STAMP, STAMP + 1) * CELL
     squares = offsets[:, None] ** 2 + offsets[None, :] ** 2
     stamp = np.rint(255.0 * np.exp(-0.5 * squares / BLUR**2)).astype(np.uint8)
-    # What is known is not UNKNOWN.
+    # A cell with a point is known.
     return np.where(stamp == UNKNOWN, np.uint8(UNKNOWN - 1), stamp)
 
 
@@ -130,7 +138,7 @@ def _draw(grid: UInt8, points: Float64, origin: Float64, stamp: UInt8) -> None: 
 
 
 def _build_levels(grid: UInt8) -> None:
-    """Fill each level with the maxima over 2 x 2 places of the one below, held at the far edges."""
+    """Fill each level with the maxima over 2 x 2 cells of the one below, held at the far edges."""
     pairs = np.empty_like(grid[0])
     for h in range(1, len(grid)):
         step = 1 << (h - 1)

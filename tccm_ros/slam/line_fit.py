@@ -24,7 +24,8 @@ SEGMENT = np.dtype(
 """A fitted segment, as `Lines` holds it."""
 
 MIN_INCIDENCE = 0.15
-"""Least |cos| of the angle between beam and normal: beyond, bearing noise takes over."""
+"""Minimum |cos| of the angle between beam and normal: at grazing incidence, bearing noise takes
+over (chosen)."""
 
 
 @njit(nogil=True, cache=True)
@@ -36,7 +37,7 @@ def fit_segments(
     min_points: int,
     min_length: float,
 ) -> Any:  # pragma: no cover - compiled
-    """Fit the points of each label that are enough and reach far enough.
+    """Fit a segment to the points of each label, if it has enough points and is long enough.
 
     Parameters
     ----------
@@ -47,7 +48,7 @@ def fit_segments(
     origin, sigma
         As for `fit_segment`.
     min_points, min_length
-        What a segment must have, m.
+        Minimum number of points and length (m) of a segment.
 
     Returns
     -------
@@ -88,7 +89,8 @@ def fit_segment(
     The noise of a range moves a point along its beam: across the line it counts with the cosine
     of the incidence. With yc the offset of the points' centre along the tangent, v_phi the
     variance of the angle and v_perp that of the offset at the centre, the covariance of
-    (phi, rho) is [[v_phi, yc v_phi], [yc v_phi, v_perp + yc^2 v_phi]] (DESIGN section 7).
+    (phi, rho) is [[v_phi, yc v_phi], [yc v_phi, v_perp + yc^2 v_phi]]
+    (docs/design/wall_slam.md, "Noise of a line").
 
     Parameters
     ----------

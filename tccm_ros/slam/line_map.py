@@ -11,26 +11,33 @@ from numba import njit
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.slam.buckets import BUCKET, Buckets, extent_near_median, sort_into_buckets
 from tccm_ros.slam.level_scan import LevelScan
-from tccm_ros.slam.se2 import place_scans
-from tccm_ros.slam.seen_through import passes_and_hits
+from tccm_ros.slam.se2 import transform_scans
 from tccm_ros.slam.surface_normals import fit_missing_normals, mean_normals
+from tccm_ros.slam.visibility import passes_and_hits
 
 __all__ = ["LineMap", "make_line_map"]
 
 
 SPACING = 0.05
-"""A point nearer than this (m) to one that is there already, and facing its way, adds nothing."""
+"""Minimum distance (m) of a new point from points of the map that face the same way (chosen)."""
 
 ALONG, ACROSS, ALIKE = 0.15, 0.04, 0.9
-"""Points of two scans show one surface where they are this near along it and across it (m) and
-their normals agree (cosine); without normals, where they are as near as it is across."""
+"""Points of two scans are of one surface within these distances along it and across it (m), if the
+cosine between their normals is larger than the last; without normals, within the distance across
+(chosen)."""
+
+SAME_SIDE = 0.5
+"""Cosine between normals above which two points face the same way (chosen)."""
 
 MAX_SIDE = 4096
-"""Buckets along a side, at most: points beyond belong to no room and are dropped."""
+"""Buckets along a side, at most: points beyond are outliers and are dropped."""
+
+BORDER = 1.5
+"""Empty border around the points, in buckets: more than any search radius over them."""
 
 
 class LineMap(NamedTuple):
-    """Points and normals, float64 (N, 2), sorted into buckets; compiled code takes it as it is.
+    """A local map: points with normals, float64 (N, 2), sorted into buckets (for compiled code).
 
     Attributes
     ----------
@@ -39,7 +46,7 @@ class LineMap(NamedTuple):
     buckets
         Where the points of each bucket are.
     confirmed
-        bool (N,), whether another scan saw a surface there, too: one that moves along with the
+        bool (N,), whether another scan saw the same surface: a person who walks along with the
         robot is elsewhere in each scan.
     variances
         float64 (N,), of the normals' directions, rad^2; zero without a normal.
@@ -61,9 +68,10 @@ class _Seen(NamedTuple):
 
 
 def make_line_map(poses: Float64, scans: Sequence[LevelScan]) -> LineMap:
-    """Put scans into one map; the first scan to see a place defines it, all tell its normal.
+    """Make a map of several scans.
 
-    What more scans saw through than saw has moved, and is not in the map.
+    A point is that of the first scan that saw it; its normal is the mean over all scans. Points
+    that more scans saw through than saw have moved, and are not in the map.
 
     Parameters
     ----------
@@ -73,7 +81,7 @@ def make_line_map(poses: Float64, scans: Sequence[LevelScan]) -> LineMap:
         K of them.
     """
     counts = np.array([len(scan.points) for scan in scans])
-    p, n = place_scans(
+    p, n = transform_scans(
         poses,
         counts,
         np.concatenate([scan.points for scan in scans]),
@@ -84,11 +92,11 @@ def make_line_map(poses: Float64, scans: Sequence[LevelScan]) -> LineMap:
         return LineMap(p, n, buckets, np.zeros(0, bool), np.zeros(0))
     near, low, high = extent_near_median(p, 0.5 * MAX_SIDE * BUCKET - BUCKET)
     seen = _Seen(p[near], n[near], np.repeat(np.arange(len(counts)), counts)[near])
-    origin = low - 1.5 * BUCKET
+    origin = low - BORDER * BUCKET
     shape = ((high - origin) / BUCKET).astype(np.int64) + 3
     owner = _thin(seen.points, seen.normals, origin, shape)
     stay = np.flatnonzero(owner == np.arange(len(owner)))
-    lasers, _ = place_scans(
+    lasers, _ = transform_scans(
         poses, np.ones_like(counts), np.stack([s.origin for s in scans]), np.zeros_like(poses)
     )
     ends = np.bincount(seen.scan, minlength=len(counts))
@@ -125,7 +133,7 @@ def _thin(
                     if dx * dx + dy * dy < SPACING * SPACING:
                         dot = normals[j, 0] * normals[i, 0] + normals[j, 1] * normals[i, 1]
                         plain = normals[i, 0] == 0.0 and normals[i, 1] == 0.0
-                        found = dot > 0.5 or plain
+                        found = dot > SAME_SIDE or plain
                         if found:
                             owner[i] = j
                     j = links[j]

@@ -1,4 +1,4 @@
-"""Split and merge: segments from points in beam order."""
+"""Line extraction by split and merge, from points in beam order."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ from tccm_ros.arrays import Float64, Int32, Int64
 __all__ = ["split_segments"]
 
 
-MERGE_TURN = 0.996
-"""Cosine of the largest angle (5 deg) between pieces that are merged."""
+MIN_MERGE_COSINE = 0.996
+"""Cosine of the largest angle (5 deg) between pieces that are merged (chosen)."""
+
+MERGE_TOLERANCE = 1.5
+"""Distance of a point from the chord of merged pieces, in distances of a single one (chosen)."""
 
 
 @njit(nogil=True, cache=True)
@@ -21,7 +24,7 @@ def split_segments(
     """Label the points of each segment.
 
     A run of points without a gap is split at the point farthest from the chord until every piece
-    is straight; neighbouring pieces that fit one line are joined again. The scan may wrap around:
+    is straight; neighbouring pieces that fit one line are merged again. The scan may wrap around:
     the first and last run are one where they meet.
 
     Parameters
@@ -69,7 +72,7 @@ def split_segments(
                 stack[top + 1, 0], stack[top + 1, 1] = where, b
                 stack[top + 2, 0], stack[top + 2, 1] = a, where
                 top += 2
-        count = _join(points, pieces, run, count, distance)
+        count = _merge(points, pieces, run, count, distance)
         start = end + 1
     label = 0
     for k in range(count):
@@ -91,7 +94,7 @@ def _gap2(points: Float64, i: int, j: int) -> float:  # pragma: no cover - compi
 
 @njit(nogil=True, cache=True)
 def _seam(beams: Float64, max_gap: float) -> int:  # pragma: no cover - compiled
-    """Return where to begin: at 0, or, where the scan closes on itself, after the first gap.
+    """Return the first point: 0, or, where the scan closes on itself, the one after the first gap.
 
     A closed scan without a gap begins at its farthest point, which is a corner.
     """
@@ -131,10 +134,10 @@ def _farthest(points: Float64, a: int, b: int) -> tuple[float, int]:  # pragma: 
 
 
 @njit(nogil=True, cache=True)
-def _join(
+def _merge(
     points: Float64, pieces: Int64, start: int, count: int, distance: float
 ) -> int:  # pragma: no cover - compiled
-    """Merge neighbouring pieces of one run that are one line after all."""
+    """Merge neighbouring pieces of one run that are on one line."""
     if count - start < 2:
         return count
     last = start
@@ -143,9 +146,9 @@ def _join(
         p, m, q = points[a], points[pieces[k, 0]], points[b]
         u, v = m - p, q - m
         lengths = np.hypot(u[0], u[1]) * np.hypot(v[0], v[1])
-        straight = u[0] * v[0] + u[1] * v[1] >= MERGE_TURN * lengths
+        straight = u[0] * v[0] + u[1] * v[1] >= MIN_MERGE_COSINE * lengths
         far, _ = _farthest(points, a, b)
-        if straight and far <= 1.5 * distance:
+        if straight and far <= MERGE_TOLERANCE * distance:
             pieces[last, 1] = b
         else:
             last += 1

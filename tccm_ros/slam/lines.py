@@ -1,22 +1,27 @@
-"""Line segments from a level scan (surface mapping paper, III.A.1), with full covariance.
+"""Line extraction from level scans (surface mapping paper, III.A.1), with full covariance.
 
-Two extractors: the paper's RANSAC, and split and merge, which uses the order of the beams and is an
-order of magnitude faster. Both end in the same total-least-squares fit.
+Split and merge labels the beams of each segment: it uses the order of the beams and is an order of
+magnitude faster than the paper's RANSAC, which is in `baselines.line_ransac`. Both labellings end
+in the same total-least-squares fit.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from tccm_ros.arrays import Float64, Int64
+from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.slam.line_fit import fit_segments
-from tccm_ros.slam.line_ransac import ransac_segments
 from tccm_ros.slam.line_split import split_segments
 
-__all__ = ["Lines", "extract_lines"]
+__all__ = ["LabelBeams", "Lines", "extract_lines", "label_by_splitting"]
+
+
+LabelBeams = Callable[[Float64, Config], Int32]
+"""Returns the segment of each beam, int32 (B,), or -1, for beams float64 (B, 2), m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +51,16 @@ class Lines:
         return len(self.phi)
 
 
-def extract_lines(beams: Float64, origin: Float64, config: Config) -> Lines:
+def label_by_splitting(beams: Float64, config: Config) -> Int32:
+    """Label the beams of each segment by split and merge."""
+    return split_segments(
+        beams, config.lines.distance, config.lines.max_gap, config.lines.min_points
+    )
+
+
+def extract_lines(
+    beams: Float64, origin: Float64, config: Config, label: LabelBeams = label_by_splitting
+) -> Lines:
     """Find the line segments of a scan.
 
     Parameters
@@ -57,15 +71,13 @@ def extract_lines(beams: Float64, origin: Float64, config: Config) -> Lines:
         float64 (2,), the laser.
     config
         ``lines.*`` and ``matching.range_sigma``.
+    label
+        Assigns beams to segments.
     """
     x = config.lines
     beams = np.ascontiguousarray(beams, np.float64)
-    if x.extractor == "ransac":
-        labels = ransac_segments(beams, x.distance, x.max_gap, x.min_points, x.min_length, x.trials)
-    else:
-        labels = split_segments(beams, x.distance, x.max_gap, x.min_points)
     sigma = config.matching.range_sigma
-    segments = fit_segments(beams, labels, origin, sigma, x.min_points, x.min_length)
+    segments = fit_segments(beams, label(beams, config), origin, sigma, x.min_points, x.min_length)
     return Lines(
         segments["phi"].copy(),
         segments["rho"].copy(),

@@ -1,9 +1,9 @@
-"""Which loop closures are believed.
+"""Outlier rejection of loop closures.
 
-While driving: pairwise consistency (Mangelson et al. 2018) with others. In the end: all against
-all, by graduated non-convexity (Yang et al. 2020) with truncated least squares, which solves the
-graph again and again with reweighted loops; the weights start nearly equal and end at zero or one.
-No factor needs a robust model of its own.
+While driving, by pairwise consistency (Mangelson et al. 2018). Before a result, by graduated
+non-convexity (Yang et al. 2020) with truncated least squares: the graph is solved again and again
+with reweighted loop closures; the weights start nearly equal and end at zero or one. No factor
+needs a robust noise model of its own.
 
 GTSAM's ``GncLMOptimizer`` does not take these graphs (tried with 4.3.0): it clones all factors, and
 throws where it comes to an ``OrientedPlane3Factor``, also with known inliers.
@@ -24,29 +24,32 @@ from tccm_ros.slam.loop_matching import Proposal
 __all__ = ["consistent_with", "select_loops"]
 
 
-TOLERANCE = (0.12, 0.035)
-"""Standard closing error (m, rad) of a cycle through two good proposals: two matches and the
-bend of two submaps."""
+CLOSING_SIGMA = (0.12, 0.035)
+"""Standard deviation (m, rad) of the closing error of a cycle through two right proposals: two
+matches and the distortion of two submaps (chosen)."""
 
-GROWTH = (0.02, 0.003)
-"""How the closing error grows (1/m, rad/m) with the path between the proposals on either side."""
+CLOSING_SIGMA_GROWTH = (0.02, 0.003)
+"""Growth of that standard deviation (m/m, rad/m) with the path between the proposals (chosen)."""
 
-KNOWS_PLACE = 0.5
-"""A proposal whose standard deviation (m) is larger in some direction does not say where the robot
-is: along a plain corridor. It agrees with all, and so confirms none that does."""
+MAX_POSITION_SIGMA = 0.5
+"""A proposal with a larger standard deviation (m) in some direction does not determine the
+position, as along a plain corridor. It agrees with all proposals, and so confirms only those like
+it (chosen)."""
 
 CYCLE_CHI2 = 11.3
-"""99 % of three degrees of freedom."""
+"""Gate for the squared Mahalanobis distance of a cycle: 99 % of three degrees of freedom."""
 
 LOOP_CHI2 = 16.3
 """A loop whose squared Mahalanobis distance is larger is wrong: 99.9 % of three degrees."""
 
 CONTROL_STEP = 2.0
-"""Factor of the control parameter from one solution to the next."""
+"""Factor of the control parameter from one solution to the next (chosen; 1.4 in the paper)."""
 
 MAX_ROUNDS = 15
+"""Solutions at most (chosen)."""
+
 MIN_WEIGHT = 1e-4
-"""A weight of zero would take a factor's information away altogether."""
+"""Weight of a rejected loop closure: with zero, its covariance would be infinite (chosen)."""
 
 
 def consistent_with(
@@ -55,17 +58,22 @@ def consistent_with(
     poses: Sequence[Float64] | Float64,
     path: Sequence[float] | Float64,
 ) -> Bool:
-    """Tell which proposals close a cycle with `one`.
+    """Return which proposals close a cycle with `one`.
 
     Parameters
     ----------
     one, others
         Proposals.
     poses
-        Float64 (3,) each, where the keyframes are believed to be; only relative poses along each
-        side of the cycle count.
+        float64 (3,) each, estimates of the keyframes; only relative poses along each side of the
+        cycle count.
     path
         Path length up to each keyframe, m.
+
+    Returns
+    -------
+    bool (N,), one for each of `others`; a proposal that determines the position is
+    never consistent with one that does not
     """
     if not others:
         return np.zeros(0, bool)
@@ -76,28 +84,28 @@ def consistent_with(
     round_trip = compose2(compose2(inverse2(one.delta), between2(poses[one.a], a)), z)
     error = between2(between2(poses[one.b], b), round_trip)
     along = np.array([abs(path[p.a] - path[one.a]) + abs(path[p.b] - path[one.b]) for p in others])
-    sigma_xy = TOLERANCE[0] + GROWTH[0] * along
-    sigma_yaw = TOLERANCE[1] + GROWTH[1] * along
+    sigma_xy = CLOSING_SIGMA[0] + CLOSING_SIGMA_GROWTH[0] * along
+    sigma_yaw = CLOSING_SIGMA[1] + CLOSING_SIGMA_GROWTH[1] * along
     cov = _in_frames_of(one, others, between2(poses[one.b], b)[:, 2])
     xx, xy, yy = cov[:, 0, 0] + sigma_xy**2, cov[:, 0, 1], cov[:, 1, 1] + sigma_xy**2
     x, y = error[:, 0], error[:, 1]
     chi2 = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
     agree = chi2 + error[:, 2] ** 2 / sigma_yaw**2 < CYCLE_CHI2
-    return np.asarray(agree & (_knows_place(others) == _knows_place([one])))
+    return np.asarray(agree & (_is_localising(others) == _is_localising([one])))
 
 
 def _in_frames_of(one: Proposal, others: Sequence[Proposal], yaws: Float64) -> Float64:
     """Return the sum of the positions' covariances of `one` and of each other, (N, 2, 2), in the
-    frame of the other's b, which stands at `yaws` (N,) in that of one's b.
+    frame of the other's b, which has the yaws (N,) in the frame of one's b.
     """
     c, s = np.cos(yaws), np.sin(yaws)
-    turns = np.array([[c, s], [-s, c]]).transpose(2, 0, 1)
-    turned = turns @ one.cov[:2, :2] @ turns.transpose(0, 2, 1)
-    return np.asarray(np.array([p.cov[:2, :2] for p in others]) + turned)
+    rotations = np.array([[c, s], [-s, c]]).transpose(2, 0, 1)
+    rotated = rotations @ one.cov[:2, :2] @ rotations.transpose(0, 2, 1)
+    return np.asarray(np.array([p.cov[:2, :2] for p in others]) + rotated)
 
 
-def _knows_place(proposals: Sequence[Proposal]) -> Bool:
-    return np.array([p.spread < KNOWS_PLACE**2 for p in proposals])
+def _is_localising(proposals: Sequence[Proposal]) -> Bool:
+    return np.array([p.spread < MAX_POSITION_SIGMA**2 for p in proposals])
 
 
 def select_loops(
@@ -108,15 +116,15 @@ def select_loops(
     Parameters
     ----------
     graph
-        With all but the loops; it is given them.
+        With all factors but the loop closures; these are added to it.
     keys
         Variables of the keyframes.
     loops
-        As accepted while driving.
+        The loop closures accepted while driving.
 
     Returns
     -------
-    poses float64 (K, 3) and which loops are kept bool (L,)
+    float64 (K, 3), poses of the keyframes, and bool (L,), which loop closures are kept
     """
     first = len(graph)
     graph.add([p.factor(keys) for p in loops])
@@ -140,7 +148,7 @@ def _graduate(
     chi2: Callable[[GraphSolution], Float64],
     count: int,
 ) -> tuple[GraphSolution, Float64]:
-    """Find the weights of `count` doubtful factors.
+    """Find the weights of factors of which some are outliers.
 
     Parameters
     ----------
@@ -149,7 +157,7 @@ def _graduate(
     chi2
         Gives the factors' squared Mahalanobis distances, unweighted, float64 (count,).
     count
-        Doubtful factors.
+        Number of these factors.
 
     Returns
     -------
@@ -165,11 +173,11 @@ def _graduate(
     mu = max(LOOP_CHI2 / (2.0 * float(r2.max()) - LOOP_CHI2), 1e-3)
     for _ in range(MAX_ROUNDS):
         new = _weights(r2, mu)
-        settled = np.all((new <= MIN_WEIGHT) | (new >= 1.0)) and np.array_equal(new, weights)
+        converged = np.all((new <= MIN_WEIGHT) | (new >= 1.0)) and np.array_equal(new, weights)
         weights = new
         solution = solve(weights)
         r2 = chi2(solution)
-        if settled:
+        if converged:
             break
         mu *= CONTROL_STEP
     final = np.where(r2 <= LOOP_CHI2, 1.0, MIN_WEIGHT)

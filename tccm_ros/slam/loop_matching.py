@@ -1,4 +1,4 @@
-"""Loop closure proposals: a patch of new keyframes is matched with an old submap."""
+"""Loop closure proposals: matching a patch of new keyframes with an old submap."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config, Loops
 from tccm_ros.slam.alignment import Alignment, Prior, align
-from tccm_ros.slam.correlation import correlate, known_likelihood, support
+from tccm_ros.slam.correlation import SEARCH_WEIGHT, correlate, known_likelihood, support
 from tccm_ros.slam.factors import BetweenKeyframes, Key
 from tccm_ros.slam.likelihood_grid import with_unknown
 from tccm_ros.slam.se2 import rotate_covariance
@@ -22,23 +22,32 @@ __all__ = ["COARSE_STEP", "LoopReason", "Proposal", "Window", "propose"]
 
 
 MATCH_FLOOR = (0.01, 0.003)
-"""Standard deviation (m, rad) that no match beats: a submap bends a little within itself."""
+"""Standard deviation (m, rad) added to every match: submaps are distorted a little (chosen)."""
 
 COARSE_STEP = 0.025
-"""Angle (rad) between the turns of a search in all headings, which alignment bridges."""
+"""Yaw step (rad) of a search in all headings, small enough for alignment (chosen)."""
 
 AMBIGUOUS_FROM = 0.8
-"""Windows of this half width (m) or more can hold a second place that looks the same."""
-
-SEARCH_WEIGHT = 0.01
-"""Score that a search gives away at one standard deviation from where the graph expects the match:
-along a corridor, the match that overlaps most would win otherwise."""
+"""Windows of this half width (m) or more can contain a second pose that matches as well
+(chosen)."""
 
 UNKNOWN_SIGMA = 20.0
-"""Standard deviation (m, rad) where a match says nothing: along a plain corridor."""
+"""Standard deviation (m, rad) in directions that a match does not determine: along a plain corridor
+(chosen)."""
 
-APART = (0.7, 0.35)
-"""Poses further apart than this (m, or rad) are different places."""
+SAME_PLACE = (0.7, 0.35)
+"""Two poses within this distance (m) and yaw (rad) are the same place (chosen)."""
+
+ALL_HEADINGS = 1.0
+"""A window with a larger half width in yaw (rad) has no expected pose."""
+
+WINDOW_SIGMA, WINDOW_FLOOR = 0.5, 0.05
+"""Standard deviation of the expected pose: this fraction of the window, and this much more (m, rad;
+chosen)."""
+
+MIN_FACING_FRACTION = 0.5
+"""Below this fraction of the matched points on faces of walls, the others match the backs
+(chosen)."""
 
 
 class LoopReason(StrEnum):
@@ -58,47 +67,48 @@ class LoopReason(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """Where to look, and for what.
+    """Window of a search for a patch in a submap.
 
     Attributes
     ----------
     centre
         float64 (3,), expected pose of the patch in the submap.
-    reach, turn
-        Half widths, m and rad.
-    least
+    half_width_m, half_width_rad
+        Half widths of the window.
+    min_score
         Only a match with a better score counts, if this is more than ``loops.min_score``.
     """
 
     centre: Float64
-    reach: float
-    turn: float
-    least: float = 0.0
+    half_width_m: float
+    half_width_rad: float
+    min_score: float = 0.0
 
     @property
     def span(self) -> tuple[float, float]:
         """Half widths, m and rad."""
-        return self.reach, self.turn
+        return self.half_width_m, self.half_width_rad
 
     @property
     def anywhere(self) -> bool:
-        """Whether the centre is no expectation."""
-        return self.turn > 1.0
+        """Whether the window has no expected pose."""
+        return self.half_width_rad > ALL_HEADINGS
 
     @property
     def angle_step(self) -> float:
-        """Angle between the turns of the search; 0: as fine as the grid."""
+        """Yaw step of the search, rad; 0: as fine as the grid."""
         return COARSE_STEP if self.anywhere else 0.0
 
     @property
     def information(self) -> Float64:
-        """What the centre is worth, float64 (3, 3): half the window is a standard deviation."""
-        sigmas = np.array([self.reach, self.reach, self.turn]) * 0.5 + 0.05
+        """Information of the expected pose, float64 (3, 3)."""
+        sigmas = np.array([self.half_width_m, self.half_width_m, self.half_width_rad])
+        sigmas = sigmas * WINDOW_SIGMA + WINDOW_FLOOR
         return np.diag(1.0 / sigmas**2)
 
     @property
     def penalty(self) -> tuple[float, float]:
-        """Score lost per m^2 and rad^2 away from the centre."""
+        """Score lost per m^2 and rad^2 of distance from the centre."""
         if self.anywhere:
             return 0.0, 0.0
         information = SEARCH_WEIGHT * self.information
@@ -115,13 +125,13 @@ class Proposal:
         Keyframes; `a` is the submap's centre.
     delta, cov
         Planar pose (3,) of b in a; covariance (3, 3) of (x, y, yaw) in b's frame: of the match
-        alone, without what was expected, so that an expectation is not believed twice.
+        alone, without the expected pose, whose information the graph has already.
     inliers, score
-        Shares of matched points and of likelihood, 0..1.
+        Fraction of points that match, and mean likelihood, 0..1.
     window
         Half width of the search, m.
     reason
-        Why it is no loop closure (`LoopReason`); empty where nothing speaks against it yet.
+        Why it was rejected (`LoopReason`); empty while it is not.
     """
 
     a: int
@@ -135,7 +145,7 @@ class Proposal:
 
     @property
     def spread(self) -> float:
-        """Variance (m2) in the weakest direction: along a corridor."""
+        """Variance (m2) of the position in its least certain direction: along a corridor."""
         a, b, c = float(self.cov[0, 0]), float(self.cov[0, 1]), float(self.cov[1, 1])
         return 0.5 * (a + c) + math.sqrt(0.25 * (a - c) ** 2 + b * b)
 
@@ -145,13 +155,21 @@ class Proposal:
 
 
 def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Proposal | None:
-    """Look for a patch in a submap.
+    """Search for a patch in a submap.
+
+    Parameters
+    ----------
+    submap, patch
+        The map, and the scans to find in it.
+    window
+        Of the search.
+    config
+        ``loops.*`` and ``matching.*``.
 
     Returns
     -------
     Proposal or None
-        None where nothing resembles the patch; a proposal with a reason where something does
-        but is not good enough or not alone.
+        None where no pose scores enough; with a reason where one does and is rejected.
     """
     loops, expected = config.loops, Prior(window.centre, window.information)
     found = correlate(
@@ -161,7 +179,7 @@ def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Pro
         window.span,
         angle_step=window.angle_step,
         penalty=window.penalty,
-        least=max(loops.min_score, window.least),
+        min_score=max(loops.min_score, window.min_score),
     )
     if found.score < 0.0:
         return None
@@ -173,11 +191,11 @@ def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Pro
         reason = LoopReason.FEW_MATCHES.format(near)
     elif free > loops.max_contradiction:
         reason = LoopReason.IN_FREE_SPACE.format(free)
-    elif result.inliers < 0.5 * near:
+    elif result.inliers < MIN_FACING_FRACTION * near:
         reason = LoopReason.BACKS_OF_WALLS
-    elif _apart(result.pose, found.pose):
+    elif _is_other_place(result.pose, found.pose):
         reason = LoopReason.ALIGNED_ELSEWHERE
-    elif window.reach >= AMBIGUOUS_FROM:
+    elif window.half_width_m >= AMBIGUOUS_FROM:
         second = _second_place(submap, patch, window, result.pose, found.score, loops.ambiguity)
         better = 0.0 if second else _better_where_known(submap, patch, window, result.pose, loops)
         if second:
@@ -192,7 +210,7 @@ def propose(submap: Submap, patch: Patch, window: Window, config: Config) -> Pro
         cov,
         near,
         found.score,
-        window.reach,
+        window.half_width_m,
         reason,
     )
 
@@ -205,23 +223,23 @@ def _covariance(result: Alignment, correlated_beams: float) -> Float64:
     return cov + np.diag([MATCH_FLOOR[0] ** 2, MATCH_FLOOR[0] ** 2, MATCH_FLOOR[1] ** 2])
 
 
-def _apart(a: Float64, b: Float64) -> bool:
-    turn = abs(np.arctan2(np.sin(a[2] - b[2]), np.cos(a[2] - b[2])))
-    return bool(np.hypot(a[0] - b[0], a[1] - b[1]) > APART[0] or turn > APART[1])
+def _is_other_place(a: Float64, b: Float64) -> bool:
+    dyaw = abs(np.arctan2(np.sin(a[2] - b[2]), np.cos(a[2] - b[2])))
+    return bool(np.hypot(a[0] - b[0], a[1] - b[1]) > SAME_PLACE[0] or dyaw > SAME_PLACE[1])
 
 
 def _second_place(
-    submap: Submap, patch: Patch, window: Window, best: Float64, score: float, share: float
+    submap: Submap, patch: Patch, window: Window, best: Float64, score: float, ratio: float
 ) -> float:
-    """Return how well another place does, relative to the best, if at least `share`; else 0."""
+    """Return the score of another place over the best, if it is at least `ratio`; else 0."""
     other = correlate(
         submap.grid,
         patch.search_points,
         window.centre,
         window.span,
         angle_step=window.angle_step,
-        least=share * score,
-        exclude=(best, APART[0], APART[1]),
+        min_score=ratio * score,
+        exclude=(best, SAME_PLACE[0], SAME_PLACE[1]),
     )
     return other.score / score if other.score > 0.0 else 0.0
 
@@ -229,13 +247,12 @@ def _second_place(
 def _better_where_known(
     submap: Submap, patch: Patch, window: Window, best: Float64, loops: Loops
 ) -> float:
-    """Return how well another place agrees where the submap knows it, relative to the best, if
-    better; else 0.
+    """Return how well another place agrees in known cells, relative to the best, if better; else 0.
 
-    A score is the larger the more of the patch the submap covers, so that the right place, where
-    the robot comes back from the other side, may score less than a wrong one further in. Here what
-    is not known counts as much as what matches at the best place, and the place that this names
-    must match as a loop must.
+    A score grows with the part of the patch that the submap covers, so that the right place, where
+    the robot comes back from the other side, may score less than a wrong one further in. Here
+    unknown cells count as much as the known ones at the best place, and the other place must pass
+    the gates of a loop closure.
     """
     agreement = known_likelihood(submap.grid, patch.search_points, best)
     other = correlate(
@@ -245,8 +262,8 @@ def _better_where_known(
         window.span,
         angle_step=window.angle_step,
         penalty=window.penalty,
-        least=agreement,
-        exclude=(best, APART[0], APART[1]),
+        min_score=agreement,
+        exclude=(best, SAME_PLACE[0], SAME_PLACE[1]),
     )
     if other.score < 0.0:
         return 0.0

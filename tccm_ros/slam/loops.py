@@ -1,8 +1,8 @@
-"""Loop closure while driving: what is found is weighed, accepted, and the estimate follows.
+"""Loop closing while driving: search, confirmation and the live estimate of all keyframes.
 
-Keyframes are taken in order, and each looks for earlier passes (`loop_search`). A match is only a
+Keyframes come in order, and each is matched with earlier passes (`loop_search`). A match is a
 proposal: it becomes a factor when others, from other keyframes, close the same cycle. The estimate
-follows at once, so that the next windows are small.
+is corrected at once, so that the next windows are small.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tccm_ros.config import Config
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.graph import IncrementalGraph
-from tccm_ros.slam.landmarks import Sighting, landmark_factors
+from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
 from tccm_ros.slam.loop_consistency import consistent_with
 from tccm_ros.slam.loop_matching import LoopReason, Proposal
 from tccm_ros.slam.loop_search import LoopSearch
@@ -28,14 +28,15 @@ __all__ = ["LoopCloser"]
 
 
 NEIGHBOURHOOD = 15.0
-"""Path (m) on either side within which proposals confirm each other."""
+"""Path (m) on either side within which proposals confirm each other (chosen)."""
 
 MOVED = (0.08, 0.015)
-"""A loop closure that contradicts the estimate by more (m, rad) moves all keyframes at once."""
+"""A loop closure that contradicts the estimate by more (m, rad) updates all keyframes at once
+(chosen)."""
 
 BATCH = 10
-"""Keyframes that wait for each other before the live graph takes them: an update costs the same for
-one as for a few."""
+"""Keyframes that are added to the live graph together: an update costs the same for one as for a
+few (chosen)."""
 
 
 class LoopCloser:
@@ -46,13 +47,13 @@ class LoopCloser:
     config
         ``loops.*`` and ``matching.*``.
     chain
-        Keyframes of all sessions, shared with who adds to them.
+        Keyframes of all sessions; the caller appends to it.
 
     Attributes
     ----------
     poses
-        float64 (K, 3): where the keyframes are believed to be. Those of a session that is not
-        tied yet are in that session's own frame.
+        float64 (K, 3), estimates of the keyframes. Those of a session that is not localised yet
+        are in that session's own frame.
     accepted, rejected
         Proposals, in order of discovery.
     """
@@ -66,14 +67,14 @@ class LoopCloser:
         self._search = LoopSearch(config, chain.keyframes)
         self._lengths = PathLengths()
         self._graph = IncrementalGraph(relinearize_skip=1)
-        self._tied = {0}
-        # Found lately, and those of them that nothing confirms yet.
+        self._localised = {0}
+        # Proposals of the last metres, and those of all proposals that are not confirmed yet.
         self._recent: list[Proposal] = []
         self._pending: list[Proposal] = []
-        # Not yet in the live graph.
+        # Keyframes, loop closures and observations that are not in the live graph yet.
         self._waiting: list[int] = []
         self._fresh: list[Proposal] = []
-        self._unused: list[Sighting] = []
+        self._unused: list[AnchoredObservation] = []
         self._observers = 0
 
     @property
@@ -82,17 +83,17 @@ class LoopCloser:
         return [replace(p, reason=LoopReason.UNCONFIRMED) for p in self._pending]
 
     @property
-    def tied(self) -> frozenset[int]:
+    def localised(self) -> frozenset[int]:
         """The sessions that are in the map's frame."""
-        return frozenset(self._tied)
+        return frozenset(self._localised)
 
-    def add(self, k: int, sightings: Sequence[Sighting] = ()) -> None:
-        """Take keyframe `k`, the newest, and landmarks that were seen since the one before."""
-        self._unused.extend(sightings)
+    def add(self, k: int, observations: Sequence[AnchoredObservation] = ()) -> None:
+        """Add keyframe `k`, the newest, and the landmark observations since the one before it."""
+        self._unused.extend(observations)
         keyframe = self._chain.keyframes[k]
         starts = self._chain.starts(k)
         self._append(keyframe, keyframe.pose if starts else compose(self.poses[-1], keyframe.delta))
-        if keyframe.session in self._tied:
+        if keyframe.session in self._localised:
             self._waiting.append(k)
         if len(self._waiting) >= BATCH:
             self._update()
@@ -100,16 +101,26 @@ class LoopCloser:
             self._close(k)
 
     def load(
-        self, poses: Float64, loops: Sequence[Proposal], sightings: Sequence[Sighting]
+        self, poses: Float64, loops: Sequence[Proposal], observations: Sequence[AnchoredObservation]
     ) -> None:
-        """Start from a saved map: poses of the keyframes in the chain, loops and landmarks."""
+        """Start from a saved map, with its keyframes in the chain.
+
+        Parameters
+        ----------
+        poses
+            float64 (K, 3), of the keyframes.
+        loops
+            Accepted loop closures.
+        observations
+            Of landmarks.
+        """
         for keyframe, pose in zip(self._chain.keyframes, poses):
             self._append(keyframe, pose)
-            self._tied.add(keyframe.session)
+            self._localised.add(keyframe.session)
         self.accepted = list(loops)
-        self._lengths.tie(loops, self._config.loops.drift)
+        self._lengths.add_loops(loops, self._config.loops.drift)
         self._waiting, self._fresh = list(range(len(poses))), list(loops)
-        self._unused = list(sightings)
+        self._unused = list(observations)
         self._update()
 
     def _append(self, keyframe: GraphKeyframe, pose: Float64) -> None:
@@ -117,40 +128,40 @@ class LoopCloser:
         self.poses = np.concatenate([self.poses, pose[None]])
 
     def _update(self) -> None:
-        """Hand keyframes, loops and sightings that wait to the live graph."""
+        """Add the keyframes, loop closures and observations that wait to the live graph."""
         keys = self._chain.keys
         factors = [factor for k in self._waiting for factor in self._chain.factors_of(k)]
         factors += [p.factor(keys) for p in self._fresh]
         starts = {keys[k]: self.poses[k].copy() for k in self._waiting}
         seen = landmark_factors(self._take_usable(), first=self._observers)
-        for key, hung in seen.hung.items():
-            starts[key], factor = self._chain.hang(key, hung, self.poses)
+        for key, anchored in seen.anchored.items():
+            starts[key], factor = self._chain.anchor(key, anchored, self.poses)
             factors.append(factor)
         self._graph.add(factors + seen.factors, starts)
         self._waiting, self._fresh = [], []
-        self._observers += len(seen.hung)
+        self._observers += len(seen.anchored)
         if seen.factors:
             self._read_back()
 
-    def _take_usable(self) -> list[Sighting]:
-        """Take out the sightings of sessions that are in the map's frame."""
-        sessions = [self._chain.keyframes[s.hung.keyframe].session for s in self._unused]
-        usable = [s for s, session in zip(self._unused, sessions) if session in self._tied]
-        self._unused = [s for s, x in zip(self._unused, sessions) if x not in self._tied]
+    def _take_usable(self) -> list[AnchoredObservation]:
+        """Take out the observations of sessions that are in the map's frame."""
+        sessions = [self._chain.keyframes[s.anchored.keyframe].session for s in self._unused]
+        usable = [s for s, session in zip(self._unused, sessions) if session in self._localised]
+        self._unused = [s for s, x in zip(self._unused, sessions) if x not in self._localised]
         return usable
 
     def _close(self, k: int) -> None:
-        """Look for loop closures of keyframe k; believe those that enough others confirm."""
+        """Search for loop closures of keyframe k; accept those that enough others confirm."""
         driven = self._lengths.driven
-        found = self._search.look(k, self.poses, self._lengths, self._tied)
+        found = self._search.look(k, self.poses, self._lengths, self._localised)
         self._recent = [p for p in self._recent if driven[p.b] >= driven[k] - NEIGHBOURHOOD]
         for proposal in found:
             if not proposal.reason:
-                self._weigh(proposal)
+                self._confirm(proposal)
             else:
                 self.rejected.append(proposal)
 
-    def _weigh(self, proposal: Proposal) -> None:
+    def _confirm(self, proposal: Proposal) -> None:
         """Accept a proposal, and those that it confirms, once enough agree."""
         near = [p for p in self._recent if p.b != proposal.b]
         agree = consistent_with(proposal, near, self.poses, self._lengths.driven)
@@ -166,35 +177,35 @@ class LoopCloser:
 
     def _accept(self, fresh: list[Proposal]) -> None:
         session = self._chain.keyframes[fresh[-1].b].session
-        tie = session not in self._tied
-        if tie:
-            self._tie(session, fresh[-1])
+        is_new_session = session not in self._localised
+        if is_new_session:
+            self._localise(session, fresh[-1])
         error = np.array([between(p.delta, self._step(p)) for p in fresh])
         self.accepted.extend(fresh)
-        self._lengths.tie(fresh, self._config.loops.drift)
+        self._lengths.add_loops(fresh, self._config.loops.drift)
         self._fresh.extend(fresh)
         far = np.hypot(error[:, 0], error[:, 1]).max() > MOVED[0]
-        if tie or far or np.abs(error[:, 2]).max() > MOVED[1]:
+        if is_new_session or far or np.abs(error[:, 2]).max() > MOVED[1]:
             self._update()
             self._read_back()
 
     def _step(self, proposal: Proposal) -> Float64:
         return between(self.poses[proposal.a], self.poses[proposal.b])
 
-    def _tie(self, session: int, loop: Proposal) -> None:
-        """Move a session to where a loop closure puts it; it waits for the live graph then."""
+    def _localise(self, session: int, loop: Proposal) -> None:
+        """Move a session into the map's frame by a loop closure; queue it for the live graph."""
         T = compose(compose(self.poses[loop.a], loop.delta), inverse(self.poses[loop.b]))
         keyframes = self._chain.keyframes[: len(self.poses)]
         members = [keyframe.id for keyframe in keyframes if keyframe.session == session]
         for k in members:
             self.poses[k] = compose(T, self.poses[k])
-        self._tied.add(session)
+        self._localised.add(session)
         self._waiting.extend(members)
 
     def _read_back(self) -> None:
-        """Take all poses from the graph, after one more step of it."""
+        """Read all poses from the live graph, after one more step."""
         self._graph.add([], {})
         known = [
-            k for k in range(len(self.poses)) if self._chain.keyframes[k].session in self._tied
+            k for k in range(len(self.poses)) if self._chain.keyframes[k].session in self._localised
         ]
         self.poses[known] = self._graph.planar_poses([self._chain.keys[k] for k in known])

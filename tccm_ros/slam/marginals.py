@@ -64,7 +64,7 @@ def marginal_blocks(A: csc_matrix, dims: Int64) -> list[Float64]:
 
 
 def _information(A: csc_matrix, dims: Int64, starts: Int64) -> csc_matrix:
-    """Return A' A with every entry of the blocks on its diagonal, be it zero, in the pattern."""
+    """Return A' A with every entry of the diagonal blocks in its pattern, zeros as well."""
     H = (A.T @ A).tocoo()
     rows = [np.repeat(np.arange(a, a + d), d) for a, d in zip(starts.tolist(), dims.tolist())]
     columns = [np.tile(np.arange(a, a + d), d) for a, d in zip(starts.tolist(), dims.tolist())]
@@ -74,7 +74,7 @@ def _information(A: csc_matrix, dims: Int64, starts: Int64) -> csc_matrix:
 
 
 def _order(H: csc_matrix) -> Int64:
-    """Return an order of elimination, int64 (N,), with little fill: minimum degree, by SuperLU."""
+    """Return an elimination order, int64 (N,), with little fill: minimum degree, by SuperLU."""
     try:
         factor = splu(
             H,

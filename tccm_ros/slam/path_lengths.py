@@ -1,6 +1,6 @@
-"""How far apart keyframes are along what ties them: the chain of a session, and loop closures.
+"""Shortest paths between keyframes, along the chains of sessions and over loop closures.
 
-A shortest path tells how far the estimate may have drifted between two keyframes.
+The length of a path says how far the estimate may have drifted between two keyframes.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from tccm_ros.slam.loop_matching import Proposal
 __all__ = ["PathLengths", "lengths_from"]
 
 
-LOOP_LENGTH = 0.5
-"""A loop closure ties its ends at best as well as this much path (m)."""
+MIN_LOOP_LENGTH = 0.5
+"""Minimum length (m) of a loop closure: the path that constrains its ends as well (chosen)."""
 
-TURN_LENGTH = 0.2
-"""A turn by one rad counts as this much path, m."""
+YAW_LENGTH = 0.2
+"""Path length of a rotation in place, m/rad (chosen)."""
 
 
 @dataclass(slots=True)
@@ -38,49 +38,49 @@ class PathLengths:
     driven: Float64 = field(default_factory=lambda: np.zeros(0))
     _steps: Float64 = field(default_factory=lambda: np.zeros(0))
     _loops: Int64 = field(default_factory=lambda: np.zeros((0, 2), np.int64))
-    _ties: Float64 = field(default_factory=lambda: np.zeros(0))
+    _loop_lengths: Float64 = field(default_factory=lambda: np.zeros(0))
 
     def add(self, keyframe: GraphKeyframe, *, starts: bool) -> None:
-        """Append a keyframe; the first of a session `starts` a chain."""
+        """Append a keyframe; with `starts`, it is the first of its session."""
         x, y, yaw = keyframe.delta
-        step = float(np.hypot(x, y) + TURN_LENGTH * abs(yaw))
+        step = float(np.hypot(x, y) + YAW_LENGTH * abs(yaw))
         before = self.driven[-1] if len(self.driven) else 0.0
         self.driven = np.append(self.driven, step + before)
         self._steps = np.append(self._steps, np.inf if starts else step)
 
-    def tie(self, loops: Sequence[Proposal], drift: float) -> None:
-        """Add loop closures, as long as the path that ties as well in their weakest direction.
+    def add_loops(self, loops: Sequence[Proposal], drift: float) -> None:
+        """Add loop closures, each as long as a path with a drift of its largest sigma.
 
         `drift` is ``loops.drift``, m per m of path.
         """
         ends = np.array([(p.a, p.b) for p in loops], np.int64).reshape(-1, 2)
-        ties = np.array([max(LOOP_LENGTH, p.spread**0.5 / drift) for p in loops])
+        loop_lengths = np.array([max(MIN_LOOP_LENGTH, p.spread**0.5 / drift) for p in loops])
         self._loops = np.concatenate([self._loops, ends])
-        self._ties = np.concatenate([self._ties, ties])
+        self._loop_lengths = np.concatenate([self._loop_lengths, loop_lengths])
 
-    def until(self, k: int) -> Float64:
-        """Return the length of the shortest path from all keyframes up to `k` to it, (k + 1,)."""
-        return lengths_from(k, self._steps[: k + 1], self._loops, self._ties)
+    def shortest_to(self, k: int) -> Float64:
+        """Return the shortest paths from the keyframes up to `k` to it, float64 (k + 1,), m."""
+        return lengths_from(k, self._steps[: k + 1], self._loops, self._loop_lengths)
 
 
 @njit(nogil=True, cache=True)
 def lengths_from(
-    start: int, steps: Float64, loops: Int64, ties: Float64
+    start: int, steps: Float64, loops: Int64, loop_lengths: Float64
 ) -> Float64:  # pragma: no cover - compiled
     """Return the length of the shortest path from one keyframe to all, float64 (K,), m.
 
-    Bellman's relaxation, in sweeps along the chain: a sweep settles what no further loop shortens,
-    so that there are as many sweeps as the longest of the paths has loops.
+    Bellman's relaxation, in passes along the chain: there are as many passes as the shortest path
+    with the most loop closures has loop closures.
 
     Parameters
     ----------
     start
-        Where the paths begin.
+        Keyframe at which the paths begin.
     steps
-        float64 (K,), the way from the keyframe before, m; infinite where a session begins.
+        float64 (K,), the path from the keyframe before, m; infinite where a session begins.
     loops
-        int64 (L, 2), keyframes that a loop closure ties.
-    ties
+        int64 (L, 2), keyframes of each loop closure.
+    loop_lengths
         float64 (L,), the length of each loop closure, m.
     """
     lengths = np.full(len(steps), np.inf)
@@ -94,8 +94,8 @@ def lengths_from(
         changed = False
         for i in range(len(loops)):
             a, b = loops[i, 0], loops[i, 1]
-            if lengths[b] + ties[i] < lengths[a]:
-                lengths[a], changed = lengths[b] + ties[i], True
-            if lengths[a] + ties[i] < lengths[b]:
-                lengths[b], changed = lengths[a] + ties[i], True
+            if lengths[b] + loop_lengths[i] < lengths[a]:
+                lengths[a], changed = lengths[b] + loop_lengths[i], True
+            if lengths[a] + loop_lengths[i] < lengths[b]:
+                lengths[b], changed = lengths[a] + loop_lengths[i], True
     return lengths

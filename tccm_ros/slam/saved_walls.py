@@ -1,4 +1,4 @@
-"""The wall map as named arrays, and back."""
+"""Saved wall maps: conversion to named arrays and back."""
 
 from __future__ import annotations
 
@@ -12,42 +12,42 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.errors import MapError
 from tccm_ros.records import LandmarkObservation
-from tccm_ros.slam.chain import HungPose
+from tccm_ros.slam.chain import AnchoredPose
 from tccm_ros.slam.factors import landmark_class
 from tccm_ros.slam.front_end import GraphKeyframe
-from tccm_ros.slam.landmarks import Sighting
+from tccm_ros.slam.landmarks import AnchoredObservation
 from tccm_ros.slam.level_scan import LevelScan
 from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.loop_matching import Proposal
 
-__all__ = ["SavedWalls", "pack_state", "unpack_state"]
+__all__ = ["SavedWalls", "pack_walls", "unpack_walls"]
 
 
 class SavedWalls(NamedTuple):
-    """What a later session goes on with.
+    """Keyframes, lines, loop closures and landmark observations of a wall map.
 
     Attributes
     ----------
     keyframes, lines
-        Of all sessions, and the lines that each sees.
+        Of all sessions, and the lines of each.
     poses
-        float64 (K, 3), where the keyframes are.
+        float64 (K, 3), optimised poses of the keyframes in map.
     loops
-        Those that are believed.
-    sightings
-        Observations of landmarks.
+        The loop closures that are kept.
+    observations
+        Of landmarks.
     """
 
     keyframes: Sequence[GraphKeyframe]
     lines: Sequence[Lines]
     poses: Float64
     loops: Sequence[Proposal]
-    sightings: Sequence[Sighting]
+    observations: Sequence[AnchoredObservation]
 
 
-def pack_state(saved: SavedWalls) -> dict[str, NDArray[Any]]:
+def pack_walls(saved: SavedWalls) -> dict[str, NDArray[Any]]:
     """Return arrays: keyframe rows, scans and lines end to end with counts, loops, landmarks."""
-    keyframes, lines, poses, loops, sightings = saved
+    keyframes, lines, poses, loops, observations = saved
     scans = [k.scan for k in keyframes]
     return {
         "keyframe_stamp_ns": np.array([s.stamp_ns for s in scans], np.int64),
@@ -71,21 +71,21 @@ def pack_state(saved: SavedWalls) -> dict[str, NDArray[Any]]:
         "loop_delta": _rows([p.delta for p in loops], 3),
         "loop_cov": _rows([p.cov for p in loops], 3, 3),
         "loop_quality": _rows([np.array([p.inliers, p.score, p.window]) for p in loops], 3),
-        **_pack_landmarks(sightings),
+        **_pack_landmarks(observations),
     }
 
 
-def _pack_landmarks(sightings: Sequence[Sighting]) -> dict[str, NDArray[Any]]:
-    hung, seen = [s.hung for s in sightings], [s.observation for s in sightings]
+def _pack_landmarks(observations: Sequence[AnchoredObservation]) -> dict[str, NDArray[Any]]:
+    anchored, seen = [s.anchored for s in observations], [s.observation for s in observations]
     kinds = sorted({o.kind for o in seen})
     return {
         "landmark_kinds": np.frombuffer(json.dumps(kinds).encode(), np.uint8),
         "landmark_kind": np.array([kinds.index(o.kind) for o in seen], np.int64),
         "landmark_id": np.array([o.id for o in seen], np.int64),
         "landmark_stamp_ns": np.array([o.stamp_ns for o in seen], np.int64),
-        "landmark_keyframe": np.array([h.keyframe for h in hung], np.int64),
-        "landmark_pose": _rows([h.pose for h in hung], 3),
-        "landmark_pose_cov": _rows([h.cov for h in hung], 3, 3),
+        "landmark_keyframe": np.array([h.keyframe for h in anchored], np.int64),
+        "landmark_pose": _rows([h.pose for h in anchored], 3),
+        "landmark_pose_cov": _rows([h.cov for h in anchored], 3, 3),
         "landmark_size": np.array([len(o.measurement) for o in seen], np.int64),
         "landmark_measurement": _joined([o.measurement for o in seen]),
         "landmark_cov": _joined([o.covariance.ravel() for o in seen]),
@@ -100,8 +100,8 @@ def _joined(arrays: Sequence[Float64], *shape: int) -> Float64:
     return np.concatenate([np.zeros((0, *shape)), *arrays])
 
 
-def unpack_state(state: Mapping[str, NDArray[Any]]) -> SavedWalls:
-    """Return what `pack_state` was given.
+def unpack_walls(arrays: Mapping[str, NDArray[Any]]) -> SavedWalls:
+    """Return what `pack_walls` was given.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def unpack_state(state: Mapping[str, NDArray[Any]]) -> SavedWalls:
         For arrays that are missing or do not fit each other.
     """
     try:
-        return _unpack({name: np.asarray(value) for name, value in state.items()})
+        return _unpack({name: np.asarray(value) for name, value in arrays.items()})
     except KeyError as error:
         raise MapError(f"saved wall map has no array {error}") from None
     except (IndexError, ValueError, TypeError) as error:
@@ -144,8 +144,8 @@ def _unpack(s: Mapping[str, NDArray[Any]]) -> SavedWalls:
     return SavedWalls(keyframes, lines, poses, loops, _unpack_landmarks(s, count))
 
 
-def _unpack_landmarks(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[Sighting]:
-    """Return the sightings; maps of earlier versions have none."""
+def _unpack_landmarks(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[AnchoredObservation]:
+    """Return the observations; maps of earlier versions have none."""
     if "landmark_kinds" not in s:
         return []
     kinds = json.loads(s["landmark_kinds"].tobytes())
@@ -153,19 +153,21 @@ def _unpack_landmarks(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[Sig
         landmark_class(kind)
     sizes, on = s["landmark_size"], s["landmark_keyframe"].tolist()
     if not all(0 <= k < keyframes for k in on):
-        raise ValueError("a landmark was seen from a keyframe that is not there")
+        raise ValueError("a landmark was observed from a keyframe that the map does not have")
     rows = zip(
         s["landmark_stamp_ns"].tolist(),
         [kinds[k] for k in s["landmark_kind"].tolist()],
         s["landmark_id"].tolist(),
         _split(s["landmark_measurement"], sizes, len(on)),
         _split(s["landmark_cov"], sizes**2, len(on)),
-        [HungPose(*h) for h in zip(on, s["landmark_pose"], s["landmark_pose_cov"])],
+        [AnchoredPose(*h) for h in zip(on, s["landmark_pose"], s["landmark_pose_cov"])],
         strict=True,
     )
     return [
-        Sighting(LandmarkObservation(stamp, kind, number, x, cov.reshape(len(x), -1)), hung)
-        for stamp, kind, number, x, cov, hung in rows
+        AnchoredObservation(
+            LandmarkObservation(stamp, kind, number, x, cov.reshape(len(x), -1)), anchored
+        )
+        for stamp, kind, number, x, cov, anchored in rows
     ]
 
 

@@ -1,4 +1,4 @@
-"""What `WallSlam.solve` gives back."""
+"""The result of `WallSlam.solve`: poses, walls, loop closures and covariances."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ class Solution:
     cov_views
         float64 (V, 6, 6) of (roll, pitch, yaw, x, y, z) in each view's own frame, rad and m.
     view_keyframes
-        int64 (V,), the keyframe that each view hangs on.
+        int64 (V,), the keyframe that each view is anchored to.
     cov_keyframes
         float64 (K, 3, 3) of (x, y, yaw) in each keyframe's own frame; NaN for all but the newest
         where only that was asked for.
     unit_variance
-        What the graph's covariances, those of the views among them, are to be multiplied by: their
-        factors are careful. `cov_keyframes` has it in it.
+        Factor by which the graph's covariances, also `cov_views`, are to be multiplied: those of
+        its factors are conservative. `cov_keyframes` is multiplied already.
     landmarks
         In the order of their kinds and ids, those of earlier sessions among them.
     """

@@ -1,4 +1,4 @@
-"""Submaps: a few consecutive keyframes as one map, and as one large scan."""
+"""Submaps and patches: consecutive keyframes as one map, and as one large scan."""
 
 from __future__ import annotations
 
@@ -12,21 +12,31 @@ from tccm_ros.geometry import between2
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.likelihood_grid import LikelihoodGrid, make_likelihood_grid
 from tccm_ros.slam.line_map import LineMap, make_line_map
-from tccm_ros.slam.se2 import place
+from tccm_ros.slam.se2 import transform_points
 
 __all__ = ["Patch", "Submap", "make_patch", "make_submap"]
 
 
 PATCH_POINTS = 220
-"""Points of a patch at most: more do not sharpen a match."""
+"""Maximum number of points of a patch: more do not make a match more accurate (chosen)."""
 
 SEARCH_POINTS = 110
-"""Points that a wide search scores at most."""
+"""Maximum number of points that a search scores (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Submap:
-    """The keyframes around `centre`, in its frame."""
+    """Several keyframes as one map.
+
+    Attributes
+    ----------
+    centre
+        Id of the keyframe in whose frame the map is.
+    lines
+        For alignment.
+    grid
+        For the correlative search, with free space.
+    """
 
     centre: int
     lines: LineMap
@@ -35,7 +45,17 @@ class Submap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patch:
-    """Points and normals, float64 (N, 2), of the scans around keyframe `centre`, in its frame."""
+    """Several keyframes as one scan.
+
+    Attributes
+    ----------
+    centre
+        Id of the keyframe in whose frame the points are.
+    points, normals
+        float64 (N, 2), m and unit vectors, zero where the surroundings are not flat.
+    search_points
+        float64 (M, 2), fewer points for the correlative search.
+    """
 
     centre: int
     points: Float64
@@ -44,21 +64,41 @@ class Patch:
 
 
 def make_submap(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> Submap:
-    """Put the keyframes within `half` of `centre` into one map, as the front end placed them."""
+    """Make a submap by the front end's estimates.
+
+    Parameters
+    ----------
+    keyframes
+        Of all sessions.
+    centre
+        Id of the central keyframe.
+    half
+        Keyframes on either side, of the same session.
+    """
     first, last = _range(keyframes, centre, half)
     members = keyframes[first : last + 1]
     poses = between2(keyframes[centre].pose, np.stack([k.pose for k in members]))
     lines = make_line_map(poses, [k.scan for k in members])
-    origins = [place(q, k.scan.origin[None]) for q, k in zip(poses, members)]
+    origins = [transform_points(q, k.scan.origin[None]) for q, k in zip(poses, members)]
     counts = [len(k.scan.points) for k in members]
-    ends = np.concatenate([place(q, k.scan.points) for q, k in zip(poses, members)])
+    ends = np.concatenate([transform_points(q, k.scan.points) for q, k in zip(poses, members)])
     rays = np.repeat(np.concatenate(origins), counts, axis=0), ends
     grid = make_likelihood_grid(lines.points, rays=rays)
     return Submap(centre, lines, grid)
 
 
 def make_patch(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> Patch:
-    """Gather the scans within `half` of `centre`, the central one first and whole."""
+    """Make a patch by the front end's estimates; all points of the central scan come first.
+
+    Parameters
+    ----------
+    keyframes
+        Of all sessions.
+    centre
+        Id of the central keyframe.
+    half
+        Keyframes on either side, of the same session.
+    """
     first, last = _range(keyframes, centre, half)
     order = sorted(range(first, last + 1), key=lambda k: (abs(k - centre), k))
     poses = between2(keyframes[centre].pose, np.stack([keyframes[k].pose for k in order]))
@@ -83,8 +123,8 @@ def _range(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> tuple[
     return first, last
 
 
-def _evenly(rows: Float64, most: int) -> Float64:
-    """Return at most `most` rows, evenly spread over their order in the bucket grid."""
-    if len(rows) <= most:
+def _evenly(rows: Float64, max_rows: int) -> Float64:
+    """Return at most `max_rows` rows, evenly spread over their order in the bucket grid."""
+    if len(rows) <= max_rows:
         return rows
-    return np.ascontiguousarray(rows[np.linspace(0, len(rows) - 1, most).astype(np.int64)])
+    return np.ascontiguousarray(rows[np.linspace(0, len(rows) - 1, max_rows).astype(np.int64)])

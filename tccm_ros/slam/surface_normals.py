@@ -1,8 +1,8 @@
-"""Normals of a local map from all scans that saw a place, and how far they can be trusted.
+"""Normals of a local map, averaged over all scans, and the variances of their directions.
 
-A normal fitted to a few beams of one scan is off by some hundredths of a radian, and leans along
-the wall as often to one side as to the other. Several scans together know it better. What stays
-unknown matters along a corridor: there, walls say of the robot's place only what noise says.
+A normal fitted to a few beams of one scan is off by some hundredths of a radian, to either side.
+The mean over several scans is more accurate. The variance that is left matters along a corridor:
+there, noise of the normals is all the information that walls give on the position along it.
 """
 
 from __future__ import annotations
@@ -14,18 +14,16 @@ from numba import njit
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.slam.buckets import BUCKET, Buckets
+from tccm_ros.slam.level_scan import FLATNESS
 
-__all__ = ["AROUND", "fit_missing_normals", "mean_normals"]
+__all__ = ["RADIUS", "fit_missing_normals", "mean_normals"]
 
 
-AROUND = 0.2
-"""Points of all scans within this distance (m) of a point without a normal may show one."""
+RADIUS = 0.2
+"""A missing normal is fitted to the points of all scans within this distance, m (chosen)."""
 
-LEAST_POINTS = 4
-"""Fewer points show no direction that could be judged."""
-
-FLATNESS = 0.2
-"""Largest ratio of a neighbourhood's thickness to its length that still has a normal."""
+MIN_POINTS = 4
+"""Points that a missing normal is fitted to at least: two more than a line has parameters."""
 
 MOMENTS = np.dtype([(name, np.float64) for name in ("n", "x", "y", "xx", "xy", "yy")])
 """Number of points, and the sums of their coordinates and of the products of these."""
@@ -37,15 +35,15 @@ def mean_normals(
 ) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
     """Return the mean normal of each group of points, and the variance of its direction.
 
-    The scatter of single normals around their groups' means is taken to be the same in all of the
-    map: many groups have one member, which scatters around nothing.
+    The scatter of single normals around the means of their groups is taken to be the same in all
+    of the map, because many groups have one member.
 
     Parameters
     ----------
     normals
         float64 (N, 2), unit normals or zero.
     owner
-        int64 (N,), the point that stands for each point's group.
+        int64 (N,), the point that represents each point's group.
 
     Returns
     -------
@@ -84,15 +82,15 @@ def fit_missing_normals(
 ) -> None:  # pragma: no cover - compiled
     """Fit a normal to what all scans saw around each point that has none, where that is flat.
 
-    Beams far along a corridor are too far apart for a normal in their own scan; several scans
-    together fill the gaps. Corners and small things stay without.
+    Beams far along a corridor are too sparse for a normal in their own scan; several scans
+    together fill the gaps. Corners and small objects get no normal.
 
     Parameters
     ----------
     points, normals, variances
         float64 (N, 2), (N, 2) and (N,) of a map, sorted into buckets; the latter two are changed.
     lasers
-        float64 (N, 2), from where each was seen: normals point there.
+        float64 (N, 2), position of the laser that saw each: normals point to it.
     buckets
         Of the map.
     all_points
@@ -108,18 +106,18 @@ def fit_missing_normals(
     moments = np.zeros(len(points), MOMENTS)
     for i in range(len(all_points)):
         x, y = all_points[i, 0] - origin[0], all_points[i, 1] - origin[1]
-        for gx in range(int((x - AROUND) / BUCKET), int((x + AROUND) / BUCKET) + 1):
-            for gy in range(int((y - AROUND) / BUCKET), int((y + AROUND) / BUCKET) + 1):
+        for gx in range(int((x - RADIUS) / BUCKET), int((x + RADIUS) / BUCKET) + 1):
+            for gy in range(int((y - RADIUS) / BUCKET), int((y + RADIUS) / BUCKET) + 1):
                 if not wanted[gx, gy]:
                     continue
                 for k in range(starts[gx, gy, 0], starts[gx, gy, 1]):
                     if missing[k]:
                         dx = all_points[i, 0] - points[k, 0]
                         dy = all_points[i, 1] - points[k, 1]
-                        if dx * dx + dy * dy < AROUND * AROUND:
+                        if dx * dx + dy * dy < RADIUS * RADIUS:
                             _count_in(moments[k], dx, dy)
     for k in range(len(points)):
-        if missing[k] and moments[k].n >= LEAST_POINTS:
+        if missing[k] and moments[k].n >= MIN_POINTS:
             _fit(points[k], lasers[k], moments[k], normals[k], variances[k : k + 1])
 
 
@@ -138,7 +136,7 @@ def _count_in(m: Any, dx: float, dy: float) -> None:  # pragma: no cover - compi
 def _fit(
     point: Float64, laser: Float64, m: Any, normal: Float64, variance: Float64
 ) -> None:  # pragma: no cover - compiled
-    """Write the normal of the least spread of moments, and its variance, if there is one."""
+    """Write the normal of moments, and its variance, where they are flat."""
     n = m.n
     sx, sy = m.x / n, m.y / n
     a, b, c = m.xx / n - sx * sx, m.xy / n - sx * sy, m.yy / n - sy * sy

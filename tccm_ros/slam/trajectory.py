@@ -1,4 +1,4 @@
-"""Poses between keyframes: every scan, and any stamp by odometry."""
+"""Poses between keyframes: of every scan, and at any stamp by odometry."""
 
 from __future__ import annotations
 
@@ -11,24 +11,29 @@ import numpy as np
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Odometry as OdometryConfig
 from tccm_ros.geometry import between2, compose2, planar, wrap_angle
-from tccm_ros.slam.front_end import GraphKeyframe, Placed
+from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
 from tccm_ros.slam.odometry_model import motion_covariance
 from tccm_ros.slam.se2 import between, compose
 
-__all__ = ["OdometryTrack", "place_stamps", "scan_poses"]
+__all__ = ["OdometryTrack", "poses_at_stamps", "scan_poses"]
 
 
-AT_SCAN = (0.001, 0.0005)
-"""Standard deviation (m, rad) of a pose at the very stamp of a scan, beside the scan's own."""
+SCAN_FLOOR = (0.001, 0.0005)
+"""Standard deviation (m, rad) of a pose at the stamp of a scan, in addition to the scan's own
+(chosen)."""
 
-AROUND_NS = 500_000_000
-"""A view is laid together over a sweep by odometry: what it errs within this before and after the
-stamp, half a sweep of an ordinary tilting laser in all, is in the view as well."""
+TILT_MOTION_NS = 500_000_000
+"""The scans of a view are registered over a tilt cycle by odometry: its error within this time
+before and after the stamp, together half a tilt cycle of an ordinary tilting laser, is added
+(chosen)."""
 
 
 @dataclass(slots=True)
 class OdometryTrack:
-    """Planar odometry by stamp, whatever the order of arrival; the last of equal stamps wins."""
+    """Planar odometry by stamp, in any order of arrival; the last sample of a stamp is kept.
+
+    Its fields are private: samples come by `add`.
+    """
 
     _samples: dict[int, tuple[float, float, float]] = field(default_factory=dict)
     _sorted: tuple[Int64, Float64] | None = None
@@ -65,10 +70,10 @@ class OdometryTrack:
         if stamps[i - 1] == stamp_ns:
             return poses[i - 1]
         fraction = (stamp_ns - stamps[i - 1]) / (stamps[i] - stamps[i - 1])
-        return _mix(poses[i - 1], poses[i], float(fraction))
+        return _interpolate(poses[i - 1], poses[i], float(fraction))
 
 
-def _mix(a: Float64, b: Float64, fraction: float) -> Float64:
+def _interpolate(a: Float64, b: Float64, fraction: float) -> Float64:
     step = b - a
     step[2] = wrap_angle(step[2])
     mixed = a + fraction * step
@@ -77,18 +82,31 @@ def _mix(a: Float64, b: Float64, fraction: float) -> Float64:
 
 
 def scan_poses(
-    placed: Sequence[Placed], keyframes: Sequence[GraphKeyframe], poses: Float64
+    tracked: Sequence[TrackedPose], keyframes: Sequence[GraphKeyframe], poses: Float64
 ) -> Float64:
-    """Return the poses float64 (N, 3) of all scans, given optimised keyframes (K, 3).
+    """Return the poses of all scans, given optimised keyframes.
 
-    What the optimisation changed between two keyframes is spread over the scans between them in
-    proportion to time.
+    The change of the step between two keyframes by the optimisation is distributed over the scans
+    between them in proportion to time.
+
+    Parameters
+    ----------
+    tracked
+        The scans relative to keyframes.
+    keyframes
+        Of all sessions.
+    poses
+        float64 (K, 3), optimised poses of the keyframes in map.
+
+    Returns
+    -------
+    float64 (N, 3), planar poses in map
     """
-    if not placed:
+    if not tracked:
         return np.zeros((0, 3))
-    index = np.array([p.keyframe for p in placed], np.int64)
-    stamps = np.array([p.stamp_ns for p in placed], np.int64)
-    relative = np.stack([p.pose for p in placed])
+    index = np.array([p.keyframe for p in tracked], np.int64)
+    stamps = np.array([p.stamp_ns for p in tracked], np.int64)
+    relative = np.stack([p.pose for p in tracked])
     change, begin, span = _changes(keyframes, poses)
     fraction = np.clip((stamps - begin[index]) / span[index], 0.0, 1.0)
     return compose2(poses[index], relative + fraction[:, None] * change[index])
@@ -107,36 +125,49 @@ def _changes(keyframes: Sequence[GraphKeyframe], poses: Float64) -> tuple[Float6
     return change, begin, span
 
 
-def place_stamps(
+def poses_at_stamps(
     stamps_ns: Sequence[int],
-    placed: Sequence[Placed],
+    tracked: Sequence[TrackedPose],
     keyframes: Sequence[GraphKeyframe],
     odometry: OdometryTrack,
     model: OdometryConfig,
 ) -> tuple[Int64, Float64, Float64]:
-    """Place any stamps relative to keyframes, by the scans before and after and by odometry.
+    """Return the poses at stamps relative to keyframes, by neighbouring scans and odometry.
+
+    Parameters
+    ----------
+    stamps_ns
+        V of them, in any order.
+    tracked
+        The scans relative to keyframes.
+    keyframes
+        Of all sessions.
+    odometry
+        Samples by stamp; without any, poses are interpolated between scans.
+    model
+        ``odometry.*``.
 
     Returns
     -------
     keyframes int64 (V,), poses float64 (V, 3) in them, and covariances float64 (V, 3, 3) of
-    (x, y, yaw) in the frames of the poses: that of the scan before, of the way from there, and of
-    the motion during the sweep, which is none for a base that stands still.
+    (x, y, yaw) in the frames of the poses: the sum of that of the scan before, of the motion since,
+    and of the motion during the tilt cycle, which is zero for a base that stands still.
     """
     index = np.zeros(len(stamps_ns), np.int64)
     poses = np.zeros((len(stamps_ns), 3))
     covs = np.zeros((len(stamps_ns), 3, 3))
     for v, stamp in enumerate(stamps_ns):
-        i = max(bisect_right(placed, stamp, key=lambda p: p.stamp_ns) - 1, 0)
-        here = placed[i]
+        i = max(bisect_right(tracked, stamp, key=lambda p: p.stamp_ns) - 1, 0)
+        here = tracked[i]
         start, now = odometry.at(here.stamp_ns), odometry.at(int(stamp))
         index[v] = here.keyframe
         if start is not None and now is not None:
             poses[v] = compose(here.pose, between(start, now))
         else:
-            after = placed[min(i + 1, len(placed) - 1)]
+            after = tracked[min(i + 1, len(tracked) - 1)]
             poses[v] = _between_scans(here, after, keyframes, int(stamp))
-        covs[v] = here.cov + motion_covariance(between(here.pose, poses[v]), model, AT_SCAN)
-        for side in (-AROUND_NS, AROUND_NS):
+        covs[v] = here.cov + motion_covariance(between(here.pose, poses[v]), model, SCAN_FLOOR)
+        for side in (-TILT_MOTION_NS, TILT_MOTION_NS):
             end = odometry.at(int(stamp) + side)
             if now is not None and end is not None:
                 covs[v] += motion_covariance(between(now, end), model)
@@ -144,7 +175,7 @@ def place_stamps(
 
 
 def _between_scans(
-    here: Placed, after: Placed, keyframes: Sequence[GraphKeyframe], stamp: int
+    here: TrackedPose, after: TrackedPose, keyframes: Sequence[GraphKeyframe], stamp: int
 ) -> Float64:
     """Interpolate in the keyframe of the scan before; held outside."""
     if after is here or stamp <= here.stamp_ns:
@@ -152,4 +183,4 @@ def _between_scans(
     end = after.pose
     if after.keyframe != here.keyframe:
         end = compose(keyframes[after.keyframe].delta, end)
-    return _mix(here.pose, end, (stamp - here.stamp_ns) / (after.stamp_ns - here.stamp_ns))
+    return _interpolate(here.pose, end, (stamp - here.stamp_ns) / (after.stamp_ns - here.stamp_ns))

@@ -1,4 +1,4 @@
-"""Walls as landmarks: observations to factors, and the optimised walls read back."""
+"""Walls as landmarks of the graph: factors of their observations, and the optimised walls."""
 
 from __future__ import annotations
 
@@ -27,17 +27,24 @@ from tccm_ros.slam.walls import WallTable
 __all__ = ["structure_factors", "wall_factors", "wall_records"]
 
 
-SNAP = 0.3
-"""An end further than this (m) from where its walls meet is not moved there."""
+MAX_SNAP = 0.3
+"""Maximum distance (m) of the end of a wall from the corner that it is moved to (chosen)."""
 
-LEAST_SUPPORT = 0.6
-"""Fraction of the length of all walls that must agree on one direction (modulo a right angle)."""
+MIN_SUPPORT = 0.6
+"""Fraction of the length of all walls that must agree on one direction, modulo a right angle
+(chosen)."""
 
-NEAR = 0.05
-"""Walls within this angle (rad) of that direction are taken to have it."""
+MAX_DIRECTION_ERROR = 0.05
+"""Walls within this angle (rad) of that direction are constrained to it (chosen)."""
 
-SIGMA = 0.006
-"""How exactly builders keep it, rad."""
+DIRECTION_SIGMA = 0.006
+"""Standard deviation (rad) of a wall's direction in a building with right angles (chosen)."""
+
+DIRECTION_ROUNDS = 5
+"""Rounds of the estimate of that direction, without the walls that are far from it (chosen)."""
+
+MIN_WALLS = 3
+"""Walls in a building for which right angles are looked for (chosen)."""
 
 
 def wall_factors(
@@ -45,9 +52,20 @@ def wall_factors(
 ) -> list[Factor]:
     """Return one factor for each observation of a confirmed wall.
 
-    Matching has used the same beams: both say the same thing about the same noise. Covariance
-    intersection with equal shares is the way to add two estimates of unknown correlation, so the
-    walls' covariance is doubled; and it never falls below how flat walls are.
+    Matching has used the same beams, so that the errors of both are correlated. Two estimates of
+    unknown correlation are added by covariance intersection with equal weights: the covariance of
+    a line is doubled (``walls.discount``), and the flatness of real walls is added.
+
+    Parameters
+    ----------
+    table
+        Walls and their observations.
+    lines
+        The lines of each keyframe, in its base frame.
+    keys
+        Variables of all keyframes.
+    config
+        ``walls.*``.
     """
     factors: list[Factor] = []
     flat = config.walls.flatness**2
@@ -63,10 +81,10 @@ def wall_factors(
 
 
 def _flatness_covariance(lines: Lines, i: int, variance: float) -> Float64:
-    """Return the covariance (2, 2) of (phi, rho) from a wall that strays by `variance` (m2).
+    """Return the covariance (2, 2) of (phi, rho) from a wall whose flatness has a `variance` (m2).
 
-    Over a segment of length L a smooth stray shifts its centre by one sigma and turns it by
-    about sqrt(12) sigma / L.
+    Over a segment of length L, a smooth deviation of one sigma shifts its centre by sigma and
+    rotates it by about sqrt(12) sigma / L.
     """
     a, b = lines.endpoints[i]
     length2 = float(np.sum((b - a) ** 2))
@@ -77,33 +95,47 @@ def _flatness_covariance(lines: Lines, i: int, variance: float) -> Float64:
 
 
 def structure_factors(table: WallTable) -> list[Factor]:
-    """Return soft factors that make walls parallel or square; none where few walls are."""
-    if len(table) < 3:
+    """Return soft factors that make walls parallel or perpendicular; none where few walls are."""
+    if len(table) < MIN_WALLS:
         return []
     length = table.extent[:, 1] - table.extent[:, 0]
     mean = np.sum(length * np.exp(4j * table.phi))
-    for _ in range(5):
+    for _ in range(DIRECTION_ROUNDS):
         away = np.angle(np.exp(4j * table.phi) * np.conj(mean) / abs(mean)) / 4.0
-        near = np.abs(away) < NEAR
+        near = np.abs(away) < MAX_DIRECTION_ERROR
         if not near.any():
             return []
         mean = np.sum((length * np.exp(4j * table.phi))[near])
-    if length[near].sum() < LEAST_SUPPORT * length.sum():
+    if length[near].sum() < MIN_SUPPORT * length.sum():
         return []
     yaw, key = float(np.angle(mean)) / 4.0, building_key()
     factors: list[Factor] = [Building(key, yaw)]
     for w in map(int, np.flatnonzero(near)):
         quarter = round(float(table.phi[w] - yaw) / (0.5 * np.pi))
-        factors.append(WallDirection(key, wall_key(w), quarter * 0.5 * np.pi, SIGMA))
+        factors.append(WallDirection(key, wall_key(w), quarter * 0.5 * np.pi, DIRECTION_SIGMA))
     return factors
 
 
 def wall_records(
     table: WallTable, corners: Sequence[Corner], solution: GraphSolution, scale: float
 ) -> list[Wall]:
-    """Read the walls back, with phi in (-pi, pi] and rho >= 0, and ends joined at corners.
+    """Return the optimised walls, with their ends moved to their corners.
 
-    `scale` multiplies their covariances.
+    Parameters
+    ----------
+    table
+        Walls and their observations.
+    corners
+        The points where they meet.
+    solution
+        Of the graph that holds them.
+    scale
+        Factor on their covariances.
+
+    Returns
+    -------
+    list of Wall
+        With phi in (-pi, pi] and rho >= 0.
     """
     counts = np.bincount(table.wall[table.wall >= 0], minlength=len(table))
     planes = [solution.plane(wall_key(w)) for w in range(len(table))]
@@ -113,7 +145,7 @@ def wall_records(
     joined = _join_ends(corners, phi, rho, ends)
     walls = []
     for w in range(len(table)):
-        # GTSAM's tangent of a vertical plane: minus the turn about z, the vertical, the offset.
+        # GTSAM's tangent of a vertical plane: rotation about -z, about the horizontal, offset.
         cov = solution.covariance(wall_key(w))[np.ix_([0, 2], [0, 2])] * scale
         a, r, e = phi[w], rho[w], ends[w]
         if r < 0.0:
@@ -125,17 +157,17 @@ def wall_records(
 def _join_ends(
     corners: Sequence[Corner], phi: Sequence[float], rho: Sequence[float], ends: list[Float64]
 ) -> list[set[int]]:
-    """Move the ends of walls to their corners; return which walls each shares an end with."""
+    """Move the ends of walls to their corners; return with which walls each has a corner."""
     joined: list[set[int]] = [set() for _ in ends]
-    taken: set[tuple[int, int]] = set()
+    used: set[tuple[int, int]] = set()
     for corner in corners:
         pair = [corner.a, corner.b]
         point = meeting_point([phi[w] for w in pair], [rho[w] for w in pair])
         gaps = [np.hypot(*(ends[w] - point).T) for w in pair]
         nearest = [(w, int(np.argmin(gap))) for w, gap in zip(pair, gaps)]
-        if max(float(gap.min()) for gap in gaps) > SNAP or taken & set(nearest):
+        if max(float(gap.min()) for gap in gaps) > MAX_SNAP or used & set(nearest):
             continue
-        taken |= set(nearest)
+        used |= set(nearest)
         for w, e in nearest:
             ends[w][e] = point
         joined[corner.a].add(corner.b)
@@ -144,7 +176,7 @@ def _join_ends(
 
 
 def _endpoints(table: WallTable, w: int, phi: float, rho: float) -> Float64:
-    """Lay the pooled extent onto the optimised line."""
+    """Project the pooled extent onto the optimised line; return the endpoints (2, 2)."""
     normal, tangent = np.array([np.cos(phi), np.sin(phi)]), np.array([-np.sin(phi), np.cos(phi)])
     was = table.phi[w]
     old = table.rho[w] * np.array([np.cos(was), np.sin(was)])

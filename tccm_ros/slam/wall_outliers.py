@@ -1,4 +1,4 @@
-"""Which observations and walls hold: what the graph cannot make straight is taken out."""
+"""Outlier rejection of wall observations and of walls that are not one plane."""
 
 from __future__ import annotations
 
@@ -13,28 +13,35 @@ from tccm_ros.geometry import wrap_angle
 from tccm_ros.slam.factors import Key
 from tccm_ros.slam.graph import PoseGraph
 from tccm_ros.slam.lines import Lines
-from tccm_ros.slam.se2 import place
+from tccm_ros.slam.se2 import transform_points
 from tccm_ros.slam.wall_landmarks import wall_factors
-from tccm_ros.slam.walls import WallTable, confirmations
+from tccm_ros.slam.walls import WallTable, min_confirmations
 
 __all__ = ["CheckedWalls", "check_walls"]
 
 
 OBSERVATION_CHI2 = 13.8
-"""An observation further than this from its wall is of something else: 99.9 % of two degrees."""
+"""Gate for the squared Mahalanobis distance of an observation from its wall: 99.9 % of two degrees
+of freedom."""
 
-TAIL = 10.0
-"""99.9 % of two degrees of freedom over their median: further off is not noise."""
+MAX_OVER_MEDIAN = 10.0
+"""99.9 % quantile over median of a chi-square with two degrees of freedom: more is not noise."""
+
+GATE_FACTOR, GATE_SIGMAS = 2.0, 3.0
+"""An observation further from the median of its wall than this many ``walls.gate_distance``, or
+than ``walls.gate_angle`` and this many standard deviations, has a wrong wall (chosen)."""
 
 PRIOR_FREEDOM, PRIOR_VARIANCE = 2.0, 0.05
-"""What a graph with little redundancy is taken to show: covariances of factors are careful."""
+"""Prior on the unit variance, as degrees of freedom and their mean: covariances of factors are
+conservative, and a graph with little redundancy does not show by how much (chosen)."""
 
 WALL_CHI2 = 3.0
-"""A wall whose observations average more per observation (2 are expected) is not one plane."""
+"""Maximum mean of the squared Mahalanobis distances of a wall's observations (2 is expected):
+beyond, it is not one plane (chosen)."""
 
 
 class CheckedWalls(NamedTuple):
-    """Walls that hold, and how the graph's residuals compare with their covariances.
+    """Walls without outliers, and how the graph's residuals compare with their covariances.
 
     Attributes
     ----------
@@ -42,7 +49,7 @@ class CheckedWalls(NamedTuple):
         The walls.
     unit_variance
         Sum of squared Mahalanobis distances over degrees of freedom: about 1 where the
-        covariances are right, less where they are careful.
+        covariances are right, less where they are conservative.
     """
 
     table: WallTable
@@ -57,21 +64,21 @@ def check_walls(
     keys: Sequence[Key],
     config: Config,
 ) -> CheckedWalls:
-    """Take out observations and walls that the graph cannot make straight.
+    """Take out observations that do not fit their wall, and walls that are not straight.
 
     Parameters
     ----------
     table, lines
         The walls as associated, and the lines of all keyframes.
     poses
-        float64 (K, 3), the keyframes as known without walls.
+        float64 (K, 3), the keyframes as optimised without walls.
     graph
-        With all but walls; it is given them, if ``walls.enabled``.
+        With all factors but those of walls; these are added to it, if ``walls.enabled``.
     keys, config
         As for `wall_factors`.
     """
     walls = config.walls.enabled
-    table = _without_strays(table, lines, poses, config) if walls else table
+    table = _without_wrong_labels(table, lines, poses, config) if walls else table
     used = np.flatnonzero(table.wall >= 0) if walls else np.zeros(0, np.int64)
     first, keyframes = len(graph), len(keys)
     if walls:
@@ -83,7 +90,7 @@ def check_walls(
     counts = np.bincount(wall[used], minlength=len(table))
     crooked = sums > WALL_CHI2 * np.maximum(counts, 1)
     wall[used[(chi2 > OBSERVATION_CHI2) | crooked[wall[used]]]] = -1
-    held = table.keep(wall, confirmations(config, keyframes))
+    held = table.keep(wall, min_confirmations(config, keyframes))
     kept = held.wall[used] >= 0
     # Each keyframe but the first has a between and a planar factor; the rest are loops.
     rest = 2.0 * float(solution.errors_of(range(first)).sum())
@@ -92,12 +99,13 @@ def check_walls(
     return CheckedWalls(held, _unit_variance(rest + _without_tail(chi2[kept]), freedom))
 
 
-def _without_strays(
+def _without_wrong_labels(
     table: WallTable, lines: Sequence[Lines], poses: Float64, config: Config
 ) -> WallTable:
-    """Take out observations that are far from the median of their wall: wrong labels.
+    """Take out observations that are far from the median of their wall.
 
-    A median stands up to half of them wrong; least squares does not stand up to one.
+    They belong to another wall. A median is robust against up to half of them; least squares is
+    not robust against one.
     """
     used = np.flatnonzero(table.wall >= 0)
     if not len(used):
@@ -105,35 +113,35 @@ def _without_strays(
     rows = [(lines[k], i, poses[k]) for k, i in zip(table.keyframe[used], table.line[used])]
     phi = np.array([x.phi[i] + pose[2] for x, i, pose in rows])
     sigma = np.sqrt([x.cov[i, 0, 0] for x, i, _ in rows])
-    middle = np.stack([place(pose, x.endpoints[i]).mean(axis=0) for x, i, pose in rows])
+    middle = np.stack([transform_points(pose, x.endpoints[i]).mean(axis=0) for x, i, pose in rows])
     wall, limits = table.wall.copy(), config.walls
     order = np.argsort(wall[used], kind="stable")
     for group in np.split(order, np.flatnonzero(np.diff(wall[used][order])) + 1):
         usual = table.phi[wall[used[group[0]]]]
         usual += np.median(wrap_angle(phi[group] - usual))
         away = middle[group] @ [np.cos(usual), np.sin(usual)]
-        far = np.abs(away - np.median(away)) > 2.0 * limits.gate_distance
+        far = np.abs(away - np.median(away)) > GATE_FACTOR * limits.gate_distance
         turned = np.abs(wrap_angle(phi[group] - usual))
-        far |= turned > limits.gate_angle + 3.0 * sigma[group]
+        far |= turned > limits.gate_angle + GATE_SIGMAS * sigma[group]
         wall[used[group[far]]] = -1
-    return table.keep(wall, confirmations(config, len(poses)))
+    return table.keep(wall, min_confirmations(config, len(poses)))
 
 
 def _without_tail(chi2: Float64) -> float:
-    """Return the sum of squared distances (N,), each at most what noise alone explains.
+    """Return the sum of squared distances (N,), each limited to what noise alone explains.
 
-    Covariances are careful, so that a line of something else may pass the gates and still be
-    hundreds of times further off than all others: a few such say nothing about the noise.
+    Covariances are conservative, so that a line of another object may pass the gates and still be
+    hundreds of times further off than all others: it is no measure of the noise.
     """
     if not len(chi2):
         return 0.0
-    return float(np.minimum(chi2, TAIL * float(np.median(chi2))).sum())
+    return float(np.minimum(chi2, MAX_OVER_MEDIAN * float(np.median(chi2))).sum())
 
 
 def _unit_variance(total: float, freedom: int) -> float:
-    """Return chi2 over degrees of freedom; few of them are joined by `PRIOR_FREEDOM` usual ones.
+    """Return chi-square over degrees of freedom, with the prior on it.
 
-    A graph without redundancy says nothing about its covariances: they stand as they are.
+    The residuals of a graph without redundancy do not test its covariances: they are not scaled.
     """
     if freedom < 1:
         return 1.0

@@ -1,4 +1,7 @@
-"""Wall SLAM: level scans and odometry in, a graph of keyframes and walls out (DESIGN section 7)."""
+"""Wall SLAM: a graph of keyframes and walls from level scans and odometry.
+
+The method is described in docs/design/wall_slam.md.
+"""
 
 from __future__ import annotations
 
@@ -12,27 +15,27 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar
 from tccm_ros.records import Keyframe, LandmarkObservation, PosedScan, ScanPose
-from tccm_ros.slam.chain import Chain, HungPose
+from tccm_ros.slam.chain import AnchoredPose, Chain
 from tccm_ros.slam.corners import corner_factors
 from tccm_ros.slam.factors import Factor, Key, landmark_class, view_key
 from tccm_ros.slam.front_end import FrontEnd, GraphKeyframe
 from tccm_ros.slam.graph import GraphSolution
 from tccm_ros.slam.inliers import Inliers, select_inliers
-from tccm_ros.slam.landmarks import Sighting, landmark_factors, landmark_records
-from tccm_ros.slam.level_scan import LevelScan, level_scan
-from tccm_ros.slam.lines import Lines, extract_lines
+from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors, landmark_records
+from tccm_ros.slam.level_scan import LevelScan, make_level_scan
+from tccm_ros.slam.lines import LabelBeams, Lines, extract_lines, label_by_splitting
 from tccm_ros.slam.loops import LoopCloser
-from tccm_ros.slam.saved_walls import SavedWalls, pack_state, unpack_state
+from tccm_ros.slam.saved_walls import SavedWalls, pack_walls, unpack_walls
 from tccm_ros.slam.se2 import between, compose, inverse
 from tccm_ros.slam.solution import Solution, empty_solution
-from tccm_ros.slam.trajectory import OdometryTrack, place_stamps, scan_poses
+from tccm_ros.slam.trajectory import OdometryTrack, poses_at_stamps, scan_poses
 from tccm_ros.slam.wall_landmarks import structure_factors, wall_factors, wall_records
 
 __all__ = ["LivePose", "WallSlam"]
 
 
 class LivePose(NamedTuple):
-    """Where the base is believed to be now.
+    """The live estimate of the base's pose.
 
     Attributes
     ----------
@@ -53,57 +56,66 @@ class LivePose(NamedTuple):
 
 
 class WallSlam:
-    """The processor: add records as they come, solve when a result is wanted."""
+    """Estimate the trajectory and the walls: add records as they come, solve for a result.
 
-    def __init__(self, config: Config) -> None:
+    Parameters
+    ----------
+    config
+        All groups but those of the TCCM and the surfaces.
+    label
+        Assigns the beams of a level scan to line segments (see `extract_lines`).
+    """
+
+    def __init__(self, config: Config, label: LabelBeams = label_by_splitting) -> None:
         self.config = config
+        self.label = label
         self._lines: list[Lines] = []
         self._chain = Chain()
         self._closer = LoopCloser(config, self._chain)
         self._front = FrontEnd(config)
         self._odometry = OdometryTrack()
         self._live = LivePose(-1, np.zeros(3), np.zeros(3))
-        # Landmarks: seen in earlier sessions, in this one, and not yet hung on its keyframes.
-        self._saved_sightings: Sequence[Sighting] = ()
+        # Of landmarks: in earlier sessions, in this one, and not yet anchored to its keyframes.
+        self._saved_observations: Sequence[AnchoredObservation] = ()
         self._observed: list[LandmarkObservation] = []
-        self._unhung: list[LandmarkObservation] = []
+        self._unanchored: list[LandmarkObservation] = []
         self._selected: tuple[tuple[int, ...], Inliers] | None = None
 
     # -- input ---------------------------------------------------------------------------------
 
     def add_scan(self, scan: PosedScan) -> ScanPose:
-        """Match a level scan; scans must come in the order of their stamps.
+        """Match a level scan and return its pose; scans must come in the order of their stamps.
 
         Raises
         ------
         ValueError
             For a scan that is not newer than the one before it.
         """
-        if self._front.placed and scan.scan.stamp_ns <= self._front.placed[-1].stamp_ns:
+        if self._front.tracked and scan.scan.stamp_ns <= self._front.tracked[-1].stamp_ns:
             raise ValueError(f"level scan at {scan.scan.stamp_ns} ns is not newer than the last")
-        level = level_scan(scan, self.config)
-        placed = self._front.add(level, self._start(level.odom))
-        became = self._take_keyframes()
-        pose = compose(self._closer.poses[placed.keyframe], placed.pose)
-        localised = self._front.session in self._closer.tied
+        level = make_level_scan(scan, self.config)
+        tracked = self._front.add(level, self._start(level.odom))
+        keyframe_id = self._take_keyframe()
+        pose = compose(self._closer.poses[tracked.keyframe], tracked.pose)
+        localised = self._front.session in self._closer.localised
         map_odom = compose(pose, inverse(level.odom))
         self._live = LivePose(level.stamp_ns, pose, map_odom, localised)
-        return ScanPose(placed.stamp_ns, pose, became)
+        return ScanPose(tracked.stamp_ns, pose, keyframe_id)
 
     def add_odometry(self, stamp_ns: int, T_odom_base: Float64) -> None:
         """Add an odometry sample, in any order: poses between scans, and all without scans."""
         self._odometry.add(stamp_ns, np.asarray(T_odom_base, float))
-        if not self._front.placed and stamp_ns >= self._live.stamp_ns:
+        if not self._front.tracked and stamp_ns >= self._live.stamp_ns:
             odom = planar(T_odom_base)
             pose = self._start(odom)
-            localised = self._front.session in self._closer.tied
+            localised = self._front.session in self._closer.localised
             self._live = LivePose(stamp_ns, pose, compose(pose, inverse(odom)), localised)
 
     def add_landmark(self, observation: LandmarkObservation) -> None:
         """Add an observation of a landmark, in any order.
 
-        The live estimate takes it with the keyframe after it. An observation that comes later than
-        that keyframe counts as much in a solution, but the search for loops did not know it yet.
+        It enters the live estimate with the keyframe after it. An observation that comes later than
+        that keyframe counts as much in a solution, but the search for loop closures was without it.
 
         Raises
         ------
@@ -112,15 +124,15 @@ class WallSlam:
         """
         landmark_class(observation.kind)
         self._observed.append(observation)
-        self._unhung.append(observation)
+        self._unanchored.append(observation)
 
     def motion_between(self, first_ns: int, last_ns: int) -> Float64 | None:
-        """Return the pose (3,) of the base at one stamp in that at another, as known so far.
+        """Return the live estimate of the motion of the base between two stamps, float64 (3,).
 
-        None where it is not known well: over keyframes, or without odometry.
+        None where it is not accurate: over keyframes, or without odometry.
         """
-        if self._front.placed:
-            first, last = self._hang([first_ns, last_ns])
+        if self._front.tracked:
+            first, last = self._anchor([first_ns, last_ns])
             return between(first.pose, last.pose) if first.keyframe == last.keyframe else None
         if not len(self._odometry):
             return np.zeros(3)
@@ -132,17 +144,18 @@ class WallSlam:
         return self._live
 
     def _start(self, odom: Float64) -> Float64:
-        """Return where odometry pose (3,) is in map: the first base pose is the origin."""
+        """Return the pose (3,) in map by odometry alone: the first base pose is the origin."""
         if not len(self._odometry):
             return np.zeros(3)
         return between(self._odometry.first(), odom)
 
-    def _take_keyframes(self) -> int:
-        """Take over a keyframe of the front end, if the last scan became one; return its id."""
+    def _take_keyframe(self) -> int:
+        """Add the last scan if the front end made it a keyframe; return its id, or -1."""
         done = len(self._chain.keyframes) - self._front.first_id
         for keyframe in self._front.keyframes[done:]:
             scan = keyframe.scan
-            self._add_keyframe(keyframe, extract_lines(scan.beams, scan.origin, self.config))
+            lines = extract_lines(scan.beams, scan.origin, self.config, self.label)
+            self._add_keyframe(keyframe, lines)
             return keyframe.id
         return -1
 
@@ -150,9 +163,9 @@ class WallSlam:
         self._lines.append(lines)
         self._chain.add(keyframe, lines.phi)
         stamp = keyframe.scan.stamp_ns
-        seen = _by_stamp(o for o in self._unhung if o.stamp_ns <= stamp)
-        self._unhung = [o for o in self._unhung if o.stamp_ns > stamp]
-        self._closer.add(keyframe.id, self._hang_sightings(seen))
+        seen = _by_stamp(o for o in self._unanchored if o.stamp_ns <= stamp)
+        self._unanchored = [o for o in self._unanchored if o.stamp_ns > stamp]
+        self._closer.add(keyframe.id, self._anchor_observations(seen))
 
     # -- result --------------------------------------------------------------------------------
 
@@ -170,7 +183,7 @@ class WallSlam:
         views
             Stamps (ns) of surface clouds; each gets a pose of its own, `view_key(index)`.
         factors
-            More factors between views, keyframes and landmarks.
+            Additional factors between views, keyframes and landmarks.
         every_covariance
             Whether all keyframes get their covariance, which takes most of the time in a graph
             with many loops, or the newest alone.
@@ -178,19 +191,19 @@ class WallSlam:
         Returns
         -------
         Solution
-            The same for the same records, whatever was asked before.
+            A function of the records: it does not depend on earlier calls.
         """
-        nothing = not self._front.placed and not self._chain.keyframes
+        nothing = not self._front.tracked and not self._chain.keyframes
         if nothing and len(self._odometry):
-            return self._on_odometry().solve(views, factors, every_covariance=every_covariance)
+            return self._by_odometry().solve(views, factors, every_covariance=every_covariance)
         if nothing:
             return empty_solution(len(views))
         used, keys = self._inliers(), self._chain.keys
-        hung = self._hang(views)
+        anchored = self._anchor(views)
         view_keys = [view_key(v) for v in range(len(views))]
-        seen = landmark_factors(used.sightings, unit_variance=used.scale)
-        poses_hung = {**dict(zip(view_keys, hung)), **seen.hung}
-        graph = self._chain.graph(used.poses, self._closer.tied, poses_hung)
+        seen = landmark_factors(used.observations, unit_variance=used.scale)
+        anchored_poses = {**dict(zip(view_keys, anchored)), **seen.anchored}
+        graph = self._chain.graph(used.poses, self._closer.localised, anchored_poses)
         graph.add([p.factor(keys) for p in used.loops])
         if self.config.walls.enabled:
             graph.add(self._wall_factors(used))
@@ -202,14 +215,14 @@ class WallSlam:
             [Keyframe(k.id, k.scan.stamp_ns, pose) for k, pose in zip(keyframes, poses)],
             wall_records(used.walls, used.corners, solution, used.scale),
             used.records,
-            np.array([p.stamp_ns for p in self._front.placed], np.int64),
-            scan_poses(self._front.placed, keyframes, poses),
+            np.array([p.stamp_ns for p in self._front.tracked], np.int64),
+            scan_poses(self._front.tracked, keyframes, poses),
             np.array([solution.pose(key) for key in view_keys]).reshape(-1, 4, 4),
             np.array([solution.covariance(key) for key in view_keys]).reshape(-1, 6, 6),
-            np.array([v.keyframe for v in hung], np.int64),
+            np.array([v.keyframe for v in anchored], np.int64),
             _covariances(solution, keys, every_covariance) * used.scale,
             used.scale,
-            landmark_records(used.sightings, solution, used.scale),
+            landmark_records(used.observations, solution, used.scale),
         )
 
     def _wall_factors(self, used: Inliers) -> list[Factor]:
@@ -221,81 +234,95 @@ class WallSlam:
         return factors
 
     def _inliers(self) -> Inliers:
-        """Select inliers; once, as long as no record comes."""
-        now = len(self._front.placed), len(self._odometry), len(self._observed)
+        """Return the inliers; they are selected again only after new records."""
+        now = len(self._front.tracked), len(self._odometry), len(self._observed)
         if self._selected is None or self._selected[0] != now:
             inliers = select_inliers(
-                self._closer, self._chain, self._lines, self._sightings(), self.config
+                self._closer, self._chain, self._lines, self._all_observations(), self.config
             )
             self._selected = now, inliers
         return self._selected[1]
 
-    def _on_odometry(self) -> WallSlam:
-        """Return a twin with keyframes on odometry alone."""
-        twin = WallSlam(self.config)
+    def _by_odometry(self) -> WallSlam:
+        """Return a processor whose keyframes are the odometry samples."""
+        odometry_slam = WallSlam(self.config, self.label)
         nothing = np.zeros((0, 2))
-        twin._odometry = self._odometry
+        odometry_slam._odometry = self._odometry
         for observation in self._observed:
-            twin.add_landmark(observation)
+            odometry_slam.add_landmark(observation)
         for stamp, odom in zip(*self._odometry.arrays()):
             scan = LevelScan(int(stamp), odom, nothing, np.zeros(2), nothing, nothing)
-            twin._front.add(scan)
-            twin._take_keyframes()
-        return twin
+            odometry_slam._front.add(scan)
+            odometry_slam._take_keyframe()
+        return odometry_slam
 
-    def _hang(self, stamps_ns: Sequence[int]) -> list[HungPose]:
-        placed = place_stamps(
+    def _anchor(self, stamps_ns: Sequence[int]) -> list[AnchoredPose]:
+        relative = poses_at_stamps(
             stamps_ns,
-            self._front.placed,
+            self._front.tracked,
             self._chain.keyframes,
             self._odometry,
             self.config.odometry,
         )
-        return [HungPose(int(k), pose, cov) for k, pose, cov in zip(*placed)]
+        return [AnchoredPose(int(k), pose, cov) for k, pose, cov in zip(*relative)]
 
-    def _hang_sightings(self, seen: Sequence[LandmarkObservation]) -> list[Sighting]:
-        hung = self._hang([o.stamp_ns for o in seen])
-        return [Sighting(o, h) for o, h in zip(seen, hung)]
+    def _anchor_observations(
+        self, seen: Sequence[LandmarkObservation]
+    ) -> list[AnchoredObservation]:
+        anchored = self._anchor([o.stamp_ns for o in seen])
+        return [AnchoredObservation(o, h) for o, h in zip(seen, anchored)]
 
-    def _sightings(self) -> list[Sighting]:
-        """Return the sightings of all sessions in the map's frame, this one's by their stamps."""
+    def _all_observations(self) -> list[AnchoredObservation]:
+        """Return the observations of all sessions in the map's frame, in order."""
         seen = _by_stamp(self._observed)
-        if not self._front.placed or self._front.session not in self._closer.tied:
+        if not self._front.tracked or self._front.session not in self._closer.localised:
             seen = []
-        return [*self._saved_sightings, *self._hang_sightings(seen)]
+        return [*self._saved_observations, *self._anchor_observations(seen)]
 
     # -- saved maps ----------------------------------------------------------------------------
 
-    def state(self) -> dict[str, NDArray[Any]]:
-        """Return the map as named arrays, for `from_state`.
+    def saved(self) -> dict[str, NDArray[Any]]:
+        """Return the map as named arrays, for `from_saved`.
 
-        It holds the keyframes with their scans and lines, their settled poses, the loop closures
+        It holds the keyframes with their scans and lines, their optimised poses, the loop closures
         and the observations of landmarks; not the trajectory between keyframes.
         """
         if not self._chain.keyframes:
-            return pack_state(SavedWalls([], [], np.zeros((0, 3)), [], []))
+            return pack_walls(SavedWalls([], [], np.zeros((0, 3)), [], []))
         poses = np.array([k.pose for k in self.solve().keyframes])
         used, keyframes = self._inliers(), self._chain.keyframes
-        return pack_state(SavedWalls(keyframes, self._lines, poses, used.loops, used.sightings))
+        return pack_walls(SavedWalls(keyframes, self._lines, poses, used.loops, used.observations))
 
     @classmethod
-    def from_state(cls, config: Config, state: Mapping[str, NDArray[Any]]) -> WallSlam:
+    def from_saved(
+        cls,
+        config: Config,
+        arrays: Mapping[str, NDArray[Any]],
+        label: LabelBeams = label_by_splitting,
+    ) -> WallSlam:
         """Go on with a saved map: the robot may start anywhere in it, or outside.
+
+        Parameters
+        ----------
+        config, label
+            As for the constructor.
+        arrays
+            As `saved` returned them.
 
         Raises
         ------
         MapError
             For arrays that are missing or do not fit each other.
         """
-        slam = cls(config)
-        saved = unpack_state(state)
+        slam = cls(config, label)
+        saved = unpack_walls(arrays)
         for keyframe, lines in zip(saved.keyframes, saved.lines):
             slam._lines.append(lines)
             slam._chain.add(keyframe, lines.phi)
         if config.graph.mode == "localisation":
             slam._chain.fixed = dict(enumerate(saved.poses))
-        slam._saved_sightings = saved.sightings
-        slam._closer.load(saved.poses, saved.loops, saved.sightings)
+        slam._saved_observations = saved.observations
+        slam._closer.load(saved.poses, saved.loops, saved.observations)
         keyframes = saved.keyframes
         session = 1 + max((k.session for k in keyframes), default=-1)
         slam._front = FrontEnd(config, first_id=len(keyframes), session=session)

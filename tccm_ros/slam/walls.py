@@ -1,9 +1,9 @@
-"""Walls from line observations: which line of which keyframe is which wall.
+"""Data association of walls: assigning the lines of all keyframes to walls.
 
 Association runs over all keyframes in order, on poses that are already optimised without walls, so
-that it never depends on when a scan arrived. A wall is held as the pooled moments of its segments:
-adding a segment is exact, and the least-squares line of all of them costs nothing. Each side of a
-wall is a wall of its own, because a scan sees one side.
+that it does not depend on when a scan arrived. A wall is the pooled moments of its segments: adding
+a segment is exact, and the least-squares line of all of them follows directly. Each side of a wall
+is a wall of its own, because a scan sees one side.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.slam.lines import Lines
-from tccm_ros.slam.se2 import place
+from tccm_ros.slam.se2 import transform_points
 
-__all__ = ["WallTable", "associate_walls", "confirmations"]
+__all__ = ["WallTable", "associate_walls", "min_confirmations"]
 
 
 WALL_FIELDS = (
@@ -28,27 +28,37 @@ WALL_FIELDS = (
 )  # fmt: skip
 POOLED = np.dtype([(name, np.float64) for name in WALL_FIELDS])
 """A wall: moments of its segments weighed by length (m), the sum of the directions that they face,
-the line of them all, and lowest and highest place along its tangent."""
+the line of them all, and its lowest and highest position along its tangent."""
 
 JOINT_CHI2_PER_LINE = 6.0
-"""Lines of one scan fit their walls with one small common correction; a worse fit than this per
-line drops the worst line."""
+"""Maximum chi-square per line of the joint fit of a scan's lines to their walls with one common
+correction of the pose; beyond, the worst line is dropped (chosen)."""
+
+MAX_DPHI = 0.35
+"""Maximum angle (rad) between a line and its wall, whatever its variance (chosen)."""
+
+GATE_SIGMAS, GATE_CHI2 = 3.0, 9.2
+"""Standard deviations in ``walls.gate_distance`` and ``walls.gate_angle``; gate for the squared
+Mahalanobis distance: 99 % of two degrees of freedom."""
+
+JOINT_GATE_SIGMAS = 6.0
+"""The same for lines in the joint fit and for the common correction (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WallTable:
-    """Observations and the walls they belong to.
+    """Walls and their observations.
 
     Attributes
     ----------
     keyframe, line
         int64 (M,): observation m is line `line[m]` of keyframe `keyframe[m]`.
     wall
-        int64 (M,), index of the wall, -1 where the observation belongs to none that is confirmed.
+        int64 (M,), index of the wall; -1 for an observation of no confirmed wall.
     phi, rho
         float64 (W,), of each wall in map as pooled, phi on the side away from the viewers.
     extent
-        float64 (W, 2), lowest and highest place along the tangent (-sin phi, cos phi), m.
+        float64 (W, 2), lowest and highest position along the tangent (-sin phi, cos phi), m.
     """
 
     keyframe: Int64
@@ -61,28 +71,28 @@ class WallTable:
     def __len__(self) -> int:
         return len(self.phi)
 
-    def keep(self, wall: Int64, least: int) -> WallTable:
+    def keep(self, wall: Int64, min_keyframes: int) -> WallTable:
         """Return the table with other walls for its observations (-1: none).
 
-        Walls that fewer than `least` keyframes see vanish; the others are renumbered in their
-        order.
+        Walls that fewer than `min_keyframes` keyframes see are removed; the others are renumbered
+        in their order.
         """
         pairs = np.unique(np.stack([wall, self.keyframe], axis=1)[wall >= 0], axis=0)
         seen = np.bincount(pairs[:, 0], minlength=len(self))
-        keep = seen >= least
+        keep = seen >= min_keyframes
         number = np.where(keep, np.cumsum(keep) - 1, -1)
         # The entry at the end is for observations of no wall (-1), also where there is no wall.
-        renamed = np.append(number, -1)[wall]
+        renumbered = np.append(number, -1)[wall]
         return WallTable(
-            self.keyframe, self.line, renamed, self.phi[keep], self.rho[keep], self.extent[keep]
+            self.keyframe, self.line, renumbered, self.phi[keep], self.rho[keep], self.extent[keep]
         )
 
 
-def confirmations(config: Config, keyframes: int) -> int:
+def min_confirmations(config: Config, keyframes: int) -> int:
     """Return how many keyframes must see a wall.
 
-    Half of them are enough where a robot has made few: one that stands still has a single keyframe,
-    and walls all the same.
+    Half of them are enough where a robot has made few: one that stands still has a single keyframe
+    and sees walls as well.
     """
     return max(1, min(config.walls.min_observations, (keyframes + 1) // 2))
 
@@ -106,7 +116,7 @@ def associate_walls(poses: Float64, lines: list[Lines], config: Config) -> WallT
         empty = np.zeros(0)
         return WallTable(keyframe, line, line.copy(), empty, empty, np.zeros((0, 2)))
     ends = np.concatenate(
-        [place(pose, x.endpoints.reshape(-1, 2)) for pose, x in zip(poses, lines)]
+        [transform_points(pose, x.endpoints.reshape(-1, 2)) for pose, x in zip(poses, lines)]
     ).reshape(-1, 2, 2)
     phi = np.concatenate([wrap_angle(x.phi + pose[2]) for pose, x in zip(poses, lines)])
     v_phi = np.concatenate([x.cov[:, 0, 0] for x in lines])
@@ -117,7 +127,7 @@ def associate_walls(poses: Float64, lines: list[Lines], config: Config) -> WallT
     )
     extent = np.stack([pooled["low"], pooled["high"]], axis=1)
     table = WallTable(keyframe, line, wall, pooled["phi"], pooled["rho"], extent)
-    return table.keep(wall, confirmations(config, len(poses)))
+    return table.keep(wall, min_confirmations(config, len(poses)))
 
 
 class _Segments(NamedTuple):
@@ -141,7 +151,7 @@ class _Segments(NamedTuple):
 
 
 class _Gates(NamedTuple):
-    """A line within this distance (m), angle (rad) and gap (m) may be of a wall."""
+    """Maximum distance (m), angle (rad) and gap (m) of a line from its wall."""
 
     distance: float
     angle: float
@@ -185,9 +195,9 @@ def _mismatch(
 ) -> float:  # pragma: no cover - compiled
     """Return the squared Mahalanobis distance of segment i to a wall, inf outside the gate."""
     a, b = segments.ends[i, 0], segments.ends[i, 1]
-    turn = segments.phi[i] - w.phi
-    turn = np.arctan2(np.sin(turn), np.cos(turn))
-    if abs(turn) > 0.35:
+    dphi = segments.phi[i] - w.phi
+    dphi = np.arctan2(np.sin(dphi), np.cos(dphi))
+    if abs(dphi) > MAX_DPHI:
         return np.inf
     nx, ny = np.cos(w.phi), np.sin(w.phi)
     ta, tb = -ny * a[0] + nx * a[1], -ny * b[0] + nx * b[1]
@@ -195,9 +205,9 @@ def _mismatch(
     if low > w.high + gates.max_gap or high < w.low - gates.max_gap:
         return np.inf
     away = nx * 0.5 * (a[0] + b[0]) + ny * 0.5 * (a[1] + b[1]) - w.rho
-    sigma2 = gates.angle * gates.angle / 9.0 + segments.v_phi[i]
-    chi2 = turn * turn / sigma2 + away * away / (gates.distance * gates.distance / 9.0)
-    return chi2 if chi2 < 9.2 else np.inf
+    sigma2 = gates.angle * gates.angle / GATE_SIGMAS**2 + segments.v_phi[i]
+    chi2 = dphi * dphi / sigma2 + away * away / (gates.distance * gates.distance / GATE_SIGMAS**2)
+    return chi2 if chi2 < GATE_CHI2 else np.inf
 
 
 @njit(nogil=True, cache=True)
@@ -243,7 +253,7 @@ def _keep_compatible(
 ) -> None:  # pragma: no cover - compiled
     """Mark with -2 the lines that one common correction of the pose cannot explain."""
     J, r = np.zeros(3), 0.0
-    s_d, s_a = gates.distance / 6.0, gates.angle / 6.0
+    s_d, s_a = gates.distance / JOINT_GATE_SIGMAS, gates.angle / JOINT_GATE_SIGMAS
     for _ in lines:
         H, g, total, used = np.zeros((3, 3)), np.zeros(3), 0.0, 0
         H[0, 0] = H[1, 1] = 1.0 / (s_d * s_d)
@@ -287,8 +297,8 @@ def _residual(
     nx, ny = np.cos(w.phi), np.sin(w.phi)
     if row == 1:
         J[0], J[1], J[2] = 0.0, 0.0, 1.0
-        turn = segments.phi[i] - w.phi
-        return np.arctan2(np.sin(turn), np.cos(turn))
+        dphi = segments.phi[i] - w.phi
+        return np.arctan2(np.sin(dphi), np.cos(dphi))
     ends, centre = segments.ends[i], segments.centre[i]
     cx, cy = 0.5 * (ends[0, 0] + ends[1, 0]), 0.5 * (ends[0, 1] + ends[1, 1])
     J[0], J[1] = nx, ny

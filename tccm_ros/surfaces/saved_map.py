@@ -56,7 +56,7 @@ class SavedMap:
     Attributes
     ----------
     walls
-        `WallSlam.state`: keyframes, walls and loops; empty without a level laser.
+        `WallSlam.saved`: keyframes, walls and loops; empty without a level laser.
     views
         Views of all sessions.
     """

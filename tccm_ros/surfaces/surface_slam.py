@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.baselines.distance_merging import merge_by_distance
+from tccm_ros.baselines.line_ransac import label_by_ransac
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, inverse, planar, spatial
 from tccm_ros.records import (
@@ -27,6 +28,7 @@ from tccm_ros.records import (
     ViewIntervals,
 )
 from tccm_ros.sensors.registry import roles_of
+from tccm_ros.slam.lines import label_by_splitting
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.wall_slam import LivePose, WallSlam
 from tccm_ros.surfaces.registration import TILT_ORDER, register_views
@@ -123,10 +125,12 @@ class SurfaceSlam:
 
     def _begin(self) -> None:
         """Begin a session, with the saved map if there is one."""
+        is_ransac = self.config.lines.extractor == "ransac"
+        label = label_by_ransac if is_ransac else label_by_splitting
         self.walls = (
-            WallSlam.from_state(self.config, self._saved_walls)
+            WallSlam.from_saved(self.config, self._saved_walls, label)
             if self._saved_walls
-            else WallSlam(self.config)
+            else WallSlam(self.config, label)
         )
         self.map = self._empty_map(self.session)
         for saved in self.saved_views:
@@ -303,7 +307,7 @@ class SurfaceSlam:
         view_poses = solution.view_poses
         solved = self.map.views[: len(view_poses.keyframes)]
         poses = {k.id: spatial(k.pose) for k in solution.slam.keyframes}
-        state = self.walls.state() if self.counts["level scans"] or self.saved_keyframes else {}
+        state = self.walls.saved() if self.counts["level scans"] or self.saved_keyframes else {}
         views = []
         for view, T, cov, k in zip(
             solved, view_poses.T_map_view, view_poses.cov_tilt, view_poses.keyframes.tolist()

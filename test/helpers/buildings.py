@@ -1,7 +1,8 @@
 """Buildings that are hard to map, and a robot whose measurements are as bad as those of old logs.
 
-Stand-ins for recordings that are not here: identical offices along a corridor, a court of several
-hundred metres, a block of crossing corridors. As `plan`, it shares no code with what it tests.
+They stand in for recordings that the repository does not have: identical offices along a corridor,
+a court of several hundred metres, a block of crossing corridors. As `plan`, the module shares no
+code with what it tests.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from tccm_ros.slam.solution import Solution
 Float64 = NDArray[np.float64]
 
 NO_RETURN = 81.91
-"""What a SICK LMS says where it sees nothing, m."""
+"""Range of a SICK LMS without a return, m."""
 
 
 @dataclass(frozen=True)
@@ -35,32 +36,32 @@ class Building:
 
 @dataclass(frozen=True)
 class Robot:
-    """What the robot does wrong.
+    """A robot and the errors of its sensors.
 
     Attributes
     ----------
-    step, turn
+    step, yaw_step
         Motion between two scans, m and rad.
     drift, scale
-        Odometry turns by this (rad/m) and stretches by this.
+        Odometry drifts in yaw by this (rad/m), and its translations are scaled by this.
     noise
         Of odometry, m and rad per root m (or 0.2 rad).
     slips
-        How often a wheel slips, 1/m, and by how much it turns the robot in odometry (rad, std).
+        How often a wheel slips, 1/m, and the standard deviation of the yaw error of a slip (rad).
     quantum
         Odometry is rounded to this (m, rad); 0: not.
-    sigma, reach
-        Of a range, m.
+    sigma, max_range
+        Standard deviation of a range, and its maximum, m.
     people
         People around the robot at a time.
     company
         People who walk along with the robot all the time, up to 5 m ahead of it.
     missing
-        Share of beams that see nothing for no reason.
+        Fraction of beams that are lost at random.
     """
 
     step: float = 0.12
-    turn: float = 0.12
+    yaw_step: float = 0.12
     drift: float = 0.004
     scale: float = 1.01
     noise: tuple[float, float] = (0.01, 0.01)
@@ -68,7 +69,7 @@ class Robot:
     quantum: float = 0.0
     beams: int = 180
     sigma: float = 0.012
-    reach: float = 80.0
+    max_range: float = 80.0
     people: int = 0
     company: int = 0
     missing: float = 0.0
@@ -98,7 +99,7 @@ def drive(building: Building, robot: Robot, *, seed: int = 0, start_ns: int = 10
     """Drive the route; ranges and odometry are as the robot measures them."""
     random = np.random.default_rng(seed)
     bearings = np.radians(np.linspace(-90.0, 90.0, robot.beams, endpoint=robot.beams % 2 == 1))
-    poses = plan.route(building.route, step=robot.step, turn=robot.turn)
+    poses = plan.route(building.route, step=robot.step, yaw_step=robot.yaw_step)
     odometry = _odometry(poses, robot, random)
     crowd = _Crowd(robot.people, poses[0], random)
     company = _Company(robot.company, poses[0], random)
@@ -113,7 +114,7 @@ def drive(building: Building, robot: Robot, *, seed: int = 0, start_ns: int = 10
             walls, glass, pose[0], pose[1], bearings + pose[2], random.random(len(bearings))
         )
         ranges = np.round(ranges + random.normal(size=len(ranges)) * robot.sigma, 2)
-        lost = ~(ranges < robot.reach) | (random.random(len(ranges)) < robot.missing)
+        lost = ~(ranges < robot.max_range) | (random.random(len(ranges)) < robot.missing)
         ranges[lost] = np.inf
         stamp = start_ns + k * 200_000_000
         scan = Scan(
@@ -123,7 +124,7 @@ def drive(building: Building, robot: Robot, *, seed: int = 0, start_ns: int = 10
             float(bearings[1] - bearings[0]),
             0.0,
             0.02,
-            robot.reach,
+            robot.max_range,
             ranges.astype(np.float32),
         )
         T = plan.matrix(odometry[k])
@@ -134,7 +135,7 @@ def drive(building: Building, robot: Robot, *, seed: int = 0, start_ns: int = 10
 
 
 def _odometry(poses: Float64, robot: Robot, random: np.random.Generator) -> Float64:
-    """Return what odometry says (N, 3)."""
+    """Return the poses (N, 3) by odometry."""
     T, found = np.eye(4), [np.zeros(3)]
     for a, b in pairwise(poses):
         step = plan.planar(np.linalg.inv(plan.matrix(a)) @ plan.matrix(b))
@@ -313,7 +314,7 @@ def court(
         block = [(x0, half), (x1, half), (x1, width - half), (x0, width - half), (x0, half)]
         for a, b in pairwise(block):
             pieces += _niches(a, b, every, door, depth)
-    # A few things that are different.
+    # A few objects that are different.
     pieces += list(plan.box(0.27 * length, half - 0.45, 0.27 * length + 1.1, half))
     pieces += list(plan.box(0.66 * length, width + half - 0.5, 0.66 * length + 2.0, width + half))
     pieces += list(plan.box(length + half - 0.4, 0.4 * width, length + half, 0.4 * width + 0.8))
@@ -441,7 +442,7 @@ def row_of_loops(
 ) -> Building:
     """Return loops of 250 m in a row, each beside the last, and a way back along all of them.
 
-    Corridors of 2.6 m with door niches, a cupboard now and then: the other thing that is hard
+    Corridors of 2.6 m with door niches, a cupboard now and then: the other case that is hard
     about MIT's Killian Court.
     """
     random = np.random.default_rng(seed)
@@ -467,11 +468,11 @@ def row_of_loops(
 ROBOTS = {
     "good": Robot(),
     "slipping": Robot(drift=0.008, scale=1.03, noise=(0.03, 0.03), slips=(0.04, 0.15)),
-    "seldom": Robot(step=0.6, turn=0.5, noise=(0.03, 0.03)),
+    "seldom": Robot(step=0.6, yaw_step=0.5, noise=(0.03, 0.03)),
     "crowded": Robot(people=6, missing=0.05, drift=0.006),
     "accompanied": Robot(company=6, drift=0.006),
     "coarse": Robot(quantum=0.05, scale=0.9, drift=0.002),
-    "near-sighted": Robot(reach=8.0, noise=(0.02, 0.02)),
+    "near-sighted": Robot(max_range=8.0, noise=(0.02, 0.02)),
     "fine": Robot(beams=360, noise=(0.02, 0.02), sigma=0.015, people=3, missing=0.03),
     "noisy": Robot(
         sigma=0.025, drift=0.01, scale=0.97, noise=(0.03, 0.03), slips=(0.02, 0.1), missing=0.02

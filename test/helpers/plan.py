@@ -51,8 +51,8 @@ def ring(length: float = 12.0, width: float = 9.0, half: float = 1.0) -> Float64
     return np.concatenate([outer, inner, *blocks])
 
 
-def cast(walls: Float64, pose: Float64, bearings: Float64, reach: float = 20.0) -> Float64:
-    """Return the range of each beam (N,) from a planar pose of the laser; inf beyond reach."""
+def cast(walls: Float64, pose: Float64, bearings: Float64, max_range: float = 20.0) -> Float64:
+    """Return the range of each beam (N,) from a planar pose of the laser; inf without a return."""
     angles = pose[2] + bearings
     d = np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None]
     a, e = walls[None, :, 0] - pose[:2], (walls[:, 1] - walls[:, 0])[None]
@@ -62,10 +62,12 @@ def cast(walls: Float64, pose: Float64, bearings: Float64, reach: float = 20.0) 
         u = (a[..., 0] * d[..., 1] - a[..., 1] * d[..., 0]) / cross
     hit = (t > 1e-6) & (u >= 0.0) & (u <= 1.0)
     ranges = np.where(hit, t, np.inf).min(axis=1, initial=np.inf)
-    return np.where(ranges < reach, ranges, np.inf)
+    return np.where(ranges < max_range, ranges, np.inf)
 
 
-def route(corners: Sequence[tuple[float, float]], step: float = 0.1, turn: float = 0.15) -> Float64:
+def route(
+    corners: Sequence[tuple[float, float]], step: float = 0.1, yaw_step: float = 0.15
+) -> Float64:
     """Return planar poses (N, 3) along straight lines, turning in place at the corners."""
     points = np.array(corners, float)
     legs = np.diff(points, axis=0)
@@ -73,7 +75,7 @@ def route(corners: Sequence[tuple[float, float]], step: float = 0.1, turn: float
     poses = [np.array([*points[0], headings[0]])]
     for k, (leg, heading) in enumerate(zip(legs, headings)):
         swing = heading - poses[-1][2]
-        for f in np.linspace(0.0, 1.0, int(np.ceil(abs(swing) / turn)) + 1)[1:]:
+        for f in np.linspace(0.0, 1.0, int(np.ceil(abs(swing) / yaw_step)) + 1)[1:]:
             poses.append(np.array([*points[k], heading - (1.0 - f) * swing]))
         for f in np.linspace(0.0, 1.0, int(np.ceil(np.hypot(*leg) / step)) + 1)[1:]:
             poses.append(np.array([*(points[k] + f * leg), heading]))
@@ -143,8 +145,8 @@ def drive(
 
 def errors(truth: Float64, poses: Float64) -> tuple[float, float]:
     """Return the rms of position (m) and heading (rad)."""
-    turn = np.arctan2(np.sin(poses[:, 2] - truth[:, 2]), np.cos(poses[:, 2] - truth[:, 2]))
+    dyaw = np.arctan2(np.sin(poses[:, 2] - truth[:, 2]), np.cos(poses[:, 2] - truth[:, 2]))
     return (
         float(np.sqrt(np.mean(np.sum((poses[:, :2] - truth[:, :2]) ** 2, axis=1)))),
-        float(np.sqrt(np.mean(turn**2))),
+        float(np.sqrt(np.mean(dyaw**2))),
     )

@@ -1,4 +1,4 @@
-"""A robot with odometry alone that looks around an ideal room: hand-overs, no bags."""
+"""A robot with odometry alone that looks around an ideal room: surface messages, no bags."""
 
 import numpy as np
 from room import Board, Room, Screen

@@ -24,7 +24,7 @@ def solve(building, robot, *, seed=0, walls=True):
 
 
 @pytest.mark.parametrize("alike", [True, False])
-def test_offices_that_look_the_same(alike):
+def test_offices_that_look_the_same_are_not_confused(alike):
     """Four rooms on a side, all alike: 1 cm of noise and a drift of 4 mrad/m leave 5 cm at most."""
     run, solution = solve(buildings.offices(4, alike=alike), buildings.ROBOTS["slipping"])
     accepted, wrong = buildings.loops_of(run, solution)
@@ -34,7 +34,7 @@ def test_offices_that_look_the_same(alike):
 
 
 @pytest.mark.parametrize("robot", ["slipping", "seldom", "crowded"])
-def test_a_court_with_the_same_doors_all_around(robot):
+def test_a_court_with_the_same_doors_on_all_sides_is_mapped(robot):
     """Odometry ends metres away; along a corridor only door niches of 15 cm hold the robot."""
     run, solution = solve(buildings.court(36.0, 16.0), buildings.ROBOTS[robot])
     accepted, wrong = buildings.loops_of(run, solution)
@@ -47,7 +47,7 @@ def test_a_court_with_the_same_doors_all_around(robot):
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_people_who_walk_along_are_not_the_map(seed):
+def test_people_who_walk_along_with_the_robot_do_not_disturb_the_map(seed):
     """Six of them ahead hide much of the building, and are always where they were a scan before."""
     building = buildings.offices(5, alike=False)
     run, solution = solve(building, buildings.ROBOTS["accompanied"], seed=seed)
@@ -57,7 +57,7 @@ def test_people_who_walk_along_are_not_the_map(seed):
     assert plan.errors(run.truth, solution.poses)[0] < 0.25
 
 
-def test_people_who_walk_along_a_corridor_do_not_hold_the_robot_back():
+def test_people_who_walk_along_a_corridor_do_not_shorten_the_path():
     """Walls on both sides look the same everywhere: standing still would explain all but niches."""
     run, solution = solve(buildings.block(20.0), buildings.ROBOTS["accompanied"])
     accepted, wrong = buildings.loops_of(run, solution)
@@ -66,7 +66,7 @@ def test_people_who_walk_along_a_corridor_do_not_hold_the_robot_back():
     assert plan.errors(run.truth, solution.poses)[0] < 0.1
 
 
-def test_similar_rooms_along_a_corridor():
+def test_similar_rooms_along_a_corridor_are_not_confused():
     run, solution = solve(buildings.rooms(4, spread=0.05), buildings.ROBOTS["fine"])
     accepted, wrong = buildings.loops_of(run, solution)
     assert accepted >= 10
@@ -74,7 +74,7 @@ def test_similar_rooms_along_a_corridor():
     assert plan.errors(run.truth, solution.poses)[0] < 0.05
 
 
-def test_odometry_with_a_wrong_scale_along_corridors_that_say_little():
+def test_a_wrong_scale_of_odometry_is_corrected_in_corridors_with_few_features():
     """10 % too short: where walls ahead show it, it is learnt, and the corridors are as long."""
     run, solution = solve(buildings.court(50.0, 20.0), buildings.ROBOTS["coarse"])
     assert buildings.loops_of(run, solution)[1] == 0
@@ -82,7 +82,7 @@ def test_odometry_with_a_wrong_scale_along_corridors_that_say_little():
 
 
 @pytest.mark.parametrize("seed", [0, 2])
-def test_plain_corridors_seen_through_noise(seed):
+def test_plain_corridors_are_mapped_in_spite_of_noise(seed):
     """Ranges are off by 2.5 cm, and a niche of 10 cm each 6 to 10 m is all that tells the place."""
     building = buildings.plain_block(30.0, seed=seed)
     run, solution = solve(building, buildings.ROBOTS["noisy"], seed=seed)
@@ -92,7 +92,7 @@ def test_plain_corridors_seen_through_noise(seed):
     assert plan.errors(run.truth, solution.poses)[0] < 0.1
 
 
-def test_walls_do_not_hurt_behind_glass():
+def test_wall_landmarks_do_not_increase_the_error_behind_glass():
     building = buildings.block(20.0, glass=0.6)
     run, solution = solve(building, buildings.ROBOTS["crowded"])
     _, without = solve(building, buildings.ROBOTS["crowded"], walls=False)
@@ -103,8 +103,8 @@ def test_walls_do_not_hurt_behind_glass():
     assert error < 0.1
 
 
-def test_no_loop_is_wrong_by_the_simulators_truth_where_one_is_made_wrong():
-    """The judge of the tests above sees a loop closure that is half a metre off."""
+def test_loops_of_counts_a_wrong_loop_closure():
+    """`loops_of`, on which the tests above rest, counts a loop closure that is half a metre off."""
     run, solution = solve(buildings.offices(2), buildings.ROBOTS["good"])
     loop = next(x for x in solution.loops if x.accepted)
     loop.delta[:] = between2(np.array([0.6, 0.0, 0.0]), loop.delta)

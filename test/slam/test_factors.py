@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from tccm_ros.geometry import between2, compose2, inverse, spatial
-from tccm_ros.slam.chain import turn_for
+from tccm_ros.slam.chain import yaw_offset_for
 from tccm_ros.slam.factors import (
     BetweenKeyframes,
     BetweenViews,
@@ -39,7 +39,7 @@ def error_of(factor, pose, plane):
     """Return twice the factor's error for a keyframe's planar pose and a wall (phi, rho)."""
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     factor.add_to(graph)
-    values.insert(factor.keyframe.symbol, factor.keyframe.turned(spatial(np.array(pose))))
+    values.insert(factor.keyframe.symbol, factor.keyframe.to_value(spatial(np.array(pose))))
     phi, rho = plane
     coefficients = np.array([np.cos(phi), np.sin(phi), 0.0, -rho])
     values.insert(factor.wall.symbol, gtsam.OrientedPlane3(coefficients))
@@ -47,9 +47,9 @@ def error_of(factor, pose, plane):
 
 
 @pytest.mark.parametrize("phi", PHIS)
-def test_a_wall_costs_its_mahalanobis_distance_in_every_direction(phi):
+def test_the_error_of_a_wall_is_its_mahalanobis_distance_in_every_direction(phi):
     """Also dead ahead and at right angles, where GTSAM's tangent basis flips."""
-    key = keyframe_key(0, turn_for(np.array([phi])))
+    key = keyframe_key(0, yaw_offset_for(np.array([phi])))
     yc, v_phi, v_perp = 1.2, 0.02**2, 0.01**2
     cov = np.array([[v_phi, yc * v_phi], [yc * v_phi, v_perp + yc**2 * v_phi]])
     factor = WallObservation(key, wall_key(0), float(phi), 2.0, cov)
@@ -61,12 +61,12 @@ def test_a_wall_costs_its_mahalanobis_distance_in_every_direction(phi):
 
 
 @pytest.mark.parametrize("phi", PHIS)
-def test_walls_hold_a_pose_in_every_direction(phi):
+def test_walls_determine_a_pose_in_every_direction(phi):
     """Two walls at right angles, seen before and after a step whose odometry is wrong."""
     truth = np.array([[0.0, 0.0, 0.0], [0.5, 0.2, 0.3]])
     walls = [(phi, 3.0), (phi + np.pi / 2, 2.0)]
     bearings = [np.array([w[0] - p[2] for w in walls]) for p in truth]
-    keys = [keyframe_key(k, turn_for(b)) for k, b in enumerate(bearings)]
+    keys = [keyframe_key(k, yaw_offset_for(b)) for k, b in enumerate(bearings)]
     sharp = np.diag([0.001**2, 0.001**2])
     wrong = compose2(between2(truth[0], truth[1]), np.array([0.05, -0.03, 0.04]))
     factors = [
@@ -88,8 +88,8 @@ def test_chi_square_of_a_pose_among_walls_has_the_right_mean():
     cov = np.array([[v_phi, yc * v_phi], [yc * v_phi, v_perp + yc**2 * v_phi]])
     root = np.linalg.cholesky(cov)
     walls = [(0.3, 3.0), (1.9, 2.0), (-2.0, 4.0)]
-    key = keyframe_key(1, turn_for(np.array([w[0] for w in walls])))
-    first = keyframe_key(0, key.turn)
+    key = keyframe_key(1, yaw_offset_for(np.array([w[0] for w in walls])))
+    first = keyframe_key(0, key.yaw_offset)
     sharp, loose = np.eye(2) * 1e-10, np.diag([1.0, 1.0, 1.0])
     values = []
     for _ in range(300):
@@ -109,12 +109,12 @@ def test_chi_square_of_a_pose_among_walls_has_the_right_mean():
     assert np.mean(values) == pytest.approx(1.0, abs=0.2)
 
 
-def test_a_turned_keyframe_is_the_same_keyframe():
-    """All factors mean the same whatever the turn of their keys."""
+def test_a_yaw_offset_of_keys_does_not_change_the_solution():
+    """All factors mean the same whatever the yaw offset of their keys."""
     random = np.random.default_rng(2)
     results = []
-    for turns in ([0.0, 0.0, 0.0], [0.3, 1.1, 0.7]):
-        keys = [keyframe_key(k, t) for k, t in enumerate(turns)]
+    for offsets in ([0.0, 0.0, 0.0], [0.3, 1.1, 0.7]):
+        keys = [keyframe_key(k, t) for k, t in enumerate(offsets)]
         random = np.random.default_rng(2)
         factors = [PriorPose(keys[0], np.array([1.0, 2.0, 0.5]), COV)]
         for a, b in ((0, 1), (1, 2), (0, 2)):
@@ -129,11 +129,11 @@ def test_a_turned_keyframe_is_the_same_keyframe():
     assert np.allclose(results[0][1], results[1][1], rtol=0.02, atol=1e-6)
 
 
-def test_a_view_leans_but_a_keyframe_does_not():
-    """A plane seen tilted turns the view, within the lean's sigmas; the keyframe stays level."""
-    key, lean = keyframe_key(0), np.radians(0.3)
+def test_a_view_rolls_and_pitches_but_a_keyframe_does_not():
+    """A plane that is seen tilted rotates the view, within its sigmas, and not the keyframe."""
+    key, pitch_of_view = keyframe_key(0), np.radians(0.3)
     level = np.array([0.0, 0.0, 1.0])
-    tilted = np.array([np.sin(lean), 0.0, np.cos(lean)])
+    tilted = np.array([np.sin(pitch_of_view), 0.0, np.cos(pitch_of_view)])
     sharp = np.eye(3) * 1e-8
     factors = [
         PriorPose(key, np.zeros(3), COV * 1e-6),
@@ -148,12 +148,12 @@ def test_a_view_leans_but_a_keyframe_does_not():
     assert np.allclose(normals[0], normals[1], atol=1e-4)
     # Two views share the disagreement evenly.
     pitch = np.arcsin(-solution.pose(view_key(1))[2, 0])
-    assert abs(pitch) == pytest.approx(lean / 2, rel=0.05)
+    assert abs(pitch) == pytest.approx(pitch_of_view / 2, rel=0.05)
     assert np.allclose(solution.pose(key), np.eye(4), atol=1e-6)
     assert solution.plane(surface_key(5))[3] == pytest.approx(-0.7, abs=0.01)
 
 
-def test_between_views_is_robust():
+def test_registration_of_views_is_robust_against_an_outlier():
     key = keyframe_key(0)
     cov = np.eye(6) * 0.01**2
     good, bad = spatial(np.array([0.02, 0.0, 0.0])), spatial(np.array([3.0, 0.0, 0.0]))
@@ -171,7 +171,7 @@ def test_between_views_is_robust():
     assert T[0, 3] < 0.05
 
 
-def test_the_structure_prior_ties_walls_to_each_other_and_not_to_the_map():
+def test_the_structure_prior_constrains_walls_to_each_other_and_not_to_the_map():
     key, building = keyframe_key(0, 0.4), keyframe_key(1, np.pi / 4)
     loose = np.diag([0.05**2, 0.02**2])
     factors = [
@@ -188,7 +188,7 @@ def test_the_structure_prior_ties_walls_to_each_other_and_not_to_the_map():
     assert angles[1] - angles[0] == pytest.approx(np.pi / 2, abs=0.003)
 
 
-def test_isam_agrees_with_the_batch():
+def test_incremental_and_batch_optimisation_agree():
     random = np.random.default_rng(5)
     truth = [np.zeros(3)]
     for k in range(60):
@@ -196,7 +196,8 @@ def test_isam_agrees_with_the_batch():
     walls = [(0.0, 9.0), (np.pi / 2, 8.0)]
     groups, starts, cov = [], {}, np.diag([0.01**2, 0.02**2])
     keys = [
-        keyframe_key(k, turn_for(np.array([-p[2], np.pi / 2 - p[2]]))) for k, p in enumerate(truth)
+        keyframe_key(k, yaw_offset_for(np.array([-p[2], np.pi / 2 - p[2]])))
+        for k, p in enumerate(truth)
     ]
     pose = truth[0]
     for k, (key, p) in enumerate(zip(keys, truth)):
@@ -219,7 +220,7 @@ def test_isam_agrees_with_the_batch():
     assert np.allclose(batch.planar_poses(keys), np.stack(truth), atol=0.05)
 
 
-def test_a_chain_that_is_lost_by_tens_of_metres():
+def test_a_chain_with_an_uncertainty_of_tens_of_metres_is_optimised():
     """A quarter of a radian lost at the start of a long corridor: 50 m of uncertainty at its end.
 
     Elimination by Cholesky calls such a graph indeterminate.
@@ -241,7 +242,7 @@ def test_a_chain_that_is_lost_by_tens_of_metres():
     assert np.allclose(live.planar_poses(keys), poses, atol=1e-6)
     solution = solve_graph([f for group in factors for f in group], dict(zip(keys, poses)))
     sigma = np.sqrt(np.diag(solution.planar_covariance(keys[-1])))
-    # The turn at step 5 over the rest of the way; the turns after it grow with its power of 1.5.
+    # The yaw error at step 5 over the rest of the path; later ones grow with its power of 1.5.
     way = 0.35 * (steps - 5)
     expected = np.hypot(0.25 * way, 0.002 * way * np.sqrt(steps / 3))
     assert sigma[1] == pytest.approx(expected, rel=0.02)

@@ -72,7 +72,7 @@ def draw(slam, folder):
     solution = replace(empty, slam=found, **path)
     folder.mkdir()
     write_solution(folder, solution, Config())
-    save_map(folder / "map.mcap", SavedMap(slam.state(), ()), solution)
+    save_map(folder / "map.mcap", SavedMap(slam.saved(), ()), solution)
     results = load_results(folder)
     assert [(m.kind, m.id) for m in results.graph.landmarks] == [("beacon", n) for n in BEACONS]
     (folder / "map.png").write_bytes(map_png(results))
@@ -80,13 +80,13 @@ def draw(slam, folder):
     return int((away < 0.01).sum())
 
 
-def test_a_beacon_is_estimated_drawn_saved_and_gone_on_with(tmp_path):
+def test_a_beacon_is_estimated_drawn_saved_and_used_by_a_later_session(tmp_path):
     slam = drive(WallSlam(Config()), LAP)
     first = slam.solve().landmarks
     assert_true(first)
     assert draw(slam, tmp_path / "one") > 4 * 20
 
-    later = WallSlam.from_state(Config(), load_map(tmp_path / "one" / "map.mcap").walls)
+    later = WallSlam.from_saved(Config(), load_map(tmp_path / "one" / "map.mcap").walls)
     drive(later, [(12, 4), (12, 9), (3, 9)], 8, 2 * 10**18)
     assert later.current_pose().localised
     again = later.solve().landmarks
@@ -106,7 +106,7 @@ def assert_true(landmarks):
     assert np.linalg.norm(errors, axis=1).max() < 0.1
 
 
-def test_beacons_alone_hold_the_live_pose():
+def test_beacons_without_loop_closures_correct_the_live_pose():
     """Odometry turns by 12 mrad/m; nothing but beacons tells, while driving as in the end."""
     config = Config()
     config.matching.enabled = config.loops.enabled = config.walls.enabled = False

@@ -56,7 +56,7 @@ def seen_along(run, every=6):
     return [observation(pose, stamp) for pose, stamp in rows]
 
 
-def test_the_order_of_observations_does_not_show(run):
+def test_the_order_of_observations_does_not_change_the_solution(run):
     """Early and backwards, or each before the scan at its stamp."""
     seen, slam = seen_along(run), WallSlam(Config())
     by_stamp = {o.stamp_ns: o for o in seen}
@@ -73,7 +73,7 @@ def test_the_order_of_observations_does_not_show(run):
         assert a.covariance.tobytes() == b.covariance.tobytes()
 
 
-def test_an_observation_that_comes_late_counts_as_much(run):
+def test_an_observation_that_comes_late_has_the_same_weight(run):
     slam = slam_of(run, [])
     for seen in seen_along(run):
         slam.add_landmark(seen)
@@ -81,20 +81,20 @@ def test_an_observation_that_comes_late_counts_as_much(run):
     assert np.allclose(late.position, early.position, atol=1e-6)
 
 
-def test_without_landmarks_nothing_changes_and_none_is_found(run):
+def test_without_observations_the_solution_has_no_landmarks(run):
     solution = slam_of(run, []).solve()
     assert solution.landmarks == ()
-    assert "landmark_kinds" in slam_of(run, []).state()
+    assert "landmark_kinds" in slam_of(run, []).saved()
 
 
-def test_a_state_without_landmarks_is_that_of_an_earlier_version(run):
-    state = slam_of(run, seen_along(run)).state()
-    assert len(WallSlam.from_state(Config(), state).solve().landmarks) == 1
+def test_a_saved_map_of_an_earlier_version_without_landmarks_is_loaded(run):
+    state = slam_of(run, seen_along(run)).saved()
+    assert len(WallSlam.from_saved(Config(), state).solve().landmarks) == 1
     older = {name: x for name, x in state.items() if not name.startswith("landmark_")}
-    assert WallSlam.from_state(Config(), older).solve().landmarks == ()
+    assert WallSlam.from_saved(Config(), older).solve().landmarks == ()
 
 
-def test_odometry_alone_places_landmarks(run):
+def test_landmarks_are_estimated_on_odometry_alone(run):
     slam = WallSlam(Config())
     for pose, stamp in zip(run.truth, run.stamps_ns):
         slam.add_odometry(int(stamp), spatial(pose))
@@ -103,8 +103,8 @@ def test_odometry_alone_places_landmarks(run):
     assert np.allclose(post.position, POST, atol=1e-3)
 
 
-def test_a_session_that_is_not_in_the_map_shows_the_landmarks_of_the_map_alone(run):
-    later = WallSlam.from_state(Config(), slam_of(run, seen_along(run)).state())
+def test_a_session_that_is_not_localised_has_only_the_landmarks_of_the_saved_map(run):
+    later = WallSlam.from_saved(Config(), slam_of(run, seen_along(run)).saved())
     box = plan.drive(plan.box(-1, -1, 1.5, 1.2), np.zeros((3, 3)), start_ns=2 * 10**18)
     for scan in box.scans:
         later.add_scan(scan)
@@ -112,15 +112,15 @@ def test_a_session_that_is_not_in_the_map_shows_the_landmarks_of_the_map_alone(r
     assert [landmark.id for landmark in later.solve().landmarks] == [4]
 
 
-def test_what_is_not_registered_is_refused(run):
+def test_a_kind_of_landmark_that_is_not_registered_is_refused(run):
     stray = LandmarkObservation(0, "lighthouse", 1, np.zeros(3), COV)
     with pytest.raises(ValueError, match="no landmark of kind 'lighthouse' is registered"):
         WallSlam(Config()).add_landmark(stray)
-    state = slam_of(run, seen_along(run)).state()
+    state = slam_of(run, seen_along(run)).saved()
     unknown = np.frombuffer(b'["lighthouse"]', np.uint8)
     with pytest.raises(MapError, match="'lighthouse'"):
-        WallSlam.from_state(Config(), {**state, "landmark_kinds": unknown})
+        WallSlam.from_saved(Config(), {**state, "landmark_kinds": unknown})
     with pytest.raises(MapError, match="damaged"):
-        WallSlam.from_state(Config(), {**state, "landmark_size": state["landmark_size"] + 1})
+        WallSlam.from_saved(Config(), {**state, "landmark_size": state["landmark_size"] + 1})
     with pytest.raises(ValueError, match="the letter 'x' is taken"):
         register_landmark(type("Mirror", (Post,), {"kind": "mirror", "letter": "x"}))

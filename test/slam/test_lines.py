@@ -2,16 +2,19 @@ import numpy as np
 import plan
 import pytest
 
+from tccm_ros.baselines.line_ransac import label_by_ransac
 from tccm_ros.config import Config
 from tccm_ros.slam.line_fit import SEGMENT, fit_segment
-from tccm_ros.slam.lines import extract_lines
+from tccm_ros.slam.lines import extract_lines, label_by_splitting
 
 ORIGIN = np.zeros(2)
 
 
-def config(extractor="split_merge", **lines):
+LABELLINGS = [label_by_splitting, label_by_ransac]
+
+
+def config(**lines):
     made = Config()
-    made.lines.extractor = extractor
     for name, value in lines.items():
         setattr(made.lines, name, value)
     return made
@@ -40,10 +43,10 @@ def numpy_fit(points):
     return np.arctan2(normal[1], normal[0]), normal @ centre
 
 
-@pytest.mark.parametrize("extractor", ["split_merge", "ransac"])
-def test_a_room_has_four_walls_where_they_are(extractor):
+@pytest.mark.parametrize("label", LABELLINGS)
+def test_a_room_has_four_walls_where_they_are(label):
     beams = scan(plan.box(-2, -1.5, 3, 2.5), [0, 0, 0])
-    lines = extract_lines(beams, ORIGIN, config(extractor))
+    lines = extract_lines(beams, ORIGIN, config(), label)
     assert len(lines) == 4
     truth = {0.0: 3.0, np.pi / 2: 2.5, np.pi: 2.0, -np.pi / 2: 1.5}
     for phi, rho in zip(lines.phi, lines.rho):
@@ -86,29 +89,29 @@ def test_covariance_with_its_correlation_passes_a_chi_square_test(offset):
     assert np.mean(wrong) > 20.0
 
 
-@pytest.mark.parametrize("extractor", ["split_merge", "ransac"])
+@pytest.mark.parametrize("label", LABELLINGS)
 @pytest.mark.parametrize("beams", [40, 180, 4000])
-def test_any_resolution(extractor, beams):
+def test_a_room_has_four_lines_at_any_angular_resolution(label, beams):
     lines = extract_lines(
-        scan(plan.box(-2, -2, 2, 2), [0.3, 0.2, 0.4], beams), ORIGIN, config(extractor)
+        scan(plan.box(-2, -2, 2, 2), [0.3, 0.2, 0.4], beams), ORIGIN, config(), label
     )
     assert len(lines) == 4
 
 
-@pytest.mark.parametrize("extractor", ["split_merge", "ransac"])
+@pytest.mark.parametrize("label", LABELLINGS)
 @pytest.mark.parametrize("count", [0, 1, 2, 7])
-def test_too_few_points_are_no_line(extractor, count):
+def test_too_few_points_are_no_line(label, count):
     points = np.stack([np.full(count, 2.0), np.linspace(-1, 1, count)], axis=1)
-    assert len(extract_lines(points, ORIGIN, config(extractor))) == 0
+    assert len(extract_lines(points, ORIGIN, config(), label)) == 0
 
 
-@pytest.mark.parametrize("extractor", ["split_merge", "ransac"])
-def test_a_single_line_and_points_all_in_one_place(extractor):
+@pytest.mark.parametrize("label", LABELLINGS)
+def test_one_wall_is_one_line_and_one_point_is_none(label):
     one = np.stack([np.full(50, 2.0), np.linspace(-1, 1, 50)], axis=1)
-    lines = extract_lines(one, ORIGIN, config(extractor))
+    lines = extract_lines(one, ORIGIN, config(), label)
     assert len(lines) == 1
     assert lines.count[0] == 50
-    assert len(extract_lines(np.ones((50, 2)), ORIGIN, config(extractor))) == 0
+    assert len(extract_lines(np.ones((50, 2)), ORIGIN, config(), label)) == 0
 
 
 def test_a_wall_behind_the_robot_is_one_line_across_the_seam():
@@ -127,23 +130,23 @@ def test_phi_points_away_from_the_laser_even_past_the_base():
     assert lines.rho[0] == pytest.approx(-0.5)
 
 
-@pytest.mark.parametrize("extractor", ["split_merge", "ransac"])
-def test_a_gap_ends_a_line(extractor):
+@pytest.mark.parametrize("label", LABELLINGS)
+def test_a_gap_ends_a_line(label):
     y = np.concatenate([np.linspace(-2, -0.6, 40), np.linspace(0.6, 2, 40)])
     lines = extract_lines(
-        np.stack([np.full(80, 2.0), y], axis=1), ORIGIN, config(extractor, max_gap=0.5)
+        np.stack([np.full(80, 2.0), y], axis=1), ORIGIN, config(max_gap=0.5), label
     )
     assert len(lines) == 2
 
 
-def test_minimum_length():
+def test_a_line_shorter_than_the_minimum_length_is_dropped():
     short = np.stack([np.full(30, 1.0), np.linspace(-0.2, 0.2, 30)], axis=1)
     assert len(extract_lines(short, ORIGIN, config())) == 0
     assert len(extract_lines(short, ORIGIN, config(min_length=0.3))) == 1
 
 
-def test_ransac_is_repeatable():
+def test_ransac_returns_the_same_lines_twice():
     beams = scan(plan.ring(), [0, 0, 0.3])
-    one, two = (extract_lines(beams, ORIGIN, config("ransac")) for _ in range(2))
+    one, two = (extract_lines(beams, ORIGIN, config(), label_by_ransac) for _ in range(2))
     assert np.array_equal(one.phi, two.phi)
     assert np.array_equal(one.endpoints, two.endpoints)

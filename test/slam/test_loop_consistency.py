@@ -25,12 +25,12 @@ def two_laps(drift=0.004, seed=0):
     return np.stack(truth), np.stack(found), np.stack(steps), 0.5 * np.arange(200)
 
 
-def loops(truth, share_wrong, seed=1):
+def loops(truth, wrong_fraction, seed=1):
     """Return proposals between the laps, and which are right; wrong ones are anywhere near."""
     random = np.random.default_rng(seed)
     made, right = [], []
     for b in range(105, 199, 3):
-        good = random.random() >= share_wrong
+        good = random.random() >= wrong_fraction
         delta = between2(truth[b - 100], truth[b]) + random.normal(size=3) * np.sqrt(np.diag(COV))
         if not good:
             delta = delta + random.uniform(-1, 1, size=3) * [4.0, 4.0, 1.0]
@@ -40,7 +40,7 @@ def loops(truth, share_wrong, seed=1):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_half_of_all_proposals_wrong(seed):
+def test_right_proposals_are_consistent_when_half_of_all_are_wrong(seed):
     truth, found, _, path = two_laps(seed=seed)
     made, right = loops(truth, 0.5, seed)
     agree = np.array([consistent_with(p, made, found, path) for p in made])
@@ -50,7 +50,7 @@ def test_half_of_all_proposals_wrong(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_graduated_weights_drop_the_wrong_half_that_got_through(seed):
+def test_graduated_non_convexity_drops_the_wrong_half_of_the_loop_closures(seed):
     truth, found, steps, _ = two_laps(drift=0.001, seed=seed)
     made, right = loops(truth, 0.5, seed)
     chain, cov = Chain(), np.diag([0.01**2, 0.01**2, 0.002**2])
@@ -60,12 +60,12 @@ def test_graduated_weights_drop_the_wrong_half_that_got_through(seed):
     # A wrong one may by chance lie within the noise of a right one: none is dropped wrongly.
     assert not np.any(kept & ~right)
     assert kept[right].mean() > 0.9
-    apart = between2(poses[:90], poses[100:190]) - between2(truth[:90], truth[100:190])
-    assert np.hypot(*apart[:, :2].T).max() < 0.1
+    error = between2(poses[:90], poses[100:190]) - between2(truth[:90], truth[100:190])
+    assert np.hypot(*error[:, :2].T).max() < 0.1
 
 
-def test_what_does_not_know_its_place_along_a_corridor_confirms_no_place():
-    """It agrees with its like, across the corridor; along it there is nothing to agree on."""
+def test_a_proposal_that_is_uncertain_along_a_corridor_confirms_no_position():
+    """It is consistent with others like it across the corridor; along it, any of them are."""
     truth, _, _, path = two_laps(drift=0.0)
     made, _ = loops(truth, 0.0)
     along = np.diag([20.0**2, 0.02**2, 0.006**2])
@@ -82,7 +82,7 @@ def test_what_does_not_know_its_place_along_a_corridor_confirms_no_place():
     assert not consistent_with(beside, vague[:1], truth, path).any()
 
 
-def test_proposals_agree_along_a_pass_and_disagree_when_shifted():
+def test_proposals_of_one_pass_agree_and_a_shifted_one_does_not():
     truth, _, _, path = two_laps(drift=0.0)
     made, _ = loops(truth, 0.0)
     assert consistent_with(made[0], made[1:6], truth, path).all()

@@ -30,7 +30,7 @@ def random_graph(seed: int, variables: int, loops: int):
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 30), st.integers(0, 20))
-def test_blocks_are_those_of_the_full_inverse(seed, variables, loops):
+def test_marginal_blocks_are_those_of_the_full_inverse(seed, variables, loops):
     A, dims, starts = random_graph(seed, variables, loops)
     full = np.linalg.inv(A.T @ A)
     blocks = marginal_blocks(csc_matrix(A), dims)
@@ -38,7 +38,7 @@ def test_blocks_are_those_of_the_full_inverse(seed, variables, loops):
         np.testing.assert_allclose(block, full[a:b, a:b], rtol=1e-7, atol=1e-9 * full.max())
 
 
-def test_a_variable_that_nothing_determines_is_refused():
+def test_an_undetermined_variable_is_an_error():
     A = np.diag([1.0, 1.0, 1.0, 0.0, 1.0, 1.0])
     with pytest.raises(RuntimeError):
         marginal_blocks(csc_matrix(A), np.array([3, 3]))

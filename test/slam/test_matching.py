@@ -8,7 +8,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import transform2
 from tccm_ros.slam.alignment import Prior, align
 from tccm_ros.slam.correlation import correlate, known_likelihood, support
-from tccm_ros.slam.level_scan import level_scan, thin_with_normals
+from tccm_ros.slam.level_scan import make_level_scan, thin_with_normals
 from tccm_ros.slam.likelihood_grid import CELL, UNKNOWN, make_likelihood_grid, with_unknown
 from tccm_ros.slam.line_map import ACROSS, ALIKE, ALONG, SPACING, make_line_map
 
@@ -17,7 +17,7 @@ ROOM = np.concatenate([plan.box(-2, -2, 3, 2.5), plan.box(1.0, 1.5, 1.6, 2.5)])
 
 def scan_at(pose, seed=0, sigma=0.005):
     run = plan.drive(ROOM, np.array([pose, pose]), seed=seed, sigma=sigma, mount=(0, 0, 0))
-    return level_scan(run.scans[0], Config())
+    return make_level_scan(run.scans[0], Config())
 
 
 def room_map():
@@ -28,10 +28,10 @@ def room_map():
     return lines, poses, scans
 
 
-def brute_force(grid, points, centre, half, turns, step):
+def brute_force(grid, points, centre, half, yaw_steps, step):
     """Score all poses of a window on the finest level, in plain numpy."""
     best, level = (-1.0, None), grid.levels[0]
-    for a in range(-turns, turns + 1):
+    for a in range(-yaw_steps, yaw_steps + 1):
         yaw = centre[2] + a * step
         c, s = np.cos(yaw), np.sin(yaw)
         placed = points @ np.array([[c, s], [-s, c]]) + centre[:2] - grid.origin
@@ -69,15 +69,15 @@ def test_a_pose_that_is_excluded_is_not_found():
     assert other.score < best.score
 
 
-def test_nothing_better_than_asked_is_nothing():
+def test_a_search_finds_nothing_where_no_pose_exceeds_the_minimum_score():
     lines, _, _ = room_map()
     grid = make_likelihood_grid(lines.points)
     points = scan_at([0.0, 0.0, 0.0]).points
-    assert correlate(grid, points + 30.0, np.zeros(3), (0.3, 0.1), least=0.2).score == -1.0
+    assert correlate(grid, points + 30.0, np.zeros(3), (0.3, 0.1), min_score=0.2).score == -1.0
     assert correlate(grid, np.zeros((0, 2)), np.zeros(3), (0.3, 0.1)).score == -1.0
 
 
-def test_support_tells_walls_from_free_space():
+def test_support_counts_points_on_walls_and_in_free_space():
     lines, poses, scans = room_map()
     rays = (np.repeat(poses[:1, :2], len(lines.points), axis=0), lines.points)
     grid = make_likelihood_grid(lines.points, rays=rays)
@@ -91,7 +91,7 @@ def test_support_tells_walls_from_free_space():
 
 
 @pytest.mark.parametrize("shift", [0.0, 1.5, 30.0])
-def test_where_no_beam_has_been_may_count_as_much_as_what_is_known(shift):
+def test_unknown_cells_may_be_given_the_likelihood_of_known_ones(shift):
     """Then a score tells by its sign alone whether what is known is better than that."""
     lines, poses, scans = room_map()
     rays = (np.repeat(poses[:1, :2], len(lines.points), axis=0), lines.points)
@@ -128,10 +128,10 @@ def test_alignment_finds_the_pose(truth):
     assert result.inliers > 0.9
 
 
-def test_along_a_corridor_alignment_knows_nothing_and_keeps_the_prior():
+def test_along_a_corridor_alignment_has_no_information_and_keeps_the_prior():
     walls = np.array([[[-40.0, 1.0], [40.0, 1.0]], [[-40.0, -1.0], [40.0, -1.0]]])
     run = plan.drive(walls, np.array([[0.0, 0, 0], [0, 0, 0]]), mount=(0, 0, 0))
-    scan = level_scan(run.scans[0], Config())
+    scan = make_level_scan(run.scans[0], Config())
     lines = make_line_map(np.zeros((1, 3)), [scan])
     prior = np.array([0.3, 0.02, 0.01])
     weight = np.diag([100.0, 100.0, 100.0])
@@ -193,6 +193,6 @@ def test_a_surface_is_confirmed_by_another_scan():
     assert 0.1 < lines.confirmed.mean() < 1.0
 
 
-def test_one_scan_alone_confirms_nothing():
+def test_the_points_of_a_single_scan_are_not_confirmed():
     scan = scan_at([0.0, 0.0, 0.0])
     assert not make_line_map(np.zeros((1, 3)), [scan]).confirmed.any()

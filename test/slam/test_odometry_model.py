@@ -13,30 +13,30 @@ def drive(truth, information, steps=200, seed=0):
     scale = OdometryScale()
     for _ in range(steps):
         odometry = np.array([0.3 / truth + random.normal() * 0.005, 0.0, 0.0])
-        share = information[0, 0] / (information[0, 0] + 1.0 / COV[0, 0])
-        placed = share * 0.3 + (1.0 - share) * scale.value * odometry[0]
+        weight = information[0, 0] / (information[0, 0] + 1.0 / COV[0, 0])
+        placed = weight * 0.3 + (1.0 - weight) * scale.value * odometry[0]
         scale.update(odometry, np.array([placed, 0.0, 0.0]), information, COV)
     return scale
 
 
 @pytest.mark.parametrize("truth", [0.9, 0.97, 1.0, 1.1])
-def test_matching_shows_the_scale(truth):
+def test_matching_determines_the_scale_of_odometry(truth):
     # 5 mm on 0.3 m, 200 times: 0.12 %; the rest is what the filter takes for noise.
     assert drive(truth, STRONG).value == pytest.approx(truth, abs=0.01)
 
 
 @pytest.mark.parametrize("truth", [0.9, 1.1])
-def test_weak_matching_shows_it_slowly_but_without_bias(truth):
+def test_weak_matching_determines_the_scale_slowly_but_without_bias(truth):
     weak = np.diag([500.0, 500.0, 500.0])
     assert drive(truth, weak, steps=3000).value == pytest.approx(truth, abs=0.015)
 
 
-def test_a_corridor_shows_nothing():
+def test_a_corridor_does_not_change_the_scale():
     scale = drive(1.1, NONE)
     assert scale.value == pytest.approx(1.0, abs=0.01)
 
 
-def test_slips_turns_and_short_steps_show_nothing():
+def test_slips_rotations_and_short_steps_do_not_change_the_scale():
     scale = OdometryScale()
     for odometry in ([0.3, 0.0, 0.5], [0.1, 0.0, 0.0], [1.2, 0.0, 0.0]):
         scale.update(np.array(odometry), np.array([0.3, 0.0, 0.0]), STRONG, COV)

@@ -18,17 +18,17 @@ LOOPS = st.lists(st.tuples(st.integers(0, KEYFRAMES - 1), st.integers(0, KEYFRAM
     st.lists(st.floats(0.1, 5.0), min_size=3, max_size=3),
     st.integers(0, KEYFRAMES - 1),
 )
-def test_the_shortest_paths_are_dijkstras(steps, starts, loops, some, start):
+def test_path_lengths_are_those_of_dijkstras_algorithm(steps, starts, loops, some, start):
     steps = np.array(steps)
     steps[[0, *starts]] = np.inf
     loops = np.array([x for x in loops if x[0] != x[1]], np.int64).reshape(-1, 2)
-    ties = np.resize(some, len(loops))
+    loop_lengths = np.resize(some, len(loops))
     weights = np.full((KEYFRAMES, KEYFRAMES), np.inf)
     for k in range(1, KEYFRAMES):
         weights[k - 1, k] = steps[k]
-    for (a, b), tie in zip(loops, ties):
-        weights[min(a, b), max(a, b)] = min(weights[min(a, b), max(a, b)], tie)
+    for (a, b), length in zip(loops, loop_lengths):
+        weights[min(a, b), max(a, b)] = min(weights[min(a, b), max(a, b)], length)
     edges = np.argwhere(np.isfinite(weights))
     graph = coo_matrix((weights[tuple(edges.T)], tuple(edges.T)), shape=weights.shape)
     expected = dijkstra(graph.tocsr(), directed=False, indices=start)
-    assert lengths_from(start, steps, loops, ties) == pytest.approx(expected)
+    assert lengths_from(start, steps, loops, loop_lengths) == pytest.approx(expected)

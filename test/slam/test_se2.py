@@ -11,30 +11,30 @@ poses = st.tuples(number, number, number).map(lambda p: np.array(p))
 
 
 def is_same(a, b):
-    turn = a[2] - b[2]
+    dyaw = a[2] - b[2]
     close = np.allclose(a[:2], b[:2], atol=1e-9)
-    return close and abs(np.arctan2(np.sin(turn), np.cos(turn))) < 1e-9
+    return close and abs(np.arctan2(np.sin(dyaw), np.cos(dyaw))) < 1e-9
 
 
 @given(poses, poses)
-def test_compiled_poses_are_those_of_geometry(a, b):
+def test_compiled_pose_operations_equal_those_of_geometry(a, b):
     assert is_same(se2.compose(a, b), compose2(a, b))
     assert is_same(se2.between(a, b), between2(a, b))
     assert is_same(se2.inverse(a), inverse2(a))
 
 
 @given(poses)
-def test_place_is_that_of_geometry(a):
+def test_transform_points_equals_that_of_geometry(a):
     points = np.random.default_rng(0).normal(size=(7, 2))
-    assert np.allclose(se2.place(a, points), transform2(a, points))
+    assert np.allclose(se2.transform_points(a, points), transform2(a, points))
 
 
-def test_scans_are_placed_one_after_the_other():
+def test_each_scan_is_transformed_by_its_own_pose():
     random = np.random.default_rng(0)
     poses = random.normal(size=(4, 3))
     counts = np.array([3, 0, 5, 1])
     points, normals = random.normal(size=(2, 9, 2))
-    placed, turned = se2.place_scans(poses, counts, points, normals)
+    placed, turned = se2.transform_scans(poses, counts, points, normals)
     at = 0
     for pose, count in zip(poses, counts):
         rows = slice(at, at + count)
@@ -44,7 +44,7 @@ def test_scans_are_placed_one_after_the_other():
         at += count
 
 
-def test_fuse_adds_information_in_the_turned_frame():
+def test_fuse_adds_information_in_the_rotated_frame():
     cov = np.diag([0.04, 0.01, 0.001])
     information = np.diag([100.0, 0.0, 0.0])
     fused = se2.fuse(information, np.pi / 2, cov)

@@ -7,11 +7,11 @@ import pytest
 from tccm_ros.config import Config
 from tccm_ros.slam.alignment import Prior, align
 from tccm_ros.slam.buckets import BUCKET
-from tccm_ros.slam.level_scan import LevelScan, level_scan
+from tccm_ros.slam.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.line_map import LineMap, make_line_map
 from tccm_ros.slam.surface_normals import (
-    AROUND,
     FLATNESS,
+    RADIUS,
     fit_missing_normals,
     mean_normals,
 )
@@ -28,10 +28,10 @@ def corridor_map(walls=CORRIDOR, sigma=NOISE, seed=0):
     """Twenty scans along x from -3 m on, in one map at their true poses, and a scan at 0."""
     poses = np.column_stack([np.linspace(-3.0, 3.0, 21), np.zeros((21, 2))])
     run = plan.drive(walls, poses, seed=seed, sigma=sigma, mount=(0, 0, 0))
-    scans = [level_scan(s, Config()) for s in run.scans]
+    scans = [make_level_scan(s, Config()) for s in run.scans]
     lines = make_line_map(poses, scans)
     again = plan.drive(walls, np.zeros((1, 3)), seed=seed + 99, sigma=sigma, mount=(0, 0, 0))
-    return lines, level_scan(again.scans[0], Config())
+    return lines, make_level_scan(again.scans[0], Config())
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -74,7 +74,7 @@ def test_missing_normals_are_those_of_a_fit_to_all_points_around():
     assert np.array_equal(normals[~missing], kept)
     fitted = 0
     for k in np.flatnonzero(missing):
-        near = points[np.hypot(*(points - lines.points[k]).T) < AROUND]
+        near = points[np.hypot(*(points - lines.points[k]).T) < RADIUS]
         if len(near) < 4:
             assert not normals[k].any()
             continue
@@ -88,11 +88,11 @@ def test_missing_normals_are_those_of_a_fit_to_all_points_around():
         expected = values[0] / values[1] / (len(near) - 2.0)
         assert variances[k] == pytest.approx(expected, abs=1e-9)
     assert fitted > 20
-    assert BUCKET > AROUND
+    assert BUCKET > RADIUS
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_of_a_plain_corridor_noise_says_nothing(seed):
+def test_noise_of_normals_gives_no_information_along_a_plain_corridor(seed):
     """From 0.4 m ahead the match goes to where it is expected, and its information says so."""
     lines, scan = corridor_map(seed=seed)
     prior = np.array([0.05, 0.0, 0.0])
@@ -109,7 +109,7 @@ def test_of_a_plain_corridor_noise_says_nothing(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_wall_ahead_is_known_in_spite_of_noise(seed):
+def test_a_wall_ahead_gives_information_in_spite_of_noise(seed):
     walls = np.concatenate([CORRIDOR, [[[6.0, -1.0], [6.0, 1.0]]]])
     lines, scan = corridor_map(walls, seed=seed)
     start = np.array([0.1, 0.0, 0.0])
@@ -119,7 +119,7 @@ def test_a_wall_ahead_is_known_in_spite_of_noise(seed):
     assert result.information[0, 0] > 1000.0
 
 
-def test_a_map_of_nothing_has_no_normals():
+def test_an_empty_map_has_no_normals():
     nothing = np.zeros((0, 2))
     scan = LevelScan(0, np.zeros(3), nothing, np.zeros(2), nothing, nothing)
     lines = make_line_map(np.zeros((1, 3)), [scan])
@@ -127,7 +127,7 @@ def test_a_map_of_nothing_has_no_normals():
     assert len(lines.variances) == 0
 
 
-def test_noise_takes_few_normals():
+def test_noise_removes_few_normals():
     """At 1.2 m from a wall, noise of 25 mm is a fifth of what a few beams span."""
     _, scan = corridor_map()
     near = np.hypot(*scan.points.T) < 3.0

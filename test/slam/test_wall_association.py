@@ -17,7 +17,7 @@ COV = np.diag([0.01**2, 0.01**2, 0.003**2])
 @pytest.fixture(scope="module")
 def seen():
     """Return true poses and the lines that each sees."""
-    poses = plan.route([(0, 0), (12, 0), (12, 5)], step=0.3, turn=0.3)
+    poses = plan.route([(0, 0), (12, 0), (12, 5)], step=0.3, yaw_step=0.3)
     bearings = np.linspace(-np.pi / 2, np.pi / 2, 361)
     rays = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
     random, lines = np.random.default_rng(0), []
@@ -47,7 +47,7 @@ def test_each_side_of_the_ring_is_one_wall(seen):
         assert abs(np.sin(2 * table.phi[w])) < 0.01
 
 
-def test_walls_a_hand_apart_stay_two():
+def test_walls_at_a_distance_of_twenty_centimetres_stay_two():
     """A cupboard 20 cm before a wall is never pooled with it."""
     lines, poses = [], []
     for _ in range(12):
@@ -60,7 +60,7 @@ def test_walls_a_hand_apart_stay_two():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_fifth_of_the_labels_wrong(seen, seed):
+def test_wrong_labels_of_a_fifth_of_the_observations_are_taken_out(seen, seed):
     """Lines given to a wrong wall are thrown out; the poses stay where they are."""
     poses, lines = seen
     config, random = Config(), np.random.default_rng(seed)
@@ -77,7 +77,7 @@ def test_a_fifth_of_the_labels_wrong(seen, seed):
     assert (checked.wall[right] >= 0).mean() > 0.6
 
 
-def test_right_labels_stay(seen):
+def test_right_labels_are_not_taken_out(seen):
     poses, lines = seen
     table = associate_walls(poses, lines, Config())
     keys, graph = graph_of(poses, lines)
@@ -87,7 +87,7 @@ def test_right_labels_stay(seen):
     assert 0.0 < checked.unit_variance < 1.0
 
 
-def test_a_few_strays_do_not_change_the_unit_variance():
+def test_a_few_outliers_do_not_change_the_unit_variance():
     """One line in a hundred 300 times further off than noise: within the careful gates still."""
     random = np.random.default_rng(0)
     chi2 = random.chisquare(2, 2000)

@@ -29,7 +29,7 @@ def solved(lap):
     return slam, slam.solve(lap.stamps_ns[10::60] + 30_000_000)
 
 
-def test_a_ring_closes(lap, solved):
+def test_the_loop_of_a_ring_is_closed(lap, solved):
     """Odometry turns by 12 mrad/m; 1 cm of range noise leaves well under 2 cm."""
     _, solution = solved
     rms_m, rms_rad = plan.errors(lap.truth, solution.poses)
@@ -39,7 +39,7 @@ def test_a_ring_closes(lap, solved):
     assert np.array_equal(solution.stamps_ns, lap.stamps_ns)
 
 
-def test_walls_are_where_they_are(solved):
+def test_walls_are_estimated_at_their_true_lines(solved):
     """Each long wall lies on a side of the plan, within 3 cm and 0.5 deg."""
     _, solution = solved
     long = [w for w in solution.walls if np.hypot(*np.diff(w.endpoints, axis=0)[0]) > 3.0]
@@ -55,7 +55,7 @@ def test_walls_are_where_they_are(solved):
         assert np.all(np.linalg.eigvalsh(wall.covariance) > 0.0)
 
 
-def test_corners_name_each_other(solved):
+def test_walls_that_meet_list_each_other(solved):
     _, solution = solved
     named = [w for w in solution.walls if w.corners]
     assert len(named) >= 4
@@ -68,7 +68,7 @@ def test_corners_name_each_other(solved):
             assert gaps.min() < 1e-6
 
 
-def test_solving_twice_and_in_between_changes_nothing(lap, solved):
+def test_the_solution_does_not_depend_on_earlier_calls_of_solve(lap, solved):
     _, solution = solved
     slam = WallSlam(Config())
     for k, scan in enumerate(lap.scans):
@@ -86,7 +86,7 @@ def test_solving_twice_and_in_between_changes_nothing(lap, solved):
     ]
 
 
-def test_views_hang_on_the_trajectory(lap, solved):
+def test_views_are_anchored_to_the_trajectory(lap, solved):
     _, solution = solved
     stamps = lap.stamps_ns[10::60] + 30_000_000
     found = np.stack([plan.planar(T) for T in solution.T_map_views])
@@ -103,12 +103,12 @@ def test_factors_between_views_move_them(lap, solved):
     free = slam.solve(stamps)
     T = np.linalg.inv(free.T_map_views[0]) @ free.T_map_views[1]
     T[2, 3] += 0.004
-    tied = slam.solve(stamps, [BetweenViews(0, 1, T, np.eye(6) * 1e-8)])
-    apart = np.linalg.inv(tied.T_map_views[0]) @ tied.T_map_views[1]
-    assert apart[2, 3] == pytest.approx(0.004, abs=5e-4)
+    constrained = slam.solve(stamps, [BetweenViews(0, 1, T, np.eye(6) * 1e-8)])
+    T_view0_view1 = np.linalg.inv(constrained.T_map_views[0]) @ constrained.T_map_views[1]
+    assert T_view0_view1[2, 3] == pytest.approx(0.004, abs=5e-4)
 
 
-def test_pose_at_is_exact_at_scans_and_between(solved):
+def test_pose_at_is_exact_at_scans_and_interpolates_between_them(solved):
     _, solution = solved
     at = solution.pose_at(solution.stamps_ns[[5, 77]])
     assert np.allclose(at, solution.poses[[5, 77]], atol=1e-9)
@@ -116,7 +116,7 @@ def test_pose_at_is_exact_at_scans_and_between(solved):
     assert np.allclose(before[0], solution.poses[0])
 
 
-def test_walls_do_not_hurt(lap, solved):
+def test_wall_landmarks_do_not_increase_the_error(lap, solved):
     _, solution = solved
     config = Config()
     config.walls.enabled = False
@@ -134,12 +134,12 @@ def test_the_structure_prior_keeps_the_ring_square(lap):
     assert plan.errors(lap.truth, solution.poses)[0] < 0.02
 
 
-def test_without_odometry():
+def test_a_ring_is_mapped_without_odometry():
     run = plan.drive(WALLS, plan.route(LAP[:4]), odometry=False)
     assert plan.errors(run.truth, slam_of(run).solve().poses)[0] < 0.15
 
 
-def test_odometry_that_jumps():
+def test_a_ring_is_mapped_with_odometry_that_jumps():
     """A step of 0.4 m and 0.3 rad that did not happen: matching knows better."""
     run = plan.drive(WALLS, plan.route(LAP[:3]), seed=1)
     jump = plan.matrix([0.4, -0.2, 0.3])
@@ -148,7 +148,7 @@ def test_odometry_that_jumps():
     assert plan.errors(run.truth, slam_of(run).solve().poses)[0] < 0.1
 
 
-def test_odometry_alone_gives_its_own_path():
+def test_without_scans_the_trajectory_is_that_of_odometry():
     run = plan.drive(WALLS, plan.route(LAP[:3]), drift=0.0, scale=1.0, noise=(0.0, 0.0))
     slam = WallSlam(Config())
     for scan in reversed(run.scans):
@@ -159,14 +159,14 @@ def test_odometry_alone_gives_its_own_path():
     assert slam.current_pose().stamp_ns == run.stamps_ns[-1]
 
 
-def test_nothing_gives_nothing():
+def test_without_records_the_solution_is_empty():
     solution = WallSlam(Config()).solve([123])
     assert len(solution.poses) == 0
     assert solution.T_map_views.shape == (1, 4, 4)
     assert np.allclose(solution.pose_at([5]), 0.0)
 
 
-def test_scans_that_see_nothing():
+def test_empty_scans_are_accepted():
     run = plan.drive(np.zeros((0, 2, 2)), plan.route(LAP[:2]))
     solution = slam_of(run).solve()
     assert len(solution.poses) == len(run.scans)
@@ -180,7 +180,7 @@ def test_a_scan_that_is_not_newer_is_refused(lap):
         slam.add_scan(lap.scans[0])
 
 
-def test_the_map_begins_at_the_first_odometry(lap):
+def test_the_first_odometry_pose_is_the_origin_of_the_map(lap):
     slam = WallSlam(Config())
     for scan in lap.scans[:8]:
         slam.add_odometry(scan.scan.stamp_ns, scan.T_odom_base[0])
@@ -191,11 +191,11 @@ def test_the_map_begins_at_the_first_odometry(lap):
 
 
 @pytest.mark.parametrize("mode", ["mapping", "localisation"])
-def test_going_on_in_a_saved_map_from_an_unknown_start(lap, solved, mode):
+def test_a_session_is_localised_in_a_saved_map_from_an_unknown_start(lap, solved, mode):
     slam, solution = solved
     config = Config()
     config.graph.mode = mode
-    later = WallSlam.from_state(config, slam.state())
+    later = WallSlam.from_saved(config, slam.saved())
     route = plan.route([(12, 4), (12, 9), (3, 9)])
     run = plan.drive(WALLS, route, seed=8, start_ns=2 * 10**18)
     assert not later.current_pose().localised or later.current_pose().stamp_ns < 0
@@ -211,10 +211,10 @@ def test_going_on_in_a_saved_map_from_an_unknown_start(lap, solved, mode):
             assert np.allclose(old.pose, new.pose, atol=1e-3)
 
 
-def test_a_damaged_state_is_an_error(solved):
-    state = solved[0].state()
+def test_a_damaged_saved_map_is_an_error(solved):
+    state = solved[0].saved()
     missing = {k: v for k, v in state.items() if k != "line_cov"}
     with pytest.raises(MapError, match="line_cov"):
-        WallSlam.from_state(Config(), missing)
+        WallSlam.from_saved(Config(), missing)
     with pytest.raises(MapError, match="damaged"):
-        WallSlam.from_state(Config(), {**state, "scan_points": state["scan_points"][:-1]})
+        WallSlam.from_saved(Config(), {**state, "scan_points": state["scan_points"][:-1]})

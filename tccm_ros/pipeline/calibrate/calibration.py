@@ -74,7 +74,7 @@ class Calibration:
             "format": "tccm_ros/calibration",
             "version": 2,
             "bags": list(self.bags),
-            "rig": self.rig.model_dump(mode="json", include=CORRECTIONS),
+            "rig": self.rig.model_dump(mode="json", include=set(CORRECTIONS)),
             "quantities": {
                 q.name: {
                     "value": round(q.value, 6),
@@ -121,7 +121,7 @@ class Calibration:
             "  ros__parameters:",
             "    rig:",
         ]
-        for key, value in self.rig.model_dump(mode="json", include=CORRECTIONS).items():
+        for key, value in self.rig.model_dump(mode="json", include=set(CORRECTIONS)).items():
             text = json.dumps(value)
             lines.append(f"      {key}: {text}{self._comment(key)}")
         return "\n".join(lines) + "\n"

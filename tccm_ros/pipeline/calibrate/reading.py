@@ -63,7 +63,7 @@ END_OF_TIME_NS = 2**62
 
 def uncorrected(config: Config) -> Config:
     """Return the configuration with the default values of all corrections of the rig."""
-    rig = config.rig.model_copy(update=Rig().model_dump(include=CORRECTIONS))
+    rig = config.rig.model_copy(update=Rig().model_dump(include=set(CORRECTIONS)))
     return config.model_copy(update={"rig": rig})
 
 

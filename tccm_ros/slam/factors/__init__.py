@@ -22,11 +22,7 @@ from tccm_ros.slam.factors.keys import (
     view_key,
     wall_key,
 )
-from tccm_ros.slam.factors.landmarks import (
-    LandmarkFactor,
-    landmark_class,
-    register_landmark,
-)
+from tccm_ros.slam.factors.landmarks import LandmarkFactor, landmark_class, register_landmark
 from tccm_ros.slam.factors.noise import planar_covariance
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
 from tccm_ros.slam.factors.surfaces import ViewPlane

@@ -1,4 +1,4 @@
-"""Corners: where walls meet, as keyframes see them."""
+"""Factors of corners: observations by keyframes, and walls that pass through them."""
 
 from __future__ import annotations
 
@@ -12,22 +12,33 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial
 from tccm_ros.slam.factors.factor import NoLandmark
-from tccm_ros.slam.factors.keys import Key, turn_matrix
-from tccm_ros.slam.factors.noise import BLIND, gaussian, planar_covariance
+from tccm_ros.slam.factors.keys import Key, rotation_z
+from tccm_ros.slam.factors.noise import OPEN_SIGMA, gaussian, planar_covariance
 
 __all__ = ["CornerObservation", "WallThroughCorner"]
 
 
 CORNER_LEVEL = 1e-3
-"""Roll, pitch (rad) and z (m) of a corner, which has none of them."""
+"""Standard deviation of roll, pitch (rad) and z (m) of a corner, which are zero (chosen)."""
+
+HEADING_VARIANCE = 1.0
+"""Of a corner's heading, rad^2: it means nothing, and only must be determined (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CornerObservation:
-    """Keyframe `keyframe` saw a corner at `point` (2,), m, in its base frame.
+    """An observation of a corner by a keyframe.
 
-    `sigma` is its standard deviation in x and y, m. A corner is a level pose whose heading means
-    nothing.
+    A corner is a planar pose whose heading means nothing.
+
+    Attributes
+    ----------
+    keyframe, corner
+        Variables.
+    point
+        float64 (2,), the corner in the keyframe's base frame, m.
+    sigma
+        Standard deviation of `point` in x and y, m.
     """
 
     keyframe: Key
@@ -44,10 +55,10 @@ class CornerObservation:
         return spatial(np.array([self.point[0], self.point[1], 0.0]))
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add a between factor that is blind to the corner's heading."""
+        """Add a between factor that does not measure the corner's heading."""
         level = (CORNER_LEVEL, CORNER_LEVEL, CORNER_LEVEL)
-        cov = planar_covariance(np.diag([self.sigma**2, self.sigma**2, 1.0]), level)
-        delta = gtsam.Pose3(turn_matrix(-self.keyframe.turn) @ self._pose())
+        cov = planar_covariance(np.diag([self.sigma**2, self.sigma**2, HEADING_VARIANCE]), level)
+        delta = gtsam.Pose3(rotation_z(-self.keyframe.yaw_offset) @ self._pose())
         keys = self.keyframe.symbol, self.corner.symbol
         graph.add(gtsam.BetweenFactorPose3(*keys, delta, gaussian(cov)))
 
@@ -58,7 +69,17 @@ class CornerObservation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WallThroughCorner(NoLandmark):
-    """A wall passes through a corner within `sigma`, m; `phi` is its normal's direction in map."""
+    """A wall passes through a corner.
+
+    Attributes
+    ----------
+    corner, wall
+        Variables.
+    phi
+        Direction of the wall's normal in map, rad.
+    sigma
+        Standard deviation of the corner's distance from the wall, m.
+    """
 
     corner: Key
     wall: Key
@@ -66,8 +87,8 @@ class WallThroughCorner(NoLandmark):
     sigma: float
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add an oriented-plane factor that is blind to the angle."""
+        """Add an oriented-plane factor that does not measure the angle."""
         measured = np.array([np.cos(self.phi), np.sin(self.phi), 0.0, 0.0])
-        noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([BLIND, BLIND, self.sigma]))
+        noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([OPEN_SIGMA, OPEN_SIGMA, self.sigma]))
         keys = self.corner.symbol, self.wall.symbol
         graph.add(gtsam.OrientedPlane3Factor(measured, noise, *keys))

@@ -1,4 +1,4 @@
-"""What the graph asks of a factor."""
+"""The interface of factors."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["Factor", "NoLandmark"]
 
 
 class Factor(Protocol):
-    """What the graph asks of a factor."""
+    """The interface by which a graph adds a factor."""
 
     @property
     def landmark(self) -> Key | None:
@@ -28,7 +28,7 @@ class Factor(Protocol):
 
 
 class NoLandmark:
-    """A factor between variables that others start."""
+    """Base of factors that start no variable."""
 
     @property
     def landmark(self) -> Key | None:

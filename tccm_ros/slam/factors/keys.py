@@ -1,4 +1,4 @@
-"""The names of the graph's variables."""
+"""Keys of the graph's variables."""
 
 from __future__ import annotations
 
@@ -16,41 +16,50 @@ __all__ = [
     "corner_key",
     "keyframe_key",
     "observer_key",
+    "rotation_z",
     "surface_key",
-    "turn_matrix",
     "view_key",
     "wall_key",
 ]
 
 
 class Key(NamedTuple):
-    """A variable of the graph: its kind (a letter) and number.
+    """A variable of the graph.
 
-    The graph's variable of a keyframe is its pose turned by `turn` (rad) about z: GTSAM's basis of
-    a plane's normal flips where the normal lies along x or y of the pose that sees it, and a
-    keyframe is turned until none of its walls is near that case.
+    The graph's variable of a keyframe is its pose, rotated about z: GTSAM's basis of a plane's
+    normal flips where the normal is along x or y of the pose that sees it, and a keyframe is
+    rotated until none of its walls is near that case.
+
+    Attributes
+    ----------
+    kind
+        A letter.
+    number
+        Among the variables of its kind.
+    yaw_offset
+        Rotation of the variable relative to its frame, rad.
     """
 
     kind: str
     number: int
-    turn: float = 0.0
+    yaw_offset: float = 0.0
 
     @property
     def symbol(self) -> int:
         """GTSAM's integer for this variable."""
         return gtsam.symbol(self.kind, self.number)
 
-    def turned(self, T: Float64) -> gtsam.Pose3:
+    def to_value(self, T: Float64) -> gtsam.Pose3:
         """Return the graph's value for the pose T_map_frame (4, 4)."""
-        return gtsam.Pose3(np.asarray(T, float) @ turn_matrix(self.turn))
+        return gtsam.Pose3(np.asarray(T, float) @ rotation_z(self.yaw_offset))
 
-    def unturned(self, value: gtsam.Pose3) -> Float64:
+    def from_value(self, value: gtsam.Pose3) -> Float64:
         """Return T_map_frame (4, 4) of the graph's value."""
-        return value.matrix() @ turn_matrix(-self.turn)
+        return value.matrix() @ rotation_z(-self.yaw_offset)
 
 
-def turn_matrix(angle: float) -> Float64:
-    """Return the turn by `angle` (rad) about z, float64 (4, 4)."""
+def rotation_z(angle: float) -> Float64:
+    """Return the rotation by `angle` (rad) about z, float64 (4, 4)."""
     T = np.eye(4)
     T[0, 0] = T[1, 1] = math.cos(angle)
     T[1, 0] = math.sin(angle)
@@ -58,36 +67,36 @@ def turn_matrix(angle: float) -> Float64:
     return T
 
 
-def keyframe_key(index: int, turn: float = 0.0) -> Key:
-    """Name the pose of a keyframe."""
-    return Key("x", index, turn)
+def keyframe_key(index: int, yaw_offset: float = 0.0) -> Key:
+    """Return the key of a keyframe's pose."""
+    return Key("x", index, yaw_offset)
 
 
 def view_key(index: int) -> Key:
-    """Name the pose of a view: its index in the views given to `WallSlam.solve`."""
+    """Return the key of a view's pose, by its index in the views given to `WallSlam.solve`."""
     return Key("v", index)
 
 
 def observer_key(index: int) -> Key:
-    """Name the pose from which landmarks were observed."""
+    """Return the key of a pose from which landmarks were observed."""
     return Key("o", index)
 
 
 def wall_key(index: int) -> Key:
-    """Name a wall."""
+    """Return the key of a wall."""
     return Key("w", index)
 
 
 def surface_key(index: int) -> Key:
-    """Name a surface plane; the index is the caller's."""
+    """Return the key of a surface plane; the index is the caller's."""
     return Key("s", index)
 
 
 def corner_key(index: int) -> Key:
-    """Name a corner."""
+    """Return the key of a corner."""
     return Key("c", index)
 
 
 def building_key() -> Key:
-    """Name the building's frame, turned so that its walls are off its axes."""
+    """Return the key of the building's frame, rotated so that its walls are off its axes."""
     return Key("f", 0, 0.25 * math.pi)

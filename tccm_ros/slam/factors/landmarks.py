@@ -1,4 +1,4 @@
-"""Landmarks of any kind: what a kind has to say, and the register of the kinds there are.
+"""Landmarks of any kind: the base class of their factors, and the registry of kinds.
 
 A kind is one class of factors. Whoever writes one, in this package or outside, decorates it with
 `register_landmark` and hands its observations to ``WallSlam.add_landmark``: it is estimated with
@@ -29,17 +29,17 @@ OWN_LETTERS = frozenset("cfosvwx")
 class LandmarkFactor(ABC):
     """One observation of a landmark, from a pose of the base.
 
-    A single observation must determine its landmark, be it weakly: where it does not (a bearing
-    without a range), `add_to` adds a wide prior, too.
+    A single observation must determine its landmark, if only weakly: where it does not (a bearing
+    without a range), `add_to` adds a wide prior as well.
 
     Attributes
     ----------
     kind, letter
         The kind's name, and the letter of its variables in the graph, which no other kind has.
     pose, landmark
-        Variables: the base at the stamp, a level ``gtsam.Pose3``, and the landmark.
+        Variables: the base at the stamp, a planar ``gtsam.Pose3``, and the landmark.
     measurement, covariance
-        float64 (N,) and (N, N), what was measured in the base frame; the kind says of what.
+        float64 (N,) and (N, N), the measurement in the base frame, as the kind defines it.
     """
 
     kind: ClassVar[str]
@@ -65,9 +65,9 @@ class LandmarkFactor(ABC):
     def position(
         cls, values: gtsam.Values, landmark: Key, covariance: Float64
     ) -> tuple[Float64, Float64]:
-        """Return where a landmark is in map, float64 (3,), with covariance (3, 3).
+        """Return the position of a landmark in map, float64 (3,), with covariance (3, 3).
 
-        A kind whose variable is not a ``gtsam.Point3`` has its own way.
+        A kind whose variable is not a ``gtsam.Point3`` overrides it.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ _KINDS: dict[str, type[LandmarkFactor]] = {}
 
 
 def register_landmark(factor: Kind) -> Kind:
-    """Make a kind of landmark known; the decorator of its class.
+    """Register a kind of landmark; the decorator of its class.
 
     Raises
     ------

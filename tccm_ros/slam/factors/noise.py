@@ -6,19 +6,35 @@ import gtsam
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.slam.factors.keys import turn_matrix
+from tccm_ros.slam.factors.keys import rotation_z
 
-__all__ = ["BLIND", "PLANAR_SIGMA", "gaussian", "huber", "planar_covariance", "turn_covariance"]
+__all__ = [
+    "FREE_POSITION_SIGMA",
+    "LOOSE_SIGMA",
+    "OPEN_SIGMA",
+    "PLANAR_SIGMA",
+    "gaussian",
+    "huber",
+    "planar_covariance",
+    "rotate_frame",
+]
 
 
 PLANAR_SIGMA = 1e-5
-"""Roll, pitch (rad) and z (m) of a keyframe: small enough to vanish, large enough to be stable."""
+"""Roll, pitch (rad) and z (m) of a keyframe: small enough to vanish, large enough to be stable
+(chosen)."""
 
-BLIND = 1e3
-"""Standard deviation (m, rad) of what a factor does not measure."""
+OPEN_SIGMA = 1e3
+"""Standard deviation (m, rad) of a component that a factor does not measure (chosen)."""
+
+FREE_POSITION_SIGMA = 1e6
+"""The same for the position of a keyframe in map, m: maps are large (chosen)."""
+
+LOOSE_SIGMA = 1.0
+"""Standard deviation (m, rad) of a component that another factor holds at zero (chosen)."""
 
 HUBER_K = 1.345
-"""Huber threshold in standard deviations: 95 % efficient for Gaussian noise."""
+"""Huber threshold in standard deviations: 95 % efficient for Gaussian noise (the usual choice)."""
 
 
 def gaussian(covariance: Float64) -> gtsam.noiseModel.Gaussian:
@@ -27,12 +43,12 @@ def gaussian(covariance: Float64) -> gtsam.noiseModel.Gaussian:
 
 
 def huber(noise: gtsam.noiseModel.Base) -> gtsam.noiseModel.Robust:
-    """Return a noise with tails: what is far off counts as much as what is not."""
+    """Return a robust noise model: the influence of a residual is bounded."""
     return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(HUBER_K), noise)
 
 
 def planar_covariance(cov_xyyaw: Float64, z_roll_pitch: tuple[float, float, float]) -> Float64:
-    """Spread a covariance of (x, y, yaw) to GTSAM's (roll, pitch, yaw, x, y, z).
+    """Extend a covariance of (x, y, yaw) to GTSAM's (roll, pitch, yaw, x, y, z).
 
     Parameters
     ----------
@@ -48,7 +64,7 @@ def planar_covariance(cov_xyyaw: Float64, z_roll_pitch: tuple[float, float, floa
     return cov
 
 
-def turn_covariance(cov_xyyaw: Float64, turn: float) -> Float64:
-    """Express a covariance of (x, y, yaw) in a frame turned by `turn` about z."""
-    R = turn_matrix(turn)[:3, :3]
+def rotate_frame(cov_xyyaw: Float64, yaw: float) -> Float64:
+    """Express a covariance of (x, y, yaw) in a frame that is rotated by `yaw` (rad) about z."""
+    R = rotation_z(yaw)[:3, :3]
     return R.T @ np.asarray(cov_xyyaw, float) @ R

@@ -1,4 +1,4 @@
-"""Keyframes: where the first is, that they are level, and how they lie to each other."""
+"""Factors of keyframes: priors, planar motion, and relative poses."""
 
 from __future__ import annotations
 
@@ -10,15 +10,33 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial
 from tccm_ros.slam.factors.factor import NoLandmark
-from tccm_ros.slam.factors.keys import Key, turn_matrix
-from tccm_ros.slam.factors.noise import PLANAR_SIGMA, gaussian, planar_covariance, turn_covariance
+from tccm_ros.slam.factors.keys import Key, rotation_z
+from tccm_ros.slam.factors.noise import (
+    FREE_POSITION_SIGMA,
+    LOOSE_SIGMA,
+    OPEN_SIGMA,
+    PLANAR_SIGMA,
+    gaussian,
+    planar_covariance,
+    rotate_frame,
+)
 
 __all__ = ["BetweenKeyframes", "Planar", "PriorPose"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PriorPose(NoLandmark):
-    """Where a keyframe is: planar pose (3,) and covariance (3, 3) of (x, y, yaw) in its frame."""
+    """A prior on the pose of a keyframe.
+
+    Attributes
+    ----------
+    key
+        Variable of the keyframe.
+    pose
+        float64 (3,), planar pose in map, m and rad.
+    cov
+        float64 (3, 3) of (x, y, yaw) in the keyframe's own frame.
+    """
 
     key: Key
     pose: Float64
@@ -26,32 +44,50 @@ class PriorPose(NoLandmark):
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
         """Add a prior that also holds roll, pitch and z at zero."""
-        cov = turn_covariance(self.cov, self.key.turn)
+        cov = rotate_frame(self.cov, self.key.yaw_offset)
         noise = gaussian(planar_covariance(cov, (PLANAR_SIGMA,) * 3))
-        value = self.key.turned(spatial(self.pose))
+        value = self.key.to_value(spatial(self.pose))
         graph.add(gtsam.PriorFactorPose3(self.key.symbol, value, noise))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Planar(NoLandmark):
-    """A pose keeps roll, pitch and z at zero; (x, y, yaw) stay free."""
+    """Roll, pitch and z of a keyframe are zero; (x, y, yaw) stay free.
+
+    Attributes
+    ----------
+    key
+        Variable of the keyframe.
+    pose
+        float64 (3,), planar pose in map near the estimate, m and rad.
+    """
 
     key: Key
     pose: Float64
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add a prior at the start value that is blind along the plane."""
-        sigmas = np.array([PLANAR_SIGMA, PLANAR_SIGMA, 1e3, 1e6, 1e6, PLANAR_SIGMA])
+        """Add a prior at `pose` that does not measure (x, y, yaw)."""
+        roll_pitch_yaw = PLANAR_SIGMA, PLANAR_SIGMA, OPEN_SIGMA
+        sigmas = np.array([*roll_pitch_yaw, FREE_POSITION_SIGMA, FREE_POSITION_SIGMA, PLANAR_SIGMA])
         noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
-        value = self.key.turned(spatial(self.pose))
+        value = self.key.to_value(spatial(self.pose))
         graph.add(gtsam.PriorFactorPose3(self.key.symbol, value, noise))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BetweenKeyframes(NoLandmark):
-    """Planar pose (3,) of `b` in `a`, with covariance (3, 3) of (x, y, yaw) in b's frame.
+    """The relative pose of two keyframes: odometry, matching or a loop closure.
 
-    `weight` scales the information: GNC reweights loop closures between optimisations.
+    Attributes
+    ----------
+    a, b
+        Variables of the keyframes.
+    delta
+        float64 (3,), planar pose of `b` in `a`, m and rad.
+    cov
+        float64 (3, 3) of (x, y, yaw) in the frame of `b`.
+    weight
+        Factor on the information: GNC reweights loop closures between optimisations.
     """
 
     a: Key
@@ -62,9 +98,9 @@ class BetweenKeyframes(NoLandmark):
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
         """Add a between factor; roll, pitch and z follow, loosely (`Planar` holds them)."""
-        cov = turn_covariance(np.asarray(self.cov) / self.weight, self.b.turn)
-        noise = gaussian(planar_covariance(cov, (1.0, 1.0, 1.0)))
+        cov = rotate_frame(np.asarray(self.cov) / self.weight, self.b.yaw_offset)
+        noise = gaussian(planar_covariance(cov, (LOOSE_SIGMA,) * 3))
         delta = gtsam.Pose3(
-            turn_matrix(-self.a.turn) @ spatial(self.delta) @ turn_matrix(self.b.turn)
+            rotation_z(-self.a.yaw_offset) @ spatial(self.delta) @ rotation_z(self.b.yaw_offset)
         )
         graph.add(gtsam.BetweenFactorPose3(self.a.symbol, self.b.symbol, delta, noise))

@@ -1,4 +1,4 @@
-"""Surfaces, as views see them."""
+"""Factors of surface planes that views observe."""
 
 from __future__ import annotations
 
@@ -18,11 +18,18 @@ __all__ = ["ViewPlane"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewPlane:
-    """View `view` saw surface `surface` as the plane ``normal . p = offset`` in its own frame.
+    """An observation of a surface plane by a view.
 
-    `cov` is float64 (3, 3) of (rotation about u, rotation about v, offset at the view's origin),
-    rad and m, where u, v are any two tangents that the caller used; only rotation-isotropic
-    covariances keep their meaning for another choice of u, v.
+    Attributes
+    ----------
+    view, surface
+        Indices of the variables (`view_key`, `surface_key`).
+    normal, offset
+        float64 (3,), unit vector, and m: ``normal . p = offset`` in the view's frame.
+    cov
+        float64 (3, 3) of (rotation about u, rotation about v, offset at the view's origin), rad and
+        m, where u, v are any two tangents; only covariances that are isotropic in the rotations
+        are independent of the choice of u, v.
     """
 
     view: int

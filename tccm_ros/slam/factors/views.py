@@ -1,4 +1,4 @@
-"""Views: hung on keyframes, and registered to each other."""
+"""Factors of views: anchored to keyframes, and registered to each other."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial
 from tccm_ros.slam.factors.factor import NoLandmark
-from tccm_ros.slam.factors.keys import Key, turn_matrix, view_key
+from tccm_ros.slam.factors.keys import Key, rotation_z, view_key
 from tccm_ros.slam.factors.noise import gaussian, huber, planar_covariance
 
 __all__ = ["BetweenViews", "KeyframeView"]
@@ -18,32 +18,47 @@ __all__ = ["BetweenViews", "KeyframeView"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyframeView(NoLandmark):
-    """A view hangs on a keyframe: planar pose (3,) of the view in it, covariance (3, 3).
+    """The pose of a view, anchored to a keyframe.
 
-    The view's z, roll and pitch are those of the (level) keyframe within `lean`: the base leans
-    (DESIGN section 7: 5 mm and 0.3 deg).
+    Attributes
+    ----------
+    keyframe, view
+        Variables.
+    delta
+        float64 (3,), planar pose of the view in the keyframe, m and rad.
+    cov
+        float64 (3, 3) of (x, y, yaw) in the view's frame.
+    sigma_z_roll_pitch
+        Standard deviations of the view's z (m), roll and pitch (rad), which are zero for the
+        keyframe: 5 mm and 0.3 deg (chosen; docs/design/wall_slam.md, "Views in the graph").
     """
 
     keyframe: Key
     view: Key
     delta: Float64
     cov: Float64
-    lean: tuple[float, float, float] = (0.005, 0.00524, 0.00524)
+    sigma_z_roll_pitch: tuple[float, float, float] = (0.005, 0.00524, 0.00524)
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add a between factor with the lean as sigmas of z, roll and pitch."""
-        noise = gaussian(planar_covariance(np.asarray(self.cov), self.lean))
-        delta = gtsam.Pose3(turn_matrix(-self.keyframe.turn) @ spatial(self.delta))
+        """Add a between factor in all six degrees of freedom."""
+        noise = gaussian(planar_covariance(np.asarray(self.cov), self.sigma_z_roll_pitch))
+        delta = gtsam.Pose3(rotation_z(-self.keyframe.yaw_offset) @ spatial(self.delta))
         keys = self.keyframe.symbol, self.view.symbol
         graph.add(gtsam.BetweenFactorPose3(*keys, delta, noise))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BetweenViews(NoLandmark):
-    """Registration of view `j` to view `i`: T_i_j (4, 4).
+    """The registration of two views; robust (Huber).
 
-    `cov` is float64 (6, 6) of (roll, pitch, yaw, x, y, z) in j's frame, rad and m. The factor is
-    robust (Huber).
+    Attributes
+    ----------
+    i, j
+        Indices of the views (`view_key`).
+    T_i_j
+        float64 (4, 4), pose of view j in view i.
+    cov
+        float64 (6, 6) of (roll, pitch, yaw, x, y, z) in j's frame, rad and m.
     """
 
     i: int

@@ -1,4 +1,4 @@
-"""Walls, as keyframes see them."""
+"""Factors of walls that keyframes observe."""
 
 from __future__ import annotations
 
@@ -18,10 +18,19 @@ __all__ = ["WallObservation"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WallObservation:
-    """Keyframe `keyframe` saw wall `wall` as the line (phi, rho) in its base frame.
+    """An observation of a wall by a keyframe.
 
-    `cov` is float64 (2, 2) of (phi, rho), with the correlation (DESIGN section 7). phi points from
-    the robot through the wall, so that each side of a wall is a wall of its own.
+    phi points from the robot through the wall, so that each side of a wall is a wall of its own.
+
+    Attributes
+    ----------
+    keyframe, wall
+        Variables.
+    phi, rho
+        The line ``x cos phi + y sin phi = rho`` in the keyframe's base frame, rad and m.
+    cov
+        float64 (2, 2) of (phi, rho), with the correlation (docs/design/wall_slam.md, "Noise of a
+        line").
     """
 
     keyframe: Key
@@ -34,7 +43,7 @@ class WallObservation:
         """Add an oriented-plane factor; its residual is (-sin dphi, 0, drho)."""
         v_phi, c, v_rho = self.cov[0, 0], self.cov[0, 1], self.cov[1, 1]
         cov = np.array([[v_phi, 0.0, -c], [0.0, v_phi, 0.0], [-c, 0.0, v_rho]])
-        phi = self.phi - self.keyframe.turn
+        phi = self.phi - self.keyframe.yaw_offset
         measured = np.array([np.cos(phi), np.sin(phi), 0.0, -self.rho])
         keys = self.keyframe.symbol, self.wall.symbol
         graph.add(gtsam.OrientedPlane3Factor(measured, gaussian(cov), *keys))

@@ -1,6 +1,6 @@
-"""What has moved, and what cannot be: beams that passed where something was seen.
+"""Visibility of map points: how many scans see through a point, and how many end at it.
 
-People hide what is behind them, but nobody sees through a wall.
+A point that scans see through has moved. A pose from which a scan sees through walls is wrong.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ __all__ = ["passes_and_hits"]
 
 
 SECTORS = 512
-"""Sectors around a laser, 0.5 to 1 degree wide. Ends nearer than 2 m, 4 cm apart, leave some empty:
-of these nothing is said."""
+"""Sectors around a laser, 0.5 to 1 degree wide. Beam ends nearer than 2 m, averaged over 4 cm,
+leave some empty: these count as unseen (chosen)."""
 
 MARGIN = 0.2
-"""A beam that ends this much (m) behind a point passed it: noise, poses, oblique walls."""
+"""A beam that ends this much (m) behind a point passed it: more than noise, errors of poses and
+oblique walls explain (chosen)."""
 
 
 @njit(nogil=True, cache=True)

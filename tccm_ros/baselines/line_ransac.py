@@ -1,4 +1,4 @@
-"""RANSAC lines as in the surface mapping paper (III.A.1), repeatable by its own random numbers."""
+"""Line extraction by RANSAC, the method of the surface mapping paper (III.A.1)."""
 
 from __future__ import annotations
 
@@ -6,12 +6,19 @@ import numpy as np
 from numba import njit
 
 from tccm_ros.arrays import Float64, Int32, Int64
+from tccm_ros.config import Config
 
-__all__ = ["ransac_segments"]
+__all__ = ["label_by_ransac", "ransac_segments"]
 
 
 SPENT = -2
 """Label of points whose line was too short: they are not drawn again."""
+
+
+def label_by_ransac(beams: Float64, config: Config) -> Int32:
+    """Label the beams of each segment; a labelling function for `slam.lines.extract_lines`."""
+    x = config.lines
+    return ransac_segments(beams, x.distance, x.max_gap, x.min_points, x.min_length, x.trials)
 
 
 @njit(nogil=True, cache=True)
@@ -23,10 +30,10 @@ def ransac_segments(
     min_length: float,
     trials: int,
 ) -> Int32:  # pragma: no cover - compiled
-    """Label the points of each segment, the best supported first.
+    """Label the points of each segment, the one with the largest support first.
 
-    Draw two of the free points, count the inliers of their line that hang together without a gap
-    around the first of them, keep the line with the most, and repeat on the points that are left
+    Draw two of the free points, count the inliers of their line that are connected without a gap
+    to the first of them, keep the line with the most, and repeat on the points that are left
     until none has enough.
 
     Parameters
@@ -34,11 +41,11 @@ def ransac_segments(
     beams
         float64 (B, 2), m, in any order.
     distance
-        Largest distance of an inlier, m.
+        Maximum distance of an inlier, m.
     max_gap
-        Largest distance between neighbours along a line, m.
+        Maximum distance between neighbours along a line, m.
     min_points, min_length
-        Least support and length (m).
+        Minimum support and length (m).
     trials
         Pairs drawn for each line.
 
@@ -105,7 +112,7 @@ def _count(
 def _support(
     beams: Float64, free: Int64, i: int, j: int, distance: float, max_gap: float
 ) -> Int64:  # pragma: no cover - compiled
-    """Return the free inliers of line i-j that hang together around i, ordered along it."""
+    """Return the free inliers of line i-j that are connected to i, ordered along it."""
     dx, dy = beams[j, 0] - beams[i, 0], beams[j, 1] - beams[i, 1]
     length = np.hypot(dx, dy)
     if length < 1e-6:

@@ -1,4 +1,4 @@
-"""What has moved is no map, and what nobody could see is no pose."""
+"""Visibility: points that have moved leave the map, and poses behind walls are rated lower."""
 
 import numpy as np
 import plan
@@ -6,16 +6,16 @@ import pytest
 
 from tccm_ros.config import Config
 from tccm_ros.slam.alignment import Prior, agreement, align
-from tccm_ros.slam.level_scan import level_scan
+from tccm_ros.slam.level_scan import make_level_scan
 from tccm_ros.slam.line_map import make_line_map
-from tccm_ros.slam.seen_through import MARGIN, SECTORS, passes_and_hits
+from tccm_ros.slam.visibility import MARGIN, SECTORS, passes_and_hits
 
 ROOM = np.concatenate([plan.box(-2, -2, 6, 2), plan.box(3.0, 1.4, 3.6, 2)])
 
 
 def scan_at(pose, walls=ROOM, seed=0):
     run = plan.drive(walls, np.array([pose, pose]), seed=seed, sigma=0.005, mount=(0, 0, 0))
-    return level_scan(run.scans[0], Config())
+    return make_level_scan(run.scans[0], Config())
 
 
 def sector_of(x, y):
@@ -25,15 +25,15 @@ def sector_of(x, y):
     return np.minimum((along * SECTORS / 4).astype(int), SECTORS - 1)
 
 
-def twin(points, origins, scans):
+def count_in_numpy(points, origins, scans):
     """Count passes and hits point by point over all beams, in plain numpy."""
     passes, hits = np.zeros(len(points), int), np.zeros(len(points), int)
     for origin, ends in zip(origins, scans):
         x, y = (ends - origin).T
         sector, length = sector_of(x, y), np.hypot(x, y)
         for i, (px, py) in enumerate(points - origin):
-            apart = (sector - sector_of(np.array([px]), np.array([py]))) % SECTORS
-            beside = length[(apart <= 1) | (apart == SECTORS - 1)]
+            difference = (sector - sector_of(np.array([px]), np.array([py]))) % SECTORS
+            beside = length[(difference <= 1) | (difference == SECTORS - 1)]
             if len(beside):
                 behind = beside.min() - np.hypot(px, py)
                 passes[i] += behind > MARGIN
@@ -42,18 +42,18 @@ def twin(points, origins, scans):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_passes_and_hits_are_those_of_all_beams_around(seed):
+def test_passes_and_hits_are_those_of_a_count_over_all_beams(seed):
     random = np.random.default_rng(seed)
     origins = random.normal(size=(4, 2))
     scans = [origin + random.normal(size=(300, 2)) * 3.0 for origin in origins]
     points = random.normal(size=(200, 2)) * 3.0
     counts = np.array([len(s) for s in scans])
     found = passes_and_hits(points, origins, counts, np.concatenate(scans))
-    np.testing.assert_array_equal(found, twin(points, origins, scans))
+    np.testing.assert_array_equal(found, count_in_numpy(points, origins, scans))
     assert min(np.sum(found, axis=1)) > 20
 
 
-def test_nothing_of_a_room_at_rest_is_seen_through():
+def test_no_point_of_a_static_room_is_removed_from_the_map():
     poses = np.array([[0.4 * k, 0.1 * k, 0.3 * k] for k in range(6)])
     scans = [scan_at(p, seed=k) for k, p in enumerate(poses)]
     lines = make_line_map(poses, scans)
@@ -64,7 +64,7 @@ def test_nothing_of_a_room_at_rest_is_seen_through():
         assert (near < 0.06).mean() > 0.97
 
 
-def test_who_walks_ahead_leaves_no_trail():
+def test_a_person_who_walks_ahead_of_the_robot_leaves_no_points_behind():
     """A box of 0.4 m, 2.5 m ahead in each scan: it is gone from where three scans passed it."""
     poses = np.array([[0.4 * k - 1.0, 0.0, 0.0] for k in range(6)])
     at = [p[0] + 2.5 for p in poses]
@@ -80,7 +80,7 @@ def test_who_walks_ahead_leaves_no_trail():
 
 
 @pytest.mark.parametrize("jump", [0.4, -0.4])
-def test_a_pose_that_sees_through_walls_agrees_less(jump):
+def test_a_pose_that_sees_through_walls_has_a_smaller_agreement(jump):
     poses = np.array([[0.2 * k, 0.0, 0.0] for k in range(5)])
     lines = make_line_map(poses, [scan_at(p, seed=k) for k, p in enumerate(poses)])
     scan = scan_at([1.0, 0.0, 0.0], seed=9)

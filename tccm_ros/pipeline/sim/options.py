@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -12,6 +13,11 @@ __all__ = ["Options", "options_from_settings"]
 
 Vector = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
+
+RENAMED = {"sweep_period": "cycle_period", "sweep_limits": "tilt_limits", "lean": "base_tilt"}
+"""Options of release 0.1 that have another name; release 0.2 reads both and warns."""
+
+LOG = logging.getLogger(__name__)
 
 
 class Options(BaseModel):
@@ -65,7 +71,10 @@ def options_from_settings(settings: Mapping[str, str]) -> Options:
         For an option that does not exist or a value that is out of range.
     """
     values: dict[str, object] = {}
-    for key, text in settings.items():
+    for given, text in settings.items():
+        key = RENAMED.get(given, given)
+        if key != given:
+            LOG.warning("simulator option '%s' is called '%s' now", given, key)
         if key not in Options.model_fields:
             raise ConfigError(f"no simulator option '{key}'{suggest(key, Options.model_fields)}")
         values[key] = tuple(text.split(",")) if "," in text else text

@@ -76,6 +76,7 @@ class CollisionObjects:
 
     def __init__(self, node: Node, types: MessageTypes, frame_id: str):
         self._types, self._frame_id = types, frame_id
+        self._context = node.context
         self._shown: set[int] = set()
         self._publisher = None
         if _has_moveit_msgs():
@@ -84,8 +85,10 @@ class CollisionObjects:
             )
 
     def publish(self, surfaces: Iterable[Surface], stamp_ns: int) -> None:
-        """Publish all surfaces but the floor, if somebody listens."""
-        if self._publisher is None or not self._publisher.get_subscription_count():
+        """Publish all surfaces but the floor, if somebody listens and the node is not ending."""
+        if self._publisher is None or not self._context.ok():
+            return
+        if not self._publisher.get_subscription_count():
             return
         shown = [surface for surface in surfaces if surface.label != "floor"]
         now = {surface.id for surface in shown}

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.arrays import Float64, Int64
+from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.baselines.distance_merging import merge_by_distance
 from tccm_ros.baselines.line_ransac import label_by_ransac
 from tccm_ros.config import Config
@@ -125,12 +125,10 @@ class SurfaceSlam:
 
     def _begin(self) -> None:
         """Begin a session, with the saved map if there is one."""
-        is_ransac = self.config.lines.extractor == "ransac"
-        label = label_by_ransac if is_ransac else label_by_splitting
         self.walls = (
-            WallSlam.from_saved(self.config, self._saved_walls, label)
+            WallSlam.from_saved(self.config, self._saved_walls, _label_lines)
             if self._saved_walls
-            else WallSlam(self.config, label)
+            else WallSlam(self.config, _label_lines)
         )
         self.map = self._empty_map(self.session)
         for saved in self.saved_views:
@@ -339,3 +337,9 @@ class SurfaceSlam:
 def _view_poses(slam: Solution) -> ViewPoses:
     cov = slam.cov_views[:, TILT_ORDER][:, :, TILT_ORDER]
     return ViewPoses(slam.T_map_views, cov, slam.view_keyframes)
+
+
+def _label_lines(beams: Float64, config: Config) -> Int32:
+    """Label the beams of a scan by line, by the method that `lines.extractor` chooses now."""
+    label = label_by_ransac if config.lines.extractor == "ransac" else label_by_splitting
+    return label(beams, config)

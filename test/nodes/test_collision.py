@@ -41,7 +41,8 @@ def publisher():
 
 
 def objects_of(publisher) -> CollisionObjects:
-    node = SimpleNamespace(create_publisher=lambda *_: publisher)
+    running = SimpleNamespace(ok=lambda: True)
+    node = SimpleNamespace(create_publisher=lambda *_: publisher, context=running)
     return CollisionObjects(node, TYPES, "map")
 
 
@@ -106,6 +107,6 @@ def test_without_moveit_nothing_is_published(monkeypatch):
 
     monkeypatch.setattr(collision, "message_class", absent)
     made = []
-    node = SimpleNamespace(create_publisher=lambda *arguments: made.append(arguments))
+    node = SimpleNamespace(create_publisher=lambda *arguments: made.append(arguments), context=None)
     CollisionObjects(node, TYPES, "map").publish([TABLE], 1)
     assert made == []

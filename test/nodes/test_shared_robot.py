@@ -26,7 +26,7 @@ def test_each_record_is_received_and_judged_once(ros):
     # The joint turns at the last scan: too short a sweep follows.
     assert mapper.processor.counts["scans used"] == robot.sent["tilt_scan"] - 1
     assert node.processor.counts["level scans"] == robot.sent["scan"]
-    assert mapper.dropped == {"short sweep": 1}
+    assert mapper.dropped == {"short tilt cycle": 1}
     assert not node.dropped
     ros.spin_until(lambda: node.processor.counts["clouds"] >= 3)
 

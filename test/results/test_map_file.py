@@ -42,7 +42,7 @@ def text_of(solution):
 
 def test_a_loaded_map_has_the_same_surfaces(run, saved):
     loaded = SurfaceSlam.from_saved(Config(), load_map(saved))
-    again = loaded.map.build(loaded._old_views(loaded.walls.solve()))
+    again = loaded.map.build(loaded._saved_poses(loaded.walls.solve()))
     assert json_text(SurfacesFile.of(again.surfaces, again.floor_z, "map")) == text_of(run[1])
 
 

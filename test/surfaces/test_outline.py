@@ -91,7 +91,7 @@ def test_the_far_edge_moves_out_and_the_near_one_stays():
 
 @given(st.integers(0, 10**6), st.floats(0.3, 4.0), st.floats(-np.pi, np.pi), st.floats(0.0, 0.5))
 @settings(max_examples=60, deadline=None)
-def test_the_area_grows_within_its_limits_and_loses_nothing(seed, distance, bearing, spacing):
+def test_the_area_grows_by_what_is_allowed_and_loses_nothing(seed, distance, bearing, spacing):
     rng = np.random.default_rng(seed)
     middle = distance * np.array([np.cos(bearing), np.sin(bearing)])
     hull = shapely.MultiPoint(middle + rng.uniform(-0.25, 0.25, (8, 2))).convex_hull

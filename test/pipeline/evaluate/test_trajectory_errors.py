@@ -239,7 +239,7 @@ def test_missing_files_and_truth_of_another_time_are_errors(tmp_path):
         read_tum(tmp_path / "none.tum")
     a = write_tum(tmp_path / "a.tum", circle(), stamps_of(80))
     b = write_tum(tmp_path / "b.tum", circle(), stamps_of(80) + 10**12)
-    with pytest.raises(LogError, match="no row lies in the time"):
+    with pytest.raises(LogError, match="no row is in the time"):
         score_trajectory(a, b)
 
 

@@ -134,7 +134,7 @@ class SlamNode(SensorNode):
         self._unsolved["keyframes"] += sum(pose.keyframe >= 0 for pose in poses)
         live = self.processor.current_pose()
         has_scan = self.processor.counts["level scans"] or self._has_tilt_scan
-        if has_scan and live.stamp_ns > self._shown_ns:
+        if has_scan and live.stamp_ns > self._shown_ns and self.context.ok():
             self._shown_ns = live.stamp_ns
             self.live.odom_frame = self.processor.odom_frame
             self.live.show(live)

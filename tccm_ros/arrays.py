@@ -6,8 +6,6 @@ Shapes are given in docstrings, as NumPy has no type for them.
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Bool", "Float32", "Float64", "Int32", "Int64", "UInt8"]
-
 Float64 = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 Int64 = NDArray[np.int64]

@@ -21,8 +21,6 @@ from pathlib import Path
 
 from tccm_ros.errors import OutputError, one_line
 
-__all__ = ["finish_moves", "output_file", "output_folder"]
-
 READY = ".tccm-ready-"
 """Prefix of the name of a folder within another, into which its files will be moved."""
 

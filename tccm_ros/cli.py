@@ -16,8 +16,6 @@ import typer
 from tccm_ros import __version__
 from tccm_ros.errors import ConfigError, TccmError, one_line
 
-__all__ = ["app", "main"]
-
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,

@@ -7,21 +7,6 @@ found, what was expected and what to do. The command line prints it and exits wi
 from collections.abc import Iterable
 from difflib import get_close_matches
 
-__all__ = [
-    "BagError",
-    "ConfigError",
-    "FrameError",
-    "LogError",
-    "MapError",
-    "MessageError",
-    "OutputError",
-    "TccmError",
-    "TopicError",
-    "UrdfError",
-    "one_line",
-    "suggest",
-]
-
 
 class TccmError(Exception):
     """Base of all errors that a user can cause."""

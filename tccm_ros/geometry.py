@@ -11,24 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from tccm_ros.arrays import Float64
 
-__all__ = [
-    "between2",
-    "compose2",
-    "interpolate_poses",
-    "inverse",
-    "inverse2",
-    "level",
-    "planar",
-    "pose",
-    "pose_from_quaternion",
-    "pose_from_rpy",
-    "quaternion",
-    "spatial",
-    "transform",
-    "transform2",
-    "wrap_angle",
-]
-
 
 def wrap_angle(angle: ArrayLike) -> Float64:
     """Wrap angles in rad to (-pi, pi]."""

@@ -19,8 +19,6 @@ from rich.progress import (
 )
 from rich.text import Text
 
-__all__ = ["Bars", "FractionBar", "Silent", "progress"]
-
 
 class Bars(Protocol):
     """Progress bars of long-running work, one after the other."""

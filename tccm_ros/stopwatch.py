@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-__all__ = ["Stopwatch"]
-
 
 class Stopwatch:
     """Seconds spent in each stage, by name in order of first use.

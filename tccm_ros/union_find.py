@@ -10,8 +10,6 @@ from typing import Any
 
 from numba import njit
 
-__all__ = ["find_root", "merge_sets"]
-
 
 @njit(nogil=True, cache=True)
 def find_root(parent: Any, i: int) -> int:

@@ -138,3 +138,10 @@ def test_baselines_reach_the_core_as_functions():
     cores = [path for path in modules() if room_of(path) in {"cuboids", "planes", "slam"}]
     importers = [p for p in cores if any(n.startswith("tccm_ros.baselines") for n in imports(p))]
     assert not importers, "the processors choose a baseline and hand it down"
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_a_name_with_an_underscore_stays_in_its_module(path: Path):
+    froms = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.ImportFrom)]
+    private = {a.name for n in froms for a in n.names if (n.module or "").startswith("tccm_ros")}
+    assert not [name for name in private if name.startswith("_") and name != "__version__"]

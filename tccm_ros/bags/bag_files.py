@@ -13,8 +13,6 @@ import yaml
 from tccm_ros.bags.storage import ZSTD_MAGIC, expand, reading
 from tccm_ros.errors import BagError
 
-__all__ = ["storage_paths", "unpacked"]
-
 SUFFIXES = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 MAX_EXPANSION, SMALL = 1000, 2**26
 """A compressed file that grows by a larger factor, and beyond `SMALL` bytes, is refused

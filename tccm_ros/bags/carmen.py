@@ -28,8 +28,6 @@ from tccm_ros.ros import (
     transforms_message,
 )
 
-__all__ = ["ImportedLog", "import_carmen"]
-
 BASE, LASER, ODOM = "base_link", "laser", "odom"
 
 SICK_NO_RETURN_M = 81.8

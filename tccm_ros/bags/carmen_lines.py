@@ -30,8 +30,6 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import LogError, one_line
 
-__all__ = ["CarmenLog", "OdomLine", "ScanLine", "read_log"]
-
 MAX_LINE = 2**20
 MAX_LOG = 2**33
 """Max bytes of a line and of an unpacked log (chosen: larger ones are compression bombs)."""

@@ -8,8 +8,6 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-__all__ = ["increasing_stamps", "without_outliers", "without_resets"]
-
 MIN_STEP_NS = 1_000
 """Least time between two stamps, ns."""
 
@@ -21,14 +19,14 @@ RESET_NS = 10_000_000_000
 step back by a second at most."""
 
 
-class Timed(Protocol):
+class _Timed(Protocol):
     """A line of a log with a time."""
 
     @property
     def time_ns(self) -> int: ...
 
 
-Line = TypeVar("Line", bound=Timed)
+Line = TypeVar("Line", bound=_Timed)
 
 
 def without_outliers(lines: list[Line]) -> list[Line]:

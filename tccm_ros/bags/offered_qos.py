@@ -9,8 +9,6 @@ from typing import Any
 from rosbags import interfaces
 from rosbags.interfaces import QosDurability, QosReliability
 
-__all__ = ["Qos", "default_qos", "qos_of_publishers"]
-
 LATCHED = ("robot_description", "tf_static")
 """Topics that late subscribers must see, in any namespace."""
 

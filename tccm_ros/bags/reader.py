@@ -28,16 +28,6 @@ from tccm_ros.errors import BagError, MessageError, TopicError, one_line, sugges
 from tccm_ros.records.building import Record
 from tccm_ros.ros import READERS
 
-__all__ = [
-    "DEFAULT_TOPICS",
-    "BagMessage",
-    "BagPaths",
-    "BagReader",
-    "TopicInfo",
-    "bag_paths",
-    "remap_topics",
-]
-
 DEFAULT_TOPICS: Mapping[str, str] = {
     "tilt_scan": "/tilt_scan",
     "joint_states": "/joint_states",

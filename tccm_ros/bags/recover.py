@@ -32,8 +32,6 @@ from tccm_ros.bags.writer import BagWriter
 from tccm_ros.errors import BagError
 from tccm_ros.progress import Bars, Silent
 
-__all__ = ["Recovered", "recover"]
-
 RECORD_KINDS = frozenset(Opcode)
 """Records of other kinds are damage."""
 

@@ -28,8 +28,6 @@ from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from tccm_ros.errors import BagError, one_line
 
-__all__ = ["SQLITE_MAGIC", "ZSTD_MAGIC", "BagMessage", "StorageFile", "expand", "reading"]
-
 SQLITE_MAGIC = b"SQLite format 3\0"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 ROS1_MAGIC = b"#ROSBAG V"

@@ -18,8 +18,6 @@ from tccm_ros.cdr.reading import MAX_TRAILING_BYTES
 from tccm_ros.cdr.writing import CdrWriter, numpy_name
 from tccm_ros.errors import MessageError, one_line
 
-__all__ = ["TypestoreMessages"]
-
 Factory = Callable[[], Any]
 
 

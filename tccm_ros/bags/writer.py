@@ -19,8 +19,6 @@ from tccm_ros.bags.offered_qos import Qos, default_qos
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import OutputError, one_line
 
-__all__ = ["BagWriter", "Qos"]
-
 LIBRARY = "tccm_ros"
 """Named in the file's header instead of a library's version, which would differ by machine."""
 

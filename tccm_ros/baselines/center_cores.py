@@ -21,9 +21,6 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 
-__all__ = ["CenterCores", "CorePlane", "center_cores", "find_core_plane"]
-
-
 MIN_POINTS = 3
 """A cuboid of fewer points has no center core. Chosen: the covariance of two points is a line."""
 

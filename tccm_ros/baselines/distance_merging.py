@@ -16,8 +16,6 @@ from scipy.spatial import cKDTree
 
 from tccm_ros.arrays import Float64, Int64
 
-__all__ = ["merge_by_distance"]
-
 
 def merge_by_distance(clouds: Sequence[Float64], distance: float) -> Int64:
     """Merge clouds any of whose points come within a distance.

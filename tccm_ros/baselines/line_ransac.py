@@ -8,9 +8,6 @@ from numba import njit
 from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.config import Config
 
-__all__ = ["label_by_ransac", "ransac_segments"]
-
-
 SPENT = -2
 """Label of points whose line was too short: they are not drawn again."""
 

@@ -16,9 +16,6 @@ from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.union_find import find_root, merge_sets
 
-__all__ = ["cluster", "segment"]
-
-
 TRIALS = 600
 """Random planes in a round: one with 1 % of the cloud's triples in it is found with 99.7 %."""
 

@@ -13,8 +13,6 @@ from numba import njit
 
 from tccm_ros.cuboids.union import CuboidRule
 
-__all__ = ["AS_PRINTED"]
-
 
 @njit(nogil=True, cache=True)
 def keep_arrival_order(records: Any, n: Any, heights: Any, scratch: Any, order: Any) -> None:

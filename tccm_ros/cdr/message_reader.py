@@ -7,8 +7,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-__all__ = ["MessageReader", "NotPlain"]
-
 
 class NotPlain(ValueError):
     """Bytes that the typestore has to read."""

@@ -27,14 +27,6 @@ from tccm_ros.records.building import (
     transform_sample,
 )
 
-__all__ = [
-    "MAX_TRAILING_BYTES",
-    "read_joint_sample",
-    "read_odometry",
-    "read_scan",
-    "read_transforms",
-]
-
 ENCAPSULATION = b"\0\1"
 ORIGIN = 4
 """Alignment counts from behind the encapsulation header."""

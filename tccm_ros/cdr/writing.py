@@ -20,8 +20,6 @@ from rosbags.interfaces import Nodetype
 
 from tccm_ros.errors import MessageError
 
-__all__ = ["CdrWriter", "numpy_name"]
-
 ENCAPSULATION: Final = b"\0\1\0\0"
 """Plain CDR, little-endian; alignment counts from behind it."""
 

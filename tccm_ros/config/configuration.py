@@ -13,8 +13,6 @@ from tccm_ros.config.sensors import Frames, Rig, ScanFilter
 from tccm_ros.config.slam import Graph, Lines, Loops, Matching, Odometry, Walls
 from tccm_ros.config.surfaces import Labels, Surfaces, Views
 
-__all__ = ["Config", "parameters"]
-
 
 class Config(Group):
     """All parameters: the groups, and two that are in no group.

@@ -6,8 +6,6 @@ from typing import Literal
 
 from tccm_ros.config.parameter import Group, param
 
-__all__ = ["CenterCore", "Cycle", "Map", "Objects", "Planes"]
-
 Box = tuple[float, float, float, float, float, float]
 
 

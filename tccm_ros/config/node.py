@@ -6,8 +6,6 @@ from typing import Literal
 
 from tccm_ros.config.parameter import Group, param
 
-__all__ = ["Markers", "Qos", "Save", "Tf"]
-
 
 class Qos(Group):
     """Quality of service of the sensor subscriptions."""

@@ -8,8 +8,6 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.fields import FieldInfo
 
-__all__ = ["Group", "Parameter", "param", "parameters_of"]
-
 
 def param(
     default: Any,

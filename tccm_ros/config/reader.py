@@ -13,8 +13,6 @@ from pydantic import ValidationError
 from tccm_ros.config import Config, parameters
 from tccm_ros.errors import ConfigError, one_line, suggest
 
-__all__ = ["REMOVED", "read_config", "validated"]
-
 REMOVED = {"map.retain_points": "points of the window are not kept any more"}
 """Parameters of release 0.1 that are gone, with the reason; release 0.2 ignores them and warns."""
 

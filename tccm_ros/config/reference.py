@@ -7,8 +7,6 @@ import yaml
 
 from tccm_ros.config import Parameter, parameters
 
-__all__ = ["as_markdown", "as_yaml"]
-
 HEADER = """\
 # Every parameter of tccm_ros with its default. Made by `tccm parameters`; each line: unit, range,
 # meaning. Use it with `tccm replay --config FILE` or `ros2 run tccm_ros tccm_node --ros-args

@@ -6,8 +6,6 @@ from typing import Literal
 
 from tccm_ros.config.parameter import Group, param
 
-__all__ = ["Graph", "Lines", "Loops", "Matching", "Odometry", "Walls"]
-
 
 class Lines(Group):
     """Line extraction from level scans."""

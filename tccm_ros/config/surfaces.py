@@ -6,8 +6,6 @@ from typing import Any, Literal
 
 from tccm_ros.config.parameter import Group, param
 
-__all__ = ["Labels", "Surfaces", "Views"]
-
 Rule = tuple[float, float, float, float, float, float]
 
 

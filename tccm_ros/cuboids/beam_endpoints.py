@@ -17,24 +17,6 @@ from numba import njit
 
 from tccm_ros.sensors.laser_scan_kernels import refine_poses
 
-__all__ = [
-    "BEYOND",
-    "BLOCK",
-    "SETTINGS",
-    "WORK_SIZE",
-    "Beams",
-    "RegionFrame",
-    "ScanSegment",
-    "angle_between_lines",
-    "extend_box",
-    "mark_inside",
-    "mark_kept",
-    "poses_in_beams",
-    "project_beams",
-    "quantise",
-    "region_in_segment",
-]
-
 BLOCK = 512
 """Beams that are worked on together: their scratch rows stay in the first cache."""
 

@@ -9,8 +9,6 @@ from tccm_ros.cuboids.cycle_builder import CycleScan
 from tccm_ros.sensors.laser_scan import directions, laser_poses
 from tccm_ros.sensors.laser_scan_kernels import place_beams
 
-__all__ = ["scan_rays"]
-
 
 def scan_rays(
     cycle_scan: CycleScan, max_length: float, every: int = 1, T_frame_odom: Float64 | None = None

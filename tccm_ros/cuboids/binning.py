@@ -35,8 +35,6 @@ from tccm_ros.cuboids.beam_endpoints import (
 from tccm_ros.cuboids.intrinsics import lowest_bit
 from tccm_ros.cuboids.tiles import CELLS_PER_TILE, GROW_SLOTS, GROW_TILES, TILE, Tiles
 
-__all__ = ["bin_points", "bin_scan", "list_cells"]
-
 _U0, _U1, _U2, _U3 = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3)
 
 

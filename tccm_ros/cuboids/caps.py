@@ -16,8 +16,6 @@ from numba import njit
 
 from tccm_ros.arrays import Float64, Int32
 
-__all__ = ["CAP_DEPTH", "Caps", "no_caps", "sum_caps"]
-
 CAP_DEPTH = 150
 """Depth of a cap, ticks. Chosen: 15 mm, the noise of a horizontal surface in height, both ways."""
 

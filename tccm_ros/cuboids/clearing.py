@@ -22,8 +22,6 @@ from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.cuboids.merging import merge_part, write_composites
 from tccm_ros.cuboids.part_map import PartMap
 
-__all__ = ["add_voids"]
-
 MARGIN = 0.010
 """A beam must pass at least this deep inside a cuboid, m: a beam that grazes a surface does not
 clear it. Chosen: four standard deviations of a range (2.5 mm)."""

@@ -16,16 +16,6 @@ from numpy.typing import ArrayLike
 from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.cuboids.caps import Caps, no_caps
 
-__all__ = [
-    "TICK",
-    "TICKS_PER_M",
-    "Columns",
-    "CuboidArrays",
-    "Cuboids",
-    "cell_keys",
-    "key_cells",
-]
-
 TICKS_PER_M = 10_000
 """Ticks in a metre."""
 

@@ -22,9 +22,6 @@ from tccm_ros.geometry import interpolate_poses
 from tccm_ros.records import PosedScan
 from tccm_ros.sensors.laser_scan import used_beams
 
-__all__ = ["CycleBuilder", "CycleScan", "TiltCycleData"]
-
-
 SPEED_WINDOW_NS = 250_000_000
 """Base speeds are taken over at least this time, ns: shorter steps show the odometry's jitter.
 Chosen: 12 samples of an odometry of 50 Hz."""

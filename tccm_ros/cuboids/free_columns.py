@@ -13,9 +13,6 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.records import ViewIntervals
 
-__all__ = ["KEY_STEP", "NEVER", "FreeColumns", "FreeSpace", "column_keys"]
-
-
 KEY_STEP = 1 << 21
 """Factor of x in the keys of columns and voxels: columns -2^20..2^20 on either axis."""
 

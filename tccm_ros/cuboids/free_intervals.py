@@ -15,8 +15,6 @@ from numba import njit
 
 from tccm_ros.arrays import Bool, Float32, Float64
 
-__all__ = ["BIN", "BINS", "FreeIntervalTracer"]
-
 BIN = 0.02
 """Height of a bin, m. Chosen: a cell of the map."""
 

@@ -5,14 +5,6 @@ ones. The limits differ because an error has other effects in each step. Which p
 *horizontal* is a setting, `planes.horizontal_angle`.
 """
 
-__all__ = [
-    "CROSSES_CELLS_ONCE",
-    "FITTED_AS_VERTICAL",
-    "FIT_OF_A_LINE",
-    "OUTLINED_BY_COLUMNS",
-    "SEEN_AS_WALL",
-]
-
 FITTED_AS_VERTICAL = 0.20
 """Below this (78 deg and steeper) the cells of a plane form a line, and their walls cut its noise:
 it is fitted by `planes.vertical_planes`. Anything less steep has cells that lie side by side, and

@@ -16,8 +16,6 @@ from tccm_ros.cuboids.merging import compose_cuboids, count_composites, merge_pa
 from tccm_ros.cuboids.part_addresses import PartAddresses
 from tccm_ros.cuboids.part_map import PartMap
 
-__all__ = ["IntegrationMap"]
-
 
 class IntegrationMap:
     """The last `map.window_cycles` part maps as one map.

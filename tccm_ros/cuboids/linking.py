@@ -12,16 +12,6 @@ from numba import njit
 from tccm_ros.arrays import Bool, Float64, Int32, UInt8
 from tccm_ros.union_find import merge_sets
 
-__all__ = [
-    "OBSTACLES",
-    "STEPS",
-    "find_links",
-    "link",
-    "link_in_plane",
-    "spacing",
-]
-
-
 PATCH_BITS = 4
 """A patch in which the spacing is estimated is 2**4 cells wide. Chosen: 32 cm at 20 mm."""
 

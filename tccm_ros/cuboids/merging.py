@@ -14,8 +14,6 @@ from numba import carray, njit
 
 from tccm_ros.cuboids.intrinsics import lowest_bit, pointer_to
 
-__all__ = ["compose_cuboids", "count_composites", "merge_part", "owners", "write_composites"]
-
 _HALF = 2**31
 _U0, _U1, _U2, _U3, _U4 = (np.uint64(i) for i in range(5))
 _ANY = 2**40

@@ -12,18 +12,6 @@ from numba import njit
 from tccm_ros.arrays import Float64
 from tccm_ros.cuboids.cuboids import CuboidArrays
 
-__all__ = [
-    "FLAT",
-    "Moments",
-    "moments_about",
-    "plane_of",
-    "residuals_of",
-    "shift_moments",
-    "tangents",
-    "uncertainty_of",
-]
-
-
 Moments = tuple[float, float, float, float, float, float, float, float, float, float]
 """Count, sums of x y z and of xx xy xz yy yz zz."""
 

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Int64
 from tccm_ros.cuboids.part_map import PartMap
 
-__all__ = ["PartAddresses"]
-
 
 class PartAddresses:
     """The addresses of the moments and bounds of the part maps in a window."""

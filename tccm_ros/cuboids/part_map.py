@@ -30,9 +30,6 @@ from tccm_ros.cuboids.union import (
 from tccm_ros.errors import ConfigError
 from tccm_ros.records import PosedScan
 
-__all__ = ["PartMap", "PartMapBuilder", "PartPoints"]
-
-
 _LOW = np.int64(0xFFFFFFFF)
 
 _MAX_GEOMETRIES = 8

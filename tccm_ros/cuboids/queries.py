@@ -19,8 +19,6 @@ from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids, cell_keys
 from tccm_ros.cuboids.free_columns import NEVER, FreeSpace
 from tccm_ros.cuboids.integration_map import IntegrationMap
 
-__all__ = ["MapQuery", "Measurement", "Occupancy"]
-
 
 class Occupancy(IntEnum):
     """Occupancy of a place."""

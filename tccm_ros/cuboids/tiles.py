@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from tccm_ros.arrays import Int32, Int64
 
-__all__ = ["CELLS_PER_TILE", "GROW_SLOTS", "GROW_TILES", "TILE", "BinnedPoints", "Tiles"]
-
 TILE = 64
 """Cells along a tile's edge: one row is one word of the bitmap."""
 

@@ -14,8 +14,6 @@ from enum import Enum, StrEnum, auto
 
 from tccm_ros.config import Config
 
-__all__ = ["CycleEnd", "NoCycle", "Span", "TiltCycles"]
-
 START_OF_TIME = -(2**62)
 
 NEAR_END = 0.25

@@ -21,17 +21,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-__all__ = [
-    "HISTOGRAM_SIZE",
-    "UNION",
-    "CuboidRule",
-    "gather_points",
-    "mark_cells",
-    "merge_intervals",
-    "order_by_height",
-    "sum_cuboids",
-]
-
 _DIGIT_BITS = 8
 """Maximum number of bits of a digit: the ends of 256 runs of points fit into the first cache."""
 

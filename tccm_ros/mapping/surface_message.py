@@ -21,9 +21,6 @@ from tccm_ros.planes.plane_noise import are_too_thick
 from tccm_ros.planes.wall_contact import lie_on_walls
 from tccm_ros.records import PlaneKind, SurfaceCloud, ViewIntervals
 
-__all__ = ["plane_labels", "surface_cloud", "view_intervals"]
-
-
 Segmentation = Callable[[Float64], Int32]
 """Surface of each point float64 (N, 3), m, in the base frame: int32 (N,), -1 for none."""
 

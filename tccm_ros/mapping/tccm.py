@@ -39,8 +39,6 @@ from tccm_ros.sensors.registry import roles_of
 from tccm_ros.tabletop.free_places import FreePlaces, find_free_places
 from tccm_ros.tabletop.objects import ObjectTracker, find_objects
 
-__all__ = ["CyclePlanes", "CycleResult", "TccmProcessor"]
-
 OnPlanes = Callable[["CyclePlanes"], object]
 
 ROLES = {None, *roles_of("tccm")}

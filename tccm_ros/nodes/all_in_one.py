@@ -10,8 +10,6 @@ from tccm_ros.nodes.run import run
 from tccm_ros.nodes.slam_node import SlamNode
 from tccm_ros.nodes.tccm_node import TccmNode
 
-__all__ = ["main"]
-
 
 def main() -> None:
     """Run both nodes until they are told to stop."""

@@ -10,8 +10,6 @@ from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
 
-__all__ = ["is_clock_missing", "on_backward_jump", "stamp_on_receipt", "steady_timer"]
-
 
 def on_backward_jump(node: Node, threshold_s: float, callback: Callable[[str], None]) -> Any:
     """Call back with a reason when the node clock steps back by more than a threshold.

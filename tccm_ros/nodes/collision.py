@@ -18,8 +18,6 @@ from tccm_ros.records import Surface
 from tccm_ros.results.planning import OBJECT_PREFIX, Box, Mesh, surface_shape
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message
 
-__all__ = ["CollisionObjects", "collision_messages"]
-
 COLLISION_OBJECT = "moveit_msgs/msg/CollisionObject"
 
 SOLID_BOX = 1

@@ -9,8 +9,6 @@ from rclpy.node import Node
 
 from tccm_ros.nodes.clock import steady_timer
 
-__all__ = ["Diagnostics"]
-
 PERIOD_S = 1.0
 
 

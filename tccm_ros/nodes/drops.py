@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 
-__all__ = ["DropWatch"]
-
 ADVICE = {
     "no joint samples": "joint samples have to bracket each scan: look at 'joint_states', its rate "
     "(50 Hz or more) and its clock",

@@ -17,8 +17,6 @@ from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.qos import subscription_events
 from tccm_ros.nodes.ros_types import message_class
 
-__all__ = ["Input", "Inputs", "Watch"]
-
 Watch = Literal["needed", "stream", "event"]
 """How silence is judged.
 

@@ -23,8 +23,6 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-__all__ = ["Intake"]
-
 LOOK_NS = 500_000_000
 """A signal shuts a context down without a word: it is looked at so often."""
 

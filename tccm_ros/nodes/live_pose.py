@@ -22,8 +22,6 @@ from tccm_ros.slam.se2 import between, compose
 from tccm_ros.slam.wall_slam import LivePose
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
-__all__ = ["LivePosePublisher", "live_covariance"]
-
 
 class LivePosePublisher:
     """Publishes `pose`, ``~/map_to_odom`` and map -> odom on /tf.

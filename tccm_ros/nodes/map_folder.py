@@ -11,8 +11,6 @@ from tccm_ros.results.occupancy import occupancy_grid, save_grid
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
-__all__ = ["read_map", "write_map"]
-
 MAP_FILE = "map.mcap"
 """What a later session goes on with, beside the files that a replay writes."""
 

@@ -17,8 +17,6 @@ from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.ros.topic_messages import TopicMessage
 
-__all__ = ["Outputs"]
-
 
 class Outputs:
     """The private topics of a node that show its newest result.

@@ -24,8 +24,6 @@ from tccm_ros.config import Config, Parameter, parameters
 from tccm_ros.config.reader import REMOVED, validated
 from tccm_ros.errors import ConfigError, TccmError, suggest
 
-__all__ = ["declare_config", "follow_changes", "ros_type", "ros_value", "type_advice"]
-
 INT64_MAX = 2**63 - 1
 
 

@@ -33,8 +33,6 @@ from tccm_ros.nodes.run import run
 from tccm_ros.nodes.timeline import Timeline
 from tccm_ros.ros.types import stamp_message
 
-__all__ = ["PlayerNode", "main"]
-
 TICK_S = 0.002
 """Period at which due messages are looked for."""
 

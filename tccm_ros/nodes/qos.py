@@ -8,15 +8,6 @@ from rclpy.event_handler import (
 )
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-__all__ = [
-    "SENSOR_DEPTH",
-    "hand_over",
-    "latched",
-    "sensor",
-    "static_transforms",
-    "subscription_events",
-]
-
 SENSOR_DEPTH = 200
 """Five seconds of a 40 Hz laser: covers the longest step of the processors."""
 

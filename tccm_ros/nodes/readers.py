@@ -10,8 +10,6 @@ from rclpy.serialization import deserialize_message
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.ros import READERS
 
-__all__ = ["RecordReader", "record_reader"]
-
 RecordReader = Callable[[bytes], Sequence[Any]]
 """Gives the records of a serialised message; MessageError for content that cannot be used."""
 

@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-__all__ = ["RosidlMessages", "message_class"]
-
 _TYPE_CODES = {np.dtype(code): code for code in ("b", "B", "h", "H", "i", "I", "q", "Q", "f", "d")}
 
 

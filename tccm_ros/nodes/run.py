@@ -18,8 +18,6 @@ from rclpy.utilities import remove_ros_args
 from tccm_ros.errors import TccmError, one_line
 from tccm_ros.nodes.start import leave_at_a_signal
 
-__all__ = ["run"]
-
 RCLError = rclpy_implementation.RCLError
 ARGUMENT_ERRORS = (
     RCLError,

@@ -50,8 +50,6 @@ from tccm_ros.records import (
 )
 from tccm_ros.sensors.registry import default_streams, roles_of
 
-__all__ = ["SensorNode"]
-
 NOT_DROPPED = (ClockJump, Odometry, StreamComplete, SurfaceCloud, TiltAngle, ViewIntervals)
 """Events that an overloaded node keeps as long as it can: all but what sensors measured."""
 

@@ -20,8 +20,6 @@ from tccm_ros.records import Event
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
 
-__all__ = ["SharedRobot"]
-
 SHARED_GROUPS = frozenset({"frames", "rig", "scan", "qos", "sync_timeout", "clock_jump"})
 """What the nodes of one process must have in common."""
 

@@ -36,8 +36,6 @@ from tccm_ros.sensors.registry import roles_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.surfaces.track_ids import changes
 
-__all__ = ["SlamNode", "main"]
-
 GRID, GRID_TOPIC = "nav_msgs/msg/OccupancyGrid", "map"
 """For navigation, latched; saved as map.pgm and map.yaml."""
 

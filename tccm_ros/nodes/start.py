@@ -12,8 +12,6 @@ import signal
 from importlib import import_module
 from types import FrameType
 
-__all__ = ["all_in_one", "leave_at_a_signal", "player_node", "slam_node", "tccm_node"]
-
 
 def tccm_node() -> None:
     """Run tccm_node."""

@@ -22,8 +22,6 @@ from tccm_ros.records import ClockJump, Event
 from tccm_ros.results.cuboids_file import cuboids_archive
 from tccm_ros.ros.topic_messages import CYCLE_TOPICS, SURFACE_MESSAGE_TOPICS, CycleMessageBuilder
 
-__all__ = ["TccmNode", "main"]
-
 
 class TccmNode(SensorNode):
     """Feeds the TCCM processor and publishes what each cycle gives."""

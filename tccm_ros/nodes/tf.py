@@ -12,8 +12,6 @@ from tccm_ros.config import Tf
 from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.ros_types import message_class
 
-__all__ = ["TfPublisher", "has_tf2_msgs"]
-
 
 def has_tf2_msgs() -> bool:
     """Return whether tf2_msgs can be imported."""

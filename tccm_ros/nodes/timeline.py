@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["Timeline"]
-
 
 class Timeline:
     """Maps the time of a player to the time of its bag.

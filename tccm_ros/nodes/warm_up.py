@@ -20,8 +20,6 @@ from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
-__all__ = ["warm_up_slam", "warm_up_tccm"]
-
 START_NS = 1_000_000_000_000
 PERIOD_NS = 25_000_000
 SCANS = 110

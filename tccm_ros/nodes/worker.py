@@ -12,8 +12,6 @@ from rclpy.task import Future
 
 from tccm_ros.nodes.qos import SENSOR_DEPTH
 
-__all__ = ["Worker"]
-
 Result = TypeVar("Result")
 
 BACKLOG = 10 * SENSOR_DEPTH

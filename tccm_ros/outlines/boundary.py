@@ -35,9 +35,6 @@ from tccm_ros.outlines.raster import (
     runs_vertical,
 )
 
-__all__ = ["Outline", "members_by_plane", "outlines"]
-
-
 MIN_HOLE = 6.0
 """Holes smaller than the mean area of this many samples are gaps between samples. Chosen."""
 

@@ -13,9 +13,6 @@ from tccm_ros.arrays import Float64, Int32
 from tccm_ros.outlines.raster import EMPTY
 from tccm_ros.outlines.rings import crosses, is_inside, signed_area, simplify
 
-__all__ = ["largest_polygon", "trace"]
-
-
 MAX_SHIFT = 0.49
 """A point is moved by at most this from its side, cells: below one half, rings do not touch."""
 

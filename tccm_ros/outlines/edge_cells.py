@@ -13,9 +13,6 @@ from tccm_ros.cuboids.cuboids import CuboidArrays
 from tccm_ros.outlines.gaps import patch_of
 from tccm_ros.outlines.raster import EMPTY, ROOT3, SAMPLE
 
-__all__ = ["bound_edges_horizontal", "bound_edges_vertical", "extend_edges", "find_edges"]
-
-
 SPARSE_SPACING = 1.2
 """Above this spacing of samples, cells, the surface continues beyond the last one. Chosen: where
 every cell is filled the spacing is 1."""

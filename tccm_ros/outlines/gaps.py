@@ -11,8 +11,6 @@ from tccm_ros.arrays import Float64, Int32
 from tccm_ros.cuboids.linking import PATCH_BITS, STEPS, spacing
 from tccm_ros.outlines.raster import EMPTY, FILLED, SAMPLE
 
-__all__ = ["close_combs", "fill_gaps", "find_gaps", "patch_of"]
-
 
 @njit(nogil=True, cache=True)
 def patch_of(a: int, b: int, columns: int) -> int:

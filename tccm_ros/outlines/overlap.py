@@ -11,9 +11,6 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.cuboids.moments import tangents
 from tccm_ros.outlines.rings import signed_area
 
-__all__ = ["overlap_fraction", "overlap_fractions"]
-
-
 LINES = 48
 """Lines across the extent that both outlines have in common. Chosen: enough to find the outline
 with the largest overlap."""

@@ -11,19 +11,6 @@ from numba import njit
 from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import CuboidArrays
 
-__all__ = [
-    "EMPTY",
-    "FILLED",
-    "MARGIN",
-    "ROOT3",
-    "SAMPLE",
-    "draw_runs",
-    "measure_vertical",
-    "runs_horizontal",
-    "runs_vertical",
-]
-
-
 ROOT3 = 1.7320508075688772
 """Half the length of a uniform spread, in standard deviations."""
 

@@ -9,8 +9,6 @@ from numba import njit
 
 from tccm_ros.arrays import Float64, Int32
 
-__all__ = ["crosses", "is_inside", "signed_area", "simplify"]
-
 
 @njit(nogil=True, cache=True)
 def signed_area(ring: Float64) -> float:

@@ -12,8 +12,6 @@ import shapely
 
 from tccm_ros.arrays import Float64, Int64
 
-__all__ = ["FilledOutline", "fill_outline", "fill_rings"]
-
 
 class FilledOutline(NamedTuple):
     """A filled outline.

@@ -17,8 +17,6 @@ from tccm_ros.robot import Robot
 from tccm_ros.ros import READERS
 from tccm_ros.sensors.registry import default_streams
 
-__all__ = ["BagInfo", "bag_info"]
-
 CONSEQUENCES = {
     "tilt_scan": "no surfaces",
     "scan": "no walls, the poses are those of odometry",

@@ -10,8 +10,6 @@ from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.results.cycles_file import CycleHistory
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
-__all__ = ["Outcome"]
-
 
 @dataclass(slots=True, eq=False)
 class Outcome:

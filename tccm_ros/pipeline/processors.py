@@ -18,8 +18,6 @@ from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
-__all__ = ["Pipeline"]
-
 OnCycle = Callable[[CycleResult, Cuboids], object]
 """Called with each complete tilt cycle, and the integration map after it."""
 

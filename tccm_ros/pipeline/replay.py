@@ -42,8 +42,6 @@ from tccm_ros.results.surface_counts import count_surfaces
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.scene_objects import scene_objects
 
-__all__ = ["Summary", "replay", "report_of"]
-
 LIBRARIES = ("gtsam", "numba", "numpy", "scipy", "shapely")
 
 PROCESSING = ("read", "pose", "tccm", "slam", "history", "solve", "objects")

@@ -14,8 +14,6 @@ from tccm_ros.progress import Bars, Silent
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.saved_map import SavedMap
 
-__all__ = ["run_bag"]
-
 SCAN_ROLES = ("tilt_scan", "scan")
 
 PROGRESS_STEP_NS = 100_000_000

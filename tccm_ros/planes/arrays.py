@@ -10,8 +10,6 @@ from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.cuboids import CuboidArrays
 from tccm_ros.cuboids.moments import Moments, moments_about, shift_moments
 
-__all__ = ["PLANE", "PlaneMap", "PlaneTable", "cap_of", "keep_planes", "plane_map"]
-
 PLANE = np.dtype(
     [
         ("normal", np.float64, 3),  # unit

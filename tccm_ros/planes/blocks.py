@@ -16,9 +16,6 @@ from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.moments import plane_of
 from tccm_ros.planes.arrays import PlaneMap
 
-__all__ = ["BLOCK_BITS", "LEVELS", "Blocks", "find_patches", "queue_around", "sort_into_blocks"]
-
-
 BLOCK_BITS = 2
 """A block of the lowest level is 2**2 cells wide. Chosen: 8 cm at cells of 20 mm."""
 

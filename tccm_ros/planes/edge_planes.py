@@ -13,9 +13,6 @@ from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.planes.arrays import PlaneMap, PlaneTable, keep_planes
 from tccm_ros.planes.blocks import BLOCK_BITS, Blocks
 
-__all__ = ["drop_edge_planes"]
-
-
 MIN_VARIANCE_RATIO = 4.0
 """A plane is flatter than another if its variance across is this many times smaller. Chosen: half
 the standard deviation."""

@@ -25,8 +25,6 @@ from tccm_ros.planes.arrays import PLANE, PlaneTable
 from tccm_ros.planes.search import planes_of
 from tccm_ros.records import PlaneKind
 
-__all__ = ["PlaneFit", "PlaneFits", "find_planes"]
-
 
 @dataclass(frozen=True, eq=False)
 class PlaneCuboids:

@@ -13,8 +13,6 @@ from tccm_ros.arrays import Float64, Int32
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
 from tccm_ros.cuboids.linking import link
 
-__all__ = ["label_horizontal"]
-
 
 def label_horizontal(
     cuboids: Cuboids, height_threshold: float = 0.010, min_cuboids: int = 4

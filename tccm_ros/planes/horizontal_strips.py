@@ -24,9 +24,6 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.union_find import find_root, merge_sets
 
-__all__ = ["MIN_WIDTH", "horizontal_strips"]
-
-
 TOLERANCE = 0.006
 """Points of a run are within this of its mean height, m. Chosen: three standard deviations of the
 noisiest laser at so flat an angle."""

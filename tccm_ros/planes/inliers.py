@@ -18,18 +18,6 @@ from tccm_ros.cuboids.moments import Moments, plane_of, residuals_of
 from tccm_ros.planes.arrays import PlaneMap
 from tccm_ros.planes.blocks import Blocks, queue_around
 
-__all__ = [
-    "GATE",
-    "NOISE_FLOOR",
-    "Flood",
-    "Plane",
-    "assign_inliers",
-    "fit_horizontal",
-    "is_mixed",
-    "pooled_plane",
-    "sharing_cells",
-]
-
 Words = NDArray[np.uint64]
 Plane = tuple[float, float, float, float, float]
 """nx, ny, nz, offset, variance across."""

@@ -11,9 +11,6 @@ import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int32, Int64
 
-__all__ = ["are_too_thick", "range_noise"]
-
-
 MIN_SLOPE = 0.02
 """Minimum sine of the angle between beams and a plane: no plane is straight enough for less.
 Chosen."""

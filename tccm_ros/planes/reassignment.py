@@ -17,9 +17,6 @@ from tccm_ros.planes.arrays import PlaneTable, keep_planes
 from tccm_ros.planes.blocks import Blocks
 from tccm_ros.planes.inliers import GATE, NOISE_FLOOR
 
-__all__ = ["reassign_inliers"]
-
-
 MIN_DEVIATIONS = 2.5
 """Minimum rms distance of the points from the vertical plane, in standard deviations of the
 horizontal one. Chosen."""

@@ -9,9 +9,6 @@ from tccm_ros.arrays import Float64, Int32
 from tccm_ros.cuboids.moments import FLAT, plane_of, residuals_of
 from tccm_ros.planes.blocks import Blocks, flatness_order
 
-__all__ = ["cover", "grow_regions"]
-
-
 JOIN_FACTOR = 2.5
 """A patch joins a region if its rms about the region's plane is within this factor of the region's
 noise,"""

@@ -28,9 +28,6 @@ from tccm_ros.planes.region_growing import grow_regions
 from tccm_ros.planes.vertical_patches import link_vertical
 from tccm_ros.planes.vertical_planes import fit_vertical
 
-__all__ = ["Limits", "planes_of", "segment"]
-
-
 PATCH_POINTS = 6
 """Minimum number of points of a flat patch: three define a plane, as many more test it. Chosen."""
 

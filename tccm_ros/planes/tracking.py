@@ -18,8 +18,6 @@ from tccm_ros.outlines.overlap import overlap_fractions
 from tccm_ros.planes import PlaneFit, PlaneFits
 from tccm_ros.records import PlaneRecord
 
-__all__ = ["PlaneTracker", "plane_record"]
-
 
 @dataclass
 class _Track:

@@ -20,9 +20,6 @@ from tccm_ros.cuboids.caps import CAP_DEPTH
 from tccm_ros.planes.arrays import PlaneMap, cap_of
 from tccm_ros.planes.inliers import Plane
 
-__all__ = ["NO_RIM", "bins_along", "link_vertical", "pool_patches"]
-
-
 RIM_DEPTH = 40
 """A highest patch is a rim unless it ends this far, ticks, below the usual height: the height of a
 horizontal surface differs from cell to cell. Chosen: 4 mm."""

@@ -24,9 +24,6 @@ from tccm_ros.planes.arrays import PlaneMap
 from tccm_ros.planes.inliers import NOISE_FLOOR, Plane, is_mixed
 from tccm_ros.planes.vertical_patches import NO_RIM, pool_patches
 
-__all__ = ["fit_vertical"]
-
-
 LAYER = 0.25
 """Height, m, of the layers in which noise is estimated, as it depends on the beams' incidence, and
 which are refused as a whole: a drawer's back may lie 10 mm behind the front above it. Chosen."""

@@ -15,9 +15,6 @@ from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import TICKS_PER_M
 from tccm_ros.planes import PlaneFits
 
-__all__ = ["lie_on_walls"]
-
-
 MAX_DISTANCE = 0.010
 """A point is on a vertical plane within this plus `SIGMAS`, at most as much again, m. Chosen."""
 

@@ -22,18 +22,6 @@ from tccm_ros.records.sensors import (
     TransformSample,
 )
 
-__all__ = [
-    "MAX_SCAN_S",
-    "Record",
-    "Vector",
-    "frame_name",
-    "joint_sample",
-    "pose_matrix",
-    "scan_record",
-    "stamp_ns_from_message",
-    "transform_sample",
-]
-
 Vector = Sequence[float]
 """A few numbers: a translation, a quaternion."""
 

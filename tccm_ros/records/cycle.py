@@ -10,14 +10,6 @@ from numpy.typing import NDArray
 
 from tccm_ros.arrays import Float32, Float64
 
-__all__ = [
-    "PlaneKind",
-    "PlaneRecord",
-    "SurfaceCloud",
-    "TabletopObject",
-    "ViewIntervals",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceCloud:

@@ -12,16 +12,6 @@ from typing import Any, NamedTuple
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.records.sensors import Odometry, Scan
 
-__all__ = [
-    "ClockJump",
-    "Event",
-    "Posed",
-    "PosedScan",
-    "SelfShapes",
-    "StreamComplete",
-    "TiltAngle",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SelfShapes:

@@ -6,14 +6,6 @@ from dataclasses import dataclass
 
 from tccm_ros.arrays import Float32, Float64
 
-__all__ = [
-    "JointSample",
-    "Odometry",
-    "RobotDescription",
-    "Scan",
-    "TransformSample",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:

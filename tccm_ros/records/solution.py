@@ -6,17 +6,6 @@ from dataclasses import dataclass
 
 from tccm_ros.arrays import Float64
 
-__all__ = [
-    "Keyframe",
-    "Landmark",
-    "LandmarkObservation",
-    "Loop",
-    "ScanPose",
-    "Surface",
-    "SurfaceSighting",
-    "Wall",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanPose:

@@ -18,8 +18,6 @@ from tccm_ros.errors import MapError, one_line
 from tccm_ros.planes.horizontal_clusters import label_horizontal
 from tccm_ros.results.numbers import array_archive
 
-__all__ = ["FinalCuboids", "cuboids_archive", "load_cuboids"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FinalCuboids:

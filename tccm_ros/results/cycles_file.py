@@ -20,8 +20,6 @@ from tccm_ros.atomic import output_file
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
 from tccm_ros.errors import MapError, one_line
 
-__all__ = ["CycleHistory", "CycleParts", "coarsen", "load_cycles", "save_cycles"]
-
 MIN_CELL_SIZE_M = 0.05
 """Smallest edge of a coarse cell, m; chosen: about a pixel of the report's view of a flat."""
 

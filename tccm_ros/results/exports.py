@@ -28,8 +28,6 @@ from tccm_ros.results.ply import surface_ply
 from tccm_ros.results.trajectory import Trajectory
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
-__all__ = ["write_results", "write_solution", "write_timing"]
-
 
 def write_results(
     folder: Path,

@@ -10,9 +10,6 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.records import Wall
 
-__all__ = ["close_corners"]
-
-
 MIN_CORNER_ANGLE_RAD = np.radians(15.0)
 """Walls that are nearer to parallel form no corner; chosen: the crossing is uncertain there."""
 

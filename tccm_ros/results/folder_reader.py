@@ -37,8 +37,6 @@ from tccm_ros.results.models import (
 )
 from tccm_ros.results.trajectory import Trajectory, read_tum
 
-__all__ = ["Results", "load_results", "read_json"]
-
 FileType = TypeVar("FileType")
 
 

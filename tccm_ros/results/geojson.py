@@ -12,8 +12,6 @@ from tccm_ros.records import Surface, Wall
 from tccm_ros.results.floor_plan import close_corners
 from tccm_ros.results.numbers import Stamp
 
-__all__ = ["feature_collection"]
-
 
 def feature_collection(
     surfaces: Sequence[Surface], walls: Sequence[Wall], frame_id: str

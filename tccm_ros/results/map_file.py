@@ -30,8 +30,6 @@ from tccm_ros.ros.topic_messages import SolutionMessageBuilder
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView, pack_views, unpack_views
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
-__all__ = ["FORMAT", "VERSION", "is_map", "load_map", "save_map"]
-
 Arrays = dict[str, NDArray[Any]]
 
 FORMAT = "tccm_ros/map"

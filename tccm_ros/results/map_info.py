@@ -8,8 +8,6 @@ from typing import Any
 
 from tccm_ros.results.map_file import load_map
 
-__all__ = ["MapInfo", "map_info"]
-
 
 @dataclass(frozen=True, slots=True)
 class MapInfo:

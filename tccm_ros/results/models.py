@@ -29,33 +29,6 @@ from tccm_ros.results.numbers import Stamp, key_of
 from tccm_ros.results.surface_counts import SurfaceCounts
 from tccm_ros.surfaces.scene_objects import SceneObject
 
-__all__ = [
-    "CountsEntry",
-    "CycleEntry",
-    "FreePlacesEntry",
-    "GraphFile",
-    "KeyframeEntry",
-    "LandmarkEntry",
-    "LoopEntry",
-    "ObjectEntry",
-    "ObjectsFile",
-    "PlaneEntry",
-    "PlanesFile",
-    "ScansUsedEntry",
-    "SessionEntry",
-    "SessionKind",
-    "SummaryFile",
-    "SurfaceEntry",
-    "SurfacesFile",
-    "TimingFile",
-    "TruthFile",
-    "TruthObject",
-    "TruthSurface",
-    "ViewEntry",
-    "WallEntry",
-    "WallsFile",
-]
-
 
 def _array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValidator, Any]:
     """Return the validator and JSON Schema of a float64 array; a length of None is any length."""

@@ -17,8 +17,6 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Stamp", "array_archive", "json_text", "key_of", "rounded", "rounded_list"]
-
 DIGITS = 6
 """Floats are rounded to this many decimals; chosen: a micrometre."""
 

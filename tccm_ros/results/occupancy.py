@@ -15,9 +15,6 @@ from tccm_ros.arrays import Float64, Int32
 from tccm_ros.atomic import output_file
 from tccm_ros.geometry import transform2
 
-__all__ = ["OccupancyGrid", "occupancy_grid", "save_grid"]
-
-
 MIN_HIT_FRACTION = 0.35
 """A cell is occupied where at least this fraction of its beams ended in it; chosen."""
 

@@ -19,17 +19,6 @@ from tccm_ros.outlines.triangulation import fill_rings
 from tccm_ros.records import Surface
 from tccm_ros.results.numbers import rounded
 
-__all__ = [
-    "OBJECT_PREFIX",
-    "Box",
-    "Mesh",
-    "scene_text",
-    "surface_box",
-    "surface_mesh",
-    "surface_shape",
-]
-
-
 OBJECT_PREFIX = "tccm_surface_"
 """Prefix of the names of collision objects, so that those of other programs are kept."""
 

@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float32
 from tccm_ros.ros.marker_parts import identity_color
 
-__all__ = ["surface_ply"]
-
 VERTEX = np.dtype(
     [
         ("x", "<f4"),

@@ -42,8 +42,6 @@ from tccm_ros.ros.topic_messages import (
 )
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
-__all__ = ["CycleMessageStore", "write_result_bag"]
-
 TCCM = "/tccm/"
 SLAM = "/surface_slam/"
 POSE_TOPIC = "/pose"

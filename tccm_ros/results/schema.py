@@ -25,8 +25,6 @@ from tccm_ros.results.models import (
     WallsFile,
 )
 
-__all__ = ["FILES", "file_schema", "write_schemas"]
-
 FILES: dict[str, type[Any]] = {
     "surfaces.json": SurfacesFile,
     "objects.json": ObjectsFile,

@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple, Protocol
 
-__all__ = ["MIN_COUNTED_AREA_M2", "SurfaceCounts", "count_surfaces"]
-
 MIN_COUNTED_AREA_M2 = 0.1
 """Smaller surfaces are counted separately, m2; chosen: an object of a hand's size fits on it."""
 

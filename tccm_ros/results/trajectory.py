@@ -16,9 +16,6 @@ from tccm_ros.errors import LogError, one_line
 from tccm_ros.geometry import pose_from_quaternion, quaternion
 from tccm_ros.results.numbers import Stamp, rounded
 
-__all__ = ["Trajectory", "nanoseconds", "number_columns", "read_tum", "text_rows"]
-
-
 MAX_STAMP_S = Decimal(9_000_000_000)
 """Largest stamp, s: nanoseconds of int64 end a little later."""
 

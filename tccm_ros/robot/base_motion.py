@@ -15,8 +15,6 @@ from tccm_ros.robot.frames import FrameTree, ancestors, build_chain, find_path
 from tccm_ros.robot.tracks import PoseTrack
 from tccm_ros.robot.urdf import Joint
 
-__all__ = ["BaseMotion", "MotionSource"]
-
 
 class MotionSource(Enum):
     """What tells how the base moves."""

@@ -11,16 +11,6 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import inverse
 from tccm_ros.robot.tracks import PoseTrack, ScalarTrack
 
-__all__ = [
-    "Chain",
-    "JointReading",
-    "MovingTransform",
-    "Part",
-    "apply_fixed",
-    "apply_joint",
-    "twist_angle",
-]
-
 
 @dataclass(slots=True, eq=False)
 class JointReading:

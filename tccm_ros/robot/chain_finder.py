@@ -27,8 +27,6 @@ from tccm_ros.robot.frames import (
 from tccm_ros.robot.joint_tracks import JointTracks
 from tccm_ros.robot.urdf import Joint, RobotModel
 
-__all__ = ["ChainFinder", "MountKind"]
-
 #: Name of the base where nothing names it.
 DEFAULT_BASE = "base_link"
 

@@ -15,17 +15,6 @@ from tccm_ros.robot.chain import Chain, JointReading, MovingTransform, Part
 from tccm_ros.robot.tracks import PoseTrack
 from tccm_ros.robot.urdf import Joint, RobotModel, read_urdf
 
-__all__ = [
-    "Edges",
-    "FrameTree",
-    "TfEdge",
-    "ancestors",
-    "build_chain",
-    "find_path",
-    "frames_of",
-    "plain_name",
-]
-
 #: More frames than any robot has; what comes above is not kept.
 MAX_FRAMES = 4096
 

@@ -7,8 +7,6 @@ import math
 from tccm_ros.records import JointSample
 from tccm_ros.robot.tracks import ScalarTrack
 
-__all__ = ["JointTracks"]
-
 #: More joints than any robot has; what comes above is not kept.
 MAX_JOINTS = 1024
 

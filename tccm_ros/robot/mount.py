@@ -19,8 +19,6 @@ from tccm_ros.robot.self_shapes import ShapeModel
 from tccm_ros.robot.tilt_angle import TiltReadout
 from tccm_ros.robot.tracks import merge_stamps
 
-__all__ = ["Mount"]
-
 SAMPLE_STEP_NS = 10_000_000
 """Poses are given at least this often, so that what lies between is a short arc."""
 

@@ -12,8 +12,6 @@ from tccm_ros.robot.mount import Mount
 from tccm_ros.robot.sensor import Sensor
 from tccm_ros.robot.tracks import Track
 
-__all__ = ["Posing"]
-
 
 class Posing:
     """Poses records that odometry and all joints between base and sensor bracket.

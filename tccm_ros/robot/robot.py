@@ -36,8 +36,6 @@ from tccm_ros.robot.sensor import Sensor
 from tccm_ros.robot.stamp_guard import Admission, StampGuard
 from tccm_ros.robot.streams import Stream
 
-__all__ = ["Robot"]
-
 COMPLETE_STEP_NS = 20_000_000
 """Message time goes on by this much before streams are said to be complete again (chosen): the
 step is small beside what processors wait for, and spares them a look at every record."""

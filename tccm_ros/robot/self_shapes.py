@@ -15,8 +15,6 @@ from tccm_ros.robot.chain import Chain, JointReading, apply_fixed, apply_joint
 from tccm_ros.robot.frames import Edges, build_chain, find_path
 from tccm_ros.robot.urdf import Joint, RobotModel
 
-__all__ = ["SHAPE_KINDS", "ShapeModel"]
-
 #: Shape kinds by their number in `SelfShapes.kinds`.
 SHAPE_KINDS = ("box", "sphere", "cylinder")
 

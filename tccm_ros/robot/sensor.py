@@ -13,8 +13,6 @@ from tccm_ros.robot.mount import Mount
 from tccm_ros.robot.streams import Stream
 from tccm_ros.robot.tracks import Track
 
-__all__ = ["MAX_WAITING", "Sensor"]
-
 MAX_WAITING = 1000
 """Records of a sensor that wait at one time; the oldest is dropped when there are more."""
 

@@ -11,8 +11,6 @@ from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-__all__ = ["Admission", "StampGuard"]
-
 #: Streams that are told apart; the records of further ones are refused.
 MAX_STREAMS = 1024
 

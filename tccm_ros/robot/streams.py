@@ -10,8 +10,6 @@ from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.records import Posed
 from tccm_ros.robot.chain_finder import MountKind
 
-__all__ = ["Stream"]
-
 
 def at_its_stamp(record: Any) -> tuple[int, int]:
     """Return the time of a record that was measured all at once."""

@@ -9,8 +9,6 @@ from tccm_ros.arrays import Float64
 from tccm_ros.robot.chain import JointReading, MovingTransform, Part, twist_angle
 from tccm_ros.robot.tracks import PoseTrack
 
-__all__ = ["TiltReadout"]
-
 #: A moving transform has shown its axis when it has turned this far, rad.
 AXIS_ANGLE = 0.02
 

@@ -9,8 +9,6 @@ from numba import njit
 
 from tccm_ros.arrays import Float64, Int64
 
-__all__ = ["MAX_SAMPLES", "PoseTrack", "ScalarTrack", "Track"]
-
 #: Samples that a track holds before it forgets the older half: 160 s at 100 Hz.
 MAX_SAMPLES = 16384
 

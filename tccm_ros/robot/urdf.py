@@ -14,8 +14,6 @@ from tccm_ros.arrays import Float64
 from tccm_ros.errors import UrdfError, one_line, suggest
 from tccm_ros.geometry import pose_from_rpy
 
-__all__ = ["MAX_URDF_BYTES", "Joint", "Mimic", "RobotModel", "Shape", "read_urdf"]
-
 #: A robot description larger than this is not read (large real ones have some 200 kB).
 MAX_URDF_BYTES = 8_000_000
 

@@ -14,22 +14,6 @@ from numpy.typing import ArrayLike
 from tccm_ros.arrays import Float64
 from tccm_ros.ros.types import MessageTypes, header_message
 
-__all__ = [
-    "ARROW",
-    "CUBE",
-    "CUBE_LIST",
-    "LINE_LIST",
-    "TRIANGLE_LIST",
-    "Color",
-    "MarkerSet",
-    "MessageContext",
-    "identity_color",
-    "make_marker",
-    "marker_points",
-    "scale_color",
-    "text_marker",
-]
-
 ARROW, CUBE, LINE_LIST, CUBE_LIST, TEXT, TRIANGLE_LIST = 0, 1, 5, 6, 9, 11
 ADD, DELETE = 0, 2
 

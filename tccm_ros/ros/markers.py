@@ -32,16 +32,6 @@ from tccm_ros.ros.marker_parts import (
 )
 from tccm_ros.ros.types import pose_message
 
-__all__ = [
-    "MessageContext",
-    "core_markers",
-    "cuboid_markers",
-    "object_markers",
-    "plane_markers",
-    "surface_markers",
-    "wall_markers",
-]
-
 NORMAL_LENGTH_M = 0.2
 """Length of the arrow along a plane's normal, m; chosen."""
 

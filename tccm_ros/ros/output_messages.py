@@ -12,18 +12,6 @@ from tccm_ros.arrays import Float64
 from tccm_ros.ros.pointcloud import MAP_ROW, POINT_ROW, SURFACE_MAP_ROW, cloud_message
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message, stamp_message
 
-__all__ = [
-    "OBSTACLE_STEP_M",
-    "DiagnosticStatus",
-    "diagnostics_message",
-    "grid_message",
-    "map_cloud_message",
-    "obstacle_cloud_message",
-    "path_message",
-    "pose_covariance_message",
-    "surface_map_message",
-]
-
 OBSTACLE_STEP_M = 0.05
 """Distance of the points in a cuboid, m; chosen: the cell of an ordinary costmap."""
 

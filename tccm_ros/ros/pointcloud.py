@@ -15,17 +15,6 @@ from numpy.typing import NDArray
 from tccm_ros.errors import MessageError, suggest
 from tccm_ros.ros.types import MessageTypes, header_message
 
-__all__ = [
-    "MAP_ROW",
-    "POINT_ROW",
-    "SURFACE_MAP_ROW",
-    "SURFACE_ROW",
-    "VIEW_ROW",
-    "cloud_message",
-    "cloud_rows",
-]
-
-
 SURFACE_ROW = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("surface", "<u4")])
 """A row of ~/surfaces, the surface message."""
 

@@ -36,16 +36,6 @@ from tccm_ros.records.building import (
 from tccm_ros.ros.pointcloud import SURFACE_ROW, VIEW_ROW, cloud_rows
 from tccm_ros.sensors.registry import default_streams
 
-__all__ = [
-    "READERS",
-    "joint_sample_from_message",
-    "odometry_from_message",
-    "robot_description_from_message",
-    "surface_cloud_from_message",
-    "transforms_from_message",
-    "view_from_message",
-]
-
 
 def joint_sample_from_message(message: Any) -> JointSample:
     """Return the positions of a sensor_msgs/JointState, without joints whose position is nan.

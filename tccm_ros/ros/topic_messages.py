@@ -35,14 +35,6 @@ from tccm_ros.ros.output_messages import (
 from tccm_ros.ros.types import MessageTypes
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
-__all__ = [
-    "CYCLE_TOPICS",
-    "SOLUTION_TOPICS",
-    "CycleMessageBuilder",
-    "SolutionMessageBuilder",
-    "TopicMessage",
-]
-
 MARKERS = "visualization_msgs/msg/MarkerArray"
 CLOUD = "sensor_msgs/msg/PointCloud2"
 

@@ -14,14 +14,6 @@ from numpy.typing import ArrayLike, DTypeLike
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import MessageError
 
-__all__ = [
-    "MessageTypes",
-    "header_message",
-    "pose_message",
-    "quaternion_message",
-    "stamp_message",
-]
-
 _SECOND_NS = 1_000_000_000
 
 

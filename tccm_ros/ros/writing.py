@@ -23,17 +23,6 @@ from tccm_ros.records import (
 from tccm_ros.ros.pointcloud import SURFACE_ROW, VIEW_ROW, cloud_message
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message, quaternion_message
 
-__all__ = [
-    "joint_sample_message",
-    "odometry_message",
-    "robot_description_message",
-    "scan_message",
-    "surface_cloud_message",
-    "transform_message",
-    "transforms_message",
-    "view_message",
-]
-
 
 def scan_message(types: MessageTypes, scan: Scan, *, scan_time: float = 0.0) -> Any:
     """Return a sensor_msgs/LaserScan; `scan_time` is the time between scans, s, 0 = unknown."""

@@ -22,20 +22,6 @@ from tccm_ros.records.building import MAX_SCAN_S, scan_record, stamp_ns_from_mes
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.sensors.laser_scan_kernels import mark_inside, mark_valid, place_beams, refine_poses
 
-__all__ = [
-    "LEVEL_SCAN",
-    "TILT_SCAN",
-    "beam_stamps",
-    "bearings",
-    "directions",
-    "laser_poses",
-    "project",
-    "project_level",
-    "scan_from_message",
-    "used_beams",
-    "valid_beams",
-]
-
 
 def scan_from_message(message: Any) -> Scan:
     """Return the scan of a sensor_msgs/LaserScan; its ranges may share memory with the message.

@@ -3,8 +3,6 @@
 import numpy as np
 from numba import njit
 
-__all__ = ["BOX", "CYLINDER", "SPHERE", "mark_inside", "mark_valid", "place_beams", "refine_poses"]
-
 #: Between poses that differ by less than this, rad, a straight blend of matrices shortens a vector
 #: by at most angle^2 / 8, a 300,000th.
 BLEND_ANGLE = 0.005

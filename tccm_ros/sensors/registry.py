@@ -5,8 +5,6 @@ from __future__ import annotations
 from tccm_ros.robot import Stream
 from tccm_ros.sensors.laser_scan import LEVEL_SCAN, TILT_SCAN
 
-__all__ = ["default_streams", "roles_of"]
-
 
 def default_streams() -> tuple[Stream, ...]:
     """Return the streams of all sensors; a caller may add others to them."""

@@ -21,9 +21,6 @@ from tccm_ros.slam.line_map import LineMap
 from tccm_ros.slam.se2 import transform_points
 from tccm_ros.slam.visibility import passes_and_hits
 
-__all__ = ["Alignment", "Prior", "agreement", "align"]
-
-
 ISOTROPIC_WEIGHT = 0.15
 """Information of a point without a normal, in each direction, relative to one on a line:
 the position of a hit on an object of unknown shape is known to a few centimetres only (chosen)."""

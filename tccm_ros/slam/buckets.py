@@ -9,8 +9,6 @@ from numba import njit
 
 from tccm_ros.arrays import Bool, Float64, Int32, Int64
 
-__all__ = ["BUCKET", "Buckets", "extent_near_median", "sort_into_buckets"]
-
 Near = Bool | slice
 
 BUCKET = 0.30

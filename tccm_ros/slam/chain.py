@@ -21,9 +21,6 @@ from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.graph import PoseGraph
 from tccm_ros.slam.se2 import compose
 
-__all__ = ["AnchoredPose", "Chain", "yaw_offset_for"]
-
-
 START_SIGMA = 1e-4
 """Standard deviation (m, rad) of the first pose, which defines the map: small, but not zero
 (chosen)."""

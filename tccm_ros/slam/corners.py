@@ -20,9 +20,6 @@ from tccm_ros.slam.factors import (
 from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.walls import WallTable
 
-__all__ = ["Corner", "corner_factors", "find_corners", "meeting_point"]
-
-
 JOINED = 0.25
 """Maximum distance (m) between the ends of two lines that meet (chosen)."""
 

@@ -15,9 +15,6 @@ from numba import njit
 from tccm_ros.arrays import Float64, Int32, UInt8
 from tccm_ros.slam.likelihood_grid import CELL, UNKNOWN, LikelihoodGrid
 
-__all__ = ["SEARCH_WEIGHT", "Correlation", "correlate", "known_likelihood", "support"]
-
-
 SEARCH_WEIGHT = 0.01
 """Score that a search gives up at one standard deviation from the expected pose: along a corridor,
 the match that overlaps the map best would win otherwise (chosen)."""

@@ -21,9 +21,6 @@ from tccm_ros.slam.line_map import LineMap, make_line_map
 from tccm_ros.slam.odometry_model import OdometryScale, odometry_covariance
 from tccm_ros.slam.se2 import between, compose, fuse, rotate_covariance
 
-__all__ = ["FrontEnd", "GraphKeyframe", "TrackedPose"]
-
-
 LOOSE_COV = np.diag([0.5**2, 0.5**2, 0.5**2])
 """Covariance of (x, y, yaw), m and rad, of an unknown motion between two scans (chosen)."""
 

@@ -19,9 +19,6 @@ from tccm_ros.slam.factors import Factor, Key
 from tccm_ros.slam.factors.noise import rotate_frame
 from tccm_ros.slam.marginals import marginal_blocks
 
-__all__ = ["GraphSolution", "IncrementalGraph", "PoseGraph"]
-
-
 MAX_ITERATIONS = 50
 RELATIVE_TOLERANCE = 1e-5
 """Levenberg-Marquardt ends after so many iterations, or below this relative change of the cost

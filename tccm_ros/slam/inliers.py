@@ -18,9 +18,6 @@ from tccm_ros.slam.loops import LoopCloser
 from tccm_ros.slam.wall_outliers import check_walls
 from tccm_ros.slam.walls import WallTable, associate_walls, min_confirmations
 
-__all__ = ["Inliers", "select_inliers"]
-
-
 SHARED_BEAMS_FACTOR = 2.3
 """Factor on the reported covariances where walls and matching use the same beams (measured: NEES on
 simulated rings, docs/design/experiments/wall_slam.md)."""

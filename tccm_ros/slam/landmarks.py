@@ -15,8 +15,6 @@ from tccm_ros.slam.chain import AnchoredPose
 from tccm_ros.slam.factors import Factor, Key, landmark_class, observer_key
 from tccm_ros.slam.graph import GraphSolution
 
-__all__ = ["AnchoredObservation", "LandmarkFactors", "landmark_factors", "landmark_records"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnchoredObservation:

@@ -13,9 +13,6 @@ from tccm_ros.geometry import planar
 from tccm_ros.records import PosedScan
 from tccm_ros.sensors.laser_scan import project_level
 
-__all__ = ["FLATNESS", "LevelScan", "make_level_scan", "thin_with_normals"]
-
-
 THIN_DISTANCE = 0.04
 """Beams closer than this (m) along a scan are averaged (chosen: about twice the noise of a
 range)."""

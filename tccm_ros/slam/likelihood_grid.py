@@ -10,9 +10,6 @@ from numba import njit
 from tccm_ros.arrays import Float64, UInt8
 from tccm_ros.slam.buckets import extent_near_median
 
-__all__ = ["CELL", "UNKNOWN", "LikelihoodGrid", "make_likelihood_grid", "with_unknown"]
-
-
 CELL = 0.05
 """Edge of a cell, m (chosen)."""
 

@@ -9,9 +9,6 @@ from numba import njit
 
 from tccm_ros.arrays import Float64, Int32
 
-__all__ = ["SEGMENT", "fit_segment", "fit_segments"]
-
-
 SEGMENT = np.dtype(
     [
         ("phi", np.float64),

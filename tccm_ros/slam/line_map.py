@@ -15,9 +15,6 @@ from tccm_ros.slam.se2 import transform_scans
 from tccm_ros.slam.surface_normals import fit_missing_normals, mean_normals
 from tccm_ros.slam.visibility import passes_and_hits
 
-__all__ = ["LineMap", "make_line_map"]
-
-
 SPACING = 0.05
 """Minimum distance (m) of a new point from points of the map that face the same way (chosen)."""
 

@@ -7,9 +7,6 @@ from numba import njit
 
 from tccm_ros.arrays import Float64, Int32, Int64
 
-__all__ = ["split_segments"]
-
-
 MIN_MERGE_COSINE = 0.996
 """Cosine of the largest angle (5 deg) between pieces that are merged (chosen)."""
 

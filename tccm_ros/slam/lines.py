@@ -17,9 +17,6 @@ from tccm_ros.config import Config
 from tccm_ros.slam.line_fit import fit_segments
 from tccm_ros.slam.line_split import split_segments
 
-__all__ = ["LabelBeams", "Lines", "extract_lines", "label_by_splitting"]
-
-
 LabelBeams = Callable[[Float64, Config], Int32]
 """Returns the segment of each beam, int32 (B,), or -1, for beams float64 (B, 2), m."""
 

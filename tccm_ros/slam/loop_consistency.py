@@ -21,9 +21,6 @@ from tccm_ros.slam.factors import Key
 from tccm_ros.slam.graph import GraphSolution, PoseGraph
 from tccm_ros.slam.loop_matching import Proposal
 
-__all__ = ["consistent_with", "select_loops"]
-
-
 CLOSING_SIGMA = (0.12, 0.035)
 """Standard deviation (m, rad) of the closing error of a cycle through two right proposals: two
 matches and the distortion of two submaps (chosen)."""

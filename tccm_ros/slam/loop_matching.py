@@ -18,9 +18,6 @@ from tccm_ros.slam.likelihood_grid import with_unknown
 from tccm_ros.slam.se2 import rotate_covariance
 from tccm_ros.slam.submaps import Patch, Submap
 
-__all__ = ["COARSE_STEP", "LoopReason", "Proposal", "Window", "propose"]
-
-
 MATCH_FLOOR = (0.01, 0.003)
 """Standard deviation (m, rad) added to every match: submaps are distorted a little (chosen)."""
 

@@ -21,9 +21,6 @@ from tccm_ros.slam.path_lengths import PathLengths
 from tccm_ros.slam.se2 import between, compose
 from tccm_ros.slam.submaps import Patch, Submap, make_patch, make_submap
 
-__all__ = ["LoopSearch"]
-
-
 QUERY_STEP = 3
 """Every third keyframe is matched: neighbours see the same (chosen)."""
 

@@ -24,9 +24,6 @@ from tccm_ros.slam.loop_search import LoopSearch
 from tccm_ros.slam.path_lengths import PathLengths
 from tccm_ros.slam.se2 import between, compose, inverse
 
-__all__ = ["LoopCloser"]
-
-
 NEIGHBOURHOOD = 15.0
 """Path (m) on either side within which proposals confirm each other (chosen)."""
 

@@ -21,8 +21,6 @@ from scipy.sparse.linalg import splu
 
 from tccm_ros.arrays import Float64, Int64
 
-__all__ = ["marginal_blocks"]
-
 
 def marginal_blocks(A: csc_matrix, dims: Int64) -> list[Float64]:
     """Return the marginal covariance of each variable of ``min |A x - b|``.

@@ -14,9 +14,6 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Odometry as OdometryConfig
 
-__all__ = ["OdometryScale", "motion_covariance", "odometry_covariance"]
-
-
 ODOMETRY_FLOOR = (0.005, 0.003)
 """Standard deviation (m, rad) of odometry that reports no motion: encoder steps and slip
 (chosen)."""

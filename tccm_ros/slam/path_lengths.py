@@ -15,9 +15,6 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.loop_matching import Proposal
 
-__all__ = ["PathLengths", "lengths_from"]
-
-
 MIN_LOOP_LENGTH = 0.5
 """Minimum length (m) of a loop closure: the path that constrains its ends as well (chosen)."""
 

@@ -20,8 +20,6 @@ from tccm_ros.slam.level_scan import LevelScan
 from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.loop_matching import Proposal
 
-__all__ = ["SavedWalls", "pack_walls", "unpack_walls"]
-
 
 class SavedWalls(NamedTuple):
     """Keyframes, lines, loop closures and landmark observations of a wall map.

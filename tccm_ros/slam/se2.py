@@ -12,16 +12,6 @@ from numba import njit
 
 from tccm_ros.arrays import Float64, Int64
 
-__all__ = [
-    "between",
-    "compose",
-    "fuse",
-    "inverse",
-    "rotate_covariance",
-    "transform_points",
-    "transform_scans",
-]
-
 
 @njit(nogil=True, cache=True)
 def _wrap(angle: float) -> float:  # pragma: no cover - compiled

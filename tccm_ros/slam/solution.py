@@ -11,8 +11,6 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.records import Keyframe, Landmark, Loop, Wall
 
-__all__ = ["Solution", "empty_solution"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:

@@ -14,9 +14,6 @@ from tccm_ros.slam.likelihood_grid import LikelihoodGrid, make_likelihood_grid
 from tccm_ros.slam.line_map import LineMap, make_line_map
 from tccm_ros.slam.se2 import transform_points
 
-__all__ = ["Patch", "Submap", "make_patch", "make_submap"]
-
-
 PATCH_POINTS = 220
 """Maximum number of points of a patch: more do not make a match more accurate (chosen)."""
 

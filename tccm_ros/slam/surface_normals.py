@@ -16,9 +16,6 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.slam.buckets import BUCKET, Buckets
 from tccm_ros.slam.level_scan import FLATNESS
 
-__all__ = ["RADIUS", "fit_missing_normals", "mean_normals"]
-
-
 RADIUS = 0.2
 """A missing normal is fitted to the points of all scans within this distance, m (chosen)."""
 

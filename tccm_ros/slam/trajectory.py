@@ -15,9 +15,6 @@ from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
 from tccm_ros.slam.odometry_model import motion_covariance
 from tccm_ros.slam.se2 import between, compose
 
-__all__ = ["OdometryTrack", "poses_at_stamps", "scan_poses"]
-
-
 SCAN_FLOOR = (0.001, 0.0005)
 """Standard deviation (m, rad) of a pose at the stamp of a scan, in addition to the scan's own
 (chosen)."""

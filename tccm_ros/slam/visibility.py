@@ -10,9 +10,6 @@ from numba import njit
 
 from tccm_ros.arrays import Float64, Int64
 
-__all__ = ["passes_and_hits"]
-
-
 SECTORS = 512
 """Sectors around a laser, 0.5 to 1 degree wide. Beam ends nearer than 2 m, averaged over 4 cm,
 leave some empty: these count as unseen (chosen)."""

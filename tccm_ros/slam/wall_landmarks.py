@@ -24,9 +24,6 @@ from tccm_ros.slam.graph import GraphSolution
 from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.walls import WallTable
 
-__all__ = ["structure_factors", "wall_factors", "wall_records"]
-
-
 MAX_SNAP = 0.3
 """Maximum distance (m) of the end of a wall from the corner that it is moved to (chosen)."""
 

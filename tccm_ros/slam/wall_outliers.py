@@ -17,9 +17,6 @@ from tccm_ros.slam.se2 import transform_points
 from tccm_ros.slam.wall_landmarks import wall_factors
 from tccm_ros.slam.walls import WallTable, min_confirmations
 
-__all__ = ["CheckedWalls", "check_walls"]
-
-
 OBSERVATION_CHI2 = 13.8
 """Gate for the squared Mahalanobis distance of an observation from its wall: 99.9 % of two degrees
 of freedom."""

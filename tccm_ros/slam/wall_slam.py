@@ -31,8 +31,6 @@ from tccm_ros.slam.solution import Solution, empty_solution
 from tccm_ros.slam.trajectory import OdometryTrack, poses_at_stamps, scan_poses
 from tccm_ros.slam.wall_landmarks import structure_factors, wall_factors, wall_records
 
-__all__ = ["LivePose", "WallSlam"]
-
 
 class LivePose(NamedTuple):
     """The live estimate of the base's pose.

@@ -20,9 +20,6 @@ from tccm_ros.geometry import wrap_angle
 from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.se2 import transform_points
 
-__all__ = ["WallTable", "associate_walls", "min_confirmations"]
-
-
 WALL_FIELDS = (
     "mass", "x", "y", "xx", "xy", "yy", "cos", "sin", "phi", "rho", "low", "high"
 )  # fmt: skip

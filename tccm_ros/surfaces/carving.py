@@ -19,9 +19,6 @@ from tccm_ros.geometry import inverse, planar, transform, wrap_angle
 from tccm_ros.surfaces.patch_planes import fit_plane, is_line
 from tccm_ros.surfaces.views import Patch, View
 
-__all__ = ["Survivors", "carve", "find_replacements"]
-
-
 GONE_FRACTION = 0.7
 """A patch of which this fraction is gone is removed as a whole, however small it is; chosen."""
 

@@ -22,9 +22,6 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.surfaces.patch_planes import EFFECTIVE_POINTS, FLATNESS, GATE, PatchPlanes
 from tccm_ros.union_find import find_root, merge_sets
 
-__all__ = ["PatchClouds", "box_pairs", "connect", "patch_clouds"]
-
-
 SLACK = 1.0 + 1e-9
 """Factor by which boxes and cells are wider than the distance, so that rounding hides no pair."""
 

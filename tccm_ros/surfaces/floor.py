@@ -13,8 +13,6 @@ from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import largest_part, polygons_of
 from tccm_ros.surfaces.views import View
 
-__all__ = ["find_floor", "is_floor", "join_floor"]
-
 MIN_AREA = 0.3
 """Smallest surface that counts for the height of the floor, m2; chosen."""
 

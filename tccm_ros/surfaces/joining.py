@@ -27,9 +27,6 @@ from tccm_ros.surfaces.patch_planes import (
 from tccm_ros.surfaces.polygons import GRID, box_sides, close_gaps, largest_part, polygons_of
 from tccm_ros.surfaces.views import View
 
-__all__ = ["Between", "MayJoin", "join", "join_over_occlusions", "occluded_area_between"]
-
-
 Between = Callable[[MergedSurface, MergedSurface], Polygon | None]
 """Returns the area between two pieces, in x and y of map, if they are one surface, else None."""
 

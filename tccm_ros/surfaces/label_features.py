@@ -16,9 +16,6 @@ from tccm_ros.config import Labels
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import box_sides
 
-__all__ = ["Features", "features_of", "outline_width", "treads"]
-
-
 MIN_OVERLAP = 0.5
 """Min overlap of the footprints of surfaces over each other, as a fraction of one; chosen."""
 

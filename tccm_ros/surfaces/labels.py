@@ -19,8 +19,6 @@ from tccm_ros.surfaces.floor import is_floor
 from tccm_ros.surfaces.label_features import Features, features_of
 from tccm_ros.surfaces.merged_surface import MergedSurface
 
-__all__ = ["Label", "SurfaceLabel", "label_surfaces"]
-
 Rule = tuple[float, float, float, float, float, float]
 """Min and max of height (m), width (m) and area (m2)."""
 

@@ -19,9 +19,6 @@ from tccm_ros.surfaces.patch_planes import fit_plane, is_line, pool_moments
 from tccm_ros.surfaces.polygons import GRID, close_gaps, largest_part, polygons_of
 from tccm_ros.surfaces.views import View
 
-__all__ = ["MergedSurface", "fit_surface"]
-
-
 SIMPLIFY = 0.004
 """Outlines are simplified by at most this, m; chosen: below the noise of a range."""
 

@@ -16,16 +16,6 @@ from tccm_ros.surfaces.outline import horizontal_outline
 from tccm_ros.surfaces.patch_planes import stack_planes
 from tccm_ros.surfaces.views import Patch, View, first_numbers
 
-__all__ = [
-    "Members",
-    "MergeFunction",
-    "NumberedPatch",
-    "clouds_in_map",
-    "group_patches",
-    "merge_coplanar",
-    "surviving_patches",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NumberedPatch:

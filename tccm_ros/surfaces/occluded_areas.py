@@ -15,9 +15,6 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.surfaces.views import View
 
-__all__ = ["MAX_OCCLUDED_WIDTH", "MIN_OCCLUDED_AREA", "is_occluded"]
-
-
 MAX_OCCLUDED_WIDTH = 0.5
 """Widest notch, hole or gap between pieces that may be occluded, m; chosen: an appliance on a
 worktop and its shadow. Wider ones are not taken for surface."""

@@ -21,9 +21,6 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.surfaces.polygons import GRID, polygons_of
 from tccm_ros.surfaces.thinning import cell_means
 
-__all__ = ["covered_area", "expected_area", "horizontal_outline"]
-
-
 SPACING_FACTOR = 2.2
 """A triangle longer than this many local spacings bridges a gap; chosen: twice, and noise."""
 

@@ -15,20 +15,6 @@ from tccm_ros.cuboids.inclination import FIT_OF_A_LINE
 from tccm_ros.planes.horizontal_strips import MIN_WIDTH
 from tccm_ros.surfaces.views import Patch
 
-__all__ = [
-    "EFFECTIVE_POINTS",
-    "FLATNESS",
-    "GATE",
-    "PatchPlanes",
-    "fit_covariance",
-    "fit_plane",
-    "is_line",
-    "pool_moments",
-    "pose_covariance",
-    "stack_planes",
-]
-
-
 EFFECTIVE_POINTS = 50.0
 """The points of a patch have correlated errors (one laser, a few scan lines): they count as at most
 this many independent points; chosen."""

@@ -8,9 +8,6 @@ from shapely import MultiPolygon, Polygon
 
 from tccm_ros.arrays import Float64
 
-__all__ = ["GRID", "box_sides", "close_gaps", "largest_part", "polygon_rings", "polygons_of"]
-
-
 GRID = 1e-6
 """Outlines are snapped to this grid, m, so that unions do not depend on rounding; chosen."""
 

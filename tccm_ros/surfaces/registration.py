@@ -22,9 +22,6 @@ from tccm_ros.surfaces.side_matching import SideMatch, match_sides
 from tccm_ros.surfaces.sides import Sides, find_sides
 from tccm_ros.surfaces.views import View
 
-__all__ = ["plane_factors", "register_views", "side_factors"]
-
-
 TILT_ORDER = [5, 0, 1]
 """z, roll and pitch in GTSAM's order (roll, pitch, yaw, x, y, z)."""
 

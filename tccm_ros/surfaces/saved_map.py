@@ -16,8 +16,6 @@ from tccm_ros.errors import MapError
 from tccm_ros.surfaces.polygons import polygons_of
 from tccm_ros.surfaces.views import Patch, View
 
-__all__ = ["SavedMap", "SavedView", "pack_views", "unpack_views"]
-
 Arrays = dict[str, NDArray[Any]]
 
 ABSENT = np.iinfo(np.int64).min

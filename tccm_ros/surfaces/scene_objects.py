@@ -15,9 +15,6 @@ from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import PlaneRecord, Surface, TabletopObject
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
-__all__ = ["SceneObject", "scene_objects"]
-
-
 MAX_HEIGHT_DIFFERENCE = 0.10
 """Max difference in height of an object or a free place and the surface of the map under it, m;
 chosen."""

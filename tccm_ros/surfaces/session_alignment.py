@@ -23,9 +23,6 @@ from tccm_ros.geometry import compose2, planar, pose, spatial, transform, transf
 from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.views import View
 
-__all__ = ["AlignmentResult", "SessionAlignment", "align_session"]
-
-
 BAND = (0.3, 1.6)
 """Heights above the floor, m, in which a column must be free to count as open; chosen."""
 

@@ -16,9 +16,6 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import transform2, wrap_angle
 from tccm_ros.surfaces.sides import Sides
 
-__all__ = ["SideMatch", "match_sides"]
-
-
 MIN_OVERLAP = 0.12
 """Min overlap of two sides along themselves, m; chosen."""
 

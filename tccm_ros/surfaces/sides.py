@@ -18,9 +18,6 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.surfaces.views import Patch, View
 
-__all__ = ["Sides", "find_sides"]
-
-
 STRAIGHT = 0.02
 """Max deviation of an outline from its straight sides, m; chosen."""
 

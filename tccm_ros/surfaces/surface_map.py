@@ -34,9 +34,6 @@ from tccm_ros.surfaces.polygons import polygon_rings
 from tccm_ros.surfaces.track_ids import TrackIds
 from tccm_ros.surfaces.views import View, empty_view, with_cloud, with_intervals, with_numbers_of
 
-__all__ = ["MappedSurfaces", "SurfaceMap", "ViewPoses"]
-
-
 LATE_VIEWS = 8
 """Number of newest views among which a late one may still arrive; chosen."""
 

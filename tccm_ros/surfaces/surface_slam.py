@@ -37,9 +37,6 @@ from tccm_ros.surfaces.session_alignment import SessionAlignment, align_session
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
 from tccm_ros.surfaces.views import View
 
-__all__ = ["SurfaceSlam", "SurfaceSolution"]
-
-
 SlamInput = Event | LandmarkObservation | SurfaceCloud | ViewIntervals
 
 ROLES = {None, *roles_of("slam")}

@@ -9,8 +9,6 @@ import numpy as np
 from tccm_ros.arrays import Float32, Float64, Int32, Int64
 from tccm_ros.cuboids.free_columns import KEY_STEP
 
-__all__ = ["cell_means", "thin_cloud"]
-
 
 def cell_means(points: Float64, cell_size: float) -> tuple[Float64, Int64]:
     """Return the mean of the points of each cell, and their number.

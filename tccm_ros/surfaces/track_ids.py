@@ -20,8 +20,6 @@ from tccm_ros.surfaces.carving import Survivors
 from tccm_ros.surfaces.merging import Members
 from tccm_ros.surfaces.views import View, first_numbers
 
-__all__ = ["SurfaceChange", "TrackIds", "changes"]
-
 
 class TrackIds:
     """Ids and dates of surfaces, from the numbers that patches have and inherited.

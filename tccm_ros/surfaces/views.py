@@ -20,16 +20,6 @@ from tccm_ros.records import SurfaceCloud, ViewIntervals
 from tccm_ros.surfaces.outline import horizontal_outline
 from tccm_ros.surfaces.thinning import thin_cloud
 
-__all__ = [
-    "Patch",
-    "View",
-    "empty_view",
-    "first_numbers",
-    "with_cloud",
-    "with_intervals",
-    "with_numbers_of",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patch:

@@ -18,17 +18,6 @@ from tccm_ros.outlines.raster import ROOT3
 from tccm_ros.outlines.rings import is_inside
 from tccm_ros.union_find import find_root, merge_sets
 
-__all__ = [
-    "LooseCuboids",
-    "cluster_footprints",
-    "convex_hull",
-    "cuboids_above",
-    "distance_to_ring",
-    "footprint_corners",
-    "loose_cuboids",
-    "rectangle",
-]
-
 
 class LooseCuboids(NamedTuple):
     """The cuboids of a map that belong to no surface and no wall.

@@ -19,8 +19,6 @@ from tccm_ros.arrays import Float64
 from tccm_ros.records import PlaneKind, PlaneRecord, TabletopObject
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
 
-__all__ = ["FreePlaces", "find_free_places", "where_fits"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FreePlaces:

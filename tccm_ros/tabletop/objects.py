@@ -24,9 +24,6 @@ from tccm_ros.tabletop.footprints import (
     rectangle,
 )
 
-__all__ = ["ObjectTracker", "find_objects"]
-
-
 SURFACE_AREA = 0.12
 """A horizontal plane smaller than this, m2, may be the top of an object. Chosen: 35 cm square."""
 

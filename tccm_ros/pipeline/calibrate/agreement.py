@@ -18,8 +18,6 @@ from tccm_ros.pipeline.calibrate.estimate import Estimate
 from tccm_ros.pipeline.calibrate.observability import UNITS, columns
 from tccm_ros.pipeline.calibrate.solver import covariance
 
-__all__ = ["Agreement", "ComparedQuantity", "compare"]
-
 MIN_PROBABILITY = 1e-4
 """Recordings with a less probable disagreement are not of one rig (chosen)."""
 

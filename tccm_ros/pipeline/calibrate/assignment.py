@@ -20,8 +20,6 @@ from tccm_ros.pipeline.calibrate.surroundings import (
     near_another,
 )
 
-__all__ = ["assigned", "determinable"]
-
 WALL_MARGIN = 0.2
 """Max distance of the level laser's hits beyond the part of a wall that the tilting laser saw, m
 (chosen)."""

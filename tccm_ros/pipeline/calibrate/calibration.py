@@ -24,9 +24,6 @@ from tccm_ros.pipeline.calibrate.room import Room, rooms
 from tccm_ros.pipeline.calibrate.together import join
 from tccm_ros.progress import Bars, Silent
 
-__all__ = ["Calibration", "calibrate"]
-
-
 MAX_CYCLES_OF_ALL, MIN_CYCLES = 48, 4
 """Tilt cycles that are used of all bags together, and of each bag at least (chosen: more cost
 time)."""

@@ -21,8 +21,6 @@ from tccm_ros.pipeline.calibrate.solver import Solution, solve
 from tccm_ros.pipeline.calibrate.surroundings import Surroundings, find_planes
 from tccm_ros.progress import Bars, Silent
 
-__all__ = ["Estimate", "estimate"]
-
 GATES = tuple(
     (distance, float(np.deg2rad(angle)))
     for distance, angle in ((0.30, 12.0), (0.15, 8.0), (0.08, 5.0), (0.05, 3.5), (0.03, 2.5),

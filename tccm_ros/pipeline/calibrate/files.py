@@ -9,8 +9,6 @@ from tccm_ros.atomic import output_folder
 from tccm_ros.pipeline.calibrate.calibration import Calibration
 from tccm_ros.pipeline.calibrate.picture import write_picture
 
-__all__ = ["write_calibration"]
-
 
 def write_calibration(calibration: Calibration, out: Path | str) -> tuple[Path, Path, Path]:
     """Write all files, or none.

@@ -7,8 +7,6 @@ from typing import ClassVar
 
 import numpy as np
 
-__all__ = ["LEVEL_PARAMETERS", "WIDE_LEVEL_SIGMAS", "WIDE_SIGMAS", "Layout", "Trust"]
-
 LEVEL_PARAMETERS = ("level_x", "level_y", "level_yaw")
 """Corrections of the level laser's configured pose, in the base frame, m and rad."""
 

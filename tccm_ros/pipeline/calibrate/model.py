@@ -14,8 +14,6 @@ from tccm_ros.geometry import pose, pose_from_rpy
 from tccm_ros.pipeline.calibrate.recording import CycleScans
 from tccm_ros.robot.chain import Chain, JointReading, Part, twist_angle
 
-__all__ = ["RIG_PARAMETERS", "Beams", "RigModel", "RigValues", "beams_of", "join_beams"]
-
 RIG_PARAMETERS = ("tilt_offset", "tilt_scale", "roll", "height", "joint_time_offset")
 """Order of the parameters of the tilting laser in vectors and covariances."""
 

@@ -14,8 +14,6 @@ from tccm_ros.pipeline.calibrate.model import RIG_PARAMETERS
 from tccm_ros.pipeline.calibrate.solver import covariance
 from tccm_ros.pipeline.calibrate.surroundings import FLOOR
 
-__all__ = ["UNITS", "Observability", "Quantity", "assess_observability", "columns"]
-
 LIMITS: Mapping[str, float] = {
     "joint_time_offset": 0.005,
     "tilt_scale": 0.02,

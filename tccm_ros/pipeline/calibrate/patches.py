@@ -16,8 +16,6 @@ from tccm_ros.geometry import inverse, transform
 from tccm_ros.pipeline.calibrate.model import Beams, RigModel, RigValues, beams_of, join_beams
 from tccm_ros.pipeline.calibrate.recording import CycleScans
 
-__all__ = ["Patches", "cut_patches"]
-
 BEAMS, MIN_SIDE, MIN_HITS = 36, 3, 12
 """Beams of a block, and the scans and beams along its sides and the hits that it has at least
 (chosen: the normal of a patch is then known to a degree)."""

@@ -15,8 +15,6 @@ from tccm_ros.pipeline.calibrate.quality import HitMasks
 from tccm_ros.pipeline.calibrate.room import hits_of_bag
 from tccm_ros.pipeline.report.drawing import canvas, png
 
-__all__ = ["write_picture"]
-
 MAX_DRAWN, MAX_RANGE = 25_000, 9.0
 """Number of hits that are drawn, and their max range, m."""
 

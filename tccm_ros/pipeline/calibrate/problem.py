@@ -21,8 +21,6 @@ from tccm_ros.pipeline.calibrate.model import Beams, RigModel, RigValues
 from tccm_ros.pipeline.calibrate.recording import LevelScans
 from tccm_ros.pipeline.calibrate.surroundings import CEILING, FIRST_WALL, FLOOR, Surroundings
 
-__all__ = ["LevelHits", "Linearised", "Planes", "Problem"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LevelHits:

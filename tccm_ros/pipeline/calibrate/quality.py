@@ -12,8 +12,6 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.pipeline.calibrate.model import Beams, beams_of, join_beams
 from tccm_ros.pipeline.calibrate.recording import CycleScans
 
-__all__ = ["MIN_HITS", "Flatness", "HitMasks", "all_beams", "cell_means", "flatness", "select"]
-
 CELL, MIN_HITS, FEW_HITS = 0.25, 50, 8
 """Edge of a cell, m, hits that it must have for the flatness, and for the plane (chosen)."""
 

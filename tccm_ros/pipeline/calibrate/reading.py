@@ -38,8 +38,6 @@ from tccm_ros.sensors.laser_scan import (
 )
 from tccm_ros.sensors.registry import default_streams
 
-__all__ = ["read_recording", "uncorrected"]
-
 TRACK_MARGIN_NS = 1_000_000_000
 """Joint samples are kept this long before and after a tilt cycle, for time offsets (chosen)."""
 

@@ -15,8 +15,6 @@ from tccm_ros.arrays import Bool, Float32, Float64, Int64
 from tccm_ros.geometry import inverse, planar
 from tccm_ros.robot.chain import Chain
 
-__all__ = ["CycleScans", "LevelScans", "Recording", "is_near"]
-
 STILL_DISTANCE, STILL_YAW = 0.01, np.deg2rad(0.3)
 """The base stands still while its position and yaw change by less, m and rad (chosen: above the
 noise of the odometry of a base that stands)."""

@@ -22,8 +22,6 @@ from tccm_ros.geometry import inverse, level, transform
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import PlaneRecord
 
-__all__ = ["Finding", "RigCheck"]
-
 WINDOW, ENOUGH = 8, 4
 """Tilt cycles that are compared, and their min number (chosen)."""
 

@@ -12,8 +12,6 @@ from tccm_ros.pipeline.calibrate.observability import Observability
 from tccm_ros.pipeline.calibrate.quality import Flatness, HitMasks, all_beams, flatness, select
 from tccm_ros.pipeline.calibrate.recording import Recording
 
-__all__ = ["Room", "hits_of_bag", "rooms"]
-
 
 @dataclass(frozen=True, slots=True)
 class Room:

@@ -18,8 +18,6 @@ from tccm_ros.pipeline.calibrate.model import RigModel, RigValues
 from tccm_ros.pipeline.calibrate.patches import Patches, cut_patches
 from tccm_ros.pipeline.calibrate.recording import CycleScans
 
-__all__ = ["first_guess"]
-
 SCALES = (
     np.exp(np.arange(-0.48, 0.481, 0.08)),
     np.exp(np.arange(-0.06, 0.061, 0.03)),

@@ -9,8 +9,6 @@ import numpy as np
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.pipeline.calibrate.problem import Linearised, Problem
 
-__all__ = ["Solution", "covariance", "solve"]
-
 HALF_WEIGHT = 3.0
 """Scale of Geman and McClure's weights, in standard deviations (chosen)."""
 

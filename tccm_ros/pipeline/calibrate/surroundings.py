@@ -9,18 +9,6 @@ import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
 
-__all__ = [
-    "CEILING",
-    "CORNER",
-    "FLOOR",
-    "NO_PLANE",
-    "Surroundings",
-    "Wall",
-    "assign",
-    "find_planes",
-    "near_another",
-]
-
 FLOOR, CEILING, FIRST_WALL, NO_PLANE = 0, 1, 2, -1
 """Numbers of planes: walls follow after the ceiling."""
 

@@ -14,8 +14,6 @@ from tccm_ros.errors import FrameError
 from tccm_ros.pipeline.calibrate.recording import CycleScans, LevelScans, Recording
 from tccm_ros.robot.chain import JointReading
 
-__all__ = ["join"]
-
 SAME = 1e-4
 """Fixed transforms are equal within this, m and 1 (chosen: numeric noise of robot descriptions)."""
 

@@ -11,8 +11,6 @@ from matplotlib.figure import Figure
 from tccm_ros.atomic import output_file
 from tccm_ros.pipeline.evaluate.score import TrajectoryScore
 
-__all__ = ["plot_score"]
-
 
 def plot_score(score: TrajectoryScore, path: Path | str) -> None:
     """Draw both trajectories, if there are any, and the cumulative errors as PNG; no metadata.

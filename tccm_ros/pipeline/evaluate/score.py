@@ -30,9 +30,6 @@ from tccm_ros.pipeline.evaluate.truth_files import (
 )
 from tccm_ros.results.trajectory import Trajectory, read_tum
 
-__all__ = ["TrajectoryScore", "score_trajectory"]
-
-
 DISTANCES = (1.0, 5.0, 10.0, 20.0, 50.0)
 """Lengths of path (m) for relative errors."""
 

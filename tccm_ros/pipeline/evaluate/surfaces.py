@@ -19,8 +19,6 @@ from tccm_ros.arrays import Float64
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.models import SurfaceEntry, SurfacesFile, TruthFile, TruthSurface
 
-__all__ = ["SurfaceMatch", "SurfaceScore", "score_surfaces"]
-
 MIN_OVERLAP = 0.5
 MAX_HEIGHT_ERROR = 0.02
 """Min intersection over union and max error of height (m) of a found surface (chosen)."""

@@ -15,17 +15,6 @@ from scipy.spatial.transform import Rotation
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.geometry import interpolate_poses, inverse, pose
 
-__all__ = [
-    "Errors",
-    "Order",
-    "absolute_errors",
-    "align",
-    "distance_errors",
-    "nees",
-    "poses_at",
-    "relation_errors",
-]
-
 
 class Order(StrEnum):
     """The order of factors in the error of a relation, see `relation_errors`."""

@@ -20,16 +20,6 @@ from tccm_ros.results.trajectory import (
     text_rows,
 )
 
-__all__ = [
-    "Reference",
-    "Relations",
-    "read_reference",
-    "read_relations",
-    "read_stamps",
-    "read_truth",
-]
-
-
 PLANAR_COLUMNS = 5
 """Two stamps, x, y and yaw."""
 

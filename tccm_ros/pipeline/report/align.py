@@ -18,9 +18,6 @@ from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import SurfaceEntry, WallEntry
 from tccm_ros.results.trajectory import Trajectory
 
-__all__ = ["find_alignment", "moved_results", "pose_text"]
-
-
 MAX_HEIGHT_DIFFERENCE_M = 0.05
 """Largest difference in height of matching surfaces, m; chosen."""
 

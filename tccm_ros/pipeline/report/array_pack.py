@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ArrayPack", "Reference", "differences"]
-
 Reference = tuple[str, int, int]
 """Type (f4, f8, i2, u2), byte offset and count: how the page finds an array."""
 

@@ -8,8 +8,6 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 
-__all__ = ["Camera", "look_at"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:

@@ -16,8 +16,6 @@ from tccm_ros.geometry import wrap_angle
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import SurfaceEntry, WallEntry
 
-__all__ = ["Change", "Item", "Kind", "surface_changes", "wall_changes"]
-
 
 class Kind(StrEnum):
     """Change of a surface or a wall from the first map to the second."""

@@ -20,8 +20,6 @@ from tccm_ros.results.folder_reader import Results, load_results
 from tccm_ros.results.models import SurfaceEntry, WallEntry
 from tccm_ros.results.trajectory import Trajectory
 
-__all__ = ["Comparison", "PathDifference", "compare", "compare_results"]
-
 MAX_STAMP_DIFFERENCE_S = 0.05
 """Poses of two trajectories this near in time are compared, s; chosen: a scan of 20 Hz."""
 

@@ -33,8 +33,6 @@ from tccm_ros.pipeline.report.tables import table
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import SurfaceEntry, WallEntry
 
-__all__ = ["write_comparison"]
-
 COLORS: dict[Kind, str] = {
     Kind.SAME: "#9aa5b1",
     Kind.MOVED: "#e69f00",

@@ -18,8 +18,6 @@ from tccm_ros.pipeline.report.map_picture import extent, map_png
 from tccm_ros.results.cycles_file import CycleParts
 from tccm_ros.results.folder_reader import Results, load_results
 
-__all__ = ["forgetting_png", "write_figures"]
-
 PANELS = 4
 """Tilt cycles that are drawn."""
 

@@ -21,8 +21,6 @@ from PIL import Image
 from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.report.label_layout import LabelRequest, place_labels
 
-__all__ = ["canvas", "draw_labels", "png", "polygon", "sample_ring", "show_extent"]
-
 DPI = 200
 """Twice the width that a README shows, for sharp text."""
 

@@ -25,8 +25,6 @@ from tccm_ros.pipeline.report.tables import (
 )
 from tccm_ros.results.folder_reader import Results, load_results
 
-__all__ = ["TIMING_END", "TIMING_START", "report_html", "write_page", "write_report"]
-
 SCRIPTS = ("math", "shaders", "draw", "camera", "scene", "hover", "main")
 """Parts of the page's script, each after those that it uses."""
 

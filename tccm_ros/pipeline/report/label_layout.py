@@ -19,8 +19,6 @@ from shapely.ops import polylabel
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.results.models import SurfaceEntry
 
-__all__ = ["LabelRequest", "label_point", "place_labels"]
-
 DIRECTIONS = 16
 """Candidates on each ring around an anchor; chosen."""
 

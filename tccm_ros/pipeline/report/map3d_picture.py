@@ -29,8 +29,6 @@ from tccm_ros.pipeline.report.map_picture import box_corners, extent
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import ObjectEntry, SurfaceEntry, WallEntry
 
-__all__ = ["map3d_png", "view_camera"]
-
 WIDTH_IN = 9.0
 """Width of the picture, inches."""
 

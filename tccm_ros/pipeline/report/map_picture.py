@@ -24,8 +24,6 @@ from tccm_ros.pipeline.report.label_layout import label_point
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import LandmarkEntry, ObjectEntry, SurfaceEntry
 
-__all__ = ["box_corners", "draw_map", "extent", "map_png"]
-
 WIDTH_IN = 9.0
 """Width of the picture, inches; the height follows the map."""
 

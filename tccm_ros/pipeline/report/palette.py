@@ -9,18 +9,6 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.results.models import SurfaceEntry
 
-__all__ = [
-    "FLOOR",
-    "LANDMARK",
-    "OBJECT",
-    "PALETTE",
-    "PATH",
-    "TRUTH",
-    "VIEW",
-    "WALL",
-    "surface_colors",
-]
-
 PALETTE = (
     "#0072b2",
     "#e69f00",

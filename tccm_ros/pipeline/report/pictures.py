@@ -10,8 +10,6 @@ from tccm_ros.pipeline.report.map3d_picture import map3d_png
 from tccm_ros.pipeline.report.map_picture import map_png
 from tccm_ros.results.folder_reader import Results
 
-__all__ = ["Pictures", "draw_pictures", "write_pictures"]
-
 
 class Pictures(NamedTuple):
     """Pictures of a map as PNG files.

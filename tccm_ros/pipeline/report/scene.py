@@ -18,8 +18,6 @@ from tccm_ros.results.cuboids_file import FinalCuboids
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import CycleEntry, ObjectEntry, PlaneEntry, SurfaceEntry
 
-__all__ = ["build_scene"]
-
 MAX_CUBOIDS = 400_000
 """Of a larger final map only the newest cuboids are shown; chosen: smooth in a browser."""
 

@@ -13,18 +13,6 @@ from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import SummaryFile, TimingFile
 from tccm_ros.results.surface_counts import count_surfaces
 
-__all__ = [
-    "configuration_table",
-    "counts_table",
-    "drops_table",
-    "flatten",
-    "headline",
-    "loops_table",
-    "surfaces_table",
-    "table",
-    "timing_table",
-]
-
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]], numbers: Sequence[int] = ()) -> str:
     """Return an HTML table.

@@ -16,8 +16,6 @@ from tccm_ros.results.folder_reader import load_results
 from tccm_ros.results.map_file import load_map
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
-__all__ = ["find_report", "report_map", "view"]
-
 REPORT = "report.html"
 
 

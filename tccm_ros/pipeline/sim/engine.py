@@ -21,8 +21,6 @@ from tccm_ros.pipeline.sim.scene import FrozenScene, Scene
 from tccm_ros.pipeline.sim.world import World, with_options
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan, TransformSample
 
-__all__ = ["EPOCH_NS", "Message", "Simulation"]
-
 Record = RobotDescription | TransformSample | JointSample | Odometry | Scan
 
 EPOCH_NS = 1_600_000_000_000_000_000

@@ -16,8 +16,6 @@ from tccm_ros.pipeline.sim.robots import SEGWAY
 from tccm_ros.pipeline.sim.scene import Scene
 from tccm_ros.pipeline.sim.world import World
 
-__all__ = ["flat", "flat_scene", "stop_and_scan"]
-
 Span = tuple[float, float]
 
 WALL_HEIGHT = 2.5

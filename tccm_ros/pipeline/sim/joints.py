@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike
 
 from tccm_ros.arrays import Float64
 
-__all__ = ["Profile", "oscillation"]
-
 
 @dataclass(frozen=True)
 class Profile:

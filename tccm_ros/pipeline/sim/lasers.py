@@ -9,9 +9,6 @@ from numpy.random import Generator
 
 from tccm_ros.arrays import Float32, Float64
 
-__all__ = ["Laser", "measure", "rim_directions"]
-
-
 EDGE = 0.05
 """A beam is on an edge where its centre and its rim differ by more, m (chosen: lasers return one
 echo for less)."""

@@ -12,9 +12,6 @@ from numpy.random import Generator
 
 from tccm_ros.arrays import Float64
 
-__all__ = ["Drive", "OdometryErrors", "Waypoint", "drive", "stand", "wheel_odometry"]
-
-
 # All chosen, in the range of small robots.
 STEP = 0.01  # s, between the samples of a drive
 SPEED, ACCELERATION = 0.5, 0.4  # m/s, m/s2

@@ -9,8 +9,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tccm_ros.errors import ConfigError, suggest
 
-__all__ = ["Options", "options_from_settings"]
-
 Vector = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
 

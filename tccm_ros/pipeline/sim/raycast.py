@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from tccm_ros.arrays import Float64, Int64
 
-__all__ = ["ABSENT", "BOX", "CYLINDER", "FACES", "TOP_FACE", "Grid", "Solids", "cast"]
-
 ABSENT, BOX, CYLINDER = -1, 0, 1
 FACES = 6
 """Codes of faces: 2 * axis + (1 on the positive side); a cylinder's side is 0, its caps 4 and 5."""

@@ -22,8 +22,6 @@ from tccm_ros.ros import (
     transforms_message,
 )
 
-__all__ = ["run", "simulate"]
-
 Progress = Callable[[float], None]
 
 SENSOR = Qos(reliable=False, depth=5)

@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike
 
 from tccm_ros.arrays import Float64
 
-__all__ = ["chain_poses", "invert", "quaternion_xyzw", "rigid", "rotation_rpy"]
-
 
 def rotation_rpy(roll: float, pitch: float, yaw: float) -> Float64:
     """Return Rz(yaw) Ry(pitch) Rx(roll); a positive pitch rotates x downwards.

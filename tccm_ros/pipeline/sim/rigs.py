@@ -12,8 +12,6 @@ from tccm_ros.pipeline.sim.lasers import Laser
 from tccm_ros.pipeline.sim.motion import OdometryErrors
 from tccm_ros.pipeline.sim.rigid import chain_poses, rigid
 
-__all__ = ["Body", "Joint", "Rig", "Topics"]
-
 Vector = tuple[float, float, float]
 
 USUAL_ERRORS = OdometryErrors()

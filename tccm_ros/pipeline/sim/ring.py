@@ -15,8 +15,6 @@ from tccm_ros.pipeline.sim.robots import SEGWAY
 from tccm_ros.pipeline.sim.scene import Scene
 from tccm_ros.pipeline.sim.world import World
 
-__all__ = ["ring"]
-
 Point = tuple[float, float]
 
 LENGTH, WIDTH = 30.0, 20.0  # m, of the loop along the middle of the corridors

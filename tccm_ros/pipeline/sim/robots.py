@@ -8,8 +8,6 @@ from math import pi, radians
 from tccm_ros.pipeline.sim.lasers import Laser
 from tccm_ros.pipeline.sim.rigs import Body, Joint, Rig, Topics
 
-__all__ = ["HUMANOID", "LMS_291", "SEGWAY", "UBG_04LX_F01", "UPSIDE_DOWN", "UTM_30LX"]
-
 _X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 # SICK LMS 291 at 0.5 deg over 180 deg: a revolution of the mirror takes 13.3 ms, half of it is

@@ -18,8 +18,6 @@ from tccm_ros.pipeline.sim.robots import UPSIDE_DOWN
 from tccm_ros.pipeline.sim.scene import Motion, Scene
 from tccm_ros.pipeline.sim.world import World
 
-__all__ = ["load", "moved", "room", "upside_down"]
-
 Point = tuple[float, float]
 
 CEILING = 2.6

@@ -14,8 +14,6 @@ from tccm_ros.pipeline.sim import raycast
 from tccm_ros.pipeline.sim.raycast import ABSENT, BOX, CYLINDER, Grid, Solids
 from tccm_ros.pipeline.sim.rigid import rigid, rotation_rpy
 
-__all__ = ["FrozenScene", "Motion", "Scene", "Solid"]
-
 Vector = tuple[float, float, float]
 
 CELL = 0.5  # m, of the grid over x, y (chosen)

@@ -13,8 +13,6 @@ import numpy as np
 from tccm_ros.pipeline.sim.rigid import rigid
 from tccm_ros.pipeline.sim.scene import Motion, Scene
 
-__all__ = ["SITUATIONS", "situation_scene"]
-
 Vector = tuple[float, float, float]
 
 SITUATIONS = ("a", "b", "c", "d")

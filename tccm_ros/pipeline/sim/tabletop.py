@@ -22,8 +22,6 @@ from tccm_ros.pipeline.sim.situations import (
 )
 from tccm_ros.pipeline.sim.world import World
 
-__all__ = ["shelf", "situation", "walkthrough"]
-
 CYCLES = 8  # tilt cycles of a recording without a given duration
 NECK_TILT = radians(30.0)  # in both directions, as in the TCCM paper
 START = 0.1  # s, of the first tilt cycle

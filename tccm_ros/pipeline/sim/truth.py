@@ -16,9 +16,6 @@ from tccm_ros.pipeline.sim.engine import EPOCH_NS, Simulation
 from tccm_ros.pipeline.sim.rigid import invert, quaternion_xyzw, rigid
 from tccm_ros.pipeline.sim.scene import Solid
 
-__all__ = ["map_from_world", "surfaces", "trajectory", "walls"]
-
-
 POSE_PERIOD = 0.02  # s, of the true trajectory
 SMALLEST = 0.01  # m2, min area of a surface (chosen)
 CONTACT = 0.005  # m, max distance of what stands on a surface to it (chosen)

@@ -14,8 +14,6 @@ from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.rigs import Rig
 from tccm_ros.pipeline.sim.scene import Scene
 
-__all__ = ["Builder", "World", "with_options"]
-
 
 @dataclass(frozen=True)
 class World:

@@ -10,8 +10,6 @@ from tccm_ros.pipeline.sim.rooms import load, moved, room, upside_down
 from tccm_ros.pipeline.sim.tabletop import shelf, situation, walkthrough
 from tccm_ros.pipeline.sim.world import Builder, World
 
-__all__ = ["WORLDS", "build_world"]
-
 WORLDS: dict[str, tuple[Builder, str]] = {
     "flat": (flat, "a kitchen and a living room; the robot stops in places to scan"),
     "ring": (ring, "a ring of corridors, 100 m around, with 12 mrad/m of heading drift"),

@@ -16,8 +16,6 @@ from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.factors.noise import OPEN_SIGMA, PLANAR_SIGMA
 from tccm_ros.slam.factors.poses import PriorPose
 
-__all__ = ["Building", "WallDirection"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Building:

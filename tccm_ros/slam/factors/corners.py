@@ -15,9 +15,6 @@ from tccm_ros.slam.factors.factor import NoLandmark
 from tccm_ros.slam.factors.keys import Key, rotation_z
 from tccm_ros.slam.factors.noise import OPEN_SIGMA, gaussian, planar_covariance
 
-__all__ = ["CornerObservation", "WallThroughCorner"]
-
-
 CORNER_LEVEL = 1e-3
 """Standard deviation of roll, pitch (rad) and z (m) of a corner, which are zero (chosen)."""
 

@@ -10,8 +10,6 @@ import gtsam
 from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors.keys import Key
 
-__all__ = ["Factor", "NoLandmark"]
-
 
 class Factor(Protocol):
     """The interface by which a graph adds a factor."""

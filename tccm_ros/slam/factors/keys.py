@@ -10,18 +10,6 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 
-__all__ = [
-    "Key",
-    "building_key",
-    "corner_key",
-    "keyframe_key",
-    "observer_key",
-    "rotation_z",
-    "surface_key",
-    "view_key",
-    "wall_key",
-]
-
 
 class Key(NamedTuple):
     """A variable of the graph.

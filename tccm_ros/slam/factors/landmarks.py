@@ -18,9 +18,6 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors.keys import Key
 
-__all__ = ["LandmarkFactor", "landmark_class", "register_landmark"]
-
-
 OWN_LETTERS = frozenset("cfosvwx")
 """Letters of the variables in `keys`."""
 

@@ -8,18 +8,6 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors.keys import rotation_z
 
-__all__ = [
-    "FREE_POSITION_SIGMA",
-    "LOOSE_SIGMA",
-    "OPEN_SIGMA",
-    "PLANAR_SIGMA",
-    "gaussian",
-    "huber",
-    "planar_covariance",
-    "rotate_frame",
-]
-
-
 PLANAR_SIGMA = 1e-5
 """Roll, pitch (rad) and z (m) of a keyframe: small enough to vanish, large enough to be stable
 (chosen)."""

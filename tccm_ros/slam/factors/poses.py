@@ -21,8 +21,6 @@ from tccm_ros.slam.factors.noise import (
     rotate_frame,
 )
 
-__all__ = ["BetweenKeyframes", "Planar", "PriorPose"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PriorPose(NoLandmark):

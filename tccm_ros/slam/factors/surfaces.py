@@ -13,8 +13,6 @@ from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors.keys import Key, surface_key, view_key
 from tccm_ros.slam.factors.noise import gaussian
 
-__all__ = ["ViewPlane"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewPlane:

@@ -13,8 +13,6 @@ from tccm_ros.slam.factors.factor import NoLandmark
 from tccm_ros.slam.factors.keys import Key, rotation_z, view_key
 from tccm_ros.slam.factors.noise import gaussian, huber, planar_covariance
 
-__all__ = ["BetweenViews", "KeyframeView"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyframeView(NoLandmark):

@@ -33,7 +33,7 @@ lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/python tools/check_words.py
+	$(BIN)/python tools/check_words.py --all --lines
 
 # What `ros2 run` needs: executables in lib/tccm_ros and a marker in the ament index.
 build: $(STAMP)

@@ -93,7 +93,7 @@ def run_cycles(cycles: list[Any], config: Config, all_stages: list[Stages]) -> N
             end_ns=cycle.part.end_ns, frame_id="odom", base_frame_id="base", T_odom_base=T,
             planes=planes, objects=found, place_size=config.objects.place_size, surfaces=surfaces,
             view=view, part=cycle.part, scans=len(cycle.scans), base_speed=0.0,
-            base_turn_rate=0.0, ended_by="turn",
+            base_angular_speed=0.0, ended_by="turn",
         )  # fmt: skip
         for publication in publications.of(result, lambda c=cuboids: c):
             if publication.topic in ("planes", "objects", "surfaces", "view"):

@@ -119,7 +119,9 @@ class SimulatedCycle:
         """The same as flat arrays."""
         posed = [p for p, _ in self.scans]
         bearings = self.bearings[0] + self.step * np.arange(len(self.bearings))
-        times = [(p.knots_ns - p.scan.stamp_ns) / (p.scan.time_increment * 1e9) for p in posed]
+        times = [
+            (p.pose_stamps_ns - p.scan.stamp_ns) / (p.scan.time_increment * 1e9) for p in posed
+        ]
         return (
             np.ascontiguousarray(self.ranges),
             np.stack([k for _, k in self.scans]).astype(np.uint8),

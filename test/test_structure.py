@@ -134,7 +134,7 @@ def test_only_nodes_know_ros_and_only_the_graph_knows_gtsam(path: Path):
     assert "gtsam" not in tops or {str(place), str(place.parent)} & GTSAM_ROOMS
 
 
-def test_baselines_reach_the_core_as_functions():
+def test_the_core_is_given_baselines_as_functions():
     cores = [path for path in modules() if room_of(path) in {"cuboids", "planes", "slam"}]
     importers = [p for p in cores if any(n.startswith("tccm_ros.baselines") for n in imports(p))]
     assert not importers, "the processors choose a baseline and hand it down"

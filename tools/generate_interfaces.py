@@ -138,9 +138,9 @@ def is_up_to_date(folder: Path, environment: Path) -> bool:
     name = package_name(folder)
     if importlib.util.find_spec(name) is None:
         return False
-    share = environment / "share" / name
-    mark = share / MARK
-    return mark.read_text() == digest(folder) if mark.exists() else not share.exists()
+    installed = environment / "share" / name
+    mark = installed / MARK
+    return mark.read_text() == digest(folder) if mark.exists() else not installed.exists()
 
 
 def prepare(environment: Path) -> None:

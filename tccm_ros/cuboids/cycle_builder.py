@@ -112,7 +112,7 @@ class TiltCycleData:
         """Return the mean angle between scan lines, rad; 0 with fewer than two scans."""
         if len(self.scans) < 2:
             return 0.0
-        middle = [len(s.posed.knots_ns) // 2 for s in self.scans]
+        middle = [len(s.posed.pose_stamps_ns) // 2 for s in self.scans]
         normals = np.array(
             [s.posed.T_base_laser[k][:3, 2] for s, k in zip(self.scans, middle, strict=True)]
         )
@@ -121,7 +121,7 @@ class TiltCycleData:
     def _pose_samples(self, poses_of: Callable[[PosedScan], Float64]) -> tuple[Int64, Float64]:
         if not self.scans:
             return np.zeros(0, np.int64), np.zeros((0, 4, 4))
-        stamps = np.concatenate([s.posed.knots_ns for s in self.scans])
+        stamps = np.concatenate([s.posed.pose_stamps_ns for s in self.scans])
         poses = np.concatenate([poses_of(s.posed) for s in self.scans])
         stamps, first = np.unique(stamps, return_index=True)
         return stamps, poses[first]

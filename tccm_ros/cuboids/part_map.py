@@ -262,7 +262,11 @@ class PartMapBuilder:
         scan, tiles = posed.scan, self._tiles
         n = len(scan.ranges)
         self._make_room(n)
-        stamps, T_odom_base, T_base_laser = posed.knots_ns, posed.T_odom_base, posed.T_base_laser
+        stamps, T_odom_base, T_base_laser = (
+            posed.pose_stamps_ns,
+            posed.T_odom_base,
+            posed.T_base_laser,
+        )
         if scan.time_increment < 0.0:
             stamps = np.ascontiguousarray(stamps[::-1])
             T_odom_base = np.ascontiguousarray(T_odom_base[::-1])

@@ -31,7 +31,7 @@ PLANE_SLACK = 0.005
 """plus this, m: the rms of a clean plane is that of its noise alone."""
 
 BEAMS_PER_COLUMN = 2.0
-"""Beams per column at the end of the reach are enough to see through."""
+"""Beams per column at `views.reach` are enough to see through."""
 
 
 def plane_labels(part: PartMap, fits: PlaneFits) -> Int32:
@@ -132,7 +132,7 @@ def view_intervals(
     """Return what a tilt cycle's beams passed through, in the base frame at the cycle's stamp."""
     columns = FreeIntervalTracer(config.views.cell_size, config.views.reach)
     T_base_odom = inverse(T_odom_base)
-    # Half again: the reach is a distance on the floor, the beam goes down as well.
+    # Half again: `views.reach` is a distance on the floor, the beam goes down as well.
     longest = 1.5 * min(config.views.reach, config.scan.max_range)
     for scan in cycle.scans:
         spacing = abs(scan.posed.scan.angle_increment) * config.views.reach * BEAMS_PER_COLUMN

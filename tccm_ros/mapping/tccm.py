@@ -49,7 +49,7 @@ START_OF_TIME = -(2**62)
 STILL_SPEED = 0.02
 """Below this the base stands still, m/s (`views.when: still`)."""
 
-STILL_TURN_RATE = np.deg2rad(0.5)
+STILL_ANGULAR_SPEED = np.deg2rad(0.5)
 """Below this the base stands still, rad/s."""
 
 
@@ -87,7 +87,7 @@ class CycleResult:
         The newest part map, with its points.
     scans
         Scans of which beams were used.
-    base_speed, base_turn_rate
+    base_speed, base_angular_speed
         Largest of the base during the tilt cycle, m/s and rad/s.
     ended_by
         Why the cycle ended: ``turn``, ``rest``, ``gap``, ``time`` or ``end``.
@@ -108,7 +108,7 @@ class CycleResult:
     part: PartMap
     scans: int
     base_speed: float
-    base_turn_rate: float
+    base_angular_speed: float
     ended_by: str
 
     def free_places(self, planes: Sequence[PlaneRecord] | None = None) -> list[FreePlaces]:
@@ -127,7 +127,7 @@ class CycleResult:
     @property
     def is_still(self) -> bool:
         """Whether the base stood still for the whole tilt cycle."""
-        return self.base_speed < STILL_SPEED and self.base_turn_rate < STILL_TURN_RATE
+        return self.base_speed < STILL_SPEED and self.base_angular_speed < STILL_ANGULAR_SPEED
 
 
 class TccmProcessor:
@@ -242,9 +242,9 @@ class TccmProcessor:
         planes = self._planes.update(fits)
         on_planes(CyclePlanes(cycle.stamp_ns, self._odom_frame, planes))
         objects = self._objects.update(find_objects(cuboids, fits, planes, self.config))
-        speed, turn_rate = cycle.base_speeds()
+        speed, angular_speed = cycle.base_speeds()
         base = self._base_frame
-        still = speed < STILL_SPEED and turn_rate < STILL_TURN_RATE
+        still = speed < STILL_SPEED and angular_speed < STILL_ANGULAR_SPEED
         wanted = self.config.views.when == "always" or still or self._view_is_asked
         self._view_is_asked = False
         view = view_intervals(cycle, self.config, T_odom_base, base)
@@ -267,6 +267,6 @@ class TccmProcessor:
             part=part,
             scans=len(cycle.scans),
             base_speed=speed,
-            base_turn_rate=turn_rate,
+            base_angular_speed=angular_speed,
             ended_by=cycle.span.reason,
         )

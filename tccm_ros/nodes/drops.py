@@ -20,9 +20,9 @@ ADVICE = {
 
 
 ORDINARY = ("short tilt cycle",)
-"""A sweep too short to be one is no fault: the laser came to rest."""
+"""A tilt cycle too short to be one is no fault: the laser came to rest."""
 
-LEAST = 3
+MIN_NEW = 3
 """Fewer drops than this between two looks are no problem: starts and ends of streams."""
 
 
@@ -36,7 +36,7 @@ class DropWatch:
         """Return one line for each reason by which more scans were dropped than before."""
         new = {why: n for why, n in (dropped - self._seen).items() if why not in ORDINARY}
         self._seen = Counter(dropped)
-        many = sorted(why for why, n in new.items() if n >= LEAST)
+        many = sorted(why for why, n in new.items() if n >= MIN_NEW)
         return [f"scans are dropped, {why}{_advice(why)}" for why in many]
 
 

@@ -144,11 +144,11 @@ def live_covariance(
     # The keyframe's error, seen from the live pose: its yaw error acts over the way since then.
     lever = np.eye(3)
     lever[:2, 2] = (-delta[1], delta[0])
-    turn = np.eye(3)
-    turn[:2, :2] = _rotation(start[2])
+    R_map_keyframe = np.eye(3)
+    R_map_keyframe[:2, :2] = _rotation(start[2])
     end = np.eye(3)
     end[:2, :2] = _rotation(live.pose[2])
-    known = turn @ lever @ cov @ lever.T @ turn.T
+    known = R_map_keyframe @ lever @ cov @ lever.T @ R_map_keyframe.T
     result: Float64 = known + end @ odometry_covariance(delta, config.odometry) @ end.T
     return result
 

@@ -17,7 +17,7 @@ ADVICE = {
 }
 """What to do about a policy that does not fit."""
 
-HAND_OVER_DEPTH = 50
+SURFACE_MESSAGE_DEPTH = 50
 """A minute of tilt cycles: the SLAM node may be busy with a batch."""
 
 
@@ -51,11 +51,11 @@ def static_transforms() -> QoSProfile:
     )
 
 
-def hand_over() -> QoSProfile:
-    """Return the profile of the hand-over between the two nodes: nothing is lost."""
+def surface_message() -> QoSProfile:
+    """Return the profile of the surface message between the two nodes: nothing is lost."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=HAND_OVER_DEPTH,
+        depth=SURFACE_MESSAGE_DEPTH,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.VOLATILE,
     )

@@ -257,7 +257,7 @@ class SensorNode(Node):
         self.intake.start()
 
     def _autosave(self) -> None:
-        """Have the map written; the open sweep and the scans that wait are not disturbed."""
+        """Have the map written; the open tilt cycle and the scans that wait are not disturbed."""
         self.worker.post(lambda: self.write(self.save_folder()))
 
     def close(self) -> None:

@@ -17,7 +17,7 @@ from tccm_ros.nodes.collision import CollisionObjects
 from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.map_folder import read_map, write_map
 from tccm_ros.nodes.outputs import Outputs
-from tccm_ros.nodes.qos import hand_over, latched, sensor
+from tccm_ros.nodes.qos import latched, sensor, surface_message
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
@@ -42,8 +42,8 @@ GRID, GRID_TOPIC = "nav_msgs/msg/OccupancyGrid", "map"
 SOLVE_PERIOD_S = 2.0
 """The map is solved anew at most this often."""
 
-SOLVE_SHARE = 0.1
-"""Share of the time that solving may take: a long solution is made less often."""
+SOLVE_FRACTION = 0.1
+"""Fraction of the time that solving may take: a long solution is made less often."""
 
 KEYFRAMES_PER_SOLVE = 5
 """Without a new view the map is solved anew after so many keyframes."""
@@ -79,7 +79,7 @@ class SlamNode(SensorNode):
         for role in SURFACE_MESSAGE_TOPICS:
             self.subscribe(
                 role,
-                hand_over(),
+                surface_message(),
                 lambda _, record: self.offer([record]),
                 topic=f"tccm/{role}",
                 watch="event",
@@ -145,8 +145,8 @@ class SlamNode(SensorNode):
         if start < self._next_solve_s or self._waits_for_scan:
             return
         self._show(self.processor.solve(every_covariance=False))
-        took = time.monotonic() - start
-        self._next_solve_s = start + max(SOLVE_PERIOD_S, took / SOLVE_SHARE)
+        duration_s = time.monotonic() - start
+        self._next_solve_s = start + max(SOLVE_PERIOD_S, duration_s / SOLVE_FRACTION)
 
     @property
     def _waits_for_scan(self) -> bool:

@@ -1,4 +1,4 @@
-"""tccm_node: planes, objects and the hand-over of each tilt cycle, live."""
+"""tccm_node: planes, objects and the surface message of each tilt cycle, live."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from std_srvs.srv import SetBool, Trigger
 from tccm_ros.atomic import output_folder
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.nodes.outputs import Outputs
-from tccm_ros.nodes.qos import hand_over, latched
+from tccm_ros.nodes.qos import latched, surface_message
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
@@ -36,7 +36,7 @@ class TccmNode(SensorNode):
         self._rig_problems: tuple[str, ...] = ()
         self._publications = CycleMessageBuilder(self.bulk_types, self.config)
         profiles = {
-            topic: hand_over() if topic in SURFACE_MESSAGE_TOPICS else latched()
+            topic: surface_message() if topic in SURFACE_MESSAGE_TOPICS else latched()
             for topic in CYCLE_TOPICS
         }
         self._outputs = Outputs(
@@ -62,8 +62,8 @@ class TccmNode(SensorNode):
     def takes(self, event: Event) -> bool:
         """Return whether an event is for the processor.
 
-        While paused, none is but a jump of the clock. Joints stand still with the scans: sweeps
-        that nobody looks at would age the map.
+        While paused, none is but a jump of the clock. Joints stand still with the scans: tilt
+        cycles that nobody looks at would age the map.
         """
         return self.processor.takes(event) and (not self.is_paused or type(event) is ClockJump)
 
@@ -83,7 +83,7 @@ class TccmNode(SensorNode):
         self._rig_problems = ()
 
     def end_input(self) -> None:
-        """Close the open sweep."""
+        """Close the open tilt cycle."""
         self._publish(self.processor.finish(self._publish_planes))
 
     def write(self, folder: Path) -> None:
@@ -107,7 +107,7 @@ class TccmNode(SensorNode):
 
     def _on_take_view(self, _: Trigger.Request, response: Trigger.Response) -> Any:
         self.worker.post(lambda: self.processor.take_view())
-        response.success, response.message = True, "the view is taken when the sweep ends"
+        response.success, response.message = True, "the view is taken when the tilt cycle ends"
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> Any:

@@ -1,4 +1,4 @@
-"""When each message of a bag is due: rate, start, pause and loops, apart from any clock."""
+"""When each message of a bag is due: rate, start, pause and loops, whatever any clock says."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from tccm_ros.surfaces.surface_slam import SurfaceSlam
 START_NS = 1_000_000_000_000
 PERIOD_NS = 25_000_000
 SCANS = 110
-"""Two sweeps and a half."""
+"""Two tilt cycles and a half."""
 
 DRIVE_SCANS, DRIVE_STEP = 150, 0.15
 """Level scans, and metres between two of them at most."""
@@ -62,21 +62,21 @@ ROBOT = RobotDescription(
 
 
 def warm_up_tccm(config: Config) -> None:
-    """Run some sweeps through a throw-away TCCM processor; once in a process for what is alike."""
-    _sweep_once(config.model_dump_json())
+    """Run tilt cycles through a throw-away TCCM processor; once in a process for equal settings."""
+    _tilt_once(config.model_dump_json())
 
 
 def warm_up_slam(config: Config) -> None:
-    """Drive a throw-away SLAM processor through a room; once in a process for what is alike."""
+    """Drive a throw-away SLAM processor through a room; once in a process for equal settings."""
     _drive_once(config.model_dump_json())
 
 
 @cache
-def _sweep_once(config_json: str) -> tuple[CycleResult, ...]:
+def _tilt_once(config_json: str) -> tuple[CycleResult, ...]:
     config = _with_robot(Config.model_validate_json(config_json))
     robot, processor = Robot(config, default_streams()), TccmProcessor(config)
     results: list[CycleResult] = []
-    for role, record in _sweeps():
+    for role, record in _tilt():
         for event in robot.add(role, record):
             results += processor.add(event)
     results += processor.finish()
@@ -95,7 +95,7 @@ def _drive_once(config_json: str) -> None:
     for role, record in _drive():
         for event in robot.add(role, record):
             slam.add(event)
-    for result in _sweep_once(config_json):
+    for result in _tilt_once(config_json):
         slam.add(result.surfaces)
         slam.add(result.view)
     slam.solve()
@@ -109,8 +109,8 @@ def _with_robot(config: Config) -> Config:
     return made
 
 
-def _sweeps() -> Iterator[tuple[str, RobotDescription | Odometry | JointSample | Scan]]:
-    """Yield sweeps of a tilting laser over the room, each scan between two samples."""
+def _tilt() -> Iterator[tuple[str, RobotDescription | Odometry | JointSample | Scan]]:
+    """Yield tilt cycles of a laser over the room, each scan between two samples."""
     yield "robot_description", ROBOT
     bearings = np.linspace(-1.2, 1.2, BEAMS)
     for k in range(SCANS):

@@ -36,7 +36,7 @@ Record = (
 )
 
 MAX_SCAN_S = 60.0
-"""Longest sweep of one scan that is believed, s; the slowest lasers take a few seconds."""
+"""Longest duration of one scan that is believed, s; the slowest lasers take a few seconds."""
 
 
 def stamp_ns_from_message(stamp: Any) -> int:
@@ -67,7 +67,7 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
         raise MessageError("scan has angles, times or limits that are not numbers")
     if not 0.0 <= time_increment * len(ranges) <= MAX_SCAN_S:
         raise MessageError(
-            f"scan has {len(ranges)} beams {time_increment:g} s apart, "
+            f"scan has {len(ranges)} beams with {time_increment:g} s between two, "
             f"expected 0 to {MAX_SCAN_S:g} s in all"
         )
     return Scan(

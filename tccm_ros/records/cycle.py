@@ -1,4 +1,4 @@
-"""What a tilt cycle gives: the hand-over to the surface map, planes and objects."""
+"""What a tilt cycle gives to the surface map: the surface message."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from tccm_ros.arrays import Float32, Float64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceCloud:
-    """The hand-over of one tilt cycle: points of its horizontal surfaces (DESIGN section 4).
+    """The surface message of one tilt cycle: the points of its horizontal surfaces.
 
     Attributes
     ----------
     stamp_ns
-        Middle of the sweep's first and last used beam.
+        Middle between the tilt cycle's first and last used beam.
     frame_id
         Base frame; the points are moved to where the base was at the stamp.
     points

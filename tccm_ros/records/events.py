@@ -43,7 +43,7 @@ class Posed:
     ----------
     record
         What the sensor measured.
-    knots_ns
+    pose_stamps_ns
         Stamps of the pose samples, int64 (K,), strictly increasing, K >= 2 (K = 1 where all was
         measured at one time).
     T_odom_base
@@ -59,7 +59,7 @@ class Posed:
     """
 
     record: Any
-    knots_ns: Int64
+    pose_stamps_ns: Int64
     T_odom_base: Float64
     T_base_sensor: Float64
     role: str = ""

@@ -9,7 +9,7 @@ from tccm_ros.arrays import Float32, Float64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
-    """One sweep of a laser (sensor_msgs/LaserScan).
+    """One scan of a laser (sensor_msgs/LaserScan).
 
     Attributes
     ----------

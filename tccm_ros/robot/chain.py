@@ -19,13 +19,13 @@ class JointReading:
     name: str
     track: ScalarTrack
     axis: Float64
-    turns: bool
+    is_revolute: bool
     scale: float = 1.0
     offset: float = 0.0
 
     def at(self, stamps_ns: Int64) -> Float64:
         """Return positions float64 (K,), rad or m."""
-        q = self.track.at(stamps_ns, wraps=self.turns)
+        q = self.track.at(stamps_ns, wraps=self.is_revolute)
         if self.scale != 1.0 or self.offset != 0.0:
             q = self.scale * q + self.offset
         return q
@@ -33,7 +33,7 @@ class JointReading:
     def apply(self, T: Float64, stamps_ns: Int64, *, backwards: bool) -> None:
         """Multiply poses (K, 4, 4) in place by the joint's motion, or by its inverse."""
         q = self.at(stamps_ns)
-        apply_joint(T, self.axis, -q if backwards else q, self.turns)
+        apply_joint(T, self.axis, -q if backwards else q, self.is_revolute)
 
 
 @dataclass(slots=True, eq=False)
@@ -105,13 +105,13 @@ def apply_fixed(T, F):  # type: ignore[no-untyped-def]
 
 
 @njit(nogil=True, cache=True)
-def apply_joint(T, axis, q, turns):  # type: ignore[no-untyped-def]
+def apply_joint(T, axis, q, is_revolute):  # type: ignore[no-untyped-def]
     """Multiply rigid poses (K, 4, 4) in place by a turn about, or a slide along, an axis."""
     x, y, z = axis[0], axis[1], axis[2]
     R = np.empty((3, 3))
     row = np.empty(3)
     for k in range(T.shape[0]):
-        if not turns:
+        if not is_revolute:
             for i in range(3):
                 T[k, i, 3] += q[k] * (T[k, i, 0] * x + T[k, i, 1] * y + T[k, i, 2] * z)
             continue

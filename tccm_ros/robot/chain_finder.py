@@ -239,7 +239,7 @@ class ChainFinder:
         FrameError
             Where there is none; the message names the joints that are there.
         """
-        turning = [p for p, _ in chain.parts if isinstance(p, MovingTransform) or p.turns]
+        turning = [p for p, _ in chain.parts if isinstance(p, MovingTransform) or p.is_revolute]
         wanted = self._config.frames.tilt_joint
         if wanted:
             for part in turning:

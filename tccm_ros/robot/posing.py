@@ -19,7 +19,7 @@ class Posing:
     Parameters
     ----------
     config
-        `sync_timeout` is used: samples further apart than half of it bracket nothing.
+        `sync_timeout` is used: samples with more than half of it between them bracket nothing.
     motion
         Of the base.
 
@@ -41,7 +41,7 @@ class Posing:
         """Forget what was heard of the tracks: time began anew."""
         self._silence.clear()
 
-    def judge(
+    def pose_next(
         self, sensor: Sensor, now_ns: int | None, *, ended: bool, expects_odometry: bool
     ) -> Posed | str | None:
         """Return the next record that waits with its poses, or why it is dropped, or None.
@@ -116,13 +116,13 @@ class Posing:
         record, stream, mount = sensor.waiting[0], sensor.stream, sensor.mount
         base = mount.base or ""
         within = [track.stamps_within(start_ns, end_ns) for track in self._motion.tracks(base)]
-        knots_ns = mount.pose_stamps(chain, start_ns, end_ns, *within)
+        pose_stamps_ns = mount.pose_stamps(chain, start_ns, end_ns, *within)
         is_filtered = stream.sees_robot and self._scan.self_filter
         return stream.event(
             record,
-            knots_ns,
-            self._base_poses(mount, knots_ns),
-            chain.at(knots_ns),
+            pose_stamps_ns,
+            self._base_poses(mount, pose_stamps_ns),
+            chain.at(pose_stamps_ns),
             stream.role,
             self._motion.odom_frame,
             base,

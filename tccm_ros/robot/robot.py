@@ -58,8 +58,8 @@ class _Input:
     pose
         Name of the record's pose, which must be finite.
     source
-        Name of what tells apart who stamped the records of a role: stamps are compared with those
-        of the same source.
+        Name of the attribute that says who stamped a record, where several do in one role: stamps
+        are compared with those of the same source.
     keeps_time
         Whether message time follows the stamps.
     is_fixed
@@ -153,7 +153,7 @@ class Robot:
         elif taken.is_fixed:
             taken.take(record)
         else:
-            self._judge(role, taken, record)
+            self._admit(role, taken, record)
         return self._release()
 
     def flush(self) -> list[Event]:
@@ -193,7 +193,7 @@ class Robot:
             inputs[role] = _Input(sensor.stream.record, sensor.add, sensor.refuse)
         return inputs
 
-    def _judge(self, role: str, taken: _Input, record: Any) -> None:
+    def _admit(self, role: str, taken: _Input, record: Any) -> None:
         """Take a record whose stamp is believed, hold or refuse another."""
         key = (role, getattr(record, taken.source)) if taken.source else role
         self._time_has_passed |= record.stamp_ns >= self._complete_after_ns
@@ -257,7 +257,7 @@ class Robot:
         """Return the events of a sensor's records that need not wait any more."""
         posed: list[Event] = []
         while sensor.waiting:
-            outcome = self._posing.judge(
+            outcome = self._posing.pose_next(
                 sensor,
                 self._guard.now(sensor.stream.role),
                 ended=ended,

@@ -74,7 +74,7 @@ class ShapeModel:
         self._parents = np.array([f.parent for f in self._joints], np.int64)
         self._before = np.array([f.before for f in self._joints]).reshape(-1, 4, 4)
         self._axes = np.array([f.axis for f in self._joints]).reshape(-1, 3)
-        self._turns = np.array([f.reading.turns for f in self._joints], np.bool_)
+        self._is_revolute = np.array([f.reading.is_revolute for f in self._joints], np.bool_)
 
     def _hang(self, chain: Chain) -> tuple[int, Float64]:
         """Return the last moved frame of a chain, and the fixed transform from there."""
@@ -101,7 +101,7 @@ class ShapeModel:
             self._parents,
             self._before,
             self._axes,
-            self._turns,
+            self._is_revolute,
             positions,
             self._hangs_on,
             self._T_frame_shape,
@@ -113,7 +113,7 @@ class ShapeModel:
 
 
 @njit(nogil=True, cache=True)
-def place_shapes(parents, before, axes, turns, positions, hangs_on, T_frame_shape):  # type: ignore[no-untyped-def]
+def place_shapes(parents, before, axes, is_revolute, positions, hangs_on, T_frame_shape):  # type: ignore[no-untyped-def]
     """Place shapes (S, 4, 4) on a tree of moved frames, each after its parent.
 
     A frame is its parent's times the fixed transform `before` (N, 4, 4) times its joint's motion;
@@ -126,7 +126,7 @@ def place_shapes(parents, before, axes, turns, positions, hangs_on, T_frame_shap
         else:
             frames[n] = frames[parents[n]]
             apply_fixed(frames[n : n + 1], before[n])
-        apply_joint(frames[n : n + 1], axes[n], positions[n : n + 1], turns[n])
+        apply_joint(frames[n : n + 1], axes[n], positions[n : n + 1], is_revolute[n])
         if np.isnan(positions[n]):
             frames[n, :3] = np.nan
     placed = np.empty((len(hangs_on), 4, 4))

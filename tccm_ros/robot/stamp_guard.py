@@ -11,7 +11,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-#: Streams that are told apart; the records of further ones are refused.
+#: Streams that are distinguished; the records of further ones are refused.
 MAX_STREAMS = 1024
 
 #: Records of one stream that are held while it is not clear whether the clock went back.
@@ -74,7 +74,7 @@ class StampGuard(Generic[T]):
                 result.refused.append((record, "too many streams"))
                 return result
             stream = self._streams[key] = _Stream(keeps_time=keeps_time)
-        self._judge(stream, stamp_ns, record, result)
+        self._decide(stream, stamp_ns, record, result)
         return result
 
     def passes(self, key: Hashable, stamp_ns: int) -> bool:
@@ -126,7 +126,7 @@ class StampGuard(Generic[T]):
             self._refuse_behind(stream, result)
         return result
 
-    def _judge(self, stream: _Stream[T], stamp_ns: int, record: T, result: Admission[T]) -> None:
+    def _decide(self, stream: _Stream[T], stamp_ns: int, record: T, result: Admission[T]) -> None:
         if stream.ahead is not None:
             held_ns, held = stream.ahead
             stream.ahead = None

@@ -29,7 +29,7 @@ class TiltReadout:
         self._offset = 0.0
         self._given_ns: int | None = None
         self._angle: float | None = None
-        self._turns = 0
+        self._revolutions = 0
 
     @property
     def name(self) -> str | None:
@@ -60,7 +60,7 @@ class TiltReadout:
     def clear(self) -> None:
         """Start again, as after a jump of the clock."""
         self._given_ns = self._angle = None
-        self._turns = 0
+        self._revolutions = 0
 
     def drain(self) -> list[tuple[int, float]]:
         """Return the samples (stamp_ns, corrected angle in rad) since the last call."""
@@ -89,13 +89,13 @@ class TiltReadout:
         return part.track.values[first:, 0]
 
     def _unwrapped(self, angle: float) -> float:
-        turns = isinstance(self._part, MovingTransform) or (
-            self._part is not None and self._part.turns
+        is_revolute = isinstance(self._part, MovingTransform) or (
+            self._part is not None and self._part.is_revolute
         )
-        if turns and self._angle is not None:
-            self._turns -= round((angle - self._angle) / (2.0 * np.pi))
+        if is_revolute and self._angle is not None:
+            self._revolutions -= round((angle - self._angle) / (2.0 * np.pi))
         self._angle = angle
-        return self._scale * (angle + self._turns * 2.0 * np.pi) + self._offset
+        return self._scale * (angle + self._revolutions * 2.0 * np.pi) + self._offset
 
 
 def find_axis(track: PoseTrack) -> Float64 | None:
@@ -107,10 +107,10 @@ def find_axis(track: PoseTrack) -> Float64 | None:
     if not len(track):
         return None
     rotations = Rotation.from_quat(track.values[:, 3:])
-    turns = (rotations[0].inv() * rotations).as_rotvec()
-    angles = np.linalg.norm(turns, axis=1)
+    relative = (rotations[0].inv() * rotations).as_rotvec()
+    angles = np.linalg.norm(relative, axis=1)
     moved = np.flatnonzero(angles > AXIS_ANGLE)
     if not len(moved):
         return None
-    axis = turns[moved[0]] / angles[moved[0]]
+    axis = relative[moved[0]] / angles[moved[0]]
     return axis * np.sign(axis[np.argmax(np.abs(axis))])

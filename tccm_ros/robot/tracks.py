@@ -85,7 +85,7 @@ class Track:
         return None if gap < 0 else gap
 
     def brackets(self, start_ns: int, end_ns: int, max_gap_ns: int) -> bool:
-        """Return whether samples at most `max_gap_ns` apart reach over [start, end]."""
+        """Return whether samples with at most `max_gap_ns` between two cover [start, end]."""
         gap = self.widest_gap_ns(start_ns, end_ns)
         return gap is not None and gap <= max_gap_ns
 
@@ -158,7 +158,7 @@ def stamps_between(stamps, start, end):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True)
 def merge_stamps(start, end, step, inner):  # type: ignore[no-untyped-def]
-    """Return stamps (K,) from start to end at most `step` apart, with `inner` among them."""
+    """Return stamps (K,) from start to end in steps of at most `step`, with `inner` among them."""
     count = -(-(end - start) // step)
     merged = np.empty(count + 1 + len(inner), np.int64)
     for i in range(count + 1):

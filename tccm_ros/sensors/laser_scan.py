@@ -30,7 +30,7 @@ def scan_from_message(message: Any) -> Scan:
     ------
     MessageError
         Where angles or limits are not finite (range_max may be infinite), or where the time
-        between beams is negative or makes the sweep longer than `MAX_SCAN_S`.
+        between beams is negative or makes the scan longer than `MAX_SCAN_S`.
     """
     ranges = np.asarray(np.frombuffer(message.ranges, np.float32), np.float32)
     numbers = (
@@ -137,7 +137,7 @@ def laser_poses(posed: PosedScan, T_frame_odom: Float64 | None = None) -> tuple[
     T = posed.T_odom_base @ posed.T_base_laser
     if T_frame_odom is not None:
         T = T_frame_odom @ T
-    times = (posed.knots_ns - posed.scan.stamp_ns) * 1e-9
+    times = (posed.pose_stamps_ns - posed.scan.stamp_ns) * 1e-9
     return refine_poses(times, np.ascontiguousarray(T))
 
 
@@ -167,7 +167,7 @@ def used_beams(posed: PosedScan, config: Config) -> Bool:
     if shapes is None or not len(shapes.kinds):
         return valid
     padding = config.scan.self_padding
-    T_odom_shape = posed.T_odom_base[_stamp_knot(posed)] @ shapes.T_base_shape
+    T_odom_shape = posed.T_odom_base[_stamp_sample(posed)] @ shapes.T_base_shape
     near = valid & (posed.scan.ranges <= _max_range(posed, T_odom_shape, shapes.half + padding))
     points, beams = project(posed, near)
     inside = mark_inside(points, shapes.kinds, shapes.half, inverse(T_odom_shape), padding)
@@ -194,11 +194,14 @@ def project_level(posed: PosedScan, config: Config) -> tuple[Float64, Int32]:
     points float64 (N, 2), m, in the base frame at the scan's stamp, levelled (without its roll
     and pitch), and their beams int32 (N,).
     """
-    T_level_odom = inverse(level(posed.T_odom_base[_stamp_knot(posed)]))
+    T_level_odom = inverse(level(posed.T_odom_base[_stamp_sample(posed)]))
     points, beams = project(posed, valid_beams(posed.scan, config), T_level_odom)
     return points[:, :2], beams
 
 
-def _stamp_knot(posed: PosedScan) -> int:
-    """Return the knot at the scan's stamp: the last one where beams are stamped backwards."""
-    return 0 if posed.knots_ns[0] == posed.scan.stamp_ns else -1
+def _stamp_sample(posed: PosedScan) -> int:
+    """Return the index of the pose sample at the scan's stamp.
+
+    It is the first one, or the last one (-1) where beams are stamped backwards.
+    """
+    return 0 if posed.pose_stamps_ns[0] == posed.scan.stamp_ns else -1

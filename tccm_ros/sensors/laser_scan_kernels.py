@@ -70,7 +70,7 @@ def mark_valid(ranges, low, high, step, shadow_angle, shadow_jump):  # type: ign
 
 
 @njit(nogil=True, cache=True)
-def turn_between(A, B, axis):  # type: ignore[no-untyped-def]
+def rotation_between(A, B, axis):  # type: ignore[no-untyped-def]
     """Return the angle of R_A^T R_B of two poses and write its axis (in A's child frame)."""
     R = np.empty((3, 3))
     for i in range(3):
@@ -117,7 +117,7 @@ def refine_poses(times, T):  # type: ignore[no-untyped-def]
     axes = np.empty((max(n - 1, 0), 3))
     total = 1
     for k in range(n - 1):
-        angles[k] = turn_between(T[k], T[k + 1], axes[k])
+        angles[k] = rotation_between(T[k], T[k + 1], axes[k])
         steps[k] = max(1, int(np.ceil(angles[k] / BLEND_ANGLE)))
         total += steps[k]
     fine_times = np.empty(total)

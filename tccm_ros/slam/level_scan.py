@@ -79,7 +79,7 @@ class LevelScan:
 def make_level_scan(posed: PosedScan, config: Config) -> LevelScan:
     """Project a level scan, each beam by the poses of its own time."""
     beams, _ = project_level(posed, config)
-    at_stamp = 0 if posed.knots_ns[0] == posed.scan.stamp_ns else -1
+    at_stamp = 0 if posed.pose_stamps_ns[0] == posed.scan.stamp_ns else -1
     origin = posed.T_base_laser[at_stamp, :2, 3].copy()
     points, normals = thin_with_normals(beams, origin, abs(posed.scan.angle_increment))
     odom = planar(posed.T_odom_base[at_stamp])

@@ -16,8 +16,6 @@ from tccm_ros.ros import joint_sample_from_message, odometry_from_message
 from tccm_ros.sensors.laser_scan import scan_from_message
 
 START_NS = 1_700_000_000_000_000_000
-MOST = 400
-"""Cells and beams stay few: what is looked for is a crash, not a load."""
 
 floats = st.one_of(
     st.floats(width=32), st.sampled_from([0.0, -0.0, 1e-30, 1e30, math.inf, -math.inf, math.nan])

@@ -1,6 +1,7 @@
 """A small robot in a room with a table, whose topics tests publish record by record.
 
-The room is computed here, apart from the simulator: walls 3 m around, floor, table top at 0.70 m.
+The room is computed here, independently of the simulator: walls 3 m around, floor, table top at
+0.70 m.
 Nodes live on message time, so that seconds of a recording are sent in a moment.
 """
 
@@ -29,8 +30,8 @@ START_NS = 1_700_000_000_000_000_000
 STEP_NS = 50_000_000
 """A tilting scan, a joint sample and an odometry sample each 50 ms; a level scan each 100 ms."""
 
-SWEEP = 20
-"""Scans of one sweep."""
+CYCLE_SCANS = 20
+"""Scans of one tilt cycle."""
 
 HEIGHT, WALL, TABLE = 1.2, 3.0, 0.70
 CHUNK = 30
@@ -49,7 +50,7 @@ URDF = """<robot name="small">
 
 def tilt_at(k: float) -> float:
     """Return the tilt at step k, rad: between 0.2 and 1.2, a triangle wave."""
-    phase = k / SWEEP % 2.0
+    phase = k / CYCLE_SCANS % 2.0
     return 0.2 + 1.0 * (phase if phase < 1.0 else 2.0 - phase)
 
 
@@ -82,10 +83,10 @@ def make_scan(stamp_ns: int, frame_id: str, bearings, ranges) -> Scan:
 
 
 def recording(
-    sweeps: float, *, start_ns: int = START_NS, speed: float = 0.0, prefix: str = "", tilt=True
+    cycles: float, *, start_ns: int = START_NS, speed: float = 0.0, prefix: str = "", tilt=True
 ) -> Iterator[tuple[str, object]]:
-    """Yield (topic, record) of some sweeps; the base drives ahead at `speed` m/s."""
-    steps = round(sweeps * SWEEP)
+    """Yield (topic, record) of some tilt cycles; the base drives ahead at `speed` m/s."""
+    steps = round(cycles * CYCLE_SCANS)
     for k in range(steps + 3):
         now = start_ns + k * STEP_NS
         x = speed * k * STEP_NS * 1e-9
@@ -155,10 +156,10 @@ class Robot:
         self._publishers[topic].publish(message)
         self.sent[topic] = self.sent.get(topic, 0) + 1
 
-    def play(self, records: Iterable[tuple[str, object]], *nodes, settled: bool = True) -> None:
+    def play(self, records: Iterable[tuple[str, object]], *nodes, until_done: bool = True) -> None:
         """Publish a recording, as fast as the nodes that listen take it.
 
-        Where `settled`, it returns when their workers have done what waits.
+        Where `until_done`, it returns when their workers have done what waits.
         """
         if "robot_description" in self._publishers:
             for node in nodes:
@@ -176,8 +177,8 @@ class Robot:
                 self.ros.spin_until(
                     lambda n=node, b=before: self._has_all(n, b, base), what="all messages"
                 )
-        for node in nodes if settled else ():
-            settle(self.ros, node)
+        for node in nodes if until_done else ():
+            wait_until_done(self.ros, node)
 
     def _has_all(self, node, before, base) -> bool:
         counts = node.inputs.counts()
@@ -227,7 +228,7 @@ def listens(node, name: str) -> bool:
     return name in node.inputs.counts()
 
 
-def settle(ros, node) -> None:
+def wait_until_done(ros, node) -> None:
     """Wait until a node's worker has done everything that waits."""
     done: list[int] = []
     node.worker.post(lambda: done.append(1))

@@ -1,4 +1,4 @@
-"""The TCCM processor on a ray-cast room: planes, hand-over, forgetting, arrival order."""
+"""The TCCM processor on a ray-cast room: planes, surface message, forgetting, arrival order."""
 
 import itertools
 import random
@@ -70,7 +70,7 @@ def test_finds_the_table_and_the_floor():
     assert fed.processor.counts["scans used"] + sum(fed.dropped.values()) >= 150
 
 
-def test_cycles_are_the_sweeps_and_stamps_their_middle():
+def test_a_result_is_one_tilt_cycle_and_is_stamped_in_its_middle():
     _, results = run(room())
     for k, result in enumerate(results):
         assert result.start_ns == pytest.approx(ns(k * HALF_TIME), abs=30e6)
@@ -81,7 +81,7 @@ def test_cycles_are_the_sweeps_and_stamps_their_middle():
         assert result.surfaces.points.dtype == result.view.intervals.dtype == np.float32
 
 
-def test_scans_are_split_at_the_turn_and_each_beam_is_used_once():
+def test_scans_are_split_where_the_laser_reverses_and_each_beam_is_used_once():
     records = room()
     _, results = run(records)
     beams = sum(int(r.part.moments[:, 0].sum()) for r in results)
@@ -94,7 +94,7 @@ def test_scans_are_split_at_the_turn_and_each_beam_is_used_once():
 
 
 @pytest.mark.parametrize("drive", [(0.0, 0.0), (0.3, 0.0), (0.25, 0.3)])
-def test_hand_over_is_in_the_base_where_it_was_at_the_stamp(drive):
+def test_the_surface_message_is_in_the_base_frame_at_its_stamp(drive):
     _, results = run(room(3.0, drive))
     for result in results[:2]:
         x, y, yaw = base_at((result.stamp_ns - ns(0)) * 1e-9, drive)
@@ -111,11 +111,11 @@ def test_hand_over_is_in_the_base_where_it_was_at_the_stamp(drive):
         assert points[on_table, 2].std() < 0.004
         # The odometry drives 0.1 mm per sample: the speed is right within the window's jitter.
         assert result.base_speed == pytest.approx(drive[0], abs=0.01)
-        assert result.base_turn_rate == pytest.approx(drive[1], abs=0.01)
+        assert result.base_angular_speed == pytest.approx(drive[1], abs=0.01)
         assert result.is_still == (drive == (0.0, 0.0))
 
 
-def test_hand_over_has_each_point_once_and_only_of_the_newest_sweep():
+def test_the_surface_message_has_each_point_of_the_newest_tilt_cycle_once():
     _, results = run(room())
     for result in results:
         cloud = result.surfaces
@@ -129,7 +129,7 @@ def test_hand_over_has_each_point_once_and_only_of_the_newest_sweep():
             assert cloud.points[cloud.surface == surface, 2].std() < 0.01
 
 
-def test_views_only_of_still_sweeps_when_asked():
+def test_views_are_only_of_tilt_cycles_at_rest_when_asked():
     still = settings(views={"when": "still"})
     _, results = run(room(3.0, (0.3, 0.0)), still)
     assert all(len(r.surfaces.points) == 0 and len(r.view.intervals) == 0 for r in results)
@@ -163,13 +163,13 @@ def test_clearing_forgets_at_once_and_keeps_the_table():
     assert fed.processor.map.pieces.tobytes() == before
 
 
-def shuffled(records, most_late_ns, seed):
+def shuffled(records, max_delay_ns, seed):
     """Return the records by arrival: each topic in order, each topic late by its own jitter."""
     rng = random.Random(seed)
     newest, arrivals = {}, []
     for number, item in enumerate(records):
         kind = type(item)
-        arrival = max(item.stamp_ns + rng.randrange(most_late_ns), newest.get(kind, 0))
+        arrival = max(item.stamp_ns + rng.randrange(max_delay_ns), newest.get(kind, 0))
         newest[kind] = arrival
         arrivals.append((arrival, number, item))
     return [item for _, _, item in sorted(arrivals, key=lambda a: a[:2])]
@@ -183,7 +183,7 @@ def test_arrival_order_does_not_show(seed):
 
 
 @pytest.mark.parametrize("kind", [JointSample, Odometry])
-def test_one_stamp_from_the_future_does_not_close_a_sweep(kind):
+def test_one_stamp_from_the_future_does_not_close_a_tilt_cycle(kind):
     _, expected = run(room())
     late = shuffled(room(), 200_000_000, 0)
     k = next(k for k, r in enumerate(late) if isinstance(r, kind) and r.stamp_ns > ns(1.0))
@@ -201,11 +201,11 @@ def test_topics_one_after_the_other_give_the_same():
     assert [everything(r) for r in found] == [everything(r) for r in expected]
 
 
-def test_a_result_comes_soon_after_the_turn():
+def test_a_result_comes_soon_after_the_laser_reverses():
     fed, waits_ns = fed_tccm(settings()), []
     for item in room():
         waits_ns += [item.stamp_ns - result.end_ns for result in fed.add(item)]
-    assert len(waits_ns) == 2  # the third sweep ends with the input
+    assert len(waits_ns) == 2  # the third tilt cycle ends with the input
     # The next scan, its bracketing samples, and the dead band of the turn.
     assert max(waits_ns) < 0.12e9
 

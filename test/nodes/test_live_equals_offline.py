@@ -17,10 +17,10 @@ from tccm_ros.config import Config
 from tccm_ros.nodes.player_node import PlayerNode
 from tccm_ros.pipeline.replay import replay
 
-MOST_BEHIND = 60
+MAX_BEHIND = 60
 """Messages of one topic that may wait: with a burst of the player less than a queue holds."""
 
-MOST_WAITING = 500
+MAX_WAITING = 500
 """Jobs of a worker that may wait: a node drops scans only with four times as many."""
 
 RATE = 50.0
@@ -60,19 +60,19 @@ def test_live_equals_offline(ros, tmp_path, bag, remap, is_shared):
     replay(BAGS / bag, offline, Config(), pictures=False, remap=remap)
     words = [word for rule in remap for word in ("-r", rule)]
     common = {"context": ros.context, "words": words, "save__directory": str(live)}
-    mapper = tccm(ros, **common)
-    node = slam(ros, shared=mapper.robot if is_shared else None, **common)
-    ros.connect(mapper, node, "/tccm/surfaces", "/tccm/view")
-    player = play(ros, BAGS / bag, mapper, node)
+    tilt_node = tccm(ros, **common)
+    node = slam(ros, shared=tilt_node.robot if is_shared else None, **common)
+    ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view")
+    player = play(ros, BAGS / bag, tilt_node, node)
     assert player.published == messages(BAGS / bag)
     ask = ros.add(Node("asker", context=ros.context))
     save(ros, ask, "/tccm/save_map")
-    cycles = mapper.processor.counts["cycles"]
+    cycles = tilt_node.processor.counts["cycles"]
     for topic in ("/tccm/surfaces", "/tccm/view"):
         ros.spin_until(lambda t=topic: node.inputs.counts()[t] == cycles, what=topic)
     save(ros, ask, "/surface_slam/save_map")
     assert cycles > 0
-    for each in (mapper, node):
+    for each in (tilt_node, node):
         assert each.inputs.lost() == {}
         assert not each.overload
     for name in EQUAL:
@@ -111,7 +111,7 @@ def behind(player, node) -> int:
 def throttled(player, nodes) -> bool:
     """Hold the player while a node of this one executor is behind: nothing may overflow."""
     is_late = any(
-        behind(player, node) > MOST_BEHIND or node.worker.backlog > MOST_WAITING for node in nodes
+        behind(player, node) > MAX_BEHIND or node.worker.backlog > MAX_WAITING for node in nodes
     )
     if is_late and player._timeline.is_running:
         player._timeline.pause(time.monotonic_ns())

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_robot import START_NS, Listener, recording, settle, slam
+from live_robot import START_NS, Listener, recording, slam, wait_until_done
 from processes import PATIENCE_S, settings, started, stop
 from std_srvs.srv import Trigger
 
@@ -140,7 +140,7 @@ def test_a_killed_tccm_node_is_started_again_and_the_pair_goes_on(ros):
                 start_ns += 10 * SECOND
             process.kill()
             process.wait()
-    settle(ros, node)
+    wait_until_done(ros, node)
     assert node.processor.counts["resets"] == 0
 
 

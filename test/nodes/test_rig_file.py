@@ -76,8 +76,8 @@ def test_a_rig_without_a_robot_description(ros, tmp_path):
     words = ["--params-file", str(path)]
     nodes, robot = [tccm(ros, words=words), slam(ros, words=words)], ros.robot(described=False)
     robot.play(recording(3, speed=0.2), *nodes)
-    mapper, node = nodes
-    assert mapper.processor.counts["cycles"] >= 2
+    tilt_node, node = nodes
+    assert tilt_node.processor.counts["cycles"] >= 2
     assert node.processor.counts["level scans"] > 20
     for each in nodes:
         assert not each.dropped

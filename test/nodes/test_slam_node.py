@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
-from live_robot import START_NS, Listener, recording, settle, slam, tccm
+from live_robot import START_NS, Listener, recording, slam, tccm, wait_until_done
 from nav_msgs.msg import OccupancyGrid, Path
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -75,13 +75,13 @@ def test_pose_with_covariance_and_map_to_odom_without_tf(ros):
 
 def test_both_nodes_make_one_map_which_is_saved_loaded_and_reset(ros, tmp_path):
     folder = tmp_path / "map"
-    mapper, node = tccm(ros), slam(ros, save__directory=str(folder))
+    tilt_node, node = tccm(ros), slam(ros, save__directory=str(folder))
     robot, viewer = ros.robot(), Listener(ros)
     surfaces = viewer.listen(MarkerArray, "/surface_slam/surfaces", latched=True)
     grids = viewer.listen(OccupancyGrid, "/map", latched=True)
-    ros.connect(mapper, node, "/tccm/surfaces", "/tccm/view")
-    robot.play(recording(4), mapper, node)
-    cycles = mapper.processor.counts["cycles"]
+    ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view")
+    robot.play(recording(4), tilt_node, node)
+    cycles = tilt_node.processor.counts["cycles"]
     ros.spin_until(lambda: node.processor.counts["clouds"] == cycles)
     answer = trigger(ros, "/surface_slam/save_map")
     assert answer.success, answer.message
@@ -103,7 +103,7 @@ def test_both_nodes_make_one_map_which_is_saved_loaded_and_reset(ros, tmp_path):
     assert answer.success, answer.message
     ros.spin_until(lambda: len(surfaces) > shown)
     assert [m.text for m in surfaces[-1].markers if m.text] == texts
-    robot.play(recording(2, start_ns=later(20)), mapper, node)
+    robot.play(recording(2, start_ns=later(20)), tilt_node, node)
     assert node.processor.counts["level scans"] > 0
 
 
@@ -139,12 +139,12 @@ def test_autosave_writes_without_being_asked(ros, tmp_path):
     folder = tmp_path / "auto"
     node = slam(ros, save__directory=str(folder), save__autosave_minutes=0.01)
     ros.spin_until(lambda: (folder / "map.mcap").exists())
-    settle(ros, node)
+    wait_until_done(ros, node)
     assert json.loads((folder / "surfaces.json").read_text())["surfaces"] == []
     # A scan that waits for what brackets it is not given up for it.
     ahead = [(t, r) for t, r in recording(1) if r.stamp_ns < later(0.5) or t == "scan"]
     ros.robot().play(ahead, node)
     (folder / "map.mcap").unlink()
     ros.spin_until(lambda: (folder / "map.mcap").exists())
-    settle(ros, node)
+    wait_until_done(ros, node)
     assert not node.dropped

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from live_robot import START_NS, TABLE, Listener, recording, settle, tccm
+from live_robot import START_NS, TABLE, Listener, recording, tccm, wait_until_done
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
@@ -17,7 +17,7 @@ def later(seconds: float) -> int:
     return START_NS + round(seconds * SECOND)
 
 
-def test_a_cycle_gives_the_hand_over_and_the_markers(ros):
+def test_a_tilt_cycle_gives_the_surface_message_and_the_markers(ros):
     node, robot, viewer = tccm(ros), ros.robot(), Listener(ros)
     surfaces = viewer.listen(PointCloud2, "/tccm/surfaces")
     view = viewer.listen(PointCloud2, "/tccm/view")
@@ -60,8 +60,8 @@ def test_obstacles_mark_a_costmap_as_a_laser_at_each_height_would(ros):
 def test_markers_cost_nothing_when_nobody_listens_and_a_late_viewer_gets_all(ros):
     node, robot = tccm(ros), ros.robot()
     robot.play(recording(3), node)
-    hand_over = 2 * node.processor.counts["cycles"]
-    assert node._outputs.built == hand_over
+    published = 2 * node.processor.counts["cycles"]
+    assert node._outputs.built == published
     viewer = Listener(ros)
     planes = viewer.listen(MarkerArray, "/tccm/planes", latched=True)
     cuboids = viewer.listen(MarkerArray, "/tccm/cuboids", latched=True)
@@ -74,7 +74,7 @@ def test_markers_cost_nothing_when_nobody_listens_and_a_late_viewer_gets_all(ros
     another = Listener(ros, "another").listen(MarkerArray, "/tccm/planes", latched=True)
     ros.spin_until(lambda: another)
     assert another[-1].markers == planes[-1].markers
-    assert node._outputs.built == hand_over + 3
+    assert node._outputs.built == published + 3
 
 
 def test_pause_holds_the_map_and_goes_on(ros):
@@ -115,7 +115,7 @@ def test_views_are_taken_when_the_base_stands_still_or_when_asked(ros):
     assert [cloud.width for cloud in surfaces] == [0] * cycles
     taken = ros.call(viewer.node.create_client(Trigger, "/tccm/take_view"), Trigger.Request())
     assert taken.success
-    settle(ros, node)
+    wait_until_done(ros, node)
     robot.play(recording(3, start_ns=later(4), speed=0.2), node)
     ros.spin_until(lambda: len(surfaces) == node.processor.counts["cycles"])
     assert sum(cloud.width > 0 for cloud in surfaces) == 1
@@ -134,7 +134,7 @@ def test_save_map_writes_the_cuboids(ros, tmp_path):
         assert len(archive["ix"]) == len(node.processor.map.cuboids())
 
 
-def test_autosave_writes_the_map_and_cuts_no_sweep(ros, tmp_path):
+def test_autosave_writes_the_map_and_cuts_no_tilt_cycle(ros, tmp_path):
     records = list(recording(4))
     quiet, robot = tccm(ros), ros.robot()
     robot.play(records, quiet)
@@ -146,7 +146,7 @@ def test_autosave_writes_the_map_and_cuts_no_sweep(ros, tmp_path):
     assert cycles >= 1
     (tmp_path / "auto" / "cuboids.npz").unlink(missing_ok=True)
     ros.spin_until((tmp_path / "auto" / "cuboids.npz").exists)
-    settle(ros, node)
+    wait_until_done(ros, node)
     assert node.processor.counts["cycles"] == cycles
     robot.play(records[half:], node)
     assert node.processor.counts == quiet.processor.counts

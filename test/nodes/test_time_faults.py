@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from fed import fed_slam
-from live_robot import START_NS, Listener, end_input, recording, settle, slam, tccm
+from live_robot import START_NS, Listener, end_input, recording, slam, tccm, wait_until_done
 from rosgraph_msgs.msg import Clock
 
 from tccm_ros.nodes.ros_types import RosidlMessages
@@ -170,7 +170,7 @@ def test_stamps_of_arrival_for_drivers_without_a_clock(ros):
         before = node.inputs.counts()[f"/{topic}"]
         robot.publish(topic, message, node)
         ros.spin_until(lambda t=topic, n=before: node.inputs.counts()[f"/{t}"] == n + 1)
-    settle(ros, node)
+    wait_until_done(ros, node)
     assert node.processor.counts["cycles"] >= 1
     assert node.dropped["future stamp"] == 0
 
@@ -189,12 +189,12 @@ def test_a_clock_may_go_forward_but_back_it_begins_anew_and_a_missing_one_is_nam
     # A jump forward, as of a player that skips, is a pause: nothing is forgotten.
     clock.set(START_NS + 3600 * SECOND, *nodes)
     for node in nodes:
-        settle(ros, node)
+        wait_until_done(ros, node)
     assert nodes[0].processor.counts["resets"] == 0
     assert nodes[1].processor.counts["level scans"] > 0
     clock.set(START_NS, *nodes)
     for node in nodes:
-        settle(ros, node)
+        wait_until_done(ros, node)
     assert nodes[0].processor.counts["resets"] == 1
     assert len(nodes[0].processor.map.cuboids()) == 0
     assert nodes[1].processor.counts["level scans"] == 0

@@ -19,9 +19,9 @@ def test_two_pairs_do_not_hear_each_other(ros, tmp_path):
     viewer = Listener(ros)
     surfaces = {n: viewer.listen(PointCloud2, f"/{n}/tccm/surfaces") for n in pairs}
     reports = viewer.listen(DiagnosticArray, "/diagnostics")
-    for name, (mapper, node) in pairs.items():
-        ros.connect(mapper, viewer.node, f"/{name}/tccm/surfaces")
-        ros.connect(mapper, node, f"/{name}/tccm/surfaces", f"/{name}/tccm/view")
+    for name, (tilt_node, node) in pairs.items():
+        ros.connect(tilt_node, viewer.node, f"/{name}/tccm/surfaces")
+        ros.connect(tilt_node, node, f"/{name}/tccm/surfaces", f"/{name}/tccm/view")
     robots["r1"].play(recording(4, prefix="r1/"), *pairs["r1"])
     assert pairs["r1"][0].processor.counts["cycles"] >= 3
     for node in pairs["r2"]:
@@ -29,15 +29,15 @@ def test_two_pairs_do_not_hear_each_other(ros, tmp_path):
         counts = node.inputs.counts()
         assert not any(n for t, n in counts.items() if t.endswith(("scan", "odom", "states")))
     robots["r2"].play(recording(3, prefix="r2/"), *pairs["r2"])
-    for name, (mapper, node) in pairs.items():
-        cycles = mapper.processor.counts["cycles"]
+    for name, (tilt_node, node) in pairs.items():
+        cycles = tilt_node.processor.counts["cycles"]
         ros.spin_until(lambda n=node, c=cycles: n.processor.counts["clouds"] == c)
         ros.spin_until(lambda n=name, c=cycles: len(surfaces[n]) == c)
         assert {m.header.frame_id for m in surfaces[name]} == {f"{name}/base"}
         transform = node.live.transform()
         assert transform.header.frame_id == f"{name}/map"
         assert transform.child_frame_id == f"{name}/odom"
-        mapper.diagnostics.publish()
+        tilt_node.diagnostics.publish()
         node.diagnostics.publish()
     expected = {f"{n}/{node}" for n in pairs for node in ("tccm", "surface_slam")}
     ros.spin_until(lambda: {r.status[0].name for r in reports} >= expected)

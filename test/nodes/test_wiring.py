@@ -98,10 +98,10 @@ def test_odometry_from_tf(ros):
             topic, record = "/tf", moved(record)
         records.append((topic, record))
     robot.play(records, *nodes)
-    mapper, node = nodes
-    assert mapper.processor.counts["cycles"] >= 2
-    assert mapper.robot.robot.motion.source is MotionSource.TF
-    assert not mapper.dropped["no odometry"]
+    tilt_node, node = nodes
+    assert tilt_node.processor.counts["cycles"] >= 2
+    assert tilt_node.robot.robot.motion.source is MotionSource.TF
+    assert not tilt_node.dropped["no odometry"]
     last = node.processor.current_pose()
     assert abs(last.pose[0] - 0.2 * 0.05 * 59) < 0.02
 
@@ -125,7 +125,7 @@ def test_overload_drops_whole_scans_counts_them_and_bounds_memory(ros, monkeypat
     node.worker.post(lambda: hold(gate, held))
     ros.spin_until(lambda: held)
     sent = list(recording(8))
-    robot.play(sent, node, settled=False)
+    robot.play(sent, node, until_done=False)
     assert node.worker.backlog <= 100
     assert node.overload["overload"] > 0
     assert node.overload["overload: samples"] > 0

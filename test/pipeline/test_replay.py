@@ -211,7 +211,7 @@ def test_a_laser_without_a_usable_message_is_an_error_that_says_why(tmp_path):
         scan.time_increment = -1e-5
 
     rewrite(BAGS / "walkthrough", tmp_path / "bag", spoil)
-    with pytest.raises(BagError, match=r"/tilt_scan.* beams -1e-05 s apart"):
+    with pytest.raises(BagError, match=r"/tilt_scan.* beams with -1e-05 s between two"):
         replay(tmp_path / "bag", tmp_path / "no", Config(), pictures=False)
     assert not (tmp_path / "no").exists()
 

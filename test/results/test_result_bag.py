@@ -53,7 +53,7 @@ def cycle_result(index):
         place_size=(0.15, 0.15),
         surfaces=SurfaceCloud(middle, "base_link", np.float32(RING), np.zeros(4, "u4")),
         view=ViewIntervals(middle, "base_link", np.zeros((0, 4), np.float32)),
-        part=builder.close(index, start, end), scans=3, base_speed=0.0, base_turn_rate=0.0,
+        part=builder.close(index, start, end), scans=3, base_speed=0.0, base_angular_speed=0.0,
         ended_by="turn",
     )  # fmt: skip
 

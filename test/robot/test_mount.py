@@ -71,7 +71,7 @@ HALF = np.pi / 2
     ("angle", "hit"),
     [
         (0.0, (2.15, 0.0, 1.02)),
-        (HALF, (0.12, 0.0, -1.05)),  # straight down: x -> -z, and the 2 cm lean forward
+        (HALF, (0.12, 0.0, -1.05)),  # straight down: x -> -z, and the 2 cm point forward
         (-HALF, (0.08, 0.0, 3.05)),
         (
             np.pi / 6,

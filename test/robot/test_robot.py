@@ -95,30 +95,30 @@ def test_every_scan_gets_the_poses_of_its_beams():
     for p in posed:
         begin, end = p.scan.stamp_ns, p.scan.end_ns
         assert end == begin + 10 * MS
-        assert p.knots_ns[0] == begin
-        assert p.knots_ns[-1] == end
-        assert (np.diff(p.knots_ns) > 0).all()
-        assert (np.diff(p.knots_ns) <= 10 * MS).all()
-        seconds = (p.knots_ns - START) * 1e-9
+        assert p.pose_stamps_ns[0] == begin
+        assert p.pose_stamps_ns[-1] == end
+        assert (np.diff(p.pose_stamps_ns) > 0).all()
+        assert (np.diff(p.pose_stamps_ns) <= 10 * MS).all()
+        seconds = (p.pose_stamps_ns - START) * 1e-9
         np.testing.assert_allclose(p.T_odom_base[:, 0, 3], seconds, atol=1e-9)
         for t, T in zip(seconds, p.T_base_laser):
             expected = pose_from_rpy((0.1, 0, 1, 0, t, 0)) @ pose_from_rpy((0.05, 0, 0.02, 0, 0, 0))
             np.testing.assert_allclose(T, expected, atol=1e-9)
 
 
-def test_knots_include_the_samples_within_the_scan():
+def test_pose_samples_include_the_samples_within_the_scan():
     records = drive(200, without=["scans"])
     records.append(scan_at(stamp(95), time_increment=0.030, ranges=(1.0, 1.0)))
     records += drive(1500, without=["scans"])[1:]
     (posed,) = play(Taken(), records)
     inside = {100, 110, 120}  # joints; odometry's are among them
-    assert inside < set((posed.knots_ns - START) // MS)
+    assert inside < set((posed.pose_stamps_ns - START) // MS)
 
 
-def test_a_scan_whose_beams_have_one_time_has_one_knot():
+def test_a_scan_whose_beams_have_one_time_has_one_pose_sample():
     records = [*drive(500, without=["scans"]), scan_at(stamp(333)), *drive(500)[:0]]
     (posed,) = play(Taken(), records)
-    assert posed.knots_ns.tolist() == [stamp(333)]
+    assert posed.pose_stamps_ns.tolist() == [stamp(333)]
     assert posed.T_odom_base.shape == (1, 4, 4)
 
 
@@ -126,8 +126,8 @@ def test_beams_stamped_backwards():
     records = [*drive(500), scan_at(stamp(510), time_increment=-0.005)]
     records += [joints_at(stamp(520), tilt=0.52), odometry_at(stamp(520), (0.52, 0, 0, 0, 0, 0))]
     posed = play(Taken(), records)[-1]
-    assert posed.knots_ns[0] == stamp(500)
-    assert posed.knots_ns[-1] == stamp(510)
+    assert posed.pose_stamps_ns[0] == stamp(500)
+    assert posed.pose_stamps_ns[-1] == stamp(510)
 
 
 @pytest.mark.parametrize("lost", ["joints", "odometry"])
@@ -372,7 +372,7 @@ def outlier(record):
 
 
 def arrivals(streams, seed):
-    """Interleave streams, each in its own order; topics are up to 0.2 s apart."""
+    """Interleave streams, each in its own order; topics differ by up to 0.2 s."""
     random, arriving = np.random.default_rng(seed), []
     for stream in streams:
         at = -np.inf
@@ -389,7 +389,7 @@ def outcome(records):
     scans = [
         (
             p.scan.stamp_ns,
-            hash((p.knots_ns.tobytes(), p.T_odom_base.tobytes(), p.T_base_laser.tobytes())),
+            hash((p.pose_stamps_ns.tobytes(), p.T_odom_base.tobytes(), p.T_base_laser.tobytes())),
         )
         for p in posed
     ]
@@ -469,7 +469,7 @@ def test_anything_is_posed_or_counted(records, with_description):
     assert len(posed) + taken.dropped.total() == taken.sensor.received
     assert taken.sensor.received == sum(isinstance(r, Scan) for r in records)
     for p in posed:
-        assert p.knots_ns[0] <= p.scan.stamp_ns <= p.knots_ns[-1]
+        assert p.pose_stamps_ns[0] <= p.scan.stamp_ns <= p.pose_stamps_ns[-1]
         with np.errstate(all="ignore"):
             project(p, used_beams(p, read_config(None)))
 
@@ -489,7 +489,7 @@ def both_lasers(end_ms=1500):
 
 def posed_bytes(events, role):
     return [
-        (e.stamp_ns, e.knots_ns.tobytes(), e.T_odom_base.tobytes(), e.T_base_laser.tobytes())
+        (e.stamp_ns, e.pose_stamps_ns.tobytes(), e.T_odom_base.tobytes(), e.T_base_laser.tobytes())
         for e in events
         if isinstance(e, PosedScan) and e.role == role
     ]
@@ -502,7 +502,7 @@ def events_of(records, **options):
 
 
 @pytest.mark.parametrize("role", ["tilt_scan", "scan"])
-def test_two_lasers_share_a_robot_and_are_posed_as_if_alone(role):
+def test_each_of_two_lasers_on_a_robot_is_posed_as_if_alone(role):
     records = both_lasers()
     one, together = events_of(records)
     alone = events_of([r for r in records if r[0] not in ("tilt_scan", "scan") or r[0] == role])[1]
@@ -536,8 +536,8 @@ def test_how_the_topics_of_two_lasers_interleave_does_not_show(seed):
         for role, record in stream:
             at = max(at, record.stamp_ns + random.uniform(0, 200) * MS)
             arriving.append((at, len(arriving), (role, record)))
-    apart = [records[0], *(item for *_, item in sorted(arriving, key=lambda a: a[:2]))]
-    (one, straight), (other, late) = events_of(records), events_of(apart)
+    interleaved = [records[0], *(item for *_, item in sorted(arriving, key=lambda a: a[:2]))]
+    (one, straight), (other, late) = events_of(records), events_of(interleaved)
     for role in ("tilt_scan", "scan"):
         assert posed_bytes(late, role) == posed_bytes(straight, role)
         assert other.sensors[role].dropped == one.sensors[role].dropped

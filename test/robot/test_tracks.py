@@ -75,8 +75,8 @@ def test_poses_agree_with_scipy(a, b, at):
     track.append_pose(1000, T1)
     got = track.at(np.array([at]))[0]
     expected = interpolate_poses(T0, T1, at / 1000)
-    turn = Rotation.from_matrix(T0[:3, :3].T @ T1[:3, :3]).magnitude()
-    if turn < 3.14:  # at half a turn both ways round are as short
+    angle = Rotation.from_matrix(T0[:3, :3].T @ T1[:3, :3]).magnitude()
+    if angle < 3.14:  # at half a turn both ways round are as short
         np.testing.assert_allclose(got, expected, atol=1e-7)
     np.testing.assert_allclose(got[:3, :3] @ got[:3, :3].T, np.eye(3), atol=1e-12)
 
@@ -92,7 +92,7 @@ def test_numbers_of_a_pose_round_trip(values):
 
 
 @pytest.mark.parametrize("rpy", [(np.pi, 0, 0), (0, np.pi, 0), (0, 0, np.pi), (np.pi, 0, np.pi)])
-def test_numbers_of_half_turns(rpy):
+def test_numbers_of_a_pose_that_is_rotated_by_pi_round_trip(rpy):
     T = pose_from_rpy((1, 2, 3, *rpy))
     numbers = pose_to_numbers(T)
     back = pose(Rotation.from_quat(numbers[3:]).as_matrix(), numbers[:3])
@@ -117,7 +117,7 @@ def test_nothing_is_said_of_an_empty_track():
 
 @settings(deadline=None)
 @given(st.integers(-(10**9), 10**9), st.integers(1, 10**9), st.integers(10**6, 10**9), st.data())
-def test_knots_are_dense_and_hold_the_samples(start, length, step, data):
+def test_merged_stamps_are_dense_and_contain_the_samples(start, length, step, data):
     end = start + length
     inner = data.draw(st.lists(st.integers(start + 1, end - 1), max_size=5)) if length > 1 else []
     merged = merge_stamps(start, end, step, np.array(inner, np.int64))

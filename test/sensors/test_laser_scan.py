@@ -42,12 +42,12 @@ from tccm_ros.sensors.registry import default_streams
 PLAIN = read_config(None, ["scan.shadow_angle=0"])
 
 
-def posed_scan(scan, T_odom_base=None, T_base_laser=None, knots=None):
-    knots = np.array([scan.stamp_ns] if knots is None else knots, np.int64)
-    still = np.broadcast_to(np.eye(4), (len(knots), 4, 4))
+def posed_scan(scan, T_odom_base=None, T_base_laser=None, stamps_ns=None):
+    stamps_ns = np.array([scan.stamp_ns] if stamps_ns is None else stamps_ns, np.int64)
+    still = np.broadcast_to(np.eye(4), (len(stamps_ns), 4, 4))
     return PosedScan(
         scan,
-        knots,
+        stamps_ns,
         still if T_odom_base is None else np.asarray(T_odom_base),
         still if T_base_laser is None else np.asarray(T_base_laser),
     )
@@ -228,10 +228,10 @@ def test_a_moving_robot_sees_a_straight_wall():
         START, ranges=ranges, angle_min=bearing[0], angle_increment=bearing[1] - bearing[0],
         time_increment=dt,
     )  # fmt: skip
-    knots = START + (np.linspace(0, times[-1], 10) * 1e9).round().astype(np.int64)
-    seconds = (knots - START) * 1e-9
+    stamps_ns = START + (np.linspace(0, times[-1], 10) * 1e9).round().astype(np.int64)
+    seconds = (stamps_ns - START) * 1e-9
     T_odom_base = [pose_from_rpy((t, 0, 0, 0, 0, t)) for t in seconds]
-    posed = posed_scan(scan, T_odom_base, np.broadcast_to(np.eye(4), (10, 4, 4)), knots)
+    posed = posed_scan(scan, T_odom_base, np.broadcast_to(np.eye(4), (10, 4, 4)), stamps_ns)
     points = hits(posed, PLAIN)[0]
     # blending over 5 mrad shortens by 3e-6; float32 ranges err by 6e-8: 0.1 mm at 25 m
     np.testing.assert_allclose(points[:, 0], 4.0, atol=1e-4)
@@ -242,8 +242,8 @@ def test_a_moving_robot_sees_a_straight_wall():
 
 def test_level_points_are_levelled_at_the_scans_stamp():
     scan = scan_at(START, ranges=[2.0], angle_min=0.0)
-    lean = pose_from_rpy((5, 6, 0.02, 0, 0.1, 0.7))
-    points, _ = project_level(posed_scan(scan, lean[None]), PLAIN)
+    T_odom_base = pose_from_rpy((5, 6, 0.02, 0, 0.1, 0.7))
+    points, _ = project_level(posed_scan(scan, T_odom_base[None]), PLAIN)
     np.testing.assert_allclose(points, [[2.0 * np.cos(0.1), 0.0]], atol=1e-12)
 
 
@@ -265,22 +265,22 @@ pose6 = st.tuples(*[st.floats(-2, 2)] * 3, *[st.floats(-1.5, 1.5)] * 3)
 def test_projection_agrees_with_a_twin(poses, seed):
     """Each beam with the pose interpolated at its own time, one by one."""
     random = np.random.default_rng(seed)
-    knots = START + np.sort(random.choice(100 * MS, len(poses), replace=False)).astype(np.int64)
-    if len(knots) > 1:
-        knots = START + (knots - knots[0])
+    stamps_ns = START + np.sort(random.choice(100 * MS, len(poses), replace=False)).astype(np.int64)
+    if len(stamps_ns) > 1:
+        stamps_ns = START + (stamps_ns - stamps_ns[0])
     n = int(random.integers(1, 30))
-    span = (knots[-1] - knots[0]) * 1e-9
+    span = (stamps_ns[-1] - stamps_ns[0]) * 1e-9
     scan = scan_at(
-        int(knots[0]),
+        int(stamps_ns[0]),
         ranges=random.uniform(0.5, 5.0, n),
         angle_min=-1.0,
         angle_increment=2.0 / n,
         time_increment=span / max(n - 1, 1),
     )
     T = np.array([pose_from_rpy(p) for p in poses])
-    posed = posed_scan(scan, T, None, knots)
+    posed = posed_scan(scan, T, None, stamps_ns)
     got, _ = hits(posed, PLAIN)
-    seconds = (knots - knots[0]) * 1e-9
+    seconds = (stamps_ns - stamps_ns[0]) * 1e-9
     for k, angle in enumerate(bearings(scan)):
         time = min(k * scan.time_increment, seconds[-1])
         j = min(int(np.searchsorted(seconds, time, "right")), len(seconds) - 1)
@@ -367,7 +367,7 @@ def test_the_arm_is_not_part_of_the_scene():
 
 @given(st.integers(0, 2**31))
 @settings(deadline=None, max_examples=60)
-def test_the_self_filter_agrees_with_placing_every_hit(seed):
+def test_the_self_filter_agrees_with_testing_every_hit(seed):
     """What is too far from all shapes is not placed: nothing else comes of it."""
     random = np.random.default_rng(seed)
     n, k = 200, int(random.integers(1, 4))
@@ -375,7 +375,7 @@ def test_the_self_filter_agrees_with_placing_every_hit(seed):
         START, ranges=random.uniform(0.05, 3.0, n), angle_min=-np.pi,
         angle_increment=2.0 * np.pi / n, time_increment=1e-4 if k > 1 else 0.0,
     )  # fmt: skip
-    knots = np.linspace(START, scan.end_ns, k).astype(np.int64)
+    stamps_ns = np.linspace(START, scan.end_ns, k).astype(np.int64)
     T = np.array([[pose_from_rpy(random.uniform(-0.4, 0.4, 6)) for _ in range(k)] for _ in "ab"])
     count = int(random.integers(0, 5))
     shapes = SelfShapes(
@@ -385,7 +385,7 @@ def test_the_self_filter_agrees_with_placing_every_hit(seed):
             -1, 4, 4
         ),
     )
-    posed = replace(posed_scan(scan, T[0], T[1], knots), own_shapes=shapes)
+    posed = replace(posed_scan(scan, T[0], T[1], stamps_ns), own_shapes=shapes)
     points, beams = project(posed, valid_beams(scan, PLAIN))
     T_shape_odom = inverse(posed.T_odom_base[0] @ shapes.T_base_shape)
     inside = mark_inside(points, shapes.kinds, shapes.half, T_shape_odom, PLAIN.scan.self_padding)
@@ -466,7 +466,7 @@ def test_real_level_walls_stay_straight():
     np.testing.assert_allclose(points[:, 2], 0.2, atol=1e-3)
 
 
-def test_recorded_topics_may_arrive_apart():
+def test_recorded_topics_may_arrive_with_different_delays():
     """The same bytes come out when each topic is late by up to 0.15 s of its own."""
     records = [(t, r) for t, r in read("sim2_other_names") if t != "/scan"][:3000]
     random = np.random.default_rng(4)

@@ -39,7 +39,7 @@ URDF = robot([joint("nod", "revolute", "base", "head", xyz="0.1 0 1.0"),
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Range:
-    """How far the nearest thing is along x of a frame, m."""
+    """How far the nearest object is along x of a frame, m."""
 
     stamp_ns: int
     frame_id: str

@@ -22,8 +22,11 @@ from tccm_ros.records.events import (
     TiltAngle,
 )
 from tccm_ros.records.sensors import (
+    CameraInfo,
+    DepthImage,
     JointSample,
     Odometry,
+    PointCloud,
     RobotDescription,
     Scan,
     TransformSample,
@@ -40,7 +43,9 @@ from tccm_ros.records.solution import (
 )
 
 __all__ = [
+    "CameraInfo",
     "ClockJump",
+    "DepthImage",
     "Event",
     "JointSample",
     "Keyframe",
@@ -50,6 +55,7 @@ __all__ = [
     "Odometry",
     "PlaneKind",
     "PlaneRecord",
+    "PointCloud",
     "Posed",
     "PosedScan",
     "RobotDescription",

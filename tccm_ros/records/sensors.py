@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tccm_ros.arrays import Float32, Float64
+import numpy as np
+
+from tccm_ros.arrays import Float32, Float64, Int64, UInt16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,3 +79,102 @@ class RobotDescription:
     """The robot's URDF."""
 
     urdf: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraInfo:
+    """Calibration of a camera (sensor_msgs/CameraInfo).
+
+    Attributes
+    ----------
+    stamp_ns, frame_id
+        Header; the frame is the optical one: x right, y down, z forward (REP-103).
+    width, height
+        Size of the whole image, without binning and region, pixels.
+    model, D
+        Name of the distortion model, and its coefficients float64 (N,).
+    K
+        float64 (3, 3), intrinsics of the whole image as it was taken.
+    P
+        float64 (3, 4), projection of the whole image after rectification.
+    binning
+        Pixels of the whole image along x and y in a pixel of the image, at least 1.
+    region
+        x and y of the first pixel, width and height of the part of the whole image that is read
+        out, pixels of the whole image; all 0 where all is.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    width: int
+    height: int
+    model: str
+    D: Float64
+    K: Float64
+    P: Float64
+    binning: tuple[int, int] = (1, 1)
+    region: tuple[int, int, int, int] = (0, 0, 0, 0)
+
+    @property
+    def image_size(self) -> tuple[int, int]:
+        """Width and height of the images, after region and binning, pixels."""
+        width, height = self.region[2] or self.width, self.region[3] or self.height
+        return width // self.binning[0], height // self.binning[1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthImage:
+    """An image of depths (sensor_msgs/Image, or CompressedImage) with its camera's calibration.
+
+    Attributes
+    ----------
+    stamp_ns
+        When it was taken.
+    frame_id
+        Optical frame: x right, y down, z forward (REP-103).
+    depth
+        z of what each pixel sees, (height, width): uint16 in mm, where 0 is nothing, or float32 in
+        m, where what is not finite and positive is nothing.
+    camera
+        The calibration, None until it is known.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    depth: UInt16 | Float32
+    camera: CameraInfo | None = None
+
+    @property
+    def encoding(self) -> str:
+        """The message's name of the kind of depths."""
+        return "16UC1" if self.depth.dtype == np.uint16 else "32FC1"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointCloud:
+    """Points that a sensor measured (sensor_msgs/PointCloud2).
+
+    Attributes
+    ----------
+    stamp_ns, frame_id
+        Header.
+    points
+        float32 (N, 3), m, in the frame; what is not finite is no point.
+    since_ns
+        int64 (N,), time of each point after the stamp, ns; None where all have the stamp's.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    points: Float32
+    since_ns: Int64 | None = None
+
+    @property
+    def time_span(self) -> tuple[int, int]:
+        """Times of the first and the last point, ns."""
+        if self.since_ns is None or not len(self.since_ns):
+            return self.stamp_ns, self.stamp_ns
+        return (
+            self.stamp_ns + int(self.since_ns.min()),
+            self.stamp_ns + int(self.since_ns.max()),
+        )

@@ -11,8 +11,12 @@ from tccm_ros.ros.reading import (
 )
 from tccm_ros.ros.types import MessageTypes
 from tccm_ros.ros.writing import (
+    camera_info_message,
+    compressed_depth_message,
+    depth_image_message,
     joint_sample_message,
     odometry_message,
+    point_cloud_message,
     robot_description_message,
     scan_message,
     surface_cloud_message,
@@ -24,10 +28,14 @@ from tccm_ros.ros.writing import (
 __all__ = [
     "READERS",
     "MessageTypes",
+    "camera_info_message",
+    "compressed_depth_message",
+    "depth_image_message",
     "joint_sample_from_message",
     "joint_sample_message",
     "odometry_from_message",
     "odometry_message",
+    "point_cloud_message",
     "robot_description_from_message",
     "robot_description_message",
     "scan_message",

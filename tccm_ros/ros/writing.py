@@ -11,9 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from tccm_ros.errors import MessageError
 from tccm_ros.records import (
+    CameraInfo,
+    DepthImage,
     JointSample,
     Odometry,
+    PointCloud,
     RobotDescription,
     Scan,
     SurfaceCloud,
@@ -22,6 +26,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.ros.pointcloud import SURFACE_ROW, VIEW_ROW, cloud_message
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message, quaternion_message
+from tccm_ros.sensors.compressed_depth import write_compressed_depth
 
 
 def scan_message(types: MessageTypes, scan: Scan, *, scan_time: float = 0.0) -> Any:
@@ -38,6 +43,80 @@ def scan_message(types: MessageTypes, scan: Scan, *, scan_time: float = 0.0) -> 
         range_max=float(scan.range_max),
         ranges=types.array("f4", scan.ranges),
     )
+
+
+def depth_image_message(types: MessageTypes, image: DepthImage) -> Any:
+    """Return a sensor_msgs/Image."""
+    height, width = image.depth.shape
+    pixels = np.ascontiguousarray(image.depth)
+    return types.make(
+        "sensor_msgs/msg/Image",
+        header=header_message(types, image.stamp_ns, image.frame_id),
+        height=height,
+        width=width,
+        encoding=image.encoding,
+        is_bigendian=0,
+        step=width * pixels.itemsize,
+        data=types.array("u1", pixels.view(np.uint8).ravel()),
+    )
+
+
+def compressed_depth_message(types: MessageTypes, image: DepthImage) -> Any:
+    """Return a sensor_msgs/CompressedImage of image_transport's compressedDepth, as PNG."""
+    text, data = write_compressed_depth(image.depth)
+    return types.make(
+        "sensor_msgs/msg/CompressedImage",
+        header=header_message(types, image.stamp_ns, image.frame_id),
+        format=text,
+        data=types.array("u1", np.frombuffer(data, np.uint8)),
+    )
+
+
+def camera_info_message(types: MessageTypes, camera: CameraInfo) -> Any:
+    """Return a sensor_msgs/CameraInfo."""
+    x, y, width, height = camera.region
+    return types.make(
+        "sensor_msgs/msg/CameraInfo",
+        header=header_message(types, camera.stamp_ns, camera.frame_id),
+        height=camera.height,
+        width=camera.width,
+        distortion_model=camera.model,
+        d=types.array("f8", camera.D),
+        k=np.asarray(camera.K, np.float64).ravel(),
+        r=np.eye(3).ravel(),
+        p=np.asarray(camera.P, np.float64).ravel(),
+        binning_x=camera.binning[0],
+        binning_y=camera.binning[1],
+        roi=types.make(
+            "sensor_msgs/msg/RegionOfInterest",
+            x_offset=x,
+            y_offset=y,
+            height=height,
+            width=width,
+            do_rectify=False,
+        ),
+    )
+
+
+def point_cloud_message(types: MessageTypes, cloud: PointCloud) -> Any:
+    """Return a sensor_msgs/PointCloud2 with fields x y z and, where points have times, t (ns).
+
+    Raises
+    ------
+    MessageError
+        For points before the stamp, or more than 4 s after it: their times do not fit.
+    """
+    layout = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+    if cloud.since_ns is not None:
+        layout.append(("t", "<u4"))
+    rows = np.zeros(len(cloud.points), layout)
+    for k, name in enumerate("xyz"):
+        rows[name] = cloud.points[:, k]
+    if cloud.since_ns is not None:
+        if len(rows) and not 0 <= cloud.since_ns.min() <= cloud.since_ns.max() < 2**32:
+            raise MessageError("point cloud has times outside 0 to 4.29 s after its stamp")
+        rows["t"] = cloud.since_ns
+    return cloud_message(types, cloud.stamp_ns, cloud.frame_id, rows)
 
 
 def joint_sample_message(types: MessageTypes, sample: JointSample) -> Any:

@@ -1,0 +1,129 @@
+"""Point clouds of sensors, sensor_msgs/PointCloud2 of any layout, to records."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.arrays import Int64
+from tccm_ros.cdr.message_reader import MessageReader
+from tccm_ros.errors import MessageError, suggest
+from tccm_ros.records import PointCloud
+from tccm_ros.records.building import MAX_SCAN_S, frame_name, stamp_ns_from_message
+
+MAX_POINTS = 4_000_000
+"""Points of the largest cloud that is read; the largest lidars have some 500,000."""
+
+TIME_FIELDS = ("t", "time", "timestamp", "offset_time")
+"""Names that drivers give to the time of a point."""
+
+ABSOLUTE_S = 1.0e6
+"""Times larger than this, s, count from the epoch of the clock, others from the stamp."""
+
+_MAX_FIELDS = 1000
+_KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+
+
+def point_cloud_from_message(message: Any) -> PointCloud:
+    """Return the points of a sensor_msgs/PointCloud2, each with its time where it has one.
+
+    Raises
+    ------
+    MessageError
+        Without numbers x, y and z; for sizes that contradict each other; for too many points; and
+        for times that are not within `MAX_SCAN_S` of the stamp.
+    """
+    width, height = int(message.width), int(message.height)
+    stamp_ns = stamp_ns_from_message(message.header.stamp)
+    if width * height > MAX_POINTS:
+        raise MessageError(
+            f"point cloud has {width * height} points, at most {MAX_POINTS} are read"
+        )
+    fields = {field.name: field for field in message.fields[:_MAX_FIELDS]}
+    time = next((name for name in TIME_FIELDS if name in fields), None)
+    names = ["x", "y", "z", *([time] if time else [])]
+    rows = _rows(message, _layout(message, fields, names), width, height)
+    if any(rows.dtype[name].kind != "f" for name in "xyz"):
+        raise MessageError("point cloud has x, y, z that are not float32 or float64")
+    points = np.empty((len(rows), 3), np.float32)
+    for k, name in enumerate("xyz"):
+        points[:, k] = rows[name]
+    frame = frame_name(message.header.frame_id)
+    since_ns = None if time is None else _since_stamp(rows[time], stamp_ns, points)
+    return PointCloud(stamp_ns, frame, points, since_ns)
+
+
+def _layout(message: Any, fields: dict[str, Any], names: list[str]) -> np.dtype[Any]:
+    """Return the layout of a point, with some of its fields."""
+    step = int(message.point_step)
+    order = ">" if message.is_bigendian else "<"
+    formats, offsets = [], []
+    for name in names:
+        if name not in fields:
+            raise MessageError(f"point cloud has no field '{name}'" + suggest(name, fields))
+        kind = _KINDS.get(int(fields[name].datatype))
+        if kind is None:
+            raise MessageError(
+                f"point cloud field '{name}' has datatype {fields[name].datatype}, expected 1 to 8"
+            )
+        formats.append(order + kind)
+        offsets.append(int(fields[name].offset))
+    needed = max(at + np.dtype(form).itemsize for at, form in zip(offsets, formats))
+    if needed > step:
+        raise MessageError(f"point cloud has points of {step} bytes, its fields need {needed}")
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
+
+
+def _rows(message: Any, layout: np.dtype[Any], width: int, height: int) -> NDArray[Any]:
+    """Return the points as a structured array (N,), line after line."""
+    if width == 0 or height == 0:
+        return np.zeros(0, layout)
+    data = np.frombuffer(message.data, np.uint8)
+    step, line = layout.itemsize, int(message.row_step)
+    if height == 1:
+        line = width * step  # some drivers leave row_step 0 in clouds of one line
+    if line < width * step or len(data) < line * (height - 1) + width * step:
+        raise MessageError(
+            f"point cloud of {width} x {height} points of {step} bytes has {len(data)} bytes in "
+            f"lines of {line}, expected {height} lines of {width * step}"
+        )
+    if line == width * step:
+        return np.frombuffer(data, layout, width * height)
+    return np.concatenate([np.frombuffer(data, layout, width, k * line) for k in range(height)])
+
+
+def _since_stamp(times: NDArray[Any], stamp_ns: int, points: NDArray[Any]) -> Int64:
+    """Return the times of points after the stamp, ns: whole numbers are ns, others s.
+
+    Points that are not finite may have any time; theirs becomes that of the stamp.
+    """
+    known = np.isfinite(points).all(axis=1)
+    if times.dtype.kind == "f":
+        seconds = np.where(known, times.astype(np.float64), 0.0)
+        if not np.isfinite(seconds).all():
+            raise MessageError("point cloud has times that are not finite")
+        is_absolute = bool(known.any()) and float(np.abs(seconds).max()) > ABSOLUTE_S
+        if is_absolute:
+            seconds = np.where(known, seconds - stamp_ns // 1_000_000_000, 0.0)
+            since = np.rint(np.clip(seconds, -1e6, 1e6) * 1e9).astype(np.int64)
+            since -= stamp_ns % 1_000_000_000
+        else:
+            since = np.rint(seconds * 1e9).astype(np.int64)
+    else:
+        whole = times.astype(np.int64)
+        is_absolute = bool(known.any()) and int(np.abs(whole[known]).max()) > ABSOLUTE_S * 1e9
+        since = whole - stamp_ns if is_absolute else whole
+    since = np.where(known, since, 0)
+    if len(since) and int(np.abs(since).max()) > MAX_SCAN_S * 1e9:
+        raise MessageError(
+            f"point cloud has points {float(np.abs(since).max()) * 1e-9:.1f} s from its stamp, "
+            f"expected at most {MAX_SCAN_S:g} s"
+        )
+    return since
+
+
+CLOUD_READER = MessageReader(
+    "sensor_msgs/msg/PointCloud2", lambda message: (point_cloud_from_message(message),)
+)

@@ -1,0 +1,202 @@
+"""Compressed depth images: image_transport's compressedDepth, as PNG or RVL.
+
+The data begin with 12 bytes: a format code, and the two numbers A and B with which depths in m are
+quantised: ``q = A / depth + B`` (compressed_depth_image_transport), so that the step grows with the
+square of the depth, as the noise of a structured-light camera does. Depths in mm are stored as they
+are. Pillow decodes the PNG: it comes with matplotlib, which the pictures need anyway.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import struct
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from PIL import Image
+
+from tccm_ros.arrays import Float32, UInt16
+from tccm_ros.errors import MessageError, one_line
+
+_HEADER = struct.Struct("<iff")
+_RVL_SIZE = struct.Struct("<ii")
+_PNG_SIZE = struct.Struct(">8s4x4sII")
+
+MAX_PIXELS = 16_000_000
+"""Pixels of the largest image that is read. Chosen: four times those of a 2 k depth camera."""
+
+NEAREST = 0.1
+"""Depths are quantised from here, m: half of the range of numbers is below twice of this."""
+
+
+def read_compressed_depth(text: str, data: bytes) -> UInt16 | Float32:
+    """Return the depths of a compressed image.
+
+    Parameters
+    ----------
+    text
+        Format of the sensor_msgs/CompressedImage, such as ``16UC1; compressedDepth png``.
+    data
+        Its data.
+
+    Returns
+    -------
+    uint16 (H, W), mm, or float32 (H, W), m, with nan for nothing.
+
+    Raises
+    ------
+    MessageError
+        For another format, and for data that are cut or contradict themselves.
+    """
+    encoding, _, how = (part.strip() for part in text.partition(";"))
+    if "compressedDepth" not in how or encoding not in ("16UC1", "32FC1"):
+        raise MessageError(
+            f"compressed image has format '{text[:60]}', "
+            "expected '16UC1; compressedDepth' or '32FC1; compressedDepth'"
+        )
+    if len(data) < _HEADER.size:
+        raise MessageError(f"compressed depth image has {len(data)} bytes")
+    _, a, b = _HEADER.unpack_from(data)
+    body = bytes(data[_HEADER.size :])
+    numbers = _read_rvl(body) if how.endswith("rvl") else _read_png(body)
+    if encoding == "16UC1":
+        return numbers
+    if not (math.isfinite(a) and math.isfinite(b)) or a <= 0.0:
+        raise MessageError(f"compressed depth image has depth parameters {a:g}, {b:g}")
+    return _dequantise(numbers, a, b)
+
+
+def _check_size(width: int, height: int) -> None:
+    if width <= 0 or height <= 0 or width * height > MAX_PIXELS:
+        raise MessageError(
+            f"compressed depth image of {width} x {height} pixels; at most {MAX_PIXELS} are read"
+        )
+
+
+def _read_png(body: bytes) -> UInt16:
+    """Return the numbers of a PNG of 16 bits; its size is checked before anything is decoded."""
+    if len(body) < _PNG_SIZE.size:
+        raise MessageError(f"compressed depth image has {len(body)} bytes of PNG")
+    signature, chunk, width, height = _PNG_SIZE.unpack_from(body)
+    if signature != b"\x89PNG\r\n\x1a\n" or chunk != b"IHDR":
+        raise MessageError("compressed depth image is no PNG")
+    _check_size(width, height)
+    try:
+        with Image.open(io.BytesIO(body), formats=["PNG"]) as image:
+            if not image.mode.startswith("I"):
+                raise MessageError(
+                    f"compressed depth image has mode {image.mode}, expected 16 bits"
+                )
+            numbers = np.asarray(image)
+    except MessageError:
+        raise
+    except Exception as error:  # whatever Pillow finds wrong with bytes of others
+        raise MessageError(f"compressed depth image is damaged ({one_line(error)})") from None
+    return np.ascontiguousarray(numbers.astype(np.uint16, copy=False))
+
+
+def _read_rvl(body: bytes) -> UInt16:
+    """Return the numbers of run-length and variable-length coded depths (Wilson 2017)."""
+    if len(body) < _RVL_SIZE.size:
+        raise MessageError(f"compressed depth image has {len(body)} bytes of RVL")
+    width, height = _RVL_SIZE.unpack_from(body)
+    _check_size(width, height)
+    words = np.frombuffer(body, "<u4", (len(body) - _RVL_SIZE.size) // 4, _RVL_SIZE.size)
+    numbers = np.zeros(width * height, np.uint16)
+    if not decode_rvl(words.astype(np.uint32), numbers):
+        raise MessageError(f"compressed depth image of {width} x {height} pixels is cut")
+    return numbers.reshape(height, width)
+
+
+@njit(nogil=True, cache=True)
+def _next_number(words: Any, state: Any) -> Any:
+    """Return the next number of variable length, -1 at the end: three bits a nibble.
+
+    `state` int64 (1,) counts the nibbles that have been read.
+    """
+    value, shift = np.int64(0), np.int64(0)
+    while shift < 33:
+        at = state[0] >> 3
+        if at >= len(words):
+            return np.int64(-1)
+        nibble = (np.int64(words[at]) >> (28 - 4 * (state[0] & 7))) & 15
+        state[0] += 1
+        value |= (nibble & 7) << shift
+        shift += 3
+        if nibble & 8 == 0:
+            return value
+    return np.int64(-1)
+
+
+@njit(nogil=True, cache=True)
+def decode_rvl(words: Any, numbers: Any) -> bool:
+    """Decode depths: runs of zeros and of differences, in turn.
+
+    Parameters
+    ----------
+    words
+        uint32 (M,), nibbles with the highest first.
+    numbers
+        uint16 (N,), zero; written.
+
+    Returns
+    -------
+    bool
+        Whether all numbers were there.
+    """
+    state, at, last = np.zeros(1, np.int64), 0, np.int64(0)
+    while at < len(numbers):
+        zeros = _next_number(words, state)
+        if zeros < 0 or zeros > len(numbers) - at:
+            return False
+        at += zeros
+        if at == len(numbers):
+            return True
+        count = _next_number(words, state)
+        if count < 0 or count > len(numbers) - at or count + zeros == 0:
+            return False
+        for _ in range(count):
+            coded = _next_number(words, state)
+            if coded < 0:
+                return False
+            last += (coded >> 1) ^ -(coded & 1)
+            numbers[at] = np.uint16(last & 0xFFFF)
+            at += 1
+    return True
+
+
+def _dequantise(numbers: UInt16, a: float, b: float) -> Float32:
+    """Return depths in m, float32, nan where the number is 0: ``depth = A / (q - B)``."""
+    below = numbers.astype(np.float32) - np.float32(b)
+    known = (numbers != 0) & (below > 0.0)
+    return np.where(known, np.float32(a) / np.where(known, below, 1.0), np.nan).astype(np.float32)
+
+
+def write_compressed_depth(
+    depth: NDArray[Any], *, max_depth: float = 10.0, step: float = 100.0
+) -> tuple[str, bytes]:
+    """Return format and data of a compressed image, as PNG.
+
+    Parameters
+    ----------
+    depth
+        uint16 (H, W), mm, or float32 (H, W), m.
+    max_depth, step
+        For depths in m, as image_transport's ``depth_max`` and ``depth_quantization``: larger
+        depths become nothing; larger steps make finer numbers.
+    """
+    a = b = 0.0
+    numbers = depth
+    if depth.dtype != np.uint16:
+        a = step * (step + 1.0)
+        b = 1.0 - a / max_depth
+        known = np.isfinite(depth) & (depth > NEAREST) & (depth < max_depth)
+        numbers = np.where(known, a / np.where(known, depth, 1.0) + b, 0.0)
+        numbers = np.clip(np.rint(numbers), 0, 65535).astype(np.uint16)
+    stream = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(numbers)).save(stream, "PNG")
+    encoding = "16UC1" if depth.dtype == np.uint16 else "32FC1"
+    return f"{encoding}; compressedDepth png", _HEADER.pack(0, a, b) + stream.getvalue()

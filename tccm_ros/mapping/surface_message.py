@@ -1,4 +1,4 @@
-"""The surface message: what a tilt cycle tells the surface map (DESIGN section 4)."""
+"""The surface message: what a tilt cycle tells the surface map (docs/reference/nodes.md)."""
 
 from __future__ import annotations
 
@@ -129,7 +129,19 @@ def _on_planes(points: Float64, labels: Int32, chosen: list[PlaneFit], planes: i
 def view_intervals(
     cycle: TiltCycleData, config: Config, T_odom_base: Float64, frame_id: str
 ) -> ViewIntervals:
-    """Return what a tilt cycle's beams passed through, in the base frame at the cycle's stamp."""
+    """Return what a tilt cycle's beams passed through, in the base frame at the cycle's stamp.
+
+    Parameters
+    ----------
+    cycle
+        The tilt cycle.
+    config
+        Group `views`, and `scan.max_range`.
+    T_odom_base
+        float64 (4, 4), the base at the cycle's stamp.
+    frame_id
+        Name of the base frame.
+    """
     columns = FreeIntervalTracer(config.views.cell_size, config.views.reach)
     T_base_odom = inverse(T_odom_base)
     # Half again: `views.reach` is a distance on the floor, the beam goes down as well.

@@ -54,7 +54,17 @@ STILL_ANGULAR_SPEED = np.deg2rad(0.5)
 
 
 class CyclePlanes(NamedTuple):
-    """The planes of a tilt cycle, known before the rest of its result: as in `CycleResult`."""
+    """The planes of a tilt cycle, known before the rest of its result: as in `CycleResult`.
+
+    Attributes
+    ----------
+    stamp_ns
+        Of the tilt cycle.
+    frame_id
+        Frame of the planes.
+    planes
+        Tracked planes.
+    """
 
     stamp_ns: int
     frame_id: str

@@ -14,6 +14,15 @@ from rclpy.node import Node
 def on_backward_jump(node: Node, threshold_s: float, callback: Callable[[str], None]) -> Any:
     """Call back with a reason when the node clock steps back by more than a threshold.
 
+    Parameters
+    ----------
+    node
+        Its clock is watched.
+    threshold_s
+        Steps back of more than this, s.
+    callback
+        Called with the reason as a sentence.
+
     Returns
     -------
     JumpHandle
@@ -37,6 +46,15 @@ def stamp_on_receipt(
     """Return a record with the time of its arrival, for drivers that have no clock.
 
     What a sensor measures over a time span is sent at its end: its stamp is so much earlier.
+
+    Parameters
+    ----------
+    node
+        Its clock is read.
+    record
+        Records without a stamp (a robot description) are returned as they are.
+    time_span
+        Gives the first and last ns of a record; None for what is measured at one time.
     """
     if not hasattr(record, "stamp_ns"):
         return record
@@ -47,7 +65,17 @@ def stamp_on_receipt(
 
 
 def steady_timer(node: Node, period_s: float, callback: Callable[[], None]) -> Any:
-    """Return a timer that also runs while the node clock stands still, as without /clock."""
+    """Return a timer that also runs while the node clock stands still, as without /clock.
+
+    Parameters
+    ----------
+    node
+        Owns the timer.
+    period_s
+        Between two calls, s of a clock that never jumps.
+    callback
+        Called by the node's executor.
+    """
     return node.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 

@@ -27,7 +27,19 @@ SOLID_BOX = 1
 def collision_messages(
     types: MessageTypes, stamp_ns: int, frame_id: str, surfaces: Iterable[Surface], gone: set[int]
 ) -> Iterator[Any]:
-    """Yield a moveit_msgs/CollisionObject for each surface, and one to remove each that is gone."""
+    """Yield a moveit_msgs/CollisionObject for each surface, and one to remove each that is gone.
+
+    Parameters
+    ----------
+    types
+        Message classes.
+    stamp_ns, frame_id
+        Header; the surfaces are in that frame.
+    surfaces
+        Those to add or replace, by their ids.
+    gone
+        Ids of those to remove.
+    """
     header = header_message(types, stamp_ns, frame_id)
     for identity in sorted(gone):
         yield types.make(

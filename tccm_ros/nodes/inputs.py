@@ -30,7 +30,25 @@ MAX_GAP = 100_000
 
 @dataclass(slots=True)
 class Input:
-    """One subscription and what has come in."""
+    """One subscription and what has come in.
+
+    Attributes
+    ----------
+    topic
+        Resolved name.
+    type_name
+        ``package/msg/Name``.
+    watch
+        How its silence is judged.
+    count
+        Messages received.
+    lost
+        Messages that were sent but not received, by the sequence numbers of publications.
+    last_ns
+        When the last message came, ns of the node clock; None before the first.
+    sequence
+        Of the last message; None before the first and where the middleware gives none.
+    """
 
     topic: str
     type_name: str
@@ -72,7 +90,23 @@ class Inputs:
         watch: Watch = "needed",
         raw: bool = False,
     ) -> None:
-        """Subscribe to a topic of type ``package/msg/Name``; `raw` gives serialised messages."""
+        """Subscribe to a topic, and count what comes.
+
+        Parameters
+        ----------
+        type_name
+            ``package/msg/Name``.
+        topic
+            Relative to the node's namespace, before remapping.
+        callback
+            Takes a message, or its bytes where `raw`.
+        qos
+            Of the subscription.
+        watch
+            How the topic's silence is judged in /diagnostics.
+        raw
+            Whether messages are given serialised (CDR).
+        """
         entry = Input(self._node.resolve_topic_name(topic), type_name, watch)
         self._inputs.append(entry)
 

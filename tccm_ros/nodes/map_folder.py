@@ -23,6 +23,17 @@ def write_map(
 ) -> None:
     """Write a solution of a processor; after a kill at any moment the map is the old or the new.
 
+    Parameters
+    ----------
+    folder
+        Replaced as a whole.
+    processor
+        Gives keyframes, walls and what else a later session needs.
+    solution
+        Newest solution of that processor.
+    map_frame
+        Name of the map frame in the saved map.
+
     Raises
     ------
     OutputError

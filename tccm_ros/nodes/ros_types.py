@@ -41,7 +41,17 @@ class RosidlMessages:
         return result
 
     def rows(self, msgtype: str, table: ArrayLike, chosen: ArrayLike | None = None) -> Any:
-        """Return a list of messages that hold numbers alone; chosen twice, a message is shared."""
+        """Return a list of messages, one per row; a row that is chosen twice is one message.
+
+        Parameters
+        ----------
+        msgtype
+            ``package/msg/Name`` of a message whose fields are all numbers.
+        table
+            (N, fields), in the order of the fields.
+        chosen
+            int (M,), rows of the table; all of them, in order, if None.
+        """
         kind = message_class(msgtype)
         names = list(kind.get_fields_and_field_types())
         lines = np.asarray(table, float).reshape(-1, len(names)).tolist()

@@ -160,10 +160,23 @@ class SensorNode(Node):
         watch: Watch = "stream",
         is_measured: bool = True,
     ) -> None:
-        """Subscribe to the messages of a role (`ros.READERS`), whose records are taken.
+        """Subscribe to the messages of a role, whose records are taken.
 
-        The topic has the role's name if it is not given. What is not measured but computed
-        (`is_measured`) keeps its stamp in any case.
+        Parameters
+        ----------
+        role
+            What the messages are: a key of `ros.READERS` or the role of a stream.
+        qos
+            Of the subscription.
+        take
+            Called with the role and each record.
+        topic
+            By default the role's name.
+        watch
+            How the topic's silence is judged in /diagnostics.
+        is_measured
+            Whether a sensor measured it, so that `qos.stamp: receive` replaces its stamp. What is
+            computed from measurements keeps its stamp.
         """
         type_name, read = record_reader(role)
         on_receipt = is_measured and self.config.qos.stamp == "receive"
@@ -214,7 +227,17 @@ class SensorNode(Node):
     # --- services ---
 
     async def answer(self, job: Future, response: Any, done: str = "") -> Any:
-        """Answer a Trigger request with how a job of the worker went."""
+        """Answer a Trigger request with how a job of the worker went.
+
+        Parameters
+        ----------
+        job
+            The worker's job.
+        response
+            A Trigger response, which is filled.
+        done
+            Its message where the job succeeds.
+        """
         try:
             await job
         except Exception as error:

@@ -50,7 +50,15 @@ KEYFRAMES_PER_SOLVE = 5
 
 
 class SlamNode(SensorNode):
-    """Feeds the SLAM processor; publishes poses as scans come and the map now and then."""
+    """Feeds the SLAM processor; publishes poses as scans come and the map now and then.
+
+    Parameters
+    ----------
+    shared
+        The robot of another node in this process; by default the node has its own.
+    kwargs
+        Those of `rclpy.node.Node`.
+    """
 
     def __init__(self, shared: SharedRobot | None = None, **kwargs: Any):
         super().__init__("surface_slam", "slam", shared, **kwargs)

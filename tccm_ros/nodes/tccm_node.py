@@ -24,7 +24,15 @@ from tccm_ros.ros.topic_messages import CYCLE_TOPICS, SURFACE_MESSAGE_TOPICS, Cy
 
 
 class TccmNode(SensorNode):
-    """Feeds the TCCM processor and publishes what each cycle gives."""
+    """Feeds the TCCM processor and publishes what each tilt cycle gives.
+
+    Parameters
+    ----------
+    shared
+        The robot of another node in this process; by default the node has its own.
+    kwargs
+        Those of `rclpy.node.Node`.
+    """
 
     def __init__(self, shared: SharedRobot | None = None, **kwargs: Any):
         super().__init__("tccm", "tccm", shared, **kwargs)

@@ -83,7 +83,22 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
 
 
 def joint_sample(stamp_ns: int, names: Sequence[str], positions: Float64) -> JointSample:
-    """Return a sample of what a joint state says."""
+    """Return the joint sample of a sensor_msgs/JointState.
+
+    Parameters
+    ----------
+    stamp_ns
+        Of the header.
+    names
+        Joints; without positions they are left out.
+    positions
+        float64 (len(names),), rad or m; joints whose position is not finite are left out.
+
+    Raises
+    ------
+    MessageError
+        Where there are positions, but not one for each name.
+    """
     if len(positions) == 0:
         names = ()
     if len(positions) != len(names):
@@ -98,19 +113,45 @@ def joint_sample(stamp_ns: int, names: Sequence[str], positions: Float64) -> Joi
 def transform_sample(
     stamp_ns: int, frames: tuple[str, str], t: Vector, q: Vector, is_static: bool
 ) -> TransformSample:
-    """Return a transform (parent, child)."""
+    """Return the sample of a geometry_msgs/TransformStamped.
+
+    Parameters
+    ----------
+    stamp_ns
+        Of the header.
+    frames
+        Parent and child.
+    t, q
+        Translation (x, y, z), m, and quaternion (x, y, z, w) of T_parent_child.
+    is_static
+        Whether it came on /tf_static.
+
+    Raises
+    ------
+    MessageError
+        As `pose_matrix` does.
+    """
     parent, child = map(frame_name, frames)
     T = pose_matrix(t, q, f"transform {parent} -> {child}")
     return TransformSample(stamp_ns, parent, child, T, is_static)
 
 
 def pose_matrix(t: Vector, q: Vector, what: str) -> Float64:
-    """Return T (4, 4) of a translation (x, y, z) and a quaternion (x, y, z, w), normalised.
+    """Return T float64 (4, 4) of a translation and a quaternion.
+
+    Parameters
+    ----------
+    t
+        (3,), x y z, m.
+    q
+        (4,), x y z w; it is normalised.
+    what
+        Subject of the error's message.
 
     Raises
     ------
     MessageError
-        Where a number is not finite, or the quaternion is zero; `what` is the subject.
+        Where a number is not finite, or the quaternion's length is not within 1e-6 and 1e6.
     """
     if not all(map(math.isfinite, (*q, *t))):
         raise MessageError(f"{what} has a pose that is not finite")

@@ -91,9 +91,19 @@ class PosedScan(Posed):
 
 
 class TiltAngle(NamedTuple):
-    """The corrected angle (rad) of a sensor's tilt joint at a stamp; it goes on over a wrap.
+    """The corrected angle of a sensor's tilt joint at a stamp.
 
-    Those of one stream come in the order of their stamps, each once.
+    Those of one stream come in the order of their stamps, each once. Over a wrap of the joint the
+    angle goes on.
+
+    Attributes
+    ----------
+    role
+        The stream of the sensor.
+    stamp_ns
+        Of the joint sample or transform that tells the angle.
+    angle
+        rad, corrected by `rig.tilt_scale` and `rig.tilt_offset`.
     """
 
     role: str
@@ -102,14 +112,28 @@ class TiltAngle(NamedTuple):
 
 
 class StreamComplete(NamedTuple):
-    """No record of a tilting sensor that is older than `until_ns` will be given any more."""
+    """No record of a tilting sensor that is older than `until_ns` will be given any more.
+
+    Attributes
+    ----------
+    role
+        The stream of the sensor.
+    until_ns
+        Records with older stamps are all given or dropped.
+    """
 
     role: str
     until_ns: int
 
 
 class ClockJump(NamedTuple):
-    """Poses begin anew: the clock went back, or odometry came after all. All before is void."""
+    """Poses begin anew and the map with them: the clock went back, or odometry came late.
+
+    Attributes
+    ----------
+    reason
+        What happened, as a clause.
+    """
 
     reason: str
 

@@ -46,7 +46,17 @@ class Scan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointSample:
-    """Joint positions at one time: names, and positions float64 (len(names),) in rad or m."""
+    """Joint positions at one time (sensor_msgs/JointState).
+
+    Attributes
+    ----------
+    stamp_ns
+        Of the header.
+    names
+        Joints.
+    positions
+        float64 (len(names),), rad or m, finite.
+    """
 
     stamp_ns: int
     names: tuple[str, ...]
@@ -55,7 +65,17 @@ class JointSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Odometry:
-    """Pose of the base in the odometry frame: T_odom_base float64 (4, 4)."""
+    """A pose of the base in the odometry frame (nav_msgs/Odometry).
+
+    Attributes
+    ----------
+    stamp_ns
+        Of the header.
+    frame_id, child_frame_id
+        The odometry frame and the frame whose pose it is.
+    T_odom_base
+        float64 (4, 4), pose of the child frame in the odometry frame.
+    """
 
     stamp_ns: int
     frame_id: str
@@ -65,7 +85,19 @@ class Odometry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TransformSample:
-    """One transform of tf: T_parent_child float64 (4, 4)."""
+    """One transform of tf (geometry_msgs/TransformStamped).
+
+    Attributes
+    ----------
+    stamp_ns
+        Of the header.
+    parent, child
+        The two frames.
+    T_parent_child
+        float64 (4, 4), maps coordinates in child to parent.
+    is_static
+        Whether it holds at all times.
+    """
 
     stamp_ns: int
     parent: str
@@ -76,7 +108,13 @@ class TransformSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotDescription:
-    """The robot's URDF."""
+    """The robot's URDF (std_msgs/String on robot_description).
+
+    Attributes
+    ----------
+    urdf
+        The XML text.
+    """
 
     urdf: str
 

@@ -28,7 +28,17 @@ class ScanPose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Keyframe:
-    """A pose of the graph: pose float64 (3,), (x, y, yaw) of base in map."""
+    """A pose of the graph, at the stamp of a level scan.
+
+    Attributes
+    ----------
+    id
+        Its number in the graph.
+    stamp_ns
+        Of its level scan.
+    pose
+        float64 (3,), (x, y, yaw) of base in map, m and rad.
+    """
 
     id: int
     stamp_ns: int

@@ -14,7 +14,21 @@ from tccm_ros.robot.tracks import PoseTrack, ScalarTrack
 
 @dataclass(slots=True, eq=False)
 class JointReading:
-    """A joint of a chain and where its position comes from: q = scale * sample + offset."""
+    """A joint of a chain and where its position comes from: q = scale * sample + offset.
+
+    Attributes
+    ----------
+    name
+        Of the joint in the chain.
+    track
+        Its samples, or those of the joint that it mimics.
+    axis
+        Unit vector float64 (3,) in the joint's frame.
+    is_revolute
+        Whether it rotates about the axis; otherwise it slides along it.
+    scale, offset
+        From sample to position: that of a mimic joint, corrected by the rig's calibration.
+    """
 
     name: str
     track: ScalarTrack
@@ -31,7 +45,17 @@ class JointReading:
         return q
 
     def apply(self, T: Float64, stamps_ns: Int64, *, backwards: bool) -> None:
-        """Multiply poses (K, 4, 4) in place by the joint's motion, or by its inverse."""
+        """Multiply poses (K, 4, 4) in place by the joint's motion, or by its inverse.
+
+        Parameters
+        ----------
+        T
+            float64 (K, 4, 4), multiplied from the right.
+        stamps_ns
+            int64 (K,), bracketed by the track.
+        backwards
+            Whether the chain runs from the joint's child to its parent.
+        """
         q = self.at(stamps_ns)
         apply_joint(T, self.axis, -q if backwards else q, self.is_revolute)
 
@@ -41,6 +65,17 @@ class MovingTransform:
     """A moving transform of tf in a chain, turned by a correction about `axis` in its child.
 
     The correction makes the angle `a` about the axis into ``scale * a + offset``.
+
+    Attributes
+    ----------
+    name
+        Of the child frame.
+    track
+        T_parent_child over time.
+    axis
+        Unit vector float64 (3,) in the child frame, None where nothing is corrected.
+    scale, offset
+        The correction; offset in rad.
     """
 
     name: str
@@ -50,7 +85,17 @@ class MovingTransform:
     offset: float = 0.0
 
     def apply(self, T: Float64, stamps_ns: Int64, *, backwards: bool) -> None:
-        """Multiply poses (K, 4, 4) in place by the transform, or by its inverse."""
+        """Multiply poses (K, 4, 4) in place by the transform, or by its inverse.
+
+        Parameters
+        ----------
+        T
+            float64 (K, 4, 4), multiplied from the right.
+        stamps_ns
+            int64 (K,), bracketed by the track.
+        backwards
+            Whether the chain runs from child to parent.
+        """
         moved = self.track.at(stamps_ns)
         if self.axis is not None and (self.scale != 1.0 or self.offset != 0.0):
             angle = twist_angle(moved, self.axis)
@@ -106,7 +151,19 @@ def apply_fixed(T, F):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True)
 def apply_joint(T, axis, q, is_revolute):  # type: ignore[no-untyped-def]
-    """Multiply rigid poses (K, 4, 4) in place by a turn about, or a slide along, an axis."""
+    """Multiply rigid poses by a rotation about an axis, or by a translation along it.
+
+    Parameters
+    ----------
+    T
+        float64 (K, 4, 4), multiplied in place from the right.
+    axis
+        Unit vector float64 (3,) in the frame of T's child.
+    q
+        float64 (K,), rad or m.
+    is_revolute
+        Whether the motion is a rotation (Rodrigues' formula) or a translation.
+    """
     x, y, z = axis[0], axis[1], axis[2]
     R = np.empty((3, 3))
     row = np.empty(3)

@@ -1,4 +1,4 @@
-"""The chain from the base to a laser: names are found, not set (DESIGN section 3).
+"""The chain from the base to a laser: names are found, not set (docs/design/frames_and_time.md).
 
 The base is the odometry's child frame where the robot has it, else a root; the tilt joint is the
 turning joint nearest to the laser. The chain comes from the robot description, from tf, or from the
@@ -126,7 +126,7 @@ class ChainFinder:
         return build_chain(find_path(child, base, edges), self.reading)
 
     def _find_base(self, laser: str, known: set[str], model: RobotModel | None) -> str:
-        """Return the base: configured, the odometry's child, or a root (DESIGN section 3)."""
+        """Return the base: configured, the odometry's child frame, or a root of the model."""
         if self._config.frames.base:
             return self._config.frames.base
         child = self._frames.odometry_child

@@ -21,7 +21,17 @@ MAX_FRAMES = 4096
 
 @dataclass(slots=True, eq=False)
 class TfEdge:
-    """One transform of tf: static (T_parent_child) or moving (track)."""
+    """One transform of tf, static or moving.
+
+    Attributes
+    ----------
+    parent, child
+        The two frames.
+    T_parent_child
+        float64 (4, 4), None where the transform moves.
+    track
+        Its samples where it moves.
+    """
 
     parent: str
     child: str
@@ -109,7 +119,17 @@ class FrameTree:
         self.version += 1
 
     def view(self, *, urdf: bool, tf: bool, moving_tf: bool) -> Edges:
-        """Return the edges by child frame, of the sources that count."""
+        """Return the edges by child frame, of the sources that count.
+
+        Parameters
+        ----------
+        urdf
+            Whether the joints of the robot description count; they win over tf's transforms.
+        tf
+            Whether the transforms of tf count.
+        moving_tf
+            Whether those of them that move count as well.
+        """
         edges: Edges = {}
         if tf:
             edges.update(
@@ -147,6 +167,13 @@ def ancestors(frame: str, edges: Edges) -> list[str]:
 
 def find_path(a: str, b: str, edges: Edges) -> list[tuple[Joint | TfEdge, bool]]:
     """Return the edges from frame a to frame b, each with whether it is run through backwards.
+
+    Parameters
+    ----------
+    a, b
+        Frames.
+    edges
+        A tree or several, by child frame.
 
     Raises
     ------

@@ -158,6 +158,15 @@ class Mount:
     def pose_stamps(self, chain: Chain, start_ns: int, end_ns: int, *more: Int64) -> Int64:
         """Return the stamps at which poses are needed so that what lies between is a short arc.
 
+        Parameters
+        ----------
+        chain
+            From base to sensor.
+        start_ns, end_ns
+            First and last measurement of a record.
+        more
+            int64 (N,) each: stamps of further samples within, such as odometry's.
+
         Returns
         -------
         int64 (K,), strictly increasing from start to end: the samples' stamps of the chain and

@@ -114,10 +114,24 @@ class ShapeModel:
 
 @njit(nogil=True, cache=True)
 def place_shapes(parents, before, axes, is_revolute, positions, hangs_on, T_frame_shape):  # type: ignore[no-untyped-def]
-    """Place shapes (S, 4, 4) on a tree of moved frames, each after its parent.
+    """Return the poses of shapes on a tree of moved frames, T_base_shape float64 (S, 4, 4).
 
-    A frame is its parent's times the fixed transform `before` (N, 4, 4) times its joint's motion;
-    a parent or hold of ROOT is the base. Shapes below a joint without a position are nan.
+    A moved frame is its parent's pose times a fixed transform times its joint's motion. Shapes
+    below a joint without a position are nan.
+
+    Parameters
+    ----------
+    parents
+        int64 (N,): the frame that each moved frame hangs on, an index smaller than its own, or
+        ROOT for the base.
+    before
+        float64 (N, 4, 4): fixed transform from the parent to the joint.
+    axes, is_revolute, positions
+        float64 (N, 3), bool (N,) and float64 (N,) of the joints; positions in rad or m, or nan.
+    hangs_on
+        int64 (S,): the moved frame of each shape, or ROOT.
+    T_frame_shape
+        float64 (S, 4, 4): pose of each shape in that frame.
     """
     frames = np.empty((len(parents), 4, 4))
     for n in range(len(parents)):

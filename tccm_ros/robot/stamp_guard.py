@@ -66,7 +66,19 @@ class StampGuard(Generic[T]):
     def admit(
         self, key: Hashable, stamp_ns: int, record: T, *, keeps_time: bool = True
     ) -> Admission[T]:
-        """Judge one record of the stream `key`, which may not count for message time."""
+        """Decide what becomes of one record, and of those that were held before it.
+
+        Parameters
+        ----------
+        key
+            The stream.
+        stamp_ns
+            Of the record.
+        record
+            Returned in the admission as it is, now or with a later record of the stream.
+        keeps_time
+            Whether message time follows this stream.
+        """
         result: Admission[T] = Admission()
         stream = self._streams.get(key)
         if stream is None:

@@ -85,7 +85,15 @@ class Track:
         return None if gap < 0 else gap
 
     def brackets(self, start_ns: int, end_ns: int, max_gap_ns: int) -> bool:
-        """Return whether samples with at most `max_gap_ns` between two cover [start, end]."""
+        """Return whether samples cover an interval, with no wide step between two of them.
+
+        Parameters
+        ----------
+        start_ns, end_ns
+            The interval.
+        max_gap_ns
+            A wider step between two samples brackets nothing.
+        """
         gap = self.widest_gap_ns(start_ns, end_ns)
         return gap is not None and gap <= max_gap_ns
 
@@ -106,7 +114,13 @@ class Track:
 
 
 class ScalarTrack(Track):
-    """Positions of one joint."""
+    """Positions of one joint, rad or m.
+
+    Parameters
+    ----------
+    max_samples
+        Bound of the history.
+    """
 
     def __init__(self, max_samples: int = MAX_SAMPLES):
         super().__init__(1, max_samples)
@@ -123,7 +137,13 @@ class ScalarTrack(Track):
 
 
 class PoseTrack(Track):
-    """Rigid transforms, kept as translation and quaternion xyzw."""
+    """Rigid transforms T_a_b, kept as translation and unit quaternion xyzw.
+
+    Parameters
+    ----------
+    max_samples
+        Bound of the history.
+    """
 
     def __init__(self, max_samples: int = MAX_SAMPLES):
         super().__init__(7, max_samples)
@@ -139,7 +159,15 @@ class PoseTrack(Track):
 
 @njit(nogil=True, cache=True)
 def widest_gap(stamps, start, end):  # type: ignore[no-untyped-def]
-    """Return the widest step between the stamps that bracket [start, end], -1 if none do."""
+    """Return the widest step between the stamps that bracket [start, end], -1 if none do.
+
+    Parameters
+    ----------
+    stamps
+        int64 (N,), ns, increasing.
+    start, end
+        The interval, ns.
+    """
     if len(stamps) == 0 or stamps[0] > start or stamps[-1] < end:
         return -1
     first = np.searchsorted(stamps, start, "right") - 1
@@ -152,13 +180,31 @@ def widest_gap(stamps, start, end):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True)
 def stamps_between(stamps, start, end):  # type: ignore[no-untyped-def]
-    """Return the stamps in the open interval (start, end)."""
+    """Return the stamps in an open interval, int64 (M,) (a view).
+
+    Parameters
+    ----------
+    stamps
+        int64 (N,), ns, increasing.
+    start, end
+        The interval, ns; both ends are left out.
+    """
     return stamps[np.searchsorted(stamps, start, "right") : np.searchsorted(stamps, end)]
 
 
 @njit(nogil=True, cache=True)
 def merge_stamps(start, end, step, inner):  # type: ignore[no-untyped-def]
-    """Return stamps (K,) from start to end in steps of at most `step`, with `inner` among them."""
+    """Return increasing stamps int64 (K,) from start to end.
+
+    Parameters
+    ----------
+    start, end
+        The interval, ns, start < end; both ends are among the stamps.
+    step
+        Longest step, ns.
+    inner
+        int64 (N,), stamps within the interval that are to be among them.
+    """
     count = -(-(end - start) // step)
     merged = np.empty(count + 1 + len(inner), np.int64)
     for i in range(count + 1):
@@ -187,7 +233,17 @@ def bracket(stamps, stamp):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True)
 def interpolate_scalars(stamps, values, at, wraps):  # type: ignore[no-untyped-def]
-    """Interpolate values (N,) at stamps (K,); where they wrap, the short way round."""
+    """Return values at stamps, float64 (K,), linear between samples.
+
+    Parameters
+    ----------
+    stamps, values
+        int64 (N,), ns, increasing, and float64 (N,).
+    at
+        int64 (K,), ns, within the stamps.
+    wraps
+        Whether values are angles in rad, between which the short way is taken.
+    """
     result = np.empty(len(at))
     for k in range(len(at)):
         i, j, f = bracket(stamps, at[k])
@@ -200,7 +256,15 @@ def interpolate_scalars(stamps, values, at, wraps):  # type: ignore[no-untyped-d
 
 @njit(nogil=True, cache=True)
 def slerp(a, b, f):  # type: ignore[no-untyped-def]
-    """Interpolate unit quaternions xyzw along the shorter great circle."""
+    """Interpolate unit quaternions xyzw along the shorter great circle (Shoemake, SIGGRAPH 1985).
+
+    Parameters
+    ----------
+    a, b
+        float64 (4,), unit quaternions.
+    f
+        0 at a, 1 at b.
+    """
     dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     sign = 1.0
     if dot < 0.0:
@@ -253,7 +317,17 @@ def pose_to_numbers(T):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True)
 def quaternion_to_pose(q, t, T):  # type: ignore[no-untyped-def]
-    """Write the pose of a unit quaternion xyzw and a translation into T (4, 4)."""
+    """Write the pose of a quaternion and a translation.
+
+    Parameters
+    ----------
+    q
+        float64 (4,), xyzw, unit.
+    t
+        float64 (3,), m.
+    T
+        float64 (4, 4), written.
+    """
     x, y, z, w = q[0], q[1], q[2], q[3]
     T[0, 0] = 1.0 - 2.0 * (y * y + z * z)
     T[0, 1] = 2.0 * (x * y - z * w)
@@ -272,7 +346,15 @@ def quaternion_to_pose(q, t, T):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True)
 def interpolate_transforms(stamps, values, at):  # type: ignore[no-untyped-def]
-    """Interpolate poses (N, 7) of translation and quaternion at stamps (K,) to (K, 4, 4)."""
+    """Return poses at stamps, float64 (K, 4, 4): translation linear, rotation by `slerp`.
+
+    Parameters
+    ----------
+    stamps, values
+        int64 (N,), ns, increasing, and float64 (N, 7): translation in m, unit quaternion xyzw.
+    at
+        int64 (K,), ns, within the stamps.
+    """
     result = np.empty((len(at), 4, 4))
     for k in range(len(at)):
         i, j, f = bracket(stamps, at[k])

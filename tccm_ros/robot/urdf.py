@@ -23,7 +23,15 @@ MOVING = {"revolute": "turn", "continuous": "turn", "prismatic": "slide"}
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """A joint that follows another: position = multiplier * other + offset."""
+    """A joint that follows another: position = multiplier * other + offset.
+
+    Attributes
+    ----------
+    joint
+        Name of the other.
+    multiplier, offset
+        Of the equation; offset in rad or m.
+    """
 
     joint: str
     multiplier: float

@@ -86,7 +86,17 @@ def scale_color(fraction: float) -> Color:
 
 
 def marker_points(types: MessageTypes, xyz: ArrayLike, chosen: ArrayLike | None = None) -> Any:
-    """Return (N, 3) m as geometry_msgs/Point messages, or the chosen rows of them."""
+    """Return geometry_msgs/Point messages.
+
+    Parameters
+    ----------
+    types
+        Message classes.
+    xyz
+        (N, 3), m, in the marker's frame.
+    chosen
+        int (M,), rows of them; all if None.
+    """
     rows = np.asarray(xyz, np.float64).reshape(-1, 3)
     return types.rows("geometry_msgs/msg/Point", rows, chosen)
 

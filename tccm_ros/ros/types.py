@@ -56,7 +56,17 @@ def stamp_message(types: MessageTypes, stamp_ns: int) -> Any:
 
 
 def header_message(types: MessageTypes, stamp_ns: int, frame_id: str) -> Any:
-    """Return a std_msgs/Header."""
+    """Return a std_msgs/Header.
+
+    Parameters
+    ----------
+    types
+        Message classes.
+    stamp_ns
+        Time of the data, ns.
+    frame_id
+        Frame of the data.
+    """
     return types.make(
         "std_msgs/msg/Header", stamp=stamp_message(types, stamp_ns), frame_id=frame_id
     )

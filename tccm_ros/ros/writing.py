@@ -30,7 +30,17 @@ from tccm_ros.sensors.compressed_depth import write_compressed_depth
 
 
 def scan_message(types: MessageTypes, scan: Scan, *, scan_time: float = 0.0) -> Any:
-    """Return a sensor_msgs/LaserScan; `scan_time` is the time between scans, s, 0 = unknown."""
+    """Return a sensor_msgs/LaserScan.
+
+    Parameters
+    ----------
+    types
+        Message classes.
+    scan
+        What was measured.
+    scan_time
+        Time between two scans, s; 0 where it is unknown.
+    """
     return types.make(
         "sensor_msgs/msg/LaserScan",
         header=header_message(types, scan.stamp_ns, scan.frame_id),

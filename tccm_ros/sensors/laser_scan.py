@@ -144,12 +144,20 @@ def laser_poses(posed: PosedScan, T_frame_odom: Float64 | None = None) -> tuple[
 def project(
     posed: PosedScan, chosen: Bool, T_frame_odom: Float64 | None = None
 ) -> tuple[Float64, Int32]:
-    """Return the hits of chosen beams bool (N,), each with the pose of its own time.
+    """Return the hits of chosen beams, each with the pose of its own time.
+
+    Parameters
+    ----------
+    posed
+        A scan with its poses.
+    chosen
+        bool (N,), of beams that hit something.
+    T_frame_odom
+        float64 (4, 4), from odom to the frame of the points; None: they are in odom.
 
     Returns
     -------
-    points float64 (M, 3), m, in the frame of `T_frame_odom` float64 (4, 4), in odom if None, and
-    their beams int32 (M,).
+    points float64 (M, 3), m, and their beams int32 (M,).
     """
     times, T = laser_poses(posed, T_frame_odom)
     cosines, sines = directions(posed.scan)

@@ -20,6 +20,17 @@ def is_straight(ranges, hit, i, cos_step, noise):  # type: ignore[no-untyped-def
     Seen from the laser, 1/r along a line is a sinusoid of the bearing, hence
     ``1/r[i-1] + 1/r[i+1] = 2 cos(step) / r[i]``. A fifth of the step in range is allowed, and half
     of `noise`.
+
+    Parameters
+    ----------
+    ranges, hit
+        float32 (N,), m, and bool (N,).
+    i
+        The beam.
+    cos_step
+        Cosine of the angle between beams.
+    noise
+        m.
     """
     if i < 1 or i + 1 >= len(ranges) or not (hit[i - 1] and hit[i] and hit[i + 1]):
         return False
@@ -36,7 +47,20 @@ def mark_valid(ranges, low, high, step, shadow_angle, shadow_jump):  # type: ign
     pixel: its range differs from a neighbour's by more than `shadow_jump`, and the line between
     their hits lies within `shadow_angle` of the beam. A wall seen at a grazing angle looks like
     that too, but is straight: a hit is kept in a run of `STRAIGHT_RUN` hits that are in line with
-    their neighbours. `step` is the angle between beams.
+    their neighbours.
+
+    Parameters
+    ----------
+    ranges
+        float32 (N,), m.
+    low, high
+        Range limits, m.
+    step
+        Angle between beams, rad.
+    shadow_angle
+        rad; 0 keeps mixed pixels.
+    shadow_jump
+        m.
     """
     n = len(ranges)
     hit = np.empty(n, np.bool_)
@@ -71,7 +95,15 @@ def mark_valid(ranges, low, high, step, shadow_angle, shadow_jump):  # type: ign
 
 @njit(nogil=True, cache=True)
 def rotation_between(A, B, axis):  # type: ignore[no-untyped-def]
-    """Return the angle of R_A^T R_B of two poses and write its axis (in A's child frame)."""
+    """Return the angle of R_A^T R_B of two poses, rad in [0, pi], and write its axis.
+
+    Parameters
+    ----------
+    A, B
+        float64 (4, 4).
+    axis
+        float64 (3,), unit, in A's child frame; written.
+    """
     R = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
@@ -86,7 +118,19 @@ def rotation_between(A, B, axis):  # type: ignore[no-untyped-def]
 
 @njit(nogil=True, cache=True)
 def turned(A, axis, angle, t, out):  # type: ignore[no-untyped-def]
-    """Write the pose A (4, 4), turned about an axis in its child frame and moved to t."""
+    """Write a pose that is turned about an axis in its child frame and moved to `t`.
+
+    Parameters
+    ----------
+    A
+        float64 (4, 4).
+    axis, angle
+        Unit vector float64 (3,) in A's child frame, and rad.
+    t
+        float64 (3,), the new translation, m.
+    out
+        float64 (3, 4), written.
+    """
     c, s = np.cos(angle), np.sin(angle)
     v = 1.0 - c
     x, y, z = axis[0], axis[1], axis[2]
@@ -187,10 +231,20 @@ def place_beams(ranges, valid, cosines, sines, first, step, times, T):  # type: 
 
 @njit(nogil=True, cache=True)
 def mark_inside(points, kinds, half, T_shape_frame, padding):  # type: ignore[no-untyped-def]
-    """Return which points (N, 3) lie in any shape grown by `padding`, bool (N,).
+    """Return which points lie in any of some shapes, bool (N,).
 
-    `kinds` int64 (S,) are BOX, SPHERE or CYLINDER (along z), `half` (S, 3) their half extents,
-    `T_shape_frame` (S, 4, 4) map the points' frame to the shapes'.
+    Parameters
+    ----------
+    points
+        float64 (N, 3), m.
+    kinds
+        int64 (S,): BOX, SPHERE or CYLINDER (along z).
+    half
+        float64 (S, 3), half extents, m; a radius is the first.
+    T_shape_frame
+        float64 (S, 4, 4), from the points' frame to the shapes'.
+    padding
+        Each shape is grown by this, m.
     """
     inside = np.zeros(len(points), np.bool_)
     for s in range(len(kinds)):

@@ -47,7 +47,7 @@ def test_the_name_of_a_module_is_a_name():
         "def at_last(): ...",
     ],
 )
-def test_what_contains_a_word_by_chance_or_uses_a_name_is_left_alone(source):
+def test_a_word_within_another_and_a_name_that_is_only_used_are_not_found(source):
     assert not found("tccm_ros/example.py", source)
 
 

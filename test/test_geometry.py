@@ -136,7 +136,7 @@ def test_rotations_interpolate_the_same_in_any_frame(A, B, F, f):
     np.testing.assert_allclose(moved, F @ interpolate_poses(A, B, f), atol=1e-6)
 
 
-def test_poses_broadcast():
+def test_pose_operations_broadcast_over_leading_dimensions():
     A, B = pose_from_rpy((0, 0, 0, 0, 0, 0)), pose_from_rpy((1, 0, 0, 0, 0, 1))
     many = interpolate_poses(A, B, np.linspace(0, 1, 5))
     assert many.shape == (5, 4, 4)

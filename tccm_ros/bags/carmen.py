@@ -34,8 +34,9 @@ SICK_NO_RETURN_M = 81.8
 """The SICK LMS codes of 8183 to 8191 cm mean no return or dazzle (manual of the LMS 2xx)."""
 
 SICK_RANGE_M = 80.0
+"""Max range of the SICK LMS, m (manual of the LMS 2xx): that of a log that has none."""
 RANGE_MIN_M = 0.02
-"""Limits of valid ranges where a log has none: of the SICK LMS, and chosen."""
+"""Min range where a log has none, m. Chosen."""
 
 SENTINEL_FRACTION = 1e-3
 SENTINEL_RATIO = 20.0

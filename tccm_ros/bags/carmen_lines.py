@@ -31,13 +31,14 @@ from tccm_ros.arrays import Float64
 from tccm_ros.errors import LogError, one_line
 
 MAX_LINE = 2**20
+"""Max bytes of a line. Chosen: a longer one is damaged."""
 MAX_LOG = 2**33
-"""Max bytes of a line and of an unpacked log (chosen: larger ones are compression bombs)."""
+"""Max bytes of an unpacked log. Chosen: a larger one is a compression bomb."""
 
 MAX_BEAMS = 20_000
+"""Max number of readings of a valid line. Chosen: far above that of any laser."""
 MAX_COORDINATE = 1e7
-"""Max number of readings and max coordinate of a valid line (chosen: far above those of any
-log)."""
+"""Max coordinate of a valid line, m. Chosen: far above that of any log."""
 
 MAX_TIME_S = 2**31 - 1
 """Stamps of messages have 32 bits of seconds."""

@@ -9,14 +9,15 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 MIN_STEP_NS = 1_000
-"""Least time between two stamps, ns."""
+"""Min time between two stamps, ns. Chosen: message stamps have to increase."""
 
 OUTLIER_NS = 10_000_000_000
-"""A stamp this far from the median of its four neighbours and itself is a damaged line."""
+"""A stamp this far, ns, from the median of its four neighbours and itself is a damaged line.
+Chosen."""
 
 RESET_NS = 10_000_000_000
-"""A clock that is this much earlier than on the line before was set back: logs of several hosts
-step back by a second at most."""
+"""A clock that is this much earlier, ns, than on the line before was set back. Chosen: logs of
+several hosts step back by a second at most."""
 
 
 class _Timed(Protocol):

@@ -26,10 +26,12 @@ MAX_ROUNDS = 100
 """Maximum number of planes. Chosen."""
 
 CELL_FRACTION = 0.577
-"""Edge of a cell whose diagonal is just less than the cluster distance, in such distances,"""
+"""Edge of a cell in cluster distances. Chosen: just less than 1 / sqrt(3), so that all points of
+a cell are within the distance."""
 
 CELL_STEPS = 2
-"""and the cells on either side in which a neighbour within that distance can be."""
+"""Cells on either side in which a neighbour within the cluster distance can be: 1 /
+`CELL_FRACTION`, rounded up."""
 
 SEED = 20110509
 """The same cloud gives the same surfaces."""

@@ -45,12 +45,13 @@ ROLES = {None, *roles_of("tccm")}
 """Of events that are mapped: those of the streams for it, and those that concern everybody."""
 
 START_OF_TIME = -(2**62)
+"""Earlier than every stamp, ns."""
 
 STILL_SPEED = 0.02
-"""Below this the base stands still, m/s (`views.when: still`)."""
+"""Below this the base stands still, m/s (`views.when: still`). Chosen."""
 
 STILL_ANGULAR_SPEED = np.deg2rad(0.5)
-"""Below this the base stands still, rad/s."""
+"""Below this the base stands still, rad/s. Chosen."""
 
 
 class CyclePlanes(NamedTuple):

@@ -10,6 +10,7 @@ from rclpy.node import Node
 from tccm_ros.nodes.clock import steady_timer
 
 PERIOD_S = 1.0
+"""Between two messages on /diagnostics, s: the rate that diagnostic_updater has by default."""
 
 
 class Diagnostics:

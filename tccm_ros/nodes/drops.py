@@ -23,7 +23,8 @@ ORDINARY = ("short tilt cycle",)
 """A tilt cycle too short to be one is no fault: the laser came to rest."""
 
 MIN_NEW = 3
-"""Fewer drops than this between two looks are no problem: starts and ends of streams."""
+"""Fewer new drops than this between two diagnostics are no problem. Chosen: starts and ends of
+streams drop one or two."""
 
 
 class DropWatch:

@@ -24,7 +24,8 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 LOOK_NS = 500_000_000
-"""A signal shuts a context down without a word: it is looked at so often."""
+"""Period, ns, at which is checked whether the context was shut down, which a signal does without
+notice. Chosen."""
 
 
 class Intake:

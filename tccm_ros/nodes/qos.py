@@ -9,7 +9,8 @@ from rclpy.event_handler import (
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 SENSOR_DEPTH = 200
-"""Five seconds of a 40 Hz laser: covers the longest step of the processors."""
+"""Messages that a queue holds. Chosen: five seconds of a 40 Hz laser, longer than the longest
+step of the processors."""
 
 ADVICE = {
     "reliability": "set qos.reliability to best_effort, or make the publisher reliable",
@@ -18,7 +19,8 @@ ADVICE = {
 """What to do about a policy that does not fit."""
 
 SURFACE_MESSAGE_DEPTH = 50
-"""A minute of tilt cycles: the SLAM node may be busy with a batch."""
+"""Messages that a queue holds. Chosen: a minute of tilt cycles, while which the SLAM node may be
+busy with a batch."""
 
 
 def sensor(reliability: str = "best_effort") -> QoSProfile:

@@ -40,13 +40,13 @@ GRID, GRID_TOPIC = "nav_msgs/msg/OccupancyGrid", "map"
 """For navigation, latched; saved as map.pgm and map.yaml."""
 
 SOLVE_PERIOD_S = 2.0
-"""The map is solved anew at most this often."""
+"""Shortest time between two solutions, s. Chosen."""
 
 SOLVE_FRACTION = 0.1
-"""Fraction of the time that solving may take: a long solution is made less often."""
+"""Fraction of the time that solving may take: a long solution is made less often. Chosen."""
 
 KEYFRAMES_PER_SOLVE = 5
-"""Without a new view the map is solved anew after so many keyframes."""
+"""Without a new view the map is solved anew after so many keyframes. Chosen."""
 
 
 class SlamNode(SensorNode):

@@ -15,10 +15,10 @@ from tccm_ros.nodes.qos import SENSOR_DEPTH
 Result = TypeVar("Result")
 
 BACKLOG = 10 * SENSOR_DEPTH
-"""Jobs that wait before scans are dropped: 10 s of a laser, joints and odometry."""
+"""Jobs that wait before scans are dropped. Chosen: 10 s of a laser, joints and odometry."""
 
 CEILING = 10 * BACKLOG
-"""Jobs that wait before anything is dropped: memory stays bounded whatever comes in."""
+"""Jobs that wait before anything is dropped. Chosen: memory stays bounded whatever comes in."""
 
 
 class Worker:

@@ -14,7 +14,8 @@ from tccm_ros.outlines.raster import EMPTY
 from tccm_ros.outlines.rings import crosses, is_inside, signed_area, simplify
 
 MAX_SHIFT = 0.49
-"""A point is moved by at most this from its side, cells: below one half, rings do not touch."""
+"""A point is moved by at most this from its side, cells. Chosen: below one half, rings do not
+touch."""
 
 HALVINGS = 6
 """How often the tolerance is halved before every corner is kept. Chosen."""

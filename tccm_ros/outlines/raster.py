@@ -12,7 +12,7 @@ from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import CuboidArrays
 
 ROOT3 = 1.7320508075688772
-"""Half the length of a uniform spread, in standard deviations."""
+"""Half the length of a uniform spread over its standard deviation: exactly the root of 3."""
 
 EMPTY, FILLED, SAMPLE = -1, -2, -3
 """Values of a cell: nothing, between samples, a sample."""

@@ -46,10 +46,11 @@ SPLIT_FRACTION = 0.7
 one. Chosen."""
 
 MAX_SLANT = 4.0
-"""The distance of neighbours of a run is at most this many times that across the line of sight,"""
+"""The distance of neighbours of a run is at most this many times that across the line of sight,
+plus `POINT_NOISE`. Chosen."""
 
 POINT_NOISE = 0.02
-"""plus this, m, the noise of the two ranges. Chosen."""
+"""m, the noise of the two ranges. Chosen."""
 
 RUN = np.dtype(
     [

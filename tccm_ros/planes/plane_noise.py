@@ -16,10 +16,11 @@ MIN_SLOPE = 0.02
 Chosen."""
 
 SIGMAS = 3.0
-"""A plane may be this many times as thick as the noise of the ranges explains,"""
+"""A plane may be this many times as thick as the noise of the ranges explains, plus
+`MAX_UNEVENNESS`. Chosen."""
 
 MAX_UNEVENNESS = 0.005
-"""plus this, m, for uneven surfaces and sensor errors. Chosen."""
+"""m, for uneven surfaces and errors of the sensor. Chosen."""
 
 
 def are_too_thick(

@@ -10,12 +10,11 @@ from tccm_ros.cuboids.moments import FLAT, plane_of, residuals_of
 from tccm_ros.planes.blocks import Blocks, flatness_order
 
 JOIN_FACTOR = 2.5
-"""A patch joins a region if its rms about the region's plane is within this factor of the region's
-noise,"""
+"""A patch joins a region if its rms about the region's plane is within this factor of the
+region's noise, plus `SLACK`. Chosen."""
 
 SLACK = 0.002
-"""plus this, m: surfaces are not perfectly flat, and the noise of small patches is known badly.
-Chosen."""
+"""m: surfaces are not perfectly flat, and the noise of small patches is known badly. Chosen."""
 
 
 @njit(nogil=True, cache=True)

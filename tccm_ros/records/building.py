@@ -36,7 +36,8 @@ Record = (
 )
 
 MAX_SCAN_S = 60.0
-"""Longest duration of one scan that is believed, s; the slowest lasers take a few seconds."""
+"""Longest duration of one scan that is believed, s. Chosen: the slowest lasers take a few
+seconds."""
 
 
 def stamp_ns_from_message(stamp: Any) -> int:

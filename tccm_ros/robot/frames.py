@@ -15,8 +15,8 @@ from tccm_ros.robot.chain import Chain, JointReading, MovingTransform, Part
 from tccm_ros.robot.tracks import PoseTrack
 from tccm_ros.robot.urdf import Joint, RobotModel, read_urdf
 
-#: More frames than any robot has; what comes above is not kept.
 MAX_FRAMES = 4096
+"""Frames that are kept; further ones are refused. Chosen: more than any robot has."""
 
 
 @dataclass(slots=True, eq=False)

@@ -7,8 +7,8 @@ import math
 from tccm_ros.records import JointSample
 from tccm_ros.robot.tracks import ScalarTrack
 
-#: More joints than any robot has; what comes above is not kept.
 MAX_JOINTS = 1024
+"""Joints that are kept; further ones are left out. Chosen: more than any robot has."""
 
 
 class JointTracks:

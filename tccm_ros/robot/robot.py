@@ -41,6 +41,7 @@ COMPLETE_STEP_NS = 20_000_000
 step is small beside what processors wait for, and spares them a look at every record."""
 
 START_OF_TIME = -(2**62)
+"""Earlier than every stamp, ns."""
 
 
 @dataclass(frozen=True, slots=True)

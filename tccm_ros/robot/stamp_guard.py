@@ -11,11 +11,13 @@ from collections.abc import Hashable
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-#: Streams that are distinguished; the records of further ones are refused.
 MAX_STREAMS = 1024
+"""Streams that are distinguished; the records of further ones are refused. Chosen: more
+publishers than any robot has."""
 
-#: Records of one stream that are held while it is not clear whether the clock went back.
 MAX_BEHIND = 1000
+"""Records of one stream that are held while it is not clear whether the clock went back. Chosen:
+10 s at 100 Hz."""
 
 T = TypeVar("T")
 

@@ -9,8 +9,8 @@ from numba import njit
 
 from tccm_ros.arrays import Float64, Int64
 
-#: Samples that a track holds before it forgets the older half: 160 s at 100 Hz.
 MAX_SAMPLES = 16384
+"""Samples that a track holds before it forgets the older half. Chosen: 160 s at 100 Hz."""
 
 
 class Track:

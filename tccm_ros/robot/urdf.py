@@ -14,8 +14,8 @@ from tccm_ros.arrays import Float64
 from tccm_ros.errors import UrdfError, one_line, suggest
 from tccm_ros.geometry import pose_from_rpy
 
-#: A robot description larger than this is not read (large real ones have some 200 kB).
 MAX_URDF_BYTES = 8_000_000
+"""A robot description larger than this is not read. Chosen: large real ones have some 200 kB."""
 
 #: Joint types that move, and how.
 MOVING = {"revolute": "turn", "continuous": "turn", "prismatic": "slide"}

@@ -3,12 +3,12 @@
 import numpy as np
 from numba import njit
 
-#: Between poses that differ by less than this, rad, a straight blend of matrices shortens a vector
-#: by at most angle^2 / 8, a 300,000th.
 BLEND_ANGLE = 0.005
+"""Poses of a scan that differ by more than this, rad, get poses between them. Chosen: blending
+matrices over less shortens a vector by at most angle^2 / 8, a 300,000th."""
 
-#: Hits in line that make a wall: an edge with two mixed pixels has at most two.
 STRAIGHT_RUN = 3
+"""Hits in line that make a wall. Chosen: an edge with two mixed pixels has at most two."""
 
 BOX, SPHERE, CYLINDER = 0, 1, 2
 

@@ -20,6 +20,8 @@ from tccm_ros.slam.factors.noise import rotate_frame
 from tccm_ros.slam.marginals import marginal_blocks
 
 MAX_ITERATIONS = 50
+"""Iterations of a batch optimisation at most. Chosen as a bound: the change of the error ends it
+before."""
 RELATIVE_TOLERANCE = 1e-5
 """Levenberg-Marquardt ends after so many iterations, or below this relative change of the cost
 (chosen)."""

@@ -38,7 +38,7 @@ RADIUS_BEAMS = 4.0
 """Radius of the neighbourhood, in distances between beams (chosen)."""
 
 MIN_NEIGHBOURS = 3
-"""Points that a normal is fitted to at least."""
+"""Points that a normal is fitted to at least. Chosen: one more than a line through two has."""
 
 FLATNESS = 0.2
 """Largest ratio of a neighbourhood's thickness to its length that still has a normal (chosen)."""

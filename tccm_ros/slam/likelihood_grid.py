@@ -17,10 +17,11 @@ BLUR = 0.06
 """Standard deviation of the likelihood around a map point, m (chosen)."""
 
 STAMP = 3
-"""Cells on either side of a point with a likelihood: 2.5 standard deviations."""
+"""Cells on either side of a point with a likelihood. Chosen: 2.5 standard deviations, beyond
+which it is below 5 % of the largest."""
 
 MAX_CELLS = 1600
-"""Cells along a side at most: 80 m, beyond the range of indoor lasers."""
+"""Cells along a side at most. Chosen: 80 m, beyond the range of indoor lasers."""
 
 LEVELS = 5
 """Levels of the pyramid: cells of 5 cm to 80 cm (chosen)."""

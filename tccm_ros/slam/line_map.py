@@ -27,10 +27,10 @@ SAME_SIDE = 0.5
 """Cosine between normals above which two points face the same way (chosen)."""
 
 MAX_SIDE = 4096
-"""Buckets along a side, at most: points beyond are outliers and are dropped."""
+"""Buckets along a side, at most: points beyond are outliers and are dropped. Chosen."""
 
 BORDER = 1.5
-"""Empty border around the points, in buckets: more than any search radius over them."""
+"""Empty border around the points, in buckets. Chosen: more than any search radius over a bucket."""
 
 
 class LineMap(NamedTuple):

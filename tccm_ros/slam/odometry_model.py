@@ -28,7 +28,8 @@ MIN_STEP, MAX_YAW = 0.15, 0.25
 """A step that is shorter (m), or has a larger yaw (rad), is not used for the scale (chosen)."""
 
 GATE_CHI2 = 9.0
-"""Gate for the squared innovation over its variance (3 sigma): beyond, wheels have slipped."""
+"""Gate for the squared innovation over its variance, beyond which wheels have slipped. Chosen:
+three standard deviations, 99.7 % of one degree of freedom."""
 
 
 def odometry_covariance(delta: Float64, config: OdometryConfig) -> Float64:

@@ -20,7 +20,8 @@ RADIUS = 0.2
 """A missing normal is fitted to the points of all scans within this distance, m (chosen)."""
 
 MIN_POINTS = 4
-"""Points that a missing normal is fitted to at least: two more than a line has parameters."""
+"""Points that a missing normal is fitted to at least. Chosen: two more than a line has
+parameters."""
 
 MOMENTS = np.dtype([(name, np.float64) for name in ("n", "x", "y", "xx", "xy", "yy")])
 """Number of points, and the sums of their coordinates and of the products of these."""

@@ -23,7 +23,8 @@ from tccm_ros.surfaces.patch_planes import EFFECTIVE_POINTS, FLATNESS, GATE, Pat
 from tccm_ros.union_find import find_root, merge_sets
 
 SLACK = 1.0 + 1e-9
-"""Factor by which boxes and cells are wider than the distance, so that rounding hides no pair."""
+"""Factor by which boxes and cells are wider than the distance. Chosen: rounding of float64 then
+hides no pair."""
 
 
 class PatchClouds(NamedTuple):

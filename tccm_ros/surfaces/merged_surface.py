@@ -33,11 +33,12 @@ MAX_SPACING = 0.2
 """Gaps are closed up to the finest spacing of a surface's views, but at most this, m; chosen."""
 
 CLOSING = 0.505
-"""Outlines are grown and shrunk by this fraction of a gap's width to close it: half, and a margin
-for rounding."""
+"""Outlines are grown and shrunk by this fraction of a gap's width to close it. Chosen: half, and
+a margin of 1 % for rounding."""
 
 OVERLAP = 1e-3
-"""Occluded areas are grown by this, m, so that they overlap the outline that they touch."""
+"""Occluded areas are grown by this, m, so that they overlap the outline that they touch. Chosen:
+more than rounding of coordinates."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

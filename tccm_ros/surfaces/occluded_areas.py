@@ -27,7 +27,7 @@ PROBE_SPACING = 0.04
 """Distance between the points at which an area is probed, m; chosen: below half a column."""
 
 MIN_OCCLUDED_AREA = PROBE_SPACING**2
-"""Areas smaller than one probe, m2, are not closed."""
+"""Areas smaller than one probe's square, m2, are not closed: no probe need be in them. Chosen."""
 
 
 def is_occluded(

@@ -49,8 +49,8 @@ MIN_POINTS = 4
 """Points of a patch in a plane factor: three give a plane without a residual."""
 
 OPEN_SIGMAS = (1.0, 1.0, 1.0)
-"""Standard deviations of z, roll and pitch (m, rad) in a factor of sides: wide, so that it leaves
-them open."""
+"""Standard deviations of z, roll and pitch (m, rad) in a factor of sides. Chosen: wide, so that
+it leaves them open."""
 
 
 def register_views(views: list[View], known: Solution, config: Config) -> list[Factor]:

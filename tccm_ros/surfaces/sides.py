@@ -52,7 +52,8 @@ FRONT_FRACTION = 0.15
 """Standard deviation of a near side, as a fraction of the distance of the scan lines; chosen."""
 
 MAD_TO_SIGMA = 1.4826
-"""Standard deviation of normal residuals over their median absolute deviation."""
+"""Standard deviation of normal residuals over their median absolute deviation: 1 over the 75 %
+quantile of the normal distribution."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -152,7 +152,7 @@ def test_splits_are_one_bag_in_any_order_of_names(tmp_path, reference):
 
 
 @pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
-def test_splits_that_are_compressed_and_have_no_metadata(tmp_path, reference, plugin):
+def test_splits_that_are_compressed_and_have_no_metadata_are_read(tmp_path, reference, plugin):
     folder, messages = tmp_path / "bag", sample_messages()
     folder.mkdir()
     for k in range(3):

@@ -44,7 +44,7 @@ def test_the_file_has_checksums_and_the_given_times(tmp_path):
     assert all(schema.data for schema in summary.schemas.values())
 
 
-def test_metadata_counts_and_times(tmp_path):
+def test_metadata_has_the_counts_and_times_of_the_messages(tmp_path):
     bag = write_sample(tmp_path / "bag")
     information = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     counts = {

@@ -48,7 +48,7 @@ stamps = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
 
 @settings(max_examples=80, deadline=None)
 @given(stamp=stamps, frame=names, child=names, joints=st.lists(names, max_size=4))
-def test_the_same_records_as_through_messages(stamp, frame, child, joints):
+def test_records_read_from_bytes_equal_those_read_from_messages(stamp, frame, child, joints):
     ranges = np.linspace(0.5, 3.0, len(joints), dtype=np.float32)
     scan = Scan(stamp, frame, -1.0, 0.01, 1e-5, 0.05, 30.0, ranges)
     transforms = [TransformSample(stamp, frame, child, T, False)] * len(joints)
@@ -65,7 +65,7 @@ def test_the_same_records_as_through_messages(stamp, frame, child, joints):
         assert fields(READERS[role].of_bytes(data)) == by_typestore(role, data)
 
 
-def test_names_are_those_of_each_message_however_they_alternate():
+def test_joint_names_are_those_of_each_message_however_they_alternate():
     samples = [
         JointSample(k, tuple(f"{name}{i}" for i in range(count)), np.arange(float(count)))
         for k, (name, count) in enumerate([("a", 2), ("a", 2), ("b", 2), ("a", 3), ("a", 2)])

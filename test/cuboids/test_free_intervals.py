@@ -64,7 +64,7 @@ def test_free_intervals_equal_dense_sampling_of_the_beams(line):
         assert touches(origin[0], end[0], bottom, bottom + sizes), box
 
 
-def test_a_hit_is_not_free_and_ends_the_beam():
+def test_a_beam_is_free_up_to_its_hit_only():
     columns = FreeIntervalTracer(0.1, 1.0)
     columns.add(np.array([[0.05, 0.05, 0.5]]), np.array([[0.55, 0.05, 0.5]]), np.array([True]))
     rows = columns.intervals(0.0)

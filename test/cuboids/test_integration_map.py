@@ -128,34 +128,34 @@ def spans(map_):
 class TestPreliminaryDeformation:
     """III.C.1: a newer part map shortens the older ones (lower right of Fig. 3)."""
 
-    def test_newer_covers_the_top(self):
+    def test_a_newer_cuboid_replaces_the_top_of_an_older_one(self):
         assert spans(column((0, 50), (30, 80))) == [(0, 30, 0), (30, 80, 1)]
 
-    def test_newer_covers_the_bottom(self):
+    def test_a_newer_cuboid_replaces_the_bottom_of_an_older_one(self):
         assert spans(column((30, 80), (0, 50))) == [(0, 50, 1), (50, 80, 0)]
 
-    def test_newer_covers_all(self):
+    def test_a_newer_cuboid_replaces_an_older_one_within_it(self):
         assert spans(column((30, 50), (0, 80))) == [(0, 80, 1)]
 
-    def test_newer_is_equal(self):
+    def test_a_newer_cuboid_replaces_an_equal_one(self):
         assert spans(column((30, 50), (30, 50))) == [(30, 50, 1)]
 
-    def test_newer_only_touches(self):
+    def test_a_newer_cuboid_that_touches_an_older_one_is_joined_to_it(self):
         map_ = column((0, 30), (30, 60))
         assert spans(map_) == [(0, 30, 0), (30, 60, 1)]
         assert len(map_.cuboids()) == 1
 
-    def test_newer_covers_several(self):
+    def test_a_newer_cuboid_replaces_parts_of_several_older_ones(self):
         assert spans(column((0, 10), (20, 30), (40, 50), (5, 45))) == [
             (0, 5, 0), (5, 45, 3), (45, 50, 2),
         ]  # fmt: skip
 
-    def test_three_cycles_on_one_another(self):
+    def test_each_of_three_nested_cycles_keeps_what_is_not_replaced(self):
         assert spans(column((0, 90), (20, 70), (40, 50))) == [
             (0, 20, 0), (20, 40, 1), (40, 50, 2), (50, 70, 1), (70, 90, 0),
         ]  # fmt: skip
 
-    def test_part_maps_stay_unchanged(self):
+    def test_part_maps_are_not_changed_by_newer_ones(self):
         map_ = column((0, 90), (20, 70))
         assert map_.part(0).bounds.tolist() == [[0, 90]]
         assert map_.part(0).moments[0, 0] == 90
@@ -164,24 +164,24 @@ class TestPreliminaryDeformation:
 class TestSubtractionPatterns:
     """III.C.1, patterns 1 to 3 of Fig. 3: taking out a part map cuts the composite cuboid."""
 
-    def test_pattern_1_equal_tops(self):
+    def test_removing_the_upper_part_of_a_composite_leaves_the_lower(self):
         map_ = column((40, 90), (0, 40))
         map_.remove(0)
         assert spans(map_) == [(0, 40, 1)]
 
-    def test_pattern_2_equal_bottoms(self):
+    def test_removing_the_lower_part_of_a_composite_leaves_the_upper(self):
         map_ = column((0, 40), (40, 90))
         map_.remove(0)
         assert spans(map_) == [(40, 90, 1)]
 
-    def test_pattern_3_inside_divides(self):
+    def test_removing_the_middle_of_a_composite_divides_it(self):
         map_ = column((40, 60), (0, 40), (60, 90))
         assert len(map_.cuboids()) == 1
         map_.remove(0)
         assert spans(map_) == [(0, 40, 1), (60, 90, 2)]
         assert len(map_.cuboids()) == 2
 
-    def test_nothing_newer_is_lost(self):
+    def test_removing_an_old_part_map_loses_nothing_newer(self):
         # The excessive subtraction that the deformation is there to prevent.
         map_ = column((0, 90), (30, 60))
         map_.remove(0)
@@ -191,7 +191,7 @@ class TestSubtractionPatterns:
 class TestDivisions:
     """IV.B, the two divisions of Fig. 5."""
 
-    def test_division_1_deformed_by_the_present_map(self):
+    def test_a_cuboid_that_a_newer_one_cut_counts_by_the_length_that_is_left(self):
         # The division ratio follows the lengths; together the pieces weigh what is left visible.
         map_ = column((0, 90), (30, 60))
         assert spans(map_) == [(0, 30, 0), (30, 60, 1), (60, 90, 0)]
@@ -199,7 +199,7 @@ class TestDivisions:
         assert len(c) == 1
         assert c.count[0] == pytest.approx(90 * 60 / 90 + 30, rel=1e-15)
 
-    def test_division_2_deformed_by_taking_out(self):
+    def test_the_halves_of_a_divided_composite_have_their_own_moments(self):
         # Each of the divided cuboids gets the moments of the pieces that are left in it.
         map_ = column((40, 60), (0, 40), (60, 90))
         map_.remove(0)
@@ -207,19 +207,19 @@ class TestDivisions:
         assert c.count.tolist() == [40.0, 30.0]
         assert c.mean()[:, 2].tolist() == pytest.approx([20.5e-4, 75.5e-4])
 
-    def test_what_vanished_counts_for_nothing(self):
+    def test_a_cuboid_that_was_replaced_as_a_whole_counts_for_nothing(self):
         assert column((30, 50), (0, 80)).cuboids().count.tolist() == [80.0]
 
 
 class TestMsnlist:
     """III.B: each cuboid names the part maps it is made of, in order."""
 
-    def test_ordered_and_without_repeats(self):
+    def test_a_composite_names_its_part_maps_in_order_and_once(self):
         c = column((0, 90), (80, 120), (30, 60)).cuboids()
         assert c.cycles.tolist() == [0, 1, 2]
         assert c.cycle_offsets.tolist() == [0, 3]
 
-    def test_separate_cuboids_name_their_own(self):
+    def test_separate_cuboids_name_their_own_part_maps(self):
         c = column((0, 10), (20, 30)).cuboids()
         assert c.cycles.tolist() == [0, 1]
         assert c.cycle_offsets.tolist() == [0, 1, 2]

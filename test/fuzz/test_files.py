@@ -47,7 +47,7 @@ def damaged_text(draw, text):
 
 @fuzzed
 @given(st.one_of(damaged_text(URDF), st.text(max_size=200)))
-def test_robot_descriptions(text):
+def test_any_robot_description_is_used_or_refused_in_one_line(text):
     pipeline = Pipeline(Config(), expects_odometry=False)
     reason = refusal(UrdfError, lambda: pipeline.add("robot_description", RobotDescription(text)))
     assert "\n" not in (reason or "")
@@ -80,7 +80,7 @@ values = st.recursive(
 
 @fuzzed
 @given(st.sampled_from([*KEYS, "map", "rig", "nothing.here", ""]), values)
-def test_settings(key, value):
+def test_any_setting_is_valid_or_refused_in_one_line(key, value):
     def read() -> None:
         Config.model_validate(read_config(None, [f"{key}={value!r}"]).model_dump())
 
@@ -89,7 +89,7 @@ def test_settings(key, value):
 
 @fuzzed
 @given(text=st.text(max_size=300))
-def test_configuration_files(tmp_path, text):
+def test_any_configuration_file_is_read_or_refused_by_its_name(tmp_path, text):
     path = tmp_path / "config.yaml"
     path.write_text(text, encoding="utf-8", errors="replace")
     assert str(path) in (refusal(ConfigError, lambda: read_config(path)) or str(path))
@@ -129,7 +129,7 @@ def map_bytes(tmp_path_factory):
 
 @fuzzed
 @given(data=st.data())
-def test_damaged_maps(tmp_path, map_bytes, data):
+def test_a_damaged_map_is_used_or_refused_in_one_line(tmp_path, map_bytes, data):
     content = bytearray(map_bytes)
     for _ in range(data.draw(st.integers(1, 5))):
         content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))

@@ -75,21 +75,21 @@ def converted(convert, message):
 
 @fuzzed
 @given(scan_messages())
-def test_scan_messages(message):
+def test_any_scan_message_is_read_whole_or_refused(message):
     scan = converted(scan_from_message, message)
     assert scan is None or len(scan.ranges) == len(message.ranges)
 
 
 @fuzzed
 @given(joint_messages())
-def test_joint_messages(message):
+def test_any_joint_message_gives_finite_positions_or_is_refused(message):
     sample = converted(joint_sample_from_message, message)
     assert sample is None or np.isfinite(sample.positions).all()
 
 
 @fuzzed
 @given(odometry_messages())
-def test_odometry_messages(message):
+def test_any_odometry_message_gives_a_finite_pose_or_is_refused(message):
     record = converted(odometry_from_message, message)
     assert record is None or np.isfinite(record.T_odom_base).all()
 
@@ -151,7 +151,7 @@ def test_the_tccm_processor_uses_or_counts_every_scan(records):
 
 @fuzzed
 @given(sequences())
-def test_the_slam_processor_survives(records):
+def test_the_slam_processor_gives_finite_poses_for_any_records(records):
     fed = fed_slam(rig())
     feed(fed, records)
     fed.finish()
@@ -172,7 +172,7 @@ def feed(fed, records) -> None:
 
 @fuzzed
 @given(st.lists(st.tuples(stamps, frames, frames, st.booleans()), max_size=40))
-def test_any_tree_of_transforms_ends(edges):
+def test_scans_under_any_tree_of_transforms_are_used_or_dropped(edges):
     fed = fed_tccm()
     for stamp, parent, child, is_static in edges:
         feed(fed, [TransformSample(stamp, parent, child, np.eye(4), is_static)])

@@ -54,7 +54,7 @@ def everything(result):
     )  # fmt: skip
 
 
-def test_finds_the_table_and_the_floor():
+def test_the_table_and_the_floor_are_found():
     fed, results = run(room())
     assert [r.cycle for r in results] == [0, 1, 2]
     assert [r.ended_by for r in results] == ["turn"] * 3
@@ -137,7 +137,7 @@ def test_views_are_only_of_tilt_cycles_at_rest_when_asked():
     assert all(len(r.surfaces.points) > 100 for r in results[:2])
 
 
-def test_forgets_what_left_after_n_cycles():
+def test_what_left_the_scene_leaves_the_map_after_n_cycles():
     fed, there = fed_tccm(settings(**SMALL)), {}
     for item in visitor():
         for result in fed.add(item):
@@ -147,7 +147,7 @@ def test_forgets_what_left_after_n_cycles():
     assert there == {0: True, 1: True, 2: True, 3: True, 4: False, 5: False}
 
 
-def test_clearing_forgets_at_once_and_keeps_the_table():
+def test_clearing_forgets_a_removed_object_at_once_and_keeps_the_table():
     cleared = settings(map={"window_cycles": 3, "clear_seen_through": True})
     fed, there = fed_tccm(cleared), {}
     for item in visitor():
@@ -193,7 +193,7 @@ def test_one_stamp_from_the_future_does_not_close_a_tilt_cycle(kind):
     assert [everything(r) for r in found] == [everything(r) for r in expected]
 
 
-def test_topics_one_after_the_other_give_the_same():
+def test_topics_that_arrive_one_after_the_other_give_the_same_results():
     # All joints and odometry first, then all scans: as far from live as it gets.
     _, expected = run(room())
     late = sorted(room(), key=lambda r: isinstance(r, Scan))
@@ -257,20 +257,20 @@ def test_reset_begins_anew():
     assert [r.part.moments.tobytes() for r in second] == [r.part.moments.tobytes() for r in first]
 
 
-def test_no_tilt_samples_is_counted():
+def test_scans_without_tilt_samples_are_counted():
     fed, results = run([r for r in room() if not isinstance(r, JointSample)])
     assert results == []
     assert sum(fed.dropped.values()) == sum(isinstance(r, Scan) for r in room())
 
 
-def test_free_space_in_front_of_the_robot():
+def test_space_that_beams_passed_is_free_and_hidden_space_is_unknown():
     fed, _ = run(room())
     states = fed.processor.query().points([[0.7, 0.0, 0.6], [1.3, 0.0, 0.4], [3.5, 0.0, 1.0]])
     # Seen through; hidden under the table; behind the wall.
     assert states.tolist() == [Occupancy.FREE, Occupancy.UNKNOWN, Occupancy.UNKNOWN]
 
 
-def test_view_intervals_are_truly_free():
+def test_view_intervals_contain_no_object_of_the_room():
     _, results = run(room())
     for result in results:
         rows = result.view.intervals

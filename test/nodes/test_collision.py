@@ -91,7 +91,7 @@ def test_all_but_the_floor_are_shown_and_what_is_gone_is_removed(publisher):
     ]
 
 
-def test_nothing_is_built_for_nobody_and_a_late_listener_gets_all(publisher):
+def test_without_a_listener_nothing_is_built_and_a_late_one_gets_all(publisher):
     objects = objects_of(publisher)
     publisher.listeners = 0
     objects.publish([TABLE], 1)

@@ -18,7 +18,7 @@ def watched(ros, reliability="best_effort", silence=0.0):
     return inputs, received
 
 
-def test_no_publisher_is_named(ros):
+def test_a_topic_without_publisher_is_a_problem_that_names_it(ros):
     inputs, _ = watched(ros)
     inputs.problems()
     ros.spin_until(lambda: any("nobody publishes '/tilt_scan'" in p for p in inputs.problems()))
@@ -33,7 +33,7 @@ def test_an_input_that_is_not_needed_may_be_absent(ros):
     assert inputs.problems() == []
 
 
-def test_another_type_is_named(ros):
+def test_a_publisher_of_another_type_is_a_problem_that_names_it(ros):
     inputs, received = watched(ros)
     # One participant cannot have two types on a topic; another process can.
     talker = Node("talker", context=ros.another_context())
@@ -48,7 +48,7 @@ def test_another_type_is_named(ros):
     assert received == []
 
 
-def test_an_incompatible_qos_is_named(ros):
+def test_an_incompatible_qos_is_a_problem_that_names_it(ros):
     inputs, received = watched(ros, "reliable")
     talker = ros.add(Node("talker", context=ros.context))
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -63,7 +63,7 @@ def test_an_incompatible_qos_is_named(ros):
     assert received == []
 
 
-def test_messages_end_the_problem(ros):
+def test_the_problem_of_a_silent_input_ends_with_a_message(ros):
     inputs, received = watched(ros, silence=20.0)
     talker = ros.add(Node("talker", context=ros.context))
     publisher = talker.create_publisher(LaserScan, "tilt_scan", 10)

@@ -43,7 +43,7 @@ def test_messages_and_timers_need_no_executor(ros, heard):
     assert got.count("one") == 1
 
 
-def test_an_error_does_not_end_it(ros, heard):
+def test_an_error_in_a_callback_does_not_end_the_intake(ros, heard):
     _, got, errors, publish = heard
     publish("bad")
     publish("one")
@@ -51,7 +51,7 @@ def test_an_error_does_not_end_it(ros, heard):
     assert [str(error) for error in errors] == ["bad"]
 
 
-def test_nothing_is_taken_after_the_end(ros, heard):
+def test_no_message_is_taken_after_the_intake_is_closed(ros, heard):
     intake, got, _, publish = heard
     ros.spin_until(lambda: "tick" in got)
     intake.close()

@@ -55,7 +55,7 @@ EQUAL = (
         pytest.param("flat", (), False, marks=LONG),
     ],
 )
-def test_live_equals_offline(ros, tmp_path, bag, remap, is_shared):
+def test_what_live_nodes_save_equals_the_files_of_a_replay(ros, tmp_path, bag, remap, is_shared):
     live, offline = tmp_path / "live", tmp_path / "offline"
     replay(BAGS / bag, offline, Config(), pictures=False, remap=remap)
     words = [word for rule in remap for word in ("-r", rule)]

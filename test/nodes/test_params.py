@@ -58,7 +58,7 @@ def test_a_misspelt_parameter_is_named_with_the_nearest(ros, capfd):
     assert "use_sim_time" not in warnings
 
 
-def test_live_changes_are_checked_and_applied(ros):
+def test_changes_while_the_node_runs_are_checked_and_applied(ros):
     node = make(ros)
     config = declare_config(node)
     follow_changes(node, config)

@@ -90,7 +90,7 @@ def test_a_signal_that_the_compiler_swallows_ends_a_node_with_status_0(domain):
     assert "Traceback" not in done.stderr
 
 
-def test_an_error_at_the_start_is_no_signal(domain):
+def test_an_error_at_the_start_has_status_1_and_is_printed(domain):
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
     script = SWALLOWED.replace("os.kill(os.getpid(), signal.SIGINT)", "raise KeyboardInterrupt")
     done = subprocess.run(
@@ -118,7 +118,7 @@ def test_a_bad_parameter_ends_with_one_line_and_status_1(domain):
         (["--help"], 0, "usage:"),
     ],
 )
-def test_what_is_no_argument_is_answered_with_one_line(domain, arguments, status, text):
+def test_an_unknown_argument_is_answered_with_one_line(domain, arguments, status, text):
     with started(domain, "player_node", *arguments) as process:
         output, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == status

@@ -50,7 +50,7 @@ def assert_same(found, expected) -> None:
 
 
 @pytest.mark.parametrize("role", RECORDS)
-def test_a_record_comes_back(role):
+def test_a_record_that_was_written_as_bytes_is_read_back(role):
     build, record = RECORDS[role]
     message = build(RosidlMessages(), record)
     _, read = record_reader(role)
@@ -58,7 +58,7 @@ def test_a_record_comes_back(role):
     assert_same(found, record)
 
 
-def test_what_cannot_be_used_is_refused():
+def test_a_message_that_cannot_be_used_is_refused():
     _, read = record_reader("odom")
     message = ros.odometry_message(RosidlMessages(), RECORDS["odom"][1])
     message.pose.pose.position.x = float("nan")

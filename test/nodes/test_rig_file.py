@@ -70,7 +70,7 @@ def test_a_calibrated_rig_is_used_by_both_nodes_as_by_a_replay(ros, rig_file):
     assert not np.array_equal(live.top, offline(Config()).top)
 
 
-def test_a_rig_without_a_robot_description(ros, tmp_path):
+def test_a_rig_file_replaces_the_robot_description(ros, tmp_path):
     path = tmp_path / "rig.yaml"
     path.write_text(WITHOUT_URDF)
     words = ["--params-file", str(path)]

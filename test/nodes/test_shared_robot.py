@@ -12,7 +12,7 @@ def pair(ros, **values):
     return tilt_node, slam(ros, context=ros.context, shared=tilt_node.robot, **values)
 
 
-def test_each_record_is_received_and_judged_once(ros):
+def test_each_record_is_received_and_checked_once(ros):
     nodes, robot = pair(ros), ros.robot()
     tilt_node, node = nodes
     robot.play(recording(4, speed=0.2), tilt_node, node)
@@ -40,7 +40,7 @@ def test_a_pause_of_one_does_not_hold_the_other(ros):
     assert node.processor.counts["level scans"] > 20
 
 
-def test_a_problem_is_told_by_the_node_that_it_concerns(ros):
+def test_a_problem_is_reported_by_the_node_that_it_concerns(ros):
     (tilt_node, node), robot = pair(ros), ros.robot()
     records = [r for r in recording(3) if r[0] != "joint_states"]
     robot.play(records, tilt_node, node)

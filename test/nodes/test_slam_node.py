@@ -52,7 +52,7 @@ def test_map_to_odom_is_on_tf_from_the_first_scan_on(ros):
     assert (transform.header.frame_id, transform.child_frame_id) == ("map", "odom")
 
 
-def test_pose_with_covariance_and_map_to_odom_without_tf(ros):
+def test_pose_and_map_to_odom_are_published_also_without_tf(ros):
     node, robot, viewer = slam(ros, tf__publish=False), ros.robot(), Listener(ros)
     poses = viewer.listen(PoseWithCovarianceStamped, "/pose")
     odom = viewer.listen(TransformStamped, "/surface_slam/map_to_odom")
@@ -107,7 +107,7 @@ def test_both_nodes_make_one_map_which_is_saved_loaded_and_reset(ros, tmp_path):
     assert node.processor.counts["level scans"] > 0
 
 
-def test_a_map_that_is_not_there_is_an_answer(ros, tmp_path):
+def test_loading_a_map_that_is_not_there_is_answered_with_an_error(ros, tmp_path):
     node = slam(ros, save__directory=str(tmp_path / "nowhere"))
     answer = trigger(ros, "/surface_slam/load_map")
     assert not answer.success
@@ -127,7 +127,7 @@ def test_without_a_level_laser_tilt_stamps_make_the_trajectory(ros):
     assert path[-1].poses[-1].pose.position.x == pytest.approx(0.3 * 0.05 * 60, abs=1e-6)
 
 
-def test_the_stamp_of_a_serialised_scan(ros):
+def test_the_stamp_of_a_serialised_scan_is_read_from_its_bytes(ros):
     robot = ros.robot()
     scan = next(r for t, r in recording(1) if t == "scan")
     from rclpy.serialization import serialize_message
@@ -135,7 +135,7 @@ def test_the_stamp_of_a_serialised_scan(ros):
     assert raw_stamp_ns(serialize_message(robot.message(scan))) == scan.stamp_ns
 
 
-def test_autosave_writes_without_being_asked(ros, tmp_path):
+def test_autosave_writes_the_map_at_intervals_and_drops_no_scan(ros, tmp_path):
     folder = tmp_path / "auto"
     node = slam(ros, save__directory=str(folder), save__autosave_minutes=0.01)
     ros.spin_until(lambda: (folder / "map.mcap").exists())

@@ -77,7 +77,7 @@ def test_markers_cost_nothing_when_nobody_listens_and_a_late_viewer_gets_all(ros
     assert node._outputs.built == published + 3
 
 
-def test_pause_holds_the_map_and_goes_on(ros):
+def test_a_paused_node_keeps_its_map_and_continues_after_the_pause(ros):
     node, robot, caller = tccm(ros), ros.robot(), Listener(ros).node
     pause = caller.create_client(SetBool, "/tccm/pause")
     robot.play(recording(2.5), node)
@@ -153,7 +153,7 @@ def test_autosave_writes_the_map_and_cuts_no_tilt_cycle(ros, tmp_path):
     assert not node.dropped
 
 
-def test_a_folder_that_cannot_be_written_is_an_answer(ros, tmp_path):
+def test_saving_to_a_folder_that_cannot_be_written_is_answered_with_an_error(ros, tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")
     node = tccm(ros, save__directory=str(blocked))
@@ -165,7 +165,7 @@ def test_a_folder_that_cannot_be_written_is_an_answer(ros, tmp_path):
     assert node.worker.backlog == 0
 
 
-def test_diagnostics_count_and_warn(ros):
+def test_diagnostics_count_messages_and_warn_of_drops(ros):
     node, robot, viewer = tccm(ros), ros.robot(), Listener(ros)
     reports = viewer.listen(DiagnosticArray, "/diagnostics")
     robot.play(recording(3), node)

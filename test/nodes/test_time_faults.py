@@ -101,7 +101,7 @@ def test_all_stamps_that_go_back_begin_a_new_map(ros):
     assert node.processor.counts["cycles"] >= 4
 
 
-def test_stamps_that_go_far_ahead_go_on(ros):
+def test_a_map_continues_after_stamps_jump_far_ahead(ros):
     node, robot = tccm(ros), ros.robot()
     robot.play(recording(3), node)
     cycles = node.processor.counts["cycles"]
@@ -110,7 +110,7 @@ def test_stamps_that_go_far_ahead_go_on(ros):
     assert node.processor.counts["resets"] == 0
 
 
-def test_a_sensor_that_stops_and_comes_back(ros):
+def test_a_sensor_that_stops_and_comes_back_is_used_again(ros):
     records = list(recording(8))
     gap = (START_NS + 2 * SECOND, START_NS + 4 * SECOND)
     for topic in ("tilt_scan", "joint_states"):
@@ -123,7 +123,7 @@ def test_a_sensor_that_stops_and_comes_back(ros):
         assert used >= 80, topic
 
 
-def test_a_joint_that_wraps(ros):
+def test_a_joint_that_wraps_gives_the_same_cycles(ros):
     turned = [
         (t, replace(r, positions=wrapped(r.positions + np.pi - 0.7)) if t == "joint_states" else r)
         for t, r in recording(3)
@@ -157,7 +157,7 @@ class SimTime:
             self.ros.spin_until(lambda n=node: n.get_clock().now().nanoseconds == stamp_ns)
 
 
-def test_stamps_of_arrival_for_drivers_without_a_clock(ros):
+def test_drivers_without_a_clock_can_be_stamped_on_arrival(ros):
     node = tccm(ros, qos__stamp="receive", use_sim_time=True)
     robot, clock = ros.robot(), SimTime(ros)
     ros.spin_until(lambda: node.robot.robot.frames.model)

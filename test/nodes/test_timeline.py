@@ -20,7 +20,7 @@ def test_a_pause_holds_and_goes_on_where_it_was():
     assert timeline.now(2_030) == 80
 
 
-def test_rewind_starts_over():
+def test_a_rewound_timeline_starts_over():
     timeline = Timeline(10, 1.0)
     timeline.run(0)
     assert timeline.now(90) == 100

@@ -10,7 +10,7 @@ from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.nodes.tf import has_tf2_msgs
 
 
-def test_two_pairs_do_not_hear_each_other(ros, tmp_path):
+def test_two_pairs_of_nodes_do_not_hear_each_other(ros, tmp_path):
     pairs, robots = {}, {}
     for name in ("r1", "r2"):
         common = {"namespace": name, "frames__prefix": f"{name}/"}
@@ -48,7 +48,7 @@ def test_two_pairs_do_not_hear_each_other(ros, tmp_path):
 
 
 @pytest.mark.skipif(not has_tf2_msgs(), reason="tf2_msgs is not installed")
-def test_both_are_on_the_one_tf(ros):
+def test_the_transforms_of_both_pairs_are_on_the_one_tf_topic(ros):
     viewer = Listener(ros)
     tf = viewer.listen(message_class("tf2_msgs/msg/TFMessage"), "/tf")
     for name in ("r1", "r2"):

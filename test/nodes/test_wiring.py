@@ -90,7 +90,7 @@ def test_without_odometry_the_base_stands_still(ros):
 
 
 @pytest.mark.skipif(not has_tf2_msgs(), reason="tf2_msgs is not installed")
-def test_odometry_from_tf(ros):
+def test_tf_gives_the_motion_of_the_base_where_no_odometry_is_published(ros):
     nodes, robot = [tccm(ros), slam(ros)], ros.robot()
     records = []
     for topic, record in recording(3, speed=0.2):
@@ -169,7 +169,7 @@ def test_the_restart_of_a_publisher_is_no_loss(ros):
     assert node.inputs.lost() == {}
 
 
-def test_each_reason_is_told_once_there_are_some():
+def test_a_reason_for_drops_is_a_problem_when_several_scans_were_dropped_for_it():
     watch = DropWatch()
     assert watch.problems(Counter({"no odometry": 2})) == []
     (text,) = watch.problems(Counter({"no odometry": 9}))
@@ -178,7 +178,7 @@ def test_each_reason_is_told_once_there_are_some():
     assert watch.problems(Counter({"short tilt cycle": 99, "no odometry": 9})) == []
 
 
-def test_a_start_before_the_robot_description(ros):
+def test_a_node_maps_from_when_the_robot_description_comes(ros):
     node, robot = tccm(ros), ros.robot(described=False)
     records = list(recording(6))
     robot.play(records[: len(records) // 2], node)
@@ -189,7 +189,7 @@ def test_a_start_before_the_robot_description(ros):
     assert np.isfinite(node.processor.map.cuboids().top).all()
 
 
-def test_two_nodes_of_one_name_are_told(ros):
+def test_two_nodes_of_one_name_are_a_problem(ros):
     first = tccm(ros)
     assert not any("another node" in text for text in first.all_problems())
     second = tccm(ros)

@@ -30,7 +30,7 @@ def test_a_full_queue_drops_what_may_be_dropped(monkeypatch):
     assert 2 <= sum(kept) <= 4
 
 
-def test_wait_returns_after_the_job():
+def test_wait_returns_when_the_job_is_done():
     worker, done = Worker("probe", lambda error: None), []
     worker.wait(lambda: done.append(1))
     assert done == [1]

@@ -79,12 +79,12 @@ HALF = np.pi / 2
         ),
     ],
 )
-def test_hand_computed_hits_with_a_lever_arm(angle, hit):
+def test_hits_of_a_laser_on_a_lever_arm_are_where_they_are_by_hand(angle, hit):
     kin = kinematics(description(), joints_at(START, tilt=angle))
     np.testing.assert_allclose(where(kin, (2, 0, 0)), hit, atol=1e-7)
 
 
-def test_an_upside_down_laser():
+def test_what_an_upside_down_laser_sees_on_its_left_is_on_the_right():
     text = TILTING.replace(
         '<origin xyz="0.05 0 0.02" rpy="0 0 0"/>',
         '<origin xyz="0.05 0 0.02" rpy="3.14159265 0 0"/>',
@@ -211,7 +211,7 @@ def test_the_base_may_be_below_the_laser():
     )
 
 
-def test_a_configured_joint_wins():
+def test_a_configured_joint_replaces_the_one_that_would_be_found():
     kin = kinematics(
         description(WAIST),
         joints_at(START, lift=0.0, turn=0.2, tilt=0.1),
@@ -258,7 +258,7 @@ def test_a_configured_joint_wins():
         ([description(robot([joint("a", "floating", "base", "laser")]))], [], "floating"),
     ],
 )
-def test_what_is_not_there_is_named(records, settings, message):
+def test_the_error_of_a_missing_frame_or_joint_names_it(records, settings, message):
     kin = kinematics(*records, settings=settings)
     assert kin.find("laser", final=False) is None
     with pytest.raises(FrameError, match=message) as caught:
@@ -364,7 +364,7 @@ RIG = [
 ]
 
 
-def test_a_configured_rig_is_the_same_rig():
+def test_a_configured_rig_gives_the_poses_of_the_same_robot_description():
     for angle in (0.0, 0.4, -1.0):
         sample = joints_at(START, tilt=angle)
         by_rig, by_urdf = kinematics(sample, settings=RIG), kinematics(description(), sample)
@@ -401,7 +401,7 @@ def test_a_level_laser_needs_no_joint():
 # -- corrections --------------------------------------------------
 
 
-def test_corrections_of_mount_and_time():
+def test_corrections_of_mount_tilt_and_joint_time_are_applied():
     settings = [
         "rig.mount_correction=[0.01, 0.02, 0.03, 0, 0, 0.1]",
         "rig.level_correction=[0, 0, 0, 0.1, 0, 0]",
@@ -508,7 +508,7 @@ def test_forgetting_samples_keeps_what_is_static():
     assert kin.tilt_samples() == [(5, 0.0)]
 
 
-def test_junk_joints_are_bounded():
+def test_the_memory_for_unknown_joints_is_bounded():
     kin = Known(Config(), MountKind.TILTING)
     for k in range(3000):
         kin.add(joints_at(START, **{f"j{k}": 0.0}))

@@ -122,7 +122,7 @@ def test_a_scan_whose_beams_have_one_time_has_one_pose_sample():
     assert posed.T_odom_base.shape == (1, 4, 4)
 
 
-def test_beams_stamped_backwards():
+def test_the_poses_of_beams_stamped_backwards_begin_at_the_last_beam():
     records = [*drive(500), scan_at(stamp(510), time_increment=-0.005)]
     records += [joints_at(stamp(520), tilt=0.52), odometry_at(stamp(520), (0.52, 0, 0, 0, 0, 0))]
     posed = play(Taken(), records)[-1]
@@ -145,7 +145,7 @@ def test_a_gap_in_the_samples_drops_the_scans_in_it(lost):
     assert taken.dropped.total() + len(posed) == taken.sensor.received == 80
 
 
-def test_a_short_gap_is_bridged():
+def test_a_short_gap_in_the_samples_is_interpolated():
     records = [
         r
         for r in drive(1000)
@@ -225,7 +225,7 @@ def test_an_expected_odometry_is_not_replaced():
     assert taken.dropped == {"no odometry": 80}
 
 
-def test_odometry_that_comes_after_all_begins_anew():
+def test_odometry_that_comes_late_begins_a_new_map():
     records = [r for r in drive(2000) if not (isinstance(r, Odometry) and r.stamp_ns < stamp(1000))]
     taken = Taken()
     posed = play(taken, records)
@@ -235,7 +235,7 @@ def test_odometry_that_comes_after_all_begins_anew():
 
 
 @pytest.mark.parametrize("odom_frame", ["odom", "world_odom"])
-def test_odometry_from_tf(odom_frame):
+def test_tf_gives_the_motion_of_the_base_where_there_is_no_odometry(odom_frame):
     records = []
     for record in drive(2000):
         if isinstance(record, Odometry):
@@ -252,7 +252,7 @@ def test_odometry_from_tf(odom_frame):
         np.testing.assert_allclose(a.T_odom_base, b.T_odom_base, atol=1e-12)
 
 
-def test_odometry_of_another_frame_than_the_base():
+def test_odometry_of_another_frame_is_moved_to_the_base():
     text = robot(
         [
             joint("feet", "fixed", "footprint", "base", xyz="0 0 0.25"),
@@ -274,7 +274,7 @@ def test_odometry_of_another_frame_than_the_base():
 # -- stamps --------------------------------------------------
 
 
-def test_bad_stamps_are_counted():
+def test_scans_with_bad_stamps_are_counted():
     records = drive(1000)
     at = next(i for i, r in enumerate(records) if isinstance(r, Scan) and r.stamp_ns == stamp(500))
     records.insert(at + 1, scan_at(stamp(500)))
@@ -318,7 +318,7 @@ def test_malformed_records_are_counted():
     assert taken.robot.refused["malformed"] == 2
 
 
-def test_a_clock_jump_begins_anew_and_says_so():
+def test_a_clock_jump_is_an_event_and_scans_are_posed_again_after_it():
     taken = Taken()
     posed = []
     for record in drive(1000):
@@ -461,7 +461,7 @@ def anything(draw):
 
 @given(st.lists(anything(), max_size=30), st.booleans())
 @settings(max_examples=150, deadline=None)
-def test_anything_is_posed_or_counted(records, with_description):
+def test_every_scan_is_posed_or_counted(records, with_description):
     taken = Taken()
     if with_description:
         taken.add(description())
@@ -580,7 +580,7 @@ def test_a_record_that_no_stream_takes_is_an_error():
         one.add("odom", scan_at(START))
 
 
-def test_nothing_is_extrapolated():
+def test_no_pose_is_extrapolated():
     records = [description()]
     records += [joints_at(stamp(ms), tilt=0.0) for ms in range(0, 300, 10)]
     records += [odometry_at(stamp(ms)) for ms in range(0, 600, 10)]

@@ -41,7 +41,7 @@ def test_small_steps_back_are_reordering():
     assert not jumps
 
 
-def test_one_stamp_from_the_future_moves_nothing():
+def test_one_stamp_from_the_future_does_not_move_message_time():
     guard = StampGuard(2 * S)
     admitted, refused, jumps = feed(
         guard, ("a", 10), ("a", 10.1), ("a", 3610), ("a", 10.2), ("a", 10.3)
@@ -107,7 +107,7 @@ def test_one_of_two_inputs_going_back_is_no_jump():
     assert sum(key == "a" for key, _ in admitted) > 15
 
 
-def test_a_jump_while_one_input_is_silent():
+def test_a_jump_is_found_while_an_input_is_silent():
     guard = StampGuard(2 * S)
     feed(guard, *[(key, 100 + 0.1 * k) for k in range(3) for key in "abc"])
     _, _, jumps = feed(guard, *[("a", 5 + 0.1 * k) for k in range(30)])
@@ -121,7 +121,7 @@ def test_an_input_with_a_clock_of_its_own_does_not_keep_time():
     assert guard.now("scan") == 104 * S
 
 
-def test_time_goes_on_without_the_scans():
+def test_message_time_goes_on_without_scans():
     guard = StampGuard(2 * S)
     feed(guard, ("scan", 100), ("scan", 100.1))
     feed(guard, *[(key, 100 + k) for k in range(9) for key in ("odom", "joints")])
@@ -182,7 +182,7 @@ def test_growing_streams_are_admitted_whole_however_they_interleave(a, b, random
 
 
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 30)), max_size=80))
-def test_passing_first_changes_nothing_that_judging_gives(events):
+def test_the_short_check_of_a_stamp_decides_as_the_full_one(events):
     judged, passed = StampGuard(2 * S), StampGuard(2 * S)
     for i, (key, seconds) in enumerate(events):
         result = judged.admit(key, seconds * S, i)

@@ -28,7 +28,7 @@ def test_only_newer_samples_are_kept(order):
 
 
 @given(stamps, st.integers(-(10**9), 10**9), st.integers(0, 10**9))
-def test_widest_gap_is_a_brute_force(order, start, length):
+def test_widest_gap_is_that_of_a_brute_force_search(order, start, length):
     track = ScalarTrack()
     for stamp in sorted(order):
         track.append(stamp, 0.0)
@@ -109,7 +109,7 @@ def test_history_is_bounded_and_keeps_the_newest():
     assert track.at(np.array([990]), wraps=False)[0] == 990.0
 
 
-def test_nothing_is_said_of_an_empty_track():
+def test_an_empty_track_has_no_latest_stamp_and_no_gap():
     track = PoseTrack()
     assert track.latest_ns is None
     assert track.widest_gap_ns(0, 0) is None

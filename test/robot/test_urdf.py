@@ -33,7 +33,7 @@ def test_chains_agree_with_pinocchio(tree):
     np.testing.assert_allclose(chain.at(np.zeros(1, np.int64))[0], expected, atol=1e-9)
 
 
-def test_what_a_model_holds():
+def test_a_model_has_the_joints_and_root_of_its_urdf():
     model = read_urdf(TILTING)
     assert model.root == "base"
     assert set(model.joints) == {"head", "cradle", "laser", "front_laser"}
@@ -48,7 +48,7 @@ def test_axes_are_normalised_and_default_to_x():
     np.testing.assert_allclose(read_urdf(bare).joints["b"].axis, [1, 0, 0])
 
 
-def test_collision_shapes_and_meshes():
+def test_collision_shapes_are_read_and_meshes_are_left_out():
     body = (
         '<collision><origin xyz="0 0 0.5"/><geometry><box size="0.4 0.2 1.0"/></geometry>'
         '</collision><collision><geometry><cylinder radius="0.1" length="0.6"/></geometry>'
@@ -133,7 +133,7 @@ def test_a_huge_description_is_not_parsed():
         read_urdf("<robot>" + " " * MAX_URDF_BYTES + "</robot>")
 
 
-def test_deep_nesting_is_no_crash():
+def test_deep_nesting_is_an_error_and_no_crash():
     with pytest.raises(UrdfError):
         read_urdf("<robot>" + "<a>" * 100_000)
     model = read_urdf("<robot><link name='base'/>" + "<a>" * 50_000 + "</a>" * 50_000 + "</robot>")

@@ -68,13 +68,13 @@ def hits(posed, config):
 # -- which beams --------------------------------------------------
 
 
-def test_rep_117_and_the_limits():
+def test_ranges_that_rep_117_calls_invalid_or_beyond_the_limits_are_dropped():
     ranges = [np.inf, -np.inf, np.nan, 0.0, -1.0, 0.04, 0.05, 1.0, 30.0, 30.1]
     valid = valid_beams(scan_at(START, ranges=ranges), PLAIN)
     assert valid.tolist() == [False] * 6 + [True, True, True, False]
 
 
-def test_configured_limits_and_unset_ones():
+def test_configured_limits_apply_and_a_limit_that_is_nan_admits_no_beam():
     config = read_config(None, ["scan.min_range=0.5", "scan.max_range=2", "scan.shadow_angle=0"])
     scan = scan_at(START, ranges=[0.4, 0.6, 1.9, 2.1])
     assert valid_beams(scan, config).tolist() == [False, True, True, False]
@@ -92,7 +92,7 @@ def test_mixed_pixels_between_a_table_and_the_floor_are_dropped():
     assert valid[13:].all()
 
 
-def test_noise_is_no_mixed_pixel():
+def test_noisy_ranges_are_not_taken_for_mixed_pixels():
     ranges = 1.0 + 0.01 * np.random.default_rng(3).standard_normal(500).clip(-1.4, 1.4)
     assert valid_beams(scan_at(START, ranges=ranges, angle_increment=0.004), Config()).all()
 
@@ -160,7 +160,7 @@ def test_valid_beams_agree_with_a_twin(ranges, step, shadow_angle):
 # -- where they hit --------------------------------------------------
 
 
-def test_bearings_and_stamps_of_beams():
+def test_bearings_and_stamps_of_beams_follow_from_the_increments():
     scan = scan_at(START, ranges=[1] * 5, angle_min=0.4, angle_increment=-0.2, time_increment=0.001)
     np.testing.assert_allclose(bearings(scan), [0.4, 0.2, 0.0, -0.2, -0.4], atol=1e-12)
     assert beam_stamps(scan).tolist() == [START + k * MS for k in range(5)]
@@ -247,7 +247,7 @@ def test_level_points_are_levelled_at_the_scans_stamp():
     np.testing.assert_allclose(points, [[2.0 * np.cos(0.1), 0.0]], atol=1e-12)
 
 
-def test_level_points_with_beams_stamped_backwards():
+def test_level_points_of_beams_stamped_backwards_are_in_the_base_of_the_stamp():
     scan = scan_at(
         START, ranges=[2.0, 2.0], angle_min=0.0, angle_increment=0.0, time_increment=-0.1
     )
@@ -305,7 +305,7 @@ def test_refined_poses_lie_on_the_great_circle(a, b):
     assert (chords <= BLEND_ANGLE * 1.001).all()
 
 
-def test_laser_poses_in_another_frame():
+def test_laser_poses_can_be_given_in_another_frame():
     scan = scan_at(START)
     T = pose_from_rpy((1, 2, 3, 0.1, 0.2, 0.3))
     times, poses = laser_poses(posed_scan(scan, T[None]), inverse(T))

@@ -95,7 +95,7 @@ def test_relations_may_be_planar(tmp_path):
     assert np.allclose(found.deltas, whole.deltas)
 
 
-def test_errors_of_relations_in_both_orders():
+def test_errors_of_relations_depend_on_the_order_as_computed_by_hand():
     """The robot is found 0.1 rad too far left at the end of a straight metre."""
     T_from, delta = np.eye(4)[None], spatial(np.array([[1.0, 0.0, 0.0]]))
     found = spatial(np.array([[1.0, 0.0, 0.1]]))
@@ -133,7 +133,7 @@ def test_alignment_minimises_the_squared_distances(heights):
         assert cost(best @ spatial(nudge)) > cost(best)
 
 
-def test_errors_over_distance_of_a_stretched_trajectory():
+def test_a_trajectory_stretched_by_2_percent_has_that_error_over_distance():
     truth = spatial(np.stack([np.arange(60) * 0.5, np.zeros(60), np.zeros(60)], axis=1))
     found = truth.copy()
     found[:, 0, 3] *= 1.02

@@ -38,24 +38,24 @@ def test_quaternions_rotate_like_their_matrices(rpy):
 class TestHumanoid:
     frame = "tilt_laser"
 
-    def test_at_rest(self):
+    def test_at_rest_the_laser_is_at_its_stated_position(self):
         # 0.30 + 0.55 + 0.45 + 0.06 + 0.04 + 0.12 = 1.52 m is the tilt axis.
         T = laser(HUMANOID, self.frame)
         assert T[:3, 3] == pytest.approx([0.03, 0.0, 1.54])
         assert T[:3, :3] == pytest.approx(np.eye(3))
 
-    def test_tilted_straight_down(self):
+    def test_a_laser_tilted_by_a_quarter_turn_looks_straight_down(self):
         T = laser(HUMANOID, self.frame, laser_tilt_joint=QUARTER)
         assert T[:3, 3] == pytest.approx([0.02, 0.0, 1.49])
         assert T[:3, 0] == pytest.approx([0, 0, -1])
         assert (T @ (1.0, 0, 0, 1))[:3] == pytest.approx([0.02, 0.0, 0.49])
 
-    def test_waist_turned_left(self):
+    def test_a_waist_turned_left_moves_the_laser_to_the_left(self):
         T = laser(HUMANOID, self.frame, waist_joint=QUARTER)
         assert T[:3, 3] == pytest.approx([-0.02, 0.05, 1.54])
         assert T[:3, 0] == pytest.approx([0, 1, 0])
 
-    def test_neck_down_and_tilted_back_up(self):
+    def test_a_laser_tilted_up_as_the_neck_goes_down_looks_level(self):
         # The neck carries axis and laser forward and down; the laser itself looks level again.
         T = laser(HUMANOID, self.frame, neck_pitch_joint=0.5, laser_tilt_joint=-0.5)
         x = 0.16 * np.sin(0.5) + 0.03
@@ -65,11 +65,11 @@ class TestHumanoid:
 
 
 class TestSegway:
-    def test_at_rest(self):
+    def test_at_rest_the_laser_is_at_its_stated_position(self):
         assert laser(SEGWAY, "utm")[:3, 3] == pytest.approx([0.132, 0.0, 1.40])
         assert laser(SEGWAY, "lms")[:3, 3] == pytest.approx([0.28, 0.0, 0.34])
 
-    def test_panned_left_and_tilted_down(self):
+    def test_a_laser_panned_left_and_tilted_down_swings_with_its_mount(self):
         T = laser(SEGWAY, "utm", ptu_pan_joint=QUARTER, ptu_tilt_joint=QUARTER)
         # Panned it looks along +y; tilted, the mount (0.012, 0.064) swings to (0.064, -0.012).
         assert T[:3, 3] == pytest.approx([0.12, 0.064, 1.336 - 0.012])
@@ -80,7 +80,7 @@ class TestSegway:
 class TestUpsideDown:
     frame = "nod_lidar"
 
-    def test_at_rest_positive_bearings_are_on_the_right(self):
+    def test_at_rest_positive_bearings_of_an_upside_down_laser_are_on_the_right(self):
         T = laser(UPSIDE_DOWN, self.frame)
         assert T[:3, 3] == pytest.approx([0.19, -0.01, 1.18])
         assert T[:3, 0] == pytest.approx([1, 0, 0])
@@ -91,7 +91,7 @@ class TestUpsideDown:
         T = laser(UPSIDE_DOWN, self.frame, nod_joint=0.3)
         assert T[:3, 0] == pytest.approx([np.cos(0.3), 0, np.sin(0.3)])
 
-    def test_straight_down_with_the_lever_arm(self):
+    def test_a_laser_that_looks_straight_down_is_moved_by_its_lever_arm(self):
         T = laser(UPSIDE_DOWN, self.frame, nod_joint=-QUARTER)
         assert T[:3, 3] == pytest.approx([0.09, -0.01, 1.22])
         assert T[:3, 0] == pytest.approx([0, 0, -1])

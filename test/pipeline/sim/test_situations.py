@@ -34,7 +34,7 @@ def test_planes_of_the_situations_are_at_their_stated_positions():
         assert c.offset == pytest.approx(offset)
 
 
-def test_extents_of_table_and_shelf():
+def test_table_and_shelf_have_their_stated_extents():
     table, shelf = subject(cycle("a", 0.0)), subject(cycle("b", 0.0))
     step = 0.03
     assert table[:, 0].min() == pytest.approx(0.5, abs=step)

@@ -42,6 +42,19 @@ STRICT = 2.0
 ROUNDS = 3
 """Maximum number of refits. Chosen."""
 
+REFIT_GROWTH = 1.5
+"""A plane that grows is fitted again when it has this many times the points of its last fit.
+Chosen: far fewer fits than cuboids."""
+
+MIN_REFIT = 30.0
+"""Points below which a plane that grows is not fitted again. Chosen."""
+
+MIN_INSIDE = 20.0
+"""Points that the inside of a surface must have for a fit of its own. Chosen."""
+
+INSIDE_FRACTION = 0.15
+"""Fraction of a surface's points that its inside must have for that. Chosen."""
+
 MIN_FRACTION = 0.9
 """A fit to this fraction of the points is not repeated. Chosen."""
 
@@ -166,7 +179,7 @@ def assign_inliers(
     nx, ny, nz, d, variance = plane
     gate = GATE * math.sqrt(variance)
     total = NOTHING
-    refit_at = max(1.5 * weight, 30.0)
+    refit_at = max(REFIT_GROWTH * weight, MIN_REFIT)
     count, first = 0, 0
     while first < queued:
         b = queue[first]
@@ -271,7 +284,7 @@ def fit_horizontal(
         takes = deep[k] & (dot(squares, m) <= plane[4] * max_scatters[k])
         inside = add_scaled(inside, m, 1.0 * takes)
     # The inside of a small surface is too small for a fit; then the first guess is kept.
-    if inside[0] > max(20.0, 0.15 * everything):
+    if inside[0] > max(MIN_INSIDE, INSIDE_FRACTION * everything):
         plane = pooled_plane(inside)
     # A tilted first guess refuses much of the surface; the fit to the rest is a better guess.
     for _ in range(ROUNDS):

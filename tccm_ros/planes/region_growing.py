@@ -13,6 +13,10 @@ JOIN_FACTOR = 2.5
 """A patch joins a region if its rms about the region's plane is within this factor of the
 region's noise, plus `SLACK`. Chosen."""
 
+REFIT_GROWTH = 1.3
+"""A region's plane is fitted again when the region has this many times the points of its last fit.
+Chosen: far fewer fits than patches."""
+
 SLACK = 0.002
 """m: surfaces are not perfectly flat, and the noise of small patches is known badly. Chosen."""
 
@@ -90,7 +94,7 @@ def grow_regions(
         region[seed], seen[seed] = regions, regions
         queue[0] = seed
         first, end = 0, 1
-        refit_at = 1.3 * m[0]
+        refit_at = REFIT_GROWTH * m[0]
         while first < end:
             level = place[queue[first], 0]
             size = 1 << level
@@ -128,6 +132,6 @@ def grow_regions(
                             m[k] += moments[p, k]
                         if m[0] > refit_at:
                             nx, ny, nz, d, _, _, variance = plane_of(m)
-                            refit_at = 1.3 * m[0]
+                            refit_at = REFIT_GROWTH * m[0]
         regions += 1
     return region, pooled[:regions]

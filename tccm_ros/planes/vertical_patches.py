@@ -24,6 +24,17 @@ RIM_DEPTH = 40
 """A highest patch is a rim unless it ends this far, ticks, below the usual height: the height of a
 horizontal surface differs from cell to cell. Chosen: 4 mm."""
 
+GAP_STEPS = 2.0
+"""Gaps of this many mean distances of occupied bins and more end a piece of a plane. Chosen: one
+bin may be missing."""
+
+MIN_GAP = 2.5
+"""The same in bins, at least. Chosen."""
+
+MAX_STEP = 8
+"""A distance of occupied bins counts as at most this many bins in the mean. Chosen: doors and
+windows are not spacing."""
+
 NO_RIM = -(1 << 31)
 """Marks a patch that is no rim."""
 
@@ -85,10 +96,10 @@ def link_vertical(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> Int32:
     for b in range(bins):
         if run[b] == 0:
             if last >= 0:
-                steps += min(b - last, 8)
+                steps += min(b - last, MAX_STEP)
                 count += 1
             last = b
-    limit = max(2.0 * steps / max(count, 1), 2.5)
+    limit = max(GAP_STEPS * steps / max(count, 1), MIN_GAP)
     runs, last = 0, 0
     for b in range(bins):
         if run[b] == 0:

@@ -10,6 +10,11 @@ matrices over less shortens a vector by at most angle^2 / 8, a 300,000th."""
 STRAIGHT_RUN = 3
 """Hits in line that make a wall. Chosen: an edge with two mixed pixels has at most two."""
 
+STRAIGHT_STEP = 0.2
+STRAIGHT_NOISE = 0.5
+"""A hit is in line with its neighbours within these fractions of their step in range and of the
+range noise. Chosen."""
+
 BOX, SPHERE, CYLINDER = 0, 1, 2
 
 
@@ -18,8 +23,8 @@ def is_straight(ranges, hit, i, cos_step, noise):  # type: ignore[no-untyped-def
     """Return whether hit i lies on the straight line through its two neighbours' hits.
 
     Seen from the laser, 1/r along a line is a sinusoid of the bearing, hence
-    ``1/r[i-1] + 1/r[i+1] = 2 cos(step) / r[i]``. A fifth of the step in range is allowed, and half
-    of `noise`.
+    ``1/r[i-1] + 1/r[i+1] = 2 cos(step) / r[i]``. A fraction of the step in range is allowed
+    (`STRAIGHT_STEP`), and one of `noise` (`STRAIGHT_NOISE`).
 
     Parameters
     ----------
@@ -36,7 +41,7 @@ def is_straight(ranges, hit, i, cos_step, noise):  # type: ignore[no-untyped-def
         return False
     a, r, b = np.float64(ranges[i - 1]), np.float64(ranges[i]), np.float64(ranges[i + 1])
     on_line = 2.0 * cos_step * a * b / (a + b)
-    return abs(r - on_line) <= 0.5 * noise + 0.2 * max(abs(r - a), abs(r - b))
+    return abs(r - on_line) <= STRAIGHT_NOISE * noise + STRAIGHT_STEP * max(abs(r - a), abs(r - b))
 
 
 @njit(nogil=True, cache=True)

@@ -27,6 +27,9 @@ SPACING_FACTOR = 2.2
 NEIGHBOURS = 24
 """Number of nearest points over which the local spacing is taken; chosen."""
 
+THINNING_FRACTION = 0.25
+"""Points are thinned to this fraction of the gap that their area and number allow; chosen."""
+
 QUANTILE = 0.4
 """Quantile of the neighbours' largest gaps that is the local spacing; chosen: less than half, as
 along a border up to half of the neighbours have a gap across it."""
@@ -79,7 +82,7 @@ def covered_area(points_xy: Float64, min_gap: float) -> tuple[MultiPolygon, floa
     The parameters are those of `horizontal_outline`; the points may be in any frame.
     """
     mesh = _mesh(cell_means(points_xy, 0.5 * min_gap)[0])
-    gap = 0.25 * _gap_by_area(*mesh)
+    gap = THINNING_FRACTION * _gap_by_area(*mesh)
     if gap > 0.5 * min_gap:
         mesh = _mesh(cell_means(points_xy, gap)[0])
     points, triangles, longest = mesh

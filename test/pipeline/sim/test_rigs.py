@@ -44,7 +44,7 @@ class TestHumanoid:
         assert T[:3, 3] == pytest.approx([0.03, 0.0, 1.54])
         assert T[:3, :3] == pytest.approx(np.eye(3))
 
-    def test_a_laser_tilted_by_a_quarter_turn_looks_straight_down(self):
+    def test_a_laser_tilted_by_90_degrees_looks_straight_down(self):
         T = laser(HUMANOID, self.frame, laser_tilt_joint=QUARTER)
         assert T[:3, 3] == pytest.approx([0.02, 0.0, 1.49])
         assert T[:3, 0] == pytest.approx([0, 0, -1])

@@ -16,15 +16,15 @@ class Cycle(Group):
         0.010, "reversals smaller than this are encoder jitter", unit="rad", gt=0.0, le=0.5
     )
     min_sweep: float = param(
-        0.10, "a half cycle shorter than this is joined to the next", unit="rad", gt=0.0, le=3.0
+        0.10, "a shorter tilt cycle is joined to the next", unit="rad", gt=0.0, le=3.0
     )
     rest_time: float = param(
-        0.5, "a cycle closes when the joint rests this long", unit="s", gt=0.0, le=60.0
+        0.5, "a tilt cycle ends when the joint rests this long", unit="s", gt=0.0, le=60.0
     )
     max_gap: float = param(
-        0.5, "a gap in the joint samples longer than this closes a cycle", unit="s", gt=0.0, le=60.0
+        0.5, "a longer gap in the joint samples ends a tilt cycle", unit="s", gt=0.0, le=60.0
     )
-    max_time: float = param(30.0, "a cycle is closed after this time", unit="s", gt=0.0, le=600.0)
+    max_time: float = param(30.0, "a tilt cycle ends after this time", unit="s", gt=0.0, le=600.0)
 
 
 class Map(Group):
@@ -68,7 +68,7 @@ class Map(Group):
         "base", "base: the region follows the robot", read_only=True
     )
     clear_seen_through: bool = param(
-        False, "a beam of the newest cycle that passed through a cuboid removes it"
+        False, "a beam of the newest tilt cycle that passed through a cuboid removes it"
     )
 
 
@@ -96,7 +96,7 @@ class Planes(Group):
     track_angle: float = param(
         0.15, "a plane whose normal rotated less is the same plane", unit="rad", gt=0.0, le=1.0
     )
-    track_cycles: int = param(3, "cycles that a hidden plane keeps its id", ge=0, le=1000)
+    track_cycles: int = param(3, "tilt cycles that a hidden plane keeps its id", ge=0, le=1000)
 
 
 class CenterCore(Group):
@@ -104,7 +104,7 @@ class CenterCore(Group):
 
     trials: int = param(50, "random trials", ge=1, le=10000)
     cores: int = param(3, "center cores drawn in a trial (l)", ge=2, le=100)
-    min_quality: float = param(0.15, "min val of Eq. (8)", unit="m2", ge=0.0)
+    min_quality: float = param(0.15, "min quality, Eq. (8) of the TCCM paper", unit="m2", ge=0.0)
     angle_threshold: float = param(0.30, "angle of Eq. (7)", unit="rad", gt=0.0, le=1.5)
     distance_threshold: float = param(0.02, "distance of an inlier", unit="m", gt=0.0, le=0.5)
 

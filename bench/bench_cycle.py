@@ -67,7 +67,7 @@ def run_cycles(cycles: list[Any], config: Config, all_stages: list[Stages]) -> N
     the_map, seen = IntegrationMap(config), FreeSpace(config)
     tracker, objects_tracker = PlaneTracker(config), ObjectTracker(config)
     types = TypestoreMessages()
-    publications = CycleMessageBuilder(types, config)
+    builder = CycleMessageBuilder(types, config)
     for cycle, stages in zip(cycles, all_stages, strict=True):
         run = stages.run
         T, viewpoint = cycle.T_odom_base(), cycle.T_odom_laser()[:3, 3]
@@ -95,11 +95,11 @@ def run_cycles(cycles: list[Any], config: Config, all_stages: list[Stages]) -> N
             view=view, part=cycle.part, scans=len(cycle.scans), base_speed=0.0,
             base_angular_speed=0.0, ended_by="turn",
         )  # fmt: skip
-        for publication in publications.of(result, lambda c=cuboids: c):
-            if publication.topic in ("planes", "objects", "surfaces", "view"):
+        for message in builder.of(result, lambda c=cuboids: c):
+            if message.topic in ("planes", "objects", "surfaces", "view"):
                 run(
-                    f"message {publication.topic}",
-                    lambda p=publication: types.serialize(p.msgtype, p.build()),
+                    f"message {message.topic}",
+                    lambda m=message: types.serialize(m.msgtype, m.build()),
                 )
         corners = sum(len(r) for p in planes for r in (p.boundary, *p.holes))
         stages.ms["(planes)"], stages.ms["(corners)"] = len(planes), corners

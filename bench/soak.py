@@ -112,7 +112,7 @@ def soak_tccm(hours: float, stretch_s: float) -> None:
     types, config = TypestoreMessages(), Config()
     robot = Robot(config, default_streams(), expects_odometry=True)
     processor = TccmProcessor(config)
-    publications = CycleMessageBuilder(types, config)
+    builder = CycleMessageBuilder(types, config)
     print("| hour | memory | cycles | 99 % of steps | longest step | cuboids | scans dropped |")
     print("|---|---|---|---|---|---|---|", flush=True)
     steps: list[float] = []
@@ -122,7 +122,7 @@ def soak_tccm(hours: float, stretch_s: float) -> None:
             start = time.process_time()
             for event in robot.add(role, later(record, lap * lap_ns)):
                 for result in processor.add(event):
-                    for due in publications.of(result, processor.map.cuboids):
+                    for due in builder.of(result, processor.map.cuboids):
                         if due.topic in LISTENED_TO:
                             types.serialize(due.msgtype, due.build())
             steps.append(time.process_time() - start)

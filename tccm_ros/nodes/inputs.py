@@ -18,7 +18,7 @@ from tccm_ros.nodes.qos import subscription_events
 from tccm_ros.nodes.ros_types import message_class
 
 Watch = Literal["needed", "stream", "event"]
-"""How silence is judged.
+"""How the silence of a topic is rated.
 
 needed: it is a problem, and so is the lack of a publisher. stream: it is a problem where there is a
 publisher. event: it is none.
@@ -39,7 +39,7 @@ class Input:
     type_name
         ``package/msg/Name``.
     watch
-        How its silence is judged.
+        How its silence is rated.
     count
         Messages received.
     lost
@@ -103,7 +103,7 @@ class Inputs:
         qos
             Of the subscription.
         watch
-            How the topic's silence is judged in /diagnostics.
+            How the topic's silence is rated in /diagnostics.
         raw
             Whether messages are given serialised (CDR).
         """

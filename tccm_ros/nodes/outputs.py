@@ -72,11 +72,11 @@ class Outputs:
             for name, kind in topics.items()
         }
 
-    def publish(self, publications: Iterable[TopicMessage]) -> None:
+    def publish(self, messages: Iterable[TopicMessage]) -> None:
         """Publish what is listened to; keep the rest for who comes later (in the worker)."""
-        for publication in publications:
-            self._newest[publication.topic] = publication
-            self._send(publication.topic)
+        for message in messages:
+            self._newest[message.topic] = message
+            self._send(message.topic)
 
     def _send(self, name: str) -> None:
         """Send the newest message of a topic, if it was not sent and somebody listens.

@@ -135,7 +135,7 @@ class SensorNode(Node):
     def listen(self, *, watch: Watch) -> None:
         """Subscribe to the node's sensors and, unless another node does, to what places them.
 
-        `watch` says how the silence of the sensors is judged.
+        `watch` says how the silence of the sensors is rated.
         """
         measured = sensor(self.config.qos.reliability)
         for role in sorted(self.roles):
@@ -173,7 +173,7 @@ class SensorNode(Node):
         topic
             By default the role's name.
         watch
-            How the topic's silence is judged in /diagnostics.
+            How the topic's silence is rated in /diagnostics.
         is_measured
             Whether a sensor measured it, so that `qos.stamp: receive` replaces its stamp. What is
             computed from measurements keeps its stamp.

@@ -1,6 +1,6 @@
 """The `Robot` of a process: the intake feeds it, the workers get what it brings out.
 
-A record is judged in the thread of the intake, which takes some tens of microseconds; the
+A record is checked in the thread of the intake, which takes some tens of microseconds; the
 processors, whose steps are long, have threads of their own. So two nodes in one process share one
 robot, and neither waits for the other. They share the intake as well: two would take their topics
 at different speeds, and one topic far ahead of the others passes for time that has gone on.
@@ -41,7 +41,7 @@ class SharedRobot:
     robot
         What is known.
     lock
-        Held while a record is judged and its events are given out: who holds it comes before or
+        Held while a record is checked and its events are given out: who holds it comes before or
         after all events of a record.
     """
 

@@ -71,7 +71,7 @@ class SlamNode(SensorNode):
         self._surfaces: tuple[Surface, ...] = ()
         self._has_tilt_scan = False
         self.live = LivePosePublisher(self, self.types, self.config, self.intake)
-        self._publications = SolutionMessageBuilder(self.bulk_types, self.live.map_frame)
+        self._message_builder = SolutionMessageBuilder(self.bulk_types, self.live.map_frame)
         topics = {**SOLUTION_TOPICS, GRID_TOPIC: GRID}
         profiles = dict.fromkeys(topics, latched())
         self._outputs = Outputs(
@@ -164,7 +164,7 @@ class SlamNode(SensorNode):
     def _show(self, solution: SurfaceSolution) -> None:
         self._unsolved.clear()
         self.live.note_solution(solution)
-        self._outputs.publish(self._publications.of(solution, self.newest_ns))
+        self._outputs.publish(self._message_builder.of(solution, self.newest_ns))
         self._outputs.publish([TopicMessage(GRID_TOPIC, GRID, self._grid)])
         self._boxes.publish(solution.surfaces, self.newest_ns)
         for change in changes(self._surfaces, solution.surfaces):

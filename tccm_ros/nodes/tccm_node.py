@@ -42,7 +42,7 @@ class TccmNode(SensorNode):
         self._frame_id = self.config.frames.odom_name
         self._rig_check = RigCheck()
         self._rig_problems: tuple[str, ...] = ()
-        self._publications = CycleMessageBuilder(self.bulk_types, self.config)
+        self._message_builder = CycleMessageBuilder(self.bulk_types, self.config)
         profiles = {
             topic: surface_message() if topic in SURFACE_MESSAGE_TOPICS else latched()
             for topic in CYCLE_TOPICS
@@ -101,11 +101,11 @@ class TccmNode(SensorNode):
             (made / "cuboids.npz").write_bytes(archive)
 
     def _publish_planes(self, found: CyclePlanes) -> None:
-        self._outputs.publish([self._publications.planes(found)])
+        self._outputs.publish([self._message_builder.planes(found)])
 
     def _publish(self, results: Iterable[CycleResult]) -> None:
         for result in results:
-            rest = self._publications.after_planes(result, self.processor.map.cuboids)
+            rest = self._message_builder.after_planes(result, self.processor.map.cuboids)
             self._outputs.publish(rest)
             self._frame_id = result.frame_id
             self._rig_check.add(result)

@@ -1,6 +1,6 @@
 """What the intake gives to the processors: records with their poses, and what the robot did.
 
-Each record that comes in is judged once, by `robot.Robot`; whatever it brings out is a list of
+Each record that comes in is checked once, by `robot.Robot`; whatever it brings out is a list of
 events in an order that the algorithms may rely on. The base's motion is told by its `Odometry`.
 """
 

@@ -49,7 +49,7 @@ class Posing:
         Parameters
         ----------
         sensor
-            Its oldest waiting record is judged; None is returned while that has to wait on.
+            Its oldest waiting record is checked; None is returned while that has to wait on.
         now_ns
             Message time, None where there is none yet.
         ended

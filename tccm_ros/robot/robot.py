@@ -1,6 +1,6 @@
-"""The one intake: records in, each judged once, and what they bring out as ordered events.
+"""The one intake: records in, each checked once, and what they bring out as ordered events.
 
-A record is judged by its stamp (`StampGuard`). What tells of the robot itself goes to the frames,
+A record is checked by its stamp (`StampGuard`). What tells of the robot itself goes to the frames,
 the joints and the base's motion, which all sensors share; what a sensor measured waits until
 samples of all joints on its way to the base, and of the base's motion, bracket it (`Posing`). It
 waits in message time, the newest stamp on any input, and is then dropped and counted.
@@ -46,7 +46,7 @@ START_OF_TIME = -(2**62)
 
 @dataclass(frozen=True, slots=True)
 class _Input:
-    """How the records of one role are judged and taken.
+    """How the records of one role are checked and taken.
 
     Attributes
     ----------

@@ -96,7 +96,7 @@ class StampGuard(Generic[T]):
 
         Returns
         -------
-        False where `admit` has to judge the record; nothing has changed then.
+        False where `admit` has to decide on the record; nothing has changed then.
         """
         stream = self._streams.get(key)
         if stream is None or stream.ahead is not None or self._someone_behind:

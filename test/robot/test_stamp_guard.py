@@ -183,15 +183,15 @@ def test_growing_streams_are_admitted_whole_however_they_interleave(a, b, random
 
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 30)), max_size=80))
 def test_the_short_check_of_a_stamp_decides_as_the_full_one(events):
-    judged, passed = StampGuard(2 * S), StampGuard(2 * S)
+    checked, passed = StampGuard(2 * S), StampGuard(2 * S)
     for i, (key, seconds) in enumerate(events):
-        result = judged.admit(key, seconds * S, i)
+        result = checked.admit(key, seconds * S, i)
         if passed.passes(key, seconds * S):
             assert (result.admitted, result.refused, result.jumped) == ([i], [], False)
         else:
             assert passed.admit(key, seconds * S, i) == result
-        assert all(passed.now(k) == judged.now(k) for k in "abcd")
-    assert passed.flush() == judged.flush()
+        assert all(passed.now(k) == checked.now(k) for k in "abcd")
+    assert passed.flush() == checked.flush()
 
 
 @given(st.dictionaries(st.sampled_from("abcde"), st.integers(0, 10), max_size=5))

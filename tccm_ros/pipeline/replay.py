@@ -19,10 +19,11 @@ from tccm_ros.bags.reader import BagPaths, bag_paths
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import inverse, spatial
-from tccm_ros.pipeline import Outcome, run_bag
+from tccm_ros.pipeline.outcome import Outcome
 from tccm_ros.pipeline.report.html_report import write_page
 from tccm_ros.pipeline.report.pictures import write_pictures
 from tccm_ros.pipeline.report.viewing import report_map
+from tccm_ros.pipeline.run import run_bag
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.results.cycles_file import save_cycles
 from tccm_ros.results.exports import write_results, write_timing

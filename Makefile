@@ -64,13 +64,13 @@ clean:
 # What is made from the code: the shipped YAML, and the pages of parameters, commands and file schemas.
 reference: $(STAMP)
 	@$(BIN)/tccm parameters > config/tccm.yaml
-	@$(BIN)/python -m tccm_ros.results.schema docs/reference/schema
+	@$(BIN)/python tools/make_schemas.py
 	@$(BIN)/python tools/make_reference.py
 	@$(BIN)/python tools/document_interfaces.py
 
 # The pictures of docs/design/how_it_works.md and structure.md; other pages name the command of each picture.
 figures: demo
-	@$(BIN)/python -c "from tccm_ros.pipeline.report.documentation_pictures import write_figures; write_figures('$(OUT)', 'docs/images')"
+	@$(BIN)/python tools/draw_figures.py $(OUT)
 	@$(BIN)/python tools/draw_architecture.py
 
 # The documentation as a site, with search and the Python API: out/docs. Dead links are errors (--quiet would hide them).

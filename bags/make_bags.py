@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from tccm_ros.pipeline.sim import Options, simulate
+from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.recording import simulate
 
 
 class Bundled(NamedTuple):

@@ -23,7 +23,7 @@ from rosbags.typesys import Stores, get_typestore
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.bags.storage import StorageFile
 from tccm_ros.bags.typestore import TypestoreMessages
-from tccm_ros.ros import READERS
+from tccm_ros.ros.reading import READERS
 
 BAGS = Path(__file__).resolve().parents[1] / "bags"
 RUNS = 5

@@ -33,7 +33,7 @@ from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan
 from tccm_ros.records.building import stamp_ns_from_message
-from tccm_ros.ros import (
+from tccm_ros.ros.writing import (
     joint_sample_message,
     odometry_message,
     robot_description_message,

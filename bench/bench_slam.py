@@ -24,15 +24,10 @@ from tccm_ros.pipeline.evaluate.trajectory_errors import nees, pairs_that_meet, 
 from tccm_ros.pipeline.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.records import Odometry, PosedScan, Scan
 from tccm_ros.slam.chain import yaw_offset_for
-from tccm_ros.slam.factors import (
-    BetweenKeyframes,
-    Factor,
-    Planar,
-    PriorPose,
-    WallObservation,
-    keyframe_key,
-    wall_key,
-)
+from tccm_ros.slam.factors.factor import Factor
+from tccm_ros.slam.factors.keys import keyframe_key, wall_key
+from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
+from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph import IncrementalGraph, PoseGraph
 from tccm_ros.slam.lines import extract_lines, label_by_splitting
 from tccm_ros.slam.wall_slam import WallSlam

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.pipeline.calibrate import calibrate
+from tccm_ros.pipeline.calibrate.calibration import calibrate
 from tccm_ros.pipeline.calibrate.estimate import Estimate
 from tccm_ros.pipeline.calibrate.model import Beams, RigValues
 from tccm_ros.pipeline.calibrate.quality import HitMasks, flatness

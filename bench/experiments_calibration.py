@@ -20,7 +20,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
-from tccm_ros.pipeline.calibrate import Calibration, calibrate
+from tccm_ros.pipeline.calibrate.calibration import Calibration, calibrate
 from tccm_ros.pipeline.calibrate.observability import UNITS
 from tccm_ros.pipeline.calibrate.quality import MIN_HITS, Flatness, cell_means
 from tccm_ros.pipeline.calibrate.room import hits_of_bag

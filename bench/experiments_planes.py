@@ -38,7 +38,7 @@ from tccm_ros.baselines.center_cores import center_cores, find_core_plane  # noq
 from tccm_ros.config import Config  # noqa: E402
 from tccm_ros.cuboids.cuboids import TICK, Cuboids  # noqa: E402
 from tccm_ros.cuboids.part_map import PartMapBuilder  # noqa: E402
-from tccm_ros.pipeline import run_bag  # noqa: E402
+from tccm_ros.pipeline.run import run_bag  # noqa: E402
 from tccm_ros.pipeline.sim.scene import Motion, Scene  # noqa: E402
 from tccm_ros.planes import PlaneFits, find_planes  # noqa: E402
 

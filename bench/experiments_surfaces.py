@@ -28,11 +28,16 @@ from random_flats import random_flat  # noqa: E402
 
 from tccm_ros.config import Config  # noqa: E402
 from tccm_ros.geometry import inverse, spatial, transform  # noqa: E402
-from tccm_ros.pipeline import Pipeline  # noqa: E402
 from tccm_ros.pipeline.evaluate.surfaces import SurfaceScore, score_surfaces  # noqa: E402
-from tccm_ros.pipeline.sim import Options, Simulation, build_world, truth  # noqa: E402
-from tccm_ros.pipeline.sim.engine import EPOCH_NS  # noqa: E402
+from tccm_ros.pipeline.processors import Pipeline  # noqa: E402
+from tccm_ros.pipeline.sim import truth  # noqa: E402
+from tccm_ros.pipeline.sim.engine import (  # noqa: E402
+    EPOCH_NS,
+    Simulation,
+)
+from tccm_ros.pipeline.sim.options import Options  # noqa: E402
 from tccm_ros.pipeline.sim.world import World  # noqa: E402
+from tccm_ros.pipeline.sim.worlds import build_world  # noqa: E402
 from tccm_ros.records import Scan  # noqa: E402
 from tccm_ros.results.models import SurfacesFile  # noqa: E402
 from tccm_ros.results.numbers import json_text  # noqa: E402

@@ -11,8 +11,8 @@ from shapely import Polygon
 
 from tccm_ros.geometry import transform
 from tccm_ros.pipeline.evaluate.surfaces import SurfaceScore
-from tccm_ros.pipeline.sim import Simulation, truth
-from tccm_ros.pipeline.sim.engine import EPOCH_NS
+from tccm_ros.pipeline.sim import truth
+from tccm_ros.pipeline.sim.engine import EPOCH_NS, Simulation
 from tccm_ros.records import Scan
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 

@@ -94,8 +94,9 @@ def simulate(
     quiet: QuietOption = False,
 ) -> None:
     """Simulate a robot in a world and write its bag and the truth."""
-    from tccm_ros.pipeline.sim import WORLDS, options_from_settings
-    from tccm_ros.pipeline.sim import simulate as run
+    from tccm_ros.pipeline.sim.options import options_from_settings
+    from tccm_ros.pipeline.sim.recording import simulate as run
+    from tccm_ros.pipeline.sim.worlds import WORLDS
     from tccm_ros.progress import FractionBar, progress
 
     if world == "list":
@@ -190,7 +191,7 @@ def calibrate(
 ) -> None:
     """Estimate tilt zero, scale, roll, height and delay from recordings of rooms."""
     from tccm_ros.config.reader import read_config
-    from tccm_ros.pipeline.calibrate import calibrate as run
+    from tccm_ros.pipeline.calibrate.calibration import calibrate as run
     from tccm_ros.pipeline.calibrate.files import write_calibration
     from tccm_ros.progress import progress
 

@@ -12,7 +12,8 @@ from pathlib import Path
 import typer
 
 from tccm_ros.cli import app
-from tccm_ros.config.reference import as_markdown
+from tccm_ros.config import parameters
+from tccm_ros.config.reference import range_text, value_text
 
 REFERENCE = Path(__file__).resolve().parents[1] / "docs" / "reference"
 
@@ -38,9 +39,14 @@ writes is whole or not there at all.
 SCHEMAS = re.compile(r"(?s)(<!-- schemas -->\n).*?(?=<!-- /schemas -->)")
 
 
-def parameters() -> str:
+def parameter_page() -> str:
     """Return the page of all parameters."""
-    return PARAMETERS + as_markdown()
+    rows = ["| parameter | default | unit | range | meaning |", "|---|---|---|---|---|"]
+    for p in parameters():
+        default = "empty" if p.default in (None, "") else value_text(p.default)
+        fixed = " (fixed at start)" if p.read_only else ""
+        rows.append(f"| `{p.name}` | {default} | {p.unit} | {range_text(p)} | {p.meaning}{fixed} |")
+    return PARAMETERS + "\n".join(rows) + "\n"
 
 
 def command_line() -> str:
@@ -98,7 +104,11 @@ def files() -> str:
 
 def pages() -> dict[Path, str]:
     """Return the text of each page that is made here."""
-    texts = {"parameters.md": parameters(), "command_line.md": command_line(), "files.md": files()}
+    texts = {
+        "parameters.md": parameter_page(),
+        "command_line.md": command_line(),
+        "files.md": files(),
+    }
     return {REFERENCE / name: text for name, text in texts.items()}
 
 

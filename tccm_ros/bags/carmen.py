@@ -21,7 +21,7 @@ from tccm_ros.errors import LogError, OutputError
 from tccm_ros.geometry import between2, spatial, wrap_angle
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Odometry, RobotDescription, Scan, TransformSample
-from tccm_ros.ros import (
+from tccm_ros.ros.writing import (
     odometry_message,
     robot_description_message,
     scan_message,

@@ -26,7 +26,7 @@ from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.errors import BagError, MessageError, TopicError, one_line, suggest
 from tccm_ros.records.building import Record
-from tccm_ros.ros import READERS
+from tccm_ros.ros.reading import READERS
 
 DEFAULT_TOPICS: Mapping[str, str] = {
     "tilt_scan": "/tilt_scan",

@@ -12,13 +12,12 @@ import sqlite3
 import struct
 from collections.abc import Iterator
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
@@ -26,7 +25,7 @@ from mcap.writer import MCAP0_MAGIC
 from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
 
 from tccm_ros.bags.bag_files import storage_paths, unpacked
-from tccm_ros.bags.storage import MAX_BLOCK_BYTES, SQLITE_MAGIC, reading
+from tccm_ros.bags.storage import SQLITE_MAGIC, reading, unpacked_chunk
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter
 from tccm_ros.errors import BagError
@@ -226,12 +225,8 @@ def _records_of_chunk(chunk: Chunk) -> list[McapRecord]:
     Exception
         Of many kinds, for a chunk that is damaged.
     """
-    if chunk.uncompressed_size > MAX_BLOCK_BYTES:
-        raise ValueError("a chunk that declares more than any recording has")
-    sizes = (-1, chunk.uncompressed_size)
-    if chunk.compression == "zstd" and zstandard.frame_content_size(chunk.data) not in sizes:
-        raise ValueError("a chunk whose sizes contradict each other")
-    return breakup_chunk(chunk, validate_crc=True)
+    data = unpacked_chunk(chunk.compression, chunk.data, chunk.uncompressed_size)
+    return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
 
 
 def _connect(path: Path) -> sqlite3.Connection:

@@ -1,4 +1,4 @@
-"""The configuration as text: the shipped YAML file and the table of the reference."""
+"""The configuration as text: the shipped YAML file."""
 
 from collections.abc import Iterator
 from typing import Any, get_args
@@ -30,10 +30,11 @@ def _yaml_lines() -> Iterator[str]:
             group = path
         indent = "      " if path else "    "
         hidden = "# " if parameter.default is None else ""
-        yield f"{indent}{hidden}{key}: {_yaml(parameter.default)}  # {_notes(parameter)}\n"
+        yield f"{indent}{hidden}{key}: {value_text(parameter.default)}  # {_notes(parameter)}\n"
 
 
-def _yaml(value: Any) -> str:
+def value_text(value: Any) -> str:
+    """Return a default as YAML on one line."""
     if value is None:
         return "[]"
     value = list(value) if isinstance(value, tuple) else value
@@ -41,7 +42,8 @@ def _yaml(value: Any) -> str:
     return text.removesuffix("\n").removesuffix("\n...").strip()
 
 
-def _range(parameter: Parameter) -> str:
+def range_text(parameter: Parameter) -> str:
+    """Return the range or the choices of a parameter; empty where it has none."""
     choices = [a for a in get_args(parameter.type) if isinstance(a, str)]
     if choices:
         return " or ".join(choices)
@@ -54,16 +56,6 @@ def _range(parameter: Parameter) -> str:
 
 
 def _notes(parameter: Parameter) -> str:
-    parts = [parameter.unit, _range(parameter), parameter.meaning]
+    parts = [parameter.unit, range_text(parameter), parameter.meaning]
     fixed = " (fixed at start)" if parameter.read_only else ""
     return "; ".join(part for part in parts if part) + fixed
-
-
-def as_markdown() -> str:
-    """Return the parameters as a Markdown table."""
-    rows = ["| parameter | default | unit | range | meaning |", "|---|---|---|---|---|"]
-    for p in parameters():
-        default = "empty" if p.default in (None, "") else _yaml(p.default)
-        fixed = " (fixed at start)" if p.read_only else ""
-        rows.append(f"| `{p.name}` | {default} | {p.unit} | {_range(p)} | {p.meaning}{fixed} |")
-    return "\n".join(rows) + "\n"

@@ -14,9 +14,9 @@ from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.nodes.tf import TfPublisher, has_tf2_msgs
 from tccm_ros.records import TransformSample
-from tccm_ros.ros import transform_message
 from tccm_ros.ros.output_messages import pose_covariance_message
 from tccm_ros.ros.types import MessageTypes
+from tccm_ros.ros.writing import transform_message
 from tccm_ros.slam.odometry_model import odometry_covariance
 from tccm_ros.slam.se2 import between, compose
 from tccm_ros.slam.wall_slam import LivePose

@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.serialization import deserialize_message
 
 from tccm_ros.nodes.ros_types import message_class
-from tccm_ros.ros import READERS
+from tccm_ros.ros.reading import READERS
 
 RecordReader = Callable[[bytes], Sequence[Any]]
 """Gives the records of a serialised message; MessageError for content that cannot be used."""

@@ -24,8 +24,8 @@ from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.warm_up import warm_up_slam
 from tccm_ros.records import Event, ScanPose, Surface, SurfaceCloud, ViewIntervals
 from tccm_ros.results.occupancy import occupancy_grid
-from tccm_ros.ros import READERS
 from tccm_ros.ros.output_messages import grid_message
+from tccm_ros.ros.reading import READERS
 from tccm_ros.ros.topic_messages import (
     SOLUTION_TOPICS,
     SURFACE_MESSAGE_TOPICS,

@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from tccm_ros.config import Tf
+from tccm_ros.config.node import Tf
 from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.ros_types import message_class
 

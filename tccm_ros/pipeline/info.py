@@ -14,7 +14,7 @@ from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, TccmError
 from tccm_ros.records import Scan
 from tccm_ros.robot import Robot
-from tccm_ros.ros import READERS
+from tccm_ros.ros.reading import READERS
 from tccm_ros.sensors.registry import default_streams
 
 CONSEQUENCES = {

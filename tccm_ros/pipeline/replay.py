@@ -19,14 +19,11 @@ from tccm_ros.bags.reader import BagPaths, bag_paths
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import inverse, spatial
-from tccm_ros.pipeline import Outcome, run_bag
-from tccm_ros.pipeline.report.html_report import write_page
-from tccm_ros.pipeline.report.pictures import write_pictures
-from tccm_ros.pipeline.report.viewing import report_map
+from tccm_ros.pipeline.outcome import Outcome
+from tccm_ros.pipeline.run import run_bag
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.results.cycles_file import save_cycles
 from tccm_ros.results.exports import write_results, write_timing
-from tccm_ros.results.folder_reader import load_results
 from tccm_ros.results.map_file import is_map, load_map, save_map
 from tccm_ros.results.models import (
     CountsEntry,
@@ -157,17 +154,32 @@ def replay(
         factor = _real_time_factor(outcome, clock)
         if pictures:
             bars.start("pictures", 1.0)
-            with clock.stage("pictures"):
-                results = load_results(folder)
-                drawn = write_pictures(results, folder)
-        timing = TimingFile(
-            {name: round(value, 6) for name, value in clock.seconds.items()}, round(factor, 3)
-        )
-        write_timing(folder, timing)
-        if pictures:
-            with clock.stage("report"):
-                write_page(replace(results, timing=timing), drawn, folder)
+            _write_report(folder, factor, clock)
+        else:
+            _write_timing(folder, factor, clock)
     return Summary(Path(out), content, clock.seconds, factor)
+
+
+def _write_timing(folder: Path, factor: float, clock: Stopwatch) -> TimingFile:
+    seconds = {name: round(value, 6) for name, value in clock.seconds.items()}
+    timing = TimingFile(seconds, round(factor, 3))
+    write_timing(folder, timing)
+    return timing
+
+
+def _write_report(folder: Path, factor: float, clock: Stopwatch) -> None:
+    """Draw the pictures, then write timing.json and the page, which shows it."""
+    # Imported here: matplotlib takes half a second, and a replay without pictures needs none of it.
+    from tccm_ros.pipeline.report.html_report import write_page
+    from tccm_ros.pipeline.report.pictures import write_pictures
+    from tccm_ros.results.folder_reader import load_results
+
+    with clock.stage("pictures"):
+        results = load_results(folder)
+        drawn = write_pictures(results, folder)
+    timing = _write_timing(folder, factor, clock)
+    with clock.stage("report"):
+        write_page(replace(results, timing=timing), drawn, folder)
 
 
 def _write(
@@ -274,6 +286,8 @@ def report_of(target: Path | str, config: Config, bars: Bars | None = None) -> P
         raise MapError(f"{target}: no such result folder, map or bag")
     out = Path(f"{target.stem}_report")
     if target.is_file() and is_map(target):
+        from tccm_ros.pipeline.report.viewing import report_map
+
         report_map(target, out, config)
     else:
         replay(target, out, config, bars=bars)

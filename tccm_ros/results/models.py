@@ -197,7 +197,7 @@ class SurfacesFile:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ObjectEntry:
+class ObjectEntry(SceneObject):
     """A box on a surface, in map.
 
     Attributes
@@ -214,11 +214,8 @@ class ObjectEntry:
         Of its x axis, in (-pi/2, pi/2], rad.
     """
 
-    id: int
-    surface: int
     center: Vector
     size: Vector
-    yaw: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -267,7 +264,7 @@ class ObjectsFile:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WallEntry:
+class WallEntry(Wall):
     """One wall, in map, as `records.Wall`.
 
     Attributes
@@ -286,13 +283,8 @@ class WallEntry:
         Ids of walls that share an endpoint, ascending.
     """
 
-    id: int
-    phi: float
-    rho: float
     endpoints: Ends
-    observations: int
     covariance: Covariance2
-    corners: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -361,7 +353,7 @@ class LoopEntry:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LandmarkEntry:
+class LandmarkEntry(Landmark):
     """A landmark of the graph other than a wall.
 
     Attributes
@@ -376,8 +368,6 @@ class LandmarkEntry:
         Measurements that support it.
     """
 
-    kind: str
-    id: int
     position: Vector
     covariance: Covariance3
     observations: int = 1

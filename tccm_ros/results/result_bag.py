@@ -30,7 +30,6 @@ from tccm_ros.errors import OutputError, one_line
 from tccm_ros.geometry import inverse, spatial
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import TransformSample
-from tccm_ros.ros import transform_message, transforms_message
 from tccm_ros.ros.output_messages import pose_covariance_message
 from tccm_ros.ros.topic_messages import (
     CYCLE_TOPICS,
@@ -40,6 +39,7 @@ from tccm_ros.ros.topic_messages import (
     SolutionMessageBuilder,
     TopicMessage,
 )
+from tccm_ros.ros.writing import transform_message, transforms_message
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 TCCM = "/tccm/"

@@ -1,9 +1,9 @@
-"""Messages that are only published: map clouds, poses, paths, grids and diagnostics."""
+"""Messages that are only published: map clouds, poses, paths and grids."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -201,56 +201,3 @@ def grid_message(
         info=info,
         data=types.array("i1", cells.ravel()),
     )
-
-
-class DiagnosticStatus(NamedTuple):
-    """One status of /diagnostics.
-
-    Attributes
-    ----------
-    name
-        Of the component.
-    level
-        0 ok, 1 warning, 2 error, 3 stale.
-    message
-        One line.
-    values
-        Key-value pairs, shown in their order.
-    """
-
-    name: str
-    level: int
-    message: str
-    values: Mapping[str, object]
-
-
-def diagnostics_message(
-    types: MessageTypes, stamp_ns: int, hardware_id: str, statuses: Sequence[DiagnosticStatus]
-) -> Any:
-    """Return a diagnostic_msgs/DiagnosticArray.
-
-    Parameters
-    ----------
-    types, stamp_ns
-        Message classes and stamp.
-    hardware_id
-        Of all statuses.
-    statuses
-        Their values become text.
-    """
-    made = [
-        types.make(
-            "diagnostic_msgs/msg/DiagnosticStatus",
-            level=types.octet(status.level),
-            name=status.name,
-            message=status.message,
-            hardware_id=hardware_id,
-            values=[
-                types.make("diagnostic_msgs/msg/KeyValue", key=key, value=str(value))
-                for key, value in status.values.items()
-            ],
-        )
-        for status in statuses
-    ]
-    header = header_message(types, stamp_ns, "")
-    return types.make("diagnostic_msgs/msg/DiagnosticArray", header=header, status=made)

@@ -16,7 +16,6 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import TICK, Cuboids
 from tccm_ros.geometry import spatial
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult
-from tccm_ros.ros import surface_cloud_message, view_message
 from tccm_ros.ros.marker_parts import MarkerSet, MessageContext, identity_color
 from tccm_ros.ros.markers import (
     core_markers,
@@ -33,6 +32,7 @@ from tccm_ros.ros.output_messages import (
     surface_map_message,
 )
 from tccm_ros.ros.types import MessageTypes
+from tccm_ros.ros.writing import surface_cloud_message, view_message
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 MARKERS = "visualization_msgs/msg/MarkerArray"

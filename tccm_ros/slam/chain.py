@@ -8,15 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.slam.factors import (
-    BetweenKeyframes,
-    Factor,
-    Key,
-    KeyframeView,
-    Planar,
-    PriorPose,
-    keyframe_key,
-)
+from tccm_ros.slam.factors.factor import Factor
+from tccm_ros.slam.factors.keys import Key, keyframe_key
+from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
+from tccm_ros.slam.factors.views import KeyframeView
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.graph import PoseGraph
 from tccm_ros.slam.se2 import compose

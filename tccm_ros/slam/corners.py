@@ -9,14 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.slam.factors import (
-    CornerObservation,
-    Factor,
-    Key,
-    WallThroughCorner,
-    corner_key,
-    wall_key,
-)
+from tccm_ros.slam.factors.corners import CornerObservation, WallThroughCorner
+from tccm_ros.slam.factors.factor import Factor
+from tccm_ros.slam.factors.keys import Key, corner_key, wall_key
 from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.walls import WallTable
 

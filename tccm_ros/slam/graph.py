@@ -15,7 +15,8 @@ from scipy.sparse import csc_matrix
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial, wrap_angle
-from tccm_ros.slam.factors import Factor, Key
+from tccm_ros.slam.factors.factor import Factor
+from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.factors.noise import rotate_frame
 from tccm_ros.slam.marginals import marginal_blocks
 

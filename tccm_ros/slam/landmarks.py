@@ -12,7 +12,9 @@ from typing import NamedTuple
 
 from tccm_ros.records import Landmark, LandmarkObservation
 from tccm_ros.slam.chain import AnchoredPose
-from tccm_ros.slam.factors import Factor, Key, landmark_class, observer_key
+from tccm_ros.slam.factors.factor import Factor
+from tccm_ros.slam.factors.keys import Key, observer_key
+from tccm_ros.slam.factors.landmarks import landmark_class
 from tccm_ros.slam.graph import GraphSolution
 
 

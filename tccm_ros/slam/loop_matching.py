@@ -10,10 +10,12 @@ from enum import StrEnum
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.config import Config, Loops
+from tccm_ros.config import Config
+from tccm_ros.config.slam import Loops
 from tccm_ros.slam.alignment import Alignment, Prior, align
 from tccm_ros.slam.correlation import SEARCH_WEIGHT, correlate, known_likelihood, support
-from tccm_ros.slam.factors import BetweenKeyframes, Key
+from tccm_ros.slam.factors.keys import Key
+from tccm_ros.slam.factors.poses import BetweenKeyframes
 from tccm_ros.slam.likelihood_grid import with_unknown
 from tccm_ros.slam.se2 import rotate_covariance
 from tccm_ros.slam.submaps import Patch, Submap

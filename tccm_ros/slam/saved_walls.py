@@ -13,7 +13,7 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.errors import MapError
 from tccm_ros.records import LandmarkObservation
 from tccm_ros.slam.chain import AnchoredPose
-from tccm_ros.slam.factors import landmark_class
+from tccm_ros.slam.factors.landmarks import landmark_class
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.landmarks import AnchoredObservation
 from tccm_ros.slam.level_scan import LevelScan

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tccm_ros.arrays import Float64, Int64
-from tccm_ros.config import Odometry as OdometryConfig
+from tccm_ros.config.slam import Odometry as OdometryConfig
 from tccm_ros.geometry import between2, compose2, planar, wrap_angle
 from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
 from tccm_ros.slam.odometry_model import motion_covariance

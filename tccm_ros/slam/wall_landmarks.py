@@ -11,15 +11,10 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.records import Wall
 from tccm_ros.slam.corners import Corner, meeting_point
-from tccm_ros.slam.factors import (
-    Building,
-    Factor,
-    Key,
-    WallDirection,
-    WallObservation,
-    building_key,
-    wall_key,
-)
+from tccm_ros.slam.factors.building import Building, WallDirection
+from tccm_ros.slam.factors.factor import Factor
+from tccm_ros.slam.factors.keys import Key, building_key, wall_key
+from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph import GraphSolution
 from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.walls import WallTable

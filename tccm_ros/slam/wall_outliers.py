@@ -10,7 +10,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import wrap_angle
-from tccm_ros.slam.factors import Key
+from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.graph import PoseGraph
 from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.se2 import transform_points

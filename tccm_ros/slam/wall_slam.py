@@ -17,7 +17,9 @@ from tccm_ros.geometry import planar
 from tccm_ros.records import Keyframe, LandmarkObservation, PosedScan, ScanPose
 from tccm_ros.slam.chain import AnchoredPose, Chain
 from tccm_ros.slam.corners import corner_factors
-from tccm_ros.slam.factors import Factor, Key, landmark_class, view_key
+from tccm_ros.slam.factors.factor import Factor
+from tccm_ros.slam.factors.keys import Key, view_key
+from tccm_ros.slam.factors.landmarks import landmark_class
 from tccm_ros.slam.front_end import FrontEnd, GraphKeyframe
 from tccm_ros.slam.graph import GraphSolution
 from tccm_ros.slam.inliers import Inliers, select_inliers

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 
 from tccm_ros.arrays import Float64
-from tccm_ros.config import Labels
+from tccm_ros.config.surfaces import Labels
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import box_sides
 

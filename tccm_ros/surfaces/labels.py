@@ -14,7 +14,8 @@ from enum import StrEnum
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.config import Config, Labels
+from tccm_ros.config import Config
+from tccm_ros.config.surfaces import Labels
 from tccm_ros.surfaces.floor import is_floor
 from tccm_ros.surfaces.label_features import Features, features_of
 from tccm_ros.surfaces.merged_surface import MergedSurface

@@ -13,7 +13,10 @@ import numpy as np
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, compose2, inverse, planar, spatial, transform, wrap_angle
-from tccm_ros.slam.factors import BetweenViews, Factor, ViewPlane, planar_covariance
+from tccm_ros.slam.factors.factor import Factor
+from tccm_ros.slam.factors.noise import planar_covariance
+from tccm_ros.slam.factors.surfaces import ViewPlane
+from tccm_ros.slam.factors.views import BetweenViews
 from tccm_ros.slam.solution import Solution
 from tccm_ros.surfaces.carving import Survivors, carve
 from tccm_ros.surfaces.merging import Members, NumberedPatch, merge_coplanar, surviving_patches

@@ -9,6 +9,8 @@ import zstandard
 from bag_copies import mcap_bag, read, rosbags_bag
 from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
@@ -26,6 +28,7 @@ from shared_data import shared
 
 from tccm_ros.bags.offered_qos import Qos
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
+from tccm_ros.bags.recover import recover
 from tccm_ros.bags.writer import BagWriter
 from tccm_ros.errors import BagError, TopicError
 
@@ -368,6 +371,33 @@ def test_chunks_that_declare_gigabytes_are_refused(tmp_path):
     bag.write_bytes(bag.read_bytes().replace(declared, (2**40).to_bytes(8, "little")))
     with pytest.raises(BagError, match="declares"):
         BagReader(bag)
+
+
+@pytest.mark.parametrize("kind", [CompressionType.ZSTD, CompressionType.LZ4])
+@pytest.mark.parametrize("index", [IndexType.ALL, IndexType.NONE])
+def test_a_chunk_takes_no_more_memory_than_it_declares(tmp_path, kind, index):
+    """It declares a megabyte and unpacks to 64: neither reading nor recovering takes them."""
+    message = ("/robot_description", STRING, 1, TYPES.make(STRING, data="0" * 2**26))
+    bag = mcap_bag(
+        tmp_path / "bag.mcap", [message], compression=kind, enable_crcs=False, index_types=index
+    )
+    with bag.open("rb") as stream:
+        records = list(StreamReader(stream, emit_chunks=True).records)
+    (chunk,) = (record for record in records if isinstance(record, Chunk))
+    real, declared = (n.to_bytes(8, "little") for n in (chunk.uncompressed_size, 2**20))
+    assert len(chunk.data) < 2**20 < 2**26 < chunk.uncompressed_size
+    around = bag.read_bytes().split(chunk.data)
+    bag.write_bytes(chunk.data.join(part.replace(real, declared) for part in around))
+    tracemalloc.start()
+    with (
+        pytest.raises(BagError, match="declares 1048576 bytes and has more"),
+        BagReader(bag) as reader,
+    ):
+        list(reader.records())
+    with pytest.raises(BagError, match="nothing in it can be recovered"):
+        recover(bag, tmp_path / "recovered")
+    assert tracemalloc.get_traced_memory()[1] < 2**24
+    tracemalloc.stop()
 
 
 def test_messages_that_the_index_leaves_out_are_an_error(tmp_path):

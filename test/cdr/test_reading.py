@@ -8,8 +8,8 @@ from tccm_ros.cdr.message_reader import NotPlain
 from tccm_ros.errors import MessageError
 from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.records import JointSample, Odometry, Scan, TransformSample
-from tccm_ros.ros import (
-    READERS,
+from tccm_ros.ros.reading import READERS
+from tccm_ros.ros.writing import (
     joint_sample_message,
     odometry_message,
     scan_message,

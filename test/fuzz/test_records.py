@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tccm_ros.config import Config
 from tccm_ros.errors import MessageError, TccmError
 from tccm_ros.records import JointSample, Odometry, Scan, TransformSample
-from tccm_ros.ros import joint_sample_from_message, odometry_from_message
+from tccm_ros.ros.reading import joint_sample_from_message, odometry_from_message
 from tccm_ros.sensors.laser_scan import scan_from_message
 
 START_NS = 1_700_000_000_000_000_000

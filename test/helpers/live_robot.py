@@ -18,7 +18,7 @@ from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.slam_node import SlamNode
 from tccm_ros.nodes.tccm_node import TccmNode
 from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan, TransformSample
-from tccm_ros.ros import (
+from tccm_ros.ros.writing import (
     joint_sample_message,
     odometry_message,
     robot_description_message,

@@ -5,12 +5,13 @@ from live_robot import START_NS, URDF, Listener, recording, slam, tccm
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from tccm_ros.config import Config, Group, parameters
+from tccm_ros.config import Config, parameters
+from tccm_ros.config.parameter import Group
 from tccm_ros.errors import ConfigError
 from tccm_ros.nodes.params import declare_config, follow_changes, ros_type
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.nodes.tf import has_tf2_msgs
-from tccm_ros.pipeline import Pipeline
+from tccm_ros.pipeline.processors import Pipeline
 from tccm_ros.records import RobotDescription
 
 

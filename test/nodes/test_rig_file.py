@@ -13,7 +13,7 @@ from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.pipeline.calibrate.calibration import Calibration
 from tccm_ros.pipeline.calibrate.observability import Observability
 from tccm_ros.records import RobotDescription
-from tccm_ros.ros import scan_message
+from tccm_ros.ros.writing import scan_message
 from tccm_ros.sensors.laser_scan import scan_from_message
 
 CALIBRATED = Rig(

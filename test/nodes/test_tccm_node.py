@@ -8,7 +8,7 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
-from tccm_ros.ros import surface_cloud_from_message, view_from_message
+from tccm_ros.ros.reading import surface_cloud_from_message, view_from_message
 
 SECOND = 1_000_000_000
 

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import jsonschema
+import make_schemas as schema
 import numpy as np
 import pytest
 
@@ -18,7 +19,6 @@ from tccm_ros.geometry import planar, spatial
 from tccm_ros.pipeline.evaluate.surfaces import score_surfaces
 from tccm_ros.pipeline.evaluate.trajectory_errors import absolute_errors, poses_at
 from tccm_ros.pipeline.replay import replay
-from tccm_ros.results import schema
 from tccm_ros.results.trajectory import read_tum
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"

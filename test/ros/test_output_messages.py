@@ -5,8 +5,6 @@ from message_families import to_bag_message
 from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.ros.output_messages import (
     OBSTACLE_STEP_M,
-    DiagnosticStatus,
-    diagnostics_message,
     grid_message,
     map_cloud_message,
     obstacle_cloud_message,
@@ -84,12 +82,3 @@ def test_an_occupancy_grid_has_its_cells_size_and_origin(types):
     message = to_bag_message(types, "nav_msgs/msg/OccupancyGrid", message)
     assert (message.info.width, message.info.height) == (3, 2)
     assert message.data.tolist() == [0, 100, -1, 1, 2, 3]
-
-
-def test_diagnostics_have_level_message_and_values_as_text(types):
-    status = DiagnosticStatus("scan", 1, "no scans", {"dropped: no joint sample": 3})
-    message = diagnostics_message(types, STAMP, "tccm", [status])
-    message = to_bag_message(types, "diagnostic_msgs/msg/DiagnosticArray", message)
-    (found,) = message.status
-    assert (found.name, found.level, found.message) == ("scan", 1, "no scans")
-    assert [(v.key, v.value) for v in found.values] == [("dropped: no joint sample", "3")]

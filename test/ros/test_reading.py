@@ -19,17 +19,19 @@ from tccm_ros.records import (
     TransformSample,
 )
 from tccm_ros.records.building import Record
-from tccm_ros.ros import (
+from tccm_ros.ros.reading import (
     READERS,
     joint_sample_from_message,
-    joint_sample_message,
     odometry_from_message,
-    odometry_message,
     robot_description_from_message,
-    scan_message,
     surface_cloud_from_message,
-    surface_cloud_message,
     transforms_from_message,
+)
+from tccm_ros.ros.writing import (
+    joint_sample_message,
+    odometry_message,
+    scan_message,
+    surface_cloud_message,
     transforms_message,
 )
 from tccm_ros.sensors.laser_scan import scan_from_message

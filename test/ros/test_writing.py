@@ -20,19 +20,21 @@ from tccm_ros.records import (
     TransformSample,
     ViewIntervals,
 )
-from tccm_ros.ros import (
+from tccm_ros.ros.reading import (
     joint_sample_from_message,
-    joint_sample_message,
     odometry_from_message,
-    odometry_message,
     robot_description_from_message,
+    surface_cloud_from_message,
+    transforms_from_message,
+    view_from_message,
+)
+from tccm_ros.ros.writing import (
+    joint_sample_message,
+    odometry_message,
     robot_description_message,
     scan_message,
-    surface_cloud_from_message,
     surface_cloud_message,
-    transforms_from_message,
     transforms_message,
-    view_from_message,
     view_message,
 )
 from tccm_ros.sensors.laser_scan import scan_from_message

@@ -12,13 +12,13 @@ from message_families import TYPESTORE, family, to_bag_message
 
 from tccm_ros.errors import MessageError
 from tccm_ros.records import CameraInfo, DepthImage, PointCloud
-from tccm_ros.ros import (
+from tccm_ros.ros.pointcloud import cloud_message
+from tccm_ros.ros.writing import (
     camera_info_message,
     compressed_depth_message,
     depth_image_message,
     point_cloud_message,
 )
-from tccm_ros.ros.pointcloud import cloud_message
 from tccm_ros.sensors.cloud_messages import MAX_POINTS, point_cloud_from_message
 from tccm_ros.sensors.compressed_depth import decode_rvl
 from tccm_ros.sensors.depth_messages import (

@@ -23,9 +23,10 @@ from tccm_ros.records import Posed, RobotDescription
 from tccm_ros.records.building import stamp_ns_from_message
 from tccm_ros.results.exports import cuboids_archive
 from tccm_ros.robot import MountKind, Robot, Stream
-from tccm_ros.ros import READERS, joint_sample_message, odometry_message, robot_description_message
 from tccm_ros.ros.markers import MessageContext, cuboid_markers
+from tccm_ros.ros.reading import READERS
 from tccm_ros.ros.types import header_message
+from tccm_ros.ros.writing import joint_sample_message, odometry_message, robot_description_message
 from tccm_ros.sensors.registry import default_streams
 
 RANGE = "sensor_msgs/msg/Range"

@@ -4,20 +4,12 @@ import pytest
 
 from tccm_ros.geometry import between2, compose2, inverse, spatial
 from tccm_ros.slam.chain import yaw_offset_for
-from tccm_ros.slam.factors import (
-    BetweenKeyframes,
-    BetweenViews,
-    KeyframeView,
-    Planar,
-    PriorPose,
-    ViewPlane,
-    WallDirection,
-    WallObservation,
-    keyframe_key,
-    surface_key,
-    view_key,
-    wall_key,
-)
+from tccm_ros.slam.factors.building import WallDirection
+from tccm_ros.slam.factors.keys import keyframe_key, surface_key, view_key, wall_key
+from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
+from tccm_ros.slam.factors.surfaces import ViewPlane
+from tccm_ros.slam.factors.views import BetweenViews, KeyframeView
+from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph import IncrementalGraph, PoseGraph
 
 COV = np.diag([0.02**2, 0.02**2, 0.01**2])

@@ -16,7 +16,7 @@ from tccm_ros.records import LandmarkObservation
 from tccm_ros.results.exports import write_solution
 from tccm_ros.results.folder_reader import load_results
 from tccm_ros.results.map_file import load_map, save_map
-from tccm_ros.slam.factors import LandmarkFactor, register_landmark
+from tccm_ros.slam.factors.landmarks import LandmarkFactor, register_landmark
 from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam

@@ -7,7 +7,7 @@ from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import compose2, spatial, transform
 from tccm_ros.records import LandmarkObservation
-from tccm_ros.slam.factors import LandmarkFactor, register_landmark
+from tccm_ros.slam.factors.landmarks import LandmarkFactor, register_landmark
 from tccm_ros.slam.factors.noise import gaussian
 from tccm_ros.slam.wall_slam import WallSlam
 

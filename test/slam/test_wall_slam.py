@@ -4,7 +4,7 @@ import pytest
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
-from tccm_ros.slam.factors import BetweenViews
+from tccm_ros.slam.factors.views import BetweenViews
 from tccm_ros.slam.wall_slam import WallSlam
 
 LAP = [(0, 0), (12, 0), (12, 9), (0, 9), (0, 0), (4, 0)]

@@ -7,8 +7,9 @@ from shapely import Polygon
 
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
 from tccm_ros.config import Config
-from tccm_ros.pipeline import Pipeline
-from tccm_ros.pipeline.sim import Options, simulate
+from tccm_ros.pipeline.processors import Pipeline
+from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.recording import simulate
 from tccm_ros.records import Odometry
 
 CHANGE_S = 12.0

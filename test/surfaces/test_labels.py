@@ -6,7 +6,8 @@ import shapely
 from furniture import noisy_surface
 from shapely import Point, affinity, box
 
-from tccm_ros.config import Config, Labels
+from tccm_ros.config import Config
+from tccm_ros.config.surfaces import Labels
 from tccm_ros.surfaces.label_features import outline_width
 from tccm_ros.surfaces.labels import SurfaceLabel, label_surfaces
 from tccm_ros.surfaces.polygons import box_sides

@@ -8,7 +8,7 @@ from room import Board, Room, Screen
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, planar, spatial, transform, transform2
-from tccm_ros.slam.factors import BetweenViews
+from tccm_ros.slam.factors.views import BetweenViews
 from tccm_ros.slam.solution import Solution
 from tccm_ros.surfaces.carving import carve
 from tccm_ros.surfaces.registration import register_views, side_factors

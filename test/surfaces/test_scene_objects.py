@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tccm_ros.config import Config
-from tccm_ros.pipeline import run_bag
+from tccm_ros.pipeline.run import run_bag
 from tccm_ros.records import SurfaceSighting
 from tccm_ros.surfaces import scene_objects as module
 

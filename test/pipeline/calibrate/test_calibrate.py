@@ -7,12 +7,13 @@ import pytest
 from shared_data import shared
 
 from tccm_ros.config.reader import read_config
-from tccm_ros.pipeline.calibrate import Calibration, calibrate
+from tccm_ros.pipeline.calibrate.calibration import Calibration, calibrate
 from tccm_ros.pipeline.calibrate.quality import select
 from tccm_ros.pipeline.calibrate.recording import CycleScans
 from tccm_ros.pipeline.calibrate.surroundings import CORNER, near_another
-from tccm_ros.pipeline.sim import Options, simulate
-from tccm_ros.pipeline.sim import run as run_room
+from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.recording import run as run_room
+from tccm_ros.pipeline.sim.recording import simulate
 
 FLOOR_Z = 0.0
 

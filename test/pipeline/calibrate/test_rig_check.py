@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from fed import fed_tccm
 
-from tccm_ros.pipeline.calibrate import RigCheck
-from tccm_ros.pipeline.calibrate.rig_check import _doubled
-from tccm_ros.pipeline.sim import Options, run
+from tccm_ros.pipeline.calibrate.rig_check import RigCheck, _doubled
+from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.recording import run
 from tccm_ros.records import PlaneRecord
 
 

@@ -10,11 +10,12 @@ from shared_data import shared
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError
 from tccm_ros.geometry import transform2
-from tccm_ros.pipeline.calibrate import Calibration, calibrate
 from tccm_ros.pipeline.calibrate.agreement import Agreement, ComparedQuantity
+from tccm_ros.pipeline.calibrate.calibration import Calibration, calibrate
 from tccm_ros.pipeline.calibrate.reading import read_recording
 from tccm_ros.pipeline.calibrate.together import join
-from tccm_ros.pipeline.sim import Options, simulate
+from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.recording import simulate
 
 ERRORS = {"tilt_offset": 0.05, "tilt_scale": 0.98, "laser_roll": 0.01, "joint_time_offset": 0.008}
 

@@ -4,13 +4,13 @@ import json
 
 import numpy as np
 import pytest
+from draw_figures import forgetting_png, write_figures
 from PIL import Image
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, OutputError
 from tccm_ros.pipeline.report.compare import compare
 from tccm_ros.pipeline.report.compare_page import write_comparison
-from tccm_ros.pipeline.report.documentation_pictures import forgetting_png, write_figures
 from tccm_ros.pipeline.report.viewing import find_report, report_map, view
 from tccm_ros.records import Odometry, SurfaceCloud
 from tccm_ros.results.folder_reader import load_results

@@ -12,7 +12,9 @@ from rosbags.typesys import Stores, get_typestore
 from shapely import MultiPoint, Point, Polygon
 
 from tccm_ros.errors import ConfigError, OutputError
-from tccm_ros.pipeline.sim import WORLDS, Options, build_world, options_from_settings, run, simulate
+from tccm_ros.pipeline.sim.options import Options, options_from_settings
+from tccm_ros.pipeline.sim.recording import run, simulate
+from tccm_ros.pipeline.sim.worlds import WORLDS, build_world
 from tccm_ros.records import Scan
 
 SHORT = Options(duration=1.0, tilt_beams=61)

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
-from tccm_ros.pipeline.sim import Options, Simulation, build_world
+from tccm_ros.pipeline.sim.engine import Simulation
 from tccm_ros.pipeline.sim.motion import Waypoint, drive, stand
+from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.robots import SEGWAY, UPSIDE_DOWN
 from tccm_ros.pipeline.sim.scene import Motion, Scene
 from tccm_ros.pipeline.sim.truth import map_from_world, surfaces, trajectory, walls
 from tccm_ros.pipeline.sim.world import World
+from tccm_ros.pipeline.sim.worlds import build_world
 
 
 def simulation_of(scene, path=None, rig=SEGWAY):

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+from make_schemas import FILES, file_schema, write_schemas
 from result_folder import write_folder
 
-from tccm_ros.results.schema import FILES, file_schema, write_schemas
-
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 COMMITTED = ROOT / "docs" / "reference" / "schema"
 BAGS = ROOT / "bags"
 

@@ -1,7 +1,11 @@
-"""Draw the pictures of the README and the documentation from a result folder."""
+"""Draw the pictures of the README and the documentation from a result folder.
+
+Usage: python tools/draw_figures.py RESULTS [OUT] (`make figures`)
+"""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -107,3 +111,7 @@ def _draw_cycle(axes: Axes, results: Results, cycles: CycleParts, at: int) -> No
         here = int(path.nearest(np.array([cycles.stamps_ns[at] * 1e-9]))[0])
         axes.plot(*path.positions[: here + 1, :2].T, color=palette.PALETTE[5], lw=0.8, zorder=3)
         axes.plot(*path.positions[here, :2], "o", ms=3.5, color=palette.PALETTE[5], zorder=4)
+
+
+if __name__ == "__main__":
+    write_figures(*sys.argv[1:], *(["docs/images"] if len(sys.argv) == 2 else []))

@@ -1,14 +1,13 @@
 """JSON Schema of the result files, made from their models.
 
-    python -m tccm_ros.results.schema docs/reference/schema
+Usage: python tools/make_schemas.py (`make reference`)
 
-writes a file for each; every key that is always written is required.
+Every key that is always written is required.
 """
 
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +36,8 @@ FILES: dict[str, type[Any]] = {
 }
 """Model of each JSON file; truth.json is only read, the others are written and read."""
 
+FOLDER = Path(__file__).resolve().parents[1] / "docs" / "reference" / "schema"
+
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
@@ -64,4 +65,4 @@ def write_schemas(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    write_schemas(Path(sys.argv[1]))
+    write_schemas(FOLDER)

@@ -142,7 +142,7 @@ class CycleResult:
 
 
 class TccmProcessor:
-    """Maps what a tilting laser sees, cycle by cycle.
+    """Maps what a tilting laser sees, tilt cycle by tilt cycle.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ class TccmProcessor:
     Attributes
     ----------
     map, seen_free
-        The integration map, and what its cycles saw through (`query`).
+        The integration map, and what its tilt cycles saw through (`query`).
     counts
         ``cycles``, ``scans used``, ``resets``.
     """
@@ -189,10 +189,10 @@ class TccmProcessor:
         return type(event) in self._handlers and getattr(event, "role", None) in ROLES
 
     def add(self, event: Event, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:
-        """Take one event; return the cycles that are complete now, in order.
+        """Take one event; return the tilt cycles that are complete now, in order.
 
         Events that are for others are left alone. `on_planes` is called with the planes of each
-        cycle as soon as they are known: the rest takes about as long again.
+        tilt cycle as soon as they are known: the rest takes about as long again.
         """
         if not self.takes(event):
             return []
@@ -213,22 +213,22 @@ class TccmProcessor:
         self.clear_map()
 
     def finish(self, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:
-        """Close the open cycle: the input has ended."""
+        """Close the open tilt cycle: the input has ended."""
         return [self._result(cycle, on_planes) for cycle in self._cycles.finish()]
 
     def reset(self) -> None:
-        """Begin anew; cycles count from 0 again."""
+        """Begin anew; tilt cycles count from 0 again."""
         self.clear_map()
         dropped = self.dropped
         self._cycles = CycleBuilder(self.config)
         self._cycles.dropped = dropped
 
     def take_view(self) -> None:
-        """Give the surfaces of the next cycle out, also where `views.when` would not."""
+        """Give out the surfaces of the next tilt cycle, also where `views.when` would not."""
         self._view_is_asked = True
 
     def clear_map(self) -> None:
-        """Forget the map and the open cycle."""
+        """Forget the map and the open tilt cycle."""
         self.counts["resets"] += 1
         self._cycles.clear()
         self._complete_ns = START_OF_TIME

@@ -142,7 +142,7 @@ class Intake:
 
 
 class _Kept(CallbackGroup):
-    """What is in it no executor takes."""
+    """A callback group whose callbacks no executor takes."""
 
     def can_execute(self, entity: Any) -> bool:
         return False

@@ -1,4 +1,4 @@
-"""What a tilt cycle gives to the surface map: the surface message."""
+"""Results of a tilt cycle that others use: the surface message, tracked planes and objects."""
 
 from __future__ import annotations
 
@@ -59,12 +59,12 @@ class PlaneKind(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneRecord:
-    """A tracked plane of one cycle, in the frame of the map it was found in.
+    """A tracked plane of one tilt cycle, in the frame of the map it was found in.
 
     Attributes
     ----------
     id
-        Identity over cycles.
+        Identity over tilt cycles.
     kind
         `PlaneKind`, or its text where it was read from a file.
     normal, offset
@@ -110,7 +110,7 @@ class TabletopObject:
     Attributes
     ----------
     id
-        Identity over cycles.
+        Identity over tilt cycles.
     plane
         PlaneRecord.id of the surface that it stands on.
     center

@@ -1,4 +1,4 @@
-"""What sensors say, and what is known of the robot."""
+"""Records of what sensors measure, and of what describes the robot."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from tccm_ros.robot.urdf import Joint
 
 
 class MotionSource(Enum):
-    """What tells how the base moves."""
+    """Source of the base's motion."""
 
     ODOMETRY = "odometry"
     TF = "tf"

@@ -1,8 +1,8 @@
 """The chain from the base to a laser: names are found, not set (docs/design/frames_and_time.md).
 
 The base is the odometry's child frame where the robot has it, else a root; the tilt joint is the
-turning joint nearest to the laser. The chain comes from the robot description, from tf, or from the
-configured rig; an ambiguity is an error that names the candidates.
+revolute joint nearest to the laser. The chain comes from the robot description, from tf, or from
+the configured rig; an ambiguity is an error that names the candidates.
 """
 
 from __future__ import annotations
@@ -232,7 +232,7 @@ class ChainFinder:
         return names[0]
 
     def tilt_part(self, chain: Chain) -> Part:
-        """Return the tilt joint: as configured, else the turning one nearest to the laser.
+        """Return the tilt joint: as configured, else the revolute one nearest to the laser.
 
         Raises
         ------

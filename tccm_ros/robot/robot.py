@@ -1,4 +1,4 @@
-"""The one intake: records in, each checked once, and what they bring out as ordered events.
+"""The one intake: records in, each checked once, and their ordered events out.
 
 A record is checked by its stamp (`StampGuard`). What tells of the robot itself goes to the frames,
 the joints and the base's motion, which all sensors share; what a sensor measured waits until

@@ -2,10 +2,16 @@
 
 import numpy as np
 import pytest
-from plane_rig import part_map, room, scan, sheet, table
+from plane_rig import EYE, part_map, room, scan, sheet, table
 
-from tccm_ros.baselines.center_cores import CenterCores, center_cores, find_core_plane
+from tccm_ros.baselines.center_cores import (
+    CenterCores,
+    center_cores,
+    find_core_plane,
+    find_core_planes,
+)
 from tccm_ros.config import Config
+from tccm_ros.records import PlaneKind
 
 CONFIG = Config()
 
@@ -146,11 +152,57 @@ def test_the_best_trial_is_kept():
 def test_more_trials_never_give_a_smaller_val():
     points, _ = scan(room() + table(), 0.0025, 0)
     cores = center_cores(part_map(points), 0.004)
-    vals = np.array(
-        [
-            [find_core_plane(cores, settings(min_quality=0.0), n, seed).quality for n in (10, 50)]
-            for seed in range(12)
-        ]
-    )
+    planes = [[find_core_plane(cores, CONFIG, n, seed) for n in (10, 50)] for seed in range(12)]
+    vals = np.array([[plane.quality if plane else 0.0 for plane in pair] for pair in planes])
     assert np.all(vals[:, 1] >= vals[:, 0])
     assert np.any(vals[:, 1] > vals[:, 0])
+
+
+# -- all planes of a map -------------------------------------------------------------------------
+
+
+def slabs(*sheets):
+    """Return a map of sheets with some noise, in cells of 40 mm, as the paper's coarsest."""
+    rng = np.random.default_rng(9)
+    points = np.concatenate([sheet(rng, *args, sigma=0.001) for args in sheets])
+    return part_map(points, cell=0.04)
+
+
+TABLE_TOP = (12_000, (0.4, -0.4), (1.0, 0.4), (0, 0, 1), 0.7)
+SLOPE = (8_000, (1.2, -0.4), (1.6, 0.4), (-0.5, 0, 1), 0.2)
+
+
+def test_all_planes_are_found_the_one_with_the_largest_support_first():
+    fits = find_core_planes(slabs(TABLE_TOP, SLOPE), CONFIG, EYE)
+    assert [fit.kind for fit in fits[:2]] == [PlaneKind.HORIZONTAL, PlaneKind.ANY]
+    assert fits[0].normal @ [0, 0, 1] > 0.99
+    assert fits[0].offset == pytest.approx(0.7, abs=0.01)
+    up = np.array([-0.5, 0, 1]) / np.sqrt(1.25)
+    assert abs(fits[1].normal @ up) > 0.99
+    assert fits[1].normal @ EYE > fits[1].offset, "towards the laser"
+    assert fits[0].support >= fits[1].support
+    assert fits[0].rms < 0.006
+    assert fits[0].area == pytest.approx(0.6 * 0.8, rel=0.1)
+
+
+def test_tables_of_one_height_are_two_planes_by_their_cells():
+    """The clustering of IV.C: a gap of 30 cm, more than the distance of cores of one surface."""
+    pair = (TABLE_TOP, (12_000, (0.4, 0.7), (1.0, 1.5), (0, 0, 1), 0.7))
+    cuboids = slabs(*pair)
+    assert len(find_core_planes(cuboids, CONFIG, EYE)) == 2
+    assert len(find_core_planes(cuboids, settings(cluster_distance=0.4), EYE)) == 1
+
+
+def test_a_cuboid_is_in_one_plane_at_most():
+    fits = find_core_planes(slabs(TABLE_TOP, SLOPE), CONFIG, EYE)
+    members = np.concatenate([fit.members for fit in fits])
+    assert len(np.unique(members)) == len(members)
+    np.testing.assert_array_equal(np.sort(members), np.flatnonzero(fits.labels >= 0))
+
+
+def test_short_cores_are_left_out():
+    cores = center_cores(slabs(TABLE_TOP))
+    longer = center_cores(slabs(TABLE_TOP), 0.012)
+    assert 0 < len(longer) < len(cores)
+    assert longer.length.min() > 0.012
+    np.testing.assert_array_equal(longer.cuboid, cores.cuboid[cores.length > 0.012])

@@ -48,7 +48,7 @@ def largest_support(beams: np.ndarray, distance: float) -> int:
 def test_inliers_are_within_the_distance_of_their_line():
     """Points 60 mm beside an exact wall: twice the distance, so of another line or of none."""
     wall = np.column_stack((np.full(100, 2.0), np.linspace(-1.0, 1.0, 100)))
-    beside = wall[::10] + [0.06, 0.0]
+    beside = wall[::10] + np.array([0.06, 0.0])
     config = Config()
     assert config.lines.distance == 0.03
     labels = label_by_ransac(np.concatenate((wall, beside)), config)

@@ -16,7 +16,7 @@ from tccm_ros.surfaces.surface_slam import SurfaceSlam
 LAP = [(0, 0), (12, 0), (12, 9), (0, 9), (0, 0), (4, 0)]
 TABLE = Board(3.0, 0.2, 0.8, 1.0, 0.74)
 FIRST, LATER = 5, -25
-"""Scans at which the table is looked at: before the lap, and after it from nearly the same place."""
+"""Scans at which the table is looked at: before the lap, and after it from nearly there."""
 
 
 @pytest.fixture(scope="module")

@@ -1,8 +1,13 @@
 """Center cores, and the plane detector that the paper builds on them (IV.B, IV.C), as a baseline.
 
+`planes.detector: center_cores` chooses it.
+
 The center core of a cuboid is the long axis of the ellipsoid of its points. A trial draws a few
 cores; if they lie in one plane, the cores that belong to it are collected and rated by Eq. (8). The
 best of 10 or 50 trials is the plane.
+
+`find_core_planes` takes the best plane's cores out and goes on until no trial finds a plane. The
+cores of a plane are clustered by their cells, so that two tables of one height are two planes.
 
 Where the printed formulas are incomplete: the normals b of Eq. (6) are given one sign before they
 are averaged, pairs of parallel, aligned cores (b = 0) are skipped, and Eq. (8) is taken over the
@@ -16,13 +21,22 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from numpy.typing import ArrayLike
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from tccm_ros.arrays import Bool, Float64, Int64
+from tccm_ros.baselines.plane_fits import fits_of_groups
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
+from tccm_ros.planes import PlaneFits
 
 MIN_POINTS = 3
 """A cuboid of fewer points has no center core. Chosen: the covariance of two points is a line."""
+
+MAX_PLANES = 100
+"""Maximum number of planes of one map. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +62,10 @@ class CenterCores:
 
     def __len__(self) -> int:
         return len(self.cuboid)
+
+    def select(self, rows: Int64) -> CenterCores:
+        """Return some of the cores, rows int64 (M,)."""
+        return CenterCores(self.cuboid[rows], self.center[rows], self.axis[rows], self.length[rows])
 
     def ends(self) -> Float64:
         """Return both ends of each core, two standard deviations out, float64 (K, 2, 3), m."""
@@ -96,6 +114,57 @@ def center_cores(cuboids: Cuboids, min_length: float = 0.0) -> CenterCores:
     return CenterCores(chosen[keep], cuboids.mean()[chosen[keep]], axis[keep], length[keep])
 
 
+def find_core_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> PlaneFits:
+    """Find the planes of a map by center cores, the one of the largest val first.
+
+    The paper finds several planes in one map (Fig. 12) and does not say how; here the cores of a
+    plane are taken out before the next is looked for. The cuboids of a plane are those of its
+    cores.
+
+    Parameters
+    ----------
+    cuboids, config, viewpoint
+        As for `find_planes`, in whose place it stands; uses the group `center_core` too.
+    """
+    cores = center_cores(cuboids, config.center_core.min_length)
+    rest = np.arange(len(cores))
+    groups = []
+    for seed in range(MAX_PLANES):
+        plane = find_core_plane(cores.select(rest), config, seed=seed)
+        if plane is None:
+            break
+        members = rest[plane.cores]
+        clusters = cluster_by_cell(cuboids, cores.cuboid[members], config)
+        groups += [(cluster, plane.normal, plane.offset) for cluster in clusters]
+        rest = np.setdiff1d(rest, members, assume_unique=True)
+    return fits_of_groups(cuboids, groups, config, viewpoint)
+
+
+def cluster_by_cell(cuboids: Cuboids, members: Int64, config: Config) -> list[Int64]:
+    """Cluster the cuboids of a plane (IV.C): those whose cells are near belong together.
+
+    Parameters
+    ----------
+    cuboids
+        The map.
+    members
+        int64 (M,), rows of those whose cores belong to the plane.
+    config
+        Uses `center_core.cluster_distance`, from the middle of a cell to that of another.
+
+    Returns
+    -------
+    list of int64 (K,)
+        Rows of each cluster, in the order of their first cuboid.
+    """
+    cells = np.stack([cuboids.ix[members], cuboids.iy[members]], axis=1).astype(float)
+    reach = config.center_core.cluster_distance / cuboids.cell_size
+    pairs = cKDTree(cells).query_pairs(reach, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(members), len(members)))
+    count, cluster = connected_components(links, directed=False)
+    return [members[cluster == k] for k in range(count)]
+
+
 def find_core_plane(
     cores: CenterCores, config: Config, trials: int | None = None, seed: int = 0
 ) -> CorePlane | None:
@@ -126,7 +195,7 @@ def find_core_plane(
         cores.center, cores.axis, cores.length, draws, c.angle_threshold, c.distance_threshold
     )
     normal, offset, quality = best[:3], float(best[3]), float(best[4])
-    if quality < c.min_quality:
+    if quality == 0.0 or quality < c.min_quality:
         return None
     belongs = _belongs(cores.center, cores.axis, best, c.angle_threshold, c.distance_threshold)
     return CorePlane(normal, offset, np.flatnonzero(belongs), quality)

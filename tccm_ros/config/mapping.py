@@ -73,11 +73,19 @@ class Map(Group):
 
 
 class Planes(Group):
-    """The pooled-moment plane detector and the tracking of planes."""
+    """The plane detector and the tracking of planes."""
 
+    detector: Literal["moments", "center_cores", "neighbours"] = param(
+        "moments",
+        "moments: pooled moments; center_cores, neighbours: the published detectors, as baselines",
+    )
     source: Literal["map", "part"] = param("map", "detect in the integration map or the part map")
     height_threshold: float = param(
-        0.010, "largest step in height between neighbours of one surface", unit="m", gt=0.0, le=0.2
+        0.010,
+        "neighbours and labels of cuboids: tops of one surface differ by less",
+        unit="m",
+        gt=0.0,
+        le=0.2,
     )
     horizontal_angle: float = param(
         0.10, "a plane tilted by less than this is horizontal", unit="rad", gt=0.0, le=0.8
@@ -107,6 +115,12 @@ class CenterCore(Group):
     min_quality: float = param(0.15, "min quality, Eq. (8) of the TCCM paper", unit="m2", ge=0.0)
     angle_threshold: float = param(0.30, "angle of Eq. (7)", unit="rad", gt=0.0, le=1.5)
     distance_threshold: float = param(0.02, "distance of an inlier", unit="m", gt=0.0, le=0.5)
+    min_length: float = param(
+        0.0, "shorter cores are not used (standard deviation along the core)", unit="m", ge=0.0
+    )
+    cluster_distance: float = param(
+        0.10, "cores of a plane whose cells are nearer are one surface", unit="m", gt=0.0, le=1.0
+    )
 
 
 class Objects(Group):

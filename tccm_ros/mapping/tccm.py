@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tccm_ros.arrays import Float64
+from tccm_ros.baselines.center_cores import find_core_planes
+from tccm_ros.baselines.neighbour_planes import find_neighbour_planes
 from tccm_ros.baselines.seed_segmentation import segment
 from tccm_ros.baselines.union_as_printed import AS_PRINTED
 from tccm_ros.config import Config
@@ -38,6 +40,13 @@ from tccm_ros.records import (
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.tabletop.free_places import FreePlaces, find_free_places
 from tccm_ros.tabletop.objects import ObjectTracker, find_objects
+
+DETECTORS = {
+    "moments": find_planes,
+    "center_cores": find_core_planes,
+    "neighbours": find_neighbour_planes,
+}
+"""Detectors of planes by `planes.detector`."""
 
 OnPlanes = Callable[["CyclePlanes"], object]
 
@@ -163,8 +172,8 @@ class TccmProcessor:
         self.map = IntegrationMap(config)
         self.seen_free = FreeSpace(config)
         # The baselines are chosen here, and handed down as functions.
-        rule = AS_PRINTED if config.map.mode == "paper" else UNION
-        self._cycles = CycleBuilder(config, rule)
+        self._rule = AS_PRINTED if config.map.mode == "paper" else UNION
+        self._cycles = CycleBuilder(config, self._rule)
         is_seed = config.surfaces.segmentation == "seed"
         self._segmentation = partial(segment, config=config) if is_seed else None
         self._complete_ns = START_OF_TIME
@@ -220,7 +229,7 @@ class TccmProcessor:
         """Begin anew; tilt cycles count from 0 again."""
         self.clear_map()
         dropped = self.dropped
-        self._cycles = CycleBuilder(self.config)
+        self._cycles = CycleBuilder(self.config, self._rule)
         self._cycles.dropped = dropped
 
     def take_view(self) -> None:
@@ -249,7 +258,8 @@ class TccmProcessor:
         self.counts["scans used"] += len(cycle.scans)
         T_odom_base, viewpoint = cycle.T_odom_base(), cycle.T_odom_laser()[:3, 3]
         cuboids = part.cuboids() if self.config.planes.source == "part" else self.map.cuboids()
-        fits = find_planes(cuboids, self.config, viewpoint)
+        detect = DETECTORS[self.config.planes.detector]
+        fits = detect(cuboids, self.config, viewpoint)
         planes = self._planes.update(fits)
         on_planes(CyclePlanes(cycle.stamp_ns, self._odom_frame, planes))
         objects = self._objects.update(find_objects(cuboids, fits, planes, self.config))

@@ -88,7 +88,7 @@ class CycleMessageBuilder:
     types
         Message classes.
     config
-        Groups `map` and `markers`.
+        Groups `map`, `markers` and `center_core`.
     """
 
     def __init__(self, types: MessageTypes, config: Config):
@@ -126,7 +126,7 @@ class CycleMessageBuilder:
         markers: dict[str, Callable[[], list[Any]]] = {
             "objects": lambda: object_markers(context, result.objects),
             "cuboids": lambda: self._cuboids(context, cuboids()),
-            "center_cores": lambda: _cores(context, cuboids()),
+            "center_cores": lambda: _cores(context, cuboids(), self._config.center_core.min_length),
         }
         clouds: dict[str, Callable[[], Any]] = {
             "map_cloud": lambda: _map_cloud(context, cuboids()),
@@ -156,8 +156,8 @@ class CycleMessageBuilder:
         )
 
 
-def _cores(context: MessageContext, cuboids: Cuboids) -> list[Any]:
-    ends = center_cores(cuboids).ends()
+def _cores(context: MessageContext, cuboids: Cuboids, min_length: float) -> list[Any]:
+    ends = center_cores(cuboids, min_length).ends()
     return core_markers(context, ends[:, 0], ends[:, 1])
 
 

@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 from fed import Fed, fed_tccm
 from mapped_room import BOX, FLOOR, HALF_TIME, TABLE, WALL, base_at, ns, record, settings
+from message_families import family
 
 from tccm_ros.cuboids.queries import Occupancy
 from tccm_ros.geometry import inverse, transform
-from tccm_ros.records import JointSample, Odometry, Scan
+from tccm_ros.mapping.tccm import DETECTORS, TccmProcessor
+from tccm_ros.records import JointSample, Odometry, PlaneKind, Scan
+from tccm_ros.ros.marker_parts import MessageContext
+from tccm_ros.ros.markers import plane_markers
 
 SMALL = {"map": {"window_cycles": 3}}
 
@@ -288,3 +292,48 @@ def test_view_intervals_contain_no_object_of_the_room():
             above = high > solid[5] + 0.02
             assert inside.any()
             assert low[inside & above].min() > solid[5] - 0.01
+
+
+# -- the detectors of planes --------------------------------------------------------------------
+
+
+def planes_with(detector, **groups):
+    planes = {"detector": detector}
+    _, results = run(room(1.5), settings(planes=planes, **groups))
+    return results[0].planes
+
+
+def test_the_setting_of_the_detector_chooses_how_planes_are_found():
+    """The published detectors reach tracking and all that follows; each finds table and floor."""
+    coarse = {"map": {"cell_size": 0.08}, "center_core": {"min_length": 0.02}}
+    found = {name: planes_with(name, **coarse) for name in DETECTORS}
+    assert list(found) == ["moments", "center_cores", "neighbours"]
+    for name, planes in found.items():
+        level = [plane for plane in planes if plane.normal[2] > 0.97]
+        heights = np.array([plane.centroid[2] for plane in level])
+        assert np.abs(heights - TABLE[5]).min() < 0.03, name
+        assert np.abs(heights).min() < 0.03, name
+    neighbours = found["neighbours"]
+    assert all(plane.normal.tolist() == [0, 0, 1] for plane in neighbours), "as published"
+    assert any(plane.kind == PlaneKind.ANY for plane in found["moments"])
+
+
+@pytest.mark.parametrize("detector", ["center_cores", "neighbours"])
+def test_planes_of_the_published_detectors_are_shown_as_markers(detector):
+    planes = planes_with(detector, map={"cell_size": 0.08})
+    context = MessageContext(family("typestore"), 1, "odom")
+    shown = plane_markers(context, planes)
+    assert {marker.id for marker in shown if marker.ns == "outline"} <= {p.id for p in planes}
+    assert len(shown) >= len(planes) > 0
+
+
+def test_a_reset_keeps_the_rule_of_cuboids():
+    """Eq. (1) as printed, from the same records before and after a reset."""
+    processor = TccmProcessor(settings(map={"mode": "paper"}))
+    parts = []
+    for _ in range(2):
+        fed = Fed(processor, "tilt_scan")
+        results = [r for item in room(1.5) for r in fed.add(item)] + fed.finish()
+        parts.append(results[0].part.bounds.tobytes())
+        processor.reset()
+    assert parts[0] == parts[1]

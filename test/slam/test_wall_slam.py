@@ -97,6 +97,29 @@ def test_views_are_anchored_to_the_trajectory(lap, solved):
     assert np.allclose(sigmas[:, 0], np.radians(0.3), rtol=0.05)
 
 
+@pytest.fixture(scope="module")
+def by_walls():
+    """The published wall SLAM, walls and odometry without matching, and where odometry ends."""
+    config = Config()
+    config.matching.enabled = config.loops.enabled = False
+    run = plan.drive(WALLS, plan.route(LAP), seed=3, drift=0.003)
+    return run, slam_of(run, config)
+
+
+def odometry_poses(run):
+    return np.stack([plan.planar(scan.T_odom_base[0]) for scan in run.scans])
+
+
+def test_views_stand_where_the_graph_says_and_not_where_odometry_put_them(by_walls):
+    """The second paper's reason for full SLAM: the poses of clouds are corrected afterwards."""
+    run, slam = by_walls
+    at = slice(10, None, 60)
+    views = np.stack([plan.planar(T) for T in slam.solve(run.stamps_ns[at]).T_map_views])
+    uncorrected = plan.errors(run.truth[at], odometry_poses(run)[at])[0]
+    assert uncorrected > 0.4
+    assert plan.errors(run.truth[at], views)[0] < 0.1 * uncorrected
+
+
 def test_factors_between_views_move_them(lap, solved):
     slam, _ = solved
     stamps = [int(lap.stamps_ns[20]), int(lap.stamps_ns[22])]

@@ -1,0 +1,93 @@
+"""Horizontal planes by the labels of neighbours as published (IV.A): `planes.detector: neighbours`.
+
+Two cuboids in neighbouring cells, of eight, get the same label where their tops differ by less than
+`planes.height_threshold`. A group of one label is a horizontal plane. Where a single tilt cycle
+leaves empty cells between its scan lines, a surface falls into strips, as it does by the printed
+rule; `planes.horizontal_clusters` has the labels that follow the spacing of the samples.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
+
+from tccm_ros.arrays import Float64, Int32, Int64
+from tccm_ros.baselines.plane_fits import fits_of_groups
+from tccm_ros.config import Config
+from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, Cuboids, cell_keys
+from tccm_ros.planes import PlaneFits
+from tccm_ros.union_find import find_root, merge_sets
+
+UP = np.array([0.0, 0.0, 1.0])
+"""Normal of all planes that are found."""
+
+HALF_OF_EIGHT = np.array([[0, 1], [1, -1], [1, 0], [1, 1]])
+"""Steps to the neighbouring cells that come later in the order of cells."""
+
+
+def label_neighbours(cuboids: Cuboids, height_threshold: float) -> Int64:
+    """Label cuboids by their eight neighbours: the paper's `cls`.
+
+    Parameters
+    ----------
+    cuboids
+        The map.
+    height_threshold
+        Tops that differ by less belong together, m.
+
+    Returns
+    -------
+    int64 (N,)
+        Label from 0, in the order of each group's first cuboid.
+    """
+    keys = cell_keys(cuboids.ix, cuboids.iy)
+    steps = cell_keys(*HALF_OF_EIGHT.T)
+    root = _merge_neighbours(keys, cuboids.top, steps, height_threshold * TICKS_PER_M)
+    return np.unique(root, return_inverse=True)[1].reshape(-1)
+
+
+@njit(nogil=True, cache=True)
+def _merge_neighbours(keys: Int64, top: Int32, steps: Int64, threshold: float) -> Int64:
+    """Return the first cuboid of each cuboid's group; keys (N,) are rising."""
+    n = len(keys)
+    parent = np.arange(n)
+    for step in steps:
+        begin = 0
+        for i in range(n):
+            while begin < n and keys[begin] < keys[i] + step:
+                begin += 1
+            j = begin
+            while j < n and keys[j] == keys[i] + step:
+                if abs(top[i] - top[j]) < threshold:
+                    merge_sets(parent, i, j)
+                j += 1
+    for i in range(n):
+        parent[i] = find_root(parent, i)
+    return parent
+
+
+def find_neighbour_planes(cuboids: Cuboids, config: Config, viewpoint: ArrayLike) -> PlaneFits:
+    """Find the horizontal planes of a map by the labels of neighbours.
+
+    A plane is at the mean height of its points. Groups of fewer points than `planes.min_points`, or
+    whose cells have less than `planes.min_area`, are none.
+
+    Parameters
+    ----------
+    cuboids, config, viewpoint
+        As for `find_planes`, in whose place it stands.
+    """
+    labels = label_neighbours(cuboids, config.planes.height_threshold)
+    cells = np.bincount(labels) if len(labels) else np.zeros(0, np.int64)
+    groups = []
+    for label in np.flatnonzero(cells * cuboids.cell_size**2 >= config.planes.min_area):
+        members = np.flatnonzero(labels == label)
+        groups.append((members, UP, _mean_height(cuboids, members)))
+    return fits_of_groups(cuboids, groups, config, viewpoint)
+
+
+def _mean_height(cuboids: Cuboids, members: Int64) -> float:
+    """Return the mean height of the points of some cuboids, m."""
+    heights: Float64 = cuboids.s[members, 2]
+    return float(heights.sum() / cuboids.count[members].sum() * TICK)

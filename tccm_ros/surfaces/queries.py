@@ -136,16 +136,17 @@ class SurfaceQueries:
             height = self.surfaces[other].height - self.surfaces[k].height
             if height >= MIN_SHELTER_HEIGHT_M:
                 above.setdefault(k, []).append(Shelter(self._outlines[other], height))
-        found = []
-        for k, surface in enumerate(self.surfaces):
-            room = self._outlines[k].difference(shapely.union_all(taken.get(surface.id, [])))
-            found.append(
-                PlacementSurface(
-                    surface.id, room, surface.normal, surface.offset, tuple(above.get(k, ()))
-                )
+        return [
+            PlacementSurface(
+                surface.id,
+                self._outlines[k],
+                surface.normal,
+                surface.offset,
+                taken.get(surface.id, ()),
+                above.get(k, ()),
             )
-            found[-1].prepare()
-        return found
+            for k, surface in enumerate(self.surfaces)
+        ]
 
 
 def _outline(surface: Surface) -> shapely.Geometry:

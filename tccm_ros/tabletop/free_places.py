@@ -105,8 +105,10 @@ def where_fits(room: BaseGeometry, size: tuple[float, float], yaw: float) -> lis
 
 def _opening(room: BaseGeometry, width: float, depth: float, yaw: float) -> BaseGeometry:
     corners = rectangle_corners(width, depth, yaw)
-    positions = rectangle_positions(room, corners)
-    return shapely.union_all([positions, _swept(positions, corners)])
+    # Centres at which the rectangle crosses no edge of the room and lies inside, and what it
+    # covers there. The rectangle is symmetric, so it equals its own reflection.
+    centres = room.difference(_swept(room, corners))
+    return shapely.union_all([centres, _swept(centres, corners)])
 
 
 def rectangle_corners(width: float, depth: float, yaw: float) -> Float64:
@@ -127,20 +129,6 @@ def rectangle_corners(width: float, depth: float, yaw: float) -> Float64:
     c, s = math.cos(yaw), math.sin(yaw)
     corners = 0.5 * np.array([[width, depth], [-width, depth], [-width, -depth], [width, -depth]])
     return np.asarray(corners @ np.array([[c, s], [-s, c]]), np.float64)
-
-
-def rectangle_positions(room: BaseGeometry, corners: Float64) -> BaseGeometry:
-    """Return the positions at which a rectangle lies inside a polygon.
-
-    Parameters
-    ----------
-    room
-        Polygon or MultiPolygon, m.
-    corners
-        float64 (4, 2), of the rectangle around the origin. It is symmetric, so it equals its own
-        reflection.
-    """
-    return room.difference(_swept(room, corners))
 
 
 def _swept(shape: BaseGeometry, rectangle: Float64) -> BaseGeometry:

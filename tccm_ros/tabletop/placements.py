@@ -1,9 +1,7 @@
 """Placements: poses at which a box stands wholly on a surface, clear of everything, best first.
 
-The clearance of a rectangle at a position is the distance of that position from the outline of the
-area of all its positions inside the room: both are the distance of two sets, one of them shifted by
-the other (Minkowski sum). So the position with the most clearance is the middle of that area's
-largest inscribed circle, and the answer is exact for the two yaws that are tried.
+The box is parallel to the smallest rectangle around the surface, either way round. Of all positions
+the one with the most clearance is found, to `TOLERANCE_M` (`placement_kernels`).
 """
 
 from __future__ import annotations
@@ -20,20 +18,19 @@ from shapely import MultiPolygon, Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
-from tccm_ros.tabletop.free_places import (
-    polygon_parts,
-    rectangle_corners,
-    rectangle_positions,
-)
+from tccm_ros.tabletop.free_places import polygon_parts
+from tccm_ros.tabletop.placement_kernels import best_position
 
-CIRCLE_TOLERANCE_M = 5e-4
-"""Tolerance of the largest inscribed circle, m; chosen: far below the noise of an outline."""
-
-GRID_M = 1e-6
-"""Rooms are snapped to this grid, m: differences of polygons fail at denormal numbers; chosen."""
+TOLERANCE_M = 2e-3
+"""Clearances are at most so much less than the greatest, m; chosen: an outline is not known better
+than that."""
 
 SAME_SIDE_M = 1e-6
 """A footprint whose sides differ by less is square: one yaw is enough; chosen."""
+
+MIN_CLEARANCE_M = 1e-6
+"""Placements keep at least this from everything, m, whatever is asked for: touching outlines are
+no polygons; chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +73,7 @@ class Placement:
     position
         float64 (3,), middle of the object's bottom, on the surface, in map, m.
     yaw
-        Of the side `size_x`, in (-pi/2, pi], rad.
+        Of the side `size_x`, in (-pi, pi], rad.
     clearance
         Distance of the footprint from the nearest edge, hole, object or earlier placement, m.
     free_height
@@ -106,46 +103,65 @@ class Shelter:
     height: float
 
 
-@dataclass(frozen=True, eq=False)
 class PlacementSurface:
     """A surface on which objects can be put down.
 
-    Attributes
+    Parameters
     ----------
-    id
-        Of the surface.
-    room
-        Polygons of the surface less the footprints of what stands on it, in map, m.
+    identity
+        Id of the surface.
+    outline
+        Polygons of the surface, in map, m.
     normal, offset
         Its plane: unit normal float64 (3,), up; ``normal . p = offset``, m.
+    taken
+        Outlines of what stands on it.
     shelters
         What is above it.
     """
 
-    id: int
-    room: shapely.Geometry
-    normal: Float64
-    offset: float
-    shelters: tuple[Shelter, ...] = ()
+    def __init__(
+        self,
+        identity: int,
+        outline: shapely.Geometry,
+        normal: Float64,
+        offset: float,
+        taken: Sequence[Polygon] = (),
+        shelters: Sequence[Shelter] = (),
+    ):
+        self.id = identity
+        self._outline, self._taken = outline, taken
+        self._normal, self._offset = normal, offset
+        self.shelters = shelters
+
+    @cached_property
+    def room(self) -> MultiPolygon:
+        """What is not taken."""
+        return MultiPolygon(polygon_parts(self._outline - shapely.union_all(self._taken)))
 
     @cached_property
     def yaw(self) -> float:
-        """Yaw of the longer side of the smallest rectangle around the room, rad."""
-        return rectangle(convex_hull(shapely.get_coordinates(self.room)))[4]
+        """Yaw of the longer side of the smallest rectangle around the outline, rad."""
+        return rectangle(convex_hull(shapely.get_coordinates(self._outline)))[4]
+
+    @cached_property
+    def max_radius(self) -> float:
+        """Bound of the radius of a circle on the surface, from its area and its box, m."""
+        low_x, low_y, high_x, high_y = self._outline.bounds
+        narrow = 0.5 * min(high_x - low_x, high_y - low_y)
+        return min(narrow, math.sqrt(self._outline.area / math.pi))
 
     @cached_property
     def inner_radius(self) -> float:
-        """Radius of the largest circle in the room, m; 0 where there is no room."""
-        return _largest_circle(self.room)[1]
-
-    def prepare(self) -> None:
-        """Compute what every question needs."""
-        _ = self.yaw, self.inner_radius
+        """Radius of the largest circle in the room, to `TOLERANCE_M`, m; 0 where there is none."""
+        if self.room.is_empty:
+            return 0.0
+        return float(shapely.maximum_inscribed_circle(self.room, TOLERANCE_M).length)
 
     def lift(self, x: float, y: float) -> Float64:
         """Return the point (3,) of the plane at x, y."""
-        nx, ny, nz = self.normal
-        return np.array([x, y, (self.offset - nx * x - ny * y) / nz])
+        nx, ny, nz = self._normal
+        return np.array([x, y, (self._offset - nx * x - ny * y) / nz])
 
 
 def find_placements(
@@ -163,114 +179,93 @@ def find_placements(
     Returns
     -------
     list of Placement
-        No surface is looked at whose largest circle leaves less clearance than what was found.
+        Surfaces are looked at in the order of what they can offer at most, until there are enough
+        placements with more clearance than any that is left could have.
     """
     half_width = 0.5 * min(request.size_x, request.size_y)
-    queue: list[tuple[float, int, _Candidates | None]] = []
+    queue: list[tuple[float, int, int, _Candidates | None]] = []
+
+    def consider(bound: float, k: int, stage: int, candidates: _Candidates | None = None) -> None:
+        if bound >= max(request.clearance, MIN_CLEARANCE_M):
+            heapq.heappush(queue, (-bound, stage, k, candidates))
+
     for k, surface in enumerate(surfaces):
-        bound = surface.inner_radius - half_width
-        if bound >= request.clearance:
-            queue.append((-bound, k, None))
-    heapq.heapify(queue)
+        consider(surface.max_radius - half_width, k, 0)
     found: list[Placement] = []
     while queue and (request.max_count == 0 or len(found) < request.max_count):
-        _, k, candidates = heapq.heappop(queue)
+        _, stage, k, candidates = heapq.heappop(queue)
+        if stage == 0:
+            consider(surfaces[k].inner_radius + TOLERANCE_M - half_width, k, 1)
+            continue
         if candidates is None:
             candidates = _Candidates(surfaces[k], request)
         else:
             found.append(candidates.take())
-        if candidates.clearance >= max(request.clearance, CIRCLE_TOLERANCE_M):
-            heapq.heappush(queue, (-candidates.clearance, k, candidates))
+        consider(candidates.clearance, k, 2, candidates)
     return found
 
 
 class _Candidates:
-    """The positions left on one surface, by yaw, and the best of them."""
+    """The room left on one surface, parallel to the axes, and the best position in it."""
 
     def __init__(self, surface: PlacementSurface, request: PlacementRequest):
         self._surface, self._request = surface, request
-        sides = request.size_x, request.size_y
-        room = shapely.set_precision(surface.room, GRID_M)
+        room = surface.room
         low = [s for s in surface.shelters if s.height < request.height + request.clearance]
         if low:
             # The clearance counts from what is too low as from an edge.
-            room = room.difference(shapely.union_all([shelter.outline for shelter in low]))
-        yaws = [surface.yaw, surface.yaw + 0.5 * math.pi]
-        if abs(sides[0] - sides[1]) < SAME_SIDE_M:
-            yaws.pop()
-        self._corners = [rectangle_corners(*sides, yaw) for yaw in yaws]
-        self._yaws = [math.pi - (math.pi - yaw) % (2 * math.pi) for yaw in yaws]
-        self._areas = [_polygons(rectangle_positions(room, c)) for c in self._corners]
-        self._best = self._find_best()
+            room -= shapely.union_all([shelter.outline for shelter in low])
+        c, s = math.cos(surface.yaw), math.sin(surface.yaw)
+        self._turn = np.array([[c, -s], [s, c]])  # xy @ turn is along the surface's sides
+        rings = [
+            np.asarray(ring.coords) @ self._turn
+            for part in polygon_parts(room)
+            for ring in (part.exterior, *part.interiors)
+        ]
+        self._sides = np.concatenate([np.zeros((0, 4)), *map(_ring_sides, rings)])
+        self._disc = np.array([0.0, 0.0, math.inf])
+        if request.reach_from is not None and request.reach > 0.0:
+            self._disc[:2] = np.array(request.reach_from) @ self._turn
+            self._disc[2] = request.reach
+        half = 0.5 * np.array([request.size_x, request.size_y])
+        self._halves = [half, half[::-1].copy()]
+        if abs(half[0] - half[1]) < SAME_SIDE_M:
+            self._halves.pop()
+        self._find_best(surface.inner_radius - float(half.min()))
 
     @property
     def clearance(self) -> float:
         """That of the best position, m; 0 where none is left."""
-        return self._best[0]
+        return self._best[3]
 
     def take(self) -> Placement:
         """Return the best position as a placement, and keep its place free from now on."""
-        clearance, k, x, y = self._best
-        footprint = self._corners[k] + (x, y)
-        taken = Polygon(footprint)
-        # Another footprint keeps the clearance from this one: as if this were an obstacle.
-        for n, corners in enumerate(self._corners):
-            sums = (footprint[:, None, :] + corners).reshape(-1, 2)
-            blocked = shapely.convex_hull(shapely.multipoints(sums))
-            self._areas[n] = _polygons(self._areas[n].difference(blocked))
-        above = [s.height for s in self._surface.shelters if s.outline.intersects(taken)]
-        self._best = self._find_best()
-        yaw = self._yaws[k]
+        k, x, y, clearance = self._best
+        corners = self._halves[k] * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) + (x, y)
+        # A ring within the room: what it encloses is not inside any more.
+        self._sides = np.concatenate([self._sides, _ring_sides(corners)])
+        self._find_best(clearance)
+        footprint = Polygon(corners @ self._turn.T)
+        above = [s.height for s in self._surface.shelters if s.outline.intersects(footprint)]
+        yaw = self._surface.yaw + 0.5 * math.pi * k
         return Placement(
-            self._surface.id,
-            self._surface.lift(x, y),
-            yaw,
-            clearance,
-            min(above, default=math.inf),
+            surface=self._surface.id,
+            position=self._surface.lift(*(self._turn @ (x, y)).tolist()),
+            yaw=math.pi - (math.pi - yaw) % (2 * math.pi),
+            clearance=clearance,
+            free_height=min(above, default=math.inf),
         )
 
-    def _find_best(self) -> tuple[float, int, float, float]:
-        """Return clearance, index of the yaw and position of the best; clearance 0 for none."""
-        best = (0.0, -1, 0.0, 0.0)
-        for k, area in enumerate(self._areas):
-            (x, y), radius = self._best_in(area)
-            if radius > best[0]:
-                best = (radius, k, x, y)
-        return best
-
-    def _best_in(self, area: shapely.Geometry) -> tuple[tuple[float, float], float]:
-        """Return the position with the most clearance that is in reach, and that clearance."""
-        request = self._request
-        if request.reach_from is None or request.reach <= 0.0:
-            return _largest_circle(area)
-        base = shapely.points(request.reach_from)
-        best = _largest_circle(area)
-        if best[1] <= 0.0 or shapely.distance(base, shapely.points(best[0])) <= request.reach:
-            return best
-        inside = area.buffer(-max(request.clearance, CIRCLE_TOLERANCE_M))
-        in_reach = _polygons(inside.intersection(base.buffer(request.reach)))
-        if in_reach.is_empty:
-            return best[0], 0.0
-        # The widest part of what is in reach, or as near to the best of all as reach goes.
-        near = shapely.shortest_line(in_reach, shapely.points(best[0]))
-        tried = shapely.points([_largest_circle(in_reach)[0], shapely.get_coordinates(near)[0]])
-        clearances = np.where(
-            shapely.intersects(in_reach.buffer(SAME_SIDE_M), tried),
-            shapely.distance(shapely.boundary(area), tried),
-            0.0,
-        )
-        k = int(np.argmax(clearances))
-        return (float(tried[k].x), float(tried[k].y)), float(clearances[k])
+    def _find_best(self, bound: float) -> None:
+        """Find the best position; its clearance is at most `bound`, m."""
+        limits = np.array([max(self._request.clearance, MIN_CLEARANCE_M), bound - TOLERANCE_M])
+        self._best = (0, 0.0, 0.0, 0.0)
+        for k, half in enumerate(self._halves):
+            found = best_position(self._sides, half, self._disc, limits, TOLERANCE_M)
+            if found[2] > self._best[3]:
+                self._best = (k, *found)
 
 
-def _polygons(shape: shapely.Geometry) -> MultiPolygon:
-    return MultiPolygon(polygon_parts(shape))
-
-
-def _largest_circle(area: shapely.Geometry) -> tuple[tuple[float, float], float]:
-    """Return middle and radius of the largest circle in polygons; radius 0 where there are none."""
-    if area.is_empty:
-        return (0.0, 0.0), 0.0
-    line = shapely.maximum_inscribed_circle(area, tolerance=CIRCLE_TOLERANCE_M)
-    middle = shapely.get_coordinates(line)[0]
-    return (float(middle[0]), float(middle[1])), float(line.length)
+def _ring_sides(ring: Float64) -> Float64:
+    """Return the sides (N, 4) of a closed ring (N + 1, 2)."""
+    return np.hstack([ring[:-1], ring[1:]])

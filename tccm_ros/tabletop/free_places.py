@@ -98,24 +98,44 @@ def where_fits(room: BaseGeometry, size: tuple[float, float], yaw: float) -> lis
     covered = [_opening(room, w, d, yaw)]
     if abs(w - d) > 1e-9:
         covered.append(_opening(room, d, w, yaw))
-    return [ring for polygon in _polygons(shapely.union_all(covered)) for ring in _rings(polygon)]
+    return [
+        ring for polygon in polygon_parts(shapely.union_all(covered)) for ring in _rings(polygon)
+    ]
 
 
 def _opening(room: BaseGeometry, width: float, depth: float, yaw: float) -> BaseGeometry:
-    c, s = math.cos(yaw), math.sin(yaw)
-    corners = 0.5 * np.array([[width, depth], [-width, depth], [-width, -depth], [width, -depth]])
-    rectangle = corners @ np.array([[c, s], [-s, c]])
+    corners = rectangle_corners(width, depth, yaw)
     # Centres at which the rectangle crosses no edge of the room and lies inside, and what it
     # covers there. The rectangle is symmetric, so it equals its own reflection.
-    centres = room.difference(_swept(room, rectangle))
-    return shapely.union_all([centres, _swept(centres, rectangle)])
+    centres = room.difference(_swept(room, corners))
+    return shapely.union_all([centres, _swept(centres, corners)])
+
+
+def rectangle_corners(width: float, depth: float, yaw: float) -> Float64:
+    """Return the corners of a rectangle around the origin.
+
+    Parameters
+    ----------
+    width, depth
+        Sides along its own x and y axes, m.
+    yaw
+        Of its x axis, rad.
+
+    Returns
+    -------
+    float64 (4, 2)
+        Counter-clockwise, m.
+    """
+    c, s = math.cos(yaw), math.sin(yaw)
+    corners = 0.5 * np.array([[width, depth], [-width, depth], [-width, -depth], [width, -depth]])
+    return np.asarray(corners @ np.array([[c, s], [-s, c]]), np.float64)
 
 
 def _swept(shape: BaseGeometry, rectangle: Float64) -> BaseGeometry:
     """Return the union of the rectangle at all points of a shape's boundary."""
     edges = [
         np.stack([ring[:-1], ring[1:]], axis=1)
-        for polygon in _polygons(shape)
+        for polygon in polygon_parts(shape)
         for ring in (np.asarray(r.coords) for r in (polygon.exterior, *polygon.interiors))
     ]
     if not edges:
@@ -125,7 +145,8 @@ def _swept(shape: BaseGeometry, rectangle: Float64) -> BaseGeometry:
     return shapely.union_all(shapely.convex_hull(shapely.multipoints(corners)))
 
 
-def _polygons(shape: BaseGeometry) -> list[Polygon]:
+def polygon_parts(shape: BaseGeometry) -> list[Polygon]:
+    """Return the polygons of any geometry, without its lines and points, the largest first."""
     parts = [p for p in getattr(shape, "geoms", [shape]) if isinstance(p, Polygon)]
     return sorted((p for p in parts if p.area > 1e-9), key=lambda p: (-p.area, p.bounds))
 
@@ -141,5 +162,5 @@ def _rings(polygon: Polygon) -> Iterator[Float64]:
         shapely.box(low_x - 1, low_y - 1, cut, high_y + 1),
         shapely.box(cut, low_y - 1, high_x + 1, high_y + 1),
     ):
-        for part in _polygons(polygon.intersection(half)):
+        for part in polygon_parts(polygon.intersection(half)):
             yield from _rings(part)

@@ -1,0 +1,91 @@
+"""Poses of the base from which a place is in reach and which are free in the occupancy grid."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from tccm_ros.arrays import Float64
+
+
+@dataclass(frozen=True, slots=True)
+class BasePose:
+    """Where the base can stand.
+
+    Attributes
+    ----------
+    x, y, yaw
+        Of the base in map, m and rad; its x axis points to the place.
+    distance
+        Horizontal distance from the place, m.
+    clearance
+        Distance of the robot's circle from the nearest cell that is not free, m.
+    """
+
+    x: float
+    y: float
+    yaw: float
+    distance: float
+    clearance: float
+
+
+class FreeFloor:
+    """The distance of every free cell of an occupancy grid from the nearest one that is not free.
+
+    Parameters
+    ----------
+    cells
+        int8 (height, width), row 0 at the lowest y: 0 free, 100 occupied, -1 unknown.
+    resolution
+        Edge of a cell, m.
+    origin
+        float64 (2,), outer corner of cell (0, 0) in map, m.
+    """
+
+    def __init__(self, cells: NDArray[np.int8], resolution: float, origin: Float64):
+        # What is outside of the grid is unknown: not free.
+        free = np.pad(cells == 0, 1)
+        distances = ndimage.distance_transform_edt(free)[1:-1, 1:-1]
+        # From the middle of a cell to the nearest corner of the other: never more than there is.
+        self._distance = np.maximum(distances - math.sqrt(0.5), 0.0) * resolution
+        self._resolution, self._origin = resolution, origin
+
+    def base_poses(
+        self, place: Float64, reach: float, robot_radius: float, max_count: int
+    ) -> list[BasePose]:
+        """Return where the base can stand, the nearest to the place first.
+
+        Parameters
+        ----------
+        place
+            float64 (2,) or (3,), in map, m.
+        reach
+            Largest horizontal distance of the base's origin from the place, m, > 0.
+        robot_radius
+            Radius of the circle around the base's origin that is free, m.
+        max_count
+            How many are wanted at most; they are at least a robot's radius apart.
+        """
+        low = np.floor((place[:2] - reach - self._origin) / self._resolution).astype(int)
+        high = np.ceil((place[:2] + reach - self._origin) / self._resolution).astype(int) + 1
+        low, high = np.maximum(low, 0), np.maximum(high, 0)
+        near = self._distance[low[1] : high[1], low[0] : high[0]]
+        rows, columns = np.nonzero(near > robot_radius)
+        xy = self._origin + (np.column_stack([columns, rows]) + low + 0.5) * self._resolution
+        distances = np.hypot(*(xy - place[:2]).T)
+        clearances = near[rows, columns] - robot_radius
+        order = np.argsort(distances, kind="stable")
+        order = order[distances[order] <= reach]
+        found: list[BasePose] = []
+        while len(order) and len(found) < max_count:
+            k = order[0]
+            yaw = math.atan2(*(place[:2] - xy[k])[::-1])
+            x, y = xy[k].tolist()
+            found.append(BasePose(x, y, yaw, float(distances[k]), float(clearances[k])))
+            apart = np.hypot(*(xy[order] - xy[k]).T) >= max(robot_radius, self._resolution)
+            order = order[apart]
+        return found

@@ -1,0 +1,172 @@
+"""Questions about the surface map: which surfaces meet some conditions, and where there is room.
+
+A `SurfaceQueries` belongs to one solution. What a question needs of every surface is prepared when
+it is made, so that an answer takes milliseconds whatever the size of the map.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from tccm_ros.arrays import Float64
+from tccm_ros.records import Surface
+from tccm_ros.surfaces.scene_objects import SceneObject
+from tccm_ros.tabletop.free_places import rectangle_corners
+from tccm_ros.tabletop.placements import (
+    Placement,
+    PlacementRequest,
+    PlacementSurface,
+    Shelter,
+    find_placements,
+)
+
+MIN_SHELTER_HEIGHT_M = 0.05
+"""A surface that is less than this above another one stands beside it, m; chosen: what is put down
+is higher than that, or it would not be in the way."""
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceFilter:
+    """Conditions that a surface meets; as it is made, there are none.
+
+    Attributes
+    ----------
+    ids
+        Ids or merged ids; empty for any.
+    labels
+        Empty for any, but the floor only where ids or labels name it.
+    min_confidence
+        Least confidence of the label, 0 to 1.
+    min_height, max_height
+        Range of the height over the floor, m.
+    min_area
+        m2.
+    near
+        (x, y) in map, m; answers come in the order of their distance from it. None: by id.
+    max_distance
+        Largest distance of a surface's outline from `near`, m; 0 for any.
+    words
+        Words that all stand in the label, upper and lower case alike.
+    """
+
+    ids: frozenset[int] = frozenset()
+    labels: frozenset[str] = frozenset()
+    min_confidence: float = 0.0
+    min_height: float = -math.inf
+    max_height: float = math.inf
+    min_area: float = 0.0
+    near: tuple[float, float] | None = None
+    max_distance: float = 0.0
+    words: tuple[str, ...] = ()
+
+
+class SurfaceQueries:
+    """Answers questions about one solution.
+
+    Parameters
+    ----------
+    surfaces
+        In map, by id.
+    objects
+        What stands on them, in map.
+    floor_z
+        Height of the floor in map, m; None where it was never seen: then heights count from z = 0.
+    """
+
+    def __init__(
+        self, surfaces: Sequence[Surface], objects: Sequence[SceneObject], floor_z: float | None
+    ):
+        self.surfaces = tuple(surfaces)
+        self.objects = tuple(objects)
+        self._heights = [s.height - (floor_z or 0.0) for s in surfaces]
+        self._outlines = np.array([_outline(s) for s in surfaces], dtype=object)
+        shapely.prepare(self._outlines)
+        self._to_put_on = self._placement_surfaces()
+
+    def find_surfaces(self, wanted: SurfaceFilter) -> list[Surface]:
+        """Return the surfaces that meet all conditions, by their distance or by id."""
+        return [self.surfaces[k] for k in self._chosen(wanted)]
+
+    def find_placements(self, wanted: SurfaceFilter, request: PlacementRequest) -> list[Placement]:
+        """Return placements on the surfaces that meet all conditions, the best first.
+
+        Parameters
+        ----------
+        wanted
+            Of the surfaces; the nearest first where two placements have the same clearance.
+        request
+            What is to be put down.
+        """
+        return find_placements([self._to_put_on[k] for k in self._chosen(wanted)], request)
+
+    def objects_on(self, surfaces: Sequence[Surface]) -> list[SceneObject]:
+        """Return what stands on some surfaces, in their order."""
+        return [o for s in surfaces for o in self.objects if o.surface == s.id]
+
+    def _chosen(self, wanted: SurfaceFilter) -> list[int]:
+        chosen = [
+            k
+            for k, (surface, height) in enumerate(zip(self.surfaces, self._heights))
+            if _meets(surface, height, wanted)
+        ]
+        if wanted.near is None or not chosen:
+            return chosen
+        distances = shapely.distance(self._outlines[chosen], shapely.points(wanted.near))
+        order = np.argsort(distances, kind="stable")
+        if wanted.max_distance > 0.0:
+            order = order[distances[order] <= wanted.max_distance]
+        return [chosen[k] for k in order]
+
+    def _placement_surfaces(self) -> list[PlacementSurface]:
+        taken: dict[int, list[Polygon]] = {}
+        for item in self.objects:
+            corners = rectangle_corners(item.size[0], item.size[1], item.yaw) + item.center[:2]
+            taken.setdefault(item.surface, []).append(Polygon(corners))
+        pairs: Sequence[Sequence[int]] = ((), ())
+        if len(self._outlines):
+            pairs = shapely.STRtree(self._outlines).query(self._outlines, "intersects").tolist()
+        above: dict[int, list[Shelter]] = {}
+        for k, other in zip(*pairs):
+            height = self.surfaces[other].height - self.surfaces[k].height
+            if height >= MIN_SHELTER_HEIGHT_M:
+                above.setdefault(k, []).append(Shelter(self._outlines[other], height))
+        return [
+            PlacementSurface(
+                surface.id,
+                self._outlines[k],
+                surface.normal,
+                surface.offset,
+                taken.get(surface.id, ()),
+                above.get(k, ()),
+            )
+            for k, surface in enumerate(self.surfaces)
+        ]
+
+
+def _outline(surface: Surface) -> shapely.Geometry:
+    rings: list[Float64] = [hole[:, :2] for hole in surface.holes]
+    return shapely.make_valid(Polygon(surface.boundary[:, :2], rings))
+
+
+def _meets(surface: Surface, height: float, wanted: SurfaceFilter) -> bool:
+    """Return whether a surface meets all conditions but those of its place."""
+    if wanted.ids and not wanted.ids.intersection((surface.id, *surface.took)):
+        return False
+    if wanted.labels:
+        if surface.label not in wanted.labels:
+            return False
+    elif surface.label == "floor" and not wanted.ids:
+        return False
+    text = surface.label.casefold()
+    return (
+        surface.confidence >= wanted.min_confidence
+        and wanted.min_height <= height <= wanted.max_height
+        and surface.area >= wanted.min_area
+        and all(word.casefold() in text for word in wanted.words)
+    )

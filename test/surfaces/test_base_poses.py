@@ -1,0 +1,67 @@
+"""Base poses in occupancy grids: every one is free, within reach and turned to the place."""
+
+import math
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tccm_ros.surfaces.base_poses import FreeFloor
+
+ORIGIN = np.array([-2.0, -1.0])
+STEP = 0.05
+
+
+def room(side: int = 80) -> np.ndarray:
+    """Return a free room with walls and a table's legs."""
+    cells = np.zeros((side, side), np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    return cells
+
+
+def distance_to_blocked(cells: np.ndarray, x: float, y: float) -> float:
+    """Return the distance of a point from the nearest cell that is not free, cell by cell."""
+    rows, columns = np.nonzero(cells != 0)
+    low_x, low_y = ORIGIN[0] + columns * STEP, ORIGIN[1] + rows * STEP
+    dx = np.maximum(np.maximum(low_x - x, x - low_x - STEP), 0.0)
+    dy = np.maximum(np.maximum(low_y - y, y - low_y - STEP), 0.0)
+    return float(np.hypot(dx, dy).min())
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.integers(0, 10**6),
+    st.floats(-2, 2),
+    st.floats(-1, 3),
+    st.floats(0.3, 1.2),
+    st.floats(0.05, 0.4),
+)
+def test_every_base_pose_is_free_in_reach_and_faces_the_place(seed, x, y, reach, radius):
+    cells = room()
+    rng = np.random.default_rng(seed)
+    blocked = rng.integers(1, 79, (40, 2))
+    cells[blocked[:, 0], blocked[:, 1]] = rng.choice([100, -1], 40)
+    place = np.array([x, y, 0.7])
+    found = FreeFloor(cells, STEP, ORIGIN).base_poses(place, reach, radius, 5)
+    for pose in found:
+        assert math.hypot(pose.x - x, pose.y - y) <= reach
+        free = distance_to_blocked(cells, pose.x, pose.y) - radius
+        assert free >= pose.clearance - 1e-9
+        assert pose.clearance > 0.0
+        ahead = np.array([math.cos(pose.yaw), math.sin(pose.yaw)]) * pose.distance
+        assert np.allclose(np.array([pose.x, pose.y]) + ahead, (x, y))
+    assert [p.distance for p in found] == sorted(p.distance for p in found)
+
+
+def test_a_place_in_the_open_has_as_many_as_asked():
+    found = FreeFloor(room(), STEP, ORIGIN).base_poses(np.array([0.0, 1.0]), 0.8, 0.3, 4)
+    assert len(found) == 4
+    pairs = [(a, b) for k, a in enumerate(found) for b in found[k + 1 :]]
+    assert all(math.hypot(a.x - b.x, a.y - b.y) >= 0.3 - 1e-9 for a, b in pairs)
+
+
+def test_unknown_floor_and_what_is_outside_of_the_grid_is_not_free():
+    unknown = FreeFloor(np.full((80, 80), -1, np.int8), STEP, ORIGIN)
+    assert unknown.base_poses(np.array([0.0, 1.0]), 0.8, 0.2, 3) == []
+    free = FreeFloor(np.zeros((80, 80), np.int8), STEP, ORIGIN)
+    assert free.base_poses(np.array([9.0, 9.0]), 0.8, 0.2, 3) == []

@@ -20,7 +20,6 @@ from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
 from tccm_ros.cuboids.union import UNION, CuboidRule
 from tccm_ros.geometry import interpolate_poses
 from tccm_ros.records import PosedScan
-from tccm_ros.records.events import END_OF_TIME_NS
 from tccm_ros.sensors.laser_scan import used_beams
 
 SPEED_WINDOW_NS = 250_000_000
@@ -172,7 +171,7 @@ class CycleBuilder:
     def finish(self) -> list[TiltCycleData]:
         """Close the open tilt cycle at the end of the input; return the cycles completed."""
         self._cycles.finish()
-        cycles = self.take(complete_ns=END_OF_TIME_NS)
+        cycles = self.take(complete_ns=2**62)
         self.dropped["no joint samples"] += len(self._waiting)
         self._waiting.clear()
         return cycles

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
 
 from tccm_ros.config import Config
-from tccm_ros.records.events import START_OF_TIME_NS
+
+START_OF_TIME = -(2**62)
 
 NEAR_END = 0.25
 """The joint has arrived at its furthest angle within this fraction of the dead band. Chosen: above
@@ -99,8 +100,8 @@ class TiltCycles:
         """Forget all samples, as after a jump of the clock; cycles are counted on."""
         self.closed.clear()
         self._state = _State.SILENT
-        self._start_ns = START_OF_TIME_NS
-        self._decided_ns = START_OF_TIME_NS
+        self._start_ns = START_OF_TIME
+        self._decided_ns = START_OF_TIME
         self._last: tuple[int, float] | None = None
         self._ends: dict[int, float] = {}
         self._step, self._jitter = 0.0, self._limits.dead_band

@@ -37,7 +37,6 @@ from tccm_ros.records import (
     TiltAngle,
     ViewIntervals,
 )
-from tccm_ros.records.events import START_OF_TIME_NS
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.tabletop.free_places import FreePlaces, find_free_places
 from tccm_ros.tabletop.objects import ObjectTracker, find_objects
@@ -53,6 +52,9 @@ OnPlanes = Callable[["CyclePlanes"], object]
 
 ROLES = {None, *roles_of("tccm")}
 """Of events that are mapped: those of the streams for it, and those that concern everybody."""
+
+START_OF_TIME = -(2**62)
+"""Earlier than every stamp, ns."""
 
 STILL_SPEED = 0.02
 """Below this the base stands still, m/s (`views.when: still`). Chosen."""
@@ -174,7 +176,7 @@ class TccmProcessor:
         self._cycles = CycleBuilder(config, self._rule)
         is_seed = config.surfaces.segmentation == "seed"
         self._segmentation = partial(segment, config=config) if is_seed else None
-        self._complete_ns = START_OF_TIME_NS
+        self._complete_ns = START_OF_TIME
         self._planes = PlaneTracker(config)
         self._objects = ObjectTracker(config)
         self._odom_frame, self._base_frame = config.frames.odom_name, ""
@@ -238,7 +240,7 @@ class TccmProcessor:
         """Forget the map and the open tilt cycle."""
         self.counts["resets"] += 1
         self._cycles.clear()
-        self._complete_ns = START_OF_TIME_NS
+        self._complete_ns = START_OF_TIME
         self.map.clear()
         self.seen_free.clear()
         self._planes.reset()

@@ -12,9 +12,6 @@ from typing import Any, NamedTuple
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.records.sensors import Odometry, Scan
 
-START_OF_TIME_NS, END_OF_TIME_NS = -(2**62), 2**62
-"""Earlier and later than every stamp, with room for sums in 64 bits."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SelfShapes:

@@ -27,7 +27,6 @@ from tccm_ros.records import (
     TiltAngle,
     TransformSample,
 )
-from tccm_ros.records.events import START_OF_TIME_NS
 from tccm_ros.robot.base_motion import BaseMotion, MotionSource
 from tccm_ros.robot.chain_finder import MountKind
 from tccm_ros.robot.frames import FrameTree
@@ -40,6 +39,9 @@ from tccm_ros.robot.streams import Stream
 COMPLETE_STEP_NS = 20_000_000
 """Message time goes on by this much before streams are said to be complete again (chosen): the
 step is small beside what processors wait for, and spares them a look at every record."""
+
+START_OF_TIME = -(2**62)
+"""Earlier than every stamp, ns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +119,7 @@ class Robot:
         self._guard: StampGuard[tuple[_Input, Any]] = StampGuard(self._clock_jump_ns)
         self._inputs = self._inputs_by_role()
         self._events: list[Event] = []
-        self._complete_after_ns = START_OF_TIME_NS
+        self._complete_after_ns = START_OF_TIME
         self._time_has_passed = False
 
     @property
@@ -172,7 +174,7 @@ class Robot:
         self._posing.clear_samples()
         for sensor in self.sensors.values():
             sensor.clear_samples()
-        self._complete_after_ns = START_OF_TIME_NS
+        self._complete_after_ns = START_OF_TIME
 
     # -- what is fed in ------------------------------------------------------------------------
 

@@ -18,6 +18,7 @@ from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from tccm_ros.arrays import Float64
+from tccm_ros.cuboids.tilt_cycle import CycleEnd
 from tccm_ros.geometry import inverse, level, transform
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import PlaneRecord
@@ -132,7 +133,7 @@ class RigCheck:
         pairs = [
             (-1.0) ** before.cycle * (after.forward - before.forward)
             for before, after in zip(self._floors, list(self._floors)[1:])
-            if after.cycle == before.cycle + 1 and before.ended_by == "turn"
+            if after.cycle == before.cycle + 1 and before.ended_by == CycleEnd.REVERSAL
         ]
         if len(pairs) < ENOUGH - 1:
             return None

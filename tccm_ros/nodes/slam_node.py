@@ -80,7 +80,7 @@ class SlamNode(SensorNode):
             self.subscribe(
                 role,
                 hand_over(),
-                lambda _, record: self.offer([record]),
+                self.offer_computed,
                 topic=f"tccm/{role}",
                 watch="event",
                 is_measured=False,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -9,35 +11,66 @@ from typing import Any
 from rclpy.clock import Clock, ClockType, JumpThreshold, TimeJump
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.timer import Timer
+
+PATIENCE_S = 1.0
+"""Stamps that follow a step of the clock do so within this time, or came this much before it."""
 
 
-def on_backward_jump(node: Node, threshold_s: float, callback: Callable[[str], None]) -> Any:
-    """Call back with a reason when the node clock steps back by more than a threshold.
+class ClockWatch:
+    """Tells a backward step of the node clock that no stamps have followed.
+
+    Where records come, their own stamps tell the step (`robot.StampGuard`), and tell exactly which
+    records are from before: /clock overtakes them, or comes late. So their word is waited for.
 
     Parameters
     ----------
     node
         Its clock is watched.
     threshold_s
-        Steps back of more than this, s.
+        Smaller steps are none.
     callback
-        Called with the reason as a sentence.
-
-    Returns
-    -------
-    JumpHandle
-        Keep it: the callback is gone with it.
+        Called with a reason, in the executor, when the stamps have said nothing for `PATIENCE_S`.
     """
 
-    def jumped(jump: TimeJump) -> None:
-        callback(f"the clock stepped back by {-jump.delta.nanoseconds * 1e-9:.1f} s")
+    def __init__(self, node: Node, threshold_s: float, callback: Callable[[str], None]):
+        self._callback = callback
+        self._told_s = -math.inf
+        self._timer: Timer | None = None
+        self._node = node
+        threshold = JumpThreshold(
+            min_forward=None,
+            min_backward=Duration(nanoseconds=-round(threshold_s * 1e9)),
+            on_clock_change=False,
+        )
+        # The callback is gone with its handle.
+        self._handle = node.get_clock().create_jump_callback(threshold, post_callback=self._jumped)
 
-    threshold = JumpThreshold(
-        min_forward=None,
-        min_backward=Duration(nanoseconds=-round(threshold_s * 1e9)),
-        on_clock_change=False,
-    )
-    return node.get_clock().create_jump_callback(threshold, post_callback=jumped)
+    def note_stamps(self) -> None:
+        """Note that the stamps of the records went back."""
+        self._told_s = time.monotonic()
+
+    @property
+    def just_went_back(self) -> bool:
+        """Whether the stamps of the records went back a moment ago."""
+        return time.monotonic() < self._told_s + PATIENCE_S
+
+    def _jumped(self, jump: TimeJump) -> None:
+        stepped_s = time.monotonic()
+        reason = f"the clock stepped back by {-jump.delta.nanoseconds * 1e-9:.1f} s"
+
+        def look() -> None:
+            self._end_timer()
+            if self._told_s < stepped_s - PATIENCE_S:
+                self._callback(reason)
+
+        self._end_timer()
+        self._timer = steady_timer(self._node, PATIENCE_S, look)
+
+    def _end_timer(self) -> None:
+        if self._timer is not None:
+            self._node.destroy_timer(self._timer)
+            self._timer = None
 
 
 def stamp_on_receipt(

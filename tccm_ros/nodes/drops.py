@@ -12,6 +12,8 @@ ADVICE = {
     "no way from base to laser": "publish robot_description and joint_states, or set rig.*",
     "future stamp": "a stamp lies ahead of all others: look at the clock of the laser's driver",
     "out of order": "stamps go back: look for two publishers of the scan topic",
+    "another clock": "stamps went back while those of the other inputs went on: set the clock of "
+    "the driver, or qos.stamp to receive",
     "duplicate stamp": "stamps repeat: look for two publishers of the scan topic",
     "malformed": "angles and times have to be finite numbers: look at the laser's driver",
     "empty": "scans have no beams: look at the laser's driver",
@@ -19,8 +21,8 @@ ADVICE = {
 }
 
 
-ORDINARY = ("short tilt cycle",)
-"""A tilt cycle too short to be one is no fault: the laser came to rest."""
+ORDINARY = ("short tilt cycle", "joint rests", "clock jump")
+"""No fault of the scans: the laser came to rest, or the map begins anew, which has been said."""
 
 MIN_NEW = 3
 """Fewer new drops than this between two diagnostics are no problem. Chosen: starts and ends of

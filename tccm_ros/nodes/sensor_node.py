@@ -23,8 +23,8 @@ from std_srvs.srv import Trigger
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import TccmError, one_line
 from tccm_ros.nodes.clock import (
+    ClockWatch,
     is_clock_missing,
-    on_backward_jump,
     stamp_on_receipt,
     steady_timer,
 )
@@ -94,7 +94,7 @@ class SensorNode(Node):
         self.owns_robot = shared is None
         self.roles = roles_of(taker)
         self._drops = DropWatch()
-        self._jump = on_backward_jump(self, self.config.clock_jump, self.restart)
+        self._clock_watch = ClockWatch(self, self.config.clock_jump, self.restart)
 
     # --- for subclasses ---
 
@@ -199,9 +199,21 @@ class SensorNode(Node):
     def offer(self, events: Sequence[Any]) -> None:
         """Queue events for the worker; scans are dropped when it cannot keep up."""
         for event in filter(self.takes, events):
+            if type(event) is ClockJump:
+                self._clock_watch.note_stamps()
+                self.get_logger().warning(f"{event.reason}: the map begins anew")
             is_droppable = not isinstance(event, NOT_DROPPED)
             if not self.worker.offer(partial(self._work, event), is_droppable=is_droppable):
                 self.overload["overload" if is_droppable else "overload: samples"] += 1
+
+    def offer_computed(self, role: str, record: Any) -> None:
+        """Queue what another node computed, unless it is from before the clock went back."""
+        now_ns = self.robot.robot.message_time_ns
+        latest_ns = (now_ns or 0) + self.config.clock_jump * 1e9
+        if self._clock_watch.just_went_back and record.stamp_ns > latest_ns:
+            self.overload[f"clock jump: {role}"] += 1
+        else:
+            self.offer([record])
 
     def refuse(self, what: str, error: Exception) -> None:
         """Count a message that cannot be used, and say why the first time."""
@@ -265,9 +277,8 @@ class SensorNode(Node):
 
     def restart(self, reason: str) -> None:
         """Begin anew, because the clock went back."""
-        self.get_logger().warning(f"{reason}: the map begins anew")
         with self.robot.lock:
-            self.worker.post(self.begin)
+            self.offer([ClockJump(reason)])
             self.robot.robot.begin_anew()
 
     def start(self) -> None:

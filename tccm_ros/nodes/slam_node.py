@@ -88,7 +88,7 @@ class SlamNode(SensorNode):
             self.subscribe(
                 role,
                 surface_message(),
-                lambda _, record: self.offer([record]),
+                self.offer_computed,
                 topic=f"tccm/{role}",
                 watch="event",
                 is_measured=False,

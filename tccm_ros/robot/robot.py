@@ -127,6 +127,11 @@ class Robot:
         """Records of all sensors that were not posed, by reason."""
         return sum((sensor.dropped for sensor in self.sensors.values()), Counter())
 
+    @property
+    def message_time_ns(self) -> int | None:
+        """The newest stamp on any input that keeps time, None before the first."""
+        return self._guard.now(None)
+
     def add(self, role: str, record: Any) -> list[Event]:
         """Take one record; return what it brings out.
 
@@ -205,8 +210,9 @@ class Robot:
             self._use(self._guard.admit(key, record.stamp_ns, held, keeps_time=taken.keeps_time))
 
     def _use(self, admission: Admission[tuple[_Input, Any]]) -> None:
-        if admission.jumped:
-            self._events.append(ClockJump("the clock went back"))
+        if admission.jumped_ns:
+            back_s = admission.jumped_ns * 1e-9
+            self._events.append(ClockJump(f"the stamps of all inputs went back by {back_s:.1f} s"))
             self._forget_samples()
         for (taken, _), reason in admission.refused:
             taken.refuse(reason)

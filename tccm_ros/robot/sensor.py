@@ -10,6 +10,7 @@ from tccm_ros.errors import FrameError
 from tccm_ros.robot.frames import FrameTree
 from tccm_ros.robot.joint_tracks import JointTracks
 from tccm_ros.robot.mount import Mount
+from tccm_ros.robot.stamp_guard import ANOTHER_CLOCK
 from tccm_ros.robot.streams import Stream
 from tccm_ros.robot.tracks import Track
 
@@ -54,6 +55,7 @@ class Sensor:
         self.longest_ns = 0
         self.awaited: tuple[Track, int] | None = None
         self._newest_ns: int | None = None
+        self._clock_jump_ns = round(config.clock_jump * 1e9)
 
     @property
     def problem(self) -> FrameError | None:
@@ -62,9 +64,7 @@ class Sensor:
 
     def add(self, record: Any) -> None:
         """Have a record wait, or drop it: stamps must increase."""
-        reason = self.stream.fault(record)
-        if reason is None and self._newest_ns is not None and record.stamp_ns <= self._newest_ns:
-            reason = "duplicate stamp" if record.stamp_ns == self._newest_ns else "out of order"
+        reason = self.stream.fault(record) or self._fault_of_stamp(record.stamp_ns)
         if reason is not None:
             self.refuse(reason)
             return
@@ -75,6 +75,15 @@ class Sensor:
         self.waiting.append(record)
         if len(self.waiting) > MAX_WAITING:
             self.drop("overload")
+
+    def _fault_of_stamp(self, stamp_ns: int) -> str | None:
+        """Return why a record with this stamp is refused, None where it is not."""
+        if self._newest_ns is None or stamp_ns > self._newest_ns:
+            return None
+        if stamp_ns == self._newest_ns:
+            return "duplicate stamp"
+        is_far_back = stamp_ns < self._newest_ns - self._clock_jump_ns
+        return ANOTHER_CLOCK if is_far_back else "out of order"
 
     def refuse(self, reason: str) -> None:
         """Count a record that does not even wait."""

@@ -19,6 +19,9 @@ MAX_BEHIND = 1000
 """Records of one stream that are held while it is not clear whether the clock went back. Chosen:
 10 s at 100 Hz."""
 
+ANOTHER_CLOCK = "another clock"
+"""Why the records of a stream are refused that went back while the others went on."""
+
 T = TypeVar("T")
 
 
@@ -32,14 +35,14 @@ class Admission(Generic[T]):
         Records to use now, in the order of their stream.
     refused
         Records not to use, each with the reason.
-    jumped
-        Whether the clock jumped back: all samples from before are void, `admitted` is what came
-        since.
+    jumped_ns
+        By how much the clock jumped back, 0 where it did not: all samples from before are void,
+        `admitted` is what came since.
     """
 
     admitted: list[T] = field(default_factory=list)
     refused: list[tuple[T, str]] = field(default_factory=list)
-    jumped: bool = False
+    jumped_ns: int = 0
 
 
 @dataclass(slots=True)
@@ -47,7 +50,7 @@ class _Stream(Generic[T]):
     newest_ns: int | None = None
     ahead: tuple[int, T] | None = None
     behind: list[tuple[int, T]] = field(default_factory=list)
-    alone: bool = False
+    went_on: bool = False
     keeps_time: bool = True
 
 
@@ -137,7 +140,7 @@ class StampGuard(Generic[T]):
             if stream.ahead is not None:
                 self._admit(stream, *stream.ahead, result)
                 stream.ahead = None
-            self._refuse_behind(stream, result)
+            self._refuse_behind(stream, "out of order", result)
         return result
 
     def _decide(self, stream: _Stream[T], stamp_ns: int, record: T, result: Admission[T]) -> None:
@@ -152,13 +155,13 @@ class StampGuard(Generic[T]):
             stream.ahead = (stamp_ns, record)
         elif stamp_ns < stream.newest_ns - self._jump_ns:
             stream.behind.append((stamp_ns, record))
+            stream.went_on = False
             self._someone_behind = True
             self._look_back(stream, result)
         else:
             if self._someone_behind:
-                self._refuse_behind(stream, result)
-                if stream.keeps_time:
-                    self._go_on()
+                self._refuse_behind(stream, "out of order", result)
+                self._note_going_on(stream)
             self._admit(stream, stamp_ns, record, result)
 
     def _admit(self, stream: _Stream[T], stamp_ns: int, record: T, result: Admission[T]) -> None:
@@ -166,17 +169,17 @@ class StampGuard(Generic[T]):
         if stream.newest_ns is None or stamp_ns > stream.newest_ns:
             stream.newest_ns = stamp_ns
 
-    def _refuse_behind(self, stream: _Stream[T], result: Admission[T]) -> None:
-        result.refused.extend((record, "out of order") for _, record in stream.behind)
+    def _refuse_behind(self, stream: _Stream[T], reason: str, result: Admission[T]) -> None:
+        result.refused.extend((record, reason) for _, record in stream.behind)
         stream.behind.clear()
-        stream.alone = False
 
-    def _go_on(self) -> None:
-        """Note that time goes on elsewhere while some streams are behind."""
-        self._someone_behind = False
-        for stream in self._streams.values():
-            stream.alone = bool(stream.behind)
-            self._someone_behind |= stream.alone
+    def _note_going_on(self, stream: _Stream[T]) -> None:
+        """Note that time goes on in one stream, which may be the last that was behind."""
+        stream.went_on = stream.keeps_time
+        self._someone_behind = any(s.behind for s in self._streams.values())
+        if not self._someone_behind:
+            for other in self._streams.values():
+                other.went_on = False
 
     def _look_back(self, stream: _Stream[T], result: Admission[T]) -> None:
         """Decide whether all inputs went back, or this stream alone, or nothing yet."""
@@ -190,19 +193,23 @@ class StampGuard(Generic[T]):
         records = sum(len(s.behind) for s in streams)
         first_ns, last_ns = stream.behind[0][0], stream.behind[-1][0]
         lasting = abs(last_ns - first_ns) > self._jump_ns or len(stream.behind) >= MAX_BEHIND
-        if (records > 1 and all(s.behind for s in live)) or (lasting and not stream.alone):
-            self._jump(result)
+        # Who went on and then went back as well is no witness: streams go back one after the other.
+        alone = any(s.went_on for s in streams) or not any(s is stream for s in streams)
+        if (records > 1 and all(s.behind for s in live)) or (lasting and not alone):
+            self._jump(top_ns - last_ns, result)
         elif lasting:
             stream.newest_ns = last_ns
-            self._refuse_behind(stream, result)
+            self._refuse_behind(stream, ANOTHER_CLOCK, result)
+            self._someone_behind = any(s.behind for s in self._streams.values())
 
-    def _jump(self, result: Admission[T]) -> None:
+    def _jump(self, back_ns: int, result: Admission[T]) -> None:
         """Begin again with the records that went back."""
-        result.jumped = True
+        result.jumped_ns = back_ns
+        self._someone_behind = False
         for stream in self._streams.values():
             if stream.ahead is not None:
                 result.refused.append((stream.ahead[1], "clock jump"))
             stream.ahead = stream.newest_ns = None
-            back, stream.behind, stream.alone = stream.behind, [], False
+            back, stream.behind, stream.went_on = stream.behind, [], False
             for stamp_ns, record in back:
                 self._admit(stream, stamp_ns, record, result)

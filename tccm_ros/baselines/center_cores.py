@@ -158,8 +158,8 @@ def cluster_by_cell(cuboids: Cuboids, members: Int64, config: Config) -> list[In
         Rows of each cluster, in the order of their first cuboid.
     """
     cells = np.stack([cuboids.ix[members], cuboids.iy[members]], axis=1).astype(float)
-    reach = config.center_core.cluster_distance / cuboids.cell_size
-    pairs = cKDTree(cells).query_pairs(reach, output_type="ndarray")
+    max_cells = config.center_core.cluster_distance / cuboids.cell_size
+    pairs = cKDTree(cells).query_pairs(max_cells, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(members), len(members)))
     count, cluster = connected_components(links, directed=False)
     return [members[cluster == k] for k in range(count)]

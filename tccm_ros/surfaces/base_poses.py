@@ -68,7 +68,7 @@ class FreeFloor:
         robot_radius
             Radius of the circle around the base's origin that is free, m.
         max_count
-            How many are wanted at most; they are at least a robot's radius apart.
+            How many are wanted at most; the distance of any two is a robot's radius at least.
         """
         low = np.floor((place[:2] - reach - self._origin) / self._resolution).astype(int)
         high = np.ceil((place[:2] + reach - self._origin) / self._resolution).astype(int) + 1
@@ -86,6 +86,6 @@ class FreeFloor:
             yaw = math.atan2(*(place[:2] - xy[k])[::-1])
             x, y = xy[k].tolist()
             found.append(BasePose(x, y, yaw, float(distances[k]), float(clearances[k])))
-            apart = np.hypot(*(xy[order] - xy[k]).T) >= max(robot_radius, self._resolution)
-            order = order[apart]
+            is_far = np.hypot(*(xy[order] - xy[k]).T) >= max(robot_radius, self._resolution)
+            order = order[is_far]
         return found

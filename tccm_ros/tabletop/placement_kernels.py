@@ -134,27 +134,27 @@ def best_position(
             squares[i * rows + j, 0] = low_x + (i + 0.5) * step
             squares[i * rows + j, 1] = low_y + (j + 0.5) * step
     while len(squares):
-        reach = step * math.sqrt(0.5)
+        half_diagonal = step * math.sqrt(0.5)
         divided, n = np.empty((4 * len(squares), 2)), 0
         for k in range(len(squares)):
             x, y = squares[k, 0], squares[k, 1]
             distance = math.hypot(x - disc[0], y - disc[1]) if math.isfinite(disc[2]) else 0.0
-            if distance - reach > disc[2]:
+            if distance - half_diagonal > disc[2]:
                 continue
             needed = max(best + tolerance, limits[0])
-            enough = min(needed - reach, best)
+            enough = min(needed - half_diagonal, best)
             clearance = box_clearance(sides, x, y, half[0], half[1], enough)
             if clearance > best and clearance >= limits[0] and distance <= disc[2]:
                 best_x, best_y, best = x, y, clearance
                 if best >= limits[1]:
                     return best_x, best_y, best
-            if clearance + reach > max(best + tolerance, limits[0]):
+            if clearance + half_diagonal > max(best + tolerance, limits[0]):
                 for quarter in range(4):
                     divided[n, 0] = x + (0.25 if quarter & 1 else -0.25) * step
                     divided[n, 1] = y + (0.25 if quarter & 2 else -0.25) * step
                     n += 1
         squares = divided[:n]
         step *= 0.5
-        if reach < 0.5 * tolerance:
+        if half_diagonal < 0.5 * tolerance:
             break
     return best_x, best_y, best

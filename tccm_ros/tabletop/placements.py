@@ -216,22 +216,22 @@ class _Candidates:
             # The clearance counts from what is too low as from an edge.
             room -= shapely.union_all([shelter.outline for shelter in low])
         c, s = math.cos(surface.yaw), math.sin(surface.yaw)
-        self._turn = np.array([[c, -s], [s, c]])  # xy @ turn is along the surface's sides
+        self._R_map_sides = np.array([[c, -s], [s, c]])  # xy @ R is along the surface's sides
         rings = [
-            np.asarray(ring.coords) @ self._turn
+            np.asarray(ring.coords) @ self._R_map_sides
             for part in polygon_parts(room)
             for ring in (part.exterior, *part.interiors)
         ]
         self._sides = np.concatenate([np.zeros((0, 4)), *map(_ring_sides, rings)])
         self._disc = np.array([0.0, 0.0, math.inf])
         if request.reach_from is not None and request.reach > 0.0:
-            self._disc[:2] = np.array(request.reach_from) @ self._turn
+            self._disc[:2] = np.array(request.reach_from) @ self._R_map_sides
             self._disc[2] = request.reach
         half = 0.5 * np.array([request.size_x, request.size_y])
         self._halves = [half, half[::-1].copy()]
         if abs(half[0] - half[1]) < SAME_SIDE_M:
             self._halves.pop()
-        self._find_best(surface.inner_radius - float(half.min()))
+        self._find_best(surface.inner_radius + TOLERANCE_M - float(half.min()))
 
     @property
     def clearance(self) -> float:
@@ -245,12 +245,12 @@ class _Candidates:
         # A ring within the room: what it encloses is not inside any more.
         self._sides = np.concatenate([self._sides, _ring_sides(corners)])
         self._find_best(clearance)
-        footprint = Polygon(corners @ self._turn.T)
+        footprint = Polygon(corners @ self._R_map_sides.T)
         above = [s.height for s in self._surface.shelters if s.outline.intersects(footprint)]
         yaw = self._surface.yaw + 0.5 * math.pi * k
         return Placement(
             surface=self._surface.id,
-            position=self._surface.lift(*(self._turn @ (x, y)).tolist()),
+            position=self._surface.lift(*(self._R_map_sides @ (x, y)).tolist()),
             yaw=math.pi - (math.pi - yaw) % (2 * math.pi),
             clearance=clearance,
             free_height=min(above, default=math.inf),

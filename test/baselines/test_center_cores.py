@@ -98,7 +98,7 @@ def settings(**values):
 
 
 def test_cores_that_are_in_no_common_plane_give_none():
-    """Eq. (7): cores of two boards, 20 cm apart, span a tilted plane only by mistake."""
+    """Eq. (7): cores of two boards at a distance of 20 cm span a tilted plane only by mistake."""
     boards = joined(level_cores(60, 0.6, 0), level_cores(60, 0.8, 1))
     config = settings(angle_threshold=0.1, min_quality=1e-6)
     found = [find_core_plane(boards, config, trials=1, seed=seed) for seed in range(300)]
@@ -193,7 +193,7 @@ def test_tables_of_one_height_are_two_planes_by_their_cells():
     assert len(find_core_planes(cuboids, settings(cluster_distance=0.4), EYE)) == 1
 
 
-def test_a_cuboid_is_in_one_plane_at_most():
+def test_a_cuboid_is_in_one_plane_or_none():
     fits = find_core_planes(slabs(TABLE_TOP, SLOPE), CONFIG, EYE)
     members = np.concatenate([fit.members for fit in fits])
     assert len(np.unique(members)) == len(members)

@@ -19,7 +19,7 @@ def cuboids(zs, mode):
 def by_equation_1(zs):
     """Return the cuboids (u, d) of Eq. (1), a point at a time; what overlaps is then merged.
 
-    z_j is the top u of a cuboid: a point at or below it, within reach of d0 below its bottom,
+    z_j is the top u of a cuboid: a point at or below it, down to d0 below its bottom,
     makes (u, d + u - z); one above, within d, makes (z, d + z - u).
     """
     found = []

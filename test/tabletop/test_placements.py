@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from shapely import Polygon, box
 from shapely.affinity import rotate
@@ -30,8 +30,8 @@ def table(room: shapely.Geometry, identity: int = 1, height: float = 0.7, shelte
 def footprint(placement, request) -> Polygon:
     half_x, half_y = 0.5 * request.size_x, 0.5 * request.size_y
     x, y = placement.position[:2]
-    upright = box(x - half_x, y - half_y, x + half_x, y + half_y)
-    return rotate(upright, placement.yaw, use_radians=True)
+    unrotated = box(x - half_x, y - half_y, x + half_x, y + half_y)
+    return rotate(unrotated, placement.yaw, use_radians=True)
 
 
 def test_a_mug_goes_to_the_middle_of_an_empty_table():
@@ -79,7 +79,7 @@ def test_a_tilted_surface_is_met_where_it_is():
     assert position @ normal == pytest.approx(0.5, abs=1e-12)
 
 
-def test_only_what_is_in_reach_is_found():
+def test_only_what_the_arm_reaches_is_found():
     request = PlacementRequest(0.1, 0.1, 0.1, max_count=0, reach_from=(-0.3, 0.4), reach=0.6)
     found = find_placements([table(box(0, 0, 1.2, 0.8))], request)
     assert len(found) >= 2
@@ -99,8 +99,8 @@ def best_of_grid(room, request, yaw) -> float:
     low_x, low_y, high_x, high_y = room.bounds
     for x in np.linspace(low_x, high_x, 7):
         for y in np.linspace(low_y, high_y, 7):
-            for turn in (yaw, yaw + math.pi / 2):
-                shape = footprint(Placement(1, np.array([x, y, 0]), turn, 0, 0), request)
+            for angle in (yaw, yaw + math.pi / 2):
+                shape = footprint(Placement(1, np.array([x, y, 0]), angle, 0, 0), request)
                 if room.contains(shape):
                     best = max(best, shapely.distance(shapely.boundary(room), shape.boundary))
     return best
@@ -122,8 +122,9 @@ sizes = millimetres(50, 400)
     millimetres(0, 80),
     millimetres(-3000, 3000),
 )
-def test_every_placement_keeps_the_clearance_that_it_says(things, size_x, size_y, clearance, yaw):
-    occupied = [box(x, y, x + w, y + d) for x, y, w, d in things]
+@example([(0.0, 0.0, 0.229, 0.252)], 0.05, 0.05, 0.0, 0.0)
+def test_every_placement_keeps_the_clearance_it_says(obstacles, size_x, size_y, clearance, yaw):
+    occupied = [box(x, y, x + w, y + d) for x, y, w, d in obstacles]
     room = rotate(box(0, 0, 1.2, 0.8).difference(shapely.union_all(occupied)), yaw, (0, 0), True)
     request = PlacementRequest(size_x, size_y, 0.1, clearance, max_count=6)
     found = find_placements([table(room)], request)

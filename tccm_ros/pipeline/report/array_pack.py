@@ -14,7 +14,10 @@ Reference = tuple[str, int, int]
 
 TYPES = {"f4": np.float32, "f8": np.float64, "i2": np.int16, "u2": np.uint16}
 ALIGNMENT = 8
+"""Bytes: typed arrays of a page begin at multiples of their element size."""
+
 ZIP_LEVEL = 9
+"""Deflate level. Chosen: the smallest page."""
 
 
 class ArrayPack:

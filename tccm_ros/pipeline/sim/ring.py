@@ -19,7 +19,7 @@ Point = tuple[float, float]
 
 LENGTH, WIDTH = 30.0, 20.0  # m, of the loop along the middle of the corridors
 HALF = 1.0  # m, half the width of a corridor
-HEIGHT = 2.6
+HEIGHT = 2.6  # m, of the walls
 HEADING_DRIFT = 0.012  # rad/m
 SPEED = 0.8  # m/s
 PAUSE = 5.4  # s

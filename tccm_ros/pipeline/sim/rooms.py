@@ -20,7 +20,7 @@ from tccm_ros.pipeline.sim.world import World
 
 Point = tuple[float, float]
 
-CEILING = 2.6
+CEILING = 2.6  # m, its height
 RAMP = radians(4.0)  # slope of the ramp of `room`
 ROOM_SPEED = 0.5  # m/s, of the robot in the room to calibrate in
 LOOK_UP, LOOK_DOWN = 0.25, -1.0  # rad; positive is up on this robot

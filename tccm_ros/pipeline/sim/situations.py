@@ -17,14 +17,15 @@ Vector = tuple[float, float, float]
 
 SITUATIONS = ("a", "b", "c", "d")
 
+# Chosen, where nothing else is said; the paper names the situations and not their sizes.
 TILT_LOW, TILT_HIGH = radians(5.0), radians(65.0)
 CYCLE_TIME = 1.575  # s, of a tilt cycle
-WALL_X = 2.6
-TABLE = (0.8, 1.2, 0.03)  # depth, width, thickness
-TABLE_EDGE, TABLE_TOP = 0.5, 0.700
-SHELF = (0.3, 0.9, 1.2)
-SHELF_FRONT = 0.600
-BOARD = 0.02
+WALL_X = 2.6  # m
+TABLE = (0.8, 1.2, 0.03)  # m: depth, width, thickness
+TABLE_EDGE, TABLE_TOP = 0.5, 0.700  # m: x of the near edge, height, as in Table I of the paper
+SHELF = (0.3, 0.9, 1.2)  # m: depth, width, height
+SHELF_FRONT = 0.600  # m: x of the front, as in Table I of the paper
+BOARD = 0.02  # m, thickness
 SITUATION_YAW = radians(20.0)  # of C and D
 ARM_PERIOD = 3.15  # s, of the arm that moves over the table of C
 

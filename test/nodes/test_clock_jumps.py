@@ -162,7 +162,7 @@ def test_a_player_in_a_loop_begins_both_maps_anew_once_a_loop(ros, bag, sim_time
         ros.spin_until(lambda n=node: len(said.of(n)) == 2)
         assert resets(node) == 2
         assert not node.dropped["out of order"] + node.dropped["another clock"]
-    # Of each run the scans of whole sweeps are used; the last sweep is cut by the jump.
+    # Of each run the scans of whole tilt cycles are used; the jump cuts the last one.
     assert nodes[0].processor.counts["scans used"] >= 100
     assert nodes[1].processor.counts["level scans"] >= 80
 

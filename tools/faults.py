@@ -146,8 +146,10 @@ def faulty_copy(edits: Sequence[Edit]) -> Iterator[Path]:
         yield copy
 
 
-def run_tests(tests: Sequence[str], edits: Sequence[Edit] = (), *, jit: bool = True) -> bool:
-    """Run tests on a copy with edits; return whether they pass.
+def run_tests(
+    tests: Sequence[str], edits: Sequence[Edit] = (), *, jit: bool = True, timeout: int = TIMEOUT
+) -> bool:
+    """Run tests on a copy with edits, for `timeout` s at most; return whether they pass.
 
     Raises
     ------
@@ -162,7 +164,7 @@ def run_tests(tests: Sequence[str], edits: Sequence[Edit] = (), *, jit: bool = T
         }
         command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
         done = subprocess.run(
-            command, cwd=copy, env=environment, timeout=TIMEOUT, capture_output=True, text=True
+            command, cwd=copy, env=environment, timeout=timeout, capture_output=True, text=True
         )
     if done.returncode not in {PASSED, FAILED}:
         raise FaultError(f"tests cannot be run: {' '.join(tests)}\n{done.stdout[-2000:]}")
@@ -173,9 +175,10 @@ def main() -> int:
     """Run the faults; return the exit status."""
     words = sys.argv[1:]
     faults = [f for f in read_faults() if not words or any(word in f.name for word in words)]
-    for tests, jit in dict.fromkeys((fault.tests, fault.jit) for fault in faults):
-        if not run_tests(tests, jit=jit):
-            raise FaultError(f"these tests fail without any fault: {' '.join(tests)}")
+    for jit in (True, False):
+        tests = sorted({test for fault in faults for test in fault.tests if fault.jit is jit})
+        if tests and not run_tests(tests, jit=jit, timeout=TIMEOUT * len(tests)):
+            raise FaultError(f"tests fail without any fault: {' '.join(tests)}")
     survived = 0
     for fault in faults:
         has_survived = run_tests(fault.tests, fault.edits, jit=fault.jit)

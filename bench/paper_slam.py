@@ -1,0 +1,115 @@
+"""The second paper's wall SLAM and surfaces, config/paper.yaml, beside ours: a Markdown table.
+
+Usage: python bench/paper_slam.py [--shared FOLDER] [--worlds flat ring intel mit-csail]
+
+Simulated worlds are compared with the truth of every pose and surface, public logs with their
+references, by pairs of rows less than 3 m apart with more than 10 m of path between them. Logs that
+are not there are left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from bench_slam import HERE, scans_of
+
+from tccm_ros.bags.carmen import import_carmen
+from tccm_ros.config.reader import read_config
+from tccm_ros.geometry import inverse, spatial
+from tccm_ros.pipeline.evaluate.surfaces import score_surfaces
+from tccm_ros.pipeline.evaluate.trajectory_errors import (
+    absolute_errors,
+    pairs_that_meet,
+    poses_at,
+    relation_errors,
+)
+from tccm_ros.pipeline.evaluate.truth_files import read_reference, read_stamps
+from tccm_ros.pipeline.replay import replay
+from tccm_ros.pipeline.sim import simulate
+from tccm_ros.results.trajectory import read_tum
+from tccm_ros.surfaces.surface_slam import SurfaceSlam
+
+ROOT = HERE.parent
+CONFIGS = {"ours": None, "config/paper.yaml": ROOT / "config" / "paper.yaml"}
+LOGS = ("intel", "mit-csail")
+
+
+def simulated(world: str, folder: Path) -> None:
+    """Print the rows of a simulated world; the flat is the bundled bag."""
+    bag = ROOT / "bags" / "flat"
+    if world != "flat":
+        bag = simulate(world, folder / world)
+    truth = read_tum(bag / "truth.tum")
+    for name, path in CONFIGS.items():
+        out = folder / f"{world}-{name.replace('/', '-')}"
+        start = time.process_time()
+        replay(bag, out, read_config(path), pictures=False)
+        seconds = time.process_time() - start
+        found = read_tum(out / "trajectory.tum")
+        at, is_known = poses_at(truth.stamps_ns, truth.T_map_base, found.stamps_ns)
+        poses = found.T_map_base[is_known]
+        rms, raw = (
+            np.sqrt(np.mean(absolute_errors(poses, at[is_known], aligned=a).translation ** 2))
+            for a in (True, False)
+        )
+        surfaces = "-"
+        truth_surfaces = bag / "truth.json"
+        if json.loads(truth_surfaces.read_text()).get("surfaces"):
+            score = score_surfaces(out / "surfaces.json", truth_surfaces)
+            surfaces = f"{score.found} of {len(score.matches)}, {len(score.false)} false"
+        print(
+            f"| {world} | {name} | {rms:.4f} aligned, {raw:.4f} | {surfaces} | {seconds:.0f} |",
+            flush=True,
+        )
+
+
+def recorded(log: Path, folder: Path) -> None:
+    """Print the rows of a public log."""
+    bag = folder / log.name.split(".")[0]
+    import_carmen(log, bag)
+    scans, stamps = scans_of(bag), read_stamps(bag / "stamps.csv")
+    truth = read_reference(log.with_name(f"{bag.name}_reference.txt"))
+    i, j = pairs_that_meet(truth.poses[:, :3, 3]).T
+    for name, path in CONFIGS.items():
+        walls = SurfaceSlam(read_config(path)).walls
+        start = time.process_time()
+        for scan in scans:
+            walls.add_scan(scan)
+        solution = walls.solve(every_covariance=False)
+        seconds = time.process_time() - start
+        poses = spatial(solution.pose_at([stamps[int(k)] for k in truth.scan_index]))
+        errors = relation_errors(poses[i], poses[j], inverse(truth.poses[i]) @ truth.poses[j])
+        print(
+            f"| {bag.name} | {name} | {errors.translation.mean():.3f} +-"
+            f" {errors.translation.std():.3f} between pairs | - | {seconds:.0f} |",
+            flush=True,
+        )
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    default = os.environ.get("TCCM_SHARED", HERE.parents[1] / "shared")
+    parser.add_argument("--shared", type=Path, default=Path(default))
+    parser.add_argument("--worlds", nargs="*", default=["flat", "ring", *LOGS])
+    options = parser.parse_args()
+    print("| drive | configuration | position, m | surfaces found | seconds |")
+    print("|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as name:
+        for world in options.worlds:
+            if world not in LOGS:
+                simulated(world, Path(name))
+                continue
+            log = options.shared / "data" / "carmen" / f"{world}.clf.bz2"
+            if log.exists():
+                recorded(log, Path(name))
+
+
+if __name__ == "__main__":
+    main()

@@ -70,7 +70,7 @@ def run_cycles(cycles: list[Any], config: Config, all_stages: list[Stages]) -> N
     builder = CycleMessageBuilder(types, config)
     for cycle, stages in zip(cycles, all_stages, strict=True):
         run = stages.run
-        T, viewpoint = cycle.T_odom_base(), cycle.T_odom_laser()[:3, 3]
+        T, viewpoint = cycle.T_odom_base(), cycle.T_odom_sensor()[:3, 3]
         run("map", lambda s=cycle: the_map.add(s.part))
         cuboids = run("cuboids", the_map.cuboids)
         fits = run("planes", lambda c=cuboids, v=viewpoint: find_planes(c, config, v))
@@ -86,13 +86,13 @@ def run_cycles(cycles: list[Any], config: Config, all_stages: list[Stages]) -> N
         run("seen free", lambda s=cycle, T=T, w=view: seen.add(s.part.cycle, T, w))
         surfaces = run(
             "surface message",
-            lambda s=cycle, f=fits, T=T, v=viewpoint: surface_cloud(s, f, T, v, "base", True),
+            lambda s=cycle, f=fits, T=T, v=viewpoint: surface_cloud(s, f, T, v, "base", True, 0.01),
         )
         result = CycleResult(
             cycle=cycle.part.cycle, stamp_ns=cycle.stamp_ns, start_ns=cycle.part.start_ns,
             end_ns=cycle.part.end_ns, frame_id="odom", base_frame_id="base", T_odom_base=T,
             planes=planes, objects=found, place_size=config.objects.place_size, surfaces=surfaces,
-            view=view, part=cycle.part, scans=len(cycle.scans), base_speed=0.0,
+            view=view, part=cycle.part, scans=len(cycle.records), base_speed=0.0,
             base_angular_speed=0.0, ended_by="turn",
         )  # fmt: skip
         for message in builder.of(result, lambda c=cuboids: c):

@@ -272,7 +272,7 @@ def profile(repeats: int) -> None:
         tiles.clear(listed=False)
 
     def bin_points():
-        binning.bin_points(flat, 0, builder._settings, work, tiles.arrays)
+        binning.bin_points(flat, np.zeros(0), 0, builder._settings, work, tiles.arrays)
 
     def list_cells():
         found[:] = [binning.list_cells(tiles.arrays, cells, starts, addresses)]

@@ -46,6 +46,7 @@ SUB_ROOMS = {
         "calibrate",
         "outcome",
         "processors",
+        "topics",
         "run",
         "replay",
         "info",

@@ -152,6 +152,10 @@ class BagReader:
         """Close all files."""
         self._open_files.close()
 
+    def add_readers(self, readers: Mapping[str, MessageReader]) -> None:
+        """Add readers of messages by role, in place of those that there are."""
+        self._readers = {**self._readers, **readers}
+
     @property
     def duration(self) -> float:
         """Time between the first and the last message, s."""

@@ -9,7 +9,7 @@ from pydantic import Field
 from tccm_ros.config.mapping import CenterCore, Cycle, Map, Objects, Planes
 from tccm_ros.config.node import Markers, Qos, Save, Tf
 from tccm_ros.config.parameter import Group, Parameter, param, parameters_of
-from tccm_ros.config.sensors import Frames, Rig, ScanFilter
+from tccm_ros.config.sensors import Frames, Rig, ScanFilter, Sensors
 from tccm_ros.config.slam import Graph, Lines, Loops, Matching, Odometry, Walls
 from tccm_ros.config.surfaces import Labels, Surfaces, Views
 
@@ -28,6 +28,7 @@ class Config(Group):
     frames: Frames = Field(default_factory=Frames)
     rig: Rig = Field(default_factory=Rig)
     scan: ScanFilter = Field(default_factory=ScanFilter)
+    sensors: Sensors = Field(default_factory=Sensors)
     cycle: Cycle = Field(default_factory=Cycle)
     map: Map = Field(default_factory=Map)
     planes: Planes = Field(default_factory=Planes)

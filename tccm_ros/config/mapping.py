@@ -25,6 +25,14 @@ class Cycle(Group):
         0.5, "a longer gap in the joint samples ends a tilt cycle", unit="s", gt=0.0, le=60.0
     )
     max_time: float = param(30.0, "a tilt cycle ends after this time", unit="s", gt=0.0, le=600.0)
+    period: float = param(
+        1.0,
+        "without a tilting laser a cycle ends after this time, or when the base has moved by 0.2 m "
+        "or 10 deg",
+        unit="s",
+        gt=0.0,
+        le=600.0,
+    )
 
 
 class Map(Group):

@@ -106,3 +106,40 @@ class ScanFilter(Group):
         True, "drop points inside the robot's own collision boxes, spheres and cylinders"
     )
     self_padding: float = param(0.02, "margin around the robot's links", unit="m", ge=0.0, le=0.5)
+
+
+class Sensors(Group):
+    """Sensors whose points are mapped: topics, noise, and the level scan made of them."""
+
+    depth_images: tuple[str, ...] = param(
+        ("depth/image_rect_raw",),
+        "topics of depth images, each with camera_info beside it; images that are compressed end "
+        "in compressedDepth",
+        read_only=True,
+    )
+    point_clouds: tuple[str, ...] = param(
+        ("points",), "topics of the point clouds of lidars and cameras", read_only=True
+    )
+    tilt_scans: tuple[str, ...] = param(
+        ("tilt_scan",),
+        "topics of tilting lasers; the first that is there gives the tilt cycles",
+        read_only=True,
+    )
+    depth_sigma: tuple[float, float, float] = param(
+        (0.0012, 0.0019, 0.4),
+        "noise of a depth z: a + b (z - c)^2 with a (m), b (1/m) and c (m); the default is that of "
+        "a structured-light camera",
+        unit="m",
+    )
+    max_sigma: float = param(
+        0.012, "depths with more noise than this are not mapped", unit="m", gt=0.0, le=1.0
+    )
+    level_from: Literal["none", "points", "depth"] = param(
+        "none",
+        "points, depth: without a level laser, a level scan is made from the point clouds or the "
+        "depth images",
+        read_only=True,
+    )
+    level_band: tuple[float, float] = param(
+        (0.1, 1.8), "heights over the base that the level scan is made from", unit="m"
+    )

@@ -73,17 +73,19 @@ def _count(low: Any, high: Any, work: Any, tiles: Any) -> Any:
 
 
 @njit(nogil=True, cache=True)
-def bin_points(points: Any, first: Any, settings: Any, work: Any, arrays: Any) -> Any:
+def bin_points(points: Any, gaps: Any, first: Any, settings: Any, work: Any, arrays: Any) -> Any:
     """Bin points in the map's frame; those that are not finite are left out.
 
     Parameters
     ----------
     points
         float64 (3 N,), m: x y z of each.
+    gaps
+        float64 (N,), distance to the next line of measurements, m; empty where there are none.
     first
         Number of the first point to be binned.
     settings, work, arrays
-        As in `bin_scan`; all points have the minimum depth.
+        As in `bin_scan`; a point's depth grows with its gap, or is the minimum.
 
     Returns
     -------
@@ -93,6 +95,7 @@ def bin_points(points: Any, first: Any, settings: Any, work: Any, arrays: Any) -
     tiles, own = Tiles(*arrays), settings[0]
     counters = tiles.counters[0]
     ticks, depth, n = own.ticks, own.depth, len(points) // 3
+    growth = own.depth_per_range * own.ticks
     per_tick, cell = 1.0 / own.cell_ticks, np.int64(own.cell_ticks)
     for begin in range(first, n, BLOCK):
         count = min(n - begin, BLOCK)
@@ -102,7 +105,10 @@ def bin_points(points: Any, first: Any, settings: Any, work: Any, arrays: Any) -
         for j in range(np.uint64(count)):
             i = _U3 * (np.uint64(begin) + j)
             x, y, z = points[i], points[i + _U1], points[i + _U2]
-            used, tx, ty, h = quantise(work, j, True, x * ticks, y * ticks, z * ticks, depth, grid)
+            d = depth
+            if len(gaps):
+                d = min(max(growth * gaps[np.uint64(begin) + j], depth), own.max_depth)
+            used, tx, ty, h = quantise(work, j, True, x * ticks, y * ticks, z * ticks, d, grid)
             x0, x1 = min(x0, tx if used else BEYOND), max(x1, tx if used else -BEYOND)
             y0, y1 = min(y0, ty if used else BEYOND), max(y1, ty if used else -BEYOND)
             bottom, top = min(bottom, h if used else BEYOND), max(top, h if used else -BEYOND)

@@ -15,7 +15,6 @@ from numba import njit
 
 from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.config import Config
-from tccm_ros.cuboids.beam_rays import scan_rays
 from tccm_ros.cuboids.cuboids import TICKS_PER_M
 from tccm_ros.cuboids.cycle_builder import TiltCycleData
 from tccm_ros.cuboids.integration_map import IntegrationMap
@@ -54,8 +53,8 @@ def add_voids(cycle: TiltCycleData, map_: IntegrationMap, config: Config) -> Par
         return part
     index = index_cells(keys, spans * (1.0 / TICKS_PER_M))
     passed = np.zeros(len(keys), np.bool_)
-    for scan in cycle.scans:
-        rays = scan_rays(scan, config.scan.max_range)
+    for record in cycle.records:
+        rays = record.rays(config.scan.max_range)
         mark_passed(*rays, config.map.cell_size, index, passed)
     return replace(part, void_keys=keys[passed], void_bounds=spans[passed])
 

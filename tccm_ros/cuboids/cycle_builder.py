@@ -1,67 +1,39 @@
-"""From posed scans and tilt angles to tilt cycles with their part maps.
+"""From what sensors measured, and tilt angles, to cycles with their part maps.
 
 A scan is binned as soon as it is certain to which tilt cycle its beams belong. A tilt cycle is
 complete when the joint has reversed and every scan before the reversal has come, or can no longer
-come.
+come. Records of several sensors are taken in the order of their stamps, however they came.
 """
 
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from itertools import count
 
 import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
+from tccm_ros.cuboids.cycle_records import CycleRecord, CycleScan
 from tccm_ros.cuboids.part_map import PartMap, PartMapBuilder
-from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
+from tccm_ros.cuboids.tilt_cycle import START_OF_TIME, Span, TiltCycles
+from tccm_ros.cuboids.timed_cycles import TimedCycles
 from tccm_ros.cuboids.union import UNION, CuboidRule
 from tccm_ros.geometry import interpolate_poses
-from tccm_ros.records import PosedScan
-from tccm_ros.sensors.laser_scan import used_beams
+from tccm_ros.records import Posed
 
 SPEED_WINDOW_NS = 250_000_000
 """Base speeds are taken over at least this time, ns: shorter steps show the odometry's jitter.
 Chosen: 12 samples of an odometry of 50 Hz."""
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CycleScan:
-    """Beams of a scan that belong to one tilt cycle.
-
-    Attributes
-    ----------
-    posed
-        The scan with its poses.
-    keep
-        bool (N,), which of all beams of the scan are valid.
-    first, last
-        The beams [first, last) belong to the tilt cycle.
-    """
-
-    posed: PosedScan
-    keep: Bool
-    first: int
-    last: int
-
-    def stamps_ns(self) -> tuple[int, int] | None:
-        """Return the times of the first and the last valid beam, None if there is none."""
-        valid = np.flatnonzero(self.keep[self.first : self.last])
-        if len(valid) == 0:
-            return None
-        scan = self.posed.scan
-        times = [
-            scan.stamp_ns + round((self.first + int(i)) * scan.time_increment * 1e9)
-            for i in (valid[0], valid[-1])
-        ]
-        return min(times), max(times)
+END_OF_TIME = 2**62
 
 
 @dataclass(slots=True, eq=False)
 class TiltCycleData:
-    """What was measured in one complete tilt cycle.
+    """What was measured in one complete cycle.
 
     Attributes
     ----------
@@ -69,32 +41,48 @@ class TiltCycleData:
         Its time and number.
     part
         Its part map, with points.
-    scans
-        The scans that it is made of, in stamp order.
+    records
+        What it is made of, in stamp order.
     """
 
     span: Span
     part: PartMap
-    scans: list[CycleScan] = field(default_factory=list)
+    records: list[CycleRecord] = field(default_factory=list)
 
     @property
     def stamp_ns(self) -> int:
         """Middle of the first and the last used beam."""
         return (self.part.start_ns + self.part.end_ns) // 2
 
+    @property
+    def scans(self) -> list[CycleScan]:
+        """The scans of tilting lasers among the records."""
+        return [record for record in self.records if isinstance(record, CycleScan)]
+
+    def is_line(self) -> Bool:
+        """Return which records are scan lines, bool (R,): other points lie on no line."""
+        return np.array([isinstance(record, CycleScan) for record in self.records], np.bool_)
+
     def T_odom_base(self) -> Float64:
-        """Return the base's pose at `stamp_ns`, float64 (4, 4); the identity without scans."""
-        stamps, poses = self._pose_samples(lambda posed: posed.T_odom_base)
+        """Return the base's pose at `stamp_ns`, float64 (4, 4); the identity without records."""
+        stamps, poses = _pose_samples(self.records, lambda posed: posed.T_odom_base)
         return _pose_at(stamps, poses, self.stamp_ns)
 
-    def T_odom_laser(self) -> Float64:
-        """Return the laser's pose at `stamp_ns`, float64 (4, 4); the identity without scans."""
-        stamps, poses = self._pose_samples(lambda posed: posed.T_odom_base @ posed.T_base_laser)
+    def T_odom_sensor(self) -> Float64:
+        """Return a sensor's pose at `stamp_ns`, float64 (4, 4); the identity without records.
+
+        With a tilting laser it is that; of other sensors the one with the first record.
+        """
+        records = self.scans or self.records
+        records = [r for r in records if r.posed.role == records[0].posed.role]
+        stamps, poses = _pose_samples(
+            records, lambda posed: posed.T_odom_base @ posed.T_base_sensor
+        )
         return _pose_at(stamps, poses, self.stamp_ns)
 
     def base_speeds(self) -> tuple[float, float]:
         """Return the largest speed (m/s) and rotation rate (rad/s) of the base in the cycle."""
-        stamps, poses = self._pose_samples(lambda posed: posed.T_odom_base)
+        stamps, poses = _pose_samples(self.records, lambda posed: posed.T_odom_base)
         if len(stamps) < 2:
             return 0.0, 0.0
         later = np.minimum(np.searchsorted(stamps, stamps + SPEED_WINDOW_NS), len(stamps) - 1)
@@ -109,153 +97,255 @@ class TiltCycleData:
         return float((step / seconds).max()), float((rotation / seconds).max())
 
     def angle_step(self) -> float:
-        """Return the mean angle between scan lines, rad; 0 with fewer than two scans."""
-        if len(self.scans) < 2:
-            return 0.0
-        middle = [len(s.posed.pose_stamps_ns) // 2 for s in self.scans]
+        """Return the mean angle between scan lines, or that between other lines of sight, rad."""
+        scans = self.scans
+        others = max((record.line_angle for record in self.records), default=0.0)
+        if len(scans) < 2:
+            return others
+        middle = [len(s.posed.pose_stamps_ns) // 2 for s in scans]
         normals = np.array(
-            [s.posed.T_base_laser[k][:3, 2] for s, k in zip(self.scans, middle, strict=True)]
+            [s.posed.T_base_laser[k][:3, 2] for s, k in zip(scans, middle, strict=True)]
         )
-        return float(np.linalg.norm(np.diff(normals, axis=0), axis=1).mean())
+        return max(others, float(np.linalg.norm(np.diff(normals, axis=0), axis=1).mean()))
 
-    def _pose_samples(self, poses_of: Callable[[PosedScan], Float64]) -> tuple[Int64, Float64]:
-        if not self.scans:
-            return np.zeros(0, np.int64), np.zeros((0, 4, 4))
-        stamps = np.concatenate([s.posed.pose_stamps_ns for s in self.scans])
-        poses = np.concatenate([poses_of(s.posed) for s in self.scans])
-        stamps, first = np.unique(stamps, return_index=True)
-        return stamps, poses[first]
+
+class _Waiting:
+    """The records of all sensors, given out in the order of their stamps.
+
+    Parameters
+    ----------
+    roles
+        Of the sensors.
+    """
+
+    def __init__(self, roles: Iterable[str]) -> None:
+        self.queues: dict[str, deque[CycleRecord]] = {role: deque() for role in roles}
+        self.complete_ns: dict[str, int] = {}
+        self._first_ns: int | None = None
+
+    def __len__(self) -> int:
+        return sum(map(len, self.queues.values()))
+
+    def add(self, record: CycleRecord) -> None:
+        """Add a record, in the order of stamps within its role."""
+        queue = self.queues.get(record.posed.role)
+        if queue is None:  # of a processor that is fed by hand
+            queue = self.queues[record.posed.role] = deque()
+        queue.append(record)
+        if self._first_ns is None:
+            self._first_ns = record.start_ns
+
+    def clear(self) -> None:
+        """Forget everything."""
+        for queue in self.queues.values():
+            queue.clear()
+        self.complete_ns.clear()
+        self._first_ns = None
+
+    def is_known(self, role: str) -> bool:
+        """Return whether a sensor was heard of."""
+        return role in self.complete_ns or bool(self.queues.get(role))
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether all sensors that are there were heard of.
+
+        A sensor from which nothing has come when the others are complete up to the first record of
+        all is not there, or begins later.
+        """
+        if self._first_ns is None or not self.complete_ns:
+            return False
+        silent = any(not self.is_known(role) for role in self.queues)
+        return not silent or max(self.complete_ns.values()) > self._first_ns
+
+    def next(self) -> deque[CycleRecord] | None:
+        """Return the queue whose head is next, None while an earlier record may come."""
+        heads = [(queue[0].start_ns, role) for role, queue in self.queues.items() if queue]
+        if not heads:
+            return None
+        stamp_ns, role = min(heads)
+        others = (other for other, queue in self.queues.items() if not queue)
+        if any(self.complete_ns.get(other, END_OF_TIME) <= stamp_ns for other in others):
+            return None
+        return self.queues[role]
+
+    @property
+    def complete_all_ns(self) -> int:
+        """No record of any sensor, of those that wait too, is older."""
+        until = [
+            queue[0].start_ns if queue else self.complete_ns[role]
+            for role, queue in self.queues.items()
+            if queue or role in self.complete_ns
+        ]
+        return min(until, default=START_OF_TIME)
 
 
 class CycleBuilder:
-    """Assigns beams to tilt cycles and builds their part maps.
+    """Assigns what sensors measured to cycles and builds their part maps.
+
+    With a tilting laser its sweeps are the cycles, and the points of other sensors belong to the
+    cycle of their time; without one a cycle has a period (`TimedCycles`).
 
     Parameters
     ----------
     config
-        Groups `cycle`, `map` and `scan`.
+        Groups `cycle`, `map`, `scan` and `sensors`.
     rule
         How points become cuboids.
 
     Attributes
     ----------
     dropped
-        Scans of which no beam was used, by reason.
+        Records of which nothing was used, by reason.
     """
 
     def __init__(self, config: Config, rule: CuboidRule = UNION) -> None:
         self._config = config
-        self._cycles = TiltCycles(config)
+        sensors, numbers = config.sensors, count()
+        self._tilting = sensors.tilt_scans
+        self._tilt_cycles = TiltCycles(config, numbers)
+        self._timed_cycles = TimedCycles(config, numbers)
         self._builder = PartMapBuilder(config, rule)
         self.dropped: Counter[str] = Counter()
-        self._waiting: deque[CycleScan] = deque()
-        self._open: list[CycleScan] = []
+        self._waiting = _Waiting((*self._tilting, *sensors.depth_images, *sensors.point_clouds))
+        self._open: list[CycleRecord] = []
+        self._angles: dict[str, list[tuple[int, float]]] = {}
+        self._tilt_role: str | None = None
 
     def clear(self) -> None:
-        """Forget all scans of the open tilt cycle, as after a jump of the clock."""
+        """Forget all records of the open cycle, as after a jump of the clock."""
         self.dropped["clock jump"] += len(self._waiting) + len(self._open)
         self._waiting.clear()
         self._open = []
+        self._angles.clear()
+        self._tilt_role = None
         self._builder.clear()
-        self._cycles.clear()
+        self._tilt_cycles.clear()
+        self._timed_cycles.clear()
 
-    def add_tilt(self, stamp_ns: int, angle: float) -> None:
-        """Take the next tilt angle, in stamp order."""
-        self._cycles.add(stamp_ns, angle)
+    def add_tilt(self, role: str, stamp_ns: int, angle: float) -> None:
+        """Take the next tilt angle of a laser, in stamp order."""
+        if role == self._tilt_role:
+            self._tilt_cycles.add(stamp_ns, angle)
+        elif self._tilt_role is None:
+            self._angles.setdefault(role, []).append((stamp_ns, angle))
 
-    def add_scan(self, posed: PosedScan) -> None:
-        """Take the next scan, in stamp order."""
-        keep = used_beams(posed, self._config)
-        self._waiting.append(CycleScan(posed, keep, 0, len(posed.scan.ranges)))
+    def add(self, record: CycleRecord) -> None:
+        """Take the next record of a sensor, in the order of its stamps."""
+        self._waiting.add(record)
+
+    def add_complete(self, role: str, until_ns: int) -> None:
+        """Take note that no record of a sensor that is older than `until_ns` will come."""
+        self._waiting.complete_ns[role] = until_ns
 
     def finish(self) -> list[TiltCycleData]:
-        """Close the open tilt cycle at the end of the input; return the cycles completed."""
-        self._cycles.finish()
-        cycles = self.take(complete_ns=2**62)
+        """Close the open cycle at the end of the input; return the cycles completed."""
+        spans = self._cycles()
+        complete_ns = dict(self._waiting.complete_ns)
+        self._waiting.complete_ns = dict.fromkeys(self._waiting.queues, END_OF_TIME)
+        cycles = self._take(spans)
+        spans.finish()
+        cycles += self._take(spans)
+        self._waiting.complete_ns = complete_ns
         self.dropped["no joint samples"] += len(self._waiting)
         self._waiting.clear()
         return cycles
 
-    def take(self, complete_ns: int) -> list[TiltCycleData]:
-        """Bin the scans whose tilt cycle is certain and return the tilt cycles that are complete.
+    def take(self) -> list[TiltCycleData]:
+        """Bin the records whose cycle is certain and return the cycles that are complete.
 
-        The open cycle ends where no more samples of the joint can come for it.
-
-        Parameters
-        ----------
-        complete_ns
-            No scan with an earlier stamp than this can come any more.
-
-        Returns
-        -------
-        list[TiltCycleData]
-            The tilt cycles completed by this call, in order.
+        The open tilt cycle ends where no more samples of the joint can come for it.
         """
-        self._cycles.advance(complete_ns)
+        if not self._waiting.is_settled:
+            return []
+        spans = self._cycles()
+        if spans is self._tilt_cycles:
+            complete_ns = self._waiting.complete_ns.get(self._tilt_role or "", START_OF_TIME)
+        else:
+            complete_ns = self._waiting.complete_all_ns
+        spans.advance(complete_ns)
+        return self._take(spans)
+
+    def _cycles(self) -> TiltCycles | TimedCycles:
+        """Return what cuts time: the first laser that tilts, once there is one."""
+        if self._tilt_role is not None:
+            return self._tilt_cycles
+        known = (r for r in self._tilting if r in self._angles or self._waiting.is_known(r))
+        self._tilt_role = next(known, None)
+        if self._tilt_role is None:
+            return self._timed_cycles
+        for sample in self._angles.pop(self._tilt_role, ()):
+            self._tilt_cycles.add(*sample)
+        self._angles.clear()
+        self._timed_cycles.finish()  # a laser that begins late: what was open is a cycle
+        self._tilt_cycles.closed.extendleft(reversed(self._timed_cycles.closed))
+        self._timed_cycles.clear()
+        return self._tilt_cycles
+
+    def _take(self, spans: TiltCycles | TimedCycles) -> list[TiltCycleData]:
         cycles: list[TiltCycleData] = []
-        closed = self._cycles.closed
+        closed = spans.closed
         while True:
-            if self._waiting:
-                head = self._waiting[0]
-                split = _first_beam_at(head, closed[0].end_ns) if closed else head.last
-                certain = closed or _end_ns(head) < self._cycles.decided_ns
-                if not certain:
+            queue = self._waiting.next()
+            if queue is not None:
+                record = queue[0]
+                spans.reach(record.start_ns, record.posed.T_odom_base[0])
+                if not closed and not spans.is_certain(record):
                     return cycles
-                used = bool(closed[0].cycle is not None if closed else self._cycles.is_moving)
-                reason = closed[0].reason if closed else "joint rests"
-                self._waiting.popleft()
-                self._use(head, split, used, reason)
-                if split == head.last:
+                before, rest = record.cut(closed[0].end_ns) if closed else (record, None)
+                queue.popleft()
+                if rest is not None:
+                    queue.appendleft(rest)
+                if before is not None:
+                    is_used = bool(closed[0].cycle is not None if closed else spans.is_moving)
+                    self._use(before, is_used, closed[0].reason if closed else "joint rests", rest)
+                if rest is None:
                     continue
-                self._waiting.appendleft(
-                    CycleScan(head.posed, head.keep, max(split, head.first), head.last)
-                )
-            elif not closed or closed[0].end_ns > complete_ns:
+            elif not closed or closed[0].end_ns > self._waiting.complete_all_ns:
                 return cycles
             cycle = self._close(closed.popleft())
             if cycle is not None:
                 cycles.append(cycle)
 
-    def _use(self, head: CycleScan, split: int, used: bool, reason: str) -> None:
-        """Put the beams before `split` into the open part map, or count the scan as dropped."""
-        if used and split > head.first:
-            self._builder.add(head.posed, head.keep, head.first, split)
-            self._open.append(CycleScan(head.posed, head.keep, head.first, split))
-        elif not used and split == head.last and head.first == 0:
+    def _use(
+        self, record: CycleRecord, is_used: bool, reason: str, rest: CycleRecord | None
+    ) -> None:
+        """Put a record into the open part map, or count it as dropped if it is whole."""
+        if is_used:
+            record.bin(self._builder)
+            self._open.append(record)
+        elif rest is None and record.is_whole:
             self.dropped[reason] += 1
 
     def _close(self, span: Span) -> TiltCycleData | None:
-        scans, self._open = self._open, []
-        cycle = self._cycle_data(span, scans)
+        records, self._open = self._open, []
+        cycle = self._cycle_data(span, records)
         # A new region counts from the next tilt cycle on: a part map has one region.
         self._builder.set_region(self._config.map.region)
         return cycle
 
-    def _cycle_data(self, span: Span, scans: list[CycleScan]) -> TiltCycleData | None:
+    def _cycle_data(self, span: Span, records: list[CycleRecord]) -> TiltCycleData | None:
         if span.cycle is None:
-            self.dropped[span.reason] += len(scans)
+            self.dropped[span.reason] += len(records)
             self._builder.clear()
             return None
-        stamps = [s for s in (scan.stamps_ns() for scan in scans) if s is not None]
+        stamps = [s for s in (record.stamps_ns() for record in records) if s is not None]
         start_ns = min((s[0] for s in stamps), default=span.start_ns)
         end_ns = max((s[1] for s in stamps), default=span.end_ns - 1)
-        return TiltCycleData(span, self._builder.close(span.cycle, start_ns, end_ns), scans)
+        return TiltCycleData(span, self._builder.close(span.cycle, start_ns, end_ns), records)
 
 
-def _end_ns(scan: CycleScan) -> int:
-    return max(scan.posed.scan.stamp_ns, scan.posed.scan.end_ns)
-
-
-def _first_beam_at(scan: CycleScan, stamp_ns: int) -> int:
-    """Return the first of the scan's beams that is not before a stamp."""
-    step_ns = scan.posed.scan.time_increment * 1e9
-    ahead_ns = stamp_ns - scan.posed.scan.stamp_ns
-    if step_ns == 0.0:
-        return scan.last if ahead_ns > 0 else scan.first
-    if step_ns < 0.0:  # The last beam is the earliest: the scan goes whole, by its stamp.
-        return scan.last if ahead_ns > 0 else scan.first
-    stamps = np.rint(np.arange(scan.first, scan.last) * step_ns).astype(np.int64)
-    return scan.first + int(np.searchsorted(stamps, ahead_ns))
+def _pose_samples(
+    records: Iterable[CycleRecord], poses_of: Callable[[Posed], Float64]
+) -> tuple[Int64, Float64]:
+    """Return stamps, each once, and poses (K, 4, 4) of records."""
+    chosen = [record.posed for record in records]
+    if not chosen:
+        return np.zeros(0, np.int64), np.zeros((0, 4, 4))
+    stamps = np.concatenate([posed.pose_stamps_ns for posed in chosen])
+    poses = np.concatenate([poses_of(posed) for posed in chosen])
+    stamps, first = np.unique(stamps, return_index=True)
+    return stamps, poses[first]
 
 
 def _pose_at(stamps: Int64, poses: Float64, stamp_ns: int) -> Float64:

@@ -283,8 +283,8 @@ class PartMapBuilder:
             tiles.grow(points)
         self._end_scan(scan.stamp_ns, points)
 
-    def add_points(self, points: Float64, stamp_ns: int = 0) -> None:
-        """Bin points that are already in the map's frame, with the depth `map.cuboid_depth`.
+    def add_points(self, points: Float64, stamp_ns: int = 0, gaps: Float64 | None = None) -> None:
+        """Bin points that are already in the map's frame.
 
         Parameters
         ----------
@@ -292,12 +292,16 @@ class PartMapBuilder:
             float64 (N, 3), m; points that are not finite are left out, the region is ignored.
         stamp_ns
             Their time.
+        gaps
+            float64 (N,), distance to the next line of measurements, m: with `map.gap adaptive` the
+            depth of a point grows with it; all have `map.cuboid_depth` without.
         """
         n, tiles, first = len(points), self._tiles, 0
         self._make_room(n)
         flat = _writable(np.asarray(points, np.float64)).reshape(-1)
+        gaps = np.zeros(0) if gaps is None else _writable(np.asarray(gaps, np.float64))
         while True:
-            count = binning.bin_points(flat, first, self._settings, self._work, tiles.arrays)
+            count = binning.bin_points(flat, gaps, first, self._settings, self._work, tiles.arrays)
             if count >= 0:
                 break
             first = tiles.next_beam

@@ -9,9 +9,13 @@ span of its own time.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
+from itertools import count
+from typing import Any
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 
 START_OF_TIME = -(2**62)
@@ -35,6 +39,7 @@ class CycleEnd(StrEnum):
     REST = "rest"
     GAP = "gap"
     TIME = "time"
+    MOTION = "motion"
     END = "end"
 
 
@@ -83,6 +88,8 @@ class TiltCycles:
     ----------
     config
         Group `cycle`; a change counts from the next sample on.
+    numbers
+        Gives the numbers of cycles; they count from 0 by default.
 
     Attributes
     ----------
@@ -90,10 +97,10 @@ class TiltCycles:
         Closed spans, in order of time; the reader removes those that it has used.
     """
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, numbers: Iterator[int] | None = None) -> None:
         self._limits = config.cycle
         self.closed: deque[Span] = deque()
-        self._cycle = 0
+        self._numbers = count() if numbers is None else numbers
         self.clear()
 
     def clear(self) -> None:
@@ -115,6 +122,13 @@ class TiltCycles:
     def is_moving(self) -> bool:
         """Whether the open span may become a cycle."""
         return self._state in (_State.STARTING, _State.MOVING)
+
+    def reach(self, start_ns: int, T_odom_base: Float64) -> None:
+        """Do nothing: it is the joint that closes tilt cycles, not the records."""
+
+    def is_certain(self, record: Any) -> bool:
+        """Return whether a record belongs to the open span, whatever limits that gets."""
+        return bool(record.end_ns < self._decided_ns)
 
     def add(self, stamp_ns: int, angle: float) -> None:
         """Take the next sample, in stamp order; angle in rad. Repeated stamps are ignored."""
@@ -175,9 +189,8 @@ class TiltCycles:
     def _close(self, end_ns: int, reason: CycleEnd | NoCycle) -> None:
         """Close the open span and begin the next one where it ends."""
         if end_ns > self._start_ns:
-            cycle = self._cycle if isinstance(reason, CycleEnd) else None
+            cycle = next(self._numbers) if isinstance(reason, CycleEnd) else None
             self.closed.append(Span(self._start_ns, end_ns, cycle, reason))
-            self._cycle += cycle is not None
         self._start_ns = self._decided_ns = end_ns
 
     def _begin(self, state: _State, stamp_ns: int, angle: float) -> None:

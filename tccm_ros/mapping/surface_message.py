@@ -6,9 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tccm_ros.arrays import Float64, Int32, Int64
+from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.config import Config
-from tccm_ros.cuboids.beam_rays import scan_rays
 from tccm_ros.cuboids.cycle_builder import TiltCycleData
 from tccm_ros.cuboids.free_intervals import FreeIntervalTracer
 from tccm_ros.cuboids.inclination import SEEN_AS_WALL
@@ -20,6 +19,7 @@ from tccm_ros.planes.horizontal_strips import horizontal_strips
 from tccm_ros.planes.plane_noise import are_too_thick
 from tccm_ros.planes.wall_contact import lie_on_walls
 from tccm_ros.records import PlaneKind, SurfaceCloud, ViewIntervals
+from tccm_ros.sensors.point_cloud import first_in_voxels
 
 Segmentation = Callable[[Float64], Int32]
 """Surface of each point float64 (N, 3), m, in the base frame: int32 (N,), -1 for none."""
@@ -55,6 +55,7 @@ def surface_cloud(
     viewpoint: Float64,
     frame_id: str,
     wanted: bool,
+    voxel: float,
     segmentation: Segmentation | None = None,
 ) -> SurfaceCloud:
     """Return the points of the horizontal surfaces that the newest part map saw.
@@ -73,6 +74,8 @@ def surface_cloud(
         The base frame.
     wanted
         Otherwise the cloud is empty.
+    voxel
+        Edge of the voxels to which points of images and clouds are thinned, m.
     segmentation
         Tells the surfaces in place of the planes.
     """
@@ -84,15 +87,23 @@ def surface_cloud(
             labels = segmentation(points)
             points, surface = points[labels >= 0], labels[labels >= 0].astype(np.int64)
         else:
-            points, surface = _horizontal_points(part, fits, viewpoint)
+            lines = cycle.is_line()
+            points, surface = _horizontal_points(part, fits, viewpoint, lines, voxel)
             points = transform(T_base_odom, points)
     return SurfaceCloud(
         cycle.stamp_ns, frame_id, points.astype(np.float32), surface.astype(np.uint32)
     )
 
 
-def _horizontal_points(part: PartMap, fits: PlaneFits, viewpoint: Float64) -> tuple[Float64, Int64]:
-    """Return the points of horizontal planes and strips, and their surface's index, from 0."""
+def _horizontal_points(
+    part: PartMap, fits: PlaneFits, viewpoint: Float64, is_line: Bool, voxel: float
+) -> tuple[Float64, Int64]:
+    """Return the points of horizontal planes and strips, and their surface's index, from 0.
+
+    Strips are made of scan lines alone: `is_line` bool (R,) says which records are. Of other
+    points, which a camera measures again with each image, one stays in each voxel of edge `voxel`,
+    m.
+    """
     labels, points = plane_labels(part, fits)[part.point_cuboids()], part.positions()
     normals = np.array([f.normal for f in fits]).reshape(-1, 3)
     offsets, rms = np.array([f.offset for f in fits]), np.array([f.rms for f in fits])
@@ -108,7 +119,15 @@ def _horizontal_points(part: PartMap, fits: PlaneFits, viewpoint: Float64) -> tu
     surface = np.full(len(points), -1, np.int64)
     on = _on_planes(points, labels, seen, len(fits))
     surface[on] = labels[on]
-    surface = horizontal_strips(points, part.lines(chosen), surface, viewpoint)
+    lines = part.lines(chosen)
+    in_line = is_line[lines]
+    surface[in_line] = horizontal_strips(
+        points[in_line], lines[in_line], surface[in_line], viewpoint
+    )
+    dense = np.flatnonzero(~in_line & (surface >= 0))
+    kept = in_line.copy()
+    kept[dense[first_in_voxels(points[dense], voxel)]] = True
+    surface[~kept] = -1
     surface[lie_on_walls(points, surface, fits, is_wall)] = -1
     is_surface = surface >= 0
     _, surface = np.unique(surface[is_surface], return_inverse=True)
@@ -149,8 +168,7 @@ def view_intervals(
     T_base_odom = inverse(T_odom_base)
     # Half again: `views.reach` is a distance on the floor, the beam goes down as well.
     longest = 1.5 * min(config.views.reach, config.scan.max_range)
-    for scan in cycle.scans:
-        spacing = abs(scan.posed.scan.angle_increment) * config.views.reach * BEAMS_PER_COLUMN
-        every = max(int(config.views.cell_size / max(spacing, 1e-9)), 1)
-        columns.add(*scan_rays(scan, longest, every, T_base_odom))
+    enough = config.views.cell_size, config.views.reach * BEAMS_PER_COLUMN
+    for record in cycle.records:
+        columns.add(*record.rays(longest, enough, T_base_odom))
     return ViewIntervals(cycle.stamp_ns, frame_id, columns.intervals(cycle.angle_step()))

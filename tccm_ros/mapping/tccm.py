@@ -18,6 +18,7 @@ from tccm_ros.baselines.union_as_printed import AS_PRINTED
 from tccm_ros.config import Config
 from tccm_ros.cuboids.clearing import add_voids
 from tccm_ros.cuboids.cycle_builder import CycleBuilder, TiltCycleData
+from tccm_ros.cuboids.cycle_records import CyclePoints, CycleRecord, CycleScan
 from tccm_ros.cuboids.free_columns import FreeSpace
 from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.cuboids.part_map import PartMap
@@ -37,6 +38,9 @@ from tccm_ros.records import (
     TiltAngle,
     ViewIntervals,
 )
+from tccm_ros.sensors.depth_image import PosedImage, measure_image
+from tccm_ros.sensors.laser_scan import used_beams
+from tccm_ros.sensors.point_cloud import PosedCloud, measure_cloud
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.tabletop.free_places import FreePlaces, find_free_places
 from tccm_ros.tabletop.objects import ObjectTracker, find_objects
@@ -49,12 +53,6 @@ DETECTORS = {
 """Detectors of planes by `planes.detector`."""
 
 OnPlanes = Callable[["CyclePlanes"], object]
-
-ROLES = {None, *roles_of("tccm")}
-"""Of events that are mapped: those of the streams for it, and those that concern everybody."""
-
-START_OF_TIME = -(2**62)
-"""Earlier than every stamp, ns."""
 
 STILL_SPEED = 0.02
 """Below this the base stands still, m/s (`views.when: still`). Chosen."""
@@ -106,11 +104,11 @@ class CycleResult:
     part
         The newest part map, with its points.
     scans
-        Scans of which beams were used.
+        Scans, images and clouds that were used.
     base_speed, base_angular_speed
         Largest of the base during the tilt cycle, m/s and rad/s.
     ended_by
-        Why the cycle ended: ``turn``, ``rest``, ``gap``, ``time`` or ``end``.
+        Why the cycle ended: ``turn``, ``rest``, ``gap``, ``time``, ``motion`` or ``end``.
     """
 
     cycle: int
@@ -151,7 +149,7 @@ class CycleResult:
 
 
 class TccmProcessor:
-    """Maps what a tilting laser sees, tilt cycle by tilt cycle.
+    """Maps what tilting lasers, depth cameras and lidars see, cycle by cycle.
 
     Parameters
     ----------
@@ -176,13 +174,16 @@ class TccmProcessor:
         self._cycles = CycleBuilder(config, self._rule)
         is_seed = config.surfaces.segmentation == "seed"
         self._segmentation = partial(segment, config=config) if is_seed else None
-        self._complete_ns = START_OF_TIME
+        # Those of the streams for it, and of what concerns everybody.
+        self._roles = {None, *roles_of("tccm", config)}
         self._planes = PlaneTracker(config)
         self._objects = ObjectTracker(config)
         self._odom_frame, self._base_frame = config.frames.odom_name, ""
         self._view_is_asked = False
         self._handlers: dict[type, Callable[[Any], None]] = {
             PosedScan: self._take_scan,
+            PosedImage: self._take_image,
+            PosedCloud: self._take_cloud,
             TiltAngle: self._take_angle,
             StreamComplete: self._take_complete,
             ClockJump: self._take_jump,
@@ -195,7 +196,7 @@ class TccmProcessor:
 
     def takes(self, event: Event) -> bool:
         """Return whether an event is for this processor."""
-        return type(event) in self._handlers and getattr(event, "role", None) in ROLES
+        return type(event) in self._handlers and getattr(event, "role", None) in self._roles
 
     def add(self, event: Event, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:
         """Take one event; return the tilt cycles that are complete now, in order.
@@ -206,17 +207,27 @@ class TccmProcessor:
         if not self.takes(event):
             return []
         self._handlers[type(event)](event)
-        return [self._result(cycle, on_planes) for cycle in self._cycles.take(self._complete_ns)]
+        return [self._result(cycle, on_planes) for cycle in self._cycles.take()]
 
     def _take_scan(self, posed: PosedScan) -> None:
-        self._odom_frame, self._base_frame = posed.odom_frame, posed.base_frame
-        self._cycles.add_scan(posed)
+        keep = used_beams(posed, self.config)
+        self._take_record(CycleScan(posed, keep, 0, len(posed.scan.ranges)))
+
+    def _take_image(self, posed: PosedImage) -> None:
+        self._take_record(CyclePoints(posed, measure_image(posed, self.config)))
+
+    def _take_cloud(self, posed: PosedCloud) -> None:
+        self._take_record(CyclePoints(posed, measure_cloud(posed, self.config)))
+
+    def _take_record(self, record: CycleRecord) -> None:
+        self._odom_frame, self._base_frame = record.posed.odom_frame, record.posed.base_frame
+        self._cycles.add(record)
 
     def _take_angle(self, sample: TiltAngle) -> None:
-        self._cycles.add_tilt(sample.stamp_ns, sample.angle)
+        self._cycles.add_tilt(*sample)
 
     def _take_complete(self, complete: StreamComplete) -> None:
-        self._complete_ns = complete.until_ns
+        self._cycles.add_complete(*complete)
 
     def _take_jump(self, jump: ClockJump) -> None:
         self.clear_map()
@@ -240,7 +251,6 @@ class TccmProcessor:
         """Forget the map and the open tilt cycle."""
         self.counts["resets"] += 1
         self._cycles.clear()
-        self._complete_ns = START_OF_TIME
         self.map.clear()
         self.seen_free.clear()
         self._planes.reset()
@@ -255,8 +265,8 @@ class TccmProcessor:
         part = cycle.part
         self.map.add(part)
         self.counts["cycles"] += 1
-        self.counts["scans used"] += len(cycle.scans)
-        T_odom_base, viewpoint = cycle.T_odom_base(), cycle.T_odom_laser()[:3, 3]
+        self.counts["scans used"] += len(cycle.records)
+        T_odom_base, viewpoint = cycle.T_odom_base(), cycle.T_odom_sensor()[:3, 3]
         cuboids = part.cuboids() if self.config.planes.source == "part" else self.map.cuboids()
         detect = DETECTORS[self.config.planes.detector]
         fits = detect(cuboids, self.config, viewpoint)
@@ -282,11 +292,18 @@ class TccmProcessor:
             objects=objects,
             place_size=self.config.objects.place_size,
             surfaces=surface_cloud(
-                cycle, fits, T_odom_base, viewpoint, base, wanted, self._segmentation
+                cycle,
+                fits,
+                T_odom_base,
+                viewpoint,
+                base,
+                wanted,
+                self.config.views.voxel_size,
+                self._segmentation,
             ),
             view=view if wanted else replace(view, intervals=view.intervals[:0]),
             part=part,
-            scans=len(cycle.scans),
+            scans=len(cycle.records),
             base_speed=speed,
             base_angular_speed=angular_speed,
             ended_by=cycle.span.reason,

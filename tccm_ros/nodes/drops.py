@@ -9,7 +9,7 @@ ADVICE = {
     "(50 Hz or more) and its clock",
     "no odometry": "odometry has to bracket each scan: look at 'odom', its rate and its clock",
     "no transform": "transforms have to bracket each scan: look at /tf, its rate and its clock",
-    "no way from base to laser": "publish robot_description and joint_states, or set rig.*",
+    "no way from base to sensor": "publish robot_description and joint_states, or set rig.*",
     "future stamp": "a stamp lies ahead of all others: look at the clock of the laser's driver",
     "out of order": "stamps go back: look for two publishers of the scan topic",
     "duplicate stamp": "stamps repeat: look for two publishers of the scan topic",

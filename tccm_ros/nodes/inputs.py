@@ -6,7 +6,7 @@ no publisher, another type, an incompatible QoS or no messages is named, with wh
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -57,6 +57,7 @@ class Input:
     lost: int = 0
     last_ns: int | None = None
     sequence: int | None = None
+    instead: tuple[str, ...] = ()
 
 
 class Inputs:
@@ -89,6 +90,7 @@ class Inputs:
         *,
         watch: Watch = "needed",
         raw: bool = False,
+        instead: Sequence[str] = (),
     ) -> None:
         """Subscribe to a topic, and count what comes.
 
@@ -106,8 +108,11 @@ class Inputs:
             How the topic's silence is rated in /diagnostics.
         raw
             Whether messages are given serialised (CDR).
+        instead
+            Resolved names of topics: where one of them is heard, this one is not needed.
         """
-        entry = Input(self._node.resolve_topic_name(topic), type_name, watch)
+        name = self._node.resolve_topic_name(topic)
+        entry = Input(name, type_name, watch, instead=tuple(instead))
         self._inputs.append(entry)
 
         def counted(message: Any, info: Any) -> None:
@@ -131,6 +136,10 @@ class Inputs:
         )
         if self._intake is not None:
             self._intake.add(subscription)
+
+    def has(self, topic: str) -> bool:
+        """Return whether a topic is subscribed to; its name is resolved."""
+        return any(entry.topic == topic for entry in self._inputs)
 
     def counts(self) -> dict[str, int]:
         """Return the messages received by topic."""
@@ -174,7 +183,8 @@ class Inputs:
             return self._incompatible[entry.topic]
         if entry.watch == "event" or not self._is_silent(entry):
             return None
-        if not publishers and (entry.watch == "needed" or entry.count):
+        is_needed = entry.watch == "needed" and not self._is_replaced(entry)
+        if not publishers and (is_needed or entry.count):
             return f"nobody publishes '{entry.topic}'; start its driver, or remap the topic"
         if not publishers:
             return None
@@ -182,6 +192,9 @@ class Inputs:
             f"'{entry.topic}' is silent; {len(publishers)} publisher(s) are there: "
             "look at the driver, its QoS and the network"
         )
+
+    def _is_replaced(self, entry: Input) -> bool:
+        return any(other.count for other in self._inputs if other.topic in entry.instead)
 
     def _is_silent(self, entry: Input) -> bool:
         now = self._now()

@@ -26,12 +26,16 @@ from tccm_ros.errors import ConfigError, TccmError, suggest
 
 INT64_MAX = 2**63 - 1
 
+ARRAYS = (RosParameter.Type.DOUBLE_ARRAY, RosParameter.Type.STRING_ARRAY)
+
 
 def ros_type(parameter: Parameter) -> RosParameter.Type:
     """Return the ROS type of a configuration parameter."""
     kinds = {bool: "BOOL", int: "INTEGER", float: "DOUBLE", str: "STRING"}
     if parameter.type in kinds:
         return RosParameter.Type[kinds[parameter.type]]
+    if parameter.type == tuple[str, ...]:
+        return RosParameter.Type.STRING_ARRAY
     if all(isinstance(argument, str) for argument in get_args(parameter.type)):
         return RosParameter.Type.STRING
     return RosParameter.Type.DOUBLE_ARRAY
@@ -39,12 +43,16 @@ def ros_type(parameter: Parameter) -> RosParameter.Type:
 
 def ros_value(parameter: Parameter, value: Any) -> Any:
     """Return a configuration value as a ROS parameter value."""
+    if ros_type(parameter) is RosParameter.Type.STRING_ARRAY:
+        return list(value)
     if ros_type(parameter) is RosParameter.Type.DOUBLE_ARRAY:
         return [] if value is None else [float(number) for number in value]
     return value
 
 
 def _config_value(parameter: Parameter, value: Any) -> Any:
+    if ros_type(parameter) is RosParameter.Type.STRING_ARRAY:
+        return tuple(map(str, value or ()))
     if ros_type(parameter) is RosParameter.Type.DOUBLE_ARRAY:
         return None if value is None or len(value) == 0 else tuple(value)
     return value
@@ -58,7 +66,7 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
         description=f"{parameter.meaning}{unit}",
         read_only=parameter.read_only,
         # rclpy takes an empty list for bytes; our own check knows better.
-        dynamic_typing=ros_type(parameter) is RosParameter.Type.DOUBLE_ARRAY,
+        dynamic_typing=ros_type(parameter) in ARRAYS,
     )
     limits = (parameter.minimum, parameter.maximum)
     if limits == (None, None):

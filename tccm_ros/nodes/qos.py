@@ -23,11 +23,15 @@ SURFACE_MESSAGE_DEPTH = 50
 busy with a batch."""
 
 
-def sensor(reliability: str = "best_effort") -> QoSProfile:
+LARGE_DEPTH = 10
+"""Of images and point clouds: a third of a second of a camera, 6 MB."""
+
+
+def sensor(reliability: str = "best_effort", *, depth: int = SENSOR_DEPTH) -> QoSProfile:
     """Return the profile of a sensor subscription; best effort matches every publisher."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=SENSOR_DEPTH,
+        depth=depth,
         reliability=ReliabilityPolicy[reliability.upper()],
         durability=DurabilityPolicy.VOLATILE,
     )

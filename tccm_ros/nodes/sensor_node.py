@@ -21,6 +21,7 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from tccm_ros.bags.typestore import TypestoreMessages
+from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.errors import TccmError, one_line
 from tccm_ros.nodes.clock import (
     is_clock_missing,
@@ -33,7 +34,7 @@ from tccm_ros.nodes.drops import DropWatch
 from tccm_ros.nodes.inputs import Inputs, Watch
 from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.params import declare_config, follow_changes
-from tccm_ros.nodes.qos import latched, sensor, static_transforms
+from tccm_ros.nodes.qos import LARGE_DEPTH, latched, sensor, static_transforms
 from tccm_ros.nodes.readers import record_reader
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.shared_robot import SharedRobot
@@ -48,7 +49,10 @@ from tccm_ros.records import (
     TiltAngle,
     ViewIntervals,
 )
-from tccm_ros.sensors.registry import default_streams, roles_of
+from tccm_ros.robot import MountKind, Stream
+from tccm_ros.ros.reading import READERS
+from tccm_ros.sensors.depth_image import camera_info_topic, depth_stream, is_compressed
+from tccm_ros.sensors.registry import default_streams
 
 NOT_DROPPED = (ClockJump, Odometry, StreamComplete, SurfaceCloud, TiltAngle, ViewIntervals)
 """Events that an overloaded node keeps as long as it can: all but what sensors measured."""
@@ -92,7 +96,8 @@ class SensorNode(Node):
         self.robot = shared or SharedRobot(self.config, self.intake, self._is_odometry_published)
         self.robot.check_shared(self.config)
         self.owns_robot = shared is None
-        self.roles = roles_of(taker)
+        self._streams = {s.role: s for s in default_streams(self.config) if s.taker == taker}
+        self.roles = frozenset(self._streams)
         self._drops = DropWatch()
         self._jump = on_backward_jump(self, self.config.clock_jump, self.restart)
 
@@ -138,8 +143,8 @@ class SensorNode(Node):
         `watch` says how the silence of the sensors is rated.
         """
         measured = sensor(self.config.qos.reliability)
-        for role in sorted(self.roles):
-            self.subscribe(role, measured, self.take, watch=watch)
+        for stream in self._streams.values():
+            self._listen_to(stream, watch)
         if self.owns_robot:
             self.subscribe("odom", measured, self.take)
             self.subscribe("joint_states", measured, self.take)
@@ -150,6 +155,37 @@ class SensorNode(Node):
                 self.subscribe("tf_static", fixed, self.take, topic="/tf_static", watch="event")
         self.robot.listen(self.offer)
 
+    def _listen_to(self, stream: Stream, watch: Watch) -> None:
+        """Subscribe to a sensor, and to what comes beside its records."""
+        role, reliability = stream.role, self.config.qos.reliability
+        if stream.mount is not MountKind.ANY:
+            others = [self.resolve_topic_name(r) for r in self.roles if r != role]
+            self.subscribe(
+                role, sensor(reliability), self.take, watch=watch, reader=stream.reader,
+                instead=others,
+            )  # fmt: skip
+            return
+        large = sensor(reliability, depth=LARGE_DEPTH)
+        if stream.companion is not None:
+            compressed = is_compressed(self.resolve_topic_name(role))
+            stream = depth_stream(role, compressed=compressed)
+            assert stream.companion is not None
+            beside = stream.companion.role
+            topic = self._topic_beside(role, beside)
+            if not self.inputs.has(topic):  # images of one camera share it
+                self.subscribe(
+                    beside, large, self.take, topic=topic, watch="event",
+                    reader=stream.companion.reader,
+                )  # fmt: skip
+        self.subscribe(role, large, self.take, reader=stream.reader)
+
+    def _topic_beside(self, role: str, beside: str) -> str:
+        """Return the topic of a calibration: beside the image where that is remapped alone."""
+        image, info = self.resolve_topic_name(role), self.resolve_topic_name(beside)
+        is_image_remapped = image != self.resolve_topic_name(role, only_expand=True)
+        is_info_remapped = info != self.resolve_topic_name(beside, only_expand=True)
+        return camera_info_topic(image) if is_image_remapped and not is_info_remapped else info
+
     def subscribe(
         self,
         role: str,
@@ -159,6 +195,8 @@ class SensorNode(Node):
         topic: str = "",
         watch: Watch = "stream",
         is_measured: bool = True,
+        reader: MessageReader | None = None,
+        instead: Sequence[str] = (),
     ) -> None:
         """Subscribe to the messages of a role, whose records are taken.
 
@@ -177,10 +215,15 @@ class SensorNode(Node):
         is_measured
             Whether a sensor measured it, so that `qos.stamp: receive` replaces its stamp. What is
             computed from measurements keeps its stamp.
+        reader
+            Of the messages; that of `READERS` by default.
+        instead
+            Resolved names of topics: where one of them is heard, this one is not needed.
         """
-        type_name, read = record_reader(role)
+        reader = reader or READERS[role]
+        type_name, read = reader.message_type, record_reader(reader)
         on_receipt = is_measured and self.config.qos.stamp == "receive"
-        spans = {stream.role: stream.time_span for stream in default_streams()}
+        spans = {name: stream.time_span for name, stream in self._streams.items()}
 
         def callback(data: bytes) -> None:
             try:
@@ -190,7 +233,9 @@ class SensorNode(Node):
             except TccmError as error:
                 self.refuse(topic or role, error)
 
-        self.inputs.subscribe(type_name, topic or role, callback, qos, watch=watch, raw=True)
+        self.inputs.subscribe(
+            type_name, topic or role, callback, qos, watch=watch, raw=True, instead=instead
+        )
 
     def take(self, role: str, record: Any) -> None:
         """Give a record to the robot."""

@@ -20,7 +20,7 @@ from tccm_ros.records import Event
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
 
-SHARED_GROUPS = frozenset({"frames", "rig", "scan", "qos", "sync_timeout", "clock_jump"})
+SHARED_GROUPS = frozenset({"frames", "rig", "scan", "sensors", "qos", "sync_timeout", "clock_jump"})
 """What the nodes of one process must have in common."""
 
 
@@ -47,7 +47,7 @@ class SharedRobot:
 
     def __init__(self, config: Config, intake: Intake, is_odometry_published: Callable[[], bool]):
         self.intake = intake
-        self.robot = Robot(config, default_streams())
+        self.robot = Robot(config, default_streams(config))
         self.lock = threading.RLock()
         self._config = config
         self._is_odometry_published = is_odometry_published
@@ -57,6 +57,11 @@ class SharedRobot:
         """Have a function called with the events of each record."""
         with self.lock:
             self._listeners.append(listener)
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether several nodes of this process hear it."""
+        return len(self._listeners) > 1
 
     def add(self, role: str, record: Any) -> None:
         """Take a record and give out what it brings out.

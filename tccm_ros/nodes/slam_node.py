@@ -17,22 +17,23 @@ from tccm_ros.nodes.collision import CollisionObjects
 from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.map_folder import read_map, write_map
 from tccm_ros.nodes.outputs import Outputs
-from tccm_ros.nodes.qos import latched, sensor, surface_message
+from tccm_ros.nodes.qos import LARGE_DEPTH, SENSOR_DEPTH, latched, sensor, surface_message
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.warm_up import warm_up_slam
 from tccm_ros.records import Event, ScanPose, Surface, SurfaceCloud, ViewIntervals
 from tccm_ros.results.occupancy import occupancy_grid
+from tccm_ros.robot import MountKind
 from tccm_ros.ros.output_messages import grid_message
-from tccm_ros.ros.reading import READERS
 from tccm_ros.ros.topic_messages import (
     SOLUTION_TOPICS,
     SURFACE_MESSAGE_TOPICS,
     SolutionMessageBuilder,
     TopicMessage,
 )
-from tccm_ros.sensors.registry import roles_of
+from tccm_ros.sensors.depth_image import depth_stream, is_compressed
+from tccm_ros.sensors.registry import default_streams
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.surfaces.track_ids import changes
 
@@ -93,14 +94,20 @@ class SlamNode(SensorNode):
                 watch="event",
                 is_measured=False,
             )
-        # Of the tilting laser only the stamps count: those of the trajectory, where there is no
+        # Of what is mapped only the stamps count: those of the trajectory, where there is no
         # level laser. They are read from the serialised message.
-        for role in roles_of("tccm"):
+        for stream in default_streams(self.config):
+            if stream.taker != "tccm":
+                continue
+            if stream.companion is not None:
+                compressed = is_compressed(self.resolve_topic_name(stream.role))
+                stream = depth_stream(stream.role, compressed=compressed)
+            depth = SENSOR_DEPTH if stream.mount is MountKind.TILTING else LARGE_DEPTH
             self.inputs.subscribe(
-                READERS[role].message_type,
-                role,
+                stream.reader.message_type,
+                stream.role,
                 self._on_mapped_scan,
-                sensor(self.config.qos.reliability),
+                sensor(self.config.qos.reliability, depth=depth),
                 watch="event",
                 raw=True,
             )

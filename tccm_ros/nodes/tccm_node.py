@@ -7,12 +7,13 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from sensor_msgs.msg import LaserScan
 from std_srvs.srv import SetBool, Trigger
 
 from tccm_ros.atomic import output_folder
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.nodes.outputs import Outputs
-from tccm_ros.nodes.qos import latched, surface_message
+from tccm_ros.nodes.qos import latched, sensor, surface_message
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
@@ -21,6 +22,8 @@ from tccm_ros.pipeline.calibrate.rig_check import RigCheck
 from tccm_ros.records import ClockJump, Event
 from tccm_ros.results.cuboids_file import cuboids_archive
 from tccm_ros.ros.topic_messages import CYCLE_TOPICS, SURFACE_MESSAGE_TOPICS, CycleMessageBuilder
+from tccm_ros.ros.writing import scan_message
+from tccm_ros.sensors.level_projection import LevelProjector
 
 
 class TccmNode(SensorNode):
@@ -55,6 +58,12 @@ class TccmNode(SensorNode):
             self.worker.post,
             always=SURFACE_MESSAGE_TOPICS,
         )
+        self._level = LevelProjector(self.config)
+        self._level_scans = (
+            self.create_publisher(LaserScan, "~/level_scan", sensor("reliable"))
+            if self._level.is_on
+            else None
+        )
         self.listen(watch="needed")
         self.create_service(Trigger, "~/take_view", self._on_take_view)
         self.create_service(SetBool, "~/pause", self._on_pause)
@@ -83,6 +92,15 @@ class TccmNode(SensorNode):
         Planes go out as soon as they are known.
         """
         self._publish(self.processor.add(event, self._publish_planes))
+        self._publish_level_scan(event)
+
+    def _publish_level_scan(self, event: Event) -> None:
+        """Publish the level scan of an event, and give it to a SLAM node in this process."""
+        scan = self._level.project(event)
+        if scan is not None and self._level_scans is not None:
+            self._level_scans.publish(scan_message(self.types, scan))
+            if self.robot.is_shared:
+                self.robot.add("scan", scan)
 
     def begin(self) -> None:
         """Forget the map."""

@@ -36,6 +36,8 @@ class Outcome:
         s.
     continues_map
         Whether it is a new session of a saved map.
+    found_topics
+        One line for each topic that was taken by its type.
     """
 
     config: Config
@@ -48,3 +50,4 @@ class Outcome:
     dropped: Counter[str] = field(default_factory=Counter)
     bag_duration: float = 0.0
     continues_map: bool = False
+    found_topics: tuple[str, ...] = ()

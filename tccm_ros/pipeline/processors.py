@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,17 +12,15 @@ from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.records import Event
 from tccm_ros.results.cycles_file import CycleHistory
-from tccm_ros.robot import Robot
-from tccm_ros.sensors.registry import default_streams, roles_of
+from tccm_ros.robot import Robot, Stream
+from tccm_ros.sensors.level_projection import LevelProjector
+from tccm_ros.sensors.registry import default_streams
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 OnCycle = Callable[[CycleResult, Cuboids], object]
 """Called with each complete tilt cycle, and the integration map after it."""
-
-MAPPED_ROLES = roles_of("tccm")
-"""Streams at whose stamps the trajectory has poses."""
 
 
 class Pipeline:
@@ -32,6 +30,8 @@ class Pipeline:
     ----------
     config
         The configuration.
+    streams
+        Of the sensors; those of the configuration by default.
     expects_odometry
         Whether there is an odometry topic (`Robot`).
     saved
@@ -55,6 +55,7 @@ class Pipeline:
         self,
         config: Config,
         *,
+        streams: Sequence[Stream] | None = None,
         expects_odometry: bool,
         saved: SavedMap | None = None,
         on_cycle: OnCycle = lambda cycle, cuboids: None,
@@ -64,8 +65,11 @@ class Pipeline:
         self._on_cycle = on_cycle
         self._maps: list[Cuboids] = []
         self.clock = clock or Stopwatch()
-        self.robot = Robot(config, default_streams(), expects_odometry=expects_odometry)
+        streams = default_streams(config) if streams is None else streams
+        self._mapped = frozenset(stream.role for stream in streams if stream.taker == "tccm")
+        self.robot = Robot(config, streams, expects_odometry=expects_odometry)
         self.tccm = TccmProcessor(config)
+        self._level = LevelProjector(config)
         self.slam = SurfaceSlam(config) if saved is None else SurfaceSlam.from_saved(config, saved)
         self.cycles: list[CycleResult] = []
         self.history = CycleHistory(config.map.window_cycles)
@@ -79,13 +83,15 @@ class Pipeline:
         """Process one record; return the tilt cycles that are complete now."""
         with self.clock.stage("pose"):
             events = self.robot.add(role, record)
-        if role in MAPPED_ROLES:
+        if role in self._mapped:
             self.slam.add_pose_stamp(record.stamp_ns)
         return self._process(events) if events else []
 
     def finish(self) -> list[CycleResult]:
         """Process the end of the input; return the last tilt cycles."""
         results = self._process(self.robot.flush())
+        if self._level.is_on:  # of the last records level scans were made
+            results += self._process(self.robot.flush())
         with self.clock.stage("tccm"):
             last = self.tccm.finish(self._store_map)
         self._add_cycles(last)
@@ -110,6 +116,15 @@ class Pipeline:
             for event in events:
                 self.slam.add(event)
         self._add_cycles(results)
+        return results + self._add_level_scans(events) if self._level.is_on else results
+
+    def _add_level_scans(self, events: Iterable[Event]) -> list[CycleResult]:
+        """Process the level scans that are made of events; they come back as posed scans."""
+        results: list[CycleResult] = []
+        with self.clock.stage("tccm"):
+            scans = [scan for scan in map(self._level.project, events) if scan is not None]
+        for scan in scans:
+            results += self.add("scan", scan)
         return results
 
     def _add_cycles(self, results: Iterable[CycleResult]) -> None:

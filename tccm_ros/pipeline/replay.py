@@ -62,12 +62,15 @@ class Summary:
         Time of each stage, s.
     real_time_factor
         Seconds of the bag in a second of processing.
+    found_topics
+        One line for each topic that was taken by its type.
     """
 
     out: Path
     content: SummaryFile
     seconds: dict[str, float]
     real_time_factor: float
+    found_topics: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return everything as plain data."""
@@ -81,6 +84,7 @@ class Summary:
         """Return a few lines for a terminal."""
         counts, session = self.content.counts, self.content.session
         lines = [
+            *self.found_topics,
             f"{counts.surface_counts.text()}, {counts.objects} objects, {counts.walls} walls, "
             f"{counts.cycles} tilt cycles, {counts.keyframes} keyframes, "
             f"{counts.loops_accepted} loops; {_factor_text(self.real_time_factor)} real time",
@@ -157,7 +161,7 @@ def replay(
             _write_report(folder, factor, clock)
         else:
             _write_timing(folder, factor, clock)
-    return Summary(Path(out), content, clock.seconds, factor)
+    return Summary(Path(out), content, clock.seconds, factor, outcome.found_topics)
 
 
 def _write_timing(folder: Path, factor: float, clock: Stopwatch) -> TimingFile:

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from tccm_ros.bags.reader import DEFAULT_TOPICS, BagPaths, BagReader, remap_topics
+from tccm_ros.bags.reader import BagPaths, BagReader
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, MapError, TopicError
 from tccm_ros.pipeline.outcome import Outcome
 from tccm_ros.pipeline.processors import OnCycle, Pipeline
+from tccm_ros.pipeline.topics import TopicChoice, choose_topics
 from tccm_ros.progress import Bars, Silent
+from tccm_ros.records import Scan
+from tccm_ros.robot import MountKind, Stream
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.saved_map import SavedMap
-
-SCAN_ROLES = ("tilt_scan", "scan")
 
 PROGRESS_STEP_NS = 100_000_000
 """Time of the bag between two updates of the progress bar, ns; chosen."""
@@ -58,10 +59,14 @@ def run_bag(
     """
     bars, clock = bars or Silent(), clock or Stopwatch()
     with BagReader(bag) as reader:
-        topics = _topics(reader, remap)
+        choice = choose_topics(reader, config, remap)
+        _check_there(reader, choice)
+        topics = choice.topics
+        reader.add_readers(choice.readers)
         present = {info.name for info in reader.topics() if info.count}
         pipeline = Pipeline(
             config,
+            streams=choice.streams,
             expects_odometry=topics["odom"] in present,
             saved=saved,
             on_cycle=on_cycle,
@@ -70,7 +75,7 @@ def run_bag(
         messages = _feed(pipeline, reader, topics, bars)
         bars.start("solve", 1.0)
         pipeline.finish()
-        _check_used(pipeline, reader, topics)
+        _check_used(pipeline, reader, choice)
         solution = pipeline.solve()
         if not pipeline.slam.is_aligned(solution):
             raise MapError(
@@ -89,20 +94,18 @@ def run_bag(
             pipeline.dropped + unreadable,
             reader.duration,
             saved is not None,
+            tuple(choice.found),
         )
 
 
-def _topics(reader: BagReader, remap: Sequence[str]) -> Mapping[str, str]:
-    """Return the topic of each role; raise TopicError without scans or a remapped topic."""
-    topics = remap_topics(remap)
+def _check_there(reader: BagReader, choice: TopicChoice) -> None:
+    """Raise TopicError without any sensor, or without a topic that was named."""
     counts = {info.name: info.count for info in reader.topics()}
-    named = [role for role, topic in topics.items() if topic != DEFAULT_TOPICS[role]]
-    absent = [role for role in named if topics[role] not in counts]
-    if not any(counts.get(topics[role]) for role in SCAN_ROLES):
-        absent = absent or ["tilt_scan"]
+    absent = [role for role in sorted(choice.named) if choice.topics[role] not in counts]
+    if not any(counts.get(choice.topics[stream.role]) for stream in choice.streams):
+        absent = absent or [choice.streams[0].role]
     if absent:
-        raise TopicError(reader.missing(absent[0], topics[absent[0]]))
-    return topics
+        raise TopicError(reader.missing(absent[0], choice.topics[absent[0]]))
 
 
 def _feed(
@@ -126,23 +129,36 @@ def _feed(
             last_ns = log_ns
 
 
-def _check_used(pipeline: Pipeline, reader: BagReader, topics: Mapping[str, str]) -> None:
-    """Raise an error with the reason where no scan of a recorded laser could be used."""
+def _check_used(pipeline: Pipeline, reader: BagReader, choice: TopicChoice) -> None:
+    """Raise an error with the reason where nothing that a kind of sensor recorded could be used."""
     counts = {info.name: info.count for info in reader.topics()}
-    for topic in (topics[role] for role in SCAN_ROLES):
-        if counts.get(topic) and reader.dropped[topic] == counts[topic]:
-            raise BagError(
-                f"{reader.path}: no message on {topic} could be used: {reader.problems[topic]}"
-            )
-    for laser, role, used in (
-        ("tilting", "tilt_scan", pipeline.tccm.counts["cycles"]),
-        ("level", "scan", pipeline.slam.counts["level scans"]),
+    mapped = [s for s in choice.streams if s.mount is not MountKind.LEVEL]
+    level = [s for s in choice.streams if s.mount is MountKind.LEVEL]
+    for streams, used in (
+        (mapped, pipeline.tccm.counts["cycles"]),
+        (level, pipeline.slam.counts["level scans"]),
     ):
-        sensor = pipeline.robot.sensors[role]
-        if used or not sensor.received:
+        topics = [(s, choice.topics[s.role]) for s in streams if counts.get(choice.topics[s.role])]
+        if used or not topics:
             continue
-        if sensor.problem is not None:
-            raise FrameError(f"{reader.path}: {laser} laser: {sensor.problem}")
-        dropped = sensor.dropped + (pipeline.tccm.dropped if laser == "tilting" else Counter())
-        reasons = ", ".join(f"{n} {why}" for why, n in sorted(dropped.items())) or "no tilt cycle"
-        raise BagError(f"{reader.path}: no scan of the {laser} laser could be used: {reasons}")
+        for stream, topic in topics:
+            what = _name_of(stream)
+            if reader.dropped[topic] == counts[topic]:
+                raise BagError(
+                    f"{reader.path}: no message on {topic} could be used: {reader.problems[topic]}"
+                )
+            sensor = pipeline.robot.sensors[stream.role]
+            if sensor.problem is not None:
+                raise FrameError(f"{reader.path}: {what}: {sensor.problem}")
+            dropped = sensor.dropped + (pipeline.tccm.dropped if streams is mapped else Counter())
+            reasons = ", ".join(f"{n} {why}" for why, n in sorted(dropped.items()))
+            kind = "scan" if stream.record is Scan else "record"
+            raise BagError(
+                f"{reader.path}: no {kind} of the {what} could be used: "
+                f"{reasons or 'no tilt cycle'}"
+            )
+
+
+def _name_of(stream: Stream) -> str:
+    names = {MountKind.TILTING: "tilting laser", MountKind.LEVEL: "level laser"}
+    return names.get(stream.mount, f"sensor on {stream.role}")

@@ -112,7 +112,7 @@ class TiltAngle(NamedTuple):
 
 
 class StreamComplete(NamedTuple):
-    """No record of a tilting sensor that is older than `until_ns` will be given any more.
+    """No record of a sensor that is older than `until_ns` will be given any more.
 
     Attributes
     ----------

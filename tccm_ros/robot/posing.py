@@ -63,6 +63,9 @@ class Posing:
         if not late and sensor.awaited and sensor.awaited[0].heard == sensor.awaited[1]:
             return None
         sensor.awaited = None
+        missing = sensor.join(is_last=late)
+        if missing is not None:
+            return missing or None
         if motion.source is None and (not late or expects_odometry):
             return "no odometry" if late else None
         try:
@@ -73,7 +76,7 @@ class Posing:
                 motion.decide(mount.base or "")
             needs = self._needs(mount, chain)
         except FrameError:
-            return "no way from base to laser"
+            return "no way from base to sensor"
         for reason, track in needs:
             if track.brackets(start_ns, end_ns, self._max_gap_ns):
                 continue

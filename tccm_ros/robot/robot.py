@@ -34,7 +34,7 @@ from tccm_ros.robot.joint_tracks import JointTracks
 from tccm_ros.robot.posing import Posing
 from tccm_ros.robot.sensor import Sensor
 from tccm_ros.robot.stamp_guard import Admission, StampGuard
-from tccm_ros.robot.streams import Stream
+from tccm_ros.robot.streams import Companion, Stream
 
 COMPLETE_STEP_NS = 20_000_000
 """Message time goes on by this much before streams are said to be complete again (chosen): the
@@ -109,6 +109,11 @@ class Robot:
         self.expects_odometry = expects_odometry
         self.refused: Counter[str] = Counter()
         self.sensors = {s.role: Sensor(s, config, self.frames, self.joints) for s in streams}
+        self._mapped = {
+            role: sensor
+            for role, sensor in self.sensors.items()
+            if sensor.stream.mount is not MountKind.LEVEL
+        }
         self._tilting = {
             role: sensor
             for role, sensor in self.sensors.items()
@@ -192,7 +197,23 @@ class Robot:
         }
         for role, sensor in self.sensors.items():
             inputs[role] = _Input(sensor.stream.record, sensor.add, sensor.refuse)
+        for role, companions in self._companions_by_role().items():
+            inputs[role] = _Input(
+                companions[0][0].record,
+                lambda record, to=companions: _give(record, to),  # type: ignore[misc]
+                refuse,
+                keeps_time=False,
+            )
         return inputs
+
+    def _companions_by_role(self) -> dict[str, list[tuple[Companion, Sensor]]]:
+        """Return what comes beside the records of sensors, and the sensors: several may share."""
+        found: dict[str, list[tuple[Companion, Sensor]]] = {}
+        for sensor in self.sensors.values():
+            if sensor.stream.companion is not None:
+                companion = sensor.stream.companion
+                found.setdefault(companion.role, []).append((companion, sensor))
+        return found
 
     def _admit(self, role: str, taken: _Input, record: Any) -> None:
         """Take a record whose stamp is believed, hold or refuse another."""
@@ -275,15 +296,20 @@ class Robot:
         return posed
 
     def _complete_streams(self) -> list[Event]:
-        """Return until when the streams of tilting sensors are complete, once they have begun."""
+        """Return until when the streams that are mapped are complete, once they have begun."""
         complete: list[Event] = []
-        for role, sensor in self._tilting.items():
+        for role, sensor in self._mapped.items():
             now_ns = self._guard.now(role) if sensor.received else None
             if now_ns is not None:
                 until_ns = now_ns - self._posing.wait_ns - sensor.longest_ns
                 complete.append(StreamComplete(role, until_ns))
                 self._complete_after_ns = now_ns + COMPLETE_STEP_NS
         return complete
+
+
+def _give(record: Any, companions: Iterable[tuple[Companion, Sensor]]) -> None:
+    for _, sensor in companions:
+        sensor.add_companion(record)
 
 
 def _is_finite(T: Float64) -> bool:

@@ -13,9 +13,8 @@ from tccm_ros.robot.mount import Mount
 from tccm_ros.robot.streams import Stream
 from tccm_ros.robot.tracks import Track
 
-MAX_WAITING = 1000
-"""Records of a sensor that wait at one time; the oldest is dropped when there are more. Chosen:
-25 s of a laser of 40 Hz, far beyond `sync_timeout`."""
+MAX_COMPANIONS = 50
+"""Companions of a sensor's records that are kept (`Stream.companion`): those of two seconds."""
 
 
 class Sensor:
@@ -53,6 +52,7 @@ class Sensor:
         self.posed = 0
         self.longest_ns = 0
         self.awaited: tuple[Track, int] | None = None
+        self._companions: deque[Any] = deque(maxlen=MAX_COMPANIONS)
         self._newest_ns: int | None = None
 
     @property
@@ -73,8 +73,29 @@ class Sensor:
         start_ns, end_ns = self.stream.time_span(record)
         self.longest_ns = max(self.longest_ns, end_ns - start_ns)
         self.waiting.append(record)
-        if len(self.waiting) > MAX_WAITING:
+        if len(self.waiting) > self.stream.max_waiting:
             self.drop("overload")
+
+    def add_companion(self, record: Any) -> None:
+        """Keep what comes beside the records, in the order of stamps."""
+        if not self._companions or record.stamp_ns > self._companions[-1].stamp_ns:
+            self._companions.append(record)
+
+    def join(self, *, is_last: bool) -> str | None:
+        """Give the oldest record that waits what it needs of its companions.
+
+        Returns
+        -------
+        Why it is dropped, ``""`` where it has to wait, None where it has all that it needs.
+        """
+        companion = self.stream.companion
+        if companion is None:
+            return None
+        joined = companion.join(self.waiting[0], tuple(self._companions), is_last)
+        if joined is None or isinstance(joined, str):
+            return joined or ""
+        self.waiting[0] = joined
+        return None
 
     def refuse(self, reason: str) -> None:
         """Count a record that does not even wait."""
@@ -92,5 +113,6 @@ class Sensor:
         if self.waiting:
             self.dropped["clock jump"] += len(self.waiting)
         self.waiting.clear()
+        self._companions.clear()
         self.awaited = self._newest_ns = None
         self.mount.clear_samples()

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.records import Posed
@@ -19,6 +19,29 @@ def at_its_stamp(record: Any) -> tuple[int, int]:
 def without_fault(record: Any) -> str | None:
     """Return no fault: what the reader lets through can be used."""
     return None
+
+
+class Companion(NamedTuple):
+    """Records that come beside those of a sensor, and that they need: a camera's calibration.
+
+    Attributes
+    ----------
+    role
+        What their stream is called: also its topic.
+    record
+        Type of the records.
+    reader
+        How a message becomes records.
+    join
+        Returns a record with what it needs of its companions, or why it is dropped, or None where
+        it has to wait. It is called with the record, the companions that have come, by stamp, and
+        whether no better one will come.
+    """
+
+    role: str
+    record: type
+    reader: MessageReader
+    join: Callable[[Any, Sequence[Any], bool], Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +70,11 @@ class Stream:
         Returns why a record cannot be used, None where it can.
     sees_robot
         Whether the poses carry the robot's own shapes, to be filtered out.
+    companion
+        What comes beside its records, None where they need nothing.
+    max_waiting
+        Records that wait at one time; the oldest is dropped when there are more. Large ones need a
+        small limit.
     """
 
     role: str
@@ -58,3 +86,5 @@ class Stream:
     time_span: Callable[[Any], tuple[int, int]] = at_its_stamp
     fault: Callable[[Any], str | None] = without_fault
     sees_robot: bool = False
+    companion: Companion | None = None
+    max_waiting: int = 1000

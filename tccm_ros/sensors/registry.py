@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from tccm_ros.config import Config
 from tccm_ros.robot import Stream
+from tccm_ros.sensors.depth_image import depth_stream
 from tccm_ros.sensors.laser_scan import LEVEL_SCAN, TILT_SCAN
+from tccm_ros.sensors.point_cloud import cloud_stream
 
 
-def default_streams() -> tuple[Stream, ...]:
-    """Return the streams of all sensors; a caller may add others to them."""
-    return TILT_SCAN, LEVEL_SCAN
+def default_streams(config: Config | None = None) -> tuple[Stream, ...]:
+    """Return the streams of the configured sensors; a caller may add others to them."""
+    sensors = (config or Config()).sensors
+    return (
+        *(replace(TILT_SCAN, role=topic) for topic in sensors.tilt_scans),
+        LEVEL_SCAN,
+        *map(depth_stream, sensors.depth_images),
+        *map(cloud_stream, sensors.point_clouds),
+    )
 
 
-def roles_of(taker: str) -> frozenset[str]:
+def roles_of(taker: str, config: Config | None = None) -> frozenset[str]:
     """Return the roles of the streams that are for a processor (`Stream.taker`)."""
-    return frozenset(stream.role for stream in default_streams() if stream.taker == taker)
+    return frozenset(stream.role for stream in default_streams(config) if stream.taker == taker)

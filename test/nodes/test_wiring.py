@@ -51,7 +51,7 @@ def test_no_description_says_what_to_publish_or_set(ros):
     node, robot = tccm(ros), ros.robot(described=False)
     robot.play(recording(2), node)
     text = problems(node)
-    assert "no way from base to laser" in text
+    assert "no way from base to sensor" in text
     assert "robot_description" in text
 
 

@@ -34,8 +34,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.robot import Robot
 from tccm_ros.robot.base_motion import MotionSource
-from tccm_ros.robot.sensor import MAX_WAITING
-from tccm_ros.sensors.laser_scan import project, used_beams
+from tccm_ros.sensors.laser_scan import TILT_SCAN, project, used_beams
 from tccm_ros.sensors.registry import default_streams
 
 
@@ -171,7 +170,7 @@ def test_no_way_to_the_laser_is_counted_and_explained():
     records = [r for r in drive(1000) if not isinstance(r, RobotDescription)]
     records.insert(0, description(TILTING.replace("laser", "lidar")))
     assert play(taken, records) == []
-    assert taken.dropped == {"no way from base to laser": 40}
+    assert taken.dropped == {"no way from base to sensor": 40}
     assert "no frame 'laser'" in str(taken.sensor.problem)
 
 
@@ -340,10 +339,10 @@ def test_a_clock_jump_is_an_event_and_scans_are_posed_again_after_it():
 def test_waiting_scans_are_bounded():
     taken = Taken(["sync_timeout=60"])
     taken.add(description())
-    for k in range(MAX_WAITING + 50):
+    for k in range(TILT_SCAN.max_waiting + 50):
         taken.add(scan_at(stamp(k)))
     assert taken.dropped["overload"] > 0
-    assert len(taken.sensor.waiting) == MAX_WAITING
+    assert len(taken.sensor.waiting) == TILT_SCAN.max_waiting
 
 
 # -- arrival order --------------------------------------------------
@@ -519,7 +518,7 @@ def test_each_laser_has_its_own_counts_and_problem():
     one, events = events_of(records)
     assert not one.sensors["tilt_scan"].dropped
     assert one.sensors["tilt_scan"].problem is None
-    assert set(one.sensors["scan"].dropped) == {"no way from base to laser"}
+    assert set(one.sensors["scan"].dropped) == {"no way from base to sensor"}
     assert "nowhere" in str(one.sensors["scan"].problem)
     assert one.dropped == one.sensors["scan"].dropped
     assert len(posed_bytes(events, "tilt_scan")) == one.sensors["tilt_scan"].received

@@ -1,0 +1,91 @@
+"""Cycles where no laser tilts: they close after a time, or when the base has moved."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.config import Config
+from tccm_ros.cuboids.tilt_cycle import START_OF_TIME, CycleEnd, Span
+
+MAX_DISTANCE = 0.2
+"""A cycle closes when the base has moved by this much, m,"""
+
+MAX_ROTATION = float(np.deg2rad(10.0))
+"""or has turned by this much, rad: the drift of odometry within a part map stays small."""
+
+
+class TimedCycles:
+    """Cuts time into cycles at the records themselves, in the order of their stamps.
+
+    Parameters
+    ----------
+    config
+        `cycle.period`.
+    numbers
+        Gives the numbers of cycles.
+
+    Attributes
+    ----------
+    closed
+        Closed spans, in order of time; the reader removes those that it has used.
+    """
+
+    is_moving = True
+    """All that is measured belongs to a cycle."""
+
+    def __init__(self, config: Config, numbers: Iterator[int]) -> None:
+        self._limits = config.cycle
+        self._numbers = numbers
+        self.closed: deque[Span] = deque()
+        self._start_ns: int | None = None
+        self._T_odom_base: Float64 = np.eye(4)
+
+    def clear(self) -> None:
+        """Forget the open cycle, as after a jump of the clock; cycles are counted on."""
+        self.closed.clear()
+        self._start_ns = None
+
+    def reach(self, start_ns: int, T_odom_base: Float64) -> None:
+        """Take note of the next record: its time, and where the base was then (4, 4)."""
+        if self._start_ns is not None:
+            period_ns = self._period_ns()
+            if start_ns >= self._start_ns + period_ns:
+                self._close(self._start_ns + period_ns, CycleEnd.TIME)
+            elif _has_moved(self._T_odom_base, T_odom_base):
+                self._close(start_ns, CycleEnd.MOTION)
+        if self._start_ns is None:
+            self._start_ns, self._T_odom_base = start_ns, T_odom_base
+
+    def is_certain(self, record: Any) -> bool:
+        """Return whether it is known to which cycle a record belongs: by its first measurement."""
+        return True
+
+    def advance(self, now_ns: int) -> None:
+        """Close the open cycle if no record can come any more that would belong to it."""
+        if self._start_ns is not None and now_ns > self._start_ns + self._period_ns():
+            self._close(self._start_ns + self._period_ns(), CycleEnd.TIME)
+
+    def finish(self) -> None:
+        """Close the open cycle: the input has ended."""
+        if self._start_ns is not None:
+            self._close(self._start_ns + self._period_ns(), CycleEnd.END)
+
+    def _period_ns(self) -> int:
+        return round(self._limits.period * 1e9)
+
+    def _close(self, end_ns: int, reason: CycleEnd) -> None:
+        start_ns = START_OF_TIME if self._start_ns is None else self._start_ns
+        self.closed.append(Span(start_ns, end_ns, next(self._numbers), reason))
+        self._start_ns = None
+
+
+def _has_moved(a: Float64, b: Float64) -> bool:
+    """Return whether two poses (4, 4) are further from each other than a cycle may be."""
+    cosine = 0.5 * (np.trace(a[:3, :3].T @ b[:3, :3]) - 1.0)
+    rotation = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    return float(np.linalg.norm(b[:3, 3] - a[:3, 3])) > MAX_DISTANCE or rotation > MAX_ROTATION

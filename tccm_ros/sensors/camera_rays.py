@@ -1,0 +1,112 @@
+"""Directions of the pixels of a camera, without the distortion of its lens.
+
+A pixel of the image belongs to a pixel of the whole image by binning and region (REP-104), and that
+to a direction by the intrinsics. The distortion models give the distorted point of an undistorted
+one; their inverse is found by Newton's method, once for each calibration.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from tccm_ros.arrays import Float32, Float64
+from tccm_ros.records import CameraInfo
+
+UNDISTORTED = ("", "none")
+"""Models without coefficients."""
+
+MODELS = ("plumb_bob", "rational_polynomial", *UNDISTORTED)
+"""Distortion models that are known (the names of image_geometry)."""
+
+ITERATIONS = 20
+"""Newton steps at most; five are enough for ordinary lenses."""
+
+MAX_RESIDUAL = 1e-6
+"""A direction is found when its distorted point is this near to the pixel's, as a tangent."""
+
+
+def distort(x: Float64, y: Float64, D: Float64) -> tuple[Float64, Float64]:
+    """Return the distorted points of undistorted ones, as tangents in the optical frame.
+
+    Parameters
+    ----------
+    x, y
+        float64, any shape.
+    D
+        float64 (N,): k1 k2 p1 p2 k3 of plumb_bob (Brown 1966), then k4 k5 k6 of the rational model
+        and s1 s2 s3 s4 of a thin prism, as in OpenCV.
+    """
+    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = np.concatenate([D, np.zeros(12)])[:12]
+    r2 = x * x + y * y
+    radial = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    return (
+        x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x) + r2 * (s1 + r2 * s2),
+        y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y + r2 * (s3 + r2 * s4),
+    )
+
+
+def undistort(x: Float64, y: Float64, D: Float64) -> tuple[Float64, Float64]:
+    """Return the undistorted points of distorted ones, nan where there is none.
+
+    Beyond the largest radius that a polynomial model can give, an image holds nothing: pixels there
+    are given no direction.
+    """
+    step = 1e-6
+    a, b = x.copy(), y.copy()
+    for _ in range(ITERATIONS):
+        fx, fy = distort(a, b, D)
+        xa, ya = distort(a + step, b, D)
+        xb, yb = distort(a, b + step, D)
+        j11, j21, j12, j22 = (xa - fx) / step, (ya - fy) / step, (xb - fx) / step, (yb - fy) / step
+        det = j11 * j22 - j12 * j21
+        safe = np.where(np.abs(det) > 1e-9, det, 1.0)
+        ex, ey = x - fx, y - fy
+        if max(np.abs(ex).max(initial=0.0), np.abs(ey).max(initial=0.0)) < 0.01 * MAX_RESIDUAL:
+            break
+        # Steps are bounded: near a fold the tangent leads far away.
+        a += np.clip((j22 * ex - j12 * ey) / safe, -0.5, 0.5)
+        b += np.clip((j11 * ey - j21 * ex) / safe, -0.5, 0.5)
+    fx, fy = distort(a, b, D)
+    found = (np.hypot(x - fx, y - fy) < MAX_RESIDUAL) & (det > 0.0)
+    return np.where(found, a, np.nan), np.where(found, b, np.nan)
+
+
+def pixel_rays(camera: CameraInfo, *, is_rectified: bool = False) -> Float32:
+    """Return the point of each pixel's line of sight at z = 1, float32 (H, W, 2).
+
+    Parameters
+    ----------
+    camera
+        Its calibration.
+    is_rectified
+        Whether the image was rectified already: then P counts, and there is no distortion.
+
+    Returns
+    -------
+    float32 (H, W, 2), x and y in the optical frame, nan where the lens shows nothing (cached: do
+    not write).
+    """
+    K, D = camera.K, camera.D
+    if is_rectified and camera.P[0, 0] > 0.0:
+        K, D = camera.P[:, :3], np.zeros(0)
+    return _rays(K.tobytes(), D.tobytes(), camera.binning, camera.region[:2], camera.image_size)
+
+
+@lru_cache(maxsize=8)
+def _rays(
+    K_bytes: bytes,
+    D_bytes: bytes,
+    binning: tuple[int, int],
+    offset: tuple[int, int],
+    size: tuple[int, int],
+) -> Float32:
+    K, D = np.frombuffer(K_bytes).reshape(3, 3), np.frombuffer(D_bytes)
+    # As image_geometry does: the first pixel of a bin is the one that it is named after.
+    u = np.arange(size[0]) * float(binning[0]) + offset[0]
+    v = np.arange(size[1]) * float(binning[1]) + offset[1]
+    x, y = np.meshgrid((u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1])
+    if D.any():
+        x, y = undistort(x, y, D)
+    return np.stack([x, y], axis=-1).astype(np.float32)

@@ -1,0 +1,212 @@
+"""Depth images: their streams, and from depths to points.
+
+An image waits for the calibration beside it (`join_camera`), has one pose, that of its stamp, and
+is thinned to half of a cell. What its noise is follows from the depth (`sensors.depth_sigma`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from tccm_ros.arrays import Float32, Float64, UInt8
+from tccm_ros.config import Config
+from tccm_ros.records import CameraInfo, DepthImage, Posed
+from tccm_ros.robot import MountKind, Stream
+from tccm_ros.robot.streams import Companion
+from tccm_ros.sensors.camera_rays import pixel_rays
+from tccm_ros.sensors.depth_kernels import drop_edges, place_pixels, read_depths, sight_lines
+from tccm_ros.sensors.depth_messages import CAMERA_INFO_READER, COMPRESSED_READER, IMAGE_READER
+from tccm_ros.sensors.measured import MeasuredPoints, in_region, without_robot
+
+COMPRESSED = "compressedDepth"
+"""Last part of the topics of compressed depth images (image_transport)."""
+
+RECTIFIED = "image_rect"
+"""Last part of the topics of images that image_proc has rectified: P of the calibration counts."""
+
+EDGE_SIGMAS = 4.0
+"""Depths of neighbours that differ by less than this many sigmas are on no edge."""
+
+MIN_SIGHT_ANGLE = 0.14
+"""A surface is seen at this angle at least, rad, or its neighbouring pixels are on an edge: the
+`scan.shadow_angle` of lasers."""
+
+PASSED_SIGMAS = 3.0
+"""What is too noisy to be mapped was looked through to this many sigmas before it."""
+
+LINES_PER_COLUMN = 2.0
+"""Lines of sight per column of `views.cell_size` at the end of `views.reach`."""
+
+
+MAX_WAITING = 100
+"""Images that wait for poses at one time: 61 MB of 640 x 480 pixels."""
+
+
+class PosedImage(Posed):
+    """A depth image with the pose of its camera."""
+
+    __slots__ = ()
+
+    @property
+    def image(self) -> DepthImage:
+        """The image."""
+        image: DepthImage = self.record
+        return image
+
+
+def camera_info_topic(topic: str) -> str:
+    """Return the topic of the calibration beside an image: of the image that was compressed."""
+    image = topic.removesuffix(f"/{COMPRESSED}")
+    before, slash, _ = image.rpartition("/")
+    return f"{before}{slash}camera_info"
+
+
+def is_compressed(topic: str) -> bool:
+    """Return whether a topic is one of compressed depth images."""
+    return topic.rsplit("/", 1)[-1] == COMPRESSED
+
+
+def fault(image: DepthImage) -> str | None:
+    """Return why an image cannot be used, None where it can."""
+    if image.depth.dtype == np.uint16:
+        return None if image.depth.any() else "no depths"
+    return None if (np.isfinite(image.depth) & (image.depth > 0.0)).any() else "no depths"
+
+
+def join_camera(
+    image: DepthImage, cameras: Sequence[CameraInfo], is_last: bool
+) -> DepthImage | str | None:
+    """Return an image with its calibration: of the same stamp, or the newest of frame and size.
+
+    Parameters
+    ----------
+    image
+        The image.
+    cameras
+        The calibrations that have come.
+    is_last
+        Whether none will come that could be better.
+
+    Returns
+    -------
+    The image with its calibration, why there is none, or None where one may still come.
+    """
+    height, width = image.depth.shape
+    of_frame = [c for c in cameras if c.frame_id == image.frame_id]
+    fitting = [c for c in of_frame if c.image_size == (width, height)]
+    for camera in fitting:
+        if camera.stamp_ns == image.stamp_ns:
+            return replace(image, camera=camera)
+    is_last = is_last or len(cameras) == 1 or any(c.stamp_ns > image.stamp_ns for c in of_frame)
+    if not is_last:
+        return None
+    if fitting:
+        before = [c for c in fitting if c.stamp_ns < image.stamp_ns]
+        return replace(image, camera=before[-1] if before else fitting[0])
+    if of_frame:
+        return "image and camera info of different sizes"
+    return "camera info of another frame" if cameras else "no camera info"
+
+
+def depth_stream(topic: str, *, compressed: bool | None = None) -> Stream:
+    """Return the stream of the depth images on a topic.
+
+    Parameters
+    ----------
+    topic
+        Its name, which is the role of the stream.
+    compressed
+        Whether the images are compressed; by default the name tells.
+    """
+    packed = is_compressed(topic) if compressed is None else compressed
+    return Stream(
+        role=topic,
+        record=DepthImage,
+        reader=COMPRESSED_READER if packed else IMAGE_READER,
+        mount=MountKind.ANY,
+        taker="tccm",
+        event=PosedImage,
+        fault=fault,
+        sees_robot=True,
+        companion=Companion(camera_info_topic(topic), CameraInfo, CAMERA_INFO_READER, join_camera),
+        max_waiting=MAX_WAITING,
+    )
+
+
+def max_mapped_depth(config: Config) -> float:
+    """Return the depth at which the noise reaches `sensors.max_sigma`, m."""
+    a, b, c = config.sensors.depth_sigma
+    if b <= 0.0:
+        return math.inf if a <= config.sensors.max_sigma else 0.0
+    return c + math.sqrt(max(config.sensors.max_sigma - a, 0.0) / b)
+
+
+class SeenDepths(NamedTuple):
+    """What a depth image saw, apart from edges.
+
+    Attributes
+    ----------
+    z, usable
+        float32 (H, W), m, 0 = nothing, and uint8 (H, W): where it is a surface.
+    rays
+        float32 (H, W, 2), x and y of the pixels' lines of sight at z = 1.
+    T
+        float64 (3, 4), T_odom_camera.
+    step
+        Distance of neighbouring pixels at z = 1.
+    """
+
+    z: Float32
+    usable: UInt8
+    rays: Float32
+    T: Float64
+    step: float
+
+
+def seen_depths(posed: PosedImage, config: Config) -> SeenDepths:
+    """Return the depths of an image, without flying pixels."""
+    image, camera = posed.image, posed.image.camera
+    assert camera is not None
+    rays = pixel_rays(camera, is_rectified=posed.role.rsplit("/", 1)[-1] == RECTIFIED)
+    # Kernels are compiled for arrays that can be written to alone.
+    depth = image.depth if image.depth.flags.writeable else image.depth.copy()
+    z, usable = np.empty(depth.shape, np.float32), np.empty(depth.shape, np.uint8)
+    scale = np.float32(0.001 if depth.dtype == np.uint16 else 1.0)
+    read_depths(depth, scale, np.float32(config.scan.max_range), rays, z)
+    a, b, c = config.sensors.depth_sigma
+    step_u, step_v = camera.binning[0] / camera.K[0, 0], camera.binning[1] / camera.K[1, 1]
+    noise = np.array([EDGE_SIGMAS * a, EDGE_SIGMAS * b, c])
+    drop_edges(z, step_u, step_v, 1.0 / math.tan(MIN_SIGHT_ANGLE), noise, usable)
+    T = np.ascontiguousarray((posed.T_odom_base[0] @ posed.T_base_sensor[0])[:3])
+    return SeenDepths(z, usable, rays, T, float(step_u))
+
+
+def measure_image(posed: PosedImage, config: Config) -> MeasuredPoints:
+    """Return the points of a depth image in odom, and some of its lines of sight."""
+    seen = seen_depths(posed, config)
+    height, width = seen.z.shape
+    max_z = min(max_mapped_depth(config), 1e6)
+    half = np.float32(0.5 * config.map.cell_size)
+    points = np.empty((height * width, 3))
+    n = place_pixels(seen.z, seen.usable, seen.rays, np.float32(max_z), half, seen.T, points)
+    spacing = LINES_PER_COLUMN * config.views.reach * seen.step
+    every = max(int(config.views.cell_size / spacing), 1)
+    room = (height // every + 1) * (width // every + 1)
+    ends, hits = np.zeros((room, 3)), np.zeros(room, np.bool_)
+    a, b, c = config.sensors.depth_sigma
+    passed = np.array([PASSED_SIGMAS * a, PASSED_SIGMAS * b, c])
+    lines = sight_lines(seen.z, seen.usable, seen.rays, every, max_z, passed, seen.T, ends, hits)
+    measured = MeasuredPoints(
+        points=points[:n].copy(),
+        stamps_ns=None,
+        origins=np.broadcast_to(seen.T[:, 3], (lines, 3)).copy(),
+        ends=ends[:lines].copy(),
+        hits=hits[:lines].copy(),
+        line_angle=every * seen.step,
+    )
+    return in_region(without_robot(measured, posed, config), posed, config)

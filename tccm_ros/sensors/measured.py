@@ -1,0 +1,96 @@
+"""What a sensor that measures points gives to the map: points, and what its lines of sight pass."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tccm_ros.arrays import Bool, Float64, Int64
+from tccm_ros.config import Config
+from tccm_ros.geometry import inverse, transform
+from tccm_ros.records import Posed, SelfShapes
+from tccm_ros.sensors.laser_scan_kernels import mark_inside
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredPoints:
+    """The points of one record in odom, thinned, and some of its lines of sight.
+
+    Attributes
+    ----------
+    points
+        float64 (N, 3), m, in odom.
+    stamps_ns
+        int64 (N,), time of each point; None where all have the record's stamp.
+    origins, ends
+        float64 (L, 3), m, in odom: lines of sight.
+    hits
+        bool (L,), whether a line ended on a surface.
+    line_angle
+        Angle between neighbouring lines of sight, rad.
+    gaps
+        float64 (N,), distance of each point to the next line of measurements, m; None where points
+        are dense.
+    """
+
+    points: Float64
+    stamps_ns: Int64 | None
+    origins: Float64
+    ends: Float64
+    hits: Bool
+    line_angle: float
+    gaps: Float64 | None = None
+
+    def chosen(self, keep: Bool) -> MeasuredPoints:
+        """Return the same with some of its points."""
+        if keep.all():
+            return self
+        stamps_ns = None if self.stamps_ns is None else self.stamps_ns[keep]
+        gaps = None if self.gaps is None else self.gaps[keep]
+        return replace(self, points=self.points[keep], stamps_ns=stamps_ns, gaps=gaps)
+
+
+def without_robot(measured: MeasuredPoints, posed: Posed, config: Config) -> MeasuredPoints:
+    """Return what was measured without the robot's own shapes, at their places at the stamp."""
+    shapes = posed.own_shapes
+    if shapes is None or not len(shapes.kinds) or not len(measured.points):
+        return measured
+    T_odom_shape = posed.T_odom_base[0] @ shapes.T_base_shape
+    padding = config.scan.self_padding
+    on_robot = _near_and_inside(measured.points, T_odom_shape, shapes, padding)
+    ends = _near_and_inside(measured.ends, T_odom_shape, shapes, padding)
+    kept = measured.chosen(~on_robot)
+    if not ends.any():
+        return kept
+    return replace(
+        kept, origins=measured.origins[~ends], ends=measured.ends[~ends], hits=measured.hits[~ends]
+    )
+
+
+def _near_and_inside(
+    points: Float64, T_odom_shape: Float64, shapes: SelfShapes, padding: float
+) -> Bool:
+    """Return which points (N, 3) lie in a shape; those outside the box of all are not looked at."""
+    radius = np.linalg.norm(shapes.half + padding, axis=1)[:, None]
+    low = (T_odom_shape[:, :3, 3] - radius).min(axis=0)
+    high = (T_odom_shape[:, :3, 3] + radius).max(axis=0)
+    inside = np.zeros(len(points), np.bool_)
+    near = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+    if len(near):
+        T_shape_odom = inverse(T_odom_shape)
+        inside[near] = mark_inside(points[near], shapes.kinds, shapes.half, T_shape_odom, padding)
+    return inside
+
+
+def in_region(measured: MeasuredPoints, posed: Posed, config: Config) -> MeasuredPoints:
+    """Return the points within `map.region`."""
+    region = config.map.region
+    if region is None:
+        return measured
+    points = measured.points
+    if config.map.region_frame == "base":
+        points = transform(inverse(posed.T_odom_base[len(posed.T_odom_base) // 2]), points)
+    low, high = np.array(region[::2]), np.array(region[1::2])
+    inside: Bool = np.asarray(((points >= low) & (points <= high)).all(axis=1))
+    return measured.chosen(inside)

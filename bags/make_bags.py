@@ -40,6 +40,16 @@ BAGS = (
         "sweep each. A person passes during the fourth sweep.",
     ),
     Bundled(
+        "rgbd_kitchen",
+        "rgbd_kitchen",
+        1,
+        Options(),
+        "The kitchen of `flat`, seen by a depth camera on the head of a robot with the frames, "
+        "joints and topics of Fetch, which stops six times to look around: compressed depth images "
+        "at 2 Hz, and a level laser that hangs upside down. The robot's arm is in the camera's "
+        "view.",
+    ),
+    Bundled(
         "upside_down",
         "upside_down",
         1,

@@ -32,7 +32,7 @@ EDGE_IN_VIEW = 0.8
 def true_hits(simulation: Simulation, scan: Scan) -> Array:
     """Return where the beams of a scan ended, float64 (N, 3) in map, thinned to `THIN`."""
     offsets = simulation.rig.tilt.offsets
-    T_world_laser = simulation.laser_poses(
+    T_world_laser = simulation.sensor_poses(
         scan.frame_id, (scan.stamp_ns - EPOCH_NS) * 1e-9 + offsets
     )
     bearings, ranges = simulation.rig.tilt.bearings, np.nan_to_num(scan.ranges, posinf=0.0)

@@ -61,6 +61,14 @@ class Rig(Group):
     tilt_offset: float = param(
         0.0, "added to the measured tilt angle", unit="rad", ge=-3.2, le=3.2, read_only=True
     )
+    pan_offset: float = param(
+        0.0,
+        "added to the measured angle of the turning joint before the tilt joint: a head's pan",
+        unit="rad",
+        ge=-3.2,
+        le=3.2,
+        read_only=True,
+    )
     tilt_scale: float = param(
         1.0, "multiplies the measured tilt angle before the offset", ge=0.5, le=2.0, read_only=True
     )
@@ -69,8 +77,9 @@ class Rig(Group):
     )
     mount_correction: Pose6 = param(
         (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-        "correction of the tilting laser's mount, x y z roll pitch yaw, applied in base before "
-        "the chain: T_base_laser = T_correction * T_chain",
+        "correction of the mount of the tilting laser, and of a camera that frames.tilt_joint "
+        "tilts, x y z roll pitch yaw, applied in base before the chain: T_base_laser = "
+        "T_correction * T_chain",
         unit="m, rad",
         read_only=True,
     )

@@ -41,7 +41,10 @@ class MountKind(Enum):
     """Its scan plane is horizontal; `rig.level_laser` is its place."""
 
     ANY = ""
-    """Placed by the robot description or tf alone, whatever moves it."""
+    """Placed by the robot description or tf alone, whatever moves it.
+
+    Where `frames.tilt_joint` moves it, the corrections of `rig` count for it as for a laser.
+    """
 
     def rig_place(self, rig: Rig) -> tuple[float, ...] | None:
         """Return x y z roll pitch yaw in the base as configured, None where it is not."""
@@ -51,9 +54,10 @@ class MountKind(Enum):
         """Return what corrects T_base_sensor from the left, float64 (4, 4)."""
         corrections = {
             MountKind.TILTING: rig.mount_correction,
+            MountKind.ANY: rig.mount_correction,
             MountKind.LEVEL: rig.level_correction,
         }
-        return pose_from_rpy(corrections.get(self, (0.0,) * 6))
+        return pose_from_rpy(corrections[self])
 
 
 class ChainFinder:

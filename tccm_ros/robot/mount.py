@@ -11,7 +11,7 @@ from tccm_ros.arrays import Int64
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, suggest
 from tccm_ros.records import SelfShapes
-from tccm_ros.robot.chain import Chain
+from tccm_ros.robot.chain import Chain, JointReading, Part
 from tccm_ros.robot.chain_finder import ChainFinder, MountKind
 from tccm_ros.robot.frames import FrameTree, plain_name
 from tccm_ros.robot.joint_tracks import JointTracks
@@ -54,6 +54,7 @@ class Mount:
         self._tilt = TiltReadout(config.rig.tilt_scale, config.rig.tilt_offset)
         self._shapes: ShapeModel | None = None
         self._shapes_version: tuple[int, str] | None = None
+        self._tilt_joint, self._pan_offset = config.frames.tilt_joint, config.rig.pan_offset
         self._T_correction = kind.T_correction(config.rig)
 
     @property
@@ -98,8 +99,9 @@ class Mount:
         try:
             chain = self._finder.find(plain_name(frame), final=final)
             part = None
-            if chain is not None and self._kind is MountKind.TILTING:
+            if chain is not None and self._is_corrected(chain):
                 part = self._finder.tilt_part(chain)
+                _correct_pan(chain, part, self._pan_offset)
         except FrameError as error:
             if not final:
                 return None
@@ -107,9 +109,16 @@ class Mount:
             raise
         if chain is None or (part is not None and not self._tilt.follow(part, final=final)):
             return None
-        chain.fixed[0] = self._T_correction @ chain.fixed[0]
+        if part is not None or self._kind is not MountKind.ANY:
+            chain.fixed[0] = self._T_correction @ chain.fixed[0]
         self._chains[frame] = chain
         return chain
+
+    def _is_corrected(self, chain: Chain) -> bool:
+        """Return whether corrections of the tilt joint count: for a camera where it is named."""
+        if self._kind is not MountKind.ANY:
+            return self._kind is MountKind.TILTING
+        return bool(self._tilt_joint) and any(p.name == self._tilt_joint for p, _ in chain.parts)
 
     # -- the tilt joint ------------------------------------------------------------------------
 
@@ -178,3 +187,15 @@ class Mount:
         return merge_stamps(
             start_ns, end_ns, SAMPLE_STEP_NS, np.concatenate([*inner, *more, NO_STAMPS])
         )
+
+
+def _correct_pan(chain: Chain, tilt: Part, offset: float) -> None:
+    """Add the offset to the turning joint before the tilt joint, where joint states move it."""
+    before: list[JointReading] = []
+    for part, _ in chain.parts:
+        if part is tilt:
+            break
+        if isinstance(part, JointReading) and part.is_revolute:
+            before.append(part)
+    if before:
+        before[-1].offset += offset

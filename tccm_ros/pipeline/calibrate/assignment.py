@@ -98,7 +98,9 @@ def determinable(problem: Problem, values: RigValues, *, floor_is_known: bool) -
     free[layout.rig.start + 3] = floor_is_known and bool(seen[FLOOR])
     free[layout.rig.start + 4] = _speeds_vary(problem, values)
     walls = {int(w) for hits in problem.level for w in np.unique(hits.wall) if w >= 0}
-    free[layout.level] = bool(walls)
+    # A pan zero and a yaw of the level laser look alike: a head believes the level laser.
+    free[layout.rig.start + 5] = bool(walls) and problem.model.pans
+    free[layout.level] = bool(walls) and not problem.model.pans
     return free
 
 

@@ -94,7 +94,8 @@ class Calibration:
 
     def text(self) -> str:
         """Return the result for people."""
-        lines = [f"{', '.join(self.bags)}: {_count(len(self.recording.cycles), 'tilt cycle')}"]
+        noun = "depth image" if self.recording.cycles[0].is_image else "tilt cycle"
+        lines = [f"{', '.join(self.bags)}: {_count(len(self.recording.cycles), noun)}"]
         for q in self.observability.quantities:
             unit, factor = UNITS[q.name]
             sigma = "" if q.sigma is None else f" +- {q.sigma * factor:.4f}"
@@ -116,12 +117,20 @@ class Calibration:
             ),
             "/**:",
             "  ros__parameters:",
+            *self._tilt_joint_lines(),
             "    rig:",
         ]
         for key, value in self.rig.model_dump(mode="json", include=set(CORRECTIONS)).items():
             text = json.dumps(value)
             lines.append(f"      {key}: {text}{self._comment(key)}")
         return "\n".join(lines) + "\n"
+
+    def _tilt_joint_lines(self) -> list[str]:
+        """Return the lines that name the tilt joint of a head, by which a camera is corrected."""
+        cycle = self.recording.cycles[0]
+        if not cycle.is_image:
+            return []
+        return ["    frames:", f"      tilt_joint: {cycle.chain.parts[cycle.tilt][0].name}"]
 
     def _comment(self, key: str) -> str:
         parts = {
@@ -200,6 +209,8 @@ def _assumptions(recording: Recording, trust: Trust) -> tuple[str, ...]:
         f"within {np.rad2deg(trust.base_tilt):.2g} deg at each of {where}; more places and "
         f"headings average it out."
     )
+    if recording.cycles[0].pan is not None:
+        base_tilt = f"{base_tilt} The pan zero is relative to the level laser as configured."
     if not recording.moving:
         return (base_tilt,)
     return (base_tilt, "The base moved during all tilt cycles: odometry errors are in the result.")
@@ -218,6 +229,7 @@ def _rig(observability: Observability, configured: Rig) -> Rig:
         "tilt_offset": round(values.tilt_offset, 6),
         "tilt_scale": round(values.tilt_scale, 6),
         "joint_time_offset": round(values.joint_time_offset, 6),
+        "pan_offset": round(values.pan_offset, 6),
         "mount_correction": mount,
         "level_correction": level,
     }

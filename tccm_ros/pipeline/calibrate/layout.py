@@ -40,7 +40,7 @@ class Trust:
     floor: float = 0.0005
 
 
-WIDE_SIGMAS = np.array([0.1, 0.04, 0.1, 0.5, 0.08])
+WIDE_SIGMAS = np.array([0.1, 0.04, 0.1, 0.5, 0.08, 0.3])
 WIDE_LEVEL_SIGMAS = np.array([0.5, 0.5, 0.3])
 """Standard deviations of the rig's parameters about the first guess, in the order of
 `RIG_PARAMETERS` and of `LEVEL_PARAMETERS`, m, rad, s (chosen: wide; they only bound what is not
@@ -62,11 +62,11 @@ class Layout:
         Where the parameters that every vector has are.
     """
 
-    rig: ClassVar[slice] = slice(0, 5)
-    level: ClassVar[slice] = slice(5, 8)
-    bias: ClassVar[int] = 8
-    floor: ClassVar[int] = 9
-    first_ceiling: ClassVar[int] = 10
+    rig: ClassVar[slice] = slice(0, 6)
+    level: ClassVar[slice] = slice(6, 9)
+    bias: ClassVar[int] = 9
+    floor: ClassVar[int] = 10
+    first_ceiling: ClassVar[int] = 11
 
     bags: int
     walls: int

@@ -14,8 +14,10 @@ from tccm_ros.geometry import pose, pose_from_rpy
 from tccm_ros.pipeline.calibrate.recording import CycleScans
 from tccm_ros.robot.chain import Chain, JointReading, Part, twist_angle
 
-RIG_PARAMETERS = ("tilt_offset", "tilt_scale", "roll", "height", "joint_time_offset")
-"""Order of the parameters of the tilting laser in vectors and covariances."""
+RIG_PARAMETERS = (
+    "tilt_offset", "tilt_scale", "roll", "height", "joint_time_offset", "pan_offset",
+)  # fmt: skip
+"""Order of the parameters of the tilting sensor in vectors and covariances."""
 
 ANGLE_STEP, TIME_STEP = 1e-5, 1e-3
 """Steps of the numeric derivatives by the tilt angle, rad, and by the time offset, s (chosen)."""
@@ -23,7 +25,7 @@ ANGLE_STEP, TIME_STEP = 1e-5, 1e-3
 
 @dataclass(frozen=True, slots=True)
 class RigValues:
-    """The parameters of the tilting laser's pose.
+    """The parameters of the tilting sensor's pose: a laser, or a camera on a head.
 
     Attributes
     ----------
@@ -34,6 +36,8 @@ class RigValues:
         the axis, rad, and its shift upwards, m; both on top of the configured mount.
     joint_time_offset
         Added to the stamps of joint samples, s.
+    pan_offset
+        True pan of a head = measured + pan_offset, rad.
     """
 
     tilt_offset: float = 0.0
@@ -41,14 +45,15 @@ class RigValues:
     roll: float = 0.0
     height: float = 0.0
     joint_time_offset: float = 0.0
+    pan_offset: float = 0.0
 
     @classmethod
     def of_rig(cls, rig: Rig) -> RigValues:
         """Return the values of a configuration."""
-        return cls(rig.tilt_offset, rig.tilt_scale, 0.0, 0.0, rig.joint_time_offset)
+        return cls(rig.tilt_offset, rig.tilt_scale, 0.0, 0.0, rig.joint_time_offset, rig.pan_offset)
 
     def vector(self) -> Float64:
-        """Return the values in the order of `RIG_PARAMETERS`, float64 (5,)."""
+        """Return the values in the order of `RIG_PARAMETERS`, float64 (6,)."""
         return np.array([getattr(self, name) for name in RIG_PARAMETERS])
 
     @classmethod
@@ -88,8 +93,8 @@ class Beams:
 def beams_of(number: int, cycle: CycleScans) -> Beams:
     """Return the valid beams of the tilt cycle with a number, scan by scan."""
     rows, columns = np.nonzero(np.isfinite(cycle.ranges))
-    r, angle = cycle.ranges[rows, columns].astype(float), cycle.bearings[columns]
-    points = np.column_stack([r * np.cos(angle), r * np.sin(angle), np.zeros(len(r))])
+    r = cycle.ranges[rows, columns].astype(float)
+    points = r[:, None] * np.broadcast_to(cycle.directions, (*cycle.ranges.shape, 3))[rows, columns]
     poses = cycle.T_place_base()[rows]
     return Beams(np.full(len(r), number), cycle.stamps_ns[rows, columns], points, poses)
 
@@ -132,7 +137,10 @@ class RigModel:
         """Return a point and the direction of the tilt axis in the base in the first tilt cycle."""
         cycle = self._cycles[0]
         chain = cycle.chain
-        before = Chain(chain.fixed[: cycle.tilt + 1], chain.parts[: cycle.tilt])
+        parts = chain.parts[: cycle.tilt]
+        if cycle.is_image:  # a head pans: its axes are those of pan zero
+            parts = tuple((_at_zero(part), backwards) for part, backwards in parts)
+        before = Chain(chain.fixed[: cycle.tilt + 1], parts)
         middle = np.array([(cycle.span_ns[0] + cycle.span_ns[1]) // 2], np.int64)
         T = self._T_mount @ before.at(middle)[0]
         part = chain.parts[cycle.tilt][0]
@@ -170,9 +178,18 @@ class RigModel:
         parts = list(chain.parts)
         part, backwards = parts[data.tilt]
         parts[data.tilt] = (_corrected(part, values), backwards)
+        if data.pan is not None:
+            pan, backwards = parts[data.pan]
+            assert isinstance(pan, JointReading)
+            parts[data.pan] = (replace(pan, offset=pan.offset + values.pan_offset), backwards)
         fixed = chain.fixed.copy()
         fixed[0] = self.mount(values) @ fixed[0]
         return Chain(fixed, tuple(parts)).at(self._shifted(data, stamps_ns, values))
+
+    @property
+    def pans(self) -> bool:
+        """Whether the sensor is on a head whose pan joint can be corrected."""
+        return self._cycles[0].pan is not None
 
     @staticmethod
     def _shifted(data: CycleScans, stamps_ns: Int64, values: RigValues) -> Int64:
@@ -225,7 +242,7 @@ class RigModel:
         return angles
 
     def jacobian(self, beams: Beams, values: RigValues, points: Float64) -> Float64:
-        """Return the derivatives float64 (N, 3, 5) of the hits by `RIG_PARAMETERS`.
+        """Return the derivatives float64 (N, 3, 6) of the hits by `RIG_PARAMETERS`.
 
         Parameters
         ----------
@@ -234,10 +251,12 @@ class RigModel:
         placed
             float64 (N, 3), m, the result of `transform_points` for them.
         """
-        turned = self.transform_points(
-            beams, replace(values, tilt_offset=values.tilt_offset + ANGLE_STEP)
-        )
-        by_angle = (turned - points) / ANGLE_STEP
+
+        def by(name: str) -> Float64:
+            turned = replace(values, **{name: getattr(values, name) + ANGLE_STEP})
+            return (self.transform_points(beams, turned) - points) / ANGLE_STEP
+
+        by_angle = by("tilt_offset")
         late, early = (
             self.transform_points(
                 beams, replace(values, joint_time_offset=values.joint_time_offset + step)
@@ -252,8 +271,13 @@ class RigModel:
             by_roll,
             by_height,
             (late - early) / (2.0 * TIME_STEP),
+            by("pan_offset") if self.pans else np.zeros_like(points),
         ]
         return np.stack(columns, axis=-1)
+
+
+def _at_zero(part: Part) -> Part:
+    return replace(part, scale=0.0, offset=0.0) if isinstance(part, JointReading) else part
 
 
 def _corrected(part: Part, values: RigValues) -> Part:

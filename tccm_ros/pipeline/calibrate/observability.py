@@ -20,6 +20,7 @@ LIMITS: Mapping[str, float] = {
     "roll": float(np.deg2rad(0.5)),
     "height": 0.02,
     "tilt_offset": float(np.deg2rad(0.5)),
+    "pan_offset": float(np.deg2rad(0.5)),
     "level_x": 0.03,
     "level_y": 0.03,
     "level_yaw": float(np.deg2rad(0.5)),
@@ -32,6 +33,7 @@ ADVICE: Mapping[str, str] = {
     "tilt_scale": "tilt from the floor near the robot up to the ceiling or high up the walls",
     "roll": "record a floor or ceiling that reaches far to both sides",
     "joint_time_offset": "record tilt cycles up and down, fast ones too, while the base stands",
+    "pan_offset": "record walls that both the camera and the level laser see",
     "level": "record two walls that are not parallel and that both lasers see",
 }
 
@@ -95,7 +97,7 @@ def assess_observability(estimate: Estimate, floor_z: float | None) -> Observabi
         cov = covariance(estimate.solution, estimate.free, estimate.sigmas)
         sigmas = np.full(layout.size, np.nan)
         sigmas[estimate.free] = np.sqrt(np.diag(cov))
-        weak = [n for n in LIMITS if sigmas[column[n]] > LIMITS[n]]
+        weak = [n for n in LIMITS if estimate.free[column[n]] and sigmas[column[n]] > LIMITS[n]]
         if not weak:
             break
         name = weak[0]
@@ -103,11 +105,18 @@ def assess_observability(estimate: Estimate, floor_z: float | None) -> Observabi
         estimate = _without(estimate, column[name])
     quantities = tuple(
         _quantity(name, estimate, column[name], float(sigmas[column[name]]), reasons)
-        for name in (*RIG_PARAMETERS, *LEVEL_PARAMETERS)
+        for name in _estimated(estimate)
     )
     kept = [column[q.name] for q in quantities if q.is_determined]
     place = np.cumsum(estimate.free) - 1
     return Observability(estimate, quantities, cov[np.ix_(place[kept], place[kept])])
+
+
+def _estimated(estimate: Estimate) -> tuple[str, ...]:
+    """Return the quantities of a rig: a head has a pan zero, relative to the level laser."""
+    if estimate.problem.model.pans:
+        return RIG_PARAMETERS
+    return (*(name for name in RIG_PARAMETERS if name != "pan_offset"), *LEVEL_PARAMETERS)
 
 
 def columns(layout: Layout) -> dict[str, int]:
@@ -144,6 +153,7 @@ def _never_free(estimate: Estimate, floor_z: float | None) -> dict[str, str]:
         if not (estimate.problem.plane == FLOOR).any()
         else "the height of the floor in the base frame is not known: give --floor-z",
     }
+    reasons["pan_offset"] = f"no level scans on walls that the camera saw: {ADVICE['pan_offset']}"
     for name in LEVEL_PARAMETERS:
         reasons[name] = f"no level scans on walls that the tilting laser saw: {ADVICE['level']}"
     return reasons
@@ -160,6 +170,7 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "tilt_offset": ("deg", float(np.rad2deg(1.0))),
     "tilt_scale": ("", 1.0),
     "roll": ("deg", float(np.rad2deg(1.0))),
+    "pan_offset": ("deg", float(np.rad2deg(1.0))),
     "height": ("mm", 1000.0),
     "joint_time_offset": ("ms", 1000.0),
     "level_x": ("mm", 1000.0),

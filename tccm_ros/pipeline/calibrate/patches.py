@@ -118,15 +118,21 @@ def _cut(
 def _blocks(
     beams: Beams, cycle: CycleScans, columns: Int64, model: RigModel, values: RigValues
 ) -> Int64:
-    """Return the block of each beam: square, of equal steps of tilt and bearing."""
+    """Return the block of each beam: square, of equal steps of tilt and bearing, or of pixels."""
+    beams_per_line = cycle.ranges.shape[1]
+    if cycle.is_image:
+        side = round(np.sqrt(BEAMS))
+        rows = np.nonzero(np.isfinite(cycle.ranges))[0]
+        pixels: Int64 = rows // side * (beams_per_line // side + 1) + columns // side
+        return pixels
     tilt = model.measured(beams, values)
     between_lines = float(np.ptp(tilt)) / max(len(cycle.ranges) - 1, 1)
-    between_beams = float(np.ptp(cycle.bearings)) / max(len(cycle.bearings) - 1, 1)
+    between_beams = float(np.linalg.norm(cycle.directions[0, 1] - cycle.directions[0, 0]))
     side = np.sqrt(BEAMS * between_lines * between_beams)
     high = max(side, MIN_SIDE * between_lines, 1e-6)
     wide = max(round(side / max(between_beams, 1e-9)), MIN_SIDE)
     up = np.floor((tilt - tilt.min()) / high).astype(np.int64)
-    result: Int64 = up * (len(cycle.bearings) // wide + 1) + columns // wide
+    result: Int64 = up * (beams_per_line // wide + 1) + columns // wide
     return result
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
@@ -12,16 +12,17 @@ from typing import Any
 import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
-from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
+from tccm_ros.bags.reader import BagReader
 from tccm_ros.config import Config, Rig
 from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
 from tccm_ros.errors import BagError, FrameError, TopicError
 from tccm_ros.geometry import inverse, planar
 from tccm_ros.pipeline.calibrate.recording import CycleScans, LevelScans, Recording, is_near
+from tccm_ros.pipeline.topics import TopicChoice, choose_topics
 from tccm_ros.progress import Bars, Silent
-from tccm_ros.records import Event, PosedScan, StreamComplete, TiltAngle
+from tccm_ros.records import DepthImage, Event, PosedScan, Scan, StreamComplete, TiltAngle
 from tccm_ros.records.building import Record
-from tccm_ros.robot import Robot
+from tccm_ros.robot import MountKind, Robot, Stream
 from tccm_ros.robot.chain import Chain, JointReading, Part
 from tccm_ros.robot.frames import build_chain, find_path, frames_of
 from tccm_ros.robot.mount import Mount
@@ -29,14 +30,14 @@ from tccm_ros.robot.sensor import Sensor
 from tccm_ros.robot.tilt_angle import find_axis
 from tccm_ros.robot.tracks import PoseTrack, ScalarTrack, Track
 from tccm_ros.robot.urdf import Joint
+from tccm_ros.sensors.camera_rays import pixel_rays
+from tccm_ros.sensors.depth_image import PosedImage, max_mapped_depth
 from tccm_ros.sensors.laser_scan import (
     LEVEL_SCAN,
-    TILT_SCAN,
     beam_stamps,
     bearings,
     valid_beams,
 )
-from tccm_ros.sensors.registry import default_streams
 
 TRACK_MARGIN_NS = 1_000_000_000
 """Joint samples are kept this long before and after a tilt cycle, for time offsets (chosen)."""
@@ -47,12 +48,22 @@ MAX_CYCLES = 24
 LEVEL_SCANS = 6
 """Level scans that are used at each place (chosen)."""
 
+IMAGE_COLUMNS = 80
+"""Columns of a depth image that are used, about (chosen: as a tilting laser's scan lines)."""
+
+MAX_DEPTH_FACTOR = 1.5
+"""Depths are used up to this much further than they are mapped (chosen: patches that are too thick
+for a plane are left out anyway)."""
+
 MIN_SCANS = 8
 """Scans that a tilt cycle must have to be used (chosen)."""
 
 CORRECTIONS = frozenset(
-    ("tilt_offset", "tilt_scale", "joint_time_offset", "mount_correction", "level_correction")
-)
+    (
+        "tilt_offset", "tilt_scale", "joint_time_offset", "pan_offset", "mount_correction",
+        "level_correction",
+    )
+)  # fmt: skip
 """Parameters of the group `rig` that a calibration estimates."""
 
 END_OF_TIME_NS = 2**62
@@ -73,7 +84,7 @@ def read_recording(
     *,
     max_cycles: int = MAX_CYCLES,
 ) -> Recording:
-    """Read the tilt cycles and the level scans of a bag.
+    """Read the tilt cycles, or the depth images of a head, and the level scans of a bag.
 
     Parameters
     ----------
@@ -94,12 +105,15 @@ def read_recording(
         Where the bag cannot be read, has no tilting scans, or the laser's pose cannot be found.
     """
     raw, bars = uncorrected(config), bars or Silent()
-    topics = remap_topics(remap, DEFAULT_TOPICS)
     with BagReader(bag) as reader:
+        choice = choose_topics(reader, raw, remap)
+        reader.add_readers(choice.readers)
+        topics = choice.topics
         counts = {info.name: info.count for info in reader.topics()}
-        if not counts.get(topics["tilt_scan"]):
+        role = _tilting_role(choice, counts)
+        if role is None:
             raise TopicError(reader.missing("tilt_scan", topics["tilt_scan"]))
-        found = _CycleReader(raw, bool(counts.get(topics["odom"])))
+        found = _CycleReader(raw, role, choice.streams, bool(counts.get(topics["odom"])))
         bars.start("read", reader.duration, "s")
         last_ns = reader.start_ns
         for role, log_ns, record in reader.records(topics):
@@ -112,31 +126,46 @@ def read_recording(
     return _recording(Path(bag).name, found, max_cycles)
 
 
+def _tilting_role(choice: TopicChoice, counts: Mapping[str, int]) -> str | None:
+    """Return the role of the tilting laser of a bag, else that of its depth images."""
+    kinds = [stream.role for kind in (Scan, DepthImage) for stream in choice.streams
+             if stream.record is kind and stream.mount is not MountKind.LEVEL]  # fmt: skip
+    return next((role for role in kinds if counts.get(choice.topics[role])), None)
+
+
 def _no_cycle_error(bag: Path | str, tilting: Sensor) -> BagError | FrameError:
     if tilting.problem is not None:
         return FrameError(f"{bag}: {tilting.problem}")
     reasons = ", ".join(f"{n} {why}" for why, n in sorted(tilting.dropped.items()))
     return BagError(
-        f"{bag}: the tilting laser makes no tilt cycle"
+        f"{bag}: the tilting sensor makes no tilt cycle and no image"
         + (f" (dropped: {reasons})" if reasons else "")
     )
 
 
 class _CycleReader:
-    """Collects the scans of the tilting laser by tilt cycle, and those of the level laser.
+    """Collects scans of the tilting laser by tilt cycle, or images, and scans of the level laser.
 
     A level laser whose pose is not known is left out.
     """
 
-    def __init__(self, config: Config, has_odometry: bool) -> None:
-        self._config = config
-        self.robot = Robot(config, default_streams(), expects_odometry=has_odometry)
+    def __init__(
+        self, config: Config, role: str, streams: Sequence[Stream], has_odometry: bool
+    ) -> None:
+        self._config, self._role = config, role
+        used = [
+            replace(stream, mount=MountKind.TILTING) if stream.role == role else stream
+            for stream in streams
+            if stream.role in (role, LEVEL_SCAN.role)
+        ]
+        self.robot = Robot(config, used, expects_odometry=has_odometry)
         self._cycles = TiltCycles(config)
         self._tilt_scans: list[PosedScan] = []
         self.level_scans: list[PosedScan] = []
         self.cycles: list[CycleScans] = []
-        self._scans = {TILT_SCAN.role: self._tilt_scans, LEVEL_SCAN.role: self.level_scans}
+        self._scans = {role: self._tilt_scans, LEVEL_SCAN.role: self.level_scans}
         self._handlers: dict[type, Callable[[Any], object]] = {
+            PosedImage: self._add_image,
             PosedScan: lambda posed: self._scans[posed.role].append(posed),
             TiltAngle: lambda tilt: self._cycles.add(tilt.stamp_ns, tilt.angle),
             StreamComplete: lambda complete: self._close_until(complete.until_ns - TRACK_MARGIN_NS),
@@ -144,8 +173,8 @@ class _CycleReader:
 
     @property
     def tilting(self) -> Sensor:
-        """The tilting laser."""
-        return self.robot.sensors[TILT_SCAN.role]
+        """The tilting sensor."""
+        return self.robot.sensors[self._role]
 
     def add(self, role: str, record: Record) -> None:
         """Take one record."""
@@ -156,6 +185,11 @@ class _CycleReader:
         self._handle(self.robot.flush())
         self._cycles.finish()
         self._close_until(END_OF_TIME_NS)
+
+    def _add_image(self, posed: PosedImage) -> None:
+        cycle = _image_rows(posed, self.tilting.mount, self._config)
+        if np.isfinite(cycle.ranges).any():
+            self.cycles.append(cycle)
 
     def _handle(self, events: Iterable[Event]) -> None:
         for event in events:
@@ -187,7 +221,29 @@ def _cycle_scans(scans: Sequence[PosedScan], mount: Mount, config: Config) -> Cy
     span = int(stamps.min()), int(stamps.max())
     chain, tilt = _copy_chain(mount, scans[0].scan.frame_id, span)
     T_odom_base = np.array([p.T_odom_base[len(p.T_odom_base) // 2] for p in scans])
-    return CycleScans(chain, tilt, stamps, ranges, bearings(scans[0].scan), T_odom_base, span)
+    angle = bearings(scans[0].scan)
+    directions = np.stack([np.cos(angle), np.sin(angle), np.zeros(len(angle))], axis=-1)[None]
+    return CycleScans(chain, tilt, stamps, ranges, directions, T_odom_base, span)
+
+
+def _image_rows(posed: PosedImage, mount: Mount, config: Config) -> CycleScans:
+    """Return a depth image, thinned to about `IMAGE_COLUMNS` columns."""
+    image, camera = posed.image, posed.image.camera
+    assert camera is not None
+    step = max(image.depth.shape[1] // IMAGE_COLUMNS, 1)
+    depths = image.depth[::step, ::step].astype(float)
+    if image.depth.dtype == np.uint16:
+        depths *= 0.001
+    rays = pixel_rays(camera)[::step, ::step].astype(float)
+    vectors = np.concatenate([rays, np.ones((*depths.shape, 1))], axis=-1)
+    lengths = np.linalg.norm(vectors, axis=-1)
+    seen = (depths > 0.0) & (depths < MAX_DEPTH_FACTOR * max_mapped_depth(config))
+    ranges = np.where(seen, depths * lengths, np.nan).astype(np.float32)
+    span = image.stamp_ns, image.stamp_ns
+    chain, tilt = _copy_chain(mount, image.frame_id, span)
+    T_odom_base = np.repeat(posed.T_odom_base[:1], len(depths), axis=0)
+    stamps = np.full(depths.shape, image.stamp_ns)
+    return CycleScans(chain, tilt, stamps, ranges, vectors / lengths[..., None], T_odom_base, span)
 
 
 def _copy_chain(mount: Mount, frame: str, span_ns: tuple[int, int]) -> tuple[Chain, int]:
@@ -217,7 +273,7 @@ def _fill(track: Track, source: Track, rows: Bool) -> None:
 
 
 def _recording(name: str, found: _CycleReader, max_cycles: int) -> Recording:
-    still = [cycle for cycle in found.cycles if cycle.is_still]
+    still = [cycle for cycle, stands in zip(found.cycles, _stands(found.cycles)) if stands]
     cycles = _spread(still or found.cycles, max_cycles)
     places = _places(cycles)
     firsts = [cycles[i].T_place for i in np.unique(places, return_index=True)[1].tolist()]
@@ -229,9 +285,17 @@ def _recording(name: str, found: _CycleReader, max_cycles: int) -> Recording:
         planar(inverse(firsts[0]) @ np.array(firsts)),
         _level_scans(found.level_scans, cycles, places),
         found.tilting.mount.base or "",
-        _footprint_z(found.robot),
+        _footprint_z(found.robot, found.tilting.mount.base or ""),
         moving=not still,
     )
+
+
+def _stands(cycles: Sequence[CycleScans]) -> list[bool]:
+    """Return in which cycles the base stood: of images, where one beside it has the same pose."""
+    if not cycles[0].is_image:
+        return [cycle.is_still for cycle in cycles]
+    same = [bool(is_near(b.place, a.place)) for a, b in pairwise(cycles)]
+    return [before or after for before, after in zip([False, *same], [*same, False])]
 
 
 def _spread(cycles: Sequence[CycleScans], max_cycles: int) -> list[CycleScans]:
@@ -284,10 +348,9 @@ def _level_points(scans: Sequence[PosedScan], T_odom_place: Float64) -> LevelSca
     )
 
 
-def _footprint_z(robot: Robot) -> float | None:
+def _footprint_z(robot: Robot, base: str) -> float | None:
     """Return the height in the base (m) of a frame that is on the floor by its name."""
     edges = robot.frames.view(urdf=True, tf=True, moving_tf=False)
-    base = robot.sensors[TILT_SCAN.role].mount.base or ""
     for frame in sorted({base, *frames_of(edges)}):
         if not frame.endswith("footprint"):
             continue

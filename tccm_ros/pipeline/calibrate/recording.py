@@ -13,7 +13,7 @@ import numpy as np
 
 from tccm_ros.arrays import Bool, Float32, Float64, Int64
 from tccm_ros.geometry import inverse, planar
-from tccm_ros.robot.chain import Chain
+from tccm_ros.robot.chain import Chain, JointReading
 
 STILL_DISTANCE, STILL_YAW = 0.01, np.deg2rad(0.3)
 """The base stands still while its position and yaw change by less, m and rad (chosen: above the
@@ -22,7 +22,7 @@ noise of the odometry of a base that stands)."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CycleScans:
-    """The scans of the tilting laser of one tilt cycle.
+    """The scans of the tilting laser of one tilt cycle, or the rows of one depth image.
 
     Attributes
     ----------
@@ -33,8 +33,8 @@ class CycleScans:
         int64 (R, B), time of each beam of each scan.
     ranges
         float32 (R, B), m; nan where nothing valid was seen.
-    bearings
-        float64 (B,), rad.
+    directions
+        float64 (1, B, 3) of a laser, (R, B, 3) of an image: unit vectors in the sensor's frame.
     T_odom_base
         float64 (R, 4, 4), the base at the middle of each scan.
     span_ns
@@ -45,9 +45,24 @@ class CycleScans:
     tilt: int
     stamps_ns: Int64
     ranges: Float32
-    bearings: Float64
+    directions: Float64
     T_odom_base: Float64
     span_ns: tuple[int, int]
+
+    @property
+    def is_image(self) -> bool:
+        """Whether it is a depth image: each row has directions of its own."""
+        return len(self.directions) > 1
+
+    @property
+    def pan(self) -> int | None:
+        """Index of the pan joint of a head among the parts of the chain, None without one."""
+        turning = [
+            number
+            for number, (part, _) in enumerate(self.chain.parts[: self.tilt])
+            if isinstance(part, JointReading) and part.is_revolute
+        ]
+        return turning[-1] if self.is_image and turning else None
 
     @property
     def place(self) -> Float64:

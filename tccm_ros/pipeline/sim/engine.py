@@ -11,17 +11,37 @@ import numpy as np
 from numpy.random import Generator
 
 from tccm_ros.arrays import Float32, Float64, Int64
+from tccm_ros.pipeline.sim.cameras import DepthCamera, measure_depths
 from tccm_ros.pipeline.sim.joints import Profile
 from tccm_ros.pipeline.sim.lasers import Laser, measure, rim_directions
+from tccm_ros.pipeline.sim.lidars import SpinningLidar, measure_points
 from tccm_ros.pipeline.sim.motion import wheel_odometry
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.rigid import rigid
 from tccm_ros.pipeline.sim.rigs import Joint, Rig
 from tccm_ros.pipeline.sim.scene import FrozenScene, Scene
 from tccm_ros.pipeline.sim.world import World, with_options
-from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan, TransformSample
+from tccm_ros.records import (
+    CameraInfo,
+    DepthImage,
+    JointSample,
+    Odometry,
+    PointCloud,
+    RobotDescription,
+    Scan,
+    TransformSample,
+)
 
-Record = RobotDescription | TransformSample | JointSample | Odometry | Scan
+Record = (
+    RobotDescription
+    | TransformSample
+    | JointSample
+    | Odometry
+    | Scan
+    | CameraInfo
+    | DepthImage
+    | PointCloud
+)
 
 EPOCH_NS = 1_600_000_000_000_000_000
 """Stamp of the world's time 0."""
@@ -31,6 +51,9 @@ JOINT_PERIOD_NS, ODOMETRY_PERIOD_NS = 10_000_000, 20_000_000
 
 JOINT_DELAY_NS, ODOMETRY_DELAY_NS, SCAN_DELAY_NS = 1_000_000, 3_000_000, 2_000_000
 """Delays of messages after their measurements (chosen)."""
+
+INFO_DELAY_NS, IMAGE_DELAY_NS = 4_000_000, 30_000_000
+"""Delays of a camera's calibration and of its images (chosen: images are computed)."""
 
 BLOCK = 500
 """Samples of joints or odometry that are computed together."""
@@ -91,9 +114,9 @@ class Simulation:
         self.rig = with_options(world.rig, self.options)
         self.scene = world.scene.freeze()
         self._bodies = _frozen_bodies(self.rig) if self.options.self_hits else {}
-        self._seeds = np.random.SeedSequence(seed).spawn(3)
+        self._seeds = np.random.SeedSequence(seed).spawn(5)
         self._true_rig = self.rig.mounted(
-            self.rig.tilt_joint,
+            self.rig.pan_joint or self.rig.tilt_joint,
             (0.0, 0.0, self.options.laser_height),
             (self.options.laser_roll, 0.0, 0.0),
         )
@@ -126,23 +149,25 @@ class Simulation:
         always = np.array([[-np.inf, np.inf]])
         level = _Mount(rig.level, rig.level_frame, topics.scan, always)
         windows = always if self.options.always else self.world.tilt_windows
-        tilt = _Mount(rig.tilt, rig.tilt_frame, topics.tilt_scan, windows)
-        streams = [
-            self._description(),
-            self._joints(),
-            self._odometry(),
-            self._scans(level, np.random.default_rng(self._seeds[1])),
-        ]
-        if self.options.tilt:
-            streams.append(self._scans(tilt, np.random.default_rng(self._seeds[2])))
+        random = [np.random.default_rng(seed) for seed in self._seeds]
+        streams = [self._description(), self._joints(), self._odometry()]
+        if self.options.level:
+            streams.append(self._scans(level, random[1]))
+        if rig.tilt is not None:
+            tilt = _Mount(rig.tilt, rig.tilt_frame, topics.tilt_scan, windows)
+            streams.append(self._scans(tilt, random[2]))
+        if rig.camera is not None:
+            streams.append(self._images(rig.camera, random[3]))
+        if rig.lidar is not None:
+            streams.append(self._clouds(rig.lidar, random[4]))
         yield from heapq.merge(*streams, key=lambda message: message.log_ns)
 
     def true_poses(self, times: Float64) -> Float64:
         """Return T_world_base, float64 (B, 4, 4), at times (B,) in s."""
         return self.world.drive.poses(times, self.rig.base_height)
 
-    def laser_poses(self, frame: str, times: Float64) -> Float64:
-        """Return the true T_world_laser, float64 (B, 4, 4), at times (B,) in s."""
+    def sensor_poses(self, frame: str, times: Float64) -> Float64:
+        """Return the true T_world_sensor, float64 (B, 4, 4), at times (B,) in s."""
         return self.true_poses(times) @ self._link_poses(frame, times)
 
     def _link_poses(self, frame: str, times: Float64) -> Float64:
@@ -174,6 +199,8 @@ class Simulation:
         for times_ns in _blocks(self.duration_ns, JOINT_PERIOD_NS):
             true = self._joint_positions(np.asarray(times_ns * 1e-9, np.float64))
             true[:, tilt] = (true[:, tilt] - options.tilt_offset) / options.tilt_scale
+            if rig.pan_joint:
+                true[:, rig.moving.index(rig.pan_joint)] -= options.pan_offset
             for now_ns, row in zip(times_ns.tolist(), np.round(true / rig.encoder) * rig.encoder):
                 sample = JointSample(EPOCH_NS + now_ns - late_ns, names, row.copy())
                 log_ns = EPOCH_NS + now_ns + JOINT_DELAY_NS
@@ -216,8 +243,8 @@ class Simulation:
     def _scans(self, mount: _Mount, random: Generator) -> Iterator[Message]:
         """Yield the scans of one laser that begin and end within its windows."""
         laser = mount.laser
-        period_ns, scan_duration = round(laser.period * 1e9), float(laser.offsets[-1])
-        for start_ns in range(MARGIN_NS, self.duration_ns - MARGIN_NS - period_ns, period_ns):
+        scan_duration = float(laser.offsets[-1])
+        for start_ns in self._starts(laser.period):
             start, end = start_ns * 1e-9, start_ns * 1e-9 + scan_duration
             if not np.any((mount.windows[:, 0] <= start) & (end <= mount.windows[:, 1])):
                 continue
@@ -231,38 +258,108 @@ class Simulation:
     def _ranges(self, mount: _Mount, times: Float64, random: Generator) -> Float32:
         """Return the ranges of a laser at the times of its beams, float32 (B,), m."""
         laser = mount.laser
-        T_base_laser = self._link_poses(mount.frame, times)
         bearings = laser.bearings
         center = np.stack([np.cos(bearings), np.sin(bearings), np.zeros_like(bearings)], axis=-1)
         max_range = laser.range_max + 1.0
-        exact = self._cast(T_base_laser, center, times, max_range)
+        exact, _ = self._cast(mount.frame, center, times, max_range)
         rim = None
         if laser.mixed > 0.0:
             rays = rim_directions(bearings, laser.divergence, random)
-            rim = self._cast(T_base_laser, rays, times, max_range)
+            rim, _ = self._cast(mount.frame, rays, times, max_range)
         return measure(laser, exact, rim, random)
 
+    def _images(self, camera: DepthCamera, random: Generator) -> Iterator[Message]:
+        """Yield the depth images of the camera, and its calibration before each."""
+        rig, topics = self.rig, self.rig.topics
+        for start_ns in self._starts(camera.period):
+            stamp_ns = EPOCH_NS + start_ns
+            info = _camera_info(camera, stamp_ns, rig.camera_frame)
+            yield Message(stamp_ns + INFO_DELAY_NS, topics.camera_info, (info,))
+            exact, cosines = self.exact_depths(camera, start_ns * 1e-9)
+            depths = measure_depths(camera, exact, cosines, random)
+            image = DepthImage(stamp_ns, rig.camera_frame, depths, info)
+            yield Message(stamp_ns + IMAGE_DELAY_NS, topics.depth, (image,))
+
+    def exact_depths(self, camera: DepthCamera, time: float) -> tuple[Float64, Float64]:
+        """Return depths and cosines of incidence of an image at a time in s.
+
+        Returns
+        -------
+        float64 (height, width), twice
+            Depth along the optical axis, m, +inf where there is nothing, and cosine.
+        """
+        ranges, cosines = self._cast(self.rig.camera_frame, camera.rays, np.array([time]), 100.0)
+        shape = camera.height, camera.width
+        return (ranges * camera.rays[:, 2]).reshape(shape), cosines.reshape(shape)
+
+    def _clouds(self, lidar: SpinningLidar, random: Generator) -> Iterator[Message]:
+        """Yield the clouds of the lidar, one of each revolution."""
+        offsets = lidar.laser.offsets
+        for start_ns in self._starts(lidar.laser.period):
+            times = start_ns * 1e-9 + offsets
+            exact, _ = self._cast(self.rig.lidar_frame, lidar.rays, times, 100.0)
+            points, since_ns = measure_points(lidar, exact, random)
+            cloud = PointCloud(EPOCH_NS + start_ns, self.rig.lidar_frame, points, since_ns)
+            log_ns = EPOCH_NS + start_ns + round(lidar.laser.period * 1e9) + SCAN_DELAY_NS
+            yield Message(log_ns, self.rig.topics.points, (cloud,))
+
+    def _starts(self, period: float) -> range:
+        """Return the times of a periodic measurement, ns, with joints and odometry around each."""
+        period_ns = round(period * 1e9)
+        return range(MARGIN_NS, self.duration_ns - MARGIN_NS - period_ns, period_ns)
+
     def _cast(
-        self, T_base_laser: Float64, rays: Float64, times: Float64, max_range: float
-    ) -> Float64:
-        """Return exact ranges along rays (B, 3) of the laser's frame: to the world or the robot."""
-        ranges = _cast(self.scene, self.true_poses(times) @ T_base_laser, rays, times, max_range)
+        self, frame: str, rays: Float64, times: Float64, max_range: float
+    ) -> tuple[Float64, Float64]:
+        """Return exact distances to the world or the robot along rays, and cosines of incidence.
+
+        Parameters
+        ----------
+        frame
+            Of the sensor.
+        rays
+            float64 (B, 3), unit vectors in the frame.
+        times
+            float64 (T,), s, rising; each is that of B / T rays in a row.
+        max_range
+            m.
+
+        Returns
+        -------
+        float64 (B,), twice
+            Distances, m, and cosines of the angle of incidence on what the world has there.
+        """
+        T_base_sensor = self._link_poses(frame, times)
+        T_world_sensor = self.true_poses(times) @ T_base_sensor
+        ranges, cosines = _cast(self.scene, T_world_sensor, rays, times, max_range)
         for link, body in self._bodies.items():
-            T_link_laser = T_base_laser
+            T_link_sensor = T_base_sensor
             if link != self.rig.base:
-                T_link_laser = np.linalg.inv(self._link_poses(link, times)) @ T_base_laser
-            own = _cast(body, T_link_laser, rays, times, max_range)
+                T_link_sensor = np.linalg.inv(self._link_poses(link, times)) @ T_base_sensor
+            own, own_cosines = _cast(body, T_link_sensor, rays, times, max_range)
+            cosines = np.where(own < ranges, own_cosines, cosines)
             ranges = np.minimum(ranges, own)
-        return ranges
+        return ranges, cosines
 
 
 def _cast(
-    scene: FrozenScene, T_scene_laser: Float64, rays: Float64, times: Float64, max_range: float
-) -> Float64:
-    """Return exact ranges along rays (B, 3) of a laser's frame."""
-    directions = np.einsum("bij,bj->bi", T_scene_laser[:, :3, :3], rays)
-    origins = np.ascontiguousarray(T_scene_laser[:, :3, 3])
-    return scene.cast(origins, directions, times, max_range)[0]
+    scene: FrozenScene, T_scene_sensor: Float64, rays: Float64, times: Float64, max_range: float
+) -> tuple[Float64, Float64]:
+    """Return exact ranges along rays (B, 3) of a sensor's frame, and cosines of incidence."""
+    by_pose = rays.reshape(len(times), -1, 3)
+    directions = np.einsum("tij,tbj->tbi", T_scene_sensor[:, :3, :3], by_pose).reshape(-1, 3)
+    repeats = by_pose.shape[1]
+    origins = np.repeat(T_scene_sensor[:, :3, 3], repeats, axis=0)
+    ranges, codes = scene.cast(origins, directions, np.repeat(times, repeats), max_range)
+    return ranges, scene.cosines(origins, directions, ranges, codes)
+
+
+def _camera_info(camera: DepthCamera, stamp_ns: int, frame: str) -> CameraInfo:
+    """Return the calibration of a camera without distortion."""
+    (cx, cy), f = camera.center, camera.focal
+    K = np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])
+    P = np.column_stack([K, np.zeros(3)])
+    return CameraInfo(stamp_ns, frame, camera.width, camera.height, "plumb_bob", np.zeros(5), K, P)
 
 
 def _limits(laser: Laser) -> tuple[float, float, float, float, float]:

@@ -9,9 +9,11 @@ from math import pi
 import numpy as np
 
 from tccm_ros.arrays import Float64
+from tccm_ros.pipeline.sim.heads import robot, tilt_sign
 from tccm_ros.pipeline.sim.joints import Profile, oscillation
 from tccm_ros.pipeline.sim.motion import Waypoint, drive
 from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.rigs import Rig
 from tccm_ros.pipeline.sim.robots import SEGWAY
 from tccm_ros.pipeline.sim.scene import Scene
 from tccm_ros.pipeline.sim.world import World
@@ -21,6 +23,8 @@ Span = tuple[float, float]
 WALL_HEIGHT = 2.5
 WALL_THICKNESS = 0.12
 TILT_LIMITS = (-0.45, 1.0)  # rad, positive is down
+HEAD_LIMITS = (0.35, 0.75)  # rad, of a head's tilt, down
+HEAD_PAN = (-0.6, 0.6)  # rad
 CYCLE_TIME = 5.0  # s, of a tilt cycle
 PAUSE = 5.4  # s, of a stop
 DOOR = (2.35, 3.35)  # y of the doorway between the rooms
@@ -41,6 +45,15 @@ ROUTE = (
     Waypoint(5.5, 2.9),
     Waypoint(4.0, 2.85),
     Waypoint(3.0, 1.9, -2.9, PAUSE),
+)
+
+KITCHEN_ROUTE = (
+    Waypoint(2.6, 1.9, pi, PAUSE),
+    Waypoint(1.7, 2.5, -2.2, PAUSE),
+    Waypoint(1.6, 3.0, 1.2, PAUSE),
+    Waypoint(2.9, 3.2, 2.3, PAUSE),
+    Waypoint(3.2, 4.2, 1.4, PAUSE),
+    Waypoint(2.4, 2.0, -2.0, PAUSE),
 )
 
 
@@ -64,6 +77,8 @@ def stop_and_scan(
 ) -> World:
     """Return a world in which the Segway scans with one tilt cycle or more at each stop.
 
+    A robot with a head looks around instead: it nods once in a tilt cycle and pans twice.
+
     Parameters
     ----------
     name
@@ -81,14 +96,30 @@ def stop_and_scan(
     """
     path = drive(route, options.base_tilt, speed)
     period = options.cycle_period or CYCLE_TIME
-    limits = options.tilt_limits or TILT_LIMITS
     if options.always:
         windows = np.array([[0.05, path.times[-1] - 0.05]])
     else:
         windows = path.stops[path.stops[:, 1] - path.stops[:, 0] >= period + 0.1]
+    if options.robot is not None:
+        rig = robot(options.robot)
+        joints = _head(rig, windows, period, options.tilt_limits or HEAD_LIMITS)
+        return World(name, scene, rig, path, joints, windows)
+    limits = options.tilt_limits or TILT_LIMITS
     tilt = oscillation(windows + np.array([0.05, 0.0]), period, limits)
     joints = {"ptu_tilt_joint": tilt, "ptu_pan_joint": _pan(path.stops[:, 0], pans)}
     return World(name, scene, SEGWAY, path, joints, windows)
+
+
+def _head(
+    rig: Rig, windows: Float64, period: float, limits: tuple[float, float]
+) -> dict[str, Profile]:
+    """Return the moves of a head that looks around; it moves a little on between stops."""
+    sign = tilt_sign(rig)
+    limits = sign * limits[0], sign * limits[1]
+    return {
+        rig.tilt_joint: oscillation(windows, period, limits),
+        rig.pan_joint: oscillation(windows, period / 2.0, HEAD_PAN, ramp=0.3),
+    }
 
 
 def _pan(starts: Float64, pans: Sequence[float]) -> Profile:
@@ -101,6 +132,19 @@ def _pan(starts: Float64, pans: Sequence[float]) -> Profile:
             moves.append((end - PAN_TIME, end, here, there))
         here = there
     return Profile(np.array(moves), 0.5) if moves else Profile.rest(here)
+
+
+def rgbd_kitchen(options: Options) -> World:
+    """Return the kitchen of the flat, in which a robot with a depth camera on its head stops."""
+    scene = Scene()
+    scene.floor_and_ceiling((-0.2, MIDDLE + 0.2), (-0.2, 6.2), WALL_HEIGHT)
+    corners = [(0.0, 0.0), (MIDDLE, 0.0), (MIDDLE, 6.0), (0.0, 6.0), (0.0, 0.0)]
+    for start, end in pairwise(corners):
+        scene.wall("wall", start, end, WALL_HEIGHT, WALL_THICKNESS)
+    _kitchen(scene)
+    changed = options.model_copy(update={"robot": options.robot or "fetch"})
+    route = [*KITCHEN_ROUTE, *(KITCHEN_ROUTE[1:] * (options.laps - 1))]
+    return stop_and_scan("rgbd_kitchen", scene, route, changed)
 
 
 def flat_scene() -> Scene:

@@ -114,7 +114,7 @@ def _hit_cylinder(o: Float64, d: Float64, half: Float64) -> tuple[float, int]:
     return t, 0
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(nogil=True, cache=True, inline="always")
 def _try_solids(
     items: Int64,
     solids: Solids,
@@ -156,7 +156,7 @@ def _try_solids(
     return best, code
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(nogil=True, cache=True, inline="always")
 def _walk(
     solids: Solids,
     grid: Grid,

@@ -13,10 +13,21 @@ from tccm_ros.pipeline.sim import truth
 from tccm_ros.pipeline.sim.engine import Message, Simulation
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.worlds import build_world
-from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan
+from tccm_ros.records import (
+    CameraInfo,
+    DepthImage,
+    JointSample,
+    Odometry,
+    PointCloud,
+    RobotDescription,
+    Scan,
+)
 from tccm_ros.ros.writing import (
+    camera_info_message,
+    compressed_depth_message,
     joint_sample_message,
     odometry_message,
+    point_cloud_message,
     robot_description_message,
     scan_message,
     transforms_message,
@@ -26,6 +37,18 @@ Progress = Callable[[float], None]
 
 SENSOR = Qos(reliable=False, depth=5)
 """QoS of scans: sensor data, as drivers offer it."""
+
+COMPRESSED = "sensor_msgs/msg/CompressedImage"
+
+WRITERS: dict[type, tuple[str, Callable[..., Any]]] = {
+    JointSample: ("sensor_msgs/msg/JointState", joint_sample_message),
+    Odometry: ("nav_msgs/msg/Odometry", odometry_message),
+    RobotDescription: ("std_msgs/msg/String", robot_description_message),
+    CameraInfo: ("sensor_msgs/msg/CameraInfo", camera_info_message),
+    DepthImage: (COMPRESSED, compressed_depth_message),
+    PointCloud: ("sensor_msgs/msg/PointCloud2", point_cloud_message),
+}
+"""Type and writer of each kind of record."""
 
 
 def run(name: str, *, seed: int = 0, options: Options | None = None) -> Iterator[Message]:
@@ -90,17 +113,30 @@ def simulate(
     simulation = Simulation(build_world(name, options), seed, options)
     types = TypestoreMessages()
     with BagWriter(out, overwrite=overwrite, typestore=types) as bag:
-        topics = simulation.rig.topics
-        for topic in (topics.tilt_scan, topics.scan):
-            bag.add_topic(topic, "sensor_msgs/msg/LaserScan", SENSOR)
+        for topic, msgtype in _sensor_topics(simulation):
+            bag.add_topic(topic, msgtype, SENSOR)
         for message in simulation.run():
             msgtype, content = _message(types, message, simulation)
-            bag.write(message.topic, msgtype, message.log_ns, content)
+            topic = message.topic + "/compressedDepth" * (msgtype == COMPRESSED)
+            bag.write(topic, msgtype, message.log_ns, content)
             if progress is not None:
                 fraction = (message.log_ns - simulation.start_ns) / simulation.duration_ns
                 progress(min(fraction, 1.0))
         _write_truth(simulation, bag.folder)
     return Path(out)
+
+
+def _sensor_topics(simulation: Simulation) -> Iterator[tuple[str, str]]:
+    """Yield topics and types of the messages of sensors."""
+    rig, topics = simulation.rig, simulation.rig.topics
+    if rig.tilt is not None:
+        yield topics.tilt_scan, "sensor_msgs/msg/LaserScan"
+    yield topics.scan, "sensor_msgs/msg/LaserScan"
+    if rig.camera is not None:
+        yield topics.depth + "/compressedDepth", COMPRESSED
+        yield topics.camera_info, "sensor_msgs/msg/CameraInfo"
+    if rig.lidar is not None:
+        yield topics.points, "sensor_msgs/msg/PointCloud2"
 
 
 def _message(types: TypestoreMessages, message: Message, simulation: Simulation) -> (
@@ -109,15 +145,13 @@ def _message(types: TypestoreMessages, message: Message, simulation: Simulation)
     """Return the type and the content of a simulated message."""
     record = message.records[0]
     if isinstance(record, Scan):
+        tilt = simulation.rig.tilt
         is_tilt = message.topic == simulation.rig.topics.tilt_scan
-        period = (simulation.rig.tilt if is_tilt else simulation.rig.level).period
+        period = (tilt if tilt is not None and is_tilt else simulation.rig.level).period
         return "sensor_msgs/msg/LaserScan", scan_message(types, record, scan_time=period)
-    if isinstance(record, JointSample):
-        return "sensor_msgs/msg/JointState", joint_sample_message(types, record)
-    if isinstance(record, Odometry):
-        return "nav_msgs/msg/Odometry", odometry_message(types, record)
-    if isinstance(record, RobotDescription):
-        return "std_msgs/msg/String", robot_description_message(types, record)
+    for kind, (msgtype, write) in WRITERS.items():
+        if isinstance(record, kind):
+            return msgtype, write(types, record)
     return "tf2_msgs/msg/TFMessage", transforms_message(types, message.transforms)
 
 

@@ -8,7 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from tccm_ros.arrays import Float64
+from tccm_ros.pipeline.sim.cameras import DepthCamera
 from tccm_ros.pipeline.sim.lasers import Laser
+from tccm_ros.pipeline.sim.lidars import SpinningLidar
 from tccm_ros.pipeline.sim.motion import OdometryErrors
 from tccm_ros.pipeline.sim.rigid import chain_poses, rigid
 
@@ -71,12 +73,21 @@ class Topics:
         Scans of the tilting and of the level laser.
     joint_states, odom
         Joint samples and wheel odometry.
+    depth, points
+        Depth images, with ``camera_info`` beside them, and points of a lidar.
     """
 
     tilt_scan: str = "/tilt_scan"
     scan: str = "/scan"
     joint_states: str = "/joint_states"
     odom: str = "/odom"
+    depth: str = "/depth/image_rect_raw"
+    points: str = "/points"
+
+    @property
+    def camera_info(self) -> str:
+        """Calibration of the depth camera."""
+        return self.depth.rsplit("/", 1)[0] + "/camera_info"
 
 
 @dataclass(frozen=True)
@@ -89,10 +100,16 @@ class Rig:
         Base frame, and the height of its origin above the floor, m.
     joints
         All joints, parents first.
-    tilt, tilt_frame, tilt_joint
-        The tilting laser, its frame, and the joint that tilts it.
+    tilt, tilt_frame
+        The tilting laser, if there is one, and its frame.
+    tilt_joint, pan_joint
+        The joint that tilts it, or that tilts a head with a depth camera, and the head's pan joint.
     level, level_frame
         The level laser and its frame.
+    camera, camera_frame
+        A depth camera, if there is one, and its optical frame.
+    lidar, lidar_frame
+        A spinning lidar, if there is one, and its frame.
     wheels
         Joints of the left and the right wheel.
     wheel_radius, wheel_distance
@@ -108,7 +125,7 @@ class Rig:
     base_height: float
     joints: tuple[Joint, ...]
     bodies: tuple[Body, ...]
-    tilt: Laser
+    tilt: Laser | None
     tilt_frame: str
     tilt_joint: str
     level: Laser
@@ -121,6 +138,11 @@ class Rig:
     odom_frame: str = "odom"
     odom_start: Vector = (0.0, 0.0, 0.0)
     errors: OdometryErrors = USUAL_ERRORS
+    pan_joint: str = ""
+    camera: DepthCamera | None = None
+    camera_frame: str = ""
+    lidar: SpinningLidar | None = None
+    lidar_frame: str = ""
 
     @cached_property
     def moving(self) -> tuple[str, ...]:

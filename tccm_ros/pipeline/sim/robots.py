@@ -40,9 +40,9 @@ SMALL_270 = Laser(
 )  # fmt: skip
 
 
-def _wheels(base: str, names: tuple[str, str], radius: float, distance: float, height: float) -> (
-    tuple[Joint, ...]
-):  # fmt: skip
+def wheel_joints(
+    base: str, names: tuple[str, str], radius: float, distance: float, height: float
+) -> tuple[Joint, ...]:
     """Return the joints of two wheels whose axle runs through the base's origin."""
     z = radius - height
     return tuple(
@@ -57,7 +57,7 @@ HUMANOID = Rig(
     base_height=0.0,
     joints=(
         Joint("base_joint", "base_footprint", "base_link", (0.0, 0.0, 0.30)),
-        *_wheels("base_link", ("wheel_left_joint", "wheel_right_joint"), 0.10, 0.44, 0.30),
+        *wheel_joints("base_link", ("wheel_left_joint", "wheel_right_joint"), 0.10, 0.44, 0.30),
         Joint("base_laser_joint", "base_link", "base_laser", (0.24, 0.0, -0.02)),
         Joint("waist_joint", "base_link", "torso", (-0.02, 0.0, 0.55), axis=_Z),
         Joint("neck_yaw_joint", "torso", "neck_yaw", (0.02, 0.0, 0.45), axis=_Z),
@@ -88,7 +88,7 @@ SEGWAY = Rig(
     base="base_link",
     base_height=0.0,
     joints=(
-        *_wheels("base_link", ("left_wheel_joint", "right_wheel_joint"), 0.24, 0.54, 0.0),
+        *wheel_joints("base_link", ("left_wheel_joint", "right_wheel_joint"), 0.24, 0.54, 0.0),
         Joint("lms_joint", "base_link", "lms", (0.28, 0.0, 0.34)),
         Joint("ptu_mount_joint", "base_link", "ptu_base", (0.12, 0.0, 1.24)),
         Joint("ptu_pan_joint", "ptu_base", "ptu_pan", (0.0, 0.0, 0.05), axis=_Z),
@@ -120,7 +120,7 @@ UPSIDE_DOWN = Rig(
     base="chassis",
     base_height=0.12,
     joints=(
-        *_wheels("chassis", ("wheel_l", "wheel_r"), 0.12, 0.40, 0.12),
+        *wheel_joints("chassis", ("wheel_l", "wheel_r"), 0.12, 0.40, 0.12),
         Joint("front_lidar_mount", "chassis", "front_lidar", (0.21, 0.03, 0.14)),
         Joint("gantry_mount", "chassis", "gantry", (0.10, -0.02, 1.30)),
         Joint("nod_joint", "gantry", "nod_plate", (0.06, 0.0, -0.05), axis=(0.0, -1.0, 0.0)),

@@ -346,6 +346,29 @@ class FrozenScene:
         self._move_solids(start, float(times[-1]))
         return raycast.cast(self._arrays, self._grid, origins, directions, times - start, max_range)
 
+    def cosines(self, origins: Float64, directions: Float64, ranges: Float64, codes: Int64) -> (
+        Float64
+    ):  # fmt: skip
+        """Return the cosines of the angles of incidence, float64 (B,), of the last rays cast.
+
+        Parameters
+        ----------
+        origins, directions
+            As in `cast`.
+        ranges, codes
+            What `cast` returned; where nothing was hit the cosine is 1.
+        """
+        arrays, solid, axis = self._arrays, codes // raycast.FACES, codes % raycast.FACES // 2
+        normals = arrays.R_solid_world[solid, axis]
+        round_side = np.flatnonzero((arrays.kind[solid] == CYLINDER) & (axis == 0) & (codes >= 0))
+        hits = origins[round_side] + ranges[round_side, None] * directions[round_side]
+        R = arrays.R_solid_world[solid[round_side]]
+        offsets = hits - arrays.center[solid[round_side]]
+        radial = offsets - np.einsum("bi,bi->b", offsets, R[:, 2])[:, None] * R[:, 2]
+        normals[round_side] = radial / arrays.half[solid[round_side], :1]
+        cosines = np.abs(np.einsum("bi,bi->b", normals, directions))
+        return np.where(codes >= 0, cosines, 1.0)
+
     def _move_solids(self, start: float, end: float) -> None:
         """Write the poses of moving solids at `start`, and their velocities until `end`."""
         for i in self._moving:

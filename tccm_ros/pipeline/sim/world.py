@@ -8,7 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tccm_ros.arrays import Float64
+from tccm_ros.pipeline.sim.heads import with_depth_camera, with_lidar
 from tccm_ros.pipeline.sim.joints import Profile
+from tccm_ros.pipeline.sim.lasers import Laser
 from tccm_ros.pipeline.sim.motion import Drive
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.rigs import Rig
@@ -53,22 +55,19 @@ Builder = Callable[[Options], World]
 
 def with_options(rig: Rig, options: Options) -> Rig:
     """Return the rig with the options that concern its sensors and its odometry."""
-    tilt, level, errors = rig.tilt, rig.level, rig.errors
-    if options.sigma is not None:
-        tilt = replace(tilt, sigma=options.sigma)
-    if options.quantum is not None:
-        tilt = replace(tilt, quantum=options.quantum)
+    if options.depth_camera:
+        rig = with_depth_camera(rig)
+    if options.lidar:
+        rig = with_lidar(rig)
+    tilt = rig.tilt if options.tilt else None
+    level, camera, errors = rig.level, rig.camera, rig.errors
+    if tilt is not None:
+        tilt = _tilting_with_options(tilt, options)
     if options.level_sigma is not None:
         level = replace(level, sigma=options.level_sigma)
-    if options.tilt_beams is not None:
-        scan_duration = tilt.time_increment * (tilt.beams - 1)
-        step = scan_duration / (options.tilt_beams - 1)
-        tilt = replace(tilt, beams=options.tilt_beams, time_increment=step)
-    if options.tilt_period is not None:
-        tilt = replace(tilt, period=options.tilt_period)
     if not options.faults:
-        tilt = replace(tilt, mixed=0.0, lost=0.0, invalid=0.0)
         level = replace(level, mixed=0.0, lost=0.0, invalid=0.0)
+        camera = camera and replace(camera, flying=0.0, grazing=0.0, lost=0.0)
     errors = replace(
         errors,
         scale=1.0 + options.odometry * (errors.scale - 1.0),
@@ -79,4 +78,20 @@ def with_options(rig: Rig, options: Options) -> Rig:
     )
     if options.heading_drift is not None:
         errors = replace(errors, drift=options.heading_drift)
-    return replace(rig, tilt=tilt, level=level, errors=errors)
+    return replace(rig, tilt=tilt, level=level, camera=camera, errors=errors)
+
+
+def _tilting_with_options(tilt: Laser, options: Options) -> Laser:
+    if options.sigma is not None:
+        tilt = replace(tilt, sigma=options.sigma)
+    if options.quantum is not None:
+        tilt = replace(tilt, quantum=options.quantum)
+    if options.tilt_beams is not None:
+        scan_duration = tilt.time_increment * (tilt.beams - 1)
+        step = scan_duration / (options.tilt_beams - 1)
+        tilt = replace(tilt, beams=options.tilt_beams, time_increment=step)
+    if options.tilt_period is not None:
+        tilt = replace(tilt, period=options.tilt_period)
+    if not options.faults:
+        tilt = replace(tilt, mixed=0.0, lost=0.0, invalid=0.0)
+    return tilt

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tccm_ros.errors import ConfigError, suggest
-from tccm_ros.pipeline.sim.flat import flat
+from tccm_ros.pipeline.sim.flat import flat, rgbd_kitchen
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.ring import ring
 from tccm_ros.pipeline.sim.rooms import load, moved, room, upside_down
@@ -12,6 +12,7 @@ from tccm_ros.pipeline.sim.world import Builder, World
 
 WORLDS: dict[str, tuple[Builder, str]] = {
     "flat": (flat, "a kitchen and a living room; the robot stops in places to scan"),
+    "rgbd_kitchen": (rgbd_kitchen, "the flat's kitchen, seen by a depth camera on a head"),
     "ring": (ring, "a ring of corridors, 100 m around, with 12 mrad/m of heading drift"),
     "room": (room, "floor, ceiling and walls to calibrate in; options clutter, ramp, people"),
     "moved": (moved, "a room seen twice; a table moves, a stool goes, a crate comes in between"),

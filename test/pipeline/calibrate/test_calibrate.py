@@ -93,7 +93,9 @@ def test_the_foot_of_a_cabinet_is_not_floor():
     heights[20:, :15] = 0.01 * np.arange(20)[:, None]  # a face, from the floor up
     ranges = np.ones((rows, columns), np.float32)
     ranges[5, 25] = np.nan
-    cycle = CycleScans(None, 0, None, ranges, np.zeros(columns), np.zeros((rows, 4, 4)), (0, 1))
+    cycle = CycleScans(
+        None, 0, None, ranges, np.zeros((1, columns, 3)), np.zeros((rows, 4, 4)), (0, 1)
+    )
     seen = np.isfinite(ranges)
     floor = np.zeros((rows, columns), bool)
     floor[seen] = select([cycle], heights[seen], 0.0, None).floor

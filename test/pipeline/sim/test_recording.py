@@ -128,7 +128,7 @@ def test_options_are_parsed_to_their_types():
     assert options.translation == (0.1, 0.0, -0.2)
 
 
-@pytest.mark.parametrize("name", sorted(WORLDS))
+@pytest.mark.parametrize("name", sorted(WORLDS.keys() - {"rgbd_kitchen"}))
 def test_the_first_tilting_scan_of_each_world_has_returns(name):
     """The first tilting scan of each world sees something."""
     options = Options(tilt_beams=41)

@@ -3,8 +3,8 @@
 Usage: python bench/paper_slam.py [--shared FOLDER] [--worlds flat ring intel mit-csail]
 
 Simulated worlds are compared with the truth of every pose and surface, public logs with their
-references, by pairs of rows less than 3 m apart with more than 10 m of path between them. Logs that
-are not there are left out.
+references, by pairs of rows less than 3 m from each other with more than 10 m of path between
+them. Logs that are not there are left out.
 """
 
 from __future__ import annotations

@@ -147,7 +147,7 @@ class _Waiting:
         return role in self.complete_ns or bool(self.queues.get(role))
 
     @property
-    def is_settled(self) -> bool:
+    def is_decided(self) -> bool:
         """Whether all sensors that are there were heard of.
 
         A sensor from which nothing has come when the others are complete up to the first record of
@@ -183,7 +183,7 @@ class _Waiting:
 class CycleBuilder:
     """Assigns what sensors measured to cycles and builds their part maps.
 
-    With a tilting laser its sweeps are the cycles, and the points of other sensors belong to the
+    With a tilting laser its movements are the cycles, and the points of other sensors belong to the
     cycle of their time; without one a cycle has a period (`TimedCycles`).
 
     Parameters
@@ -256,7 +256,7 @@ class CycleBuilder:
 
         The open tilt cycle ends where no more samples of the joint can come for it.
         """
-        if not self._waiting.is_settled:
+        if not self._waiting.is_decided:
             return []
         spans = self._cycles()
         if spans is self._tilt_cycles:
@@ -289,7 +289,7 @@ class CycleBuilder:
             queue = self._waiting.next()
             if queue is not None:
                 record = queue[0]
-                spans.reach(record.start_ns, record.posed.T_odom_base[0])
+                spans.advance_to(record.start_ns, record.posed.T_odom_base[0])
                 if not closed and not spans.is_certain(record):
                     return cycles
                 before, rest = record.cut(closed[0].end_ns) if closed else (record, None)

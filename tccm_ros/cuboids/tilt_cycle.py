@@ -123,7 +123,7 @@ class TiltCycles:
         """Whether the open span may become a cycle."""
         return self._state in (_State.STARTING, _State.MOVING)
 
-    def reach(self, start_ns: int, T_odom_base: Float64) -> None:
+    def advance_to(self, start_ns: int, T_odom_base: Float64) -> None:
         """Do nothing: it is the joint that closes tilt cycles, not the records."""
 
     def is_certain(self, record: Any) -> bool:

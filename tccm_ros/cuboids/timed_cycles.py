@@ -50,7 +50,7 @@ class TimedCycles:
         self.closed.clear()
         self._start_ns = None
 
-    def reach(self, start_ns: int, T_odom_base: Float64) -> None:
+    def advance_to(self, start_ns: int, T_odom_base: Float64) -> None:
         """Take note of the next record: its time, and where the base was then (4, 4)."""
         if self._start_ns is not None:
             period_ns = self._period_ns()

@@ -147,7 +147,7 @@ def max_mapped_depth(config: Config) -> float:
 
 
 class SeenDepths(NamedTuple):
-    """What a depth image saw, apart from edges.
+    """What a depth image saw, without edges.
 
     Attributes
     ----------

@@ -99,9 +99,9 @@ def _is_lone(usable: Any, v: Any, u: Any) -> Any:
 def place_pixels(z: Any, usable: Any, rays: Any, max_z: Any, half: Any, T: Any, points: Any) -> Any:
     """Write the points of the pixels that are needed, and return how many there are.
 
-    Columns and rows are thinned apart, by halves: a column that 2^k divides, and no more, is left
+    Columns and rows are thinned each, by halves: a column that 2^k divides, and no more, is left
     out at a pixel where those 2^k to either side see points nearer than `half` to each other. So
-    what stays is nowhere further apart than `half`, and nothing is left out where it would be.
+    what stays has nowhere more than `half` between, and nothing is left out where it would be.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Point clouds of lidars and cameras: their streams, and from records to points in odom.
 
-Each point has the pose of its own time. Where points are nearer than the map tells apart, one of
+Each point has the pose of its own time. Where points are nearer than the map distinguishes, one of
 them stays.
 """
 
@@ -24,10 +24,10 @@ MIN_RANGE = 0.05
 """Points nearer than this are what drivers write where there was no return, m."""
 
 MAX_LINES = 10_000
-"""Lines of sight of a cloud that are followed. Chosen: a line for each column at the reach."""
+"""Lines of sight of a cloud that are followed. Chosen: a line for each column at `views.reach`."""
 
 ELEVATION_BIN = math.radians(0.1)
-"""Elevations that are told apart, rad: the finest lidars have rings 0.1 deg apart."""
+"""Elevations that are distinguished, rad: the finest lidars have a ring each 0.1 deg."""
 
 VOXELS_PER_CELL = 4
 """Voxels, of which each keeps one point, along the edge of a cell."""

@@ -34,8 +34,8 @@ def test_the_boards_of_a_shelf_are_found_while_waist_and_neck_move(shelf):
 def test_the_front_of_the_shelf_is_a_vertical_plane(shelf):
     """0.600 m ahead; the knobs on it stand out by 3 cm, the drawer's front is at 0.350 m."""
     _, outcome = shelf
-    upright = [p for p in outcome.cycles[-1].planes if p.kind == PlaneKind.ANY]
-    ahead = [-p.offset for p in upright if p.normal[0] < -0.999]
+    inclined = [p for p in outcome.cycles[-1].planes if p.kind == PlaneKind.ANY]
+    ahead = [-p.offset for p in inclined if p.normal[0] < -0.999]
     assert min(abs(x - 0.600) for x in ahead) < 0.004
     assert min(abs(x - 0.350) for x in ahead) < 0.001
 

@@ -43,6 +43,7 @@ SUB_ROOMS = {
         "sim",
         "report",
         "evaluate",
+        "topics",
         "calibrate",
         "outcome",
         "processors",

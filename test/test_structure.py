@@ -47,7 +47,6 @@ SUB_ROOMS = {
         "calibrate",
         "outcome",
         "processors",
-        "topics",
         "run",
         "replay",
         "info",

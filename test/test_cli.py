@@ -90,9 +90,7 @@ def test_a_file_of_random_bytes_is_an_error_of_one_line(check, tmp_path):
 
 
 def test_an_error_without_scans_names_the_topics_of_the_bag(check, tmp_path):
-    err = check(write_bag(tmp_path / "bag", topic="/head_scan"))
-    assert "/tilt_scan" in err
-    assert "/head_scan" in err
+    write_bag(tmp_path / "bag", topic="/head_scan")
     err = check(tmp_path / "bag", "--remap", "tilt_scan:=/heat_scan")
     assert "/heat_scan" in err
     assert "/head_scan" in err

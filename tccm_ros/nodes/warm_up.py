@@ -13,10 +13,25 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
+from tccm_ros.cuboids.cycle_records import CyclePoints
+from tccm_ros.cuboids.part_map import PartMapBuilder
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.pipeline.calibrate.rig_check import RigCheck
-from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan
+from tccm_ros.records import (
+    CameraInfo,
+    DepthImage,
+    JointSample,
+    Odometry,
+    PointCloud,
+    RobotDescription,
+    Scan,
+    SelfShapes,
+)
 from tccm_ros.robot import Robot
+from tccm_ros.sensors.compressed_depth import decode_rvl
+from tccm_ros.sensors.depth_image import PosedImage, measure_image
+from tccm_ros.sensors.level_projection import nearest_ranges
+from tccm_ros.sensors.point_cloud import PosedCloud, measure_cloud
 from tccm_ros.sensors.registry import default_streams
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
@@ -74,7 +89,8 @@ def warm_up_slam(config: Config) -> None:
 @cache
 def _tilt_once(config_json: str) -> tuple[CycleResult, ...]:
     config = _with_robot(Config.model_validate_json(config_json))
-    robot, processor = Robot(config, default_streams()), TccmProcessor(config)
+    _measure_once(config)
+    robot, processor = Robot(config, default_streams(config)), TccmProcessor(config)
     results: list[CycleResult] = []
     for role, record in _tilt():
         for event in robot.add(role, record):
@@ -91,7 +107,7 @@ def _tilt_once(config_json: str) -> tuple[CycleResult, ...]:
 @cache
 def _drive_once(config_json: str) -> None:
     config = _with_robot(Config.model_validate_json(config_json))
-    robot, slam = Robot(config, default_streams()), SurfaceSlam(config)
+    robot, slam = Robot(config, default_streams(config)), SurfaceSlam(config)
     for role, record in _drive():
         for event in robot.add(role, record):
             slam.add(event)
@@ -99,6 +115,25 @@ def _drive_once(config_json: str) -> None:
         slam.add(result.surfaces)
         slam.add(result.view)
     slam.solve()
+
+
+def _measure_once(config: Config) -> None:
+    """Measure small images and clouds, of all kinds of depths and times."""
+    K = np.array([[40.0, 0.0, 20.0], [0.0, 40.0, 15.0], [0.0, 0.0, 1.0]])
+    camera = CameraInfo(START_NS, "", 40, 30, "", np.zeros(0), K, np.zeros((3, 4)))
+    stamps_ns = np.array([START_NS, START_NS + PERIOD_NS])
+    poses = np.broadcast_to(np.eye(4), (2, 4, 4)).copy()
+    shapes = SelfShapes(np.zeros(1, np.int64), np.full((1, 3), 0.5), np.eye(4)[None])
+    for depth in (np.full((30, 40), 1000, np.uint16), np.ones((30, 40), np.float32)):
+        image = DepthImage(START_NS, "", depth, camera)
+        posed = PosedImage(image, stamps_ns[:1], poses[:1], poses[:1], own_shapes=shapes)
+        CyclePoints(posed, measure_image(posed, config)).bin(PartMapBuilder(config))
+    for since_ns in (None, np.arange(60) * 1000):
+        points = np.linspace(0.2, 2.0, 180, dtype=np.float32).reshape(60, 3)
+        cloud = PosedCloud(PointCloud(START_NS, "", points, since_ns), stamps_ns, poses, poses)
+        CyclePoints(cloud, measure_cloud(cloud, config)).bin(PartMapBuilder(config))
+        nearest_ranges(points.astype(np.float64), 0.0, 1.0)
+    decode_rvl(np.zeros(1, np.uint32), np.zeros(4, np.uint16))
 
 
 def _with_robot(config: Config) -> Config:

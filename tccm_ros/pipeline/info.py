@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, TopicInfo
 from tccm_ros.config import Config
-from tccm_ros.errors import FrameError, TccmError
-from tccm_ros.records import Scan
-from tccm_ros.robot import Robot
-from tccm_ros.ros.reading import READERS
-from tccm_ros.sensors.registry import default_streams
+from tccm_ros.errors import FrameError, MessageError, TopicError
+from tccm_ros.pipeline.topics import (
+    TopicChoice,
+    choose_topics,
+    depth_topics,
+    first_message,
+    robot_is_described,
+)
+from tccm_ros.records import PointCloud
+from tccm_ros.robot import MountKind, Robot
+from tccm_ros.sensors.depth_image import camera_info_topic
+from tccm_ros.sensors.depth_messages import camera_info_from_message
 
 CONSEQUENCES = {
     "tilt_scan": "no surfaces",
@@ -27,11 +31,6 @@ CONSEQUENCES = {
     "tf_static": "",
 }
 """What follows where an input is missing, by role."""
-
-LASERS = ("tilt_scan", "scan")
-
-MAX_READ_NS = 5_000_000_000
-"""Part of a bag that is read to find which laser a joint moves, ns; chosen: a few tilt cycles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +46,8 @@ class BagInfo:
     topics
         In the order of their names.
     notes
-        One line for each input of a replay that is missing under its usual name; the last one has
-        the remappings to try.
+        One line for each input of a replay that is missing or cannot be used, for each topic that a
+        replay takes by its type, and for what it cannot choose between.
     """
 
     path: Path
@@ -71,8 +70,8 @@ class BagInfo:
 def bag_info(path: Path | str) -> BagInfo:
     """Read the topics of a bag.
 
-    Messages are read only where the topic of a laser has another name than usual, and only those of
-    the first seconds.
+    Messages are read only where a topic has another name than usual, and only those of the first
+    seconds; of images and their calibrations the first.
 
     Raises
     ------
@@ -84,58 +83,70 @@ def bag_info(path: Path | str) -> BagInfo:
 
 
 def _notes(reader: BagReader) -> list[str]:
-    """Return a line for each missing input, and a line with the remappings to try."""
+    """Return a line for each missing input and each topic taken, and the remappings to try."""
+    config = Config()
+    try:
+        choice = choose_topics(reader, config)
+    except TopicError as error:
+        choice = choose_topics(reader, _without_search(config))
+        doubt = [str(error).removeprefix(f"{reader.path}: ")]
+    else:
+        doubt = []
     counts = {topic.name: topic.count for topic in reader.topics()}
-    missing = [role for role, topic in DEFAULT_TOPICS.items() if not counts.get(topic)]
-    notes = [
-        f"no {DEFAULT_TOPICS[role]}: {CONSEQUENCES[role]}" for role in missing if CONSEQUENCES[role]
-    ]
-    remaps = _suggestions(reader, missing)
+    has_points = any(
+        counts.get(choice.topics[stream.role])
+        for stream in choice.streams
+        if stream.mount is MountKind.ANY
+    )
+    notes = []
+    for role, consequence in CONSEQUENCES.items():
+        topic = choice.topics[role]
+        if consequence and not counts.get(topic) and not (has_points and role == "tilt_scan"):
+            notes.append(f"no {DEFAULT_TOPICS[role]}: {consequence}")
+    if has_points and not counts.get(choice.topics["scan"]):
+        kinds = {s.record: s for s in choice.streams if counts.get(choice.topics[s.role])}
+        source = "points" if PointCloud in kinds else "depth"
+        notes.append(f"--set sensors.level_from={source} makes level scans for walls")
+    notes += _faults_of_cameras(reader, choice)
+    notes += [*choice.found, *doubt]
+    order = [*DEFAULT_TOPICS, *choice.topics]
+    remaps = {role: choice.topics[role] for role in sorted(choice.found_roles, key=order.index)}
     if remaps:
         notes.append("try " + " ".join(f"--remap {role}:={t}" for role, t in remaps.items()))
     return notes
 
 
-def _suggestions(reader: BagReader, missing: Sequence[str]) -> dict[str, str]:
-    """Return a topic for each missing role that has one of its type, no topic twice."""
-    free = defaultdict(list)
-    for topic in reader.topics():
-        if topic.count and topic.name not in DEFAULT_TOPICS.values():
-            free[topic.msgtype].append(topic.name)
-    found = {
-        role: free[READERS[role].message_type][0]
-        for role in missing
-        if role not in LASERS and free[READERS[role].message_type]
-    }
-    lasers = free[READERS["scan"].message_type]
-    if lasers and any(role in missing for role in LASERS):
-        tilts = _tilting(reader, lasers, found)
-        for role in LASERS:
-            fits = [name for name in lasers if (name in tilts) == (role == "tilt_scan")]
-            if role in missing and fits:
-                found[role] = fits[0]
-    return {role: found[role] for role in DEFAULT_TOPICS if role in found}
+def _without_search(config: Config) -> Config:
+    """Return a configuration with which no topic is looked for by its type but odometry's."""
+    made = config.model_copy(deep=True)
+    made.sensors.depth_images = made.sensors.point_clouds = ()
+    made.sensors.level_from = "depth"  # a level laser is not looked for
+    return made
 
 
-def _tilting(reader: BagReader, lasers: Sequence[str], remaps: Mapping[str, str]) -> set[str]:
-    """Return the topics of those lasers that a joint moves against the base."""
-    topics = {**DEFAULT_TOPICS, **remaps}
-    robot = Robot(Config(), default_streams())
-    frames: dict[str, str] = {}
-    roles = {role: topic for role, topic in topics.items() if role not in LASERS}
-    with suppress(TccmError):  # a replay reports what is damaged or of another type
-        for role, log_ns, record in reader.records(roles):
-            if log_ns - reader.start_ns > MAX_READ_NS:
-                break
-            robot.add(role, record)
-    robot.flush()
-    for laser in lasers:
-        with suppress(TccmError):
-            _, _, scan = next(reader.records({"scan": laser}))
-            frames[laser] = cast(Scan, scan).frame_id
-    tilts = set()
-    for laser, frame in frames.items():
-        with suppress(FrameError):
-            robot.sensors["tilt_scan"].mount.find(frame, final=True)
-            tilts.add(laser)
-    return tilts
+def _faults_of_cameras(reader: BagReader, choice: TopicChoice) -> list[str]:
+    """Return why depth images could not be used: calibration, size, or place on the robot."""
+    types = {topic.name: topic.msgtype for topic in reader.topics() if topic.count}
+    notes, robot = [], Robot(Config(), choice.streams)
+    described = robot_is_described(reader, choice.topics, robot)
+    for image in depth_topics(reader):
+        info = camera_info_topic(image.topic)
+        message = first_message(reader, info) if info in types else None
+        if message is None:
+            notes.append(f"{image.topic}: no {info}: its images cannot be used")
+            continue
+        try:
+            camera = camera_info_from_message(message)
+        except MessageError as error:
+            notes.append(f"{info}: {error}")
+            continue
+        if image.size is not None and image.size != camera.image_size:
+            (a, b), (c, d) = image.size, camera.image_size
+            notes.append(f"{image.topic} has {a} x {b} pixels, {info} says {c} x {d}")
+        mounts = [s.mount for s in robot.sensors.values() if s.stream.mount is MountKind.ANY]
+        try:
+            if described and mounts:
+                mounts[0].find(image.frame_id, final=True)
+        except FrameError as error:
+            notes.append(f"{image.topic}: {error}")
+    return notes

@@ -61,8 +61,8 @@ class TopicChoice:
         By role, those that are not in the bag too.
     streams
         Of the sensors, with readers for the types that their topics have.
-    found
-        One line for each topic that was taken by its type.
+    found, found_roles
+        One line for each topic that was taken by its type, and its role.
     named
         Roles whose topic the user named.
     """
@@ -70,6 +70,7 @@ class TopicChoice:
     topics: dict[str, str]
     streams: tuple[Stream, ...]
     found: list[str] = field(default_factory=list)
+    found_roles: list[str] = field(default_factory=list)
     named: frozenset[str] = frozenset()
 
     @property
@@ -184,7 +185,8 @@ class _Search:
 
     def _take(self, role: str, topic: str, what: str) -> None:
         self._choice.topics[role] = topic
-        self._choice.found.append(f"{topic} was taken for {role}: {what}")
+        self._choice.found.append(f"{topic} is taken for {role}: {what}")
+        self._choice.found_roles.append(role)
 
     def _take_only(self, role: str, candidates: Sequence[str], what: str, setting: str) -> None:
         """Take the only candidate; raise TopicError where there are several."""
@@ -275,13 +277,7 @@ def tilting_lasers(reader: BagReader, lasers: Sequence[str], topics: Mapping[str
     Messages of the first seconds alone are read.
     """
     robot = Robot(Config(), default_streams())
-    of_robot = {role: topic for role, topic in topics.items() if role in _robot_inputs()}
-    with suppress(TccmError):  # a replay reports what is damaged or of another type
-        for role, log_ns, record in reader.records(of_robot):
-            if log_ns - reader.start_ns > MAX_READ_NS:
-                break
-            robot.add(role, record)
-    robot.flush()
+    robot_is_described(reader, topics, robot)
     tilts = set()
     for laser in lasers:
         message = first_message(reader, laser)
@@ -292,6 +288,23 @@ def tilting_lasers(reader: BagReader, lasers: Sequence[str], topics: Mapping[str
             robot.sensors["tilt_scan"].mount.find(frame, final=True)
             tilts.add(laser)
     return tilts
+
+
+def robot_is_described(reader: BagReader, topics: Mapping[str, str], robot: Robot) -> bool:
+    """Tell a robot what the first seconds of a bag say of its frames and joints.
+
+    Returns
+    -------
+    Whether there is a robot description or tf.
+    """
+    of_robot = {role: topic for role, topic in topics.items() if role in _robot_inputs()}
+    with suppress(TccmError):  # a replay reports what is damaged or of another type
+        for role, log_ns, record in reader.records(of_robot):
+            if log_ns - reader.start_ns > MAX_READ_NS:
+                break
+            robot.add(role, record)
+    robot.flush()
+    return robot.frames.model is not None or bool(robot.frames.tf)
 
 
 def _robot_inputs() -> Iterator[str]:

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from depth_room import write_recording
 from live_robot import overrides, slam, tccm
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -25,6 +26,9 @@ MAX_WAITING = 500
 
 RATE = 50.0
 """Far more than the nodes can take: how fast they are decides."""
+
+SLOW_RATE = 10.0
+"""For images: a burst of the player must be less than their short queue holds."""
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 OTHER_NAMES = (
@@ -89,9 +93,9 @@ def save(ros, node, service: str) -> None:
     assert answer.success, answer.message
 
 
-def play(ros, bag: Path, *nodes) -> PlayerNode:
+def play(ros, bag: Path, *nodes, rate: float = RATE) -> PlayerNode:
     """Play a bag as fast as the nodes take it; return when they have received all of it."""
-    values = {"bag": str(bag), "rate": RATE, "reliable": True, "paused": True}
+    values = {"bag": str(bag), "rate": rate, "reliable": True, "paused": True}
     player = ros.add(PlayerNode(context=ros.context, parameter_overrides=overrides(values)))
     for node in nodes:
         for topic in set(node.inputs.counts()) & set(player._publishers_by_topic):
@@ -118,3 +122,24 @@ def throttled(player, nodes) -> bool:
     elif not is_late and player._timeline.is_paused:
         player._timeline.run(time.monotonic_ns())
     return True
+
+
+@pytest.mark.parametrize("is_shared", [False, True])
+def test_a_depth_camera_and_a_lidar_are_mapped_live_as_offline(ros, tmp_path, is_shared):
+    bag, live, offline = tmp_path / "bag", tmp_path / "live", tmp_path / "offline"
+    write_recording(bag)
+    replay(bag, offline, Config(), pictures=False)
+    common = {"context": ros.context, "save__directory": str(live)}
+    tccm_node = tccm(ros, **common)
+    node = slam(ros, shared=tccm_node.robot if is_shared else None, **common)
+    ros.connect(tccm_node, node, "/tccm/surfaces", "/tccm/view")
+    play(ros, bag, tccm_node, node, rate=SLOW_RATE)
+    ask = ros.add(Node("asker", context=ros.context))
+    save(ros, ask, "/tccm/save_map")
+    cycles = tccm_node.processor.counts["cycles"]
+    for topic in ("/tccm/surfaces", "/tccm/view"):
+        ros.spin_until(lambda t=topic: node.inputs.counts()[t] == cycles, what=topic)
+    save(ros, ask, "/surface_slam/save_map")
+    assert cycles >= 3
+    for name in EQUAL:
+        assert (live / name).read_bytes() == (offline / name).read_bytes(), name

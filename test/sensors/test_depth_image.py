@@ -1,0 +1,238 @@
+"""From depths to points: rays, edges, thinning, noise, against numpy twins and closed forms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tccm_ros.config import Config
+from tccm_ros.records import CameraInfo, DepthImage, SelfShapes
+from tccm_ros.sensors.camera_rays import distort, pixel_rays
+from tccm_ros.sensors.depth_image import (
+    PosedImage,
+    camera_info_topic,
+    fault,
+    join_camera,
+    max_mapped_depth,
+    measure_image,
+)
+from tccm_ros.sensors.depth_kernels import TOP_LEVEL, drop_edges, place_pixels, read_depths
+
+W, H, F = 64, 48, 60.0
+K = np.array([[F, 0.0, 31.5], [0.0, F, 23.5], [0.0, 0.0, 1.0]])
+CAMERA = CameraInfo(0, "eye", W, H, "plumb_bob", np.zeros(5), K, np.hstack([K, np.zeros((3, 1))]))
+PLUMB_BOB = np.array([-0.28, 0.07, 0.0008, -0.0005, 0.01])
+RATIONAL = np.array([0.3, -0.1, 0.0005, 0.0004, 0.02, 0.6, -0.05, 0.03])
+
+
+@pytest.mark.parametrize("D", [np.zeros(0), np.zeros(5), PLUMB_BOB, RATIONAL])
+@pytest.mark.parametrize("crop", [((1, 1), (0, 0, 0, 0)), ((2, 2), (8, 4, 40, 36))])
+def test_each_ray_is_projected_back_to_its_pixel(D, crop):
+    """The forward projection is a closed form; rays are its inverse, by binning and region too."""
+    camera = replace(CAMERA, D=D, binning=crop[0], region=crop[1])
+    rays = pixel_rays(camera).astype(np.float64)
+    width, height = camera.image_size
+    assert rays.shape == (height, width, 2)
+    x, y = distort(rays[..., 0], rays[..., 1], D)
+    u, v = F * x + K[0, 2], F * y + K[1, 2]
+    np.testing.assert_allclose(u, np.arange(width) * crop[0][0] + crop[1][0] + 0 * u, atol=1e-3)
+    expected = (np.arange(height) * crop[0][1] + crop[1][1])[:, None] + 0 * v
+    np.testing.assert_allclose(v, expected, atol=1e-3)
+
+
+def test_a_rectified_image_has_the_rays_of_its_projection():
+    P = np.array([[50.0, 0, 30, 0], [0, 50.0, 20, 0], [0, 0, 1, 0]])
+    rays = pixel_rays(replace(CAMERA, D=PLUMB_BOB, P=P), is_rectified=True)
+    np.testing.assert_allclose(rays[20, 30], 0.0, atol=1e-6)
+    np.testing.assert_allclose(rays[0, 0], [-0.6, -0.4], atol=1e-6)
+
+
+def test_pixels_that_the_lens_does_not_show_have_no_ray():
+    strong = np.array([-0.9, 0.0, 0.0, 0.0, 0.0])  # r (1 - 0.9 r^2) is at most 0.406
+    rays = pixel_rays(replace(CAMERA, D=strong))
+    assert np.isnan(rays[0, 0]).all()
+    assert np.isfinite(rays[23, 31]).all()
+
+
+# -- kernels and their twins
+
+
+def edges_twin(z, step_u, step_v, slope, noise):
+    usable = z > 0.0
+    dropped = np.zeros(z.shape, bool)
+    for axis, step in ((1, step_u), (0, step_v)):
+        a = z[:, :-1] if axis == 1 else z[:-1]
+        b = z[:, 1:] if axis == 1 else z[1:]
+        near = np.minimum(a, b)
+        allowed = np.float32(slope * step) * near + np.float32(noise[0])
+        allowed = allowed + np.float32(noise[1]) * (near - np.float32(noise[2])) ** 2
+        jump = (np.abs(a - b) > allowed) & (near > 0.0)
+        if axis == 1:
+            dropped[:, :-1] |= jump
+            dropped[:, 1:] |= jump
+        else:
+            dropped[:-1] |= jump
+            dropped[1:] |= jump
+    return usable & ~dropped
+
+
+images = st.integers(0, 2**32 - 1).map(
+    lambda seed: np.random.default_rng(seed).choice(
+        np.array([0, 500, 510, 900, 2500], np.uint16), (12, 17)
+    )
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(images)
+def test_edges_are_those_of_the_twin(depth):
+    rays = np.zeros((*depth.shape, 2), np.float32)
+    z, usable = np.empty(depth.shape, np.float32), np.empty(depth.shape, np.uint8)
+    read_depths(depth, np.float32(0.001), np.float32(2.0), rays, z)
+    np.testing.assert_array_equal(z, np.where(depth > 2000, 0, depth * np.float32(0.001)))
+    noise = np.array([0.004, 0.008, 0.4])
+    drop_edges(z, 0.016, 0.016, 7.0, noise, usable)
+    np.testing.assert_array_equal(usable.astype(bool), edges_twin(z, 0.016, 0.016, 7.0, noise))
+
+
+def plane_image(normal, offset, camera=CAMERA):
+    """Return the depths of a plane normal . p = offset in the camera's frame, m."""
+    rays = pixel_rays(camera).astype(np.float64)
+    z = offset / (rays[..., 0] * normal[0] + rays[..., 1] * normal[1] + normal[2])
+    return np.where((z > 0.0) & (z < 20.0), z, 0.0).astype(np.float32)
+
+
+def placed(z, half, max_z=20.0):
+    rays, points = pixel_rays(CAMERA), np.empty((z.size, 3))
+    usable = (z > 0.0).astype(np.uint8)
+    T = np.eye(4)[:3].copy()
+    n = place_pixels(z, usable, rays, np.float32(max_z), np.float32(half), T, points)
+    return points[:n]
+
+
+def thinned_twin(z, half):
+    """Keep what is needed in both directions, by the same rule, pixel by pixel."""
+    rays = pixel_rays(CAMERA)
+    points = np.dstack([rays * z[..., None], z])
+
+    def needless(v, u, dv, du):
+        inside = v - dv >= 0 and v + dv < H and u - du >= 0 and u + du < W
+        if not inside or z[v - dv, u - du] == 0 or z[v + dv, u + du] == 0:
+            return False
+        step = points[v + dv, u + du].astype(float) - points[v - dv, u - du]
+        return np.linalg.norm(step) < half
+
+    def level(i):
+        k = 0
+        while k < TOP_LEVEL and i % 2 ** (k + 1) == 0:
+            k += 1
+        return k
+
+    kept = []
+    for v in range(H):
+        for u in range(W):
+            kv, ku = level(v), level(u)
+            if z[v, u] == 0 or (ku < TOP_LEVEL and needless(v, u, 0, 2**ku)):
+                continue
+            if not (kv < TOP_LEVEL and needless(v, u, 2**kv, 0)):
+                kept.append(points[v, u])
+    return np.array(kept)
+
+
+@pytest.mark.parametrize("half", [0.0, 0.05, 0.2])
+@pytest.mark.parametrize("normal", [(0, 0, 1), (0, 0.8, 0.6), (0.5, -0.5, 0.7)])
+def test_the_pixels_that_stay_are_those_of_the_twin(normal, half):
+    z = plane_image(np.array(normal, float), 1.0)
+    np.testing.assert_allclose(placed(z, half), thinned_twin(z, half), atol=1e-6)
+
+
+def test_nothing_is_further_apart_than_asked_and_nothing_sparse_is_thinned():
+    z = plane_image(np.array([0.0, 0.3, 0.95]), 1.0)
+    whole, half = placed(z, 0.0), 0.12
+    kept = placed(z, half)
+    assert len(kept) < 0.2 * len(whole)
+    distance = np.array([np.linalg.norm(kept - p, axis=1).min() for p in whole[::7]])
+    assert distance.max() < half  # half the diagonal of a square of that edge is less
+    assert len(placed(z, 0.01)) == len(whole)  # pixels are 16 mm apart
+
+
+def posed(depth, camera=CAMERA, **options):
+    eye = np.eye(4)[None]
+    return PosedImage(
+        DepthImage(5, "eye", depth, camera), np.array([5]), eye, eye, role="d", **options
+    )
+
+
+def test_noisy_depths_are_looked_through_but_not_mapped():
+    config = Config()
+    limit = max_mapped_depth(config)
+    a, b, c = config.sensors.depth_sigma
+    assert a + b * (limit - c) ** 2 == pytest.approx(config.sensors.max_sigma)
+    near = measure_image(posed(np.full((H, W), limit - 0.05, np.float32)), config)
+    far = measure_image(posed(np.full((H, W), limit + 0.3, np.float32)), config)
+    assert len(near.points) > 0
+    assert near.hits.all()
+    assert len(far.points) == 0
+    assert not far.hits.any()
+    assert (far.ends[:, 2] <= limit + 0.3 - 3 * config.sensors.max_sigma).all()
+
+
+def test_mixed_depths_between_an_object_and_what_is_behind_are_left_out():
+    depth = np.full((H, W), 2.0, np.float32)
+    depth[10:30, 20:40] = 1.0
+    depth[10:30, 40] = 1.4  # flying pixels, one and two wide
+    depth[10:30, 18:20] = [[1.7, 1.3]]
+    points = measure_image(posed(depth), Config()).points
+    assert len(points) > 0
+    assert np.isin(np.round(points[:, 2], 6), [1.0, 2.0]).all()
+
+
+def test_a_line_of_single_pixels_is_no_surface():
+    depth = np.zeros((H, W), np.float32)
+    depth[20] = 1.0
+    assert len(measure_image(posed(depth), Config()).points) == 0
+    depth[21] = 1.0
+    assert len(measure_image(posed(depth), Config()).points) > 0
+
+
+def test_the_robot_itself_is_left_out():
+    depth = np.full((H, W), 1.0, np.float32)
+    arm = SelfShapes(np.array([0]), np.array([[0.1, 1.0, 0.1]]), np.eye(4)[None].copy())
+    arm.T_base_shape[0, 2, 3] = 1.0
+    free = measure_image(posed(depth), Config())
+    seen = measure_image(posed(depth, own_shapes=arm), Config())
+    on_arm = np.abs(free.points[:, 0]) <= 0.1 + Config().scan.self_padding
+    np.testing.assert_array_equal(seen.points, free.points[~on_arm])
+    assert len(seen.ends) < len(free.ends)
+
+
+# -- what an image needs
+
+
+def test_images_of_nothing_have_a_fault():
+    assert fault(DepthImage(0, "eye", np.zeros((2, 2), np.uint16))) == "no depths"
+    assert fault(DepthImage(0, "eye", np.full((2, 2), np.nan, np.float32))) == "no depths"
+    assert fault(DepthImage(0, "eye", np.ones((2, 2), np.uint16))) is None
+
+
+def test_the_calibration_of_the_same_stamp_is_taken_or_the_newest_that_fits():
+    image = DepthImage(100, "eye", np.ones((H, W), np.uint16))
+    old, same, new = (replace(CAMERA, stamp_ns=t) for t in (50, 100, 150))
+    assert join_camera(image, (old, same, new), False).camera is same
+    assert join_camera(image, (old, new), False).camera is old
+    assert join_camera(image, (old, replace(old, stamp_ns=60)), False) is None
+    assert join_camera(image, (old, replace(old, stamp_ns=60)), True).camera.stamp_ns == 60
+    assert join_camera(image, (old,), False).camera is old  # published once
+    assert join_camera(image, (), True) == "no camera info"
+    small = replace(same, width=32)
+    assert join_camera(image, (small,), True) == "image and camera info of different sizes"
+    other = replace(same, frame_id="other")
+    assert join_camera(image, (other,), True) == "camera info of another frame"
+
+
+def test_the_calibration_stands_beside_the_image():
+    assert camera_info_topic("depth/image_rect_raw") == "depth/camera_info"
+    assert camera_info_topic("/a/b/image/compressedDepth") == "/a/b/camera_info"
+    assert camera_info_topic("image") == "camera_info"

@@ -28,6 +28,11 @@ SPEED_WINDOW_NS = 250_000_000
 """Base speeds are taken over at least this time, ns: shorter steps show the odometry's jitter.
 Chosen: 12 samples of an odometry of 50 Hz."""
 
+PATIENCE_NS = 1_500_000_000
+"""A sensor whose records come later than those of others is waited for so much longer, ns, in
+message time: images take longer on their way than odometry, which makes the time. Chosen: it delays
+nothing while all sensors go on."""
+
 END_OF_TIME = 2**62
 
 
@@ -116,9 +121,12 @@ class _Waiting:
     ----------
     roles
         Of the sensors.
+    tilting
+        Those of tilting lasers: a robot that has one need not be watched for others at the start.
     """
 
-    def __init__(self, roles: Iterable[str]) -> None:
+    def __init__(self, roles: Iterable[str], tilting: Iterable[str]) -> None:
+        self._tilting = tuple(tilting)
         self.queues: dict[str, deque[CycleRecord]] = {role: deque() for role in roles}
         self.complete_ns: dict[str, int] = {}
         self._first_ns: int | None = None
@@ -156,7 +164,8 @@ class _Waiting:
         if self._first_ns is None or not self.complete_ns:
             return False
         silent = any(not self.is_known(role) for role in self.queues)
-        return not silent or max(self.complete_ns.values()) > self._first_ns
+        patience_ns = 0 if any(map(self.is_known, self._tilting)) else PATIENCE_NS
+        return not silent or max(self.complete_ns.values()) > self._first_ns + patience_ns
 
     def next(self) -> deque[CycleRecord] | None:
         """Return the queue whose head is next, None while an earlier record may come."""
@@ -165,15 +174,23 @@ class _Waiting:
             return None
         stamp_ns, role = min(heads)
         others = (other for other, queue in self.queues.items() if not queue)
-        if any(self.complete_ns.get(other, END_OF_TIME) <= stamp_ns for other in others):
+        if any(self._until_ns(other) <= stamp_ns for other in others):
             return None
         return self.queues[role]
+
+    def _until_ns(self, role: str) -> int:
+        """Return the stamp before which nothing of a sensor is waited for.
+
+        Where others have to wait for it, that is `PATIENCE_NS` earlier than what is complete.
+        """
+        until_ns = self.complete_ns.get(role, END_OF_TIME)
+        return until_ns - PATIENCE_NS if len(self.complete_ns) > 1 else until_ns
 
     @property
     def complete_all_ns(self) -> int:
         """No record of any sensor, of those that wait too, is older."""
         until = [
-            queue[0].start_ns if queue else self.complete_ns[role]
+            queue[0].start_ns if queue else self._until_ns(role)
             for role, queue in self.queues.items()
             if queue or role in self.complete_ns
         ]
@@ -207,7 +224,8 @@ class CycleBuilder:
         self._timed_cycles = TimedCycles(config, numbers)
         self._builder = PartMapBuilder(config, rule)
         self.dropped: Counter[str] = Counter()
-        self._waiting = _Waiting((*self._tilting, *sensors.depth_images, *sensors.point_clouds))
+        others = (*sensors.depth_images, *sensors.point_clouds)
+        self._waiting = _Waiting((*self._tilting, *others), self._tilting)
         self._open: list[CycleRecord] = []
         self._angles: dict[str, list[tuple[int, float]]] = {}
         self._tilt_role: str | None = None

@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tccm_ros.config.reader import read_config
+from tccm_ros.pipeline.evaluate.score import score_trajectory
 from tccm_ros.pipeline.evaluate.surfaces import score_surfaces
 from tccm_ros.pipeline.replay import replay
 from tccm_ros.pipeline.sim.heads import ROBOTS
@@ -38,6 +40,22 @@ def test_the_configuration_of_a_robot_maps_a_recording_with_its_frames_and_topic
     assert score.found == len(score.matches) == 1, score.text()
     assert not score.false, score.text()
     assert abs(score.matches[0].height_error) < 0.006, score.text()
+
+
+def test_the_bundled_kitchen_is_mapped_from_its_topics_types_alone(tmp_path):
+    bag = ROOT / "bags" / "rgbd_kitchen"
+    summary = replay(bag, tmp_path / "map", pictures=False)
+    taken = "\n".join(summary.found_topics)
+    assert "/head_camera/depth/image_raw/compressedDepth was taken" in taken
+    assert "/base_scan was taken" in taken
+    score = score_surfaces(tmp_path / "map" / "surfaces.json", bag / "truth.json")
+    assert score.found == len(score.matches) == 9, score.text()
+    assert not score.false, score.text()
+    # sigma of a depth at 2 m is 6 mm; hundreds of pixels are fitted.
+    assert all(abs(m.height_error) < 0.005 for m in score.matches), score.text()
+    trajectory = score_trajectory(tmp_path / "map" / "trajectory.tum", bag / "truth.tum")
+    errors = trajectory.errors["absolute, aligned"].translation
+    assert np.sqrt(np.mean(errors**2)) < 0.01
 
 
 def test_a_lidar_alone_maps_the_tables_that_its_rings_see(tmp_path):

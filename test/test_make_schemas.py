@@ -44,7 +44,7 @@ def test_a_missing_key_or_one_of_another_type_is_invalid(folder, name):
                 jsonschema.validate(wrong, schema)
 
 
-@pytest.mark.parametrize("bag", ["flat", "upside_down", "walkthrough"])
+@pytest.mark.parametrize("bag", ["flat", "rgbd_kitchen", "upside_down", "walkthrough"])
 def test_the_truth_files_of_the_bundled_bags_are_valid(bag):
     truth = json.loads((BAGS / bag / "truth.json").read_text())
     jsonschema.validate(truth, file_schema("truth.json"))

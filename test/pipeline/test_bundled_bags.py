@@ -12,7 +12,7 @@ import yaml
 from mcap.reader import make_reader
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
-NAMES = ("flat", "upside_down", "walkthrough")
+NAMES = ("flat", "rgbd_kitchen", "upside_down", "walkthrough")
 MEGABYTE = 1_000_000
 
 

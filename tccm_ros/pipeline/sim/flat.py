@@ -9,11 +9,10 @@ from math import pi
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.pipeline.sim.heads import robot, tilt_sign
+from tccm_ros.pipeline.sim.heads import look_around, robot
 from tccm_ros.pipeline.sim.joints import Profile, oscillation
 from tccm_ros.pipeline.sim.motion import Waypoint, drive
 from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.rigs import Rig
 from tccm_ros.pipeline.sim.robots import SEGWAY
 from tccm_ros.pipeline.sim.scene import Scene
 from tccm_ros.pipeline.sim.world import World
@@ -23,8 +22,6 @@ Span = tuple[float, float]
 WALL_HEIGHT = 2.5
 WALL_THICKNESS = 0.12
 TILT_LIMITS = (-0.45, 1.0)  # rad, positive is down
-HEAD_LIMITS = (0.35, 0.75)  # rad, of a head's tilt, down
-HEAD_PAN = (-0.6, 0.6)  # rad
 CYCLE_TIME = 5.0  # s, of a tilt cycle
 PAUSE = 5.4  # s, of a stop
 DOOR = (2.35, 3.35)  # y of the doorway between the rooms
@@ -102,24 +99,12 @@ def stop_and_scan(
         windows = path.stops[path.stops[:, 1] - path.stops[:, 0] >= period + 0.1]
     if options.robot is not None:
         rig = robot(options.robot)
-        joints = _head(rig, windows, period, options.tilt_limits or HEAD_LIMITS)
+        joints = look_around(rig, windows, period, options.tilt_limits)
         return World(name, scene, rig, path, joints, windows)
     limits = options.tilt_limits or TILT_LIMITS
     tilt = oscillation(windows + np.array([0.05, 0.0]), period, limits)
     joints = {"ptu_tilt_joint": tilt, "ptu_pan_joint": _pan(path.stops[:, 0], pans)}
     return World(name, scene, SEGWAY, path, joints, windows)
-
-
-def _head(
-    rig: Rig, windows: Float64, period: float, limits: tuple[float, float]
-) -> dict[str, Profile]:
-    """Return the moves of a head that looks around; it moves a little on between stops."""
-    sign = tilt_sign(rig)
-    limits = sign * limits[0], sign * limits[1]
-    return {
-        rig.tilt_joint: oscillation(windows, period, limits),
-        rig.pan_joint: oscillation(windows, period / 2.0, HEAD_PAN, ramp=0.3),
-    }
 
 
 def _pan(starts: Float64, pans: Sequence[float]) -> Profile:

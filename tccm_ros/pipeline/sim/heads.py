@@ -11,14 +11,19 @@ from math import pi, radians
 
 import numpy as np
 
+from tccm_ros.arrays import Float64
 from tccm_ros.errors import ConfigError, suggest
 from tccm_ros.pipeline.sim.cameras import DepthCamera
+from tccm_ros.pipeline.sim.joints import Profile, oscillation
 from tccm_ros.pipeline.sim.lasers import Laser
 from tccm_ros.pipeline.sim.lidars import SpinningLidar
 from tccm_ros.pipeline.sim.rigs import Body, Joint, Rig, Topics
 from tccm_ros.pipeline.sim.robots import SMALL_270, UTM_30LX, wheel_joints
 
 _Y, _Z = (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+
+LIMITS, PAN = (0.35, 0.75), (-0.6, 0.6)
+"""Tilt down and pan of a head that looks around, rad (chosen)."""
 
 OPTICAL = (-pi / 2, 0.0, -pi / 2)
 """Roll, pitch, yaw of an optical frame (z forward, y down) in a body frame (REP-103)."""
@@ -241,6 +246,30 @@ def tilt_sign(rig: Rig) -> float:
     tilts = {rig.tilt_joint: np.array([-0.1, 0.1])}
     up, down = rig.laser_poses(rig.camera_frame, tilts, 2)[:, 2, 2]
     return 1.0 if down < up else -1.0
+
+
+def look_around(
+    rig: Rig, windows: Float64, period: float, limits: tuple[float, float] | None = None
+) -> dict[str, Profile]:
+    """Return the moves of a head that looks around: it nods once in a period and pans twice.
+
+    Parameters
+    ----------
+    rig
+        A robot with a head.
+    windows
+        float64 (W, 2), start and end of the times in which it does, s.
+    period
+        s.
+    limits
+        Tilt at both ends, rad, down; None for `LIMITS`.
+    """
+    low, high = limits or LIMITS
+    sign = tilt_sign(rig)
+    return {
+        rig.tilt_joint: oscillation(windows, period, (sign * low, sign * high)),
+        rig.pan_joint: oscillation(windows, period / 2.0, PAN, ramp=0.3),
+    }
 
 
 def with_depth_camera(rig: Rig) -> Rig:

@@ -40,7 +40,9 @@ class Options(BaseModel):
     level: bool = Field(True, description="there is a level laser")
     depth_camera: bool = Field(False, description="a fixed depth camera, too")
     lidar: bool = Field(False, description="a spinning lidar on a mast, too")
-    robot: str | None = Field(None, description="the robot of rgbd_kitchen and head_room")
+    robot: str | None = Field(
+        None, description="a robot with a head: fetch, hsrb, stretch or tiago"
+    )
     self_hits: bool = Field(True, description="the lasers see the robot's own body")
     always: bool = Field(False, description="scan with the tilting laser while driving, too")
     duration: float | None = Field(None, gt=0, description="time of a standing robot, s")

@@ -7,6 +7,7 @@ from math import radians
 
 import numpy as np
 
+from tccm_ros.pipeline.sim.heads import look_around, robot
 from tccm_ros.pipeline.sim.joints import Profile, oscillation
 from tccm_ros.pipeline.sim.motion import stand
 from tccm_ros.pipeline.sim.options import Options
@@ -24,6 +25,7 @@ from tccm_ros.pipeline.sim.world import World
 
 CYCLES = 8  # tilt cycles of a recording without a given duration
 NECK_TILT = radians(30.0)  # in both directions, as in the TCCM paper
+LOOK_TIME = 5.0  # s, in which a head looks around
 START = 0.1  # s, of the first tilt cycle
 
 
@@ -60,9 +62,17 @@ def walkthrough(options: Options) -> World:
 
 
 def _stationary(name: str, scene: Scene, options: Options, count: int) -> World:
-    """Return a world whose robot stands and tilts its laser between 5 and 65 degrees down."""
+    """Return a world whose robot stands and tilts its laser between 5 and 65 degrees down.
+
+    A robot with a head looks around instead.
+    """
     period = options.cycle_period or CYCLE_TIME
     duration = options.duration or count * period + 2.0 * START
+    if options.robot is not None:
+        rig = robot(options.robot)
+        window = np.array([[START, duration]])
+        joints = look_around(rig, window, options.cycle_period or LOOK_TIME, options.tilt_limits)
+        return World(name, scene, rig, stand(duration), joints)
     limits = options.tilt_limits or (TILT_LOW, TILT_HIGH)
     joints = {"laser_tilt_joint": oscillation([(START, duration)], period, limits)}
     return World(name, scene, HUMANOID, stand(duration), joints)

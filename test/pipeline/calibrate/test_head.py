@@ -7,8 +7,11 @@ import pytest
 
 from tccm_ros.config.reader import read_config
 from tccm_ros.pipeline.calibrate import Calibration, calibrate
-from tccm_ros.pipeline.sim import Options, Simulation, build_world, simulate
+from tccm_ros.pipeline.sim.engine import Simulation
 from tccm_ros.pipeline.sim.heads import ROBOTS
+from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.recording import simulate
+from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import JointSample, RobotDescription, TransformSample
 from tccm_ros.robot import MountKind, Robot
 from tccm_ros.sensors.depth_image import depth_stream

@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from tccm_ros.errors import ConfigError
-from tccm_ros.pipeline.sim import Options, Simulation, build_world
+from tccm_ros.pipeline.sim.engine import Simulation
 from tccm_ros.pipeline.sim.heads import ROBOTS, robot, tilt_sign
 from tccm_ros.pipeline.sim.joints import Profile
 from tccm_ros.pipeline.sim.motion import stand
+from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.robots import SEGWAY
 from tccm_ros.pipeline.sim.scene import Scene
 from tccm_ros.pipeline.sim.world import World
+from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import CameraInfo, DepthImage, JointSample, PointCloud
 
 rigs = pytest.mark.parametrize("rig", ROBOTS.values(), ids=list(ROBOTS))

@@ -112,3 +112,23 @@ def test_corners_locate_a_robot_between_walls_that_are_not_flat():
         left.append(plan.errors(run.truth, slam.solve().poses)[0])
     # Without any corner it is 0.13 m, with corners seen 10 cm off more.
     assert np.mean(left) < 0.10
+
+
+def test_a_wall_goes_through_the_corner_that_it_ends_in():
+    """A wall whose line says little, half a metre off; its corner is seen to 3 cm."""
+    key = keyframe_key(0, yaw_offset_for(np.array([0.0, np.pi / 2])))
+    sharp, vague = np.diag([0.002**2, 0.005**2]), np.diag([0.002**2, 1.0])
+    factors = [
+        PriorPose(key, np.zeros(3), np.eye(3) * 1e-8),
+        WallObservation(key, wall_key(0), 0.0, 4.5, vague),
+        WallObservation(key, wall_key(1), np.pi / 2, 1.5, sharp),
+    ]
+    table = WallTable(
+        *np.zeros((3, 0), np.int64), np.array([0.0, np.pi / 2]), np.array([4.5, 1.5]),
+        np.zeros((2, 2)),
+    )  # fmt: skip
+    seen = [np.array([4.0, 1.5])]
+    corners = corner_factors([Corner(0, 1, [0], seen)], table, [key])
+    solution = PoseGraph([*factors, *corners], {key: np.zeros(3)}).optimise()
+    # A line of 1 m against a corner of 3.2 cm: half a millimetre is left of the 0.5 m.
+    assert -solution.plane(wall_key(0))[3] == pytest.approx(4.0, abs=0.002)

@@ -29,11 +29,11 @@ from tccm_ros.nodes.clock import (
     stamp_on_receipt,
     steady_timer,
 )
-from tccm_ros.nodes.diagnostics import Diagnostics
+from tccm_ros.nodes.diagnostics import Diagnostics, InputStatus
 from tccm_ros.nodes.drops import DropWatch
-from tccm_ros.nodes.inputs import Inputs, Watch
+from tccm_ros.nodes.inputs import Blocking, Inputs, Watch
 from tccm_ros.nodes.intake import Intake
-from tccm_ros.nodes.params import declare_config, follow_changes
+from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
 from tccm_ros.nodes.qos import LARGE_DEPTH, latched, sensor, static_transforms
 from tccm_ros.nodes.readers import record_reader
 from tccm_ros.nodes.ros_types import RosidlMessages
@@ -50,6 +50,7 @@ from tccm_ros.records import (
     ViewIntervals,
 )
 from tccm_ros.robot import MountKind, Stream
+from tccm_ros.robot.base_motion import MotionSource
 from tccm_ros.ros.reading import READERS
 from tccm_ros.sensors.depth_image import camera_info_topic, depth_stream, is_compressed
 from tccm_ros.sensors.registry import default_streams
@@ -83,7 +84,7 @@ class SensorNode(Node):
 
     def __init__(self, name: str, taker: str, shared: SharedRobot | None, **kwargs: Any):
         super().__init__(name, **kwargs)
-        self.config = declare_config(self)
+        self.config = declare_config(self, groups=GROUPS[taker])
         follow_changes(self, self.config)
         self.types = RosidlMessages()
         self.bulk_types = TypestoreMessages()
@@ -130,6 +131,14 @@ class SensorNode(Node):
     def problems(self) -> Iterable[str]:
         """Return what is wrong beside the inputs, one line each."""
         return ()
+
+    @abstractmethod
+    def problem_without_odometry(self) -> str:
+        """Return what it means that neither odometry nor tf tells how the base moves."""
+
+    @abstractmethod
+    def used(self) -> Mapping[str, int]:
+        """Return how many records of the node's sensors the processor has used, by role."""
 
     def values(self) -> Mapping[str, object]:
         """Return the figures for /diagnostics beside the counts of messages."""
@@ -228,12 +237,15 @@ class SensorNode(Node):
         def callback(data: bytes) -> None:
             try:
                 for record in read(data):
+                    if entry.last_ns is not None and hasattr(record, "stamp_ns"):
+                        entry.note(entry.last_ns, record.stamp_ns)
                     now = stamp_on_receipt(self, record, spans.get(role)) if on_receipt else record
                     take(role, now)
             except TccmError as error:
+                entry.refused += 1
                 self.refuse(topic or role, error)
 
-        self.inputs.subscribe(
+        entry = self.inputs.subscribe(
             type_name, topic or role, callback, qos, watch=watch, raw=True, instead=instead
         )
 
@@ -330,7 +342,9 @@ class SensorNode(Node):
         """Take messages, serve and publish /diagnostics from now on."""
         self.create_service(Trigger, "~/save_map", self._on_save_map)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self.diagnostics = Diagnostics(self, self.all_problems, self._all_values)
+        self.diagnostics = Diagnostics(
+            self, self.all_problems, self._all_values, self._input_states
+        )
         if self.config.save.autosave_minutes > 0.0:
             steady_timer(self, 60.0 * self.config.save.autosave_minutes, self._autosave)
         self.intake.start()
@@ -367,8 +381,26 @@ class SensorNode(Node):
                 "is mixed up; end one (one that was killed is gone in half a minute), or give it "
                 "another namespace (-r __ns:=/robot2)"
             )
-        yield from map(str, self.robot.problems(self.roles))
+        yield from map(Blocking, self.robot.problems(self.roles))
+        if self.robot.robot.motion.source is MotionSource.STILL:
+            yield self.problem_without_odometry()
         yield from self.problems()
+
+    def _input_states(self) -> list[InputStatus]:
+        used = {self.resolve_topic_name(role): n for role, n in self.used().items()}
+        states = []
+        for entry in self.inputs:
+            received, latency_s = entry.count, entry.latency_s
+            taken = min(used.get(entry.topic, received - entry.refused), received)
+            values: dict[str, object] = {
+                "needed": entry.watch,
+                "expected": received + entry.lost,
+                "received": received,
+                "used": taken,
+                "latency [s]": "" if latency_s is None else f"{latency_s:.3f}",
+            }
+            states.append(InputStatus(entry.topic, self.inputs.problem(entry), values))
+        return states
 
     def _all_values(self) -> dict[str, object]:
         received = {f"received {topic}": n for topic, n in self.inputs.counts().items()}

@@ -7,6 +7,8 @@ and what an overloaded node drops is whole scans, counted.
 
 from __future__ import annotations
 
+import os
+import sys
 import time
 from abc import abstractmethod
 from collections import Counter
@@ -39,7 +41,8 @@ from tccm_ros.nodes.readers import record_reader
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.tf import has_tf2_msgs
-from tccm_ros.nodes.worker import Worker
+from tccm_ros.nodes.warming import Warming
+from tccm_ros.nodes.worker import BACKLOG, Worker
 from tccm_ros.records import (
     ClockJump,
     Event,
@@ -101,6 +104,9 @@ class SensorNode(Node):
         self.roles = frozenset(self._streams)
         self._drops = DropWatch()
         self._clock_watch = ClockWatch(self, self.config.clock_jump, self.restart)
+        self.warming = Warming(taker, self.config, self._say_progress, self._become_ready)
+        self.robot.hold()
+        self.worker.post(self.warming.wait_until_loaded)
 
     # --- for subclasses ---
 
@@ -162,7 +168,7 @@ class SensorNode(Node):
                 self.subscribe("tf", measured, self.take, topic="/tf", watch="event")
                 fixed = static_transforms()
                 self.subscribe("tf_static", fixed, self.take, topic="/tf_static", watch="event")
-        self.robot.listen(self.offer)
+        self.robot.listen(self.offer, lambda: self.worker.backlog > BACKLOG // 2)
 
     def _listen_to(self, stream: Stream, watch: Watch) -> None:
         """Subscribe to a sensor, and to what comes beside its records."""
@@ -348,13 +354,48 @@ class SensorNode(Node):
         if self.config.save.autosave_minutes > 0.0:
             steady_timer(self, 60.0 * self.config.save.autosave_minutes, self._autosave)
         self.intake.start()
+        self.warming.start()
+
+    def _say_progress(self, text: str) -> None:
+        dropped = self.robot.too_early.total()
+        lost = f", {dropped} are dropped" if dropped else ""
+        self.get_logger().info(f"{text}; {self.robot.early} records wait{lost}")
+
+    def _become_ready(self) -> None:
+        """Work on what came while kernels were compiled; say what was found."""
+        self.robot.release(self.refuse)
+        if self.context.ok():
+            self.get_logger().info(self._found())
+
+    def _found(self) -> str:
+        """Return what is known of the robot, and what is waited for."""
+        robot = self.robot.robot
+        parts = []
+        for role in sorted(self.roles):
+            mount = robot.sensors[role].mount
+            if mount.base is not None:
+                joint = f", joint '{mount.tilt_joint}'" if mount.tilt_joint else ""
+                parts.append(f"{role} on base '{mount.base}'{joint}")
+        source = robot.motion.source
+        if source is not None:
+            parts.append(f"odometry: {source.value} in '{robot.motion.odom_frame}'")
+        silent = [e.topic for e in self.inputs if not e.count and e.watch != "event"]
+        waits = f"; waits for {', '.join(silent)}" if silent else ""
+        return f"ready: {', '.join(parts) or 'nothing is known of the robot yet'}{waits}"
 
     def _autosave(self) -> None:
         """Have the map written; the open tilt cycle and the scans that wait are not disturbed."""
         self.worker.post(lambda: self.write(self.save_folder()))
 
     def close(self) -> None:
-        """Finish what waits; save, if asked to."""
+        """Finish what waits; save, if asked to.
+
+        Before the kernels are loaded there is nothing to save: the process just ends.
+        """
+        if not self.warming.is_loaded:
+            self.warming.stop()
+            sys.stdout.flush()
+            os._exit(0)
         if self.config.save.on_shutdown:
             self.robot.flush()
             self.worker.wait(lambda: self.save(self.save_folder()))

@@ -22,7 +22,6 @@ from tccm_ros.nodes.qos import LARGE_DEPTH, SENSOR_DEPTH, latched, sensor, surfa
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
-from tccm_ros.nodes.warm_up import warm_up_slam
 from tccm_ros.records import Event, ScanPose, Surface, SurfaceCloud, ViewIntervals
 from tccm_ros.results.occupancy import occupancy_grid
 from tccm_ros.robot import MountKind
@@ -64,7 +63,6 @@ class SlamNode(SensorNode):
 
     def __init__(self, shared: SharedRobot | None = None, **kwargs: Any):
         super().__init__("surface_slam", "slam", shared, **kwargs)
-        warm_up_slam(self.config)
         self.processor = SurfaceSlam(self.config)
         self.newest_ns = 0
         self._unsolved: Counter[str] = Counter()

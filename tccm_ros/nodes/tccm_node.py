@@ -18,7 +18,6 @@ from tccm_ros.nodes.qos import latched, sensor, surface_message
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
-from tccm_ros.nodes.warm_up import warm_up_tccm
 from tccm_ros.pipeline.calibrate.rig_check import RigCheck
 from tccm_ros.records import ClockJump, Event
 from tccm_ros.results.cuboids_file import cuboids_archive
@@ -40,7 +39,6 @@ class TccmNode(SensorNode):
 
     def __init__(self, shared: SharedRobot | None = None, **kwargs: Any):
         super().__init__("tccm", "tccm", shared, **kwargs)
-        warm_up_tccm(self.config)
         self.processor = TccmProcessor(self.config)
         self.is_paused = False
         self._frame_id = self.config.frames.odom_name

@@ -50,11 +50,11 @@ $(TESTING): $(STAMP) $(wildcard $(DEFINITIONS)/*/*/*)
 	-@$(BIN)/python tools/generate_interfaces.py $(addprefix $(DEFINITIONS)/,object_recognition_msgs moveit_msgs vision_msgs)
 	@touch $(TESTING)
 
-$(VENV)/.wheels: requirements.txt setup.py
+$(VENV)/.wheels: requirements.txt requirements-test.txt setup.py
 	@test -n "$(PYTHON)" || { echo "no Python 3.11 or 3.12 with venv found; install python3 and python3-venv, or say make PYTHON=..."; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "installing into $(VENV) (a few minutes, once)"
-	@$(BIN)/python -m pip install -qq --disable-pip-version-check -r requirements.txt
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -r requirements-test.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e . 2>/dev/null
 	@touch $(VENV)/.wheels
 

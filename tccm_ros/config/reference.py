@@ -42,9 +42,14 @@ def value_text(value: Any) -> str:
     return text.removesuffix("\n").removesuffix("\n...").strip()
 
 
+def choices_of(parameter: Parameter) -> list[str]:
+    """Return the words that a parameter may be; none where it is not one of some words."""
+    return [choice for choice in get_args(parameter.type) if isinstance(choice, str)]
+
+
 def range_text(parameter: Parameter) -> str:
     """Return the range or the choices of a parameter; empty where it has none."""
-    choices = [a for a in get_args(parameter.type) if isinstance(a, str)]
+    choices = choices_of(parameter)
     if choices:
         return " or ".join(choices)
     low, high = parameter.minimum, parameter.maximum

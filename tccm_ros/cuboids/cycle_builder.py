@@ -132,7 +132,8 @@ class _Waiting:
         self._first_ns: int | None = None
 
     def __len__(self) -> int:
-        return sum(map(len, self.queues.values()))
+        """Return how many records wait of which nothing was used yet."""
+        return sum(map(begun, self.queues.values()))
 
     def add(self, record: CycleRecord) -> None:
         """Add a record, in the order of stamps within its role."""
@@ -232,7 +233,7 @@ class CycleBuilder:
 
     def clear(self) -> None:
         """Forget all records of the open cycle, as after a jump of the clock."""
-        self.dropped["clock jump"] += len(self._waiting) + len(self._open)
+        self.dropped["clock jump"] += len(self._waiting) + begun(self._open)
         self._waiting.clear()
         self._open = []
         self._angles.clear()
@@ -316,7 +317,7 @@ class CycleBuilder:
                     queue.appendleft(rest)
                 if before is not None:
                     is_used = bool(closed[0].cycle is not None if closed else spans.is_moving)
-                    self._use(before, is_used, closed[0].reason if closed else "joint rests", rest)
+                    self._use(before, is_used, closed[0].reason if closed else "joint rests")
                 if rest is None:
                     continue
             elif not closed or closed[0].end_ns > self._waiting.complete_all_ns:
@@ -325,14 +326,12 @@ class CycleBuilder:
             if cycle is not None:
                 cycles.append(cycle)
 
-    def _use(
-        self, record: CycleRecord, is_used: bool, reason: str, rest: CycleRecord | None
-    ) -> None:
-        """Put a record into the open part map, or count it as dropped if it is whole."""
+    def _use(self, record: CycleRecord, is_used: bool, reason: str) -> None:
+        """Put a record into the open part map, or count it as dropped if it begins here."""
         if is_used:
             record.bin(self._builder)
             self._open.append(record)
-        elif rest is None and record.is_whole:
+        elif record.is_whole:
             self.dropped[reason] += 1
 
     def _close(self, span: Span) -> TiltCycleData | None:
@@ -344,13 +343,18 @@ class CycleBuilder:
 
     def _cycle_data(self, span: Span, records: list[CycleRecord]) -> TiltCycleData | None:
         if span.cycle is None:
-            self.dropped[span.reason] += len(records)
+            self.dropped[span.reason] += begun(records)
             self._builder.clear()
             return None
         stamps = [s for s in (record.stamps_ns() for record in records) if s is not None]
         start_ns = min((s[0] for s in stamps), default=span.start_ns)
         end_ns = max((s[1] for s in stamps), default=span.end_ns - 1)
         return TiltCycleData(span, self._builder.close(span.cycle, start_ns, end_ns), records)
+
+
+def begun(records: Iterable[CycleRecord]) -> int:
+    """Return how many records begin in a cycle: one that two cycles share is counted once."""
+    return sum(record.is_whole for record in records)
 
 
 def _pose_samples(

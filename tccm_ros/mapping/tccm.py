@@ -17,7 +17,7 @@ from tccm_ros.baselines.seed_segmentation import segment
 from tccm_ros.baselines.union_as_printed import AS_PRINTED
 from tccm_ros.config import Config
 from tccm_ros.cuboids.clearing import add_voids
-from tccm_ros.cuboids.cycle_builder import CycleBuilder, TiltCycleData
+from tccm_ros.cuboids.cycle_builder import CycleBuilder, TiltCycleData, begun
 from tccm_ros.cuboids.cycle_records import CyclePoints, CycleRecord, CycleScan
 from tccm_ros.cuboids.free_columns import FreeSpace
 from tccm_ros.cuboids.integration_map import IntegrationMap
@@ -162,11 +162,14 @@ class TccmProcessor:
         The integration map, and what its tilt cycles saw through (`query`).
     counts
         ``cycles``, ``scans used``, ``resets``.
+    used
+        Records used, by role.
     """
 
     def __init__(self, config: Config) -> None:
         self.config = config
         self.counts: Counter[str] = Counter()
+        self.used: Counter[str] = Counter()
         self.map = IntegrationMap(config)
         self.seen_free = FreeSpace(config)
         # The baselines are chosen here, and handed down as functions.
@@ -265,7 +268,8 @@ class TccmProcessor:
         part = cycle.part
         self.map.add(part)
         self.counts["cycles"] += 1
-        self.counts["scans used"] += len(cycle.records)
+        self.counts["scans used"] += begun(cycle.records)
+        self.used.update(record.posed.role for record in cycle.records if record.is_whole)
         T_odom_base, viewpoint = cycle.T_odom_base(), cycle.T_odom_sensor()[:3, 3]
         cuboids = part.cuboids() if self.config.planes.source == "part" else self.map.cuboids()
         detect = DETECTORS[self.config.planes.detector]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.records import Surface
@@ -19,6 +19,10 @@ from tccm_ros.results.planning import OBJECT_PREFIX, Box, Mesh, surface_shape
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message
 
 COLLISION_OBJECT = "moveit_msgs/msg/CollisionObject"
+
+COLLISION_PROFILE = QoSProfile(depth=500, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""A late subscriber gets the newest 500 objects, in their order: each solution sends all surfaces,
+so that this is more than the newest map."""
 
 SOLID_BOX = 1
 """shape_msgs/SolidPrimitive BOX."""
@@ -91,14 +95,12 @@ class CollisionObjects:
         self._publisher = None
         if _has_moveit_msgs():
             self._publisher = node.create_publisher(
-                message_class(COLLISION_OBJECT), "collision_object", QoSProfile(depth=500)
+                message_class(COLLISION_OBJECT), "collision_object", COLLISION_PROFILE
             )
 
     def publish(self, surfaces: Iterable[Surface], stamp_ns: int) -> None:
-        """Publish all surfaces but the floor, if somebody listens and the node is not ending."""
+        """Publish all surfaces but the floor, unless the node is ending."""
         if self._publisher is None or not self._context.ok():
-            return
-        if not self._publisher.get_subscription_count():
             return
         shown = [surface for surface in surfaces if surface.label != "floor"]
         now = {surface.id for surface in shown}

@@ -14,6 +14,7 @@ ADVICE = {
     "out of order": "stamps go back: look for two publishers of the scan topic",
     "another clock": "stamps went back while those of the other inputs went on: set the clock of "
     "the driver, or qos.stamp to receive",
+    "before the start": "more came while kernels were compiled than is kept",
     "duplicate stamp": "stamps repeat: look for two publishers of the scan topic",
     "malformed": "angles and times have to be finite numbers: look at the laser's driver",
     "empty": "scans have no beams: look at the laser's driver",

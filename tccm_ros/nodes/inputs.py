@@ -6,7 +6,7 @@ no publisher, another type, an incompatible QoS or no messages is named, with wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -26,6 +26,16 @@ publisher. event: it is none.
 
 MAX_GAP = 100_000
 """A larger step of a publisher's sequence number is another publisher, not a loss. Chosen."""
+
+
+SAME_CLOCK_S = 60.0
+"""A latency above this is none: stamps are a recording's, or another clock's. Chosen."""
+
+
+class Blocking(str):
+    """A problem that keeps the node from its work; other problems are warnings."""
+
+    __slots__ = ()
 
 
 @dataclass(slots=True)
@@ -48,6 +58,10 @@ class Input:
         When the last message came, ns of the node clock; None before the first.
     sequence
         Of the last message; None before the first and where the middleware gives none.
+    refused
+        Messages that could not be used.
+    latency_s
+        Between the stamp and the arrival of the last record; None where that tells nothing.
     """
 
     topic: str
@@ -58,6 +72,13 @@ class Input:
     last_ns: int | None = None
     sequence: int | None = None
     instead: tuple[str, ...] = ()
+    refused: int = 0
+    latency_s: float | None = None
+
+    def note(self, arrival_ns: int, stamp_ns: int) -> None:
+        """Note when a record came and its stamp."""
+        latency_s = (arrival_ns - stamp_ns) * 1e-9
+        self.latency_s = latency_s if abs(latency_s) < SAME_CLOCK_S else None
 
 
 class Inputs:
@@ -91,8 +112,8 @@ class Inputs:
         watch: Watch = "needed",
         raw: bool = False,
         instead: Sequence[str] = (),
-    ) -> None:
-        """Subscribe to a topic, and count what comes.
+    ) -> Input:
+        """Subscribe to a topic, and return what is counted of it.
 
         Parameters
         ----------
@@ -136,6 +157,10 @@ class Inputs:
         )
         if self._intake is not None:
             self._intake.add(subscription)
+        return entry
+
+    def __iter__(self) -> Iterator[Input]:
+        return iter(self._inputs)
 
     def has(self, topic: str) -> bool:
         """Return whether a topic is subscribed to; its name is resolved."""
@@ -153,12 +178,22 @@ class Inputs:
         """Return whether there is a publisher of a topic."""
         return self._node.count_publishers(topic) > 0
 
+    def is_absent(self, topic: str) -> bool:
+        """Return whether nobody has published a topic for the time of a silence."""
+        entry = next(e for e in self._inputs if e.topic == topic)
+        return not entry.count and not self.is_published(topic) and self._is_silent(entry)
+
     def problems(self) -> list[str]:
         """Return one line for each input that gives nothing, and what to do about it."""
+        return [text for text in map(self.problem, self._inputs) if text]
+
+    def problem(self, entry: Input) -> str | None:
+        """Return why an input gives nothing, `Blocking` where it is needed, and what to do."""
         if self._start_ns is None:
             self._start_ns = self._now()
-        found = (self._problem(entry) for entry in self._inputs)
-        return [text for text in found if text]
+        text = self._problem(entry)
+        is_needed = entry.watch == "needed" and not self._is_replaced(entry)
+        return Blocking(text) if text and is_needed else text
 
     def _now(self) -> int:
         return int(self._node.get_clock().now().nanoseconds)
@@ -181,11 +216,14 @@ class Inputs:
             )
         if entry.topic in self._incompatible and entry.count == 0:
             return self._incompatible[entry.topic]
-        if entry.watch == "event" or not self._is_silent(entry):
+        if entry.watch == "event" or not self._is_silent(entry) or self._has_ended(entry):
             return None
         is_needed = entry.watch == "needed" and not self._is_replaced(entry)
         if not publishers and (is_needed or entry.count):
-            return f"nobody publishes '{entry.topic}'; start its driver, or remap the topic"
+            return (
+                f"nobody publishes '{entry.topic}'; start its driver, or remap the topic"
+                f"{self._elsewhere(entry)}"
+            )
         if not publishers:
             return None
         return (
@@ -195,6 +233,25 @@ class Inputs:
 
     def _is_replaced(self, entry: Input) -> bool:
         return any(other.count for other in self._inputs if other.topic in entry.instead)
+
+    def _has_ended(self, entry: Input) -> bool:
+        """Return whether all inputs have ended together, as a drive or a recording does."""
+        return entry.count > 0 and all(e.watch == "event" or self._is_silent(e) for e in self)
+
+    def _elsewhere(self, entry: Input) -> str:
+        """Return where a topic of the same name and type is published."""
+        name = entry.topic.rpartition("/")[2]
+        found = [
+            topic
+            for topic, types in self._node.get_topic_names_and_types()
+            if topic != entry.topic
+            and topic.rpartition("/")[2] == name
+            and entry.type_name in types
+            and self.is_published(topic)
+        ]
+        if not found:
+            return ""
+        return f" ({', '.join(found)} is published: is the node in the right namespace?)"
 
     def _is_silent(self, entry: Input) -> bool:
         now = self._now()

@@ -7,7 +7,7 @@ configuration is an empty array here, as ROS parameters know no null.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Any, get_args
 
 from rcl_interfaces.msg import (
@@ -22,11 +22,24 @@ from rclpy.parameter import Parameter as RosParameter
 
 from tccm_ros.config import Config, Parameter, parameters
 from tccm_ros.config.reader import REMOVED, validated
+from tccm_ros.config.reference import choices_of
 from tccm_ros.errors import ConfigError, TccmError, suggest
 
 INT64_MAX = 2**63 - 1
 
 ARRAYS = (RosParameter.Type.DOUBLE_ARRAY, RosParameter.Type.STRING_ARRAY)
+
+GROUPS = {
+    "tccm": frozenset(
+        {"frames", "rig", "scan", "sensors", "cycle", "map", "planes", "center_core", "objects"}
+        | {"views", "surfaces", "qos", "save", "markers"}
+    ),
+    "slam": frozenset(
+        {"frames", "rig", "scan", "sensors", "lines", "matching", "odometry", "walls", "graph"}
+        | {"loops", "views", "surfaces", "labels", "qos", "tf", "save"}
+    ),
+}
+"""Groups of parameters that each node acts on, by `Stream.taker`; both have those of no group."""
 
 
 def ros_type(parameter: Parameter) -> RosParameter.Type:
@@ -60,10 +73,13 @@ def _config_value(parameter: Parameter, value: Any) -> Any:
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:
     unit = f" [{parameter.unit}]" if parameter.unit else ""
+    choices = choices_of(parameter)
+    allowed = f"one of: {', '.join(choices)}" if choices else ""
     descriptor = ParameterDescriptor(
         name=parameter.name,
         type=ros_type(parameter).value,
-        description=f"{parameter.meaning}{unit}",
+        description=f"{parameter.meaning}{unit}" + (f"; {allowed}" if allowed else ""),
+        additional_constraints=allowed,
         read_only=parameter.read_only,
         # rclpy takes an empty list for bytes; our own check knows better.
         dynamic_typing=ros_type(parameter) in ARRAYS,
@@ -84,8 +100,10 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
     return descriptor
 
 
-def declare_config(node: Node, base: Config | None = None) -> Config:
-    """Declare every parameter on a node and return the configuration that results.
+def declare_config(
+    node: Node, base: Config | None = None, groups: Collection[str] | None = None
+) -> Config:
+    """Declare parameters on a node and return the configuration that results.
 
     Parameters
     ----------
@@ -93,6 +111,8 @@ def declare_config(node: Node, base: Config | None = None) -> Config:
         The node; overrides come from its command line and parameter files.
     base
         Defaults; those of `Config` if None.
+    groups
+        Groups to declare, beside what is in none; all if None.
 
     Raises
     ------
@@ -102,6 +122,9 @@ def declare_config(node: Node, base: Config | None = None) -> Config:
     defaults = (base or Config()).model_dump()
     values = {}
     for parameter in parameters():
+        group = parameter.name.rpartition(".")[0].partition(".")[0]
+        if groups is not None and group and group not in groups:
+            continue
         default = _lookup(defaults, parameter.name)
         values[parameter.name] = _config_value(parameter, _declare(node, parameter, default))
     _warn_of_unknown(node)
@@ -114,7 +137,11 @@ def _warn_of_unknown(node: Node) -> None:
     for name in node._parameter_overrides:
         if name in REMOVED:
             node.get_logger().warning(f"parameter {name} is ignored: {REMOVED[name]}")
-        elif not node.has_parameter(name) and not name.startswith("qos_overrides."):
+        elif (
+            not node.has_parameter(name)
+            and name not in known
+            and not name.startswith("qos_overrides.")
+        ):
             hint = suggest(name, known)
             node.get_logger().warning(
                 f"parameter {name} is set but there is none of this name{hint}"

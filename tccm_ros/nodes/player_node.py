@@ -36,6 +36,10 @@ from tccm_ros.ros.types import stamp_message
 TICK_S = 0.002
 """Period at which due messages are looked for, s. Chosen: a fifth of that of a topic of 100 Hz."""
 
+CLOCK_PERIOD_NS = 10_000_000
+"""Between two messages on /clock, ns of the player's own time: 100 Hz, as `ros2 bag play` has at
+most."""
+
 BURST = 100
 """Messages published in one tick at most. Chosen: other callbacks get their turn, and queues of
 `qos.SENSOR_DEPTH` hold what comes after a delay."""
@@ -85,6 +89,7 @@ class PlayerNode(Node):
             self.create_publisher(Clock, "/clock", 10) if self._value("clock") else None
         )
         self._waiting_since_ns: int | None = None
+        self._clock_due_ns = 0
         self._messages = self._open()
         self._next = next(self._messages, None)
         self.create_service(SetBool, "~/pause", self._on_pause)
@@ -179,11 +184,17 @@ class PlayerNode(Node):
                 break
             self._publish(self._next)
             self._next = next(self._messages, None)
-        if self._clock_publisher is not None:
-            played = min(due_ns, self._reader.end_ns if self._next is None else self._next.log_ns)
-            self._clock_publisher.publish(Clock(clock=stamp_message(self._types, played)))
+        self._tell_time(now, due_ns)
         if self._next is None:
             self._end(now)
+
+    def _tell_time(self, now: int, due_ns: int) -> None:
+        """Publish /clock, as often as is due and at the end."""
+        if self._clock_publisher is None or (now < self._clock_due_ns and self._next is not None):
+            return
+        self._clock_due_ns = now + CLOCK_PERIOD_NS
+        played = min(due_ns, self._reader.end_ns if self._next is None else self._next.log_ns)
+        self._clock_publisher.publish(Clock(clock=stamp_message(self._types, played)))
 
     def _is_ready(self, now: int) -> bool:
         """Return whether playing has begun; begin when every subscriber of a topic is matched."""
@@ -244,6 +255,18 @@ def _not_negative(name: str, value: float) -> float:
     return value
 
 
+def usage() -> str:
+    """Return how the player is started, with its parameters."""
+    lines = [f"  {name:22}{meaning} [{default}]" for name, (default, meaning) in PARAMETERS.items()]
+    return "\n".join(
+        [
+            "usage: player_node --ros-args -p bag:=PATH [-p name:=value ...] [-r from:=to ...]",
+            "parameters [default]:",
+            *lines,
+        ]
+    )
+
+
 def main() -> None:
     """Play a bag and stop at its end."""
-    run(PlayerNode)
+    run(PlayerNode, usage=usage())

@@ -31,7 +31,7 @@ USAGE = (
 )
 
 
-def run(*factories: Callable[[], Node]) -> None:
+def run(*factories: Callable[[], Node], usage: str = USAGE) -> None:
     """Spin the nodes in one executor until SIGINT, SIGTERM or an error that one line explains.
 
     A signal before all nodes are made ends the process at once.
@@ -41,12 +41,14 @@ def run(*factories: Callable[[], Node]) -> None:
     factories
         Make the nodes, after rclpy is initialised. A node with a `close` method has it called
         before it is destroyed; nodes that all have `is_done` end the run.
+    usage
+        How the nodes are started, for who asks or errs.
     """
     leave_at_a_signal()
     status = 0
     nodes: list[Node] = []
     with suppress(KeyboardInterrupt, ExternalShutdownException):
-        _init()
+        _init(usage)
         try:
             nodes.extend(factory() for factory in factories)
             _forget_start()
@@ -60,7 +62,7 @@ def run(*factories: Callable[[], Node]) -> None:
     sys.exit(status)
 
 
-def _init() -> None:
+def _init(usage: str) -> None:
     """Initialise rclpy; end with one line where an argument or a parameter file is wrong.
 
     rclpy passes over what it does not know: who asks for help, or errs, would get a running node.
@@ -68,20 +70,20 @@ def _init() -> None:
     try:
         words = remove_ros_args(sys.argv)[1:]
         if words:
-            _explain(words[0])
+            _explain(words[0], usage)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except ARGUMENT_ERRORS as error:
         reason = str(error).removeprefix("failed to initialize rcl: ").partition(", at /")[0]
-        print(f"tccm: {' '.join(reason.split())}", file=sys.stderr)
+        print(f"tccm: {' '.join(reason.split())}; {usage}", file=sys.stderr)
         sys.exit(1)
 
 
-def _explain(word: str) -> None:
+def _explain(word: str, usage: str) -> None:
     """End with how a node is started."""
     if word in ("-h", "--help"):
-        print(USAGE)
+        print(usage)
         sys.exit(0)
-    print(f"tccm: {word!r} is no argument of a node; {USAGE}", file=sys.stderr)
+    print(f"tccm: {word!r} is no argument of a node; {usage}", file=sys.stderr)
     sys.exit(2)
 
 

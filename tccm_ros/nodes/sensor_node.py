@@ -7,6 +7,8 @@ and what an overloaded node drops is whole scans, counted.
 
 from __future__ import annotations
 
+import os
+import sys
 import time
 from abc import abstractmethod
 from collections import Counter
@@ -29,17 +31,18 @@ from tccm_ros.nodes.clock import (
     stamp_on_receipt,
     steady_timer,
 )
-from tccm_ros.nodes.diagnostics import Diagnostics
+from tccm_ros.nodes.diagnostics import Diagnostics, InputStatus
 from tccm_ros.nodes.drops import DropWatch
-from tccm_ros.nodes.inputs import Inputs, Watch
+from tccm_ros.nodes.inputs import Blocking, Inputs, Watch
 from tccm_ros.nodes.intake import Intake
-from tccm_ros.nodes.params import declare_config, follow_changes
+from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
 from tccm_ros.nodes.qos import LARGE_DEPTH, latched, sensor, static_transforms
 from tccm_ros.nodes.readers import record_reader
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.tf import has_tf2_msgs
-from tccm_ros.nodes.worker import Worker
+from tccm_ros.nodes.warming import Warming
+from tccm_ros.nodes.worker import BACKLOG, Worker
 from tccm_ros.records import (
     ClockJump,
     Event,
@@ -50,6 +53,7 @@ from tccm_ros.records import (
     ViewIntervals,
 )
 from tccm_ros.robot import MountKind, Stream
+from tccm_ros.robot.base_motion import MotionSource
 from tccm_ros.ros.reading import READERS
 from tccm_ros.sensors.depth_image import camera_info_topic, depth_stream, is_compressed
 from tccm_ros.sensors.registry import default_streams
@@ -83,7 +87,7 @@ class SensorNode(Node):
 
     def __init__(self, name: str, taker: str, shared: SharedRobot | None, **kwargs: Any):
         super().__init__(name, **kwargs)
-        self.config = declare_config(self)
+        self.config = declare_config(self, groups=GROUPS[taker])
         follow_changes(self, self.config)
         self.types = RosidlMessages()
         self.bulk_types = TypestoreMessages()
@@ -100,6 +104,9 @@ class SensorNode(Node):
         self.roles = frozenset(self._streams)
         self._drops = DropWatch()
         self._clock_watch = ClockWatch(self, self.config.clock_jump, self.restart)
+        self.warming = Warming(taker, self.config, self._say_progress, self._become_ready)
+        self.robot.hold()
+        self.worker.post(self.warming.wait_until_loaded)
 
     # --- for subclasses ---
 
@@ -131,6 +138,14 @@ class SensorNode(Node):
         """Return what is wrong beside the inputs, one line each."""
         return ()
 
+    @abstractmethod
+    def problem_without_odometry(self) -> str:
+        """Return what it means that neither odometry nor tf tells how the base moves."""
+
+    @abstractmethod
+    def used(self) -> Mapping[str, int]:
+        """Return how many records of the node's sensors the processor has used, by role."""
+
     def values(self) -> Mapping[str, object]:
         """Return the figures for /diagnostics beside the counts of messages."""
         return {}
@@ -153,7 +168,7 @@ class SensorNode(Node):
                 self.subscribe("tf", measured, self.take, topic="/tf", watch="event")
                 fixed = static_transforms()
                 self.subscribe("tf_static", fixed, self.take, topic="/tf_static", watch="event")
-        self.robot.listen(self.offer)
+        self.robot.listen(self.offer, lambda: self.worker.backlog > BACKLOG // 2)
 
     def _listen_to(self, stream: Stream, watch: Watch) -> None:
         """Subscribe to a sensor, and to what comes beside its records."""
@@ -228,12 +243,15 @@ class SensorNode(Node):
         def callback(data: bytes) -> None:
             try:
                 for record in read(data):
+                    if entry.last_ns is not None and hasattr(record, "stamp_ns"):
+                        entry.note(entry.last_ns, record.stamp_ns)
                     now = stamp_on_receipt(self, record, spans.get(role)) if on_receipt else record
                     take(role, now)
             except TccmError as error:
+                entry.refused += 1
                 self.refuse(topic or role, error)
 
-        self.inputs.subscribe(
+        entry = self.inputs.subscribe(
             type_name, topic or role, callback, qos, watch=watch, raw=True, instead=instead
         )
 
@@ -330,17 +348,54 @@ class SensorNode(Node):
         """Take messages, serve and publish /diagnostics from now on."""
         self.create_service(Trigger, "~/save_map", self._on_save_map)
         self.create_service(Trigger, "~/reset", self._on_reset)
-        self.diagnostics = Diagnostics(self, self.all_problems, self._all_values)
+        self.diagnostics = Diagnostics(
+            self, self.all_problems, self._all_values, self._input_states
+        )
         if self.config.save.autosave_minutes > 0.0:
             steady_timer(self, 60.0 * self.config.save.autosave_minutes, self._autosave)
         self.intake.start()
+        self.warming.start()
+
+    def _say_progress(self, text: str) -> None:
+        dropped = self.robot.too_early.total()
+        lost = f", {dropped} are dropped" if dropped else ""
+        self.get_logger().info(f"{text}; {self.robot.early} records wait{lost}")
+
+    def _become_ready(self) -> None:
+        """Work on what came while kernels were compiled; say what was found."""
+        self.robot.release(self.refuse)
+        if self.context.ok():
+            self.get_logger().info(self._found())
+
+    def _found(self) -> str:
+        """Return what is known of the robot, and what is waited for."""
+        robot = self.robot.robot
+        parts = []
+        for role in sorted(self.roles):
+            mount = robot.sensors[role].mount
+            if mount.base is not None:
+                joint = f", joint '{mount.tilt_joint}'" if mount.tilt_joint else ""
+                parts.append(f"{role} on base '{mount.base}'{joint}")
+        source = robot.motion.source
+        if source is not None:
+            parts.append(f"odometry: {source.value} in '{robot.motion.odom_frame}'")
+        silent = [e.topic for e in self.inputs if not e.count and e.watch != "event"]
+        waits = f"; waits for {', '.join(silent)}" if silent else ""
+        return f"ready: {', '.join(parts) or 'nothing is known of the robot yet'}{waits}"
 
     def _autosave(self) -> None:
         """Have the map written; the open tilt cycle and the scans that wait are not disturbed."""
         self.worker.post(lambda: self.write(self.save_folder()))
 
     def close(self) -> None:
-        """Finish what waits; save, if asked to."""
+        """Finish what waits; save, if asked to.
+
+        Before the kernels are loaded there is nothing to save: the process just ends.
+        """
+        if not self.warming.is_loaded:
+            self.warming.stop()
+            sys.stdout.flush()
+            os._exit(0)
         if self.config.save.on_shutdown:
             self.robot.flush()
             self.worker.wait(lambda: self.save(self.save_folder()))
@@ -367,8 +422,26 @@ class SensorNode(Node):
                 "is mixed up; end one (one that was killed is gone in half a minute), or give it "
                 "another namespace (-r __ns:=/robot2)"
             )
-        yield from map(str, self.robot.problems(self.roles))
+        yield from map(Blocking, self.robot.problems(self.roles))
+        if self.robot.robot.motion.source is MotionSource.STILL:
+            yield self.problem_without_odometry()
         yield from self.problems()
+
+    def _input_states(self) -> list[InputStatus]:
+        used = {self.resolve_topic_name(role): n for role, n in self.used().items()}
+        states = []
+        for entry in self.inputs:
+            received, latency_s = entry.count, entry.latency_s
+            taken = min(used.get(entry.topic, received - entry.refused), received)
+            values: dict[str, object] = {
+                "needed": entry.watch,
+                "expected": received + entry.lost,
+                "received": received,
+                "used": taken,
+                "latency [s]": "" if latency_s is None else f"{latency_s:.3f}",
+            }
+            states.append(InputStatus(entry.topic, self.inputs.problem(entry), values))
+        return states
 
     def _all_values(self) -> dict[str, object]:
         received = {f"received {topic}": n for topic, n in self.inputs.counts().items()}

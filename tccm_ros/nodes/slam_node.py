@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 
 from tccm_ros.errors import MapError
 from tccm_ros.nodes.collision import CollisionObjects
+from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.map_folder import read_map, write_map
 from tccm_ros.nodes.outputs import Outputs
@@ -21,7 +22,6 @@ from tccm_ros.nodes.qos import LARGE_DEPTH, SENSOR_DEPTH, latched, sensor, surfa
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
-from tccm_ros.nodes.warm_up import warm_up_slam
 from tccm_ros.records import Event, ScanPose, Surface, SurfaceCloud, ViewIntervals
 from tccm_ros.results.occupancy import occupancy_grid
 from tccm_ros.robot import MountKind
@@ -63,7 +63,6 @@ class SlamNode(SensorNode):
 
     def __init__(self, shared: SharedRobot | None = None, **kwargs: Any):
         super().__init__("surface_slam", "slam", shared, **kwargs)
-        warm_up_slam(self.config)
         self.processor = SurfaceSlam(self.config)
         self.newest_ns = 0
         self._unsolved: Counter[str] = Counter()
@@ -228,8 +227,31 @@ class SlamNode(SensorNode):
 
     # --- diagnostics ---
 
+    def problem_without_odometry(self) -> str:
+        """Return that matching alone tells how the base moves."""
+        return (
+            f"nobody publishes '{self.resolve_topic_name('odom')}', and no tf moves the base: "
+            "matching of level scans alone tells its motion, and fails in long corridors and fast "
+            "rotations; start the odometry, or remap the topic"
+        )
+
+    def used(self) -> Mapping[str, int]:
+        """Return the level scans that were matched."""
+        return {"scan": self.processor.counts["level scans"]}
+
     def problems(self) -> Iterable[str]:
-        """Return whether the robot does not know where it is in its map."""
+        """Return which inputs the map lacks, and whether the robot knows where it is in it."""
+        scan, surfaces = map(self.resolve_topic_name, ("scan", "tccm/surfaces"))
+        if self.inputs.is_absent(scan) and self.inputs.is_absent(surfaces):
+            yield Blocking(
+                f"nobody publishes '{scan}' or '{surfaces}': there is nothing to map; start the "
+                "level laser's driver and tccm_node, remap, or look at the namespace"
+            )
+        elif self.inputs.is_absent(scan):
+            yield (
+                f"nobody publishes '{scan}': without a level laser there are no walls and no loop "
+                "closures, and the map drifts as odometry does; start its driver, or remap"
+            )
         if not self.live.is_localised:
             yield "not yet found in the map that was loaded: map -> odom is not published; drive on"
 

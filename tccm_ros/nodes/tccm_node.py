@@ -12,12 +12,12 @@ from std_srvs.srv import SetBool, Trigger
 
 from tccm_ros.atomic import output_folder
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
+from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.outputs import Outputs
 from tccm_ros.nodes.qos import latched, sensor, surface_message
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
-from tccm_ros.nodes.warm_up import warm_up_tccm
 from tccm_ros.pipeline.calibrate.rig_check import RigCheck
 from tccm_ros.records import ClockJump, Event
 from tccm_ros.results.cuboids_file import cuboids_archive
@@ -39,7 +39,6 @@ class TccmNode(SensorNode):
 
     def __init__(self, shared: SharedRobot | None = None, **kwargs: Any):
         super().__init__("tccm", "tccm", shared, **kwargs)
-        warm_up_tccm(self.config)
         self.processor = TccmProcessor(self.config)
         self.is_paused = False
         self._frame_id = self.config.frames.odom_name
@@ -142,6 +141,17 @@ class TccmNode(SensorNode):
         return response
 
     # --- diagnostics ---
+
+    def problem_without_odometry(self) -> str:
+        """Return that the base is taken to stand still."""
+        return Blocking(
+            f"nobody publishes '{self.resolve_topic_name('odom')}', and no tf moves the base: it "
+            "is taken to stand still; start the odometry, or remap the topic"
+        )
+
+    def used(self) -> Mapping[str, int]:
+        """Return the records that cycles are made of, by role."""
+        return {role: self.processor.used[role] for role in self.roles}
 
     def problems(self) -> Iterable[str]:
         """Return what is wrong with the records, and with the rig as the floor shows it."""

@@ -15,6 +15,9 @@ from tccm_ros.ros.types import MessageTypes, header_message, pose_message, stamp
 OBSTACLE_STEP_M = 0.05
 """Distance of the points in a cuboid, m; chosen: the cell of an ordinary costmap."""
 
+MAX_OBSTACLES = 40_000
+"""Points of ~/obstacles: with 12 bytes each a message has less than 0.5 MB. Chosen."""
+
 
 def map_cloud_message(
     types: MessageTypes,
@@ -65,15 +68,35 @@ def obstacle_cloud_message(
     tops
         (N, 3), m: centre of the cell and upper end of the cuboid.
     depth
-        (N,), m; there is a point at the top, and one every `OBSTACLE_STEP_M` below it.
+        (N,), m; there is a point at the top, and one every `OBSTACLE_STEP_M` below it. One point
+        is kept in each cube of that size; the cubes grow until `MAX_OBSTACLES` are not exceeded.
     """
+    xyz = _filled(tops, depth)
+    size = OBSTACLE_STEP_M
+    kept = _one_per_voxel(xyz, size)
+    while len(kept) > MAX_OBSTACLES:
+        size *= 1.25
+        kept = _one_per_voxel(xyz, size)
+    rows = np.ascontiguousarray(kept, np.float32).view(POINT_ROW).reshape(-1)
+    return cloud_message(types, stamp_ns, frame_id, rows)
+
+
+def _filled(tops: ArrayLike, depth: ArrayLike) -> Float64:
+    """Return points (M, 3) that fill cuboids: one at the top, and one every step below it."""
     steps = np.floor(np.asarray(depth, np.float64) / OBSTACLE_STEP_M + 1e-9).astype(np.int64)
     ends = np.cumsum(steps + 1)
     below = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - steps - 1, steps + 1)
     xyz = np.repeat(np.asarray(tops, np.float64).reshape(-1, 3), steps + 1, axis=0)
     xyz[:, 2] -= OBSTACLE_STEP_M * below
-    rows = np.ascontiguousarray(xyz, np.float32).view(POINT_ROW).reshape(-1)
-    return cloud_message(types, stamp_ns, frame_id, rows)
+    return xyz
+
+
+def _one_per_voxel(xyz: Float64, size: float) -> Float64:
+    """Return the first of the points (N, 3) in each cube of a size, m, in their order."""
+    cubes = np.floor(xyz / size + 1e-9).astype(np.int64)
+    keys = (cubes[:, 0] << 42) + (cubes[:, 1] << 21) + cubes[:, 2]
+    first: Float64 = xyz[np.sort(np.unique(keys, return_index=True)[1])]
+    return first
 
 
 def surface_map_message(

@@ -123,6 +123,8 @@ class CycleMessageBuilder:
     ) -> Iterator[TopicMessage]:
         """Yield all messages of a tilt cycle except the planes; arguments as `of`."""
         context = MessageContext(self._types, result.stamp_ns, result.frame_id)
+        # A costmap asks tf for the stamp, and forgets what is old: the newest for which tf is sure.
+        ended = MessageContext(self._types, result.end_ns, result.frame_id)
         markers: dict[str, Callable[[], list[Any]]] = {
             "objects": lambda: object_markers(context, result.objects),
             "cuboids": lambda: self._cuboids(context, cuboids()),
@@ -130,7 +132,7 @@ class CycleMessageBuilder:
         }
         clouds: dict[str, Callable[[], Any]] = {
             "map_cloud": lambda: _map_cloud(context, cuboids()),
-            "obstacles": lambda: _obstacles(context, cuboids()),
+            "obstacles": lambda: _obstacles(ended, cuboids()),
             "surfaces": lambda: surface_cloud_message(self._types, result.surfaces),
             "view": lambda: view_message(self._types, result.view),
         }

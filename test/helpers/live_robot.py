@@ -261,7 +261,7 @@ def slam(ros, *, namespace="", context=None, words=(), shared=None, **values) ->
 def _node(ros, kind, namespace, context, words, values):
     named = {name.replace("__", "."): value for name, value in values.items()}
     named.setdefault("qos.reliability", "reliable")
-    return ros.add(
+    node = ros.add(
         kind(
             namespace=namespace,
             context=context or ros.another_context(),
@@ -269,6 +269,8 @@ def _node(ros, kind, namespace, context, words, values):
             cli_args=["--ros-args", *words] if words else None,
         )
     )
+    ros.spin_until(lambda: node.warming.is_done, what="the kernels")
+    return node
 
 
 class Listener:

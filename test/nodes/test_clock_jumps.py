@@ -163,7 +163,9 @@ def test_a_player_in_a_loop_begins_both_maps_anew_once_a_loop(ros, bag, sim_time
         assert resets(node) == 2
         assert not node.dropped["out of order"] + node.dropped["another clock"]
     # Of each run the scans of whole tilt cycles are used; the jump cuts the last one.
-    assert nodes[0].processor.counts["scans used"] >= 100
+    used, cut = nodes[0].processor.counts["scans used"], nodes[0].dropped["clock jump"]
+    assert used >= 60, nodes[0].dropped
+    assert used + cut >= 150, nodes[0].dropped
     assert nodes[1].processor.counts["level scans"] >= 80
 
 

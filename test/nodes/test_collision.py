@@ -5,6 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from live_robot import Listener
+from rclpy.node import Node
 
 from tccm_ros.nodes import collision
 from tccm_ros.nodes.collision import CollisionObjects, collision_messages
@@ -26,10 +28,7 @@ FLOOR = replace(TABLE, id=1, label="floor")
 
 class Publisher:
     def __init__(self):
-        self.messages, self.listeners = [], 1
-
-    def get_subscription_count(self):
-        return self.listeners
+        self.messages = []
 
     def publish(self, message):
         self.messages.append(message)
@@ -91,14 +90,17 @@ def test_all_but_the_floor_are_shown_and_what_is_gone_is_removed(publisher):
     ]
 
 
-def test_without_a_listener_nothing_is_built_and_a_late_one_gets_all(publisher):
-    objects = objects_of(publisher)
-    publisher.listeners = 0
-    objects.publish([TABLE], 1)
-    assert publisher.messages == []
-    publisher.listeners = 1
+def test_a_late_listener_gets_all(ros):
+    speaker = ros.add(Node("speaker", context=ros.context))
+    objects = CollisionObjects(speaker, TYPES, "map")
+    objects.publish([TABLE, replace(TABLE, id=7)], 1)
     objects.publish([TABLE], 2)
-    assert [m.id for m in publisher.messages] == ["tccm_surface_4"]
+    late = Listener(ros, "late").listen(CollisionObject, "/collision_object", latched=True)
+    ros.spin_until(lambda: len(late) == 4)
+    scene = {}
+    for message in late:
+        scene[message.id] = message.operation
+    assert scene == {"tccm_surface_4": ADD, "tccm_surface_7": REMOVE}
 
 
 def test_without_moveit_nothing_is_published(monkeypatch):

@@ -50,6 +50,11 @@ def test_every_setting_is_an_argument_and_the_parameter_file_is_there(actions):
         )
     )
     assert used == set(declared)
+    assert {"odometry", "joints", "model"} <= used
+    assert all(a.description for a in actions if a.kind == "DeclareLaunchArgument")
+    for node in (a for a in actions if a.kind == "Node"):
+        remapped = {topic for topic, _ in node.remappings}
+        assert {"odom", "joint_states", "robot_description"} <= remapped
     package, *path = declared["params_file"].args[0]
     assert package.args == ("tccm_ros",)
     assert ROOT.joinpath(*path).exists()

@@ -150,3 +150,33 @@ def test_the_rate_of_tf_can_be_changed_while_the_node_runs(ros):
     assert node.set_parameters([RosParameter("tf.rate", value=100.0)])[0].successful
     ros.spin_until(lambda: len(tf) > 2)
     assert timer.timer_period_ns == 10_000_000
+
+
+def test_choices_are_in_the_description(ros):
+    node = tccm(ros)
+    descriptor = node.describe_parameter("qos.reliability")
+    assert descriptor.description.endswith("one of: best_effort, reliable")
+    assert "best_effort, reliable" in descriptor.additional_constraints
+
+
+def test_each_node_declares_the_parameters_that_it_acts_on_and_no_others(ros, monkeypatch, capfd):
+    read = {"tccm": set(), "surface_slam": set()}
+    plain = Config.__getattribute__
+    # Both nodes are given both nodes' parameters, as by the shipped file.
+    nodes = [kind(ros, map__window_cycles=9, walls__min_observations=4) for kind in (tccm, slam)]
+    owners = {id(node.config): node.get_name() for node in nodes}
+
+    def noted(config, name):
+        if name in Config.model_fields and id(config) in owners:
+            read[owners[id(config)]].add(name)
+        return plain(config, name)
+
+    monkeypatch.setattr(Config, "__getattribute__", noted)
+    ros.robot().play(recording(4, speed=0.2), *nodes)
+    for node in nodes:
+        declared = {name.partition(".")[0] for name in node._parameters}
+        assert read[node.get_name()] <= declared
+        assert declared < {"use_sim_time", "start_type_description_service", *Config.model_fields}
+    assert not nodes[0].has_parameter("walls.min_length")
+    assert not nodes[1].has_parameter("map.cell_size")
+    assert "there is none of this name" not in capfd.readouterr().err

@@ -1,6 +1,9 @@
 """The player over real DDS: everything arrives, in order, with the bag's QoS and clock."""
 
+import time
+
 import pytest
+from processes import PATIENCE_S, started
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -12,7 +15,7 @@ from std_srvs.srv import SetBool
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter
 from tccm_ros.errors import BagError, ConfigError
-from tccm_ros.nodes.player_node import PlayerNode
+from tccm_ros.nodes.player_node import PARAMETERS, PlayerNode
 from tccm_ros.records import JointSample, RobotDescription
 from tccm_ros.ros.writing import joint_sample_message, robot_description_message
 
@@ -131,3 +134,33 @@ def test_a_bad_bag_or_rate_is_an_error_of_one_line(ros, tmp_path, bag):
         player(ros, bag, duration=-1.0)
     with pytest.raises(BagError, match="no topic /absent"):
         player(ros, bag, topics=["/absent"])
+
+
+def test_the_clock_is_told_a_hundred_times_a_second_at_most(ros, bag):
+    node, times = ros.add(Node("watch", context=ros.context)), []
+    node.create_subscription(Clock, "/clock", times.append, 1000)
+    playing = player(ros, bag, wait_for_subscribers=20.0)
+    start = time.monotonic()
+    ros.spin_until(lambda: playing.is_done)
+    seconds = time.monotonic() - start
+    assert seconds >= 2.9
+    assert 0 < len(times) <= 100 * seconds + 2
+
+
+@pytest.mark.parametrize(("word", "status"), [("--help", 0), ("--foo", 2)])
+def test_the_player_says_how_it_is_used(domain, word, status):
+    with started(domain, "player_node", word) as process:
+        output, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == status
+    assert "usage: player_node" in output
+    for name, (_, meaning) in PARAMETERS.items():
+        assert name in output
+        assert meaning in output
+
+
+def test_an_unknown_ros_argument_gets_the_usage(domain):
+    with started(domain, "player_node", "--ros-args", "--foo") as process:
+        output, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode != 0
+    assert "--foo" in output
+    assert "usage: player_node" in output

@@ -55,6 +55,11 @@ def test_obstacles_mark_a_costmap_as_a_laser_at_each_height_would(ros):
     assert (8, 0) in marked  # the table
     assert {(30, 0), (30, 5)} <= marked or {(29, 0), (29, 5)} <= marked  # the wall, at 3.0 m
     assert not {(20, j) for j in range(-5, 6)} & marked  # the floor between them
+    # tf is asked for the stamp: that of the newest scan in it, for which odometry has come.
+    stamp_ns = cloud.header.stamp.sec * 10**9 + cloud.header.stamp.nanosec
+    scans = [r.stamp_ns for t, r in recording(3) if t == "tilt_scan"]
+    assert stamp_ns in scans
+    assert scans[-1] - stamp_ns <= 20 * 50_000_000
 
 
 def test_markers_cost_nothing_when_nobody_listens_and_a_late_viewer_gets_all(ros):

@@ -40,6 +40,19 @@ def test_obstacle_points_fill_each_cuboid_from_its_top_down(types):
     assert rows.tobytes() == np.array(expected, np.float32).tobytes()
 
 
+def test_obstacles_of_a_large_house_have_half_a_megabyte_and_leave_no_wall_open(types):
+    x, y = (a.ravel() * 0.02 + 0.01 for a in np.meshgrid(np.arange(600), np.arange(500)))
+    tops = np.column_stack([x, y, np.full(len(x), 0.8)])
+    tall = (np.abs(x - 3.0) < 0.02) | (np.abs(y - 5.0) < 0.02)
+    tops[tall, 2] = 2.2
+    message = obstacle_cloud_message(types, STAMP, "odom", tops, np.where(tall, 2.2, 0.02))
+    rows = cloud_rows(to_bag_message(types, "sensor_msgs/msg/PointCloud2", message), POINT_ROW)
+    assert 100_000 <= len(rows) * 12 <= 500_000
+    # A layer that takes heights from 1 to 2 m: the wall has no hole of two cells of 0.1 m.
+    marked = np.unique(rows["x"][(rows["z"] > 1.0) & (rows["z"] < 2.0)] // 0.1)
+    assert np.diff(marked).max() <= 2
+
+
 def test_without_cuboids_there_are_no_obstacle_points(types):
     message = obstacle_cloud_message(types, STAMP, "odom", np.zeros((0, 3)), [])
     assert message.width == 0

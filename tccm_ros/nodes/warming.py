@@ -1,0 +1,172 @@
+"""Kernels are compiled in a child process while a node already serves, and loaded when it is done.
+
+Compiling for the first time takes minutes and hundreds of megabytes, and holds the interpreter
+nearly all the time. A child does it, leaves numba's cache behind and ends; its memory ends with it.
+Then the node reads the cache in a thread of its own.
+"""
+
+from __future__ import annotations
+
+import gc
+import hashlib
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import numba
+
+import tccm_ros
+from tccm_ros.config import Config
+from tccm_ros.errors import one_line
+from tccm_ros.nodes.warm_up import warm_up_slam, warm_up_tccm
+from tccm_ros.robot.tracks import interpolate_scalars
+
+WARM_UPS: dict[str, Callable[[Config], None]] = {"tccm": warm_up_tccm, "slam": warm_up_slam}
+"""What compiles the kernels of each node, by `Stream.taker`."""
+
+PROGRESS_S = 5.0
+"""Between two lines that say how long it has taken, s."""
+
+
+class Warming:
+    """Compiles and loads the kernels of a node in the background.
+
+    Parameters
+    ----------
+    taker
+        Of the node's streams.
+    config
+        Of the node.
+    report
+        Called with a sentence every `PROGRESS_S` while kernels are compiled.
+    on_done
+        Called in the thread when all kernels are loaded.
+    """
+
+    def __init__(
+        self,
+        taker: str,
+        config: Config,
+        report: Callable[[str], object],
+        on_done: Callable[[], None],
+    ):
+        self._taker, self._config = taker, config
+        self._report, self._on_done = report, on_done
+        self._child: subprocess.Popen[str] | None = None
+        self._is_ended = False
+        self._loaded, self._done = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"{taker} warming", daemon=True)
+
+    @property
+    def is_loaded(self) -> bool:
+        """Whether all kernels are loaded."""
+        return self._loaded.is_set()
+
+    @property
+    def is_done(self) -> bool:
+        """Whether what came meanwhile is worked on as well."""
+        return self._done.is_set()
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def wait_until_loaded(self) -> None:
+        """Return when all kernels are loaded."""
+        self._loaded.wait()
+
+    def stop(self) -> None:
+        """End the child: the node is told to stop."""
+        self._is_ended = True
+        if self._child is not None:
+            with suppress(ProcessLookupError):
+                self._child.kill()
+
+    def _run(self) -> None:
+        if not is_compiled(self._taker):
+            self._compile()
+        if self._is_ended:
+            return
+        WARM_UPS[self._taker](self._config)
+        # What modules and kernels are made of lives until the end; going through it takes 0.1 s.
+        gc.collect()
+        gc.freeze()
+        self._loaded.set()
+        self._on_done()
+        self._done.set()
+
+    def _compile(self) -> None:
+        """Have a child fill numba's cache; where it fails, the node compiles itself."""
+        start_s = time.monotonic()
+        command = [sys.executable, "-m", "tccm_ros.nodes.warming", self._taker]
+        try:
+            self._child = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            )
+        except OSError as error:
+            self._report(f"no process to compile in ({one_line(error)}): the node compiles itself")
+            return
+        text: str | None = self._config.model_dump_json()
+        while True:
+            try:
+                _, errors = self._child.communicate(text, timeout=PROGRESS_S)
+            except subprocess.TimeoutExpired:
+                text = None
+                self._report(f"kernels are compiled, once: {time.monotonic() - start_s:.0f} s")
+            else:
+                break
+        if self._child.returncode != 0 and not self._is_ended:
+            last = errors.strip().splitlines()[-1:] or ["no message"]
+            self._report(f"compiling in a process failed ({last[0]}): the node compiles itself")
+
+
+def is_compiled(taker: str) -> bool:
+    """Return whether numba's cache has the kernels of a node, as the code is now."""
+    marker = _marker(taker)
+    try:
+        return marker is not None and marker.read_text() == _fingerprint()
+    except OSError:
+        return False
+
+
+def _marker(taker: str) -> Path | None:
+    """Return the file beside numba's cache that says for which code it was filled."""
+    path = getattr(getattr(interpolate_scalars, "_cache", None), "cache_path", None)
+    return None if path is None else Path(path) / f"compiled_for_{taker}.txt"
+
+
+def _fingerprint() -> str:
+    """Return what tells one state of the code, of numba and of the interpreter from another."""
+    root = Path(tccm_ros.__file__).parent
+    digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
+    for path in sorted(root.rglob("*.py")):
+        found = path.stat()
+        digest.update(f"{path.relative_to(root)} {found.st_mtime_ns} {found.st_size}\n".encode())
+    return digest.hexdigest()
+
+
+def _end_with(parent: int) -> None:
+    """End this process when its parent has ended, however that was."""
+    while os.getppid() == parent:
+        time.sleep(1.0)
+    os._exit(1)
+
+
+def main() -> None:
+    """Compile the kernels of a node; its configuration is read from the standard input."""
+    taker = sys.argv[1]
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    WARM_UPS[taker](Config.model_validate_json(sys.stdin.read()))
+    marker = _marker(taker)
+    if marker is not None:
+        with suppress(OSError):
+            marker.write_text(_fingerprint())
+
+
+if __name__ == "__main__":
+    main()

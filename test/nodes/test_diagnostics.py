@@ -1,0 +1,127 @@
+"""/diagnostics over DDS: an error where the node cannot work, a warning where the map suffers."""
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from live_robot import Listener, end_input, recording, slam, tccm
+
+SILENCE = 0.2
+"""Seconds of silence that are told in these tests."""
+
+
+class Statuses:
+    """The newest status of each name on /diagnostics."""
+
+    def __init__(self, ros):
+        self._arrays = Listener(ros, "monitor").listen(DiagnosticArray, "/diagnostics")
+
+    def __getitem__(self, name):
+        for array in reversed(self._arrays):
+            for status in array.status:
+                if status.name == name:
+                    return status
+        return None
+
+    def is_at(self, name, level, *words) -> bool:
+        """Return whether a status has a level and some words."""
+        status = self[name]
+        return status and status.level == level and all(w in status.message for w in words)
+
+    def values(self, name) -> dict[str, str]:
+        return {item.key: item.value for item in self[name].values}
+
+
+def only(records, *topics):
+    return [(topic, record) for topic, record in records if topic in topics]
+
+
+def without(records, *topics):
+    return [(topic, record) for topic, record in records if topic not in topics]
+
+
+def test_no_input_at_all_is_an_error_of_both_nodes(ros):
+    statuses = Statuses(ros)
+    tccm(ros, qos__silence=SILENCE)
+    slam(ros, namespace="/elsewhere", qos__silence=SILENCE)
+    error = DiagnosticStatus.ERROR
+    ros.spin_until(lambda: statuses.is_at("tccm", error, "nobody publishes '/tilt_scan'"))
+    ros.spin_until(lambda: statuses.is_at("tccm: /tilt_scan", error))
+    ros.spin_until(
+        lambda: statuses.is_at("elsewhere/surface_slam", error, "nothing to map", "/elsewhere/scan")
+    )
+
+
+def test_the_wrong_namespace_is_an_error_that_names_the_right_topic(ros):
+    statuses, node, robot = Statuses(ros), tccm(ros, namespace="/a", qos__silence=SILENCE), None
+    robot = ros.robot(namespace="/b")
+    robot.play(recording(1))
+    ros.spin_until(
+        lambda: statuses.is_at("a/tccm", DiagnosticStatus.ERROR, "/b/tilt_scan", "namespace")
+    )
+    assert node.inputs.counts()["/a/tilt_scan"] == 0
+
+
+def test_no_odometry_is_an_error_of_the_tccm_and_a_warning_of_slam(ros):
+    statuses, nodes, robot = Statuses(ros), [tccm(ros), slam(ros)], ros.robot()
+    robot.play(without(recording(3), "odom"), *nodes)
+    words = ("nobody publishes '/odom'", "no tf")
+    ros.spin_until(lambda: statuses.is_at("tccm", DiagnosticStatus.ERROR, *words, "stand still"))
+    ros.spin_until(lambda: statuses.is_at("surface_slam", DiagnosticStatus.WARN, *words))
+
+
+def test_no_level_laser_is_a_warning_of_slam(ros):
+    nodes = [tccm(ros, qos__silence=SILENCE), slam(ros, qos__silence=SILENCE)]
+    statuses, robot = Statuses(ros), ros.robot()
+    robot.play(without(recording(3), "scan"), *nodes)
+    ros.spin_until(
+        lambda: statuses.is_at("surface_slam", DiagnosticStatus.WARN, "level laser", "'/scan'")
+    )
+    assert statuses.is_at("tccm", DiagnosticStatus.OK)
+
+
+def test_a_robot_that_has_stopped_is_ok(ros):
+    """All inputs end together, and the tilt joint came to rest before."""
+    nodes = [tccm(ros, qos__silence=SILENCE), slam(ros, qos__silence=SILENCE)]
+    statuses, robot = Statuses(ros), ros.robot()
+    records = list(recording(4))
+    robot.play(records, *nodes)
+    last = next(r.positions for t, r in reversed(records) if t == "joint_states")
+    rest = list(recording(4, start_ns=records[-1][1].stamp_ns + 1))
+    for topic, record in rest:
+        if topic == "joint_states":
+            record.positions[:] = last
+    robot.play(rest, *nodes)
+    for node in nodes:
+        end_input(node)
+    assert nodes[0].dropped["joint rests"] > 20
+    before = {name: statuses[name] for name in ("tccm", "surface_slam")}
+    for name in before:
+        ros.spin_until(lambda n=name: statuses[n] is not None and statuses[n] is not before[n])
+    ros.remove(robot.node)
+    seen = {name: statuses[name] for name in before}
+    for name in seen:
+        ros.spin_until(lambda n=name: statuses[n] is not seen[n])
+        assert statuses.is_at(name, DiagnosticStatus.OK), statuses[name].message
+
+
+def test_each_input_has_counts_that_agree_and_a_latency(ros):
+    nodes, statuses, robot = [tccm(ros), slam(ros)], Statuses(ros), ros.robot()
+    records = list(recording(5))
+    robot.play(records, *nodes)
+    for node in nodes:
+        end_input(node)
+    sent = {t: sum(topic == t for topic, _ in records) for t in ("tilt_scan", "scan", "odom")}
+    for name, topic, fewest in (
+        ("tccm", "tilt_scan", 60),
+        ("tccm", "odom", sent["odom"]),
+        ("surface_slam", "scan", sent["scan"] - 1),
+    ):
+        full = f"{name}: /{topic}"
+        ros.spin_until(
+            lambda f=full, n=fewest: statuses[f] and int(statuses.values(f)["used"]) >= n,
+            what=full,
+        )
+        values = statuses.values(full)
+        assert int(values["expected"]) == int(values["received"]) == sent[topic]
+        assert int(values["used"]) <= int(values["received"])
+        assert "latency [s]" in values
+    used = nodes[0].processor.counts["scans used"] + sum(nodes[0].dropped.values())
+    assert used == sent["tilt_scan"]

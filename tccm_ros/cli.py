@@ -189,7 +189,7 @@ def calibrate(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Estimate tilt zero, scale, roll, height and delay from recordings of rooms."""
+    """Estimate zeros, scale, roll, height and delay of a tilting laser, or a head with a camera."""
     from tccm_ros.config.reader import read_config
     from tccm_ros.pipeline.calibrate.calibration import calibrate as run
     from tccm_ros.pipeline.calibrate.files import write_calibration

@@ -44,7 +44,7 @@ def test_the_configuration_of_a_robot_maps_a_recording_with_its_frames_and_topic
 
 def test_the_bundled_kitchen_is_mapped_from_its_topics_types_alone(tmp_path):
     bag = ROOT / "bags" / "rgbd_kitchen"
-    summary = replay(bag, tmp_path / "map", pictures=False)
+    summary = replay(bag, tmp_path / "map", read_config(), pictures=False)
     taken = "\n".join(summary.found_topics)
     assert "/head_camera/depth/image_raw/compressedDepth was taken" in taken
     assert "/base_scan was taken" in taken

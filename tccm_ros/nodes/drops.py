@@ -18,6 +18,13 @@ ADVICE = {
     "duplicate stamp": "stamps repeat: look for two publishers of the scan topic",
     "malformed": "angles and times have to be finite numbers: look at the laser's driver",
     "empty": "scans have no beams: look at the laser's driver",
+    "no camera info": "each depth image needs a calibration beside it: look at 'camera_info', or "
+    "remap it",
+    "camera info of another frame": "the calibration has another frame_id than the image: look at "
+    "the camera's driver",
+    "image and camera info of different sizes": "the calibration is of another size than the "
+    "image: look at the camera's driver",
+    "no depths": "depth images hold nothing: look at the camera, its cover and its range",
     "overload": "more comes in than can be processed: fewer beams, a slower laser or a faster CPU",
 }
 

@@ -19,7 +19,14 @@ from tccm_ros.records import CameraInfo, DepthImage, Posed
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.robot.streams import Companion
 from tccm_ros.sensors.camera_rays import pixel_rays
-from tccm_ros.sensors.depth_kernels import drop_edges, place_pixels, read_depths, sight_lines
+from tccm_ros.sensors.depth_kernels import (
+    BLOCK,
+    block_strides,
+    drop_edges,
+    place_pixels,
+    read_depths,
+    sight_lines,
+)
 from tccm_ros.sensors.depth_messages import CAMERA_INFO_READER, COMPRESSED_READER, IMAGE_READER
 from tccm_ros.sensors.measured import MeasuredPoints, in_region, without_robot
 
@@ -157,15 +164,27 @@ class SeenDepths(NamedTuple):
         float32 (H, W, 2), x and y of the pixels' lines of sight at z = 1.
     T
         float64 (3, 4), T_odom_camera.
-    step
-        Distance of neighbouring pixels at z = 1.
+    steps
+        Distance of neighbouring columns and rows at z = 1.
     """
 
     z: Float32
     usable: UInt8
     rays: Float32
     T: Float64
-    step: float
+    steps: tuple[float, float]
+
+    def points(self, max_z: float, half: float) -> Float64:
+        """Return the points (N, 3), m, in odom of depths up to `max_z`, m.
+
+        Where they are nearer to each other than `half`, m, they are thinned to that.
+        """
+        height, width = self.z.shape
+        strides = np.empty((-(-height // BLOCK), -(-width // BLOCK), 2), np.int8)
+        bound = block_strides(self.z, self.usable, self.rays, self.steps, half, strides)
+        points = np.empty((bound, 3))
+        n = place_pixels(self.z, self.usable, self.rays, np.float32(max_z), strides, self.T, points)
+        return points[:n]
 
 
 def seen_depths(posed: PosedImage, config: Config) -> SeenDepths:
@@ -183,7 +202,7 @@ def seen_depths(posed: PosedImage, config: Config) -> SeenDepths:
     noise = np.array([EDGE_SIGMAS * a, EDGE_SIGMAS * b, c])
     drop_edges(z, step_u, step_v, 1.0 / math.tan(MIN_SIGHT_ANGLE), noise, usable)
     T = np.ascontiguousarray((posed.T_odom_base[0] @ posed.T_base_sensor[0])[:3])
-    return SeenDepths(z, usable, rays, T, float(step_u))
+    return SeenDepths(z, usable, rays, T, (float(step_u), float(step_v)))
 
 
 def measure_image(posed: PosedImage, config: Config) -> MeasuredPoints:
@@ -191,10 +210,8 @@ def measure_image(posed: PosedImage, config: Config) -> MeasuredPoints:
     seen = seen_depths(posed, config)
     height, width = seen.z.shape
     max_z = min(max_mapped_depth(config), 1e6)
-    half = np.float32(0.5 * config.map.cell_size)
-    points = np.empty((height * width, 3))
-    n = place_pixels(seen.z, seen.usable, seen.rays, np.float32(max_z), half, seen.T, points)
-    spacing = LINES_PER_COLUMN * config.views.reach * seen.step
+    points = seen.points(max_z, 0.5 * config.map.cell_size)
+    spacing = LINES_PER_COLUMN * config.views.reach * seen.steps[0]
     every = max(int(config.views.cell_size / spacing), 1)
     room = (height // every + 1) * (width // every + 1)
     ends, hits = np.zeros((room, 3)), np.zeros(room, np.bool_)
@@ -202,11 +219,11 @@ def measure_image(posed: PosedImage, config: Config) -> MeasuredPoints:
     passed = np.array([PASSED_SIGMAS * a, PASSED_SIGMAS * b, c])
     lines = sight_lines(seen.z, seen.usable, seen.rays, every, max_z, passed, seen.T, ends, hits)
     measured = MeasuredPoints(
-        points=points[:n].copy(),
+        points=points,
         stamps_ns=None,
         origins=np.broadcast_to(seen.T[:, 3], (lines, 3)).copy(),
         ends=ends[:lines].copy(),
         hits=hits[:lines].copy(),
-        line_angle=every * seen.step,
+        line_angle=every * seen.steps[0],
     )
     return in_region(without_robot(measured, posed, config), posed, config)

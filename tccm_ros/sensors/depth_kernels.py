@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-TOP_LEVEL = 4
-"""Images are thinned to every 2^4th pixel at most."""
+BLOCK = 8
+"""Pixels along the edge of a block, in which thinning is uniform: at most one pixel stays."""
 
 
 @njit(nogil=True, cache=True)
@@ -71,16 +71,67 @@ def drop_edges(z: Any, step_u: Any, step_v: Any, slope: Any, noise: Any, usable:
 
 
 @njit(nogil=True, cache=True)
-def _is_needless(
-    z: Any, usable: Any, rays: Any, va: Any, ua: Any, vb: Any, ub: Any, half: Any
-) -> Any:
-    """Return whether what two pixels see is so near to each other that none is needed between."""
-    if usable[va, ua] == 0 or usable[vb, ub] == 0:
-        return False
-    p, q = z[va, ua], z[vb, ub]
-    dx = rays[va, ua, 0] * p - rays[vb, ub, 0] * q
-    dy = rays[va, ua, 1] * p - rays[vb, ub, 1] * q
-    return dx * dx + dy * dy + (p - q) * (p - q) < half * half
+def block_strides(z: Any, usable: Any, rays: Any, steps: Any, half: Any, strides: Any) -> Any:
+    """Write which pixels of each block are enough, and return how many there are at most.
+
+    The slope of the surface is that between the means of a block's halves, in which the noise of
+    single pixels is gone. Every k-th column and row is enough where points so far apart on the
+    surface are nearer than `half`; a block with less than half of its pixels, or on both sides of
+    an edge, is not thinned.
+
+    Parameters
+    ----------
+    z, usable, rays
+        As of `place_pixels`.
+    steps
+        Distance of neighbouring columns and rows at z = 1.
+    half
+        Half of a cell, m.
+    strides
+        int8 (ceil(H / BLOCK), ceil(W / BLOCK), 2), written: of columns and rows.
+    """
+    height, width = z.shape
+    bound, middle = 0, BLOCK // 2
+    sums, counts = np.empty((2, 2)), np.empty((2, 2), np.int64)
+    for b in range(strides.shape[0]):
+        v0, v1 = b * BLOCK, min((b + 1) * BLOCK, height)
+        for c in range(strides.shape[1]):
+            u0, u1 = c * BLOCK, min((c + 1) * BLOCK, width)
+            sums[:], counts[:] = 0.0, 0
+            for v in range(v0, v1):
+                low = np.int64(v - v0 >= middle)
+                left_sum, right_sum = np.float32(0.0), np.float32(0.0)
+                left, right = 0, 0
+                for u in range(u0, min(u0 + middle, u1)):
+                    left_sum += z[v, u] * usable[v, u]
+                    left += usable[v, u]
+                for u in range(min(u0 + middle, u1), u1):
+                    right_sum += z[v, u] * usable[v, u]
+                    right += usable[v, u]
+                sums[low, 0] += left_sum
+                sums[low, 1] += right_sum
+                counts[low, 0] += left
+                counts[low, 1] += right
+            total = counts.sum()
+            across, down = np.int64(1), np.int64(1)
+            if 2 * total >= BLOCK * BLOCK and counts.min() > 0:
+                mean = sums.sum() / total
+                x = np.float64(rays[(v0 + v1) // 2, (u0 + u1) // 2, 0])
+                y = np.float64(rays[(v0 + v1) // 2, (u0 + u1) // 2, 1])
+                left_mean = sums[:, 0].sum() / counts[:, 0].sum()
+                right_mean = sums[:, 1].sum() / counts[:, 1].sum()
+                upper_mean = sums[0].sum() / counts[0].sum()
+                lower_mean = sums[1].sum() / counts[1].sum()
+                slope_u = (right_mean - left_mean) / middle
+                slope_v = (lower_mean - upper_mean) / middle
+                square_u = (mean * steps[0] + slope_u * x) ** 2 + slope_u**2 * (y * y + 1.0)
+                square_v = (mean * steps[1] + slope_v * y) ** 2 + slope_v**2 * (x * x + 1.0)
+                across = np.int64(min(max(half / np.sqrt(square_u), 1.0), 1.0 * BLOCK))
+                down = np.int64(min(max(half / np.sqrt(square_v), 1.0), 1.0 * BLOCK))
+            strides[b, c, 0], strides[b, c, 1] = across, down
+            columns, rows = -(-(u1 - u0) // across), -(-(v1 - v0) // down)
+            bound += min(columns * rows, total)
+    return bound
 
 
 @njit(nogil=True, cache=True)
@@ -96,12 +147,12 @@ def _is_lone(usable: Any, v: Any, u: Any) -> Any:
 
 
 @njit(nogil=True, cache=True)
-def place_pixels(z: Any, usable: Any, rays: Any, max_z: Any, half: Any, T: Any, points: Any) -> Any:
-    """Write the points of the pixels that are needed, and return how many there are.
+def place_pixels(
+    z: Any, usable: Any, rays: Any, max_z: Any, strides: Any, T: Any, points: Any
+) -> Any:
+    """Write the points of the pixels that are enough, and return how many there are.
 
-    Columns and rows are thinned each, by halves: a column that 2^k divides, and no more, is left
-    out at a pixel where those 2^k to either side see points nearer than `half` to each other. So
-    what stays has nowhere more than `half` between, and nothing is left out where it would be.
+    Of each patch of a block's strides the first pixel that shows a surface stays.
 
     Parameters
     ----------
@@ -111,8 +162,8 @@ def place_pixels(z: Any, usable: Any, rays: Any, max_z: Any, half: Any, T: Any, 
         float32 (H, W, 2), x and y of the pixels' lines of sight at z = 1.
     max_z
         Depths beyond are not mapped, m.
-    half
-        Half of a cell, m.
+    strides
+        As of `block_strides`.
     T
         float64 (3, 4), pose of the optical frame in the frame of the points.
     points
@@ -120,33 +171,34 @@ def place_pixels(z: Any, usable: Any, rays: Any, max_z: Any, half: Any, T: Any, 
     """
     height, width = z.shape
     n = 0
-    for v in range(height):
-        kv = 1
-        while kv < 1 << TOP_LEVEL and v % (2 * kv) == 0:
-            kv *= 2
-        inner_v = kv < 1 << TOP_LEVEL and v + kv < height
-        for u in range(width):
-            d = z[v, u]
-            if usable[v, u] == 0 or d > max_z:
-                continue
-            ku = 1
-            while ku < 1 << TOP_LEVEL and u % (2 * ku) == 0:
-                ku *= 2
-            if (
-                ku < 1 << TOP_LEVEL
-                and u + ku < width
-                and _is_needless(z, usable, rays, v, u - ku, v, u + ku, half)
-            ):
-                continue
-            if inner_v and _is_needless(z, usable, rays, v - kv, u, v + kv, u, half):
-                continue
-            if _is_lone(usable, v, u):
-                continue
-            x, y = np.float64(rays[v, u, 0] * d), np.float64(rays[v, u, 1] * d)
-            for i in range(3):
-                points[n, i] = T[i, 0] * x + T[i, 1] * y + T[i, 2] * d + T[i, 3]
-            n += 1
+    for b in range(strides.shape[0]):
+        v0, v1 = b * BLOCK, min((b + 1) * BLOCK, height)
+        for c in range(strides.shape[1]):
+            u0, u1 = c * BLOCK, min((c + 1) * BLOCK, width)
+            across, down = np.int64(strides[b, c, 0]), np.int64(strides[b, c, 1])
+            for top in range(v0, v1, down):
+                for left in range(u0, u1, across):
+                    v, u = _first_usable(
+                        z, usable, (top, min(top + down, v1)), (left, min(left + across, u1)), max_z
+                    )
+                    if v < 0:
+                        continue
+                    d = np.float64(z[v, u])
+                    x, y = rays[v, u, 0] * d, rays[v, u, 1] * d
+                    for i in range(3):
+                        points[n, i] = T[i, 0] * x + T[i, 1] * y + T[i, 2] * d + T[i, 3]
+                    n += 1
     return n
+
+
+@njit(nogil=True, cache=True)
+def _first_usable(z: Any, usable: Any, rows: Any, columns: Any, max_z: Any) -> Any:
+    """Return row and column of the first pixel of a patch that can be mapped, -1 if none can."""
+    for v in range(rows[0], rows[1]):
+        for u in range(columns[0], columns[1]):
+            if usable[v, u] != 0 and z[v, u] <= max_z and not _is_lone(usable, v, u):
+                return v, u
+    return -1, -1
 
 
 @njit(nogil=True, cache=True)

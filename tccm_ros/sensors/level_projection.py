@@ -18,7 +18,6 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.records import Event, Posed, Scan
 from tccm_ros.sensors.depth_image import PosedImage, seen_depths
-from tccm_ros.sensors.depth_kernels import place_pixels
 from tccm_ros.sensors.measured import MeasuredPoints, without_robot
 from tccm_ros.sensors.point_cloud import PosedCloud, placed_points
 
@@ -86,11 +85,7 @@ class LevelProjector:
             points = placed_points(posed, self._config).points
         else:
             assert isinstance(posed, PosedImage)
-            seen = seen_depths(posed, self._config)
-            points = np.empty((seen.z.size, 3))
-            far, all_pixels = np.float32(np.inf), np.float32(0.0)
-            n = place_pixels(seen.z, seen.usable, seen.rays, far, all_pixels, seen.T, points)
-            points = points[:n]
+            points = seen_depths(posed, self._config).points(1e6, 0.0)
         nothing = np.zeros((0, 3))
         measured = MeasuredPoints(points, None, nothing, nothing, np.zeros(0, np.bool_), 0.0)
         return without_robot(measured, posed, self._config).points

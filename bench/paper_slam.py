@@ -31,7 +31,7 @@ from tccm_ros.pipeline.evaluate.trajectory_errors import (
 )
 from tccm_ros.pipeline.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.pipeline.replay import replay
-from tccm_ros.pipeline.sim import simulate
+from tccm_ros.pipeline.sim.recording import simulate
 from tccm_ros.results.trajectory import read_tum
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 

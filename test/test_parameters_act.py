@@ -6,6 +6,7 @@ map, surface messages; trajectory, walls, loop closures; surfaces and their labe
 """
 
 import hashlib
+import itertools
 import json
 from dataclasses import replace
 from functools import cache
@@ -23,6 +24,7 @@ from shared_data import shared
 from tccm_ros.bags.carmen import import_carmen
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.config import Config, parameters
+from tccm_ros.cuboids.timed_cycles import TimedCycles
 from tccm_ros.records import JointSample, Odometry, PosedScan
 from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.surfaces.labels import label_surfaces
@@ -107,6 +109,14 @@ def tccm(records, config):
         ],
         [cuboids.ix, cuboids.iy, cuboids.top, cuboids.bottom, cuboids.count],
     )
+
+
+def cycles_by_time(config):
+    """Return the spans of cycles where no laser tilts."""
+    cycles = TimedCycles(config, itertools.count())
+    for stamp in range(0, 5 * 10**9, 10**8):
+        cycles.advance_to(stamp, np.eye(4))
+    return digest([[span.start_ns, span.end_ns] for span in cycles.closed])
 
 
 LAP = [(0, 0), (12, 0), (12, 9), (0, 9), (0, 0), (4, 0)]
@@ -235,6 +245,7 @@ STAGES = {
     "room": lambda c: tccm(changing_room(), c),
     "driving": lambda c: tccm(changing_room(DRIVE), c),
     "unsteady": lambda c: tccm(unsteady_tilt(), c),
+    "timed": cycles_by_time,
     "walls": walls,
     "slipping": lambda c: walls(c, run=slipping()),
     "saved walls": lambda c: walls(c, saved_lap()),
@@ -255,6 +266,7 @@ CASES = {
     "cycle.rest_time": ("unsteady", 0.2, {}),
     "cycle.max_gap": ("unsteady", 0.2, {}),
     "cycle.max_time": ("unsteady", 1.0, {}),
+    "cycle.period": ("timed", 2.0, {}),
     "map.cell_size": ("room", 0.03, {}),
     "map.window_cycles": ("room", 2, {}),
     "map.cuboid_depth": ("room", 0.1, {"map.gap": "fixed"}),

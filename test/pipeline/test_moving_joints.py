@@ -5,9 +5,9 @@ import pytest
 
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.config import Config
-from tccm_ros.pipeline import run_bag
-from tccm_ros.pipeline.sim import simulate
+from tccm_ros.pipeline.run import run_bag
 from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.recording import simulate
 from tccm_ros.records import PlaneKind
 
 TILT_CYCLES = 3 * 1.575 + 0.2

@@ -7,14 +7,9 @@ import pytest
 from tccm_ros.config import Config
 from tccm_ros.slam.chain import yaw_offset_for
 from tccm_ros.slam.corners import Corner, corner_factors, find_corners
-from tccm_ros.slam.factors import (
-    BetweenKeyframes,
-    Planar,
-    PriorPose,
-    WallObservation,
-    keyframe_key,
-    wall_key,
-)
+from tccm_ros.slam.factors.keys import keyframe_key, wall_key
+from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
+from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph import PoseGraph
 from tccm_ros.slam.lines import extract_lines
 from tccm_ros.slam.wall_slam import WallSlam

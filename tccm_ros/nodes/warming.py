@@ -157,10 +157,9 @@ def _fingerprint() -> str:
     root = Path(tccm_ros.__file__).parent
     digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
     for path in sorted(root.rglob("*.py")):
-        if b"njit" not in path.read_bytes():
-            continue
-        found = path.stat()
-        digest.update(f"{path.relative_to(root)} {found.st_mtime_ns} {found.st_size}\n".encode())
+        text = path.read_bytes()
+        if b"njit" in text:
+            digest.update(text)
     return digest.hexdigest()
 
 

@@ -2,9 +2,9 @@
 
     python bench/bench_nodes.py [--seconds 20]
 
-Prints, for each node, its fraction of a core, its longest step and the scans lost; and how long
-after a cycle's last beam its planes are out. The simulator's world `load` (1,081 beams at 40 Hz
-tilting, 361 at 12.5 Hz level) is computed before the clock starts.
+Prints, for each node, its fraction of a core, its memory, its longest step and the scans lost;
+and how long after a cycle's last beam its planes are out. The simulator's world `load` (1,081
+beams at 40 Hz tilting, 361 at 12.5 Hz level) is computed before the clock starts.
 """
 
 from __future__ import annotations
@@ -67,6 +67,13 @@ def cpu_seconds(pid: int) -> float:
     """Return the processor time of a process, s."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def memory_mb(pid: int) -> tuple[int, int]:
+    """Return what of a process is in memory, and that less what others share, MB."""
+    lines = [line.split() for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()]
+    kilobytes = {line[0]: int(line[1]) for line in lines[1:]}
+    return kilobytes["Rss:"] // 1024, kilobytes["Pss:"] // 1024
 
 
 class Driver(Node):
@@ -182,18 +189,22 @@ def measure(messages, cycles, processes, seconds: float) -> None:
     driver = Driver(messages)
     driver.spin_until(lambda: driver.pubs["/tilt_scan"].get_subscription_count() == 2)
     driver.spin_until(lambda: driver.pubs["/scan"].get_subscription_count() == 1)
-    driver.spin_until(lambda: {"tccm", "surface_slam"} <= set(driver.reports))
+    for name in ("tccm", "surface_slam"):
+        driver.spin_until(lambda n=name: driver.reports.get(n, {}).get("ready") == "True")
     before = [cpu_seconds(p.pid) for p in processes]
     driver.play()
     elapsed = [cpu_seconds(p.pid) - b for p, b in zip(processes, before)]
     late = latencies(driver, cycles)
-    print("\n| node | fraction of a core | longest step | received / sent scans | dropped |")
-    print("|---|---|---|---|---|")
-    for name, topic, used in zip(("tccm", "surface_slam"), ("/tilt_scan", "/scan"), elapsed):
+    print("\n| node | of a core | RSS, PSS | longest step | scans received / sent | dropped |")
+    print("|---|---|---|---|---|---|")
+    memory = ["{} MB, {} MB".format(*memory_mb(p.pid)) for p in processes]
+    for name, topic, used, held in zip(
+        ("tccm", "surface_slam"), ("/tilt_scan", "/scan"), elapsed, memory
+    ):
         values = driver.reports[name]
         dropped = {k: v for k, v in values.items() if k.startswith(("dropped", "lost"))}
         print(
-            f"| {name} | {used / seconds:.1%} | {values['longest step [s]']} s | "
+            f"| {name} | {used / seconds:.1%} | {held} | {values['longest step [s]']} s | "
             f"{values[f'received {topic}']} / {driver.sent[topic]} | {dropped or 'none'} |"
         )
     if late:

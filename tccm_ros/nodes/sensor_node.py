@@ -379,7 +379,16 @@ class SensorNode(Node):
         source = robot.motion.source
         if source is not None:
             parts.append(f"odometry: {source.value} in '{robot.motion.odom_frame}'")
-        silent = [e.topic for e in self.inputs if not e.count and e.watch != "event"]
+        optional = {
+            self.resolve_topic_name(role)
+            for role, stream in self._streams.items()
+            if stream.mount is MountKind.ANY
+        }
+        silent = [
+            e.topic
+            for e in self.inputs
+            if not e.count and e.watch != "event" and e.topic not in optional
+        ]
         waits = f"; waits for {', '.join(silent)}" if silent else ""
         return f"ready: {', '.join(parts) or 'nothing is known of the robot yet'}{waits}"
 
@@ -451,6 +460,7 @@ class SensorNode(Node):
             f"dropped: {why}": n for why, n in sorted((self.dropped + self.overload).items())
         }
         steps = {
+            "ready": self.warming.is_done,
             "waiting": self.worker.backlog,
             "longest step [s]": f"{self.longest_step_s:.3f}",
         }

@@ -1,4 +1,4 @@
-"""Kernels are compiled (or read from numba's cache) before the first message, not in it.
+"""Kernels of tccm_node are compiled (or read from numba's cache) before the first message.
 
 A throw-away processor gets a small made-up robot in a small made-up room: a floor, two walls, a
 table with something on it.
@@ -33,15 +33,11 @@ from tccm_ros.sensors.depth_image import PosedImage, measure_image
 from tccm_ros.sensors.level_projection import nearest_ranges
 from tccm_ros.sensors.point_cloud import PosedCloud, measure_cloud
 from tccm_ros.sensors.registry import default_streams
-from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 START_NS = 1_000_000_000_000
 PERIOD_NS = 25_000_000
 SCANS = 110
 """Two tilt cycles and a half."""
-
-DRIVE_SCANS, DRIVE_STEP = 150, 0.15
-"""Level scans, and metres between two of them at most."""
 
 BEAMS = 161
 BOXES = (
@@ -81,14 +77,9 @@ def warm_up_tccm(config: Config) -> None:
     _tilt_once(config.model_dump_json())
 
 
-def warm_up_slam(config: Config) -> None:
-    """Drive a throw-away SLAM processor through a room; once in a process for equal settings."""
-    _drive_once(config.model_dump_json())
-
-
 @cache
 def _tilt_once(config_json: str) -> tuple[CycleResult, ...]:
-    config = _with_robot(Config.model_validate_json(config_json))
+    config = with_own_robot(Config.model_validate_json(config_json))
     _measure_once(config)
     robot, processor = Robot(config, default_streams(config)), TccmProcessor(config)
     results: list[CycleResult] = []
@@ -102,19 +93,6 @@ def _tilt_once(config_json: str) -> tuple[CycleResult, ...]:
     for result in results:
         check.add(result)
     return tuple(results)
-
-
-@cache
-def _drive_once(config_json: str) -> None:
-    config = _with_robot(Config.model_validate_json(config_json))
-    robot, slam = Robot(config, default_streams(config)), SurfaceSlam(config)
-    for role, record in _drive():
-        for event in robot.add(role, record):
-            slam.add(event)
-    for result in _tilt_once(config_json):
-        slam.add(result.surfaces)
-        slam.add(result.view)
-    slam.solve()
 
 
 def _measure_once(config: Config) -> None:
@@ -136,7 +114,7 @@ def _measure_once(config: Config) -> None:
     decode_rvl(np.zeros(1, np.uint32), np.zeros(4, np.uint16))
 
 
-def _with_robot(config: Config) -> Config:
+def with_own_robot(config: Config) -> Config:
     """Return the configuration for our own robot in place of the user's."""
     made = config.model_copy(deep=True)
     made.rig.kinematics = "urdf"
@@ -153,10 +131,11 @@ def _tilt() -> Iterator[tuple[str, RobotDescription | Odometry | JointSample | S
         tilt = float(0.7 + 0.5 * np.sin(2.0 * np.pi * k / (SCANS / 1.3)))
         yield "odom", Odometry(stamp_ns, "odom", "base", np.eye(4))
         yield "joint_states", JointSample(stamp_ns, ("tilt",), np.array([tilt]))
-        yield "tilt_scan", _scan(stamp_ns, "laser", bearings, _room_ranges(bearings, tilt))
+        yield "tilt_scan", made_scan(stamp_ns, "laser", bearings, _room_ranges(bearings, tilt))
 
 
-def _scan(stamp_ns: int, frame: str, bearings: Float64, ranges: Float64) -> Scan:
+def made_scan(stamp_ns: int, frame: str, bearings: Float64, ranges: Float64) -> Scan:
+    """Return a scan whose beams follow each other in time."""
     step = float(bearings[1] - bearings[0])
     return Scan(
         stamp_ns, frame, float(bearings[0]), step, BEAM_S, 0.05, 30.0, ranges.astype(np.float32)
@@ -175,18 +154,3 @@ def _room_ranges(bearings: Float64, tilt: float) -> Float64:
             hit = (far * x > x0) & (far * x < x1) & (np.abs(far * y) < half_width)
             ranges = np.where(hit, np.minimum(ranges, far), ranges)
     return ranges
-
-
-def _drive() -> Iterator[tuple[str, RobotDescription | Odometry | Scan]]:
-    """Yield level scans of a drive to and fro in a room of 7 by 5 m, long enough for loops."""
-    yield "robot_description", ROBOT
-    bearings = np.linspace(-2.0, 2.0, BEAMS)
-    for k in range(DRIVE_SCANS):
-        stamp_ns, x = START_NS + k * PERIOD_NS, 1.5 * float(np.sin(DRIVE_STEP / 1.5 * k))
-        T_odom_base = np.eye(4)
-        T_odom_base[0, 3] = x
-        yield "odom", Odometry(stamp_ns, "odom", "base", T_odom_base)
-        c, s = np.cos(bearings), np.sin(bearings)
-        ahead = np.where(c > 0.0, 4.0 - x, 3.0 + x) / np.maximum(np.abs(c), 1e-9)
-        ranges = np.minimum(ahead, 2.5 / np.maximum(np.abs(s), 1e-9))
-        yield "scan", _scan(stamp_ns, LEVEL, bearings, ranges)

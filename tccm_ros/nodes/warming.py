@@ -23,11 +23,7 @@ import numba
 import tccm_ros
 from tccm_ros.config import Config
 from tccm_ros.errors import one_line
-from tccm_ros.nodes.warm_up import warm_up_slam, warm_up_tccm
 from tccm_ros.robot.tracks import interpolate_scalars
-
-WARM_UPS: dict[str, Callable[[Config], None]] = {"tccm": warm_up_tccm, "slam": warm_up_slam}
-"""What compiles the kernels of each node, by `Stream.taker`."""
 
 PROGRESS_S = 5.0
 """Between two lines that say how long it has taken, s."""
@@ -92,7 +88,7 @@ class Warming:
             self._compile()
         if self._is_ended:
             return
-        WARM_UPS[self._taker](self._config)
+        warm_up(self._taker, self._config)
         # What modules and kernels are made of lives until the end; going through it takes 0.1 s.
         gc.collect()
         gc.freeze()
@@ -103,10 +99,14 @@ class Warming:
     def _compile(self) -> None:
         """Have a child fill numba's cache; where it fails, the node compiles itself."""
         start_s = time.monotonic()
-        command = [sys.executable, "-m", "tccm_ros.nodes.warming", self._taker]
+        command = [sys.executable, "-m", "tccm_ros.nodes.warming", self._taker, str(os.getpid())]
         try:
             self._child = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                text=True,
             )
         except OSError as error:
             self._report(f"no process to compile in ({one_line(error)}): the node compiles itself")
@@ -125,6 +125,18 @@ class Warming:
             self._report(f"compiling in a process failed ({last[0]}): the node compiles itself")
 
 
+def warm_up(taker: str, config: Config) -> None:
+    """Compile or load the kernels of a node; what the other one needs is not even imported."""
+    if taker == "tccm":
+        from tccm_ros.nodes.warm_up import warm_up_tccm
+
+        warm_up_tccm(config)
+    else:
+        from tccm_ros.nodes.warm_up_slam import warm_up_slam
+
+        warm_up_slam(config)
+
+
 def is_compiled(taker: str) -> bool:
     """Return whether numba's cache has the kernels of a node, as the code is now."""
     marker = _marker(taker)
@@ -141,12 +153,13 @@ def _marker(taker: str) -> Path | None:
 
 
 def _fingerprint() -> str:
-    """Return what tells one state of the code, of numba and of the interpreter from another."""
+    """Return what tells one state of the kernels, of numba and of the interpreter from another."""
     root = Path(tccm_ros.__file__).parent
     digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
     for path in sorted(root.rglob("*.py")):
-        found = path.stat()
-        digest.update(f"{path.relative_to(root)} {found.st_mtime_ns} {found.st_size}\n".encode())
+        text = path.read_bytes()
+        if b"njit" in text:
+            digest.update(text)
     return digest.hexdigest()
 
 
@@ -160,8 +173,8 @@ def _end_with(parent: int) -> None:
 def main() -> None:
     """Compile the kernels of a node; its configuration is read from the standard input."""
     taker = sys.argv[1]
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
-    WARM_UPS[taker](Config.model_validate_json(sys.stdin.read()))
+    threading.Thread(target=_end_with, args=(int(sys.argv[2]),), daemon=True).start()
+    warm_up(taker, Config.model_validate_json(sys.stdin.read()))
     marker = _marker(taker)
     if marker is not None:
         with suppress(OSError):

@@ -6,7 +6,7 @@ Each message is built only when it is needed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,9 @@ from tccm_ros.ros.output_messages import (
 )
 from tccm_ros.ros.types import MessageTypes
 from tccm_ros.ros.writing import surface_cloud_message, view_message
-from tccm_ros.surfaces.surface_slam import SurfaceSolution
+
+if TYPE_CHECKING:  # tccm_node does without the graph: with gtsam it has 40 MB more
+    from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 MARKERS = "visualization_msgs/msg/MarkerArray"
 CLOUD = "sensor_msgs/msg/PointCloud2"

@@ -15,7 +15,8 @@ from tccm_ros.pipeline.calibrate.rig_check import RigCheck
 from tccm_ros.config import Config
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
 from tccm_ros.nodes.map_folder import write_map
-from tccm_ros.nodes.warm_up import warm_up_slam, warm_up_tccm
+from tccm_ros.nodes.warm_up import warm_up_tccm
+from tccm_ros.nodes.warm_up_slam import warm_up_slam
 from tccm_ros.pipeline.processors import Pipeline
 from tccm_ros.records import Scan
 

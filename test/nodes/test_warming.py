@@ -46,8 +46,8 @@ class Held:
 
     def __init__(self, monkeypatch):
         self.gate = threading.Event()
-        plain = warming.WARM_UPS["tccm"]
-        monkeypatch.setitem(warming.WARM_UPS, "tccm", lambda c: (self.gate.wait(), plain(c)))
+        plain = warming.warm_up
+        monkeypatch.setattr(warming, "warm_up", lambda *a: (self.gate.wait(), plain(*a)))
 
     def node(self, ros, monkeypatch, **values):
         with monkeypatch.context() as patch:  # the helper waits until a node is ready
@@ -93,8 +93,7 @@ def test_what_does_not_fit_is_counted(ros, monkeypatch):
 def test_the_ready_line_names_what_is_waited_for(ros, capfd):
     tccm(ros)
     line = next(t for t in capfd.readouterr().err.splitlines() if "ready" in t)
-    assert "waits for /odom, /joint_states" in line
-    assert "/tilt_scan" in line
+    assert "waits for /tilt_scan, /odom, /joint_states" in line
 
 
 def test_the_state_of_the_code_tells_whether_the_cache_is_filled(monkeypatch, tmp_path):

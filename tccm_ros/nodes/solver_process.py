@@ -52,7 +52,7 @@ from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.surfaces.track_ids import changes
 
-NICENESS = 10
+NICENESS = 5
 """Tracking comes first where there are fewer cores than processes (chosen)."""
 
 

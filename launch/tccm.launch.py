@@ -34,6 +34,9 @@ def generate_launch_description() -> LaunchDescription:
             ("robot_description", LaunchConfiguration("model")),
         ],
         "output": "screen",
+        # The last solution of a long drive takes a while; the one before is saved by then.
+        "sigterm_timeout": "30",
+        "sigkill_timeout": "15",
     }
     return LaunchDescription(
         [

@@ -98,6 +98,11 @@ class CollisionObjects:
                 message_class(COLLISION_OBJECT), "collision_object", COLLISION_PROFILE
             )
 
+    @property
+    def is_published(self) -> bool:
+        """Whether there is such a topic."""
+        return self._publisher is not None
+
     def publish(self, surfaces: Iterable[Surface], stamp_ns: int) -> None:
         """Publish all surfaces but the floor, unless the node is ending."""
         if self._publisher is None or not self._context.ok():

@@ -9,9 +9,10 @@ from rclpy.node import Node
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.geometry import planar, spatial
+from tccm_ros.geometry import spatial
 from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.ros_types import message_class
+from tccm_ros.nodes.solver_channel import Solved
 from tccm_ros.nodes.tf import TfPublisher, has_tf2_msgs
 from tccm_ros.records import TransformSample
 from tccm_ros.ros.output_messages import pose_covariance_message
@@ -20,7 +21,6 @@ from tccm_ros.ros.writing import transform_message
 from tccm_ros.slam.odometry_model import odometry_covariance
 from tccm_ros.slam.se2 import between, compose
 from tccm_ros.slam.wall_slam import LivePose
-from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 
 class LivePosePublisher:
@@ -48,7 +48,7 @@ class LivePosePublisher:
         self._live: LivePose | None = None
         self._newest_ns = -1
         self._keyframe: tuple[Float64, Float64] | None = None
-        self._map_session = np.zeros(3)
+        self._T_map_front = np.zeros(3)
         self.is_localised = True
         self._pose = node.create_publisher(
             message_class("geometry_msgs/msg/PoseWithCovarianceStamped"), "pose", 10
@@ -68,10 +68,11 @@ class LivePosePublisher:
             return None
         return TfPublisher(node, intake, self._config.tf, self.transform)
 
-    def forget(self) -> None:
-        """Publish nothing until the next scan."""
+    def forget(self, *, is_localised: bool = True) -> None:
+        """Publish nothing until the next scan, and before this session is found in its map."""
+        self.is_localised = is_localised
         self._live, self._keyframe, self._newest_ns = None, None, -1
-        self._map_session = np.zeros(3)
+        self._T_map_front = np.zeros(3)
 
     def note_scan(self, stamp_ns: int) -> None:
         """Note the stamp of a scan that has come in.
@@ -86,10 +87,10 @@ class LivePosePublisher:
     def show(self, live: LivePose) -> None:
         """Publish the pose of a scan; nothing before it is known in a map that was loaded."""
         live = live._replace(
-            pose=compose(self._map_session, live.pose),
-            map_odom=compose(self._map_session, live.map_odom),
+            pose=compose(self._T_map_front, live.pose),
+            map_odom=compose(self._T_map_front, live.map_odom),
         )
-        self._live = live if live.localised and self.is_localised else None
+        self._live = live if self.is_localised else None
         if self._live is None:
             return
         if self._pose.get_subscription_count():
@@ -101,15 +102,14 @@ class LivePosePublisher:
         if self._transform.get_subscription_count():
             self._transform.publish(self.transform())
 
-    def note_solution(self, solution: SurfaceSolution) -> None:
-        """Note how well the newest keyframe is known, and where the session is in its map."""
-        slam, place = solution.slam, solution.alignment
-        if place is not None:
-            self.is_localised = place.found
-            self._map_session = planar(place.T_map_session)
-        if len(slam.cov_keyframes):
-            start = compose(self._map_session, slam.keyframes[-1].pose)
-            self._keyframe = start, slam.cov_keyframes[-1]
+    def note_solution(self, solved: Solved) -> None:
+        """Take over where a solution puts this session, and how well it knows the newest keyframe.
+
+        The next pose is corrected by it: map -> odom jumps, as REP-105 allows.
+        """
+        self.is_localised = solved.is_localised
+        self._T_map_front = solved.T_map_front
+        self._keyframe = solved.keyframe
 
     def transform(self) -> Any | None:
         """Return map -> odom as a geometry_msgs/TransformStamped, None before the first scan."""

@@ -97,3 +97,78 @@ class Outputs:
                 self._post(lambda: self._send(name))
 
         return matched
+
+
+class SolutionOutputs:
+    """The topics of a node whose messages another process builds.
+
+    Parameters
+    ----------
+    node
+        The node that publishes.
+    topics
+        Types by topic name; the name is private to the node, unless it is in `shared`.
+    profile
+        QoS of all.
+    ask
+        Asks for messages of the newest solution, which come by `publish` (in the worker).
+    post
+        Has a job done by the worker.
+    shared
+        Topics in the namespace of the node.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topics: Mapping[str, str],
+        profile: QoSProfile,
+        ask: Callable[[frozenset[str]], None],
+        post: Callable[[Callable[[], None]], object],
+        shared: Iterable[str] = (),
+    ):
+        self._context, self._ask = node.context, ask
+        self._unsent: set[str] = set()
+
+        def matched(info: Any) -> None:
+            if info.current_count:
+                post(self._ask_for_unsent)
+
+        self._publishers = {
+            name: node.create_publisher(
+                message_class(kind),
+                name if name in shared else f"~/{name}",
+                profile,
+                event_callbacks=PublisherEventCallbacks(matched=matched),
+            )
+            for name, kind in topics.items()
+        }
+
+    @property
+    def listened(self) -> frozenset[str]:
+        """Topics that somebody listens to."""
+        if not self._context.ok():
+            return frozenset()
+        return frozenset(n for n, p in self._publishers.items() if p.get_subscription_count())
+
+    def publish_solution(self, messages: Mapping[str, bytes]) -> None:
+        """Publish what was asked for of a new solution; the rest when somebody listens."""
+        self._unsent = set(self._publishers)
+        self.publish(messages)
+        self._ask_for_unsent()
+
+    def publish(self, messages: Mapping[str, bytes]) -> None:
+        """Publish messages of the newest solution; nothing once the node is told to stop."""
+        if self._context.ok():
+            for name, message in messages.items():
+                self._publishers[name].publish(message)
+                self._unsent.discard(name)
+
+    def forget(self) -> None:
+        """Ask for nothing before the next solution."""
+        self._unsent.clear()
+
+    def _ask_for_unsent(self) -> None:
+        wanted = self.listened & self._unsent
+        if wanted:
+            self._ask(wanted)

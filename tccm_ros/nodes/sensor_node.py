@@ -81,6 +81,8 @@ class SensorNode(Node):
     ----------
     robot
         Where records become events.
+    saved_note
+        What was saved last without being asked, a sentence; empty: nothing.
     types, bulk_types
         Message classes: rosidl's, and those that hold tables of points as arrays (`Outputs`).
     """
@@ -96,6 +98,7 @@ class SensorNode(Node):
         self.refused: Counter[str] = Counter()
         self.overload: Counter[str] = Counter()
         self.longest_step_s = 0.0
+        self.saved_note, self._unsaved = "", ""
         self.worker = Worker(name, partial(self.refuse, "processing"))
         self.robot = shared or SharedRobot(self.config, self.intake, self._is_odometry_published)
         self.robot.check_shared(self.config)
@@ -126,8 +129,16 @@ class SensorNode(Node):
         """Work on what waits for more events, as at the end of a bag (in the worker)."""
 
     @abstractmethod
-    def write(self, folder: Path) -> None:
-        """Write the map as it is (in the worker)."""
+    def begin_save(self) -> Future:
+        """Have the map of all that has come saved; the future has the sentence that says so."""
+
+    @abstractmethod
+    def autosave(self) -> None:
+        """Have the map saved as it is: open tilt cycles and scans that wait are not disturbed."""
+
+    @abstractmethod
+    def save_at_end(self, is_pressed: Callable[[], bool]) -> None:
+        """Save the map when the node is told to stop, sooner where it is told again."""
 
     @property
     def dropped(self) -> Counter[str]:
@@ -291,43 +302,35 @@ class SensorNode(Node):
         self.feed(event)
         self.longest_step_s = max(self.longest_step_s, time.monotonic() - start)
 
-    def save(self, folder: Path) -> None:
-        """Write the map of all that has come, as at the end of a bag (in the worker)."""
-        self.end_input()
-        self.write(folder)
-
     def _is_odometry_published(self) -> bool:
         return self.inputs.is_published(self.resolve_topic_name("odom"))
 
     # --- services ---
 
-    async def answer(self, job: Future, response: Any, done: str = "") -> Any:
-        """Answer a Trigger request with how a job of the worker went.
+    async def answer(self, job: Future, response: Any) -> Any:
+        """Answer a Trigger request with what a job returned, or with why it failed.
 
         Parameters
         ----------
         job
-            The worker's job.
+            The worker's job; it returns a sentence, or None.
         response
             A Trigger response, which is filled.
-        done
-            Its message where the job succeeds.
         """
         try:
-            await job
+            response.message = await job or ""
         except Exception as error:
             response.success, response.message = False, one_line(error)
             self.get_logger().error(response.message)
         else:
-            response.success, response.message = True, done
+            response.success = True
         return response
 
     async def _on_save_map(self, _: Trigger.Request, response: Trigger.Response) -> Any:
-        folder = self.save_folder()
         with self.robot.lock:  # what waits is worked on before, what comes then is saved next time
             self.robot.flush()
-            job = self.worker.call(partial(self.save, folder), self)
-        return await self.answer(job, response, str(folder))
+            job = self.begin_save()
+        return await self.answer(job, response)
 
     async def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Any:
         return await self.answer(self.worker.call(self.begin, self), response)
@@ -352,7 +355,7 @@ class SensorNode(Node):
             self, self.all_problems, self._all_values, self._input_states
         )
         if self.config.save.autosave_minutes > 0.0:
-            steady_timer(self, 60.0 * self.config.save.autosave_minutes, self._autosave)
+            steady_timer(self, 60.0 * self.config.save.autosave_minutes, self.autosave)
         self.intake.start()
         self.warming.start()
 
@@ -392,22 +395,31 @@ class SensorNode(Node):
         waits = f"; waits for {', '.join(silent)}" if silent else ""
         return f"ready: {', '.join(parts) or 'nothing is known of the robot yet'}{waits}"
 
-    def _autosave(self) -> None:
-        """Have the map written; the open tilt cycle and the scans that wait are not disturbed."""
-        self.worker.post(lambda: self.write(self.save_folder()))
+    def try_to_save(self, save: Callable[[], str]) -> None:
+        """Save without being asked; why that is not possible is said once in a row."""
+        try:
+            self.saved_note, self._unsaved = save(), ""
+        except TccmError as error:
+            if one_line(error) != self._unsaved:
+                self._unsaved = one_line(error)
+                self.get_logger().warning(f"not saved: {self._unsaved}")
 
-    def close(self) -> None:
+    def close(self, is_pressed: Callable[[], bool] = lambda: False) -> None:
         """Finish what waits; save, if asked to.
 
         Before the kernels are loaded there is nothing to save: the process just ends.
+
+        Parameters
+        ----------
+        is_pressed
+            Returns whether the node was told again to stop.
         """
         if not self.warming.is_loaded:
             self.warming.stop()
             sys.stdout.flush()
             os._exit(0)
         if self.config.save.on_shutdown:
-            self.robot.flush()
-            self.worker.wait(lambda: self.save(self.save_folder()))
+            self.save_at_end(is_pressed)
         self.worker.close()
 
     def destroy_node(self) -> None:

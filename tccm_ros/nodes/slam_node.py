@@ -2,52 +2,67 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from tccm_ros.errors import MapError
+from tccm_ros.errors import MapError, TccmError
+from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.collision import CollisionObjects
 from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.live_pose import LivePosePublisher
-from tccm_ros.nodes.map_folder import read_map, write_map
-from tccm_ros.nodes.outputs import Outputs
+from tccm_ros.nodes.map_folder import MAP_FILE, MapKeeper
+from tccm_ros.nodes.outputs import SolutionOutputs
 from tccm_ros.nodes.qos import LARGE_DEPTH, SENSOR_DEPTH, latched, sensor, surface_message
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
-from tccm_ros.records import Event, ScanPose, Surface, SurfaceCloud, ViewIntervals
-from tccm_ros.results.occupancy import occupancy_grid
-from tccm_ros.robot import MountKind
-from tccm_ros.ros.output_messages import grid_message
-from tccm_ros.ros.topic_messages import (
-    SOLUTION_TOPICS,
-    SURFACE_MESSAGE_TOPICS,
-    SolutionMessageBuilder,
-    TopicMessage,
+from tccm_ros.nodes.solver import Solver
+from tccm_ros.nodes.solver_channel import (
+    COLLISION_TOPIC,
+    GRID,
+    GRID_TOPIC,
+    Failed,
+    Messages,
+    PoseStamp,
+    Solved,
 )
+from tccm_ros.nodes.worker import Worker, promise
+from tccm_ros.records import Event, Odometry, SurfaceCloud, ViewIntervals
+from tccm_ros.robot import MountKind
+from tccm_ros.ros.topic_messages import SOLUTION_TOPICS, SURFACE_MESSAGE_TOPICS
 from tccm_ros.sensors.depth_image import depth_stream, is_compressed
 from tccm_ros.sensors.registry import default_streams
-from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
-from tccm_ros.surfaces.track_ids import changes
-
-GRID, GRID_TOPIC = "nav_msgs/msg/OccupancyGrid", "map"
-"""For navigation, latched; saved as map.pgm and map.yaml."""
+from tccm_ros.slam.tracking import Tracker
 
 SOLVE_PERIOD_S = 2.0
 """Shortest time between two solutions, s. Chosen."""
 
-SOLVE_FRACTION = 0.1
+SOLVE_FRACTION = 0.3
 """Fraction of the time that solving may take: a long solution is made less often. Chosen."""
 
 KEYFRAMES_PER_SOLVE = 5
 """Without a new view the map is solved anew after so many keyframes. Chosen."""
+
+LOOK_S = 0.5
+"""The map is looked at so often while no records come, by the wall clock: time may stand still."""
+
+QUIET_S = 2.0
+"""Where no record has come for so long, all that has come is solved."""
+
+PATIENCE_S = 1.2
+"""A save waits so long for the solution with all that has come; then it takes the newest."""
+
+LOOK_AT_END_S = 0.1
+"""Between two looks whether the node was told again to stop."""
 
 
 class SlamNode(SensorNode):
@@ -63,24 +78,28 @@ class SlamNode(SensorNode):
 
     def __init__(self, shared: SharedRobot | None = None, **kwargs: Any):
         super().__init__("surface_slam", "slam", shared, **kwargs)
-        self.processor = SurfaceSlam(self.config)
+        self.solver = Solver(self.config, self._on_answer)
+        self.processor = Tracker(self.config)
+        self.saver = Worker("saver", partial(self.refuse, "saving"))
+        self._keeper = MapKeeper()
         self.newest_ns = 0
         self._unsolved: Counter[str] = Counter()
         self._next_solve_s = 0.0
+        self._last_s = time.monotonic()
         self._shown_ns = -1
-        self._surfaces: tuple[Surface, ...] = ()
         self._has_tilt_scan = False
+        self._saved_keyframes, self._has_loaded = 0, False
         self.live = LivePosePublisher(self, self.types, self.config, self.intake)
-        self._message_builder = SolutionMessageBuilder(self.bulk_types, self.live.map_frame)
         topics = {**SOLUTION_TOPICS, GRID_TOPIC: GRID}
-        profiles = dict.fromkeys(topics, latched())
-        self._outputs = Outputs(
-            self, self.bulk_types, topics, profiles, self.worker.post, shared=(GRID_TOPIC,)
+        self._outputs = SolutionOutputs(
+            self, topics, latched(), self.solver.show, self.worker.post, shared=(GRID_TOPIC,)
         )
         self._boxes = CollisionObjects(self, self.types, self.live.map_frame)
         self.listen(watch="stream")
         self._listen_to_tccm()
+        self.add_post_set_parameters_callback(lambda _: self.worker.post(self._note_config))
         self.create_service(Trigger, "~/load_map", self._on_load_map)
+        self._look = steady_timer(self, LOOK_S, lambda: self.worker.post(self._solve_when_quiet))
         self.start()
 
     def _listen_to_tccm(self) -> None:
@@ -125,25 +144,36 @@ class SlamNode(SensorNode):
 
     def _on_mapped_scan(self, data: bytes) -> None:
         if self.config.qos.stamp == "header" and not self.processor.counts["level scans"]:
-            stamp_ns, self._has_tilt_scan = raw_stamp_ns(data), True
-            self.worker.offer(lambda: self.processor.add_pose_stamp(stamp_ns), is_droppable=True)
+            stamp = PoseStamp(raw_stamp_ns(data))
+            self._has_tilt_scan = True
+            self.worker.offer(lambda: self._solve_with(stamp), is_droppable=True)
 
     # --- in the worker ---
 
     def feed(self, event: Any) -> None:
-        """Give one event to the processor; publish poses, and a solution when it is due."""
+        """Track the base and publish its pose; have the map solved when that is due."""
         self.newest_ns = max(self.newest_ns, getattr(event, "stamp_ns", 0))
-        resets = self.processor.counts["resets"]
-        poses = self.processor.add(event)
-        if self.processor.counts["resets"] != resets:
-            self._forget()
-        self._unsolved["clouds"] += type(event) is SurfaceCloud
-        self._show_poses(poses)
+        before = Counter(self.processor.counts)
+        self._solve_with(event)
+        self.processor.add(event)
+        if self.processor.counts["resets"] != before["resets"]:
+            self._forget(is_localised=not self._has_loaded)
+        for counted in ("clouds", "keyframes"):
+            self._unsolved[counted] += self.processor.counts[counted] - before[counted]
+        self._show_pose()
         if self.worker.backlog == 0:
             self._solve_when_due()
 
-    def _show_poses(self, poses: Iterable[ScanPose]) -> None:
-        self._unsolved["keyframes"] += sum(pose.keyframe >= 0 for pose in poses)
+    def _solve_with(self, event: Any) -> None:
+        """Give an event to the solver."""
+        self._last_s = time.monotonic()
+        self._unsolved["records"] += type(event) is not Odometry
+        self.solver.feed(event)
+
+    def _note_config(self) -> None:
+        self.solver.feed(self.config.model_copy(deep=True))
+
+    def _show_pose(self) -> None:
         live = self.processor.current_pose()
         has_scan = self.processor.counts["level scans"] or self._has_tilt_scan
         if has_scan and live.stamp_ns > self._shown_ns and self.context.ok():
@@ -153,77 +183,164 @@ class SlamNode(SensorNode):
 
     def _solve_when_due(self) -> None:
         new = self._unsolved
-        if not (new["clouds"] or new["keyframes"] >= KEYFRAMES_PER_SOLVE):
-            return
-        start = time.monotonic()
-        if start < self._next_solve_s or self._waits_for_scan:
-            return
-        self._show(self.processor.solve(every_covariance=False))
-        duration_s = time.monotonic() - start
-        self._next_solve_s = start + max(SOLVE_PERIOD_S, duration_s / SOLVE_FRACTION)
+        if new["clouds"] or new["keyframes"] >= KEYFRAMES_PER_SOLVE:
+            self._solve_in_turn()
+
+    def _solve_when_quiet(self) -> None:
+        """Have all solved that has come, once nothing more comes."""
+        self._solve_when_due()
+        if self._unsolved["records"] and time.monotonic() - self._last_s > QUIET_S:
+            self._solve_in_turn()
+
+    def _solve_in_turn(self) -> None:
+        is_due = time.monotonic() >= self._next_solve_s and not self._waits_for_scan
+        if is_due and not self.solver.is_solving and self.context.ok():
+            self._ask_solution()
+
+    def _ask_solution(self) -> int:
+        """Ask for a solution with all that has come; return its number."""
+        self._unsolved.clear()
+        self._next_solve_s = time.monotonic() + SOLVE_PERIOD_S
+        boxes = {COLLISION_TOPIC} if self._boxes.is_published else set()
+        return self.solver.solve(self._outputs.listened | boxes)
 
     @property
     def _waits_for_scan(self) -> bool:
         """Whether nothing places this session in the map that was loaded yet."""
-        return bool(self.processor.saved_keyframes) and not self.processor.counts["level scans"]
+        return self._saved_keyframes > 0 and not self.processor.counts["level scans"]
 
-    def _show(self, solution: SurfaceSolution) -> None:
-        self._unsolved.clear()
-        self.live.note_solution(solution)
-        self._outputs.publish(self._message_builder.of(solution, self.newest_ns))
-        self._outputs.publish([TopicMessage(GRID_TOPIC, GRID, self._grid)])
-        self._boxes.publish(solution.surfaces, self.newest_ns)
-        for change in changes(self._surfaces, solution.surfaces):
-            self.get_logger().info(str(change))
-        self._surfaces = solution.surfaces
+    def _on_answer(self, answer: Solved | Messages | Failed) -> None:
+        if isinstance(answer, Solved):
+            self.worker.post(lambda: self._show(answer))
+        elif isinstance(answer, Messages):
+            self.worker.post(lambda: self._outputs.publish(answer.messages))
+        else:
+            self.refuse("solving", TccmError(answer.error))
 
-    def _grid(self) -> Any:
-        """Return the level scans as a nav_msgs/OccupancyGrid; empty without a level laser."""
-        grid = occupancy_grid(self.processor.walls.saved())
-        cells, size, origin = np.zeros((0, 0), np.int8), 0.05, np.eye(4)
-        if grid is not None:
-            cells, size, origin[:2, 3] = grid.cells, grid.resolution, grid.origin
-        frame = self.live.map_frame
-        return grid_message(self.bulk_types, self.newest_ns, frame, cells, size, origin)
+    def _show(self, solved: Solved) -> None:
+        """Take over and publish what a solution says; not one from before a clock jump."""
+        self._next_solve_s = time.monotonic() + max(
+            SOLVE_PERIOD_S - solved.duration_s, solved.duration_s * (1.0 / SOLVE_FRACTION - 1.0)
+        )
+        if not self.solver.is_of_session(solved) or solved.resets != self._resets:
+            return
+        self.live.note_solution(solved)
+        self._outputs.publish_solution(solved.messages)
+        self._boxes.publish(solved.surfaces, solved.stamp_ns)
+        for change in solved.changes:
+            self.get_logger().info(change)
 
-    def write(self, folder: Path) -> None:
-        """Solve with all that has come and write the map."""
-        if self._waits_for_scan:
-            raise MapError("no level scan since the map was loaded: there is nothing new to save")
-        solution = self.processor.solve()
-        self._show(solution)
-        write_map(folder, self.processor, solution, self.live.map_frame)
+    @property
+    def _resets(self) -> int:
+        return self.processor.counts["resets"]
 
-    def load(self, folder: Path) -> None:
+    @property
+    def _has_solution(self) -> bool:
+        newest = self.solver.newest
+        return newest is not None and newest.resets == self._resets
+
+    def load(self, folder: Path) -> str:
         """Go on with a saved map; what was mapped since the start is forgotten."""
-        saved = read_map(folder)
-        self._begin_with(SurfaceSlam.from_saved(self.config, saved))
-        self.live.is_localised = not saved.views or bool(self.processor.saved_keyframes)
-        self._show(self.processor.solve())
+        first = self.solver.begin(folder / MAP_FILE)
+        self.processor = Tracker(self.config, first)
+        self._saved_keyframes, self._has_loaded = first[0], True
+        self._forget(is_localised=False)
+        self._keeper.adopt(folder)
+        self._ask_solution()
+        return str(folder)
 
     def begin(self) -> None:
         """Forget everything."""
-        self._begin_with(SurfaceSlam(self.config))
-        self.live.is_localised = True
+        self.solver.begin()
+        self.processor = Tracker(self.config)
+        self._saved_keyframes, self._has_loaded = 0, False
+        self._forget(is_localised=True)
 
-    def _begin_with(self, processor: SurfaceSlam) -> None:
-        self.processor = processor
-        self._forget()
-
-    def _forget(self) -> None:
-        self.live.forget()
+    def _forget(self, *, is_localised: bool) -> None:
+        self.live.forget(is_localised=is_localised)
+        self._outputs.forget()
+        self._keeper.forget()
         self._shown_ns = -1
-        self._surfaces = ()
         self._has_tilt_scan = False
         self.newest_ns = 0
         self._unsolved.clear()
+
+    # --- saving ---
+
+    def begin_save(self) -> Future:
+        """Have the newest solution saved: with all that has come, if that does not take long."""
+        folder = self.save_folder()
+
+        def save() -> str:
+            self.solver.wait(asked[0], PATIENCE_S if self._has_solution else None)
+            return self._save_newest(folder, is_asked=True)
+
+        def ask() -> None:
+            asked.append(self._ask_solution())
+            self.saver.post(run)
+
+        asked: list[int] = []
+        saved, run = promise(save, self)
+        self.worker.post(ask)
+        return saved
+
+    def autosave(self) -> None:
+        """Have the newest solution saved as it is."""
+        self.saver.post(lambda: self.try_to_save(self._save_unasked))
+
+    def save_at_end(self, is_pressed: Callable[[], bool]) -> None:
+        """Save the newest solution at once, then that with all that has come, if there is time."""
+        if self._has_solution:
+            self.saver.wait(lambda: self.try_to_save(self._save_unasked))
+        numbers: list[int] = []
+        self.robot.flush()
+        self.worker.wait(lambda: numbers.append(self._ask_solution()))
+        while not self.solver.wait(numbers[0], LOOK_AT_END_S):
+            if is_pressed() and self.saved_note:
+                self.get_logger().warning("told again to stop: what came last is not saved")
+                return
+        self.saver.wait(lambda: self.try_to_save(self._save_unasked))
+
+    def _save_unasked(self) -> str:
+        return self._save_newest(self.save_folder(), is_asked=False)
+
+    def _save_newest(self, folder: Path, *, is_asked: bool) -> str:
+        """Save the newest solution; return a sentence that names it.
+
+        Raises
+        ------
+        MapError, OutputError
+            Where that is not to be, or cannot be done.
+        """
+        if self._waits_for_scan:
+            raise MapError("no level scan since the map was loaded: there is nothing new to save")
+        newest = self.solver.archive()
+        if newest is None:
+            raise MapError(f"{folder}: not written, there is no solution yet")
+        solved, archive = newest
+        try:
+            if solved.resets != self._resets:
+                raise MapError(f"{folder}: not written, no solution since the map began anew")
+            self._keeper.save(archive, solved.content, folder, is_asked=is_asked)
+        finally:
+            os.close(archive)
+        late_s = max(self.newest_ns - solved.stamp_ns, 0) * 1e-9
+        late = f"; the last {late_s:.1f} s of records are not in it" if late_s else ""
+        stamp = f"{solved.stamp_ns * 1e-9:.3f}"
+        return f"{folder}: solution {solved.number}, up to {stamp} s, {solved.content}{late}"
+
+    def destroy_node(self) -> None:
+        """End the process that solves."""
+        self.saver.close()
+        self.solver.close()
+        super().destroy_node()
 
     # --- services ---
 
     async def _on_load_map(self, _: Trigger.Request, response: Trigger.Response) -> Any:
         folder = self.save_folder()
         job = self.worker.call(lambda: self.load(folder), self)
-        return await self.answer(job, response, str(folder))
+        return await self.answer(job, response)
 
     # --- diagnostics ---
 
@@ -254,10 +371,18 @@ class SlamNode(SensorNode):
             )
         if not self.live.is_localised:
             yield "not yet found in the map that was loaded: map -> odom is not published; drive on"
+        yield from self.solver.problems()
 
     def values(self) -> Mapping[str, object]:
         """Return what has come of the input."""
-        return dict(self.processor.counts)
+        found: dict[str, object] = {
+            **self.processor.counts,
+            "solver restarts": self.solver.restarts,
+        }
+        solved = self.solver.newest
+        if solved is not None:
+            found |= {"solution": solved.number, "solved in [s]": f"{solved.duration_s:.2f}"}
+        return found
 
 
 def raw_stamp_ns(data: bytes) -> int:

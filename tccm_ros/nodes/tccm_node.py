@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from pathlib import Path
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from rclpy.task import Future
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import SetBool, Trigger
 
 from tccm_ros.atomic import output_folder
+from tccm_ros.errors import MapError
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.nodes.inputs import Blocking
+from tccm_ros.nodes.map_folder import keep_previous
 from tccm_ros.nodes.outputs import Outputs
 from tccm_ros.nodes.qos import latched, sensor, surface_message
 from tccm_ros.nodes.run import run
@@ -24,6 +26,9 @@ from tccm_ros.results.cuboids_file import cuboids_archive
 from tccm_ros.ros.topic_messages import CYCLE_TOPICS, SURFACE_MESSAGE_TOPICS, CycleMessageBuilder
 from tccm_ros.ros.writing import scan_message
 from tccm_ros.sensors.level_projection import LevelProjector
+
+CUBOIDS_FILE = "cuboids.npz"
+"""What ~/save_map writes."""
 
 
 class TccmNode(SensorNode):
@@ -41,6 +46,7 @@ class TccmNode(SensorNode):
         super().__init__("tccm", "tccm", shared, **kwargs)
         self.processor = TccmProcessor(self.config)
         self.is_paused = False
+        self._has_saved = False
         self._frame_id = self.config.frames.odom_name
         self._rig_check = RigCheck()
         self._rig_problems: tuple[str, ...] = ()
@@ -104,6 +110,7 @@ class TccmNode(SensorNode):
     def begin(self) -> None:
         """Forget the map."""
         self.processor.reset()
+        self._has_saved = False
         self._rig_check.clear()
         self._rig_problems = ()
 
@@ -111,11 +118,45 @@ class TccmNode(SensorNode):
         """Close the open tilt cycle."""
         self._publish(self.processor.finish(self._publish_planes))
 
-    def write(self, folder: Path) -> None:
-        """Write cuboids.npz."""
-        archive = cuboids_archive(self.processor.map.cuboids(), self.config, self._frame_id)
+    def _write(self, *, is_asked: bool) -> str:
+        """Write cuboids.npz.
+
+        Raises
+        ------
+        MapError
+            Where there is nothing to write.
+        """
+        folder, cuboids = self.save_folder(), self.processor.map.cuboids()
+        if not len(cuboids):
+            raise MapError(
+                f"{folder}: not written, no tilt cycle has been mapped: is there a tilt scan, and "
+                "does the joint move?"
+            )
+        archive = cuboids_archive(cuboids, self.config, self._frame_id)
+        if is_asked or not self._has_saved:
+            keep_previous(folder, [CUBOIDS_FILE])
         with output_folder(folder) as made:
-            (made / "cuboids.npz").write_bytes(archive)
+            (made / CUBOIDS_FILE).write_bytes(archive)
+        self._has_saved = True
+        return f"{folder}: {len(cuboids)} cuboids"
+
+    def _save(self) -> str:
+        self.end_input()
+        return self._write(is_asked=True)
+
+    def begin_save(self) -> Future:
+        """Have cuboids.npz written, with the open tilt cycle."""
+        return self.worker.call(self._save, self)
+
+    def autosave(self) -> None:
+        """Have cuboids.npz written, without the open tilt cycle."""
+        self.worker.post(lambda: self.try_to_save(lambda: self._write(is_asked=False)))
+
+    def save_at_end(self, is_pressed: Callable[[], bool]) -> None:
+        """Write cuboids.npz with the open tilt cycle: that takes less than a moment."""
+        self.robot.flush()
+        self.worker.wait(self.end_input)
+        self.worker.wait(lambda: self.try_to_save(lambda: self._write(is_asked=False)))
 
     def _publish_planes(self, found: CyclePlanes) -> None:
         self._outputs.publish([self._message_builder.planes(found)])

@@ -21,6 +21,23 @@ CEILING = 10 * BACKLOG
 """Jobs that wait before anything is dropped. Chosen: memory stays bounded whatever comes in."""
 
 
+def promise(job: Callable[[], Any], node: Node) -> tuple[Future, Callable[[], None]]:
+    """Return a future that a service callback of a node awaits, and what does the job for it."""
+    executor = node.executor
+    future: Future = Future(executor=executor)
+
+    def run() -> None:
+        try:
+            future.set_result(job())
+        except Exception as error:
+            future.set_exception(error)
+        # A future does not wake who waits: the answer would be as late as the next timer.
+        if executor is not None:
+            executor.wake()
+
+    return future, run
+
+
 class Worker:
     """Runs jobs one after the other in a daemon thread.
 
@@ -56,14 +73,7 @@ class Worker:
 
     def call(self, job: Callable[[], Result], node: Node) -> Future:
         """Queue a job whose result a service callback of a node awaits."""
-        future: Future = Future(executor=node.executor)
-
-        def run() -> None:
-            try:
-                future.set_result(job())
-            except Exception as error:
-                future.set_exception(error)
-
+        future, run = promise(job, node)
         self._jobs.put(run)
         return future
 

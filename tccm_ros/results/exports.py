@@ -88,6 +88,11 @@ def write_solution(folder: Path, solution: SurfaceSolution, config: Config) -> N
     OutputError
         If a file cannot be written.
     """
+    _write(folder, solution_files(solution, config))
+
+
+def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes]:
+    """Return the content of the files of `write_solution` by their names."""
     map_frame, slam = config.frames.map_name, solution.slam
     models = {
         "surfaces.json": SurfacesFile.of(solution.surfaces, solution.floor_z, map_frame),
@@ -101,7 +106,7 @@ def write_solution(folder: Path, solution: SurfaceSolution, config: Config) -> N
         "surfaces.ply": surface_ply(solution.mapped.points, solution.mapped.surface_id),
         "trajectory.tum": trajectory.tum().encode(),
     }
-    _write(folder, _encoded(models) | files)
+    return _encoded(models) | files
 
 
 def write_timing(folder: Path, timing: TimingFile) -> None:

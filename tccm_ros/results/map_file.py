@@ -14,7 +14,7 @@ import zlib
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.exceptions import McapError
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from tccm_ros.atomic import finish_moves, output_file
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import MapError, one_line
-from tccm_ros.results.numbers import array_archive
+from tccm_ros.results.numbers import Stamp, array_archive
 from tccm_ros.ros.topic_messages import SolutionMessageBuilder
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView, pack_views, unpack_views
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
@@ -51,6 +51,53 @@ DATA_END = 13
 """Bytes of the record before the summary: opcode, length, checksum of all before it."""
 
 
+class MapContent(NamedTuple):
+    """How much a map holds.
+
+    Attributes
+    ----------
+    keyframes, views, surfaces
+        Numbers of each, over all sessions.
+    """
+
+    keyframes: int
+    views: int
+    surfaces: int
+
+    @classmethod
+    def of(cls, saved: SavedMap, solution: SurfaceSolution) -> MapContent:
+        """Count what the map of a solution holds."""
+        return cls(len(solution.slam.keyframes), len(saved.views), len(solution.surfaces))
+
+    def __str__(self) -> str:
+        return f"{self.keyframes} keyframes, {self.views} views and {self.surfaces} surfaces"
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is nothing to save."""
+        return not (self.keyframes or self.views)
+
+    def is_less_than(self, other: MapContent) -> bool:
+        """Return whether it holds fewer keyframes or views; how surfaces merge does not matter."""
+        return self.keyframes < other.keyframes or self.views < other.views
+
+
+def read_content(path: Path) -> MapContent:
+    """Return how much the map of a file holds.
+
+    Raises
+    ------
+    MapError
+        If it is missing, damaged or no map.
+    """
+    with suppress(OSError, McapError, ValueError, EOFError, struct.error, KeyError):
+        with path.open("rb") as file:
+            metadata = next(m.metadata for m in make_reader(file).iter_metadata())
+        return MapContent(*(int(metadata[name]) for name in MapContent._fields))
+    saved = load_map(path)
+    return MapContent(len(saved.walls.get("keyframe_stamp_ns", ())), len(saved.views), 0)
+
+
 def save_map(
     path: Path | str, saved: SavedMap, solution: SurfaceSolution, frame_id: str = "map"
 ) -> None:
@@ -74,11 +121,13 @@ def save_map(
     OutputError
         If the file cannot be written.
     """
-    with output_file(path) as made, made.open("wb") as stream:
-        _write(stream, saved, solution, frame_id)
+    with output_file(path) as made:
+        made.write_bytes(map_content(saved, solution, frame_id))
 
 
-def _write(stream: Any, saved: SavedMap, solution: SurfaceSolution, frame_id: str) -> None:
+def map_content(saved: SavedMap, solution: SurfaceSolution, frame_id: str = "map") -> bytes:
+    """Return the content of a map file; arguments as `save_map`."""
+    stream = io.BytesIO()
     archive = array_archive(_arrays_of(saved))
     writer = Writer(
         stream, compression=CompressionType.ZSTD, enable_crcs=True, enable_data_crcs=True
@@ -89,8 +138,12 @@ def _write(stream: Any, saved: SavedMap, solution: SurfaceSolution, frame_id: st
     writer.add_attachment(stamp, stamp, ATTACHMENT, "application/zip", archive)
     metadata = {"format": FORMAT, "version": str(VERSION)}
     metadata[CHECKSUM] = hashlib.sha256(archive).hexdigest()
+    metadata["stamp"] = str(Stamp(solution.stamp_ns))
+    counts = MapContent.of(saved, solution)._asdict()
+    metadata.update({name: str(count) for name, count in counts.items()})
     writer.add_metadata(FORMAT, metadata)
     writer.finish()
+    return stream.getvalue()
 
 
 def _write_topics(writer: Writer, solution: SurfaceSolution, stamp: int, frame_id: str) -> None:

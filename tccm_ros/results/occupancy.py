@@ -116,6 +116,13 @@ def save_grid(folder: Path, name: str, grid: OccupancyGrid) -> None:
     OutputError
         If a file cannot be written.
     """
+    for file, content in grid_files(name, grid).items():
+        with output_file(folder / file) as made:
+            made.write_bytes(content)
+
+
+def grid_files(name: str, grid: OccupancyGrid) -> dict[str, bytes]:
+    """Return the content of the files of `save_grid` by their names."""
     shades = np.full(grid.cells.shape, 205, np.uint8)
     shades[grid.cells == 0] = 254
     shades[grid.cells == 100] = 0
@@ -126,7 +133,4 @@ def save_grid(folder: Path, name: str, grid: OccupancyGrid) -> None:
         "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
     )
     header = f"P5\n{width} {height}\n255\n".encode()
-    with output_file(folder / f"{name}.pgm") as made:
-        made.write_bytes(header + shades[::-1].tobytes())
-    with output_file(folder / f"{name}.yaml") as made:
-        made.write_text(about)
+    return {f"{name}.pgm": header + shades[::-1].tobytes(), f"{name}.yaml": about.encode()}

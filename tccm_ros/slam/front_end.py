@@ -170,6 +170,13 @@ class FrontEnd:
         self.tracked.append(tracked)
         return tracked
 
+    def forget(self) -> None:
+        """Drop the keyframes and poses that no later scan is matched with."""
+        needed = max(self.config.matching.submap_keyframes, CONFIRMING_KEYFRAMES)
+        gone = max(len(self.keyframes) - needed, 0)
+        self.first_id += gone
+        del self.keyframes[:gone], self.tracked[:-1]
+
     def _track(self, scan: LevelScan) -> Float64:
         """Estimate the pose of a scan; return its covariance (3, 3) relative to its keyframe."""
         before, keyframe = self.pose, self.keyframes[-1]

@@ -281,17 +281,32 @@ class WallSlam:
 
     # -- saved maps ----------------------------------------------------------------------------
 
-    def saved(self) -> dict[str, NDArray[Any]]:
-        """Return the map as named arrays, for `from_saved`.
+    def saved(self, solution: Solution | None = None) -> dict[str, NDArray[Any]]:
+        """Return the map of the newest solution (None: solved now) as arrays, for `from_saved`.
 
         It holds the keyframes with their scans and lines, their optimised poses, the loop closures
         and the observations of landmarks; not the trajectory between keyframes.
         """
         if not self._chain.keyframes:
             return pack_walls(SavedWalls([], [], np.zeros((0, 3)), [], []))
-        poses = np.array([k.pose for k in self.solve().keyframes])
+        poses = np.array([k.pose for k in (solution or self.solve()).keyframes])
         used, keyframes = self._inliers(), self._chain.keyframes
         return pack_walls(SavedWalls(keyframes, self._lines, poses, used.loops, used.observations))
+
+    def correction(self, solution: Solution) -> Float64:
+        """Return where the front end's own map is in that of a solution, planar pose (3,).
+
+        The newest keyframe tells; the identity before the first one of a session.
+        """
+        if not self._front.keyframes:
+            return np.zeros(3)
+        newest = self._front.keyframes[-1]
+        return compose(solution.keyframes[newest.id].pose, inverse(newest.pose))
+
+    @property
+    def first_keyframe(self) -> tuple[int, int]:
+        """Id of the first keyframe of this session, and its number."""
+        return self._front.first_id, self._front.session
 
     @classmethod
     def from_saved(

@@ -7,15 +7,20 @@ point that the newer view did not see, because a person stood in front of it, st
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from hashlib import blake2b
+from typing import NamedTuple
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import KEY_STEP, column_keys
-from tccm_ros.geometry import inverse, planar, transform, wrap_angle
+from tccm_ros.geometry import inverse, planar, pose_from_rpy, wrap_angle
+from tccm_ros.surfaces.free_grid import FreeGrid
 from tccm_ros.surfaces.patch_planes import fit_plane, is_line
 from tccm_ros.surfaces.views import Patch, View
 
@@ -32,6 +37,10 @@ of a surface is not empty by chance; chosen."""
 
 TILT_MARGIN = 0.006
 """Uncertainty of heights per metre of distance: 0.3 deg of roll and pitch of the base; chosen."""
+
+STEPS = np.array([0.002, 0.002, 0.002, 0.0005, 0.0005, 0.0005])
+"""Steps in which two views are compared, m and rad: a fraction of the noise of a range, and of
+`TILT_MARGIN`; chosen."""
 
 MAJORITY = 0.5
 """A column is removed where more than this fraction of its points is gone; chosen."""
@@ -55,44 +64,214 @@ class Survivors:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Face:
+    """What is needed of a newer patch to tell which points it measured.
+
+    Attributes
+    ----------
+    bounds
+        float64 (4,), of its outline; NaN where it has none.
+    mean, normal
+        Its plane, float64 (3,).
+    patch
+        The patch.
+    areas
+        Its outline grown by so many m.
+    """
+
+    bounds: Float64
+    mean: Float64
+    normal: Float64
+    patch: Patch
+    areas: dict[float, BaseGeometry] = field(default_factory=dict)
+
+    def area(self, grow: float) -> BaseGeometry:
+        """Return the outline grown by so many m, prepared."""
+        if grow not in self.areas:
+            self.areas[grow] = self.patch.outline.buffer(grow, quad_segs=2)
+            shapely.prepare(self.areas[grow])
+        return self.areas[grow]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Eyes:
+    """A view as it looks at others: independent of poses."""
+
+    view: View
+    free: FreeGrid
+    faces: tuple[_Face, ...]
+
+    @classmethod
+    def of(cls, view: View) -> _Eyes:
+        faces = tuple(
+            _Face(np.array(p.outline.bounds), p.mean, fit_plane(p.cov)[0], p) for p in view.patches
+        )
+        return cls(view, FreeGrid.of(view.free), faces)
+
+
+class _Carved(NamedTuple):
+    """What a newer view takes from a patch: indices of thinned points, and what replaced it."""
+
+    before: bytes
+    gone: Int64
+    replaced_by: int | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _ViewPair:
-    """An older view in the frame of a newer one that may have looked where it did."""
+    """An older view in the frame of a newer one that may have looked where it did.
+
+    Attributes
+    ----------
+    older, newer
+        The views.
+    step
+        int64 (6,), their relative pose in steps of `STEPS`.
+    is_same_pose
+        Whether they are from one place.
+    touched
+        Patches of the older view of which some point counts.
+    carved
+        What was carved of them last, by patch.
+    """
 
     older: View
-    newer: View
-    T_newer_older: Float64
+    newer: _Eyes
+    step: Int64
     is_same_pose: bool
+    touched: tuple[int, ...]
+    carved: dict[int, _Carved]
+
+    @classmethod
+    def of(
+        cls, older: View, newer: _Eyes, step: Int64, is_same_pose: bool, config: Config
+    ) -> _ViewPair:
+        T = pose_from_rpy(step * STEPS)
+        margins, limit = (config.views.clear_margin, TILT_MARGIN), newer.view.max_range
+        touched = tuple(
+            p
+            for p, patch in enumerate(older.patches)
+            if newer.free.touches(patch.points, T, limit, margins, is_same_pose)
+        )
+        return cls(older, newer, step, is_same_pose, touched, {})
+
+    def fits(self, older: View, newer: _Eyes, step: Int64, is_same_pose: bool) -> bool:
+        """Return whether the pair is of these views at this relative pose."""
+        return (
+            self.older is older
+            and self.newer is newer
+            and self.is_same_pose == is_same_pose
+            and bool((self.step == step).all())
+        )
 
 
-def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:
-    """Remove from each view the points that newer views contradict or replace.
+class Carver:
+    """Carves views, and remembers what each pair of views gave.
+
+    Relative poses count in steps of `STEPS`: most pairs of views have moved by less between two
+    solutions, and are not looked at again. The result does not depend on what is remembered.
 
     Parameters
     ----------
-    views
-        V views in stamp order.
-    T_map_view
-        float64 (V, 4, 4).
     config
         Uses the groups ``views`` and ``surfaces``.
+
+    Attributes
+    ----------
+    compared
+        Pairs of views that were looked at by the last `carve`, and not remembered.
     """
-    left = Survivors([[np.ones(len(p.points), bool) for p in view.patches] for view in views])
-    poses, same = planar(T_map_view), config.views
-    for w, newer in enumerate(views):
-        distance = np.hypot(*(poses[:w, :2] - poses[w, :2]).T)
-        for v, older in enumerate(views[:w]):
-            if distance[v] > newer.max_range + older.max_range:
-                continue
-            yaw = abs(wrap_angle(poses[v, 2] - poses[w, 2]))
-            is_same_pose = distance[v] <= same.place_distance and yaw <= same.place_angle
-            T_newer_older = inverse(T_map_view[w]) @ T_map_view[v]
-            pair = _ViewPair(older, newer, T_newer_older, bool(is_same_pose))
-            for p, patch in enumerate(older.patches):
-                gone, q = _carve_patch(pair, patch, left.keep[v][p], config)
-                left.keep[v][p][gone] = False
-                if q is not None:
-                    left.replaced_by[v, p] = w, q
-    return left
+
+    def __init__(self, config: Config):
+        self._config = config
+        self._settings = ""
+        self._eyes: dict[tuple[int, int], _Eyes] = {}
+        self._pairs: dict[tuple[tuple[int, int], tuple[int, int]], _ViewPair] = {}
+        self.compared = 0
+
+    def carve(self, views: list[View], T_map_view: Float64) -> Survivors:
+        """Remove from each view the points that newer views contradict or replace.
+
+        Parameters
+        ----------
+        views
+            V views in stamp order.
+        T_map_view
+            float64 (V, 4, 4).
+        """
+        self._forget_other_settings()
+        left = Survivors([[np.ones(len(p.points), bool) for p in view.patches] for view in views])
+        states = [[b""] * len(view.patches) for view in views]
+        eyes, pairs = [self._eyes_of(view) for view in views], self._pairs
+        self._eyes = {view.key: each for view, each in zip(views, eyes)}
+        self._pairs, self.compared = {}, 0
+        for w, newer in enumerate(eyes):
+            for v, step, is_same_pose in _neighbours(views, T_map_view, w, self._config):
+                key = views[v].key, newer.view.key
+                pair = pairs.get(key)
+                if pair is None or not pair.fits(views[v], newer, step, is_same_pose):
+                    pair = _ViewPair.of(views[v], newer, step, is_same_pose, self._config)
+                    self.compared += 1
+                self._pairs[key] = pair
+                for p in pair.touched:
+                    self._carve_patch(pair, (v, p, w), states, left)
+        return left
+
+    def _carve_patch(
+        self,
+        pair: _ViewPair,
+        indices: tuple[int, int, int],
+        states: list[list[bytes]],
+        left: Survivors,
+    ) -> None:
+        """Carve patch p of view v by view w, `indices` (v, p, w); `states` tell masks apart."""
+        v, p, w = indices
+        carved = pair.carved.get(p)
+        if carved is None or carved.before != states[v][p]:
+            gone, q = _carve_patch(pair, pair.older.patches[p], left.keep[v][p], self._config)
+            carved = pair.carved[p] = _Carved(states[v][p], gone, q)
+        if len(carved.gone):
+            left.keep[v][p][carved.gone] = False
+            states[v][p] = blake2b(left.keep[v][p].tobytes(), digest_size=16).digest()
+        if carved.replaced_by is not None:
+            left.replaced_by[v, p] = w, carved.replaced_by
+
+    def _eyes_of(self, view: View) -> _Eyes:
+        known = self._eyes.get(view.key)
+        return known if known is not None and known.view is view else _Eyes.of(view)
+
+    def _forget_other_settings(self) -> None:
+        """Forget everything where a parameter was changed."""
+        settings = repr((self._config.views, self._config.surfaces))
+        if settings != self._settings:
+            self._settings, self._eyes, self._pairs = settings, {}, {}
+
+
+def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:
+    """Carve views once, remembering nothing (`Carver`)."""
+    return Carver(config).carve(views, T_map_view)
+
+
+def _neighbours(
+    views: list[View], T_map_view: Float64, w: int, config: Config
+) -> Iterator[tuple[int, Int64, bool]]:
+    """Yield each view v before w in range, its pose in w in steps, and whether it is the same."""
+    poses, same = planar(T_map_view[: w + 1]), config.views
+    distance = np.hypot(*(poses[:w, :2] - poses[w, :2]).T)
+    yaw = np.abs(wrap_angle(poses[:w, 2] - poses[w, 2]))
+    ranges = np.array([view.max_range for view in views[: w + 1]])
+    is_same = (distance <= same.place_distance) & (yaw <= same.place_angle)
+    steps = np.rint(_rpy(inverse(T_map_view[w]) @ T_map_view[:w]) / STEPS).astype(np.int64)
+    for v in np.flatnonzero(distance <= ranges[w] + ranges[:w]).tolist():
+        yield v, steps[v], bool(is_same[v])
+
+
+def _rpy(T: Float64) -> Float64:
+    """Return poses (N, 4, 4) as (N, 6) of (x, y, z, roll, pitch, yaw)."""
+    roll = np.arctan2(T[:, 2, 1], T[:, 2, 2])
+    pitch = -np.arcsin(np.clip(T[:, 2, 0], -1.0, 1.0))
+    yaw = np.arctan2(T[:, 1, 0], T[:, 0, 0])
+    return np.column_stack([T[:, :3, 3], roll, pitch, yaw])
 
 
 def find_replacements(older: View, newer: View, config: Config) -> dict[int, int] | None:
@@ -137,26 +316,23 @@ def _carve_patch(
     replaced_by : int or None
         The patch of the newer view that replaced this one, in whole or in part.
     """
-    kept = np.flatnonzero(keep)
-    points = transform(pair.T_newer_older, patch.points[kept])
-    distance = np.hypot(points[:, 0], points[:, 1])
-    near = distance <= pair.newer.max_range
-    total, kept, points, distance = len(kept), kept[near], points[near], distance[near]
-    if len(kept) == 0:
-        return kept, None
-    margin = config.views.clear_margin + TILT_MARGIN * distance
-    through = pair.newer.free.contains(points, margin)
-    if not pair.is_same_pose and not through.any():
+    kept, total = np.flatnonzero(keep), int(np.count_nonzero(keep))
+    limits = pair.newer.view.max_range, (config.views.clear_margin, TILT_MARGIN)
+    T_newer_older = pose_from_rpy(pair.step * STEPS)
+    points, through, margin = pair.newer.free.look(patch.points[kept], T_newer_older, *limits)
+    near = margin >= 0.0
+    kept, points, through, margin = kept[near], points[near], through[near], margin[near]
+    if len(kept) == 0 or not (pair.is_same_pose or through.any()):
         return kept[:0], None
     rim = config.surfaces.merge_distance
-    owner = _measured_by(points, pair.newer.patches, margin, 0.5 * rim)
+    owner = _measured_by(points, pair.newer.faces, margin, 0.5 * rim)
     gone = through & (owner < 0)
     block = max(config.views.cell_size, BLOCK_SPACING * patch.spacing)
     if gone.sum() < GONE_FRACTION * total:
         gone &= _in_block(points, gone, block)
     if not pair.is_same_pose or not (owner >= 0).any():
         return kept[gone], None
-    again = _measured_by(points, pair.newer.patches, margin, -rim) >= 0
+    again = _measured_by(points, pair.newer.faces, margin, -rim) >= 0
     rest = ~gone & ~again
     if np.count_nonzero(gone | (owner >= 0)) >= REPLACED_FRACTION * total:
         gone[:] = True
@@ -164,9 +340,7 @@ def _carve_patch(
     return kept[gone], int(np.bincount(owner[owner >= 0]).argmax())
 
 
-def _measured_by(
-    points: Float64, patches: tuple[Patch, ...], margin: Float64, grow: float
-) -> Int64:
+def _measured_by(points: Float64, faces: tuple[_Face, ...], margin: Float64, grow: float) -> Int64:
     """Return the patch that covers each point (N, 3) of the same frame, int64 (N,), -1 = none.
 
     A patch covers its outline, grown by `grow` m. Where it is negative, a replaced patch keeps a
@@ -175,16 +349,14 @@ def _measured_by(
     owner = np.full(len(points), -1, np.int64)
     margin_xy = max(grow, 0.0)
     low, high = points[:, :2].min(axis=0) - margin_xy, points[:, :2].max(axis=0) + margin_xy
-    for q, patch in enumerate(patches):
-        bounds = np.array(patch.outline.bounds)
-        if np.isnan(bounds).any() or np.any(bounds[:2] > high) or np.any(bounds[2:] < low):
+    for q, face in enumerate(faces):
+        # Not so where it has no outline: NaN.
+        if not (np.all(face.bounds[:2] <= high) and np.all(face.bounds[2:] >= low)):
             continue
-        normal, _ = fit_plane(patch.cov)
-        height = (points - patch.mean) @ normal
+        height = (points - face.mean) @ face.normal
         near = np.flatnonzero((np.abs(height) <= margin) & (owner < 0))
-        area = patch.outline.buffer(grow, quad_segs=2)
-        shapely.prepare(area)
-        owner[near[shapely.contains_xy(area, points[near, 0], points[near, 1])]] = q
+        inside = shapely.contains_xy(face.area(grow), points[near, 0], points[near, 1])
+        owner[near[inside]] = q
     return owner
 
 
@@ -194,13 +366,19 @@ def _in_block(points: Float64, chosen: Bool, cell_size: float) -> Bool:
     Along an edge, the view looked through columns that the surface covers in part: they form a
     strip one column wide. A region that is really gone is wider.
     """
+    if not chosen.any():
+        return chosen
     keys, group = np.unique(column_keys(points, cell_size), return_inverse=True)
     fraction = np.bincount(group, chosen, len(keys)) / np.bincount(group, minlength=len(keys))
     full = keys[fraction > MAJORITY]
-    block = np.zeros(len(keys), bool)
-    for dx in (-1, 0):
-        for dy in (-1, 0):
-            corner = keys + dx * KEY_STEP + dy
-            square = [np.isin(corner + a * KEY_STEP + b, full) for a in (0, 1) for b in (0, 1)]
-            block |= np.logical_and.reduce(square)
-    return block[group]
+    beside = np.array([dx * KEY_STEP + dy for dx in (-1, 0, 1) for dy in (-1, 0, 1)])
+    is_full = _is_among(keys + beside[:, None], full).reshape(3, 3, -1)
+    squares = [is_full[x : x + 2, y : y + 2].all(axis=(0, 1)) for x in (0, 1) for y in (0, 1)]
+    return np.logical_or.reduce(squares)[group]
+
+
+def _is_among(keys: Int64, known: Int64) -> Bool:
+    """Return which keys are among those known, which are sorted."""
+    if not len(known):
+        return np.zeros(keys.shape, bool)
+    return known[np.minimum(np.searchsorted(known, keys), len(known) - 1)] == keys

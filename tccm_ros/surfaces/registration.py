@@ -18,7 +18,7 @@ from tccm_ros.slam.factors.noise import planar_covariance
 from tccm_ros.slam.factors.surfaces import ViewPlane
 from tccm_ros.slam.factors.views import BetweenViews
 from tccm_ros.slam.solution import Solution
-from tccm_ros.surfaces.carving import Survivors, carve
+from tccm_ros.surfaces.carving import Carver, Survivors
 from tccm_ros.surfaces.merging import Members, NumberedPatch, merge_coplanar, surviving_patches
 from tccm_ros.surfaces.patch_planes import fit_covariance, fit_plane
 from tccm_ros.surfaces.side_matching import SideMatch, match_sides
@@ -56,23 +56,46 @@ OPEN_SIGMAS = (1.0, 1.0, 1.0)
 it leaves them open."""
 
 
-def register_views(views: list[View], known: Solution, config: Config) -> list[Factor]:
-    """Return the plane factors and side factors between views.
+class Registration:
+    """Finds the factors between views, and remembers what does not change with their poses.
 
     Parameters
     ----------
-    views
-        V views in stamp order.
-    known
-        Solution of the graph without these factors, with the same views.
     config
         Uses the groups ``views`` and ``surfaces``.
     """
-    left = carve(views, known.T_map_views, config)
-    patches = surviving_patches(views, left, config)
-    cov_tilt = known.cov_views[:, TILT_ORDER][:, :, TILT_ORDER]
-    planes = plane_factors(patches, known.T_map_views, cov_tilt, config)
-    return [*planes, *side_factors(views, left, known, config)]
+
+    def __init__(self, config: Config):
+        self._config = config
+        self._carver = Carver(config)
+        self._sides: dict[tuple[int, int], tuple[View, Sides]] = {}
+
+    def factors(self, views: list[View], known: Solution) -> list[Factor]:
+        """Return the plane factors and side factors between views.
+
+        Parameters
+        ----------
+        views
+            V views in stamp order.
+        known
+            Solution of the graph without these factors, with the same views.
+        """
+        left = self._carver.carve(views, known.T_map_views)
+        patches = surviving_patches(views, left, self._config)
+        cov_tilt = known.cov_views[:, TILT_ORDER][:, :, TILT_ORDER]
+        planes = plane_factors(patches, known.T_map_views, cov_tilt, self._config)
+        self._sides = {view.key: (view, self._sides_of(view)) for view in views}
+        sides = [self._sides[view.key][1] for view in views]
+        return [*planes, *side_factors(views, left, known, self._config, sides)]
+
+    def _sides_of(self, view: View) -> Sides:
+        known = self._sides.get(view.key)
+        return known[1] if known is not None and known[0] is view else find_sides(view)
+
+
+def register_views(views: list[View], known: Solution, config: Config) -> list[Factor]:
+    """Return the factors between views, remembering nothing (`Registration`)."""
+    return Registration(config).factors(views, known)
 
 
 def plane_factors(
@@ -126,7 +149,11 @@ def _plane_factor(member: NumberedPatch, plane: int) -> ViewPlane:
 
 
 def side_factors(
-    views: list[View], left: Survivors, known: Solution, config: Config
+    views: list[View],
+    left: Survivors,
+    known: Solution,
+    config: Config,
+    sides_of_views: list[Sides] | None = None,
 ) -> list[BetweenViews]:
     """Return a factor for each pair of views whose sides match.
 
@@ -144,28 +171,31 @@ def side_factors(
         Solution of the graph without these factors, with the same views.
     config
         Uses `surfaces.max_step`.
+    sides_of_views
+        Of `find_sides`, for these views; None: they are found now.
     """
     T_map_view, poses = known.T_map_views, planar(known.T_map_views)
+    found_sides = sides_of_views or [find_sides(view) for view in views]
     sides = [
-        _in_planar_frame(_remaining(find_sides(view), keep), T)
-        for view, keep, T in zip(views, left.keep, T_map_view)
+        _in_planar_frame(_remaining(found, keep), T)
+        for found, keep, T in zip(found_sides, left.keep, T_map_view)
     ]
     cov_poses = known.cov_views[:, PLANAR_ORDER][:, :, PLANAR_ORDER] * known.unit_variance
-    found: list[tuple[int, int, SideMatch]] = []
+    matches: list[tuple[int, int, SideMatch]] = []
     for j in range(1, len(views)):
         for i in _nearest_views(poses, j):
             cov = _relative_covariance(cov_poses, poses, i, j)
             step = config.surfaces.max_step
             match = match_sides(sides[i], sides[j], between2(poses[i], poses[j]), cov, step)
             if match is not None:
-                found.append((i, j, match))
+                matches.append((i, j, match))
     # The matches of a view use the same sides: together they must not count more than once.
-    uses = np.bincount([v for i, j, _ in found for v in (i, j)], minlength=len(views))
+    uses = np.bincount([v for i, j, _ in matches for v in (i, j)], minlength=len(views))
     return [
         _between_factor(
             i, j, match, T_map_view, (max(uses[i], uses[j]) + 1) / (2.0 * known.unit_variance)
         )
-        for i, j, match in found
+        for i, j, match in matches
     ]
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.records import Surface, SurfaceCloud, SurfaceSighting, ViewIntervals
-from tccm_ros.surfaces.carving import Survivors, carve, find_replacements
+from tccm_ros.surfaces.carving import Carver, Survivors, find_replacements
 from tccm_ros.surfaces.floor import find_floor, is_floor, join_floor
 from tccm_ros.surfaces.joining import join_over_occlusions
 from tccm_ros.surfaces.labels import Label, label_surfaces
@@ -100,6 +100,7 @@ class SurfaceMap:
         self, config: Config, session: int = 0, baseline_merge: MergeFunction | None = None
     ):
         self._config = config
+        self._carver = Carver(config)
         self._session = session
         self._published_merge = baseline_merge
         self._views: dict[tuple[int, int], View] = {}
@@ -164,7 +165,7 @@ class SurfaceMap:
         """
         walls = np.zeros((0, 2, 2)) if walls is None else walls
         views, config, T = self.views, self._config, poses.T_map_view
-        left = carve(views, T, config)
+        left = self._carver.carve(views, T)
         groups = self._merge(views, left, poses)
         fitted = [fit_surface(members, views, T, config) for members in groups]
         surfaces = [surface for surface in fitted if surface is not None]

@@ -31,7 +31,7 @@ from tccm_ros.sensors.registry import roles_of
 from tccm_ros.slam.lines import label_by_splitting
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.wall_slam import LivePose, WallSlam
-from tccm_ros.surfaces.registration import TILT_ORDER, register_views
+from tccm_ros.surfaces.registration import TILT_ORDER, Registration
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView
 from tccm_ros.surfaces.session_alignment import SessionAlignment, align_session
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
@@ -65,6 +65,8 @@ class SurfaceSolution:
         tilt scan where there is no level laser.
     alignment
         How this session was aligned with a saved map; None where there was nothing to align.
+    stamp_ns
+        Stamp of the newest event that it contains; 0 before the first.
     """
 
     slam: Solution
@@ -75,6 +77,7 @@ class SurfaceSolution:
     trajectory_ns: Int64
     trajectory: Float64
     alignment: SessionAlignment | None = None
+    stamp_ns: int = 0
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
@@ -128,9 +131,11 @@ class SurfaceSlam:
             else WallSlam(self.config, _label_lines)
         )
         self.map = self._empty_map(self.session)
+        self._registration = Registration(self.config)
         for saved in self.saved_views:
             self.map.add_view(saved.view)
         self._tilt_stamps: set[int] = set()
+        self._newest_ns = 0
 
     def _empty_map(self, session: int = 0) -> SurfaceMap:
         """Return a map without views, with the merging that the configuration selects."""
@@ -152,7 +157,11 @@ class SurfaceSlam:
         Landmarks, surface clouds and intervals may come at any time: their stamps tell where they
         belong. Events for other processors are ignored.
         """
-        return self._handlers[type(event)](event) if self.takes(event) else []
+        if not self.takes(event):
+            return []
+        poses = self._handlers[type(event)](event)
+        self._newest_ns = max(self._newest_ns, getattr(event, "stamp_ns", 0))
+        return poses
 
     def _take_scan(self, posed: PosedScan) -> list[ScanPose]:
         self.odom_frame = posed.odom_frame
@@ -228,6 +237,7 @@ class SurfaceSlam:
             stamps,
             compose2(planar(T_map_session), poses),
             alignment,
+            self._newest_ns,
         )
 
     def _solve_graph(self, views: list[View], every_covariance: bool) -> Solution:
@@ -236,7 +246,7 @@ class SurfaceSlam:
         slam = self.walls.solve(stamps, every_covariance=every_covariance)
         if not self.config.surfaces.registration or len(views) < 2:
             return slam
-        factors = register_views(views, slam, self.config)
+        factors = self._registration.factors(views, slam)
         if not factors:
             return slam
         return self.walls.solve(stamps, factors, every_covariance=every_covariance)
@@ -302,7 +312,7 @@ class SurfaceSlam:
         view_poses = solution.view_poses
         solved = self.map.views[: len(view_poses.keyframes)]
         poses = {k.id: spatial(k.pose) for k in solution.slam.keyframes}
-        state = self.walls.saved() if self.counts["level scans"] or self.saved_keyframes else {}
+        state = self._saved_state(solution)
         views = []
         for view, T, cov, k in zip(
             solved, view_poses.T_map_view, view_poses.cov_tilt, view_poses.keyframes.tolist()
@@ -311,6 +321,19 @@ class SurfaceSlam:
             T_anchor = poses[k] if is_on_keyframe else np.eye(4)
             views.append(SavedView(view, k, is_on_keyframe, inverse(T_anchor) @ T, cov))
         return SavedMap(state, tuple(views))
+
+    def _saved_state(self, solution: SurfaceSolution) -> Mapping[str, NDArray[Any]]:
+        """Return the walls to be saved; empty without a level laser."""
+        if not (self.counts["level scans"] or self.saved_keyframes):
+            return {}
+        return self.walls.saved(solution.slam)
+
+    def correction(self, solution: SurfaceSolution) -> Float64:
+        """Return the pose (3,) in map of the frame in which scans of this session are matched."""
+        place = solution.alignment
+        T_map_session = np.zeros(3) if place is None else planar(place.T_map_session)
+        corrected: Float64 = compose2(T_map_session, self.walls.correction(solution.slam))
+        return corrected
 
     @classmethod
     def from_saved(cls, config: Config, saved: SavedMap) -> SurfaceSlam:

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from contextlib import contextmanager
+from pathlib import Path
 
 PATIENCE_S = 300.0
 """A wait that is this long has failed: a loaded machine takes many times what a free one takes."""
@@ -37,6 +38,23 @@ def settings(**values) -> list[str]:
     """Return the arguments that set parameters, ``group__key``."""
     pairs = [f"{name.replace('__', '.')}:={value}" for name, value in values.items()]
     return ["--ros-args", *(word for pair in pairs for word in ("-p", pair))]
+
+
+def play_to_process(ros, robot, records) -> None:
+    """Publish a short recording to a node in another process: less than a queue holds."""
+    for topic, record in records:
+        message = robot.message(record)
+        if topic not in robot._publishers:
+            publisher = robot.node.create_publisher(type(message), topic, robot._qos)
+            robot._publishers[topic] = publisher
+            ros.spin_until(publisher.get_subscription_count, what=f"somebody to hear {topic}")
+        robot.publish(topic, message)
+
+
+def children(process) -> list[int]:
+    """Return the ids of the processes that a process has started."""
+    text = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text()
+    return [int(word) for word in text.split()]
 
 
 def stop(process, number=signal.SIGINT, timeout: float = PATIENCE_S) -> tuple[int, str]:

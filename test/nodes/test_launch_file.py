@@ -42,6 +42,12 @@ def test_both_nodes_are_started_by_their_names(actions):
     assert set(nodes) <= installed
 
 
+def test_a_node_that_is_told_to_stop_has_time_to_save(actions):
+    for node in (a for a in actions if a.kind == "Node"):
+        assert float(node.sigterm_timeout) >= 30.0
+        assert float(node.sigkill_timeout) >= 15.0
+
+
 def test_every_setting_is_an_argument_and_the_parameter_file_is_there(actions):
     declared = {a.args[0]: a.default_value for a in actions if a.kind == "DeclareLaunchArgument"}
     used = set(

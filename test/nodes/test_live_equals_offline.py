@@ -89,8 +89,12 @@ def messages(bag: Path) -> int:
 
 
 def save(ros, node, service: str) -> None:
-    answer = ros.call(node.create_client(Trigger, service), Trigger.Request())
-    assert answer.success, answer.message
+    """Save until the map has all that has come: a save does not wait long for a solution."""
+    while True:
+        answer = ros.call(node.create_client(Trigger, service), Trigger.Request())
+        assert answer.success, answer.message
+        if "not in it" not in answer.message:
+            return
 
 
 def play(ros, bag: Path, *nodes, rate: float = RATE) -> PlayerNode:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live_robot import START_NS, Listener, recording, slam, wait_until_done
-from processes import PATIENCE_S, settings, started, stop
+from processes import PATIENCE_S, play_to_process, settings, started, stop
 from std_srvs.srv import Trigger
 
 from tccm_ros.nodes.map_folder import read_map
@@ -23,16 +23,19 @@ SECOND = 1_000_000_000
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_both_nodes_with_a_saved_map_and_status_0(ros, tmp_path, number):
     folder = tmp_path / "map"
-    arguments = settings(save__directory=folder, save__on_shutdown="true")
+    arguments = settings(
+        save__directory=folder, save__on_shutdown="true", qos__reliability="reliable"
+    )
     with started(ros.domain, "all_in_one", *arguments) as process:
         caller = Listener(ros).node
         # A service is there before its node is made; one that answers is spun.
         for name in ("/tccm/reset", "/surface_slam/reset"):
             assert ros.call(caller.create_client(Trigger, name), Trigger.Request()).success
+        play_to_process(ros, ros.robot(), recording(3))
         status, output = stop(process, number)
     assert status == 0, output
     assert "Traceback" not in output
-    assert json.loads((folder / "surfaces.json").read_text())["surfaces"] == []
+    assert json.loads((folder / "surfaces.json").read_text())["surfaces"]
     assert (folder / "cuboids.npz").exists()
     assert [p.name for p in tmp_path.iterdir()] == ["map"]
 

@@ -1,0 +1,168 @@
+"""A drive in real time through the nodes as processes: pauses, drops, memory, live = offline.
+
+    tccm simulate flat DIR --set laps=2 --set always=true --set cycle_period=3.1
+    python bench/soak_nodes.py DIR [--rate 1]
+
+Plays a bag into tccm_node and slam_node and prints each node's longest step, the longest pause of
+`/pose`, what was dropped, the time of two saves in the midst of the drive and of one at the end,
+the memory of each process, and whether the saved files are those of a replay.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from tccm_ros.bags.reader import BagReader
+from tccm_ros.config import Config
+from tccm_ros.pipeline.replay import replay
+
+NODES = {"tccm": "tccm_node", "surface_slam": "slam_node"}
+EQUAL = (
+    "surfaces.json",
+    "surfaces.ply",
+    "walls.json",
+    "graph.json",
+    "trajectory.tum",
+    "cuboids.npz",
+)
+SAVES = (0.4, 0.7)
+"""Fractions of the drive after which a map is saved."""
+
+WAIT_S = 600.0
+
+
+class Watch(Node):
+    """Hears poses and diagnostics, and asks for saves."""
+
+    def __init__(self) -> None:
+        super().__init__("watch")
+        self.poses: list[tuple[float, float]] = []
+        self.reports: dict[str, dict[str, str]] = {}
+        self.create_subscription(PoseWithCovarianceStamped, "/pose", self._on_pose, 200)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, 10)
+        self._savers = {n: self.create_client(Trigger, f"/{n}/save_map") for n in NODES}
+
+    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
+        stamp = message.header.stamp
+        self.poses.append((time.monotonic(), stamp.sec + 1e-9 * stamp.nanosec))
+
+    def _on_report(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self.reports[status.name] = {v.key: v.value for v in status.values}
+
+    def spin_until(self, predicate: Callable[[], object], what: str) -> None:
+        """Spin until something holds, or give up."""
+        end = time.monotonic() + WAIT_S
+        while not predicate():
+            if time.monotonic() > end:
+                raise SystemExit(f"timed out: {what}")
+            rclpy.spin_once(self, timeout_sec=0.02)
+
+    def save(self, name: str) -> tuple[float, str]:
+        """Have a node save; return how long that took and what it said."""
+        start = time.monotonic()
+        future = self._savers[name].call_async(Trigger.Request())
+        self.spin_until(future.done, f"{name} to save")
+        return time.monotonic() - start, future.result().message
+
+    def pause(self) -> float:
+        """Return the longest time between two poses, beyond that between their stamps, s."""
+        pairs = zip(self.poses, self.poses[1:])
+        return max((b[0] - a[0] - max(b[1] - a[1], 0.0) for a, b in pairs), default=0.0)
+
+
+def start(module: str, *words: str) -> subprocess.Popen[bytes]:
+    """Start a node."""
+    code = f"from tccm_ros.nodes.start import {module}; {module}()"
+    return subprocess.Popen([sys.executable, "-c", code, "--ros-args", *words])
+
+
+def memory_mb(pid: int) -> tuple[float, float]:
+    """Return the highest resident memory of a process and of its children, MB."""
+
+    def peak(process: int) -> float:
+        lines = Path(f"/proc/{process}/status").read_text().splitlines()
+        return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1e3
+
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return peak(pid), sum(peak(int(child)) for child in children)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("bag", type=Path)
+    parser.add_argument("--rate", type=float, default=1.0)
+    arguments = parser.parse_args()
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ.setdefault("ROS_DOMAIN_ID", "98")
+    with tempfile.TemporaryDirectory() as folder:
+        live, offline = Path(folder) / "live", Path(folder) / "offline"
+        drive(arguments.bag, arguments.rate, live)
+        replay(arguments.bag, offline, Config(), pictures=False)
+        for name in EQUAL:
+            is_equal = (live / name).read_bytes() == (offline / name).read_bytes()
+            print(f"{name}: {'equal' if is_equal else 'DIFFERS'}")
+
+
+def drive(bag: Path, rate: float, folder: Path) -> None:
+    """Play a bag into the nodes and print what they did."""
+    rclpy.init()
+    watch = Watch()
+    saving = ("-p", f"save.directory:={folder}", "-p", "qos.reliability:=reliable")
+    processes = {name: start(module, *saving) for name, module in NODES.items()}
+    try:
+        watch.spin_until(lambda: set(NODES) <= set(watch.reports), "the nodes")
+        words = f"bag:={bag}", f"rate:={rate}", "reliable:=true", "wait_for_subscribers:=60.0"
+        player = start("player_node", *(w for word in words for w in ("-p", word)))
+        watch.spin_until(lambda: watch.poses, "the first pose")
+        duration_s = duration(bag) / rate
+        begin = watch.poses[0][0]
+        for fraction in SAVES:
+            watch.spin_until(lambda f=fraction: time.monotonic() > begin + f * duration_s, "a save")
+            print("save: {:.2f} s, {}".format(*watch.save("surface_slam")), flush=True)
+        watch.spin_until(lambda: player.poll() is not None, "the end of the bag")
+        print(f"longest pause of /pose: {watch.pause():.3f} s")
+        watch.save("tccm")
+        said = "not in it"
+        while "not in it" in said:
+            took_s, said = watch.save("surface_slam")
+            print(f"save: {took_s:.2f} s, {said}")
+        before = dict(watch.reports)
+        watch.spin_until(lambda: watch.reports["tccm"] is not before["tccm"], "diagnostics")
+        for name, process in processes.items():
+            values = watch.reports[name]
+            print(name, {k: v for k, v in values.items() if not k.startswith("received")})
+            print(
+                "{}: peak memory {:.0f} MB, children {:.0f} MB".format(
+                    name, *memory_mb(process.pid)
+                )
+            )
+    finally:
+        for process in processes.values():
+            process.send_signal(signal.SIGINT)
+            print("exit status", process.wait())
+        rclpy.try_shutdown()
+
+
+def duration(bag: Path) -> float:
+    """Return the duration of a bag, s."""
+    with BagReader(bag) as reader:
+        return reader.duration
+
+
+if __name__ == "__main__":
+    main()

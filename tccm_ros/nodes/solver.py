@@ -1,0 +1,329 @@
+"""The process that solves a SLAM node's map, as the node sees it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from multiprocessing import Pipe, reduction
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import IO, Any
+
+from tccm_ros.config import Config
+from tccm_ros.errors import MapError, OutputError, one_line
+from tccm_ros.nodes.solver_channel import (
+    Began,
+    Begin,
+    Failed,
+    Feed,
+    Journal,
+    Messages,
+    Show,
+    Solve,
+    Solved,
+)
+
+BATCH = 50
+"""Events that are written together: a quarter of a second of a laser, joints and odometry."""
+
+MAX_DEATHS = 3
+"""A process that dies so often without a solution is not started again."""
+
+END_S = 2.0
+"""Time for the process to end by itself, s."""
+
+
+@dataclass
+class _Session:
+    """What a process that is started anew needs to come to the same state."""
+
+    number: int
+    config: str
+    journal: Journal = field(default_factory=Journal)
+    map_name: str = ""
+    saved_map: IO[bytes] | None = None
+
+    def close(self) -> None:
+        self.journal.close()
+        if self.saved_map is not None:
+            self.saved_map.close()
+
+
+class Solver:
+    """Gives events to the process that solves, and its solutions to the node.
+
+    `begin`, `feed`, `solve` and `show` are for one thread, the worker of the node.
+
+    Parameters
+    ----------
+    config
+        All groups; a change is an event (`feed`).
+    on_answer
+        Called with each `Solved`, `Messages` and `Failed`, in a thread of its own.
+
+    Attributes
+    ----------
+    newest
+        The newest solution of this session; None before the first.
+    restarts
+        How often the process died and was started again.
+    """
+
+    def __init__(self, config: Config, on_answer: Callable[[Solved | Messages | Failed], None]):
+        self._config, self._on_answer = config, on_answer
+        self._changed = threading.Condition(threading.RLock())
+        self._waiting: list[Any] = []
+        self._session = _Session(0, config.model_dump_json())
+        self._began: Began | None = None
+        self._asked: Solve | None = None
+        self._number = 0
+        self._last = 0
+        self._is_current = False
+        self._deaths = 0
+        self._is_closed = False
+        self.newest: Solved | None = None
+        self.restarts = 0
+        self._start()
+        self._thread = threading.Thread(target=self._receive, name="solver", daemon=True)
+        self._thread.start()
+
+    @property
+    def is_solving(self) -> bool:
+        """Whether a solution was asked for and has not come."""
+        return self._asked is not None and not self.is_dead
+
+    @property
+    def is_dead(self) -> bool:
+        """Whether the process died too often: there will be no new solution."""
+        return self._deaths >= MAX_DEATHS
+
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid
+
+    # --- for the worker ---
+
+    def begin(self, saved_map: Path | None = None) -> tuple[int, int]:
+        """Forget everything, and go on with a saved map; return `WallSlam.first_keyframe`.
+
+        Raises
+        ------
+        MapError
+            Where the map cannot be read; the session goes on as if nothing had been asked.
+        """
+        session = _Session(self._session.number + 1, self._config.model_dump_json())
+        first_keyframe = (0, 0)
+        with self._changed:
+            if saved_map is not None:
+                session.map_name, session.saved_map = str(saved_map), _copied(saved_map)
+                first_keyframe = self._load(session)
+            else:
+                self._send_begin(session)
+            self._session.close()
+            self._forget(self.newest)
+            self._session, self._waiting, self._asked, self.newest = session, [], None, None
+            self._last, self._is_current, self._deaths = self._number, False, 0
+            self._changed.notify_all()
+        return first_keyframe
+
+    def _load(self, session: _Session) -> tuple[int, int]:
+        self._began, restarts = None, self.restarts
+        self._send_begin(session)
+        self._changed.wait_for(
+            lambda: self._began is not None or self.restarts > restarts or self.is_dead
+        )
+        error = "the process that reads it has died" if self._began is None else self._began.error
+        if self._began is None or error:
+            session.close()
+            raise MapError(error)
+        return self._began.first_keyframe
+
+    def feed(self, event: Any) -> None:
+        """Give an event; events are sent together."""
+        self._waiting.append(event)
+        self._is_current = False
+        if len(self._waiting) >= BATCH:
+            self.flush()
+
+    def flush(self) -> None:
+        """Send the events that wait to be sent."""
+        if not self._waiting:
+            return
+        with self._changed:
+            self._session.journal.append(self._waiting)
+            self._waiting = []
+            self._send(Feed(self._session.journal.length))
+
+    def solve(self, topics: frozenset[str]) -> int:
+        """Ask for a solution with all that was fed; return the number that `wait` knows it by.
+
+        It is the newest one where nothing was fed since.
+        """
+        with self._changed:
+            if self._is_current:
+                return self._number
+            self.flush()
+            self._number, self._is_current = self._number + 1, True
+            self._asked = Solve(self._number, topics)
+            self._send(self._asked)
+            return self._number
+
+    def show(self, topics: frozenset[str]) -> None:
+        """Ask for messages of the newest solution."""
+        with self._changed:
+            self._send(Show(topics))
+
+    # --- for all threads ---
+
+    def wait(self, number: int, timeout_s: float | None = None) -> bool:
+        """Wait until a solution has come or failed; return whether that was in time."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._last >= number or self.is_dead, timeout_s)
+
+    def is_of_session(self, answer: Solved) -> bool:
+        """Return whether an answer is of this session, and not of one before it."""
+        return answer.session == self._session.number
+
+    def archive(self) -> tuple[Solved, int] | None:
+        """Return the newest solution and a descriptor of its archive, to be closed; None: none."""
+        with self._changed:
+            return None if self.newest is None else (self.newest, os.dup(self.newest.archive))
+
+    def problems(self) -> Iterator[str]:
+        """Yield what is wrong, one line each."""
+        if self.is_dead:
+            yield (
+                f"the process that solves the map died {self._deaths} times without a solution and "
+                "is not started again: the map is not updated any more; look at its memory, save "
+                "and restart the node"
+            )
+        elif self._deaths:
+            yield (
+                "the process that solves the map died and was started again; nothing is lost, the "
+                "next solution takes longer"
+            )
+
+    def close(self) -> None:
+        """End the process."""
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify_all()
+        # Closing it would not end a read of it in another thread.
+        with suppress(OSError), socket.socket(fileno=os.dup(self._connection.fileno())) as end:
+            end.shutdown(socket.SHUT_RDWR)
+        try:
+            self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._thread.join()
+        self._connection.close()
+        self._session.close()
+        self._forget(self.newest)
+        self.newest = None
+
+    # --- the process ---
+
+    def _start(self) -> None:
+        self._connection, theirs = Pipe()
+        # A process group of its own: Ctrl-C in a terminal is for the node.
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "tccm_ros.nodes.solver_process", str(theirs.fileno())],
+            pass_fds=[theirs.fileno()],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        theirs.close()
+        self._send_begin(self._session)
+
+    def _send(self, command: Begin | Feed | Solve | Show) -> None:
+        """Send a command; a process that has died gets all of them when it is started again."""
+        with suppress(OSError):
+            self._connection.send(command)
+
+    def _send_begin(self, session: _Session) -> None:
+        with suppress(OSError):
+            self._connection.send(Begin(session.config, session.number, session.map_name))
+            reduction.send_handle(self._connection, session.journal.fileno(), self.pid)
+            if session.saved_map is not None:
+                reduction.send_handle(self._connection, session.saved_map.fileno(), self.pid)
+
+    def _receive(self) -> None:
+        while not self._is_closed:
+            try:
+                self._take(self._connection, self._connection.recv())
+            except (EOFError, OSError):
+                self._restart()
+
+    def _restart(self) -> None:
+        with self._changed:
+            if self._is_closed:
+                return
+            self._process.wait()
+            self._connection.close()
+            self._deaths += 1
+            if not self.is_dead:
+                self.restarts += 1
+                self._start()
+                self._send(Feed(self._session.journal.length))
+                if self._asked is not None:
+                    self._send(self._asked)
+            self._changed.notify_all()
+            if self.is_dead:
+                self._asked = None
+                self._changed.wait_for(lambda: self._is_closed)
+
+    def _take(self, connection: Connection, answer: Any) -> None:
+        if isinstance(answer, Solved):
+            answer = answer._replace(archive=reduction.recv_handle(connection))
+        with self._changed:
+            if isinstance(answer, Began):
+                self._began = answer
+            elif answer.session != self._session.number:
+                self._forget(answer)
+                return
+            elif isinstance(answer, Solved):
+                self._forget(self.newest)
+                self.newest, self._deaths = answer, 0
+            if isinstance(answer, (Solved, Failed)) and answer.number >= 0:
+                self._last = answer.number
+                if self._asked is not None and self._asked.number == answer.number:
+                    self._asked = None
+            self._changed.notify_all()
+        if not isinstance(answer, Began):
+            self._on_answer(answer)
+
+    @staticmethod
+    def _forget(answer: Any) -> None:
+        if isinstance(answer, Solved):
+            os.close(answer.archive)
+
+
+def _copied(path: Path) -> IO[bytes]:
+    """Return a copy of a saved map, since the file is replaced when this session is saved.
+
+    Raises
+    ------
+    MapError, OutputError
+        Where there is none, or it cannot be copied.
+    """
+    made = tempfile.TemporaryFile(prefix="tccm_map_")  # noqa: SIM115
+    try:
+        with path.open("rb") as file:
+            shutil.copyfileobj(file, made, 1 << 20)
+    except FileNotFoundError:
+        raise MapError(f"{path}: no such map; ~/save_map writes one") from None
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be read ({one_line(error)})") from None
+    made.flush()
+    return made

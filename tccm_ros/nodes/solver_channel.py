@@ -1,0 +1,188 @@
+"""What a SLAM node and the process that solves its map tell each other.
+
+Events go through a journal, a file without a name: the node writes at its end, the other process
+reads on. So nobody waits for the other, and a process that is started in place of one that died
+reads the same events again and comes to the same bytes. Commands and answers go through a pipe.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import struct
+import tempfile
+import zlib
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+from tccm_ros.arrays import Float64
+from tccm_ros.records import Surface
+from tccm_ros.results.map_file import MapContent
+
+GRID, GRID_TOPIC = "nav_msgs/msg/OccupancyGrid", "map"
+"""For navigation, latched; saved as map.pgm and map.yaml."""
+
+COLLISION_TOPIC = "collision_object"
+"""Where somebody publishes it, the surfaces themselves come with a solution."""
+
+HEADER = struct.Struct("<Q")
+"""Before each batch of events: its size."""
+
+
+class PoseStamp(int):
+    """Stamp of a tilt scan, ns: an event for `SurfaceSlam.add_pose_stamp`."""
+
+
+class Begin(NamedTuple):
+    """Forget everything. The descriptor of a journal follows, then that of the saved map, if any.
+
+    Attributes
+    ----------
+    config
+        The configuration, JSON.
+    session
+        Number of this beginning, for the answers.
+    map_name
+        Of the saved map to go on with, for messages; empty without one.
+    journal, saved_map
+        Descriptors (set by who receives them).
+    """
+
+    config: str
+    session: int
+    map_name: str = ""
+    journal: int = -1
+    saved_map: int = -1
+
+
+class Feed(NamedTuple):
+    """The journal is so long now, bytes."""
+
+    length: int
+
+
+class Solve(NamedTuple):
+    """Solve with all events so far; the answer has this number, and messages of these topics."""
+
+    number: int
+    topics: frozenset[str]
+
+
+class Show(NamedTuple):
+    """Send the messages of the newest solution on these topics."""
+
+    topics: frozenset[str]
+
+
+class Began(NamedTuple):
+    """A session has begun, or could not (`error`): then the one before goes on.
+
+    Attributes
+    ----------
+    session
+        As asked.
+    first_keyframe
+        `WallSlam.first_keyframe`.
+    error
+        Why the saved map cannot be read; empty.
+    """
+
+    session: int
+    first_keyframe: tuple[int, int] = (0, 0)
+    error: str = ""
+
+
+class Solved(NamedTuple):
+    """What the node takes from a solution; the descriptor of the archive with its files follows.
+
+    Attributes
+    ----------
+    session, number, resets
+        As asked; clock jumps among the events so far.
+    stamp_ns
+        Of the newest event in it.
+    content
+        How much its map holds.
+    T_map_front
+        float64 (3,), `SurfaceSlam.correction`.
+    is_localised
+        Whether the session is in the frame of its map.
+    keyframe
+        Pose float64 (3,) in map and covariance (3, 3) of the newest keyframe.
+    changes
+        What happened to surfaces since the solution before, a sentence each.
+    surfaces
+        Of the solution, where the topic `collision_object` was asked for.
+    messages
+        Serialised, by topic.
+    duration_s
+        Time that it took.
+    archive
+        Descriptor (set by who receives it).
+    """
+
+    session: int
+    number: int
+    resets: int
+    stamp_ns: int
+    content: MapContent
+    T_map_front: Float64
+    is_localised: bool
+    keyframe: tuple[Float64, Float64] | None
+    changes: tuple[str, ...]
+    surfaces: tuple[Surface, ...]
+    messages: dict[str, bytes]
+    duration_s: float
+    archive: int = -1
+
+
+class Messages(NamedTuple):
+    """The answer to `Show`."""
+
+    session: int
+    messages: dict[str, bytes]
+
+
+class Failed(NamedTuple):
+    """A command or an event raised; the process goes on. `number` is that of a solution, or -1."""
+
+    session: int
+    number: int
+    error: str
+
+
+class Journal:
+    """Events of a session in a file that vanishes with its last descriptor.
+
+    Attributes
+    ----------
+    length
+        Bytes written.
+    """
+
+    def __init__(self) -> None:
+        self._file = tempfile.TemporaryFile(prefix="tccm_journal_")  # noqa: SIM115
+        self.length = 0
+
+    def fileno(self) -> int:
+        """Return its descriptor."""
+        return self._file.fileno()
+
+    def append(self, events: Sequence[Any]) -> None:
+        """Write a batch of events, compressed."""
+        batch = zlib.compress(pickle.dumps(events, pickle.HIGHEST_PROTOCOL), 1)
+        entry = HEADER.pack(len(batch)) + batch
+        self.length += os.pwrite(self.fileno(), entry, self.length)
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._file.close()
+
+
+def read_events(journal: int, begin: int, end: int) -> Iterator[Any]:
+    """Yield the events of a journal between two lengths of it."""
+    while begin < end:
+        (size,) = HEADER.unpack(os.pread(journal, HEADER.size, begin))
+        begin += HEADER.size
+        yield from pickle.loads(zlib.decompress(os.pread(journal, size, begin)))
+        begin += size

@@ -1,0 +1,229 @@
+"""The process that solves a SLAM node's map: `python -m tccm_ros.nodes.solver_process DESCRIPTOR`.
+
+It feeds the events of the node, in their order, to the processor that a replay has, and gives back
+what the node publishes and saves. It knows no rclpy, ignores the signals that are for the node and
+ends with it.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Collection
+from multiprocessing import reduction
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.bags.typestore import TypestoreMessages
+from tccm_ros.config import Config
+from tccm_ros.errors import MapError, TccmError, one_line
+from tccm_ros.geometry import compose2, planar
+from tccm_ros.nodes.map_folder import map_files, pack_files
+from tccm_ros.nodes.solver_channel import (
+    COLLISION_TOPIC,
+    GRID,
+    GRID_TOPIC,
+    Began,
+    Begin,
+    Failed,
+    Feed,
+    Messages,
+    PoseStamp,
+    Show,
+    Solve,
+    Solved,
+    read_events,
+)
+from tccm_ros.records import Surface
+from tccm_ros.results.map_file import MapContent, load_map
+from tccm_ros.results.occupancy import occupancy_grid
+from tccm_ros.ros.output_messages import grid_message
+from tccm_ros.ros.topic_messages import SolutionMessageBuilder, TopicMessage
+from tccm_ros.surfaces.saved_map import SavedMap
+from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
+from tccm_ros.surfaces.track_ids import changes
+
+NICENESS = 5
+"""Tracking comes first where there are fewer cores than processes (chosen)."""
+
+
+class SolverProcess:
+    """Does the commands of a node one after the other.
+
+    Parameters
+    ----------
+    connection
+        To the node.
+    """
+
+    def __init__(self, connection: Connection):
+        self._connection = connection
+        self._types = TypestoreMessages()
+        self._session = -1
+        self._journal = -1
+        self._read = 0
+        self._slam = SurfaceSlam(Config())
+        self._surfaces: tuple[Surface, ...] = ()
+        self._shown: dict[str, TopicMessage] = {}
+        self._builder = SolutionMessageBuilder(self._types, "map")
+        self._do: dict[type, Callable[[Any], None]] = {
+            Begin: self._begin,
+            Feed: self._feed,
+            Solve: self._solve,
+            Show: self._show,
+        }
+
+    def do(self, command: Begin | Feed | Solve | Show) -> None:
+        """Do one command; what it raises is told to the node."""
+        try:
+            self._do[type(command)](command)
+        except Exception as error:
+            self._tell(command, error)
+
+    def _tell(self, command: Any, error: Exception) -> None:
+        kind = "" if isinstance(error, TccmError) else f"{type(error).__name__}: "
+        number = command.number if isinstance(command, Solve) else -1
+        self._connection.send(Failed(self._session, number, f"{kind}{one_line(error)}"))
+
+    def _begin(self, begin: Begin) -> None:
+        journal, config = begin.journal, Config.model_validate_json(begin.config)
+        try:
+            slam = SurfaceSlam(config)
+            if begin.map_name:
+                slam = SurfaceSlam.from_saved(config, _read_map(begin))
+        except TccmError as error:
+            os.close(journal)
+            self._connection.send(Began(begin.session, error=one_line(error)))
+            return
+        if self._journal >= 0:
+            os.close(self._journal)
+        self._session, self._journal, self._read = begin.session, journal, 0
+        self._slam, self._surfaces, self._shown = slam, (), {}
+        self._builder = SolutionMessageBuilder(self._types, config.frames.map_name)
+        self._connection.send(Began(begin.session, slam.walls.first_keyframe))
+
+    def _feed(self, feed: Feed) -> None:
+        begin, self._read = self._read, feed.length
+        for event in read_events(self._journal, begin, feed.length):
+            try:
+                self._take(event)
+            except Exception as error:
+                self._tell(feed, error)
+
+    def _take(self, event: Any) -> None:
+        if isinstance(event, PoseStamp):
+            self._slam.add_pose_stamp(int(event))
+        elif isinstance(event, Config):
+            for group in type(event).model_fields:
+                setattr(self._slam.config, group, getattr(event, group))
+        else:
+            self._slam.add(event)
+
+    def _solve(self, solve: Solve) -> None:
+        start = time.monotonic()
+        solution = self._slam.solve(every_covariance=False)
+        saved = self._slam.saved(solution)
+        frame = self._slam.config.frames.map_name
+        with tempfile.TemporaryFile(prefix="tccm_map_") as archive:
+            pack_files(map_files(self._slam, solution, frame, saved), archive)
+            self._shown = self._messages(solution, saved)
+            done = tuple(str(change) for change in changes(self._surfaces, solution.surfaces))
+            self._surfaces = solution.surfaces
+            solved = Solved(
+                self._session,
+                solve.number,
+                self._slam.counts["resets"],
+                solution.stamp_ns,
+                MapContent.of(saved, solution),
+                self._slam.correction(solution),
+                self._slam.is_aligned(solution),
+                self._keyframe(solution),
+                done,
+                self._surfaces if COLLISION_TOPIC in solve.topics else (),
+                self._serialised(solve.topics),
+                time.monotonic() - start,
+            )
+            self._connection.send(solved)
+            reduction.send_handle(self._connection, archive.fileno(), os.getppid())
+
+    def _show(self, show: Show) -> None:
+        self._connection.send(Messages(self._session, self._serialised(show.topics)))
+
+    def _messages(self, solution: SurfaceSolution, saved: SavedMap) -> dict[str, TopicMessage]:
+        due = [*self._builder.of(solution, solution.stamp_ns)]
+        due.append(TopicMessage(GRID_TOPIC, GRID, lambda: self._grid(solution, saved)))
+        return {message.topic: message for message in due}
+
+    def _serialised(self, topics: Collection[str]) -> dict[str, bytes]:
+        return {
+            name: bytes(self._types.serialize(self._shown[name].msgtype, self._shown[name].build()))
+            for name in sorted(topics & self._shown.keys())
+        }
+
+    def _grid(self, solution: SurfaceSolution, saved: SavedMap) -> Any:
+        """Return the level scans as a nav_msgs/OccupancyGrid; empty without a level laser."""
+        grid = occupancy_grid(saved.walls)
+        cells, size, origin = np.zeros((0, 0), np.int8), 0.05, np.eye(4)
+        if grid is not None:
+            cells, size, origin[:2, 3] = grid.cells, grid.resolution, grid.origin
+        frame = self._slam.config.frames.map_name
+        return grid_message(self._types, solution.stamp_ns, frame, cells, size, origin)
+
+    def _keyframe(self, solution: SurfaceSolution) -> tuple[Float64, Float64] | None:
+        """Return pose in map and covariance of the newest keyframe."""
+        slam, place = solution.slam, solution.alignment
+        if not len(slam.cov_keyframes):
+            return None
+        T_map_session = np.zeros(3) if place is None else planar(place.T_map_session)
+        return compose2(T_map_session, slam.keyframes[-1].pose), slam.cov_keyframes[-1]
+
+
+def _read_map(begin: Begin) -> SavedMap:
+    """Read a saved map from its descriptor; messages have its name."""
+    path = Path(f"/dev/fd/{begin.saved_map}")
+    try:
+        return load_map(path)
+    except MapError as error:
+        raise MapError(str(error).replace(str(path), begin.map_name)) from None
+    finally:
+        os.close(begin.saved_map)
+
+
+def listen(connection: Connection, commands: queue.SimpleQueue[Any]) -> None:
+    """Queue the commands as they come, so that the node never waits; end with the node."""
+    try:
+        while True:
+            command = connection.recv()
+            if isinstance(command, Begin):
+                command = command._replace(journal=reduction.recv_handle(connection))
+                if command.map_name:
+                    command = command._replace(saved_map=reduction.recv_handle(connection))
+            commands.put(command)
+    except (EOFError, OSError):
+        os._exit(0)
+
+
+def main() -> None:
+    """Solve for the node at the other end of the pipe whose descriptor is the first argument."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    os.nice(NICENESS)
+    connection = Connection(int(sys.argv[1]))
+    commands: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    threading.Thread(target=listen, args=(connection, commands), daemon=True).start()
+    solver = SolverProcess(connection)
+    while True:
+        solver.do(commands.get())
+
+
+if __name__ == "__main__":
+    main()

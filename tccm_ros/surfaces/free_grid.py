@@ -1,0 +1,150 @@
+"""The free columns of a view as a grid, for the question what of other views it looked through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+
+from tccm_ros.arrays import Bool, Float32, Float64, Int64
+from tccm_ros.cuboids.free_columns import KEY_STEP, FreeColumns
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FreeGrid:
+    """Free intervals by the column of a grid that holds them all.
+
+    Attributes
+    ----------
+    cell_size
+        Edge of a column, m.
+    corner
+        int64 (2,), column of index (0, 0).
+    first
+        int64 (X, Y + 1): the intervals of column (x, y) are those from first[x, y] up to
+        first[x, y + 1].
+    low, high
+        float64 (M,), m, the free intervals.
+    """
+
+    cell_size: float
+    corner: Int64
+    first: Int64
+    low: Float64
+    high: Float64
+
+    @classmethod
+    def of(cls, free: FreeColumns) -> FreeGrid:
+        """Return the grid of free columns."""
+        if not len(free.keys):
+            none = np.zeros(2, np.int64), np.zeros((0, 1), np.int64)
+            return cls(free.cell_size, *none, free.low, free.high)
+        x = np.rint(free.keys / KEY_STEP).astype(np.int64)
+        y = free.keys - x * KEY_STEP
+        rows, columns = np.arange(x.min(), x.max() + 1), np.arange(y.min(), y.max() + 2)
+        first = np.searchsorted(free.keys, rows[:, None] * KEY_STEP + columns)
+        corner = np.array([rows[0], columns[0]])
+        return cls(free.cell_size, corner, first, free.low, free.high)
+
+    def touches(
+        self,
+        points: Float32,
+        T: Float64,
+        max_range: float,
+        margins: tuple[float, float],
+        is_near_enough: bool = False,
+    ) -> bool:
+        """Return whether any point counts: is near, and lies in a free interval.
+
+        Parameters
+        ----------
+        points, T, max_range, margins
+            As of `look`.
+        is_near_enough
+            Whether a point counts that is near.
+        """
+        grid = self.cell_size, self.corner, self.first, self.low, self.high
+        return bool(_touches(points, T, max_range, margins, is_near_enough, *grid))
+
+    def look(
+        self, points: Float32, T: Float64, max_range: float, margins: tuple[float, float]
+    ) -> tuple[Float64, Bool, Float64]:
+        """Look at points of another view.
+
+        Parameters
+        ----------
+        points
+            float32 (N, 3), in the other view, m.
+        T
+            float64 (4, 4), the other view in this one.
+        max_range
+            Horizontal distance up to which this view sees, m.
+        margins
+            A point lies in an interval if it is so far from its ends: in m, and more in m for each
+            m of distance.
+
+        Returns
+        -------
+        points : float64 (N, 3)
+            In this view.
+        is_through : bool (N,)
+            Whether this view looked through them.
+        margin : float64 (N,)
+            m; -1 for a point beyond `max_range`.
+        """
+        grid = self.cell_size, self.corner, self.first, self.low, self.high
+        return _look(points, T, max_range, margins, *grid)
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _moved(point, T):  # type: ignore[no-untyped-def]
+    """Return a point in another frame."""
+    x, y, z = np.float64(point[0]), np.float64(point[1]), np.float64(point[2])
+    return (
+        T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
+        T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],
+        T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3],
+    )
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _is_free(x, y, z, margin, cell_size, corner, first, low, high):  # type: ignore[no-untyped-def]
+    """Return whether a point lies in a free interval, `margin` m from its ends."""
+    i = np.int64(np.floor(x / cell_size)) - corner[0]
+    j = np.int64(np.floor(y / cell_size)) - corner[1]
+    if i < 0 or j < 0 or i >= first.shape[0] or j >= first.shape[1] - 1:
+        return False
+    for row in range(first[i, j], first[i, j + 1]):
+        if low[row] + margin <= z <= high[row] - margin:
+            return True
+    return False
+
+
+@njit(nogil=True, cache=True)
+def _touches(  # type: ignore[no-untyped-def]
+    points, T, max_range, margins, is_near_enough, cell_size, corner, first, low, high
+):
+    for k in range(len(points)):
+        x, y, z = _moved(points[k], T)
+        distance = np.sqrt(x * x + y * y)
+        if distance <= max_range:
+            margin = margins[0] + margins[1] * distance
+            if is_near_enough or _is_free(x, y, z, margin, cell_size, corner, first, low, high):
+                return True
+    return False
+
+
+@njit(nogil=True, cache=True)
+def _look(points, T, max_range, margins, cell_size, corner, first, low, high):  # type: ignore[no-untyped-def]
+    moved = np.empty((len(points), 3))
+    through = np.zeros(len(points), np.bool_)
+    margin = np.full(len(points), -1.0)
+    for k in range(len(points)):
+        x, y, z = _moved(points[k], T)
+        moved[k, 0], moved[k, 1], moved[k, 2] = x, y, z
+        distance = np.sqrt(x * x + y * y)
+        if distance <= max_range:
+            margin[k] = margins[0] + margins[1] * distance
+            through[k] = _is_free(x, y, z, margin[k], cell_size, corner, first, low, high)
+    return moved, through, margin

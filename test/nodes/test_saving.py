@@ -1,0 +1,260 @@
+"""What a node saves, and when: asked by a service, told to stop once or more often, left alone."""
+
+import os
+import shutil
+import signal
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+from live_robot import START_NS, Listener, recording, slam, tccm
+from processes import PATIENCE_S, children, play_to_process, settings, started
+from rclpy.executors import SingleThreadedExecutor
+from std_srvs.srv import Trigger
+
+from tccm_ros.nodes.map_folder import read_map
+from tccm_ros.nodes.stopping import HASTE_S
+from tccm_ros.results.map_file import read_content
+
+SECOND = 1_000_000_000
+LONG_S = 60.0
+"""An executor that sleeps so long wakes up for an answer alone."""
+
+
+def trigger(ros, name):
+    client = Listener(ros, "caller").node.create_client(Trigger, name)
+    return ros.call(client, Trigger.Request())
+
+
+def files(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@contextmanager
+def mapping_node(ros, folder, **values):
+    """Start slam_node as a process, with a solution of a short drive; yield it and its child."""
+    values = {"save__directory": folder, "save__on_shutdown": "true", **values}
+    with started(ros.domain, "slam_node", *settings(qos__reliability="reliable", **values)) as node:
+        assert trigger(ros, "/surface_slam/reset").success
+        play_to_process(ros, ros.robot(), recording(2, tilt=False))
+        save_until(ros, lambda answer: answer.success)
+        (child,) = children(node)
+        shutil.rmtree(folder)
+        try:
+            yield node, child
+        finally:
+            with_signal(child, signal.SIGKILL)
+
+
+def save_until(ros, predicate):
+    """Ask for the map to be saved until the answer is as wanted."""
+    end = time.monotonic() + PATIENCE_S
+    while not predicate(answer := trigger(ros, "/surface_slam/save_map")):
+        assert time.monotonic() < end, answer.message
+
+
+def hold_solution(ros, child, folder):
+    """Stop the process that solves, and have records come that its newest solution is without."""
+    os.kill(child, signal.SIGSTOP)
+    later = recording(1, tilt=False, start_ns=START_NS + 5 * SECOND)
+    play_to_process(ros, ros.robot(name="again"), later)
+    save_until(ros, lambda answer: "not in it" in answer.message)
+    shutil.rmtree(folder)
+
+
+def with_signal(pid, number):
+    try:
+        os.kill(pid, number)
+    except ProcessLookupError:
+        return
+
+
+def wait_until(predicate, what, process):
+    end = time.monotonic() + PATIENCE_S
+    while not predicate():
+        assert time.monotonic() < end, what
+        assert process.poll() is None, process.communicate()
+        os.sched_yield()
+
+
+# --- told to stop ---
+
+
+@pytest.mark.parametrize("delay_s", [0.002, 0.02, 0.05, 0.1, 0.2])
+def test_a_second_sigint_neither_aborts_nor_loses_the_map(ros, tmp_path, delay_s):
+    with mapping_node(ros, tmp_path / "map") as (node, _):
+        node.send_signal(signal.SIGINT)
+        end = time.monotonic() + delay_s
+        while time.monotonic() < end:
+            os.sched_yield()
+        node.send_signal(signal.SIGINT)
+        output, _ = node.communicate(timeout=PATIENCE_S)
+    assert node.returncode == 0, output
+    assert read_content(tmp_path / "map" / "map.mcap").keyframes
+
+
+def test_the_newest_solution_is_saved_at_once_and_a_late_signal_ends_the_wait(ros, tmp_path):
+    """As `ros2 launch` does: SIGINT, later SIGTERM; the last solution would take forever."""
+    with mapping_node(ros, tmp_path / "map") as (node, child):
+        hold_solution(ros, child, tmp_path / "map")
+        start = time.monotonic()
+        node.send_signal(signal.SIGINT)
+        wait_until((tmp_path / "map" / "map.mcap").exists, "the newest solution", node)
+        while time.monotonic() < start + HASTE_S + 0.5:
+            os.sched_yield()
+        assert node.poll() is None
+        node.send_signal(signal.SIGTERM)
+        os.kill(child, signal.SIGCONT)
+        output, _ = node.communicate(timeout=PATIENCE_S)
+    assert node.returncode == 0, output
+    assert read_content(tmp_path / "map" / "map.mcap").keyframes
+
+
+def test_three_signals_in_haste_end_at_once_and_say_what_is_not_saved(ros, tmp_path):
+    with mapping_node(ros, tmp_path / "map") as (node, child):
+        hold_solution(ros, child, tmp_path / "map")
+        for _ in range(3):
+            node.send_signal(signal.SIGINT)
+            end = time.monotonic() + 0.2
+            while time.monotonic() < end and node.poll() is None:
+                os.sched_yield()
+        node.wait(timeout=PATIENCE_S)
+        os.kill(child, signal.SIGCONT)
+        output, _ = node.communicate(timeout=PATIENCE_S)
+    assert node.returncode == 1, output
+    assert "ended by the 3rd signal" in output
+    is_saved = (tmp_path / "map" / "map.mcap").exists()
+    assert ("nothing was saved" in output) != is_saved
+
+
+# --- what replaces what ---
+
+
+def test_an_empty_node_saves_nothing_over_a_map(ros, tmp_path):
+    folder = tmp_path / "map"
+    folder.mkdir()
+    (folder / "map.mcap").write_bytes(b"a map")
+    (folder / "cuboids.npz").write_bytes(b"cuboids")
+    before = files(folder)
+    slam(ros, save__directory=str(folder))
+    tccm(ros, save__directory=str(folder))
+    for name, reason in (("surface_slam", "nothing has been mapped"), ("tccm", "no tilt cycle")):
+        answer = trigger(ros, f"/{name}/save_map")
+        assert not answer.success
+        assert reason in answer.message
+    assert files(folder) == before
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_empty_node_that_is_told_to_stop_saves_nothing_over_a_map(ros, tmp_path, number):
+    folder = tmp_path / "map"
+    folder.mkdir()
+    (folder / "map.mcap").write_bytes(b"a map")
+    (folder / "cuboids.npz").write_bytes(b"cuboids")
+    before = files(folder)
+    arguments = settings(save__directory=folder, save__on_shutdown="true")
+    with started(ros.domain, "all_in_one", *arguments) as node:
+        for name in ("tccm", "surface_slam"):
+            assert trigger(ros, f"/{name}/reset").success
+        node.send_signal(number)
+        output, _ = node.communicate(timeout=PATIENCE_S)
+    assert node.returncode == 0, output
+    assert output.count("not saved") == 2
+    assert files(folder) == before
+
+
+def test_a_map_is_not_replaced_by_one_that_holds_less_and_the_one_before_is_kept(ros, tmp_path):
+    folder, previous = tmp_path / "map", tmp_path / "map.previous"
+    node, robot = slam(ros, save__directory=str(folder)), ros.robot()
+    robot.play(recording(3, speed=0.5, tilt=False), node)
+    assert trigger(ros, "/surface_slam/save_map").success
+    long = files(folder)
+    assert trigger(ros, "/surface_slam/reset").success
+    robot.play(recording(1, tilt=False, start_ns=START_NS + 60 * SECOND), node)
+    answer = trigger(ros, "/surface_slam/save_map")
+    assert not answer.success
+    assert "holds more" in answer.message
+    assert files(folder) == long
+    assert not previous.exists()
+    robot.play(recording(5, speed=0.5, tilt=False, start_ns=START_NS + 90 * SECOND), node)
+    answer = trigger(ros, "/surface_slam/save_map")
+    assert answer.success, answer.message
+    assert files(previous) == long
+    assert files(folder) != long
+
+
+def test_a_saved_map_names_its_solution(ros, tmp_path):
+    node, robot = slam(ros, save__directory=str(tmp_path / "map")), ros.robot()
+    robot.play(recording(3, speed=0.5, tilt=False), node)
+    answer = trigger(ros, "/surface_slam/save_map")
+    newest = node.solver.newest
+    assert f"solution {newest.number}, up to {newest.stamp_ns * 1e-9:.3f} s" in answer.message
+    assert read_content(tmp_path / "map" / "map.mcap") == newest.content
+    assert read_map(tmp_path / "map").walls
+
+
+# --- in time ---
+
+
+def test_a_save_does_not_wait_for_a_solution_that_takes_long(ros, tmp_path):
+    node, robot = slam(ros, save__directory=str(tmp_path / "map")), ros.robot()
+    robot.play(recording(2, tilt=False), node)
+    assert trigger(ros, "/surface_slam/save_map").success
+    os.kill(node.solver.pid, signal.SIGSTOP)
+    robot.play(recording(1, tilt=False, start_ns=START_NS + 5 * SECOND), node)
+    answer = trigger(ros, "/surface_slam/save_map")
+    os.kill(node.solver.pid, signal.SIGCONT)
+    assert answer.success
+    assert "s of records are not in it" in answer.message
+
+
+def test_poses_go_on_while_a_solution_takes_long(ros):
+    node, robot = slam(ros), ros.robot()
+    robot.play(recording(1, tilt=False), node)
+    os.kill(node.solver.pid, signal.SIGSTOP)
+    before = node.processor.counts["level scans"]
+    robot.play(recording(20, tilt=False, start_ns=START_NS + 5 * SECOND), node)
+    os.kill(node.solver.pid, signal.SIGCONT)
+    assert node.processor.counts["level scans"] >= before + 190
+    assert not node.overload
+
+
+def test_an_answer_of_the_worker_wakes_its_executor(ros, tmp_path):
+    """An executor that waits for nothing else has the answer as soon as the work is done."""
+    node = slam(ros, save__directory=str(tmp_path / "map"))
+    ros.executor.remove_node(node)
+    for timer in list(node.timers):
+        node.destroy_timer(timer)
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    is_done = threading.Event()
+
+    def spin():
+        while not is_done.is_set():
+            executor.spin_once(timeout_sec=LONG_S)
+
+    thread = threading.Thread(target=spin, daemon=True)
+    thread.start()
+    start = time.monotonic()
+    for name in ("reset", "save_map", "reset"):
+        trigger(ros, f"/surface_slam/{name}")
+    elapsed = time.monotonic() - start
+    is_done.set()
+    executor.wake()
+    thread.join()
+    ros.executor.add_node(node)
+    assert elapsed < LONG_S
+
+
+# --- left alone ---
+
+
+def test_what_came_last_is_solved_when_input_has_ended(ros):
+    node, robot = slam(ros), ros.robot()
+    robot.play(recording(1, tilt=False), node)
+    last_ns = node.newest_ns
+    ros.spin_until(
+        lambda: node.solver.newest is not None and node.solver.newest.stamp_ns == last_ns,
+        what="a solution with all that has come",
+    )

@@ -1,0 +1,136 @@
+"""The process that solves: the same bytes as in the node's own, also after it was killed."""
+
+import os
+import signal
+
+import pytest
+from live_robot import URDF, recording
+
+from tccm_ros.config import Config
+from tccm_ros.errors import MapError
+from tccm_ros.nodes.map_folder import read_map, save_archive, write_map
+from tccm_ros.nodes.solver import MAX_DEATHS, Solver
+from tccm_ros.nodes.solver_channel import PoseStamp, Solved
+from tccm_ros.pipeline.processors import Pipeline
+from tccm_ros.records import RobotDescription
+from tccm_ros.surfaces.surface_slam import SurfaceSlam
+
+PATIENCE_S = 120.0
+TOPICS = frozenset({"surfaces", "map"})
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """Events of a drive, and the processor that has had them."""
+    events = []
+
+    class Recorded(Pipeline):
+        def add(self, role, record):
+            if role == "tilt_scan":
+                events.append(PoseStamp(record.stamp_ns))
+            return super().add(role, record)
+
+    pipeline = Recorded(Config(), expects_odometry=True)
+    plain = pipeline.slam.add
+    pipeline.slam.add = lambda event: (
+        events.append(event) if pipeline.slam.takes(event) else None,
+        plain(event),
+    )[1]
+    pipeline.add("robot_description", RobotDescription(URDF.format(p="", kind="revolute")))
+    for topic, record in recording(6, speed=0.3):
+        pipeline.add(topic, record)
+    pipeline.finish()
+    return events, pipeline.slam
+
+
+@pytest.fixture
+def solver():
+    answers = []
+    solver = Solver(Config(), answers.append)
+    solver.answers = answers
+    yield solver
+    solver.close()
+
+
+def solved(solver) -> Solved:
+    number = solver.solve(TOPICS)
+    assert solver.wait(number, PATIENCE_S)
+    assert solver.newest is not None, solver.answers
+    assert solver.newest.number == number
+    return solver.newest
+
+
+def files(folder) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_it_saves_the_bytes_of_the_processor_also_after_it_was_killed(drive, solver, tmp_path):
+    events, slam = drive
+    write_map(tmp_path / "offline", slam, slam.solve(), "map")
+    half = len(events) // 2
+    for event in events[:half]:
+        solver.feed(event)
+    solved(solver)
+    os.kill(solver.pid, signal.SIGKILL)
+    for event in events[half:]:
+        solver.feed(event)
+    found = solved(solver)
+    assert solver.restarts == 1
+    assert found.content.views == len(slam.map.views)
+    assert set(found.messages) == TOPICS
+    save_archive(found.archive, tmp_path / "live")
+    assert files(tmp_path / "live") == files(tmp_path / "offline")
+
+
+def test_what_killed_it_too_often_is_said_and_the_newest_solution_stays(drive, solver, tmp_path):
+    events, _ = drive
+    for event in events:
+        solver.feed(event)
+    found = solved(solver)
+    assert list(solver.problems()) == []
+    for death in range(MAX_DEATHS):
+        pid = solver.pid
+        os.kill(pid, signal.SIGKILL)
+        with solver._changed:
+            changed = solver._changed.wait_for(
+                lambda p=pid: solver.is_dead or solver.pid != p, PATIENCE_S
+            )
+        assert changed, death
+        assert len(list(solver.problems())) == 1
+    assert solver.is_dead
+    assert not solver.is_solving
+    solver.feed(events[-1])
+    assert solver.wait(solver.solve(TOPICS), PATIENCE_S)
+    save_archive(found.archive, tmp_path)
+    assert read_map(tmp_path).views
+
+
+def test_a_map_is_loaded_and_one_that_is_damaged_leaves_the_session_as_it_is(
+    drive, solver, tmp_path
+):
+    events, slam = drive
+    write_map(tmp_path, slam, slam.solve(), "map")
+    for event in events:
+        solver.feed(event)
+    before = solved(solver)
+    for path in (tmp_path / "nowhere.mcap", tmp_path / "walls.json"):
+        with pytest.raises(MapError, match=path.name):
+            solver.begin(path)
+    assert solver.newest is before
+    expected = SurfaceSlam.from_saved(Config(), read_map(tmp_path)).walls.first_keyframe
+    assert solver.begin(tmp_path / "map.mcap") == expected
+    os.kill(solver.pid, signal.SIGKILL)
+    (tmp_path / "map.mcap").unlink()
+    assert solved(solver).content.views == before.content.views
+
+
+def test_answers_of_a_session_that_was_forgotten_are_not_taken(drive, solver):
+    events, _ = drive
+    for event in events:
+        solver.feed(event)
+    old = solver.solve(TOPICS)
+    solver.begin()
+    assert solver.newest is None
+    assert solver.wait(old, 0.0)
+    assert solved(solver).content.is_empty
+    assert not [a for a in solver.answers if not solver.is_of_session(a)]

@@ -1,0 +1,61 @@
+"""The tracker follows the base as the SLAM processor does, in a memory that does not grow."""
+
+import numpy as np
+import plan
+import pytest
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import compose2
+from tccm_ros.records import ClockJump, Odometry
+from tccm_ros.slam.tracking import Tracker
+from tccm_ros.slam.wall_slam import WallSlam
+
+WALLS = plan.ring()
+
+
+@pytest.fixture(scope="module")
+def run():
+    return plan.drive(WALLS, plan.route([(0, 0), (12, 0), (12, 5)]), seed=4)
+
+
+def test_it_matches_as_the_processor_does_and_a_solution_corrects_it(run):
+    """Without loop closures the processor's live pose is the front end's, byte for byte."""
+    config = Config()
+    config.loops.enabled = False
+    slam, tracker = WallSlam(config), Tracker(config)
+    for scan in run.scans:
+        slam.add_scan(scan)
+        tracker.add(scan)
+        ours, expected = tracker.current_pose(), slam.current_pose()
+        assert ours.stamp_ns == expected.stamp_ns
+        assert np.allclose(ours.pose, expected.pose, atol=1e-12)
+        assert np.allclose(ours.map_odom, expected.map_odom, atol=1e-12)
+    solution = slam.solve()
+    assert tracker.counts["level scans"] == len(run.scans)
+    assert tracker.counts["keyframes"] == len(solution.keyframes)
+    corrected = compose2(slam.correction(solution), tracker.current_pose().pose)
+    assert np.allclose(corrected, solution.poses[-1], atol=1e-9)
+
+
+def test_it_keeps_what_the_next_scan_is_matched_with_and_no_more(run):
+    config = Config()
+    tracker = Tracker(config, (40, 2))
+    for scan in run.scans:
+        tracker.add(scan)
+    front = tracker._front
+    assert len(front.keyframes) <= max(config.matching.submap_keyframes, 3)
+    assert len(front.tracked) == 1
+    assert front.keyframes[-1].id == 40 + tracker.counts["keyframes"] - 1
+    assert front.keyframes[-1].session == 2
+
+
+def test_without_scans_it_follows_odometry_and_a_jump_begins_anew():
+    tracker = Tracker(Config())
+    for k in range(3):
+        T = np.eye(4)
+        T[0, 3] = 5.0 + k
+        tracker.add(Odometry(k + 1, "odom", "base", T))
+    assert np.allclose(tracker.current_pose().pose, [2.0, 0.0, 0.0])
+    tracker.add(ClockJump("back"))
+    assert tracker.counts["resets"] == 1
+    assert tracker.current_pose().stamp_ns == -1

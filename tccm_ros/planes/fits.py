@@ -111,7 +111,7 @@ class PlaneFit:
 
     @property
     def quality(self) -> float:
-        """Val of Eq. (8), l1 l2 / l3 of the points' covariance, m2."""
+        """Plane quality, l1 l2 / l3 of the points' covariance, m2 (Eq. 8 of the TCCM paper)."""
         return float(self._uncertainty[1])
 
     @cached_property

@@ -52,7 +52,7 @@ def time_span(scan: Scan) -> tuple[int, int]:
     return (stamp_ns, end_ns) if end_ns >= stamp_ns else (end_ns, stamp_ns)
 
 
-def fault(scan: Scan) -> str | None:
+def rejection_reason(scan: Scan) -> str | None:
     """Return why a scan cannot be used, None where it can."""
     if len(scan.ranges) == 0:
         return "empty"
@@ -72,7 +72,7 @@ TILT_SCAN = Stream(
     taker="tccm",
     event=PosedScan,
     time_span=time_span,
-    fault=fault,
+    rejection_reason=rejection_reason,
     sees_robot=True,
 )
 

@@ -153,7 +153,7 @@ class PlacementSurface:
 
     @cached_property
     def inner_radius(self) -> float:
-        """Radius of the largest circle in the free area, to `TOLERANCE_M`, m; 0 where there is none."""
+        """Radius of the largest circle in the free area, to `TOLERANCE_M`, m; 0 if none fits."""
         if self.free_area.is_empty:
             return 0.0
         return float(shapely.maximum_inscribed_circle(self.free_area, TOLERANCE_M).length)

@@ -60,7 +60,7 @@ class Stream:
         How a message becomes records.
     mount
         How the sensor is mounted.
-    taker
+    processor
         The processor that its events are for: ``tccm``, ``slam``, or another's name.
     event
         Class of its posed records.
@@ -81,7 +81,7 @@ class Stream:
     record: type
     reader: MessageReader
     mount: MountKind
-    taker: str
+    processor: str
     event: type[Posed] = Posed
     time_span: Callable[[Any], tuple[int, int]] = at_its_stamp
     rejection_reason: Callable[[Any], str | None] = never_rejected

@@ -69,14 +69,16 @@ TILT_SCAN = Stream(
         "sensor_msgs/msg/LaserScan", lambda message: (scan_from_message(message),), read_scan
     ),
     mount=MountKind.TILTING,
-    taker="tccm",
+    processor="tccm",
     event=PosedScan,
     time_span=time_span,
     rejection_reason=rejection_reason,
     sees_robot=True,
 )
 
-LEVEL_SCAN = replace(TILT_SCAN, role="scan", mount=MountKind.LEVEL, taker="slam", sees_robot=False)
+LEVEL_SCAN = replace(
+    TILT_SCAN, role="scan", mount=MountKind.LEVEL, processor="slam", sees_robot=False
+)
 
 
 def bearings(scan: Scan) -> Float64:

@@ -66,7 +66,7 @@ def cloud_stream(topic: str) -> Stream:
         record=PointCloud,
         reader=CLOUD_READER,
         mount=MountKind.ANY,
-        taker="tccm",
+        processor="tccm",
         event=PosedCloud,
         time_span=time_span,
         rejection_reason=rejection_reason,

@@ -105,7 +105,8 @@ class PlaneFit:
     def covariance(self) -> Float64:
         """Covariance (3, 3) of (rotation about u, rotation about v, offset at the centroid).
 
-        Of least squares with equal, independent noise of `rms` in every point, in rad and m.
+        It is that of least squares with equal, independent noise of `rms` in every point, in rad
+        and m.
         """
         return self._uncertainty[0]
 

@@ -73,7 +73,7 @@ class Placement:
     position
         float64 (3,), middle of the object's bottom, on the surface, in map, m.
     yaw
-        Of the side `size_x`, in (-pi, pi], rad.
+        Yaw of the side `size_x`, in (-pi, pi], rad.
     clearance
         Distance of the footprint from the nearest edge, hole, object or earlier placement, m.
     free_height
@@ -96,7 +96,7 @@ class Overhang:
     outline
         Seen from above, in map, m.
     height
-        Of its lower side over the surface, m.
+        Height of its lower side over the surface, m.
     """
 
     outline: Polygon
@@ -235,7 +235,7 @@ class _Candidates:
 
     @property
     def clearance(self) -> float:
-        """That of the best position, m; 0 where none is left."""
+        """Clearance of the best position, m; 0 where none is left."""
         return self._best[3]
 
     def take(self) -> Placement:

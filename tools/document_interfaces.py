@@ -27,6 +27,9 @@ What the package `{PACKAGE}` defines; `interfaces/README.md` says how it is buil
 unit of `-` says that there is none, and where none stands, the fields of the type have their own.
 What is not known is nan in a number, -1 in an id, 0 in a stamp, and empty in a text or a list.
 
+**Not offered yet**: these types are defined and can be built. No node publishes or answers them in
+this version.
+
 This page is made from the definitions by `python tools/document_interfaces.py`.
 """
 

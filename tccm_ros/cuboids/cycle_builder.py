@@ -120,9 +120,9 @@ class _Waiting:
     Parameters
     ----------
     roles
-        Of the sensors.
+        Roles of the sensors.
     tilting
-        Those of tilting lasers: a robot that has one need not be watched for others at the start.
+        Roles of tilting lasers: a robot that has one need not be watched for others at the start.
     """
 
     def __init__(self, roles: Iterable[str], tilting: Iterable[str]) -> None:

@@ -262,7 +262,7 @@ def accept_links(
     ix, iy
         As in `link`.
     back_x, back_y, touching
-        Of `find_links`; rejected links become -1.
+        Results of `find_links`; rejected links become -1.
 
     Returns
     -------

@@ -67,7 +67,7 @@ def moments_about(cuboids: CuboidArrays, origin: Float64) -> Float64:
     Parameters
     ----------
     cuboids
-        Those of a map.
+        Cuboids of a map.
     origin
         float64 (3,), ticks.
     """
@@ -222,7 +222,7 @@ def uncertainty_of(m: Float64, normal: Float64, variance: float) -> tuple[Float6
     normal
         float64 (3,), unit, of their plane.
     variance
-        Of the noise in every point across the plane, m2.
+        Variance of the noise in every point across the plane, m2.
 
     Returns
     -------

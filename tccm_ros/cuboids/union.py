@@ -139,7 +139,7 @@ def mark_cells(starts: Any, n_cells: Any, addresses: Any, counts: Any, begins: A
     Parameters
     ----------
     starts, n_cells, addresses
-        Of `binning.list_cells`.
+        Results of `binning.list_cells`.
     counts
         int32, per address, changed.
     begins

@@ -31,6 +31,7 @@ from tccm_ros.records import (
     ClockJump,
     Event,
     PlaneRecord,
+    Posed,
     PosedScan,
     StreamComplete,
     SurfaceCloud,
@@ -198,8 +199,20 @@ class TccmProcessor:
         return self._cycles.dropped
 
     def takes(self, event: Event) -> bool:
-        """Return whether an event is for this processor."""
-        return type(event) in self._handlers and getattr(event, "role", None) in self._roles
+        """Return whether an event is for this processor.
+
+        Raises
+        ------
+        TypeError
+            For a posed record of one of its streams that it cannot map: the class has no handler.
+        """
+        if getattr(event, "role", None) not in self._roles:
+            return False
+        if type(event) in self._handlers:
+            return True
+        if isinstance(event, Posed):
+            raise TypeError(f"{event.role}: no handler maps {type(event).__name__} records")
+        return False
 
     def add(self, event: Event, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:
         """Take one event; return the tilt cycles that are complete now, in order.
@@ -257,6 +270,7 @@ class TccmProcessor:
         self.map.clear()
         self.seen_free.clear()
         self._planes.reset()
+        self._objects.reset()
 
     def query(self) -> MapQuery:
         """Return the map as it is now, to be asked (`queries`)."""

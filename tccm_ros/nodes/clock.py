@@ -18,7 +18,7 @@ PATIENCE_S = 1.0
 
 
 class ClockWatch:
-    """Tells a backward step of the node clock that no stamps have followed.
+    """Reports a backward jump of the node clock that the message stamps did not follow.
 
     Where records come, their own stamps tell the step (`robot.StampGuard`), and tell exactly which
     records are from before: /clock overtakes them, or comes late. So their word is waited for.

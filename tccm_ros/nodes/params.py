@@ -39,7 +39,8 @@ GROUPS = {
         | {"loops", "views", "surfaces", "labels", "qos", "tf", "save"}
     ),
 }
-"""Groups of parameters that each node acts on, by `Stream.taker`; both have those of no group."""
+"""Groups of parameters that each node acts on, by `Stream.processor`; both have those of no
+group."""
 
 
 def ros_type(parameter: Parameter) -> RosParameter.Type:

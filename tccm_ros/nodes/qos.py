@@ -19,8 +19,8 @@ ADVICE = {
 """What to do about a policy that does not fit."""
 
 SURFACE_MESSAGE_DEPTH = 50
-"""Messages that a queue holds. Chosen: a minute of tilt cycles, while which the SLAM node may be
-busy with a batch."""
+"""Messages that a queue holds. Chosen: one minute of tilt cycles, during which the SLAM node may be
+busy with a batch optimisation."""
 
 
 LARGE_DEPTH = 10

@@ -71,8 +71,8 @@ class SensorNode(Node):
     ----------
     name
         Of the node.
-    taker
-        Of the sensors' streams that the node is for (`Stream.taker`).
+    processor_name
+        The processor that its streams are for (`Stream.processor`).
     shared
         The robot of another node in this process, which receives what is known of it; by default
         the node has its own.
@@ -87,9 +87,9 @@ class SensorNode(Node):
         Message classes: rosidl's, and those that hold tables of points as arrays (`Outputs`).
     """
 
-    def __init__(self, name: str, taker: str, shared: SharedRobot | None, **kwargs: Any):
+    def __init__(self, name: str, processor_name: str, shared: SharedRobot | None, **kwargs: Any):
         super().__init__(name, **kwargs)
-        self.config = declare_config(self, groups=GROUPS[taker])
+        self.config = declare_config(self, groups=GROUPS[processor_name])
         follow_changes(self, self.config)
         self.types = RosidlMessages()
         self.bulk_types = TypestoreMessages()
@@ -103,11 +103,12 @@ class SensorNode(Node):
         self.robot = shared or SharedRobot(self.config, self.intake, self._is_odometry_published)
         self.robot.check_shared(self.config)
         self.owns_robot = shared is None
-        self._streams = {s.role: s for s in default_streams(self.config) if s.taker == taker}
+        streams = default_streams(self.config)
+        self._streams = {s.role: s for s in streams if s.processor == processor_name}
         self.roles = frozenset(self._streams)
         self._drops = DropWatch()
         self._clock_watch = ClockWatch(self, self.config.clock_jump, self.restart)
-        self.warming = Warming(taker, self.config, self._say_progress, self._become_ready)
+        self.warming = Warming(processor_name, self.config, self._say_progress, self._become_ready)
         self.robot.hold()
         self.worker.post(self.warming.wait_until_loaded)
 

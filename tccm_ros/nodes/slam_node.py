@@ -115,7 +115,7 @@ class SlamNode(SensorNode):
         # Of what is mapped only the stamps count: those of the trajectory, where there is no
         # level laser. They are read from the serialised message.
         for stream in default_streams(self.config):
-            if stream.taker != "tccm":
+            if stream.processor != "tccm":
                 continue
             if stream.companion is not None:
                 compressed = is_compressed(self.resolve_topic_name(stream.role))

@@ -1,4 +1,4 @@
-"""The true outlines of planes: holes stay holes, an L stays an L.
+"""Concave outlines of planes, with holes.
 
 A vertical plane is outlined from its front, in columns along its horizontal direction, any other
 from above, in the map's cells; the outline is then lifted onto the plane. `raster`, `gaps` and
@@ -178,7 +178,7 @@ def outline_planes(
 
 @njit(nogil=True, cache=True)
 def coarseness(rows: float, columns: float) -> int:
-    """Return by which power of two cells are made wider, so that there are not too many."""
+    """Return log2 of the factor by which cells are enlarged for a raster of `MAX_CELLS` at most."""
     coarse = 0
     while rows * columns > MAX_CELLS * 4.0**coarse:
         coarse += 1

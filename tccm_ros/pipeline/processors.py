@@ -66,7 +66,7 @@ class Pipeline:
         self._maps: list[Cuboids] = []
         self.clock = clock or Stopwatch()
         streams = default_streams(config) if streams is None else streams
-        self._mapped = frozenset(stream.role for stream in streams if stream.taker == "tccm")
+        self._mapped = frozenset(stream.role for stream in streams if stream.processor == "tccm")
         self.robot = Robot(config, streams, expects_odometry=expects_odometry)
         self.tccm = TccmProcessor(config)
         self._level = LevelProjector(config)

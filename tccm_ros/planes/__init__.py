@@ -5,9 +5,9 @@ Read in this order: `fits` is what users call; `search` is the kernel behind it,
 `edge_planes`. After each tilt cycle follow `tracking` and, for the surface message,
 `horizontal_strips`, `plane_noise` and `wall_contact`.
 
-The kernels stay ours: all planes of a room are found in a 27th to a 40th of the time that PCL takes
-for the largest one, and in a region of interest in a half to a fifth (`bench/bench_planes.py`,
-figures in docs/design/planes.md).
+The kernels stay ours: while PCL finds the largest plane of a room, all of them are found 8.8 to
+12.9 times (PCL with at most 50 trials) or 27 to 40 times (until it is 99 % sure); in a region of
+interest 1.8 to 5.2 times (`bench/bench_planes.py`, docs/design/experiments/planes.md).
 """
 
 from tccm_ros.planes.fits import PlaneFit, PlaneFits, find_planes

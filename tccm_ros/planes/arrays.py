@@ -65,7 +65,7 @@ def plane_map(
     Parameters
     ----------
     cuboids
-        Those of the map.
+        Cuboids of the map.
     cap_rows, cap_sums
         As in `PlaneMap`.
     origin

@@ -86,7 +86,7 @@ def queue_around(b: int, mark: int, blocks: Blocks, queue: Int32, queued: int, s
     mark
         Number of the search.
     blocks
-        Those of the map.
+        Blocks of the map.
     queue, queued
         int32 (blocks,), the queue, changed, and its length.
     stamp
@@ -178,7 +178,7 @@ def find_patches(
     Parameters
     ----------
     cuboids, blocks
-        Those of the map.
+        Cuboids and blocks of the map.
     max_rms
         Largest standard deviation across a patch, m.
     min_count

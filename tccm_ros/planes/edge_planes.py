@@ -34,7 +34,7 @@ def drop_edge_planes(
     Parameters
     ----------
     cuboids, blocks
-        Those of the map.
+        Cuboids and blocks of the map.
     labels
         int32 (N,), changed: rows of `planes`, -1 for none.
     planes
@@ -75,7 +75,7 @@ def flattest_by_block(blocks: Blocks, labels: Int32, variance: Float64) -> Float
     Parameters
     ----------
     blocks
-        Those of the map.
+        Blocks of the map.
     labels
         int32 (N,), plane of each cuboid, -1 for none.
     variance
@@ -109,7 +109,7 @@ def is_beside(
     blocks, labels, variance
         As in `flattest_by_block`.
     flattest
-        Of `flattest_by_block`.
+        Result of `flattest_by_block`.
     max_variance
         Variance across up to which a plane is flat, m2.
     """

@@ -105,13 +105,14 @@ class PlaneFit:
     def covariance(self) -> Float64:
         """Covariance (3, 3) of (rotation about u, rotation about v, offset at the centroid).
 
-        Of least squares with equal, independent noise of `rms` in every point, in rad and m.
+        It is that of least squares with equal, independent noise of `rms` in every point, in rad
+        and m.
         """
         return self._uncertainty[0]
 
     @property
     def quality(self) -> float:
-        """Val of Eq. (8), l1 l2 / l3 of the points' covariance, m2."""
+        """Plane quality, l1 l2 / l3 of the points' covariance, m2 (Eq. 8 of the TCCM paper)."""
         return float(self._uncertainty[1])
 
     @cached_property

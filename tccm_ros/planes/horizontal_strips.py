@@ -168,7 +168,7 @@ def find_vertical_runs(
     scan, seen, azimuth, step
         As in `find_runs`.
     of_point, runs
-        Of `find_runs`.
+        Results of `find_runs`.
 
     Returns
     -------
@@ -397,7 +397,7 @@ def line_through(sums: Float64, low: int, high: int) -> tuple[float, float, floa
     Parameters
     ----------
     sums
-        Of `running_sums`.
+        Result of `running_sums`.
     low, high
         The members [low, high) of the run.
     """

@@ -80,7 +80,7 @@ def is_mixed(n: float, second: float, variance: float, deviations: float) -> boo
     n, second
         Number of points, and the sum of their squared distances from the plane, m2.
     variance
-        Of the noise across the plane, m2.
+        Variance of the noise across the plane, m2.
     deviations
         As in `max_scatter`.
     """
@@ -163,7 +163,7 @@ def assign_inliers(
     M
         float64 (N, 10), moments.
     blocks
-        Those of the map.
+        Blocks of the map.
     flood, queued, mark
         Work space, in which the first `queued` blocks are queued and have the mark.
     labels

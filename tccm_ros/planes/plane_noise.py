@@ -69,9 +69,10 @@ def _slopes(
     offsets: Float64,
     viewpoint: Float64,
 ) -> tuple[Float64, Int64]:
-    """Return the sine of the angle at which beams meet each plane, rms, and its points, (F,).
+    """Return for each plane the RMS sine of its beams' incidence angle, and its number of points.
 
-    It is the distance of the laser from the plane over the length of the beam.
+    The angle is that between beam and plane: its sine is the distance of the laser from the plane
+    over the length of the beam. Both arrays are (F,).
     """
     on = labels >= 0
     of, beams = labels[on], points[on] - viewpoint

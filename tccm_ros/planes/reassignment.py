@@ -40,7 +40,7 @@ def reassign_inliers(
     M
         float64 (N, 10), moments.
     blocks
-        Those of the map.
+        Blocks of the map.
     labels
         int32 (N,), changed: rows of `planes`, -1 for none.
     planes
@@ -76,7 +76,7 @@ def horizontal_planes_by_block(
     Parameters
     ----------
     blocks
-        Those of the map.
+        Blocks of the map.
     labels
         int32 (N,), plane of each cuboid, -1 for none.
     is_vertical
@@ -126,7 +126,7 @@ def horizontal_planes_around(
     b, blocks
         The block, and all blocks of the map.
     first, horizontal
-        Of `horizontal_planes_by_block`.
+        Results of `horizontal_planes_by_block`.
     near
         int32 (>= P,), receives the planes, rising.
 

@@ -67,7 +67,7 @@ def grow_regions(
     Parameters
     ----------
     moments, planes, place
-        Of `find_patches`.
+        Results of `find_patches`.
     blocks, max_rms
         As in `find_patches`.
 

@@ -81,7 +81,7 @@ def segment(cuboids: PlaneMap, view: Float64, limits: Limits) -> tuple[Int32, Pl
     Parameters
     ----------
     cuboids
-        Those of the map, N > 0.
+        Cuboids of the map, N > 0.
     view
         float64 (3,), m: where the laser was.
     limits
@@ -182,7 +182,7 @@ def queue_region(patches: Int32, place: Int32, blocks: Blocks, flood: Flood, mar
     place
         int32 (K, 3), of `find_patches`.
     blocks
-        Those of the map.
+        Blocks of the map.
     flood, mark
         Work space, changed, and the number of the search.
 

@@ -125,9 +125,9 @@ def pool_patches(cuboids: PlaneMap, members: Int32, plane: Plane) -> tuple[Float
     Parameters
     ----------
     cuboids
-        Those of the map.
+        Cuboids of the map.
     members, plane
-        Those of the plane, and the plane.
+        Inliers of the plane, and the plane.
 
     Returns
     -------

@@ -63,7 +63,7 @@ class _Patches(NamedTuple):
     Attributes
     ----------
     pooled, rim
-        Of `pool_patches`.
+        Results of `pool_patches`.
     layer
         int32 (P,), of each patch.
     tick, ground
@@ -243,7 +243,7 @@ def is_shifted(spread: float, weight: float, first: float, variance: float) -> b
     first
         Weighted sum of the distances, m.
     variance
-        Of the noise across the plane, m2.
+        Variance of the noise across the plane, m2.
     """
     return abs(first) > DEVIATIONS * math.sqrt(spread * variance) + weight * WARP
 
@@ -286,7 +286,7 @@ def add_rim(N: Float64, sides: tuple[float, float, float, float, float], k: floa
     N
         float64 (3, 4), changed.
     sides
-        Of `rim_moments`.
+        Result of `rim_moments`.
     k
         Weight of a point.
     """

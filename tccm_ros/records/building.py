@@ -89,7 +89,7 @@ def joint_sample(stamp_ns: int, names: Sequence[str], positions: Float64) -> Joi
     Parameters
     ----------
     stamp_ns
-        Of the header.
+        Stamp of the header.
     names
         Joints; without positions they are left out.
     positions
@@ -119,7 +119,7 @@ def transform_sample(
     Parameters
     ----------
     stamp_ns
-        Of the header.
+        Stamp of the header.
     frames
         Parent and child.
     t, q

@@ -118,7 +118,7 @@ class TabletopObject:
     size
         float64 (3,), edge lengths along the box's x, y, z.
     yaw
-        Of the box's x axis, rad, in (-pi/2, pi/2].
+        Yaw of the box's x axis, rad, in (-pi/2, pi/2].
     footprint
         float64 (N, 2), open ring, convex.
     points

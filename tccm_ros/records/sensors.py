@@ -51,7 +51,7 @@ class JointSample:
     Attributes
     ----------
     stamp_ns
-        Of the header.
+        Stamp of the header.
     names
         Joints.
     positions
@@ -70,7 +70,7 @@ class Odometry:
     Attributes
     ----------
     stamp_ns
-        Of the header.
+        Stamp of the header.
     frame_id, child_frame_id
         The odometry frame and the frame whose pose it is.
     T_odom_base
@@ -90,7 +90,7 @@ class TransformSample:
     Attributes
     ----------
     stamp_ns
-        Of the header.
+        Stamp of the header.
     parent, child
         The two frames.
     T_parent_child

@@ -35,7 +35,7 @@ class Keyframe:
     id
         Its number in the graph.
     stamp_ns
-        Of its level scan.
+        Stamp of its level scan.
     pose
         float64 (3,), (x, y, yaw) of base in map, m and rad.
     """

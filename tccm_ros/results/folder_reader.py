@@ -51,7 +51,7 @@ class Results:
     floor_z
         Height of the floor in map, m; None where the floor was never seen.
     surfaces, walls
-        Of surfaces.json and walls.json, in map.
+        Contents of surfaces.json and walls.json, in map.
     trajectory
         Poses of the base in map.
     graph
@@ -65,7 +65,7 @@ class Results:
     cycles
         The coarsened part map of each tilt cycle, in the odometry frame.
     summary, timing
-        Of summary.json and timing.json.
+        Contents of summary.json and timing.json.
     truth
         Surfaces of truth.json.
     """

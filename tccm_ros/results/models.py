@@ -78,7 +78,7 @@ class ViewEntry:
     Attributes
     ----------
     stamp
-        Of the view, s.
+        Stamp of the view, s.
     keyframe
         Keyframe nearest in time; -1 where there is none.
     points
@@ -161,7 +161,7 @@ class SurfacesFile:
     Attributes
     ----------
     format, version
-        Of the file.
+        Name and version of the file format.
     frame_id
         Frame of all coordinates.
     floor_z
@@ -203,7 +203,7 @@ class ObjectEntry(SceneObject):
     Attributes
     ----------
     id
-        Of the object.
+        Id of the object.
     surface
         Id of the surface under it.
     center
@@ -211,7 +211,7 @@ class ObjectEntry(SceneObject):
     size
         float64 (3,), edges along its own x, y and z axes, m.
     yaw
-        Of its x axis, in (-pi/2, pi/2], rad.
+        Yaw of its x axis, in (-pi/2, pi/2], rad.
     """
 
     center: Vector
@@ -315,9 +315,9 @@ class KeyframeEntry:
     Attributes
     ----------
     id
-        Of the keyframe.
+        Id of the keyframe.
     stamp
-        Of its scan, s.
+        Stamp of its scan, s.
     pose
         float64 (3,), (x, y, yaw) of base in map, m and rad.
     """
@@ -400,7 +400,7 @@ class GraphFile:
         Parameters
         ----------
         keyframes, loops, landmarks
-            Of a solution, in map.
+            Contents of a solution, in map.
         """
         return cls(
             tuple(_entry(KeyframeEntry, k, stamp=Stamp(k.stamp_ns)) for k in keyframes),
@@ -460,7 +460,7 @@ class CycleEntry:
     cycle
         Number of the tilt cycle.
     stamp
-        Of the tilt cycle, s.
+        Stamp of the tilt cycle, s.
     frame_id
         The odometry frame.
     planes
@@ -529,9 +529,9 @@ class ScansUsedEntry:
     Attributes
     ----------
     tilt
-        Of the tilting laser.
+        Counts of the tilting laser.
     level
-        Of the level laser.
+        Counts of the level laser.
     """
 
     tilt: int
@@ -553,7 +553,7 @@ class CountsEntry:
     cycles, planes
         Tilt cycles, and planes with a track id of their own.
     keyframes, walls
-        Of the graph.
+        Their numbers in the graph.
     loops_accepted, loops_rejected
         Proposed loop closures.
     surfaces, small_surfaces
@@ -588,13 +588,13 @@ class SummaryFile:
     Attributes
     ----------
     versions
-        Of the package, Python and libraries.
+        Versions of the package, Python and libraries.
     bag_duration
         s.
     session
         Whether the recording continued a saved map.
     counts
-        Of messages, dropped scans and results.
+        Numbers of messages, dropped scans and results.
     config
         Every parameter, by group.
     """
@@ -654,11 +654,11 @@ class TruthObject:
     Attributes
     ----------
     name
-        Of the object in the simulated world.
+        Name of the object in the simulated world.
     center, size
         float64 (3,), m, in map.
     yaw
-        Of its x axis, rad.
+        Yaw of its x axis, rad.
     """
 
     name: str

@@ -107,7 +107,7 @@ def save_grid(folder: Path, name: str, grid: OccupancyGrid) -> None:
     folder
         Exists.
     name
-        Of both files, without suffix.
+        Name of both files, without suffix.
     grid
         The grid.
 

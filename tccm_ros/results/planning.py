@@ -65,7 +65,7 @@ def surface_shape(surface: Surface, thickness: float = 0.02) -> Box | Mesh:
     Parameters
     ----------
     surface
-        Of the map.
+        A surface of the map.
     thickness
         Downwards from the surface, m.
     """

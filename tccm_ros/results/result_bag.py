@@ -148,7 +148,7 @@ class ResultBag:
     bag
         An open bag; its file is complete when that is closed.
     messages
-        Those of the cycles.
+        Messages of the cycles.
     config
         Group `frames`.
     """
@@ -284,7 +284,7 @@ def write_result_bag(
     cycles, solution
         Results of the processors.
     messages
-        Of the same tilt cycles.
+        Messages of the same tilt cycles.
     config
         Group ``frames``.
 

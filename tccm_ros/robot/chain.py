@@ -19,7 +19,7 @@ class JointReading:
     Attributes
     ----------
     name
-        Of the joint in the chain.
+        Name of the joint in the chain.
     track
         Its samples, or those of the joint that it mimics.
     axis
@@ -69,7 +69,7 @@ class MovingTransform:
     Attributes
     ----------
     name
-        Of the child frame.
+        Name of the child frame.
     track
         T_parent_child over time.
     axis

@@ -80,7 +80,7 @@ class Mount:
         Parameters
         ----------
         frame
-            Of the sensor.
+            Frame of the sensor.
         final
             Whether to decide on what is known. Otherwise None is returned while a source that
             would be preferred may still come.

@@ -21,7 +21,7 @@ class Posing:
     config
         `sync_timeout` is used: samples with more than half of it between them bracket nothing.
     motion
-        Of the base.
+        Motion of the base.
 
     Attributes
     ----------

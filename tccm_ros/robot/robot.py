@@ -84,7 +84,7 @@ class Robot:
     config
         Groups `frames`, `rig` and `scan`, `sync_timeout` and `clock_jump` are used.
     streams
-        Of the sensors: `sensors.registry.default_streams`, and any others.
+        Streams of the sensors: `sensors.registry.default_streams`, and any others.
     expects_odometry
         Whether there is an odometry topic: records without odometry are then dropped. Otherwise,
         where no odometry has come within `sync_timeout` of the first record, the base moves as tf

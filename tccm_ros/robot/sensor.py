@@ -64,7 +64,7 @@ class Sensor:
 
     def add(self, record: Any) -> None:
         """Have a record wait, or drop it: stamps must increase."""
-        reason = self.stream.fault(record) or self._fault_of_stamp(record.stamp_ns)
+        reason = self.stream.rejection_reason(record) or self._fault_of_stamp(record.stamp_ns)
         if reason is not None:
             self.refuse(reason)
             return

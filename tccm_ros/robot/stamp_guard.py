@@ -78,7 +78,7 @@ class StampGuard(Generic[T]):
         key
             The stream.
         stamp_ns
-            Of the record.
+            Stamp of the record.
         record
             Returned in the admission as it is, now or with a later record of the stream.
         keeps_time

@@ -16,8 +16,8 @@ def at_its_stamp(record: Any) -> tuple[int, int]:
     return record.stamp_ns, record.stamp_ns
 
 
-def without_fault(record: Any) -> str | None:
-    """Return no fault: what the reader lets through can be used."""
+def never_rejected(record: Any) -> str | None:
+    """Return None: what the reader lets through can be used."""
     return None
 
 
@@ -60,13 +60,13 @@ class Stream:
         How a message becomes records.
     mount
         How the sensor is mounted.
-    taker
+    processor
         The processor that its events are for: ``tccm``, ``slam``, or another's name.
     event
         Class of its posed records.
     time_span
         Times of the first and the last measurement of a record, ns; its stamp by default.
-    fault
+    rejection_reason
         Returns why a record cannot be used, None where it can.
     sees_robot
         Whether the poses carry the robot's own shapes, to be filtered out.
@@ -81,10 +81,10 @@ class Stream:
     record: type
     reader: MessageReader
     mount: MountKind
-    taker: str
+    processor: str
     event: type[Posed] = Posed
     time_span: Callable[[Any], tuple[int, int]] = at_its_stamp
-    fault: Callable[[Any], str | None] = without_fault
+    rejection_reason: Callable[[Any], str | None] = never_rejected
     sees_robot: bool = False
     companion: Companion | None = None
     max_waiting: int = 1000

@@ -30,7 +30,7 @@ class Mimic:
     joint
         Name of the other.
     multiplier, offset
-        Of the equation; offset in rad or m.
+        Coefficients of the equation; the offset in rad or m.
     """
 
     joint: str

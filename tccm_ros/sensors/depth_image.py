@@ -78,7 +78,7 @@ def is_compressed(topic: str) -> bool:
     return topic.rsplit("/", 1)[-1] == COMPRESSED
 
 
-def fault(image: DepthImage) -> str | None:
+def rejection_reason(image: DepthImage) -> str | None:
     """Return why an image cannot be used, None where it can."""
     if image.depth.dtype == np.uint16:
         return None if image.depth.any() else "no depths"
@@ -136,9 +136,9 @@ def depth_stream(topic: str, *, compressed: bool | None = None) -> Stream:
         record=DepthImage,
         reader=COMPRESSED_READER if packed else IMAGE_READER,
         mount=MountKind.ANY,
-        taker="tccm",
+        processor="tccm",
         event=PosedImage,
-        fault=fault,
+        rejection_reason=rejection_reason,
         sees_robot=True,
         companion=Companion(camera_info_topic(topic), CameraInfo, CAMERA_INFO_READER, join_camera),
         max_waiting=MAX_WAITING,

@@ -52,7 +52,7 @@ def time_span(scan: Scan) -> tuple[int, int]:
     return (stamp_ns, end_ns) if end_ns >= stamp_ns else (end_ns, stamp_ns)
 
 
-def fault(scan: Scan) -> str | None:
+def rejection_reason(scan: Scan) -> str | None:
     """Return why a scan cannot be used, None where it can."""
     if len(scan.ranges) == 0:
         return "empty"
@@ -69,14 +69,16 @@ TILT_SCAN = Stream(
         "sensor_msgs/msg/LaserScan", lambda message: (scan_from_message(message),), read_scan
     ),
     mount=MountKind.TILTING,
-    taker="tccm",
+    processor="tccm",
     event=PosedScan,
     time_span=time_span,
-    fault=fault,
+    rejection_reason=rejection_reason,
     sees_robot=True,
 )
 
-LEVEL_SCAN = replace(TILT_SCAN, role="scan", mount=MountKind.LEVEL, taker="slam", sees_robot=False)
+LEVEL_SCAN = replace(
+    TILT_SCAN, role="scan", mount=MountKind.LEVEL, processor="slam", sees_robot=False
+)
 
 
 def bearings(scan: Scan) -> Float64:

@@ -54,7 +54,7 @@ def time_span(cloud: PointCloud) -> tuple[int, int]:
     return cloud.time_span
 
 
-def fault(cloud: PointCloud) -> str | None:
+def rejection_reason(cloud: PointCloud) -> str | None:
     """Return why a cloud cannot be used, None where it can."""
     return None if len(cloud.points) else "empty"
 
@@ -66,10 +66,10 @@ def cloud_stream(topic: str) -> Stream:
         record=PointCloud,
         reader=CLOUD_READER,
         mount=MountKind.ANY,
-        taker="tccm",
+        processor="tccm",
         event=PosedCloud,
         time_span=time_span,
-        fault=fault,
+        rejection_reason=rejection_reason,
         sees_robot=True,
         max_waiting=MAX_WAITING,
     )

@@ -22,6 +22,8 @@ def default_streams(config: Config | None = None) -> tuple[Stream, ...]:
     )
 
 
-def roles_of(taker: str, config: Config | None = None) -> frozenset[str]:
-    """Return the roles of the streams that are for a processor (`Stream.taker`)."""
-    return frozenset(stream.role for stream in default_streams(config) if stream.taker == taker)
+def roles_of(processor: str, config: Config | None = None) -> frozenset[str]:
+    """Return the roles of the streams that are for a processor (`Stream.processor`)."""
+    return frozenset(
+        stream.role for stream in default_streams(config) if stream.processor == processor
+    )

@@ -21,12 +21,12 @@ from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.graph import GraphSolution, PoseGraph
 from tccm_ros.slam.loop_matching import Proposal
 
-CLOSING_SIGMA = (0.12, 0.035)
-"""Standard deviation (m, rad) of the closing error of a cycle through two right proposals: two
+CLOSING_SIGMA_M, CLOSING_SIGMA_RAD = 0.12, 0.035
+"""Standard deviation of the closing error of a cycle through two right proposals: two
 matches and the distortion of two submaps (chosen)."""
 
-CLOSING_SIGMA_GROWTH = (0.02, 0.003)
-"""Growth of that standard deviation (m/m, rad/m) with the path between the proposals (chosen)."""
+CLOSING_SIGMA_M_PER_M, CLOSING_SIGMA_RAD_PER_M = 0.02, 0.003
+"""Growth of that standard deviation with the path between the proposals (chosen)."""
 
 MAX_POSITION_SIGMA = 0.5
 """A proposal with a larger standard deviation (m) in some direction does not determine the
@@ -81,8 +81,8 @@ def consistent_with(
     round_trip = compose2(compose2(inverse2(one.delta), between2(poses[one.a], a)), z)
     error = between2(between2(poses[one.b], b), round_trip)
     along = np.array([abs(path[p.a] - path[one.a]) + abs(path[p.b] - path[one.b]) for p in others])
-    sigma_xy = CLOSING_SIGMA[0] + CLOSING_SIGMA_GROWTH[0] * along
-    sigma_yaw = CLOSING_SIGMA[1] + CLOSING_SIGMA_GROWTH[1] * along
+    sigma_xy = CLOSING_SIGMA_M + CLOSING_SIGMA_M_PER_M * along
+    sigma_yaw = CLOSING_SIGMA_RAD + CLOSING_SIGMA_RAD_PER_M * along
     cov = _in_frames_of(one, others, between2(poses[one.b], b)[:, 2])
     xx, xy, yy = cov[:, 0, 0] + sigma_xy**2, cov[:, 0, 1], cov[:, 1, 1] + sigma_xy**2
     x, y = error[:, 0], error[:, 1]

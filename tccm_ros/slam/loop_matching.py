@@ -34,8 +34,8 @@ UNKNOWN_SIGMA = 20.0
 """Standard deviation (m, rad) in directions that a match does not determine: along a plain corridor
 (chosen)."""
 
-SAME_PLACE = (0.7, 0.35)
-"""Two poses within this distance (m) and yaw (rad) are the same place (chosen)."""
+SAME_PLACE_M, SAME_PLACE_RAD = 0.7, 0.35
+"""Two poses within this distance and yaw are the same place (chosen)."""
 
 ALL_HEADINGS = 1.0
 """A search window with a larger half width in yaw, rad, has no expected pose. Chosen: 57 deg."""
@@ -224,7 +224,7 @@ def _covariance(result: Alignment, correlated_beams: float) -> Float64:
 
 def _is_other_place(a: Float64, b: Float64) -> bool:
     dyaw = abs(np.arctan2(np.sin(a[2] - b[2]), np.cos(a[2] - b[2])))
-    return bool(np.hypot(a[0] - b[0], a[1] - b[1]) > SAME_PLACE[0] or dyaw > SAME_PLACE[1])
+    return bool(np.hypot(a[0] - b[0], a[1] - b[1]) > SAME_PLACE_M or dyaw > SAME_PLACE_RAD)
 
 
 def _second_place(
@@ -238,7 +238,7 @@ def _second_place(
         window.span,
         angle_step=window.angle_step,
         min_score=ratio * score,
-        exclude=(best, SAME_PLACE[0], SAME_PLACE[1]),
+        exclude=(best, SAME_PLACE_M, SAME_PLACE_RAD),
     )
     return other.score / score if other.score > 0.0 else 0.0
 
@@ -262,7 +262,7 @@ def _better_where_known(
         angle_step=window.angle_step,
         penalty=window.penalty,
         min_score=agreement,
-        exclude=(best, SAME_PLACE[0], SAME_PLACE[1]),
+        exclude=(best, SAME_PLACE_M, SAME_PLACE_RAD),
     )
     if other.score < 0.0:
         return 0.0

@@ -27,9 +27,8 @@ from tccm_ros.slam.se2 import between, compose, inverse
 NEIGHBOURHOOD = 15.0
 """Path (m) on either side within which proposals confirm each other (chosen)."""
 
-MOVED = (0.08, 0.015)
-"""A loop closure that contradicts the estimate by more (m, rad) updates all keyframes at once
-(chosen)."""
+UPDATE_THRESHOLD_M, UPDATE_THRESHOLD_RAD = 0.08, 0.015
+"""A loop closure that contradicts the estimate by more updates all keyframes at once (chosen)."""
 
 BATCH = 10
 """Keyframes that are added to the live graph together: an update costs the same for one as for a
@@ -181,8 +180,8 @@ class LoopCloser:
         self.accepted.extend(fresh)
         self._lengths.add_loops(fresh, self._config.loops.drift)
         self._fresh.extend(fresh)
-        far = np.hypot(error[:, 0], error[:, 1]).max() > MOVED[0]
-        if is_new_session or far or np.abs(error[:, 2]).max() > MOVED[1]:
+        far = np.hypot(error[:, 0], error[:, 1]).max() > UPDATE_THRESHOLD_M
+        if is_new_session or far or np.abs(error[:, 2]).max() > UPDATE_THRESHOLD_RAD:
             self._update()
             self._read_back()
 

@@ -80,13 +80,13 @@ def join_floor(
     floor = [s for s in surfaces if is_floor(s, floor_z)]
     others = [s for s in surfaces if not is_floor(s, floor_z)]
 
-    def may_join(a: MergedSurface, b: MergedSurface, at_xy: Float64) -> bool:
+    def is_coplanar(a: MergedSurface, b: MergedSurface, at_xy: Float64) -> bool:
         return abs(a.height_at(at_xy) - b.height_at(at_xy)) <= TOLERANCE
 
     def between(a: MergedSurface, b: MergedSurface) -> Polygon | None:
         overlap = _overlap(a, b)
         return overlap or occluded_area_between(
-            a, b, may_join, views, T_map_view, config, TOLERANCE
+            a, b, is_coplanar, views, T_map_view, config, TOLERANCE
         )
 
     return [*join(floor, between), *others]

@@ -27,10 +27,10 @@ from tccm_ros.surfaces.patch_planes import (
 from tccm_ros.surfaces.polygons import GRID, box_sides, close_gaps, largest_part, polygons_of
 from tccm_ros.surfaces.views import View
 
-Between = Callable[[MergedSurface, MergedSurface], Polygon | None]
+JoinAreaFunction = Callable[[MergedSurface, MergedSurface], Polygon | None]
 """Returns the area between two pieces, in x and y of map, if they are one surface, else None."""
 
-MayJoin = Callable[[MergedSurface, MergedSurface, Float64], bool]
+CoplanarityTest = Callable[[MergedSurface, MergedSurface, Float64], bool]
 """Returns whether two pieces agree in height at a position, float64 (2,), in map."""
 
 MIN_WALL_DISTANCE = 0.05
@@ -48,7 +48,7 @@ OVERLAP = 2e-3
 Chosen: more than rounding of coordinates, less than any gap."""
 
 
-def join(pieces: Sequence[MergedSurface], between: Between) -> list[MergedSurface]:
+def join(pieces: Sequence[MergedSurface], between: JoinAreaFunction) -> list[MergedSurface]:
     """Join pieces that are one surface, directly or over others.
 
     Parameters
@@ -99,10 +99,10 @@ def join_over_occlusions(
     config
         Uses `surfaces.max_step` and `views.clear_margin`.
     """
-    may_join = _coplanar(T_map_view, cov_tilt, config)
+    is_coplanar = _coplanar(T_map_view, cov_tilt, config)
 
     def between(a: MergedSurface, b: MergedSurface) -> Polygon | None:
-        area = occluded_area_between(a, b, may_join, views, T_map_view, config)
+        area = occluded_area_between(a, b, is_coplanar, views, T_map_view, config)
         return None if area is None or _is_wall_between(a, b, walls) else area
 
     return join(pieces, between)
@@ -120,10 +120,10 @@ def _is_wall_between(a: MergedSurface, b: MergedSurface, walls: Float64) -> bool
     return bool((distance >= MIN_WALL_DISTANCE).any())
 
 
-def _coplanar(T_map_view: Float64, cov_tilt: Float64, config: Config) -> MayJoin:
+def _coplanar(T_map_view: Float64, cov_tilt: Float64, config: Config) -> CoplanarityTest:
     """Return the test whether the planes of two pieces agree, by the gates that `contact` has."""
 
-    def may_join(a: MergedSurface, b: MergedSurface, at_xy: Float64) -> bool:
+    def is_coplanar(a: MergedSurface, b: MergedSurface, at_xy: Float64) -> bool:
         step = abs(a.height_at(at_xy) - b.height_at(at_xy))
         variance = 2.0 * FLATNESS**2
         has_no_common_view = a.views.isdisjoint(b.views)
@@ -137,13 +137,13 @@ def _coplanar(T_map_view: Float64, cov_tilt: Float64, config: Config) -> MayJoin
             variance += float(J @ cov @ J)
         return bool(step <= min(GATE * np.sqrt(variance), config.surfaces.max_step))
 
-    return may_join
+    return is_coplanar
 
 
 def occluded_area_between(
     a: MergedSurface,
     b: MergedSurface,
-    may_join: MayJoin,
+    is_coplanar: CoplanarityTest,
     views: list[View],
     T_map_view: Float64,
     config: Config,
@@ -155,7 +155,7 @@ def occluded_area_between(
     ----------
     a, b
         Two pieces.
-    may_join
+    is_coplanar
         Whether they agree in height, asked where they are nearest.
     views, T_map_view
         All views, and float64 (V, 4, 4).
@@ -167,7 +167,7 @@ def occluded_area_between(
     if not shapely.dwithin(a.polygon, b.polygon, MAX_OCCLUDED_WIDTH):
         return None
     nearest = np.array(shapely.shortest_line(a.polygon, b.polygon).centroid.coords[0])
-    if not may_join(a, b, nearest):
+    if not is_coplanar(a, b, nearest):
         return None
     union = shapely.union_all([a.polygon, b.polygon], grid_size=GRID)
     between = polygons_of(close_gaps(union, 0.5 * MAX_OCCLUDED_WIDTH).difference(union))

@@ -19,14 +19,14 @@ from tccm_ros.records import Surface
 from tccm_ros.surfaces.scene_objects import SceneObject
 from tccm_ros.tabletop.free_places import rectangle_corners
 from tccm_ros.tabletop.placements import (
+    Overhang,
     Placement,
     PlacementRequest,
     PlacementSurface,
-    Shelter,
     find_placements,
 )
 
-MIN_SHELTER_HEIGHT_M = 0.05
+MIN_OVERHANG_HEIGHT_M = 0.05
 """A surface that is less than this above another one stands beside it, m; chosen: what is put down
 is higher than that, or it would not be in the way."""
 
@@ -124,25 +124,25 @@ class SurfaceQueries:
         return [chosen[k] for k in order]
 
     def _placement_surfaces(self) -> list[PlacementSurface]:
-        taken: dict[int, list[Polygon]] = {}
+        occupied: dict[int, list[Polygon]] = {}
         for item in self.objects:
             corners = rectangle_corners(item.size[0], item.size[1], item.yaw) + item.center[:2]
-            taken.setdefault(item.surface, []).append(Polygon(corners))
+            occupied.setdefault(item.surface, []).append(Polygon(corners))
         pairs: Sequence[Sequence[int]] = ((), ())
         if len(self._outlines):
             pairs = shapely.STRtree(self._outlines).query(self._outlines, "intersects").tolist()
-        above: dict[int, list[Shelter]] = {}
+        above: dict[int, list[Overhang]] = {}
         for k, other in zip(*pairs):
             height = self.surfaces[other].height - self.surfaces[k].height
-            if height >= MIN_SHELTER_HEIGHT_M:
-                above.setdefault(k, []).append(Shelter(self._outlines[other], height))
+            if height >= MIN_OVERHANG_HEIGHT_M:
+                above.setdefault(k, []).append(Overhang(self._outlines[other], height))
         return [
             PlacementSurface(
                 surface.id,
                 self._outlines[k],
                 surface.normal,
                 surface.offset,
-                taken.get(surface.id, ()),
+                occupied.get(surface.id, ()),
                 above.get(k, ()),
             )
             for k, surface in enumerate(self.surfaces)

@@ -92,7 +92,7 @@ def cuboids_above(
     Parameters
     ----------
     loose
-        Those of a map.
+        Loose cuboids of a map.
     hull
         float64 (H, 2), convex, counter-clockwise, m: the means lie within it, seen from above.
     normal, offset
@@ -131,7 +131,7 @@ def cluster_footprints(mean: Float64, chosen: Int64, gap: float) -> tuple[Int64,
     Returns
     -------
     members : int64 (K,)
-        Those of `chosen`, group by group, by the first of each; rising within a group.
+        Cuboids of `chosen`, group by group, by the first of each; rising within a group.
     starts : int64 (G + 1,)
         Where each group begins.
     """

@@ -119,7 +119,7 @@ def rectangle_corners(width: float, depth: float, yaw: float) -> Float64:
     width, depth
         Sides along its own x and y axes, m.
     yaw
-        Of its x axis, rad.
+        Yaw of its x axis, rad.
 
     Returns
     -------

@@ -158,6 +158,10 @@ class ObjectTracker:
         self._known: list[TabletopObject] = []
         self._next_id = 0
 
+    def reset(self) -> None:
+        """Forget all objects; ids go on."""
+        self._known.clear()
+
     def update(self, objects: Sequence[TabletopObject]) -> list[TabletopObject]:
         """Return the objects with persistent ids; nearest pairs are matched first."""
         pairs = sorted(

@@ -73,7 +73,7 @@ class Placement:
     position
         float64 (3,), middle of the object's bottom, on the surface, in map, m.
     yaw
-        Of the side `size_x`, in (-pi, pi], rad.
+        Yaw of the side `size_x`, in (-pi, pi], rad.
     clearance
         Distance of the footprint from the nearest edge, hole, object or earlier placement, m.
     free_height
@@ -88,7 +88,7 @@ class Placement:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shelter:
+class Overhang:
     """Something above a surface.
 
     Attributes
@@ -96,7 +96,7 @@ class Shelter:
     outline
         Seen from above, in map, m.
     height
-        Of its lower side over the surface, m.
+        Height of its lower side over the surface, m.
     """
 
     outline: Polygon
@@ -114,9 +114,9 @@ class PlacementSurface:
         Polygons of the surface, in map, m.
     normal, offset
         Its plane: unit normal float64 (3,), up; ``normal . p = offset``, m.
-    taken
+    occupied
         Outlines of what stands on it.
-    shelters
+    overhangs
         What is above it.
     """
 
@@ -126,18 +126,18 @@ class PlacementSurface:
         outline: shapely.Geometry,
         normal: Float64,
         offset: float,
-        taken: Sequence[Polygon] = (),
-        shelters: Sequence[Shelter] = (),
+        occupied: Sequence[Polygon] = (),
+        overhangs: Sequence[Overhang] = (),
     ):
         self.id = identity
-        self._outline, self._taken = outline, taken
+        self._outline, self._occupied = outline, occupied
         self._normal, self._offset = normal, offset
-        self.shelters = shelters
+        self.overhangs = overhangs
 
     @cached_property
-    def room(self) -> MultiPolygon:
-        """What is not taken."""
-        return MultiPolygon(polygon_parts(self._outline - shapely.union_all(self._taken)))
+    def free_area(self) -> MultiPolygon:
+        """What of the outline is not occupied."""
+        return MultiPolygon(polygon_parts(self._outline - shapely.union_all(self._occupied)))
 
     @cached_property
     def yaw(self) -> float:
@@ -153,10 +153,10 @@ class PlacementSurface:
 
     @cached_property
     def inner_radius(self) -> float:
-        """Radius of the largest circle in the room, to `TOLERANCE_M`, m; 0 where there is none."""
-        if self.room.is_empty:
+        """Radius of the largest circle in the free area, to `TOLERANCE_M`, m; 0 if none fits."""
+        if self.free_area.is_empty:
             return 0.0
-        return float(shapely.maximum_inscribed_circle(self.room, TOLERANCE_M).length)
+        return float(shapely.maximum_inscribed_circle(self.free_area, TOLERANCE_M).length)
 
     def lift(self, x: float, y: float) -> Float64:
         """Return the point (3,) of the plane at x, y."""
@@ -206,20 +206,20 @@ def find_placements(
 
 
 class _Candidates:
-    """The room left on one surface, parallel to the axes, and the best position in it."""
+    """The free area left on one surface, parallel to the axes, and the best position in it."""
 
     def __init__(self, surface: PlacementSurface, request: PlacementRequest):
         self._surface, self._request = surface, request
-        room = surface.room
-        low = [s for s in surface.shelters if s.height < request.height + request.clearance]
+        free_area = surface.free_area
+        low = [s for s in surface.overhangs if s.height < request.height + request.clearance]
         if low:
             # The clearance counts from what is too low as from an edge.
-            room -= shapely.union_all([shelter.outline for shelter in low])
+            free_area -= shapely.union_all([overhang.outline for overhang in low])
         c, s = math.cos(surface.yaw), math.sin(surface.yaw)
         self._R_map_sides = np.array([[c, -s], [s, c]])  # xy @ R is along the surface's sides
         rings = [
             np.asarray(ring.coords) @ self._R_map_sides
-            for part in polygon_parts(room)
+            for part in polygon_parts(free_area)
             for ring in (part.exterior, *part.interiors)
         ]
         self._sides = np.concatenate([np.zeros((0, 4)), *map(_ring_sides, rings)])
@@ -235,18 +235,18 @@ class _Candidates:
 
     @property
     def clearance(self) -> float:
-        """That of the best position, m; 0 where none is left."""
+        """Clearance of the best position, m; 0 where none is left."""
         return self._best[3]
 
     def take(self) -> Placement:
         """Return the best position as a placement, and keep its place free from now on."""
         k, x, y, clearance = self._best
         corners = self._halves[k] * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) + (x, y)
-        # A ring within the room: what it encloses is not inside any more.
+        # A ring within the free area: what it encloses is not inside any more.
         self._sides = np.concatenate([self._sides, _ring_sides(corners)])
         self._find_best(clearance)
         footprint = Polygon(corners @ self._R_map_sides.T)
-        above = [s.height for s in self._surface.shelters if s.outline.intersects(footprint)]
+        above = [s.height for s in self._surface.overhangs if s.outline.intersects(footprint)]
         yaw = self._surface.yaw + 0.5 * math.pi * k
         return Placement(
             surface=self._surface.id,

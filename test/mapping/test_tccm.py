@@ -14,7 +14,7 @@ from message_families import family
 from tccm_ros.cuboids.queries import Occupancy
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.mapping.tccm import DETECTORS, TccmProcessor
-from tccm_ros.records import JointSample, Odometry, PlaneKind, Scan
+from tccm_ros.records import JointSample, Odometry, PlaneKind, Posed, Scan
 from tccm_ros.ros.marker_parts import MessageContext
 from tccm_ros.ros.markers import plane_markers
 
@@ -241,6 +241,29 @@ def test_a_jump_of_the_clock_begins_anew():
     assert fed.processor.counts["resets"] == 1
     assert [r.cycle for r in results] == [3, 4, 5]
     assert fed.processor.map.cycles == [3, 4, 5]
+
+
+@pytest.mark.parametrize("forget", [TccmProcessor.clear_map, TccmProcessor.reset])
+def test_what_is_found_after_a_reset_has_other_ids(forget):
+    """The odometry frame may be another one: what is at an old position is not the same object."""
+    fed, before = run(room())
+    forget(fed.processor)
+    again = Fed(fed.processor, "tilt_scan")
+    after = [r for item in room() for r in again.add(item)] + again.finish()
+    for found in ("planes", "objects"):
+        old, new = ({x.id for r in each for x in getattr(r, found)} for each in (before, after))
+        assert old
+        assert new
+        assert not old & new
+
+
+def test_a_posed_record_of_a_stream_that_no_handler_maps_is_an_error():
+    poses = np.eye(4)[None]
+    processor = TccmProcessor(settings())
+    unknown = Posed(record, np.array([0]), poses, poses, role="tilt_scan")
+    with pytest.raises(TypeError, match="tilt_scan: no handler maps Posed records"):
+        processor.add(unknown)
+    assert processor.add(replace(unknown, role="sonar")) == []
 
 
 def _moved(item, by_ns):

@@ -14,10 +14,10 @@ from tccm_ros.sensors.depth_image import (
     PosedImage,
     SeenDepths,
     camera_info_topic,
-    fault,
     join_camera,
     max_mapped_depth,
     measure_image,
+    rejection_reason,
 )
 from tccm_ros.sensors.depth_kernels import BLOCK, drop_edges, read_depths
 
@@ -220,10 +220,11 @@ def test_the_robot_itself_is_left_out():
 # -- what an image needs
 
 
-def test_images_of_nothing_have_a_fault():
-    assert fault(DepthImage(0, "eye", np.zeros((2, 2), np.uint16))) == "no depths"
-    assert fault(DepthImage(0, "eye", np.full((2, 2), np.nan, np.float32))) == "no depths"
-    assert fault(DepthImage(0, "eye", np.ones((2, 2), np.uint16))) is None
+def test_images_of_nothing_are_rejected():
+    assert rejection_reason(DepthImage(0, "eye", np.zeros((2, 2), np.uint16))) == "no depths"
+    unknown = np.full((2, 2), np.nan, np.float32)
+    assert rejection_reason(DepthImage(0, "eye", unknown)) == "no depths"
+    assert rejection_reason(DepthImage(0, "eye", np.ones((2, 2), np.uint16))) is None
 
 
 def test_the_calibration_of_the_same_stamp_is_taken_or_the_newest_that_fits():

@@ -54,7 +54,9 @@ def read_range(message):
     return (Range(stamp_ns, message.header.frame_id, message.range),)
 
 
-SONAR = Stream("sonar", Range, MessageReader(RANGE, read_range), MountKind.ANY, taker="sonar map")
+SONAR = Stream(
+    "sonar", Range, MessageReader(RANGE, read_range), MountKind.ANY, processor="sonar map"
+)
 
 
 class SonarMap:

@@ -12,10 +12,10 @@ from shapely.affinity import rotate
 
 from tccm_ros.tabletop.placements import (
     TOLERANCE_M,
+    Overhang,
     Placement,
     PlacementRequest,
     PlacementSurface,
-    Shelter,
     find_placements,
 )
 
@@ -23,8 +23,8 @@ UP = np.array([0.0, 0.0, 1.0])
 MUG = PlacementRequest(0.1, 0.1, 0.12)
 
 
-def table(room: shapely.Geometry, identity: int = 1, height: float = 0.7, shelters=()):
-    return PlacementSurface(identity, room, UP, height, (), shelters)
+def table(room: shapely.Geometry, identity: int = 1, height: float = 0.7, overhangs=()):
+    return PlacementSurface(identity, room, UP, height, (), overhangs)
 
 
 def footprint(placement, request) -> Polygon:
@@ -63,8 +63,8 @@ def test_the_roomiest_surface_comes_first():
 
 
 def test_a_board_above_keeps_tall_objects_out():
-    board = Shelter(box(0, 0.4, 1.2, 0.8), 0.2)
-    surface = table(box(0, 0, 1.2, 0.8), shelters=[board])
+    board = Overhang(box(0, 0.4, 1.2, 0.8), 0.2)
+    surface = table(box(0, 0, 1.2, 0.8), overhangs=[board])
     low = find_placements([surface], PlacementRequest(0.1, 0.1, 0.15))[0]
     assert low.free_height == 0.2
     tall = find_placements([surface], PlacementRequest(0.1, 0.1, 0.19))

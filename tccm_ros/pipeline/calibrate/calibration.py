@@ -15,13 +15,13 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config, Rig
 from tccm_ros.errors import BagError
 from tccm_ros.pipeline.calibrate.agreement import Agreement, compare
+from tccm_ros.pipeline.calibrate.combine_recordings import combine_recordings
 from tccm_ros.pipeline.calibrate.estimate import estimate
 from tccm_ros.pipeline.calibrate.layout import Trust
 from tccm_ros.pipeline.calibrate.observability import UNITS, Observability, assess_observability
 from tccm_ros.pipeline.calibrate.reading import CORRECTIONS, MAX_CYCLES, read_recording
 from tccm_ros.pipeline.calibrate.recording import Recording
 from tccm_ros.pipeline.calibrate.room import Room, rooms
-from tccm_ros.pipeline.calibrate.together import join
 from tccm_ros.progress import Bars, Silent
 
 MAX_CYCLES_OF_ALL, MIN_CYCLES = 48, 4
@@ -187,7 +187,7 @@ def calibrate(
     recordings = [
         read_recording(path, config, remap, bars, max_cycles=max_cycles) for path in paths
     ]
-    recording = join(recordings)
+    recording = combine_recordings(recordings)
     floor_z = recording.footprint_z if floor_z is None else floor_z
     agreement = None
     if len(recordings) > 1:

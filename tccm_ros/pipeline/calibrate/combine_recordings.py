@@ -1,4 +1,4 @@
-"""Join several recordings of one rig.
+"""Combine several recordings of one rig into one.
 
 Each recording keeps its own time base, joint samples and places. Only the rig is shared, so the
 lasers must be mounted alike in all of them.
@@ -18,7 +18,7 @@ SAME = 1e-4
 """Fixed transforms are equal within this, m and 1 (chosen: numeric noise of robot descriptions)."""
 
 
-def join(recordings: Sequence[Recording]) -> Recording:
+def combine_recordings(recordings: Sequence[Recording]) -> Recording:
     """Return all recordings as one.
 
     Raises

@@ -12,8 +12,8 @@ from tccm_ros.errors import BagError, FrameError
 from tccm_ros.geometry import transform2
 from tccm_ros.pipeline.calibrate.agreement import Agreement, ComparedQuantity
 from tccm_ros.pipeline.calibrate.calibration import Calibration, calibrate
+from tccm_ros.pipeline.calibrate.combine_recordings import combine_recordings
 from tccm_ros.pipeline.calibrate.reading import read_recording
-from tccm_ros.pipeline.calibrate.together import join
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.recording import simulate
 
@@ -77,16 +77,16 @@ def test_the_error_names_a_laser_that_is_mounted_elsewhere(tmp_path: Path):
     chain.fixed[-1, 2, 3] += 0.01
     moved = replace(recording, cycles=[replace(cycle, chain=chain), *recording.cycles[1:]])
     with pytest.raises(FrameError, match="the transform before the laser is another one"):
-        join([recording, moved])
+        combine_recordings([recording, moved])
     other = replace(recording, bags=("two",), base="torso")
     with pytest.raises(FrameError, match="two is not of the rig of one: its base is 'torso'"):
-        join([recording, other])
-    assert join([recording, recording]).bags == ("one (1)", "one (2)")
+        combine_recordings([recording, other])
+    assert combine_recordings([recording, recording]).bags == ("one (1)", "one (2)")
 
 
 def test_joined_recordings_number_their_places_consecutively(tmp_path: Path):
     recording = read_recording(bag(tmp_path / "one"), Config())
-    both = join([recording, recording])
+    both = combine_recordings([recording, recording])
     n = len(recording.bag)
     assert both.bag.tolist() == [0] * n + [1] * n
     assert both.places.tolist() == [*recording.places, *(recording.places + n)]

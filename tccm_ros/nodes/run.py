@@ -78,8 +78,12 @@ def _init(usage: str) -> None:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except ARGUMENT_ERRORS as error:
         reason = str(error).removeprefix("failed to initialize rcl: ").partition(", at /")[0]
-        print(f"tccm: {' '.join(reason.split())}; {usage}", file=sys.stderr)
+        print(f"tccm: {' '.join(reason.split())}; {_first_line(usage)}", file=sys.stderr)
         sys.exit(1)
+
+
+def _first_line(usage: str) -> str:
+    return usage.partition("\n")[0]
 
 
 def _explain(word: str, usage: str) -> None:
@@ -87,7 +91,7 @@ def _explain(word: str, usage: str) -> None:
     if word in ("-h", "--help"):
         print(usage)
         sys.exit(0)
-    print(f"tccm: {word!r} is no argument of a node; {usage}", file=sys.stderr)
+    print(f"tccm: {word!r} is no argument of a node; {_first_line(usage)}", file=sys.stderr)
     sys.exit(2)
 
 

@@ -118,7 +118,6 @@ def test_a_bad_parameter_ends_with_one_line_and_status_1(domain):
         (["--ros-args", "--params-file", "/nowhere.yaml"], 1, "/nowhere.yaml"),
         (["--ros-args", "-p", "bogus"], 1, "bogus"),
         (["--nonsense"], 2, "'--nonsense' is no argument of a node; usage:"),
-        (["--help"], 0, "usage:"),
     ],
 )
 def test_an_unknown_argument_is_answered_with_one_line(domain, arguments, status, text):

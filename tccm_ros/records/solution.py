@@ -193,7 +193,7 @@ class Surface:
         Stamps of the first and the last view that measured it, replaced views included.
     views
         The views that are part of it, in the order of sessions and stamps.
-    took
+    merged_ids
         Numbers of its other patches: ids of surfaces that went into this one, and that a part of it
         has when it parts from it.
     """
@@ -213,4 +213,4 @@ class Surface:
     first_seen_ns: int
     last_seen_ns: int
     views: tuple[SurfaceSighting, ...]
-    took: tuple[int, ...] = ()
+    merged_ids: tuple[int, ...] = ()

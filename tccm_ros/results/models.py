@@ -145,6 +145,7 @@ class SurfaceEntry:
             surface,
             first_seen=Stamp(surface.first_seen_ns),
             last_seen=Stamp(surface.last_seen_ns),
+            took=surface.merged_ids,
             views=tuple(_entry(ViewEntry, v, stamp=Stamp(v.stamp_ns)) for v in surface.views),
         )
 

@@ -156,7 +156,7 @@ def _outline(surface: Surface) -> shapely.Geometry:
 
 def _meets(surface: Surface, height: float, wanted: SurfaceFilter) -> bool:
     """Return whether a surface meets all conditions but those of its place."""
-    if wanted.ids and not wanted.ids.intersection((surface.id, *surface.took)):
+    if wanted.ids and not wanted.ids.intersection((surface.id, *surface.merged_ids)):
         return False
     if wanted.labels:
         if surface.label not in wanted.labels:

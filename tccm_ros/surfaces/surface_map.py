@@ -230,7 +230,7 @@ def _record(
         views=tuple(
             SurfaceSighting(views[v].stamp_ns, int(keyframes[v]), points[v]) for v in sorted(points)
         ),
-        took=ids.merged_ids(surface.members),
+        merged_ids=ids.merged_ids(surface.members),
     )
 
 

@@ -103,10 +103,10 @@ def changes(before: Sequence[Surface], after: Sequence[Surface]) -> list[Surface
     Between the two, no view may have been added before an older one: that would renumber patches.
     """
     known = {surface.id for surface in before}
-    owners = {merged: surface.id for surface in before for merged in surface.took}
+    owners = {merged: surface.id for surface in before for merged in surface.merged_ids}
     found = []
     for surface in after:
-        merged_ids = tuple(merged for merged in surface.took if merged in known)
+        merged_ids = tuple(merged for merged in surface.merged_ids if merged in known)
         split_from = None if surface.id in known else owners.get(surface.id)
         if merged_ids or split_from is not None:
             found.append(SurfaceChange(surface.id, merged_ids, split_from))

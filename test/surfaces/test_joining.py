@@ -33,7 +33,7 @@ def look(room, *poses, walls=None):
 def test_a_board_that_a_post_hides_in_part_is_joined():
     (found,) = look(Room([SIDEBOARD], [POST]), (0, 0, 0))
     assert overlap(found, SIDEBOARD) >= 0.85
-    assert len(found.took) == 1
+    assert len(found.merged_ids) == 1
 
 
 def test_tables_with_a_gap_that_was_looked_through_are_two():

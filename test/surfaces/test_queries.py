@@ -15,19 +15,19 @@ UP = np.array([0.0, 0.0, 1.0])
 MUG = PlacementRequest(0.1, 0.1, 0.12)
 
 
-def surface(identity, label, x, y, size, z, took=()) -> Surface:
+def surface(identity, label, x, y, size, z, merged_ids=()) -> Surface:
     half = 0.5 * np.array(size)
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half + (x, y)
     boundary = np.column_stack([corners, np.full(4, z)])
     middle = np.array([x, y, z])
     return Surface(
         identity, label, 0.9, z, UP, z, size[0] * size[1], middle, boundary, (), 1000, 0.002,
-        0, 0, (), took,
+        0, 0, (), merged_ids,
     )  # fmt: skip
 
 
 FLOOR = surface(0, "floor", 0, 0, (10, 10), 0.1)
-TABLE = surface(1, "table", 2, 0, (1.2, 0.8), 0.8, took=(7,))
+TABLE = surface(1, "table", 2, 0, (1.2, 0.8), 0.8, merged_ids=(7,))
 COUNTER = surface(2, "counter", -3, 0, (2, 0.6), 1.0)
 SHELF = surface(3, "shelf", -3, 0, (2, 0.6), 1.3)
 BOX = SceneObject(5, 1, np.array([2.0, 0.0, 0.9]), np.array([0.4, 0.4, 0.2]), 0.0)

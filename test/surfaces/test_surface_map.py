@@ -33,7 +33,7 @@ def test_the_map_does_not_depend_on_the_order_of_arrival():
     assert [s.id for s in first.surfaces] == [s.id for s in second.surfaces]
     for a, b in zip(first.surfaces, second.surfaces):
         np.testing.assert_array_equal(a.boundary, b.boundary)
-        assert (a.height, a.points, a.took) == (b.height, b.points, b.took)
+        assert (a.height, a.points, a.merged_ids) == (b.height, b.points, b.merged_ids)
         assert [v.points for v in a.views] == [v.points for v in b.views]
     np.testing.assert_array_equal(first.points, second.points)
 
@@ -57,7 +57,7 @@ def test_ids_stay_while_loop_closures_merge_and_split_surfaces():
     assert len(above_floor(separate)) == 2
     assert [s.id for s in above_floor(together)] == [first]
     other = max(s.id for s in above_floor(separate))
-    assert above_floor(together)[0].took == (other,)
+    assert above_floor(together)[0].merged_ids == (other,)
     assert SurfaceChange(first, (other,), None) in changes(separate.surfaces, together.surfaces)
     assert SurfaceChange(other, (), first) in changes(together.surfaces, separate.surfaces)
     again = build(looks, poses=[(0, 0, 0), (6.2, 0.3, 3.14)])
@@ -73,7 +73,7 @@ def test_a_surface_that_joins_two_has_the_merged_id_of_the_other():
     assert len(separate) == 2
     (joined,) = above_floor(build([*looks, (Room([long_board]), (0, 0.3, 0), 30)]))
     assert joined.id == separate[0]
-    assert separate[1] in joined.took
+    assert separate[1] in joined.merged_ids
 
 
 def test_a_surface_that_replaces_two_pieces_has_both_ids():
@@ -86,7 +86,9 @@ def test_a_surface_that_replaces_two_pieces_has_both_ids():
     assert len(separate) == 2
     looks = [(Room([left, right], [pole]), (0, 0, 0), 10), (Room([board, wide]), (0, 0, 0), 20)]
     (table,) = above_floor(build(looks))
-    assert [table.id] + [n for n in table.took if n == separate[1].id] == [s.id for s in separate]
+    assert [table.id] + [n for n in table.merged_ids if n == separate[1].id] == [
+        s.id for s in separate
+    ]
 
 
 def test_every_id_of_one_solution_is_found_in_another():
@@ -102,7 +104,7 @@ def test_every_id_of_one_solution_is_found_in_another():
     assert len({len(m.surfaces) for m in solutions}) > 1, "something merges or splits"
     for one in solutions:
         for other in solutions:
-            names = [name for s in other.surfaces for name in (s.id, *s.took)]
+            names = [name for s in other.surfaces for name in (s.id, *s.merged_ids)]
             assert len(names) == len(set(names)), "an id belongs to one surface"
             told = {c.id: c for c in changes(one.surfaces, other.surfaces)}
             for surface in other.surfaces:

@@ -254,7 +254,9 @@ def _arrays_of(saved: SavedMap) -> Arrays:
         "anchor/keyframe": np.array([s.keyframe for s in saved.views], np.int64),
         "anchor/hangs": np.array([s.is_on_keyframe for s in saved.views], bool),
         "anchor/T": np.array([s.T_anchor_view for s in saved.views], float).reshape(-1, 4, 4),
-        "anchor/cov_tilt": np.array([s.cov_tilt for s in saved.views], float).reshape(-1, 3, 3),
+        "anchor/cov_tilt": np.array([s.cov_z_roll_pitch for s in saved.views], float).reshape(
+            -1, 3, 3
+        ),
     }
 
 

@@ -79,7 +79,7 @@ def join_over_occlusions(
     pieces: Sequence[MergedSurface],
     views: list[View],
     T_map_view: Float64,
-    cov_tilt: Float64,
+    cov_z_roll_pitch: Float64,
     walls: Float64,
     config: Config,
 ) -> list[MergedSurface]:
@@ -91,7 +91,7 @@ def join_over_occlusions(
         Surfaces, in the order of their first patches.
     views
         V views.
-    T_map_view, cov_tilt
+    T_map_view, cov_z_roll_pitch
         float64 (V, 4, 4) and (V, 3, 3) of (z, roll, pitch).
     walls
         float64 (W, 2, 2), ends of the walls in map, m: pieces on two sides of a wall are not
@@ -99,7 +99,7 @@ def join_over_occlusions(
     config
         Uses `surfaces.max_step` and `views.clear_margin`.
     """
-    is_coplanar = _coplanar(T_map_view, cov_tilt, config)
+    is_coplanar = _coplanar(T_map_view, cov_z_roll_pitch, config)
 
     def between(a: MergedSurface, b: MergedSurface) -> Polygon | None:
         area = occluded_area_between(a, b, is_coplanar, views, T_map_view, config)
@@ -120,7 +120,7 @@ def _is_wall_between(a: MergedSurface, b: MergedSurface, walls: Float64) -> bool
     return bool((distance >= MIN_WALL_DISTANCE).any())
 
 
-def _coplanar(T_map_view: Float64, cov_tilt: Float64, config: Config) -> CoplanarityTest:
+def _coplanar(T_map_view: Float64, cov_z_roll_pitch: Float64, config: Config) -> CoplanarityTest:
     """Return the test whether the planes of two pieces agree, by the gates that `contact` has."""
 
     def is_coplanar(a: MergedSurface, b: MergedSurface, at_xy: Float64) -> bool:
@@ -133,7 +133,7 @@ def _coplanar(T_map_view: Float64, cov_tilt: Float64, config: Config) -> Coplana
             cov = fit_covariance(piece.cov, piece.count)
             if has_no_common_view:
                 view = max(piece.members, key=lambda m: m.patch.count).view
-                cov = cov + pose_covariance(T_map_view[view], cov_tilt[view], piece.mean)
+                cov = cov + pose_covariance(T_map_view[view], cov_z_roll_pitch[view], piece.mean)
             variance += float(J @ cov @ J)
         return bool(step <= min(GATE * np.sqrt(variance), config.surfaces.max_step))
 

@@ -90,7 +90,7 @@ def clouds_in_map(patches: Sequence[NumberedPatch], T_map_view: Float64) -> list
 
 
 def merge_coplanar(
-    patches: list[NumberedPatch], T_map_view: Float64, cov_tilt: Float64, config: Config
+    patches: list[NumberedPatch], T_map_view: Float64, cov_z_roll_pitch: Float64, config: Config
 ) -> list[Members]:
     """Merge patches that touch and are coplanar.
 
@@ -98,7 +98,7 @@ def merge_coplanar(
     ----------
     patches
         In the order of their numbers.
-    T_map_view, cov_tilt
+    T_map_view, cov_z_roll_pitch
         float64 (V, 4, 4) and (V, 3, 3) of (z, roll, pitch), poses of the views.
     config
         Uses `surfaces.merge_distance` and `surfaces.max_step`.
@@ -109,7 +109,7 @@ def merge_coplanar(
     clouds = patch_clouds(clouds_in_map(patches, T_map_view))
     pairs = box_pairs(clouds.boxes, limits.merge_distance)
     view = np.array([p.view for p in patches])
-    planes = stack_planes([p.patch for p in patches], view, T_map_view, cov_tilt)
+    planes = stack_planes([p.patch for p in patches], view, T_map_view, cov_z_roll_pitch)
     root = connect(clouds, pairs, limits.merge_distance, planes, limits.max_step)
     return group_patches(patches, root)
 

@@ -126,14 +126,14 @@ def fit_covariance(cov: Float64, count: int) -> Float64:
     return result
 
 
-def pose_covariance(T_map_base: Float64, cov_tilt: Float64, centroid: Float64) -> Float64:
+def pose_covariance(T_map_base: Float64, cov_z_roll_pitch: Float64, centroid: Float64) -> Float64:
     """Propagate the covariance of a pose to (z, a, b) at a centroid.
 
     Parameters
     ----------
     T_map_base
         float64 (4, 4), pose of the view.
-    cov_tilt
+    cov_z_roll_pitch
         float64 (3, 3) of (z, roll, pitch) of the base, m and rad.
     centroid
         float64 (3,), in map.
@@ -150,11 +150,11 @@ def pose_covariance(T_map_base: Float64, cov_tilt: Float64, centroid: Float64) -
             [0.0, left[1], -forward[1]],
         ]
     )
-    return J @ cov_tilt @ J.T
+    return J @ cov_z_roll_pitch @ J.T
 
 
 def stack_planes(
-    patches: list[Patch], view: Int64, T_map_view: Float64, cov_tilt: Float64
+    patches: list[Patch], view: Int64, T_map_view: Float64, cov_z_roll_pitch: Float64
 ) -> PatchPlanes:
     """Compute the planes of patches in map, with their covariances.
 
@@ -166,7 +166,7 @@ def stack_planes(
         int64 (P,), index of each patch's view.
     T_map_view
         float64 (V, 4, 4).
-    cov_tilt
+    cov_z_roll_pitch
         float64 (V, 3, 3) of (z, roll, pitch).
     """
     P = len(patches)
@@ -179,5 +179,5 @@ def stack_planes(
         centroid[p] = T[:3, :3] @ patch.mean + T[:3, 3]
         slope[p] = -normal[:2] / max(normal[2], MIN_NORMAL_Z_OF_SLOPE)
         noise[p] = point_variance(cov)
-        cov_pose[p] = pose_covariance(T, cov_tilt[view[p]], centroid[p])
+        cov_pose[p] = pose_covariance(T, cov_z_roll_pitch[view[p]], centroid[p])
     return PatchPlanes(view, centroid, slope, noise, cov_pose)

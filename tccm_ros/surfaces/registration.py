@@ -25,7 +25,7 @@ from tccm_ros.surfaces.side_matching import SideMatch, match_sides
 from tccm_ros.surfaces.sides import Sides, find_sides
 from tccm_ros.surfaces.views import View
 
-TILT_ORDER = [5, 0, 1]
+Z_ROLL_PITCH = [5, 0, 1]
 """z, roll and pitch in GTSAM's order (roll, pitch, yaw, x, y, z)."""
 
 PLANAR_ORDER = [3, 4, 2]
@@ -82,8 +82,8 @@ class Registration:
         """
         left = self._carver.carve(views, known.T_map_views)
         patches = surviving_patches(views, left, self._config)
-        cov_tilt = known.cov_views[:, TILT_ORDER][:, :, TILT_ORDER]
-        planes = plane_factors(patches, known.T_map_views, cov_tilt, self._config)
+        cov_z_roll_pitch = known.cov_views[:, Z_ROLL_PITCH][:, :, Z_ROLL_PITCH]
+        planes = plane_factors(patches, known.T_map_views, cov_z_roll_pitch, self._config)
         self._sides = {view.key: (view, self._sides_of(view)) for view in views}
         sides = [self._sides[view.key][1] for view in views]
         return [*planes, *side_factors(views, left, known, self._config, sides)]
@@ -99,7 +99,7 @@ def register_views(views: list[View], known: Solution, config: Config) -> list[F
 
 
 def plane_factors(
-    patches: list[NumberedPatch], T_map_view: Float64, cov_tilt: Float64, config: Config
+    patches: list[NumberedPatch], T_map_view: Float64, cov_z_roll_pitch: Float64, config: Config
 ) -> list[ViewPlane]:
     """Return a factor for each patch of each surface that more than one view saw.
 
@@ -107,14 +107,14 @@ def plane_factors(
     ----------
     patches
         What is left of the patches, in the order of their numbers.
-    T_map_view, cov_tilt
+    T_map_view, cov_z_roll_pitch
         float64 (V, 4, 4) and (V, 3, 3) of (z, roll, pitch), the views as known so far.
     config
         Uses the group ``surfaces``.
     """
     factors: list[ViewPlane] = []
     plane = 0
-    for surface in merge_coplanar(patches, T_map_view, cov_tilt, config):
+    for surface in merge_coplanar(patches, T_map_view, cov_z_roll_pitch, config):
         members = _informative(surface)
         if len({member.view for member in members}) > 1:
             factors += [_plane_factor(member, plane) for member in members]

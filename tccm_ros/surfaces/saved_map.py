@@ -36,7 +36,7 @@ class SavedView:
         Whether its pose moves with that keyframe; else, without a level laser, it is fixed in map.
     T_anchor_view
         float64 (4, 4), pose in that keyframe (horizontal, at its planar pose), or in map.
-    cov_tilt
+    cov_z_roll_pitch
         float64 (3, 3) of (z, roll, pitch).
     """
 
@@ -44,7 +44,7 @@ class SavedView:
     keyframe: int
     is_on_keyframe: bool
     T_anchor_view: Float64
-    cov_tilt: Float64
+    cov_z_roll_pitch: Float64
 
 
 @dataclass(frozen=True, slots=True, eq=False)

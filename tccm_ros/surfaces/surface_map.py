@@ -46,14 +46,14 @@ class ViewPoses:
     ----------
     T_map_view
         float64 (V, 4, 4), in the order of `SurfaceMap.views`.
-    cov_tilt
+    cov_z_roll_pitch
         float64 (V, 3, 3) of (z, roll, pitch), m and rad.
     keyframes
         int64 (V,), id of the nearest keyframe of each view; -1: none.
     """
 
     T_map_view: Float64
-    cov_tilt: Float64
+    cov_z_roll_pitch: Float64
     keyframes: Int64
 
 
@@ -170,7 +170,9 @@ class SurfaceMap:
         fitted = [fit_surface(members, views, T, config) for members in groups]
         surfaces = [surface for surface in fitted if surface is not None]
         if self._published_merge is None:
-            surfaces = join_over_occlusions(surfaces, views, T, poses.cov_tilt, walls, config)
+            surfaces = join_over_occlusions(
+                surfaces, views, T, poses.cov_z_roll_pitch, walls, config
+            )
         surfaces = [s for s in surfaces if s.polygon.area >= config.surfaces.min_area]
         floor_z = find_floor(surfaces, config)
         if self._published_merge is None:
@@ -189,7 +191,7 @@ class SurfaceMap:
         """Group the patches that carving left into surfaces."""
         patches = surviving_patches(views, left, self._config)
         if self._published_merge is None:
-            return merge_coplanar(patches, poses.T_map_view, poses.cov_tilt, self._config)
+            return merge_coplanar(patches, poses.T_map_view, poses.cov_z_roll_pitch, self._config)
         clouds = clouds_in_map(patches, poses.T_map_view)
         root = self._published_merge(clouds, self._config.surfaces.merge_distance)
         return group_patches(patches, root)

@@ -31,7 +31,7 @@ from tccm_ros.sensors.registry import roles_of
 from tccm_ros.slam.lines import label_by_splitting
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.wall_slam import LivePose, WallSlam
-from tccm_ros.surfaces.registration import TILT_ORDER, Registration
+from tccm_ros.surfaces.registration import Z_ROLL_PITCH, Registration
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView
 from tccm_ros.surfaces.session_alignment import SessionAlignment, align_session
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
@@ -285,14 +285,14 @@ class SurfaceSlam:
         anchors = np.broadcast_to(np.eye(4), T_anchor_view.shape).copy()
         moves = np.array([saved.is_on_keyframe for saved in self.saved_views], bool)
         anchors[moves] = spatial(poses[keyframes[moves]])
-        cov = np.array([saved.cov_tilt for saved in self.saved_views]).reshape(-1, 3, 3)
+        cov = np.array([saved.cov_z_roll_pitch for saved in self.saved_views]).reshape(-1, 3, 3)
         return ViewPoses(anchors @ T_anchor_view, cov, keyframes)
 
     def _all_poses(self, slam: Solution, own: ViewPoses) -> ViewPoses:
         old = self._saved_poses(slam)
         return ViewPoses(
             np.concatenate([old.T_map_view, own.T_map_view]),
-            np.concatenate([old.cov_tilt, own.cov_tilt]),
+            np.concatenate([old.cov_z_roll_pitch, own.cov_z_roll_pitch]),
             np.concatenate([old.keyframes, own.keyframes]),
         )
 
@@ -315,7 +315,10 @@ class SurfaceSlam:
         state = self._saved_state(solution)
         views = []
         for view, T, cov, k in zip(
-            solved, view_poses.T_map_view, view_poses.cov_tilt, view_poses.keyframes.tolist()
+            solved,
+            view_poses.T_map_view,
+            view_poses.cov_z_roll_pitch,
+            view_poses.keyframes.tolist(),
         ):
             is_on_keyframe = bool(state) and k in poses
             T_anchor = poses[k] if is_on_keyframe else np.eye(4)
@@ -355,7 +358,7 @@ class SurfaceSlam:
 
 
 def _view_poses(slam: Solution) -> ViewPoses:
-    cov = slam.cov_views[:, TILT_ORDER][:, :, TILT_ORDER]
+    cov = slam.cov_views[:, Z_ROLL_PITCH][:, :, Z_ROLL_PITCH]
     return ViewPoses(slam.T_map_views, cov, slam.view_keyframes)
 
 

@@ -28,8 +28,8 @@ from tccm_ros.mapping.surface_message import surface_cloud, view_intervals
 from tccm_ros.planes import find_planes
 from tccm_ros.planes.tracking import PlaneTracker
 from tccm_ros.records import (
-    ClockJump,
     Event,
+    MapReset,
     PlaneRecord,
     Posed,
     PosedScan,
@@ -190,7 +190,7 @@ class TccmProcessor:
             PosedCloud: self._take_cloud,
             TiltAngle: self._take_angle,
             StreamComplete: self._take_complete,
-            ClockJump: self._take_jump,
+            MapReset: self._take_reset,
         }
 
     @property
@@ -245,7 +245,7 @@ class TccmProcessor:
     def _take_complete(self, complete: StreamComplete) -> None:
         self._cycles.add_complete(*complete)
 
-    def _take_jump(self, jump: ClockJump) -> None:
+    def _take_reset(self, reset: MapReset) -> None:
         self.clear_map()
 
     def finish(self, on_planes: OnPlanes = lambda _: None) -> list[CycleResult]:

@@ -44,8 +44,8 @@ from tccm_ros.nodes.tf import has_tf2_msgs
 from tccm_ros.nodes.warming import Warming
 from tccm_ros.nodes.worker import BACKLOG, Worker
 from tccm_ros.records import (
-    ClockJump,
     Event,
+    MapReset,
     Odometry,
     StreamComplete,
     SurfaceCloud,
@@ -58,7 +58,7 @@ from tccm_ros.ros.reading import READERS
 from tccm_ros.sensors.depth_image import camera_info_topic, depth_stream, is_compressed
 from tccm_ros.sensors.registry import default_streams
 
-NOT_DROPPED = (ClockJump, Odometry, StreamComplete, SurfaceCloud, TiltAngle, ViewIntervals)
+NOT_DROPPED = (MapReset, Odometry, StreamComplete, SurfaceCloud, TiltAngle, ViewIntervals)
 """Events that an overloaded node keeps as long as it can: all but what sensors measured."""
 
 
@@ -274,7 +274,7 @@ class SensorNode(Node):
     def offer(self, events: Sequence[Any]) -> None:
         """Queue events for the worker; scans are dropped when it cannot keep up."""
         for event in filter(self.takes, events):
-            if type(event) is ClockJump:
+            if type(event) is MapReset:
                 self._clock_watch.note_stamps()
                 self.get_logger().warning(f"{event.reason}: the map begins anew")
             is_droppable = not isinstance(event, NOT_DROPPED)
@@ -345,7 +345,7 @@ class SensorNode(Node):
     def restart(self, reason: str) -> None:
         """Begin anew, because the clock went back."""
         with self.robot.lock:
-            self.offer([ClockJump(reason)])
+            self.offer([MapReset(reason)])
             self.robot.robot.begin_anew()
 
     def start(self) -> None:

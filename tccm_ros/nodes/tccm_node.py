@@ -21,7 +21,7 @@ from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.pipeline.calibrate.rig_check import RigCheck
-from tccm_ros.records import ClockJump, Event
+from tccm_ros.records import Event, MapReset
 from tccm_ros.results.cuboids_file import cuboids_archive
 from tccm_ros.ros.topic_messages import CYCLE_TOPICS, SURFACE_MESSAGE_TOPICS, CycleMessageBuilder
 from tccm_ros.ros.writing import scan_message
@@ -84,10 +84,10 @@ class TccmNode(SensorNode):
     def takes(self, event: Event) -> bool:
         """Return whether an event is for the processor.
 
-        While paused, none is but a jump of the clock. Joints stand still with the scans: tilt
+        While paused, none is but a reset of the map. Joints stand still with the scans: tilt
         cycles that nobody looks at would age the map.
         """
-        return self.processor.takes(event) and (not self.is_paused or type(event) is ClockJump)
+        return self.processor.takes(event) and (not self.is_paused or type(event) is MapReset)
 
     # --- in the worker ---
 

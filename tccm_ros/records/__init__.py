@@ -13,8 +13,8 @@ from tccm_ros.records.cycle import (
     ViewIntervals,
 )
 from tccm_ros.records.events import (
-    ClockJump,
     Event,
+    MapReset,
     Posed,
     PosedScan,
     SelfShapes,
@@ -44,7 +44,6 @@ from tccm_ros.records.solution import (
 
 __all__ = [
     "CameraInfo",
-    "ClockJump",
     "DepthImage",
     "Event",
     "JointSample",
@@ -52,6 +51,7 @@ __all__ = [
     "Landmark",
     "LandmarkObservation",
     "Loop",
+    "MapReset",
     "Odometry",
     "PlaneKind",
     "PlaneRecord",

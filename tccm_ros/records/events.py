@@ -126,8 +126,8 @@ class StreamComplete(NamedTuple):
     until_ns: int
 
 
-class ClockJump(NamedTuple):
-    """Poses begin anew and the map with them: the clock went back, or odometry came late.
+class MapReset(NamedTuple):
+    """Poses and the map begin anew, as the clock went back or odometry came after all.
 
     Attributes
     ----------
@@ -138,6 +138,6 @@ class ClockJump(NamedTuple):
     reason: str
 
 
-Event = Posed | TiltAngle | StreamComplete | Odometry | ClockJump
-"""What `robot.Robot` gives. The first three have the role of a stream; the base's motion and jumps
-of the clock concern everybody."""
+Event = Posed | TiltAngle | StreamComplete | Odometry | MapReset
+"""What `robot.Robot` gives. The first three have the role of a stream; the base's motion and resets
+of the map concern everybody."""

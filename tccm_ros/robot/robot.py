@@ -18,9 +18,9 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.errors import TopicError, suggest
 from tccm_ros.records import (
-    ClockJump,
     Event,
     JointSample,
+    MapReset,
     Odometry,
     RobotDescription,
     StreamComplete,
@@ -143,7 +143,7 @@ class Robot:
         Returns
         -------
         list[Event]
-            A `ClockJump` first, then the base's motion, tilt angles, posed records, and until when
+            A `MapReset` first, then the base's motion, tilt angles, posed records, and until when
             streams are complete; each of these in the order of stamps within its stream.
 
         Raises
@@ -233,7 +233,7 @@ class Robot:
     def _use(self, admission: Admission[tuple[_Input, Any]]) -> None:
         if admission.jumped_ns:
             back_s = admission.jumped_ns * 1e-9
-            self._events.append(ClockJump(f"the stamps of all inputs went back by {back_s:.1f} s"))
+            self._events.append(MapReset(f"the stamps of all inputs went back by {back_s:.1f} s"))
             self._forget_samples()
         for (taken, _), reason in admission.refused:
             taken.refuse(reason)
@@ -251,7 +251,7 @@ class Robot:
 
     def _add_odometry(self, record: Odometry) -> None:
         if self.motion.source in (MotionSource.TF, MotionSource.STILL):
-            self._events.append(ClockJump("odometry came after all"))
+            self._events.append(MapReset("odometry came after all"))
             self.frames.find_anew()
         self.frames.follow_odometry(record.child_frame_id)
         self._count_late(int(not self.motion.add(record)))

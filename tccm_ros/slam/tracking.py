@@ -16,8 +16,8 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar
 from tccm_ros.records import (
-    ClockJump,
     LandmarkObservation,
+    MapReset,
     Odometry,
     PosedScan,
     SurfaceCloud,
@@ -29,7 +29,7 @@ from tccm_ros.slam.level_scan import make_level_scan
 from tccm_ros.slam.se2 import between, compose, inverse
 from tccm_ros.slam.wall_slam import LivePose
 
-COUNTED = {SurfaceCloud: "clouds", ViewIntervals: "views", ClockJump: "resets"}
+COUNTED = {SurfaceCloud: "clouds", ViewIntervals: "views", MapReset: "resets"}
 """Events that are counted here and used by the solution alone."""
 
 
@@ -78,7 +78,7 @@ class Tracker:
             self._add_odometry(event)
         elif type(event) in COUNTED:
             self.counts[COUNTED[type(event)]] += 1
-            if isinstance(event, ClockJump):
+            if isinstance(event, MapReset):
                 self._begin(self._first_keyframe)
 
     def current_pose(self) -> LivePose:

@@ -17,9 +17,9 @@ from tccm_ros.baselines.line_ransac import label_by_ransac
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, inverse, planar, spatial
 from tccm_ros.records import (
-    ClockJump,
     Event,
     LandmarkObservation,
+    MapReset,
     Odometry,
     PosedScan,
     ScanPose,
@@ -114,7 +114,7 @@ class SurfaceSlam:
             PosedScan: self._take_scan,
             Odometry: self._take_odometry,
             LandmarkObservation: self._take_landmark,
-            ClockJump: self._take_jump,
+            MapReset: self._take_reset,
             SurfaceCloud: partial(self._take_view, "clouds"),
             ViewIntervals: partial(self._take_view, "views"),
         }
@@ -183,7 +183,7 @@ class SurfaceSlam:
         self.map.forget(self._is_stationary)
         return []
 
-    def _take_jump(self, jump: ClockJump) -> list[ScanPose]:
+    def _take_reset(self, reset: MapReset) -> list[ScanPose]:
         """Begin the session anew: stamps before and after a jump cannot be compared."""
         self.counts["resets"] += 1
         self._begin()

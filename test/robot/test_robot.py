@@ -22,8 +22,8 @@ from tccm_ros.config.reader import read_config
 from tccm_ros.errors import TopicError
 from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.records import (
-    ClockJump,
     JointSample,
+    MapReset,
     Odometry,
     PosedScan,
     RobotDescription,
@@ -215,7 +215,7 @@ def test_without_odometry_the_base_stands_still():
     assert len(posed) == 80
     assert taken.robot.motion.source is MotionSource.STILL
     assert (posed[-1].T_odom_base == np.eye(4)).all()
-    assert not taken.of(ClockJump)
+    assert not taken.of(MapReset)
 
 
 def test_an_expected_odometry_is_not_replaced():
@@ -228,7 +228,7 @@ def test_odometry_that_comes_late_begins_a_new_map():
     records = [r for r in drive(2000) if not (isinstance(r, Odometry) and r.stamp_ns < stamp(1000))]
     taken = Taken()
     posed = play(taken, records)
-    assert len(taken.of(ClockJump)) == 1
+    assert len(taken.of(MapReset)) == 1
     assert taken.robot.motion.source is MotionSource.ODOMETRY
     assert posed[-1].T_odom_base[0, 0, 3] > 1.5
 
@@ -322,7 +322,7 @@ def test_a_clock_jump_is_an_event_and_scans_are_posed_again_after_it():
     posed = []
     for record in drive(1000):
         posed += taken.add(record)
-    assert not taken.of(ClockJump)
+    assert not taken.of(MapReset)
     earlier = [scan_at(r.stamp_ns) if isinstance(r, Scan) else r for r in drive(1000)]
     shift = 3_600_000 * MS
     for record in earlier[1:]:
@@ -330,7 +330,7 @@ def test_a_clock_jump_is_an_event_and_scans_are_posed_again_after_it():
         moved["stamp_ns"] -= shift
         posed += taken.add(type(record)(**moved))
     posed += taken.flush()
-    assert len(taken.of(ClockJump)) == 1
+    assert len(taken.of(MapReset)) == 1
     assert sum(p.scan.stamp_ns < START - shift // 2 for p in posed) == 40
     assert taken.sensor.received == 80
     assert taken.sensor.posed + taken.dropped.total() == 80
@@ -393,7 +393,7 @@ def outcome(records):
         for p in posed
     ]
     received = taken.sensor.received
-    counts = received, taken.sensor.posed, taken.robot.refused, len(taken.of(ClockJump))
+    counts = received, taken.sensor.posed, taken.robot.refused, len(taken.of(MapReset))
     return scans, taken.dropped, counts, hash(tuple(taken.of(TiltAngle)))
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2
-from tccm_ros.records import ClockJump, Odometry
+from tccm_ros.records import MapReset, Odometry
 from tccm_ros.slam.tracking import Tracker
 from tccm_ros.slam.wall_slam import WallSlam
 
@@ -56,6 +56,6 @@ def test_without_scans_it_follows_odometry_and_a_jump_begins_anew():
         T[0, 3] = 5.0 + k
         tracker.add(Odometry(k + 1, "odom", "base", T))
     assert np.allclose(tracker.current_pose().pose, [2.0, 0.0, 0.0])
-    tracker.add(ClockJump("back"))
+    tracker.add(MapReset("back"))
     assert tracker.counts["resets"] == 1
     assert tracker.current_pose().stamp_ns == -1

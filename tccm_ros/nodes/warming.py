@@ -34,8 +34,8 @@ class Warming:
 
     Parameters
     ----------
-    taker
-        Of the node's streams.
+    processor_name
+        The processor that the node runs (`Stream.processor`).
     config
         Of the node.
     report
@@ -46,17 +46,19 @@ class Warming:
 
     def __init__(
         self,
-        taker: str,
+        processor_name: str,
         config: Config,
         report: Callable[[str], object],
         on_done: Callable[[], None],
     ):
-        self._taker, self._config = taker, config
+        self._processor_name, self._config = processor_name, config
         self._report, self._on_done = report, on_done
         self._child: subprocess.Popen[str] | None = None
         self._is_ended = False
         self._loaded, self._done = threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=self._run, name=f"{taker} warming", daemon=True)
+        self._thread = threading.Thread(
+            target=self._run, name=f"{processor_name} warming", daemon=True
+        )
 
     @property
     def is_loaded(self) -> bool:
@@ -84,11 +86,11 @@ class Warming:
                 self._child.kill()
 
     def _run(self) -> None:
-        if not is_compiled(self._taker):
+        if not is_compiled(self._processor_name):
             self._compile()
         if self._is_ended:
             return
-        warm_up(self._taker, self._config)
+        warm_up(self._processor_name, self._config)
         # What modules and kernels are made of lives until the end; going through it takes 0.1 s.
         gc.collect()
         gc.freeze()
@@ -99,7 +101,13 @@ class Warming:
     def _compile(self) -> None:
         """Have a child fill numba's cache; where it fails, the node compiles itself."""
         start_s = time.monotonic()
-        command = [sys.executable, "-m", "tccm_ros.nodes.warming", self._taker, str(os.getpid())]
+        command = [
+            sys.executable,
+            "-m",
+            "tccm_ros.nodes.warming",
+            self._processor_name,
+            str(os.getpid()),
+        ]
         try:
             self._child = subprocess.Popen(
                 command,
@@ -125,9 +133,9 @@ class Warming:
             self._report(f"compiling in a process failed ({last[0]}): the node compiles itself")
 
 
-def warm_up(taker: str, config: Config) -> None:
+def warm_up(processor_name: str, config: Config) -> None:
     """Compile or load the kernels of a node; what the other one needs is not even imported."""
-    if taker == "tccm":
+    if processor_name == "tccm":
         from tccm_ros.nodes.warm_up import warm_up_tccm
 
         warm_up_tccm(config)
@@ -137,19 +145,19 @@ def warm_up(taker: str, config: Config) -> None:
         warm_up_slam(config)
 
 
-def is_compiled(taker: str) -> bool:
+def is_compiled(processor_name: str) -> bool:
     """Return whether numba's cache has the kernels of a node, as the code is now."""
-    marker = _marker(taker)
+    marker = _marker(processor_name)
     try:
         return marker is not None and marker.read_text() == _fingerprint()
     except OSError:
         return False
 
 
-def _marker(taker: str) -> Path | None:
+def _marker(processor_name: str) -> Path | None:
     """Return the file beside numba's cache that says for which code it was filled."""
     path = getattr(getattr(interpolate_scalars, "_cache", None), "cache_path", None)
-    return None if path is None else Path(path) / f"compiled_for_{taker}.txt"
+    return None if path is None else Path(path) / f"compiled_for_{processor_name}.txt"
 
 
 def _fingerprint() -> str:
@@ -172,10 +180,10 @@ def _end_with(parent: int) -> None:
 
 def main() -> None:
     """Compile the kernels of a node; its configuration is read from the standard input."""
-    taker = sys.argv[1]
+    processor_name = sys.argv[1]
     threading.Thread(target=_end_with, args=(int(sys.argv[2]),), daemon=True).start()
-    warm_up(taker, Config.model_validate_json(sys.stdin.read()))
-    marker = _marker(taker)
+    warm_up(processor_name, Config.model_validate_json(sys.stdin.read()))
+    marker = _marker(processor_name)
     if marker is not None:
         with suppress(OSError):
             marker.write_text(_fingerprint())

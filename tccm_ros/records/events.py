@@ -56,6 +56,8 @@ class Posed:
         Names of the two frames.
     own_shapes
         The robot's shapes at the record's stamp, where the stream asks for them and they are known.
+    has_odometry
+        Whether odometry or tf tells how the base moves; without, `T_odom_base` is the identity.
     """
 
     record: Any
@@ -66,6 +68,7 @@ class Posed:
     odom_frame: str = "odom"
     base_frame: str = "base_link"
     own_shapes: SelfShapes | None = None
+    has_odometry: bool = True
 
     @property
     def stamp_ns(self) -> int:

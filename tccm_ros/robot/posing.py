@@ -130,6 +130,7 @@ class Posing:
             self._motion.odom_frame,
             base,
             mount.self_shapes(record.stamp_ns) if is_filtered else None,
+            self._motion.source is not MotionSource.STILL,
         )
 
     def _base_poses(self, mount: Mount, stamps_ns: Int64) -> Float64:

@@ -24,6 +24,15 @@ from tccm_ros.slam.se2 import between, compose, fuse, rotate_covariance
 LOOSE_COV = np.diag([0.5**2, 0.5**2, 0.5**2])
 """Covariance of (x, y, yaw), m and rad, of an unknown motion between two scans (chosen)."""
 
+DECAY_TIME = 0.5
+"""Time (s) in which a motion that nothing observes decays by a factor of e, without odometry
+(chosen: robots brake in less)."""
+
+CONTRADICTION_CHI2, CONTRADICTING_SCANS = 16.3, 5
+"""Odometry that has never reported a motion is not believed after so many scans in a row that
+deviate by more than this (99.9 % of three degrees of freedom): the wheels are not measured
+(chosen)."""
+
 STEADY_COV = np.diag([0.15**2, 0.15**2, 0.15**2])
 """Covariance of (x, y, yaw), m and rad, of the change of motion between two scans without odometry:
 within what robots accelerate (chosen)."""
@@ -149,7 +158,8 @@ class FrontEnd:
     _map: _LocalMap | None = None
     _last: LevelScan | None = None
     _step: Float64 = field(default_factory=lambda: np.zeros(3))
-    _moving: bool = False
+    _moved: bool = False
+    _contradictions: int = 0
     _scale: OdometryScale = field(default_factory=OdometryScale)
     _information: Float64 | None = None
     _odometry_pose: Float64 = field(default_factory=lambda: np.zeros(3))
@@ -179,10 +189,16 @@ class FrontEnd:
 
     def _track(self, scan: LevelScan) -> Float64:
         """Estimate the pose of a scan; return its covariance (3, 3) relative to its keyframe."""
+        assert self._last is not None
         before, keyframe = self.pose, self.keyframes[-1]
         predicted, prior, prior_cov = self._predict(scan)
         self.pose, cov, inliers = self._match(scan, predicted, prior, prior_cov)
+        self._judge_standing(scan, prior, prior_cov)
         self._step = between(before, self.pose)
+        if not self._believes_odometry(scan):
+            # Constant velocity, but for the part that is the prediction's own.
+            decay = 1.0 - np.exp((self._last.stamp_ns - scan.stamp_ns) * 1e-9 / DECAY_TIME)
+            self._step = self._step - decay * (cov @ np.linalg.inv(prior_cov) @ self._step)
         moved = between(keyframe.pose, self.pose)
         distance, yaw = float(np.hypot(moved[0], moved[1])), abs(float(moved[2]))
         graph = self.config.graph
@@ -217,9 +233,9 @@ class FrontEnd:
         assert self._last is not None
         step = self._scale.corrected(between(self._last.odom, scan.odom))
         since = self._scale.corrected(between(self._anchor_odom, scan.odom))
-        self._moving = self._moving or bool(abs(step[0]) + abs(step[1]) + abs(step[2]) > 1e-9)
-        if not self._moving:
-            # No odometry: constant velocity.
+        if step.any():
+            self._moved, self._contradictions = True, 0
+        if not self._believes_odometry(scan):
             expected = compose(self.pose, self._step)
             return expected, expected, STEADY_COV
         expected = compose(self.pose, step)
@@ -227,6 +243,35 @@ class FrontEnd:
         prior = np.array([self._odometry_pose[0], self._odometry_pose[1], expected[2]])
         cov = self._anchor_cov + odometry_covariance(since, self.config.odometry)
         return expected, prior, cov
+
+    def _believes_odometry(self, scan: LevelScan) -> bool:
+        return scan.has_odometry and self._contradictions < CONTRADICTING_SCANS
+
+    def _judge_standing(self, scan: LevelScan, prior: Float64, prior_cov: Float64) -> None:
+        """Count scans in a row that observe a motion while odometry says that the robot stands."""
+        assert self._last is not None
+        if not scan.has_odometry or between(self._last.odom, scan.odom).any():
+            return
+        if self._believes_odometry(scan):
+            contradicts = self._contradicts(scan, prior, prior_cov)
+            self._contradictions = self._contradictions + 1 if contradicts else 0
+        if not self._believes_odometry(scan):
+            # Where odometry goes on, it counts from here.
+            self._odometry_pose, self._anchor_odom = self.pose.copy(), scan.odom
+            self._anchor_cov = STEADY_COV
+
+    def _contradicts(self, scan: LevelScan, prior: Float64, prior_cov: Float64) -> bool:
+        """Return whether matching alone deviates from odometry that has never reported a motion."""
+        if self._information is None or self._moved:
+            return False
+        free = self._align_near(scan, self.pose, prior, STEADY_COV, self._window(STEADY_COV))
+        information = free.information / self.config.matching.correlated_beams
+        total = np.linalg.inv(information + np.linalg.inv(prior_cov))
+        deviation = between(prior, free.pose)
+        # Odometry's covariance is the same along any axes; the information is along the map's.
+        deviation[:2] = free.pose[:2] - prior[:2]
+        weight = information - information @ total @ information
+        return bool(deviation @ weight @ deviation > CONTRADICTION_CHI2)
 
     def _match(
         self, scan: LevelScan, predicted: Float64, prior: Float64, prior_cov: Float64
@@ -290,7 +335,7 @@ class FrontEnd:
         ]
         quality = [self._match_quality(scan, alignment) for alignment in (near, *found)]
         best = int(np.argmax(quality[1:]))
-        gain = MIN_GAIN if self._moving else MIN_GAIN_WITHOUT_ODOMETRY
+        gain = MIN_GAIN if self._believes_odometry(scan) else MIN_GAIN_WITHOUT_ODOMETRY
         return found[best] if quality[1 + best] > quality[0] + gain else near
 
     def _match_quality(self, scan: LevelScan, alignment: Alignment) -> float:

@@ -61,6 +61,8 @@ class LevelScan:
     points, normals
         float64 (N, 2): the beams averaged over 4 cm, and unit normals towards the laser, zero
         where the surroundings are not flat.
+    has_odometry
+        Whether odometry or tf tells how the base moves.
     """
 
     stamp_ns: int
@@ -69,6 +71,7 @@ class LevelScan:
     origin: Float64
     points: Float64
     normals: Float64
+    has_odometry: bool = True
 
     @property
     def search_points(self) -> Float64:
@@ -83,7 +86,7 @@ def make_level_scan(posed: PosedScan, config: Config) -> LevelScan:
     origin = posed.T_base_laser[at_stamp, :2, 3].copy()
     points, normals = thin_with_normals(beams, origin, abs(posed.scan.angle_increment))
     odom = planar(posed.T_odom_base[at_stamp])
-    return LevelScan(posed.scan.stamp_ns, odom, beams, origin, points, normals)
+    return LevelScan(posed.scan.stamp_ns, odom, beams, origin, points, normals, posed.has_odometry)
 
 
 @njit(nogil=True, cache=True)

@@ -138,7 +138,9 @@ def drive(
             ranges.astype(np.float32),
         )
         T = T_odom if odometry else np.eye(4)
-        scans.append(PosedScan(scan, np.array([stamp]), T[None], T_base_laser[None]))
+        T_laser = T_base_laser[None]
+        posed = PosedScan(scan, np.array([stamp]), T[None], T_laser, has_odometry=odometry)
+        scans.append(posed)
         truth.append(planar(np.linalg.inv(T_first) @ matrix(pose)))
     return Run(np.stack(truth), scans)
 

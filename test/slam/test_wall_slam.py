@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import plan
 import pytest
@@ -157,8 +159,11 @@ def test_the_structure_prior_keeps_the_ring_square(lap):
     assert plan.errors(lap.truth, solution.poses)[0] < 0.02
 
 
-def test_a_ring_is_mapped_without_odometry():
+@pytest.mark.parametrize("has_odometry", [False, True])
+def test_a_ring_is_mapped_without_odometry(has_odometry):
+    """There is none, or it never reports a motion."""
     run = plan.drive(WALLS, plan.route(LAP[:4]), odometry=False)
+    run.scans = [replace(scan, has_odometry=has_odometry) for scan in run.scans]
     assert plan.errors(run.truth, slam_of(run).solve().poses)[0] < 0.15
 
 

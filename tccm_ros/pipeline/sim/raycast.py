@@ -21,6 +21,10 @@ TOP_FACE = 5
 
 NEAREST = 1e-6  # m; a hit closer than this is the ray's own start
 
+GLASS_COSINE = 0.978
+"""Cosine of the angle to its normal up to which a pane of glass returns a beam: 12 deg (chosen,
+in the range that is reported of lasers indoors)."""
+
 
 class Solids(NamedTuple):
     """All solids of a scene as arrays of N rows.
@@ -37,6 +41,8 @@ class Solids(NamedTuple):
         float64 (N, 3), half edges, or (radius, radius, half height), m.
     radius
         float64 (N,), of a bounding sphere, m.
+    glass
+        bool (N,), whether beams pass that do not hit it nearly at a right angle.
     """
 
     kind: NDArray[np.int8]
@@ -45,6 +51,7 @@ class Solids(NamedTuple):
     R_solid_world: Float64
     half: Float64
     radius: Float64
+    glass: NDArray[np.bool_]
 
 
 class Grid(NamedTuple):
@@ -151,6 +158,8 @@ def _try_solids(
             t, face = _hit_box(o, d, solids.half[i])
         else:
             t, face = _hit_cylinder(o, d, solids.half[i])
+        if solids.glass[i] and abs(d[face // 2]) < GLASS_COSINE:
+            continue
         if NEAREST < t < best:
             best, code = t, i * FACES + face
     return best, code

@@ -69,6 +69,8 @@ class Solid:
         ``floor``, ``wall``, ``ceiling``, ``furniture``, ``object`` or ``person``.
     motion, span
         How it moves, and start and end of the time in which it exists, s.
+    glass
+        Whether it is a box of glass: beams pass that do not hit it nearly at a right angle.
     """
 
     shape: Literal["box", "cylinder"]
@@ -79,6 +81,7 @@ class Solid:
     role: str = "furniture"
     motion: Motion | None = None
     span: tuple[float, float] = (-np.inf, np.inf)
+    glass: bool = False
 
     @property
     def is_still(self) -> bool:
@@ -102,7 +105,7 @@ class Traits(TypedDict, total=False):
 
     Attributes
     ----------
-    surface, role, motion, span
+    surface, role, motion, span, glass
         As in `Solid`.
     """
 
@@ -110,6 +113,7 @@ class Traits(TypedDict, total=False):
     role: str
     motion: Motion
     span: tuple[float, float]
+    glass: bool
 
 
 @dataclass
@@ -314,6 +318,7 @@ class FrozenScene:
             np.array([s.T_world_solid[:3, :3].T for s in solids]),
             np.array([s.half for s in solids], float),
             np.array([s.bounding_radius for s in solids]) + 1e-6,
+            np.array([s.glass for s in solids]),
         )
         self._grid = _grid(solids)
 

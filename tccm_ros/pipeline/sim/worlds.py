@@ -4,6 +4,16 @@ from __future__ import annotations
 
 from tccm_ros.errors import ConfigError, suggest
 from tccm_ros.pipeline.sim.flat import flat, rgbd_kitchen
+from tccm_ros.pipeline.sim.little_geometry import (
+    corridor,
+    front,
+    glass_corridor,
+    lift,
+    pole,
+    round_hall,
+    single_wall,
+    turning,
+)
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.ring import ring
 from tccm_ros.pipeline.sim.rooms import load, moved, room, upside_down
@@ -23,6 +33,14 @@ WORLDS: dict[str, tuple[Builder, str]] = {
     "situation_d": (situation("d"), "B turned, with an open drawer and knobs"),
     "shelf": (shelf, "a shelf with an open drawer, scanned while waist and neck move"),
     "walkthrough": (walkthrough, "A with a person who walks past and objects that come and go"),
+    "front": (front, "standing 1 m before a single flat front; option translation"),
+    "corridor": (corridor, "25 m along a plain corridor whose ends are out of sight"),
+    "single_wall": (single_wall, "12 m along a single wall"),
+    "pole": (pole, "standing in the open with one pole in range"),
+    "round_hall": (round_hall, "a round hall: turning, and driving across"),
+    "glass_corridor": (glass_corridor, "25 m between panes of glass, seen at right angles alone"),
+    "lift": (lift, "into a lift, and out of it on another floor"),
+    "turning": (turning, "turning on the spot in a plain corridor"),
     "load": (load, "20 s of 1,081 beams at 40 Hz, while driving"),
 }
 """The builder and the description of each world."""

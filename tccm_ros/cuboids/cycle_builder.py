@@ -243,7 +243,15 @@ class CycleBuilder:
         self._timed_cycles.clear()
 
     def add_tilt(self, role: str, stamp_ns: int, angle: float) -> None:
-        """Take the next tilt angle of a laser, in stamp order."""
+        """Take the next tilt angle of a laser, in stamp order.
+
+        Parameters
+        ----------
+        role
+            Of the laser's scans.
+        stamp_ns, angle
+            Stamp of the joint sample, and its angle, rad.
+        """
         if role == self._tilt_role:
             self._tilt_cycles.add(stamp_ns, angle)
         elif self._tilt_role is None:

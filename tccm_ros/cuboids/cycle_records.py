@@ -204,7 +204,17 @@ class CyclePoints:
         enough: tuple[float, float] | None = None,
         T_frame_odom: Float64 | None = None,
     ) -> Rays:
-        """Return the lines of sight, cut off at `max_length`, m (as of `CycleScan`)."""
+        """Return the lines of sight, as `CycleScan` does.
+
+        Parameters
+        ----------
+        max_length
+            Longer ones are cut off, m.
+        enough
+            Not used: depth images and clouds have been thinned before.
+        T_frame_odom
+            float64 (4, 4), where they are wanted in another frame than odom.
+        """
         origins, ends, hits = self.measured.origins, self.measured.ends, self.measured.hits
         lengths = np.linalg.norm(ends - origins, axis=1)
         far = lengths > max_length

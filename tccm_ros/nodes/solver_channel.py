@@ -56,20 +56,40 @@ class Begin(NamedTuple):
 
 
 class Feed(NamedTuple):
-    """The journal is so long now, bytes."""
+    """The journal has grown.
+
+    Attributes
+    ----------
+    length
+        Of the journal, bytes.
+    """
 
     length: int
 
 
 class Solve(NamedTuple):
-    """Solve with all events so far; the answer has this number, and messages of these topics."""
+    """Solve with all events so far.
+
+    Attributes
+    ----------
+    number
+        The answer has it too.
+    topics
+        The answer has the messages of these.
+    """
 
     number: int
     topics: frozenset[str]
 
 
 class Show(NamedTuple):
-    """Send the messages of the newest solution on these topics."""
+    """Send messages of the newest solution.
+
+    Attributes
+    ----------
+    topics
+        Names of the topics whose messages are wanted.
+    """
 
     topics: frozenset[str]
 
@@ -137,14 +157,32 @@ class Solved(NamedTuple):
 
 
 class Messages(NamedTuple):
-    """The answer to `Show`."""
+    """The answer to `Show`.
+
+    Attributes
+    ----------
+    session
+        Number of the session whose solution it is.
+    messages
+        Serialised (CDR), by topic.
+    """
 
     session: int
     messages: dict[str, bytes]
 
 
 class Failed(NamedTuple):
-    """A command or an event raised; the process goes on. `number` is that of a solution, or -1."""
+    """A command or an event raised; the process goes on.
+
+    Attributes
+    ----------
+    session
+        Number of the session.
+    number
+        Of the solution that was asked for; -1 for none.
+    error
+        What was raised, in a line.
+    """
 
     session: int
     number: int
@@ -180,7 +218,15 @@ class Journal:
 
 
 def read_events(journal: int, begin: int, end: int) -> Iterator[Any]:
-    """Yield the events of a journal between two lengths of it."""
+    """Yield events of a journal.
+
+    Parameters
+    ----------
+    journal
+        Its file descriptor.
+    begin, end
+        Lengths of the journal, in bytes, before and after the events were written.
+    """
     while begin < end:
         (size,) = HEADER.unpack(os.pread(journal, HEADER.size, begin))
         begin += HEADER.size

@@ -135,7 +135,15 @@ def _tilt() -> Iterator[tuple[str, RobotDescription | Odometry | JointSample | S
 
 
 def made_scan(stamp_ns: int, frame: str, bearings: Float64, ranges: Float64) -> Scan:
-    """Return a scan whose beams follow each other in time."""
+    """Return a scan whose beams follow each other in time.
+
+    Parameters
+    ----------
+    stamp_ns, frame
+        Stamp of the first beam, and the frame of the laser.
+    bearings, ranges
+        float64 (B,), evenly spaced, rad, and m.
+    """
     step = float(bearings[1] - bearings[0])
     return Scan(
         stamp_ns, frame, float(bearings[0]), step, BEAM_S, 0.05, 30.0, ranges.astype(np.float32)

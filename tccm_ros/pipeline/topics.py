@@ -40,9 +40,16 @@ LASER = READERS["scan"].message_type
 
 @dataclass(frozen=True, slots=True)
 class DepthTopic:
-    """A topic of depth images in a bag: its frame and size, and whether they are compressed.
+    """A topic of depth images in a bag.
 
-    A compressed image has no size here.
+    Attributes
+    ----------
+    topic, frame_id
+        Its name, and the frame of the first image.
+    size
+        Width and height, pixels; None where the images are compressed.
+    is_compressed
+        Whether they are CompressedImage messages.
     """
 
     topic: str
@@ -275,6 +282,15 @@ def tilting_lasers(reader: BagReader, lasers: Sequence[str], topics: Mapping[str
     """Return the topics of those lasers that a joint moves against the base.
 
     Messages of the first seconds alone are read.
+
+    Parameters
+    ----------
+    reader
+        The bag.
+    lasers
+        Topics of laser scans.
+    topics
+        Of what tells of the robot, by role.
     """
     robot = Robot(Config(), default_streams())
     robot_is_described(reader, topics, robot)
@@ -293,9 +309,19 @@ def tilting_lasers(reader: BagReader, lasers: Sequence[str], topics: Mapping[str
 def robot_is_described(reader: BagReader, topics: Mapping[str, str], robot: Robot) -> bool:
     """Tell a robot what the first seconds of a bag say of its frames and joints.
 
+    Parameters
+    ----------
+    reader
+        The bag.
+    topics
+        By role.
+    robot
+        Is told of the records of these topics that are no sensor's.
+
     Returns
     -------
-    Whether there is a robot description or tf.
+    bool
+        Whether there is a robot description or tf.
     """
     of_robot = {role: topic for role, topic in topics.items() if role in _robot_inputs()}
     with suppress(TccmError):  # a replay reports what is damaged or of another type

@@ -126,7 +126,13 @@ def save_map(
 
 
 def map_content(saved: SavedMap, solution: SurfaceSolution, frame_id: str = "map") -> bytes:
-    """Return the content of a map file; arguments as `save_map`."""
+    """Return the content of a map file.
+
+    Parameters
+    ----------
+    saved, solution, frame_id
+        As for `save_map`.
+    """
     stream = io.BytesIO()
     archive = array_archive(_arrays_of(saved))
     writer = Writer(

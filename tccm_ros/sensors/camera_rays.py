@@ -52,6 +52,13 @@ def undistort(x: Float64, y: Float64, D: Float64) -> tuple[Float64, Float64]:
 
     Beyond the largest radius that a polynomial model can give, an image holds nothing: pixels there
     are given no direction.
+
+    Parameters
+    ----------
+    x, y
+        float64, distorted, in the plane at unit distance.
+    D
+        float64, coefficients of distortion, as for `distort`.
     """
     step = 1e-6
     a, b = x.copy(), y.copy()

@@ -13,9 +13,20 @@ BLOCK = 8
 
 @njit(nogil=True, cache=True)
 def read_depths(depth: Any, scale: Any, max_depth: Any, rays: Any, z: Any) -> None:
-    """Write the depths in m, float32 (H, W), 0 where there is none.
+    """Write the depths of an image.
 
-    There is none beyond `max_depth`, and where the lens shows nothing: `rays` are nan.
+    Parameters
+    ----------
+    depth
+        uint16 or float32 (H, W), as measured.
+    scale
+        float32, m of one unit.
+    max_depth
+        float32, m; there is no depth beyond.
+    rays
+        float32 (H, W, 3), directions of the pixels; nan where the lens shows nothing: no depth.
+    z
+        float32 (H, W), is written: m, 0 where there is no depth.
     """
     height, width = depth.shape
     for v in range(height):

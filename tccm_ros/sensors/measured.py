@@ -52,7 +52,17 @@ class MeasuredPoints:
 
 
 def without_robot(measured: MeasuredPoints, posed: Posed, config: Config) -> MeasuredPoints:
-    """Return what was measured without the robot's own shapes, at their places at the stamp."""
+    """Return what was measured without the robot's own shapes.
+
+    Parameters
+    ----------
+    measured
+        In odom.
+    posed
+        The record; its shapes are where they were at its stamp.
+    config
+        Uses `scan.self_padding`.
+    """
     shapes = posed.own_shapes
     if shapes is None or not len(shapes.kinds) or not len(measured.points):
         return measured
@@ -84,7 +94,17 @@ def _near_and_inside(
 
 
 def in_region(measured: MeasuredPoints, posed: Posed, config: Config) -> MeasuredPoints:
-    """Return the points within `map.region`."""
+    """Return the points within `map.region`.
+
+    Parameters
+    ----------
+    measured
+        In odom.
+    posed
+        The record, whose base pose counts where the region is in the base frame.
+    config
+        Uses `map.region` and `map.region_frame`.
+    """
     region = config.map.region
     if region is None:
         return measured

@@ -76,9 +76,14 @@ def cloud_stream(topic: str) -> Stream:
 
 
 class PlacedPoints(NamedTuple):
-    """The points of a cloud in odom, float64 (N, 3), and from where and when they were seen.
+    """The points of a cloud within range, and from where they were seen.
 
-    `origins` are float64 (N, 3), m; `indices` int64 (N,), the points of the cloud.
+    Attributes
+    ----------
+    points, origins
+        float64 (N, 3), the points and the sensor at the time of each, in odom, m.
+    indices
+        int64 (N,), rows of the cloud.
     """
 
     points: Float64
@@ -133,8 +138,15 @@ def _limits(config: Config) -> tuple[float, float]:
 def angle_between_rings(xyz: Float32, low: float, high: float) -> float:
     """Return the angle between the rings of a lidar, rad; `ELEVATION_BIN` where there are none.
 
-    It is the median step between the elevations that occur in points (N, 3) with ranges from `low`
-    to `high`: noise lies along the beam, so that those of one ring are one elevation.
+    It is the median step between the elevations that occur: noise lies along the beam, so that
+    those of one ring are one elevation.
+
+    Parameters
+    ----------
+    xyz
+        float32 (N, 3), in the sensor's frame, m.
+    low, high
+        Points of ranges between these count, m.
     """
     square = np.einsum("ij,ij->i", xyz, xyz)
     seen = xyz[(square >= low * low) & (square <= high * high)]

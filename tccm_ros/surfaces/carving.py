@@ -248,7 +248,13 @@ class Carver:
 
 
 def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:
-    """Carve views once, remembering nothing (`Carver`)."""
+    """Carve views once, remembering nothing.
+
+    Parameters
+    ----------
+    views, T_map_view, config
+        As for `Carver`.
+    """
     return Carver(config).carve(views, T_map_view)
 
 

@@ -94,7 +94,13 @@ class Registration:
 
 
 def register_views(views: list[View], known: Solution, config: Config) -> list[Factor]:
-    """Return the factors between views, remembering nothing (`Registration`)."""
+    """Return the factors between views, remembering nothing.
+
+    Parameters
+    ----------
+    views, known, config
+        As for `Registration`.
+    """
     return Registration(config).factors(views, known)
 
 

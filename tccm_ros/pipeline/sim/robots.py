@@ -43,7 +43,19 @@ SMALL_270 = Laser(
 def wheel_joints(
     base: str, names: tuple[str, str], radius: float, distance: float, height: float
 ) -> tuple[Joint, ...]:
-    """Return the joints of two wheels whose axle runs through the base's origin."""
+    """Return the joints of two wheels whose axle is over the base's origin.
+
+    Parameters
+    ----------
+    base
+        Frame of the base.
+    names
+        Of the joints, left and right.
+    radius, distance
+        Radius of a wheel, and from one wheel to the other, m.
+    height
+        Of the base frame over the floor, m.
+    """
     z = radius - height
     return tuple(
         Joint(name, base, name.replace("_joint", ""), (0.0, side * distance / 2, z), axis=_Y)

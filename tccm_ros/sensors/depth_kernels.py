@@ -24,7 +24,7 @@ def read_depths(depth: Any, scale: Any, max_depth: Any, rays: Any, z: Any) -> No
     max_depth
         float32, m; there is no depth beyond.
     rays
-        float32 (H, W, 3), directions of the pixels; nan where the lens shows nothing: no depth.
+        float32 (H, W, 2), directions of the pixels; nan where the lens shows nothing: no depth.
     z
         float32 (H, W), is written: m, 0 where there is no depth.
     """

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tccm_ros.config.reader import read_config
-from tccm_ros.pipeline.calibrate import Calibration, calibrate
+from tccm_ros.pipeline.calibrate.calibration import Calibration, calibrate
 from tccm_ros.pipeline.sim.engine import Simulation
 from tccm_ros.pipeline.sim.heads import ROBOTS
 from tccm_ros.pipeline.sim.options import Options

@@ -1,5 +1,7 @@
 """Nodes with a parameter file: what `tccm calibrate` writes, and a rig without a URDF."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from fed import fed_tccm
@@ -39,7 +41,8 @@ def rig_file(tmp_path):
     """Return rig.yaml as `tccm calibrate` writes it."""
     observability = Observability(None, (), np.zeros((0, 0)))
     path = tmp_path / "rig.yaml"
-    found = Calibration(("room",), CALIBRATED, Rig(), observability, None, (), None, ("x",))
+    laser = SimpleNamespace(cycles=[SimpleNamespace(is_image=False)])
+    found = Calibration(("room",), CALIBRATED, Rig(), observability, laser, (), None, ("x",))
     path.write_text(found.yaml())
     return path
 

@@ -51,7 +51,7 @@ def _drive_once(config_json: str) -> None:
     for k in VIEW_SCANS:
         stamp_ns = START_NS + k * PERIOD_NS
         slam.add(_surfaces(stamp_ns))
-        slam.add(_seen_through(stamp_ns))
+        slam.add(_seen_through(stamp_ns, 1.0 if k < VIEW_SCANS[-1] else 1.6))
     slam.solve()
 
 
@@ -67,9 +67,9 @@ def _surfaces(stamp_ns: int) -> SurfaceCloud:
     return SurfaceCloud(stamp_ns, "base", points, surface.astype(np.uint32))
 
 
-def _seen_through(stamp_ns: int) -> ViewIntervals:
-    """Return what is free above the floor before the table."""
-    x, y = (a.ravel() for a in np.meshgrid(np.arange(0.2, 1.0, 0.1), np.arange(-0.5, 0.5, 0.1)))
+def _seen_through(stamp_ns: int, end: float) -> ViewIntervals:
+    """Return what is free above the floor from x = 0.2 m on; the table stands from 1 m on."""
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(0.2, end, 0.1), np.arange(-0.5, 0.5, 0.1)))
     intervals = np.column_stack([x, y, np.full(len(x), 0.2), np.full(len(x), 1.2)])
     return ViewIntervals(stamp_ns, "base", intervals.astype(np.float32))
 

@@ -3,7 +3,7 @@
     python bench/bench_sensors.py [--images 30]
 
 A head camera 1.5 m high looks at a worktop with boxes on it before a wall, and pans. A cycle is one
-second of images; each image carries its share of closing the part map. OctoMap inserts the points
+second of images; each image carries its part of closing the part map. OctoMap inserts the points
 of the same images that are left after thinning, with ray casting, at the map's cell size; PCL looks
 for one plane among them by RANSAC.
 """
@@ -95,22 +95,22 @@ def main() -> None:
     posed = [read(k) for k in range(n)]
     records = [CyclePoints(p, measure_image(p, config)) for p in posed]
     points = [np.ascontiguousarray(r.measured.points, np.float32) for r in records]
-    builder, turn = PartMapBuilder(config), iter(range(10**9))
+    builder, numbers = PartMapBuilder(config), iter(range(10**9))
 
     def bin_all() -> None:
         for record in records:
             record.bin(builder)
 
     rows = {
-        "read bytes": median_ms(lambda: read(next(turn) % n), 100),
+        "read bytes": median_ms(lambda: read(next(numbers) % n), 100),
         "depths without flying pixels": median_ms(
-            lambda: seen_depths(posed[next(turn) % n], config), 100
+            lambda: seen_depths(posed[next(numbers) % n], config), 100
         ),
         "points and lines of sight, with the former": median_ms(
-            lambda: measure_image(posed[next(turn) % n], config), 100
+            lambda: measure_image(posed[next(numbers) % n], config), 100
         ),
         "bin": median_ms(bin_all, 5, builder.clear) / n,
-        "close, its share": median_ms(lambda: builder.close(0, 0, 1), 5, bin_all) / n,
+        "close, its part": median_ms(lambda: builder.close(0, 0, 1), 5, bin_all) / n,
     }
     whole = sum(rows.values()) - rows["depths without flying pixels"]
     kept = sum(map(len, points)) / n

@@ -139,8 +139,8 @@ def drive(bag: Path, rate: float, folder: Path) -> None:
         watch.save("tccm")
         said = "not in it"
         while "not in it" in said:
-            took_s, said = watch.save("surface_slam")
-            print(f"save: {took_s:.2f} s, {said}")
+            save_s, said = watch.save("surface_slam")
+            print(f"save: {save_s:.2f} s, {said}")
         before = dict(watch.reports)
         watch.spin_until(lambda: watch.reports["tccm"] is not before["tccm"], "diagnostics")
         for name, process in processes.items():

@@ -99,7 +99,7 @@ class SharedRobot:
                     self._early.popleft() for _ in range(min(DRAIN, len(self._early)))
                 ):
                     try:
-                        self._judge(role, record)
+                        self._pass_on(role, record)
                     except TccmError as error:
                         refuse(role, error)
             while any(is_busy() for is_busy in self._busy):
@@ -125,13 +125,13 @@ class SharedRobot:
         """
         with self.lock:
             if not self._holders and not self._early:
-                self._judge(role, record)
+                self._pass_on(role, record)
             elif len(self._early) < MAX_EARLY or role == "robot_description":
                 self._early.append((role, record))
             else:
                 self.too_early[role] += 1
 
-    def _judge(self, role: str, record: Any) -> None:
+    def _pass_on(self, role: str, record: Any) -> None:
         if role in self.robot.sensors and self.robot.motion.source is None:
             self.robot.expects_odometry = self._is_odometry_published()
         self._give(self.robot.add(role, record))

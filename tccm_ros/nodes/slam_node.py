@@ -184,15 +184,15 @@ class SlamNode(SensorNode):
     def _solve_when_due(self) -> None:
         new = self._unsolved
         if new["clouds"] or new["keyframes"] >= KEYFRAMES_PER_SOLVE:
-            self._solve_in_turn()
+            self._solve_if_due()
 
     def _solve_when_quiet(self) -> None:
         """Have all solved that has come, once nothing more comes."""
         self._solve_when_due()
         if self._unsolved["records"] and time.monotonic() - self._last_s > QUIET_S:
-            self._solve_in_turn()
+            self._solve_if_due()
 
-    def _solve_in_turn(self) -> None:
+    def _solve_if_due(self) -> None:
         is_due = time.monotonic() >= self._next_solve_s and not self._waits_for_scan
         if is_due and not self.solver.is_solving and self.context.ok():
             self._ask_solution()

@@ -1,6 +1,6 @@
 """The process that solves a SLAM node's map: `python -m tccm_ros.nodes.solver_process DESCRIPTOR`.
 
-It feeds the events of the node, in their order, to the processor that a replay has, and gives back
+It feeds the events of the node, in their order, to the processor that a replay has, and returns
 what the node publishes and saves. It knows no rclpy, ignores the signals that are for the node and
 ends with it.
 """

@@ -86,7 +86,7 @@ def block_strides(z: Any, usable: Any, rays: Any, steps: Any, half: Any, strides
     """Write which pixels of each block are enough, and return how many there are at most.
 
     The slope of the surface is that between the means of a block's halves, in which the noise of
-    single pixels is gone. Every k-th column and row is enough where points so far apart on the
+    single pixels is gone. Every k-th column and row is enough where points at that distance on the
     surface are nearer than `half`; a block with less than half of its pixels, or on both sides of
     an edge, is not thinned.
 

@@ -193,7 +193,7 @@ class FrontEnd:
         before, keyframe = self.pose, self.keyframes[-1]
         predicted, prior, prior_cov = self._predict(scan)
         self.pose, cov, inliers = self._match(scan, predicted, prior, prior_cov)
-        self._judge_standing(scan, prior, prior_cov)
+        self._check_standing(scan, prior, prior_cov)
         self._step = between(before, self.pose)
         if not self._believes_odometry(scan):
             # Constant velocity, but for the part that is the prediction's own.
@@ -247,7 +247,7 @@ class FrontEnd:
     def _believes_odometry(self, scan: LevelScan) -> bool:
         return scan.has_odometry and self._contradictions < CONTRADICTING_SCANS
 
-    def _judge_standing(self, scan: LevelScan, prior: Float64, prior_cov: Float64) -> None:
+    def _check_standing(self, scan: LevelScan, prior: Float64, prior_cov: Float64) -> None:
         """Count scans in a row that observe a motion while odometry says that the robot stands."""
         assert self._last is not None
         if not scan.has_odometry or between(self._last.odom, scan.odom).any():

@@ -224,7 +224,7 @@ class Carver:
         states: list[list[bytes]],
         left: Survivors,
     ) -> None:
-        """Carve patch p of view v by view w, `indices` (v, p, w); `states` tell masks apart."""
+        """Carve patch p of view v by view w, `indices` (v, p, w); `states` identify masks."""
         v, p, w = indices
         carved = pair.carved.get(p)
         if carved is None or carved.before != states[v][p]:

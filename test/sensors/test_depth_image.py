@@ -149,14 +149,14 @@ def test_the_pixels_that_stay_are_those_of_the_twin(normal, half):
     np.testing.assert_allclose(placed(z, half), thinned_twin(z, half), atol=1e-6)
 
 
-def test_nothing_is_further_apart_than_asked_and_nothing_sparse_is_thinned():
+def test_points_are_as_dense_as_asked_and_nothing_sparse_is_thinned():
     z = plane_image(np.array([0.0, 0.3, 0.95]), 1.0)
     whole, half = placed(z, 0.0), 0.12
     kept = placed(z, half)
     assert len(kept) < 0.2 * len(whole)
     distance = np.array([np.linalg.norm(kept - p, axis=1).min() for p in whole[::7]])
     assert distance.max() < half * np.sqrt(2.0)  # the diagonal of a patch
-    assert len(placed(z, 0.01)) == len(whole)  # pixels are 16 mm apart
+    assert len(placed(z, 0.01)) == len(whole)  # the distance of two pixels is 16 mm
 
 
 def test_noise_is_no_distance():

@@ -121,8 +121,8 @@ def turning(options: Options) -> World:
     scene = _open_ground(FAR)
     _two_walls(scene, FAR)
     headings = np.linspace(0.0, 4.0 * np.pi, 9)[1:]
-    turns = [Waypoint(0.0, 0.0, float(np.angle(np.exp(1j * h))), 0.5) for h in headings]
-    return _driving("turning", scene, turns, options)
+    headings_only = [Waypoint(0.0, 0.0, float(np.angle(np.exp(1j * h))), 0.5) for h in headings]
+    return _driving("turning", scene, headings_only, options)
 
 
 def _open_ground(end: float) -> Scene:

@@ -18,11 +18,11 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cycle_records import CycleRecord, CycleScan
 from tccm_ros.cuboids.part_map import PartMap, PartMapBuilder
-from tccm_ros.cuboids.tilt_cycle import START_OF_TIME, Span, TiltCycles
+from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
 from tccm_ros.cuboids.timed_cycles import TimedCycles
 from tccm_ros.cuboids.union import UNION, CuboidRule
 from tccm_ros.geometry import interpolate_poses
-from tccm_ros.records import Posed
+from tccm_ros.records import START_OF_TIME, Posed
 
 SPEED_WINDOW_NS = 250_000_000
 """Base speeds are taken over at least this time, ns: shorter steps show the odometry's jitter.

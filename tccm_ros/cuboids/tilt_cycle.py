@@ -17,8 +17,7 @@ from typing import Any
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-
-START_OF_TIME = -(2**62)
+from tccm_ros.records import START_OF_TIME
 
 NEAR_END = 0.25
 """The joint has arrived at its furthest angle within this fraction of the dead band. Chosen: above

@@ -10,7 +10,8 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.cuboids.tilt_cycle import START_OF_TIME, CycleEnd, Span
+from tccm_ros.cuboids.tilt_cycle import CycleEnd, Span
+from tccm_ros.records import START_OF_TIME
 
 MAX_DISTANCE = 0.2
 """A cycle closes when the base has moved by this much, m,"""

@@ -45,7 +45,7 @@ from tccm_ros.nodes.solver_channel import (
 )
 from tccm_ros.records import Surface
 from tccm_ros.results.map_file import MapContent, load_map
-from tccm_ros.results.occupancy import occupancy_grid
+from tccm_ros.results.occupancy import RESOLUTION_M, occupancy_grid
 from tccm_ros.ros.output_messages import grid_message
 from tccm_ros.ros.topic_messages import SolutionMessageBuilder, TopicMessage
 from tccm_ros.surfaces.saved_map import SavedMap
@@ -172,7 +172,7 @@ class SolverProcess:
     def _grid(self, solution: SurfaceSolution, saved: SavedMap) -> Any:
         """Return the level scans as a nav_msgs/OccupancyGrid; empty without a level laser."""
         grid = occupancy_grid(saved.walls)
-        cells, size, origin = np.zeros((0, 0), np.int8), 0.05, np.eye(4)
+        cells, size, origin = np.zeros((0, 0), np.int8), RESOLUTION_M, np.eye(4)
         if grid is not None:
             cells, size, origin[:2, 3] = grid.cells, grid.resolution, grid.origin
         frame = self._slam.config.frames.map_name

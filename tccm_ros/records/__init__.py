@@ -13,6 +13,7 @@ from tccm_ros.records.cycle import (
     ViewIntervals,
 )
 from tccm_ros.records.events import (
+    START_OF_TIME,
     Event,
     MapReset,
     Posed,
@@ -43,6 +44,7 @@ from tccm_ros.records.solution import (
 )
 
 __all__ = [
+    "START_OF_TIME",
     "CameraInfo",
     "DepthImage",
     "Event",

@@ -12,6 +12,9 @@ from typing import Any, NamedTuple
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.records.sensors import Odometry, Scan
 
+START_OF_TIME = -(2**62)
+"""Earlier than every stamp, ns."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SelfShapes:

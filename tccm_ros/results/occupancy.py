@@ -15,6 +15,9 @@ from tccm_ros.arrays import Float64, Int32
 from tccm_ros.atomic import output_file
 from tccm_ros.geometry import transform2
 
+RESOLUTION_M = 0.05
+"""Edge of a cell, m; chosen: that of an ordinary costmap."""
+
 MIN_HIT_FRACTION = 0.35
 """A cell is occupied where at least this fraction of its beams ended in it; chosen."""
 
@@ -45,7 +48,7 @@ class OccupancyGrid:
 
 
 def occupancy_grid(
-    keyframes: Mapping[str, NDArray[Any]], resolution: float = 0.05
+    keyframes: Mapping[str, NDArray[Any]], resolution: float = RESOLUTION_M
 ) -> OccupancyGrid | None:
     """Return the grid of the keyframes' scans; None where there is no level laser.
 

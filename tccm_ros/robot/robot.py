@@ -18,6 +18,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.errors import TopicError, suggest
 from tccm_ros.records import (
+    START_OF_TIME,
     Event,
     JointSample,
     MapReset,
@@ -39,9 +40,6 @@ from tccm_ros.robot.streams import Companion, Stream
 COMPLETE_STEP_NS = 20_000_000
 """Message time goes on by this much before streams are said to be complete again (chosen): the
 step is small beside what processors wait for, and spares them a look at every record."""
-
-START_OF_TIME = -(2**62)
-"""Earlier than every stamp, ns."""
 
 
 @dataclass(frozen=True, slots=True)

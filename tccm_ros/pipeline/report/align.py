@@ -19,7 +19,7 @@ from tccm_ros.results.models import SurfaceEntry, WallEntry
 from tccm_ros.results.trajectory import Trajectory
 
 MAX_HEIGHT_DIFFERENCE_M = 0.05
-"""Largest difference in height of matching surfaces, m; chosen."""
+"""Largest difference in height of one surface in two maps, m; chosen."""
 
 MAX_AREA_RATIO = 2.5
 """Largest ratio of their areas; chosen: each map may have seen another part."""

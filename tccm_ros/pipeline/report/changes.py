@@ -13,6 +13,7 @@ from shapely.affinity import translate
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import wrap_angle
+from tccm_ros.pipeline.report.align import MAX_HEIGHT_DIFFERENCE_M
 from tccm_ros.results.folder_reader import Results
 from tccm_ros.results.models import SurfaceEntry, WallEntry
 
@@ -27,9 +28,6 @@ class Kind(StrEnum):
     WENT = "went"
     """Only in the first."""
 
-
-MAX_HEIGHT_DIFFERENCE_M = 0.05
-"""Largest difference in height of one surface in two maps, m; chosen."""
 
 MIN_OVERLAP = 0.3
 """Smallest fraction of the smaller outline inside the other, of one surface in place; chosen."""

@@ -61,7 +61,7 @@ def _run(bag: Path, out: Path) -> tuple[dict[str, float], float]:
     remap = REMAPS.get(bag.name, [])
     summary = replay(bag, out, Config(), remap=remap, pictures=False, clock=clock)
     return {stage: clock.seconds.get(stage, 0.0) for stage in (*PROCESSING, *WRITING)}, float(
-        summary.content["bag_duration"]
+        summary.content.bag_duration
     )
 
 

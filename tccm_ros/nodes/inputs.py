@@ -20,8 +20,9 @@ from tccm_ros.nodes.ros_types import message_class
 Watch = Literal["needed", "stream", "event"]
 """How the silence of a topic is rated.
 
-needed: it is a problem, and so is the lack of a publisher. stream: it is a problem where there is a
-publisher. event: it is none.
+needed: it is a problem until the first message, and so is the lack of a publisher; a pause is none,
+as many tilting lasers and cameras measure while the robot stands. stream: it is a problem where
+there is a publisher. event: it is none.
 """
 
 MAX_GAP = 100_000
@@ -224,7 +225,7 @@ class Inputs:
                 f"nobody publishes '{entry.topic}'; start its driver, or remap the topic"
                 f"{self._elsewhere(entry)}"
             )
-        if not publishers:
+        if not publishers or (entry.watch == "needed" and entry.count):
             return None
         return (
             f"'{entry.topic}' is silent; {len(publishers)} publisher(s) are there: "

@@ -18,8 +18,9 @@ from typing import Any
 from tccm_ros.atomic import finish_moves, output_folder
 from tccm_ros.errors import MapError, OutputError, one_line
 from tccm_ros.results.exports import solution_files
+from tccm_ros.results.grid_files import grid_files
 from tccm_ros.results.map_file import MapContent, load_map, map_content, read_content
-from tccm_ros.results.occupancy import grid_files, occupancy_grid
+from tccm_ros.slam.occupancy import occupancy_grid
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 

@@ -45,9 +45,9 @@ from tccm_ros.nodes.solver_channel import (
 )
 from tccm_ros.records import Surface
 from tccm_ros.results.map_file import MapContent, load_map
-from tccm_ros.results.occupancy import RESOLUTION_M, occupancy_grid
 from tccm_ros.ros.output_messages import grid_message
 from tccm_ros.ros.topic_messages import SolutionMessageBuilder, TopicMessage
+from tccm_ros.slam.occupancy import RESOLUTION_M, occupancy_grid
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 from tccm_ros.surfaces.track_ids import changes

@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from tccm_ros.arrays import Float64
+from tccm_ros.slam.occupancy import OccupancyGrid
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,21 +38,17 @@ class FreeFloor:
 
     Parameters
     ----------
-    cells
-        int8 (height, width), row 0 at the lowest y: 0 free, 100 occupied, -1 unknown.
-    resolution
-        Edge of a cell, m.
-    origin
-        float64 (2,), outer corner of cell (0, 0) in map, m.
+    grid
+        In map.
     """
 
-    def __init__(self, cells: NDArray[np.int8], resolution: float, origin: Float64):
+    def __init__(self, grid: OccupancyGrid):
         # What is outside of the grid is unknown: not free.
-        free = np.pad(cells == 0, 1)
+        free = np.pad(grid.cells == 0, 1)
         distances = ndimage.distance_transform_edt(free)[1:-1, 1:-1]
         # From the middle of a cell to the nearest corner of the other: never more than there is.
-        self._distance = np.maximum(distances - math.sqrt(0.5), 0.0) * resolution
-        self._resolution, self._origin = resolution, origin
+        self._distance = np.maximum(distances - math.sqrt(0.5), 0.0) * grid.resolution
+        self._resolution, self._origin = grid.resolution, grid.origin
 
     def base_poses(
         self, place: Float64, reach: float, robot_radius: float, max_count: int

@@ -15,11 +15,12 @@ from tccm_ros.records import Wall
 from tccm_ros.results.exports import write_results
 from tccm_ros.results.floor_plan import close_corners
 from tccm_ros.results.folder_reader import read_json
+from tccm_ros.results.grid_files import save_grid
 from tccm_ros.results.models import GraphFile, LandmarkEntry, ObjectsFile
 from tccm_ros.results.numbers import Stamp, json_text, rounded
-from tccm_ros.results.occupancy import occupancy_grid, save_grid
 from tccm_ros.results.planning import surface_box, surface_mesh
 from tccm_ros.results.trajectory import Trajectory
+from tccm_ros.slam.occupancy import occupancy_grid
 
 FILES = {
     "surfaces.json",

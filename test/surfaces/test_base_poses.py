@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tccm_ros.slam.occupancy import OccupancyGrid
 from tccm_ros.surfaces.base_poses import FreeFloor
 
 ORIGIN = np.array([-2.0, -1.0])
@@ -42,7 +43,7 @@ def test_every_base_pose_is_free_in_reach_and_faces_the_place(seed, x, y, reach,
     blocked = rng.integers(1, 79, (40, 2))
     cells[blocked[:, 0], blocked[:, 1]] = rng.choice([100, -1], 40)
     place = np.array([x, y, 0.7])
-    found = FreeFloor(cells, STEP, ORIGIN).base_poses(place, reach, radius, 5)
+    found = FreeFloor(OccupancyGrid(cells, STEP, ORIGIN)).base_poses(place, reach, radius, 5)
     for pose in found:
         assert math.hypot(pose.x - x, pose.y - y) <= reach
         free = distance_to_blocked(cells, pose.x, pose.y) - radius
@@ -54,14 +55,16 @@ def test_every_base_pose_is_free_in_reach_and_faces_the_place(seed, x, y, reach,
 
 
 def test_a_place_in_the_open_has_as_many_as_asked():
-    found = FreeFloor(room(), STEP, ORIGIN).base_poses(np.array([0.0, 1.0]), 0.8, 0.3, 4)
+    found = FreeFloor(OccupancyGrid(room(), STEP, ORIGIN)).base_poses(
+        np.array([0.0, 1.0]), 0.8, 0.3, 4
+    )
     assert len(found) == 4
     pairs = [(a, b) for k, a in enumerate(found) for b in found[k + 1 :]]
     assert all(math.hypot(a.x - b.x, a.y - b.y) >= 0.3 - 1e-9 for a, b in pairs)
 
 
 def test_unknown_floor_and_what_is_outside_of_the_grid_is_not_free():
-    unknown = FreeFloor(np.full((80, 80), -1, np.int8), STEP, ORIGIN)
+    unknown = FreeFloor(OccupancyGrid(np.full((80, 80), -1, np.int8), STEP, ORIGIN))
     assert unknown.base_poses(np.array([0.0, 1.0]), 0.8, 0.2, 3) == []
-    free = FreeFloor(np.zeros((80, 80), np.int8), STEP, ORIGIN)
+    free = FreeFloor(OccupancyGrid(np.zeros((80, 80), np.int8), STEP, ORIGIN))
     assert free.base_poses(np.array([9.0, 9.0]), 0.8, 0.2, 3) == []

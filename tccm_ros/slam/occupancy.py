@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.arrays import Float64, Int32
-from tccm_ros.atomic import output_file
 from tccm_ros.geometry import transform2
 
 RESOLUTION_M = 0.05
@@ -100,40 +98,3 @@ def _trace(starts: Float64, ends: Float64, hits: Int32, passed: Int32) -> None:
                 y += step_y
                 next_y += step_y / dy
         hits[last_y, last_x] += 1
-
-
-def save_grid(folder: Path, name: str, grid: OccupancyGrid) -> None:
-    """Write ``name.pgm`` and ``name.yaml`` as nav2_map_server reads them (trinary).
-
-    Parameters
-    ----------
-    folder
-        Exists.
-    name
-        Name of both files, without suffix.
-    grid
-        The grid.
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written.
-    """
-    for file, content in grid_files(name, grid).items():
-        with output_file(folder / file) as made:
-            made.write_bytes(content)
-
-
-def grid_files(name: str, grid: OccupancyGrid) -> dict[str, bytes]:
-    """Return the content of the files of `save_grid` by their names."""
-    shades = np.full(grid.cells.shape, 205, np.uint8)
-    shades[grid.cells == 0] = 254
-    shades[grid.cells == 100] = 0
-    height, width = len(shades), len(shades[0])
-    about = (
-        f"image: {name}.pgm\nmode: trinary\nresolution: {grid.resolution:g}\n"
-        f"origin: [{grid.origin[0]:.6f}, {grid.origin[1]:.6f}, 0.0]\n"
-        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    )
-    header = f"P5\n{width} {height}\n255\n".encode()
-    return {f"{name}.pgm": header + shades[::-1].tobytes(), f"{name}.yaml": about.encode()}

@@ -1,0 +1,47 @@
+"""An occupancy grid as the files that nav2_map_server reads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from tccm_ros.atomic import output_file
+from tccm_ros.slam.occupancy import OccupancyGrid
+
+
+def save_grid(folder: Path, name: str, grid: OccupancyGrid) -> None:
+    """Write ``name.pgm`` and ``name.yaml`` as nav2_map_server reads them (trinary).
+
+    Parameters
+    ----------
+    folder
+        Exists.
+    name
+        Name of both files, without suffix.
+    grid
+        The grid.
+
+    Raises
+    ------
+    OutputError
+        If a file cannot be written.
+    """
+    for file, content in grid_files(name, grid).items():
+        with output_file(folder / file) as made:
+            made.write_bytes(content)
+
+
+def grid_files(name: str, grid: OccupancyGrid) -> dict[str, bytes]:
+    """Return the content of the files of `save_grid` by their names."""
+    shades = np.full(grid.cells.shape, 205, np.uint8)
+    shades[grid.cells == 0] = 254
+    shades[grid.cells == 100] = 0
+    height, width = len(shades), len(shades[0])
+    about = (
+        f"image: {name}.pgm\nmode: trinary\nresolution: {grid.resolution:g}\n"
+        f"origin: [{grid.origin[0]:.6f}, {grid.origin[1]:.6f}, 0.0]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    header = f"P5\n{width} {height}\n255\n".encode()
+    return {f"{name}.pgm": header + shades[::-1].tobytes(), f"{name}.yaml": about.encode()}

@@ -17,6 +17,7 @@ ROOMS = [
     "arrays",
     "geometry",
     "union_find",
+    "robust",
     "records",
     "cdr",
     "robot",

@@ -16,6 +16,7 @@ import shapely
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.cuboids.free_columns import FreeColumns
+from tccm_ros.robust import median_sigma
 from tccm_ros.surfaces.views import Patch, View
 
 STRAIGHT = 0.02
@@ -50,10 +51,6 @@ FIT_ROUNDS = 6
 
 FRONT_FRACTION = 0.15
 """Standard deviation of a near side, as a fraction of the distance of the scan lines; chosen."""
-
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation of normal residuals over their median absolute deviation: 1 over the 75 %
-quantile of the normal distribution."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,7 +168,7 @@ def _fit_line(at: Float64, across: Float64) -> tuple[float, float, float]:
         W = A * weight[:, None]
         line = np.asarray(np.linalg.solve(W.T @ A + 1e-9 * np.eye(2), W.T @ across), np.float64)
         residual = across - A @ line
-        spread = max(MAD_TO_SIGMA * float(np.median(np.abs(residual))), 0.5 * SIGMA)
+        spread = max(median_sigma(residual), 0.5 * SIGMA)
         weight = 1.0 / (1.0 + (residual / (2.0 * spread)) ** 2)
     return float(line[0]), float(line[1]), spread
 

@@ -22,6 +22,7 @@ from tccm_ros.cuboids.tilt_cycle import CycleEnd
 from tccm_ros.geometry import inverse, level, transform
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import PlaneRecord
+from tccm_ros.robust import median_sigma
 
 WINDOW, ENOUGH = 8, 4
 """Tilt cycles that are compared, and their min number (chosen)."""
@@ -243,7 +244,7 @@ def _robust(A: Float64, z: Float64, counts: Float64) -> Float64:
         root = np.sqrt(weights)
         fit = np.linalg.lstsq(A * root[:, None], z * root, rcond=None)[0]
         off = np.abs(z - A @ fit)
-        scale = max(1.4826 * float(np.median(off)), 0.003)
+        scale = max(median_sigma(off), 0.003)
         weights = np.minimum(counts, 10.0) / (1.0 + (off / (2.0 * scale)) ** 2) ** 2
     return np.asarray(fit, float)
 

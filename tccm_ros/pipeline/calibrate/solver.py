@@ -8,6 +8,7 @@ import numpy as np
 
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.pipeline.calibrate.problem import Linearised, Problem
+from tccm_ros.robust import median_sigma
 
 HALF_WEIGHT = 3.0
 """Scale of Geman and McClure's weights, in standard deviations (chosen)."""
@@ -81,7 +82,7 @@ def _weights(lin: Linearised) -> tuple[Float64, float]:
     """Return robust weights float64 (N,) and the scale of the residuals, at least 1."""
     if len(lin.residuals) == 0:
         return np.zeros(0), 1.0
-    scale = max(1.4826 * float(np.median(np.abs(lin.residuals))), 1.0)
+    scale = max(median_sigma(lin.residuals), 1.0)
     u = lin.residuals / (scale * HALF_WEIGHT)
     return 1.0 / (1.0 + u**2) ** 2, scale
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +14,7 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import TICK, Cuboids
 from tccm_ros.errors import MapError, one_line
 from tccm_ros.planes.horizontal_clusters import label_horizontal
-from tccm_ros.results.numbers import array_archive
+from tccm_ros.results.array_archive import array_archive, read_arrays
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,11 +90,8 @@ def load_cuboids(path: Path | str) -> FinalCuboids:
         If the file is missing or damaged.
     """
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            return _final(arrays)
-    except (
-        OSError, ValueError, KeyError, EOFError, IndexError, zipfile.BadZipFile, zlib.error
-    ) as error:  # fmt: skip
+        return _final(read_arrays(Path(path)))
+    except (OSError, ValueError, KeyError, IndexError) as error:
         raise MapError(f"{path}: damaged: {one_line(error)}") from None
 
 

@@ -7,8 +7,6 @@ an hour of mapping stays a few megabytes. ``cuboids.npz`` has the exact final ma
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +17,7 @@ from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.atomic import output_file
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
 from tccm_ros.errors import MapError, one_line
+from tccm_ros.results.array_archive import array_archive, read_arrays
 
 MIN_CELL_SIZE_M = 0.05
 """Smallest edge of a coarse cell, m; chosen: about a pixel of the report's view of a flat."""
@@ -207,15 +206,14 @@ def save_cycles(path: Path | str, parts: CycleParts) -> None:
     names = [
         name for name in CycleParts.__dataclass_fields__ if name not in ("cell_size", "window")
     ]
-    arrays = {name: getattr(parts, name) for name in names}
-    with output_file(path) as made, made.open("wb") as stream:
-        np.savez_compressed(
-            stream,
-            format=np.int64(FORMAT),
-            cell_size=np.float64(parts.cell_size),
-            window=np.int64(parts.window),
-            **arrays,
-        )
+    arrays = {
+        "format": np.int64(FORMAT),
+        "cell_size": np.float64(parts.cell_size),
+        "window": np.int64(parts.window),
+        **{name: getattr(parts, name) for name in names},
+    }
+    with output_file(path) as made:
+        made.write_bytes(array_archive(arrays))
 
 
 def load_cycles(path: Path | str) -> CycleParts:
@@ -227,11 +225,10 @@ def load_cycles(path: Path | str) -> CycleParts:
         If the file is missing, damaged or of another version.
     """
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            found = {name: arrays[name] for name in arrays.files}
+        found = read_arrays(Path(path))
     except FileNotFoundError:
         raise MapError(f"{path}: no such file") from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except (OSError, ValueError) as error:
         raise MapError(f"{path}: damaged ({one_line(error)})") from None
     missing = sorted({"format", *CycleParts.__dataclass_fields__} - set(found))
     if missing:

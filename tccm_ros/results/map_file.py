@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import io
 import struct
-import zipfile
 import zlib
 from collections.abc import Mapping
 from contextlib import suppress
@@ -25,7 +24,8 @@ from numpy.typing import NDArray
 from tccm_ros.atomic import finish_moves, output_file
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import MapError, one_line
-from tccm_ros.results.numbers import Stamp, array_archive
+from tccm_ros.results.array_archive import array_archive, read_arrays
+from tccm_ros.results.numbers import Stamp
 from tccm_ros.ros.topic_messages import SolutionMessageBuilder
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView, pack_views, unpack_views
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
@@ -197,11 +197,8 @@ def load_map(path: Path | str) -> SavedMap:
         raise MapError(f"{path}: damaged or not a map ({one_line(error)})") from None
     _check(path, metadata, archive)
     try:
-        with np.load(io.BytesIO(archive), allow_pickle=False) as arrays:
-            return _map_of({name: arrays[name] for name in arrays.files})
-    except (
-        OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error
-    ) as error:  # fmt: skip
+        return _map_of(read_arrays(io.BytesIO(archive)))
+    except (ValueError, KeyError, TypeError) as error:
         raise MapError(f"{path}: damaged ({one_line(error)})") from None
     except MapError as error:
         raise MapError(f"{path}: {error}") from None

@@ -1,14 +1,12 @@
-"""Numbers and arrays as JSON and .npz: rounded to 1e-6, the same values give the same bytes.
+"""Numbers and arrays as JSON: rounded to 1e-6, the same values give the same bytes.
 
 A negative zero is written as 0, what is not finite as null.
 """
 
 from __future__ import annotations
 
-import io
 import json
 import math
-import zipfile
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -19,12 +17,6 @@ from numpy.typing import NDArray
 
 DIGITS = 6
 """Floats are rounded to this many decimals; chosen: a micrometre."""
-
-ZIP_LEVEL = 1
-"""Deflate level of .npz files; half of a map is noise: level 6 takes twice as long for 7 % less."""
-
-ZIP_TIME = (1980, 1, 1, 0, 0, 0)
-"""Time of each entry in an .npz: the clock's would make two runs differ."""
 
 OPEN_LEVELS = 3
 """Levels of a JSON file that have a line for each entry; deeper ones are on one line."""
@@ -138,17 +130,3 @@ def _bracketed(left: str, items: list[str], right: str, level: int) -> str:
         return left + ", ".join(items) + right
     pad = " " * (level + 1)
     return left + "\n" + ",\n".join(pad + item for item in items) + "\n" + " " * level + right
-
-
-def array_archive(arrays: Mapping[str, NDArray[Any]]) -> bytes:
-    """Return arrays as a compressed .npz file: no pickle, the same arrays give the same bytes."""
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, array in arrays.items():
-            entry = io.BytesIO()
-            np.lib.format.write_array(entry, np.asanyarray(array), allow_pickle=False)
-            info = zipfile.ZipInfo(f"{name}.npy", ZIP_TIME)
-            info.compress_type = zipfile.ZIP_DEFLATED
-            info.external_attr = 0o644 << 16
-            archive.writestr(info, entry.getvalue(), compresslevel=ZIP_LEVEL)
-    return buffer.getvalue()

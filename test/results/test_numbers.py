@@ -1,4 +1,3 @@
-import io
 import json
 
 import numpy as np
@@ -7,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from tccm_ros.results.numbers import array_archive, json_text, rounded, rounded_list
+from tccm_ros.results.numbers import json_text, rounded, rounded_list
 
 anything = st.floats(width=64) | st.integers(-(10**9), 10**9).map(lambda k: (k + 0.5) * 1e-6)
 
@@ -33,12 +32,3 @@ def test_an_array_is_written_as_its_lists_are(values):
 def test_json_is_read_back_with_the_same_values(values):
     text = json_text({"a": {"b": [{"c": values}]}})
     assert json.loads(text) == {"a": {"b": [{"c": np.asarray(values).tolist()}]}}
-
-
-def test_an_archive_is_the_same_each_time_and_holds_its_arrays():
-    arrays = {"a": np.arange(5.0), "b": np.array("odom"), "c": np.zeros((0, 3), np.int32)}
-    data = array_archive(arrays)
-    assert data == array_archive(arrays)
-    with np.load(io.BytesIO(data), allow_pickle=False) as found:
-        for name, array in arrays.items():
-            np.testing.assert_array_equal(found[name], array)

@@ -214,7 +214,10 @@ def table_two() -> None:
             ]
             peers = []
             for limit, trials in PCL_TRIALS.items():
-                pcl, smaller = pcl_time(points, trials)
+                if (found := pcl_time(points, trials)) is None:
+                    peers.append("not installed")
+                    continue
+                pcl, smaller = found
                 peers.append(f"{pcl:.2f}" + (f" ({smaller})" if smaller else ""))
                 part = ratios.setdefault((region is REGION, limit), [])
                 part.append(f"{name.upper()} {pcl / ours:.1f}")
@@ -241,11 +244,14 @@ def table_two() -> None:
         )
 
 
-def pcl_time(points: Array, trials: int) -> tuple[float, int]:
-    """Return PCL's median time, ms, and how many of its runs end with a much smaller plane."""
+def pcl_time(points: Array, trials: int) -> tuple[float, int] | None:
+    """Return PCL's median time, ms, and how many of its runs end with a much smaller plane.
+
+    None without PCL.
+    """
     peers = pcl_planes([points], trials, repeats=PCL_RUNS)
     if peers is None:
-        return float("nan"), 0
+        return None
     ms, inliers = peers[0][:, 0], peers[0][:, 1]
     return float(np.median(ms)), int((inliers < 0.9 * inliers.max()).sum())
 

@@ -52,14 +52,15 @@ def bench_lines(plan) -> None:
     ranges = ranges + np.random.default_rng(0).normal(size=1080) * 0.01
     beams = np.stack([np.cos(bearings), np.sin(bearings)], axis=1) * ranges[:, None]
     beams = beams[np.isfinite(ranges)]
-    print("line extraction, 1,080 beams               us   lines")
+    print("### Lines of a scan of 1,080 beams\n\n| method | us | lines |\n|---|---|---|")
     for label in (label_by_splitting, label_by_ransac):
         times = []
         for _ in range(60):
             start = time.perf_counter()
             lines = extract_lines(beams, np.zeros(2), config, label)
             times.append(time.perf_counter() - start)
-        print(f"  {label.__name__:34} {np.median(times) * 1e6:8.0f} {len(lines):7d}")
+        name = label.__name__.removeprefix("label_").replace("_", " ")
+        print(f"| {name} | {np.median(times) * 1e6:.0f} | {len(lines)} |", flush=True)
 
 
 def big_graph(poses: int, per_pose: int):
@@ -110,11 +111,10 @@ def bench_graph(poses: int = 10_000, per_pose: int = 5) -> None:
         isam.add(group, {keys[k]: pose})
         times.append(time.process_time() - t)
     ms = np.array(times) * 1e3
-    print(f"graph: {poses} poses, {poses * per_pose} wall measurements")
-    print(
-        f"  ISAM2: median {np.median(ms):.2f} ms, p99 {np.quantile(ms, 0.99):.2f} ms, "
-        f"max {ms.max():.1f} ms, sum {ms.sum() / 1e3:.1f} s"
-    )
+    print(f"\n### A graph of {poses:,} poses and {poses * per_pose:,} wall measurements\n")
+    print("| ISAM2 | ms |\n|---|---|")
+    print(f"| median step | {np.median(ms):.2f} |\n| p99 | {np.quantile(ms, 0.99):.2f} |")
+    print(f"| longest step | {ms.max():.1f} |\n| all steps | {ms.sum():.0f} |", flush=True)
     t0 = time.process_time()
     live = isam.planar_poses(keys)
     graph = PoseGraph([f for group in groups for f in group], dict(zip(keys, live)))
@@ -123,15 +123,16 @@ def bench_graph(poses: int = 10_000, per_pose: int = 5) -> None:
     t2 = time.process_time()
     error = between2(truth, solution.planar_poses(keys))
     rms = float(np.sqrt(np.mean(np.sum(error[:, :2] ** 2, axis=1))))
-    print(
-        f"  batch from there: build {t1 - t0:.2f} s, optimise {t2 - t1:.2f} s "
-        f"({solution.iterations} steps), rms {rms:.3f} m"
-    )
+    print("\n| batch from there | build, s | optimise, s | steps | rms, m |\n|---|---|---|---|---|")
+    row = f"{t1 - t0:.2f} | {t2 - t1:.2f} | {solution.iterations} | {rms:.3f}"
+    print(f"| all poses | {row} |", flush=True)
 
 
 def bench_nees(plan, seeds: int) -> None:
     poses = plan.route([(0, 0), (12, 0), (12, 9), (0, 9), (0, 0), (5, 0)])
-    print(f"ring of 42 m, {seeds} seeds                  rms m    rms deg   NEES/dof: last, middle")
+    print(f"\n### A ring of 42 m, {seeds} seeds\n")
+    print("| by | rms, m | rms, deg | NEES/dof of the last pose | of the middle |")
+    print("|---|---|---|---|---|")
     for walls in (True, False):
         config = Config()
         config.walls.enabled = walls
@@ -151,7 +152,8 @@ def bench_nees(plan, seeds: int) -> None:
         m, rad = np.mean(rms, axis=0)
         name = "walls and matching" if walls else "matching alone"
         last, middle = np.mean(consistency, axis=0)
-        print(f"  {name:34} {m:8.4f} {np.degrees(rad):10.3f} {last:10.2f} {middle:7.2f}")
+        row = f"{m:.4f} | {np.degrees(rad):.3f} | {last:.2f} | {middle:.2f}"
+        print(f"| {name} | {row} |", flush=True)
 
 
 def scans_of(bag: Path) -> list[PosedScan]:
@@ -194,15 +196,20 @@ def bench_log(log: Path, reference: Path) -> None:
         i, j = meet.T
         errors = relation_errors(poses[i], poses[j], inverse(truth.poses[i]) @ truth.poses[j])
         accepted = sum(loop.accepted for loop in solution.loops)
-        print(
-            f"  {log.name.split('.')[0]:10} walls {'on ' if walls else 'off'} "
-            f"{t1 - t0:6.1f} + {t2 - t1:4.1f} s CPU, {len(solution.keyframes)} keyframes, "
-            f"{len(solution.walls)} walls, {accepted} loops; {len(errors)} pairs: "
-            f"{errors.translation.mean():.4f} +- {errors.translation.std():.4f} m, "
-            f"{np.degrees(errors.rotation.mean()):.3f} deg "
-            f"(median {np.median(errors.translation):.4f} m, "
-            f"{np.degrees(np.median(errors.rotation)):.3f} deg)"
-        )
+        cells = [
+            f"{log.name.split('.')[0]}, walls {'on' if walls else 'off'}",
+            f"{t1 - t0:.1f}",
+            f"{t2 - t1:.1f}",
+            f"{len(solution.keyframes)}",
+            f"{len(solution.walls)}",
+            f"{accepted}",
+            f"{len(errors)}",
+            f"{errors.translation.mean():.4f} +- {errors.translation.std():.4f}",
+            f"{np.median(errors.translation):.4f}",
+            f"{np.degrees(errors.rotation.mean()):.3f}",
+            f"{np.degrees(np.median(errors.rotation)):.3f}",
+        ]
+        print("| " + " | ".join(cells) + " |", flush=True)
 
 
 def main() -> None:
@@ -216,12 +223,27 @@ def main() -> None:
     bench_graph()
     bench_nees(plan, options.seeds)
     print(
-        "logs: pairs of reference rows at a distance below 3 m with more than 10 m of path between"
+        "\n### Public logs: pairs of reference rows at a distance below 3 m with more than 10 m of "
+        "path between\n"
     )
+    columns = (
+        "log",
+        "scans, s CPU",
+        "solution, s CPU",
+        "keyframes",
+        "walls",
+        "loops",
+        "pairs",
+        "mean, m",
+        "median, m",
+        "mean, deg",
+        "median, deg",
+    )
+    print("| " + " | ".join(columns) + " |\n" + "|---" * len(columns) + "|")
     for name in ("intel", "mit-csail"):
         log = options.shared / "data" / "carmen" / f"{name}.clf.bz2"
         if not log.exists():
-            print(f"  {name}: skipped, {log} is not here")
+            print(f"| {name}: its log is not here |" + " |" * (len(columns) - 1))
             continue
         bench_log(log, log.with_name(f"{name}_reference.txt"))
 

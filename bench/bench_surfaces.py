@@ -72,8 +72,8 @@ def median(run: Callable[[], object], times: int) -> float:
 
 
 def main() -> None:
-    print(f"{SURFACES} surfaces of {POINTS} points, merged at {DISTANCE} m; medians")
-    print(f"{'area':>10} {'ours s':>9} {'kd-trees s':>11} {'ratio':>6} {'surfaces':>9}  same")
+    print(f"### Merging {SURFACES} surfaces of {POINTS} points at {DISTANCE} m; medians\n")
+    print("| area | ours, s | kd-trees, s | ratio | surfaces | same |\n|---|---|---|---|---|---|")
     for size in (5.0, 30.0, 100.0):
         clouds = scene(size)
         planes = horizontal_planes(clouds)
@@ -82,7 +82,8 @@ def main() -> None:
         b = median(lambda c=clouds: by_trees(c), 3)
         same = bool(np.array_equal(ours, theirs))
         count = len(np.unique(ours))
-        print(f"{size:>8.0f} m {a:>9.4f} {b:>11.4f} {b / a:>6.1f} {count:>9}  {same}")
+        row = f"{a:.4f} | {b:.4f} | {b / a:.1f} | {count} | {'yes' if same else 'no'}"
+        print(f"| side of {size:.0f} m | {row} |", flush=True)
 
 
 if __name__ == "__main__":

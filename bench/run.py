@@ -1,24 +1,98 @@
-"""Run every benchmark, one after the other: `make bench`.
+"""Run every benchmark, one after the other: `make bench`, or `python bench/run.py [NAME ...]`.
 
 Each is also a command of its own. Tables are Markdown; times are of this machine in this run, and
-what counts are the ratios to the peers in the same run.
+what counts are the ratios to the peers in the same run. The numbers of all tables are written to
+`bench/results.json` with machine and versions; `bench/compare.py` holds two such files against each
+other. A peer that is not installed is named before, with the line that installs it.
 """
 
+import importlib.metadata
+import importlib.util
+import json
+import os
+import platform
+import shutil
 import subprocess
 import sys
+import time
+from dataclasses import asdict
 from pathlib import Path
 
+from tables import values_of
+from tccm_peers import find_octomap
+
 HERE = Path(__file__).resolve().parent
+RESULTS = HERE / "results.json"
+PACKAGES = ("tccm_ros", "numpy", "numba", "scipy", "gtsam", "shapely", "rosbags", "mcap")
 
 
-def main() -> int:
+def missing_peers() -> dict[str, str]:
+    """Return the peers that are not installed, and the line that installs each."""
+    peers = {
+        "the C++ twin of the TCCM": (shutil.which("g++"), "apt install g++"),
+        "OctoMap": (find_octomap(None), "apt install g++ liboctomap-dev, or pip install pyoctomap"),
+        "PCL": (
+            shutil.which("g++") and any(Path("/usr/include").glob("pcl-*")),
+            "apt install g++ libpcl-dev",
+        ),
+        "Open3D": (importlib.util.find_spec("open3d"), "pip install open3d"),
+    }
+    return {name: line for name, (found, line) in peers.items() if not found}
+
+
+def machine() -> dict[str, object]:
+    """Return what the numbers depend on: processor, versions of Python and of packages."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return {
+        "processor": models[0] if models else platform.processor(),
+        "cores": os.cpu_count(),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "packages": {name: _version(name) for name in PACKAGES},
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def run(path: Path) -> tuple[dict[str, object], bool]:
+    """Run a benchmark, showing what it prints; return its numbers and whether it succeeded."""
+    print(f"\n## {path.stem}\n", flush=True)
+    start, lines = time.monotonic(), []
+    with subprocess.Popen([sys.executable, str(path)], stdout=subprocess.PIPE, text=True) as child:
+        for line in child.stdout or ():
+            print(line, end="", flush=True)
+            lines.append(line)
+    seconds = time.monotonic() - start
+    print(f"\n({seconds:.0f} s)", flush=True)
+    values = [asdict(value) for value in values_of("".join(lines))]
+    return {"seconds": round(seconds, 1), "values": values}, child.returncode == 0
+
+
+def main(names: list[str]) -> int:
     """Run them; return how many failed."""
-    failed = 0
-    for path in sorted(HERE.glob("bench_*.py")):
-        print(f"\n## {path.stem}\n", flush=True)
-        failed += subprocess.run([sys.executable, str(path)], check=False).returncode != 0
+    known = {path.stem: path for path in sorted(HERE.glob("bench_*.py"))}
+    unknown = sorted(set(names) - set(known))
+    if unknown:
+        print(f"no benchmark {unknown[0]}; there are: {', '.join(known)}", file=sys.stderr)
+        return 2
+    for peer, line in missing_peers().items():
+        print(f"{peer} is not installed, its rows will be empty: {line}")
+    results, failed = {}, 0
+    for name in names or known:
+        results[name], succeeded = run(known[name])
+        failed += not succeeded
+    content = {"machine": machine(), "benchmarks": results}
+    RESULTS.write_text(json.dumps(content, indent=1) + "\n")
+    print(f"\n{sum(r['seconds'] for r in results.values()):.0f} s; numbers in {RESULTS}")
     return failed
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,91 @@
+"""The tools beside the benchmarks: tables become numbers, and two runs are compared."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCH = Path(__file__).resolve().parents[1] / "bench"
+sys.path.append(str(BENCH))
+
+from compare import differences  # noqa: E402
+from tables import Value, values_of  # noqa: E402
+
+OUTPUT = """
+text | with a bar
+
+### Times (medians)
+
+| step | ours, ms | twin, ms | peer |
+|---|---|---|---|
+| points to map, 20 mm | 0.47 | 1,234.5 | not installed |
+| **all** | **3** | 2 +- 1 | |
+
+| 40 | 1.5 |
+not a table
+
+| scene | ms |
+|---|---|
+| 10 | 2e-3 |
+| 20 | -4 |
+"""
+
+
+def test_numbers_of_tables_are_found_with_their_row_and_column():
+    heading = "Times (medians)"
+    assert values_of(OUTPUT) == [
+        Value(heading, "points to map, 20 mm", "ours, ms", 0.47),
+        Value(heading, "points to map, 20 mm", "twin, ms", 1234.5),
+        Value(heading, "all", "ours, ms", 3.0),
+        Value(heading, "all", "twin, ms", 2.0),
+        Value(heading, "scene 10", "ms", 0.002),
+        Value(heading, "scene 20", "ms", -4.0),
+    ]
+
+
+def test_rows_of_one_name_are_numbered():
+    text = "| a | b |\n|---|---|\n| x | 1 |\n| x | 2 |\n"
+    assert [(v.row, v.value) for v in values_of(text)] == [("x", 1.0), ("x (2)", 2.0)]
+
+
+def test_differences_of_machines_are_named():
+    before = {"cores": 2, "packages": {"numpy": "2.1", "gtsam": "4.3"}}
+    after = {"cores": 2, "packages": {"numpy": "2.2", "gtsam": "4.3"}}
+    assert differences(before, before) == []
+    assert differences(before, after) == ["packages numpy: 2.1 before, 2.2 after"]
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Two files of results in which one number doubles."""
+    for name, twin in (("before", 1.0), ("after", 2.0)):
+        rows = [("ours", 0.5), ("twin", twin)]
+        values = [{"table": "T", "row": r, "column": "ms", "value": v} for r, v in rows]
+        content = {"machine": {}, "benchmarks": {"bench_x": {"seconds": 1.0, "values": values}}}
+        (tmp_path / f"{name}.json").write_text(json.dumps(content))
+    return tmp_path
+
+
+def compare(*args):
+    command = [sys.executable, str(BENCH / "compare.py"), *map(str, args)]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def test_two_runs_are_compared_row_by_row(files):
+    done = compare(files / "before.json", files / "after.json")
+    assert done.returncode == 0
+    assert "| bench_x: T | ours | ms | 0.5 | 0.5 | 1.00 |" in done.stdout
+    assert "| bench_x: T | twin | ms | 1 | 2 | 2.00 |" in done.stdout
+    above = compare(files / "before.json", files / "after.json", "--above", "1.1").stdout
+    assert "ours" not in above
+    assert "twin" in above
+
+
+def test_a_file_that_is_no_result_is_an_error(files):
+    (files / "other.json").write_text("[]")
+    done = compare(files / "before.json", files / "other.json")
+    assert done.returncode == 1
+    assert "not the results" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -20,7 +20,7 @@ PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3,$(if $(shell $(p
 .PHONY: demo test bench lint build docs reference figures clean
 
 demo: $(STAMP)
-	@find tccm_ros -name '*.nbi' | grep -q . || echo "the first replay compiles for two or three minutes, once"
+	@ls $${NUMBA_CACHE_DIR:-$${XDG_CACHE_HOME:-$$HOME/.cache}}/tccm_ros/*.nbc >/dev/null 2>&1 || echo "the first replay compiles for two or three minutes, once"
 	@$(BIN)/tccm replay $(DEMO) --out $(OUT)
 
 test: $(TESTING)

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import njit
+from tccm_ros.kernels import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_root(parent: Any, i: int) -> int:
     """Return the root of element i, halving the path to it.
 
@@ -28,7 +28,7 @@ def find_root(parent: Any, i: int) -> int:
     return i
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def merge_sets(parent: Any, i: int, j: int) -> None:
     """Merge the sets of elements i and j under the smaller of their roots.
 

@@ -47,11 +47,3 @@ def test_a_text_that_is_gone_or_there_twice_is_an_error(tmp_path):
             tool.Edit("module.py", old, "2").apply(tmp_path)
     tool.Edit("module.py", "x = 1", "x = 2").apply(tmp_path)
     assert (tmp_path / "module.py").read_text() == "x = 2\ny = 1\n"
-
-
-def test_caches_of_all_users_of_an_edited_module_are_dropped():
-    """Also of those that import it through others."""
-    users = {str(path) for path in tool.users_of(["tccm_ros/union_find.py"])}
-    assert {"tccm_ros/union_find", "tccm_ros/baselines/seed_segmentation"} <= users
-    assert "tccm_ros/surfaces/surface_slam" in users, "through mapping and planes"
-    assert "tccm_ros/geometry" not in users

@@ -14,6 +14,8 @@ ROOMS = [
     "config",
     "progress",
     "stopwatch",
+    "kernel_cache",
+    "kernels",
     "arrays",
     "geometry",
     "union_find",

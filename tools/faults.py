@@ -9,16 +9,14 @@ contain one of them. The last line is ``N killed, M survived``; exit status 0 if
 The tests must pass without any fault; that is tried first. A fault counts as killed where a test
 fails, not where the tests cannot be collected.
 
-Compiled kernels: the copy takes numba's caches with it, so that what is not touched is not compiled
-again. The caches of an edited module and of all modules that import it are left out, because a
-cache does not notice that a kernel in another module has changed. Where the tests of a fault are
+Compiled kernels are found by what is in them, so that what is not touched is not compiled again.
+Where the tests of a fault are
 quicker in plain Python than the compiler is, the fault says ``jit = false`` and they run with
 ``NUMBA_DISABLE_JIT=1``.
 """
 
 from __future__ import annotations
 
-import ast
 import os
 import shutil
 import subprocess
@@ -104,29 +102,6 @@ def read_faults(path: Path = LIST) -> list[Fault]:
     ]
 
 
-def users_of(files: Sequence[str], root: Path = ROOT) -> set[Path]:
-    """Return modules of the package and all that import them, directly or through others."""
-    importers: dict[str, set[str]] = {}
-    for path in (root / PACKAGE).rglob("*.py"):
-        own = _module(path.relative_to(root))
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(PACKAGE):
-                importers.setdefault(str(node.module), set()).add(own)
-    found, todo = set(), [_module(Path(file)) for file in files]
-    while todo:
-        module = todo.pop()
-        if module not in found:
-            found.add(module)
-            todo += importers.get(module, set())
-    return {Path(*module.split(".")) for module in found}
-
-
-def _module(path: Path) -> str:
-    """Return the dotted name of a module; a package has the name of its folder."""
-    parts = path.with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
 @contextmanager
 def faulty_copy(edits: Sequence[Edit]) -> Iterator[Path]:
     """Yield a folder like the repository, with a copy of the package that has the edits in it."""
@@ -135,14 +110,9 @@ def faulty_copy(edits: Sequence[Edit]) -> Iterator[Path]:
         for entry in ROOT.iterdir():
             if entry.name != PACKAGE:
                 (copy / entry.name).symlink_to(entry)
-        # Files keep their times: by them numba knows that its caches are up to date.
         shutil.copytree(ROOT / PACKAGE, copy / PACKAGE)
         for edit in edits:
             edit.apply(copy)
-        for module in users_of([edit.file for edit in edits]):
-            folder = (copy / module).parent / "__pycache__"
-            for cached in folder.glob(f"{module.name}.*.nb?"):
-                cached.unlink()
         yield copy
 
 

@@ -20,7 +20,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -30,6 +29,7 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.baselines.plane_fits import fits_of_groups
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
+from tccm_ros.kernels import kernel
 from tccm_ros.planes import PlaneFits
 
 MIN_POINTS = 3
@@ -201,7 +201,7 @@ def find_core_plane(
     return CorePlane(normal, offset, np.flatnonzero(belongs), quality)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _best_trial(
     center: Float64, axis: Float64, length: Float64, draws: Float64, angle: float, distance: float
 ) -> Float64:
@@ -220,7 +220,7 @@ def _best_trial(
     return best
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _common_plane(
     center: Float64, axis: Float64, length: Float64, chosen: Int64, angle: float, plane: Float64
 ) -> bool:
@@ -264,7 +264,7 @@ def _common_plane(
     return True
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _belongs(center: Float64, axis: Float64, plane: Float64, angle: float, distance: float) -> Bool:
     """Return which cores lie in a plane: along it, and near it."""
     max_sine = math.sin(angle)
@@ -276,7 +276,7 @@ def _belongs(center: Float64, axis: Float64, plane: Float64, angle: float, dista
     return result
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _quality(
     center: Float64, axis: Float64, length: Float64, plane: Float64, angle: float, distance: float
 ) -> float:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.config import Config
+from tccm_ros.kernels import kernel
 
 SPENT = -2
 """Label of points whose line was too short: they are not drawn again."""
@@ -18,7 +18,7 @@ def label_by_ransac(beams: Float64, config: Config) -> Int32:
     return ransac_segments(beams, x.distance, x.max_gap, x.min_points, x.min_length, x.trials)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def ransac_segments(
     beams: Float64,
     distance: float,
@@ -86,13 +86,13 @@ def ransac_segments(
     return labels
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _next(state: np.uint64) -> np.uint64:  # pragma: no cover - compiled
     """Step a 64-bit linear congruential generator (Knuth's MMIX constants)."""
     return state * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _count(
     xs: Float64, ys: Float64, a: Float64, b: Float64, distance: float
 ) -> int:  # pragma: no cover - compiled
@@ -105,7 +105,7 @@ def _count(
     return count
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _support(
     beams: Float64, free: Int64, i: int, j: int, distance: float, max_gap: float
 ) -> Int64:  # pragma: no cover - compiled

@@ -9,13 +9,13 @@ rule; `planes.horizontal_clusters` has the labels that follow the spacing of the
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.baselines.plane_fits import fits_of_groups
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, Cuboids, cell_keys
+from tccm_ros.kernels import kernel
 from tccm_ros.planes import PlaneFits
 from tccm_ros.union_find import find_root, merge_sets
 
@@ -47,7 +47,7 @@ def label_neighbours(cuboids: Cuboids, height_threshold: float) -> Int64:
     return np.unique(root, return_inverse=True)[1].reshape(-1)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _merge_neighbours(keys: Int64, top: Int32, steps: Int64, threshold: float) -> Int64:
     """Return the first cuboid of each cuboid's group; keys (N,) are rising."""
     n = len(keys)

@@ -10,10 +10,10 @@ plane is seen.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.config import Config
+from tccm_ros.kernels import kernel
 from tccm_ros.union_find import find_root, merge_sets
 
 TRIALS = 600
@@ -89,7 +89,7 @@ def _largest_plane(points: Float64, distance: float, seed: int) -> Float64:
     return plane
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _best_of(points: Float64, sample: Float64, triples: Int64, distance: float) -> Float64:
     """Return the plane through one of the triples (T, 3) that max_count of the sample lies on."""
     best = np.array([0.0, 0.0, 1.0, 0.0])
@@ -145,7 +145,7 @@ def cluster(points: Float64, distance: float) -> Int64:
     return rank[label]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _merge_cells(
     points: Float64, keys: Int64, starts: Int64, ends: Int64, offsets: Int64, distance: float
 ) -> Int32:
@@ -165,7 +165,7 @@ def _merge_cells(
     return parent
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _touch(points: Float64, a: int, a_end: int, b: int, b_end: int, distance: float) -> bool:
     """Return whether a point of rows [a, a_end) is within `distance` of one of [b, b_end)."""
     for i in range(a, a_end):

@@ -9,12 +9,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.cuboids.union import CuboidRule
+from tccm_ros.kernels import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def keep_arrival_order(records: Any, n: Any, heights: Any, scratch: Any, order: Any) -> None:
     """Keep the points in the order in which they came.
 
@@ -27,7 +27,7 @@ def keep_arrival_order(records: Any, n: Any, heights: Any, scratch: Any, order: 
         order[i] = i
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def merge_as_printed(
     points: Any, n: Any, begins: Any, cell_keys: Any, n_cells: Any, found: Any
 ) -> Any:
@@ -78,7 +78,7 @@ AS_PRINTED = CuboidRule(keep_arrival_order, merge_as_printed)
 """Eq. (1) as printed, in the order in which the points came."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _grow(grown: Any, n: Any, z: Any, d0: Any) -> Any:
     """Add a point to the first of n cuboids (bottom, top) that Eq. (1) lets it extend.
 
@@ -96,7 +96,7 @@ def _grow(grown: Any, n: Any, z: Any, d0: Any) -> Any:
     return n + 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _merge_overlaps(intervals: Any, n: Any) -> Any:
     """Sort n intervals (bottom, top) by falling top and merge those that touch; return how many."""
     for i in range(1, n):
@@ -115,7 +115,7 @@ def _merge_overlaps(intervals: Any, n: Any) -> Any:
     return m + 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _take_inside(points: Any, first: Any, end: Any, bottom: Any, top: Any) -> Any:
     """Move the points within [bottom, top] to the back of [first, end); return where they begin."""
     begin = end

@@ -13,8 +13,8 @@ from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
+from tccm_ros.kernels import kernel
 from tccm_ros.sensors.laser_scan_kernels import refine_poses
 
 BLOCK = 512
@@ -110,7 +110,7 @@ class ScanSegment(NamedTuple):
     df: Any
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _compose(n: Any, T_odom_base: Any, T_base_laser: Any) -> Any:
     """Return the first n T_odom_laser (n, 3, 4), and whether they turn by over `BLEND_ANGLE`."""
     T = np.empty((n, 3, 4))
@@ -129,7 +129,7 @@ def _compose(n: Any, T_odom_base: Any, T_base_laser: Any) -> Any:
     return T, coarse
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def poses_in_beams(
     stamps: Any, stamp: Any, period: Any, T_odom_base: Any, T_base_laser: Any
 ) -> Any:
@@ -157,7 +157,7 @@ def poses_in_beams(
     return refine_poses(times, square)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def angle_between_lines(T: Any, settings: Any, step: Any) -> Any:
     """Return the larger of the angles between beams and to the plane of the scan before, rad.
 
@@ -178,7 +178,7 @@ def angle_between_lines(T: Any, settings: Any, step: Any) -> Any:
     return max(step, np.sqrt(square))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def region_in_segment(T_odom_base: Any, segment: Any, settings: Any, seen: Any) -> None:
     """Write the region of interest in the coordinates of the beams of a segment.
 
@@ -214,7 +214,7 @@ def region_in_segment(T_odom_base: Any, segment: Any, settings: Any, seen: Any) 
             seen[(2, 3, 5)[c], i] = move
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def quantise(work: Any, j: Any, used: Any, px: Any, py: Any, pz: Any, depth: Any, grid: Any) -> Any:
     """Write a point in whole ticks, by tile, cell and position in the cell. Branch-free.
 
@@ -254,7 +254,7 @@ def quantise(work: Any, j: Any, used: Any, px: Any, py: Any, pz: Any, depth: Any
     return used, tx, ty, z
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def extend_box(counters: Any, x: Any, y: Any, z: Any) -> Any:
     """Extend the box of tiles and heights by those of a block.
 
@@ -278,7 +278,7 @@ def extend_box(counters: Any, x: Any, y: Any, z: Any) -> Any:
     return x[0] >= 0 and y[0] >= 0 and x[1] < counters.tiles_x and y[1] < counters.tiles_y
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_kept(keep: Any, first: Any, n: Any, work: Any) -> None:
     """Mark the valid beams of a block.
 
@@ -295,7 +295,7 @@ def mark_kept(keep: Any, first: Any, n: Any, work: Any) -> None:
         work[USED + j] = keep[np.uint64(first) + j]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_inside(beams: Any, seen: Any, first: Any, n: Any, work: Any) -> Any:
     """Mark the valid beams of a block that hit inside the region.
 
@@ -342,7 +342,7 @@ def mark_inside(beams: Any, seen: Any, first: Any, n: Any, work: Any) -> Any:
     return np.int64(low), np.int64(high)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def project_beams(
     beams: Any, segment: Any, growth: Any, settings: Any, block: Any, work: Any, counters: Any
 ) -> Any:

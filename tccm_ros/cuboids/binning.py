@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.cuboids.beam_endpoints import (
     BEYOND,
@@ -34,11 +33,12 @@ from tccm_ros.cuboids.beam_endpoints import (
 )
 from tccm_ros.cuboids.intrinsics import lowest_bit
 from tccm_ros.cuboids.tiles import CELLS_PER_TILE, GROW_SLOTS, GROW_TILES, TILE, Tiles
+from tccm_ros.kernels import kernel
 
 _U0, _U1, _U2, _U3 = np.uint64(0), np.uint64(1), np.uint64(2), np.uint64(3)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _count(low: Any, high: Any, work: Any, tiles: Any) -> Any:
     """Append the used beams [low, high) of a block to the records and count them in their cells.
 
@@ -72,7 +72,7 @@ def _count(low: Any, high: Any, work: Any, tiles: Any) -> Any:
     return at
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def bin_points(points: Any, gaps: Any, first: Any, settings: Any, work: Any, arrays: Any) -> Any:
     """Bin points in the map's frame; those that are not finite are left out.
 
@@ -122,7 +122,7 @@ def bin_points(points: Any, gaps: Any, first: Any, settings: Any, work: Any, arr
     return counters.points
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def bin_scan(scan: Any, poses: Any, settings: Any, work: Any, arrays: Any) -> Any:
     """Compute the endpoints of a scan's beams, drop those outside the region, and bin the rest.
 
@@ -188,7 +188,7 @@ def bin_scan(scan: Any, poses: Any, settings: Any, work: Any, arrays: Any) -> An
     return counters.points
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def list_cells(arrays: Any, keys: Any, starts: Any, addresses: Any) -> Any:
     """List the counted cells in order of (ix, iy) and turn their counts into start positions.
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int32
+from tccm_ros.kernels import kernel
 
 CAP_DEPTH = 150
 """Depth of a cap, ticks. Chosen: 15 mm, the noise of a horizontal surface in height, both ways."""
@@ -42,7 +42,7 @@ def no_caps() -> Caps:
     return Caps(np.zeros(0, np.int32), np.zeros((0, 10)))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sum_caps(points: Any, counts: Any, first: Any, tops: Any, of: Any, sums: Any) -> Any:
     """Sum the points at the tops of cuboids.
 

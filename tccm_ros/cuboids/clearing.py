@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.config import Config
@@ -20,6 +19,7 @@ from tccm_ros.cuboids.cycle_builder import TiltCycleData
 from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.cuboids.merging import merge_part, write_composites
 from tccm_ros.cuboids.part_map import PartMap
+from tccm_ros.kernels import kernel
 
 MARGIN = 0.010
 """A beam must pass at least this deep inside a cuboid, m: a beam that grazes a surface does not
@@ -75,7 +75,7 @@ def _older(part: PartMap, map_: IntegrationMap, window: int) -> tuple[Int64, Int
     return cells[:m].copy(), spans[:m].copy()
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _slot(key: Any, mask: Any) -> Any:
     """Return where to look for a cell first: the key's bits, mixed."""
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
@@ -99,7 +99,7 @@ class CellIndex(NamedTuple):
     first: Int64
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def index_cells(keys: Any, spans: Any) -> Any:
     """Return the `CellIndex` of cuboids sorted by cell."""
     size = 64
@@ -116,7 +116,7 @@ def index_cells(keys: Any, spans: Any) -> Any:
     return CellIndex(keys, spans, table, first)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _mark_cell(key: Any, low: Any, high: Any, index: Any, passed: Any) -> None:
     """Mark the cuboids of a cell that heights [low, high] pass at least `MARGIN` inside."""
     keys, spans, table, first = index
@@ -131,7 +131,7 @@ def _mark_cell(key: Any, low: Any, high: Any, index: Any, passed: Any) -> None:
         i += 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_passed(origins: Any, ends: Any, hits: Any, cell: Any, index: Any, passed: Any) -> None:
     """Follow beams from cell to cell and mark the cuboids that they pass through.
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Bool, Float32, Float64
+from tccm_ros.kernels import kernel
 
 BIN = 0.02
 """Height of a bin, m. Chosen: a cell of the map."""
@@ -39,12 +39,12 @@ MAX_GAP_BINS = 10
 """Maximum number of bins of a gap that is closed. Chosen: 20 cm."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _bin(z: Any) -> Any:
     return np.int64(np.floor((z - MIN_HEIGHT) * (1.0 / BIN)))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _mark(words: Any, column: Any, a: Any, b: Any) -> None:
     """Set the bins from a to b, either way round, of a column."""
     low, high = max(min(a, b), 0), min(max(a, b), BINS - 1)
@@ -62,12 +62,12 @@ def _mark(words: Any, column: Any, a: Any, b: Any) -> None:
     words[column, last] |= below
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _is_set(words: Any, column: Any, b: Any) -> Any:
     return (words[column, b >> 6] >> np.uint64(b & 63)) & np.uint64(1) != 0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def trace_beams(
     origins: Any, ends: Any, hits: Any, cell: Any, half: Any, seen: Any, hit: Any
 ) -> None:
@@ -122,7 +122,7 @@ def trace_beams(
                 _mark(seen, jx * width + jy, bin_now, end)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def list_intervals(seen: Any, hit: Any, cell: Any, half: Any, angle_step: Any, rows: Any) -> Any:
     """List the free intervals of all columns.
 

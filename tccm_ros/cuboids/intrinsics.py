@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
+
+from tccm_ros.kernels import kernel
 
 
 def _cttz(typing_context: Any, word: Any) -> Any:
@@ -20,7 +22,7 @@ _trailing_zeros: Any = intrinsic(_cttz)
 """The processor's own instruction."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def lowest_bit(word: Any) -> Any:
     """Return the index of the lowest set bit of a uint64 that is not zero."""
     return _trailing_zeros(word)

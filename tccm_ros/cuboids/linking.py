@@ -7,9 +7,9 @@ and this is the paper's 8-neighbourhood (IV.A).
 """
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Bool, Float64, Int32, UInt8
+from tccm_ros.kernels import kernel
 from tccm_ros.union_find import merge_sets
 
 PATCH_BITS = 4
@@ -27,7 +27,7 @@ further away is not a neighbour. Without it a wall's cells, which have no neighb
 most of the time. Chosen."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def has_same_height(top: Int32, mean: Int32, i: int, j: int, limit: int) -> bool:
     """Return whether two cuboids have the same height: by their tops or by their means.
 
@@ -43,7 +43,7 @@ def has_same_height(top: Int32, mean: Int32, i: int, j: int, limit: int) -> bool
     return (abs(top[i] - top[j]) < limit) | (abs(mean[i] - mean[j]) < limit)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_links(
     ix: Int32, iy: Int32, top: Int32, mean: Int32, threshold: float
 ) -> tuple[Int32, Int32, Int32]:
@@ -125,7 +125,7 @@ def find_links(
     return back_x, back_y, touching[:pairs]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def corner_of_same_height(
     ix: Int32, top: Int32, mean: Int32, limit: int, before: Int32, j: int, i: int
 ) -> int:
@@ -151,7 +151,7 @@ def corner_of_same_height(
     return -1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_links_in_plane(ix: Int32, iy: Int32) -> tuple[Int32, Int32, Int32]:
     """Find the links of cuboids of one plane: as `find_links` where all heights are the same."""
     n = len(ix)
@@ -187,7 +187,7 @@ def find_links_in_plane(ix: Int32, iy: Int32) -> tuple[Int32, Int32, Int32]:
     return back_x, back_y, touching[:pairs]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def spacing(histogram: Int32, fallback: float) -> float:
     """Return the typical step of a histogram of steps: the mean of those up to 1.5 x the median.
 
@@ -210,7 +210,7 @@ def spacing(histogram: Int32, fallback: float) -> float:
     return weight / steps
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def limits_of(cell: Int32, patch: Int32, patches: int, back: Int32) -> Float64:
     """Return for each patch twice its local spacing along one axis, cells, float64 (patches,).
 
@@ -239,7 +239,7 @@ def limits_of(cell: Int32, patch: Int32, patches: int, back: Int32) -> Float64:
     return limit
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def patches_of(ix: Int32, iy: Int32) -> tuple[Int32, int]:
     """Return the patch of each cell, sorted by (ix, iy), and the number of patches."""
     n = len(ix)
@@ -251,7 +251,7 @@ def patches_of(ix: Int32, iy: Int32) -> tuple[Int32, int]:
     return patch, (((ix[n - 1] - low_x) >> PATCH_BITS) + 1) * wide
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def accept_links(
     ix: Int32, iy: Int32, back_x: Int32, back_y: Int32, touching: Int32
 ) -> tuple[Int32, UInt8]:
@@ -311,7 +311,7 @@ def accept_links(
     return run, sides
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def link(
     ix: Int32, iy: Int32, top: Int32, mean: Int32, threshold: float
 ) -> tuple[Int32, Int32, Int32]:
@@ -338,7 +338,7 @@ def link(
     return accept_links(ix, iy, back_x, back_y, touching)[0], back_x, back_y
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def link_in_plane(ix: Int32, iy: Int32) -> tuple[Int32, Bool]:
     """Label the connected sets of cuboids that all lie in one plane, whatever their heights.
 
@@ -354,7 +354,7 @@ def link_in_plane(ix: Int32, iy: Int32) -> tuple[Int32, Bool]:
     return root, are_deep(back_x, back_y, sides)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def are_deep(back_x: Int32, back_y: Int32, sides: UInt8) -> Bool:
     """Return which cuboids have links on all sides, and their neighbours as well.
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import carray, njit
+from numba import carray
 
 from tccm_ros.cuboids.intrinsics import lowest_bit, pointer_to
+from tccm_ros.kernels import kernel
 
 _HALF = 2**31
 _U0, _U1, _U2, _U3, _U4 = (np.uint64(i) for i in range(5))
@@ -23,7 +24,7 @@ _LAST = 2**62
 """Beyond all cells and heights."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def merge_part(older: Any, n_older: Any, part: Any, cycle: Any, oldest: Any, out: Any) -> Any:
     """Merge the newest part map with the pieces of the older ones; one pass over both.
 
@@ -94,7 +95,7 @@ def merge_part(older: Any, n_older: Any, part: Any, cycle: Any, oldest: Any, out
     return np.int64(n)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _write(
     keys: Any, rows: Any, n: Any, key: Any, bottom: Any, top: Any, cycle: Any, index: Any
 ) -> None:
@@ -104,7 +105,7 @@ def _write(
     rows[row], rows[row + _U1], rows[row + _U2], rows[row + _U3] = bottom, top, cycle, index
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _next(keys: Any, rows: Any, j: Any) -> Any:
     """Return cell, bottom and top of interval j; a cell beyond all after the last."""
     if j < np.uint64(len(keys)):
@@ -113,7 +114,7 @@ def _next(keys: Any, rows: Any, j: Any) -> Any:
     return np.int64(_LAST), np.int64(_LAST), np.int64(_LAST)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def count_composites(keys: Any, pieces: Any, n: Any) -> Any:
     """Return the number of composite cuboids: runs of touching pieces of one cell.
 
@@ -129,7 +130,7 @@ def count_composites(keys: Any, pieces: Any, n: Any) -> Any:
     return count
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def write_composites(keys: Any, pieces: Any, n: Any, cells: Any, spans: Any) -> Any:
     """Write cell and interval of each composite cuboid.
 
@@ -154,7 +155,7 @@ def write_composites(keys: Any, pieces: Any, n: Any, cells: Any, spans: Any) -> 
     return k
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def compose_cuboids(
     keys: Any, pieces: Any, n: Any, part_cuboids: Any, found: Any, cycles: Any, offsets: Any
 ) -> Any:
@@ -229,7 +230,7 @@ def compose_cuboids(
     return used
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _insert_cycle(cycles: Any, begin: Any, end: Any, cycle: Any) -> Any:
     """Insert a cycle in order into cycles[begin:end], unless it is there; return the new end."""
     j = end
@@ -243,7 +244,7 @@ def _insert_cycle(cycles: Any, begin: Any, end: Any, cycle: Any) -> Any:
     return end + 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def owners(ix: Any, iy: Any, bottom: Any, keys: Any, bounds: Any) -> Any:
     """Return the cuboid of a map in which each cuboid of its part map lies; one pass over both.
 

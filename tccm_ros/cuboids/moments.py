@@ -7,10 +7,10 @@ about an origin near the points (the laser), so that differences of sums lose no
 import math
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64
 from tccm_ros.cuboids.cuboids import CuboidArrays
+from tccm_ros.kernels import kernel
 
 Moments = tuple[float, float, float, float, float, float, float, float, float, float]
 """Count, sums of x y z and of xx xy xz yy yz zz."""
@@ -26,7 +26,7 @@ MORE_STEPS = 30
 """Further steps at most: enough for a double root, where each step leaves a third of the error."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def shift_moments(
     ix: int, iy: int, sums: Moments | Float64, cell: float, tick: float, origin: Float64
 ) -> Moments:
@@ -60,7 +60,7 @@ def shift_moments(
     )
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def moments_about(cuboids: CuboidArrays, origin: Float64) -> Float64:
     """Return the moments of all cuboids about one origin, float64 (N, 10), m.
 
@@ -84,7 +84,7 @@ def moments_about(cuboids: CuboidArrays, origin: Float64) -> Float64:
     return out
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def root_step(trace: float, minors: float, det: float, x: float) -> float:
     """Return a step of Halley's method towards the smallest eigenvalue, 0 if x is beyond it.
 
@@ -101,7 +101,7 @@ def root_step(trace: float, minors: float, det: float, x: float) -> float:
     return step if (value > 0.0) & (slope > 0.0) else 0.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def eigenvalues(
     xx: float, xy: float, xz: float, yy: float, yz: float, zz: float
 ) -> tuple[float, float, float]:
@@ -134,7 +134,7 @@ def eigenvalues(
     return 0.5 * rest + root, 0.5 * rest - root, l3
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def plane_of(
     m: Float64 | tuple[float, ...],
 ) -> tuple[float, float, float, float, float, float, float]:
@@ -171,7 +171,7 @@ def plane_of(
     return ux, uy, uz, ux * px + uy * py + uz * pz, l1, l2, l3
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def residuals_of(m: Float64, nx: float, ny: float, nz: float, d: float) -> tuple[float, float]:
     """Return the sum and the sum of squares of the signed distances of points from a plane, m, m2.
 
@@ -189,7 +189,7 @@ def residuals_of(m: Float64, nx: float, ny: float, nz: float, d: float) -> tuple
     return first - n * d, max(second - d * (2.0 * first - n * d), 0.0)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def tangents(normal: Float64) -> tuple[Float64, Float64]:
     """Return the tangent directions of a plane: u horizontal, v up the slope, u x v = normal.
 
@@ -211,7 +211,7 @@ def tangents(normal: Float64) -> tuple[Float64, Float64]:
     return u, v
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def uncertainty_of(m: Float64, normal: Float64, variance: float) -> tuple[Float64, float]:
     """Return the covariance of the plane of a moment vector's points, and its quality.
 

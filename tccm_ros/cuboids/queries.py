@@ -11,13 +11,13 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids, cell_keys
 from tccm_ros.cuboids.free_columns import NEVER, FreeSpace
 from tccm_ros.cuboids.integration_map import IntegrationMap
+from tccm_ros.kernels import kernel
 
 
 class Occupancy(IntEnum):
@@ -194,7 +194,7 @@ class MapQuery:
         return bool((self._free.last_seen(grid) != NEVER).all())
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _first_of(keys: Any, key: Any) -> Any:
     """Return the first index whose key is not below `key`."""
     low, high = 0, len(keys)
@@ -207,7 +207,7 @@ def _first_of(keys: Any, key: Any) -> Any:
     return low
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_cuboids(keys: Any, first: Any, spans: Any, wanted: Any, heights: Any) -> Any:
     """Return the cuboid at each (cell, height); of two that touch there, the upper one.
 
@@ -233,7 +233,7 @@ def find_cuboids(keys: Any, first: Any, spans: Any, wanted: Any, heights: Any) -
     return found
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_overlaps(keys: Any, first: Any, spans: Any, boxes: Any, cell: Any, hit: Any) -> None:
     """Mark the boxes that a cuboid overlaps or touches.
 

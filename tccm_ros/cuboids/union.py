@@ -19,7 +19,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+
+from tccm_ros.kernels import kernel
 
 _DIGIT_BITS = 8
 """Maximum number of bits of a digit: the ends of 256 runs of points fit into the first cache."""
@@ -46,7 +47,7 @@ class CuboidRule(NamedTuple):
     merge: Callable[..., int]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def order_by_height(records: Any, n: Any, heights: Any, scratch: Any, order: Any) -> None:
     """Order points by rising height, equal ones as they came: radix sort, lowest digit first.
 
@@ -100,7 +101,7 @@ def order_by_height(records: Any, n: Any, heights: Any, scratch: Any, order: Any
                 histogram[b] += 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def gather_points(
     records: Any, n: Any, order: Any, scan_ends: Any, scan_of: Any, counts: Any, points: Any
 ) -> None:
@@ -132,7 +133,7 @@ def gather_points(
         points[_U2 * position + _U1] = (word & ~_LOW) | scan_of[i]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_cells(starts: Any, n_cells: Any, addresses: Any, counts: Any, begins: Any) -> None:
     """Mark where cells begin, and the end of the last; reset their counts to zero.
 
@@ -152,7 +153,7 @@ def mark_cells(starts: Any, n_cells: Any, addresses: Any, counts: Any, begins: A
     begins[np.uint64(starts[n_cells])] = -1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def merge_intervals(
     points: Any, n: Any, begins: Any, cell_keys: Any, n_cells: Any, found: Any
 ) -> Any:
@@ -206,7 +207,7 @@ UNION = CuboidRule(order_by_height, merge_intervals)
 """The union of the points' intervals, whatever their order."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sum_cuboids(points: Any, n: Any, begins: Any, stamps: Any, sums: Any, seen: Any) -> None:
     """Sum the moments of each cuboid; find the first and the last scan that measured it.
 

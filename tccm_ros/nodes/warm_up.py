@@ -1,4 +1,4 @@
-"""Kernels of tccm_node are compiled (or read from numba's cache) before the first message.
+"""Kernels of tccm_node are compiled (or read from disk) before the first message.
 
 A throw-away processor gets a small made-up robot in a small made-up room: a floor, two walls, a
 table with something on it.

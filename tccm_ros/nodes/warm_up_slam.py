@@ -1,4 +1,4 @@
-"""Kernels of slam_node are compiled (or read from numba's cache) before the first message.
+"""Kernels of slam_node are compiled (or read from disk) before the first message.
 
 A throw-away processor drives the robot of `warm_up` through a made-up room, and gets made-up
 surface messages: tccm_node's kernels are not needed here, and would take memory.

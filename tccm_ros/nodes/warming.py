@@ -1,8 +1,8 @@
 """Kernels are compiled in a child process while a node already serves, and loaded when it is done.
 
 Compiling for the first time takes minutes and hundreds of megabytes, and holds the interpreter
-nearly all the time. A child does it, leaves numba's cache behind and ends; its memory ends with it.
-Then the node reads the cache in a thread of its own.
+nearly all the time. A child does it, leaves the kernels on disk and ends; its memory ends with it.
+Then the node loads them in a thread of its own.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numba
 import tccm_ros
 from tccm_ros.config import Config
 from tccm_ros.errors import one_line
-from tccm_ros.robot.tracks import interpolate_scalars
+from tccm_ros.kernel_cache import cache_folder
 
 PROGRESS_S = 5.0
 """Between two lines that say how long it has taken, s."""
@@ -99,7 +99,7 @@ class Warming:
         self._done.set()
 
     def _compile(self) -> None:
-        """Have a child fill numba's cache; where it fails, the node compiles itself."""
+        """Have a child compile all kernels; where it fails, the node compiles itself."""
         start_s = time.monotonic()
         command = [
             sys.executable,
@@ -146,18 +146,16 @@ def warm_up(processor_name: str, config: Config) -> None:
 
 
 def is_compiled(processor_name: str) -> bool:
-    """Return whether numba's cache has the kernels of a node, as the code is now."""
-    marker = _marker(processor_name)
+    """Return whether the kernels of a node are on disk, as the code is now."""
     try:
-        return marker is not None and marker.read_text() == _fingerprint()
+        return _marker(processor_name).read_text() == _fingerprint()
     except OSError:
         return False
 
 
-def _marker(processor_name: str) -> Path | None:
-    """Return the file beside numba's cache that says for which code it was filled."""
-    path = getattr(getattr(interpolate_scalars, "_cache", None), "cache_path", None)
-    return None if path is None else Path(path) / f"compiled_for_{processor_name}.txt"
+def _marker(processor_name: str) -> Path:
+    """Return the file beside the kernels that says for which code they were compiled."""
+    return cache_folder() / f"compiled_for_{processor_name}.txt"
 
 
 def _fingerprint() -> str:
@@ -166,7 +164,7 @@ def _fingerprint() -> str:
     digest = hashlib.sha256(f"{numba.__version__} {sys.version}".encode())
     for path in sorted(root.rglob("*.py")):
         text = path.read_bytes()
-        if b"njit" in text:
+        if b"@kernel" in text:
             digest.update(text)
     return digest.hexdigest()
 
@@ -183,10 +181,8 @@ def main() -> None:
     processor_name = sys.argv[1]
     threading.Thread(target=_end_with, args=(int(sys.argv[2]),), daemon=True).start()
     warm_up(processor_name, Config.model_validate_json(sys.stdin.read()))
-    marker = _marker(processor_name)
-    if marker is not None:
-        with suppress(OSError):
-            marker.write_text(_fingerprint())
+    with suppress(OSError):
+        _marker(processor_name).write_text(_fingerprint())
 
 
 if __name__ == "__main__":

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import CuboidArrays, Cuboids
 from tccm_ros.cuboids.inclination import OUTLINED_BY_COLUMNS
+from tccm_ros.kernels import kernel
 from tccm_ros.outlines.contour import largest_polygon, trace
 from tccm_ros.outlines.edge_cells import (
     bound_edges_horizontal,
@@ -66,7 +66,7 @@ class Outline:
     area: float
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def members_by_plane(labels: Int32, planes: int) -> tuple[Int64, Int64]:
     """Sort cuboids by plane, -1 left out.
 
@@ -117,7 +117,7 @@ def outlines(
     return found
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def outline_planes(
     arrays: tuple[Any, ...], members: Int64, starts: Int64, normals: Float64, offsets: Float64
 ) -> tuple[Float64, Int64, Int64, Float64]:
@@ -176,7 +176,7 @@ def outline_planes(
     return vertices[:used].copy(), ends[:total].copy(), rings, areas
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def coarseness(rows: float, columns: float) -> int:
     """Return log2 of the factor by which cells are enlarged for a raster of `MAX_CELLS` at most."""
     coarse = 0
@@ -185,7 +185,7 @@ def coarseness(rows: float, columns: float) -> int:
     return coarse
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def frame_of(runs: Int32) -> tuple[int, int, int, int]:
     """Return the first cell and the shape of the raster that runs need, with its margin."""
     low_a, high_a = runs[0, 0], runs[0, 0]
@@ -197,7 +197,7 @@ def frame_of(runs: Int32) -> tuple[int, int, int, int]:
     return low_a - MARGIN, low_b - MARGIN, rows, columns
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def outline_from_above(
     cuboids: CuboidArrays, members: Int64
 ) -> tuple[Float64, Int32, float, float]:
@@ -234,7 +234,7 @@ def outline_from_above(
     return vertices, ends, area, cuboids.cell / scale
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def outline_from_front(
     cuboids: CuboidArrays, members: Int64, normal: Float64
 ) -> tuple[Float64, Int32, float, float]:
@@ -276,7 +276,7 @@ def outline_from_front(
     return vertices, ends, area, cell
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def trace_polygon(
     raster: Int32, edges: Int32, bounds: Float64, usual_a: Float64, usual_b: Float64, samples: int
 ) -> tuple[Float64, Int32, float]:
@@ -304,7 +304,7 @@ def trace_polygon(
     return largest_polygon(vertices, ends, TOLERANCE, MIN_HOLE / samples)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def lift(
     flat: Float64, ends: Int32, normal: Float64, offset: float, cell: float, out: Float64
 ) -> None:

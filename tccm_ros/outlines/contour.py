@@ -7,9 +7,9 @@ Peucker's rule, as long as the rings still do not cross.
 """
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int32
+from tccm_ros.kernels import kernel
 from tccm_ros.outlines.raster import EMPTY
 from tccm_ros.outlines.rings import crosses, is_inside, signed_area, simplify
 
@@ -21,7 +21,7 @@ HALVINGS = 6
 """How often the tolerance is halved before every corner is kept. Chosen."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def trace(raster: Int32, bounds: Float64) -> tuple[Float64, Int32]:
     """Trace the contours of all sets of full cells; cells that touch at a corner only are separate.
 
@@ -99,7 +99,7 @@ def trace(raster: Int32, bounds: Float64) -> tuple[Float64, Int32]:
     return vertices[:used], ends[:rings]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def edge_at(cell: int, bounds: Float64, side: int, border: int) -> float:
     """Return where the surface ends near a side of a cell; the border where nothing is known.
 
@@ -119,7 +119,7 @@ def edge_at(cell: int, bounds: Float64, side: int, border: int) -> float:
     return border + min(max(bounds[cell, side] - border, -MAX_SHIFT), MAX_SHIFT)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def largest_polygon(
     vertices: Float64, ends: Int32, tolerance: float, min_hole: float
 ) -> tuple[Float64, Int32, float]:
@@ -160,7 +160,7 @@ def largest_polygon(
     return join_rings(rings, tolerance)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def join_rings(rings: list[Float64], tolerance: float) -> tuple[Float64, Int32, float]:
     """Simplify rings, the outer one first, as far as they do not cross, and concatenate them."""
     total = 0

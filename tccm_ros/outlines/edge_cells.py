@@ -6,10 +6,10 @@ float64 (E, 4), are the low and high a, low and high b of its points, in the ras
 """
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import CuboidArrays
+from tccm_ros.kernels import kernel
 from tccm_ros.outlines.gaps import patch_of
 from tccm_ros.outlines.raster import EMPTY, ROOT3, SAMPLE
 
@@ -18,7 +18,7 @@ SPARSE_SPACING = 1.2
 every cell is filled the spacing is 1."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_edges(raster: Int32) -> Int32:
     """Number the samples beside an empty cell; return their cells int32 (E, 2)."""
     rows, columns = raster.shape
@@ -42,7 +42,7 @@ def find_edges(raster: Int32) -> Int32:
     return edges[:used]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def include_points(bounds: Float64, a: float, b: float, spread_a: float, spread_b: float) -> None:
     """Extend the bounds of a cell by a cuboid's points.
 
@@ -61,7 +61,7 @@ def include_points(bounds: Float64, a: float, b: float, spread_a: float, spread_
     bounds[3] = max(bounds[3], b + spread_b)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def bound_edges_horizontal(
     raster: Int32, runs: Int32, low: tuple[int, int], cuboids: CuboidArrays, members: Int64,
     scale: float, bounds: Float64,
@@ -95,7 +95,7 @@ def bound_edges_horizontal(
         include_points(bounds[e], at_a, at_b, spread_x, spread_y)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def bound_edges_vertical(
     raster: Int32, runs: Int32, low: tuple[int, int], extent: Float64, scale: float, bounds: Float64
 ) -> None:
@@ -126,7 +126,7 @@ def bound_edges_vertical(
                 )  # fmt: skip
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def extend_edges(
     raster: Int32, edges: Int32, bounds: Float64, usual_a: Float64, usual_b: Float64
 ) -> None:
@@ -159,7 +159,7 @@ def extend_edges(
                     raster[a, k] = e
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def extend_bounds(span: Float64, usual: float, cells: int) -> tuple[int, int]:
     """Extend the bounds of an edge cell along one axis by half a spacing about their middle.
 

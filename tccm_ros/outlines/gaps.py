@@ -5,14 +5,14 @@ filled and a longer one stays open.
 """
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int32
 from tccm_ros.cuboids.linking import PATCH_BITS, STEPS, spacing
+from tccm_ros.kernels import kernel
 from tccm_ros.outlines.raster import EMPTY, FILLED, SAMPLE
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def patch_of(a: int, b: int, columns: int) -> int:
     """Return the patch, in which the spacing is estimated, of a raster's cell.
 
@@ -26,7 +26,7 @@ def patch_of(a: int, b: int, columns: int) -> int:
     return (a >> PATCH_BITS) * ((columns >> PATCH_BITS) + 1) + (b >> PATCH_BITS)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_gaps(raster: Int32, samples: int) -> tuple[Int32, Float64, Float64]:
     """Find the gaps between so many samples in rows and columns, and the sample spacing.
 
@@ -63,7 +63,7 @@ def find_gaps(raster: Int32, samples: int) -> tuple[Int32, Float64, Float64]:
     return gaps[:used], usual_steps(steps[0]), usual_steps(steps[1])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def usual_steps(steps: Int32) -> Float64:
     """Return the typical step of each patch, float64 (P,), from histograms int32 (P + 1, STEPS).
 
@@ -84,7 +84,7 @@ def usual_steps(steps: Int32) -> Float64:
     return usual
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fill_gaps(raster: Int32, gaps: Int32, usual_a: Float64, usual_b: Float64) -> None:
     """Fill the gaps that are shorter than twice the spacing of their patch.
 
@@ -108,7 +108,7 @@ def fill_gaps(raster: Int32, gaps: Int32, usual_a: Float64, usual_b: Float64) ->
                 raster[a - back, b] = FILLED
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def close_combs(raster: Int32, usual_a: float, usual_b: float) -> None:
     """Fill gaps between full cells that are shorter than twice the largest spacing.
 

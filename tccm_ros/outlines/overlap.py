@@ -5,10 +5,10 @@ two polygons and an intersection for each.
 """
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.cuboids.moments import tangents
+from tccm_ros.kernels import kernel
 from tccm_ros.outlines.rings import signed_area
 
 LINES = 48
@@ -16,7 +16,7 @@ LINES = 48
 with the largest overlap."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def overlap_fractions(
     a: Float64, ends_a: Int64, normals: Float64, b: Float64, ends_b: Int64, pairs: Int64
 ) -> Float64:
@@ -47,7 +47,7 @@ def overlap_fractions(
     return fractions
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def project_ring(ring: Float64, u: Float64, v: Float64) -> Float64:
     """Return the coordinates of a ring along two directions.
 
@@ -70,7 +70,7 @@ def project_ring(ring: Float64, u: Float64, v: Float64) -> Float64:
     return out
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def overlap_fraction(a: Float64, b: Float64) -> float:
     """Return the fraction of the smaller area that two rings (N, 2) have in common, 0 to 1.
 
@@ -92,7 +92,7 @@ def overlap_fraction(a: Float64, b: Float64) -> float:
     return min(total * step / smaller, 1.0)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def cut_ring(ring: Float64, y: float, cuts: Float64) -> int:
     """Write where a ring crosses a line of constant y.
 
@@ -125,7 +125,7 @@ def cut_ring(ring: Float64, y: float, cuts: Float64) -> int:
     return n
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def shared_length(a: Float64, b: Float64) -> float:
     """Return the length that is in both of two sets of intervals, given by their sorted ends."""
     i, j, total = 0, 0, 0.0

@@ -6,10 +6,10 @@ the surface ends within the cells at its edge.
 """
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import CuboidArrays
+from tccm_ros.kernels import kernel
 
 ROOT3 = 1.7320508075688772
 """Half the length of a uniform spread over its standard deviation: exactly the root of 3."""
@@ -21,7 +21,7 @@ MARGIN = 6
 """Empty cells around the samples; sparse samples extend the surface into all but one. Chosen."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def runs_horizontal(ix: Int32, iy: Int32, members: Int64, coarse: int, runs: Int32) -> None:
     """Write the cell of each cuboid of a plane seen from above: a along x, b along y.
 
@@ -41,7 +41,7 @@ def runs_horizontal(ix: Int32, iy: Int32, members: Int64, coarse: int, runs: Int
         runs[k, 1] = runs[k, 2] = iy[members[k]] >> coarse
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def runs_vertical(extent: Float64, scale: float, runs: Int32) -> None:
     """Write the run of cells of each cuboid of a vertical plane: a along u, b upwards.
 
@@ -60,7 +60,7 @@ def runs_vertical(extent: Float64, scale: float, runs: Int32) -> None:
         runs[k, 2] = np.int32(np.floor(extent[k, 3] * scale))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def measure_vertical(
     cuboids: CuboidArrays, members: Int64, ux: float, uy: float, extent: Float64
 ) -> None:
@@ -91,7 +91,7 @@ def measure_vertical(
         extent[k, 3] = top[i]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def draw_runs(raster: Int32, runs: Int32, low_a: int, low_b: int) -> int:
     """Mark the cells of all runs as SAMPLE.
 

@@ -5,12 +5,12 @@ loop over all planes of a map.
 """
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int32
+from tccm_ros.kernels import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def signed_area(ring: Float64) -> float:
     """Return the area of a ring, positive if counter-clockwise."""
     total, j = 0.0, len(ring) - 1
@@ -20,7 +20,7 @@ def signed_area(ring: Float64) -> float:
     return 0.5 * total
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def is_inside(ring: Float64, x: float, y: float) -> bool:
     """Return whether a point is inside a ring, by counting crossings (even-odd rule).
 
@@ -41,7 +41,7 @@ def is_inside(ring: Float64, x: float, y: float) -> bool:
     return inside
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def simplify(ring: Float64, tolerance: float) -> Float64:
     """Leave out corners of a ring that lie within a tolerance of what remains.
 
@@ -93,7 +93,7 @@ def simplify(ring: Float64, tolerance: float) -> Float64:
     return out
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def crosses(vertices: Float64, ends: Int32) -> bool:
     """Return whether any two sides of some rings cross or touch, neighbours of a ring excepted."""
     n = len(vertices)
@@ -122,7 +122,7 @@ def crosses(vertices: Float64, ends: Int32) -> bool:
     return False
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def ccw(v: Float64, p: int, q: int, r: int) -> float:
     """Return twice the signed area of a triangle, positive if counter-clockwise.
 
@@ -136,7 +136,7 @@ def ccw(v: Float64, p: int, q: int, r: int) -> float:
     return (v[q, 0] - v[p, 0]) * (v[r, 1] - v[p, 1]) - (v[q, 1] - v[p, 1]) * (v[r, 0] - v[p, 0])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sides_meet(v: Float64, p: int, q: int, r: int, s: int) -> bool:
     """Return whether two sides have a point in common.
 
@@ -158,7 +158,7 @@ def sides_meet(v: Float64, p: int, q: int, r: int, s: int) -> bool:
     return ccw(v, p, q, r) * ccw(v, p, q, s) <= 0.0 and ccw(v, r, s, p) * ccw(v, r, s, q) <= 0.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sides_overlap(v: Float64, p: int, q: int, r: int, s: int) -> bool:
     """Return whether two sides with a common vertex overlap in more than that vertex.
 

@@ -3,12 +3,12 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.cuboids import CuboidArrays
 from tccm_ros.cuboids.moments import Moments, moments_about, shift_moments
+from tccm_ros.kernels import kernel
 
 PLANE = np.dtype(
     [
@@ -56,7 +56,7 @@ class PlaneMap(NamedTuple):
     origin: Float64
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def plane_map(
     cuboids: CuboidArrays, cap_rows: Int32, cap_sums: Float64, origin: Float64
 ) -> PlaneMap:
@@ -75,7 +75,7 @@ def plane_map(
     return PlaneMap(M, c.ix, c.iy, c.bottom, c.top, cap_rows, cap_sums, c.cell, c.tick, origin)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def cap_of(of: PlaneMap, i: int) -> Moments:
     """Return the moments of the cap of cuboid i of a map with caps, about the map's origin.
 
@@ -87,7 +87,7 @@ def cap_of(of: PlaneMap, i: int) -> Moments:
     return sums if r < 0 else shift_moments(of.ix[i], of.iy[i], sums, of.cell, of.tick, of.origin)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def keep_planes(labels: Int32, planes: PlaneTable, is_kept: Bool) -> PlaneTable:
     """Remove planes and renumber the labels.
 

@@ -10,10 +10,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.moments import plane_of
+from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneMap
 
 BLOCK_BITS = 2
@@ -50,7 +50,7 @@ class Blocks(NamedTuple):
     low_y: int
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sort_into_blocks(ix: Int32, iy: Int32) -> Blocks:
     """Sort cuboids, whose cells are sorted by (ix, iy), into blocks of the lowest level."""
     n = len(ix)
@@ -75,7 +75,7 @@ def sort_into_blocks(ix: Int32, iy: Int32) -> Blocks:
     return Blocks(start, order, rows, wide, low_x, low_y)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def queue_around(b: int, mark: int, blocks: Blocks, queue: Int32, queued: int, stamp: Int32) -> int:
     """Queue the blocks in and around a block that have not been queued yet.
 
@@ -127,7 +127,7 @@ class _Pools(NamedTuple):
     moments: Float64
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _pool(
     head: Int32, following: Int32, pools: _Pools, used: int, block: int, of: int, gap: int
 ) -> int:
@@ -154,7 +154,7 @@ def _pool(
     return used + 1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def may_have_spread(m: Float64, min_variance: float) -> bool:
     """Return whether the second eigenvalue l2 of the points' covariance may reach a minimum, m2.
 
@@ -169,7 +169,7 @@ def may_have_spread(m: Float64, min_variance: float) -> bool:
     return 3.0 * minors >= min_variance * (xx + yy + zz)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_patches(
     cuboids: PlaneMap, blocks: Blocks, max_rms: float, min_count: float
 ) -> tuple[Float64, Float64, Int32]:
@@ -273,7 +273,7 @@ def find_patches(
     return patch_moments[:patches], patch_planes[:patches], place[:patches]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def flatness_order(planes: Float64) -> Int32:
     """Return patches by growing thickness, in powers of two; equal ones keep their order."""
     classes = 24

@@ -7,9 +7,9 @@ recognised by its cuboids: nearly each lies beside one of a plane that is at lea
 """
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Bool, Float64, Int32
+from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneMap, PlaneTable, keep_planes
 from tccm_ros.planes.blocks import BLOCK_BITS, Blocks
 
@@ -25,7 +25,7 @@ MIN_EDGE_FRACTION = 0.8
 Chosen."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def drop_edge_planes(
     cuboids: PlaneMap, blocks: Blocks, labels: Int32, planes: PlaneTable, is_vertical: Bool
 ) -> PlaneTable:
@@ -68,7 +68,7 @@ def drop_edge_planes(
     return keep_planes(labels, planes, ~suspect)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def flattest_by_block(blocks: Blocks, labels: Int32, variance: Float64) -> Float64:
     """Return the smallest variance of the planes of each block's cuboids.
 
@@ -95,7 +95,7 @@ def flattest_by_block(blocks: Blocks, labels: Int32, variance: Float64) -> Float
     return flattest
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def is_beside(
     cuboids: PlaneMap, i: int, blocks: Blocks, labels: Int32, variance: Float64, flattest: Float64,
     max_variance: float,

@@ -7,11 +7,11 @@ cells of 20 mm a single tilt cycle leaves empty cells between its scan lines, so
 """
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int32
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
 from tccm_ros.cuboids.linking import link
+from tccm_ros.kernels import kernel
 
 
 def label_horizontal(
@@ -42,7 +42,7 @@ def label_horizontal(
     return _label(c.ix, c.iy, c.top, c.s, c.count, threshold, min_cuboids)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _label(
     ix: Int32, iy: Int32, top: Int32, s: Float64, count: Float64, threshold: float, min_cuboids: int
 ) -> Int32:
@@ -50,7 +50,7 @@ def _label(
     return _number(link(ix, iy, top, _mean_heights(s, count), threshold)[0], min_cuboids)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _mean_heights(s: Float64, count: Float64) -> Int32:
     """Return the mean height of each cuboid, ticks."""
     mean = np.empty(len(count), np.int32)
@@ -59,7 +59,7 @@ def _mean_heights(s: Float64, count: Float64) -> Int32:
     return mean
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _number(root: Int32, min_cuboids: int) -> Int32:
     """Return labels from 0 for set representatives (the smallest index of each set)."""
     n = len(root)

@@ -18,10 +18,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.arrays import Bool, Float64, Int64
+from tccm_ros.kernels import kernel
 from tccm_ros.union_find import find_root, merge_sets
 
 TOLERANCE = 0.006
@@ -155,7 +155,7 @@ def _beam_step(scan: Int64, azimuth: Float64) -> float:
     return float(np.median(steps)) if len(steps) else 0.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_vertical_runs(
     scan: Int64, seen: Float64, azimuth: Float64, step: float, of_point: Int64, runs: Runs
 ) -> Bool:
@@ -202,7 +202,7 @@ def find_vertical_runs(
     return is_vertical
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def distance_at(seen: Float64, azimuth: Float64, a: int, b: int, bearing: float) -> float:
     """Return the horizontal distance of the line between two points at a bearing, m.
 
@@ -221,7 +221,7 @@ def distance_at(seen: Float64, azimuth: Float64, a: int, b: int, bearing: float)
     return near + min(max(fraction, 0.0), 1.0) * (far - near)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def link_runs(runs: Runs, is_vertical: Bool, step: float) -> Int64:
     """Link runs of neighbouring lines that have one height.
 
@@ -263,7 +263,7 @@ def link_runs(runs: Runs, is_vertical: Bool, step: float) -> Int64:
     return roots
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def distance_between(a: Any, b: Any) -> tuple[float, float]:
     """Return the distance of the middle of the shorter run from the line of the longer one, and the
     length of the shorter one, m.
@@ -305,7 +305,7 @@ def _extents(group: Int64, xy: Float64) -> tuple[Float64, Float64]:
     return np.sqrt(12.0 * np.maximum(middle - half, 0.0)), np.sqrt(12.0 * (middle + half))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def find_runs(scan: Int64, seen: Float64, azimuth: Float64, step: float) -> tuple[Int64, Runs]:
     """Find the horizontal runs of all lines.
 
@@ -365,7 +365,7 @@ def find_runs(scan: Int64, seen: Float64, azimuth: Float64, step: float) -> tupl
     return of_point, runs[:found]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def running_sums(
     seen: Float64, azimuth: Float64, members: Int64, count: int, sums: Float64
 ) -> None:
@@ -390,7 +390,7 @@ def running_sums(
         sums[k + 1, 4] = sums[k, 4] + z * z
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def line_through(sums: Float64, low: int, high: int) -> tuple[float, float, float]:
     """Return slope, m/rad, squared residuals, m2, and spread, rad2, of a part of a run.
 
@@ -410,7 +410,7 @@ def line_through(sums: Float64, low: int, high: int) -> tuple[float, float, floa
     return slope, max(zz - slope * az, 0.0), aa
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def best_split(sums: Float64, low: int, high: int) -> int:
     """Return where a run is best split into two straight parts, -1 where one line does as well.
 
@@ -427,7 +427,7 @@ def best_split(sums: Float64, low: int, high: int) -> int:
     return middle
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def is_horizontal(sums: Float64, low: int, high: int, run: Any) -> bool:
     """Return whether a part of a run is horizontal; write the standard error of its height.
 
@@ -447,7 +447,7 @@ def is_horizontal(sums: Float64, low: int, high: int, run: Any) -> bool:
     return rise <= MAX_RISE + SIGMAS * noise * math.sqrt(12.0 / n)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def write_run(
     scan: Int64, seen: Float64, azimuth: Float64, members: Int64, low: int, high: int, run: Any
 ) -> None:
@@ -478,7 +478,7 @@ def write_run(
             run.end[axis] += seen[b, axis] / half
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def are_near(seen: Float64, a: int, b: int) -> bool:
     """Return whether two neighbours in a line may lie on one surface, by their distance.
 

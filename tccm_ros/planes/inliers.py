@@ -8,13 +8,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.inclination import CROSSES_CELLS_ONCE
 from tccm_ros.cuboids.intrinsics import lowest_bit
 from tccm_ros.cuboids.moments import Moments, plane_of, residuals_of
+from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneMap
 from tccm_ros.planes.blocks import Blocks, queue_around
 
@@ -59,7 +59,7 @@ MIN_FRACTION = 0.9
 """A fit to this fraction of the points is not repeated. Chosen."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def max_scatter(n: float, deviations: float) -> float:
     """Return the largest sum of squared distances that noise explains for n points, in variances.
 
@@ -69,7 +69,7 @@ def max_scatter(n: float, deviations: float) -> float:
     return n + deviations * (math.sqrt(2.0 * n) + deviations - 2.0)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def is_mixed(n: float, second: float, variance: float, deviations: float) -> bool:
     """Return whether points scatter more about a plane than its noise explains.
 
@@ -87,14 +87,14 @@ def is_mixed(n: float, second: float, variance: float, deviations: float) -> boo
     return second > variance * max_scatter(n, deviations)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def pooled_plane(total: Float64 | Moments) -> Plane:
     """Return the plane of a moment vector, with the noise floor."""
     nx, ny, nz, d, _, _, variance = plane_of(total)
     return nx, ny, nz, d, max(variance, NOISE_FLOOR * NOISE_FLOOR)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def add_scaled(total: Moments, m: Float64, weight: float) -> Moments:
     """Return ``total + weight * m`` as a tuple, so that it stays in registers.
 
@@ -113,7 +113,7 @@ def add_scaled(total: Moments, m: Float64, weight: float) -> Moments:
     )  # fmt: skip
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def squares_about(plane: Plane) -> Moments:
     """Return the weights of moments in the sum of their points' squared distances to a plane."""
     nx, ny, nz, d, _ = plane
@@ -123,7 +123,7 @@ def squares_about(plane: Plane) -> Moments:
     )  # fmt: skip
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def dot(weights: Moments, m: Float64) -> float:
     """Return the weighted sum of moments."""
     return (
@@ -151,7 +151,7 @@ class Flood(NamedTuple):
     is_inlier: Words
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def assign_inliers(
     M: Float64, blocks: Blocks, flood: Flood, queued: int, mark: int, labels: Int32, plane: Plane,
     weight: float,
@@ -208,7 +208,7 @@ def assign_inliers(
     return drain(flood.is_inlier, count)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def drain(is_set: Words, count: int) -> Int32:
     """Return the indices of the `count` bits that are set, rising, and clear them."""
     members = np.empty(count, np.int32)
@@ -223,7 +223,7 @@ def drain(is_set: Words, count: int) -> Int32:
     return members
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sharing_cells(ix: Int32, iy: Int32, members: Int32) -> Bool:
     """Return which members have others in their cells.
 
@@ -247,7 +247,7 @@ def sharing_cells(ix: Int32, iy: Int32, members: Int32) -> Bool:
     return is_sharing
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fit_horizontal(
     cuboids: PlaneMap, members: Int32, deep: Bool, plane: Plane, total: Float64
 ) -> Plane:

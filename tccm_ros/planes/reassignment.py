@@ -9,10 +9,10 @@ here for each plane that is not vertical.
 """
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.moments import residuals_of
+from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneTable, keep_planes
 from tccm_ros.planes.blocks import Blocks
 from tccm_ros.planes.inliers import GATE, NOISE_FLOOR
@@ -29,7 +29,7 @@ MIN_KEPT = 0.5
 """A vertical plane that keeps less than this fraction of its points is removed. Chosen."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def reassign_inliers(
     M: Float64, blocks: Blocks, labels: Int32, planes: PlaneTable, is_vertical: Bool
 ) -> PlaneTable:
@@ -67,7 +67,7 @@ def reassign_inliers(
     return keep_planes(labels, planes, ~is_vertical | (planes["support"] >= MIN_KEPT * before))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def horizontal_planes_by_block(
     blocks: Blocks, labels: Int32, is_vertical: Bool
 ) -> tuple[Int32, Int32, Bool]:
@@ -115,7 +115,7 @@ def horizontal_planes_by_block(
     return first, horizontal, is_held
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def horizontal_planes_around(
     b: int, blocks: Blocks, first: Int32, horizontal: Int32, near: Int32
 ) -> int:
@@ -153,7 +153,7 @@ def horizontal_planes_around(
     return count
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def reassign_block(
     M: Float64, block: Int32, near: Int32, labels: Int32, planes: PlaneTable, is_vertical: Bool
 ) -> None:

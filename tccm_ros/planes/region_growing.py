@@ -3,10 +3,10 @@
 import math
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int32
 from tccm_ros.cuboids.moments import FLAT, plane_of, residuals_of
+from tccm_ros.kernels import kernel
 from tccm_ros.planes.blocks import Blocks, flatness_order
 
 JOIN_FACTOR = 2.5
@@ -21,7 +21,7 @@ SLACK = 0.002
 """m: surfaces are not perfectly flat, and the noise of small patches is known badly. Chosen."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def cover(place: Int32, rows: int, wide: int) -> tuple[Int32, Int32, Int32]:
     """List for each block of the lowest level the patches that cover it.
 
@@ -58,7 +58,7 @@ def cover(place: Int32, rows: int, wide: int) -> tuple[Int32, Int32, Int32]:
     return head, node_patch, node_next
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def grow_regions(
     moments: Float64, planes: Float64, place: Int32, blocks: Blocks, max_rms: float
 ) -> tuple[Int32, Float64]:

@@ -4,13 +4,13 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.cuboids import CuboidArrays
 from tccm_ros.cuboids.inclination import CROSSES_CELLS_ONCE, FITTED_AS_VERTICAL
 from tccm_ros.cuboids.linking import link_in_plane
 from tccm_ros.cuboids.moments import plane_of, residuals_of
+from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PLANE, PlaneMap, PlaneTable, plane_map
 from tccm_ros.planes.blocks import Blocks, find_patches, sort_into_blocks
 from tccm_ros.planes.edge_planes import drop_edge_planes
@@ -54,7 +54,7 @@ class Limits(NamedTuple):
     horizontal: float
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def planes_of(
     arrays: tuple[Any, ...], caps: tuple[Int32, Float64], origin: Float64, view: Float64,
     limits: tuple[float, float, float, float, float],
@@ -74,7 +74,7 @@ def planes_of(
     return segment(cuboids, view, Limits(*limits))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def segment(cuboids: PlaneMap, view: Float64, limits: Limits) -> tuple[Int32, PlaneTable]:
     """Find all planes of a map.
 
@@ -123,13 +123,13 @@ def segment(cuboids: PlaneMap, view: Float64, limits: Limits) -> tuple[Int32, Pl
     return labels, planes
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def are_vertical(planes: PlaneTable) -> Bool:
     """Return which planes are fitted as vertical ones, bool (P,)."""
     return np.abs(planes["normal"][:, 2]) < FITTED_AS_VERTICAL
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def orient(row: Any, view: Float64, start: Float64, horizontal: float) -> None:
     """Orient a plane's normal up or towards the laser, and express its offset in the map's frame.
 
@@ -156,7 +156,7 @@ def orient(row: Any, view: Float64, start: Float64, horizontal: float) -> None:
     row.offset = sign * d
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def patches_by_region(region: Int32, regions: int) -> tuple[Int32, Int32]:
     """Return where each region's patches begin in the second array, and the patches by region."""
     first = np.zeros(regions + 2, np.int32)
@@ -171,7 +171,7 @@ def patches_by_region(region: Int32, regions: int) -> tuple[Int32, Int32]:
     return first, ordered
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def queue_region(patches: Int32, place: Int32, blocks: Blocks, flood: Flood, mark: int) -> int:
     """Queue the blocks of a region's patches, with a margin of their width at higher levels.
 
@@ -207,7 +207,7 @@ def queue_region(patches: Int32, place: Int32, blocks: Blocks, flood: Flood, mar
     return queued
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def split_and_fit(
     cuboids: PlaneMap,
     members: Int32,
@@ -265,7 +265,7 @@ def split_and_fit(
     return found
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sizes_of_sets(M: Float64, members: Int32, root: Int32) -> tuple[Float64, Int32]:
     """Return the number of points and of cuboids of each set.
 
@@ -296,7 +296,7 @@ def sizes_of_sets(M: Float64, members: Int32, root: Int32) -> tuple[Float64, Int
     return support, size
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def take_set(members: Int32, deep: Bool, root: Int32, k: int, size: int) -> tuple[Int32, Bool]:
     """Return the members of one set, and which of them are deep inside it.
 
@@ -316,7 +316,7 @@ def take_set(members: Int32, deep: Bool, root: Int32, k: int, size: int) -> tupl
     return one, its_deep
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def is_plane(row: Any, limits: Limits) -> bool:
     """Fill in a plane's row from its moments, and return whether it is large and flat enough."""
     if row.moments[0] < 0.5 * limits.min_points:
@@ -330,7 +330,7 @@ def is_plane(row: Any, limits: Limits) -> bool:
     return 12.0 * math.sqrt(l1 * l2) >= limits.min_area
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def label_members(
     cuboids: PlaneMap, members: Int32, plane: Plane, labels: Int32, label: int
 ) -> float:

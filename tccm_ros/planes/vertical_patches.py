@@ -13,10 +13,10 @@ an integration map patches are only marked as rims.
 import math
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int32
 from tccm_ros.cuboids.caps import CAP_DEPTH
+from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneMap, cap_of
 from tccm_ros.planes.inliers import Plane
 
@@ -39,7 +39,7 @@ NO_RIM = -(1 << 31)
 """Marks a patch that is no rim."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def bins_along(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> tuple[Int32, int]:
     """Return the step of each cuboid along a vertical plane, and how many steps there are.
 
@@ -73,7 +73,7 @@ def bins_along(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> tuple[Int3
     return bins, count
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def link_vertical(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> Int32:
     """Return the connected sets of a vertical plane's cuboids: runs along its horizontal direction.
 
@@ -116,7 +116,7 @@ def link_vertical(ix: Int32, iy: Int32, members: Int32, plane: Plane) -> Int32:
     return root
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def pool_patches(cuboids: PlaneMap, members: Int32, plane: Plane) -> tuple[Float64, Int32]:
     """Pool the cuboids of each step along a vertical plane that overlap in height.
 
@@ -185,7 +185,7 @@ def pool_patches(cuboids: PlaneMap, members: Int32, plane: Plane) -> tuple[Float
     return pooled[:kept], np.full(kept, NO_RIM, np.int32)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sort_into_steps(
     ix: Int32, iy: Int32, bottom: Int32, members: Int32, plane: Plane
 ) -> tuple[Int32, Int32]:

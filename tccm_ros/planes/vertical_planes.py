@@ -16,10 +16,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Bool, Float64, Int32
 from tccm_ros.cuboids.moments import residuals_of
+from tccm_ros.kernels import kernel
 from tccm_ros.planes.arrays import PlaneMap
 from tccm_ros.planes.inliers import NOISE_FLOOR, Plane, is_mixed
 from tccm_ros.planes.vertical_patches import NO_RIM, pool_patches
@@ -84,7 +84,7 @@ class _Taken(NamedTuple):
     moments: Float64
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fit_vertical(cuboids: PlaneMap, members: Int32, plane: Plane, total: Float64) -> Plane:
     """Fit a vertical plane by weighted least squares over its patches.
 
@@ -119,7 +119,7 @@ def fit_vertical(cuboids: PlaneMap, members: Int32, plane: Plane, total: Float64
     return plane
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def through_median(pooled: Float64, plane: Plane) -> Plane:
     """Shift a plane to the median patch, by points.
 
@@ -146,7 +146,7 @@ def through_median(pooled: Float64, plane: Plane) -> Plane:
     return nx, ny, nz, d + low + (k + 0.5) * width, noise
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def improve(patches: _Patches, plane: Plane, taken: _Taken, total: Float64) -> tuple[Plane, int]:
     """Refit a vertical plane to the patches that it explains.
 
@@ -232,7 +232,7 @@ def improve(patches: _Patches, plane: Plane, taken: _Taken, total: Float64) -> t
     return (nx * k, ny * k, nz * k, d * k, noise), changes
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def is_shifted(spread: float, weight: float, first: float, variance: float) -> bool:
     """Return whether a weighted sum of distances is more than noise and warp explain.
 
@@ -248,7 +248,7 @@ def is_shifted(spread: float, weight: float, first: float, variance: float) -> b
     return abs(first) > DEVIATIONS * math.sqrt(spread * variance) + weight * WARP
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def add_patch(N: Float64, m: Float64, plane: Plane, ux: float, uy: float, k: float) -> None:
     """Add a patch's points to the normal equations of ``e = a + b s + g z``.
 
@@ -277,7 +277,7 @@ def add_patch(N: Float64, m: Float64, plane: Plane, ux: float, uy: float, k: flo
     add_equation(N, k, left, right)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def add_rim(N: Float64, sides: tuple[float, float, float, float, float], k: float) -> None:
     """Add the one equation of a rim to the normal equations.
 
@@ -296,7 +296,7 @@ def add_rim(N: Float64, sides: tuple[float, float, float, float, float], k: floa
     add_equation(N, k, left, (w * we, ws * we, wz * we))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def rim_moments(
     m: Float64, plane: Plane, ux: float, uy: float, z_rim: float
 ) -> tuple[float, float, float, float, float]:
@@ -326,7 +326,7 @@ def rim_moments(
     )
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def add_equation(
     N: Float64,
     k: float,
@@ -355,7 +355,7 @@ def add_equation(
     N[2, 3] += k * right[2]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def solve(N: Float64) -> tuple[float, float, float]:
     """Return the solution (a, b, g) of normal equations; b = g = 0 where these are singular."""
     b, g = N[0, 1] / N[0, 0], N[0, 2] / N[0, 0]

@@ -9,10 +9,10 @@ tested, as the rail of a chair is seen over its seat.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import TICKS_PER_M
+from tccm_ros.kernels import kernel
 from tccm_ros.planes import PlaneFits
 
 MAX_DISTANCE = 0.010
@@ -69,7 +69,7 @@ def lie_on_walls(points: Float64, surface: Int64, fits: PlaneFits, is_wall: Bool
     return mark_points(points, surface, cells - low, walls, planes, c.cell_size, board)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_points(
     points: Float64, surface: Int64, cells: Int64,
     walls: tuple[Int64, Int64, Float64, Int32], planes: Float64, size: float,
@@ -125,7 +125,7 @@ def mark_points(
     return marked
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def has_surface_before(
     board: Float64, a: int, b: int, nx: float, ny: float, size: float, height: float
 ) -> bool:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import inverse
+from tccm_ros.kernels import kernel
 from tccm_ros.robot.tracks import PoseTrack, ScalarTrack
 
 
@@ -136,7 +136,7 @@ class Chain:
         return T
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def apply_fixed(T, F):  # type: ignore[no-untyped-def]
     """Multiply rigid poses (K, 4, 4) in place by one rigid transform from the right."""
     row = np.empty(4)
@@ -149,7 +149,7 @@ def apply_fixed(T, F):  # type: ignore[no-untyped-def]
                 T[k, i, j] = row[j]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def apply_joint(T, axis, q, is_revolute):  # type: ignore[no-untyped-def]
     """Multiply rigid poses by a rotation about an axis, or by a translation along it.
 

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import FrameError
+from tccm_ros.kernels import kernel
 from tccm_ros.records import SelfShapes
 from tccm_ros.robot.chain import Chain, JointReading, apply_fixed, apply_joint
 from tccm_ros.robot.frames import Edges, build_chain, find_path
@@ -112,7 +112,7 @@ class ShapeModel:
         return SelfShapes(self._kinds[placed], self._half[placed], T_base_shape[placed])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def place_shapes(parents, before, axes, is_revolute, positions, hangs_on, T_frame_shape):  # type: ignore[no-untyped-def]
     """Return the poses of shapes on a tree of moved frames, T_base_shape float64 (S, 4, 4).
 

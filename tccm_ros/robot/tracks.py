@@ -5,9 +5,9 @@ a track has said of a time between two samples it will say again, whenever one a
 """
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int64
+from tccm_ros.kernels import kernel
 
 MAX_SAMPLES = 16384
 """Samples that a track holds before it forgets the older half. Chosen: 160 s at 100 Hz."""
@@ -157,7 +157,7 @@ class PoseTrack(Track):
         return interpolate_transforms(self.stamps_ns, self.values, np.asarray(stamps_ns, np.int64))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def widest_gap(stamps, start, end):  # type: ignore[no-untyped-def]
     """Return the widest step between the stamps that bracket [start, end], -1 if none do.
 
@@ -178,7 +178,7 @@ def widest_gap(stamps, start, end):  # type: ignore[no-untyped-def]
     return widest
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def stamps_between(stamps, start, end):  # type: ignore[no-untyped-def]
     """Return the stamps in an open interval, int64 (M,) (a view).
 
@@ -192,7 +192,7 @@ def stamps_between(stamps, start, end):  # type: ignore[no-untyped-def]
     return stamps[np.searchsorted(stamps, start, "right") : np.searchsorted(stamps, end)]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def merge_stamps(start, end, step, inner):  # type: ignore[no-untyped-def]
     """Return increasing stamps int64 (K,) from start to end.
 
@@ -219,7 +219,7 @@ def merge_stamps(start, end, step, inner):  # type: ignore[no-untyped-def]
     return merged[:kept]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def bracket(stamps, stamp):  # type: ignore[no-untyped-def]
     """Return (i, j, fraction): the samples around a stamp; the stamp lies within the samples."""
     j = np.searchsorted(stamps, stamp)
@@ -231,7 +231,7 @@ def bracket(stamps, stamp):  # type: ignore[no-untyped-def]
     return j - 1, j, (stamp - stamps[j - 1]) / step
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def interpolate_scalars(stamps, values, at, wraps):  # type: ignore[no-untyped-def]
     """Return values at stamps, float64 (K,), linear between samples.
 
@@ -254,7 +254,7 @@ def interpolate_scalars(stamps, values, at, wraps):  # type: ignore[no-untyped-d
     return result
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def slerp(a, b, f):  # type: ignore[no-untyped-def]
     """Interpolate unit quaternions xyzw along the shorter great circle (Shoemake, SIGGRAPH 1985).
 
@@ -283,7 +283,7 @@ def slerp(a, b, f):  # type: ignore[no-untyped-def]
     return q / np.sqrt(norm)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def pose_to_numbers(T):  # type: ignore[no-untyped-def]
     """Return translation and unit quaternion xyzw, w >= 0, of a pose (4, 4), float64 (7,).
 
@@ -315,7 +315,7 @@ def pose_to_numbers(T):  # type: ignore[no-untyped-def]
     return result
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def quaternion_to_pose(q, t, T):  # type: ignore[no-untyped-def]
     """Write the pose of a quaternion and a translation.
 
@@ -344,7 +344,7 @@ def quaternion_to_pose(q, t, T):  # type: ignore[no-untyped-def]
     T[3, 3] = 1.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def interpolate_transforms(stamps, values, at):  # type: ignore[no-untyped-def]
     """Return poses at stamps, float64 (K, 4, 4): translation linear, rotation by `slerp`.
 

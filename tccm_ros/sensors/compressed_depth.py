@@ -14,12 +14,12 @@ import struct
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from PIL import Image
 
 from tccm_ros.arrays import Float32, UInt16
 from tccm_ros.errors import MessageError, one_line
+from tccm_ros.kernels import kernel
 
 _HEADER = struct.Struct("<iff")
 _RVL_SIZE = struct.Struct("<ii")
@@ -111,7 +111,7 @@ def _read_rvl(body: bytes) -> UInt16:
     return numbers.reshape(height, width)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _next_number(words: Any, state: Any) -> Any:
     """Return the next number of variable length, -1 at the end: three bits a nibble.
 
@@ -131,7 +131,7 @@ def _next_number(words: Any, state: Any) -> Any:
     return np.int64(-1)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def decode_rvl(words: Any, numbers: Any) -> bool:
     """Decode depths: runs of zeros and of differences, in turn.
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from tccm_ros.kernels import kernel
 
 BLOCK = 8
 """Pixels along the edge of a block, in which thinning is uniform: at most one pixel stays."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def read_depths(depth: Any, scale: Any, max_depth: Any, rays: Any, z: Any) -> None:
     """Write the depths of an image.
 
@@ -36,7 +37,7 @@ def read_depths(depth: Any, scale: Any, max_depth: Any, rays: Any, z: Any) -> No
             z[v, u] = d if is_depth else np.float32(0.0)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def drop_edges(z: Any, step_u: Any, step_v: Any, slope: Any, noise: Any, usable: Any) -> None:
     """Mark the pixels with a depth that are on no edge, in both image directions.
 
@@ -81,7 +82,7 @@ def drop_edges(z: Any, step_u: Any, step_v: Any, slope: Any, noise: Any, usable:
                 usable[v + 1, u] = 0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def block_strides(z: Any, usable: Any, rays: Any, steps: Any, half: Any, strides: Any) -> Any:
     """Write which pixels of each block are enough, and return how many there are at most.
 
@@ -145,7 +146,7 @@ def block_strides(z: Any, usable: Any, rays: Any, steps: Any, half: Any, strides
     return bound
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _is_lone(usable: Any, v: Any, u: Any) -> Any:
     """Return whether a pixel has no neighbour along one of the image directions.
 
@@ -157,7 +158,7 @@ def _is_lone(usable: Any, v: Any, u: Any) -> Any:
     return not (beside and above)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def place_pixels(
     z: Any, usable: Any, rays: Any, max_z: Any, strides: Any, T: Any, points: Any
 ) -> Any:
@@ -202,7 +203,7 @@ def place_pixels(
     return n
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _first_usable(z: Any, usable: Any, rows: Any, columns: Any, max_z: Any) -> Any:
     """Return row and column of the first pixel of a patch that can be mapped, -1 if none can."""
     for v in range(rows[0], rows[1]):
@@ -212,7 +213,7 @@ def _first_usable(z: Any, usable: Any, rows: Any, columns: Any, max_z: Any) -> A
     return -1, -1
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sight_lines(
     z: Any, usable: Any, rays: Any, every: Any, max_z: Any, noise: Any, T: Any, ends: Any, hits: Any
 ) -> Any:

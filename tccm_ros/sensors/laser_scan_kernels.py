@@ -1,7 +1,8 @@
 """Compiled loops of `scan`: one pass over the beams each. Their numpy twins are in the tests."""
 
 import numpy as np
-from numba import njit
+
+from tccm_ros.kernels import kernel
 
 BLEND_ANGLE = 0.005
 """Poses of a scan that differ by more than this, rad, get poses between them. Chosen: blending
@@ -18,7 +19,7 @@ range noise. Chosen."""
 BOX, SPHERE, CYLINDER = 0, 1, 2
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def is_straight(ranges, hit, i, cos_step, noise):  # type: ignore[no-untyped-def]
     """Return whether hit i lies on the straight line through its two neighbours' hits.
 
@@ -44,7 +45,7 @@ def is_straight(ranges, hit, i, cos_step, noise):  # type: ignore[no-untyped-def
     return abs(r - on_line) <= STRAIGHT_NOISE * noise + STRAIGHT_STEP * max(abs(r - a), abs(r - b))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_valid(ranges, low, high, step, shadow_angle, shadow_jump):  # type: ignore[no-untyped-def]
     """Return the beams that hit something, bool (N,).
 
@@ -98,7 +99,7 @@ def mark_valid(ranges, low, high, step, shadow_angle, shadow_jump):  # type: ign
     return valid
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def rotation_between(A, B, axis):  # type: ignore[no-untyped-def]
     """Return the angle of R_A^T R_B of two poses, rad in [0, pi], and write its axis.
 
@@ -121,7 +122,7 @@ def rotation_between(A, B, axis):  # type: ignore[no-untyped-def]
     return np.arctan2(double_sine, R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def turned(A, axis, angle, t, out):  # type: ignore[no-untyped-def]
     """Write a pose that is turned about an axis in its child frame and moved to `t`.
 
@@ -147,7 +148,7 @@ def turned(A, axis, angle, t, out):  # type: ignore[no-untyped-def]
         out[i, 3] = t[i]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def refine_poses(times, T):  # type: ignore[no-untyped-def]
     """Put poses between poses so that neighbours differ by at most `BLEND_ANGLE`.
 
@@ -186,7 +187,7 @@ def refine_poses(times, T):  # type: ignore[no-untyped-def]
     return fine_times, fine
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def place_beams(ranges, valid, cosines, sines, first, step, times, T):  # type: ignore[no-untyped-def]
     """Place the valid beams, each with the pose of its own time.
 
@@ -234,7 +235,7 @@ def place_beams(ranges, valid, cosines, sines, first, step, times, T):  # type: 
     return points, beams
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mark_inside(points, kinds, half, T_shape_frame, padding):  # type: ignore[no-untyped-def]
     """Return which points lie in any of some shapes, bool (N,).
 

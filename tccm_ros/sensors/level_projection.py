@@ -11,11 +11,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
+from tccm_ros.kernels import kernel
 from tccm_ros.records import Event, Posed, Scan
 from tccm_ros.sensors.depth_image import PosedImage, seen_depths
 from tccm_ros.sensors.measured import MeasuredPoints, without_robot
@@ -96,7 +96,7 @@ def _stamp_index(posed: Posed) -> int:
     return int(np.argmin(np.abs(posed.pose_stamps_ns - posed.stamp_ns)))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def nearest_ranges(points: Any, low: Any, high: Any) -> Any:
     """Return the ranges of a level scan around the base.
 

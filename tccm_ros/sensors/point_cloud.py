@@ -10,10 +10,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.config import Config
+from tccm_ros.kernels import kernel
 from tccm_ros.records import PointCloud, Posed
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.sensors.cloud_messages import CLOUD_READER
@@ -157,7 +157,7 @@ def angle_between_rings(xyz: Float32, low: float, high: float) -> float:
     return ELEVATION_BIN * float(np.median(steps)) if len(steps) else ELEVATION_BIN
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def place_points(
     xyz: Any, since_ns: Any, low: Any, high: Any, times: Any, T: Any,
     points: Any, origins: Any, indices: Any,
@@ -200,7 +200,7 @@ def place_points(
     return n
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def first_in_voxels(points: Any, edge: Any) -> Any:
     """Return the indices of the first point in each voxel, int64, in order of the points."""
     size = 16

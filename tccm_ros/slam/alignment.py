@@ -12,9 +12,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64
+from tccm_ros.kernels import kernel
 from tccm_ros.slam.buckets import BUCKET
 from tccm_ros.slam.level_scan import LevelScan
 from tccm_ros.slam.line_map import LineMap
@@ -165,7 +165,7 @@ class _Equations(NamedTuple):
     b: Float64
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _align(
     line_map: LineMap,
     points: Float64,
@@ -199,7 +199,7 @@ def _align(
     return pose, H, inliers, confirmed
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _normal_equations(
     line_map: LineMap,
     points: Float64,
@@ -265,7 +265,7 @@ def _normal_equations(
     return count / n, confirmed / n
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _drop_direction_of_noise(H: Float64, noise: Float64, b: Float64) -> None:  # pragma: no cover
     """Remove the direction of the smallest information on the position, if it is noise.
 
@@ -283,14 +283,14 @@ def _drop_direction_of_noise(H: Float64, noise: Float64, b: Float64) -> None:  #
     b[:] = keep @ b
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _robust(r: float, sigma: float) -> float:  # pragma: no cover - compiled
     """Return the weight of a residual (Cauchy)."""
     u = r / (CAUCHY_SIGMAS * sigma)
     return 1.0 / (1.0 + u * u)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _add(H: Float64, b: Float64, J: Float64, r: float, w: float) -> None:  # pragma: no cover
     for k in range(3):
         b[k] += w * J[k] * r
@@ -298,7 +298,7 @@ def _add(H: Float64, b: Float64, J: Float64, r: float, w: float) -> None:  # pra
             H[k, m] += w * J[k] * J[m]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _nearest(
     line_map: LineMap,
     x: float,

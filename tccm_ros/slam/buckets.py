@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Bool, Float64, Int32, Int64
+from tccm_ros.kernels import kernel
 
 Near = Bool | slice
 
@@ -51,7 +51,7 @@ def extent_near_median(points: Float64, half: float) -> tuple[Near, Float64, Flo
     return near, *_extent(points[near])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _extent(points: Float64) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
     low, high = points[0].copy(), points[0].copy()
     for i in range(1, len(points)):
@@ -61,7 +61,7 @@ def _extent(points: Float64) -> tuple[Float64, Float64]:  # pragma: no cover - c
     return low, high
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sort_into_buckets(
     points: Float64, origin: Float64, shape: Int64
 ) -> tuple[Int64, Int32]:  # pragma: no cover - compiled

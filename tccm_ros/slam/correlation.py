@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int32, UInt8
+from tccm_ros.kernels import kernel
 from tccm_ros.slam.likelihood_grid import CELL, UNKNOWN, LikelihoodGrid
 
 SEARCH_WEIGHT = 0.01
@@ -120,7 +120,7 @@ class _Excluded(NamedTuple):
     dyaw: float
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _score(
     level: UInt8, cells: Int32, dx: int, dy: int, outside: int
 ) -> float:  # pragma: no cover - compiled
@@ -135,7 +135,7 @@ def _score(
     return total / (255.0 * len(cells))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _score_blocks(
     level: UInt8,
     cells: Int32,
@@ -212,7 +212,7 @@ def known_likelihood(grid: LikelihoodGrid, points: Float64, pose: Float64) -> fl
     return int(known.sum(dtype=np.int64)) / (255.0 * max(len(known), 1))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _likelihoods(
     grid: LikelihoodGrid, points: Float64, pose: Float64
 ) -> UInt8:  # pragma: no cover - compiled
@@ -227,7 +227,7 @@ def _likelihoods(
     return found
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _min_square(low: int, high: int) -> int:  # pragma: no cover - compiled
     """Return the smallest k*k for k in low..high."""
     if low > 0:
@@ -235,7 +235,7 @@ def _min_square(low: int, high: int) -> int:  # pragma: no cover - compiled
     return high * high if high < 0 else 0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _rotate(
     points: Float64, origin: Float64, centre: Float64, angle: float, cells: Int32
 ) -> None:  # pragma: no cover - compiled
@@ -246,7 +246,7 @@ def _rotate(
         cells[i, 0], cells[i, 1] = int(np.floor(x / CELL)), int(np.floor(y / CELL))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _branch_and_bound(
     grid: LikelihoodGrid, points: Float64, search: _Search, excluded: _Excluded
 ) -> tuple[Float64, float]:  # pragma: no cover - compiled

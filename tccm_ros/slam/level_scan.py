@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar
+from tccm_ros.kernels import kernel
 from tccm_ros.records import PosedScan
 from tccm_ros.sensors.laser_scan import project_level
 
@@ -89,7 +89,7 @@ def make_level_scan(posed: PosedScan, config: Config) -> LevelScan:
     return LevelScan(posed.scan.stamp_ns, odom, beams, origin, points, normals, posed.has_odometry)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def thin_with_normals(
     beams: Float64, origin: Float64, step: float
 ) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
@@ -129,7 +129,7 @@ def thin_with_normals(
     return points, normals
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _fit_normal(
     points: Float64, i: int, origin: Float64, step: float, times: int, normals: Float64
 ) -> bool:  # pragma: no cover - compiled

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, UInt8
+from tccm_ros.kernels import kernel
 from tccm_ros.slam.buckets import extent_near_median
 
 CELL = 0.05
@@ -105,7 +105,7 @@ def _blurred_point() -> UInt8:
 _BLURRED = _blurred_point()
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _clear(
     grid: UInt8, origins: Float64, ends: Float64, corner: Float64
 ) -> None:  # pragma: no cover - compiled
@@ -123,7 +123,7 @@ def _clear(
             x, y = x + ux, y + uy
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _draw(grid: UInt8, points: Float64, origin: Float64, stamp: UInt8) -> None:  # pragma: no cover
     for i in range(len(points)):
         cx = int((points[i, 0] - origin[0]) / CELL)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int32
+from tccm_ros.kernels import kernel
 
 SEGMENT = np.dtype(
     [
@@ -25,7 +25,7 @@ MIN_INCIDENCE = 0.15
 over (chosen)."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fit_segments(
     beams: Float64,
     labels: Int32,
@@ -77,7 +77,7 @@ def fit_segments(
     return segments[:count]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fit_segment(
     points: Float64, origin: Float64, sigma: float, segment: Any
 ) -> None:  # pragma: no cover - compiled

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Bool, Float64, Int64
+from tccm_ros.kernels import kernel
 from tccm_ros.slam.buckets import BUCKET, Buckets, extent_near_median, sort_into_buckets
 from tccm_ros.slam.level_scan import LevelScan
 from tccm_ros.slam.se2 import transform_scans
@@ -111,7 +111,7 @@ def make_line_map(poses: Float64, scans: Sequence[LevelScan]) -> LineMap:
     return LineMap(mapped.points, mapped.normals, buckets, confirmed, variances)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _thin(
     points: Float64, normals: Float64, origin: Float64, shape: Int64
 ) -> Int64:  # pragma: no cover - compiled
@@ -140,7 +140,7 @@ def _thin(
     return owner
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _confirmed(mapped: _Seen, buckets: Buckets, seen: _Seen) -> Bool:  # pragma: no cover - compiled
     """Mark the points of a map whose surface another scan saw within ALONG and ACROSS."""
     confirmed, starts = np.zeros(len(mapped.points), np.bool_), buckets.starts

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int32, Int64
+from tccm_ros.kernels import kernel
 
 MIN_MERGE_COSINE = 0.996
 """Cosine of the largest angle (5 deg) between pieces that are merged (chosen)."""
@@ -14,7 +14,7 @@ MERGE_TOLERANCE = 1.5
 """Distance of a point from the chord of merged pieces, in distances of a single one (chosen)."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def split_segments(
     beams: Float64, distance: float, max_gap: float, min_points: int
 ) -> Int32:  # pragma: no cover - compiled
@@ -82,14 +82,14 @@ def split_segments(
     return labels
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _gap2(points: Float64, i: int, j: int) -> float:  # pragma: no cover - compiled
     """Return the squared distance of two points."""
     dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
     return dx * dx + dy * dy
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _seam(beams: Float64, max_gap: float) -> int:  # pragma: no cover - compiled
     """Return the first point: 0, or, where the scan closes on itself, the one after the first gap.
 
@@ -109,7 +109,7 @@ def _seam(beams: Float64, max_gap: float) -> int:  # pragma: no cover - compiled
     return where
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _farthest(points: Float64, a: int, b: int) -> tuple[float, int]:  # pragma: no cover - compiled
     """Return the largest distance from the chord a..b, and where."""
     px, py = points[a, 0], points[a, 1]
@@ -130,7 +130,7 @@ def _farthest(points: Float64, a: int, b: int) -> tuple[float, int]:  # pragma: 
     return np.sqrt(far), where
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _merge(
     points: Float64, pieces: Int64, start: int, count: int, distance: float
 ) -> int:  # pragma: no cover - compiled

@@ -15,11 +15,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from scipy.sparse import coo_matrix, csc_matrix
 from scipy.sparse.linalg import splu
 
 from tccm_ros.arrays import Float64, Int64
+from tccm_ros.kernels import kernel
 
 
 def marginal_blocks(A: csc_matrix, dims: Int64) -> list[Float64]:
@@ -85,7 +85,7 @@ def _order(H: csc_matrix) -> Int64:
     return np.argsort(factor.perm_c)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _tree(indptr: Any, indices: Any) -> Any:
     """Return the elimination tree of a symmetric matrix, and the entries below each diagonal of L.
 
@@ -110,7 +110,7 @@ def _tree(indptr: Any, indices: Any) -> Any:
     return parents, counts
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _factor(indptr: Any, indices: Any, data: Any, parents: Any, firsts: Any) -> Any:
     """Return L (rows and values below the diagonal, by column) and D of a symmetric matrix."""
     n = len(indptr) - 1
@@ -149,7 +149,7 @@ def _factor(indptr: Any, indices: Any, data: Any, parents: Any, firsts: Any) -> 
     return rows, L, D
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _selected_inverse(firsts: Any, rows: Any, L: Any, D: Any) -> Any:
     """Return the entries of (L D L')^-1 on the pattern of L, and its diagonal."""
     n = len(D)
@@ -177,7 +177,7 @@ def _selected_inverse(firsts: Any, rows: Any, L: Any, D: Any) -> Any:
     return Z, diagonal
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _blocks(firsts: Any, rows: Any, Z: Any, diagonal: Any, place: Any, starts: Any) -> Any:
     """Return the diagonal blocks of the inverse, one after the other, row by row."""
     size = 0

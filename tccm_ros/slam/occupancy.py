@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from tccm_ros.arrays import Float64, Int32
 from tccm_ros.geometry import transform2
+from tccm_ros.kernels import kernel
 
 RESOLUTION_M = 0.05
 """Edge of a cell, m; chosen: that of an ordinary costmap."""
@@ -76,7 +76,7 @@ def occupancy_grid(
     return OccupancyGrid(cells, resolution, low)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _trace(starts: Float64, ends: Float64, hits: Int32, passed: Int32) -> None:
     """Count in each cell (row y, column x) the beams that ended there and that passed.
 

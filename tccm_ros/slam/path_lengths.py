@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int64
+from tccm_ros.kernels import kernel
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.loop_matching import Proposal
 
@@ -60,7 +60,7 @@ class PathLengths:
         return lengths_from(k, self._steps[: k + 1], self._loops, self._loop_lengths)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def lengths_from(
     start: int, steps: Float64, loops: Int64, loop_lengths: Float64
 ) -> Float64:  # pragma: no cover - compiled

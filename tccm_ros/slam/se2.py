@@ -8,17 +8,17 @@ other. Poses are float64 (3,) of (x, y, yaw), m and rad; yaw is wrapped to [-pi,
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int64
+from tccm_ros.kernels import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _wrap(angle: float) -> float:  # pragma: no cover - compiled
     return angle - 2.0 * np.pi * np.rint(angle / (2.0 * np.pi))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def compose(a: Float64, b: Float64) -> Float64:  # pragma: no cover - compiled
     """Return a * b."""
     c, s = np.cos(a[2]), np.sin(a[2])
@@ -29,7 +29,7 @@ def compose(a: Float64, b: Float64) -> Float64:  # pragma: no cover - compiled
     return result
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def inverse(a: Float64) -> Float64:  # pragma: no cover - compiled
     """Return the inverse of a."""
     c, s = np.cos(a[2]), np.sin(a[2])
@@ -39,13 +39,13 @@ def inverse(a: Float64) -> Float64:  # pragma: no cover - compiled
     return result
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def between(a: Float64, b: Float64) -> Float64:  # pragma: no cover - compiled
     """Return b in a: inverse(a) * b."""
     return compose(inverse(a), b)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def transform_points(pose: Float64, points: Float64) -> Float64:  # pragma: no cover - compiled
     """Return points (N, 2) in the parent frame of `pose`."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
@@ -56,7 +56,7 @@ def transform_points(pose: Float64, points: Float64) -> Float64:  # pragma: no c
     return result
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def transform_scans(
     poses: Float64, counts: Int64, points: Float64, normals: Float64
 ) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
@@ -85,7 +85,7 @@ def transform_scans(
     return moved, rotated
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def rotate_covariance(cov: Float64, yaw: float) -> Float64:  # pragma: no cover - compiled
     """Rotate a covariance or information (3, 3) of (x, y, yaw) into the parent frame.
 
@@ -96,7 +96,7 @@ def rotate_covariance(cov: Float64, yaw: float) -> Float64:  # pragma: no cover 
     return R @ cov @ np.ascontiguousarray(R.T)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fuse(information: Float64, yaw: float, cov: Float64) -> Float64:  # pragma: no cover
     """Add information to a covariance (the update of a Kalman filter).
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int64
+from tccm_ros.kernels import kernel
 from tccm_ros.slam.buckets import BUCKET, Buckets
 from tccm_ros.slam.level_scan import FLATNESS
 
@@ -27,7 +27,7 @@ MOMENTS = np.dtype([(name, np.float64) for name in ("n", "x", "y", "xx", "xy", "
 """Number of points, and the sums of their coordinates and of the products of these."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def mean_normals(
     normals: Float64, owner: Int64
 ) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
@@ -69,7 +69,7 @@ def mean_normals(
     return total, np.where(count > 0.0, scatter / np.maximum(count, 1.0), 0.0)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def fit_missing_normals(
     points: Float64,
     normals: Float64,
@@ -119,7 +119,7 @@ def fit_missing_normals(
             _fit(points[k], lasers[k], moments[k], normals[k], variances[k : k + 1])
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _count_in(m: Any, dx: float, dy: float) -> None:  # pragma: no cover - compiled
     """Add a point's moments."""
     m.n += 1.0
@@ -130,7 +130,7 @@ def _count_in(m: Any, dx: float, dy: float) -> None:  # pragma: no cover - compi
     m.yy += dy * dy
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _fit(
     point: Float64, laser: Float64, m: Any, normal: Float64, variance: Float64
 ) -> None:  # pragma: no cover - compiled
@@ -151,6 +151,6 @@ def _fit(
     variance[0] = thick / ((n - 2.0) * long)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _is_zero(normals: Float64, i: int) -> bool:  # pragma: no cover - compiled
     return bool(normals[i, 0] == 0.0 and normals[i, 1] == 0.0)

@@ -6,9 +6,9 @@ A point that scans see through has moved. A pose from which a scan sees through 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int64
+from tccm_ros.kernels import kernel
 
 SECTORS = 512
 """Sectors around a laser, 0.5 to 1 degree wide. Beam ends nearer than 2 m, averaged over 4 cm,
@@ -19,7 +19,7 @@ MARGIN = 0.2
 oblique walls explain (chosen)."""
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def passes_and_hits(
     points: Float64, origins: Float64, counts: Int64, ends: Float64
 ) -> tuple[Int64, Int64]:  # pragma: no cover - compiled
@@ -63,7 +63,7 @@ def passes_and_hits(
     return passes, hits
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _sector(x: float, y: float) -> int:  # pragma: no cover - compiled
     """Return the sector of a direction; they divide a square's edge, which needs no arctangent."""
     size = abs(x) + abs(y)

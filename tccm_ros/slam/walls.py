@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import wrap_angle
+from tccm_ros.kernels import kernel
 from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.se2 import transform_points
 
@@ -155,7 +155,7 @@ class _Gates(NamedTuple):
     max_gap: float
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _pool(w: Any, a: Float64, b: Float64, facing: float) -> None:  # pragma: no cover
     """Add the segment a-b to a wall of dtype `POOLED`, but for its extent."""
     length = np.hypot(b[0] - a[0], b[1] - a[1])
@@ -178,7 +178,7 @@ def _pool(w: Any, a: Float64, b: Float64, facing: float) -> None:  # pragma: no 
     w.rho = np.cos(phi) * mx + np.sin(phi) * my
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _extend(w: Any, ends: Float64) -> None:  # pragma: no cover - compiled
     nx, ny = np.cos(w.phi), np.sin(w.phi)
     for e in range(2):
@@ -186,7 +186,7 @@ def _extend(w: Any, ends: Float64) -> None:  # pragma: no cover - compiled
         w.low, w.high = min(w.low, t), max(w.high, t)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _mismatch(
     w: Any, segments: _Segments, i: int, gates: _Gates
 ) -> float:  # pragma: no cover - compiled
@@ -207,7 +207,7 @@ def _mismatch(
     return chi2 if chi2 < GATE_CHI2 else np.inf
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _associate(
     segments: _Segments, gates: _Gates
 ) -> tuple[Int64, Any]:  # pragma: no cover - compiled
@@ -244,7 +244,7 @@ def _associate(
     return wall, pooled[:count].copy()
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _keep_compatible(
     wall: Int64, lines: range, segments: _Segments, pooled: Any, gates: _Gates
 ) -> None:  # pragma: no cover - compiled
@@ -286,7 +286,7 @@ def _keep_compatible(
         wall[where] = -2
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _residual(
     row: int, segments: _Segments, i: int, w: Any, J: Float64
 ) -> float:  # pragma: no cover - compiled

@@ -16,9 +16,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Bool, Float64, Int64
+from tccm_ros.kernels import kernel
 from tccm_ros.surfaces.patch_planes import EFFECTIVE_POINTS, FLATNESS, GATE, PatchPlanes
 from tccm_ros.union_find import find_root, merge_sets
 
@@ -55,7 +55,7 @@ def patch_clouds(clouds: Sequence[Float64]) -> PatchClouds:
     return PatchClouds(points, offsets, np.array(boxes).reshape(-1, 2, 3))
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _near_boxes(boxes: Float64, order: Int64, distance: float, pairs: Int64) -> int:
     """Write the pairs of boxes within `distance` along every axis; return how many there are."""
     found = 0
@@ -124,7 +124,7 @@ class _Grid(NamedTuple):
     indices: Int64
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _shape(box: Float64, count: int, edge: float) -> tuple[float, int, int]:
     """Choose the edge of a patch's grid, at least `edge`, so that it has few empty cells."""
     while True:
@@ -135,7 +135,7 @@ def _shape(box: Float64, count: int, edge: float) -> tuple[float, int, int]:
         edge *= 2.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _grid(clouds: PatchClouds, p: int, min_edge: float) -> _Grid:
     """Sort the points of a patch into cells."""
     points, box = clouds.points, clouds.boxes[p]
@@ -158,7 +158,7 @@ def _grid(clouds: PatchClouds, p: int, min_edge: float) -> _Grid:
     return _Grid(box, edge, nx, ny, starts, indices)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _mark_near(
     clouds: PatchClouds,
     p: int,
@@ -204,7 +204,7 @@ def _mark_near(
     return found
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _agree(
     clouds: PatchClouds,
     meets: Bool,
@@ -244,7 +244,7 @@ def _agree(
     return abs(step) <= min(GATE * np.sqrt(variance), max_step)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def connect(
     clouds: PatchClouds, pairs: Int64, distance: float, planes: PatchPlanes, max_step: float
 ) -> Int64:

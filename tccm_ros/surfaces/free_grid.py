@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Bool, Float32, Float64, Int64
 from tccm_ros.cuboids.free_columns import KEY_STEP, FreeColumns
+from tccm_ros.kernels import kernel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,7 +97,7 @@ class FreeGrid:
         return _look(points, T, max_range, margins, *grid)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _moved(point, T):  # type: ignore[no-untyped-def]
     """Return a point in another frame."""
     x, y, z = np.float64(point[0]), np.float64(point[1]), np.float64(point[2])
@@ -108,7 +108,7 @@ def _moved(point, T):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _is_free(x, y, z, margin, cell_size, corner, first, low, high):  # type: ignore[no-untyped-def]
     """Return whether a point lies in a free interval, `margin` m from its ends."""
     i = np.int64(np.floor(x / cell_size)) - corner[0]
@@ -121,7 +121,7 @@ def _is_free(x, y, z, margin, cell_size, corner, first, low, high):  # type: ign
     return False
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _touches(  # type: ignore[no-untyped-def]
     points, T, max_range, margins, is_near_enough, cell_size, corner, first, low, high
 ):
@@ -135,7 +135,7 @@ def _touches(  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _look(points, T, max_range, margins, cell_size, corner, first, low, high):  # type: ignore[no-untyped-def]
     moved = np.empty((len(points), 3))
     through = np.zeros(len(points), np.bool_)

@@ -10,10 +10,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Bool, Float64, Int32, Int64
 from tccm_ros.cuboids.cuboids import CuboidArrays
+from tccm_ros.kernels import kernel
 from tccm_ros.outlines.raster import ROOT3
 from tccm_ros.outlines.rings import is_inside
 from tccm_ros.union_find import find_root, merge_sets
@@ -45,7 +45,7 @@ class LooseCuboids(NamedTuple):
     cell: float
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def loose_cuboids(arrays: tuple[Any, ...], labels: Int32, structure: Bool) -> LooseCuboids:
     """Return the cuboids that belong to no surface and no wall, all free.
 
@@ -83,7 +83,7 @@ def loose_cuboids(arrays: tuple[Any, ...], labels: Int32, structure: Bool) -> Lo
     return LooseCuboids(column, points, mean, low, high, np.ones(n, np.bool_), cell * tick)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def cuboids_above(
     loose: LooseCuboids, hull: Float64, normal: Float64, offset: float, min_height: float
 ) -> Int64:
@@ -115,7 +115,7 @@ def cuboids_above(
     return chosen[:n].copy()
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def cluster_footprints(mean: Float64, chosen: Int64, gap: float) -> tuple[Int64, Int64]:
     """Group cuboids whose means come within a gap of each other, seen from above.
 
@@ -182,7 +182,7 @@ def cluster_footprints(mean: Float64, chosen: Int64, gap: float) -> tuple[Int64,
     return members, starts[: groups + 1]
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def footprint_corners(low: Float64, high: Float64, members: Int64) -> Float64:
     """Return the corners of the footprints of some cuboids.
 
@@ -206,7 +206,7 @@ def footprint_corners(low: Float64, high: Float64, members: Int64) -> Float64:
     return out
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def convex_hull(points: Float64) -> Float64:
     """Return the convex hull (H, 2) of points (N, 2), counter-clockwise, by a monotone chain.
 
@@ -234,7 +234,7 @@ def convex_hull(points: Float64) -> Float64:
     return hull[:used].copy()
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def rectangle(hull: Float64) -> tuple[float, float, float, float, float]:
     """Return centre x and y, length, width and yaw of the smallest rectangle around a hull.
 
@@ -273,7 +273,7 @@ def rectangle(hull: Float64) -> tuple[float, float, float, float, float]:
     return x, y, length, width, yaw
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def point_to_side(px: float, py: float, ring: Float64, i: int, j: int) -> float:
     """Return the squared distance of a point from a side of a ring.
 
@@ -294,7 +294,7 @@ def point_to_side(px: float, py: float, ring: Float64, i: int, j: int) -> float:
     return x * x + y * y
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def distance_to_ring(shape: Float64, ring: Float64) -> float:
     """Return the distance of a shape from what a ring encloses; 0 where they overlap.
 
@@ -323,7 +323,7 @@ def distance_to_ring(shape: Float64, ring: Float64) -> float:
     return math.sqrt(nearest)
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def sides_cross(p: Float64, q: Float64, r: Float64, s: Float64) -> bool:
     """Return whether two sides cross, at a point that is no end of either.
 

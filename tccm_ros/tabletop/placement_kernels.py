@@ -9,12 +9,12 @@ cannot hold the best are left out, the others divided (as `polylabel` does for a
 import math
 
 import numpy as np
-from numba import njit
 
 from tccm_ros.arrays import Float64
+from tccm_ros.kernels import kernel
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def box_clearance(
     sides: Float64, x: float, y: float, half_x: float, half_y: float, enough: float
 ) -> float:
@@ -53,7 +53,7 @@ def box_clearance(
     return math.sqrt(nearest2) if inside and len(sides) else 0.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _segment_to_box2(
     ax: float, ay: float, bx: float, by: float, half_x: float, half_y: float
 ) -> float:
@@ -86,7 +86,7 @@ def _segment_to_box2(
     return nearest2
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def best_position(
     sides: Float64,
     half: Float64,

@@ -13,9 +13,9 @@ from itertools import pairwise
 
 import numpy as np
 import plan
-from numba import njit
 from numpy.typing import NDArray
 
+from tccm_ros.kernels import kernel
 from tccm_ros.records import PosedScan, Scan
 from tccm_ros.slam.solution import Solution
 
@@ -75,7 +75,7 @@ class Robot:
     missing: float = 0.0
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def cast(
     walls: Float64, glass: Float64, x: float, y: float, angles: Float64, dice: Float64
 ) -> Float64:  # pragma: no cover - compiled

@@ -1,4 +1,4 @@
-"""After a node's warm-up nothing is compiled or read from numba's cache any more."""
+"""After a node's warm-up nothing is compiled or read from disk any more."""
 
 import subprocess
 import sys

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import numba as nb
 import numpy as np
 from numpy.random import Generator
 
 from tccm_ros.arrays import Float64
+from tccm_ros.kernels import kernel
 
 # All chosen, in the range of small robots.
 STEP = 0.01  # s, between the samples of a drive
@@ -183,7 +183,7 @@ def wheel_odometry(
     return np.column_stack([x, y, yaw])
 
 
-@nb.njit(nogil=True, cache=True)
+@kernel
 def _low_pass(values: Float64, gain: float) -> Float64:
     """Return a first-order low pass of each column."""
     result = np.zeros_like(values)
@@ -192,18 +192,18 @@ def _low_pass(values: Float64, gain: float) -> Float64:
     return result
 
 
-@nb.njit(nogil=True, cache=True)
+@kernel
 def _wrap(angle: float) -> float:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
-@nb.njit(nogil=True, cache=True)
+@kernel
 def _towards(value: float, wanted: float, limit: float) -> float:
     """Move a speed towards the wanted one by at most `limit`."""
     return value + min(max(wanted - value, -limit), limit)
 
 
-@nb.njit(nogil=True, cache=True)
+@kernel
 def _follow(goals: Float64, top_speed: float) -> tuple[Float64, Float64, Float64]:
     """Follow way points (x, y, heading or nan, pause): states (T, 3), speeds (T, 2), stops (S, 2).
 

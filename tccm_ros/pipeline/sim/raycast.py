@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.arrays import Float64, Int64
+from tccm_ros.kernels import kernel
 
 ABSENT, BOX, CYLINDER = -1, 0, 1
 FACES = 6
@@ -80,7 +80,7 @@ class Grid(NamedTuple):
     everywhere: Int64
 
 
-@nb.njit(nogil=True, cache=True)
+@kernel
 def _hit_box(o: Float64, d: Float64, half: Float64) -> tuple[float, int]:
     """Return (distance, face) where a ray in the box's frame enters it; (-1, 0) if it misses."""
     near, far, face = -np.inf, np.inf, 0
@@ -99,7 +99,7 @@ def _hit_box(o: Float64, d: Float64, half: Float64) -> tuple[float, int]:
     return near, face
 
 
-@nb.njit(nogil=True, cache=True)
+@kernel
 def _hit_cylinder(o: Float64, d: Float64, half: Float64) -> tuple[float, int]:
     """Return (distance, face) where a ray in the cylinder's frame enters it; (-1, 0) if not."""
     radius, height = half[0], half[2]
@@ -121,7 +121,7 @@ def _hit_cylinder(o: Float64, d: Float64, half: Float64) -> tuple[float, int]:
     return t, 0
 
 
-@nb.njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _try_solids(
     items: Int64,
     solids: Solids,
@@ -165,7 +165,7 @@ def _try_solids(
     return best, code
 
 
-@nb.njit(nogil=True, cache=True, inline="always")
+@kernel(inline="always")
 def _walk(
     solids: Solids,
     grid: Grid,
@@ -217,7 +217,7 @@ def _walk(
     return best, code
 
 
-@nb.njit(nogil=True, cache=True)
+@kernel
 def cast(
     solids: Solids,
     grid: Grid,

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from math import cos, sin
 
-import numba as nb
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tccm_ros.arrays import Float64
+from tccm_ros.kernels import kernel
 
 
 def rotation_rpy(roll: float, pitch: float, yaw: float) -> Float64:
@@ -66,7 +66,7 @@ def quaternion_xyzw(T_a_b: Float64) -> Float64:
     return q / (np.linalg.norm(q) * (-1.0 if q[3] < 0.0 else 1.0))
 
 
-@nb.njit(nogil=True, cache=True)
+@kernel
 def chain_poses(origins: Float64, axes: Float64, angles: Float64) -> Float64:
     """Return the poses of the end of a chain of joints.
 
@@ -100,7 +100,7 @@ def chain_poses(origins: Float64, axes: Float64, angles: Float64) -> Float64:
     return poses
 
 
-@nb.njit(nogil=True, cache=True)
+@kernel
 def _multiply(A: Float64, B: Float64, product: Float64) -> None:
     """Write the product of the upper left (3, 3) of A and B."""
     for i in range(3):
@@ -108,7 +108,7 @@ def _multiply(A: Float64, B: Float64, product: Float64) -> None:
             product[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
 
 
-@nb.njit(nogil=True, cache=True)
+@kernel
 def _rotate_about(axis: Float64, angle: float, R: Float64) -> None:
     """Write the rotation by `angle` about `axis` (Rodrigues) to R; a zero axis gives identity."""
     x, y, z = axis

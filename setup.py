@@ -25,6 +25,9 @@ setup(
         (f"share/{PACKAGE}/launch", files("launch", "*.py")),
     ],
     python_requires=">=3.11",
+    extras_require={
+        "fleet": ["dask[distributed]>=2025.1", "duckdb>=1.1", "fsspec>=2025.1", "pyarrow>=16"],
+    },
     zip_safe=False,
     maintainer="tccm_ros maintainers",
     maintainer_email="maintainers@example.org",

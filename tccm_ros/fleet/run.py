@@ -20,6 +20,7 @@ from tccm_ros.errors import FleetError, OutputError, one_line
 from tccm_ros.fleet.cluster import Workers, connected
 from tccm_ros.fleet.kernels import compile_kernels
 from tccm_ros.fleet.layout import FleetFolder
+from tccm_ros.fleet.page import write_page
 from tccm_ros.fleet.record import Failure
 from tccm_ros.fleet.recordings import Recording, find_recordings
 from tccm_ros.fleet.task import Job, Outcome, TaskResult, is_done, process
@@ -65,6 +66,7 @@ class FleetSummary:
             f"{counts[Outcome.FAILED]} failed in {self.seconds:.0f} s"
         )
         lines.append(f"results   {folder.recordings}")
+        lines.append(f"page      {folder.page}  (open it in a browser)")
         return "\n".join(lines)
 
 
@@ -124,6 +126,7 @@ def run_fleet(
     finally:
         with suppress(OSError):
             remove_unfinished(folder.recordings)
+        write_page(folder)
     summary.seconds = round(time.monotonic() - begin, 3)
     return summary
 

@@ -16,7 +16,7 @@ setup(
     name=PACKAGE,
     version="0.1.0",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed", "pipeline/report/viewer/*"]},
+    package_data={PACKAGE: ["py.typed", "pipeline/report/viewer/*", "fleet/viewer/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -25,6 +25,9 @@ setup(
         (f"share/{PACKAGE}/launch", files("launch", "*.py")),
     ],
     python_requires=">=3.11",
+    extras_require={
+        "fleet": ["dask[distributed]>=2025.1", "duckdb>=1.1", "fsspec>=2025.1", "pyarrow>=16"],
+    },
     zip_safe=False,
     maintainer="tccm_ros maintainers",
     maintainer_email="maintainers@example.org",

@@ -81,7 +81,7 @@ def output_folder(out: Path | str, *, is_replaced: bool = False) -> Iterator[Pat
     try:
         home = _home(out)
         finish_moves(out)
-        _remove_unfinished(home, out.name)
+        remove_unfinished(home, out.name)
         made, lock = _make(home, out.name)
     except OSError as error:
         raise OutputError(f"{out}: cannot be written ({one_line(error)})") from None
@@ -120,6 +120,25 @@ def finish_moves(out: Path) -> None:
                     os.close(lock)
 
 
+def remove_unfinished(home: Path, name: str = "") -> None:
+    """Remove incomplete folders of processes that have ended.
+
+    Parameters
+    ----------
+    home
+        Folder that contains them.
+    name
+        Name of the folder that was being written; empty: any.
+    """
+    for entry in os.listdir(home):
+        written, mark, _ = entry.rpartition(UNFINISHED)
+        if mark and written.startswith(".") and name in ("", written[1:]):
+            with suppress(OSError):
+                lock = _lock(home / entry, is_patient=False)
+                shutil.rmtree(home / entry, ignore_errors=True)
+                os.close(lock)
+
+
 def _home(out: Path) -> Path:
     """Return where the temporary folder is made: beside `out` or, if that is impossible, in it."""
     if out.exists() and not out.is_dir():
@@ -155,16 +174,6 @@ def _lock(folder: Path, *, is_patient: bool = True) -> int:
     except OSError:  # a file system without locks
         pass
     return descriptor
-
-
-def _remove_unfinished(home: Path, name: str) -> None:
-    """Remove incomplete folders of processes that have ended."""
-    for entry in os.listdir(home):
-        if entry.startswith(f".{name}{UNFINISHED}"):
-            with suppress(OSError):
-                lock = _lock(home / entry, is_patient=False)
-                shutil.rmtree(home / entry, ignore_errors=True)
-                os.close(lock)
 
 
 def _move(made: Path, ready: Path, out: Path) -> None:

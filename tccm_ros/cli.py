@@ -74,6 +74,60 @@ def replay(
 
 
 @app.command()
+def fleet(
+    bags: Annotated[
+        list[str],
+        typer.Argument(help="bags, folders, patterns, URLs; '-' reads them from standard input"),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="folder of the fleet")],
+    workers: Annotated[int, typer.Option(min=1, help="processes on this machine")] = 1,
+    memory: Annotated[
+        str, typer.Option(help="memory limit of a worker, for example 4GiB; auto: an equal part")
+    ] = "auto",
+    scheduler: Annotated[
+        str, typer.Option(help="a running Dask scheduler in place of these: tcp://host:port")
+    ] = "",
+    config: ConfigOption = None,
+    set: SetOption = [],  # noqa: B006
+    remap: RemapOption = [],  # noqa: B006
+    pictures: Annotated[bool, typer.Option(help="draw pictures and reports")] = True,
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Replay many recordings, on many workers; run again, it goes on with what is not done.
+
+    Status 1 where a recording failed. Needs the extra: pip install 'tccm_ros[fleet]'.
+    """
+    from tccm_ros.fleet.extra import check_installed
+
+    check_installed()
+    from tccm_ros.config.reader import read_config
+    from tccm_ros.fleet.cluster import Workers
+    from tccm_ros.fleet.run import run_fleet
+    from tccm_ros.progress import progress
+
+    settings = read_config(config, set)
+    sources = [source for bag in bags for source in (_lines() if bag == "-" else [bag])]
+    try:
+        with progress(quiet or as_json) as bars:
+            summary = run_fleet(
+                sources,
+                out,
+                settings,
+                workers=Workers(workers, memory, scheduler),
+                remap=remap,
+                pictures=pictures,
+                bars=bars,
+            )
+    except KeyboardInterrupt:
+        typer.echo("tccm: stopped; run the same command again to go on", err=True)
+        raise typer.Exit(130) from None
+    _tell(summary.to_json(), summary.text(), quiet, as_json)
+    if summary.failures:
+        raise typer.Exit(1)
+
+
+@app.command()
 def info(path: BagArgument, as_json: JsonOption = False) -> None:
     """Show the contents of a bag and what a replay of it would miss, or those of a saved map."""
     from tccm_ros.pipeline.info import bag_info
@@ -240,6 +294,10 @@ def parameters() -> None:
     from tccm_ros.config.reference import as_yaml
 
     typer.echo(as_yaml(), nl=False)
+
+
+def _lines() -> list[str]:
+    return [line.strip() for line in sys.stdin if line.strip()]
 
 
 def _settings(texts: list[str]) -> dict[str, str]:

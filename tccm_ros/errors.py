@@ -44,6 +44,10 @@ class OutputError(TccmError):
     """A file or folder that cannot be written."""
 
 
+class FleetError(TccmError):
+    """A fleet of recordings, a catalogue or a merge of maps that cannot be processed."""
+
+
 class MessageError(TccmError):
     """A message whose content contradicts itself or cannot be used."""
 

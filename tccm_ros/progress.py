@@ -84,6 +84,8 @@ class _Rate(ProgressColumn):
             return Text("")
         if task.fields["unit"] == "s":  # seconds of a recording in a second
             return Text(f"{speed:.1f} x real time")
+        if speed < 1.0 and task.fields["unit"] != "%":  # tasks that take longer than a second
+            return Text(f"{60.0 * speed:.1f} {task.fields['unit']}/min")
         return Text(f"{speed:.0f} {task.fields['unit']}/s")
 
 

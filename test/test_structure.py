@@ -37,6 +37,7 @@ ROOMS = [
     "results",
     "pipeline",
     "nodes",
+    "fleet",
     "cli",
 ]
 """Top to bottom; a module imports only what stands above it, or its own room."""

@@ -226,7 +226,7 @@ def _summary(outcome: Outcome, objects: int) -> SummaryFile:
     surfaces = count_surfaces(solution.surfaces)
     accepted = sum(loop.accepted for loop in solution.slam.loops)
     return SummaryFile(
-        versions=_versions(),
+        versions=software_versions(),
         bag_duration=round(outcome.bag_duration, 6),
         session=SessionEntry(SessionKind.NEW if outcome.continues_map else SessionKind.FIRST),
         counts=CountsEntry(
@@ -249,7 +249,8 @@ def _summary(outcome: Outcome, objects: int) -> SummaryFile:
     )
 
 
-def _versions() -> dict[str, str]:
+def software_versions() -> dict[str, str]:
+    """Return the versions of the package, of Python and of the libraries that compute results."""
     found = {"tccm_ros": __version__, "python": platform.python_version()}
     for name in LIBRARIES:
         try:

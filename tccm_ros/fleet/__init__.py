@@ -1,0 +1,1 @@
+"""Many recordings and many maps: runs on Dask distributed, a catalogue, one map of many."""

@@ -1,0 +1,102 @@
+"""The workers of a fleet: processes of this machine, or those of a scheduler that runs already."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from tempfile import TemporaryDirectory
+
+import dask
+from distributed import Client, LocalCluster
+
+from tccm_ros.errors import FleetError, one_line
+
+MAX_DEATHS = 2
+"""A recording whose workers die is tried on another one this often, then set aside."""
+
+START_TIMEOUT_S = 60.0
+"""A scheduler that has no worker for so long has none (chosen)."""
+
+SETTINGS = {
+    "distributed.scheduler.allowed-failures": MAX_DEATHS,
+    # One task a worker: a task that waits beside one whose worker dies would be blamed, too.
+    "distributed.scheduler.worker-saturation": 1.0,
+    # A solver may hold the interpreter for minutes: a worker that is silent is not dead.
+    "distributed.scheduler.worker-ttl": None,
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
+    "distributed.worker.memory.terminate": 0.95,
+    "distributed.comm.timeouts.connect": "30s",
+}
+"""Of a cluster on this machine."""
+
+
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """Which workers there are.
+
+    Attributes
+    ----------
+    count
+        Processes on this machine.
+    memory
+        Limit of each, as Dask reads it (``4GiB``; ``auto``: an equal part of the machine).
+    scheduler
+        Address of a running scheduler, in place of these; empty: none.
+    """
+
+    count: int = 1
+    memory: str = "auto"
+    scheduler: str = ""
+
+
+@contextmanager
+def connected(workers: Workers) -> Iterator[Client]:
+    """Yield a client; a cluster that was started for it ends with it.
+
+    Parameters
+    ----------
+    workers
+        To use.
+
+    Raises
+    ------
+    FleetError
+        Where the scheduler does not answer or has no worker, or the memory limit is no size.
+    """
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    if workers.scheduler:
+        with _running(workers.scheduler) as client:
+            yield client
+        return
+    with dask.config.set(SETTINGS), TemporaryDirectory(prefix="tccm-workers-") as folder:
+        try:
+            cluster = LocalCluster(
+                n_workers=workers.count,
+                threads_per_worker=1,
+                memory_limit=workers.memory,
+                dashboard_address=None,
+                local_directory=folder,
+                silence_logs=logging.CRITICAL,
+            )
+        except (ValueError, TypeError) as error:
+            raise FleetError(f"memory limit '{workers.memory}': {one_line(error)}") from None
+        with cluster, Client(cluster) as client:
+            yield client
+
+
+@contextmanager
+def _running(address: str) -> Iterator[Client]:
+    try:
+        client = Client(address, timeout=START_TIMEOUT_S)
+    except (OSError, ValueError) as error:
+        raise FleetError(f"{address}: no scheduler answers ({one_line(error)})") from None
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=START_TIMEOUT_S)
+        except TimeoutError:
+            raise FleetError(f"{address}: no workers; start some: dask worker {address}") from None
+        yield client

@@ -1,0 +1,140 @@
+"""The page of a fleet: one HTML file with a row for each recording; it loads nothing but pictures.
+
+The pictures and reports that it shows and links to are those in the folders of the recordings.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import astuple, dataclass, fields
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+
+from tccm_ros.atomic import output_file
+from tccm_ros.fleet.layout import FleetFolder
+from tccm_ros.fleet.record import DoneRecord, read_failure, read_record
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A recording on the page; what is not known is None.
+
+    Attributes
+    ----------
+    name, source
+        Of the recording.
+    state
+        ``done`` or ``failed``.
+    reason
+        Why it failed.
+    has_results, pictures
+        Whether there are results, and pictures with them.
+    start, duration
+        Of the recording, s.
+    surfaces, objects, walls, loops, dropped
+        Counts of the replay.
+    seconds
+        Duration of the replay, s.
+    """
+
+    name: str
+    source: str
+    state: str
+    reason: str
+    has_results: bool
+    pictures: bool
+    start: float | None = None
+    duration: float | None = None
+    surfaces: int | None = None
+    objects: int | None = None
+    walls: int | None = None
+    loops: int | None = None
+    dropped: int | None = None
+    seconds: float | None = None
+
+
+def fleet_rows(folder: FleetFolder) -> list[Row]:
+    """Return a row for each recording of a fleet, sorted by name.
+
+    Parameters
+    ----------
+    folder
+        Of the fleet.
+    """
+    rows = {}
+    for path in _entries(folder.recordings):
+        record = read_record(path)
+        if record is not None:
+            rows[path.name] = _done(path, record)
+    for path in _entries(folder.failures):
+        failure, name = read_failure(path), path.stem
+        if failure is not None:
+            older = rows.get(name)
+            has_results, pictures = (older.has_results, older.pictures) if older else (False, False)
+            rows[name] = Row(name, failure.source, "failed", str(failure), has_results, pictures)
+    return [rows[name] for name in sorted(rows)]
+
+
+def _entries(folder: Path) -> list[Path]:
+    if not folder.is_dir():
+        return []
+    return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+
+
+def _done(path: Path, record: DoneRecord) -> Row:
+    counts = record.counts
+    return Row(
+        path.name,
+        record.source,
+        "done",
+        "",
+        True,
+        (path / "map.png").exists(),
+        record.start,
+        record.bag_duration,
+        counts.surfaces,
+        counts.objects,
+        counts.walls,
+        counts.loops_accepted,
+        sum(counts.dropped.values()),
+        record.cost.seconds,
+    )
+
+
+def write_page(folder: FleetFolder) -> Path:
+    """Write the page of a fleet; return its path.
+
+    Parameters
+    ----------
+    folder
+        Of the fleet.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    with output_file(folder.page) as made:
+        made.write_text(page_text(fleet_rows(folder), folder.path.name), encoding="utf-8")
+    return folder.page
+
+
+def page_text(rows: list[Row], name: str) -> str:
+    """Return the page of some rows.
+
+    Parameters
+    ----------
+    rows
+        Of the recordings.
+    name
+        Of the fleet.
+    """
+    tree = {"columns": [f.name for f in fields(Row)], "rows": [astuple(row) for row in rows]}
+    data = json.dumps(tree, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+    viewer = files("tccm_ros.fleet") / "viewer"
+    parts = {n: (viewer / f"page.{n}").read_text(encoding="utf-8") for n in ("html", "css", "js")}
+    title = f"Fleet {name}".replace("&", "&amp;").replace("<", "&lt;")
+    return Template(parts["html"]).substitute(
+        title=title, style=parts["css"].strip(), script=parts["js"].strip(), data=data
+    )

@@ -1,0 +1,188 @@
+"""`tccm fleet`: replay many recordings, each whole or not at all, and go on after any end."""
+
+from __future__ import annotations
+
+import time
+import uuid
+from collections import Counter, deque
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from distributed import Client, Future, wait
+from distributed.scheduler import KilledWorker
+
+from tccm_ros.atomic import remove_unfinished
+from tccm_ros.config import Config
+from tccm_ros.errors import FleetError, OutputError, one_line
+from tccm_ros.fleet.cluster import Workers, connected
+from tccm_ros.fleet.kernels import compile_kernels
+from tccm_ros.fleet.layout import FleetFolder
+from tccm_ros.fleet.page import write_page
+from tccm_ros.fleet.record import Failure
+from tccm_ros.fleet.recordings import Recording, find_recordings
+from tccm_ros.fleet.task import Job, Outcome, TaskResult, is_done, process
+from tccm_ros.progress import Bars, Silent
+
+LOOK_S = 5.0
+"""How often workers that came or went are looked for while no task ends, s (chosen)."""
+
+
+@dataclass(slots=True)
+class FleetSummary:
+    """What became of the recordings of a run.
+
+    Attributes
+    ----------
+    out
+        Folder of the fleet.
+    counts
+        Recordings by outcome.
+    failures
+        Why recordings were set aside, by their names.
+    seconds
+        Duration of the run, s.
+    """
+
+    out: Path
+    counts: Counter[Outcome] = field(default_factory=Counter)
+    failures: dict[str, Failure] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """Return everything as plain data."""
+        failures = [{"source": f.source, "reason": f.reason} for f in self.failures.values()]
+        counts = {outcome.value: self.counts[outcome] for outcome in Outcome}
+        return {"out": str(self.out), **counts, "seconds": self.seconds, "failures": failures}
+
+    def text(self) -> str:
+        """Return a few lines for a terminal."""
+        folder, counts = FleetFolder(self.out), self.counts
+        lines = [f"failed    {f}" for f in self.failures.values()]
+        lines.append(
+            f"{counts[Outcome.DONE]} replayed, {counts[Outcome.UNCHANGED]} unchanged, "
+            f"{counts[Outcome.FAILED]} failed in {self.seconds:.0f} s"
+        )
+        lines.append(f"results   {folder.recordings}")
+        lines.append(f"page      {folder.page}  (open it in a browser)")
+        return "\n".join(lines)
+
+
+def run_fleet(
+    sources: Iterable[str],
+    out: Path | str,
+    config: Config,
+    *,
+    workers: Workers | None = None,
+    remap: Sequence[str] = (),
+    pictures: bool = True,
+    bars: Bars | None = None,
+) -> FleetSummary:
+    """Replay recordings as tasks.
+
+    Parameters
+    ----------
+    sources
+        Paths, folders, patterns or URLs (see `find_recordings`).
+    out
+        Folder of the fleet. Workers on other machines must see it under the same path.
+    config
+        Of every replay.
+    workers
+        To use; None: one.
+    remap, pictures
+        As for `replay`.
+    bars
+        Shows the progress.
+
+    Raises
+    ------
+    FleetError
+        Where there is no recording, or no worker.
+    OutputError
+        If the folder cannot be written.
+    """
+    begin, bars, workers = time.monotonic(), bars or Silent(), workers or Workers()
+    summary = FleetSummary(Path(out).absolute())
+    folder = FleetFolder(summary.out)
+    recordings = find_recordings(sources)
+    _prepare(folder)
+    bars.start("fleet", float(len(recordings)), "recordings")
+    jobs: deque[Job] = deque()
+    for recording in recordings:
+        job = Job(recording, folder.path, config, tuple(remap), pictures)
+        if is_done(job):
+            _note(summary, recording, TaskResult(Outcome.UNCHANGED), bars)
+        else:
+            jobs.append(job)
+    try:
+        if jobs:
+            if not workers.scheduler:
+                compile_kernels(config)
+            with connected(workers) as client:
+                _run(client, jobs, summary, bars)
+    finally:
+        with suppress(OSError):
+            remove_unfinished(folder.recordings)
+        write_page(folder)
+    summary.seconds = round(time.monotonic() - begin, 3)
+    return summary
+
+
+def _prepare(folder: FleetFolder) -> None:
+    """Make the folders; remove what tasks that were killed left in them."""
+    try:
+        for path in (folder.recordings, folder.failures):
+            path.mkdir(parents=True, exist_ok=True)
+        remove_unfinished(folder.recordings)
+    except OSError as error:
+        raise OutputError(f"{folder.path}: cannot be written ({one_line(error)})") from None
+
+
+def _run(client: Client, jobs: deque[Job], summary: FleetSummary, bars: Bars) -> None:
+    """Keep every worker busy with one task, and no more, until all jobs are done."""
+    running: dict[Future, Job] = {}
+    try:
+        while jobs or running:
+            free = max(len(client.nthreads()), 1) - len(running)
+            for _ in range(min(free, len(jobs))):
+                job = jobs.popleft()
+                # A key of its own for each run: the scheduler may remember an earlier one.
+                key = f"{job.recording.name}-{uuid.uuid4().hex}"
+                running[client.submit(process, job, key=key, pure=False)] = job
+            with suppress(TimeoutError):
+                wait(list(running), timeout=LOOK_S, return_when="FIRST_COMPLETED")
+            for future in [f for f in running if f.done()]:
+                _note(summary, running.pop(future).recording, _result(future), bars)
+            if client.status != "running":
+                raise FleetError("the scheduler ended; run the same command again to go on")
+    except BaseException:
+        with suppress(Exception):
+            client.cancel(list(running))
+        raise
+
+
+def _result(future: Future) -> TaskResult:
+    """Return what a task told, or why it could not."""
+    try:
+        result: TaskResult = future.result()
+        return result
+    except KilledWorker as error:
+        tries = error.allowed_failures + 1
+        return TaskResult(Outcome.FAILED, f"its worker died, {tries} times: memory or a crash?")
+    except Exception as error:  # also what the cluster raises where it loses a task
+        return TaskResult(Outcome.FAILED, f"{type(error).__name__}: {one_line(error)}")
+
+
+def _note(summary: FleetSummary, recording: Recording, result: TaskResult, bars: Bars) -> None:
+    """Count a result; write or remove the file of its failure."""
+    path = FleetFolder(summary.out).failure(recording.name)
+    summary.counts[result.outcome] += 1
+    if result.outcome is Outcome.FAILED:
+        summary.failures[recording.name] = Failure(recording.source, result.reason)
+        summary.failures[recording.name].write(path)
+    else:
+        path.unlink(missing_ok=True)
+    bars.advance(1.0)

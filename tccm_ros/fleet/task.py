@@ -1,0 +1,193 @@
+"""The task of one recording: fetch it, replay it, put its results, record and catalogue rows down.
+
+It runs in a worker. A folder of results appears as a whole with its record; a worker that is killed
+before leaves none.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from tccm_ros.atomic import output_folder
+from tccm_ros.config import Config
+from tccm_ros.errors import TccmError, one_line
+from tccm_ros.fleet.kernels import compile_kernels
+from tccm_ros.fleet.layout import FleetFolder
+from tccm_ros.fleet.record import (
+    Cost,
+    DoneRecord,
+    read_record,
+    settings_checksum,
+    software_checksum,
+)
+from tccm_ros.fleet.recordings import (
+    FileState,
+    Recording,
+    content_checksum,
+    file_states,
+    local_copy,
+)
+from tccm_ros.pipeline.replay import Summary, replay
+from tccm_ros.results.trajectory import read_tum
+
+ONE_AT_A_TIME = threading.Lock()
+"""A worker with several threads replays one recording after the other."""
+
+
+class Outcome(StrEnum):
+    """What became of a recording."""
+
+    DONE = "done"
+    UNCHANGED = "unchanged"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What a task is told.
+
+    Attributes
+    ----------
+    recording
+        The recording.
+    out
+        Folder of the fleet, the same on all machines.
+    config
+        Of the replay.
+    remap
+        Topics with other names.
+    pictures
+        Whether pictures and reports are written.
+    """
+
+    recording: Recording
+    out: Path
+    config: Config
+    remap: tuple[str, ...] = ()
+    pictures: bool = True
+
+    @property
+    def results(self) -> Path:
+        """Folder of the recording's results."""
+        return FleetFolder(self.out).results(self.recording.name)
+
+    @property
+    def settings(self) -> str:
+        """Checksum of all that tells a replay how."""
+        return settings_checksum(self.config, remap=self.remap, pictures=self.pictures)
+
+
+@dataclass(frozen=True, slots=True)
+class TaskResult:
+    """What a task tells.
+
+    Attributes
+    ----------
+    outcome
+        What became of the recording.
+    reason
+        Why it failed, one line.
+    """
+
+    outcome: Outcome
+    reason: str = ""
+
+
+def is_done(job: Job) -> bool:
+    """Return whether the results are there and the recording's files look as they did.
+
+    Nothing of the recording is read: the file system tells whether a file has changed.
+    """
+    record = read_record(job.results)
+    if record is None or not record.is_of(job.settings):
+        return False
+    with suppress(OSError, TccmError):
+        return record.files == file_states(job.recording.source)
+    return False
+
+
+def process(job: Job) -> TaskResult:
+    """Replay a recording, unless its results are there; what goes wrong is told, not raised.
+
+    Parameters
+    ----------
+    job
+        What to do.
+    """
+    with ONE_AT_A_TIME:
+        try:
+            return TaskResult(_process(job))
+        except TccmError as error:
+            return TaskResult(Outcome.FAILED, one_line(error))
+        except Exception as error:  # one recording must not end the others
+            text = f"unexpected {type(error).__name__}: {one_line(error)}"
+            return TaskResult(Outcome.FAILED, text)
+
+
+def _process(job: Job) -> Outcome:
+    states = file_states(job.recording.source)  # before it is read: a later change is seen
+    with local_copy(job.recording.source) as bag:
+        if not bag.exists():
+            raise TccmError(f"{job.recording.source}: no such recording")
+        content = content_checksum(bag)
+        record = read_record(job.results)
+        if record is not None and record.is_of(job.settings) and record.content == content:
+            return Outcome.UNCHANGED
+        compile_kernels(job.config)
+        with output_folder(job.results, is_replaced=True) as folder:
+            begin = time.monotonic(), time.process_time()
+            _reset_peak_memory()
+            summary = replay(bag, folder, job.config, remap=job.remap, pictures=job.pictures)
+            cost = _cost(begin, states, folder)
+            _record(job, states, content, summary, cost).write(folder)
+    return Outcome.DONE
+
+
+def _record(
+    job: Job, states: tuple[FileState, ...], content: str, summary: Summary, cost: Cost
+) -> DoneRecord:
+    return DoneRecord(
+        job.recording.source,
+        software_checksum(),
+        job.settings,
+        content,
+        states,
+        summary.content.counts,
+        summary.content.bag_duration,
+        _start(summary.out),
+        cost,
+    )
+
+
+def _start(folder: Path) -> float | None:
+    stamps = read_tum(folder / "trajectory.tum").stamps
+    return float(stamps[0]) if len(stamps) else None
+
+
+def _cost(begin: tuple[float, float], states: tuple[FileState, ...], folder: Path) -> Cost:
+    return Cost(
+        round(time.monotonic() - begin[0], 3),
+        round(time.process_time() - begin[1], 3),
+        _peak_memory(),
+        sum(state.size for state in states),
+        sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()),
+    )
+
+
+def _reset_peak_memory() -> None:
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def _peak_memory() -> int:
+    """Return the largest resident size of this process since the last reset, bytes."""
+    with suppress(OSError):
+        found = re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())
+        return int(found[1]) * 1024 if found else 0
+    return 0

@@ -369,6 +369,13 @@ class SlamNode(SensorNode):
                 f"nobody publishes '{scan}': without a level laser there are no walls and no loop "
                 "closures, and the map drifts as odometry does; start its driver, or remap"
             )
+        for role, laser in self.robot.robot.sensors.items():
+            if laser.posed and laser.mount.is_base:
+                yield (
+                    f"no frames and no odometry: the laser on '{self.resolve_topic_name(role)}' is "
+                    "the base, and moves as matching says; publish tf or a robot description if it "
+                    "is not"
+                )
         if not self.live.is_localised:
             yield "not yet found in the map that was loaded: map -> odom is not published; drive on"
         yield from self.solver.problems()

@@ -179,7 +179,7 @@ class SlamNode(SensorNode):
         if has_scan and live.stamp_ns > self._shown_ns and self.context.ok():
             self._shown_ns = live.stamp_ns
             self.live.odom_frame = self.processor.odom_frame
-            self.live.show(live)
+            self.live.show(live, self.processor.current_covariance())
 
     def _solve_when_due(self) -> None:
         new = self._unsolved
@@ -224,7 +224,10 @@ class SlamNode(SensorNode):
         )
         if not self.solver.is_of_session(solved) or solved.resets != self._resets:
             return
-        self.live.note_solution(solved)
+        self.processor.take(solved.map)
+        self.live.is_localised = solved.is_localised
+        if self._shown_ns >= 0:
+            self.live.correct(self.processor.current_pose())
         self._outputs.publish_solution(solved.messages)
         self._boxes.publish(solved.surfaces, solved.stamp_ns)
         for change in solved.changes:

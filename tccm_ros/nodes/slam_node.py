@@ -179,7 +179,7 @@ class SlamNode(SensorNode):
         if has_scan and live.stamp_ns > self._shown_ns and self.context.ok():
             self._shown_ns = live.stamp_ns
             self.live.odom_frame = self.processor.odom_frame
-            self.live.show(live)
+            self.live.show(live, self.processor.current_covariance())
 
     def _solve_when_due(self) -> None:
         new = self._unsolved
@@ -224,7 +224,10 @@ class SlamNode(SensorNode):
         )
         if not self.solver.is_of_session(solved) or solved.resets != self._resets:
             return
-        self.live.note_solution(solved)
+        self.processor.take(solved.map)
+        self.live.is_localised = solved.is_localised
+        if self._shown_ns >= 0:
+            self.live.correct(self.processor.current_pose())
         self._outputs.publish_solution(solved.messages)
         self._boxes.publish(solved.surfaces, solved.stamp_ns)
         for change in solved.changes:
@@ -369,6 +372,13 @@ class SlamNode(SensorNode):
                 f"nobody publishes '{scan}': without a level laser there are no walls and no loop "
                 "closures, and the map drifts as odometry does; start its driver, or remap"
             )
+        for role, laser in self.robot.robot.sensors.items():
+            if laser.posed and laser.mount.is_base:
+                yield (
+                    f"no frames and no odometry: the laser on '{self.resolve_topic_name(role)}' is "
+                    "the base, and moves as matching says; publish tf or a robot description if it "
+                    "is not"
+                )
         if not self.live.is_localised:
             yield "not yet found in the map that was loaded: map -> odom is not published; drive on"
         yield from self.solver.problems()

@@ -15,9 +15,9 @@ import zlib
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
-from tccm_ros.arrays import Float64
 from tccm_ros.records import Surface
 from tccm_ros.results.map_file import MapContent
+from tccm_ros.slam.tracking import SolvedMap
 
 GRID, GRID_TOPIC = "nav_msgs/msg/OccupancyGrid", "map"
 """For navigation, latched; saved as map.pgm and map.yaml."""
@@ -123,12 +123,10 @@ class Solved(NamedTuple):
         Of the newest event in it.
     content
         How much its map holds.
-    T_map_front
-        float64 (3,), `SurfaceSlam.correction`.
+    map
+        Where it puts this session, its newest keyframe and its walls, for `Tracker.take`.
     is_localised
         Whether the session is in the frame of its map.
-    keyframe
-        Pose float64 (3,) in map and covariance (3, 3) of the newest keyframe.
     changes
         What happened to surfaces since the solution before, a sentence each.
     surfaces
@@ -146,9 +144,8 @@ class Solved(NamedTuple):
     resets: int
     stamp_ns: int
     content: MapContent
-    T_map_front: Float64
+    map: SolvedMap
     is_localised: bool
-    keyframe: tuple[Float64, Float64] | None
     changes: tuple[str, ...]
     surfaces: tuple[Surface, ...]
     messages: dict[str, bytes]

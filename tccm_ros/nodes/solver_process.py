@@ -22,11 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from tccm_ros.arrays import Float64
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, TccmError, one_line
-from tccm_ros.geometry import compose2, planar
 from tccm_ros.nodes.map_folder import map_files, pack_files
 from tccm_ros.nodes.solver_channel import (
     COLLISION_TOPIC,
@@ -144,9 +142,8 @@ class SolverProcess:
                 self._slam.counts["resets"],
                 solution.stamp_ns,
                 MapContent.of(saved, solution),
-                self._slam.correction(solution),
+                self._slam.solved_map(solution),
                 self._slam.is_aligned(solution),
-                self._keyframe(solution),
                 done,
                 self._surfaces if COLLISION_TOPIC in solve.topics else (),
                 self._serialised(solve.topics),
@@ -177,14 +174,6 @@ class SolverProcess:
             cells, size, origin[:2, 3] = grid.cells, grid.resolution, grid.origin
         frame = self._slam.config.frames.map_name
         return grid_message(self._types, solution.stamp_ns, frame, cells, size, origin)
-
-    def _keyframe(self, solution: SurfaceSolution) -> tuple[Float64, Float64] | None:
-        """Return pose in map and covariance of the newest keyframe."""
-        slam, place = solution.slam, solution.alignment
-        if not len(slam.cov_keyframes):
-            return None
-        T_map_session = np.zeros(3) if place is None else planar(place.T_map_session)
-        return compose2(T_map_session, slam.keyframes[-1].pose), slam.cov_keyframes[-1]
 
 
 def _read_map(begin: Begin) -> SavedMap:

@@ -14,6 +14,7 @@ from tccm_ros.pipeline.topics import (
     choose_topics,
     depth_topics,
     first_message,
+    laser_is_base,
     robot_is_described,
 )
 from tccm_ros.records import PointCloud
@@ -31,6 +32,9 @@ CONSEQUENCES = {
     "tf_static": "",
 }
 """What follows where an input is missing, by role."""
+
+OF_FRAMES = ("odom", "robot_description", "tf", "tf_static")
+"""Roles that tell of frames; a level laser without any of them is the base."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +102,13 @@ def _notes(reader: BagReader) -> list[str]:
         for stream in choice.streams
         if stream.mount is MountKind.ANY
     )
-    notes = []
+    is_bare = bool(counts.get(choice.topics["scan"])) and not any(
+        counts.get(choice.topics[role]) for role in OF_FRAMES
+    )
+    notes = [laser_is_base(choice.topics["scan"])] if is_bare else []
     for role, consequence in CONSEQUENCES.items():
+        if is_bare and role in OF_FRAMES:
+            continue
         topic = choice.topics[role]
         if consequence and not counts.get(topic) and not (has_points and role == "tilt_scan"):
             notes.append(f"no {DEFAULT_TOPICS[role]}: {consequence}")

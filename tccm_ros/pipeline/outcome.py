@@ -37,7 +37,7 @@ class Outcome:
     continues_map
         Whether it is a new session of a saved map.
     found_topics
-        One line for each topic that was taken by its type.
+        One line for each topic that was taken by its type, and for a laser that is the base.
     """
 
     config: Config

@@ -63,7 +63,7 @@ class Summary:
     real_time_factor
         Seconds of the bag in a second of processing.
     found_topics
-        One line for each topic that was taken by its type.
+        One line for each topic that was taken by its type, and for a laser that is the base.
     """
 
     out: Path

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from tccm_ros.bags.reader import BagPaths, BagReader
 from tccm_ros.config import Config
 from tccm_ros.errors import BagError, FrameError, MapError, TopicError
 from tccm_ros.pipeline.outcome import Outcome
 from tccm_ros.pipeline.processors import OnCycle, Pipeline
-from tccm_ros.pipeline.topics import TopicChoice, choose_topics
+from tccm_ros.pipeline.topics import TopicChoice, choose_topics, laser_is_base
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Scan
 from tccm_ros.robot import MountKind, Stream
@@ -94,7 +94,7 @@ def run_bag(
             pipeline.dropped + unreadable,
             reader.duration,
             saved is not None,
-            tuple(choice.found),
+            (*choice.found, *_lasers_that_are_bases(pipeline, choice)),
         )
 
 
@@ -157,6 +157,12 @@ def _check_used(pipeline: Pipeline, reader: BagReader, choice: TopicChoice) -> N
                 f"{reader.path}: no {kind} of the {what} could be used: "
                 f"{reasons or 'no tilt cycle'}"
             )
+
+
+def _lasers_that_are_bases(pipeline: Pipeline, choice: TopicChoice) -> Iterator[str]:
+    for role, sensor in pipeline.robot.sensors.items():
+        if sensor.posed and sensor.mount.is_base:
+            yield laser_is_base(choice.topics[role])
 
 
 def _name_of(stream: Stream) -> str:

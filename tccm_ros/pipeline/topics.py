@@ -333,6 +333,14 @@ def robot_is_described(reader: BagReader, topics: Mapping[str, str], robot: Robo
     return robot.frames.model is not None or bool(robot.frames.tf)
 
 
+def laser_is_base(topic: str) -> str:
+    """Return the line that says how a bare laser is mapped."""
+    return (
+        f"{topic} without frames and odometry: the laser is the base, and moves as matching of its "
+        "scans says"
+    )
+
+
 def _robot_inputs() -> Iterator[str]:
     sensors = {stream.role for stream in default_streams()}
     return (role for role in DEFAULT_TOPICS if role not in sensors)

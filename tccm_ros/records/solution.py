@@ -89,6 +89,8 @@ class Wall:
         float64 (2, 2) of (phi, rho), rad and m.
     corners
         Ids of walls that share an endpoint, ascending.
+    is_seen_from_origin
+        Whether it was seen from the side of the origin; each side of a wall is one of its own.
     """
 
     id: int
@@ -98,6 +100,7 @@ class Wall:
     observations: int
     covariance: Float64
     corners: tuple[int, ...] = ()
+    is_seen_from_origin: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)

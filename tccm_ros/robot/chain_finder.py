@@ -78,6 +78,8 @@ class ChainFinder:
         Base frame, None until a chain was found.
     odometry_chain
         From the frame that odometry follows to the base, None where they are the same.
+    is_base
+        Whether the sensor itself is the base: nothing tells of any frame or of odometry.
     """
 
     def __init__(
@@ -89,6 +91,7 @@ class ChainFinder:
     ):
         self.base: str | None = config.frames.base or None
         self.odometry_chain: Chain | None = None
+        self.is_base = False
         self._config = config
         self._kind = kind
         self._frames = frames
@@ -114,6 +117,10 @@ class ChainFinder:
         known = frames_of(edges)
         if source == "auto" and laser not in known and self._has_rig():
             return self._rig_chain() if final else None
+        self.is_base = self._has_no_frames(known)
+        if self.is_base:
+            self.base = laser
+            return Chain(np.eye(4)[None], ()) if final else None
         base = self._find_base(laser, known, model)
         if source == "auto" and self._is_silent(base, laser, edges):
             if not final:
@@ -122,6 +129,11 @@ class ChainFinder:
         self.base = base
         self.odometry_chain = self._odometry_chain(base, known, edges)
         return build_chain(find_path(base, laser, edges), self.reading)
+
+    def _has_no_frames(self, known: set[str]) -> bool:
+        """Return whether a level laser is all that there is: then it is the base."""
+        is_alone = not known and not self._frames.odometry_child and not self._config.frames.base
+        return is_alone and self._kind is MountKind.LEVEL and self._config.rig.kinematics == "auto"
 
     def _odometry_chain(self, base: str, known: set[str], edges: Edges) -> Chain | None:
         child = self._frames.odometry_child

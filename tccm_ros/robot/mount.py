@@ -63,6 +63,11 @@ class Mount:
         return self._finder.base
 
     @property
+    def is_base(self) -> bool:
+        """Whether the sensor itself is the base, as nothing tells of any frame."""
+        return self._finder.is_base
+
+    @property
     def odometry_chain(self) -> Chain | None:
         """From the frame that odometry follows to the base, None where they are the same."""
         return self._finder.odometry_chain

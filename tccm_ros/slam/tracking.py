@@ -1,4 +1,4 @@
-"""Tracking: where the base is now, by matching alone.
+"""Tracking: where the base is now, by matching since the newest solution.
 
 The graph with its walls and loop closures is solved in another process; what it finds corrects what
 is published, and never enters matching. So a step of tracking is short however long the drive is,
@@ -8,7 +8,7 @@ and its memory does not grow.
 from __future__ import annotations
 
 from collections import Counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,21 +25,44 @@ from tccm_ros.records import (
 )
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.slam.front_end import FrontEnd
-from tccm_ros.slam.level_scan import make_level_scan
-from tccm_ros.slam.se2 import between, compose, inverse
+from tccm_ros.slam.level_scan import LevelScan, make_level_scan
+from tccm_ros.slam.lines import extract_lines
+from tccm_ros.slam.live_estimate import LiveEstimate, MapWalls, SolvedKeyframe, moved_covariance
+from tccm_ros.slam.odometry_model import odometry_covariance
+from tccm_ros.slam.se2 import between, compose, inverse, rotate_covariance
 from tccm_ros.slam.wall_slam import LivePose
 
 COUNTED = {SurfaceCloud: "clouds", ViewIntervals: "views", MapReset: "resets"}
 """Events that are counted here and used by the solution alone."""
 
 
+class SolvedMap(NamedTuple):
+    """What a solution tells of the map and of the robot in it.
+
+    Attributes
+    ----------
+    T_map_front
+        float64 (3,), where the frame in which this session is tracked is in map.
+    keyframe
+        The newest keyframe; None without any.
+    walls
+        In map.
+    """
+
+    T_map_front: Float64
+    keyframe: SolvedKeyframe | None
+    walls: MapWalls
+
+
 class Tracker:
-    """Follows the base from scan to scan as `WallSlam` does, in the frame of the front end's map.
+    """Follows the base from scan to scan as `WallSlam` does, and takes over what is solved.
+
+    Before the first solution the map's frame is that of the front end's own map.
 
     Parameters
     ----------
     config
-        Groups ``matching``, ``odometry`` and ``graph``.
+        Groups ``matching``, ``odometry``, ``graph``, ``lines`` and ``walls``.
     first_keyframe
         Id of the first keyframe, and number of the session (`WallSlam.first_keyframe`).
 
@@ -63,7 +86,9 @@ class Tracker:
         self._front = FrontEnd(self._config, *first_keyframe)
         self._first_odometry: tuple[int, Float64] | None = None
         self._newest_keyframe = -1
-        self._live = LivePose(-1, np.zeros(3), np.zeros(3))
+        self._estimate = LiveEstimate(self._config)
+        self._solved: SolvedMap | None = None
+        self._stamp_ns, self._odom = -1, np.zeros(3)
 
     def takes(self, event: Any) -> bool:
         """Return whether an event is for the SLAM processor."""
@@ -81,29 +106,61 @@ class Tracker:
             if isinstance(event, MapReset):
                 self._begin(self._first_keyframe)
 
+    def take(self, solved: SolvedMap) -> None:
+        """Go on from a solution: the live pose takes its correction."""
+        self._solved = solved
+        if solved.keyframe is not None:
+            self._estimate.take(solved.keyframe, solved.walls)
+
     def current_pose(self) -> LivePose:
-        """Return the live estimate, in the frame of the front end's map."""
-        return self._live
+        """Return the live estimate, in the map of the newest solution."""
+        if self._stamp_ns < 0:
+            return LivePose(-1, np.zeros(3), np.zeros(3))
+        pose = self._pose()
+        return LivePose(self._stamp_ns, pose, compose(pose, inverse(self._odom)))
+
+    def current_covariance(self) -> Float64:
+        """Return the covariance float64 (3, 3) of (x, y, yaw) in map of the live estimate."""
+        if self._front.tracked:
+            return self._estimate.covariance(self._front.tracked[-1])
+        solved = None if self._solved is None else self._solved.keyframe
+        pose, start = self._pose(), np.zeros(3) if solved is None else solved.pose
+        step = odometry_covariance(between(start, pose), self._config.odometry)
+        cov = rotate_covariance(step, float(pose[2]))
+        if solved is not None:
+            known = rotate_covariance(solved.cov, float(start[2]))
+            cov += moved_covariance(known, start, pose)
+        return cov
+
+    def _pose(self) -> Float64:
+        if self._front.tracked:
+            return self._estimate.pose(self._front.tracked[-1])
+        pose = self._start(self._odom)
+        return pose if self._solved is None else compose(self._solved.T_map_front, pose)
 
     def _add_scan(self, posed: PosedScan) -> None:
         self.odom_frame = posed.odom_frame
         self.counts["level scans"] += 1
         level = make_level_scan(posed, self._config)
         keyframe = self._front.add(level, self._start(level.odom)).keyframe
-        self.counts["keyframes"] += keyframe != self._newest_keyframe
-        self._newest_keyframe = keyframe
+        if keyframe != self._newest_keyframe:
+            self._newest_keyframe = keyframe
+            self._add_keyframe(level)
         self._front.forget()
-        pose = self._front.pose.copy()
-        self._live = LivePose(level.stamp_ns, pose, compose(pose, inverse(level.odom)))
+        self._stamp_ns, self._odom = level.stamp_ns, level.odom
+
+    def _add_keyframe(self, level: LevelScan) -> None:
+        self.counts["keyframes"] += 1
+        lines = extract_lines(level.beams, level.origin, self._config)
+        self._estimate.add(self._front.keyframes[-1], lines)
 
     def _add_odometry(self, record: Odometry) -> None:
         self.odom_frame = record.frame_id or self.odom_frame
         odom = planar(record.T_odom_base)
         if self._first_odometry is None or record.stamp_ns < self._first_odometry[0]:
             self._first_odometry = record.stamp_ns, odom
-        if not self._front.tracked and record.stamp_ns >= self._live.stamp_ns:
-            pose = self._start(odom)
-            self._live = LivePose(record.stamp_ns, pose, compose(pose, inverse(odom)))
+        if not self._front.tracked and record.stamp_ns >= self._stamp_ns:
+            self._stamp_ns, self._odom = record.stamp_ns, odom
 
     def _start(self, odom: Float64) -> Float64:
         """Return the pose (3,) by odometry alone: the first base pose is the origin."""

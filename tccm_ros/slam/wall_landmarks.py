@@ -44,10 +44,6 @@ def wall_factors(
 ) -> list[Factor]:
     """Return one factor for each observation of a confirmed wall.
 
-    Matching has used the same beams, so that the errors of both are correlated. Two estimates of
-    unknown correlation are added by covariance intersection with equal weights: the covariance of
-    a line is doubled (``walls.discount``), and the flatness of real walls is added.
-
     Parameters
     ----------
     table
@@ -60,16 +56,24 @@ def wall_factors(
         ``walls.*``.
     """
     factors: list[Factor] = []
-    flat = config.walls.flatness**2
     for k, i, w in zip(table.keyframe, table.line, table.wall):
         if w < 0:
             continue
-        x = lines[k]
-        cov = x.cov[i] * config.walls.discount
-        cov += _flatness_covariance(x, i, flat)
+        x, cov = lines[k], line_covariance(lines[k], i, config)
         key = wall_key(int(w))
         factors.append(WallObservation(keys[k], key, float(x.phi[i]), float(x.rho[i]), cov))
     return factors
+
+
+def line_covariance(lines: Lines, i: int, config: Config) -> Float64:
+    """Return the covariance (2, 2) of (phi, rho) with which line i says where its wall is.
+
+    Matching has used the same beams, so that the errors of both are correlated. Two estimates of
+    unknown correlation are added by covariance intersection with equal weights: the covariance of
+    a line is doubled (``walls.discount``), and the flatness of real walls is added.
+    """
+    discounted = lines.cov[i] * config.walls.discount
+    return discounted + _flatness_covariance(lines, i, config.walls.flatness**2)
 
 
 def _flatness_covariance(lines: Lines, i: int, variance: float) -> Float64:
@@ -140,9 +144,11 @@ def wall_records(
         # GTSAM's tangent of a vertical plane: rotation about -z, about the horizontal, offset.
         cov = solution.covariance(wall_key(w))[np.ix_([0, 2], [0, 2])] * scale
         a, r, e = phi[w], rho[w], ends[w]
-        if r < 0.0:
+        is_turned = r < 0.0
+        if is_turned:
             a, r, e = float(wrap_angle(a + np.pi)), -r, e[::-1]
-        walls.append(Wall(w, a, r, e.copy(), int(counts[w]), cov, tuple(sorted(joined[w]))))
+        corners_of = tuple(sorted(joined[w]))
+        walls.append(Wall(w, a, r, e.copy(), int(counts[w]), cov, corners_of, not is_turned))
     return walls
 
 

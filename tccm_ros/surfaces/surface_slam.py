@@ -29,7 +29,9 @@ from tccm_ros.records import (
 )
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.slam.lines import label_by_splitting
+from tccm_ros.slam.live_estimate import MapWalls, SolvedKeyframe
 from tccm_ros.slam.solution import Solution
+from tccm_ros.slam.tracking import SolvedMap
 from tccm_ros.slam.wall_slam import LivePose, WallSlam
 from tccm_ros.surfaces.registration import Z_ROLL_PITCH, Registration
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView
@@ -331,12 +333,20 @@ class SurfaceSlam:
             return {}
         return self.walls.saved(solution.slam)
 
-    def correction(self, solution: SurfaceSolution) -> Float64:
-        """Return the pose (3,) in map of the frame in which scans of this session are matched."""
-        place = solution.alignment
+    def solved_map(self, solution: SurfaceSolution) -> SolvedMap:
+        """Return what a solution tells of the map and of the robot in it, for a `Tracker`."""
+        graph, place = solution.slam, solution.alignment
         T_map_session = np.zeros(3) if place is None else planar(place.T_map_session)
-        corrected: Float64 = compose2(T_map_session, self.walls.correction(solution.slam))
-        return corrected
+        keyframe = None
+        if len(graph.cov_keyframes):
+            newest = graph.keyframes[-1]
+            pose = compose2(T_map_session, newest.pose)
+            keyframe = SolvedKeyframe(newest.id, pose, graph.cov_keyframes[-1])
+        return SolvedMap(
+            compose2(T_map_session, self.walls.correction(graph)),
+            keyframe,
+            MapWalls.of(graph.walls, T_map_session),
+        )
 
     @classmethod
     def from_saved(cls, config: Config, saved: SavedMap) -> SurfaceSlam:

@@ -10,6 +10,7 @@ from nav_msgs.msg import OccupancyGrid, Path
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
+from tccm_ros.geometry import compose2
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.nodes.slam_node import raw_stamp_ns
 from tccm_ros.nodes.tf import has_tf2_msgs
@@ -71,6 +72,30 @@ def test_pose_and_map_to_odom_are_published_also_without_tf(ros):
     # A metre of driving without noise: matching is as good as its grid.
     assert abs(poses[-1].pose.pose.position.x - 0.3 * 0.05 * 59) < 0.02
     assert poses[-1].header.frame_id == odom[-1].header.frame_id == "map"
+
+
+def test_pose_and_map_to_odom_take_the_correction_of_a_solution(ros):
+    node, robot = slam(ros), ros.robot()
+    robot.play(recording(3, speed=0.3), node)
+    wait_until_done(ros, node)
+    node.worker.wait(node._ask_solution)
+    ros.spin_until(lambda: node.solver.newest is not None and not node.solver.is_solving)
+    before, solved = node.live._live, node.solver.newest
+    shift = np.array([1.0, 2.0, 0.5])
+    newest = solved.map.keyframe
+    moved = solved.map._replace(
+        T_map_front=compose2(shift, solved.map.T_map_front),
+        keyframe=newest._replace(pose=compose2(shift, newest.pose)),
+        walls=solved.map.walls._make(a[:0] for a in solved.map.walls),
+    )
+    node.worker.wait(lambda: node._show(solved._replace(map=moved)))
+    # At once, and with the next scan.
+    assert np.allclose(node.live._live.map_odom, compose2(shift, before.map_odom), atol=0.005)
+    robot.play(recording(1, start_ns=later(3.1)), node)
+    wait_until_done(ros, node)
+    assert node.live._live.stamp_ns > before.stamp_ns
+    expected = compose2(shift, before.map_odom)
+    assert np.allclose(node.live._live.map_odom, expected, atol=0.05)
 
 
 def test_both_nodes_make_one_map_which_is_saved_loaded_and_reset(ros, tmp_path):

@@ -4,15 +4,19 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import plan
 import pytest
 from depth_room import TOP, camera, write_recording
 
 from tccm_ros.bags.reader import BagReader
+from tccm_ros.bags.typestore import TypestoreMessages
+from tccm_ros.bags.writer import BagWriter
 from tccm_ros.config.reader import read_config
 from tccm_ros.errors import TccmError, TopicError
 from tccm_ros.pipeline.info import bag_info
 from tccm_ros.pipeline.replay import replay
 from tccm_ros.pipeline.topics import choose_topics
+from tccm_ros.ros.writing import scan_message
 
 
 def mapped(bag, out, *settings, **options):
@@ -117,3 +121,24 @@ def test_info_names_a_frame_that_the_robot_does_not_have(tmp_path):
         path, seconds=1.0, clouds=(), change=lambda image: replace(image, frame_id="elsewhere")
     )
     assert "elsewhere" in "\n".join(bag_info(path).notes)
+
+
+def test_a_bare_laser_is_the_base_and_moves_as_matching_says(tmp_path):
+    path, types = tmp_path / "bag", TypestoreMessages()
+    poses = plan.route([(0, 0), (6, 0), (6, 0.5)], step=0.05)
+    run = plan.drive(plan.ring(), poses, beams=361, mount=(0, 0, 0), start_ns=1_700_000_000 * 10**9)
+    with BagWriter(path, typestore=types) as writer:
+        for posed in run.scans:
+            scan = posed.scan
+            message = scan_message(types, scan)
+            writer.write("/laser/scan", "sensor_msgs/msg/LaserScan", scan.stamp_ns, message)
+    notes = bag_info(path).notes
+    assert any("/laser/scan without frames and odometry: the laser is the base" in n for n in notes)
+    assert not any("assumed not to move" in note for note in notes)
+    summary, _ = mapped(path, tmp_path / "out")
+    assert any("the laser is the base" in line for line in summary.found_topics)
+    assert summary.content.counts.walls >= 3
+    found = np.loadtxt(tmp_path / "out" / "trajectory.tum")
+    assert len(found) == len(run.scans)
+    # 1 cm of range noise; the corridor has a niche and two corners in sight.
+    assert np.hypot(*(found[:, 1:3] - run.truth[:, :2]).T).max() < 0.05

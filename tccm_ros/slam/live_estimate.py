@@ -1,0 +1,226 @@
+"""The live estimate: the newest solution, and how the robot has moved against it since.
+
+A solution puts its newest keyframe and its walls in the map. Keyframes after it are added as the
+graph would add them: by the motion between them, and by the lines that they see of those walls
+(an extended Kalman filter; Thrun, Burgard and Fox 2005, "Probabilistic robotics", 7.4). All of it
+acts on what is published alone. A solution that comes later takes the place of the one before, and
+the keyframes after it are added again.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.config import Config
+from tccm_ros.geometry import transform2, wrap_angle
+from tccm_ros.records import Wall
+from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
+from tccm_ros.slam.lines import Lines
+from tccm_ros.slam.se2 import compose, rotate_covariance
+from tccm_ros.slam.wall_landmarks import line_covariance
+from tccm_ros.slam.walls import GATE_CHI2, GATE_SIGMAS, MAX_DPHI
+
+INNOVATION_CHI2 = 13.8
+"""Gate for the squared Mahalanobis distance of a line from its wall: 99.9 % of two degrees of
+freedom."""
+
+
+class MapWalls(NamedTuple):
+    """Walls of a solution, each with the side from which it was seen.
+
+    Attributes
+    ----------
+    phi, rho
+        float64 (W,), rad and m: ``x cos phi + y sin phi = rho``; phi points away from who sees it.
+    extent
+        float64 (W, 2), lowest and highest position along the tangent (-sin phi, cos phi), m.
+    """
+
+    phi: Float64
+    rho: Float64
+    extent: Float64
+
+    @classmethod
+    def of(cls, walls: Sequence[Wall], T_map_walls: Float64) -> MapWalls:
+        """Return walls in map.
+
+        Parameters
+        ----------
+        walls
+            In a frame of their own.
+        T_map_walls
+            Planar pose (3,) of that frame in map.
+        """
+        facing = np.array([0.0 if wall.is_seen_from_origin else np.pi for wall in walls])
+        phi = np.array([wall.phi for wall in walls]) + facing + T_map_walls[2]
+        own = np.array([wall.endpoints for wall in walls]).reshape(-1, 2)
+        ends = transform2(T_map_walls, own).reshape(-1, 2, 2)
+        normals = np.stack([np.cos(phi), np.sin(phi)], axis=1)
+        tangents = np.stack([-normals[:, 1], normals[:, 0]], axis=1)
+        along = np.einsum("wek,wk->we", ends, tangents)
+        rho = np.einsum("wek,wk->we", ends, normals).mean(axis=1)
+        return cls(wrap_angle(phi), rho, np.sort(along, axis=1))
+
+
+class SolvedKeyframe(NamedTuple):
+    """The newest keyframe of a solution.
+
+    Attributes
+    ----------
+    id
+        Of the keyframe.
+    pose
+        float64 (3,), in map.
+    cov
+        float64 (3, 3) of (x, y, yaw) in the keyframe's own frame.
+    """
+
+    id: int
+    pose: Float64
+    cov: Float64
+
+
+NO_WALLS = MapWalls(np.zeros(0), np.zeros(0), np.zeros((0, 2)))
+
+
+class _Estimate(NamedTuple):
+    """Pose (3,) of a keyframe in map, and covariance (3, 3) of (x, y, yaw) along map's axes."""
+
+    pose: Float64
+    cov: Float64
+
+
+class LiveEstimate:
+    """Where the newest keyframe is in the map of the newest solution.
+
+    Parameters
+    ----------
+    config
+        Group `walls`.
+    """
+
+    def __init__(self, config: Config):
+        self._config = config
+        self._since: deque[tuple[GraphKeyframe, Lines]] = deque()
+        self._solved: SolvedKeyframe | None = None
+        self._walls = NO_WALLS
+        self._newest: _Estimate | None = None
+
+    def add(self, keyframe: GraphKeyframe, lines: Lines) -> None:
+        """Add the next keyframe of the front end, and the lines that it sees, in its frame."""
+        self._since.append((keyframe, lines))
+        self._newest = self._after(self._newest, keyframe, lines)
+
+    def take(self, solved: SolvedKeyframe, walls: MapWalls) -> None:
+        """Go on from a solution: from its newest keyframe, if that is of this session.
+
+        Parameters
+        ----------
+        solved
+            The newest keyframe of the solution.
+        walls
+            The solution's walls, in map.
+        """
+        if not self._since or not self._since[0][0].id <= solved.id <= self._since[-1][0].id:
+            return
+        while self._since[0][0].id < solved.id:
+            self._since.popleft()
+        self._solved, self._walls = solved, walls
+        self._newest = _Estimate(solved.pose, np.zeros((3, 3)))
+        for keyframe, lines in list(self._since)[1:]:
+            self._newest = self._after(self._newest, keyframe, lines)
+
+    def pose(self, tracked: TrackedPose) -> Float64:
+        """Return the pose float64 (3,) in map of a scan that hangs on the newest keyframe."""
+        assert self._newest is not None
+        return compose(self._newest.pose, tracked.pose)
+
+    def covariance(self, tracked: TrackedPose) -> Float64:
+        """Return the covariance float64 (3, 3) of (x, y, yaw) in map of such a pose.
+
+        It is that of the solution's newest keyframe, whose error in yaw acts over the way since
+        then, and that of the motion since.
+        """
+        assert self._newest is not None
+        pose = self.pose(tracked)
+        cov = moved_covariance(self._newest.cov, self._newest.pose, pose)
+        cov += rotate_covariance(tracked.cov, float(pose[2]))
+        if self._solved is not None:
+            start = self._solved.pose
+            cov += moved_covariance(
+                rotate_covariance(self._solved.cov, float(start[2])), start, pose
+            )
+        return cov
+
+    def _after(self, before: _Estimate | None, keyframe: GraphKeyframe, lines: Lines) -> _Estimate:
+        """Return where a keyframe is, by that of the one before it."""
+        if before is None:
+            return _Estimate(keyframe.pose.copy(), np.zeros((3, 3)))
+        pose = compose(before.pose, keyframe.delta)
+        cov = moved_covariance(before.cov, before.pose, pose)
+        estimate = _Estimate(pose, cov + rotate_covariance(keyframe.cov, float(pose[2])))
+        if not self._config.walls.enabled or not len(self._walls.phi):
+            return estimate
+        for i in range(len(lines)):
+            w = self._wall_of(lines, i, estimate.pose)
+            if w >= 0:
+                estimate = self._updated(estimate, lines, i, w)
+        return estimate
+
+    def _wall_of(self, lines: Lines, i: int, pose: Float64) -> int:
+        """Return the nearest wall of a line by the gates of association, -1 for none."""
+        walls, gates = self._walls, self._config.walls
+        ends = transform2(pose, lines.endpoints[i])
+        dphi = wrap_angle(lines.phi[i] + pose[2] - walls.phi)
+        normals = np.stack([np.cos(walls.phi), np.sin(walls.phi)])
+        along = ends @ np.stack([-normals[1], normals[0]])
+        low, high = along.min(axis=0), along.max(axis=0)
+        away = ends.mean(axis=0) @ normals - walls.rho
+        variance = (gates.gate_angle / GATE_SIGMAS) ** 2 + lines.cov[i, 0, 0]
+        chi2 = dphi**2 / variance + (away * GATE_SIGMAS / gates.gate_distance) ** 2
+        is_beyond = (low > walls.extent[:, 1] + gates.max_gap) | (
+            high < walls.extent[:, 0] - gates.max_gap
+        )
+        chi2[is_beyond | (np.abs(dphi) > MAX_DPHI)] = np.inf
+        nearest = int(np.argmin(chi2))
+        return nearest if chi2[nearest] < GATE_CHI2 else -1
+
+    def _updated(self, estimate: _Estimate, lines: Lines, i: int, w: int) -> _Estimate:
+        """Return an estimate after a line was seen of wall w, the covariance in Joseph's form."""
+        phi, rho = float(self._walls.phi[w]), float(self._walls.rho[w])
+        x, y, yaw = estimate.pose
+        c, s = np.cos(phi), np.sin(phi)
+        innovation = np.array(
+            [wrap_angle(lines.phi[i] - (phi - yaw)), lines.rho[i] - (rho - x * c - y * s)]
+        )
+        H = np.array([[0.0, 0.0, -1.0], [-c, -s, 0.0]])
+        R = line_covariance(lines, i, self._config)
+        S = H @ estimate.cov @ H.T + R
+        if innovation @ np.linalg.solve(S, innovation) > INNOVATION_CHI2:
+            return estimate
+        K = np.linalg.solve(S, H @ estimate.cov).T
+        pose = estimate.pose + K @ innovation
+        pose[2] = wrap_angle(pose[2])
+        left = np.eye(3) - K @ H
+        return _Estimate(pose, left @ estimate.cov @ left.T + K @ R @ K.T)
+
+
+def moved_covariance(cov: Float64, start: Float64, end: Float64) -> Float64:
+    """Return the covariance in map of a pose that hangs on another: its yaw error has a lever.
+
+    Parameters
+    ----------
+    cov
+        float64 (3, 3) of (x, y, yaw) of `start`, along map's axes.
+    start, end
+        float64 (3,), planar poses in map.
+    """
+    lever = np.eye(3)
+    lever[:2, 2] = start[1] - end[1], end[0] - start[0]
+    moved: Float64 = lever @ cov @ lever.T
+    return moved

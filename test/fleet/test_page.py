@@ -99,27 +99,27 @@ def test_only_the_rows_in_view_are_in_the_document(page):
 
 
 def test_a_step_of_scrolling_draws_the_rows_in_view_alone(page):
-    most = page.evaluate("""(async () => {
+    max_rows = page.evaluate("""(async () => {
         const scroll = document.getElementById('scroll'), rows = document.getElementById('rows');
-        let most = 0;
+        let max_rows = 0;
         for (let k = 0; k <= 100; k++) {
             scroll.scrollTop = k / 100 * scroll.scrollHeight;
             scroll.dispatchEvent(new Event('scroll'));
             const first = Math.floor(scroll.scrollTop / 64);
             const { view } = tccmFleet;
             if (view.first > first || view.last <= first) throw Error(`row ${first} is not drawn`);
-            most = Math.max(most, rows.childElementCount);
+            max_rows = Math.max(max_rows, rows.childElementCount);
             await new Promise((done) => requestAnimationFrame(done));
         }
-        return most; })()""")
-    assert most < 40
+        return max_rows; })()""")
+    assert max_rows < 40
     assert f"run-{COUNT - 1:05d}" in names(page)
     page.evaluate("document.getElementById('scroll').scrollTop = 0")
     page.wait_for("tccmFleet.view.first === 0")
 
 
 @pytest.mark.parametrize("key", ["name", "surfaces", "duration", "start"])
-def test_a_click_on_a_title_sorts_and_another_one_turns_it_round(page, key):
+def test_a_click_on_a_title_sorts_and_another_one_reverses(page, key):
     column = [getattr(row, key) for row in rows() if getattr(row, key) is not None]
     seen = []
     for _ in range(2):

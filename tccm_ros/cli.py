@@ -128,6 +128,28 @@ def fleet(
 
 
 @app.command()
+def find(
+    query: Annotated[
+        str, typer.Argument(help="SQL; the tables are surfaces, objects, walls and signs")
+    ],
+    folder: Annotated[Path, typer.Option("--in", help="folder of a fleet")],
+    as_json: JsonOption = False,
+) -> None:
+    """Ask all maps of a fleet in SQL, also while it runs.
+
+    Needs the extra: pip install 'tccm_ros[fleet]'.
+    """
+    from tccm_ros.fleet.extra import check_installed
+
+    check_installed()
+    from tccm_ros.fleet.catalogue import Catalogue
+    from tccm_ros.fleet.layout import FleetFolder
+
+    answer = Catalogue(FleetFolder(folder).catalogue).ask(query)
+    _tell(answer.to_json(), answer.text(), False, as_json)
+
+
+@app.command()
 def info(path: BagArgument, as_json: JsonOption = False) -> None:
     """Show the contents of a bag and what a replay of it would miss, or those of a saved map."""
     from tccm_ros.pipeline.info import bag_info

@@ -17,6 +17,7 @@ from distributed.scheduler import KilledWorker
 from tccm_ros.atomic import remove_unfinished
 from tccm_ros.config import Config
 from tccm_ros.errors import FleetError, OutputError, one_line
+from tccm_ros.fleet.catalogue import Catalogue
 from tccm_ros.fleet.cluster import Workers, connected
 from tccm_ros.fleet.kernels import compile_kernels
 from tccm_ros.fleet.layout import FleetFolder
@@ -154,8 +155,11 @@ def _run(client: Client, jobs: deque[Job], summary: FleetSummary, bars: Bars) ->
                 running[client.submit(process, job, key=key, pure=False)] = job
             with suppress(TimeoutError):
                 wait(list(running), timeout=LOOK_S, return_when="FIRST_COMPLETED")
-            for future in [f for f in running if f.done()]:
+            ended = [future for future in running if future.done()]
+            for future in ended:
                 _note(summary, running.pop(future).recording, _result(future), bars)
+            if ended:
+                Catalogue(FleetFolder(summary.out).catalogue).gather()
             if client.status != "running":
                 raise FleetError("the scheduler ended; run the same command again to go on")
     except BaseException:

@@ -17,6 +17,7 @@ from pathlib import Path
 from tccm_ros.atomic import output_folder
 from tccm_ros.config import Config
 from tccm_ros.errors import TccmError, one_line
+from tccm_ros.fleet.catalogue import Catalogue
 from tccm_ros.fleet.kernels import compile_kernels
 from tccm_ros.fleet.layout import FleetFolder
 from tccm_ros.fleet.record import (
@@ -146,6 +147,8 @@ def _process(job: Job) -> Outcome:
             summary = replay(bag, folder, job.config, remap=job.remap, pictures=job.pictures)
             cost = _cost(begin, states, folder)
             _record(job, states, content, summary, cost).write(folder)
+            # Before the folder appears: results without their rows would never get them.
+            Catalogue(FleetFolder(job.out).catalogue).add(job.recording.name, folder, job.results)
     return Outcome.DONE
 
 

@@ -91,7 +91,7 @@ class Sensor:
     @property
     def is_next_overtaken(self) -> bool:
         """Whether a record that is late may still come before the oldest that waits."""
-        return not self._order.is_settled(self.waiting[0].stamp_ns)
+        return not self._order.is_final(self.waiting[0].stamp_ns)
 
     @property
     def awaits_nothing_new(self) -> bool:
@@ -101,7 +101,7 @@ class Sensor:
     def pop(self) -> Any:
         """Return the oldest record that waits; it waits no more."""
         record = self.waiting.popleft()
-        self._order.settle(record.stamp_ns)
+        self._order.make_final(record.stamp_ns)
         self.awaited = None
         return record
 

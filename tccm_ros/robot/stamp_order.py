@@ -39,42 +39,42 @@ class StampOrder:
 
     def clear(self) -> None:
         """Forget all stamps."""
-        self._settled_ns: int | None = None
+        self._final_ns: int | None = None
         self._open: list[int] = []
         self._steps: deque[int] = deque(maxlen=RECENT)
 
     @property
     def newest_ns(self) -> int | None:
         """The latest stamp that was added, None before the first."""
-        return self._open[-1] if self._open else self._settled_ns
+        return self._open[-1] if self._open else self._final_ns
 
     def add(self, stamp_ns: int) -> str | None:
         """Add a stamp; return why it is refused, None where it is not."""
-        if stamp_ns == self._settled_ns or stamp_ns in self._open:
+        if stamp_ns == self._final_ns or stamp_ns in self._open:
             return TWICE
-        if self._settled_ns is not None and stamp_ns < self._settled_ns:
+        if self._final_ns is not None and stamp_ns < self._final_ns:
             return LATE
         insort(self._open, stamp_ns)
         while self._open and self._is_sure(self._open[0]):
-            self.settle(self._open[0])
+            self.make_final(self._open[0])
         return None
 
-    def is_settled(self, stamp_ns: int) -> bool:
+    def is_final(self, stamp_ns: int) -> bool:
         """Return whether no stamp that is added later can come before one that was added."""
-        return self._settled_ns is not None and stamp_ns <= self._settled_ns
+        return self._final_ns is not None and stamp_ns <= self._final_ns
 
-    def settle(self, stamp_ns: int) -> None:
+    def make_final(self, stamp_ns: int) -> None:
         """Wait for nothing before a stamp any more."""
         while self._open and self._open[0] <= stamp_ns:
             next_ns = self._open.pop(0)
-            if self._settled_ns is not None:
-                self._steps.append(next_ns - self._settled_ns)
-            self._settled_ns = next_ns
+            if self._final_ns is not None:
+                self._steps.append(next_ns - self._final_ns)
+            self._final_ns = next_ns
 
     def _is_sure(self, stamp_ns: int) -> bool:
         """Return whether none that is late can belong before the first open stamp."""
         if self._open[-1] - stamp_ns >= self._window_ns:
             return True
-        if self._settled_ns is None or len(self._steps) < KNOWN:
+        if self._final_ns is None or len(self._steps) < KNOWN:
             return False
-        return stamp_ns - self._settled_ns < GAP * min(self._steps)
+        return stamp_ns - self._final_ns < GAP * min(self._steps)

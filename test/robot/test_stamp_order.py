@@ -37,7 +37,7 @@ def test_none_is_lost_that_is_late_by_less_than_the_window(
     for stamp in stamps[np.argsort(stamps + delays)].tolist():
         assert order.add(stamp) is None
         waiting = sorted([*waiting, stamp])
-        while waiting and order.is_settled(waiting[0]):
+        while waiting and order.is_final(waiting[0]):
             given_out.append(waiting.pop(0))
     assert [*given_out, *waiting] == stamps.tolist()
     assert waiting[-1:] == [] or waiting[-1] - waiting[0] < WINDOW_NS
@@ -49,7 +49,7 @@ def test_an_orderly_stream_does_not_wait_once_its_period_is_known() -> None:
     at_once = []
     for stamp in stamps:
         assert order.add(stamp) is None
-        at_once.append(order.is_settled(stamp))
+        at_once.append(order.is_final(stamp))
     steps_of_window = 3
     assert not at_once[0]
     assert all(at_once[KNOWN + steps_of_window :])
@@ -61,11 +61,12 @@ def test_after_a_gap_a_stream_waits_for_the_window_alone() -> None:
         order.add(stamp)
     after = 5_000_000_000
     order.add(after)
-    assert not order.is_settled(after)
+    assert not order.is_final(after)
     order.add(after + 25_000_000)
-    assert not order.is_settled(after)
+    assert not order.is_final(after)
     order.add(after + WINDOW_NS)
-    assert order.is_settled(after) and order.is_settled(after + WINDOW_NS)
+    assert order.is_final(after)
+    assert order.is_final(after + WINDOW_NS)
 
 
 def test_what_is_refused_is_named() -> None:
@@ -82,11 +83,11 @@ def test_a_window_of_zero_takes_rising_stamps_alone() -> None:
     assert [order.add(s) for s in (1, 5, 3, 6)] == [None, None, LATE, None]
 
 
-def test_what_is_settled_from_outside_is_overtaken_no_more() -> None:
+def test_what_is_final_from_outside_is_overtaken_no_more() -> None:
     order = StampOrder(WINDOW_NS)
     order.add(10)
-    order.settle(10)
-    assert order.is_settled(10)
+    order.make_final(10)
+    assert order.is_final(10)
     assert order.add(9) == LATE
     order.clear()
     assert order.newest_ns is None

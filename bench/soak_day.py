@@ -1,13 +1,15 @@
 """A day on the robot: hours of simulated driving in real time through both nodes as processes.
 
-    python bench/soak_day.py DIR [--minutes 120] [--first 1] [--long 8]
+    setsid sh -c 'echo -15 > /proc/self/autogroup; exec python bench/soak_day.py DIR'
+        [--minutes 120] [--first 1] [--long 5]
 
 Flat after flat at random (`soak_flats.py`, made while the one before is driven), with people and
 stops. Between two flats both nodes are reset by their service; each sixth flat has the stamps of
 the first again instead, which the nodes must notice themselves. In the middle of each flat comes
 one of the faults of `soak_flats.py`. Each flat's map is saved twice on the way and at its end.
 
-DIR then has
+The first line of the command keeps other work on the machine from disturbing the nodes, where the
+scheduler groups processes by session. DIR then has
 - `summary.md`, a row for each flat, and what nobody has explained: warnings of the nodes;
 - `log.jsonl`, with memory every 5 s, each pause of `/pose` over 0.1 s, each save, each status;
 - `tccm.txt`, `slam.txt`, `player.txt`: what the nodes said;
@@ -369,7 +371,7 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--minutes", type=float, default=120.0)
     parser.add_argument("--first", type=int, default=1, help="seed of the first flat")
-    parser.add_argument("--long", type=int, default=8, help="laps of the second flat")
+    parser.add_argument("--long", type=int, default=5, help="laps of the second flat")
     arguments = parser.parse_args()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", "97")

@@ -39,8 +39,8 @@ FAULTS = (
 
 SILENT_NS = 6_000_000_000
 STEP_NS = -5_000_000_000
-LIMIT = 19
-"""Lowest priority of a process."""
+NICENESS = 10
+"""The nodes come first: a bag is made while another one is driven."""
 
 
 def people(world: World) -> None:
@@ -91,7 +91,7 @@ def main() -> None:
     parser.add_argument("--later", type=float, default=0.0, help="of the stamps, s")
     parser.add_argument("--fault", choices=FAULTS, default=FAULTS[0])
     arguments = parser.parse_args()
-    os.nice(LIMIT - os.nice(0))
+    os.nice(NICENESS)
     options = Options(always=True, cycle_period=3.1, laps=arguments.laps)
     world = random_flat(arguments.seed, options)
     people(world)

@@ -66,7 +66,10 @@ def random_flat(seed: int, options: Options | None = None) -> World:
     rooms = _rooms(scene, rng)
     for number, room in enumerate(rooms):
         _furnish(scene, room, f"room {number + 1}", rng)
-    return stop_and_scan(f"random flat {seed}", scene, _route(rooms, rng), options or Options())
+    options = options or Options()
+    route = _route(rooms, rng)
+    route += route[1:] * (options.laps - 1)
+    return stop_and_scan(f"random flat {seed}", scene, route, options)
 
 
 def _rooms(scene: Scene, rng: Generator) -> list[Room]:

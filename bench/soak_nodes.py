@@ -52,6 +52,7 @@ class Watch(Node):
         super().__init__("watch")
         self.poses: list[tuple[float, float]] = []
         self.reports: dict[str, dict[str, str]] = {}
+        self.messages: dict[str, str] = {}
         self.create_subscription(PoseWithCovarianceStamped, "/pose", self._on_pose, 200)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_report, 10)
         self._savers = {n: self.create_client(Trigger, f"/{n}/save_map") for n in NODES}
@@ -63,6 +64,7 @@ class Watch(Node):
     def _on_report(self, message: DiagnosticArray) -> None:
         for status in message.status:
             self.reports[status.name] = {v.key: v.value for v in status.values}
+            self.messages[status.name] = status.message
 
     def spin_until(self, predicate: Callable[[], object], what: str) -> None:
         """Spin until something holds, or give up."""
@@ -91,15 +93,26 @@ def start(module: str, *words: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen([sys.executable, "-c", code, "--ros-args", *words])
 
 
+def children_of(pid: int) -> list[int]:
+    """Return the processes that a process started."""
+    return [int(c) for c in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def resident_mb(pid: int, *, highest: bool = False) -> float:
+    """Return the resident memory of a process, now or at its highest, MB; 0 when it has ended."""
+    key = "VmHWM" if highest else "VmRSS"
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    except OSError:
+        return 0.0
+    return next((int(line.split()[1]) * 1.024e-3 for line in lines if line.startswith(key)), 0.0)
+
+
 def memory_mb(pid: int) -> tuple[float, float]:
     """Return the highest resident memory of a process and of its children, MB."""
-
-    def peak(process: int) -> float:
-        lines = Path(f"/proc/{process}/status").read_text().splitlines()
-        return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1e3
-
-    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    return peak(pid), sum(peak(int(child)) for child in children)
+    return resident_mb(pid, highest=True), sum(
+        resident_mb(child, highest=True) for child in children_of(pid)
+    )
 
 
 def main() -> None:

@@ -15,11 +15,11 @@ from tccm_ros.config.surfaces import Labels, Surfaces, Views
 
 
 class Config(Group):
-    """All parameters: the groups, and two that are in no group.
+    """All parameters: the groups, and three that are in no group.
 
     Attributes
     ----------
-    clock_jump, sync_timeout
+    clock_jump, sync_timeout, reorder_window
         s, of message time.
     frames, rig, ...
         The groups of parameters.
@@ -61,6 +61,15 @@ class Config(Group):
         unit="s",
         gt=0.0,
         le=60.0,
+        read_only=True,
+    )
+    reorder_window: float = param(
+        0.05,
+        "after a gap in its stamps a sensor waits so long, in its own time, for a record that was "
+        "overtaken; 0 for none",
+        unit="s",
+        ge=0.0,
+        le=1.0,
         read_only=True,
     )
 

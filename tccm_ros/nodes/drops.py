@@ -11,7 +11,8 @@ ADVICE = {
     "no transform": "transforms have to bracket each scan: look at /tf, its rate and its clock",
     "no way from base to sensor": "publish robot_description and joint_states, or set rig.*",
     "future stamp": "a stamp lies ahead of all others: look at the clock of the laser's driver",
-    "out of order": "stamps go back: look for two publishers of the scan topic",
+    "out of order": "records come later than reorder_window behind their successors: raise it, or "
+    "look for two publishers of the scan topic",
     "another clock": "stamps went back while those of the other inputs went on: set the clock of "
     "the driver, or qos.stamp to receive",
     "before the start": "more came while kernels were compiled than is kept",

@@ -21,7 +21,9 @@ from tccm_ros.records import Event
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
 
-SHARED_GROUPS = frozenset({"frames", "rig", "scan", "sensors", "qos", "sync_timeout", "clock_jump"})
+SHARED_GROUPS = frozenset(
+    {"frames", "rig", "scan", "sensors", "qos", "sync_timeout", "reorder_window", "clock_jump"}
+)
 """What the nodes of one process must have in common."""
 
 

@@ -235,13 +235,14 @@ class Solver:
 
     def _start(self) -> None:
         self._connection, theirs = Pipe()
-        # A process group of its own: Ctrl-C in a terminal is for the node.
+        # A process group of its own: Ctrl-C in a terminal is for the node. The session is the
+        # node's: schedulers that group by session weigh its lower priority against the node.
         self._process = subprocess.Popen(
             [sys.executable, "-m", "tccm_ros.nodes.solver_process", str(theirs.fileno())],
             pass_fds=[theirs.fileno()],
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             stdin=subprocess.DEVNULL,
-            start_new_session=True,
+            process_group=0,
         )
         theirs.close()
         self._send_begin(self._session)

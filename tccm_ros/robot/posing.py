@@ -60,7 +60,7 @@ class Posing:
         record, mount, motion = sensor.waiting[0], sensor.mount, self._motion
         start_ns, end_ns = sensor.stream.time_span(record)
         late = ended or now_ns is None or now_ns > end_ns + self.wait_ns
-        if not late and sensor.awaited and sensor.awaited[0].heard == sensor.awaited[1]:
+        if not late and (sensor.is_next_overtaken or sensor.awaits_nothing_new):
             return None
         sensor.awaited = None
         missing = sensor.join(is_last=late)

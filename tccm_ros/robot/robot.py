@@ -80,7 +80,8 @@ class Robot:
     Parameters
     ----------
     config
-        Groups `frames`, `rig` and `scan`, `sync_timeout` and `clock_jump` are used.
+        Groups `frames`, `rig` and `scan`, `sync_timeout`, `reorder_window` and `clock_jump`
+        are used.
     streams
         Streams of the sensors: `sensors.registry.default_streams`, and any others.
     expects_odometry
@@ -294,7 +295,7 @@ class Robot:
             if isinstance(outcome, str):
                 sensor.drop(outcome)
             else:
-                sensor.waiting.popleft()
+                sensor.pop()
                 posed.append(outcome)
         sensor.posed += len(posed)
         return posed

@@ -11,6 +11,7 @@ from tccm_ros.robot.frames import FrameTree
 from tccm_ros.robot.joint_tracks import JointTracks
 from tccm_ros.robot.mount import Mount
 from tccm_ros.robot.stamp_guard import ANOTHER_CLOCK
+from tccm_ros.robot.stamp_order import LATE, StampOrder
 from tccm_ros.robot.streams import Stream
 from tccm_ros.robot.tracks import Track
 
@@ -54,7 +55,7 @@ class Sensor:
         self.longest_ns = 0
         self.awaited: tuple[Track, int] | None = None
         self._companions: deque[Any] = deque(maxlen=MAX_COMPANIONS)
-        self._newest_ns: int | None = None
+        self._order = StampOrder(round(config.reorder_window * 1e9))
         self._clock_jump_ns = round(config.clock_jump * 1e9)
 
     @property
@@ -63,27 +64,46 @@ class Sensor:
         return self.mount.problem
 
     def add(self, record: Any) -> None:
-        """Have a record wait, or drop it: stamps must increase."""
+        """Have a record wait in the order of stamps, or drop it."""
         reason = self.stream.rejection_reason(record) or self._fault_of_stamp(record.stamp_ns)
         if reason is not None:
             self.refuse(reason)
             return
         self.received += 1
-        self._newest_ns = record.stamp_ns
         start_ns, end_ns = self.stream.time_span(record)
         self.longest_ns = max(self.longest_ns, end_ns - start_ns)
-        self.waiting.append(record)
+        place = len(self.waiting)
+        while place and self.waiting[place - 1].stamp_ns > record.stamp_ns:
+            place -= 1
+        self.waiting.insert(place, record)
+        self.awaited = self.awaited if place else None
         if len(self.waiting) > self.stream.max_waiting:
             self.drop("overload")
 
     def _fault_of_stamp(self, stamp_ns: int) -> str | None:
         """Return why a record with this stamp is refused, None where it is not."""
-        if self._newest_ns is None or stamp_ns > self._newest_ns:
+        newest_ns, reason = self._order.newest_ns, self._order.add(stamp_ns)
+        if reason is None or newest_ns is None:
             return None
-        if stamp_ns == self._newest_ns:
-            return "duplicate stamp"
-        is_far_back = stamp_ns < self._newest_ns - self._clock_jump_ns
-        return ANOTHER_CLOCK if is_far_back else "out of order"
+        is_far_back = reason == LATE and stamp_ns < newest_ns - self._clock_jump_ns
+        return ANOTHER_CLOCK if is_far_back else reason
+
+    @property
+    def is_next_overtaken(self) -> bool:
+        """Whether a record that is late may still come before the oldest that waits."""
+        return not self._order.is_final(self.waiting[0].stamp_ns)
+
+    @property
+    def awaits_nothing_new(self) -> bool:
+        """Whether the track that the oldest record waits for has heard of nothing since."""
+        return self.awaited is not None and self.awaited[0].heard == self.awaited[1]
+
+    def pop(self) -> Any:
+        """Return the oldest record that waits; it waits no more."""
+        record = self.waiting.popleft()
+        self._order.make_final(record.stamp_ns)
+        self.awaited = None
+        return record
 
     def add_companion(self, record: Any) -> None:
         """Keep what comes beside the records, in the order of stamps."""
@@ -113,8 +133,7 @@ class Sensor:
 
     def drop(self, reason: str) -> None:
         """Drop the oldest record that waits."""
-        self.waiting.popleft()
-        self.awaited = None
+        self.pop()
         self.dropped[reason] += 1
 
     def clear_samples(self) -> None:
@@ -123,5 +142,6 @@ class Sensor:
             self.dropped["clock jump"] += len(self.waiting)
         self.waiting.clear()
         self._companions.clear()
-        self.awaited = self._newest_ns = None
+        self._order.clear()
+        self.awaited = None
         self.mount.clear_samples()

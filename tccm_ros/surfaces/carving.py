@@ -7,7 +7,7 @@ point that the newer view did not see, because a person stood in front of it, st
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import NamedTuple
@@ -41,6 +41,13 @@ TILT_MARGIN = 0.006
 STEPS = np.array([0.002, 0.002, 0.002, 0.0005, 0.0005, 0.0005])
 """Steps in which two views are compared, m and rad: a fraction of the noise of a range, and of
 `TILT_MARGIN`; chosen."""
+
+ALTERNATIVES = 3
+"""Relative poses of two views for which is remembered what they gave. Chosen: a pose near the limit
+of a step changes between two of them, and a solution compares twice."""
+
+UNUSED = 4
+"""What so many calls of `Carver.carve` did not use is forgotten. Chosen: two solutions."""
 
 MAJORITY = 0.5
 """A column is removed where more than this fraction of its points is gone; chosen."""
@@ -155,14 +162,13 @@ class _ViewPair:
         )
         return cls(older, newer, step, is_same_pose, touched, {})
 
-    def fits(self, older: View, newer: _Eyes, step: Int64, is_same_pose: bool) -> bool:
-        """Return whether the pair is of these views at this relative pose."""
-        return (
-            self.older is older
-            and self.newer is newer
-            and self.is_same_pose == is_same_pose
-            and bool((self.step == step).all())
-        )
+    def is_of(self, older: View, newer: _Eyes) -> bool:
+        """Return whether the pair is of these views."""
+        return self.older is older and self.newer is newer
+
+    def fits(self, step: Int64, is_same_pose: bool) -> bool:
+        """Return whether the pair was compared at this relative pose."""
+        return self.is_same_pose == is_same_pose and bool((self.step == step).all())
 
 
 class Carver:
@@ -186,7 +192,9 @@ class Carver:
         self._config = config
         self._settings = ""
         self._eyes: dict[tuple[int, int], _Eyes] = {}
-        self._pairs: dict[tuple[tuple[int, int], tuple[int, int]], _ViewPair] = {}
+        self._pairs: dict[tuple[tuple[int, int], tuple[int, int]], list[_ViewPair]] = {}
+        self._used: dict[Hashable, int] = {}
+        self._calls = 0
         self.compared = 0
 
     def carve(self, views: list[View], T_map_view: Float64) -> Survivors:
@@ -202,20 +210,35 @@ class Carver:
         self._forget_other_settings()
         left = Survivors([[np.ones(len(p.points), bool) for p in view.patches] for view in views])
         states = [[b""] * len(view.patches) for view in views]
-        eyes, pairs = [self._eyes_of(view) for view in views], self._pairs
-        self._eyes = {view.key: each for view, each in zip(views, eyes)}
-        self._pairs, self.compared = {}, 0
+        eyes = [self._eyes_of(view) for view in views]
+        self.compared = 0
         for w, newer in enumerate(eyes):
             for v, step, is_same_pose in _neighbours(views, T_map_view, w, self._config):
-                key = views[v].key, newer.view.key
-                pair = pairs.get(key)
-                if pair is None or not pair.fits(views[v], newer, step, is_same_pose):
-                    pair = _ViewPair.of(views[v], newer, step, is_same_pose, self._config)
-                    self.compared += 1
-                self._pairs[key] = pair
+                pair = self._pair_of(views[v], newer, step, is_same_pose)
                 for p in pair.touched:
                     self._carve_patch(pair, (v, p, w), states, left)
+        self._forget_unused()
         return left
+
+    def _pair_of(self, older: View, newer: _Eyes, step: Int64, is_same_pose: bool) -> _ViewPair:
+        """Return a pair of views, remembered where it was compared at this relative pose."""
+        key = older.key, newer.view.key
+        self._used[key] = self._calls
+        known = [p for p in self._pairs.get(key, ()) if p.is_of(older, newer)]
+        pair = next((p for p in known if p.fits(step, is_same_pose)), None)
+        if pair is None:
+            pair = _ViewPair.of(older, newer, step, is_same_pose, self._config)
+            self.compared += 1
+        self._pairs[key] = [pair, *(p for p in known if p is not pair)][:ALTERNATIVES]
+        return pair
+
+    def _forget_unused(self) -> None:
+        """Forget what several calls did not use; callers may have different views."""
+        self._calls += 1
+        used = {key for key, last in self._used.items() if self._calls - last <= UNUSED}
+        self._used = {key: last for key, last in self._used.items() if key in used}
+        self._eyes = {key: eyes for key, eyes in self._eyes.items() if key in used}
+        self._pairs = {key: pairs for key, pairs in self._pairs.items() if key in used}
 
     def _carve_patch(
         self,
@@ -237,14 +260,17 @@ class Carver:
             left.replaced_by[v, p] = w, carved.replaced_by
 
     def _eyes_of(self, view: View) -> _Eyes:
+        self._used[view.key] = self._calls
         known = self._eyes.get(view.key)
-        return known if known is not None and known.view is view else _Eyes.of(view)
+        if known is None or known.view is not view:
+            known = self._eyes[view.key] = _Eyes.of(view)
+        return known
 
     def _forget_other_settings(self) -> None:
         """Forget everything where a parameter was changed."""
         settings = repr((self._config.views, self._config.surfaces))
         if settings != self._settings:
-            self._settings, self._eyes, self._pairs = settings, {}, {}
+            self._settings, self._eyes, self._pairs, self._used = settings, {}, {}, {}
 
 
 def carve(views: list[View], T_map_view: Float64, config: Config) -> Survivors:

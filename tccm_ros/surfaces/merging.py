@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from hashlib import blake2b
+from typing import NamedTuple
 
 import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform
-from tccm_ros.surfaces.carving import Survivors
+from tccm_ros.surfaces.carving import UNUSED, Survivors
 from tccm_ros.surfaces.contact import box_pairs, connect, patch_clouds
 from tccm_ros.surfaces.outline import horizontal_outline
 from tccm_ros.surfaces.patch_planes import stack_planes
@@ -44,43 +46,124 @@ MergeFunction = Callable[[Sequence[Float64], float], Int64]
 returns for each patch the first patch of its surface, int64 (P,)."""
 
 
-def surviving_patches(views: list[View], left: Survivors, config: Config) -> list[NumberedPatch]:
-    """Return the patches of which points are left.
+class Remainders:
+    """Makes patches of the points that carving left, and remembers them.
+
+    Most patches keep the same points from one solution to the next. What is returned does not
+    depend on what is remembered.
 
     Parameters
     ----------
-    views
-        In stamp order.
-    left
-        Of `carve`, for these views.
     config
         Uses `surfaces.merge_distance`.
 
-    Returns
-    -------
-    list of NumberedPatch
-        In the order of their numbers; moments and outlines are of the points that are left.
+    Attributes
+    ----------
+    outlined
+        Patches whose outlines were found by the last `surviving_patches`, and not remembered.
     """
-    found = []
-    for v, (first, view) in enumerate(zip(first_numbers(views), views)):
-        for p, patch in enumerate(view.patches):
-            rest = _rest(patch, left.keep[v][p], config)
-            if rest is not None:
-                found.append(NumberedPatch(first + p, v, rest))
-    return found
+
+    def __init__(self, config: Config):
+        self._config = config
+        self._known: dict[_Key, _Remainder] = {}
+        self._calls = 0
+        self.outlined = 0
+
+    def surviving_patches(self, views: list[View], left: Survivors) -> list[NumberedPatch]:
+        """Return the patches of which points are left.
+
+        Parameters
+        ----------
+        views
+            In stamp order.
+        left
+            Of `carve`, for these views.
+
+        Returns
+        -------
+        list of NumberedPatch
+            In the order of their numbers; moments and outlines are of the points that are left.
+        """
+        self.outlined = 0
+        found = []
+        for v, (first, view) in enumerate(zip(first_numbers(views), views)):
+            for p, patch in enumerate(view.patches):
+                keep = left.keep[v][p]
+                rest = patch if keep.all() else self._rest(patch, keep, (*view.key, p))
+                if rest is not None:
+                    found.append(NumberedPatch(first + p, v, rest))
+        self._calls += 1
+        self._known = {k: r for k, r in self._known.items() if self._calls - r.used <= UNUSED}
+        return found
+
+    def _rest(self, patch: Patch, keep: Bool, place: tuple[int, int, int]) -> Patch | None:
+        """Return a patch, the third of `place` in a view, without some points; None: none left."""
+        distance = self._config.surfaces.merge_distance
+        key = *place, distance, blake2b(keep.tobytes(), digest_size=16).digest()
+        known = self._known.get(key)
+        if known is None or known.whole is not patch:
+            known = _Remainder(patch, _rest(patch, keep, distance), self._calls)
+            self.outlined += known.rest is not None
+        self._known[key] = known._replace(used=self._calls)
+        return known.rest
 
 
-def _rest(patch: Patch, keep: Bool, config: Config) -> Patch | None:
+_Key = tuple[int, int, int, float, bytes]
+"""Of a remainder: key of its view, index of its patch, `surfaces.merge_distance`, its points."""
+
+
+class _Remainder(NamedTuple):
+    """What is left of a patch, None: nothing, and in which call it was used last."""
+
+    whole: Patch
+    rest: Patch | None
+    used: int
+
+
+def _rest(self, patch: Patch, keep: Bool, place: tuple[int, int, int]) -> Patch | None:
+        """Return a patch, the third of `place` in a view, without some points; None: none left."""
+        distance = self._config.surfaces.merge_distance
+        key = *place, distance, blake2b(keep.tobytes(), digest_size=16).digest()
+        known = self._known.get(key)
+        if known is None or known.whole is not patch:
+            known = _Remainder(patch, _rest(patch, keep, distance), self._calls)
+            self.outlined += known.rest is not None
+        self._known[key] = known._replace(used=self._calls)
+        return known.rest
+
+
+_Key = tuple[int, int, int, float, bytes]
+"""Of a remainder: key of its view, index of its patch, `surfaces.merge_distance`, its points."""
+
+
+class _Remainder(NamedTuple):
+    """What is left of a patch, None: nothing, and in which call it was used last."""
+
+    whole: Patch
+    rest: Patch | None
+    used: int
+
+
+def surviving_patches(views: list[View], left: Survivors, config: Config) -> list[NumberedPatch]:
+    """Return the patches of which points are left, remembering nothing.
+
+    Parameters
+    ----------
+    views, left, config
+        As for `Remainders`.
+    """
+    return Remainders(config).surviving_patches(views, left)
+
+
+def _rest(patch: Patch, keep: Bool, distance: float) -> Patch | None:
     """Return a patch of the points that are left, with their moments and outline; None: none."""
-    if keep.all():
-        return patch
     if not keep.any():
         return None
     points, weights = patch.points[keep], patch.weights[keep]
     exact, fraction = points.astype(np.float64), weights / weights.sum()
     mean = fraction @ exact
     cov = (exact - mean).T @ ((exact - mean) * fraction[:, None])
-    outline, spacing = horizontal_outline(exact[:, :2], config.surfaces.merge_distance)
+    outline, spacing = horizontal_outline(exact[:, :2], distance)
     return Patch(points, weights, int(weights.sum()), mean, cov, outline, spacing)
 
 

@@ -19,7 +19,7 @@ from tccm_ros.slam.factors.surfaces import ViewPlane
 from tccm_ros.slam.factors.views import BetweenViews
 from tccm_ros.slam.solution import Solution
 from tccm_ros.surfaces.carving import Carver, Survivors
-from tccm_ros.surfaces.merging import Members, NumberedPatch, merge_coplanar, surviving_patches
+from tccm_ros.surfaces.merging import Members, NumberedPatch, Remainders, merge_coplanar
 from tccm_ros.surfaces.patch_planes import fit_covariance, fit_plane
 from tccm_ros.surfaces.side_matching import SideMatch, match_sides
 from tccm_ros.surfaces.sides import Sides, find_sides
@@ -63,11 +63,19 @@ class Registration:
     ----------
     config
         Uses the groups ``views`` and ``surfaces``.
+    carver, remainders
+        Those of a map of the same views, which remember what it compared; by default others.
     """
 
-    def __init__(self, config: Config):
+    def __init__(
+        self,
+        config: Config,
+        carver: Carver | None = None,
+        remainders: Remainders | None = None,
+    ):
         self._config = config
-        self._carver = Carver(config)
+        self._carver = carver or Carver(config)
+        self._remainders = remainders or Remainders(config)
         self._sides: dict[tuple[int, int], tuple[View, Sides]] = {}
 
     def factors(self, views: list[View], known: Solution) -> list[Factor]:
@@ -81,7 +89,7 @@ class Registration:
             Solution of the graph without these factors, with the same views.
         """
         left = self._carver.carve(views, known.T_map_views)
-        patches = surviving_patches(views, left, self._config)
+        patches = self._remainders.surviving_patches(views, left)
         cov_z_roll_pitch = known.cov_views[:, Z_ROLL_PITCH][:, :, Z_ROLL_PITCH]
         planes = plane_factors(patches, known.T_map_views, cov_z_roll_pitch, self._config)
         self._sides = {view.key: (view, self._sides_of(view)) for view in views}

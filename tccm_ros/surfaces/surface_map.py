@@ -24,10 +24,10 @@ from tccm_ros.surfaces.merged_surface import MergedSurface, fit_surface
 from tccm_ros.surfaces.merging import (
     Members,
     MergeFunction,
+    Remainders,
     clouds_in_map,
     group_patches,
     merge_coplanar,
-    surviving_patches,
 )
 from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.polygons import polygon_rings
@@ -94,13 +94,19 @@ class SurfaceMap:
     baseline_merge
         Merging of a baseline, in place of `merge_coplanar`; nothing is joined over occluded areas
         then. None: no baseline.
+
+    Attributes
+    ----------
+    carver, remainders
+        They remember what they made of views for the solutions to come.
     """
 
     def __init__(
         self, config: Config, session: int = 0, baseline_merge: MergeFunction | None = None
     ):
         self._config = config
-        self._carver = Carver(config)
+        self.carver = Carver(config)
+        self.remainders = Remainders(config)
         self._session = session
         self._published_merge = baseline_merge
         self._views: dict[tuple[int, int], View] = {}
@@ -165,7 +171,7 @@ class SurfaceMap:
         """
         walls = np.zeros((0, 2, 2)) if walls is None else walls
         views, config, T = self.views, self._config, poses.T_map_view
-        left = self._carver.carve(views, T)
+        left = self.carver.carve(views, T)
         groups = self._merge(views, left, poses)
         fitted = [fit_surface(members, views, T, config) for members in groups]
         surfaces = [surface for surface in fitted if surface is not None]
@@ -189,7 +195,7 @@ class SurfaceMap:
 
     def _merge(self, views: list[View], left: Survivors, poses: ViewPoses) -> list[Members]:
         """Group the patches that carving left into surfaces."""
-        patches = surviving_patches(views, left, self._config)
+        patches = self.remainders.surviving_patches(views, left)
         if self._published_merge is None:
             return merge_coplanar(patches, poses.T_map_view, poses.cov_z_roll_pitch, self._config)
         clouds = clouds_in_map(patches, poses.T_map_view)

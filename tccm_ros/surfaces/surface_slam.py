@@ -133,7 +133,7 @@ class SurfaceSlam:
             else WallSlam(self.config, _label_lines)
         )
         self.map = self._empty_map(self.session)
-        self._registration = Registration(self.config)
+        self._registration = Registration(self.config, self.map.carver, self.map.remainders)
         for saved in self.saved_views:
             self.map.add_view(saved.view)
         self._tilt_stamps: set[int] = set()

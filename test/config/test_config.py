@@ -27,6 +27,7 @@ DEFAULTS = {
     "views.when": "always",
     "clock_jump": 2.0,
     "sync_timeout": 0.5,
+    "reorder_window": 0.05,
     "rig.kinematics": "auto",
     "rig.tilt_offset": 0.0,
     "rig.tilt_scale": 1.0,

@@ -65,6 +65,18 @@ def test_duplicates_and_disorder_are_counted_and_do_not_show(ros):
     assert same_map(straight, node)
 
 
+def test_scans_that_overtake_each_other_by_less_than_the_window_are_all_used(ros):
+    records, window_s = list(recording(3)), 0.12
+    delays_ns = np.random.default_rng(1).integers(0, window_s * SECOND, len(records))
+    arrivals = [r.stamp_ns + d * (t == "tilt_scan") for d, (t, r) in zip(delays_ns, records)]
+    mixed = [records[k] for k in np.argsort(arrivals, kind="stable")]
+    assert np.any(np.diff([r.stamp_ns for t, r in mixed if t == "tilt_scan"]) < 0)
+    straight, node = played(ros, records), played(ros, mixed, reorder_window=window_s)
+    assert not node.dropped["out of order"]
+    assert node.processor.counts["scans used"] == straight.processor.counts["scans used"]
+    assert same_map(straight, node)
+
+
 def test_a_stamp_from_the_future_is_dropped_alone(ros):
     records = list(recording(3))
     k = [i for i, (t, _) in enumerate(records) if t == "tilt_scan"][30]

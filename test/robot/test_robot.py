@@ -317,6 +317,20 @@ def test_malformed_records_are_counted():
     assert taken.robot.refused["malformed"] == 2
 
 
+def test_scans_that_overtake_each_other_come_out_in_order():
+    records = drive(2000)
+    rng = np.random.default_rng(3)
+    arrivals = [getattr(r, "stamp_ns", 0) for r in records]
+    late = [a + rng.integers(0, 50 * MS) * isinstance(r, Scan) for a, r in zip(arrivals, records)]
+    mixed = [records[k] for k in np.argsort(late, kind="stable")]
+    for window_s, is_lossless in ((0.05, True), (0.0, False)):
+        taken = Taken([f"reorder_window={window_s}"])
+        posed = play(taken, mixed)
+        assert times(posed) == sorted(times(posed))
+        assert (len(posed) == 80) == is_lossless
+        assert (taken.dropped["out of order"] == 0) == is_lossless
+
+
 def test_a_clock_jump_is_an_event_and_scans_are_posed_again_after_it():
     taken = Taken()
     posed = []

@@ -86,6 +86,34 @@ def test_only_pairs_with_a_new_or_moved_view_are_looked_at():
     assert carver.compared == 0
 
 
+def test_what_a_pose_gave_is_known_when_it_comes_back():
+    rng = np.random.default_rng(3)
+    views, T = [random_view(rng, k + 1) for k in range(3)], random_poses(rng, 3)
+    moved = T.copy()
+    moved[1, 0, 3] += 10.0 * STEPS[0]
+    carver = Carver(CONFIG)
+    for poses in (T, moved):
+        carver.carve(views, poses)
+    for poses in (T, moved, T):
+        assert_same(carver.carve(views, poses), carve(views, poses, CONFIG))
+        assert carver.compared == 0
+
+
+def test_callers_with_different_views_share_a_carver():
+    rng = np.random.default_rng(4)
+    views, T = [random_view(rng, k + 1) for k in range(VIEWS)], random_poses(rng, VIEWS)
+    carver = Carver(CONFIG)
+    for _ in range(8):
+        for first in (0, 2):
+            some = views[first:], T[first:]
+            assert_same(carver.carve(*some), carve(*some, CONFIG))
+    assert carver.compared == 0
+    for _ in range(5):
+        carver.carve(views[2:], T[2:])
+    carver.carve(views, T)
+    assert carver.compared > 0
+
+
 def test_a_changed_parameter_forgets_what_is_remembered():
     rng = np.random.default_rng(2)
     views, T = [random_view(rng, k + 1) for k in range(3)], random_poses(rng, 3)

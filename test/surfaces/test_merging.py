@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from surface_maps import default_tilt_covariance
 
 from tccm_ros.config import Config
 from tccm_ros.records import SurfaceCloud
-from tccm_ros.surfaces.merging import NumberedPatch, merge_coplanar
+from tccm_ros.surfaces.carving import UNUSED, Survivors
+from tccm_ros.surfaces.merging import NumberedPatch, Remainders, merge_coplanar
 from tccm_ros.surfaces.views import empty_view, with_cloud
 
 CONFIG = Config()
@@ -71,3 +74,55 @@ def test_tables_that_do_not_touch_are_two():
         count([patch((1.0, 2.0), horizontal(0.7)), patch((2.06, 3.0), horizontal(0.7))], (0, 1))
         == 2
     )
+
+
+def view_of_patches(rng, stamp_ns):
+    points = [rng.uniform((k, -0.5, 0.7), (k + 0.6, 0.5, 0.7), (200, 3)) for k in (1.0, 3.0)]
+    cloud = np.concatenate(points).astype(np.float32)
+    surface = np.repeat(np.arange(2, dtype=np.uint32), 200)
+    return with_cloud(empty_view(stamp_ns, 0, CONFIG), SurfaceCloud(1, "b", cloud, surface), CONFIG)
+
+
+def random_masks(rng, views):
+    return Survivors(
+        [
+            [rng.random(len(p.points)) < rng.choice([0.0, 0.5, 1.0]) for p in view.patches]
+            for view in views
+        ]
+    )
+
+
+def assert_same_patches(found, expected):
+    assert [(p.number, p.view) for p in found] == [(p.number, p.view) for p in expected]
+    for a, b in zip((p.patch for p in found), (p.patch for p in expected)):
+        assert (a.count, a.spacing, a.outline.wkb) == (b.count, b.spacing, b.outline.wkb)
+        assert np.array_equal(a.points, b.points)
+        assert np.array_equal(a.cov, b.cov)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=15, deadline=None)
+def test_what_is_remembered_of_patches_does_not_show(seed):
+    rng = np.random.default_rng(seed)
+    views, remainders = [view_of_patches(rng, k + 1) for k in range(3)], Remainders(CONFIG)
+    masks = [random_masks(rng, views) for _ in range(2)]
+    for number in (0, 1, 0, 1):
+        found = remainders.surviving_patches(views, masks[number])
+        assert_same_patches(found, Remainders(CONFIG).surviving_patches(views, masks[number]))
+    assert remainders.outlined == 0
+    views[1] = view_of_patches(rng, 2)
+    changed = random_masks(rng, views)
+    found = remainders.surviving_patches(views, changed)
+    assert_same_patches(found, Remainders(CONFIG).surviving_patches(views, changed))
+
+
+def test_patches_that_several_solutions_did_not_use_are_forgotten():
+    rng = np.random.default_rng(0)
+    views, remainders = [view_of_patches(rng, 1)], Remainders(CONFIG)
+    half = Survivors([[np.arange(len(p.points)) % 2 == 0 for p in views[0].patches]])
+    remainders.surviving_patches(views, half)
+    assert remainders.outlined == len(views[0].patches)
+    for _ in range(UNUSED + 1):
+        remainders.surviving_patches([], Survivors([]))
+    remainders.surviving_patches(views, half)
+    assert remainders.outlined == len(views[0].patches)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -111,11 +111,43 @@ def simulate(
         Where `out` exists already or cannot be written.
     """
     simulation = Simulation(build_world(name, options), seed, options)
+    return record(simulation, out, overwrite=overwrite, progress=progress)
+
+
+def record(
+    simulation: Simulation,
+    out: Path | str,
+    *,
+    messages: Iterable[Message] | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> Path:
+    """Write the bag of a simulation with its truth.
+
+    Parameters
+    ----------
+    simulation
+        What is recorded.
+    out, overwrite, progress
+        As for `simulate`.
+    messages
+        What is written instead of the simulation's own messages, say with faults.
+
+    Returns
+    -------
+    Path
+        `out`.
+
+    Raises
+    ------
+    OutputError
+        Where `out` exists already or cannot be written.
+    """
     types = TypestoreMessages()
     with BagWriter(out, overwrite=overwrite, typestore=types) as bag:
         for topic, msgtype in _sensor_topics(simulation):
             bag.add_topic(topic, msgtype, SENSOR)
-        for message in simulation.run():
+        for message in simulation.run() if messages is None else messages:
             msgtype, content = _message(types, message, simulation)
             topic = message.topic + "/compressedDepth" * (msgtype == COMPRESSED)
             bag.write(topic, msgtype, message.log_ns, content)

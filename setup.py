@@ -16,7 +16,9 @@ setup(
     name=PACKAGE,
     version="0.1.0",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed", "pipeline/report/viewer/*", "fleet/viewer/*"]},
+    package_data={
+        PACKAGE: ["py.typed", "pipeline/report/viewer/*", "fleet/viewer/*", "ros/definitions/*.msg"]
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

@@ -22,7 +22,7 @@ from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeSpace
 from tccm_ros.cuboids.integration_map import IntegrationMap
-from tccm_ros.mapping.surface_message import surface_cloud, view_intervals
+from tccm_ros.mapping.surface_message import object_boxes, surface_cloud, view_intervals
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.planes import find_planes
 from tccm_ros.planes.tracking import PlaneTracker
@@ -88,11 +88,17 @@ def run_cycles(cycles: list[Any], config: Config, all_stages: list[Stages]) -> N
             "surface message",
             lambda s=cycle, f=fits, T=T, v=viewpoint: surface_cloud(s, f, T, v, "base", True, 0.01),
         )
+        boxes = run(
+            "object boxes",
+            lambda s=cycle, f=fits, p=planes, T=T: object_boxes(
+                s, f, p, config, T, "base", wanted=True
+            ),
+        )
         result = CycleResult(
             cycle=cycle.part.cycle, stamp_ns=cycle.stamp_ns, start_ns=cycle.part.start_ns,
             end_ns=cycle.part.end_ns, frame_id="odom", base_frame_id="base", T_odom_base=T,
             planes=planes, objects=found, place_size=config.objects.place_size, surfaces=surfaces,
-            view=view, part=cycle.part, scans=len(cycle.records), base_speed=0.0,
+            view=view, boxes=boxes, part=cycle.part, scans=len(cycle.records), base_speed=0.0,
             base_angular_speed=0.0, ended_by="turn",
         )  # fmt: skip
         for message in builder.of(result, lambda c=cuboids: c):

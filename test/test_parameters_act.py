@@ -25,10 +25,12 @@ from tccm_ros.bags.carmen import import_carmen
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.config import Config, parameters
 from tccm_ros.cuboids.timed_cycles import TimedCycles
-from tccm_ros.records import JointSample, Odometry, PosedScan
+from tccm_ros.records import JointSample, ObjectBoxes, Odometry, PosedScan, ViewIntervals
 from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.surfaces.labels import label_surfaces
+from tccm_ros.surfaces.object_tracks import track_objects
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
+from tccm_ros.surfaces.views import empty_view, with_intervals, with_objects
 
 GROUPS = (
     "cycle", "map", "planes", "center_core", "objects", "lines", "matching", "odometry", "walls",
@@ -117,6 +119,19 @@ def cycles_by_time(config):
     for stamp in range(0, 5 * 10**9, 10**8):
         cycles.advance_to(stamp, np.eye(4))
     return digest([[span.start_ns, span.end_ns] for span in cycles.closed])
+
+
+def tracked(config):
+    """Return what is left of an object that one more view looked through."""
+    rows = np.array([[1.05, 0.05, 0.5, 1.5]], np.float32)
+    boxes = ObjectBoxes(
+        1, "base", np.array([[1.05, 0.05, 0.8]]), np.full((1, 3), 0.04), np.zeros(1),
+        np.array([50], np.uint32),
+    )  # fmt: skip
+    seen = [with_objects(empty_view(k, 0, config), boxes) for k in (1, 2)]
+    through = with_intervals(empty_view(3, 0, config), ViewIntervals(3, "base", rows))
+    poses = np.broadcast_to(np.eye(4), (3, 4, 4))
+    return digest([t.id for t in track_objects([*seen, through], poses, config)])
 
 
 LAP = [(0, 0), (12, 0), (12, 9), (0, 9), (0, 0), (4, 0)]
@@ -250,6 +265,7 @@ STAGES = {
     "slipping": lambda c: walls(c, run=slipping()),
     "saved walls": lambda c: walls(c, saved_lap()),
     "surfaces": surfaces,
+    "tracked": tracked,
     "labels": labels,
 }
 
@@ -300,6 +316,7 @@ CASES = {
     "objects.cluster_distance": ("room", 0.9, {}),
     "objects.min_points": ("room", 100, {}),
     "objects.track_distance": ("room", 0.01, ONE),
+    "objects.agreeing_views": ("tracked", 1, {}),
     "objects.place_size": ("room", (0.3, 0.3), {}),
     "lines.extractor": ("walls", "ransac", {}),
     "lines.min_length": ("walls", 2.0, {}),

@@ -5,13 +5,14 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from tccm_ros.cdr.reading import MAX_TRAILING_BYTES
@@ -20,9 +21,12 @@ from tccm_ros.errors import MessageError, one_line
 
 Factory = Callable[[], Any]
 
+DEFINITIONS = Path(__file__).resolve().parents[1] / "ros" / "definitions"
+"""Messages of tccm_interfaces: a link to interfaces/msg, files in an installed package."""
+
 
 class TypestoreMessages:
-    """The `MessageTypes` of bags (ROS 2 Jazzy), with serialisation to and from CDR."""
+    """The `MessageTypes` of bags (ROS 2 Jazzy, tccm_interfaces), with CDR to and from bytes."""
 
     def __init__(self) -> None:
         self._store = _shared_store()
@@ -35,7 +39,7 @@ class TypestoreMessages:
         Raises
         ------
         KeyError
-            For a type that ROS 2 Jazzy does not have.
+            For a type that neither ROS 2 Jazzy nor tccm_interfaces has.
         TypeError
             For a field that the type does not have.
         """
@@ -103,7 +107,7 @@ class TypestoreMessages:
         return message
 
     def knows(self, msgtype: str) -> bool:
-        """Return whether ROS 2 Jazzy's common interfaces have this type."""
+        """Return whether ROS 2 Jazzy's common interfaces or tccm_interfaces have this type."""
         return msgtype in self._store.fielddefs
 
     def definition(self, msgtype: str) -> str:
@@ -141,7 +145,10 @@ class TypestoreMessages:
 @cache
 def _shared_store() -> Typestore:
     """Return the one store of a process: its compiled converters take 0.1 s to make."""
-    return get_typestore(Stores.ROS2_JAZZY)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for path in sorted(DEFINITIONS.glob("*.msg")):
+        store.register(get_types_from_msg(path.read_text(), f"tccm_interfaces/msg/{path.stem}"))
+    return store
 
 
 @cache

@@ -141,6 +141,9 @@ class Objects(Group):
     track_distance: float = param(
         0.15, "an object that moved less is the same", unit="m", gt=0.0, le=2.0
     )
+    agreeing_views: int = param(
+        2, "an object has come, or has left, once so many views agree", ge=1, le=100
+    )
     place_size: tuple[float, float] = param(
         (0.15, 0.15), "width and depth of a free place for an object to put down", unit="m"
     )

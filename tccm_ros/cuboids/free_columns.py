@@ -112,6 +112,10 @@ class FreeSpace:
         """Forget everything."""
         self._views.clear()
 
+    def cycle_at(self, stamp_ns: int) -> int:
+        """Return the number of the cycle whose view has a stamp, -1 for none."""
+        return next((v.cycle for v in self._views if v.stamp_ns == stamp_ns), -1)
+
     def last_seen(self, points: Float64) -> Int64:
         """Return when points (N, 3), m, in odom, were last seen to be free, int64 (N,), ns.
 

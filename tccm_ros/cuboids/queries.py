@@ -6,6 +6,7 @@ is known per column of ``views.cell_size``, from the beams of the tilt cycles in
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -17,7 +18,11 @@ from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids, cell_keys
 from tccm_ros.cuboids.free_columns import NEVER, FreeSpace
 from tccm_ros.cuboids.integration_map import IntegrationMap
+from tccm_ros.geometry import transform
 from tccm_ros.kernels import kernel
+
+MAX_POINTS = 1_000_000
+"""Points of a box that are looked at, at most. Chosen: 0.1 s."""
 
 
 class Occupancy(IntEnum):
@@ -50,6 +55,24 @@ class Measurement:
     first_ns: int
     last_ns: int
     points: int
+
+
+@dataclass(frozen=True, slots=True)
+class BoxAnswer:
+    """Whether anything is in a box.
+
+    Attributes
+    ----------
+    occupancy
+        Of the box.
+    cycle, stamp_ns
+        The newest tilt cycle that looked into it, and the end of that, or the middle where it saw
+        nothing but free space; -1 and `NEVER` where none did.
+    """
+
+    occupancy: Occupancy
+    cycle: int
+    stamp_ns: int
 
 
 class MapQuery:
@@ -103,6 +126,42 @@ class MapQuery:
             if self._free is not None and self._is_free(b[i], spacing):
                 result[i] = Occupancy.FREE
         return result
+
+    def box(self, T_map_box: Float64, size: Float64, spacing: float = 0.01) -> BoxAnswer:
+        """Return whether anything is in a box of any orientation.
+
+        Parameters
+        ----------
+        T_map_box
+            float64 (4, 4), pose of its middle.
+        size
+            float64 (3,), edges along its own axes, m.
+        spacing
+            Of the points that are looked at; half a cell, and a third of a cuboid's depth. It grows
+            in large boxes, to at most `MAX_POINTS` points, m.
+        """
+        spacing = max(spacing, (float(np.prod(size)) / MAX_POINTS) ** (1.0 / 3.0))
+        axes = [
+            np.linspace(-0.5 * edge, 0.5 * edge, math.ceil(edge / spacing) + 1)
+            for edge in size.tolist()
+        ]
+        grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        points = transform(T_map_box, grid)
+        at = self._at(points)
+        free = np.full(len(points), NEVER, np.int64)
+        if self._free is not None:
+            free = self._free.last_seen(points)
+        hit = np.unique(at[at >= 0])
+        newest = self.cuboids.cycles[self.cuboids.cycle_offsets[hit + 1] - 1]
+        ends = {part.cycle: part.end_ns for part in self._map.parts}
+        if len(hit):
+            cycle = int(newest.max())
+            return BoxAnswer(Occupancy.OCCUPIED, cycle, ends[cycle])
+        stamp_ns = int(free.max())
+        if stamp_ns == NEVER or self._free is None:
+            return BoxAnswer(Occupancy.UNKNOWN, -1, NEVER)
+        state = Occupancy.FREE if (free != NEVER).all() else Occupancy.UNKNOWN
+        return BoxAnswer(state, self._free.cycle_at(stamp_ns), stamp_ns)
 
     def last_seen(self, points: ArrayLike) -> Int64:
         """Return when the places of points (N, 3) were last seen, free or occupied; ns or NEVER."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -13,13 +13,21 @@ from tccm_ros.cuboids.free_intervals import FreeIntervalTracer
 from tccm_ros.cuboids.inclination import SEEN_AS_WALL
 from tccm_ros.cuboids.merging import owners
 from tccm_ros.cuboids.part_map import PartMap
-from tccm_ros.geometry import inverse, transform
+from tccm_ros.geometry import inverse, planar, transform
 from tccm_ros.planes import PlaneFit, PlaneFits
 from tccm_ros.planes.horizontal_strips import horizontal_strips
 from tccm_ros.planes.plane_noise import are_too_thick
 from tccm_ros.planes.wall_contact import lie_on_walls
-from tccm_ros.records import PlaneKind, SurfaceCloud, ViewIntervals
+from tccm_ros.records import (
+    ObjectBoxes,
+    PlaneKind,
+    PlaneRecord,
+    SurfaceCloud,
+    TabletopObject,
+    ViewIntervals,
+)
 from tccm_ros.sensors.point_cloud import first_in_voxels
+from tccm_ros.tabletop.objects import find_objects
 
 Segmentation = Callable[[Float64], Int32]
 """Surface of each point float64 (N, 3), m, in the base frame: int32 (N,), -1 for none."""
@@ -172,3 +180,49 @@ def view_intervals(
     for record in cycle.records:
         columns.add(*record.rays(longest, enough, T_base_odom))
     return ViewIntervals(cycle.stamp_ns, frame_id, columns.intervals(cycle.angle_step()))
+
+
+def object_boxes(
+    cycle: TiltCycleData,
+    fits: PlaneFits,
+    planes: Sequence[PlaneRecord],
+    config: Config,
+    T_odom_base: Float64,
+    frame_id: str,
+    wanted: bool,
+) -> ObjectBoxes:
+    """Return the objects that the newest part map measured, each where this tilt cycle saw it.
+
+    The objects of the integration map are up to `map.window_cycles` old, and have drifted with
+    odometry since.
+
+    Parameters
+    ----------
+    cycle
+        The newest tilt cycle.
+    fits, planes
+        Planes of the map, in odom, and the tracked ones.
+    config
+        Group `objects`.
+    T_odom_base
+        float64 (4, 4), the base at the stamp.
+    frame_id
+        The base frame.
+    wanted
+        Otherwise there are none.
+    """
+    part = cycle.part
+    objects: Sequence[TabletopObject] = ()
+    if wanted and len(part):
+        labels = plane_labels(part, fits)
+        objects = find_objects(part.cuboids(), fits, planes, config, labels)
+    center = np.array([item.center for item in objects]).reshape(-1, 3)
+    yaw = np.array([item.yaw for item in objects], np.float64) - float(planar(T_odom_base)[2])
+    return ObjectBoxes(
+        cycle.stamp_ns,
+        frame_id,
+        transform(inverse(T_odom_base), center),
+        np.array([item.size for item in objects]).reshape(-1, 3),
+        yaw,
+        np.array([item.points for item in objects], np.uint32),
+    )

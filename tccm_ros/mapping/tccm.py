@@ -24,12 +24,13 @@ from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.cuboids.part_map import PartMap
 from tccm_ros.cuboids.queries import MapQuery
 from tccm_ros.cuboids.union import UNION
-from tccm_ros.mapping.surface_message import surface_cloud, view_intervals
+from tccm_ros.mapping.surface_message import object_boxes, surface_cloud, view_intervals
 from tccm_ros.planes import find_planes
 from tccm_ros.planes.tracking import PlaneTracker
 from tccm_ros.records import (
     Event,
     MapReset,
+    ObjectBoxes,
     PlaneRecord,
     Posed,
     PosedScan,
@@ -93,14 +94,14 @@ class CycleResult:
     frame_id
         Frame of planes, objects, free places and part map: the odometry frame.
     base_frame_id
-        Frame of `surfaces` and `view`.
+        Frame of `surfaces`, `view` and `boxes`.
     T_odom_base
         float64 (4, 4), the base at `stamp_ns`.
     planes, objects
         Tracked planes, and what stands on them.
     place_size
         Width and depth of what `free_places` looks for room for, m.
-    surfaces, view
+    surfaces, view, boxes
         What goes to the surface map.
     part
         The newest part map, with its points.
@@ -124,6 +125,7 @@ class CycleResult:
     place_size: tuple[float, float]
     surfaces: SurfaceCloud
     view: ViewIntervals
+    boxes: ObjectBoxes
     part: PartMap
     scans: int
     base_speed: float
@@ -320,6 +322,7 @@ class TccmProcessor:
                 self._segmentation,
             ),
             view=view if wanted else replace(view, intervals=view.intervals[:0]),
+            boxes=object_boxes(cycle, fits, planes, self.config, T_odom_base, base, wanted),
             part=part,
             scans=len(cycle.records),
             base_speed=speed,

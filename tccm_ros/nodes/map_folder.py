@@ -107,9 +107,15 @@ class MapKeeper:
 
     A map of another session is not replaced by one that holds less; one that is replaced stays in
     the folder beside it (`PREVIOUS`).
+
+    Parameters
+    ----------
+    may_replace
+        Whether any map may be replaced.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, may_replace: bool = False) -> None:
+        self._may_replace = may_replace
         self._own: tuple[int, int, int] | None = None
 
     def forget(self) -> None:
@@ -148,7 +154,7 @@ class MapKeeper:
                 "odometry and surface messages?"
             )
         is_own = self._own is not None and _identity(folder / MAP_FILE) == self._own
-        if not is_own:
+        if not is_own and not self._may_replace:
             _check_replaceable(folder, content)
         if is_asked or not is_own:
             keep_previous(folder, _sizes(archive))

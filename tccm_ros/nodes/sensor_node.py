@@ -46,6 +46,7 @@ from tccm_ros.nodes.worker import BACKLOG, Worker
 from tccm_ros.records import (
     Event,
     MapReset,
+    ObjectBoxes,
     Odometry,
     StreamComplete,
     SurfaceCloud,
@@ -58,7 +59,9 @@ from tccm_ros.ros.reading import READERS
 from tccm_ros.sensors.depth_image import camera_info_topic, depth_stream, is_compressed
 from tccm_ros.sensors.registry import default_streams
 
-NOT_DROPPED = (MapReset, Odometry, StreamComplete, SurfaceCloud, TiltAngle, ViewIntervals)
+NOT_DROPPED = (
+    MapReset, ObjectBoxes, Odometry, StreamComplete, SurfaceCloud, TiltAngle, ViewIntervals
+)  # fmt: skip
 """Events that an overloaded node keeps as long as it can: all but what sensors measured."""
 
 

@@ -16,18 +16,17 @@ from std_srvs.srv import Trigger
 
 from tccm_ros.errors import MapError, TccmError
 from tccm_ros.nodes.clock import steady_timer
-from tccm_ros.nodes.collision import CollisionObjects
 from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.map_folder import MAP_FILE, MapKeeper
 from tccm_ros.nodes.outputs import SolutionOutputs
+from tccm_ros.nodes.programs import Programs, offered
 from tccm_ros.nodes.qos import LARGE_DEPTH, SENSOR_DEPTH, latched, sensor, surface_message
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.solver import Solver
 from tccm_ros.nodes.solver_channel import (
-    COLLISION_TOPIC,
     GRID,
     GRID_TOPIC,
     Failed,
@@ -36,7 +35,7 @@ from tccm_ros.nodes.solver_channel import (
     Solved,
 )
 from tccm_ros.nodes.worker import Worker, promise
-from tccm_ros.records import Event, Odometry, SurfaceCloud, ViewIntervals
+from tccm_ros.records import Event, ObjectBoxes, Odometry, SurfaceCloud, ViewIntervals
 from tccm_ros.robot import MountKind
 from tccm_ros.ros.topic_messages import SOLUTION_TOPICS, SURFACE_MESSAGE_TOPICS
 from tccm_ros.sensors.depth_image import depth_stream, is_compressed
@@ -90,11 +89,11 @@ class SlamNode(SensorNode):
         self._has_tilt_scan = False
         self._saved_keyframes, self._has_loaded = 0, False
         self.live = LivePosePublisher(self, self.types, self.config, self.intake)
-        topics = {**SOLUTION_TOPICS, GRID_TOPIC: GRID}
+        topics = {**offered(SOLUTION_TOPICS), GRID_TOPIC: GRID}
         self._outputs = SolutionOutputs(
             self, topics, latched(), self.solver.show, self.worker.post, shared=(GRID_TOPIC,)
         )
-        self._boxes = CollisionObjects(self, self.types, self.live.map_frame)
+        self._programs = Programs(self, self.live, self.begin_named_save, self.load)
         self.listen(watch="stream")
         self._listen_to_tccm()
         self.add_post_set_parameters_callback(lambda _: self.worker.post(self._note_config))
@@ -132,7 +131,7 @@ class SlamNode(SensorNode):
 
     # --- intake ---
 
-    def takes(self, event: Event | SurfaceCloud | ViewIntervals) -> bool:
+    def takes(self, event: Event | ObjectBoxes | SurfaceCloud | ViewIntervals) -> bool:
         """Return whether an event is for the processor."""
         return self.processor.takes(event)
 
@@ -201,8 +200,7 @@ class SlamNode(SensorNode):
         """Ask for a solution with all that has come; return its number."""
         self._unsolved.clear()
         self._next_solve_s = time.monotonic() + SOLVE_PERIOD_S
-        boxes = {COLLISION_TOPIC} if self._boxes.is_published else set()
-        return self.solver.solve(self._outputs.listened | boxes)
+        return self.solver.solve(self._outputs.listened)
 
     @property
     def _waits_for_scan(self) -> bool:
@@ -211,6 +209,7 @@ class SlamNode(SensorNode):
 
     def _on_answer(self, answer: Solved | Messages | Failed) -> None:
         if isinstance(answer, Solved):
+            self._programs.receive(answer)
             self.worker.post(lambda: self._show(answer))
         elif isinstance(answer, Messages):
             self.worker.post(lambda: self._outputs.publish(answer.messages))
@@ -229,9 +228,7 @@ class SlamNode(SensorNode):
         if self._shown_ns >= 0:
             self.live.correct(self.processor.current_pose())
         self._outputs.publish_solution(solved.messages)
-        self._boxes.publish(solved.surfaces, solved.stamp_ns)
-        for change in solved.changes:
-            self.get_logger().info(change)
+        self._programs.show(solved.number)
 
     @property
     def _resets(self) -> int:
@@ -262,6 +259,7 @@ class SlamNode(SensorNode):
     def _forget(self, *, is_localised: bool) -> None:
         self.live.forget(is_localised=is_localised)
         self._outputs.forget()
+        self._programs.forget(is_map_loaded=self._has_loaded)
         self._keeper.forget()
         self._shown_ns = -1
         self._has_tilt_scan = False
@@ -272,11 +270,16 @@ class SlamNode(SensorNode):
 
     def begin_save(self) -> Future:
         """Have the newest solution saved: with all that has come, if that does not take long."""
-        folder = self.save_folder()
+        return self._begin_save(self.save_folder(), may_replace=False)
 
+    def begin_named_save(self, folder: Path) -> Future:
+        """Have it saved into a folder, whatever map is there."""
+        return self._begin_save(folder, may_replace=True)
+
+    def _begin_save(self, folder: Path, *, may_replace: bool) -> Future:
         def save() -> str:
             self.solver.wait(asked[0], PATIENCE_S if self._has_solution else None)
-            return self._save_newest(folder, is_asked=True)
+            return self._save_newest(folder, is_asked=True, may_replace=may_replace)
 
         def ask() -> None:
             asked.append(self._ask_solution())
@@ -307,7 +310,7 @@ class SlamNode(SensorNode):
     def _save_unasked(self) -> str:
         return self._save_newest(self.save_folder(), is_asked=False)
 
-    def _save_newest(self, folder: Path, *, is_asked: bool) -> str:
+    def _save_newest(self, folder: Path, *, is_asked: bool, may_replace: bool = False) -> str:
         """Save the newest solution; return a sentence that names it.
 
         Raises
@@ -324,7 +327,8 @@ class SlamNode(SensorNode):
         try:
             if solved.resets != self._resets:
                 raise MapError(f"{folder}: not written, no solution since the map began anew")
-            self._keeper.save(archive, solved.content, folder, is_asked=is_asked)
+            keeper = MapKeeper(may_replace=True) if may_replace else self._keeper
+            keeper.save(archive, solved.content, folder, is_asked=is_asked)
         finally:
             os.close(archive)
         late_s = max(self.newest_ns - solved.stamp_ns, 0) * 1e-9
@@ -382,6 +386,7 @@ class SlamNode(SensorNode):
         if not self.live.is_localised:
             yield "not yet found in the map that was loaded: map -> odom is not published; drive on"
         yield from self.solver.problems()
+        yield from self._programs.problems()
 
     def values(self) -> Mapping[str, object]:
         """Return what has come of the input."""

@@ -15,15 +15,11 @@ import zlib
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
-from tccm_ros.records import Surface
 from tccm_ros.results.map_file import MapContent
 from tccm_ros.slam.tracking import SolvedMap
 
 GRID, GRID_TOPIC = "nav_msgs/msg/OccupancyGrid", "map"
 """For navigation, latched; saved as map.pgm and map.yaml."""
-
-COLLISION_TOPIC = "collision_object"
-"""Where somebody publishes it, the surfaces themselves come with a solution."""
 
 HEADER = struct.Struct("<Q")
 """Before each batch of events: its size."""
@@ -127,10 +123,8 @@ class Solved(NamedTuple):
         Where it puts this session, its newest keyframe and its walls, for `Tracker.take`.
     is_localised
         Whether the session is in the frame of its map.
-    changes
-        What happened to surfaces since the solution before, a sentence each.
-    surfaces
-        Of the solution, where the topic `collision_object` was asked for.
+    scene
+        What programs ask about (`nodes.scene_channel`), in pieces.
     messages
         Serialised, by topic.
     duration_s
@@ -146,8 +140,7 @@ class Solved(NamedTuple):
     content: MapContent
     map: SolvedMap
     is_localised: bool
-    changes: tuple[str, ...]
-    surfaces: tuple[Surface, ...]
+    scene: tuple[bytes, ...]
     messages: dict[str, bytes]
     duration_s: float
     archive: int = -1

@@ -26,8 +26,8 @@ from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, TccmError, one_line
 from tccm_ros.nodes.map_folder import map_files, pack_files
+from tccm_ros.nodes.scene_channel import pack_scene
 from tccm_ros.nodes.solver_channel import (
-    COLLISION_TOPIC,
     GRID,
     GRID_TOPIC,
     Began,
@@ -41,14 +41,12 @@ from tccm_ros.nodes.solver_channel import (
     Solved,
     read_events,
 )
-from tccm_ros.records import Surface
 from tccm_ros.results.map_file import MapContent, load_map
 from tccm_ros.ros.output_messages import grid_message
 from tccm_ros.ros.topic_messages import SolutionMessageBuilder, TopicMessage
 from tccm_ros.slam.occupancy import RESOLUTION_M, occupancy_grid
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
-from tccm_ros.surfaces.track_ids import changes
 
 NICENESS = 5
 """Tracking comes first where there are fewer cores than processes (chosen)."""
@@ -70,7 +68,6 @@ class SolverProcess:
         self._journal = -1
         self._read = 0
         self._slam = SurfaceSlam(Config())
-        self._surfaces: tuple[Surface, ...] = ()
         self._shown: dict[str, TopicMessage] = {}
         self._builder = SolutionMessageBuilder(self._types, "map")
         self._do: dict[type, Callable[[Any], None]] = {
@@ -105,7 +102,7 @@ class SolverProcess:
         if self._journal >= 0:
             os.close(self._journal)
         self._session, self._journal, self._read = begin.session, journal, 0
-        self._slam, self._surfaces, self._shown = slam, (), {}
+        self._slam, self._shown = slam, {}
         self._builder = SolutionMessageBuilder(self._types, config.frames.map_name)
         self._connection.send(Began(begin.session, slam.walls.first_keyframe))
 
@@ -134,8 +131,6 @@ class SolverProcess:
         with tempfile.TemporaryFile(prefix="tccm_map_") as archive:
             pack_files(map_files(self._slam, solution, frame, saved), archive)
             self._shown = self._messages(solution, saved)
-            done = tuple(str(change) for change in changes(self._surfaces, solution.surfaces))
-            self._surfaces = solution.surfaces
             solved = Solved(
                 self._session,
                 solve.number,
@@ -144,8 +139,7 @@ class SolverProcess:
                 MapContent.of(saved, solution),
                 self._slam.solved_map(solution),
                 self._slam.is_aligned(solution),
-                done,
-                self._surfaces if COLLISION_TOPIC in solve.topics else (),
+                pack_scene(solution, frame, occupancy_grid(saved.walls), self._types),
                 self._serialised(solve.topics),
                 time.monotonic() - start,
             )

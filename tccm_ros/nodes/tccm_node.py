@@ -13,7 +13,9 @@ from std_srvs.srv import SetBool, Trigger
 from tccm_ros.atomic import output_folder
 from tccm_ros.errors import MapError
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
+from tccm_ros.nodes.box_service import BoxService
 from tccm_ros.nodes.inputs import Blocking
+from tccm_ros.nodes.interfaces import MISSING, has_interfaces
 from tccm_ros.nodes.map_folder import keep_previous
 from tccm_ros.nodes.outputs import Outputs
 from tccm_ros.nodes.qos import latched, sensor, surface_message
@@ -72,6 +74,8 @@ class TccmNode(SensorNode):
         self.listen(watch="needed")
         self.create_service(Trigger, "~/take_view", self._on_take_view)
         self.create_service(SetBool, "~/pause", self._on_pause)
+        if has_interfaces():
+            BoxService(self, self.processor)
         self.start()
 
     @property
@@ -196,7 +200,8 @@ class TccmNode(SensorNode):
 
     def problems(self) -> Iterable[str]:
         """Return what is wrong with the records, and with the rig as the floor shows it."""
-        return [*super().problems(), *self._rig_problems]
+        missing = () if has_interfaces() else (MISSING,)
+        return [*super().problems(), *self._rig_problems, *missing]
 
     def values(self) -> Mapping[str, object]:
         """Return cycles and scans used, and whether the node is paused."""

@@ -132,6 +132,7 @@ class Pipeline:
             with self.clock.stage("slam"):
                 self.slam.add(result.surfaces)
                 self.slam.add(result.view)
+                self.slam.add(result.boxes)
             with self.clock.stage("history"):
                 self.history.add(result.cycle, result.stamp_ns, result.part.cuboids())
             with self.clock.stage("write"):

@@ -27,7 +27,6 @@ from tccm_ros.results.exports import write_results, write_timing
 from tccm_ros.results.map_file import is_map, load_map, save_map
 from tccm_ros.results.models import (
     CountsEntry,
-    ObjectsFile,
     ScansUsedEntry,
     SessionEntry,
     SessionKind,
@@ -37,11 +36,10 @@ from tccm_ros.results.models import (
 from tccm_ros.results.result_bag import CycleMessageStore, write_result_bag
 from tccm_ros.results.surface_counts import count_surfaces
 from tccm_ros.stopwatch import Stopwatch
-from tccm_ros.surfaces.scene_objects import scene_objects
 
 LIBRARIES = ("gtsam", "numba", "numpy", "scipy", "shapely")
 
-PROCESSING = ("read", "pose", "tccm", "slam", "history", "solve", "objects")
+PROCESSING = ("read", "pose", "tccm", "slam", "history", "solve")
 """Stages that the real-time factor counts: reading and processing, without imports and pictures."""
 
 WRITING = ("write",)
@@ -150,10 +148,8 @@ def replay(
             bag, config, remap=remap, saved=saved, on_cycle=messages.add, bars=bars, clock=clock
         )
         bars.start("write", 1.0)
-        with clock.stage("objects"):
-            objects = ObjectsFile.of(*scene_objects(outcome.solution, outcome.cycles))
         with clock.stage("write"):
-            content = _write(folder, outcome, messages, objects)
+            content = _write(folder, outcome, messages)
         _copy_stamps(bag_paths(bag), folder)
         factor = _real_time_factor(outcome, clock)
         if pictures:
@@ -190,12 +186,11 @@ def _write(
     folder: Path,
     outcome: Outcome,
     messages: CycleMessageStore,
-    objects: ObjectsFile,
 ) -> SummaryFile:
     config, solution, cycles = outcome.config, outcome.solution, outcome.cycles
     cuboids = outcome.tccm.map.cuboids()
-    content = _summary(outcome, len(objects.objects))
-    write_results(folder, solution, cycles, cuboids, config, objects=objects, summary=content)
+    content = _summary(outcome, len(outcome.solution.objects))
+    write_results(folder, solution, cycles, cuboids, config, summary=content)
     save_cycles(folder / "cycles.npz", outcome.history.parts(_T_map_odom(outcome)))
     write_result_bag(folder / "result.mcap", cycles, messages, solution, config)
     map_frame = config.frames.prefix + config.frames.map

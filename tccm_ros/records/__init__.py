@@ -6,6 +6,7 @@ convention: whoever holds one may keep it.
 """
 
 from tccm_ros.records.cycle import (
+    ObjectBoxes,
     PlaneKind,
     PlaneRecord,
     SurfaceCloud,
@@ -54,6 +55,7 @@ __all__ = [
     "LandmarkObservation",
     "Loop",
     "MapReset",
+    "ObjectBoxes",
     "Odometry",
     "PlaneKind",
     "PlaneRecord",

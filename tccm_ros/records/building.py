@@ -13,7 +13,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float32, Float64
 from tccm_ros.errors import MessageError
-from tccm_ros.records.cycle import SurfaceCloud, ViewIntervals
+from tccm_ros.records.cycle import ObjectBoxes, SurfaceCloud, ViewIntervals
 from tccm_ros.records.sensors import (
     JointSample,
     Odometry,
@@ -33,6 +33,7 @@ Record = (
     | RobotDescription
     | SurfaceCloud
     | ViewIntervals
+    | ObjectBoxes
 )
 
 MAX_SCAN_S = 60.0

@@ -50,6 +50,32 @@ class ViewIntervals:
     intervals: Float32
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ObjectBoxes:
+    """What stands on the surfaces that one tilt cycle measured, as boxes with vertical sides.
+
+    Attributes
+    ----------
+    stamp_ns, frame_id
+        As in the SurfaceCloud of the same cycle: the boxes are where the base saw them.
+    center
+        float64 (N, 3), middle of each box, m.
+    size
+        float64 (N, 3), edges along its own x, y and z, m.
+    yaw
+        float64 (N,), of its x axis, rad.
+    points
+        uint32 (N,), points measured on it.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    center: Float64
+    size: Float64
+    yaw: Float64
+    points: NDArray[np.uint32]
+
+
 class PlaneKind(StrEnum):
     """What is known of a plane's inclination."""
 

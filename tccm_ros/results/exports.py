@@ -36,7 +36,6 @@ def write_results(
     cuboids: Cuboids,
     config: Config,
     *,
-    objects: ObjectsFile,
     summary: SummaryFile,
 ) -> None:
     """Write the data files of a run into a folder that is made ready (see `output_folder`).
@@ -53,8 +52,8 @@ def write_results(
         The final integration map.
     config
         Groups ``frames``, ``map`` and ``planes``.
-    objects, summary
-        What objects.json and summary.json hold.
+    summary
+        What summary.json holds.
 
     Raises
     ------
@@ -64,7 +63,6 @@ def write_results(
     write_solution(folder, solution, config)
     odom = cycles[-1].frame_id if cycles else config.frames.odom_name
     models = {
-        "objects.json": objects,
         "planes.json": PlanesFile.of(cycles),
         "summary.json": summary,
     }
@@ -72,7 +70,7 @@ def write_results(
 
 
 def write_solution(folder: Path, solution: SurfaceSolution, config: Config) -> None:
-    """Write surfaces, walls, graph and trajectory of a solution.
+    """Write surfaces, objects, walls, graph and trajectory of a solution.
 
     Parameters
     ----------
@@ -97,6 +95,7 @@ def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes
     models = {
         "surfaces.json": SurfacesFile.of(solution.surfaces, solution.floor_z, map_frame),
         "walls.json": WallsFile.of(slam.walls),
+        "objects.json": ObjectsFile.of(solution.objects, solution.free_places),
         "graph.json": GraphFile.of(slam.keyframes, slam.loops, slam.landmarks),
         "surfaces.geojson": feature_collection(solution.surfaces, slam.walls, map_frame),
     }

@@ -82,6 +82,37 @@ class MapContent(NamedTuple):
         return self.keyframes < other.keyframes or self.views < other.views
 
 
+class MapSummary(NamedTuple):
+    """What a saved map is made of, from the metadata of its file.
+
+    Attributes
+    ----------
+    sessions, surfaces, objects, walls
+        Numbers of each; 0 where an older version did not write it.
+    """
+
+    sessions: int
+    surfaces: int
+    objects: int
+    walls: int
+
+
+def read_summary(path: Path) -> MapSummary:
+    """Return what a saved map is made of.
+
+    Raises
+    ------
+    MapError
+        If it is missing, damaged or no map.
+    """
+    try:
+        with path.open("rb") as file:
+            found = next(m.metadata for m in make_reader(file).iter_metadata() if m.name == FORMAT)
+        return MapSummary(*(int(found.get(name, 0)) for name in MapSummary._fields))
+    except (OSError, McapError, ValueError, EOFError, struct.error, StopIteration) as error:
+        raise MapError(f"{path}: damaged or not a map ({one_line(error)})") from None
+
+
 def read_content(path: Path) -> MapContent:
     """Return how much the map of a file holds.
 
@@ -147,6 +178,9 @@ def map_content(saved: SavedMap, solution: SurfaceSolution, frame_id: str = "map
     metadata["stamp"] = str(Stamp(solution.stamp_ns))
     counts = MapContent.of(saved, solution)._asdict()
     metadata.update({name: str(count) for name, count in counts.items()})
+    metadata["sessions"] = str(len({s.view.session for s in saved.views}) or 1)
+    metadata["objects"] = str(len(solution.objects))
+    metadata["walls"] = str(len(solution.slam.walls))
     writer.add_metadata(FORMAT, metadata)
     writer.finish()
     return stream.getvalue()

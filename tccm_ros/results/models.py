@@ -198,7 +198,7 @@ class SurfacesFile:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ObjectEntry(SceneObject):
+class ObjectEntry:
     """A box on a surface, in map.
 
     Attributes
@@ -215,8 +215,11 @@ class ObjectEntry(SceneObject):
         Yaw of its x axis, in (-pi/2, pi/2], rad.
     """
 
+    id: int
+    surface: int
     center: Vector
     size: Vector
+    yaw: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -254,7 +257,15 @@ class ObjectsFile:
     def of(
         cls, objects: Iterable[SceneObject], free: Mapping[int, Sequence[Float64]]
     ) -> ObjectsFile:
-        """Return the model of objects.json of the result of `scene_objects`."""
+        """Return the model of objects.json.
+
+        Parameters
+        ----------
+        objects
+            By surface and id.
+        free
+            Rings by surface (`free_places`).
+        """
         return cls(
             tuple(_entry(ObjectEntry, item) for item in objects),
             tuple(FreePlacesEntry(s, tuple(rings)) for s, rings in sorted(free.items())),

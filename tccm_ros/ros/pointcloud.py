@@ -21,6 +21,12 @@ SURFACE_ROW = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("surface", "<
 VIEW_ROW = np.dtype([("x", "<f4"), ("y", "<f4"), ("z_low", "<f4"), ("z_high", "<f4")])
 """A row of ~/view."""
 
+OBJECT_ROW = np.dtype(
+    [(name, "<f8") for name in ("x", "y", "z", "size_x", "size_y", "size_z", "yaw")]
+    + [("points", "<u4")]
+)
+"""A row of ~/object_boxes."""
+
 MAP_ROW = np.dtype(
     [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("depth", "<f4"), ("count", "<u4"), ("cycle", "<u4")]
 )

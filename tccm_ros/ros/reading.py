@@ -20,6 +20,7 @@ from tccm_ros.cdr.reading import read_joint_sample, read_odometry, read_transfor
 from tccm_ros.errors import MessageError
 from tccm_ros.records import (
     JointSample,
+    ObjectBoxes,
     Odometry,
     RobotDescription,
     SurfaceCloud,
@@ -33,7 +34,7 @@ from tccm_ros.records.building import (
     stamp_ns_from_message,
     transform_sample,
 )
-from tccm_ros.ros.pointcloud import SURFACE_ROW, VIEW_ROW, cloud_rows
+from tccm_ros.ros.pointcloud import OBJECT_ROW, SURFACE_ROW, VIEW_ROW, cloud_rows
 from tccm_ros.sensors.registry import default_streams
 
 
@@ -116,6 +117,25 @@ def view_from_message(message: Any) -> ViewIntervals:
     return ViewIntervals(stamp, frame_name(message.header.frame_id), intervals)
 
 
+def object_boxes_from_message(message: Any) -> ObjectBoxes:
+    """Return the boxes of a sensor_msgs/PointCloud2 with the fields of ~/object_boxes.
+
+    Raises
+    ------
+    MessageError
+        For other fields, sizes that contradict each other, or numbers that are not finite.
+    """
+    rows = cloud_rows(message, OBJECT_ROW)
+    center = np.stack([rows[name] for name in "xyz"], axis=1)
+    size = np.stack([rows[f"size_{name}"] for name in "xyz"], axis=1)
+    yaw = np.ascontiguousarray(rows["yaw"])
+    if not (np.isfinite(center).all() and np.isfinite(size).all() and np.isfinite(yaw).all()):
+        raise MessageError("object boxes have numbers that are not finite")
+    stamp = stamp_ns_from_message(message.header.stamp)
+    frame, points = frame_name(message.header.frame_id), np.ascontiguousarray(rows["points"])
+    return ObjectBoxes(stamp, frame, center, size, yaw, points)
+
+
 def _reader(
     message_type: str,
     of_message: Callable[[Any], Any],
@@ -140,6 +160,7 @@ READERS: Mapping[str, MessageReader] = {
     **{stream.role: stream.reader for stream in default_streams()},
     "surfaces": _reader("sensor_msgs/msg/PointCloud2", surface_cloud_from_message),
     "view": _reader("sensor_msgs/msg/PointCloud2", view_from_message),
+    "object_boxes": _reader("sensor_msgs/msg/PointCloud2", object_boxes_from_message),
 }
 """The reader of messages to records, by role of a topic."""
 

@@ -31,8 +31,14 @@ from tccm_ros.ros.output_messages import (
     path_message,
     surface_map_message,
 )
+from tccm_ros.ros.surface_messages import (
+    SURFACE_MAP,
+    SURFACE_OBJECTS,
+    objects_message,
+    typed_map_message,
+)
 from tccm_ros.ros.types import MessageTypes
-from tccm_ros.ros.writing import surface_cloud_message, view_message
+from tccm_ros.ros.writing import object_boxes_message, surface_cloud_message, view_message
 
 if TYPE_CHECKING:  # tccm_node does without the graph: with gtsam it has 40 MB more
     from tccm_ros.surfaces.surface_slam import SurfaceSolution
@@ -49,10 +55,11 @@ CYCLE_TOPICS = {
     "obstacles": CLOUD,
     "surfaces": CLOUD,
     "view": CLOUD,
+    "object_boxes": CLOUD,
 }
 """Private topics of the TCCM node and their types (docs/reference/nodes.md)."""
 
-SURFACE_MESSAGE_TOPICS = ("surfaces", "view")
+SURFACE_MESSAGE_TOPICS = ("surfaces", "view", "object_boxes")
 """Those of `CYCLE_TOPICS` that the SLAM node reads: one for each tilt cycle, never skipped."""
 
 SOLUTION_TOPICS = {
@@ -60,6 +67,8 @@ SOLUTION_TOPICS = {
     "walls": MARKERS,
     "surfaces": MARKERS,
     "surface_cloud": CLOUD,
+    "surface_map": SURFACE_MAP,
+    "objects": SURFACE_OBJECTS,
 }
 """Private topics of the SLAM node that show a solution, and their types."""
 
@@ -137,6 +146,7 @@ class CycleMessageBuilder:
             "obstacles": lambda: _obstacles(ended, cuboids()),
             "surfaces": lambda: surface_cloud_message(self._types, result.surfaces),
             "view": lambda: view_message(self._types, result.view),
+            "object_boxes": lambda: object_boxes_message(self._types, result.boxes),
         }
         for topic, build in markers.items():
             yield TopicMessage(topic, MARKERS, self._markers(topic, build, result.stamp_ns))
@@ -217,6 +227,8 @@ class SolutionMessageBuilder:
                 surface_markers(context, solution.surfaces), stamp_ns
             ),
             "surface_cloud": lambda: _surface_cloud(context, solution),
+            "surface_map": lambda: typed_map_message(*context, solution),
+            "objects": lambda: objects_message(*context, solution.objects),
         }
         for topic, build in builders.items():
             yield TopicMessage(topic, SOLUTION_TOPICS[topic], build)

@@ -16,6 +16,7 @@ from tccm_ros.records import (
     CameraInfo,
     DepthImage,
     JointSample,
+    ObjectBoxes,
     Odometry,
     PointCloud,
     RobotDescription,
@@ -24,7 +25,7 @@ from tccm_ros.records import (
     TransformSample,
     ViewIntervals,
 )
-from tccm_ros.ros.pointcloud import SURFACE_ROW, VIEW_ROW, cloud_message
+from tccm_ros.ros.pointcloud import OBJECT_ROW, SURFACE_ROW, VIEW_ROW, cloud_message
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message, quaternion_message
 from tccm_ros.sensors.compressed_depth import write_compressed_depth
 
@@ -194,3 +195,14 @@ def view_message(types: MessageTypes, view: ViewIntervals) -> Any:
     for k, name in enumerate(VIEW_ROW.names or ()):
         rows[name] = view.intervals[:, k]
     return cloud_message(types, view.stamp_ns, view.frame_id, rows)
+
+
+def object_boxes_message(types: MessageTypes, boxes: ObjectBoxes) -> Any:
+    """Return ~/object_boxes, a sensor_msgs/PointCloud2 (docs/reference/nodes.md)."""
+    rows = np.zeros(len(boxes.center), OBJECT_ROW)
+    for k, name in enumerate("xyz"):
+        rows[name] = boxes.center[:, k]
+        rows[f"size_{name}"] = boxes.size[:, k]
+    rows["yaw"] = boxes.yaw
+    rows["points"] = boxes.points
+    return cloud_message(types, boxes.stamp_ns, boxes.frame_id, rows)

@@ -18,6 +18,7 @@ from tccm_ros.geometry import planar
 from tccm_ros.records import (
     LandmarkObservation,
     MapReset,
+    ObjectBoxes,
     Odometry,
     PosedScan,
     SurfaceCloud,
@@ -32,7 +33,9 @@ from tccm_ros.slam.odometry_model import odometry_covariance
 from tccm_ros.slam.se2 import between, compose, inverse, rotate_covariance
 from tccm_ros.slam.wall_slam import LivePose
 
-COUNTED = {SurfaceCloud: "clouds", ViewIntervals: "views", MapReset: "resets"}
+COUNTED = {
+    SurfaceCloud: "clouds", ViewIntervals: "views", ObjectBoxes: "boxes", MapReset: "resets"
+}  # fmt: skip
 """Events that are counted here and used by the solution alone."""
 
 
@@ -69,8 +72,8 @@ class Tracker:
     Attributes
     ----------
     counts
-        ``level scans`` matched, ``keyframes`` made of them, ``clouds`` and ``views`` received,
-        ``resets``.
+        ``level scans`` matched, ``keyframes`` made of them, ``clouds``, ``views`` and ``boxes``
+        received, ``resets``.
     odom_frame
         Name of the odometry frame.
     """

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from scipy import ndimage
 
-from tccm_ros.arrays import Float64
+from tccm_ros.arrays import Bool, Float64
+from tccm_ros.records import Surface
 from tccm_ros.slam.occupancy import OccupancyGrid
 
 
@@ -40,11 +43,13 @@ class FreeFloor:
     ----------
     grid
         In map.
+    surfaces
+        Under which the base does not stand: all but the floor. A level laser sees their legs alone.
     """
 
-    def __init__(self, grid: OccupancyGrid):
+    def __init__(self, grid: OccupancyGrid, surfaces: Sequence[Surface] = ()):
         # What is outside of the grid is unknown: not free.
-        free = np.pad(grid.cells == 0, 1)
+        free = np.pad((grid.cells == 0) & ~cells_under(surfaces, grid), 1)
         distances = ndimage.distance_transform_edt(free)[1:-1, 1:-1]
         # From the middle of a cell to the nearest corner of the other: never more than there is.
         self._distance = np.maximum(distances - math.sqrt(0.5), 0.0) * grid.resolution
@@ -85,3 +90,32 @@ class FreeFloor:
             is_far = np.hypot(*(xy[order] - xy[k]).T) >= max(robot_radius, self._resolution)
             order = order[is_far]
         return found
+
+
+def cells_under(surfaces: Sequence[Surface], grid: OccupancyGrid) -> Bool:
+    """Return the cells of a grid whose middle is under a surface other than the floor.
+
+    Parameters
+    ----------
+    surfaces
+        In map.
+    grid
+        In map.
+
+    Returns
+    -------
+    bool (height, width)
+    """
+    under = np.zeros(grid.cells.shape, bool)
+    for surface in surfaces:
+        if surface.label == "floor":
+            continue
+        ring = (surface.boundary[:, :2] - grid.origin) / grid.resolution
+        low = np.maximum(np.floor(ring.min(axis=0)).astype(int), 0)
+        high = np.minimum(np.ceil(ring.max(axis=0)).astype(int), under.shape[::-1])
+        if (low >= high).any():
+            continue
+        x, y = np.meshgrid(np.arange(low[0], high[0]) + 0.5, np.arange(low[1], high[1]) + 0.5)
+        outline = shapely.make_valid(shapely.Polygon(ring))
+        under[low[1] : high[1], low[0] : high[0]] |= shapely.contains_xy(outline, x, y)
+    return under

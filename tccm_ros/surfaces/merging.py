@@ -121,15 +121,15 @@ class _Remainder(NamedTuple):
 
 
 def _rest(self, patch: Patch, keep: Bool, place: tuple[int, int, int]) -> Patch | None:
-        """Return a patch, the third of `place` in a view, without some points; None: none left."""
-        distance = self._config.surfaces.merge_distance
-        key = *place, distance, blake2b(keep.tobytes(), digest_size=16).digest()
-        known = self._known.get(key)
-        if known is None or known.whole is not patch:
-            known = _Remainder(patch, _rest(patch, keep, distance), self._calls)
-            self.outlined += known.rest is not None
-        self._known[key] = known._replace(used=self._calls)
-        return known.rest
+    """Return a patch, the third of `place` in a view, without some points; None: none left."""
+    distance = self._config.surfaces.merge_distance
+    key = *place, distance, blake2b(keep.tobytes(), digest_size=16).digest()
+    known = self._known.get(key)
+    if known is None or known.whole is not patch:
+        known = _Remainder(patch, _rest(patch, keep, distance), self._calls)
+        self.outlined += known.rest is not None
+    self._known[key] = known._replace(used=self._calls)
+    return known.rest
 
 
 _Key = tuple[int, int, int, float, bytes]

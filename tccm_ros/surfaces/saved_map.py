@@ -14,7 +14,7 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.errors import MapError
 from tccm_ros.surfaces.polygons import polygons_of
-from tccm_ros.surfaces.views import Patch, View
+from tccm_ros.surfaces.views import Patch, SeenObject, View
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -66,6 +66,7 @@ class SavedMap:
 def pack_views(views: Sequence[View]) -> Arrays:
     """Return the arrays of views: rows of all views one after the other, and counts of rows."""
     patches = [patch for view in views for patch in view.patches]
+    objects = [item for view in views for item in view.objects]
     outlines = [np.frombuffer(shapely.to_wkb(p.outline), np.uint8) for p in patches]
     return {
         "stamp_ns": np.array([v.stamp_ns for v in views], np.int64),
@@ -91,6 +92,23 @@ def pack_views(views: Sequence[View]) -> Arrays:
         ),
         "outline_bytes": np.array([len(o) for o in outlines], np.int64),
         "outlines": _joined(outlines, np.uint8),
+        "forgotten_objects": np.array([v.forgotten_objects for v in views], np.int64),
+        "objects": np.array([len(v.objects) for v in views], np.int64),
+        "object_boxes": np.array(
+            [(*o.center, *o.size, o.yaw) for o in objects], np.float64
+        ).reshape(-1, 7),
+        "object_counts": np.array(
+            [
+                (
+                    o.points,
+                    ABSENT if o.number is None else o.number,
+                    ABSENT if o.first_seen_ns is None else o.first_seen_ns,
+                    o.views,
+                )
+                for o in objects
+            ],
+            np.int64,
+        ).reshape(-1, 4),
     }
 
 
@@ -139,6 +157,7 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
     first = np.concatenate([[0], np.cumsum(a["patches"])])
     if first[-1] != len(patches) or len(a["patches"]) != len(a["stamp_ns"]):
         raise ValueError(f"{len(patches)} patches, {first[-1]} expected")
+    objects = _unpack_objects(a)
     return [
         View(
             int(a["stamp_ns"][v]),
@@ -147,15 +166,43 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
             float(a["reach"][v]),
             int(a["session"][v]),
             int(a["forgotten"][v]) if "forgotten" in a else 0,
+            objects[v],
+            int(a["forgotten_objects"][v]) if "forgotten_objects" in a else 0,
         )
         for v, columns in enumerate(free)
     ]
 
 
+def _unpack_objects(a: Mapping[str, NDArray[Any]]) -> list[tuple[SeenObject, ...]]:
+    """Return the objects of each view; none in maps of older versions."""
+    if "objects" not in a:
+        return [()] * len(a["stamp_ns"])
+    boxes, counts = a["object_boxes"].reshape(-1, 7), a["object_counts"].reshape(-1, 4)
+    if len(boxes) != len(counts) or len(a["objects"]) != len(a["stamp_ns"]):
+        raise ValueError(f"{len(boxes)} objects, {len(counts)} expected")
+    if not np.isfinite(boxes).all():
+        raise ValueError("objects are not finite")
+    return [
+        tuple(map(_unpack_object, rows, numbers.tolist()))
+        for rows, numbers in zip(_split(boxes, a["objects"]), _split(counts, a["objects"]))
+    ]
+
+
+def _unpack_object(box: Float64, numbers: Sequence[int]) -> SeenObject:
+    points, number, first_seen_ns, views = numbers
+    return SeenObject(
+        box[:3], box[3:6], float(box[6]), points, _absent(number), _absent(first_seen_ns), views
+    )
+
+
+def _absent(value: int) -> int | None:
+    return None if value == ABSENT else value
+
+
 def _present(a: Mapping[str, NDArray[Any]], name: str, k: int) -> int | None:
     """Return an entry that may be None, or may be missing in maps of older versions."""
     value = int(a[name][k]) if name in a else ABSENT
-    return None if value == ABSENT else value
+    return _absent(value)
 
 
 def _split(rows: NDArray[Any], counts: Int64) -> list[NDArray[Any]]:

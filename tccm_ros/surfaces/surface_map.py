@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 
 from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.config import Config
-from tccm_ros.records import Surface, SurfaceCloud, SurfaceSighting, ViewIntervals
+from tccm_ros.records import (
+    ObjectBoxes,
+    Surface,
+    SurfaceCloud,
+    SurfaceSighting,
+    ViewIntervals,
+)
 from tccm_ros.surfaces.carving import Carver, Survivors, find_replacements
 from tccm_ros.surfaces.floor import find_floor, is_floor, join_floor
 from tccm_ros.surfaces.joining import join_over_occlusions
@@ -29,10 +35,18 @@ from tccm_ros.surfaces.merging import (
     group_patches,
     merge_coplanar,
 )
+from tccm_ros.surfaces.object_tracks import with_objects_of
 from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.polygons import polygon_rings
 from tccm_ros.surfaces.track_ids import TrackIds
-from tccm_ros.surfaces.views import View, empty_view, with_cloud, with_intervals, with_numbers_of
+from tccm_ros.surfaces.views import (
+    View,
+    empty_view,
+    with_cloud,
+    with_intervals,
+    with_numbers_of,
+    with_objects,
+)
 
 LATE_VIEWS = 8
 """Number of newest views among which a late one may still arrive; chosen."""
@@ -88,7 +102,7 @@ class SurfaceMap:
     Parameters
     ----------
     config
-        Uses the groups ``views``, ``surfaces`` and ``labels``.
+        Uses the groups ``views``, ``surfaces``, ``objects`` and ``labels``.
     session
         Session of the views that will be added, counted from 0.
     baseline_merge
@@ -112,15 +126,17 @@ class SurfaceMap:
         self._views: dict[tuple[int, int], View] = {}
         self._newest_compared = (-1, -1)
 
-    def add(self, record: SurfaceCloud | ViewIntervals) -> None:
-        """Add the cloud or the free intervals of a view; those of one stamp are one view.
+    def add(self, record: SurfaceCloud | ViewIntervals | ObjectBoxes) -> None:
+        """Add the cloud, the free intervals or the objects of a view; of one stamp, of one view.
 
-        A second cloud, or second intervals, of one stamp replace the first.
+        A second cloud, second intervals or objects of one stamp replace the first.
         """
         key = self._session, record.stamp_ns
         view = self._views.get(key) or empty_view(record.stamp_ns, self._session, self._config)
         if isinstance(record, SurfaceCloud):
             view = with_cloud(view, record, self._config)
+        elif isinstance(record, ObjectBoxes):
+            view = with_objects(view, record)
         else:
             view = with_intervals(view, record)
         self._views[key] = view
@@ -151,7 +167,8 @@ class SurfaceMap:
                 replaced_by = find_replacements(older, newer, self._config)
             if replaced_by is not None:
                 del self._views[older.key]
-                self._views[newer.key] = with_numbers_of(newer, older, replaced_by)
+                kept = with_numbers_of(newer, older, replaced_by)
+                self._views[newer.key] = with_objects_of(kept, older, self._config)
 
     @property
     def views(self) -> list[View]:

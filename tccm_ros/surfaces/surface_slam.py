@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -20,6 +20,7 @@ from tccm_ros.records import (
     Event,
     LandmarkObservation,
     MapReset,
+    ObjectBoxes,
     Odometry,
     PosedScan,
     ScanPose,
@@ -33,13 +34,15 @@ from tccm_ros.slam.live_estimate import MapWalls, SolvedKeyframe
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.tracking import SolvedMap
 from tccm_ros.slam.wall_slam import LivePose, WallSlam
+from tccm_ros.surfaces.object_tracks import track_objects
 from tccm_ros.surfaces.registration import Z_ROLL_PITCH, Registration
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView
+from tccm_ros.surfaces.scene_objects import SceneObject, free_places, scene_objects
 from tccm_ros.surfaces.session_alignment import SessionAlignment, align_session
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
 from tccm_ros.surfaces.views import View
 
-SlamInput = Event | LandmarkObservation | SurfaceCloud | ViewIntervals
+SlamInput = Event | LandmarkObservation | ObjectBoxes | SurfaceCloud | ViewIntervals
 
 ROLES = {None, *roles_of("slam")}
 """Roles of the events that are processed: those of its streams, and those for all processors."""
@@ -65,6 +68,12 @@ class SurfaceSolution:
     trajectory_ns, trajectory
         int64 (N,) and float64 (N, 3): planar pose of base in map for each level scan, for each
         tilt scan where there is no level laser.
+    objects
+        What stands on the surfaces, by surface and id.
+    free_places
+        Where there is room on the surfaces, by their ids (`scene_objects.free_places`).
+    place_size
+        Width and depth of what there is room for, m.
     alignment
         How this session was aligned with a saved map; None where there was nothing to align.
     stamp_ns
@@ -78,6 +87,9 @@ class SurfaceSolution:
     mapped: MappedSurfaces
     trajectory_ns: Int64
     trajectory: Float64
+    objects: tuple[SceneObject, ...] = ()
+    free_places: Mapping[int, list[Float64]] = field(default_factory=dict)
+    place_size: tuple[float, float] = (0.0, 0.0)
     alignment: SessionAlignment | None = None
     stamp_ns: int = 0
 
@@ -103,7 +115,7 @@ class SurfaceSlam:
     Attributes
     ----------
     counts
-        ``level scans`` matched, ``clouds`` and ``views`` received, ``resets``.
+        ``level scans`` matched, ``clouds``, ``views`` and ``boxes`` received, ``resets``.
     odom_frame
         Name of the odometry frame.
     """
@@ -119,6 +131,7 @@ class SurfaceSlam:
             MapReset: self._take_reset,
             SurfaceCloud: partial(self._take_view, "clouds"),
             ViewIntervals: partial(self._take_view, "views"),
+            ObjectBoxes: partial(self._take_view, "boxes"),
         }
         self.session = 0
         self.saved_views: tuple[SavedView, ...] = ()
@@ -179,9 +192,11 @@ class SurfaceSlam:
         self.walls.add_odometry(record.stamp_ns, record.T_odom_base)
         return []
 
-    def _take_view(self, counted: str, half: SurfaceCloud | ViewIntervals) -> list[ScanPose]:
+    def _take_view(
+        self, counted: str, part: ObjectBoxes | SurfaceCloud | ViewIntervals
+    ) -> list[ScanPose]:
         self.counts[counted] += 1
-        self.map.add(half)
+        self.map.add(part)
         self.map.forget(self._is_stationary)
         return []
 
@@ -229,6 +244,9 @@ class SurfaceSlam:
         view_poses = self._all_poses(slam, own) if is_found else self._saved_poses(slam)
         lines = np.array([wall.endpoints for wall in slam.walls]).reshape(-1, 2, 2)
         mapped = surface_map.build(view_poses, lines)
+        tracks = track_objects(surface_map.views, view_poses.T_map_view, self.config)
+        objects = scene_objects(mapped.surfaces, tracks)
+        place_size = self.config.objects.place_size
         stamps, poses = self._trajectory(slam)
         return SurfaceSolution(
             slam,
@@ -238,6 +256,9 @@ class SurfaceSlam:
             mapped,
             stamps,
             compose2(planar(T_map_session), poses),
+            objects,
+            free_places(mapped.surfaces, objects, place_size),
+            place_size,
             alignment,
             self._newest_ns,
         )

@@ -6,16 +6,11 @@ the views alone, not from the order in which they arrived or from how often the 
 
 The merged ids of a surface are the numbers that its other patches have or inherited. They contain
 the id of each surface of an earlier solution that is part of this one, whatever poses that solution
-had. A surface that is split off is not among them any more. `changes` lists merges and splits
-between two solutions.
+had. A surface that is split off is not among them any more.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
-
-from tccm_ros.records import Surface
 from tccm_ros.surfaces.carving import Survivors
 from tccm_ros.surfaces.merging import Members
 from tccm_ros.surfaces.views import View, first_numbers
@@ -71,43 +66,3 @@ class TrackIds:
     def last_seen_ns(self, members: Members) -> int:
         """Return the stamp of the last view that saw the surface."""
         return max(self._last_seen[member.number] for member in members)
-
-
-class SurfaceChange(NamedTuple):
-    """A merge or a split of a surface between two solutions.
-
-    Attributes
-    ----------
-    id
-        Id of the surface in the later solution.
-    merged_ids
-        Ids of surfaces of the earlier solution that are merged into it.
-    split_from
-        Id of the surface of the earlier solution that it was part of; None where there is none.
-    """
-
-    id: int
-    merged_ids: tuple[int, ...]
-    split_from: int | None
-
-    def __str__(self) -> str:
-        parts = [f"merged {', '.join(map(str, self.merged_ids))}"] if self.merged_ids else []
-        if self.split_from is not None:
-            parts.append(f"was split from {self.split_from}")
-        return f"surface {self.id} " + " and ".join(parts)
-
-
-def changes(before: Sequence[Surface], after: Sequence[Surface]) -> list[SurfaceChange]:
-    """Return the merges and splits between two solutions of one map, by id.
-
-    Between the two, no view may have been added before an older one: that would renumber patches.
-    """
-    known = {surface.id for surface in before}
-    owners = {merged: surface.id for surface in before for merged in surface.merged_ids}
-    found = []
-    for surface in after:
-        merged_ids = tuple(merged for merged in surface.merged_ids if merged in known)
-        split_from = None if surface.id in known else owners.get(surface.id)
-        if merged_ids or split_from is not None:
-            found.append(SurfaceChange(surface.id, merged_ids, split_from))
-    return found

@@ -16,7 +16,7 @@ from shapely import MultiPolygon, Polygon
 from tccm_ros.arrays import Float32, Float64, Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
-from tccm_ros.records import SurfaceCloud, ViewIntervals
+from tccm_ros.records import ObjectBoxes, SurfaceCloud, ViewIntervals
 from tccm_ros.surfaces.outline import horizontal_outline
 from tccm_ros.surfaces.thinning import thin_cloud
 
@@ -60,8 +60,40 @@ class Patch:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SeenObject:
+    """A box that stood on a surface in one view, in the base frame of the view.
+
+    Attributes
+    ----------
+    center
+        float64 (3,), m.
+    size
+        float64 (3,), edges along its own x, y and z, m.
+    yaw
+        Of its x axis, rad.
+    points
+        Points measured on it.
+    number
+        Of the oldest box that this one replaced, counted from the first box of its view (so it is
+        negative); None where it is the first.
+    first_seen_ns
+        Stamp of that box; None where it is the first.
+    views
+        Views that measured it, those that were removed included.
+    """
+
+    center: Float64
+    size: Float64
+    yaw: float
+    points: int
+    number: int | None = None
+    first_seen_ns: int | None = None
+    views: int = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One surface cloud with the free intervals of its tilt cycle.
+    """One surface cloud with the free intervals and the objects of its tilt cycle.
 
     Attributes
     ----------
@@ -77,6 +109,10 @@ class View:
         Session in which it was taken, counted from 0; stamps may repeat over sessions.
     forgotten
         Number of patches of older views that this one replaced and that were removed.
+    objects
+        What stood on the surfaces.
+    forgotten_objects
+        Number of objects of older views that this one replaced and that were removed.
     """
 
     stamp_ns: int
@@ -85,6 +121,8 @@ class View:
     max_range: float
     session: int = 0
     forgotten: int = 0
+    objects: tuple[SeenObject, ...] = ()
+    forgotten_objects: int = 0
 
     @property
     def key(self) -> tuple[int, int]:
@@ -218,3 +256,14 @@ def with_intervals(view: View, intervals: ViewIntervals) -> View:
     xy = intervals.intervals[:, :2].astype(np.float64)
     distance = np.hypot(xy[:, 0], xy[:, 1]).max(initial=-free.cell_size) + free.cell_size
     return replace(view, free=free, max_range=max(view.max_range, float(distance)))
+
+
+def with_objects(view: View, boxes: ObjectBoxes) -> View:
+    """Return a view with the objects of the same stamp; those that it has are replaced."""
+    seen = tuple(
+        SeenObject(center, size, yaw, points)
+        for center, size, yaw, points in zip(
+            boxes.center, boxes.size, boxes.yaw.tolist(), boxes.points.tolist(), strict=True
+        )
+    )
+    return replace(view, objects=seen)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tccm_ros.arrays import Bool, Int64
+from tccm_ros.arrays import Bool, Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import Cuboids
 from tccm_ros.planes import PlaneFits
@@ -36,7 +36,11 @@ SEAM = 0.06
 
 
 def find_objects(
-    cuboids: Cuboids, fits: PlaneFits, planes: Sequence[PlaneRecord], config: Config
+    cuboids: Cuboids,
+    fits: PlaneFits,
+    planes: Sequence[PlaneRecord],
+    config: Config,
+    labels: Int32 | None = None,
 ) -> list[TabletopObject]:
     """Find the objects on the horizontal planes of a map.
 
@@ -51,6 +55,9 @@ def find_objects(
         What `PlaneTracker.update(fits)` returned.
     config
         Group `objects`.
+    labels
+        int32 (N,), index in `fits` of the plane at each cuboid, -1 for none, where the cuboids are
+        not those that the planes were found in.
 
     Returns
     -------
@@ -61,7 +68,9 @@ def find_objects(
     levels = [p for p in planes if p.kind == PlaneKind.HORIZONTAL and len(p.boundary) >= 3]
     if not levels:
         return []
-    loose = loose_cuboids(cuboids.arrays, fits.labels, _are_structure(fits))
+    loose = loose_cuboids(
+        cuboids.arrays, fits.labels if labels is None else labels, _are_structure(fits)
+    )
     covers = [plane for plane in levels if plane.area > SURFACE_AREA]
     found: list[TabletopObject] = []
     # From the highest surface down, so that a box on a stove stands on the stove, not the counter.

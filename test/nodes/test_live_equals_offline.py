@@ -42,6 +42,7 @@ LONG = pytest.mark.skipif(
 )
 EQUAL = (
     "surfaces.json",
+    "objects.json",
     "surfaces.ply",
     "walls.json",
     "graph.json",
@@ -66,13 +67,13 @@ def test_what_live_nodes_save_equals_the_files_of_a_replay(ros, tmp_path, bag, r
     common = {"context": ros.context, "words": words, "save__directory": str(live)}
     tilt_node = tccm(ros, **common)
     node = slam(ros, shared=tilt_node.robot if is_shared else None, **common)
-    ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view")
+    ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
     player = play(ros, BAGS / bag, tilt_node, node)
     assert player.published == messages(BAGS / bag)
     ask = ros.add(Node("asker", context=ros.context))
     save(ros, ask, "/tccm/save_map")
     cycles = tilt_node.processor.counts["cycles"]
-    for topic in ("/tccm/surfaces", "/tccm/view"):
+    for topic in ("/tccm/surfaces", "/tccm/view", "/tccm/object_boxes"):
         ros.spin_until(lambda t=topic: node.inputs.counts()[t] == cycles, what=topic)
     save(ros, ask, "/surface_slam/save_map")
     assert cycles > 0

@@ -16,7 +16,7 @@ from tccm_ros.results.exports import write_results
 from tccm_ros.results.floor_plan import close_corners
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.grid_files import save_grid
-from tccm_ros.results.models import GraphFile, LandmarkEntry, ObjectsFile
+from tccm_ros.results.models import GraphFile, LandmarkEntry
 from tccm_ros.results.numbers import Stamp, json_text, rounded
 from tccm_ros.results.planning import surface_box, surface_mesh
 from tccm_ros.results.trajectory import Trajectory
@@ -49,9 +49,7 @@ def folder(solution, tmp_path):
 
 def write(folder, solution):
     no_cuboids = IntegrationMap(Config()).cuboids()
-    write_results(
-        folder, solution, [], no_cuboids, Config(), objects=ObjectsFile(), summary=summary(cycles=0)
-    )
+    write_results(folder, solution, [], no_cuboids, Config(), summary=summary(cycles=0))
     return folder
 
 

@@ -15,6 +15,7 @@ from tccm_ros.geometry import pose_from_rpy, quaternion, spatial
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import (
     Keyframe,
+    ObjectBoxes,
     PlaneRecord,
     Surface,
     SurfaceCloud,
@@ -53,6 +54,9 @@ def cycle_result(index):
         place_size=(0.15, 0.15),
         surfaces=SurfaceCloud(middle, "base_link", np.float32(RING), np.zeros(4, "u4")),
         view=ViewIntervals(middle, "base_link", np.zeros((0, 4), np.float32)),
+        boxes=ObjectBoxes(
+            middle, "base_link", np.ones((1, 3)), np.ones((1, 3)), np.zeros(1), np.ones(1, "u4")
+        ),
         part=builder.close(index, start, end), scans=3, base_speed=0.0, base_angular_speed=0.0,
         ended_by="turn",
     )  # fmt: skip
@@ -142,7 +146,8 @@ def test_the_bag_has_every_topic_of_the_nodes_except_diagnostics(messages):
         "/tccm/center_cores": 1, "/tccm/obstacles": 1,
         "/tccm/surfaces": 3, "/tccm/view": 3, "/tf": 3, "/surface_slam/map_to_odom": 3,
         "/pose": 30, "/surface_slam/path": 1, "/surface_slam/walls": 1,
-        "/surface_slam/surfaces": 3, "/surface_slam/surface_cloud": 1,
+        "/surface_slam/surfaces": 3, "/surface_slam/surface_cloud": 1, "/tccm/object_boxes": 3,
+        "/surface_slam/surface_map": 1, "/surface_slam/objects": 1,
     }  # fmt: skip
 
 

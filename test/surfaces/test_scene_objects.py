@@ -1,50 +1,44 @@
 """Objects and free places of a recording, on the surfaces of its map."""
 
-from dataclasses import replace
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from shapely import Polygon
 
 from tccm_ros.config import Config
 from tccm_ros.pipeline.run import run_bag
-from tccm_ros.records import SurfaceSighting
-from tccm_ros.surfaces import scene_objects as module
+from tccm_ros.surfaces.scene_objects import free_places
 
 BAG = Path(__file__).resolve().parents[2] / "bags" / "walkthrough"
 
 
 @pytest.fixture(scope="module")
-def outcome():
-    return run_bag(BAG, Config())
+def solution():
+    return run_bag(BAG, Config()).solution
 
 
-def test_planes_that_are_left_out_have_no_objects_or_free_places(outcome, monkeypatch):
-    objects, free = module.scene_objects(outcome.solution, outcome.cycles)
-    assert free
-    monkeypatch.setattr(module, "_near_surfaces", lambda planes, *_: list(planes))
-    every_object, every_free = module.scene_objects(outcome.solution, outcome.cycles)
-    assert [item.id for item in objects] == [item.id for item in every_object]
-    assert sorted(free) == sorted(every_free)
-    for surface, rings in free.items():
-        for ring, expected in zip(rings, every_free[surface], strict=True):
-            np.testing.assert_array_equal(ring, expected)
+def test_the_objects_are_those_of_the_truth_and_what_left_is_gone(solution):
+    truth = json.loads((BAG / "truth.json").read_text())["objects"]
+    expected = sorted(tuple(np.round(entry["center"], 6)) for entry in truth)
+    found = sorted(item.center.tolist() for item in solution.objects)
+    assert len(found) == len(expected)
+    assert np.abs(np.array(found) - expected).max() < 0.03
+    (table,) = (s for s in solution.surfaces if s.label != "floor")
+    assert {item.surface for item in solution.objects} == {table.id}
 
 
-def test_free_places_are_at_the_height_of_their_surface(outcome):
-    _, free = module.scene_objects(outcome.solution, outcome.cycles)
-    surfaces = {surface.id: surface for surface in outcome.solution.surfaces}
+def test_free_places_lie_on_their_surface_and_on_no_object(solution):
+    free = free_places(solution.surfaces, solution.objects, (0.2, 0.1))
+    surfaces = {surface.id: surface for surface in solution.surfaces}
+    assert free.keys() == {s.id for s in solution.surfaces if s.label != "floor"}
     for identity, rings in free.items():
+        surface = surfaces[identity]
+        outline = Polygon(surface.boundary[:, :2]).buffer(1e-6)
         for ring in rings:
-            height = ring @ surfaces[identity].normal - surfaces[identity].offset
-            assert np.abs(height.mean()) < module.MAX_HEIGHT_DIFFERENCE
-
-
-def test_an_earlier_session_whose_clock_was_ahead_hides_no_object(outcome):
-    expected, _ = module.scene_objects(outcome.solution, outcome.cycles)
-    assert expected
-    ahead = SurfaceSighting(outcome.cycles[-1].stamp_ns + 10**12, 0, 500)
-    surfaces = [replace(s, views=(ahead, *s.views)) for s in outcome.solution.surfaces]
-    mapped = replace(outcome.solution.mapped, surfaces=tuple(surfaces))
-    found, _ = module.scene_objects(replace(outcome.solution, mapped=mapped), outcome.cycles)
-    assert [(o.id, o.surface) for o in found] == [(o.id, o.surface) for o in expected]
+            assert np.abs(ring @ surface.normal - surface.offset).max() < 1e-9
+            assert outline.contains(Polygon(ring[:, :2]))
+            for item in solution.objects:
+                assert Polygon(ring[:, :2]).intersection(item.footprint).area < 1e-9
+    assert free_places(solution.surfaces, solution.objects, (5.0, 5.0)) == {}

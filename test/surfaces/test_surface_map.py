@@ -8,8 +8,9 @@ from room import Board, Room, Screen
 from surface_maps import TABLE, above_floor, build, overlap
 
 from tccm_ros.config import Config
+from tccm_ros.surfaces.changes import ChangeKind, changes
+from tccm_ros.surfaces.scene import KnownSurface, Scene
 from tccm_ros.surfaces.surface_map import SurfaceMap, ViewPoses
-from tccm_ros.surfaces.track_ids import SurfaceChange, changes
 
 
 def test_a_table_seen_from_three_positions_is_one_surface():
@@ -58,8 +59,9 @@ def test_ids_stay_while_loop_closures_merge_and_split_surfaces():
     assert [s.id for s in above_floor(together)] == [first]
     other = max(s.id for s in above_floor(separate))
     assert above_floor(together)[0].merged_ids == (other,)
-    assert SurfaceChange(first, (other,), None) in changes(separate.surfaces, together.surfaces)
-    assert SurfaceChange(other, (), first) in changes(together.surfaces, separate.surfaces)
+    (merged,) = (s for s in together.surfaces if s.id == first)
+    assert other in merged.merged_ids
+    assert other not in {m for s in separate.surfaces for m in s.merged_ids}
     again = build(looks, poses=[(0, 0, 0), (6.2, 0.3, 3.14)])
     assert [s.id for s in again.surfaces] == [s.id for s in separate.surfaces]
 
@@ -91,6 +93,11 @@ def test_a_surface_that_replaces_two_pieces_has_both_ids():
     ]
 
 
+def scene(mapped) -> Scene:
+    known = [KnownSurface(s, s.views[0].stamp_ns, s.views[-1].stamp_ns) for s in mapped.surfaces]
+    return Scene(0, "map", mapped.floor_z, (), None, tuple(known))
+
+
 def test_every_id_of_one_solution_is_found_in_another():
     """Whatever the poses of the views, an id of one map is an id or a merged id of another."""
     room = Room([TABLE, Board(1.3, 1.6, 0.7, 0.6, 0.74)])
@@ -106,12 +113,11 @@ def test_every_id_of_one_solution_is_found_in_another():
         for other in solutions:
             names = [name for s in other.surfaces for name in (s.id, *s.merged_ids)]
             assert len(names) == len(set(names)), "an id belongs to one surface"
-            told = {c.id: c for c in changes(one.surfaces, other.surfaces)}
-            for surface in other.surfaces:
-                if surface.id not in {s.id for s in one.surfaces}:
-                    assert told[surface.id].split_from in {s.id for s in one.surfaces}
-            gone = {s.id for s in one.surfaces} - {s.id for s in other.surfaces}
-            assert gone == {name for c in told.values() for name in c.merged_ids}
+            told = changes(scene(one), scene(other), 1)
+            assert {c.kind for c in told} <= {ChangeKind.MERGED, ChangeKind.SPLIT}
+            ids, other_ids = ({s.id for s in above_floor(m)} for m in (one, other))
+            assert ids - other_ids <= {k for c in told for k in c.ids_before}
+            assert other_ids - ids <= {k for c in told for k in c.ids_after}
 
 
 def test_a_table_that_was_moved_is_moved_in_the_map():

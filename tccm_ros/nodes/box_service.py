@@ -1,0 +1,84 @@
+"""~/check_box of tccm_node: whether anything is in a box, and which tilt cycle says so."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.cuboids.queries import BoxAnswer, MapQuery
+from tccm_ros.errors import FrameError, MessageError, TccmError, one_line
+from tccm_ros.mapping.tccm import TccmProcessor
+from tccm_ros.nodes.interfaces import service_class
+from tccm_ros.nodes.known_frames import KnownFrames
+from tccm_ros.nodes.sensor_node import SensorNode
+from tccm_ros.records.building import pose_matrix
+from tccm_ros.ros.types import stamp_message
+
+STATES = {-1: 0, 0: 1, 1: 2}
+"""UNKNOWN, FREE and OCCUPIED of CheckBox by `Occupancy`."""
+
+MAX_VOLUME_M3 = 8.0
+"""Largest box that is looked through, point by point. Chosen: 1 million points, 0.1 s."""
+
+
+class BoxService:
+    """Answers ~/check_box from the integration map.
+
+    Parameters
+    ----------
+    node
+        The node that offers it; its worker owns the processor.
+    processor
+        Has the map.
+    """
+
+    def __init__(self, node: SensorNode, processor: TccmProcessor):
+        self._node, self._processor = node, processor
+        self._frames = KnownFrames(node.robot, node.config)
+        self._asked: tuple[int, MapQuery] | None = None
+        node.create_service(service_class("CheckBox"), "~/check_box", self._check)
+
+    async def _check(self, request: Any, response: Any) -> Any:
+        try:
+            T, size = self._box(request)
+            found = await self._node.worker.call(lambda: self._ask(T, size), self._node)
+            response.state = STATES[int(found.occupancy)]
+            response.cycle = found.cycle
+            response.stamp = stamp_message(self._node.types, max(found.stamp_ns, 0))
+            response.success = True
+        except TccmError as error:
+            response.success, response.message = False, one_line(error)
+        return response
+
+    def _box(self, request: Any) -> tuple[Float64, Float64]:
+        """Return pose (4, 4) in odom and edges (3,) of a box; TccmError where it is none."""
+        size = np.array([request.size.x, request.size.y, request.size.z])
+        if not (np.isfinite(size).all() and (size > 0.0).all()):
+            raise MessageError(f"a box of {_text(size)} m; expected positive edges")
+        if math.prod(size.tolist()) > MAX_VOLUME_M3 or size.max() > 10.0:
+            raise MessageError(
+                f"a box of {_text(size)} m; expected edges of at most 10 m and at most "
+                f"{MAX_VOLUME_M3:g} m3"
+            )
+        p, q = request.pose.pose.position, request.pose.pose.orientation
+        T = pose_matrix((p.x, p.y, p.z), (q.x, q.y, q.z, q.w), "the box")
+        frame = request.pose.header.frame_id
+        if not frame:
+            raise FrameError("the box has no frame_id")
+        return self._frames.T_odom_frame(frame) @ T, size
+
+    def _ask(self, T: Float64, size: Float64) -> BoxAnswer:
+        """Ask the map as it is (in the worker)."""
+        cycles = self._processor.counts["cycles"] + self._processor.counts["resets"]
+        if not self._processor.counts["cycles"]:
+            raise MessageError("no tilt cycle has been mapped yet")
+        if self._asked is None or self._asked[0] != cycles:
+            self._asked = cycles, self._processor.query()
+        return self._asked[1].box(T, size)
+
+
+def _text(size: Float64) -> str:
+    return " x ".join(f"{edge:g}" for edge in size.tolist())

@@ -1,0 +1,136 @@
+"""Named maps of slam_node: ~/save_named_map, ~/load_named_map and ~/list_maps.
+
+A map is a folder of `save.directory` that bears its name.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rclpy.task import Future
+
+from tccm_ros.errors import MapError, TccmError, one_line
+from tccm_ros.nodes.interfaces import service_class
+from tccm_ros.nodes.map_folder import MAP_FILE, PREVIOUS
+from tccm_ros.nodes.sensor_node import SensorNode
+from tccm_ros.results.map_file import MapSummary, read_summary
+from tccm_ros.ros.surface_messages import PACKAGE
+from tccm_ros.ros.types import stamp_message
+
+NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}")
+"""What a map may be called: nothing that leaves the folder, or is hidden in it."""
+
+
+class MapServices:
+    """Saves, loads and lists maps by their names.
+
+    Parameters
+    ----------
+    node
+        The node that offers them.
+    begin_save, load
+        As for `Programs`.
+    """
+
+    def __init__(
+        self, node: SensorNode, begin_save: Callable[[Path], Future], load: Callable[[Path], str]
+    ):
+        self._node, self._begin_save, self._load_folder = node, begin_save, load
+        node.create_service(service_class("SaveMap"), "~/save_named_map", self._save)
+        node.create_service(service_class("LoadMap"), "~/load_named_map", self._load)
+        node.create_service(service_class("ListMaps"), "~/list_maps", self._list)
+
+    async def _save(self, request: Any, response: Any) -> Any:
+        try:
+            folder = named_folder(self._node.save_folder(), request.name)
+            if (folder / MAP_FILE).exists() and not request.overwrite:
+                raise MapError(
+                    f"there is a map called '{request.name}'; set overwrite, or take another name"
+                )
+            with self._node.robot.lock:
+                self._node.robot.flush()
+                job = self._begin_save(folder)
+            response.message = await job
+            response.map = self._info(folder)
+            response.success = True
+        except (TccmError, OSError) as error:
+            response.success, response.message = False, one_line(error)
+        return response
+
+    async def _load(self, request: Any, response: Any) -> Any:
+        try:
+            folder = named_folder(self._node.save_folder(), request.name)
+            if not (folder / MAP_FILE).exists():
+                raise MapError(f"there is no map called '{request.name}'; ~/list_maps has them")
+            await self._node.worker.call(lambda: self._load_folder(folder), self._node)
+            response.map = self._info(folder)
+            response.success = True
+        except (TccmError, OSError) as error:
+            response.success, response.message = False, one_line(error)
+        return response
+
+    def _list(self, _: Any, response: Any) -> Any:
+        try:
+            folders = saved_folders(self._node.save_folder())
+        except OSError as error:
+            response.success, response.message = False, one_line(error)
+            return response
+        maps = []
+        for folder in folders:
+            try:
+                maps.append(self._info(folder))
+            except TccmError:  # damaged: nothing can be loaded from it
+                continue
+        response.maps, response.success = maps, True
+        return response
+
+    def _info(self, folder: Path) -> Any:
+        """Return the tccm_interfaces/MapInfo of a folder."""
+        summary: MapSummary = read_summary(folder / MAP_FILE)
+        saved_ns = (folder / MAP_FILE).stat().st_mtime_ns
+        size = sum(path.stat().st_size for path in folder.iterdir() if path.is_file())
+        return self._node.types.make(
+            PACKAGE + "MapInfo",
+            name=folder.name,
+            saved=stamp_message(self._node.types, saved_ns),
+            sessions=summary.sessions,
+            surfaces=summary.surfaces,
+            objects=summary.objects,
+            walls=summary.walls,
+            size=size,
+        )
+
+
+def named_folder(root: Path, name: str) -> Path:
+    """Return the folder of a map.
+
+    Raises
+    ------
+    MapError
+        For a name that is none, or whose folder is a link to elsewhere.
+    """
+    if not NAME.fullmatch(name) or name.endswith(PREVIOUS):
+        raise MapError(
+            f"{name!r} cannot be the name of a map; expected up to 100 letters, digits, '.', '-' "
+            f"and '_', not beginning with a dot, nor ending with '{PREVIOUS}'"
+        )
+    folder = root / name
+    if folder.resolve() != root.resolve() / name:
+        raise MapError(f"{folder}: leads out of {root}")
+    return folder
+
+
+def saved_folders(root: Path) -> list[Path]:
+    """Return the folders of maps, by name; none where there is no such folder."""
+    if not root.exists():
+        return []
+    names = (path.name for path in root.iterdir() if (path / MAP_FILE).is_file())
+    return [
+        root / name
+        for name in sorted(names)
+        if NAME.fullmatch(name) and not name.endswith(PREVIOUS)
+        and (root / name).resolve() == root.resolve() / name
+    ]  # fmt: skip

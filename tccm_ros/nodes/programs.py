@@ -1,0 +1,92 @@
+"""What slam_node offers programs: typed messages, events, questions, frames, MoveIt's objects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+from rclpy.task import Future
+
+from tccm_ros.nodes.collision import CollisionObjects
+from tccm_ros.nodes.interfaces import MISSING, has_interfaces, is_typed
+from tccm_ros.nodes.known_frames import KnownFrames
+from tccm_ros.nodes.live_pose import LivePosePublisher
+from tccm_ros.nodes.map_services import MapServices
+from tccm_ros.nodes.scene_channel import unpack_scene
+from tccm_ros.nodes.sensor_node import SensorNode
+from tccm_ros.nodes.solver_channel import Solved
+from tccm_ros.nodes.surface_events import SurfaceEvents
+from tccm_ros.nodes.surface_services import SceneQueries, SurfaceServices
+from tccm_ros.surfaces.scene import Scene
+
+
+def offered(topics: Mapping[str, str]) -> dict[str, str]:
+    """Return the topics whose types are installed."""
+    has_typed = has_interfaces()
+    return {name: kind for name, kind in topics.items() if has_typed or not is_typed(kind)}
+
+
+class Programs:
+    """All that is for programs, of the newest solution.
+
+    Parameters
+    ----------
+    node, live
+        The node, and where the robot is; services and publishers are made here.
+    begin_save
+        Has the map saved into a folder; the future has a sentence.
+    load
+        Goes on with the map of a folder (in the worker).
+    """
+
+    def __init__(
+        self,
+        node: SensorNode,
+        live: LivePosePublisher,
+        begin_save: Callable[[Path], Future],
+        load: Callable[[Path], str],
+    ):
+        self._node = node
+        self._received: dict[int, Scene] = {}
+        self._events = SurfaceEvents(node, node.types)
+        self._boxes = CollisionObjects(node, node.types, live.map_frame)
+        self._surfaces: SurfaceServices | None = None
+        if has_interfaces():
+            frames = KnownFrames(node.robot, node.config)
+            self._surfaces = SurfaceServices(node, node.types, live, frames)
+            MapServices(node, begin_save, load)
+
+    def receive(self, solved: Solved) -> None:
+        """Prepare a solution for questions (in the thread that receives solutions)."""
+        scene = unpack_scene(solved.scene)
+        self._received[solved.number] = scene
+        if self._surfaces is not None:
+            self._surfaces.prepared[solved.number] = SceneQueries(scene)
+
+    def show(self, number: int) -> None:
+        """Answer from a solution that was received, and publish what has changed (in the worker).
+
+        Parameters
+        ----------
+        number
+            Of the solution; those before it are let go.
+        """
+        scene = self._received[number]
+        for old in [n for n in self._received if n <= number]:
+            del self._received[old]
+        if self._surfaces is not None:
+            self._surfaces.answer_from(number)
+        for event in self._events.note(scene, self._node.config.objects.agreeing_views):
+            self._node.get_logger().info(str(event))
+        self._boxes.publish([known.surface for known in scene.surfaces], scene.stamp_ns)
+
+    def forget(self, *, is_map_loaded: bool) -> None:
+        """Answer nothing before the next solution."""
+        self._events.forget(is_map_loaded=is_map_loaded)
+        if self._surfaces is not None:
+            self._surfaces.forget()
+
+    def problems(self) -> Iterator[str]:
+        """Yield what is missing."""
+        if not has_interfaces():
+            yield MISSING

@@ -1,0 +1,60 @@
+"""A scene in pieces, each pickled, from the process that solves: reading a large one holds the
+interpreter for milliseconds.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Sequence
+from dataclasses import replace
+
+from tccm_ros.bags.typestore import TypestoreMessages
+from tccm_ros.ros.surface_messages import SURFACE, surface_message
+from tccm_ros.slam.occupancy import OccupancyGrid
+from tccm_ros.surfaces.base_poses import FreeFloor
+from tccm_ros.surfaces.scene import KnownSurface, Scene
+from tccm_ros.surfaces.surface_slam import SurfaceSolution
+
+SURFACES_IN_PIECE = 50
+"""Reading a piece takes 2 ms. Chosen."""
+
+
+def pack_scene(
+    solution: SurfaceSolution, frame_id: str, grid: OccupancyGrid | None, types: TypestoreMessages
+) -> tuple[bytes, ...]:
+    """Return a solution as pieces.
+
+    Parameters
+    ----------
+    solution
+        In map.
+    frame_id
+        Name of the map frame.
+    grid
+        Occupancy grid of the level scans, if there is one.
+    types
+        Message classes.
+    """
+    floor = None if grid is None else FreeFloor(grid, solution.surfaces)
+    scene = Scene(solution.stamp_ns, frame_id, solution.floor_z, solution.objects, floor)
+    known = []
+    for surface in solution.surfaces:
+        message = surface_message(types, solution.stamp_ns, frame_id, surface, solution.floor_z)
+        stamps = [view.stamp_ns for view in surface.views]
+        known.append(
+            KnownSurface(
+                replace(surface, views=()),
+                stamps[0] if stamps else surface.first_seen_ns,
+                stamps[-1] if stamps else surface.last_seen_ns,
+                bytes(types.serialize(SURFACE, message)),
+            )
+        )
+    parts = [known[k : k + SURFACES_IN_PIECE] for k in range(0, len(known), SURFACES_IN_PIECE)]
+    return tuple(pickle.dumps(part, pickle.HIGHEST_PROTOCOL) for part in (scene, *parts))
+
+
+def unpack_scene(pieces: Sequence[bytes]) -> Scene:
+    """Return the scene of `pack_scene`."""
+    scene: Scene = pickle.loads(pieces[0])
+    surfaces = tuple(known for piece in pieces[1:] for known in pickle.loads(piece))
+    return scene._replace(surfaces=surfaces)

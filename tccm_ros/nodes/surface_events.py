@@ -1,0 +1,74 @@
+"""~/events of slam_node: what has changed from one solution to the next."""
+
+from __future__ import annotations
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from tccm_ros.nodes.interfaces import has_interfaces
+from tccm_ros.nodes.ros_types import message_class
+from tccm_ros.ros.surface_messages import SURFACE_EVENT, event_message
+from tccm_ros.ros.types import MessageTypes
+from tccm_ros.surfaces.changes import Change, changes
+from tccm_ros.surfaces.scene import Scene
+
+EVENTS = QoSProfile(depth=100)
+"""Reliable; a burst of changes is not lost."""
+
+
+class SurfaceEvents:
+    """Publishes ~/events.
+
+    Parameters
+    ----------
+    node, types
+        The node and its message classes.
+    """
+
+    def __init__(self, node: Node, types: MessageTypes):
+        self._types, self._context = types, node.context
+        self._before: Scene | None = None
+        self._is_baseline_awaited = False
+        self._publisher = (
+            node.create_publisher(message_class(SURFACE_EVENT), "~/events", EVENTS)
+            if has_interfaces()
+            else None
+        )
+
+    def forget(self, *, is_map_loaded: bool) -> None:
+        """Begin another map: what the first scene of a loaded one holds is no change."""
+        self._before, self._is_baseline_awaited = None, is_map_loaded
+
+    def note(self, scene: Scene, agreeing_views: int) -> list[Change]:
+        """Publish what happened since the scene before; return it.
+
+        Parameters
+        ----------
+        scene
+            The newest one.
+        agreeing_views
+            As for `changes`.
+        """
+        if self._is_baseline_awaited:
+            self._before, self._is_baseline_awaited = scene, False
+            return []
+        before = self._before or scene._replace(surfaces=(), objects=())
+        self._before = scene
+        found = changes(before, scene, agreeing_views)
+        if self._publisher is not None and self._context.ok():
+            for event in found:
+                self._publisher.publish(self._message(event, scene.frame_id))
+        return found
+
+    def _message(self, event: Change, frame_id: str) -> object:
+        return event_message(
+            self._types,
+            event.stamp_ns,
+            frame_id,
+            int(event.kind),
+            ids=(event.ids_before, event.ids_after),
+            poses=(event.T_before, event.T_after),
+            label=event.label,
+            object_id=event.object_id,
+            last_seen_ns=event.last_seen_ns,
+        )

@@ -1,0 +1,321 @@
+"""Questions about the surface map: ~/find_surfaces and ~/find_placements of slam_node.
+
+They are answered in the node's own process from the newest solution. A wrong request is answered
+with a sentence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+
+from tccm_ros.arrays import Float64
+from tccm_ros.errors import FrameError, MessageError, TccmError, one_line
+from tccm_ros.geometry import pose, spatial
+from tccm_ros.nodes.interfaces import service_class
+from tccm_ros.nodes.known_frames import KnownFrames
+from tccm_ros.nodes.live_pose import LivePosePublisher
+from tccm_ros.nodes.ros_types import message_class
+from tccm_ros.records import Surface
+from tccm_ros.ros.surface_messages import PACKAGE, SURFACE, object_message
+from tccm_ros.ros.types import MessageTypes, header_message, pose_message
+from tccm_ros.surfaces.base_poses import BasePose
+from tccm_ros.surfaces.queries import SurfaceFilter, SurfaceQueries
+from tccm_ros.surfaces.scene import Scene
+from tccm_ros.tabletop.placements import Placement, PlacementRequest
+
+BASE_ANYWHERE, BASE_HERE, BASE_FIND = range(3)
+"""What FindPlacements asks of the base."""
+
+MAX_PLACEMENTS = 100
+"""Placements in one answer, at most. Chosen: an answer with more takes seconds."""
+
+MAX_SIZE_M = 10.0
+"""Longest edge of an object, of a reach and of a radius, m. Chosen."""
+
+MIN_SIZE_M = 1e-3
+"""Shortest edge of an object, m. Chosen."""
+
+MAX_BASE_POSES = 100
+"""Base poses for one placement, at most. Chosen."""
+
+
+class SceneQueries:
+    """Questions about one scene.
+
+    Parameters
+    ----------
+    scene
+        One solution.
+    """
+
+    def __init__(self, scene: Scene):
+        self.scene = scene
+        self.queries = SurfaceQueries(
+            [known.surface for known in scene.surfaces], scene.objects, scene.floor_z
+        )
+        self._messages = {known.surface.id: known.message for known in scene.surfaces}
+
+    def message(self, surface: Surface) -> Any:
+        """Return the tccm_interfaces/Surface of a surface."""
+        return deserialize_message(self._messages[surface.id], message_class(SURFACE))
+
+
+class SurfaceServices:
+    """Answers questions about the newest solution.
+
+    Parameters
+    ----------
+    node, types
+        The node that offers them, and its message classes.
+    live
+        Where the robot is.
+    frames
+        Poses of the robot's frames.
+
+    Attributes
+    ----------
+    prepared
+        By number of the solution.
+    """
+
+    def __init__(
+        self, node: Node, types: MessageTypes, live: LivePosePublisher, frames: KnownFrames
+    ):
+        self._node, self._types, self._live, self._frames = node, types, live, frames
+        self.prepared: dict[int, SceneQueries] = {}
+        self._newest: SceneQueries | None = None
+        self._offer("FindSurfaces", "~/find_surfaces", self._find_surfaces)
+        self._offer("FindPlacements", "~/find_placements", self._find_placements)
+
+    def _offer(self, kind: str, name: str, answer: Callable[[Any, Any], str]) -> None:
+        """Offer a service: what `answer` returns, or why it cannot, is the answer's sentence."""
+
+        def call(request: Any, response: Any) -> Any:
+            try:
+                response.message, response.success = answer(request, response), True
+            except TccmError as error:
+                response.message, response.success = one_line(error), False
+            return response
+
+        self._node.create_service(service_class(kind), name, call)
+
+    def answer_from(self, number: int) -> None:
+        """Answer from a solution that is prepared; those before it are let go."""
+        self._newest = self.prepared[number]
+        for old in [n for n in self.prepared if n <= number]:
+            del self.prepared[old]
+
+    def forget(self) -> None:
+        """Answer nothing before the next solution."""
+        self._newest = None
+
+    def _current(self) -> SceneQueries:
+        if self._newest is None:
+            raise FrameError("there is no map yet: wait for ~/surface_map")
+        return self._newest
+
+    # --- frames ---
+
+    def T_map_frame(self, frame: str) -> Float64:
+        """Return the pose (4, 4) of a frame in map, now.
+
+        Raises
+        ------
+        FrameError
+            Where it is not known.
+        """
+        if frame.lstrip("/") == self._live.map_frame:
+            return np.eye(4)
+        T_odom_frame = self._frames.T_odom_frame(frame)
+        transform = self._live.transform()
+        if transform is None:
+            raise FrameError(
+                f"'{frame}' has no place in the map yet: the robot has not been found in it"
+            )
+        t, q = transform.transform.translation, transform.transform.rotation
+        yaw = 2.0 * math.atan2(q.z, q.w)
+        T: Float64 = spatial(np.array([t.x, t.y, yaw])) @ T_odom_frame
+        return T
+
+    def _base_xy(self) -> tuple[float, float]:
+        """Return where the base is in map, m."""
+        x, y, _ = self.T_map_frame(self._frames.base)[:3, 3].tolist()
+        return x, y
+
+    # --- find_surfaces ---
+
+    def _find_surfaces(self, request: Any, response: Any) -> str:
+        current = self._current()
+        found = current.queries.find_surfaces(self._filter(request.filter))
+        if request.max_count:
+            found = found[: request.max_count]
+        header = self._header(current)
+        response.surfaces.header = header
+        response.surfaces.surfaces = [current.message(surface) for surface in found]
+        response.objects = [
+            object_message(self._types, current.scene.stamp_ns, current.scene.frame_id, item)
+            for item in current.queries.objects_on(found)
+        ]
+        return f"{len(found)} of {len(current.scene.surfaces)} surfaces"
+
+    def _header(self, current: SceneQueries) -> Any:
+        return header_message(self._types, current.scene.stamp_ns, current.scene.frame_id)
+
+    def _filter(self, wanted: Any) -> SurfaceFilter:
+        """Return the conditions of a tccm_interfaces/SurfaceFilter.
+
+        Raises
+        ------
+        MessageError, FrameError
+            For numbers that make no sense, and for a frame that is not known.
+        """
+        for name in ("min_confidence", "min_area", "max_distance"):
+            _check(f"filter.{name}", getattr(wanted, name), 0.0, math.inf)
+        for name in ("min_height", "max_height"):
+            _check(f"filter.{name}", getattr(wanted, name), -math.inf, math.inf)
+        near = None
+        if wanted.near.header.frame_id:
+            point = wanted.near.point
+            xyz = np.array([point.x, point.y, point.z])
+            if not np.isfinite(xyz).all():
+                raise MessageError("filter.near is not finite")
+            T = self.T_map_frame(wanted.near.header.frame_id)
+            x, y, _ = (T[:3, :3] @ xyz + T[:3, 3]).tolist()
+            near = (x, y)
+        elif wanted.max_distance > 0.0:
+            raise MessageError("filter.max_distance needs a point: filter.near has no frame_id")
+        return SurfaceFilter(
+            ids=frozenset(wanted.ids),
+            labels=frozenset(wanted.labels),
+            min_confidence=wanted.min_confidence,
+            min_height=wanted.min_height,
+            max_height=wanted.max_height,
+            min_area=wanted.min_area,
+            near=near,
+            max_distance=wanted.max_distance,
+            words=tuple(wanted.text.split()),
+        )
+
+    # --- find_placements ---
+
+    def _find_placements(self, request: Any, response: Any) -> str:
+        current = self._current()
+        _check_placements(request)
+        wanted = self._filter(request.filter)
+        low = max(wanted.min_height, request.min_reach_height)
+        high = min(wanted.max_height, request.max_reach_height)
+        wanted = _with_heights(wanted, low, high)
+        count = min(request.max_count or MAX_PLACEMENTS, MAX_PLACEMENTS)
+        search = PlacementRequest(
+            request.size_x,
+            request.size_y,
+            request.height,
+            request.clearance,
+            count,
+            self._base_xy() if request.base == BASE_HERE else None,
+            request.reach,
+        )
+        if request.base == BASE_FIND:
+            found = self._with_base_poses(current, wanted, search, request)
+        else:
+            found = [(p, []) for p in current.queries.find_placements(wanted, search)]
+        response.placements = [self._placement(current, p, bases) for p, bases in found]
+        if not found:
+            return self._why_none(current, wanted, request)
+        return f"{len(found)} placements"
+
+    def _with_base_poses(
+        self, current: SceneQueries, wanted: SurfaceFilter, search: PlacementRequest, request: Any
+    ) -> list[tuple[Placement, list[BasePose]]]:
+        """Return the placements that some free place on the floor reaches, and these places."""
+        floor = current.scene.free_floor
+        if floor is None:
+            raise MessageError("where the base can stand is not known: there is no level laser")
+        every = _with_count(search, MAX_PLACEMENTS)
+        found: list[tuple[Placement, list[BasePose]]] = []
+        max_bases = min(request.max_base_poses or 1, MAX_BASE_POSES)
+        for placement in current.queries.find_placements(wanted, every):
+            poses = floor.base_poses(
+                placement.position, request.reach, request.robot_radius, max_bases
+            )
+            if poses:
+                found.append((placement, poses))
+            if len(found) == search.max_count:
+                break
+        return found
+
+    def _placement(
+        self, current: SceneQueries, placement: Placement, bases: Sequence[BasePose]
+    ) -> Any:
+        T = spatial(np.array([*placement.position[:2], placement.yaw]))
+        T[2, 3] = placement.position[2]
+        return self._types.make(
+            PACKAGE + "Placement",
+            header=self._header(current),
+            pose=pose_message(self._types, T),
+            surface_id=placement.surface,
+            clearance=float(placement.clearance),
+            free_height=float(placement.free_height),
+            base_poses=[self._base_pose(current, base) for base in bases],
+        )
+
+    def _base_pose(self, current: SceneQueries, base: BasePose) -> Any:
+        T = spatial(np.array([base.x, base.y, base.yaw]))
+        T[2, 3] = current.scene.floor_z or 0.0
+        return self._types.make(
+            PACKAGE + "BasePose",
+            pose=pose_message(self._types, pose(T[:3, :3], T[:3, 3])),
+            distance=float(base.distance),
+            clearance=float(base.clearance),
+        )
+
+    def _why_none(self, current: SceneQueries, wanted: SurfaceFilter, request: Any) -> str:
+        surfaces = current.queries.find_surfaces(wanted)
+        if not surfaces:
+            return "no surface meets the conditions"
+        size = f"{request.size_x:g} x {request.size_y:g} x {request.height:g} m"
+        within = " within reach" if request.base != BASE_ANYWHERE and request.reach else ""
+        return (
+            f"none of {len(surfaces)} surfaces has room{within} for {size} with a clearance of "
+            f"{request.clearance:g} m"
+        )
+
+
+def _with_heights(wanted: SurfaceFilter, low: float, high: float) -> SurfaceFilter:
+    return SurfaceFilter(
+        wanted.ids, wanted.labels, wanted.min_confidence, low, high, wanted.min_area,
+        wanted.near, wanted.max_distance, wanted.words,
+    )  # fmt: skip
+
+
+def _with_count(search: PlacementRequest, count: int) -> PlacementRequest:
+    return PlacementRequest(
+        search.size_x, search.size_y, search.height, search.clearance, count,
+        search.reach_from, search.reach,
+    )  # fmt: skip
+
+
+def _check(name: str, value: float, low: float, high: float) -> None:
+    """Raise MessageError for a number that is nan or outside its range."""
+    if not low <= value <= high:
+        raise MessageError(f"{name} is {value:g}; expected {low:g} to {high:g}")
+
+
+def _check_placements(request: Any) -> None:
+    """Raise MessageError for a request of FindPlacements that makes no sense."""
+    for name in ("size_x", "size_y", "height"):
+        _check(name, getattr(request, name), MIN_SIZE_M, MAX_SIZE_M)
+    for name in ("clearance", "reach", "robot_radius"):
+        _check(name, getattr(request, name), 0.0, MAX_SIZE_M)
+    for name in ("min_reach_height", "max_reach_height"):
+        _check(name, getattr(request, name), -math.inf, math.inf)
+    if request.base not in (BASE_ANYWHERE, BASE_HERE, BASE_FIND):
+        raise MessageError(f"base is {request.base}; expected BASE_ANYWHERE, BASE_HERE, BASE_FIND")
+    if request.base == BASE_FIND and request.reach == 0.0:
+        raise MessageError("reach is 0; with BASE_FIND, say how far the arm reaches")

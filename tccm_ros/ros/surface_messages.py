@@ -1,0 +1,251 @@
+"""Typed messages of the surface map (`tccm_interfaces`): surfaces, objects, walls, free areas.
+
+Every field is described in docs/reference/interfaces.md. What is not known is nan, -1, 0 or empty,
+as interfaces/README.md says.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.geometry import spatial
+from tccm_ros.records import Surface, Wall
+from tccm_ros.ros.types import MessageTypes, header_message, pose_message, stamp_message
+from tccm_ros.surfaces.scene import object_pose, surface_pose
+from tccm_ros.surfaces.scene_objects import SceneObject
+
+if TYPE_CHECKING:  # tccm_node does without the graph
+    from tccm_ros.surfaces.surface_slam import SurfaceSolution
+
+PACKAGE = "tccm_interfaces/msg/"
+SURFACE, SURFACE_OBJECT = PACKAGE + "Surface", PACKAGE + "SurfaceObject"
+SURFACE_MAP, SURFACE_OBJECTS = PACKAGE + "SurfaceMap", PACKAGE + "SurfaceObjectArray"
+SURFACE_EVENT = PACKAGE + "SurfaceEvent"
+
+TRACKING, SEARCHING = 1, 2
+"""States of Localisation."""
+
+
+def surface_message(
+    types: MessageTypes, stamp_ns: int, frame_id: str, surface: Surface, floor_z: float | None
+) -> Any:
+    """Return a tccm_interfaces/Surface.
+
+    Parameters
+    ----------
+    types, stamp_ns, frame_id
+        Message classes and header.
+    surface
+        In map.
+    floor_z
+        Height of the floor in map, m; None where it was never seen.
+    """
+    T, size = surface_pose(surface)
+    return types.make(
+        SURFACE,
+        header=header_message(types, stamp_ns, frame_id),
+        id=surface.id,
+        merged_ids=types.array("i4", surface.merged_ids),
+        label=surface.label,
+        confidence=float(surface.confidence),
+        pose=pose_message(types, T),
+        size_x=float(size[0]),
+        size_y=float(size[1]),
+        height=float(T[2, 3] - (floor_z or 0.0)),
+        height_std=float(surface.height_std),
+        plane=types.make(
+            PACKAGE + "PlaneWithCovariance",
+            normal=_vector(types, surface.normal),
+            offset=float(surface.offset),
+            covariance=np.full(9, np.nan),
+        ),
+        boundary=ring_message(types, surface.boundary),
+        holes=[ring_message(types, hole) for hole in surface.holes],
+        area=float(surface.area),
+        area_seen=float(surface.area),
+        points=surface.points,
+        first_seen=stamp_message(types, surface.first_seen_ns),
+        last_seen=stamp_message(types, surface.last_seen_ns),
+        view_stamps=types.array("i8", [view.stamp_ns for view in surface.views]),
+        view_keyframes=types.array("i4", [view.keyframe for view in surface.views]),
+        view_points=types.array("u4", [view.points for view in surface.views]),
+    )
+
+
+def object_message(types: MessageTypes, stamp_ns: int, frame_id: str, item: SceneObject) -> Any:
+    """Return a tccm_interfaces/SurfaceObject.
+
+    Parameters
+    ----------
+    types, stamp_ns, frame_id
+        Message classes and header.
+    item
+        In map.
+    """
+    return types.make(
+        SURFACE_OBJECT,
+        header=header_message(types, stamp_ns, frame_id),
+        id=item.id,
+        surface_id=item.surface,
+        confidence=math.nan,
+        pose=pose_message(types, object_pose(item)),
+        size=_vector(types, item.size),
+        points=item.points,
+        first_seen=stamp_message(types, item.first_seen_ns),
+        last_seen=stamp_message(types, item.last_seen_ns),
+    )
+
+
+def objects_message(
+    types: MessageTypes, stamp_ns: int, frame_id: str, objects: Iterable[SceneObject]
+) -> Any:
+    """Return a tccm_interfaces/SurfaceObjectArray; arguments as for `object_message`."""
+    header = header_message(types, stamp_ns, frame_id)
+    made = [object_message(types, stamp_ns, frame_id, item) for item in objects]
+    return types.make(SURFACE_OBJECTS, header=header, objects=made)
+
+
+def typed_map_message(
+    types: MessageTypes, stamp_ns: int, frame_id: str, solution: SurfaceSolution
+) -> Any:
+    """Return a tccm_interfaces/SurfaceMap with all of a solution.
+
+    Parameters
+    ----------
+    types, stamp_ns, frame_id
+        Message classes and header.
+    solution
+        In map.
+    """
+    header, floor_z = header_message(types, stamp_ns, frame_id), solution.floor_z
+    return types.make(
+        SURFACE_MAP,
+        header=header,
+        floor_z=math.nan if floor_z is None else float(floor_z),
+        surfaces=[
+            surface_message(types, stamp_ns, frame_id, surface, floor_z)
+            for surface in solution.surfaces
+        ],
+        objects=[object_message(types, stamp_ns, frame_id, item) for item in solution.objects],
+        free_areas=_free_areas(types, solution.free_places, solution.place_size),
+        walls=[_wall(types, header, wall) for wall in solution.slam.walls],
+        localisation=_localisation(types, header, solution),
+    )
+
+
+def event_message(
+    types: MessageTypes,
+    stamp_ns: int,
+    frame_id: str,
+    kind: int,
+    *,
+    ids: tuple[Sequence[int], Sequence[int]] = ((), ()),
+    poses: tuple[Float64 | None, Float64 | None] = (None, None),
+    label: str = "",
+    object_id: int = -1,
+    last_seen_ns: int = 0,
+) -> Any:
+    """Return a tccm_interfaces/SurfaceEvent.
+
+    Parameters
+    ----------
+    types, stamp_ns, frame_id
+        Message classes and header.
+    kind
+        One of the constants of the message.
+    ids
+        Of the surfaces before and after.
+    poses
+        T_map of the object or the surface before and after; None where there was none.
+    label
+        Of the object, or the surface.
+    object_id
+        -1 for surfaces.
+    last_seen_ns
+        Stamp of the last view that showed it as before.
+    """
+    before, after = (pose_message(types, _nowhere() if T is None else T) for T in poses)
+    return types.make(
+        SURFACE_EVENT,
+        header=header_message(types, stamp_ns, frame_id),
+        kind=kind,
+        surface_ids_before=types.array("i4", ids[0]),
+        surface_ids_after=types.array("i4", ids[1]),
+        object_id=object_id,
+        label=label,
+        pose_before=before,
+        pose_after=after,
+        last_seen_before=stamp_message(types, last_seen_ns),
+    )
+
+
+def _nowhere() -> Float64:
+    T = np.eye(4)
+    T[:3, 3] = np.nan
+    return T
+
+
+def ring_message(types: MessageTypes, ring: Float64) -> Any:
+    """Return a tccm_interfaces/Ring of points (N, 3)."""
+    return types.make(PACKAGE + "Ring", points=types.rows("geometry_msgs/msg/Point", ring))
+
+
+def _vector(types: MessageTypes, xyz: Float64) -> Any:
+    x, y, z = map(float, xyz)
+    return types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
+
+
+def _free_areas(
+    types: MessageTypes, free: Mapping[int, Sequence[Float64]], size: tuple[float, float]
+) -> list[Any]:
+    return [
+        types.make(
+            PACKAGE + "FreeArea",
+            surface_id=surface,
+            size_x=float(size[0]),
+            size_y=float(size[1]),
+            outlines=[ring_message(types, ring) for ring in rings],
+        )
+        for surface, rings in sorted(free.items())
+    ]
+
+
+def _wall(types: MessageTypes, header: Any, wall: Wall) -> Any:
+    ends = np.column_stack([wall.endpoints, np.zeros(2)])
+    return types.make(
+        PACKAGE + "Wall",
+        header=header,
+        id=wall.id,
+        phi=float(wall.phi),
+        rho=float(wall.rho),
+        covariance=np.ascontiguousarray(wall.covariance, np.float64).ravel(),
+        endpoints=[
+            types.make("geometry_msgs/msg/Point", x=x, y=y, z=z) for x, y, z in ends.tolist()
+        ],
+        observations=wall.observations,
+        corner_ids=types.array("i4", wall.corners),
+    )
+
+
+def _localisation(types: MessageTypes, header: Any, solution: SurfaceSolution) -> Any:
+    """Return where the robot was at the stamp of the solution, without its covariance."""
+    alignment = solution.alignment
+    is_found = alignment is None or alignment.found
+    T = spatial(solution.trajectory[-1]) if len(solution.trajectory) else _nowhere()
+    return types.make(
+        PACKAGE + "Localisation",
+        header=header,
+        state=TRACKING if is_found else SEARCHING,
+        pose=types.make(
+            "geometry_msgs/msg/PoseWithCovariance",
+            pose=pose_message(types, T.reshape(4, 4)),
+            covariance=np.full(36, np.nan),
+        ),
+        sign_id=-1,
+        keyframe=-1,
+    )

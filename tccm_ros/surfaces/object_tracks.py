@@ -1,0 +1,264 @@
+"""Object tracks: what stands on surfaces keeps its id while newer views measure it again.
+
+A box is numbered over all views in stamp order, and the id of an object is the number of its oldest
+box. So ids follow from the views alone, as those of surfaces do (`track_ids`). An object that a
+view does not measure stays, as it may be hidden or out of sight; it has left once enough views have
+looked through it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from tccm_ros.arrays import Bool, Float64
+from tccm_ros.config import Config
+from tccm_ros.geometry import inverse, planar, transform
+from tccm_ros.surfaces.views import SeenObject, View
+from tccm_ros.tabletop.free_places import rectangle_corners
+
+INNER = np.array([[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]) * 0.25
+"""Points of a footprint that are all looked through where it is empty, in edge lengths: the columns
+of a view are as wide as a cup, and beams pass beside one. Chosen."""
+
+INSIDE = 0.5
+"""An object is part of another one where they share more of the smaller footprint. Chosen."""
+
+PART_OF_POINTS = 0.5
+"""A view that measured fewer points than this fraction of an earlier one saw a part. Chosen."""
+
+
+@dataclass(slots=True, eq=False)
+class ObjectTrack:
+    """An object as the views so far have it.
+
+    Attributes
+    ----------
+    id
+        Number of its oldest box.
+    center
+        float64 (3,), in map, m, as the last view measured it.
+    size
+        float64 (3,), edges along its own x, y and z, m.
+    yaw
+        Of its x axis in map, rad.
+    points
+        Points measured on it in the view that gives the box.
+    first_seen_ns, last_seen_ns
+        Stamps of the first and the last view that measured it.
+    views
+        Views that measured it.
+    misses
+        Views in a row that looked through it.
+    """
+
+    id: int
+    center: Float64
+    size: Float64
+    yaw: float
+    points: int
+    first_seen_ns: int
+    last_seen_ns: int
+    views: int
+    misses: int = 0
+
+    @property
+    def footprint(self) -> Polygon:
+        """Its outline seen from above, in map, m."""
+        corners = rectangle_corners(float(self.size[0]), float(self.size[1]), self.yaw)
+        return Polygon(corners + self.center[:2])
+
+
+def nearest_pairs(first: Float64, second: Float64, max_distance: float) -> list[tuple[int, int]]:
+    """Return pairs of points, the nearest first; each point is in one pair at most.
+
+    Parameters
+    ----------
+    first, second
+        float64 (N, 3) and (M, 3), m.
+    max_distance
+        Of the two points of a pair, m.
+    """
+    if not len(first) or not len(second):
+        return []
+    distances = np.linalg.norm(first[:, None] - second[None], axis=2)
+    rows, columns = np.nonzero(distances <= max_distance)
+    order = np.lexsort((columns, rows, distances[rows, columns]))
+    pairs: list[tuple[int, int]] = []
+    used: tuple[set[int], set[int]] = set(), set()
+    for i, j in zip(rows[order].tolist(), columns[order].tolist()):
+        if i not in used[0] and j not in used[1]:
+            pairs.append((i, j))
+            used[0].add(i)
+            used[1].add(j)
+    return pairs
+
+
+def with_objects_of(newer: View, older: View, config: Config) -> View:
+    """Return the newer of two views from one pose, with numbers and stamps of the older's objects.
+
+    Parameters
+    ----------
+    newer, older
+        Two successive views; the older one will be removed.
+    config
+        Uses `objects.track_distance`.
+    """
+    objects = list(newer.objects)
+    for i, j in nearest_pairs(
+        _centers(older.objects), _centers(objects), config.objects.track_distance
+    ):
+        old, own = older.objects[i], objects[j]
+        number = (i if old.number is None else old.number) - len(older.objects)
+        seen_ns = older.stamp_ns if old.first_seen_ns is None else old.first_seen_ns
+        objects[j] = replace(own, number=number, first_seen_ns=seen_ns, views=old.views + own.views)
+    forgotten = newer.forgotten_objects + older.forgotten_objects + len(older.objects)
+    return replace(newer, objects=tuple(objects), forgotten_objects=forgotten)
+
+
+def _centers(objects: Sequence[SeenObject]) -> Float64:
+    return np.array([item.center for item in objects]).reshape(-1, 3)
+
+
+def track_objects(
+    views: Sequence[View], T_map_view: Float64, config: Config
+) -> tuple[ObjectTrack, ...]:
+    """Return the objects that stand somewhere after the last view, by id.
+
+    Parameters
+    ----------
+    views
+        In the order of sessions and stamps.
+    T_map_view
+        float64 (V, 4, 4), their poses.
+    config
+        Uses `objects.track_distance` and `objects.agreeing_views`.
+    """
+    known: list[ObjectTrack] = []
+    after = 0
+    for view, T in zip(views, T_map_view):
+        first = after + view.forgotten_objects
+        after = first + len(view.objects)
+        known = _update(known, view, T, first, config)
+    return tuple(sorted(known, key=lambda track: track.id))
+
+
+def _update(
+    known: list[ObjectTrack], view: View, T: Float64, first: int, config: Config
+) -> list[ObjectTrack]:
+    """Return the tracks after a view; `first` is the number of its first box."""
+    if not known and not view.objects:
+        return known
+    seen = [_seen(item, k, view, T, first) for k, item in enumerate(view.objects)]
+    matched = _matches(known, seen, config)
+    kept = [track for i, track in enumerate(known) if i not in matched]
+    _note_looked_through(kept, view, T)
+    for j, new in enumerate(seen):
+        same = [known[i] for i, k in matched.items() if k == j]
+        kept.append(_combined(same, new) if same else new)
+    needed = config.objects.agreeing_views
+    return [track for track in kept if track.misses < min(track.views, needed)]
+
+
+def _seen(item: SeenObject, index: int, view: View, T: Float64, first: int) -> ObjectTrack:
+    """Return a box of a view as a track of its own; `first` is the number of its first box."""
+    yaw = item.yaw + float(planar(T)[2])
+    return ObjectTrack(
+        id=first + (index if item.number is None else item.number),
+        center=transform(T, item.center[None])[0],
+        size=item.size,
+        yaw=0.5 * math.pi - (0.5 * math.pi - yaw) % math.pi,
+        points=item.points,
+        first_seen_ns=view.stamp_ns if item.first_seen_ns is None else item.first_seen_ns,
+        last_seen_ns=view.stamp_ns,
+        views=item.views,
+    )
+
+
+def _matches(
+    known: Sequence[ObjectTrack], seen: Sequence[ObjectTrack], config: Config
+) -> dict[int, int]:
+    """Return which box of a view is which known object: of known ones, the index of the box.
+
+    Nearest pairs come first, one to one. Views from two sides measure two sides of an object: what
+    overlaps, or is nearer than objects are to each other, is one. A known object that lies within
+    a box of the view is part of it.
+    """
+    if not known or not seen:
+        return {}
+    distances = np.linalg.norm(
+        np.array([k.center for k in known])[:, None] - np.array([s.center for s in seen]), axis=2
+    )
+    first, second = _footprints(known), _footprints(seen)
+    gaps = shapely.distance(first[:, None], second)
+    overlaps = shapely.area(shapely.intersection(first[:, None], second))
+    smaller = np.minimum(shapely.area(first)[:, None], shapely.area(second))
+    are_level = _overlap_in_height(known, seen)
+    near = (gaps <= config.objects.cluster_distance) & are_level
+    allowed = near | (distances <= config.objects.track_distance)
+    rows, columns = np.nonzero(allowed)
+    order = np.lexsort((columns, rows, distances[rows, columns]))
+    matched: dict[int, int] = {}
+    for i, j in zip(rows[order].tolist(), columns[order].tolist()):
+        if i not in matched and j not in matched.values():
+            matched[i] = j
+    inside = are_level & (overlaps > INSIDE * smaller)
+    for i in np.flatnonzero(inside.any(axis=1)).tolist():
+        matched.setdefault(i, int(np.argmax(np.where(inside[i], overlaps[i], -1.0))))
+    return matched
+
+
+def _overlap_in_height(first: Sequence[ObjectTrack], second: Sequence[ObjectTrack]) -> Bool:
+    ends = [
+        np.array([(t.center[2] - 0.5 * t.size[2], t.center[2] + 0.5 * t.size[2]) for t in tracks])
+        for tracks in (first, second)
+    ]
+    (low, high), (other_low, other_high) = ends[0].T[:, :, None], ends[1].T
+    return np.asarray((low <= other_high) & (other_low <= high))
+
+
+def _footprints(tracks: Sequence[ObjectTrack]) -> NDArray[Any]:
+    """Return the outlines of objects seen from above, in map."""
+    return np.array([track.footprint for track in tracks], dtype=object)
+
+
+def _combined(same: Sequence[ObjectTrack], new: ObjectTrack) -> ObjectTrack:
+    """Return a known object, or several that are one, as a view measured it again.
+
+    Its box is that of the newest view, unless that measured a small part of it.
+    """
+    best = max(same, key=lambda track: track.points)
+    box = new if new.points >= PART_OF_POINTS * best.points else best
+    return ObjectTrack(
+        id=min(new.id, *(track.id for track in same)),
+        center=box.center,
+        size=box.size,
+        yaw=box.yaw,
+        points=box.points,
+        first_seen_ns=min(new.first_seen_ns, *(track.first_seen_ns for track in same)),
+        last_seen_ns=new.last_seen_ns,
+        views=new.views + max(track.views for track in same),
+    )
+
+
+def _note_looked_through(tracks: Sequence[ObjectTrack], view: View, T: Float64) -> None:
+    """Count a miss for each object that a view looked through."""
+    if not tracks:
+        return
+    points = np.empty((len(tracks), len(INNER), 3))
+    for k, track in enumerate(tracks):
+        c, s = math.cos(track.yaw), math.sin(track.yaw)
+        sides = np.array([[c, s], [-s, c]]) * track.size[:2, None]
+        points[k, :, :2] = track.center[:2] + INNER @ sides
+        points[k, :, 2] = track.center[2]
+    seen = view.free.contains(transform(inverse(T), points.reshape(-1, 3)))
+    through = np.asarray(seen.reshape(len(tracks), len(INNER)).all(axis=1), bool)
+    for k, track in enumerate(tracks):
+        track.misses += bool(through[k])

@@ -1,0 +1,86 @@
+"""A solution as programs see it: surfaces, objects and free floor, without points and graph."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.geometry import pose, spatial
+from tccm_ros.records import Surface
+from tccm_ros.surfaces.base_poses import FreeFloor
+from tccm_ros.surfaces.scene_objects import SceneObject
+from tccm_ros.tabletop.footprints import convex_hull, rectangle
+
+
+class KnownSurface(NamedTuple):
+    """A surface of a scene.
+
+    Attributes
+    ----------
+    surface
+        Without its views.
+    first_view_ns, last_view_ns
+        Stamps of the first and the last view that is part of it.
+    message
+        The whole of it: a serialised tccm_interfaces/Surface; empty where nobody asks for it.
+    """
+
+    surface: Surface
+    first_view_ns: int
+    last_view_ns: int
+    message: bytes = b""
+
+
+class Scene(NamedTuple):
+    """One solution as programs see it.
+
+    Attributes
+    ----------
+    stamp_ns, frame_id
+        Of the solution.
+    floor_z
+        Height of the floor in map, m; None where it was never seen.
+    objects
+        By surface and id.
+    free_floor
+        Where the base can stand; None without a level laser.
+    surfaces
+        By id.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    floor_z: float | None
+    objects: tuple[SceneObject, ...]
+    free_floor: FreeFloor | None
+    surfaces: tuple[KnownSurface, ...] = ()
+
+
+def surface_pose(surface: Surface) -> tuple[Float64, Float64]:
+    """Return pose and size of the smallest rectangle around a surface's boundary.
+
+    Returns
+    -------
+    T_map_surface : float64 (4, 4)
+        Its middle, on the plane; x along the longer side, z along the normal.
+    size : float64 (2,)
+        Along x and y, m.
+    """
+    x, y, length, width, yaw = rectangle(convex_hull(surface.boundary[:, :2]))
+    normal = surface.normal
+    along = np.array([math.cos(yaw), math.sin(yaw), 0.0])
+    along -= (along @ normal) * normal
+    along /= np.linalg.norm(along)
+    R = np.stack([along, np.cross(normal, along), normal], axis=1)
+    z = (surface.offset - normal[0] * x - normal[1] * y) / normal[2]
+    return pose(R, np.array([x, y, z])), np.array([length, width])
+
+
+def object_pose(item: SceneObject) -> Float64:
+    """Return the pose (4, 4) of an object's box in map; x along its longer horizontal side."""
+    T = spatial(np.array([*item.center[:2], item.yaw]))
+    T[2, 3] = item.center[2]
+    return np.asarray(T, np.float64)

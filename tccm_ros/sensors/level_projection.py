@@ -1,9 +1,9 @@
 """Level scans of robots without a level laser, projected from depth images or point clouds.
 
-For each bearing in the base frame the range is that of the nearest vertical surface within a band of
-heights: the mean of its points, of which the nearest alone would be too near by the noise of many.
-A horizontal surface has no range: where the edge of the view cuts a table top, the nearest point
-moves with the head, and a scan with such points moves a robot that stands.
+For each bearing in the base frame the range is that of the nearest vertical surface within a band
+of heights: the mean of its points, of which the nearest alone would be too near by the noise of
+many. A horizontal surface has no range: where the edge of the view cuts a table top, the nearest
+point moves with the head, and a scan with such points moves a robot that stands.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.kernels import kernel
 from tccm_ros.records import Event, Posed, Scan
-from tccm_ros.sensors.depth_image import PosedImage, seen_depths
+from tccm_ros.sensors.depth_image import PosedImage, seen_points
 from tccm_ros.sensors.measured import MeasuredPoints, without_robot
 from tccm_ros.sensors.point_cloud import PosedCloud, placed_points
 
@@ -87,12 +87,10 @@ class LevelProjector:
 
     def _points(self, posed: Posed) -> Float64:
         """Return what was seen, in odom, without the robot itself; noisy points too."""
-        if isinstance(posed, PosedCloud):
-            points = placed_points(posed, self._config).points
-        else:
-            assert isinstance(posed, PosedImage)
-            points = seen_depths(posed, self._config).points(1e6, 0.0)
-        nothing = np.zeros((0, 3))
+        if isinstance(posed, PosedImage):
+            return seen_points(posed, self._config)
+        assert isinstance(posed, PosedCloud)
+        points, nothing = placed_points(posed, self._config).points, np.zeros((0, 3))
         measured = MeasuredPoints(points, None, nothing, nothing, np.zeros(0, np.bool_), 0.0)
         return without_robot(measured, posed, self._config).points
 
@@ -147,7 +145,7 @@ def nearest_ranges(points: Any, low: Any, high: Any) -> Any:
     return ranges
 
 
-@njit(nogil=True, cache=True)
+@kernel
 def _slab(r: Any) -> Any:
     """Return the slab of a range: equal steps of the range, then of its inverse."""
     if r < NEAR:

@@ -26,7 +26,7 @@ from tccm_ros.cuboids.part_map import PartMapBuilder
 from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.records import CameraInfo, DepthImage
 from tccm_ros.ros.writing import depth_image_message
-from tccm_ros.sensors.depth_image import PosedImage, measure_image, seen_depths
+from tccm_ros.sensors.depth_image import PosedImage, measure_image
 from tccm_ros.sensors.depth_messages import IMAGE_READER
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 525.0
@@ -103,16 +103,13 @@ def main() -> None:
 
     rows = {
         "read bytes": median_ms(lambda: read(next(numbers) % n), 100),
-        "depths without flying pixels": median_ms(
-            lambda: seen_depths(posed[next(numbers) % n], config), 100
-        ),
-        "points and lines of sight, with the former": median_ms(
+        "points and lines of sight": median_ms(
             lambda: measure_image(posed[next(numbers) % n], config), 100
         ),
         "bin": median_ms(bin_all, 5, builder.clear) / n,
         "close, its part": median_ms(lambda: builder.close(0, 0, 1), 5, bin_all) / n,
     }
-    whole = sum(rows.values()) - rows["depths without flying pixels"]
+    whole = sum(rows.values())
     kept = sum(map(len, points)) / n
     print(f"{kept:.0f} of {WIDTH * HEIGHT} pixels are kept\n\n| step | ms an image | ratio |")
     print("|---|---|---|")

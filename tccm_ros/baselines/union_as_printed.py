@@ -15,19 +15,6 @@ from tccm_ros.kernels import kernel
 
 
 @kernel
-def keep_arrival_order(records: Any, n: Any, heights: Any, scratch: Any, order: Any) -> None:
-    """Keep the points in the order in which they came.
-
-    Parameters
-    ----------
-    records, n, heights, scratch, order
-        As in `union.order_by_height`.
-    """
-    for i in range(n):
-        order[i] = i
-
-
-@kernel
 def merge_as_printed(
     points: Any, n: Any, begins: Any, cell_keys: Any, n_cells: Any, found: Any
 ) -> Any:
@@ -74,7 +61,7 @@ def merge_as_printed(
     return k
 
 
-AS_PRINTED = CuboidRule(keep_arrival_order, merge_as_printed)
+AS_PRINTED = CuboidRule(merge_as_printed, is_by_height=False)
 """Eq. (1) as printed, in the order in which the points came."""
 
 

@@ -20,11 +20,15 @@ from tccm_ros.cuboids.caps import Caps, no_caps, sum_caps
 from tccm_ros.cuboids.cuboids import TICK, TICKS_PER_M, Cuboids, key_cells
 from tccm_ros.cuboids.tiles import BinnedPoints
 from tccm_ros.cuboids.union import (
+    DENSE,
     HISTOGRAM_SIZE,
     UNION,
     CuboidRule,
     gather_points,
+    keep_arrival_order,
     mark_cells,
+    order_by_height,
+    sort_cells,
     sum_cuboids,
 )
 from tccm_ros.errors import ConfigError
@@ -326,9 +330,15 @@ class PartMapBuilder:
         n_cells = binning.list_cells(tiles.arrays, cells, starts, addresses)
         packed = np.empty((n, 2), np.int64)
         points = packed.reshape(-1)
-        self._rule.order(records, n, tiles.heights, scratch.sorting, scratch.order)
+        is_by_height, is_dense = self._rule.is_by_height, n >= DENSE * n_cells
+        if is_by_height and not is_dense:
+            order_by_height(records, n, tiles.heights, scratch.sorting, scratch.order)
+        else:
+            keep_arrival_order(n, scratch.order)
         ends = np.array(self._ends, np.int32)
         gather_points(records, n, scratch.order, ends, scratch.scans, counts, points)
+        if is_by_height and is_dense:
+            sort_cells(points, starts, n_cells, scratch.sorting)
         mark_cells(starts, n_cells, addresses, counts, begins)
         k = self._rule.merge(points, n, begins, cells, n_cells, scratch.found)
         moments, seen = np.empty((n - k, 10), np.int64), np.empty((n - k, 2), np.int64)

@@ -81,7 +81,7 @@ def undistort(x: Float64, y: Float64, D: Float64) -> tuple[Float64, Float64]:
 
 
 def pixel_rays(camera: CameraInfo, *, is_rectified: bool = False) -> Float32:
-    """Return the point of each pixel's line of sight at z = 1, float32 (H, W, 2).
+    """Return the point of each pixel's line of sight at z = 1, float32 (2, H, W).
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def pixel_rays(camera: CameraInfo, *, is_rectified: bool = False) -> Float32:
 
     Returns
     -------
-    float32 (H, W, 2), x and y in the optical frame, nan where the lens shows nothing (cached: do
+    float32 (2, H, W), x and y in the optical frame, nan where the lens shows nothing (cached: do
     not write).
     """
     K, D = camera.K, camera.D
@@ -116,4 +116,4 @@ def _rays(
     x, y = np.meshgrid((u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1])
     if D.any():
         x, y = undistort(x, y, D)
-    return np.stack([x, y], axis=-1).astype(np.float32)
+    return np.stack([x, y]).astype(np.float32)

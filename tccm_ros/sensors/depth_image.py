@@ -9,24 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from tccm_ros.arrays import Float32, Float64, UInt8
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.records import CameraInfo, DepthImage, Posed
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.robot.streams import Companion
 from tccm_ros.sensors.camera_rays import pixel_rays
-from tccm_ros.sensors.depth_kernels import (
-    BLOCK,
-    block_strides,
-    drop_edges,
-    place_pixels,
-    read_depths,
-    sight_lines,
-)
+from tccm_ros.sensors.depth_kernels import DepthLimits, SightLines, place_image
 from tccm_ros.sensors.depth_messages import CAMERA_INFO_READER, COMPRESSED_READER, IMAGE_READER
 from tccm_ros.sensors.measured import MeasuredPoints, in_region, without_robot
 
@@ -153,77 +145,74 @@ def max_mapped_depth(config: Config) -> float:
     return c + math.sqrt(max(config.sensors.max_sigma - a, 0.0) / b)
 
 
-class SeenDepths(NamedTuple):
-    """What a depth image saw, without edges.
+def measure_image(posed: PosedImage, config: Config) -> MeasuredPoints:
+    """Return the points of a depth image in odom, and some of its lines of sight."""
+    step = _pixel_steps(posed)[0]
+    spacing = LINES_PER_COLUMN * config.views.reach * step
+    every = max(int(config.views.cell_size / spacing), 1)
+    max_z = min(max_mapped_depth(config), 1e6)
+    measured = _measure(posed, config, max_z, 0.5 * config.map.cell_size, every)
+    return in_region(measured, posed, config)
 
-    Attributes
+
+def seen_points(posed: PosedImage, config: Config) -> Float64:
+    """Return all that a depth image saw, float64 (N, 3), m, in odom: noisy points too."""
+    return _measure(posed, config, 1e6, 0.0, 0).points
+
+
+def _pixel_steps(posed: PosedImage) -> tuple[float, float]:
+    """Return the distance of neighbouring columns and rows at z = 1."""
+    camera = posed.image.camera
+    assert camera is not None
+    return float(camera.binning[0] / camera.K[0, 0]), float(camera.binning[1] / camera.K[1, 1])
+
+
+def _measure(
+    posed: PosedImage, config: Config, max_z: float, half: float, every: int
+) -> MeasuredPoints:
+    """Return the points of an image without flying pixels and without the robot itself.
+
+    Parameters
     ----------
-    z, usable
-        float32 (H, W), m, 0 = nothing, and uint8 (H, W): where it is a surface.
-    rays
-        float32 (H, W, 2), x and y of the pixels' lines of sight at z = 1.
-    T
-        float64 (3, 4), T_odom_camera.
-    steps
-        Distance of neighbouring columns and rows at z = 1.
+    posed, config
+        The image with its poses; noise and limits.
+    max_z
+        Depths beyond are not mapped, m.
+    half
+        Points nearer to each other than this are thinned, m.
+    every
+        Step between the pixels whose lines of sight are followed; 0 for none.
     """
-
-    z: Float32
-    usable: UInt8
-    rays: Float32
-    T: Float64
-    steps: tuple[float, float]
-
-    def points(self, max_z: float, half: float) -> Float64:
-        """Return the points (N, 3), m, in odom of depths up to `max_z`, m.
-
-        Where they are nearer to each other than `half`, m, they are thinned to that.
-        """
-        height, width = self.z.shape
-        strides = np.empty((-(-height // BLOCK), -(-width // BLOCK), 2), np.int8)
-        bound = block_strides(self.z, self.usable, self.rays, self.steps, half, strides)
-        points = np.empty((bound, 3))
-        n = place_pixels(self.z, self.usable, self.rays, np.float32(max_z), strides, self.T, points)
-        return points[:n]
-
-
-def seen_depths(posed: PosedImage, config: Config) -> SeenDepths:
-    """Return the depths of an image, without flying pixels."""
     image, camera = posed.image, posed.image.camera
     assert camera is not None
     rays = pixel_rays(camera, is_rectified=posed.role.rsplit("/", 1)[-1] == RECTIFIED)
     # Kernels are compiled for arrays that can be written to alone.
     depth = image.depth if image.depth.flags.writeable else image.depth.copy()
-    z, usable = np.empty(depth.shape, np.float32), np.empty(depth.shape, np.uint8)
-    scale = np.float32(0.001 if depth.dtype == np.uint16 else 1.0)
-    read_depths(depth, scale, np.float32(config.scan.max_range), rays, z)
+    steps = _pixel_steps(posed)
     a, b, c = config.sensors.depth_sigma
-    step_u, step_v = camera.binning[0] / camera.K[0, 0], camera.binning[1] / camera.K[1, 1]
-    noise = np.array([EDGE_SIGMAS * a, EDGE_SIGMAS * b, c])
-    drop_edges(z, step_u, step_v, 1.0 / math.tan(MIN_SIGHT_ANGLE), noise, usable)
+    slope = 1.0 / math.tan(MIN_SIGHT_ANGLE)
+    edges = [slope * steps[0], slope * steps[1], EDGE_SIGMAS * a, EDGE_SIGMAS * b, c]
+    limits = DepthLimits(
+        unit=np.float32(0.001 if depth.dtype == np.uint16 else 1.0),
+        max_depth=np.float32(config.scan.max_range),
+        edges=np.array(edges, np.float32),
+        max_z=np.float32(max_z),
+        half=half,
+        steps=steps,
+    )
+    sight = SightLines(every, np.array([PASSED_SIGMAS * a, PASSED_SIGMAS * b, c]))
     T = np.ascontiguousarray((posed.T_odom_base[0] @ posed.T_base_sensor[0])[:3])
-    return SeenDepths(z, usable, rays, T, (float(step_u), float(step_v)))
-
-
-def measure_image(posed: PosedImage, config: Config) -> MeasuredPoints:
-    """Return the points of a depth image in odom, and some of its lines of sight."""
-    seen = seen_depths(posed, config)
-    height, width = seen.z.shape
-    max_z = min(max_mapped_depth(config), 1e6)
-    points = seen.points(max_z, 0.5 * config.map.cell_size)
-    spacing = LINES_PER_COLUMN * config.views.reach * seen.steps[0]
-    every = max(int(config.views.cell_size / spacing), 1)
-    room = (height // every + 1) * (width // every + 1)
-    ends, hits = np.zeros((room, 3)), np.zeros(room, np.bool_)
-    a, b, c = config.sensors.depth_sigma
-    passed = np.array([PASSED_SIGMAS * a, PASSED_SIGMAS * b, c])
-    lines = sight_lines(seen.z, seen.usable, seen.rays, every, max_z, passed, seen.T, ends, hits)
+    height, width = depth.shape
+    points = np.empty((height * width, 3))
+    room = (height // every + 1) * (width // every + 1) if every else 0
+    ends, hits = np.empty((room, 3)), np.empty(room, np.bool_)
+    n, lines = place_image(depth, rays, limits, sight, T, points, ends, hits)
     measured = MeasuredPoints(
-        points=points,
+        points=points[:n].copy(),
         stamps_ns=None,
-        origins=np.broadcast_to(seen.T[:, 3], (lines, 3)).copy(),
+        origins=np.broadcast_to(T[:, 3], (lines, 3)).copy(),
         ends=ends[:lines].copy(),
         hits=hits[:lines].copy(),
-        line_angle=every * seen.steps[0],
+        line_angle=every * steps[0],
     )
-    return in_region(without_robot(measured, posed, config), posed, config)
+    return without_robot(measured, posed, config)

@@ -1,251 +1,301 @@
-"""Compiled loops over the pixels of a depth image. Their numpy twins are in the tests."""
+"""Compiled loops over the pixels of a depth image. Their numpy twin is in the tests.
+
+An image is read band by band, of `BLOCK` rows each, whose depths stay in the first cache: nothing
+of the size of the image is written but its points. What is done for all pixels is done row by row
+without branches, so that the compiler can take eight pixels at a time.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from tccm_ros.arrays import Float32, Float64
 from tccm_ros.kernels import kernel
 
 BLOCK = 8
 """Pixels along the edge of a block, in which thinning is uniform: at most one pixel stays."""
 
+_HALF = BLOCK // 2
+_NOTHING = np.float32(0.0)
+_U0, _U1, _U2 = np.uint64(0), np.uint64(1), np.uint64(2)
+
+
+class DepthLimits(NamedTuple):
+    """Which depths are used, and how densely.
+
+    Attributes
+    ----------
+    unit
+        float32, m of one unit of the image.
+    max_depth
+        float32, m; there is no depth beyond.
+    edges
+        float32 (5,): largest change of depth from column to column and from row to row per depth;
+        a, b and c of the noise a + b (z - c)^2, m, times how many of it are allowed.
+    max_z
+        float32, m; depths beyond are not mapped.
+    half
+        Distance on a surface, m, to which points are thinned.
+    steps
+        Distance of neighbouring columns and rows at z = 1.
+    """
+
+    unit: np.float32
+    max_depth: np.float32
+    edges: Float32
+    max_z: np.float32
+    half: float
+    steps: tuple[float, float]
+
+
+class SightLines(NamedTuple):
+    """Which lines of sight are followed.
+
+    Attributes
+    ----------
+    every
+        Step between their pixels, along both axes; 0 for none.
+    passed
+        float64 (3,): a, b and c of a + b (z - c)^2, m; lines to surfaces beyond
+        `DepthLimits.max_z` end that much before them.
+    """
+
+    every: int
+    passed: Float64
+
 
 @kernel
-def read_depths(depth: Any, scale: Any, max_depth: Any, rays: Any, z: Any) -> None:
-    """Write the depths of an image.
+def place_image(
+    depth: Any, rays: Any, limits: Any, sight: Any, T: Any, points: Any, ends: Any, hits: Any
+) -> Any:
+    """Write the points and lines of sight of a depth image, and return how many of each.
+
+    Two neighbours are on an edge where their depths differ by more than a surface and the noise
+    explain: between a surface and its background lie mixed depths, which belong to neither. What is
+    on no edge, and no line of single pixels, is thinned to `limits.half`: of each patch of pixels
+    that are nearer to each other the first stays.
 
     Parameters
     ----------
     depth
         uint16 or float32 (H, W), as measured.
-    scale
-        float32, m of one unit.
-    max_depth
-        float32, m; there is no depth beyond.
     rays
-        float32 (H, W, 2), directions of the pixels; nan where the lens shows nothing: no depth.
-    z
-        float32 (H, W), is written: m, 0 where there is no depth.
-    """
-    height, width = depth.shape
-    for v in range(height):
-        for u in range(width):
-            d = np.float32(depth[v, u]) * scale
-            is_depth = 0.0 < d <= max_depth and rays[v, u, 0] == rays[v, u, 0]
-            z[v, u] = d if is_depth else np.float32(0.0)
-
-
-@kernel
-def drop_edges(z: Any, step_u: Any, step_v: Any, slope: Any, noise: Any, usable: Any) -> None:
-    """Mark the pixels with a depth that are on no edge, in both image directions.
-
-    Two neighbours are on an edge where their depths differ by more than a surface at the smallest
-    angle of sight (`slope`) and the noise explain: between a surface and its background lie mixed
-    depths, which belong to neither.
-
-    Parameters
-    ----------
-    z
-        float32 (H, W), m, 0 = nothing.
-    step_u, step_v
-        Distance of neighbouring pixels at z = 1.
-    slope
-        Largest change of depth per distance across the line of sight.
-    noise
-        a, b and c of the noise a + b (z - c)^2, times how many of it are allowed.
-    usable
-        uint8 (H, W), written.
-    """
-    height, width = z.shape
-    a, b, c = np.float32(noise[0]), np.float32(noise[1]), np.float32(noise[2])
-    across, down = np.float32(slope * step_u), np.float32(slope * step_v)
-    for v in range(height):
-        for u in range(width):
-            usable[v, u] = z[v, u] > 0.0
-    for v in range(height):
-        for u in range(width - 1):
-            p, q = z[v, u], z[v, u + 1]
-            near = min(p, q)
-            jump = abs(p - q) > across * near + a + b * (near - c) * (near - c)
-            if jump and near > 0.0:
-                usable[v, u] = 0
-                usable[v, u + 1] = 0
-    for v in range(height - 1):
-        for u in range(width):
-            p, q = z[v, u], z[v + 1, u]
-            near = min(p, q)
-            jump = abs(p - q) > down * near + a + b * (near - c) * (near - c)
-            if jump and near > 0.0:
-                usable[v, u] = 0
-                usable[v + 1, u] = 0
-
-
-@kernel
-def block_strides(z: Any, usable: Any, rays: Any, steps: Any, half: Any, strides: Any) -> Any:
-    """Write which pixels of each block are enough, and return how many there are at most.
-
-    The slope of the surface is that between the means of a block's halves, in which the noise of
-    single pixels is gone. Every k-th column and row is enough where points at that distance on the
-    surface are nearer than `half`; a block with less than half of its pixels, or on both sides of
-    an edge, is not thinned.
-
-    Parameters
-    ----------
-    z, usable, rays
-        As of `place_pixels`.
-    steps
-        Distance of neighbouring columns and rows at z = 1.
-    half
-        Half of a cell, m.
-    strides
-        int8 (ceil(H / BLOCK), ceil(W / BLOCK), 2), written: of columns and rows.
-    """
-    height, width = z.shape
-    bound, middle = 0, BLOCK // 2
-    sums, counts = np.empty((2, 2)), np.empty((2, 2), np.int64)
-    for b in range(strides.shape[0]):
-        v0, v1 = b * BLOCK, min((b + 1) * BLOCK, height)
-        for c in range(strides.shape[1]):
-            u0, u1 = c * BLOCK, min((c + 1) * BLOCK, width)
-            sums[:], counts[:] = 0.0, 0
-            for v in range(v0, v1):
-                low = np.int64(v - v0 >= middle)
-                left_sum, right_sum = np.float32(0.0), np.float32(0.0)
-                left, right = 0, 0
-                for u in range(u0, min(u0 + middle, u1)):
-                    left_sum += z[v, u] * usable[v, u]
-                    left += usable[v, u]
-                for u in range(min(u0 + middle, u1), u1):
-                    right_sum += z[v, u] * usable[v, u]
-                    right += usable[v, u]
-                sums[low, 0] += left_sum
-                sums[low, 1] += right_sum
-                counts[low, 0] += left
-                counts[low, 1] += right
-            total = counts.sum()
-            across, down = np.int64(1), np.int64(1)
-            if 2 * total >= BLOCK * BLOCK and counts.min() > 0:
-                mean = sums.sum() / total
-                x = np.float64(rays[(v0 + v1) // 2, (u0 + u1) // 2, 0])
-                y = np.float64(rays[(v0 + v1) // 2, (u0 + u1) // 2, 1])
-                left_mean = sums[:, 0].sum() / counts[:, 0].sum()
-                right_mean = sums[:, 1].sum() / counts[:, 1].sum()
-                upper_mean = sums[0].sum() / counts[0].sum()
-                lower_mean = sums[1].sum() / counts[1].sum()
-                slope_u = (right_mean - left_mean) / middle
-                slope_v = (lower_mean - upper_mean) / middle
-                square_u = (mean * steps[0] + slope_u * x) ** 2 + slope_u**2 * (y * y + 1.0)
-                square_v = (mean * steps[1] + slope_v * y) ** 2 + slope_v**2 * (x * x + 1.0)
-                across = np.int64(min(max(half / np.sqrt(square_u), 1.0), 1.0 * BLOCK))
-                down = np.int64(min(max(half / np.sqrt(square_v), 1.0), 1.0 * BLOCK))
-            strides[b, c, 0], strides[b, c, 1] = across, down
-            columns, rows = -(-(u1 - u0) // across), -(-(v1 - v0) // down)
-            bound += min(columns * rows, total)
-    return bound
-
-
-@kernel
-def _is_lone(usable: Any, v: Any, u: Any) -> Any:
-    """Return whether a pixel has no neighbour along one of the image directions.
-
-    A line of one pixel, as it is left of the front of a board, may be of any surface.
-    """
-    height, width = usable.shape
-    beside = (u > 0 and usable[v, u - 1] != 0) or (u + 1 < width and usable[v, u + 1] != 0)
-    above = (v > 0 and usable[v - 1, u] != 0) or (v + 1 < height and usable[v + 1, u] != 0)
-    return not (beside and above)
-
-
-@kernel
-def place_pixels(
-    z: Any, usable: Any, rays: Any, max_z: Any, strides: Any, T: Any, points: Any
-) -> Any:
-    """Write the points of the pixels that are enough, and return how many there are.
-
-    Of each patch of a block's strides the first pixel that shows a surface stays.
-
-    Parameters
-    ----------
-    z, usable
-        float32 (H, W), m, and uint8 (H, W): where it is a surface.
-    rays
-        float32 (H, W, 2), x and y of the pixels' lines of sight at z = 1.
-    max_z
-        Depths beyond are not mapped, m.
-    strides
-        As of `block_strides`.
+        float32 (2, H, W), x and y of the pixels' lines of sight at z = 1; nan where the lens shows
+        nothing: no depth.
+    limits, sight
+        `DepthLimits` and `SightLines`.
     T
         float64 (3, 4), pose of the optical frame in the frame of the points.
     points
-        float64 (N, 3), written.
+        float64 (H W, 3), m, written as far as there are points.
+    ends, hits
+        float64 (L, 3), m, and bool (L,): where lines of sight end, and whether on a surface;
+        written likewise.
     """
-    height, width = z.shape
-    n = 0
-    for b in range(strides.shape[0]):
-        v0, v1 = b * BLOCK, min((b + 1) * BLOCK, height)
-        for c in range(strides.shape[1]):
-            u0, u1 = c * BLOCK, min((c + 1) * BLOCK, width)
-            across, down = np.int64(strides[b, c, 0]), np.int64(strides[b, c, 1])
-            for top in range(v0, v1, down):
-                for left in range(u0, u1, across):
-                    v, u = _first_usable(
-                        z, usable, (top, min(top + down, v1)), (left, min(left + across, u1)), max_z
+    height, width = depth.shape
+    # Rows of the band with that before and that after it, between two columns of nothing.
+    z = np.zeros((BLOCK + 2, width + 2), np.float32)
+    mapped = np.zeros((BLOCK, width), np.bool_)
+    this, below = np.empty(width, np.float32), np.empty(width, np.float32)
+    above_edge, below_edge = np.zeros(width, np.bool_), np.zeros(width, np.bool_)
+    beside_edge = np.zeros(width + 1, np.bool_)
+    _read_row(depth[0], rays[0, 0], limits, this)
+    n, lines, ready = _U0, _U0, 0
+    for first in range(0, height, BLOCK):
+        last = min(first + BLOCK, height)
+        if first > 0:
+            z[0], z[1] = z[BLOCK], z[BLOCK + 1]
+        while ready < first + BLOCK + 1:
+            row = z[ready - first + 1, 1 : width + 1]
+            if ready < height:
+                if ready + 1 < height:
+                    _read_row(depth[ready + 1], rays[0, ready + 1], limits, below)
+                    _mark_edges(this, below, limits.edges[1], limits.edges, below_edge)
+                else:
+                    below_edge[:] = False
+                _mark_edges(
+                    this[:-1], this[1:], limits.edges[0], limits.edges, beside_edge[1:width]
+                )
+                _keep_surfaces(this, (beside_edge[:-1], beside_edge[1:]), above_edge, row)
+                _drop_marked(row, below_edge)
+                above_edge, below_edge = below_edge, above_edge
+                this, below = below, this
+            else:
+                row[:] = _NOTHING
+            ready += 1
+        for v in range(last - first):
+            _mark_mapped(z[v], z[v + 1], z[v + 2], limits.max_z, mapped[v])
+        n = _place_band(z, mapped, rays, (first, last), limits, T, points, n)
+        if sight.every > 0:
+            lines = _end_lines(z, rays, (first, last), limits.max_z, sight, T, ends, hits, lines)
+    return np.int64(n), np.int64(lines)
+
+
+@kernel
+def _read_row(depth: Any, x: Any, limits: Any, row: Any) -> None:
+    """Write the depths of a row, m; 0 where there is none."""
+    unit, max_depth = limits.unit, limits.max_depth
+    for u in range(len(row)):
+        d = np.float32(depth[u]) * unit
+        is_depth = (d > _NOTHING) & (d <= max_depth) & (x[u] == x[u])
+        row[u] = d if is_depth else _NOTHING
+
+
+@kernel
+def _mark_edges(one: Any, other: Any, slope: Any, edges: Any, marks: Any) -> None:
+    """Mark where two rows of depths differ by more than a surface and the noise explain."""
+    a, b, c = edges[2], edges[3], edges[4]
+    for u in range(len(marks)):
+        p, q = one[u], other[u]
+        near = p if p < q else q
+        allowed = slope * near + a + b * (near - c) * (near - c)
+        marks[u] = (abs(p - q) > allowed) & (near > _NOTHING)
+
+
+@kernel
+def _keep_surfaces(depths: Any, beside: Any, above: Any, row: Any) -> None:
+    """Write the depths that are on no edge to the left, to the right and above; 0 for others."""
+    left, right = beside
+    for u in range(len(row)):
+        row[u] = _NOTHING if left[u] | right[u] | above[u] else depths[u]
+
+
+@kernel
+def _drop_marked(row: Any, marks: Any) -> None:
+    for u in range(len(row)):
+        row[u] = _NOTHING if marks[u] else row[u]
+
+
+@kernel
+def _mark_mapped(above: Any, row: Any, below: Any, max_z: Any, mapped: Any) -> None:
+    """Mark the depths up to `max_z` that have a neighbour along both image directions.
+
+    A line of one pixel, as it is left of the front of a board, may be of any surface.
+    """
+    for u in range(len(mapped)):
+        d = row[u + 1]
+        beside = (row[u] > _NOTHING) | (row[u + 2] > _NOTHING)
+        over = (above[u + 1] > _NOTHING) | (below[u + 1] > _NOTHING)
+        mapped[u] = (d > _NOTHING) & (d <= max_z) & beside & over
+
+
+@kernel
+def _sum_columns(z: Any, first: Any, sums: Any, counts: Any) -> None:
+    """Write sums and numbers of depths of each column, over `_HALF` rows of a band."""
+    sums[:], counts[:] = _NOTHING, 0
+    for v in range(first + 1, first + 1 + _HALF):
+        for u in range(len(sums)):
+            sums[u] += z[v, u + 1]
+            counts[u] += z[v, u + 1] > _NOTHING
+
+
+@kernel
+def _place_band(
+    z: Any, mapped: Any, rays: Any, rows: Any, limits: Any, T: Any, points: Any, n: Any
+) -> Any:
+    """Write the points of a band of rows after the first `n`, and return how many there are."""
+    first, last = rows
+    height, width = last - first, mapped.shape[1]
+    xs, ys = rays[0, first:last], rays[1, first:last]
+    upper, lower = np.empty(width, np.float32), np.empty(width, np.float32)
+    n_upper, n_lower = np.empty(width, np.int32), np.empty(width, np.int32)
+    if limits.half > 0.0:
+        _sum_columns(z, 0, upper, n_upper)
+        _sum_columns(z, _HALF, lower, n_lower)
+    for left in range(0, width, BLOCK):
+        right = min(left + BLOCK, width)
+        across = down = np.int64(1)
+        if limits.half > 0.0:
+            ray = rays[:, (first + last) // 2, (left + right) // 2]
+            halves = upper[left:right], lower[left:right]
+            numbers = n_upper[left:right], n_lower[left:right]
+            across, down = _strides(halves, numbers, ray, limits)
+        for v0 in range(0, height, down):
+            for u0 in range(left, right, across):
+                v, u = np.uint64(v0), np.uint64(u0)
+                if not mapped[v, u]:
+                    v, u, found = _first_mapped(
+                        mapped, v, min(v0 + down, height), u, min(u0 + across, right)
                     )
-                    if v < 0:
+                    if not found:
                         continue
-                    d = np.float64(z[v, u])
-                    x, y = rays[v, u, 0] * d, rays[v, u, 1] * d
-                    for i in range(3):
-                        points[n, i] = T[i, 0] * x + T[i, 1] * y + T[i, 2] * d + T[i, 3]
-                    n += 1
+                d = np.float64(z[v + _U1, u + _U1])
+                x, y = xs[v, u] * d, ys[v, u] * d
+                points[n, _U0] = T[0, 0] * x + T[0, 1] * y + T[0, 2] * d + T[0, 3]
+                points[n, _U1] = T[1, 0] * x + T[1, 1] * y + T[1, 2] * d + T[1, 3]
+                points[n, _U2] = T[2, 0] * x + T[2, 1] * y + T[2, 2] * d + T[2, 3]
+                n += _U1
     return n
 
 
 @kernel
-def _first_usable(z: Any, usable: Any, rows: Any, columns: Any, max_z: Any) -> Any:
-    """Return row and column of the first pixel of a patch that can be mapped, -1 if none can."""
-    for v in range(rows[0], rows[1]):
-        for u in range(columns[0], columns[1]):
-            if usable[v, u] != 0 and z[v, u] <= max_z and not _is_lone(usable, v, u):
-                return v, u
-    return -1, -1
+def _strides(halves: Any, numbers: Any, ray: Any, limits: Any) -> Any:
+    """Return which columns and rows of a block are enough: every so manieth.
+
+    The slope of the surface is that between the means of a block's halves, in which the noise of
+    single pixels is gone. Every k-th is enough where points at that distance on the surface are
+    nearer than `limits.half`; a block with less than half of its pixels, or on both sides of an
+    edge, is not thinned.
+    """
+    width = len(halves[0])
+    middle = min(_HALF, width)
+    s00 = s01 = s10 = s11 = 0.0
+    n00 = n01 = n10 = n11 = np.int64(0)
+    for u in range(middle):
+        s00, n00 = s00 + halves[0][u], n00 + numbers[0][u]
+        s10, n10 = s10 + halves[1][u], n10 + numbers[1][u]
+    for u in range(middle, width):
+        s01, n01 = s01 + halves[0][u], n01 + numbers[0][u]
+        s11, n11 = s11 + halves[1][u], n11 + numbers[1][u]
+    total = n00 + n01 + n10 + n11
+    if 2 * total < BLOCK * BLOCK or min(min(n00, n01), min(n10, n11)) == 0:
+        return np.int64(1), np.int64(1)
+    mean = (s00 + s01 + s10 + s11) / total
+    slope_u = ((s01 + s11) / (n01 + n11) - (s00 + s10) / (n00 + n10)) / _HALF
+    slope_v = ((s10 + s11) / (n10 + n11) - (s00 + s01) / (n00 + n01)) / _HALF
+    x, y = np.float64(ray[0]), np.float64(ray[1])
+    square_u = (mean * limits.steps[0] + slope_u * x) ** 2 + slope_u**2 * (y * y + 1.0)
+    square_v = (mean * limits.steps[1] + slope_v * y) ** 2 + slope_v**2 * (x * x + 1.0)
+    across = np.int64(min(max(limits.half / np.sqrt(square_u), 1.0), 1.0 * BLOCK))
+    down = np.int64(min(max(limits.half / np.sqrt(square_v), 1.0), 1.0 * BLOCK))
+    return across, down
 
 
 @kernel
-def sight_lines(
-    z: Any, usable: Any, rays: Any, every: Any, max_z: Any, noise: Any, T: Any, ends: Any, hits: Any
+def _first_mapped(mapped: Any, v0: Any, v1: Any, u0: Any, u1: Any) -> Any:
+    """Return row and column of the first pixel of a patch that is mapped, and whether one is."""
+    for v in range(v0, np.uint64(v1)):
+        for u in range(u0, np.uint64(u1)):
+            if mapped[v, u]:
+                return v, u, True
+    return v0, u0, False
+
+
+@kernel
+def _end_lines(
+    z: Any, rays: Any, rows: Any, max_z: Any, sight: Any, T: Any, ends: Any, hits: Any, n: Any
 ) -> Any:
-    """Write where the lines of sight of every so manieth pixel end, and return how many there are.
+    """Write where lines of sight of a band end after the first `n`; return how many there are.
 
     A line ends on the surface, or before it where it is too noisy to be mapped.
-
-    Parameters
-    ----------
-    z, usable, rays, T
-        As of `place_pixels`.
-    every
-        Step between the pixels, along both axes.
-    max_z
-        Lines to surfaces beyond end before them, m,
-    noise
-        by this many sigmas: a, b and c of a + b (z - c)^2, m.
-    ends, hits
-        float64 (N, 3), and bool (N,): whether the line ended on a surface; written.
     """
-    height, width = z.shape
-    n = 0
-    for v in range(every // 2, height, every):
+    every, passed = sight.every, sight.passed
+    first, last = rows
+    width = z.shape[1] - 2
+    for v in range(first, last):
+        if v % every != every // 2:
+            continue
         for u in range(every // 2, width, every):
-            d = np.float64(z[v, u])
-            if usable[v, u] == 0:
+            d = np.float64(z[v - first + 1, u + 1])
+            if d == 0.0:
                 continue
             hits[n] = d <= max_z
             if not hits[n]:
-                d = max(d - noise[0] - noise[1] * (d - noise[2]) ** 2, max_z)
-            x, y = rays[v, u, 0] * d, rays[v, u, 1] * d
+                d = max(d - passed[0] - passed[1] * (d - passed[2]) ** 2, np.float64(max_z))
+            x, y = rays[0, v, u] * d, rays[1, v, u] * d
             for i in range(3):
                 ends[n, i] = T[i, 0] * x + T[i, 1] * y + T[i, 2] * d + T[i, 3]
-            n += 1
+            n += _U1
     return n

@@ -26,9 +26,11 @@ from tccm_ros.cuboids.part_map import PartMapBuilder
 from tccm_ros.cuboids.union import (
     HISTOGRAM_SIZE,
     gather_points,
+    keep_arrival_order,
     mark_cells,
     merge_intervals,
     order_by_height,
+    sort_cells,
 )
 from tccm_ros.errors import ConfigError
 from tccm_ros.geometry import interpolate_poses, transform
@@ -109,7 +111,33 @@ def test_points_of_different_depths_equal_brute_force(points):
     assert found_cuboids(points, np.array(cells), starts) == merged_intervals(points)
 
 
-def found_cuboids(points, cells, starts):
+@exactly
+@given(
+    st.lists(st.tuples(st.integers(0, 2), st.integers(-400, 400), st.integers(1, 300)), min_size=1)
+)
+def test_cells_sorted_one_by_one_equal_brute_force(points):
+    # As where cells are dense; equal heights stay as they came in both ways.
+    cells = sorted({cell for cell, _, _ in points})
+    counts = [sum(p[0] == cell for p in points) for cell in cells]
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+    assert found_cuboids(points, np.array(cells), starts, True) == merged_intervals(points)
+
+
+@pytest.mark.parametrize("span", [0, 3, 300, 70_000, 20_000_000])
+def test_dense_cells_are_those_of_the_sort_of_all_points(span, monkeypatch):
+    rng = np.random.default_rng(span)
+    xy = rng.integers(0, 3 * CELL, (2000, 2))
+    z = rng.integers(-span, span + 1, 2000)
+    points = [(int(x), int(y), int(h)) for (x, y), h in zip(xy, z, strict=True)]
+    one = part_of(points, 0, config())
+    monkeypatch.setattr("tccm_ros.cuboids.part_map.DENSE", 10**9)
+    other = part_of(points, 0, config())
+    for name in ("keys", "bounds", "moments", "seen_ns"):
+        assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
+    assert one.points.packed.tobytes() == other.points.packed.tobytes()
+
+
+def found_cuboids(points, cells, starts, is_dense=False):
     """Return [(cell, bottom, top)] of points (cell, z, depth) by the kernels."""
     n, n_cells = len(points), len(cells)
     address = {int(cell): k for k, cell in enumerate(cells)}
@@ -123,8 +151,13 @@ def found_cuboids(points, cells, starts):
         np.zeros(n, np.int64), np.zeros(2 * n, np.int32), np.zeros(n, np.int32)
     )  # fmt: skip
     records = np.array(records)
-    order_by_height(records, n, (min(heights), max(heights)), scratch, order)
+    if is_dense:
+        keep_arrival_order(n, order)
+    else:
+        order_by_height(records, n, (min(heights), max(heights)), scratch, order)
     gather_points(records, n, order, np.array([n], np.int32), scan_of, counts, points_out)
+    if is_dense:
+        sort_cells(points_out, starts, n_cells, scratch)
     mark_cells(starts, n_cells, addresses, counts, begins)
     k = merge_intervals(points_out, n, begins, cells.astype(np.int64), n_cells, found)
     assert not counts.any()

@@ -12,14 +12,13 @@ from tccm_ros.records import CameraInfo, DepthImage, SelfShapes
 from tccm_ros.sensors.camera_rays import distort, pixel_rays
 from tccm_ros.sensors.depth_image import (
     PosedImage,
-    SeenDepths,
     camera_info_topic,
     join_camera,
     max_mapped_depth,
     measure_image,
     rejection_reason,
 )
-from tccm_ros.sensors.depth_kernels import BLOCK, drop_edges, read_depths
+from tccm_ros.sensors.depth_kernels import BLOCK, DepthLimits, SightLines, place_image
 
 W, H, F = 64, 48, 60.0
 K = np.array([[F, 0.0, 31.5], [0.0, F, 23.5], [0.0, 0.0, 1.0]])
@@ -35,8 +34,8 @@ def test_each_ray_is_projected_back_to_its_pixel(D, crop):
     camera = replace(CAMERA, D=D, binning=crop[0], region=crop[1])
     rays = pixel_rays(camera).astype(np.float64)
     width, height = camera.image_size
-    assert rays.shape == (height, width, 2)
-    x, y = distort(rays[..., 0], rays[..., 1], D)
+    assert rays.shape == (2, height, width)
+    x, y = distort(rays[0], rays[1], D)
     u, v = F * x + K[0, 2], F * y + K[1, 2]
     np.testing.assert_allclose(u, np.arange(width) * crop[0][0] + crop[1][0] + 0 * u, atol=1e-3)
     expected = (np.arange(height) * crop[0][1] + crop[1][1])[:, None] + 0 * v
@@ -46,15 +45,15 @@ def test_each_ray_is_projected_back_to_its_pixel(D, crop):
 def test_a_rectified_image_has_the_rays_of_its_projection():
     P = np.array([[50.0, 0, 30, 0], [0, 50.0, 20, 0], [0, 0, 1, 0]])
     rays = pixel_rays(replace(CAMERA, D=PLUMB_BOB, P=P), is_rectified=True)
-    np.testing.assert_allclose(rays[20, 30], 0.0, atol=1e-6)
-    np.testing.assert_allclose(rays[0, 0], [-0.6, -0.4], atol=1e-6)
+    np.testing.assert_allclose(rays[:, 20, 30], 0.0, atol=1e-6)
+    np.testing.assert_allclose(rays[:, 0, 0], [-0.6, -0.4], atol=1e-6)
 
 
 def test_pixels_that_the_lens_does_not_show_have_no_ray():
     strong = np.array([-0.9, 0.0, 0.0, 0.0, 0.0])  # r (1 - 0.9 r^2) is at most 0.406
     rays = pixel_rays(replace(CAMERA, D=strong))
-    assert np.isnan(rays[0, 0]).all()
-    assert np.isfinite(rays[23, 31]).all()
+    assert np.isnan(rays[:, 0, 0]).all()
+    assert np.isfinite(rays[:, 23, 31]).all()
 
 
 # -- kernels and their twins
@@ -79,43 +78,84 @@ def edges_twin(z, step_u, step_v, slope, noise):
     return usable & ~dropped
 
 
-images = st.integers(0, 2**32 - 1).map(
-    lambda seed: np.random.default_rng(seed).choice(
-        np.array([0, 500, 510, 900, 2500], np.uint16), (12, 17)
+def lone_twin(usable):
+    """Return which pixels have no neighbour along one of the image directions."""
+    padded = np.pad(usable, 1)
+    beside = padded[1:-1, :-2] | padded[1:-1, 2:]
+    above = padded[:-2, 1:-1] | padded[2:, 1:-1]
+    return usable & ~(beside & above)
+
+
+def place(depth, rays, *, half=0.0, max_z=20.0, every=0, max_depth=20.0, unit=1.0, slope=1e6):
+    """Return the points of the kernel, where lines of sight end, and whether on a surface."""
+    steps = 1 / F, 1 / F
+    edges = np.array([slope * steps[0], slope * steps[1], *NOISE], np.float32)
+    limits = DepthLimits(
+        np.float32(unit), np.float32(max_depth), edges, np.float32(max_z), half, steps
+    )
+    sight = SightLines(every, np.array([0.003, 0.006, 0.4]))
+    points, ends = np.empty((depth.size, 3)), np.empty((depth.size, 3))
+    hits, T = np.empty(depth.size, np.bool_), np.eye(4)[:3].copy()
+    n, lines = place_image(depth, rays, limits, sight, T, points, ends, hits)
+    return points[:n], ends[:lines], hits[:lines]
+
+
+NOISE = 0.004, 0.008, 0.4
+images = st.tuples(st.integers(0, 2**32 - 1), st.integers(1, 19), st.integers(1, 20)).map(
+    lambda a: np.random.default_rng(a[0]).choice(
+        np.array([0, 500, 510, 520, 900, 2500], np.uint16),
+        a[1:],
+        p=[0.1, 0.3, 0.3, 0.2, 0.05, 0.05],
     )
 )
 
 
-@settings(max_examples=60, deadline=None)
-@given(images)
-def test_edges_are_those_of_the_twin(depth):
-    rays = np.zeros((*depth.shape, 2), np.float32)
-    z, usable = np.empty(depth.shape, np.float32), np.empty(depth.shape, np.uint8)
-    read_depths(depth, np.float32(0.001), np.float32(2.0), rays, z)
-    np.testing.assert_array_equal(z, np.where(depth > 2000, 0, depth * np.float32(0.001)))
-    noise = np.array([0.004, 0.008, 0.4])
-    drop_edges(z, 0.016, 0.016, 7.0, noise, usable)
-    np.testing.assert_array_equal(usable.astype(bool), edges_twin(z, 0.016, 0.016, 7.0, noise))
+def pixel_numbers(shape):
+    """Return rays that tell each pixel by its direction, float32 (2, H, W)."""
+    v, u = np.indices(shape)
+    return np.stack([u, v]).astype(np.float32)
+
+
+@settings(max_examples=100, deadline=None)
+@given(images, st.integers(1, 4))
+def test_the_pixels_on_surfaces_are_those_of_the_twin(depth, every):
+    """Without thinning all that is on no edge, no line of single pixels, and near enough."""
+    rays = pixel_numbers(depth.shape)
+    rays[:, 0, 0] = np.nan  # not seen through the lens
+    points, ends, hits = place(
+        depth, rays, max_z=0.8, every=every, max_depth=2.0, unit=0.001, slope=7.0
+    )
+    z = np.where(depth > 2000, 0, depth * np.float32(0.001)).astype(np.float32)
+    z[0, 0] = 0.0
+    usable = edges_twin(z, 1 / F, 1 / F, 7.0, NOISE)
+    kept = usable & ~lone_twin(usable) & (z <= np.float32(0.8))
+    v, u = np.nonzero(kept)
+    found = {tuple(p) for p in np.round(np.c_[points[:, :2] / points[:, 2:], points[:, 2]], 4)}
+    assert found == {tuple(p) for p in np.round(np.c_[u, v, z[kept]].astype(float), 4)}
+    assert len(points) == len(u)
+    on_grid = np.zeros(depth.shape, bool)
+    on_grid[every // 2 :: every, every // 2 :: every] = True
+    d = z[usable & on_grid].astype(float)
+    before = np.maximum(d - 0.003 - 0.006 * (d - 0.4) ** 2, np.float64(np.float32(0.8)))
+    np.testing.assert_allclose(ends[:, 2], np.where(d <= np.float32(0.8), d, before), rtol=1e-6)
+    np.testing.assert_array_equal(hits, d <= np.float32(0.8))
 
 
 def plane_image(normal, offset, camera=CAMERA):
     """Return the depths of a plane normal . p = offset in the camera's frame, m."""
-    rays = pixel_rays(camera).astype(np.float64)
-    z = offset / (rays[..., 0] * normal[0] + rays[..., 1] * normal[1] + normal[2])
+    x, y = pixel_rays(camera).astype(np.float64)
+    z = offset / (x * normal[0] + y * normal[1] + normal[2])
     return np.where((z > 0.0) & (z < 20.0), z, 0.0).astype(np.float32)
 
 
-def placed(z, half, max_z=20.0):
-    seen = SeenDepths(
-        z, (z > 0.0).astype(np.uint8), pixel_rays(CAMERA), np.eye(4)[:3].copy(), (1 / F, 1 / F)
-    )
-    return seen.points(max_z, half)
+def placed(z, half):
+    return place(z, pixel_rays(CAMERA), half=half)[0]
 
 
 def thinned_twin(z, half):
     """Keep the first pixel of each patch, block by block, by slopes between means of halves."""
     rays, kept = pixel_rays(CAMERA), []
-    points = np.dstack([rays * z[..., None], z]).astype(np.float64)
+    points = np.dstack([rays[0] * z, rays[1] * z, z]).astype(np.float64)
     for v0 in range(0, H, BLOCK):
         for u0 in range(0, W, BLOCK):
             block = z[v0 : v0 + BLOCK, u0 : u0 + BLOCK].astype(np.float64)
@@ -125,7 +165,7 @@ def thinned_twin(z, half):
             quarters = [(h[r] > 0).any() for h in halves[:2] for r in (slice(4), slice(4, 8))]
             if (block > 0).sum() * 2 >= BLOCK * BLOCK and all(quarters):
                 left, right, upper, lower = map(np.nanmean, halves)
-                x, y = rays[v0 + 4, u0 + 4].astype(float)
+                x, y = rays[:, v0 + 4, u0 + 4].astype(float)
                 du = np.array([np.nanmean(seen) / F, 0, 0]) + (right - left) / 4 * np.array(
                     [x, y, 1]
                 )

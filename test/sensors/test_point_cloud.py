@@ -1,4 +1,4 @@
-"""Points of clouds have the pose of their own time; level scans are what was nearest."""
+"""Points of clouds have the pose of their own time; voxels keep one each."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from tccm_ros.config import Config
 from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.records import PointCloud
-from tccm_ros.sensors.level_projection import BEAMS, BEARING_STEP, LevelProjector, nearest_ranges
 from tccm_ros.sensors.point_cloud import (
     PosedCloud,
     angle_between_rings,
@@ -66,38 +65,3 @@ def test_the_rings_of_a_lidar_are_told_from_its_points(rings, step):
     xyz = ranges * np.dstack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     found = angle_between_rings(xyz.reshape(-1, 3).astype(np.float32), 0.05, 30.0)
     assert np.degrees(found) == pytest.approx(step, abs=0.11)
-
-
-# -- level scans
-
-
-def beam_of(bearing):
-    return round((bearing + np.pi) / BEARING_STEP) % BEAMS
-
-
-def test_a_level_scan_has_the_nearest_of_the_band_inf_beside_and_nan_behind():
-    wall = [[2.0, 0.0, z] for z in (0.2, 0.5, 1.0)] + [[3.0, 0.0, 0.5]]
-    floor = [[0.0, 1.0, 0.0]] * 3
-    ranges = nearest_ranges(np.array(wall + floor), 0.1, 1.8)
-    assert ranges[beam_of(0.0)] == pytest.approx(2.0)
-    assert ranges[beam_of(np.pi / 2)] == np.inf
-    assert np.isnan(ranges[beam_of(np.pi)])
-    assert np.isnan(nearest_ranges(np.array([[1.0, 0.0, 1.0]]), 0.1, 1.8)).all()  # one alone
-
-
-def test_the_noise_of_many_points_does_not_pull_a_wall_nearer():
-    rng = np.random.default_rng(3)
-    points = np.column_stack([rng.normal(3.0, 0.01, 400), np.zeros(400), np.full(400, 1.0)])
-    assert nearest_ranges(points, 0.1, 1.8)[beam_of(0.0)] == pytest.approx(3.0, abs=0.002)
-
-
-def test_level_scans_are_made_of_the_sensor_that_is_configured():
-    config = Config()
-    event = posed_cloud([[2.0, 0.0, 0.5], [2.0, 0.0, 0.6]])
-    assert LevelProjector(config).project(event) is None
-    config.sensors.level_from = "points"
-    scan = LevelProjector(config).project(event)
-    assert scan.frame_id == "base_link"
-    assert scan.ranges[beam_of(0.0)] == pytest.approx(2.0)
-    config.sensors.level_from = "depth"
-    assert LevelProjector(config).project(event) is None

@@ -234,8 +234,8 @@ def _image_rows(posed: PosedImage, mount: Mount, config: Config) -> CycleScans:
     depths = image.depth[::step, ::step].astype(float)
     if image.depth.dtype == np.uint16:
         depths *= 0.001
-    rays = pixel_rays(camera)[::step, ::step].astype(float)
-    vectors = np.concatenate([rays, np.ones((*depths.shape, 1))], axis=-1)
+    x, y = pixel_rays(camera)[:, ::step, ::step].astype(float)
+    vectors = np.stack([x, y, np.ones(depths.shape)], axis=-1)
     lengths = np.linalg.norm(vectors, axis=-1)
     seen = (depths > 0.0) & (depths < MAX_DEPTH_FACTOR * max_mapped_depth(config))
     ranges = np.where(seen, depths * lengths, np.nan).astype(np.float32)

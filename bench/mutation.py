@@ -61,7 +61,7 @@ PLAIN = ("baselines/", "slam/line_fit.py", "slam/line_split.py")
 LIMIT_S = 240.0
 """For the tests of a mutant, s of a processor."""
 
-EXCLUDED = re.compile(r"@(nb\.)?njit|^\s*@(property|staticmethod|classmethod)")
+EXCLUDED = re.compile(r"@kernel|^\s*@(property|staticmethod|classmethod)")
 """Decorators that are left alone; without those of Python a module cannot be imported or used."""
 
 UNCHANGED = "unchanged"
@@ -255,7 +255,7 @@ def run_tests(copy: Path, tests: Sequence[str], *, jit: bool) -> None:
     with open(os.devnull, "w") as nothing:
         for stream in (1, 2):
             os.dup2(nothing.fileno(), stream)
-    os.environ.update(PYTHONPATH=str(copy), NUMBA_CACHE_DIR=str(copy / ".kernels"))
+    os.environ["PYTHONPATH"] = str(copy)
     sys.path[:] = [str(copy), *(p for p in sys.path if Path(p or ".").resolve() != ROOT)]
     numba.config.DISABLE_JIT = int(not jit)
     os._exit(int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *tests])))

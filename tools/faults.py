@@ -9,11 +9,10 @@ contain one of them. The last line is ``N killed, M survived``; exit status 0 if
 The tests must pass without any fault; that is tried first. A fault counts as killed where a test
 fails, not where the tests cannot be collected.
 
-Compiled kernels are found by what is in them (`tccm_ros/kernel_cache.py`), so that what a fault does
-not concern is not compiled again. Where the tests of a fault are quicker in plain
-Python than the compiler is, the fault says ``jit = false`` and they run with
-``NUMBA_DISABLE_JIT=1``. As many faults are tried at once as there are processors, or as many as
-``--jobs`` says.
+Compiled kernels are found by what is in them (`tccm_ros/kernel_cache.py`), so that what a fault
+does not concern is not compiled again. Where the tests of a fault are quicker in plain Python than
+the compiler is, the fault says ``jit = false`` and they run with ``NUMBA_DISABLE_JIT=1``. As many
+faults are tried at once as there are processors, or as many as ``--jobs`` says.
 """
 
 from __future__ import annotations

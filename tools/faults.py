@@ -1,6 +1,6 @@
 """Put faults into a copy of the package, one at a time, and see the tests named for them fail.
 
-Usage: python tools/faults.py [WORD ...]
+Usage: python tools/faults.py [WORD ...] [--jobs N]
 
 tools/faults.toml lists the faults. Each has a name, the edits that make it (file, text as it is,
 text with the fault) and the tests that must fail. Given words, only the faults are run whose names
@@ -9,21 +9,23 @@ contain one of them. The last line is ``N killed, M survived``; exit status 0 if
 The tests must pass without any fault; that is tried first. A fault counts as killed where a test
 fails, not where the tests cannot be collected.
 
-Compiled kernels are found by what is in them, so that what is not touched is not compiled again.
-Where the tests of a fault are
-quicker in plain Python than the compiler is, the fault says ``jit = false`` and they run with
-``NUMBA_DISABLE_JIT=1``.
+Compiled kernels are found by what is in them (`tccm_ros/kernel_cache.py`), so that what a fault
+does not concern is not compiled again. Where the tests of a fault are quicker in plain Python than
+the compiler is, the fault says ``jit = false`` and they run with ``NUMBA_DISABLE_JIT=1``. As many
+faults are tried at once as there are processors, or as many as ``--jobs`` says.
 """
 
 from __future__ import annotations
 
+import argparse
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -103,16 +105,15 @@ def read_faults(path: Path = LIST) -> list[Fault]:
 
 
 @contextmanager
-def faulty_copy(edits: Sequence[Edit]) -> Iterator[Path]:
-    """Yield a folder like the repository, with a copy of the package that has the edits in it."""
+def changed_copy(change: Callable[[Path], None]) -> Iterator[Path]:
+    """Yield a folder like the repository, with a copy of the package that has a change in it."""
     with tempfile.TemporaryDirectory(prefix="tccm-fault-") as name:
         copy = Path(name)
         for entry in ROOT.iterdir():
             if entry.name != PACKAGE:
                 (copy / entry.name).symlink_to(entry)
         shutil.copytree(ROOT / PACKAGE, copy / PACKAGE)
-        for edit in edits:
-            edit.apply(copy)
+        change(copy)
         yield copy
 
 
@@ -126,7 +127,12 @@ def run_tests(
     FaultError
         Where they cannot be run.
     """
-    with faulty_copy(edits) as copy:
+
+    def change(root: Path) -> None:
+        for edit in edits:
+            edit.apply(root)
+
+    with changed_copy(change) as copy:
         environment = {
             **os.environ,
             "PYTHONPATH": str(copy),
@@ -141,19 +147,27 @@ def run_tests(
     return done.returncode == PASSED
 
 
+def survives(fault: Fault) -> bool:
+    """Run the tests of a fault on a copy that has it; return whether they pass, and say so."""
+    has_survived = run_tests(fault.tests, fault.edits, jit=fault.jit)
+    print(f"{'SURVIVED' if has_survived else 'killed  '}  {fault.name}", flush=True)
+    return has_survived
+
+
 def main() -> int:
     """Run the faults; return the exit status."""
-    words = sys.argv[1:]
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("words", nargs="*", help="run faults whose names contain one of these")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="faults tried at once")
+    options = parser.parse_args()
+    words = options.words
     faults = [f for f in read_faults() if not words or any(word in f.name for word in words)]
     for jit in (True, False):
         tests = sorted({test for fault in faults for test in fault.tests if fault.jit is jit})
         if tests and not run_tests(tests, jit=jit, timeout=TIMEOUT * len(tests)):
             raise FaultError(f"tests fail without any fault: {' '.join(tests)}")
-    survived = 0
-    for fault in faults:
-        has_survived = run_tests(fault.tests, fault.edits, jit=fault.jit)
-        survived += has_survived
-        print(f"{'SURVIVED' if has_survived else 'killed  '}  {fault.name}", flush=True)
+    with ThreadPoolExecutor(options.jobs) as pool:
+        survived = sum(pool.map(survives, faults))
     print(f"{len(faults) - survived} killed, {survived} survived")
     return int(survived > 0)
 

@@ -50,3 +50,42 @@ def test_waist_and_neck_do_move(shelf):
         for name in position.keys() & set(sample.names):
             position[name].append(sample.positions[sample.names.index(name)])
     assert min(np.ptp(values) for values in position.values()) > 0.25
+
+
+TWO_CYCLES = 2 * 1.575 + 0.2
+"""Duration of two tilt cycles, s."""
+
+
+@pytest.fixture(scope="module", params=["arm", "gripper"])
+def table(request, tmp_path_factory):
+    """A recording of a robot that moves a part of itself over a table, in view of its laser.
+
+    Without mixed pixels, which lie between that part and what is behind it.
+    """
+    options = Options(duration=TWO_CYCLES, faults=False)
+    return simulate(request.param, tmp_path_factory.mktemp("table") / "bag", options=options)
+
+
+def over_the_table(bag, self_filter):
+    """Return the result, and the mean points of cuboids 5 cm to 60 cm over the table's height."""
+    config = Config()
+    config.scan.self_filter = self_filter
+    outcome = run_bag(bag, config)
+    mean = outcome.tccm.map.cuboids().mean()
+    inside = (mean[:, 2] > 0.75) & (mean[:, 2] < 1.30) & (mean[:, 0] > 0.2) & (mean[:, 0] < 1.4)
+    return outcome, mean[inside & (abs(mean[:, 1]) < 0.7)]
+
+
+def test_a_part_that_moves_through_the_view_is_filtered_by_its_joints(table):
+    outcome, points = over_the_table(table, self_filter=True)
+    assert len(points) == 0
+    assert all(not cycle.objects for cycle in outcome.cycles)
+    heights = [s.height for s in outcome.solution.surfaces if s.label != "floor"]
+    assert heights == [pytest.approx(0.700, abs=0.001)]
+
+
+def test_that_part_is_in_the_map_without_the_filter(table):
+    """Or the test above would pass with a part that nothing sees."""
+    _, points = over_the_table(table, self_filter=False)
+    assert len(points) > 100
+    assert np.ptp(points[:, 2]) > 0.1, "it moves"

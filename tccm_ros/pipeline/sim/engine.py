@@ -387,6 +387,7 @@ def _blocks(duration_ns: int, period_ns: int) -> Iterator[Int64]:
 
 def _joint_transform(joint: Joint, sample: JointSample, position: float) -> TransformSample:
     """Return the transform of a joint at a position."""
-    T_rotation = rigid((0.0, 0.0, 0.0), tuple(position * a for a in joint.axis))
-    T = rigid(joint.xyz, joint.rpy) @ T_rotation
+    motion, still = tuple(position * a for a in joint.axis), (0.0, 0.0, 0.0)
+    T_motion = rigid(motion) if joint.slides else rigid(still, motion)
+    T = rigid(joint.xyz, joint.rpy) @ T_motion
     return TransformSample(sample.stamp_ns, joint.parent, joint.child, T, False)

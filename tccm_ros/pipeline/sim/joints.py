@@ -18,7 +18,7 @@ class Profile:
     Attributes
     ----------
     moves
-        float64 (M, 4), in order of time: start and end time (s), start and end position (rad).
+        float64 (M, 4), in order of time: start and end time (s), start and end position (rad or m).
     ramp
         Fraction of a move in which the joint accelerates, and in which it brakes, 0 to 0.5.
     """
@@ -27,7 +27,7 @@ class Profile:
     ramp: float = 0.1
 
     def at(self, times: ArrayLike) -> Float64:
-        """Return the positions at times (B,) in s, float64 (B,), rad."""
+        """Return the positions at times (B,) in s, float64 (B,), rad or m."""
         t = np.asarray(times, float)
         i = np.clip(np.searchsorted(self.moves[:, 0], t, side="right") - 1, 0, None)
         start, end, first, last = self.moves[i].T
@@ -66,7 +66,7 @@ def oscillation(
     period
         Time of a move from one limit to the other, s.
     limits
-        Positions at both ends, rad; the joint starts at the first.
+        Positions at both ends, rad or m; the joint starts at the first.
     ramp
         As in `Profile`.
     """

@@ -11,7 +11,7 @@ from math import cos, sin
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tccm_ros.arrays import Float64
+from tccm_ros.arrays import Bool, Float64
 from tccm_ros.kernels import kernel
 
 
@@ -67,7 +67,7 @@ def quaternion_xyzw(T_a_b: Float64) -> Float64:
 
 
 @kernel
-def chain_poses(origins: Float64, axes: Float64, angles: Float64) -> Float64:
+def chain_poses(origins: Float64, axes: Float64, slides: Bool, positions: Float64) -> Float64:
     """Return the poses of the end of a chain of joints.
 
     Parameters
@@ -75,27 +75,35 @@ def chain_poses(origins: Float64, axes: Float64, angles: Float64) -> Float64:
     origins
         float64 (J, 4, 4), each joint's frame in the frame of the joint before it, at zero.
     axes
-        float64 (J, 3), unit axis of rotation in the joint's frame; zero where it is fixed.
-    angles
-        float64 (B, J), rad.
+        float64 (J, 3), unit axis of motion in the joint's frame; zero where it is fixed.
+    slides
+        bool (J,), whether a joint moves along its axis instead of rotating about it.
+    positions
+        float64 (B, J), rad or m.
 
     Returns
     -------
     float64 (B, 4, 4)
     """
-    poses = np.zeros((len(angles), 4, 4))
+    poses = np.zeros((len(positions), 4, 4))
     R, t = np.empty((3, 3)), np.empty(3)
     R_joint, step = np.empty((3, 3)), np.empty((3, 3))
-    for b in range(len(angles)):
+    for b in range(len(positions)):
         R[:], t[:] = 0.0, 0.0
         R[0, 0] = R[1, 1] = R[2, 2] = 1.0
         for j in range(len(origins)):
             for k in range(3):
                 for m in range(3):
                     t[k] += R[k, m] * origins[j, m, 3]
-            _rotate_about(axes[j], angles[b, j], R_joint)
             _multiply(R, origins[j], step)
-            _multiply(step, R_joint, R)
+            if slides[j]:
+                R[:] = step
+                for k in range(3):
+                    for m in range(3):
+                        t[k] += R[k, m] * axes[j, m] * positions[b, j]
+            else:
+                _rotate_about(axes[j], positions[b, j], R_joint)
+                _multiply(step, R_joint, R)
         poses[b, :3, :3], poses[b, :3, 3], poses[b, 3, 3] = R, t, 1.0
     return poses
 

@@ -30,7 +30,9 @@ class Joint:
     xyz, rpy
         Pose of the child in the parent at position zero, m and rad.
     axis
-        Unit axis of rotation in the child's frame; zero for a fixed joint.
+        Unit axis of motion in the child's frame; zero for a fixed joint.
+    slides
+        Whether it moves along the axis instead of rotating about it.
     """
 
     name: str
@@ -39,10 +41,11 @@ class Joint:
     xyz: Vector
     rpy: Vector = (0.0, 0.0, 0.0)
     axis: Vector = (0.0, 0.0, 0.0)
+    slides: bool = False
 
     @property
     def moves(self) -> bool:
-        """Whether it rotates."""
+        """Whether it rotates or slides."""
         return self.axis != (0.0, 0.0, 0.0)
 
 
@@ -115,7 +118,7 @@ class Rig:
     wheel_radius, wheel_distance
         m.
     encoder
-        Resolution of the joints' encoders, rad.
+        Resolution of the joints' encoders, rad (m where a joint slides).
     odom_frame, odom_start
         Odometry frame, and the first pose in it (x, y, yaw), m and rad.
     """
@@ -146,7 +149,7 @@ class Rig:
 
     @cached_property
     def moving(self) -> tuple[str, ...]:
-        """Names of the joints that rotate, without the wheels."""
+        """Names of the joints that move, without the wheels."""
         return tuple(j.name for j in self.joints if j.moves and j.name not in self.wheels)
 
     def chain(self, frame: str) -> tuple[Joint, ...]:
@@ -166,7 +169,7 @@ class Rig:
         frame
             Frame of the laser.
         positions
-            float64 (count,), rad, by name of the joint; the others are at zero.
+            float64 (count,), rad or m, by name of the joint; the others are at zero.
         count
             Number of poses.
         """
@@ -174,8 +177,9 @@ class Rig:
         origins = np.array([rigid(joint.xyz, joint.rpy) for joint in chain])
         axes = np.array([joint.axis for joint in chain])
         rest = np.zeros(count)
-        angles = np.column_stack([positions.get(joint.name, rest) for joint in chain])
-        return chain_poses(origins, axes, angles)
+        slides = np.array([joint.slides for joint in chain])
+        moved = np.column_stack([positions.get(joint.name, rest) for joint in chain])
+        return chain_poses(origins, axes, slides, moved)
 
     def mounted(self, joint_name: str, xyz: Vector, rpy: Vector) -> Rig:
         """Return the rig with an error of a mount.
@@ -222,7 +226,8 @@ def _text(values: Vector) -> str:
 
 
 def _urdf_joint(joint: Joint, is_wheel: bool) -> list[str]:
-    kind = "fixed" if not joint.moves else "continuous" if is_wheel else "revolute"
+    kind = "continuous" if is_wheel else "prismatic" if joint.slides else "revolute"
+    kind = kind if joint.moves else "fixed"
     lines = [
         f'  <joint name="{joint.name}" type="{kind}">',
         f'    <parent link="{joint.parent}"/><child link="{joint.child}"/>',
@@ -230,6 +235,6 @@ def _urdf_joint(joint: Joint, is_wheel: bool) -> list[str]:
     ]
     if joint.moves:
         lines.append(f'    <axis xyz="{_text(joint.axis)}"/>')
-    if kind == "revolute":
+    if kind in {"revolute", "prismatic"}:
         lines.append('    <limit lower="-2.0" upper="2.0" effort="10" velocity="5"/>')
     return [*lines, "  </joint>"]

@@ -1,4 +1,4 @@
-"""Three robots: joints, lasers, names and errors."""
+"""Robots with a tilting laser: joints, lasers, names and errors."""
 
 from __future__ import annotations
 
@@ -126,6 +126,39 @@ SEGWAY = Rig(
 
 The vertical actuator of its gripper, in front, is in the view of the tilting laser.
 """
+
+HUMANOID_WITH_ARM = replace(
+    HUMANOID,
+    joints=(
+        *HUMANOID.joints,
+        Joint("arm_1_joint", "torso", "arm_1", (0.02, -0.24, 0.35), axis=_Y),
+        Joint("arm_2_joint", "arm_1", "arm_2", (0.0, 0.0, 0.0), axis=_Z),
+        Joint("arm_3_joint", "arm_2", "arm_3", (0.0, 0.0, 0.0), axis=_X),
+        Joint("arm_4_joint", "arm_3", "arm_4", (0.30, 0.0, 0.0), axis=_Y),
+        Joint("arm_5_joint", "arm_4", "arm_5", (0.0, 0.0, 0.0), axis=_X),
+        Joint("arm_6_joint", "arm_5", "arm_6", (0.26, 0.0, 0.0), axis=_Y),
+        Joint("arm_7_joint", "arm_6", "arm_7", (0.0, 0.0, 0.0), axis=_X),
+    ),
+    bodies=(
+        *HUMANOID.bodies,
+        Body("arm_3", (0.30, 0.09, 0.09), (0.15, 0.0, 0.0)),
+        Body("arm_5", (0.26, 0.07, 0.07), (0.13, 0.0, 0.0)),
+        Body("arm_7", (0.14, 0.09, 0.04), (0.07, 0.0, 0.0)),
+    ),
+)
+"""The robot of the TCCM paper with an arm of seven joints, stretched ahead when all are zero."""
+
+SEGWAY_WITH_GRIPPER = replace(
+    SEGWAY,
+    joints=(
+        *SEGWAY.joints,
+        Joint(
+            "gripper_lift_joint", "base_link", "gripper", (0.40, 0.0, 0.55), axis=_Z, slides=True
+        ),
+    ),
+    bodies=(*SEGWAY.bodies, Body("gripper", (0.22, 0.16, 0.06), (0.12, 0.0, 0.0))),
+)
+"""The robot of the surface mapping paper with its gripper, which the vertical actuator moves."""
 
 UPSIDE_DOWN = Rig(
     name="gantry",

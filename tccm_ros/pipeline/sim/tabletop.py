@@ -11,7 +11,8 @@ from tccm_ros.pipeline.sim.heads import look_around, robot
 from tccm_ros.pipeline.sim.joints import Profile, oscillation
 from tccm_ros.pipeline.sim.motion import stand
 from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.robots import HUMANOID
+from tccm_ros.pipeline.sim.rigs import Rig
+from tccm_ros.pipeline.sim.robots import HUMANOID, HUMANOID_WITH_ARM, SEGWAY_WITH_GRIPPER
 from tccm_ros.pipeline.sim.scene import Motion, Scene
 from tccm_ros.pipeline.sim.situations import (
     CYCLE_TIME,
@@ -27,6 +28,20 @@ CYCLES = 8  # tilt cycles of a recording without a given duration
 NECK_TILT = radians(30.0)  # in both directions, as in the TCCM paper
 LOOK_TIME = 5.0  # s, in which a head looks around
 START = 0.1  # s, of the first tilt cycle
+
+ARM_MOTION = {
+    "arm_1_joint": (2.9, 0.15, 0.40),
+    "arm_2_joint": (2.1, -0.10, 0.45),
+    "arm_3_joint": (3.7, -0.30, 0.30),
+    "arm_4_joint": (1.9, 0.10, 0.40),
+    "arm_5_joint": (2.7, -0.60, 0.60),
+    "arm_6_joint": (1.7, -0.20, 0.20),
+    "arm_7_joint": (2.3, -1.00, 1.00),
+}
+"""Time of a move (s) and both ends (rad) of each joint: the arm reaches over the table (chosen)."""
+
+GRIPPER_MOTION = (2.6, 0.25, 0.50)
+"""The same of the gripper, m: it goes up and down over the table's edge (chosen)."""
 
 
 def situation(name: str) -> Callable[[Options], World]:
@@ -73,9 +88,39 @@ def _stationary(name: str, scene: Scene, options: Options, count: int) -> World:
         window = np.array([[START, duration]])
         joints = look_around(rig, window, options.cycle_period or LOOK_TIME, options.tilt_limits)
         return World(name, scene, rig, stand(duration), joints)
+    return _nodding(name, scene, HUMANOID, options, duration, {})
+
+
+def _nodding(
+    name: str,
+    scene: Scene,
+    rig: Rig,
+    options: Options,
+    duration: float,
+    moves: dict[str, tuple[float, float, float]],
+) -> World:
+    """Return a world whose robot stands, tilts its laser and moves other joints back and forth."""
     limits = options.tilt_limits or (TILT_LOW, TILT_HIGH)
-    joints = {"laser_tilt_joint": oscillation([(START, duration)], period, limits)}
-    return World(name, scene, HUMANOID, stand(duration), joints)
+    window, period = [(START, duration)], options.cycle_period or CYCLE_TIME
+    joints = {rig.tilt_joint: oscillation(window, period, limits)}
+    for joint, (time, *ends) in moves.items():
+        joints[joint] = oscillation(window, time, (ends[0], ends[1]), ramp=0.5)
+    return World(name, scene, rig, stand(duration), joints)
+
+
+def arm(options: Options) -> World:
+    """Return situation A, where the robot moves an arm of seven joints over the table."""
+    scene = situation_scene("a", options.yaw, options.pitch, options.translation, room=True)
+    duration = options.duration or CYCLES * CYCLE_TIME + 2.0 * START
+    return _nodding("arm", scene, HUMANOID_WITH_ARM, options, duration, ARM_MOTION)
+
+
+def gripper(options: Options) -> World:
+    """Return situation A, where the robot moves its gripper up and down before its laser."""
+    scene = situation_scene("a", options.yaw, options.pitch, options.translation, room=True)
+    duration = options.duration or CYCLES * CYCLE_TIME + 2.0 * START
+    moves = {"gripper_lift_joint": GRIPPER_MOTION}
+    return _nodding("gripper", scene, SEGWAY_WITH_GRIPPER, options, duration, moves)
 
 
 def shelf(options: Options) -> World:

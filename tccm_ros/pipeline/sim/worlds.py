@@ -17,7 +17,7 @@ from tccm_ros.pipeline.sim.little_geometry import (
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.ring import ring
 from tccm_ros.pipeline.sim.rooms import load, moved, room, upside_down
-from tccm_ros.pipeline.sim.tabletop import shelf, situation, walkthrough
+from tccm_ros.pipeline.sim.tabletop import arm, gripper, shelf, situation, walkthrough
 from tccm_ros.pipeline.sim.world import Builder, World
 
 WORLDS: dict[str, tuple[Builder, str]] = {
@@ -32,6 +32,8 @@ WORLDS: dict[str, tuple[Builder, str]] = {
     "situation_c": (situation("c"), "A turned, with boxes on it and an arm that moves over it"),
     "situation_d": (situation("d"), "B turned, with an open drawer and knobs"),
     "shelf": (shelf, "a shelf with an open drawer, scanned while waist and neck move"),
+    "arm": (arm, "A, and an arm of seven joints that moves over the table"),
+    "gripper": (gripper, "A, and a gripper that moves up and down in view of the tilting laser"),
     "walkthrough": (walkthrough, "A with a person who walks past and objects that come and go"),
     "front": (front, "standing 1 m before a single flat front; option translation"),
     "corridor": (corridor, "25 m along a plain corridor whose ends are out of sight"),

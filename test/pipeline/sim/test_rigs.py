@@ -6,9 +6,16 @@ import pytest
 
 from tccm_ros.pipeline.sim.rigid import invert, quaternion_xyzw, rigid, rotation_rpy
 from tccm_ros.pipeline.sim.rigs import Rig
-from tccm_ros.pipeline.sim.robots import HUMANOID, SEGWAY, UPSIDE_DOWN
+from tccm_ros.pipeline.sim.robots import (
+    HUMANOID,
+    HUMANOID_WITH_ARM,
+    SEGWAY,
+    SEGWAY_WITH_GRIPPER,
+    UPSIDE_DOWN,
+)
 
-RIGS = (HUMANOID, SEGWAY, UPSIDE_DOWN)
+RIGS = (HUMANOID, HUMANOID_WITH_ARM, SEGWAY, SEGWAY_WITH_GRIPPER, UPSIDE_DOWN)
+NAMES = ("humanoid", "humanoid with arm", "segway", "segway with gripper", "upside down")
 QUARTER = np.pi / 2
 
 
@@ -97,13 +104,15 @@ class TestUpsideDown:
         assert T[:3, 0] == pytest.approx([0, 0, -1])
 
 
-@pytest.mark.parametrize("rig", RIGS, ids=lambda rig: rig.name)
+@pytest.mark.parametrize("rig", RIGS, ids=NAMES)
 def test_the_urdf_has_the_same_kinematics_as_the_rig(rig):
     """Pinocchio computes the chains from the URDF independently."""
     model = pinocchio.buildModelFromXML(rig.urdf())
     data = model.createData()
     random = np.random.default_rng(1)
-    for frame in (rig.tilt_frame, rig.level_frame):
+    for frame in (rig.tilt_frame, rig.level_frame, *(body.link for body in rig.bodies)):
+        if frame == rig.base:
+            continue
         angles = {name: float(random.uniform(-1.0, 1.0)) for name in rig.moving}
         q = pinocchio.neutral(model)
         for name, angle in angles.items():
@@ -113,7 +122,18 @@ def test_the_urdf_has_the_same_kinematics_as_the_rig(rig):
         assert laser(rig, frame, **angles) == pytest.approx(theirs, abs=1e-9)
 
 
-@pytest.mark.parametrize("rig", RIGS, ids=lambda rig: rig.name)
+def test_a_joint_that_slides_moves_along_its_axis():
+    T = laser(SEGWAY_WITH_GRIPPER, "gripper", gripper_lift_joint=0.3)
+    assert T[:3, 3] == pytest.approx([0.40, 0.0, 0.85])
+    assert T[:3, :3] == pytest.approx(np.eye(3))
+
+
+def test_an_arm_bent_by_90_degrees_at_its_shoulder_hangs_down():
+    T = laser(HUMANOID_WITH_ARM, "arm_7", arm_1_joint=QUARTER)
+    assert T[:3, 3] == pytest.approx([0.0, -0.24, 1.20 - 0.56])
+
+
+@pytest.mark.parametrize("rig", RIGS, ids=NAMES)
 def test_wheels_touch_the_floor(rig):
     for wheel in rig.wheels:
         joint = next(j for j in rig.joints if j.name == wheel)

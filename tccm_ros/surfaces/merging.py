@@ -120,30 +120,6 @@ class _Remainder(NamedTuple):
     used: int
 
 
-def _rest(self, patch: Patch, keep: Bool, place: tuple[int, int, int]) -> Patch | None:
-    """Return a patch, the third of `place` in a view, without some points; None: none left."""
-    distance = self._config.surfaces.merge_distance
-    key = *place, distance, blake2b(keep.tobytes(), digest_size=16).digest()
-    known = self._known.get(key)
-    if known is None or known.whole is not patch:
-        known = _Remainder(patch, _rest(patch, keep, distance), self._calls)
-        self.outlined += known.rest is not None
-    self._known[key] = known._replace(used=self._calls)
-    return known.rest
-
-
-_Key = tuple[int, int, int, float, bytes]
-"""Of a remainder: key of its view, index of its patch, `surfaces.merge_distance`, its points."""
-
-
-class _Remainder(NamedTuple):
-    """What is left of a patch, None: nothing, and in which call it was used last."""
-
-    whole: Patch
-    rest: Patch | None
-    used: int
-
-
 def surviving_patches(views: list[View], left: Survivors, config: Config) -> list[NumberedPatch]:
     """Return the patches of which points are left, remembering nothing.
 

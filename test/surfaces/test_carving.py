@@ -99,7 +99,7 @@ def test_what_a_pose_gave_is_known_when_it_comes_back():
         assert carver.compared == 0
 
 
-def test_callers_with_different_views_share_a_carver():
+def test_callers_with_different_views_use_one_carver():
     rng = np.random.default_rng(4)
     views, T = [random_view(rng, k + 1) for k in range(VIEWS)], random_poses(rng, VIEWS)
     carver = Carver(CONFIG)

@@ -128,6 +128,52 @@ def fleet(
 
 
 @app.command()
+def merge(
+    maps: Annotated[
+        list[Path], typer.Argument(help="maps, folders with a map.mcap, folders of fleets")
+    ],
+    out: Annotated[Path, typer.Option("--out", help="folder of the merged map")],
+    same_building: Annotated[
+        bool, typer.Option("--same-building", help="maps of the same bytes are of one place")
+    ] = False,
+    workers: Annotated[int, typer.Option(min=1, help="processes on this machine")] = 1,
+    memory: Annotated[
+        str, typer.Option(help="memory limit of a worker, for example 4GiB; auto: an equal part")
+    ] = "auto",
+    scheduler: Annotated[
+        str, typer.Option(help="a running Dask scheduler in place of these: tcp://host:port")
+    ] = "",
+    config: ConfigOption = None,
+    set: SetOption = [],  # noqa: B006
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Merge maps of one building into one; those that share nothing stay components of their own.
+
+    Needs the extra: pip install 'tccm_ros[fleet]'.
+    """
+    from tccm_ros.fleet.extra import check_installed
+
+    check_installed()
+    from tccm_ros.config.reader import read_config
+    from tccm_ros.fleet.cluster import Workers
+    from tccm_ros.fleet.merge import merge_maps
+    from tccm_ros.progress import progress
+
+    settings = read_config(config, set)
+    with progress(quiet or as_json) as bars:
+        summary = merge_maps(
+            maps,
+            out,
+            settings,
+            same_building=same_building,
+            workers=Workers(workers, memory, scheduler),
+            bars=bars,
+        )
+    _tell(summary.to_json(), summary.text(), quiet, as_json)
+
+
+@app.command()
 def find(
     query: Annotated[
         str, typer.Argument(help="SQL; the tables are surfaces, objects, walls and signs")

@@ -1,0 +1,157 @@
+"""Maps to be merged: read from files or result folders, with the surfaces that they show."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import shapely
+
+from tccm_ros.config import Config
+from tccm_ros.errors import FleetError, MapError, one_line
+from tccm_ros.fleet.layout import FleetFolder
+from tccm_ros.results.folder_reader import read_json
+from tccm_ros.results.map_file import load_map
+from tccm_ros.results.models import SurfaceEntry, SurfacesFile
+from tccm_ros.slam.saved_walls import SavedWalls, unpack_walls
+from tccm_ros.surfaces.saved_map import SavedMap
+from tccm_ros.surfaces.surface_slam import SurfaceSlam
+
+MAP = "map.mcap"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footprint:
+    """A surface seen from above, in its map.
+
+    Attributes
+    ----------
+    id
+        Of the surface.
+    polygon
+        Its outline with holes.
+    height
+        Above the floor, m.
+    is_floor
+        Whether it is the floor.
+    """
+
+    id: int
+    polygon: shapely.Polygon
+    height: float
+    is_floor: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapInput:
+    """A map to be merged.
+
+    Attributes
+    ----------
+    name
+        In messages and tables.
+    path
+        The map file.
+    checksum
+        SHA-256 of its bytes.
+    saved
+        The map.
+    walls
+        Its keyframes and what constrains them.
+    surfaces
+        By id.
+    """
+
+    name: str
+    path: Path
+    checksum: str
+    saved: SavedMap
+    walls: SavedWalls
+    surfaces: tuple[Footprint, ...]
+
+
+def find_maps(sources: Iterable[Path]) -> list[Path]:
+    """Return the map files of files, result folders and folders of fleets, in their order.
+
+    Parameters
+    ----------
+    sources
+        Paths.
+
+    Raises
+    ------
+    FleetError
+        For a path without a map, or fewer than two maps.
+    """
+    found: list[Path] = []
+    for source in sources:
+        folder = FleetFolder(source).recordings
+        if folder.is_dir():
+            files = sorted(path / MAP for path in folder.iterdir() if (path / MAP).is_file())
+        else:
+            files = [source / MAP if source.is_dir() else source]
+        if not files or not all(file.is_file() for file in files):
+            raise FleetError(f"{source}: no map here; expected a map.mcap, or a folder with one")
+        found += files
+    if len(found) < 2:
+        raise FleetError("a single map: nothing to merge")
+    return found
+
+
+def checksum_of(path: Path) -> str:
+    """Return the SHA-256 of a file.
+
+    Raises
+    ------
+    MapError
+        If it cannot be read.
+    """
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise MapError(f"{path}: cannot be read ({one_line(error)})") from None
+
+
+def read_map(path: Path, config: Config) -> MapInput:
+    """Read a map; its surfaces are those of the result file beside it, or built anew.
+
+    Parameters
+    ----------
+    path
+        The map file.
+    config
+        To build the surfaces.
+
+    Raises
+    ------
+    MapError
+        If the map is damaged or of another version, or has no walls.
+    """
+    saved = load_map(path)
+    if not len(saved.walls.get("keyframe_stamp_ns", ())):
+        raise MapError(f"{path}: made without a level laser: it has no keyframes to merge it by")
+    beside = path.parent / "surfaces.json"
+    if path.name == MAP and beside.exists():
+        surfaces = _footprints_of(read_json(beside, SurfacesFile))
+    else:
+        mapped = SurfaceSlam.from_saved(config, saved).solve().mapped
+        surfaces = _footprints_of(SurfacesFile.of(mapped.surfaces, mapped.floor_z, "map"))
+    name = str(path.parent if path.name == MAP else path)
+    return MapInput(
+        name, path, checksum_of(path), saved, unpack_walls(saved.walls), tuple(surfaces)
+    )
+
+
+def _footprints_of(file: SurfacesFile) -> Sequence[Footprint]:
+    floor_z = file.floor_z or 0.0
+    return [
+        Footprint(surface.id, _outline(surface), surface.height - floor_z, surface.is_floor)
+        for surface in file.surfaces
+    ]
+
+
+def _outline(surface: SurfaceEntry) -> shapely.Polygon:
+    holes = [hole[:, :2] for hole in surface.holes]
+    return shapely.make_valid(shapely.Polygon(surface.boundary[:, :2], holes))

@@ -1,0 +1,253 @@
+"""Matching of two maps: the second one's keyframes are searched for in the first, as a session is.
+
+The proposals are those of the loop search, confirmed by each other (`slam.loops`). Walls alone do
+not tell two floors of one building from each other: the furniture must agree, too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+import shapely
+from shapely.affinity import affine_transform
+
+from tccm_ros.arrays import Float64
+from tccm_ros.atomic import output_file
+from tccm_ros.config import Config
+from tccm_ros.errors import MapError
+from tccm_ros.fleet.map_inputs import Footprint, MapInput, read_map
+from tccm_ros.fleet.record import settings_checksum, software_checksum
+from tccm_ros.geometry import between2, compose2, inverse2
+from tccm_ros.results.folder_reader import read_json
+from tccm_ros.results.models import Covariance3, Vector
+from tccm_ros.results.numbers import json_text
+from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.loop_matching import Proposal
+from tccm_ros.slam.loops import LoopCloser
+from tccm_ros.slam.saved_walls import SavedWalls
+
+MAX_HEIGHT_DIFFERENCE = 0.03
+"""Max difference in height of one surface in two maps, m (chosen)."""
+
+MIN_OVERLAP = 0.5
+"""Min fraction of a surface that the other map has seen, for it to count, and that one of the other
+map's surfaces covers, for it to agree (chosen)."""
+
+MIN_COMPARED_AREA = 0.3
+"""Below this area of furniture that both maps have seen, it tells nothing, m2 (chosen)."""
+
+MIN_AGREEMENT = 0.5
+"""Min fraction of the furniture that both have seen that is in both maps (chosen: half of it may
+have been moved between two drives)."""
+
+YAW_WEIGHT = 3.0
+"""Metres that a radian of yaw counts in the distance of two poses (chosen)."""
+
+
+class PairReason(StrEnum):
+    """Why two maps are merged, or not; braces are filled with a number."""
+
+    ACCEPTED = "walls and furniture agree"
+    NO_MATCH = "no place of one is found in the other"
+    OTHER_FURNITURE = "the walls agree, but only {:.2f} of the furniture does"
+    CONTRADICTED = "contradicts other pairs"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairLoop:
+    """A keyframe of the second map found in the first.
+
+    Attributes
+    ----------
+    a, b
+        Keyframes, of the first and of the second map.
+    delta, cov
+        Planar pose float64 (3,) of b in a, and its covariance (3, 3) in b's frame.
+    inliers, score, window
+        As of `Proposal`.
+    """
+
+    a: int
+    b: int
+    delta: Vector
+    cov: Covariance3
+    inliers: float
+    score: float
+    window: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PairMatch:
+    """The match of two maps.
+
+    Attributes
+    ----------
+    reason
+        Why it is accepted (`PairReason`), or not.
+    T_one_other
+        float64 (3,), planar pose of the second map in the first; 0 without a match.
+    loops
+        The keyframes that were found.
+    compared_area, agreement
+        Area of furniture that both have seen, m2, and the fraction of it that agrees.
+    """
+
+    reason: str
+    T_one_other: Vector
+    loops: tuple[PairLoop, ...] = ()
+    compared_area: float = 0.0
+    agreement: float = 0.0
+
+    @property
+    def is_accepted(self) -> bool:
+        """Whether the two maps belong to each other."""
+        return self.reason == PairReason.ACCEPTED
+
+
+def match_maps(one: MapInput, other: MapInput, config: Config) -> PairMatch:
+    """Search for a map in another one.
+
+    Parameters
+    ----------
+    one, other
+        The maps.
+    config
+        ``loops.*`` and ``matching.*``.
+    """
+    loops = match_walls(one.walls, other.walls, config)
+    if not loops:
+        return PairMatch(PairReason.NO_MATCH, np.zeros(3))
+    T = _median_pose(loops, one.walls.poses, other.walls.poses)
+    area, agreement = compare_furniture(one.surfaces, other.surfaces, T)
+    reason: str = PairReason.ACCEPTED
+    if area >= MIN_COMPARED_AREA and agreement < MIN_AGREEMENT:
+        reason = PairReason.OTHER_FURNITURE.format(agreement)
+    rows = [PairLoop(p.a, p.b, p.delta, p.cov, p.inliers, p.score, p.window) for p in loops]
+    return PairMatch(reason, T, tuple(rows), area, agreement)
+
+
+def match_walls(one: SavedWalls, other: SavedWalls, config: Config) -> list[Proposal]:
+    """Search for the keyframes of a map in another one; return the confirmed matches.
+
+    Parameters
+    ----------
+    one, other
+        The maps; ids in the result are those of each.
+    config
+        ``loops.*`` and ``matching.*``.
+    """
+    chain = Chain()
+    closer = LoopCloser(config, chain)
+    for keyframe, lines in zip(one.keyframes, one.lines):
+        chain.add(keyframe, lines.phi)
+    closer.load(one.poses, one.loops, ())
+    count = len(one.keyframes)
+    first_session = 1 + max(keyframe.session for keyframe in one.keyframes)
+    for k, (keyframe, lines) in enumerate(zip(other.keyframes, other.lines)):
+        session = first_session + keyframe.session
+        chain.add(replace(keyframe, id=count + k, session=session), lines.phi)
+        closer.add(count + k)
+    found = [p for p in closer.accepted[len(one.loops) :] if p.a < count <= p.b]
+    return [replace(p, b=p.b - count) for p in found]
+
+
+def _median_pose(loops: Sequence[Proposal], one: Float64, other: Float64) -> Float64:
+    """Return the pose of a map in another one by the match that is nearest to all matches."""
+    poses = np.array(
+        [compose2(compose2(one[p.a], p.delta), inverse2(other[p.b])) for p in loops]
+    ).reshape(-1, 3)
+    distances = [_distances(pose, poses).sum() for pose in poses]
+    return np.asarray(poses[int(np.argmin(distances))])
+
+
+def _distances(one: Float64, others: Float64) -> Float64:
+    error = between2(one, others)
+    return np.asarray(np.hypot(error[:, 0], error[:, 1]) + YAW_WEIGHT * np.abs(error[:, 2]))
+
+
+def compare_furniture(
+    one: Sequence[Footprint], other: Sequence[Footprint], T_one_other: Float64
+) -> tuple[float, float]:
+    """Return the area of furniture that both maps have seen, m2, and the fraction that agrees.
+
+    Parameters
+    ----------
+    one, other
+        Surfaces of the maps.
+    T_one_other
+        float64 (3,), planar pose of the second map in the first.
+    """
+    moved = [replace(s, polygon=_moved(s.polygon, T_one_other)) for s in other]
+    counts = [_agreeing(a, b) for a, b in ((one, moved), (moved, one))]
+    compared = sum(area for area, _ in counts)
+    return compared, sum(area for _, area in counts) / compared if compared else 0.0
+
+
+def _moved(polygon: shapely.Polygon, T: Float64) -> shapely.Polygon:
+    c, s = float(np.cos(T[2])), float(np.sin(T[2]))
+    return affine_transform(polygon, [c, -s, s, c, float(T[0]), float(T[1])])
+
+
+def _agreeing(ones: Sequence[Footprint], others: Sequence[Footprint]) -> tuple[float, float]:
+    """Return the area of surfaces that the others' map has seen, and that of those it has, too."""
+    seen = shapely.union_all([other.polygon for other in others])
+    compared = agreeing = 0.0
+    for one in ones:
+        area = one.polygon.area
+        if one.is_floor or one.polygon.intersection(seen).area < MIN_OVERLAP * area:
+            continue
+        compared += area
+        near = [o.polygon for o in others if not o.is_floor and _is_as_high(one, o)]
+        if one.polygon.intersection(shapely.union_all(near)).area >= MIN_OVERLAP * area:
+            agreeing += area
+    return compared, agreeing
+
+
+def _is_as_high(one: Footprint, other: Footprint) -> bool:
+    return abs(one.height - other.height) <= MAX_HEIGHT_DIFFERENCE
+
+
+def pair_file(folder: Path, one: str, other: str, config: Config) -> Path:
+    """Return the file that a match is remembered in.
+
+    Parameters
+    ----------
+    folder
+        Of all of them.
+    one, other
+        Checksums of the maps.
+    config
+        Of the match.
+    """
+    key = "".join((one, other, settings_checksum(config), software_checksum()))
+    return folder / f"{hashlib.sha256(key.encode()).hexdigest()}.json"
+
+
+def read_pair(path: Path) -> PairMatch | None:
+    """Return a match that is remembered; None where none is."""
+    try:
+        return read_json(path, PairMatch)
+    except MapError:
+        return None
+
+
+def match_files(one: Path, other: Path, config: Config, remembered: Path) -> None:
+    """Match the maps of two files and remember the result: a task.
+
+    Parameters
+    ----------
+    one, other
+        Map files.
+    config
+        Of the match.
+    remembered
+        File of the result.
+    """
+    match = match_maps(read_map(one, config), read_map(other, config), config)
+    with output_file(remembered) as made:
+        made.write_text(json_text(match), encoding="utf-8")

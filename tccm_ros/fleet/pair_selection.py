@@ -1,0 +1,105 @@
+"""Which pairs of maps are believed, and the components that they form.
+
+A wrong pair must bend nothing. Pairs are taken in the order of how many cycles of three maps they
+close, less those that they break, and of how many keyframes were found. A pair that contradicts the
+maps that are in one frame already is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.fleet.pair_matching import PairMatch
+from tccm_ros.geometry import between2, compose2, inverse2
+
+MAX_CYCLE_ERROR = (0.3, 0.05)
+"""Max error (m, rad) of a cycle of maps that are where they should be (chosen: the relative pose of
+two maps is that of one match, and the maps are bent a little)."""
+
+Pair = tuple[int, int]
+
+
+@dataclass(slots=True)
+class Component:
+    """Maps in one frame.
+
+    Attributes
+    ----------
+    T_root_map
+        float64 (3,) of each map, by its index; the first map's is zero.
+    pairs
+        That are believed.
+    """
+
+    T_root_map: dict[int, Float64] = field(default_factory=dict)
+    pairs: list[Pair] = field(default_factory=list)
+
+
+def select_pairs(
+    count: int, matches: Mapping[Pair, PairMatch]
+) -> tuple[list[Component], set[Pair]]:
+    """Return the components, the largest first, and the pairs that contradict the others.
+
+    Parameters
+    ----------
+    count
+        Number of maps.
+    matches
+        The accepted matches (i, j), i < j.
+    """
+    components = [Component({k: np.zeros(3)}) for k in range(count)]
+    contradicting: set[Pair] = set()
+    for pair in sorted(matches, key=lambda p: (-_support(p, matches), -len(matches[p].loops), p)):
+        i, j = pair
+        one, other = (next(c for c in components if k in c.T_root_map) for k in pair)
+        T_root_j = compose2(one.T_root_map[i], matches[pair].T_one_other)
+        if one is other:
+            if _is_same(one.T_root_map[j], T_root_j):
+                one.pairs.append(pair)
+            else:
+                contradicting.add(pair)
+            continue
+        T = compose2(T_root_j, inverse2(other.T_root_map[j]))
+        one.T_root_map |= {k: compose2(T, pose) for k, pose in other.T_root_map.items()}
+        one.pairs += [*other.pairs, pair]
+        components = [c for c in components if c is not other]
+    for component in components:
+        _begin_at_first(component)
+    return sorted(components, key=lambda c: (-len(c.T_root_map), min(c.T_root_map))), contradicting
+
+
+def _support(pair: Pair, matches: Mapping[Pair, PairMatch]) -> int:
+    """Return how many cycles of three maps a pair closes, less those that do not close."""
+    i, j = pair
+    support = 0
+    for k in {k for p in matches for k in p} - {i, j}:
+        first, second = _relative(matches, i, k), _relative(matches, k, j)
+        if first is not None and second is not None:
+            is_closed = _is_same(matches[pair].T_one_other, compose2(first, second))
+            support += 1 if is_closed else -1
+    return support
+
+
+def _relative(matches: Mapping[Pair, PairMatch], i: int, j: int) -> Float64 | None:
+    if (i, j) in matches:
+        return matches[i, j].T_one_other
+    return inverse2(matches[j, i].T_one_other) if (j, i) in matches else None
+
+
+def _is_same(one: Float64, other: Float64) -> bool:
+    error = between2(one, other)
+    return bool(
+        np.hypot(error[0], error[1]) <= MAX_CYCLE_ERROR[0] and abs(error[2]) <= MAX_CYCLE_ERROR[1]
+    )
+
+
+def _begin_at_first(component: Component) -> None:
+    """Put the frame into the first map, and the maps and pairs in order."""
+    to_first = inverse2(component.T_root_map[min(component.T_root_map)])
+    poses = component.T_root_map
+    component.T_root_map = {k: compose2(to_first, poses[k]) for k in sorted(poses)}
+    component.pairs.sort()

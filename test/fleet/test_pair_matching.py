@@ -1,0 +1,83 @@
+"""Furniture tells two floors with the same walls from each other; a match is remembered."""
+
+import numpy as np
+import pytest
+import shapely
+
+from tccm_ros.config import Config
+from tccm_ros.fleet.map_inputs import Footprint
+from tccm_ros.fleet.pair_matching import (
+    PairLoop,
+    PairMatch,
+    PairReason,
+    compare_furniture,
+    pair_file,
+    read_pair,
+)
+from tccm_ros.geometry import inverse2, transform2
+from tccm_ros.results.numbers import json_text
+
+FLOOR = Footprint(0, shapely.box(-4, -3, 4, 3), 0.0, True)
+TABLE = Footprint(1, shapely.box(0, 0, 1.4, 0.8), 0.74, False)
+DESK = Footprint(2, shapely.box(-2, 1, -1, 1.6), 0.72, False)
+ROOM = (FLOOR, TABLE, DESK)
+AREA = TABLE.polygon.area + DESK.polygon.area
+
+
+def seen_from(T, surfaces):
+    """The surfaces in a frame at T."""
+    inverse = inverse2(np.array(T, float))
+    return [
+        Footprint(
+            s.id, shapely.transform(s.polygon, lambda xy: transform2(inverse, xy)), s.height,
+            s.is_floor,
+        )
+        for s in surfaces
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("T", [(0, 0, 0), (3.0, -2.0, 1.2), (-1.0, 0.5, -2.8)])
+def test_the_same_room_agrees_wherever_its_frame_is(T):
+    area, agreement = compare_furniture(ROOM, seen_from(T, ROOM), np.array(T, float))
+    assert area == pytest.approx(2 * AREA)
+    assert agreement == pytest.approx(1.0)
+
+
+def test_a_table_that_was_moved_away_is_counted_by_the_one_map_that_has_it():
+    area, agreement = compare_furniture(ROOM, (FLOOR, DESK), np.zeros(3))
+    assert area == pytest.approx(AREA + DESK.polygon.area)
+    assert agreement == pytest.approx(2 * DESK.polygon.area / area)
+
+
+def test_tables_of_another_height_do_not_agree():
+    other = (FLOOR, *(Footprint(s.id, s.polygon, s.height + 0.1, False) for s in (TABLE, DESK)))
+    assert compare_furniture(ROOM, other, np.zeros(3))[1] == 0.0
+
+
+def test_what_the_other_map_has_not_seen_is_not_compared():
+    far = Footprint(0, shapely.box(10, 10, 14, 14), 0.0, True)
+    assert compare_furniture(ROOM, (far,), np.zeros(3)) == (0.0, 0.0)
+
+
+def test_a_match_is_read_as_it_was_written(tmp_path):
+    loop = PairLoop(3, 4, np.array([1.0, 2.0, 0.5]), np.diag([1e-4, 2e-4, 1e-5]), 0.9, 0.8, 2.0)
+    match = PairMatch(PairReason.ACCEPTED, np.array([1.0, 2.0, 0.5]), (loop,), 1.5, 0.75)
+    path = tmp_path / "pair.json"
+    path.write_text(json_text(match))
+    read = read_pair(path)
+    assert read.is_accepted
+    assert np.array_equal(read.loops[0].cov, loop.cov)
+    assert (read.compared_area, read.agreement) == (1.5, 0.75)
+    assert read_pair(tmp_path / "none.json") is None
+
+
+def test_a_match_is_of_two_maps_in_their_order_and_of_the_configuration(tmp_path):
+    other = Config.model_validate({"loops": {"min_score": 0.5}})
+    files = {
+        pair_file(tmp_path, "a", "b", Config()),
+        pair_file(tmp_path, "b", "a", Config()),
+        pair_file(tmp_path, "a", "c", Config()),
+        pair_file(tmp_path, "a", "b", other),
+    }
+    assert len(files) == 4
+    assert pair_file(tmp_path, "a", "b", Config()) in files

@@ -17,7 +17,13 @@ setup(
     version="0.1.0",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
     package_data={
-        PACKAGE: ["py.typed", "pipeline/report/viewer/*", "fleet/viewer/*", "ros/definitions/*.msg"]
+        PACKAGE: [
+            "py.typed",
+            "pipeline/report/viewer/*",
+            "fleet/viewer/*",
+            "ros/definitions/*.msg",
+            "signs/weights.npz",
+        ],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
@@ -29,6 +35,7 @@ setup(
     python_requires=">=3.11",
     extras_require={
         "fleet": ["dask[distributed]>=2025.1", "duckdb>=1.1", "fsspec>=2025.1", "pyarrow>=16"],
+        "signs": ["rapidocr-onnxruntime>=1.4,<1.5"],
     },
     zip_safe=False,
     maintainer="tccm_ros maintainers",

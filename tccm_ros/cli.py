@@ -357,6 +357,17 @@ def recover(
 
 
 @app.command()
+def signs(
+    images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="pictures: JPEG, PNG")],
+) -> None:
+    """Detect and read the door signs of pictures; print a line of JSON for each picture."""
+    from tccm_ros.pipeline.picture_files import signs_of_pictures
+
+    for line in signs_of_pictures(images):
+        typer.echo(json.dumps(line, ensure_ascii=False))
+
+
+@app.command()
 def parameters() -> None:
     """Print every parameter as a YAML file: default, unit, range, meaning."""
     from tccm_ros.config.reference import as_yaml

@@ -52,6 +52,14 @@ class MessageError(TccmError):
     """A message whose content contradicts itself or cannot be used."""
 
 
+class PictureError(TccmError):
+    """A picture that cannot be read."""
+
+
+class MissingExtraError(TccmError):
+    """A part that needs a package which is not installed."""
+
+
 def suggest(name: str, known: Iterable[str], *, limit: int = 12) -> str:
     """Return a hint with the most similar of the known names, or a list of them.
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tccm_ros import cli
 from tccm_ros.bags.typestore import TypestoreMessages
@@ -223,6 +224,33 @@ def test_parameters_print_the_shipped_file(capsys, monkeypatch):
     status, out, _ = run(capsys, monkeypatch, "parameters")
     assert status == 0
     assert "cell_size: 0.02" in out
+
+
+def test_signs_prints_a_line_of_json_for_each_picture(capsys, monkeypatch, tmp_path):
+    pytest.importorskip("onnxruntime", reason="the extra 'signs' is not installed")
+    pictures = [tmp_path / "one.png", tmp_path / "two.png"]
+    for path in pictures:
+        Image.new("RGB", (320, 240), "gray").save(path)
+    status, out, _ = run(capsys, monkeypatch, "signs", *pictures)
+    lines = [json.loads(line) for line in out.splitlines()]
+    assert status == 0
+    assert lines == [{"file": str(path), "signs": []} for path in pictures]
+
+
+def test_signs_of_what_is_no_picture_is_an_error_of_one_line(capsys, monkeypatch, tmp_path):
+    pytest.importorskip("onnxruntime", reason="the extra 'signs' is not installed")
+    (tmp_path / "notes.txt").write_text("no picture")
+    status, out, err = run(capsys, monkeypatch, "signs", tmp_path / "notes.txt")
+    assert (status, out) == (1, "")
+    assert err.count("\n") == 1
+    assert "notes.txt: no picture" in err
+
+
+def test_signs_without_the_extra_says_what_to_install(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr("tccm_ros.signs.reading.find_spec", lambda name: None)
+    status, _, err = run(capsys, monkeypatch, "signs", tmp_path / "any.png")
+    assert status == 1
+    assert "pip install 'tccm_ros[signs]'" in err
 
 
 def test_help_is_printed_without_importing_slow_libraries():

@@ -30,6 +30,7 @@ ROOMS = [
     "tabletop",
     "baselines",
     "mapping",
+    "signs",
     "slam",
     "surfaces",
     "ros",
@@ -54,6 +55,7 @@ SUB_ROOMS = {
         "run",
         "replay",
         "info",
+        "picture_files",
     ],
 }
 """The same within rooms that have rooms of their own."""

@@ -1,0 +1,1 @@
+"""Door signs in pictures: saliency proposes regions, HOG and an SVM decide, OCR reads."""

@@ -1,0 +1,213 @@
+"""Door signs in a picture, as section III.A.2 of the surface mapping paper detects them.
+
+Saliency proposes boxes, histograms of oriented gradients and an SVM decide which may show the
+number of a sign, and what they accept is read.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from PIL import Image, ImageOps
+
+from tccm_ros.arrays import Float32, Float64, UInt8
+from tccm_ros.signs.classifier import SignClassifier, read_classifier
+from tccm_ros.signs.numbers import is_list, normalised, room_number
+from tccm_ros.signs.reading import TextLine, TextReader
+from tccm_ros.signs.saliency import salient_boxes
+
+MAX_REGIONS = 5
+"""Largest number of boxes of a picture that are searched for text. Chosen: 10 ms for each."""
+
+MARGIN_X, MARGIN_Y = 0.5, 0.6
+"""What is searched for text beyond a box, in its heights. Chosen: the other lines of a plate."""
+
+MAX_MARGIN = 60.0
+"""Height of a box above which the margin does not grow, pixels. Chosen: it holds a whole plate."""
+
+CUT = 1
+"""Part of the pixels that may saturate when the contrast of a region is stretched, %. Chosen."""
+
+FINDER_AREA = 144.0**2
+"""Size to which what is searched for text is scaled, pixels. Chosen: the finder needs some 10 ms
+for it, and finds a number of a fifth of its height."""
+
+MAX_SCALE = 2.0
+"""Largest scale for that, of small boxes. Chosen."""
+
+MAX_LINES = 3
+"""Largest number of lines of a plate that are read. Chosen."""
+
+MIN_CONFIDENCE = 0.8
+"""Least mean probability of the characters of a number. Chosen."""
+
+OTHER_CONFIDENCE = 0.6
+"""The same of the other lines. Chosen."""
+
+
+@dataclass(frozen=True)
+class DetectedSign:
+    """A door sign in a picture.
+
+    Attributes
+    ----------
+    text
+        All lines of the plate that were read, from top to bottom, joined by spaces.
+    number
+        The number of the room, capital letters.
+    pixel
+        float64 (2,), middle of the number, pixels from the left and the top.
+    box
+        float64 (4,), left, top, width and height of the number, pixels.
+    confidence
+        Mean probability of the characters of the number, 0 to 1.
+    """
+
+    text: str
+    number: str
+    pixel: Float64
+    box: Float64
+    confidence: float
+
+
+@dataclass(frozen=True)
+class Proposals:
+    """What is known of a picture before anything is read.
+
+    Attributes
+    ----------
+    boxes
+        float64 (N, 4), left, top, right and bottom of what stands out, pixels.
+    scores
+        float32 (N,), of the classifier.
+    accepted
+        float64 (K, 4), boxes that are read, the best first; no two of them overlap much.
+    """
+
+    boxes: Float64
+    scores: Float32
+    accepted: Float64
+
+
+class SignDetector:
+    """Detects and reads door signs.
+
+    Parameters
+    ----------
+    classifier
+        Which boxes may show a number; None for the one of the package.
+
+    Raises
+    ------
+    MissingExtraError
+        When what reads text is not installed.
+    """
+
+    def __init__(self, classifier: SignClassifier | None = None) -> None:
+        self._reader = TextReader()
+        self._classifier = classifier or read_classifier()
+
+    @property
+    def threshold(self) -> float:
+        """Least score of a box that is accepted."""
+        return self._classifier.threshold
+
+    def detect(self, pixels: UInt8) -> list[DetectedSign]:
+        """Return the door signs of a picture, from left to right.
+
+        Parameters
+        ----------
+        pixels
+            uint8 (H, W) brightness, or (H, W, 3) red, green, blue.
+        """
+        picture = Image.fromarray(pixels).convert("RGB")
+        found: list[DetectedSign] = []
+        for box in self.propose(np.asarray(picture.convert("L"))).accepted:
+            if any(_is_inside(sign.pixel, box) for sign in found):
+                continue
+            sign = self._read(picture, box)
+            if sign is not None and not any(_is_inside(sign.pixel, _corners(s.box)) for s in found):
+                found.append(sign)
+        return sorted(found, key=lambda sign: float(sign.pixel[0]))
+
+    def propose(self, gray: UInt8) -> Proposals:
+        """Return what stands out of a picture, and what of it is to be read.
+
+        Parameters
+        ----------
+        gray
+            uint8 (H, W), brightness.
+        """
+        boxes = salient_boxes(gray)
+        scores = self._classifier.scores(gray, boxes)
+        accepted: list[Float64] = []
+        for k in np.argsort(-scores, kind="stable"):
+            if scores[k] < self._classifier.threshold or len(accepted) == MAX_REGIONS:
+                break
+            if not any(_overlap(boxes[k], box) > 0.3 for box in accepted):
+                accepted.append(boxes[k])
+        return Proposals(boxes, scores, np.array(accepted).reshape(-1, 4))
+
+    def _read(self, whole: Image.Image, box: Float64) -> DetectedSign | None:
+        """Return the door sign whose number a box of a picture shows, None where it shows none."""
+        margin = min(float(box[3] - box[1]), MAX_MARGIN) * np.array([MARGIN_X, MARGIN_Y])
+        low = np.maximum(np.floor(box[:2] - margin), 0.0)
+        high = np.minimum(np.ceil(box[2:] + margin), whole.size)
+        part = whole.crop(tuple(np.append(low, high).astype(int)))
+        picture = ImageOps.autocontrast(part, CUT)
+        scale = min(math.sqrt(FINDER_AREA / float(np.prod(high - low))), MAX_SCALE)
+        lines = self._reader.find(picture, scale)
+        box = box - np.tile(low, 2)
+        near = [k for k, line in enumerate(lines) if _is_inside(line.center, box)]
+        near = sorted(near, key=lambda k: -lines[k].height)[:MAX_LINES]
+        for k in near:
+            text, confidence = self._reader.read(picture, lines[k])
+            number = room_number(normalised(text))
+            if number is None or confidence < MIN_CONFIDENCE:
+                continue
+            if is_list([line.height for line in lines], k):
+                return None
+            sign = self._sign(picture, lines, k, (normalised(text), number, confidence))
+            return replace(sign, pixel=sign.pixel + low, box=sign.box + np.append(low, [0.0, 0.0]))
+        return None
+
+    def _sign(
+        self, picture: Image.Image, lines: list[TextLine], own: int, read: tuple[str, str, float]
+    ) -> DetectedSign:
+        """Return a sign with its other lines, pixels counted from the corner of the region.
+
+        Parameters
+        ----------
+        picture
+            The region, RGB.
+        lines
+            Those near the number, from top to bottom.
+        own
+            Index of the number's line.
+        read
+            Its text, the number and the confidence.
+        """
+        texts = {own: read[0]}
+        others = [k for k in range(len(lines)) if k != own]
+        for k in sorted(others, key=lambda k: abs(k - own))[: MAX_LINES - 1]:
+            text, confidence = self._reader.read(picture, lines[k])
+            if confidence >= OTHER_CONFIDENCE and normalised(text):
+                texts[k] = normalised(text)
+        joined = " ".join(texts[k] for k in sorted(texts))
+        low, high = lines[own].corners.min(axis=0), lines[own].corners.max(axis=0)
+        return DetectedSign(joined, read[1], lines[own].center, np.append(low, high - low), read[2])
+
+
+def _corners(box: Float64) -> Float64:
+    """Return left, top, right and bottom of a box of left, top, width and height."""
+    return np.append(box[:2], box[:2] + box[2:])
+
+
+def _is_inside(pixel: Float64, box: Float64) -> bool:
+    return bool(np.all(pixel >= box[:2]) and np.all(pixel <= box[2:]))
+
+
+def _overlap(a: Float64, b: Float64) -> float:
+    """Return the common area of two boxes as a part of the smaller one."""
+    common = np.prod(np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0.0))
+    return float(common / min(np.prod(a[2:] - a[:2]), np.prod(b[2:] - b[:2])))

@@ -1,0 +1,211 @@
+"""Text of a region: lines are found and rectified, then recognised.
+
+The two networks are those of PP-OCR v4 that the package rapidocr-onnxruntime brings along, run by
+onnxruntime on one thread, so that a picture gives the same text on every run. The package itself is
+not imported: it would load OpenCV with its windows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+from scipy import ndimage
+
+from tccm_ros.arrays import Float32, Float64
+from tccm_ros.errors import MissingExtraError
+
+FINDER = "ch_PP-OCRv4_det_infer.onnx"
+RECOGNISER = "ch_PP-OCRv4_rec_infer.onnx"
+
+TEXT_PROBABILITY = 0.3
+"""Least probability of a pixel of text (PP-OCR)."""
+
+LINE_PROBABILITY = 0.5
+"""Least mean probability of the pixels of a line (PP-OCR)."""
+
+GROWTH = 1.6
+"""By how much a line is larger than the core that the finder marks: area / perimeter (PP-OCR)."""
+
+FINDER_STEP = 32
+"""Width and height that the finder takes are multiples of it, pixels (PP-OCR)."""
+
+LINE_HEIGHT = 48
+"""Height of a line that is recognised, pixels (PP-OCR)."""
+
+WIDTH_STEP, MAX_WIDTH = 32, 320
+"""A line's width is filled up to a multiple, and limited, pixels. Chosen."""
+
+MIN_LINE = 6
+"""Least width and height of the core of a line, pixels of the finder. Chosen."""
+
+
+@dataclass(frozen=True)
+class TextLine:
+    """A line of text in a picture.
+
+    Attributes
+    ----------
+    corners
+        float64 (4, 2), top left, top right, bottom right, bottom left, pixels.
+    """
+
+    corners: Float64
+
+    @property
+    def center(self) -> Float64:
+        """Middle of the line, pixels."""
+        middle: Float64 = self.corners.mean(axis=0)
+        return middle
+
+    @property
+    def height(self) -> float:
+        """Mean height of the line, pixels."""
+        return float(np.mean(self.corners[[3, 2], 1] - self.corners[[0, 1], 1]))
+
+    @property
+    def width(self) -> float:
+        """Mean length of its upper and lower edge, pixels."""
+        edges = self.corners[[1, 2]] - self.corners[[0, 3]]
+        return float(np.mean(np.hypot(edges[:, 0], edges[:, 1])))
+
+
+class TextReader:
+    """Finds lines of text and reads them.
+
+    Raises
+    ------
+    MissingExtraError
+        When rapidocr-onnxruntime or onnxruntime is not installed.
+    """
+
+    def __init__(self) -> None:
+        folder = _models()
+        self._finder = _session(folder / FINDER)
+        self._recogniser = _session(folder / RECOGNISER)
+        characters = self._recogniser.get_modelmeta().custom_metadata_map["character"]
+        self._characters = ["", *characters.splitlines(), " "]
+
+    def find(self, picture: Image.Image, scale: float) -> list[TextLine]:
+        """Return the lines of text in a picture, from top to bottom.
+
+        Parameters
+        ----------
+        picture
+            RGB.
+        scale
+            Pixels of the finder per pixel of the picture.
+        """
+        own = np.array(picture.size)
+        size = np.maximum(np.ceil(scale * own / FINDER_STEP).astype(int), 1) * FINDER_STEP
+        scaled = picture.resize((int(size[0]), int(size[1])), Image.Resampling.BILINEAR)
+        (probability,) = self._finder.run(None, {"x": _network_input(scaled)})
+        lines = [TextLine(corners * (own / size)) for corners in text_lines(probability[0, 0])]
+        return sorted(lines, key=lambda line: float(line.center[1]))
+
+    def read(self, picture: Image.Image, line: TextLine) -> tuple[str, float]:
+        """Return the text of a line, and how sure it is: the mean probability of its characters.
+
+        Parameters
+        ----------
+        picture
+            RGB.
+        line
+            One of those that `find` returned.
+        """
+        pixels = _network_input(rectified(picture, line))
+        width = -(-pixels.shape[3] // WIDTH_STEP) * WIDTH_STEP
+        filled = np.zeros((1, 3, LINE_HEIGHT, width), np.float32)
+        filled[:, :, :, : pixels.shape[3]] = pixels
+        (probability,) = self._recogniser.run(None, {"x": filled})
+        return self._decoded(probability[0])
+
+    def _decoded(self, probability: Float32) -> tuple[str, float]:
+        """Return text and mean probability of a sequence (T, characters): greedy CTC."""
+        best = probability.argmax(axis=1)
+        kept = best != 0
+        kept[1:] &= best[1:] != best[:-1]
+        if not kept.any():
+            return "", 0.0
+        text = "".join(self._characters[k] for k in best[kept])
+        return text, float(probability.max(axis=1)[kept].mean())
+
+
+def text_lines(probability: Float32) -> list[Float64]:
+    """Return the corners (4, 2) of the lines in a map of text, as PP-OCR's finder grows them.
+
+    A line is bounded by straight upper and lower edges, fitted to the columns of what is connected,
+    so that one seen at an angle is rectified.
+
+    Parameters
+    ----------
+    probability
+        float32 (H, W), of text.
+    """
+    labels, _ = ndimage.label(probability > TEXT_PROBABILITY, np.ones((3, 3)))
+    found = []
+    for k, (rows, columns) in enumerate(ndimage.find_objects(labels), start=1):
+        mask = labels[rows, columns] == k
+        height, width = mask.shape
+        if width < MIN_LINE or height < MIN_LINE:
+            continue
+        if probability[rows, columns][mask].mean() < LINE_PROBABILITY:
+            continue
+        x = np.arange(width)
+        top = mask.argmax(axis=0)
+        bottom = height - mask[::-1].argmax(axis=0)
+        inner = slice(width // 8, width - width // 8)  # the ends are round
+        slope = 0.5 * sum(np.polyfit(x[inner], y[inner], 1)[0] for y in (top, bottom))
+        upper = float(np.median((top - slope * x)[inner]))
+        lower = float(np.median((bottom - slope * x)[inner]))
+        grow = GROWTH * mask.sum() / (2.0 * (width + lower - upper))
+        left, right = -grow, width + grow
+        corners = np.array(
+            [
+                [left, upper - grow + slope * left],
+                [right, upper - grow + slope * right],
+                [right, lower + grow + slope * right],
+                [left, lower + grow + slope * left],
+            ]
+        )
+        found.append(corners + np.array([columns.start, rows.start]))
+    return found
+
+
+def rectified(picture: Image.Image, line: TextLine) -> Image.Image:
+    """Return a line of a picture as a picture of `LINE_HEIGHT` pixels that is not slanted."""
+    width = round(LINE_HEIGHT * line.width / max(line.height, 1.0))
+    size = (min(max(width, LINE_HEIGHT // 2), MAX_WIDTH), LINE_HEIGHT)
+    quad = tuple(line.corners[[0, 3, 2, 1]].ravel())
+    return picture.transform(size, Image.Transform.QUAD, quad, Image.Resampling.BILINEAR)
+
+
+def _network_input(picture: Image.Image) -> Float32:
+    """Return the pixels (1, 3, H, W) of a picture: blue, green, red from -1 to 1."""
+    pixels = np.asarray(picture, np.float32)[:, :, ::-1].transpose(2, 0, 1)
+    return np.ascontiguousarray(pixels[None] / 127.5 - 1.0)
+
+
+def _models() -> Path:
+    """Return the folder of the networks."""
+    found = find_spec("rapidocr_onnxruntime")
+    if found is None or found.origin is None or find_spec("onnxruntime") is None:
+        raise MissingExtraError(
+            "reading door signs needs rapidocr-onnxruntime, which is not installed; "
+            "pip install 'tccm_ros[signs]', or pip install rapidocr-onnxruntime"
+        )
+    return Path(found.origin).parent / "models"
+
+
+def _session(path: Path) -> Any:
+    """Return a network that runs on one thread."""
+    from onnxruntime import InferenceSession, SessionOptions
+
+    options = SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    return InferenceSession(str(path), options, providers=["CPUExecutionProvider"])

@@ -1,0 +1,59 @@
+"""Which texts are the number of a room."""
+
+import pytest
+
+from tccm_ros.signs.numbers import is_list, normalised, room_number
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        ("205", "205"),
+        ("271B", "271B"),
+        ("272b", "272B"),
+        ("3103B", "3103B"),
+        ("102CCB", "102CCB"),
+        ("B12", "B12"),
+        ("A-117", "A-117"),
+        ("2.13", "2.13"),
+        ("5", "5"),
+        ("Room 205", "205"),
+        ("205 Electrical Room", "205"),
+        ("2O5", "205"),
+        ("1I4", "114"),
+    ],
+)
+def test_numbers_of_rooms(text, number):
+    assert room_number(normalised(text)) == number
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "Offices 216-220",
+        "Meeting Room 3",
+        "10:30",
+        "404.385.4452",
+        "EXIT",
+        "Robotics@GT",
+        "12/05/2010",
+        "123456789",
+        "Meeting Rooms 1 & 2",
+        "$250",
+        "1-204",  # cannot be told from a range of rooms
+    ],
+)
+def test_other_texts(text):
+    assert room_number(normalised(text)) is None
+
+
+def test_texts_have_one_form():
+    assert normalised("  ２０５ \n Lab. ") == "205 Lab"
+    assert normalised("'271B|") == "271B"
+
+
+def test_a_list_is_no_plate():
+    assert is_list([20, 21, 19, 20], 1)
+    assert not is_list([40, 20, 19, 20, 22], 0)
+    assert not is_list([20, 20, 20], 0)

@@ -7,10 +7,10 @@ gradients in nine bins, cells of 8 x 8 pixels, blocks of 2 x 2 cells, L2-hys nor
 import math
 
 import numpy as np
-from tccm_ros.kernels import kernel
 from PIL import Image
 
 from tccm_ros.arrays import Float32, Float64, UInt8
+from tccm_ros.kernels import kernel
 
 PATCH_WIDTH, PATCH_HEIGHT = 64, 32
 """Size to which each region is scaled, pixels. Chosen: a number of three to five characters."""

@@ -27,6 +27,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -88,11 +89,13 @@ class Nodes:
         words = [w for word in self._saving for w in ("-p", word)]
         self.processes[name] = start(MODULES[name], words, self._files[name])
 
-    def stop(self, name: str) -> tuple[int, float]:
-        """Stop a node; return its status and how long that took, s."""
+    def stop(self, name: str, wait: Callable[[Callable[[], bool]], None]) -> tuple[int, float]:
+        """Stop a node; return its status and how long that took, s; `wait` until something is."""
         begin = time.monotonic()
-        self.processes[name].send_signal(signal.SIGINT)
-        status = self.processes[name].wait()
+        process = self.processes[name]
+        process.send_signal(signal.SIGINT)
+        wait(lambda: process.poll() is not None)
+        status = process.wait()
         self._log.write("stopped", node=name, status=status, s=time.monotonic() - begin)
         return status, time.monotonic() - begin
 
@@ -159,7 +162,7 @@ class Day:
             if self._player is not None and self._player.poll() is None:
                 self._player.kill()
             for name in MODULES:
-                status, taken_s = self._nodes.stop(name)
+                status, taken_s = self._nodes.stop(name, self._wait_for_end)
                 self._rows.append(f"\n{name} stopped with status {status} in {taken_s:.1f} s")
             self._write_summary()
 
@@ -191,6 +194,7 @@ class Day:
         if number and not self._goes_back(number):
             for name in MODULES:
                 self._call(name, "reset")
+        self._hear_again(*MODULES)
         self._watch.poses.clear()
         self._seen = 0
         before = {name: Counter(self._numbers(name)) for name in MODULES}
@@ -217,12 +221,19 @@ class Day:
                 break
             again_s = time.monotonic() + 1.0
             self._wait(lambda t=again_s: time.monotonic() > t, 5.0, "")
-        seen = self._watch.reports
-        at = {name: seen.get(name) for name in MODULES}
-        self._wait(lambda: all(seen.get(n) is not at[n] for n in MODULES), 10.0, "diagnostics")
+        self._hear_again(*MODULES)
         if self._map.exists():
             shutil.copytree(self._map, folder / "map")
         self._report(number, about, before, max(pauses), [*saves, (taken_s, said)])
+
+    def _hear_again(self, *names: str) -> None:
+        """Wait for diagnostics of nodes that were written after now."""
+        for _ in range(2):  # one may be on its way
+            at = {name: self._watch.reports.get(name) for name in names}
+            self._wait(lambda a=at: self._has_heard_since(a), 120.0, "reports")
+
+    def _has_heard_since(self, at: dict[str, Any]) -> bool:
+        return all(self._watch.reports.get(name) is not old for name, old in at.items())
 
     def _plan(self, about: dict[str, Any]) -> list[tuple[float, str]]:
         plan = [(f * about["duration_s"], "save") for f in FACTOR_SAVES]
@@ -236,13 +247,15 @@ class Day:
         name = {"tccm_node restarts": "tccm", "slam_node restarts": "surface_slam"}.get(fault)
         if name is None:
             return
-        self._watch.reports.pop(name, None)
         if name == "surface_slam":
             self._call(name, "save_map")
-        self._nodes.stop(name)
+        self._nodes.stop(name, self._wait_for_end)
         self._nodes.start(name)
         begin, poses = time.monotonic(), len(self._watch.poses)
-        self._wait(lambda: name in self._watch.reports, 120.0, f"{name} again")
+        saver = self._triggers[name, "save_map"]
+        self._wait(lambda: not saver.service_is_ready(), 10.0, f"{name} to be gone")
+        self._wait(saver.service_is_ready, 120.0, f"{name} again")
+        self._hear_again(name)
         said = self._call(name, "load_map")[1] if name == "surface_slam" else ""
         if name == "surface_slam":
             self._wait(lambda: len(self._watch.poses) > poses, 60.0, "poses again")
@@ -263,6 +276,10 @@ class Day:
                 self._memory_due_s = time.monotonic() + MEMORY_PERIOD_S
                 self._log.write("memory", **self._nodes.memory(), load=os.getloadavg()[0])
                 self._note_warnings()
+
+    def _wait_for_end(self, has_ended: Callable[[], bool]) -> None:
+        """Spin meanwhile: poses that come then are not late."""
+        self._wait(has_ended, 60.0, "the end of a node")
 
     def _call(self, node: str, what: str) -> tuple[float, str]:
         """Call a service; return how long that took and what it said."""

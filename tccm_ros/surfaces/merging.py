@@ -120,17 +120,6 @@ class _Remainder(NamedTuple):
     used: int
 
 
-def surviving_patches(views: list[View], left: Survivors, config: Config) -> list[NumberedPatch]:
-    """Return the patches of which points are left, remembering nothing.
-
-    Parameters
-    ----------
-    views, left, config
-        As for `Remainders`.
-    """
-    return Remainders(config).surviving_patches(views, left)
-
-
 def _rest(patch: Patch, keep: Bool, distance: float) -> Patch | None:
     """Return a patch of the points that are left, with their moments and outline; None: none."""
     if not keep.any():

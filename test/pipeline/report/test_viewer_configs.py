@@ -13,6 +13,13 @@ CONFIG = Path(__file__).resolve().parents[3] / "config"
 
 PUBLISHED = {f"/tccm/{topic}" for topic in CYCLE_TOPICS}
 PUBLISHED |= {f"/surface_slam/{topic}" for topic in SOLUTION_TOPICS}
+FOR_PROGRAMS = {"/tccm/object_boxes"}
+FOR_PROGRAMS |= {
+    f"/surface_slam/{topic}" for topic, kind in SOLUTION_TOPICS.items() if "tccm_interfaces" in kind
+}
+"""Topics that viewers cannot draw: typed messages, and what slam_node takes from tccm_node."""
+
+PUBLISHED -= FOR_PROGRAMS
 
 SENSORS = {
     f"/{topic}" for topic in (*Config().sensors.point_clouds, *Config().sensors.depth_images)

@@ -6,14 +6,30 @@ from pathlib import Path
 import pytest
 import yaml
 
+from tccm_ros.config import Config
 from tccm_ros.ros.topic_messages import CYCLE_TOPICS, SOLUTION_TOPICS, SURFACE_MESSAGE_TOPICS
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 
 PUBLISHED = {f"/tccm/{topic}" for topic in CYCLE_TOPICS}
 PUBLISHED |= {f"/surface_slam/{topic}" for topic in SOLUTION_TOPICS}
+FOR_PROGRAMS = {"/tccm/object_boxes"}
+FOR_PROGRAMS |= {
+    f"/surface_slam/{topic}" for topic, kind in SOLUTION_TOPICS.items() if "tccm_interfaces" in kind
+}
+"""Topics that viewers cannot draw: typed messages, and what slam_node takes from tccm_node."""
 
-OTHERS = {"/pose", "/map", "/scan", "/surface_slam/map_to_odom", "/tccm/center_cores"}
+PUBLISHED -= FOR_PROGRAMS
+
+SENSORS = {
+    f"/{topic}" for topic in (*Config().sensors.point_clouds, *Config().sensors.depth_images)
+}
+"""What depth cameras and 3D lidars publish under their default names."""
+
+LEVEL_SCAN = "/tccm/level_scan"
+
+OTHERS = {"/pose", "/map", "/scan", "/surface_slam/map_to_odom", "/tccm/center_cores", LEVEL_SCAN}
+OTHERS |= SENSORS
 """Topics that the nodes or the robot publish besides results (docs/reference/nodes.md)."""
 
 NOT_IN_RVIZ = {"/tccm/view"}
@@ -62,7 +78,8 @@ def test_rviz_displays_know_every_topic(displays):
 
 def test_rviz_requests_the_qos_that_publishers_offer(displays):
     """A transient-local subscription does not match a volatile publisher."""
-    volatile = {f"/tccm/{topic}" for topic in SURFACE_MESSAGE_TOPICS} | {"/pose"}
+    volatile = {f"/tccm/{topic}" for topic in SURFACE_MESSAGE_TOPICS} | SENSORS
+    volatile |= {"/pose", LEVEL_SCAN}
     for topic, display in displays.items():
         latched = display["Topic"]["Durability Policy"] == "Transient Local"
         assert latched == (topic not in volatile), topic
@@ -78,3 +95,14 @@ def test_rviz_display_classes_match_the_message_types(displays):
     types |= {f"/surface_slam/{t}": k for t, k in SOLUTION_TOPICS.items()}
     for topic in set(displays) & set(types):
         assert displays[topic]["Class"] == kinds[types[topic]], topic
+
+
+def test_depth_cameras_and_lidars_are_shown_beside_the_laser(panels, displays):
+    for panel in panels.values():
+        assert set(panel["topics"]) >= SENSORS | {LEVEL_SCAN}
+    assert set(displays) >= SENSORS | {LEVEL_SCAN}
+    kinds = {"/points": "PointCloud2", "/depth/image_rect_raw": "Image", LEVEL_SCAN: "LaserScan"}
+    for topic, kind in kinds.items():
+        assert displays[topic]["Class"] == f"rviz_default_plugins/{kind}"
+    for topic in SENSORS:  # what a reliable subscription asks for, a sensor's QoS does not offer
+        assert displays[topic]["Topic"]["Reliability Policy"] == "Best Effort"

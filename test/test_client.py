@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live_robot import Listener, recording, slam, tccm
-from ros_harness import ros  # noqa: F401  (a fixture)
+from ros_harness import domain, ros  # noqa: F401  (fixtures)
 
 from tccm_ros.nodes.interfaces import has_interfaces
 

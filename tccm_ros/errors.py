@@ -40,6 +40,10 @@ class MapError(TccmError):
     """A saved map that is missing, damaged or of another version."""
 
 
+class QuestionError(TccmError):
+    """A question about the map that was not answered; the message is that of the node."""
+
+
 class OutputError(TccmError):
     """A file or folder that cannot be written."""
 

@@ -28,7 +28,7 @@ COLUMNS = {
     "the TCCM": ["cuboids", "outlines", "planes", "tabletop", "baselines", "mapping"],
     "walls and surfaces": ["signs", "slam", "surfaces"],
     "messages and files": ["ros", "bags", "results"],
-    "what is started": ["pipeline", "nodes", "fleet", "cli"],
+    "what is started": ["pipeline", "nodes", "fleet", "client", "cli"],
 }
 """How the picture is read, from left to right; `ground` stands below."""
 

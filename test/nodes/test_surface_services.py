@@ -1,13 +1,27 @@
 """Questions over DDS while both nodes map: which surfaces, where there is room, and wrong ones."""
 
+import numpy as np
 import pytest
+from geometry_msgs.msg import Point, PointStamped, Pose, PoseStamped, Vector3
 from live_robot import Listener, recording, slam, tccm
+from std_msgs.msg import Header
 
 from tccm_ros.nodes.interfaces import has_interfaces, service_class
 from tccm_ros.nodes.ros_types import message_class
-from tccm_ros.ros.surface_messages import SURFACE_EVENT, SURFACE_MAP, SURFACE_OBJECTS
+from tccm_ros.ros.surface_messages import SURFACE_EVENT, SURFACE_MAP
 
 pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
+
+WRONG_PLACEMENTS = [
+    ({"size_x": -0.1}, "size_x"),
+    ({"size_y": float("nan")}, "size_y"),
+    ({"height": 0.0}, "height"),
+    ({"height": 1e9}, "height"),
+    ({"clearance": -1.0}, "clearance"),
+    ({"base": 9}, "base"),
+    ({"base": 2}, "reach is 0"),
+]
+UNKNOWN, FREE, OCCUPIED = range(3)
 
 
 class Asker:
@@ -32,40 +46,99 @@ class Asker:
         size = {"size_x": 0.1, "size_y": 0.1, "height": 0.12}
         return self.ask("FindPlacements", "/surface_slam/find_placements", **(size | fields))
 
+    def box(self, xyz, size, frame="odom"):
+        x, y, z = map(float, xyz)
+        pose = PoseStamped(header=Header(frame_id=frame), pose=Pose(position=Point(x=x, y=y, z=z)))
+        a, b, c = map(float, size)
+        return self.ask("CheckBox", "/tccm/check_box", pose=pose, size=Vector3(x=a, y=b, z=c))
 
-def test_both_nodes_answer(ros, tmp_path):
+
+def test_questions_are_answered_while_both_nodes_map(ros, tmp_path):
     tilt_node, node = tccm(ros), slam(ros, save__directory=str(tmp_path / "maps"))
     robot, viewer, asker = ros.robot(), Listener(ros), Asker(ros)
     maps = viewer.listen(message_class(SURFACE_MAP), "/surface_slam/surface_map", latched=True)
-    objects = viewer.listen(message_class(SURFACE_OBJECTS), "/surface_slam/objects", latched=True)
     events = viewer.listen(message_class(SURFACE_EVENT), "/surface_slam/events")
     ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
     ros.connect(node, viewer.node, "/surface_slam/events")
-    answer = asker.surfaces()
-    assert not answer.success
-    assert "no map yet" in answer.message
+    assert "no map yet" in asker.surfaces().message
+    assert not asker.box((0, 0, 1), (0.1, 0.1, 0.1)).success
     robot.play(recording(4), tilt_node, node)
-    ros.spin_until(lambda: maps and maps[-1].surfaces and objects)
-    ros.spin_until(lambda: asker.surfaces().surfaces.surfaces)
+    ros.spin_until(lambda: maps and maps[-1].surfaces)
     answer = asker.surfaces()
     assert answer.success
     (table,) = answer.surfaces.surfaces
-    print(table.label, table.pose, events, answer.message)
-    found = asker.placements()
+    assert table.label == "table"
+    assert table.header.frame_id == "map"
+    assert len(table.view_stamps) == len(table.view_points) > 0
+    _check_surfaces(asker, table.id)
+    _check_placements(asker, table.id)
+    _check_boxes(asker)
+    _check_maps(asker, tmp_path)
+    assert [(e.kind, e.label) for e in events] == [(1, "table")]
+    assert list(events[0].surface_ids_after) == [table.id]
+    assert np.isnan(events[0].pose_before.position.x)
+
+
+def _check_surfaces(asker, table):
+    near = PointStamped(header=Header(frame_id="base"), point=Point(x=1.0))
+    assert [s.id for s in asker.surfaces(near=near, max_distance=2.0).surfaces.surfaces] == [table]
+    assert asker.surfaces(near=near, max_distance=0.1).success
+    assert not asker.surfaces(labels=["shelf"]).surfaces.surfaces
+    near.header.frame_id = "bases"
+    wrong = asker.surfaces(near=near)
+    assert not wrong.success
+    assert "no frame 'bases'" in wrong.message
+    assert not asker.surfaces(min_area=float("nan")).success
+    assert not asker.surfaces(max_distance=1.0).success
+
+
+def _check_placements(asker, table):
+    found = asker.placements(max_count=3)
     assert found.success, found.message
-    print(found.message, found.placements[0])
-    found = asker.placements(base=2, reach=1.5, robot_radius=0.2)
-    print(found.message, [p.base_poses for p in found.placements[:1]])
-    found = asker.placements(base=1, reach=1.0)
-    print(found.message)
-    for name in ("../x", "", ".x", "a/b", "a" * 101, "x.previous"):
-        assert not asker.ask("SaveMap", "/surface_slam/save_named_map", name=name).success
-    saved = asker.ask("SaveMap", "/surface_slam/save_named_map", name="home")
+    assert [p.surface_id for p in found.placements] == [table] * 3
+    assert all(abs(p.pose.position.z - 0.70) < 0.01 for p in found.placements)
+    based = asker.placements(base=2, reach=1.0, robot_radius=0.2, max_count=1)
+    for base in based.placements[0].base_poses:
+        at = base.pose.position
+        assert not (0.4 < at.x < 1.2 and abs(at.y) < 0.5), "not under the table"
+        assert base.distance <= 1.0
+    assert asker.placements(base=1, reach=1.2).placements
+    none = asker.placements(base=1, reach=0.1)
+    assert none.success
+    assert not none.placements
+    assert "within reach" in none.message
+    for fields, word in WRONG_PLACEMENTS:
+        wrong = asker.placements(**fields)
+        assert not wrong.success
+        assert word in wrong.message
+
+
+def _check_boxes(asker):
+    top = asker.box((0.8, 0.0, 0.70), (0.2, 0.2, 0.1))
+    assert (top.success, top.state) == (True, OCCUPIED), top.message
+    assert top.cycle >= 0
+    above = asker.box((0.8, 0.0, 0.85), (0.05, 0.05, 0.05), frame="base")
+    assert (above.success, above.state) == (True, FREE), above.message
+    assert asker.box((-2.0, 0.0, 0.5), (0.2, 0.2, 0.2)).state == UNKNOWN
+    for size in ((-1, 1, 1), (0, 1, 1), (9, 9, 9), (float("nan"), 1, 1)):
+        assert not asker.box((0, 0, 1), size).success
+    assert not asker.box((0, 0, 1), (1, 1, 1), frame="nowhere").success
+
+
+def _check_maps(asker, tmp_path):
+    def save(name, **fields):
+        return asker.ask("SaveMap", "/surface_slam/save_named_map", name=name, **fields)
+
+    before = set(tmp_path.rglob("*"))
+    for name in ("../x", "", ".x", "a/b", "a" * 101, "x.previous", "/tmp/x", "x\n"):
+        assert not save(name).success
+    assert set(tmp_path.rglob("*")) == before
+    saved = save("home")
     assert saved.success, saved.message
-    print(saved)
-    assert not asker.ask("SaveMap", "/surface_slam/save_named_map", name="home").success
-    assert asker.ask("SaveMap", "/surface_slam/save_named_map", name="home", overwrite=True).success
-    print(asker.ask("ListMaps", "/surface_slam/list_maps"))
-    print(asker.ask("LoadMap", "/surface_slam/load_named_map", name="home"))
+    assert (saved.map.name, saved.map.sessions) == ("home", 1)
+    assert not save("home").success
+    assert save("home", overwrite=True).success
+    listed = asker.ask("ListMaps", "/surface_slam/list_maps")
+    assert [m.name for m in listed.maps] == ["home"]
     assert not asker.ask("LoadMap", "/surface_slam/load_named_map", name="away").success
-    print([(e.kind, e.label, list(e.surface_ids_after)) for e in events])
+    assert asker.ask("LoadMap", "/surface_slam/load_named_map", name="home").success

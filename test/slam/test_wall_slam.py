@@ -246,3 +246,10 @@ def test_a_damaged_saved_map_is_an_error(solved):
         WallSlam.from_saved(Config(), missing)
     with pytest.raises(MapError, match="damaged"):
         WallSlam.from_saved(Config(), {**state, "scan_points": state["scan_points"][:-1]})
+
+
+def test_a_map_without_keyframes_is_saved_and_loaded():
+    arrays = WallSlam(Config()).saved()
+    slam = WallSlam.from_saved(Config(), arrays)
+    assert slam.first_keyframe == (0, 0)
+    assert not slam.solve().keyframes

@@ -206,18 +206,32 @@ class SurfaceMap:
         ids = TrackIds(views, left)
         surfaces.sort(key=lambda surface: ids.track_id(surface.members))
         labels = label_surfaces(surfaces, floor_z, walls, config)
-        above = [surface for surface in surfaces if not is_floor(surface, floor_z)]
-        shapes = [
-            free_shape(surface)
-            if is_floor(surface, floor_z)
-            else fit_shape(surface, above, views, T, walls)
-            for surface in surfaces
-        ]
+        shapes = self._shapes(surfaces, floor_z, views, T, walls)
         records = [
             _record(surface, shape, label, ids, views, poses.keyframes)
             for surface, shape, label in zip(surfaces, shapes, labels)
         ]
         return _mapped(records, surfaces, floor_z, T)
+
+    def _shapes(
+        self,
+        surfaces: list[MergedSurface],
+        floor_z: float | None,
+        views: list[View],
+        T_map_view: Float64,
+        walls: Float64,
+    ) -> list[Shape]:
+        """Return the shape of each surface: the floor, and all of a baseline, have no model."""
+        above = [surface for surface in surfaces if not is_floor(surface, floor_z)]
+        if self._published_merge is not None:
+            above = []
+        others = {id(surface) for surface in above}
+        return [
+            fit_shape(surface, above, views, T_map_view, walls)
+            if id(surface) in others
+            else free_shape(surface)
+            for surface in surfaces
+        ]
 
     def _merge(self, views: list[View], left: Survivors, poses: ViewPoses) -> list[Members]:
         """Group the patches that carving left into surfaces."""

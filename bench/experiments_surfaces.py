@@ -13,12 +13,14 @@ import bisect
 import json
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from shapely import Polygon
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(Path(__file__).resolve().parent)]
@@ -28,7 +30,11 @@ from random_flats import random_flat  # noqa: E402
 
 from tccm_ros.config import Config  # noqa: E402
 from tccm_ros.geometry import inverse, spatial, transform  # noqa: E402
-from tccm_ros.pipeline.evaluate.surfaces import SurfaceScore, score_surfaces  # noqa: E402
+from tccm_ros.pipeline.evaluate.surfaces import (  # noqa: E402
+    SurfaceMatch,
+    SurfaceScore,
+    score_surfaces,
+)
 from tccm_ros.pipeline.processors import Pipeline  # noqa: E402
 from tccm_ros.pipeline.sim import truth  # noqa: E402
 from tccm_ros.pipeline.sim.engine import (  # noqa: E402
@@ -38,7 +44,7 @@ from tccm_ros.pipeline.sim.engine import (  # noqa: E402
 from tccm_ros.pipeline.sim.options import Options  # noqa: E402
 from tccm_ros.pipeline.sim.world import World  # noqa: E402
 from tccm_ros.pipeline.sim.worlds import build_world  # noqa: E402
-from tccm_ros.records import Scan  # noqa: E402
+from tccm_ros.records import Scan, Surface  # noqa: E402
 from tccm_ros.results.models import SurfacesFile  # noqa: E402
 from tccm_ros.results.numbers import json_text  # noqa: E402
 from tccm_ros.surfaces.surface_slam import SurfaceSolution  # noqa: E402
@@ -192,6 +198,60 @@ def section_five(ours: Run, seed_run: Run) -> None:
     print(f"| false, 0.1 m2 and more | | {len(a.false)} | | | {len(b.false)} | | |\n")
 
 
+@dataclass
+class Tally:
+    """What all flats together show of the surfaces in view.
+
+    Attributes
+    ----------
+    overlaps, height_errors
+        Of each, the latter in m.
+    corners
+        Number of corners found of each true rectangle.
+    edges
+        Errors of the edges in view, m.
+    false
+        Number of false surfaces.
+    labels
+        How often what stands there (its name in the world) was given each label.
+    """
+
+    overlaps: list[float] = field(default_factory=list)
+    height_errors: list[float] = field(default_factory=list)
+    corners: list[int] = field(default_factory=list)
+    edges: list[float] = field(default_factory=list)
+    false: int = 0
+    labels: Counter[tuple[str, str]] = field(default_factory=Counter)
+
+    def add(self, match: SurfaceMatch, outline: Polygon, found: Surface | None) -> None:
+        """Add a true surface in view, with the one that was found for it."""
+        self.overlaps.append(match.overlap)
+        if found is None or not match.is_found:
+            return
+        self.height_errors.append(abs(match.height_error))
+        if len(outline.exterior.coords) == 5:
+            self.corners.append(len(found.boundary))
+        kind = match.label.split(" of ")[0].rstrip("0123456789 ")
+        self.labels[kind, found.label] += 1
+
+    def text(self) -> str:
+        """Return the summary and the confusion table, as Markdown."""
+        overlaps = np.array(self.overlaps)
+        lines = [
+            f"{len(overlaps)} surfaces in view: mean overlap {overlaps.mean():.3f}, "
+            f"{np.mean(overlaps >= GOOD):.1%} at {GOOD} or more, {self.false} false; heights "
+            f"within {1e3 * max(self.height_errors):.1f} mm; {len(self.edges)} edges in view "
+            f"{1e3 * np.sqrt(np.mean(np.square(self.edges))):.1f} mm rms; median corners of a true "
+            f"rectangle {np.median(self.corners):.0f}",
+            "",
+        ]
+        names = sorted({label for _, label in self.labels})
+        lines += [f"| is | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
+        for kind in sorted({kind for kind, _ in self.labels}):
+            lines.append(f"| {kind} | {' | '.join(str(self.labels[kind, n]) for n in names)} |")
+        return "\n".join(lines)
+
+
 def flats(first: int, count: int) -> None:
     """Print how well flats at random are found, every other one with `HARD` noise."""
     print("### Flats at random, surfaces of 0.1 m2 and more\n")
@@ -200,19 +260,25 @@ def flats(first: int, count: int) -> None:
         "largest height error, mm | edges in view | error, mm rms | within a spacing | false |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|---|")
+    tally = Tally()
     for seed in range(first, first + count):
         options = HARD if seed % 2 else Options()
         run = play(random_flat(seed, options), seed, options, Config())
         solution = solve(run)
         result = score(solution, run.simulation)
         large = [m for m in result.matches if m.area >= 0.1]
-        seen = [
-            m
-            for m, fraction in zip(result.matches, fractions(run, result))
-            if m in large and fraction >= IN_VIEW
-        ]
+        by_id = {surface.id: surface for surface in solution.surfaces}
+        seen = []
+        for match, outline, fraction in zip(
+            result.matches, true_outlines(run.simulation), fractions(run, result)
+        ):
+            if match in large and fraction >= IN_VIEW:
+                seen.append(match)
+                tally.add(match, outline, by_id.get(-1 if match.found is None else match.found))
         errors = [abs(match.height_error) for match in large if match.is_found]
         edges = edge_errors(solution, result, run.simulation, run.hits)
+        tally.edges += edges[:, 0].tolist()
+        tally.false += len(result.false)
         within = np.count_nonzero(np.abs(edges[:, 0]) <= edges[:, 1])
         for match in seen:
             if match.overlap < GOOD:
@@ -226,7 +292,7 @@ def flats(first: int, count: int) -> None:
             f"{len(result.false)} |",
             flush=True,
         )
-    print()
+    print(f"\n{tally.text()}\n")
 
 
 def compare_views(flat: Run) -> None:

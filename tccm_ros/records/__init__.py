@@ -34,12 +34,15 @@ from tccm_ros.records.sensors import (
     TransformSample,
 )
 from tccm_ros.records.solution import (
+    EdgeState,
     Keyframe,
     Landmark,
     LandmarkObservation,
     Loop,
     ScanPose,
     Surface,
+    SurfaceEdge,
+    SurfaceShape,
     SurfaceSighting,
     Wall,
 )
@@ -48,6 +51,7 @@ __all__ = [
     "START_OF_TIME",
     "CameraInfo",
     "DepthImage",
+    "EdgeState",
     "Event",
     "JointSample",
     "Keyframe",
@@ -69,6 +73,8 @@ __all__ = [
     "StreamComplete",
     "Surface",
     "SurfaceCloud",
+    "SurfaceEdge",
+    "SurfaceShape",
     "SurfaceSighting",
     "TabletopObject",
     "TiltAngle",

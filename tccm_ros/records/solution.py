@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
 
 from tccm_ros.arrays import Float64
 
@@ -166,6 +169,51 @@ class SurfaceSighting:
     points: int
 
 
+class SurfaceShape(StrEnum):
+    """The models of outlines; a free outline has no model."""
+
+    RECTANGLE = "rectangle"
+    L = "L"
+    CIRCLE = "circle"
+    ELLIPSE = "ellipse"
+    POLYGON = "polygon"
+    FREE = "free"
+
+
+class EdgeState(StrEnum):
+    """What is known of an edge of a surface."""
+
+    SEEN = "seen"
+    """A view saw that the surface ends there: it looked through beyond, or a wall is there."""
+    HIDDEN = "hidden"
+    """Views looked that way, but something hid whether the surface goes on."""
+    CUT = "cut"
+    """No view looked there: the views end."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceEdge:
+    """One edge of a surface's boundary.
+
+    Attributes
+    ----------
+    start, end
+        float64 (3,), in map, m; the surface is to the left of the way from start to end.
+    state
+        Whether it was seen, hidden, or cut by the views.
+    sigma
+        Standard deviation of its position across, m; NaN where it was not seen.
+    hidden_by
+        Id of the surface that hides it; None where that is no surface, or it is not hidden.
+    """
+
+    start: Float64
+    end: Float64
+    state: EdgeState
+    sigma: float
+    hidden_by: int | None = None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
     """A horizontal surface of the surface map, in the map frame.
@@ -185,7 +233,7 @@ class Surface:
     centroid
         float64 (3,), mean of the points.
     boundary
-        float64 (N, 3), open ring, counter-clockwise seen from above.
+        float64 (N, 3), open ring, counter-clockwise seen from above: that of the model `shape`.
     holes
         Rings as `boundary`, clockwise.
     points
@@ -199,6 +247,13 @@ class Surface:
     merged_ids
         Numbers of its other patches: ids of surfaces that went into this one, and that a part of it
         has when it parts from it.
+    shape
+        The simplest model that the evidence supports.
+    edges
+        Of the boundary, in its order, one from each corner to the next.
+    area_seen, boundary_seen
+        What the views measured, without a model: m2, and a ring as `boundary`. The holes are those
+        of both.
     """
 
     id: int
@@ -217,3 +272,7 @@ class Surface:
     last_seen_ns: int
     views: tuple[SurfaceSighting, ...]
     merged_ids: tuple[int, ...] = ()
+    shape: SurfaceShape = SurfaceShape.FREE
+    edges: tuple[SurfaceEdge, ...] = ()
+    area_seen: float = 0.0
+    boundary_seen: Float64 = field(default_factory=lambda: np.zeros((0, 3)))

@@ -19,10 +19,12 @@ from pydantic import ConfigDict, PlainValidator, WithJsonSchema
 from tccm_ros.arrays import Float64
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import (
+    EdgeState,
     Keyframe,
     Landmark,
     Loop,
     Surface,
+    SurfaceShape,
     Wall,
 )
 from tccm_ros.results.numbers import Stamp, key_of
@@ -91,6 +93,29 @@ class ViewEntry:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class EdgeEntry:
+    """One edge of a surface's boundary, in map, as `records.SurfaceEdge`.
+
+    Attributes
+    ----------
+    start, end
+        float64 (3,), m; the surface is to the left of the way from start to end.
+    state
+        Whether it was seen, hidden, or cut by the views.
+    sigma
+        Standard deviation of its position across, m; null where it was not seen.
+    hidden_by
+        Id of the surface that hides it; null where that is no surface, or it is not hidden.
+    """
+
+    start: Vector
+    end: Vector
+    state: EdgeState
+    sigma: float | None
+    hidden_by: int | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SurfaceEntry:
     """One surface, in map, as `records.Surface`.
 
@@ -118,6 +143,12 @@ class SurfaceEntry:
         The views that measured it.
     took
         Merged ids: ids of the surfaces that were merged into this one.
+    shape
+        The model of the boundary.
+    edges
+        Of the boundary, in its order, one from each corner to the next.
+    area_seen, boundary_seen
+        What the views measured, without a model: m2, and an open ring, m; with the same holes.
     """
 
     id: int
@@ -136,6 +167,10 @@ class SurfaceEntry:
     last_seen: float
     views: tuple[ViewEntry, ...]
     took: tuple[int, ...] = ()
+    shape: SurfaceShape = SurfaceShape.FREE
+    edges: tuple[EdgeEntry, ...] = ()
+    area_seen: float = 0.0
+    boundary_seen: Ring = field(default_factory=lambda: np.zeros((0, 3)))
 
     @classmethod
     def of(cls, surface: Surface) -> SurfaceEntry:
@@ -147,6 +182,7 @@ class SurfaceEntry:
             last_seen=Stamp(surface.last_seen_ns),
             took=surface.merged_ids,
             views=tuple(_entry(ViewEntry, v, stamp=Stamp(v.stamp_ns)) for v in surface.views),
+            edges=tuple(_entry(EdgeEntry, edge) for edge in surface.edges),
         )
 
     @property

@@ -139,7 +139,7 @@ class SurfaceQueries:
         return [
             PlacementSurface(
                 surface.id,
-                self._outlines[k],
+                _seen(surface, self._outlines[k]),
                 surface.normal,
                 surface.offset,
                 occupied.get(surface.id, ()),
@@ -152,6 +152,13 @@ class SurfaceQueries:
 def _outline(surface: Surface) -> shapely.Geometry:
     rings: list[Float64] = [hole[:, :2] for hole in surface.holes]
     return shapely.make_valid(Polygon(surface.boundary[:, :2], rings))
+
+
+def _seen(surface: Surface, outline: shapely.Geometry) -> shapely.Geometry:
+    """Return the part of a surface's outline that views measured: nothing is put on a guess."""
+    if not len(surface.boundary_seen):
+        return outline
+    return shapely.make_valid(Polygon(surface.boundary_seen[:, :2])).intersection(outline)
 
 
 def _meets(surface: Surface, height: float, wanted: SurfaceFilter) -> bool:

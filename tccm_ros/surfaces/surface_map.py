@@ -19,6 +19,7 @@ from tccm_ros.records import (
     ObjectBoxes,
     Surface,
     SurfaceCloud,
+    SurfaceEdge,
     SurfaceSighting,
     ViewIntervals,
 )
@@ -38,6 +39,7 @@ from tccm_ros.surfaces.merging import (
 from tccm_ros.surfaces.object_tracks import with_objects_of
 from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.polygons import polygon_rings
+from tccm_ros.surfaces.shapes import Shape, ShapedEdge, fit_shape, free_shape
 from tccm_ros.surfaces.track_ids import TrackIds
 from tccm_ros.surfaces.views import (
     View,
@@ -204,11 +206,32 @@ class SurfaceMap:
         ids = TrackIds(views, left)
         surfaces.sort(key=lambda surface: ids.track_id(surface.members))
         labels = label_surfaces(surfaces, floor_z, walls, config)
+        shapes = self._shapes(surfaces, floor_z, views, T, walls)
         records = [
-            _record(surface, label, ids, views, poses.keyframes)
-            for surface, label in zip(surfaces, labels)
+            _record(surface, shape, label, ids, views, poses.keyframes)
+            for surface, shape, label in zip(surfaces, shapes, labels)
         ]
         return _mapped(records, surfaces, floor_z, T)
+
+    def _shapes(
+        self,
+        surfaces: list[MergedSurface],
+        floor_z: float | None,
+        views: list[View],
+        T_map_view: Float64,
+        walls: Float64,
+    ) -> list[Shape]:
+        """Return the shape of each surface: the floor, and all of a baseline, have no model."""
+        above = [surface for surface in surfaces if not is_floor(surface, floor_z)]
+        if self._published_merge is not None:
+            above = []
+        others = {id(surface) for surface in above}
+        return [
+            fit_shape(surface, above, views, T_map_view, walls)
+            if id(surface) in others
+            else free_shape(surface)
+            for surface in surfaces
+        ]
 
     def _merge(self, views: list[View], left: Survivors, poses: ViewPoses) -> list[Members]:
         """Group the patches that carving left into surfaces."""
@@ -228,12 +251,14 @@ def _is_wanted(surface: MergedSurface, floor_z: float | None, config: Config) ->
 
 def _record(
     surface: MergedSurface,
+    shape: Shape,
     label: Label,
     ids: TrackIds,
     views: list[View],
     keyframes: Int64,
 ) -> Surface:
-    boundary, holes = polygon_rings(surface.polygon)
+    boundary, holes = polygon_rings(shape.polygon)
+    boundary_seen, _ = polygon_rings(surface.polygon)
     points: dict[int, int] = {}
     for member in surface.members:
         points[member.view] = points.get(member.view, 0) + member.patch.count
@@ -244,7 +269,7 @@ def _record(
         height=surface.height,
         normal=surface.normal,
         offset=surface.offset,
-        area=surface.polygon.area,
+        area=shape.polygon.area,
         centroid=surface.mean,
         boundary=surface.lift(boundary),
         holes=tuple(surface.lift(hole) for hole in holes),
@@ -256,7 +281,17 @@ def _record(
             SurfaceSighting(views[v].stamp_ns, int(keyframes[v]), points[v]) for v in sorted(points)
         ),
         merged_ids=ids.merged_ids(surface.members),
+        area_seen=surface.polygon.area,
+        boundary_seen=surface.lift(boundary_seen),
+        shape=shape.name,
+        edges=tuple(_edge(surface, edge, ids) for edge in shape.edges),
     )
+
+
+def _edge(surface: MergedSurface, edge: ShapedEdge, ids: TrackIds) -> SurfaceEdge:
+    start, end = surface.lift(np.stack([edge.edge.start, edge.edge.end]))
+    hidden_by = None if edge.hidden_by is None else ids.track_id(edge.hidden_by.members)
+    return SurfaceEdge(start, end, edge.state, edge.sigma, hidden_by)
 
 
 def _mapped(

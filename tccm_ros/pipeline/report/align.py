@@ -244,6 +244,11 @@ def _moved_surface(surface: SurfaceEntry, T: Float64) -> SurfaceEntry:
         centroid=transform(T, surface.centroid[None])[0],
         boundary=ring(surface.boundary),
         holes=tuple(ring(hole) for hole in surface.holes),
+        boundary_seen=ring(surface.boundary_seen),
+        edges=tuple(
+            replace(edge, start=ring(edge.start[None])[0], end=ring(edge.end[None])[0])
+            for edge in surface.edges
+        ),
     )
 
 

@@ -1,0 +1,102 @@
+"""The position of an edge, from where the samples of a surface end before it.
+
+Scan lines and beams sample a surface at a distance. The last sample before an edge lies anywhere
+within one such distance of it, with noise: an interval for the edge. Several views intersect their
+intervals, so that the edge is known better than the sampling of each.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtr
+
+from tccm_ros.arrays import Bool, Float64
+
+STEP = 0.002
+"""Distance of the positions that are compared, m; chosen: below the noise of a range."""
+
+HALF_RANGE = 0.10
+"""Positions are compared up to this from the first guess, m; chosen."""
+
+SIGMA = 0.006
+"""Standard deviation of a last sample, m: noise of range, of the pose, thinning; chosen."""
+
+OUTLIER = 0.05
+"""Fraction of last samples that have nothing to do with the edge, but are anywhere within
+`HALF_RANGE`: an object stands before it; chosen."""
+
+FADE = 0.03
+"""Where a view did not look past the last sample, the surface may go on: a density that falls by a
+factor of e over this, m; chosen."""
+
+INDEPENDENT = 8.0
+"""The samples of one view share its pose: they count as at most this many; chosen."""
+
+WALL_SIGMA = 0.005
+"""Standard deviation of an edge that touches a wall, m; chosen: the wall is known better."""
+
+WALL_ODDS = 0.1
+"""An edge before a wall is as likely at the wall as anywhere within this, m; chosen."""
+
+
+class EdgeSamples(NamedTuple):
+    """The last samples before an edge, of all views, one for each short piece of the edge.
+
+    Attributes
+    ----------
+    at
+        float64 (N,), position along the edge, m.
+    last
+        float64 (N,), how far across the last sample is, outwards, m.
+    gap
+        float64 (N,), distance to where the next sample would be, m.
+    front
+        float64 (N,), how probable it is that the last sample is of the front below the edge, and so
+        at the edge: 0 to 1.
+    ends
+        bool (N,), whether the view looked past the surface there.
+    weight
+        float64 (N,), 0 to 1.
+    """
+
+    at: Float64
+    last: Float64
+    gap: Float64
+    front: Float64
+    ends: Bool
+    weight: Float64
+
+
+def locate_edge(samples: EdgeSamples, wall: float | None = None) -> tuple[float, float]:
+    """Return how far across an edge is, and its standard deviation, m.
+
+    Parameters
+    ----------
+    samples
+        Across 0 is the first guess.
+    wall
+        Where a wall bounds the edge, across, m; None: none is near.
+    """
+    across = np.arange(-HALF_RANGE, HALF_RANGE + STEP, STEP)
+    beyond = across - samples.last[:, None]
+    gap = np.maximum(samples.gap, SIGMA)[:, None]
+    limit = np.where(
+        samples.ends[:, None],
+        ndtr((gap - beyond) / SIGMA),
+        np.exp(-np.maximum(beyond - gap, 0.0) / FADE),
+    )
+    before = ndtr(beyond / SIGMA) * limit / gap
+    at_edge = np.exp(-0.5 * (beyond / SIGMA) ** 2) / (np.sqrt(2.0 * np.pi) * SIGMA)
+    front = samples.front[:, None]
+    likelihood = front * at_edge + (1.0 - front) * before
+    score = samples.weight @ np.log(OUTLIER / HALF_RANGE + likelihood)
+    if wall is not None:
+        away = (across - wall) / WALL_SIGMA
+        peak = WALL_ODDS / (np.sqrt(2.0 * np.pi) * WALL_SIGMA)
+        score = score + np.log(ndtr(1.0 - away) + peak * np.exp(-0.5 * away**2))
+    density = np.exp(score - score.max())
+    density /= density.sum()
+    mean = float(density @ across)
+    return mean, float(np.sqrt(density @ (across - mean) ** 2 + STEP**2 / 12.0))

@@ -1,0 +1,337 @@
+"""Models of outlines: rectangle, L, circle, ellipse, straight-sided polygon.
+
+A model is chosen by the Bayesian information criterion (Schwarz, Estimating the dimension of a
+model, Annals of Statistics 6, 1978): its squared errors, in units of what the sampling of the
+outline leaves open, plus ln(n) for each of its parameters. So an outline gets a corner more only
+where the evidence for it is better than its cost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from tccm_ros.arrays import Bool, Float64
+from tccm_ros.records import SurfaceShape
+
+SPACING = 0.03
+"""Distance of the samples of an outline, m; chosen."""
+
+CORRELATION = 0.10
+"""Samples of an outline within this have one error, m; chosen: that of one beam or scan line."""
+
+PROBE = 0.06
+"""Edge of the squares that are tested for what a view looked through, m; chosen."""
+
+MAX_ERROR = 5.0
+"""Larger errors count as this many standard deviations; chosen."""
+
+HIDDEN_SIGMA = 0.30
+"""Where nobody saw an outline end, the surface may go on by this, m (one sigma); chosen."""
+
+THROUGH = 9.0
+"""Squared error of a square of `CORRELATION` that a model covers and a view looked through; chosen:
+three standard deviations."""
+
+ODDS = {
+    SurfaceShape.RECTANGLE: 0.9,
+    SurfaceShape.L: 0.03,
+    SurfaceShape.CIRCLE: 0.03,
+    SurfaceShape.ELLIPSE: 0.01,
+    SurfaceShape.POLYGON: 0.03,
+}
+"""How frequent the shapes are among tops of furniture; chosen."""
+
+FACING = 0.75
+"""Samples whose outward direction has at least this component along that of an edge may be of the
+edge; chosen: 41 deg, so that each sample has one edge of four."""
+
+MAX_CORNERS = 14
+"""A polygon with more corners is a free outline; chosen."""
+
+CAP_CORNERS = 48
+"""Corners of the polygon of a circle or an ellipse; chosen: within 0.2 % of its radius."""
+
+MIN_NOTCH = 0.10
+"""An L's inner corner is at least this far from its outer edges, m; chosen."""
+
+
+class OutlineSamples(NamedTuple):
+    """Samples of an outline, all `SPACING` of it.
+
+    Attributes
+    ----------
+    points
+        float64 (N, 2), m.
+    outward
+        float64 (N, 2), unit vectors.
+    sigma
+        float64 (N,), standard deviation across the outline, m.
+    sampling
+        float64 (N,), how far the surface may go on between its last samples and the next, m.
+    seen
+        bool (N,), whether a view saw that the surface ends there.
+    through
+        float64 (M, 2), centres of squares of `PROBE` outside of the outline that a view looked
+        through, m.
+    """
+
+    points: Float64
+    outward: Float64
+    sigma: Float64
+    sampling: Float64
+    seen: Bool
+    through: Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StraightModel:
+    """An outline of straight edges ``normal . p = offset``, each from the one before to the next.
+
+    Attributes
+    ----------
+    shape
+        Its name.
+    normals
+        float64 (E, 2), unit, outwards, in counter-clockwise order.
+    offsets
+        float64 (E,), m.
+    has_axes
+        Whether all edges are parallel to two axes at a right angle.
+    """
+
+    shape: SurfaceShape
+    normals: Float64
+    offsets: Float64
+    has_axes: bool
+
+    @property
+    def parameters(self) -> int:
+        """Number of parameters: an offset for each edge, and one or all directions."""
+        return len(self.offsets) + (1 if self.has_axes else len(self.offsets))
+
+    def corners(self) -> Float64:
+        """Return the corners (E, 2), corner k at the beginning of edge k; NaN where none is."""
+        a, b = np.roll(self.normals, 1, axis=0), self.normals
+        c, d = np.roll(self.offsets, 1), self.offsets
+        det = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+        det = np.where(np.abs(det) < 0.05, np.nan, det)
+        x = (c * b[:, 1] - d * a[:, 1]) / det
+        y = (a[:, 0] * d - b[:, 0] * c) / det
+        return np.stack([x, y], axis=1)
+
+    def polygon(self) -> Polygon | None:
+        """Return the outline; None where the edges do not enclose an area."""
+        corners = self.corners()
+        if not np.isfinite(corners).all():
+            return None
+        polygon = Polygon(corners)
+        return polygon if polygon.is_valid and polygon.exterior.is_ccw else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoundModel:
+    """A circle or an ellipse.
+
+    Attributes
+    ----------
+    shape
+        Its name.
+    center
+        float64 (2,), m.
+    axes
+        float64 (2, 2), rows: unit vectors of the half axes.
+    radii
+        float64 (2,), lengths of the half axes, m.
+    """
+
+    shape: SurfaceShape
+    center: Float64
+    axes: Float64
+    radii: Float64
+
+    @property
+    def parameters(self) -> int:
+        """Number of parameters."""
+        return 3 if self.shape is SurfaceShape.CIRCLE else 5
+
+    def polygon(self) -> Polygon | None:
+        """Return a polygon of the same area, counter-clockwise."""
+        turn = np.linspace(0.0, 2.0 * np.pi, CAP_CORNERS, endpoint=False)
+        scale = np.sqrt(2.0 * np.pi / CAP_CORNERS / np.sin(2.0 * np.pi / CAP_CORNERS))
+        circle = scale * self.radii * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        return shapely.geometry.polygon.orient(Polygon(self.center + circle @ self.axes), 1.0)
+
+
+Model = StraightModel | RoundModel
+
+
+def choose_model(samples: OutlineSamples, outline: Polygon, yaws: Float64) -> Model | None:
+    """Return the model with the least criterion; None: the free outline is it.
+
+    Parameters
+    ----------
+    samples
+        Of the outline.
+    outline
+        What the views cover, without its holes.
+    yaws
+        float64 (Y,), directions that edges may have, rad: of the outline itself, and of walls.
+    """
+    n = max(outline.exterior.length / CORRELATION, 2.0)
+    free = len(outline.exterior.coords) - 1
+    best, least = None, 2.0 * free * np.log(n)
+    for model in _models(samples, outline, yaws):
+        polygon = model.polygon()
+        if polygon is None:
+            continue
+        cost = model.parameters * np.log(n) - 2.0 * np.log(ODDS[model.shape])
+        criterion = _squared_errors(samples, polygon) + cost
+        if criterion < least:
+            best, least = model, criterion
+    return best
+
+
+def _models(samples: OutlineSamples, outline: Polygon, yaws: Float64) -> Iterator[Model]:
+    for yaw in yaws.tolist():
+        yield from _with_axes(samples, yaw)
+    yield from _round_models(outline)
+    sigma = float(np.median(samples.sigma))
+    whole = _from_far_corner(outline)
+    for factor in (1.0, 2.0, 3.0):
+        polygon = whole.simplify(factor * sigma)
+        if 3 <= len(polygon.exterior.coords) - 1 <= MAX_CORNERS:
+            yield _straight(polygon, samples)
+
+
+def _squared_errors(samples: OutlineSamples, model: Polygon) -> float:
+    """Return the sum of squared errors of independent samples, in standard deviations."""
+    points = shapely.points(samples.points)
+    distance = shapely.distance(points, model.exterior)
+    is_inside = shapely.contains_xy(model, samples.points[:, 0], samples.points[:, 1])
+    beyond = np.where(samples.seen, samples.sampling, HIDDEN_SIGMA) * is_inside
+    errors = np.minimum(distance / np.hypot(samples.sigma, beyond), MAX_ERROR)
+    covered = shapely.contains_xy(model, samples.through[:, 0], samples.through[:, 1]).sum()
+    return float(
+        np.sum(errors**2) * SPACING / CORRELATION + THROUGH * covered * (PROBE / CORRELATION) ** 2
+    )
+
+
+def _with_axes(samples: OutlineSamples, yaw: float) -> Iterator[StraightModel]:
+    """Yield the rectangle and the four Ls whose axes have a direction, rad."""
+    turn = yaw + 0.5 * np.pi * np.arange(4)
+    normals = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    outer, inner = np.zeros(4), np.full(4, np.nan)
+    for k, normal in enumerate(normals):
+        of_edge = samples.outward @ normal > FACING
+        if not of_edge.any():
+            return
+        across = samples.points[of_edge] @ normal
+        outer[k] = _level(across, samples.seen[of_edge])
+        inner[k], upper = _two_levels(across)
+        if upper - inner[k] < MIN_NOTCH:
+            inner[k] = np.nan
+    yield StraightModel(SurfaceShape.RECTANGLE, normals, outer, True)
+    for k in range(4):
+        yield from _with_notch(samples, normals, k)
+
+
+def _with_notch(samples: OutlineSamples, normals: Float64, k: int) -> Iterator[StraightModel]:
+    """Yield the L whose notch is at the corner of the axes k and k + 1."""
+    order = (np.arange(4) + k) % 4
+    levels = []
+    for j in order:
+        of_edge = samples.outward @ normals[j] > FACING
+        across = samples.points[of_edge] @ normals[j]
+        levels.append((*_two_levels(across), _level(across, samples.seen[of_edge])))
+    (low_a, high_a, _), (low_b, high_b, _), (*_, c), (*_, d) = levels
+    if high_a - low_a < MIN_NOTCH or high_b - low_b < MIN_NOTCH:
+        return
+    # Around the L: outer a, inner b, inner a, outer b, and the two edges without a notch.
+    which = order[[0, 1, 0, 1, 2, 3]]
+    offsets = np.array([high_a, low_b, low_a, high_b, c, d])
+    yield StraightModel(SurfaceShape.L, normals[which], offsets, True)
+
+
+def _level(across: Float64, seen: Bool) -> float:
+    """Return where an edge is: in the middle of its seen samples, or at the last of the others."""
+    if seen.mean() >= 0.3:
+        return float(np.median(across[seen]))
+    return float(np.quantile(across, 0.8))
+
+
+def _two_levels(across: Float64) -> tuple[float, float]:
+    """Return the means of the lower and the upper samples, parted where that explains most."""
+    order = np.sort(across)
+    count = np.arange(1, len(order))
+    if not len(count):
+        return float(order[0]), float(order[0])
+    total = np.cumsum(order)
+    low = total[:-1] / count
+    high = (total[-1] - total[:-1]) / (len(order) - count)
+    split = int(np.argmax(count * (len(order) - count) * (high - low) ** 2)) + 1
+    return float(np.median(order[:split])), float(np.median(order[split:]))
+
+
+def _from_far_corner(outline: Polygon) -> Polygon:
+    """Return an outline from the point furthest from its middle: simplifying keeps the first."""
+    ring = np.asarray(outline.exterior.coords)[:-1]
+    away = np.hypot(*(ring - ring.mean(axis=0)).T)
+    return Polygon(np.roll(ring, -int(np.argmax(away)), axis=0))
+
+
+def _straight(polygon: Polygon, samples: OutlineSamples) -> StraightModel:
+    """Return the model of a polygon's edges, each fitted to the samples along it."""
+    ring = shapely.geometry.polygon.orient(polygon, 1.0).exterior
+    corners = np.asarray(ring.coords)[:-1]
+    along = np.roll(corners, -1, axis=0) - corners
+    length = np.hypot(along[:, 0], along[:, 1])
+    along /= length[:, None]
+    normals = np.column_stack([along[:, 1], -along[:, 0]])
+    offsets = (normals * corners).sum(axis=1)
+    edges = shapely.linestrings(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1))
+    nearest = shapely.STRtree(edges).nearest(shapely.points(samples.points))
+    for k in range(len(corners)):
+        own = samples.points[nearest == k]
+        at = (own - corners[k]) @ along[k]
+        own = own[(at > SPACING) & (at < length[k] - SPACING)]
+        if len(own) < 3:
+            continue
+        mean = own.mean(axis=0)
+        slope = _slope((own - mean) @ along[k], (own - mean) @ normals[k])
+        normal = normals[k] - slope * along[k]
+        normals[k] = normal / np.hypot(*normal)
+        offsets[k] = normals[k] @ mean
+    return StraightModel(SurfaceShape.POLYGON, normals, offsets, False)
+
+
+def _slope(at: Float64, across: Float64) -> float:
+    """Return the slope of the least-squares line through samples about their mean."""
+    return float(at @ across) / max(float(at @ at), 1e-9)
+
+
+def _round_models(outline: Polygon) -> Iterator[RoundModel]:
+    """Yield the circle and the ellipse with the moments of an outline's area."""
+    center, cov = _area_moments(np.asarray(outline.exterior.coords))
+    variances, axes = np.linalg.eigh(cov)
+    radii = 2.0 * np.sqrt(np.maximum(variances, 0.0))
+    mean = float(np.sqrt(radii[0] * radii[1]))
+    yield RoundModel(SurfaceShape.CIRCLE, center, np.eye(2), np.array([mean, mean]))
+    yield RoundModel(SurfaceShape.ELLIPSE, center, axes.T, radii)
+
+
+def _area_moments(ring: Float64) -> tuple[Float64, Float64]:
+    """Return mean (2,) and covariance (2, 2) of the area in a closed ring (N, 2)."""
+    middle = ring.mean(axis=0)
+    a, b = ring[:-1] - middle, ring[1:] - middle
+    area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    total = area.sum()
+    mean = (area[:, None] * (a + b)).sum(axis=0) / (3.0 * total)
+    square = np.einsum("n,ni,nj->ij", area, a, a) + np.einsum("n,ni,nj->ij", area, b, b)
+    square += np.einsum("n,ni,nj->ij", area, a + b, a + b)
+    return middle + mean, square / (12.0 * total) - np.outer(mean, mean)

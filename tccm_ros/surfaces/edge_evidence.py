@@ -1,0 +1,234 @@
+"""What views know of the edges of a surface: samples of its outline, and last points before edges.
+
+A view knows that a surface ends where it looked through just beyond, at the surface's height. Where
+an object hid the rest, or the view ended, the outline of the points is no edge of the surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from tccm_ros.arrays import Bool, Float64
+from tccm_ros.cuboids.free_columns import column_keys
+from tccm_ros.geometry import inverse, transform
+from tccm_ros.outlines.edge_position import INDEPENDENT, EdgeSamples
+from tccm_ros.outlines.shape_models import PROBE, SPACING, OutlineSamples
+from tccm_ros.surfaces.merged_surface import MergedSurface
+from tccm_ros.surfaces.merging import NumberedPatch, clouds_in_map
+from tccm_ros.surfaces.views import View
+
+STRAIGHT = 0.02
+"""The direction of an outline is that of its edges after simplification by this, m; chosen."""
+
+BEYOND = (0.10, 0.15)
+"""Distances beyond an outline, m, at one of which a view looked through; chosen: a column's edge
+and half as much more."""
+
+CLEAR = 0.02
+"""Min distance of a probe from the ends of its free interval, m; chosen."""
+
+OUTLINE_SIGMA = 0.008
+"""Standard deviation of an outline beside its sampling, m: noise, simplification; chosen."""
+
+SAMPLING_FRACTION = 0.3
+"""Standard deviation of a sample between two scan lines, as a fraction of their distance: that of
+an even distribution, 1 / sqrt(12)."""
+
+SAMPLING_BEYOND = 0.5
+"""The surface goes on between the last samples and the next by this fraction of the distance of
+scan lines (one sigma); chosen."""
+
+PIECE = 0.03
+"""An edge is divided into pieces of this length, m, with one last point each; chosen."""
+
+PROBES = 9
+"""Number of places along an edge that are tested for what views looked over; chosen."""
+
+INSIDE, OUTSIDE = 0.12, 0.05
+"""Points within these distances inside and outside of an edge may be its last, m; chosen."""
+
+END_MARGIN = 0.03
+"""Points this near to the ends of an edge may belong to the next one, m; chosen."""
+
+FRONT = 0.7
+"""At a near edge so many of the last samples are of the front below it; chosen: the height of the
+front that counts as the surface is that of a scan line's step or two."""
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """A straight edge in x and y of map, the surface to its left.
+
+    Attributes
+    ----------
+    start, end
+        float64 (2,), m.
+    """
+
+    start: Float64
+    end: Float64
+
+    @property
+    def length(self) -> float:
+        """Its length, m."""
+        return float(np.hypot(*(self.end - self.start)))
+
+    @property
+    def along(self) -> Float64:
+        """Unit vector from start to end, float64 (2,)."""
+        direction: Float64 = (self.end - self.start) / max(self.length, 1e-9)
+        return direction
+
+    @property
+    def outward(self) -> Float64:
+        """Unit vector away from the surface, float64 (2,)."""
+        x, y = self.along
+        return np.array([y, -x])
+
+
+@dataclass(frozen=True)
+class EdgeEvidence:
+    """The views of one surface, to be asked for its edges.
+
+    Attributes
+    ----------
+    surface
+        The surface.
+    views, T_map_view
+        All views, and float64 (V, 4, 4).
+    """
+
+    surface: MergedSurface
+    views: Sequence[View]
+    T_map_view: Float64
+
+    @cached_property
+    def _clouds(self) -> list[tuple[NumberedPatch, Float64]]:
+        members = self.surface.members
+        return list(zip(members, clouds_in_map(members, self.T_map_view)))
+
+    @cached_property
+    def _inverses(self) -> dict[int, Float64]:
+        return {v: inverse(self.T_map_view[v]) for v in sorted(self.surface.views)}
+
+    def outline_samples(self) -> OutlineSamples:
+        """Return samples all along the outline of what the views cover."""
+        ring = shapely.geometry.polygon.orient(Polygon(self.surface.polygon.exterior), 1.0).exterior
+        count = max(int(ring.length / SPACING), 8)
+        at = (np.arange(count) + 0.5) / count
+        points = shapely.get_coordinates(shapely.line_interpolate_point(ring, at, normalized=True))
+        outward = _outward_at(ring, points)
+        spacings = [m.patch.spacing for m in self.surface.members if m.patch.spacing > 0.0]
+        spacing = min(spacings, default=SPACING)
+        sigma = np.full(count, np.hypot(OUTLINE_SIGMA, SAMPLING_FRACTION * spacing))
+        sampling = np.full(count, SAMPLING_BEYOND * spacing)
+        seen = np.zeros(count, bool)
+        for view in self._inverses:
+            seen |= self._looks_past(view, points, outward)
+        return OutlineSamples(points, outward, sigma, sampling, seen, self._looked_through())
+
+    def _looked_through(self) -> Float64:
+        """Return the squares near the outline that a view looked through, as `OutlineSamples`."""
+        outline = Polygon(self.surface.polygon.exterior)
+        x_min, y_min, x_max, y_max = outline.bounds
+        axes = np.arange(x_min, x_max, PROBE), np.arange(y_min, y_max, PROBE)
+        points = np.stack([axis.ravel() for axis in np.meshgrid(*axes)], axis=1)
+        wide = outline.buffer(BEYOND[0])
+        points = points[~shapely.contains_xy(wide, points[:, 0], points[:, 1])]
+        through = np.zeros(len(points), bool)
+        for view, T_view_map in self._inverses.items():
+            local = transform(T_view_map, self.surface.lift(points))
+            through |= self.views[view].free.contains(local, CLEAR)
+        return points[through]
+
+    def edge_samples(self, edge: Edge) -> EdgeSamples:
+        """Return the last points of each view before an edge; across 0 is the edge."""
+        found = [self._of_patch(edge, member, cloud) for member, cloud in self._clouds]
+        rows = [np.zeros((0, 6)), *(rows for rows in found if rows is not None)]
+        table = np.concatenate(rows)
+        at, last, gap, front, ends, weight = table.T
+        return EdgeSamples(at, last, gap, front, ends > 0.0, weight)
+
+    def _of_patch(self, edge: Edge, member: NumberedPatch, cloud: Float64) -> Float64 | None:
+        """Return the rows of `EdgeSamples` of one patch."""
+        offset = cloud[:, :2] - edge.start
+        at, across = offset @ edge.along, offset @ edge.outward
+        near = (at > END_MARGIN) & (at < edge.length - END_MARGIN)
+        near &= (across > -INSIDE) & (across < OUTSIDE)
+        if np.count_nonzero(near) < 3:
+            return None
+        at, across = at[near], across[near]
+        pieces = np.floor(at / PIECE).astype(np.int64)
+        order = np.lexsort((-across, pieces))
+        pieces, at, across = pieces[order], at[order], across[order]
+        first = np.flatnonzero(np.r_[True, np.diff(pieces) > 0])
+        has_next = np.diff(np.r_[first, len(pieces)]) >= 2
+        beam = 0.0
+        if has_next.any():
+            at_first = first[has_next]
+            beam = float(np.median(across[at_first] - across[at_first + 1]))
+        at, last = at[first], across[first]
+        points = edge.start + at[:, None] * edge.along
+        rays = points - self.T_map_view[member.view][:2, 3]
+        radial = rays @ edge.outward / np.maximum(np.hypot(rays[:, 0], rays[:, 1]), 1e-6)
+        gap = _gaps(radial, member.patch.spacing, beam)
+        front = FRONT * np.maximum(-radial, 0.0)
+        outward = np.broadcast_to(edge.outward, points.shape)
+        ends = self._looks_past(member.view, points, outward)
+        weight = np.full(len(at), min(1.0, INDEPENDENT / len(at)))
+        return np.stack([at, last, gap, front, ends, weight], axis=1)
+
+    def looks_over(self, edge: Edge) -> bool:
+        """Return whether any view looked through the columns beyond an edge, at any height."""
+        at = np.linspace(0.0, 1.0, PROBES)[:, None]
+        beyond = edge.start + at * (edge.end - edge.start) + BEYOND[1] * edge.outward
+        points, over = self.surface.lift(beyond), np.zeros(PROBES, bool)
+        for view, T_view_map in self._inverses.items():
+            free = self.views[view].free
+            keys = column_keys(transform(T_view_map, points), free.cell_size)
+            over |= np.isin(keys, free.keys)
+        return bool(over.mean() >= 0.5)
+
+    def hides(self, edge: Edge, other: MergedSurface) -> bool:
+        """Return whether a higher surface is between any view and the middle of an edge."""
+        if other.height <= self.surface.height:
+            return False
+        middle = 0.5 * (edge.start + edge.end)
+        origins = [self.T_map_view[view][:2, 3] for view in self._inverses]
+        ways = shapely.linestrings([np.stack([origin, middle]) for origin in origins])
+        return bool(shapely.intersects(ways, other.polygon).any())
+
+    def _looks_past(self, view: int, points: Float64, outward: Float64) -> Bool:
+        """Return whether a view looked through just beyond places of an outline."""
+        through = np.zeros(len(points), bool)
+        for beyond in BEYOND:
+            probes = self.surface.lift(points + beyond * outward)
+            local = transform(self._inverses[view], probes)
+            through |= self.views[view].free.contains(local, CLEAR)
+        return through
+
+
+def _outward_at(ring: shapely.LinearRing, points: Float64) -> Float64:
+    """Return the outward directions of a counter-clockwise ring at points on it."""
+    smooth = np.asarray(ring.simplify(STRAIGHT).coords)
+    edges = shapely.linestrings(np.stack([smooth[:-1], smooth[1:]], axis=1))
+    nearest = shapely.STRtree(edges).nearest(shapely.points(points))
+    along = (smooth[1:] - smooth[:-1])[nearest]
+    along /= np.hypot(along[:, 0], along[:, 1])[:, None]
+    return np.column_stack([along[:, 1], -along[:, 0]])
+
+
+def _gaps(radial: Float64, spacing: float, beam: float) -> Float64:
+    """Return the distance across an edge to where the next sample would be, m.
+
+    Scan lines run around the robot at a distance of `spacing`, with samples at a distance of `beam`
+    across the edge; `radial` is the cosine between the ray and the outward direction.
+    """
+    lines = spacing * np.abs(radial)
+    return np.asarray(lines + beam * np.sqrt(np.maximum(1.0 - radial**2, 0.0)), np.float64)

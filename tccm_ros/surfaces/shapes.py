@@ -1,0 +1,353 @@
+"""Shapes of surfaces: the simplest outline that the views support, and what is known of its edges.
+
+The model is chosen by the outline of what the views cover (`outlines.shape_models`). Each of its
+edges is then put where the last points of all views and the walls expect it
+(`outlines.edge_position`), and all edges of a rectangle or an L have one direction, that of a wall
+where one of them runs along it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from tccm_ros.arrays import Float64
+from tccm_ros.outlines.edge_position import SIGMA, EdgeSamples, locate_edge
+from tccm_ros.outlines.shape_models import (
+    FACING,
+    Model,
+    OutlineSamples,
+    RoundModel,
+    StraightModel,
+    choose_model,
+)
+from tccm_ros.records import EdgeState, SurfaceShape
+from tccm_ros.surfaces.edge_evidence import PIECE, Edge, EdgeEvidence
+from tccm_ros.surfaces.merged_surface import MergedSurface
+from tccm_ros.surfaces.polygons import polygon_rings
+from tccm_ros.surfaces.views import View
+
+ROUNDS = 2
+"""Rounds in which the edges of a model are put where the points expect them; chosen."""
+
+MIN_LENGTH = 0.08
+"""Shorter edges stay where the outline has them, m; chosen: they have few points."""
+
+WALL_DISTANCE = 0.08
+"""An edge this near to a wall may be at the wall, m; chosen: sampling and a skirting board."""
+
+WALL_YAW = np.radians(4.0)
+"""An edge within this of a wall's direction may run along it; chosen."""
+
+WALL_YAW_SIGMA = 0.003
+"""Standard deviation of the direction of an edge at a wall against the wall's, rad; chosen."""
+
+GATE = 3.0
+"""Directions agree within this many standard deviations; chosen."""
+
+AT_WALL = 0.015
+"""An edge this near to a wall ends there, m; chosen: three deviations."""
+
+MAX_TURN = 0.07
+"""Edges turn by at most this in a round, rad; chosen."""
+
+MIN_SAMPLES = 5
+"""Min number of last points that tell the direction of an edge; chosen."""
+
+FIT_ROUNDS = 5
+"""Iterations of the robust line fit; chosen."""
+
+ROUND_SIGMA = 0.01
+"""Standard deviation of the edge of a circle or an ellipse, m; chosen."""
+
+FREE_SIGMA = 0.02
+"""Standard deviation of a seen edge of a free outline, m; chosen: half a scan line's distance."""
+
+NEAR = 0.08
+"""Samples of the outline within this of an edge are of it, m; chosen."""
+
+SEEN_FRACTION = 0.5
+"""An edge was seen if views looked past this fraction of it; chosen: more than half."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapedEdge:
+    """An edge of a shape.
+
+    Attributes
+    ----------
+    edge
+        In x and y of map.
+    state
+        Whether it was seen.
+    sigma
+        Standard deviation across, m; NaN where it was not seen.
+    hidden_by
+        The surface that hides it; None where that is no surface, or it is not hidden.
+    """
+
+    edge: Edge
+    state: EdgeState
+    sigma: float
+    hidden_by: MergedSurface | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """The outline of a surface by a model.
+
+    Attributes
+    ----------
+    name
+        Of the model.
+    polygon
+        In x and y of map, with the holes that were seen.
+    edges
+        Of its exterior, counter-clockwise, from its corner with the smallest (x, y).
+    """
+
+    name: SurfaceShape
+    polygon: Polygon
+    edges: tuple[ShapedEdge, ...]
+
+
+def fit_shape(
+    surface: MergedSurface,
+    others: Sequence[MergedSurface],
+    views: Sequence[View],
+    T_map_view: Float64,
+    walls: Float64,
+) -> Shape:
+    """Return the shape of a surface.
+
+    Parameters
+    ----------
+    surface
+        With the outline that the views cover.
+    others
+        Surfaces that may hide its edges.
+    views, T_map_view
+        All views, and float64 (V, 4, 4).
+    walls
+        float64 (W, 2, 2), ends of the walls in map, m.
+    """
+    evidence = EdgeEvidence(surface, views, T_map_view)
+    samples = evidence.outline_samples()
+    exterior = Polygon(surface.polygon.exterior)
+    near = walls[shapely.dwithin(shapely.linestrings(walls), exterior, WALL_DISTANCE)]
+    model = choose_model(samples, exterior, _yaws(exterior, near))
+    if model is None:
+        return _free(evidence, samples, others)
+    sigmas = np.full(0, np.nan)
+    if isinstance(model, StraightModel):
+        for _ in range(ROUNDS):
+            model, sigmas = _refined(model, evidence, near)
+    polygon = model.polygon()
+    if polygon is None:
+        return _free(evidence, samples, others)
+    edges = _edges(model, polygon, sigmas, evidence, samples, near, others)
+    holes = [ring for ring in surface.polygon.interiors if polygon.contains(Polygon(ring))]
+    return Shape(model.shape, Polygon(polygon.exterior, holes), edges)
+
+
+def free_shape(surface: MergedSurface) -> Shape:
+    """Return the outline that the views cover, without edges: that of a floor."""
+    return Shape(SurfaceShape.FREE, surface.polygon, ())
+
+
+def _free(
+    evidence: EdgeEvidence, samples: OutlineSamples, others: Sequence[MergedSurface]
+) -> Shape:
+    """Return the outline that the views cover, as it is."""
+    surface = evidence.surface
+    boundary, _ = polygon_rings(surface.polygon)
+    edges = [
+        _known(edge, _state(edge, evidence, samples), FREE_SIGMA, evidence, others)
+        for edge in _edges_of(boundary)
+    ]
+    return Shape(SurfaceShape.FREE, surface.polygon, tuple(edges))
+
+
+def _edges_of(corners: Float64) -> list[Edge]:
+    return [Edge(a, b) for a, b in zip(corners, np.roll(corners, -1, axis=0))]
+
+
+def _yaws(outline: Polygon, walls: Float64) -> Float64:
+    """Return the directions that the edges of an outline may have, rad."""
+    box = np.asarray(shapely.oriented_envelope(outline).exterior.coords)
+    ring = np.asarray(outline.exterior.simplify(0.03).coords)
+    steps = np.diff(ring, axis=0)
+    turn = 4.0 * np.arctan2(steps[:, 1], steps[:, 0])
+    weight = np.hypot(steps[:, 0], steps[:, 1]) ** 2
+    main = 0.25 * np.arctan2(weight @ np.sin(turn), weight @ np.cos(turn))
+    longest = steps[np.argmax(weight)]
+    found = [_yaw(box[1] - box[0]), main, _yaw(longest)]
+    found += [_yaw(end - start) for start, end in walls]
+    return np.array(found)
+
+
+def _yaw(direction: Float64) -> float:
+    return float(np.arctan2(direction[1], direction[0]))
+
+
+def _refined(
+    model: StraightModel, evidence: EdgeEvidence, walls: Float64
+) -> tuple[StraightModel, Float64]:
+    """Return the model with its edges where the last points expect them, and their deviations."""
+    corners = model.corners()
+    if not np.isfinite(corners).all():
+        return model, np.full(len(corners), np.nan)
+    edges = _edges_of(corners)
+    samples = [evidence.edge_samples(edge) for edge in edges]
+    turns = _turns(model, edges, samples, walls)
+    normals, offsets = model.normals.copy(), model.offsets.copy()
+    sigmas = np.full(len(edges), np.nan)
+    for k, (edge, found, turn) in enumerate(zip(edges, samples, turns.tolist())):
+        middle = 0.5 * (edge.start + edge.end)
+        c, s = np.cos(turn), np.sin(turn)
+        normals[k] = np.array([[c, -s], [s, c]]) @ model.normals[k]
+        offsets[k] = normals[k] @ middle
+        if edge.length < MIN_LENGTH or not len(found.at):
+            continue
+        # A point at a distance from the middle of an edge is further across after a turn.
+        last = found.last + turn * (found.at - 0.5 * edge.length)
+        shift, sigmas[k] = locate_edge(found._replace(last=last), _wall_across(edge, walls))
+        offsets[k] += shift
+    return replace(model, normals=normals, offsets=offsets), sigmas
+
+
+def _turns(
+    model: StraightModel, edges: Sequence[Edge], samples: Sequence[EdgeSamples], walls: Float64
+) -> Float64:
+    """Return by how much each edge is to be turned, float64 (E,), rad.
+
+    The edges of a model with axes turn together. Where one runs along a wall, within what the
+    points leave open, its direction is that of the wall.
+    """
+    rows = np.array([_turn(edge, found) for edge, found in zip(edges, samples)])
+    turn, information = rows[:, 0], rows[:, 1] + 1.0 / MAX_TURN**2
+    if model.has_axes:
+        turn = np.full(len(edges), turn @ information / information.sum())
+        information = np.full(len(edges), information.sum())
+    turn = np.clip(turn, -MAX_TURN, MAX_TURN)
+    along_walls = np.array([_turn_to_wall(edge, walls) for edge in edges])
+    gate = GATE * np.sqrt(1.0 / information + WALL_YAW_SIGMA**2)
+    fits = np.abs(along_walls - turn) <= gate
+    if model.has_axes:
+        return np.full(len(edges), along_walls[fits].mean()) if fits.any() else turn
+    return np.where(fits, along_walls, turn)
+
+
+def _turn(edge: Edge, samples: EdgeSamples) -> tuple[float, float]:
+    """Return the turn of an edge that its last points ask for, and the information of it.
+
+    A robust line (Cauchy's weights) through where the edge is expected: half a gap further out.
+    """
+    if len(samples.at) < MIN_SAMPLES:
+        return 0.0, 0.0
+    arm = samples.at - 0.5 * edge.length
+    across = samples.last + 0.5 * samples.gap
+    variance = samples.gap**2 / 12.0 + SIGMA**2
+    weight = samples.weight / variance
+    slope = middle = information = 0.0
+    for _ in range(FIT_ROUNDS):
+        total = weight.sum()
+        arm_mean, middle = weight @ arm / total, weight @ across / total
+        information = float(weight @ (arm - arm_mean) ** 2) + 1e-9
+        slope = float(weight @ ((arm - arm_mean) * (across - middle))) / information
+        residual = across - middle - slope * (arm - arm_mean)
+        weight = samples.weight / variance / (1.0 + residual**2 / (4.0 * variance))
+    return -slope, information
+
+
+def _turn_to_wall(edge: Edge, walls: Float64) -> float:
+    """Return the turn that makes an edge parallel to the wall it runs along, rad; inf: none."""
+    wall = _wall_along(edge, walls)
+    if wall is None:
+        return float("inf")
+    turn = _yaw(wall[1] - wall[0]) - _yaw(edge.end - edge.start)
+    return float((turn + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
+
+
+def _wall_across(edge: Edge, walls: Float64) -> float | None:
+    """Return how far across an edge the wall is that it runs along, m; None: there is none."""
+    wall = _wall_along(edge, walls)
+    if wall is None:
+        return None
+    (start, end), middle = wall, 0.5 * (edge.start + edge.end)
+    along = (end - start) / np.hypot(*(end - start))
+    nearest = start + ((middle - start) @ along) * along
+    return float((nearest - middle) @ edge.outward)
+
+
+def _wall_along(edge: Edge, walls: Float64) -> Float64 | None:
+    """Return the nearest wall that runs along an edge, float64 (2, 2); None: there is none."""
+    best, least = None, WALL_DISTANCE
+    line = shapely.LineString([edge.start, edge.end])
+    for wall in walls:
+        direction = wall[1] - wall[0]
+        sine = float(direction @ edge.outward) / max(float(np.hypot(*direction)), 1e-9)
+        if abs(sine) > np.sin(WALL_YAW):
+            continue
+        beside = shapely.LineString(wall).buffer(least, cap_style="flat")
+        distance = shapely.distance(
+            line.interpolate(0.5, normalized=True), shapely.LineString(wall)
+        )
+        if distance < least and beside.intersection(line).length >= 0.5 * edge.length:
+            best, least = wall, float(distance)
+    return best
+
+
+def _edges(
+    model: Model,
+    polygon: Polygon,
+    sigmas: Float64,
+    evidence: EdgeEvidence,
+    samples: OutlineSamples,
+    walls: Float64,
+    others: Sequence[MergedSurface],
+) -> tuple[ShapedEdge, ...]:
+    """Return the edges of a model with what is known of each."""
+    corners = np.asarray(polygon.exterior.coords)[:-1]
+    edges = []
+    for k, edge in enumerate(_edges_of(corners)):
+        across = _wall_across(edge, walls)
+        state = _state(edge, evidence, samples)
+        if across is not None and abs(across) <= AT_WALL:
+            state = EdgeState.SEEN
+        sigma = ROUND_SIGMA if isinstance(model, RoundModel) else float(sigmas[k])
+        edges.append(_known(edge, state, sigma, evidence, others))
+    first = int(np.lexsort((corners[:, 1], corners[:, 0]))[0])
+    return tuple(edges[first:] + edges[:first])
+
+
+def _known(
+    edge: Edge,
+    state: EdgeState,
+    sigma: float,
+    evidence: EdgeEvidence,
+    others: Sequence[MergedSurface],
+) -> ShapedEdge:
+    """Return an edge with its deviation if it was seen, and with what hides it if that did."""
+    if state is EdgeState.SEEN:
+        return ShapedEdge(edge, state, sigma)
+    hiding = [
+        other for other in others if state is EdgeState.HIDDEN and evidence.hides(edge, other)
+    ]
+    lowest = min(hiding, key=lambda other: other.height, default=None)
+    return ShapedEdge(edge, state, float("nan"), lowest)
+
+
+def _state(edge: Edge, evidence: EdgeEvidence, samples: OutlineSamples) -> EdgeState:
+    """Return whether views looked past an edge, by the samples of the outline near it."""
+    offset = samples.points - edge.start
+    at, across = offset @ edge.along, offset @ edge.outward
+    near = (at >= -PIECE) & (at <= edge.length + PIECE) & (np.abs(across) <= NEAR)
+    near &= samples.outward @ edge.outward > FACING
+    if near.any() and samples.seen[near].mean() >= SEEN_FRACTION:
+        return EdgeState.SEEN
+    return EdgeState.HIDDEN if evidence.looks_over(edge) else EdgeState.CUT

@@ -7,6 +7,7 @@ import struct
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from tccm_ros.errors import MapError, TccmError
 from tccm_ros.nodes.clock import steady_timer
 from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.live_pose import LivePosePublisher
+from tccm_ros.nodes.localisation import BY_REQUEST, BY_SCAN, NO_MAP, LocalisationPublisher
 from tccm_ros.nodes.map_folder import MAP_FILE, MapKeeper
 from tccm_ros.nodes.outputs import SolutionOutputs
 from tccm_ros.nodes.programs import Programs, offered
@@ -35,7 +37,7 @@ from tccm_ros.nodes.solver_channel import (
     Solved,
 )
 from tccm_ros.nodes.worker import Worker, promise
-from tccm_ros.records import Event, ObjectBoxes, Odometry, SurfaceCloud, ViewIntervals
+from tccm_ros.records import Event, ObjectBoxes, Odometry, PoseGuess, SurfaceCloud, ViewIntervals
 from tccm_ros.robot import MountKind
 from tccm_ros.ros.topic_messages import SOLUTION_TOPICS, SURFACE_MESSAGE_TOPICS
 from tccm_ros.sensors.depth_image import depth_stream, is_compressed
@@ -87,8 +89,14 @@ class SlamNode(SensorNode):
         self._last_s = time.monotonic()
         self._shown_ns = -1
         self._has_tilt_scan = False
-        self._saved_keyframes, self._has_loaded = 0, False
+        self._saved_keyframes = 0
         self.live = LivePosePublisher(self, self.types, self.config, self.intake)
+        self.localisation = LocalisationPublisher(
+            self,
+            self.types,
+            self.live.map_frame,
+            lambda guess: self.worker.call(lambda: self._take_guess(guess), self),
+        )
         topics = {**offered(SOLUTION_TOPICS), GRID_TOPIC: GRID}
         self._outputs = SolutionOutputs(
             self, topics, latched(), self.solver.show, self.worker.post, shared=(GRID_TOPIC,)
@@ -98,6 +106,7 @@ class SlamNode(SensorNode):
         self._listen_to_tccm()
         self.add_post_set_parameters_callback(lambda _: self.worker.post(self._note_config))
         self.create_service(Trigger, "~/load_map", self._on_load_map)
+        self.localisation.offer_service(self, self.answer)
         self._look = steady_timer(self, LOOK_S, lambda: self.worker.post(self._solve_when_quiet))
         self.start()
 
@@ -156,7 +165,7 @@ class SlamNode(SensorNode):
         self._solve_with(event)
         self.processor.add(event)
         if self.processor.counts["resets"] != before["resets"]:
-            self._forget(is_localised=not self._has_loaded)
+            self._forget(is_localised=self.processor.is_localised)
         for counted in ("clouds", "keyframes"):
             self._unsolved[counted] += self.processor.counts[counted] - before[counted]
         self._show_pose()
@@ -177,8 +186,10 @@ class SlamNode(SensorNode):
         has_scan = self.processor.counts["level scans"] or self._has_tilt_scan
         if has_scan and live.stamp_ns > self._shown_ns and self.context.ok():
             self._shown_ns = live.stamp_ns
+            self.live.is_localised = self.processor.is_localised
             self.live.odom_frame = self.processor.odom_frame
             self.live.show(live, self.processor.current_covariance())
+            self.localisation.show(self.processor)
 
     def _solve_when_due(self) -> None:
         new = self._unsolved
@@ -224,9 +235,10 @@ class SlamNode(SensorNode):
         if not self.solver.is_of_session(solved) or solved.resets != self._resets:
             return
         self.processor.take(solved.map)
-        self.live.is_localised = solved.is_localised
+        self.live.is_localised = self.processor.is_localised
         if self._shown_ns >= 0:
             self.live.correct(self.processor.current_pose())
+            self.localisation.show(self.processor)
         self._outputs.publish_solution(solved.messages)
         self._programs.show(solved.number)
 
@@ -239,12 +251,30 @@ class SlamNode(SensorNode):
         newest = self.solver.newest
         return newest is not None and newest.resets == self._resets
 
+    def _take_guess(self, guess: PoseGuess) -> str:
+        """Look for the robot around a pose that somebody has told, from the next scan on.
+
+        Raises
+        ------
+        MapError
+            Where there is no map yet.
+        """
+        if not (self.processor.counts["keyframes"] or self._saved_keyframes):
+            raise MapError(NO_MAP)
+        guess = replace(guess, stamp_ns=guess.stamp_ns or self.newest_ns)
+        self.localisation.note_search("the pose that was told is compared with scans", BY_REQUEST)
+        self.processor.add(guess)
+        self._solve_with(guess)
+        self._unsolved["keyframes"] += KEYFRAMES_PER_SOLVE
+        return ""
+
     def load(self, folder: Path) -> str:
         """Go on with a saved map; what was mapped since the start is forgotten."""
         first = self.solver.begin(folder / MAP_FILE)
-        self.processor = Tracker(self.config, first)
-        self._saved_keyframes, self._has_loaded = first[0], True
+        self.processor = Tracker(self.config, first, is_localised=False)
+        self._saved_keyframes = first[0]
         self._forget(is_localised=False)
+        self.localisation.note_search("no scan has fitted one place of the map alone yet", BY_SCAN)
         self._keeper.adopt(folder)
         self._ask_solution()
         return str(folder)
@@ -253,7 +283,7 @@ class SlamNode(SensorNode):
         """Forget everything."""
         self.solver.begin()
         self.processor = Tracker(self.config)
-        self._saved_keyframes, self._has_loaded = 0, False
+        self._saved_keyframes = 0
         self._forget(is_localised=True)
 
     def _forget(self, *, is_localised: bool) -> None:

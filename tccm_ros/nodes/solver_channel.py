@@ -121,8 +121,6 @@ class Solved(NamedTuple):
         How much its map holds.
     map
         Where it puts this session, its newest keyframe and its walls, for `Tracker.take`.
-    is_localised
-        Whether the session is in the frame of its map.
     scene
         What programs ask about (`nodes.scene_channel`), in pieces.
     messages
@@ -139,7 +137,6 @@ class Solved(NamedTuple):
     stamp_ns: int
     content: MapContent
     map: SolvedMap
-    is_localised: bool
     scene: tuple[bytes, ...]
     messages: dict[str, bytes]
     duration_s: float

@@ -138,7 +138,6 @@ class SolverProcess:
                 solution.stamp_ns,
                 MapContent.of(saved, solution),
                 self._slam.solved_map(solution),
-                self._slam.is_aligned(solution),
                 pack_scene(solution, frame, occupancy_grid(saved.walls), self._types),
                 self._serialised(solve.topics),
                 time.monotonic() - start,

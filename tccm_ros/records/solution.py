@@ -107,6 +107,25 @@ class Wall:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PoseGuess:
+    """Where somebody says that the robot is; its place in the map is looked for around it.
+
+    Attributes
+    ----------
+    stamp_ns
+        When.
+    pose
+        float64 (3,), planar pose of the base in map, m and rad.
+    cov
+        float64 (3, 3) of (x, y, yaw) in map.
+    """
+
+    stamp_ns: int
+    pose: Float64
+    cov: Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class LandmarkObservation:
     """What a sensor measured of a landmark that it recognised.
 

@@ -34,8 +34,12 @@ at least this fraction of the neighbours is confirmed; in new areas all points h
 (chosen)."""
 
 MIN_INFORMATION_RATIO = 3.0
-"""A direction is taken as unknown where its information is less than this many times that which
+"""A motion is taken as unknown where its information is less than this many times that which
 noise of the normals adds: along a corridor, that noise alone looks like information (chosen)."""
+
+MIN_INFORMATION = (1.0 / 0.3**2, 1.0 / 0.3**2)
+"""Information (1/m^2, 1/rad^2) that is added to that of noise: a match that knows a motion no
+better than to 0.2 m or 0.2 rad tells nothing (chosen)."""
 
 RADIUS_SHRINK, MIN_RADIUS_SIGMAS = 0.7, 6.0
 """Factor on the search radius for neighbours from step to step; its minimum, in sigma (chosen)."""
@@ -147,18 +151,33 @@ def agreement(result: Alignment, scan: LevelScan, line_map: LineMap) -> float:
         Fraction of the scan that lies on confirmed surfaces, less the fraction of the confirmed
         surfaces in view that the scan sees through: -1..1.
     """
+    return result.confirmed - seen_through(result.pose, scan, line_map)
+
+
+def seen_through(pose: Float64, scan: LevelScan, line_map: LineMap) -> float:
+    """Return the fraction of the confirmed surfaces in view that a scan sees through, 0..1.
+
+    Parameters
+    ----------
+    pose
+        float64 (3,), of the scan in the map.
+    scan
+        The scan.
+    line_map
+        The map.
+    """
     passes, hits = passes_and_hits(
         line_map.points[line_map.confirmed],
-        transform_points(result.pose, scan.origin[None]),
+        transform_points(pose, scan.origin[None]),
         np.array([len(scan.points)]),
-        transform_points(result.pose, scan.points),
+        transform_points(pose, scan.points),
     )
     passed, hit = int(passes.sum()), int(hits.sum())
-    return result.confirmed - passed / max(passed + hit, 1)
+    return passed / max(passed + hit, 1)
 
 
 class _Equations(NamedTuple):
-    """Normal equations ``H x = -b``, float64 (3, 3) and (3,); `noise` is float64 (2, 2)."""
+    """Normal equations ``H x = -b``, float64 (3, 3) and (3,); `noise` is float64 (3, 3)."""
 
     H: Float64
     noise: Float64
@@ -175,14 +194,14 @@ def _align(
     prior: Prior,
 ) -> tuple[Float64, Float64, float, float]:  # pragma: no cover - compiled
     pose = start.copy()
-    H, noise, b = np.zeros((3, 3)), np.zeros((2, 2)), np.zeros(3)
+    H, noise, b = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     inliers, confirmed = 0.0, 0.0
     for step in range(MAX_STEPS):
         radius = max(BUCKET * RADIUS_SHRINK**step, MIN_RADIUS_SIGMAS * sigma)
         inliers, confirmed = _normal_equations(
             line_map, points, normals, pose, sigma, radius, _Equations(H, noise, b)
         )
-        _drop_direction_of_noise(H, noise, b)
+        _drop_noise(H, noise, b)
         A = H + prior.information
         difference = pose - prior.pose
         difference[2] = np.arctan2(np.sin(difference[2]), np.cos(difference[2]))
@@ -211,13 +230,13 @@ def _normal_equations(
 ) -> tuple[float, float]:  # pragma: no cover - compiled
     """Sum J^T W J into H and J^T W r into b.
 
-    `noise` becomes the part of H's first two rows and columns that stems from normals that are
-    off by their standard deviation: E[n n^T] holds their variance in the wall's own direction.
+    `noise` becomes the part of H that stems from normals that are off by their standard deviation:
+    E[n n^T] holds their variance in the wall's own direction.
     Returns the fractions of inliers and of confirmed ones.
     """
     H, noise, b = equations.H, equations.noise, equations.b
     H[:], noise[:], b[:] = 0.0, 0.0, 0.0
-    H1, noise1, b1 = np.zeros((3, 3)), np.zeros((2, 2)), np.zeros(3)
+    H1, noise1, b1 = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     J = np.empty(3)
     count, confirmed = 0, 0
@@ -242,10 +261,8 @@ def _normal_equations(
             J[0], J[1], J[2] = mx, my, my * rx - mx * ry
             w = _robust(r, sigma) / (sigma * sigma)
             _add(G, g, J, r, w)
-            w *= line_map.variances[j]
-            N[0, 0] += w * my * my
-            N[0, 1] -= w * mx * my
-            N[1, 1] += w * mx * mx
+            J[0], J[1], J[2] = -my, mx, mx * rx + my * ry
+            _add_square(N, J, w * line_map.variances[j])
         else:
             w = (
                 ISOTROPIC_WEIGHT
@@ -259,28 +276,53 @@ def _normal_equations(
     weight = UNCONFIRMED_WEIGHT if confirmed >= MIN_CONFIRMED * count else 1.0
     H += weight * H1
     noise += weight * noise1
-    noise[1, 0] = noise[0, 1]
     b += weight * b1
     n = max(len(points), 1)
     return count / n, confirmed / n
 
 
 @kernel
-def _drop_direction_of_noise(H: Float64, noise: Float64, b: Float64) -> None:  # pragma: no cover
-    """Remove the direction of the smallest information on the position, if it is noise.
+def _drop_noise(H: Float64, noise: Float64, b: Float64) -> None:  # pragma: no cover - compiled
+    """Remove the motions of which matching knows no more than noise would.
 
-    A step along it would follow the noise, and its covariance would be too small.
+    A step along them would follow the noise, and its covariance would be too small. They are the
+    eigenvectors of the information in units of that which noise gives (Zhang and Singh, "On
+    degeneracy of optimization-based state estimation problems", ICRA 2016, with the threshold in
+    these units): shifts along a corridor, rotations about the centre of a round hall.
     """
-    mid, half = 0.5 * (H[0, 0] + H[1, 1]), np.hypot(0.5 * (H[0, 0] - H[1, 1]), H[0, 1])
-    angle = 0.5 * np.arctan2(2.0 * H[0, 1], H[0, 0] - H[1, 1])
-    # Across the direction of the most information.
-    x, y = -np.sin(angle), np.cos(angle)
-    by_noise = x * x * noise[0, 0] + 2.0 * x * y * noise[0, 1] + y * y * noise[1, 1]
-    if mid - half >= MIN_INFORMATION_RATIO * by_noise:
+    N = noise.copy()
+    N[0, 0] += MIN_INFORMATION[0]
+    N[1, 1] += MIN_INFORMATION[0]
+    N[2, 2] += MIN_INFORMATION[1]
+    if _is_positive(H - MIN_INFORMATION_RATIO * N):
         return
-    keep = np.array([[1.0 - x * x, -x * y, 0.0], [-x * y, 1.0 - y * y, 0.0], [0.0, 0.0, 1.0]])
-    H[:] = keep @ H @ keep
-    b[:] = keep @ b
+    L = np.linalg.cholesky(N)
+    to_units = np.linalg.inv(L)
+    values, vectors = np.linalg.eigh(to_units @ H @ np.ascontiguousarray(to_units.T))
+    keep = np.zeros((3, 3))
+    for k in range(3):
+        if values[k] >= MIN_INFORMATION_RATIO:
+            _add_square(keep, vectors[:, k].copy(), 1.0)
+    project = L @ keep @ to_units
+    H[:] = project @ H @ np.ascontiguousarray(project.T)
+    b[:] = project @ b
+
+
+@kernel
+def _is_positive(M: Float64) -> bool:  # pragma: no cover - compiled
+    """Return whether a symmetric matrix (3, 3) is positive definite (Sylvester)."""
+    minor = M[0, 0] * M[1, 1] - M[0, 1] * M[0, 1]
+    last = M[2, 2] * minor - M[0, 2] * (M[0, 2] * M[1, 1] - M[0, 1] * M[1, 2])
+    last -= M[1, 2] * (M[0, 0] * M[1, 2] - M[0, 1] * M[0, 2])
+    return bool(M[0, 0] > 0.0 and minor > 0.0 and last > 0.0)
+
+
+@kernel
+def _add_square(M: Float64, v: Float64, w: float) -> None:  # pragma: no cover - compiled
+    """Add w v v^T."""
+    for k in range(3):
+        for m in range(3):
+            M[k, m] += w * v[k] * v[m]
 
 
 @kernel

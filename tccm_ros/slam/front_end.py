@@ -13,7 +13,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.slam.alignment import Alignment, Prior, agreement, align
+from tccm_ros.slam.alignment import Alignment, Prior, agreement, align, seen_through
 from tccm_ros.slam.correlation import SEARCH_WEIGHT, correlate
 from tccm_ros.slam.level_scan import LevelScan
 from tccm_ros.slam.likelihood_grid import LikelihoodGrid, make_likelihood_grid
@@ -64,6 +64,19 @@ LOST_INFLATION = 4.0
 CONFIRMING_KEYFRAMES = 3
 """In a map of fewer keyframes, hardly any surface is confirmed: confirmation is not asked
 (chosen)."""
+
+STANDING_STEP = (0.002, 0.002)
+"""A robot stands whose odometry reports a step of less than this (m, rad) between two scans
+(chosen)."""
+
+LOST_FRACTION, LOST_TIME = 0.15, 1.5
+"""A robot that stands is lost where its scans see through more than this fraction of the confirmed
+surfaces in view for so long (s): it was carried (chosen: who walks past hides surfaces and does not
+let them be seen through; who stands sees through 0.00 of them, who was carried 5 m along the tests'
+ring through 0.20 to 0.55)."""
+
+NOTICE_TIME = 0.5
+"""A contradiction is told after this time (s) (chosen: who walks past at once is none)."""
 
 MIN_GAIN, MIN_GAIN_WITHOUT_ODOMETRY = 0.3, 0.1
 """Quality by which a match of the wide search must exceed the first: against odometry, and without
@@ -140,9 +153,11 @@ class FrontEnd:
     first_id
         Id of the first keyframe of this session.
     session
-        Number of this session.
+        Number of this session; a robot that was lost begins another one.
     keyframes
-        Of this session.
+        Of all sessions since the start.
+    is_lost
+        Whether the newest scans match nothing: the next one begins another session.
     tracked
         The poses of all scans.
     pose
@@ -155,6 +170,8 @@ class FrontEnd:
     keyframes: list[GraphKeyframe] = field(default_factory=list)
     tracked: list[TrackedPose] = field(default_factory=list)
     pose: Float64 = field(default_factory=lambda: np.zeros(3))
+    is_lost: bool = False
+    _unmatched_ns: int | None = None
     _map: _LocalMap | None = None
     _last: LevelScan | None = None
     _step: Float64 = field(default_factory=lambda: np.zeros(3))
@@ -168,6 +185,8 @@ class FrontEnd:
 
     def add(self, scan: LevelScan, start: Float64 | None = None) -> TrackedPose:
         """Estimate the pose of a scan; `start` (3,) is that of the first in the front end's map."""
+        if self.is_lost:
+            self.begin_session()
         if self._last is None:
             self.pose = np.zeros(3) if start is None else np.asarray(start, float)
             self._add_keyframe(scan, np.zeros((3, 3)))
@@ -179,6 +198,19 @@ class FrontEnd:
         tracked = TrackedPose(scan.stamp_ns, keyframe.id, between(keyframe.pose, self.pose), cov)
         self.tracked.append(tracked)
         return tracked
+
+    def begin_session(self) -> None:
+        """Begin another session: the next scan is somewhere else."""
+        if self._last is not None:
+            self.session += 1
+        self.is_lost, self._unmatched_ns = False, None
+        self._map = self._last = self._information = None
+        self._step, self._contradictions = np.zeros(3), 0
+
+    def contradicts(self, stamp_ns: int) -> bool:
+        """Return whether scans have contradicted odometry for a while at a stamp."""
+        since_ns = self._unmatched_ns
+        return since_ns is not None and stamp_ns - since_ns > NOTICE_TIME * 1e9
 
     def forget(self) -> None:
         """Drop the keyframes and poses that no later scan is matched with."""
@@ -194,6 +226,7 @@ class FrontEnd:
         predicted, prior, prior_cov = self._predict(scan)
         self.pose, cov, inliers = self._match(scan, predicted, prior, prior_cov)
         self._check_standing(scan, prior, prior_cov)
+        self._check_lost(scan)
         self._step = between(before, self.pose)
         if not self._believes_odometry(scan):
             # Constant velocity, but for the part that is the prediction's own.
@@ -260,6 +293,28 @@ class FrontEnd:
             self._odometry_pose, self._anchor_odom = self.pose.copy(), scan.odom
             self._anchor_cov = STEADY_COV
 
+    def _check_lost(self, scan: LevelScan) -> None:
+        """Note how long scans have contradicted odometry that says that the robot stands."""
+        is_seen_through = (
+            self._map is not None
+            and self._stands(scan)
+            and seen_through(self.pose, scan, self._map.lines) > LOST_FRACTION
+        )
+        if not is_seen_through:
+            self._unmatched_ns = None
+        elif self._unmatched_ns is None:
+            self._unmatched_ns = scan.stamp_ns
+        elif scan.stamp_ns - self._unmatched_ns > LOST_TIME * 1e9:
+            self.is_lost = True
+
+    def _stands(self, scan: LevelScan) -> bool:
+        """Return whether wheels that have turned before say that the robot stands."""
+        if self._last is None or not self._moved or not self._believes_odometry(scan):
+            return False
+        step = between(self._last.odom, scan.odom)
+        moved, turned = float(np.hypot(step[0], step[1])), abs(float(step[2]))
+        return moved < STANDING_STEP[0] and turned < STANDING_STEP[1]
+
     def _contradicts(self, scan: LevelScan, prior: Float64, prior_cov: Float64) -> bool:
         """Return whether matching alone deviates from odometry that has never reported a motion."""
         if self._information is None or self._moved:
@@ -281,7 +336,7 @@ class FrontEnd:
         if self._map is None or not self.config.matching.enabled or len(scan.points) < MIN_POINTS:
             return predicted, prior_cov, 1.0
         result = self._align_near(scan, predicted, prior, prior_cov, self._window(prior_cov))
-        if result.inliers < MIN_INLIERS:
+        if result.inliers < MIN_INLIERS and not self._stands(scan):
             wide = self._search_wide(scan, predicted, result)
             if wide is not result:
                 # Odometry was wrong by more than its model: it is not used for this motion.
@@ -340,12 +395,16 @@ class FrontEnd:
 
     def _match_quality(self, scan: LevelScan, alignment: Alignment) -> float:
         assert self._map is not None
-        if len(self.keyframes) < CONFIRMING_KEYFRAMES:
+        if self._keyframes_of_session() < CONFIRMING_KEYFRAMES:
             return alignment.inliers
         return agreement(alignment, scan, self._map.lines)
 
+    def _keyframes_of_session(self) -> int:
+        recent = self.keyframes[-CONFIRMING_KEYFRAMES:]
+        return sum(keyframe.session == self.session for keyframe in recent)
+
     def _add_keyframe(self, scan: LevelScan, cov: Float64) -> None:
-        first = not self.keyframes
+        first = not self.keyframes or self.keyframes[-1].session != self.session
         delta = np.zeros(3) if first else between(self.keyframes[-1].pose, self.pose)
         keyframe = GraphKeyframe(
             self.first_id + len(self.keyframes), scan, self.pose.copy(), delta, cov, self.session
@@ -357,6 +416,7 @@ class FrontEnd:
 
     def _rebuild_map(self) -> None:
         recent = self.keyframes[-self.config.matching.submap_keyframes :]
+        recent = [keyframe for keyframe in recent if keyframe.session == self.session]
         poses = np.stack([k.pose for k in recent])
         lines = make_line_map(poses, [k.scan for k in recent])
         self._map = _LocalMap(lines, make_likelihood_grid(lines.points, LOCAL_LEVELS))

@@ -44,6 +44,19 @@ FLATNESS = 0.2
 """Largest ratio of a neighbourhood's thickness to its length that still has a normal (chosen)."""
 
 
+MIN_OFFSET = 0.2
+"""A surface is not seen that the laser is nearer to (m), measured across it (chosen)."""
+
+ADJACENT_BEAMS = 2.5
+"""Points within this many steps of the laser are of adjacent beams: one may be lost between them
+(chosen)."""
+
+MAX_GAP, MAX_BEND = 5.0, 0.05
+"""Points further from each other (m) than the first are not taken as one surface that is seen
+under a small angle; neither are three of which the middle one is further (m) than the second from
+the chord (chosen: two standard deviations of a noisy laser)."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LevelScan:
     """Planar points in the base frame of the scan's stamp.
@@ -60,7 +73,8 @@ class LevelScan:
         float64 (2,), where the laser was at the stamp.
     points, normals
         float64 (N, 2): the beams averaged over 4 cm, and unit normals towards the laser, zero
-        where the surroundings are not flat.
+        where the surroundings are not flat. Points that only sample a surface are left out (see
+        `thin_with_normals`).
     has_odometry
         Whether odometry or tf tells how the base moves.
     """
@@ -95,6 +109,12 @@ def thin_with_normals(
 ) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
     """Average beams over 4 cm and fit a normal to the neighbours of each mean.
 
+    A point without neighbours is the position of a small object where the beams beside it go on
+    behind it. Else it is one sample of a surface that is seen under a small angle, or an edge of
+    what hides another: where along the surface it is follows from the beam, and moves with the
+    robot. It has the normal of the line through the points beside it; where there is no line, it is
+    left out.
+
     Parameters
     ----------
     beams
@@ -106,7 +126,7 @@ def thin_with_normals(
 
     Returns
     -------
-    Points and unit normals, float64 (N, 2) each; zero where the surroundings are not flat
+    Points and unit normals, float64 (N, 2) each; zero for corners and small objects
     """
     points = np.empty((len(beams), 2))
     count = 0
@@ -122,11 +142,90 @@ def thin_with_normals(
         count, i = count + 1, j
     points = points[:count].copy()
     normals = np.zeros((count, 2))
+    kept = np.ones(count, np.bool_)
     for i in range(count):
         for times in WIDTHS:
             if _fit_normal(points, i, origin, step, times, normals):
                 break
-    return points, normals
+        else:
+            if _is_sample_of_surface(points, i, origin, step):
+                kept[i] = _fit_sparse_normal(points, i, origin, normals)
+    return points[kept], normals[kept]
+
+
+@kernel
+def _is_sample_of_surface(
+    points: Float64, i: int, origin: Float64, step: float
+) -> bool:  # pragma: no cover - compiled
+    """Return whether point i has few neighbours, and is not before what is beside it."""
+    rx, ry = points[i, 0] - origin[0], points[i, 1] - origin[1]
+    radius = _radius(np.hypot(rx, ry) * step, 1)
+    count, behind = 1, 0
+    for side in (-1, 1):
+        j = i
+        while 0 <= j + side < len(points) and count < MIN_NEIGHBOURS:
+            dx, dy = points[j + side, 0] - points[j, 0], points[j + side, 1] - points[j, 1]
+            if dx * dx + dy * dy > radius * radius:
+                break
+            j, count = j + side, count + 1
+        behind += _is_before(points, j, j + side, origin, step, radius)
+    return count < MIN_NEIGHBOURS and behind < 2
+
+
+@kernel
+def _is_before(
+    points: Float64, i: int, j: int, origin: Float64, step: float, radius: float
+) -> bool:  # pragma: no cover - compiled
+    """Return whether the beam beside point i goes on behind it: to point j, or to nothing."""
+    if j < 0 or j >= len(points):
+        return True
+    ax, ay = points[i, 0] - origin[0], points[i, 1] - origin[1]
+    bx, by = points[j, 0] - origin[0], points[j, 1] - origin[1]
+    angle = abs(np.arctan2(ax * by - ay * bx, ax * bx + ay * by))
+    # Near points are means of several beams.
+    adjacent = ADJACENT_BEAMS * step + THIN_DISTANCE / min(np.hypot(ax, ay), np.hypot(bx, by))
+    return bool(angle > adjacent or np.hypot(bx, by) > np.hypot(ax, ay) + radius)
+
+
+@kernel
+def _fit_sparse_normal(
+    points: Float64, i: int, origin: Float64, normals: Float64
+) -> bool:  # pragma: no cover - compiled
+    """Write the normal of the line through point i and two beside it; return whether there is."""
+    for first in (i - 1, i - 2, i):
+        if first < 0 or first + 2 >= len(points):
+            continue
+        a, m, b = points[first], points[first + 1], points[first + 2]
+        if max(np.hypot(m[0] - a[0], m[1] - a[1]), np.hypot(b[0] - m[0], b[1] - m[1])) > MAX_GAP:
+            continue
+        dx, dy = b[0] - a[0], b[1] - a[1]
+        length = np.hypot(dx, dy)
+        forward = (m[0] - a[0]) * dx + (m[1] - a[1]) * dy
+        bend = (m[0] - a[0]) * dy - (m[1] - a[1]) * dx
+        if not 0.0 < forward < length * length or abs(bend) > MAX_BEND * length:
+            continue
+        # The end of a screen, a mixed pixel and what is behind are in line with the laser.
+        if abs((a[0] - origin[0]) * dy - (a[1] - origin[1]) * dx) < MIN_OFFSET * length:
+            continue
+        _write_normal(points, i, origin, -dy / length, dx / length, normals)
+        return True
+    return False
+
+
+@kernel
+def _radius(spacing: float, times: int) -> float:  # pragma: no cover - compiled
+    """Return the radius of a neighbourhood where points have this spacing."""
+    return min(times * max(MIN_RADIUS, RADIUS_BEAMS * spacing), MAX_RADIUS)
+
+
+@kernel
+def _write_normal(
+    points: Float64, i: int, origin: Float64, nx: float, ny: float, normals: Float64
+) -> None:  # pragma: no cover - compiled
+    """Write a unit normal of point i, so that it points to the laser."""
+    away = nx * (points[i, 0] - origin[0]) + ny * (points[i, 1] - origin[1])
+    sign = -1.0 if away > 0.0 else 1.0
+    normals[i, 0], normals[i, 1] = sign * nx, sign * ny
 
 
 @kernel
@@ -135,8 +234,7 @@ def _fit_normal(
 ) -> bool:  # pragma: no cover - compiled
     """Write the normal of point i and return True, if a neighbourhood `times` as large is flat."""
     rx, ry = points[i, 0] - origin[0], points[i, 1] - origin[1]
-    spacing = np.sqrt(rx * rx + ry * ry) * step
-    radius = min(times * max(MIN_RADIUS, RADIUS_BEAMS * spacing), MAX_RADIUS)
+    radius = _radius(np.sqrt(rx * rx + ry * ry) * step, times)
     sx = sy = sxx = sxy = syy = 0.0
     n = 0
     for side in (-1, 1):
@@ -158,7 +256,5 @@ def _fit_normal(
     if mid - half > FLATNESS * FLATNESS * (mid + half):
         return False
     angle = 0.5 * np.arctan2(2.0 * b, a - c) + 0.5 * np.pi
-    nx, ny = np.cos(angle), np.sin(angle)
-    sign = -1.0 if nx * rx + ny * ry > 0.0 else 1.0
-    normals[i, 0], normals[i, 1] = sign * nx, sign * ny
+    _write_normal(points, i, origin, np.cos(angle), np.sin(angle), normals)
     return True

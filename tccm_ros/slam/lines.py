@@ -48,6 +48,11 @@ class Lines:
         return len(self.phi)
 
 
+NO_LINES = Lines(
+    np.zeros(0), np.zeros(0), np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros(0, np.int64)
+)
+
+
 def label_by_splitting(beams: Float64, config: Config) -> Int32:
     """Label the beams of each segment by split and merge."""
     return split_segments(

@@ -110,14 +110,20 @@ class LiveEstimate:
         self._solved: SolvedKeyframe | None = None
         self._walls = NO_WALLS
         self._newest: _Estimate | None = None
+        self._session = -1
 
     def add(self, keyframe: GraphKeyframe, lines: Lines) -> None:
         """Add the next keyframe of the front end, and the lines that it sees, in its frame."""
+        if keyframe.session != self._session:  # the robot was lost: it is somewhere else
+            self._since.clear()
+            self._session, self._newest, self._solved, self._walls = (
+                keyframe.session, None, None, NO_WALLS,
+            )  # fmt: skip
         self._since.append((keyframe, lines))
         self._newest = self._after(self._newest, keyframe, lines)
 
-    def take(self, solved: SolvedKeyframe, walls: MapWalls) -> None:
-        """Go on from a solution: from its newest keyframe, if that is of this session.
+    def take(self, solved: SolvedKeyframe, walls: MapWalls) -> bool:
+        """Go on from a solution: from its newest keyframe; return whether that is of this session.
 
         Parameters
         ----------
@@ -127,13 +133,14 @@ class LiveEstimate:
             The solution's walls, in map.
         """
         if not self._since or not self._since[0][0].id <= solved.id <= self._since[-1][0].id:
-            return
+            return False
         while self._since[0][0].id < solved.id:
             self._since.popleft()
         self._solved, self._walls = solved, walls
         self._newest = _Estimate(solved.pose, np.zeros((3, 3)))
         for keyframe, lines in list(self._since)[1:]:
             self._newest = self._after(self._newest, keyframe, lines)
+        return True
 
     def pose(self, tracked: TrackedPose) -> Float64:
         """Return the pose float64 (3,) in map of a scan that hangs on the newest keyframe."""

@@ -100,6 +100,49 @@ class LoopSearch:
             return self._look_everywhere(k, poses, localised)
         return self._look_nearby(k, poses, lengths)
 
+    def look_around(
+        self, k: int, guess: Window, poses: Float64, localised: Collection[int]
+    ) -> list[Proposal]:
+        """Match keyframe `k` with the submaps around a pose that somebody has told.
+
+        Parameters
+        ----------
+        k
+            A keyframe of a session that is not localised.
+        guess
+            Where it is in map, and how far it may be from there.
+        poses
+            float64 (K, 3), estimates of the keyframes.
+        localised
+            Sessions in the map's frame.
+
+        Returns
+        -------
+        list of Proposal
+            The match with the best score, where one is not rejected.
+        """
+        centres = [
+            c
+            for c in range(0, k, SUBMAP_STEP)
+            if self.keyframes[c].session in localised
+            and np.hypot(*(poses[c, :2] - guess.centre[:2])) <= OVERLAP + guess.half_width_m
+        ]
+        centres.sort(key=lambda c: (float(np.hypot(*(poses[c, :2] - guess.centre[:2]))), c))
+        patch = make_patch(self.keyframes, k, PATCH_HALF)
+        if len(patch.points) < MIN_POINTS:
+            return []
+        found = [
+            propose(
+                self._submap(c),
+                patch,
+                replace(guess, centre=between(poses[c], guess.centre)),
+                self.config,
+            )
+            for c in centres[:MAX_PASSES]
+        ]
+        fit = [p for p in found if p is not None and not p.reason]
+        return [max(fit, key=lambda p: p.score)] if fit else []
+
     def _look_nearby(self, k: int, poses: Float64, lengths: PathLengths) -> list[Proposal]:
         """Match keyframe k with the submaps of earlier passes."""
         candidates = self._candidates(k, poses, lengths)

@@ -14,12 +14,13 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
+from tccm_ros.records import PoseGuess
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.graph import IncrementalGraph
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
 from tccm_ros.slam.loop_consistency import consistent_with
-from tccm_ros.slam.loop_matching import LoopReason, Proposal
+from tccm_ros.slam.loop_matching import LoopReason, Proposal, Window
 from tccm_ros.slam.loop_search import LoopSearch
 from tccm_ros.slam.path_lengths import PathLengths
 from tccm_ros.slam.se2 import between, compose, inverse
@@ -29,6 +30,13 @@ NEIGHBOURHOOD = 15.0
 
 UPDATE_THRESHOLD_M, UPDATE_THRESHOLD_RAD = 0.08, 0.015
 """A loop closure that contradicts the estimate by more updates all keyframes at once (chosen)."""
+
+GUESS_KEYFRAMES, GUESS_SIGMAS = 10, 2.0
+"""Keyframes that are matched around a pose that somebody has told, within so many standard
+deviations (chosen)."""
+
+MIN_GUESS_M, MIN_GUESS_RAD = 0.3, 0.15
+"""Half width of that search at least: who tells a pose by hand is not more exact (chosen)."""
 
 BATCH = 10
 """Keyframes that are added to the live graph together: an update costs the same for one as for a
@@ -72,6 +80,13 @@ class LoopCloser:
         self._fresh: list[Proposal] = []
         self._unused: list[AnchoredObservation] = []
         self._observers = 0
+        # Where somebody says that the next keyframe is, and that keyframe.
+        self._guess: PoseGuess | None = None
+        self._guessed = -1
+
+    def note_guess(self, guess: PoseGuess) -> None:
+        """Look for the session that the next keyframe begins around a pose."""
+        self._guess, self._guessed = guess, -1
 
     @property
     def unconfirmed(self) -> list[Proposal]:
@@ -93,6 +108,8 @@ class LoopCloser:
             self._waiting.append(k)
         if len(self._waiting) >= BATCH:
             self._update()
+        if self._guess is not None:
+            self._close_around(k, self._guess)
         if self._config.loops.enabled:
             self._close(k)
 
@@ -156,6 +173,25 @@ class LoopCloser:
                 self._confirm(proposal)
             else:
                 self.rejected.append(proposal)
+
+    def _close_around(self, k: int, guess: PoseGuess) -> None:
+        """Look for keyframe k where somebody says that it is; the first match counts."""
+        self._guessed = k if self._guessed < 0 else self._guessed
+        is_late = k >= self._guessed + GUESS_KEYFRAMES
+        if is_late or self._chain.keyframes[k].session in self._localised:
+            self._guess = None
+            return
+        moved = between(self.poses[self._guessed], self.poses[k])
+        sigmas = np.sqrt(np.diag(guess.cov))
+        window = Window(
+            compose(guess.pose, moved),
+            max(MIN_GUESS_M, GUESS_SIGMAS * float(sigmas[:2].max())),
+            min(max(MIN_GUESS_RAD, GUESS_SIGMAS * float(sigmas[2])), float(np.pi)),
+        )
+        found = self._search.look_around(k, window, self.poses, self._localised)
+        if found:
+            self._guess = None
+            self._accept(found)
 
     def _confirm(self, proposal: Proposal) -> None:
         """Accept a proposal, and those that it confirms, once enough agree."""

@@ -27,6 +27,10 @@ SCALE_DRIFT = 0.001
 MIN_STEP, MAX_YAW = 0.15, 0.25
 """A step that is shorter (m), or has a larger yaw (rad), is not used for the scale (chosen)."""
 
+MAX_VARIANCE_RATIO = 16.0
+"""A step is not used for the scale where matching knows its length with more than this many times
+the variance of odometry: along a plain corridor, the length is odometry's own (chosen)."""
+
 GATE_CHI2 = 9.0
 """Gate for the squared innovation over its variance, beyond which wheels have slipped. Chosen:
 three standard deviations, 99.7 % of one degree of freedom."""
@@ -105,6 +109,8 @@ class OdometryScale:
         # A weak prior only makes the inverse exist: 1 m, 1 rad.
         v_match = float(along @ np.linalg.inv(matched + np.eye(3)) @ along)
         v_odometry = float(odometry_cov[0, 0])
+        if v_match > MAX_VARIANCE_RATIO * v_odometry:
+            return
         # The length by matching alone: `moved` is its mean with odometry, weighted by information.
         length_moved = float(along @ moved)
         ratio = v_match / v_odometry

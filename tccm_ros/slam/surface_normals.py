@@ -23,6 +23,11 @@ MIN_POINTS = 4
 """Points that a missing normal is fitted to at least. Chosen: two more than a line has
 parameters."""
 
+PRIOR_SIGMA, PRIOR_FREEDOM = 0.08, 20.0
+"""Standard deviation (rad) of single normals, and the degrees of freedom with which it counts
+beside the scatter that is found: in a map of one scan hardly any point has two normals (chosen:
+that of ordinary lasers)."""
+
 MOMENTS = np.dtype([(name, np.float64) for name in ("n", "x", "y", "xx", "xy", "yy")])
 """Number of points, and the sums of their coordinates and of the products of these."""
 
@@ -65,7 +70,8 @@ def mean_normals(
             freedom += count[j] - 1.0
             total[j, 0] /= length
             total[j, 1] /= length
-    scatter = squares / max(freedom, 1.0)
+    squares += PRIOR_FREEDOM * PRIOR_SIGMA**2
+    scatter = squares / (freedom + PRIOR_FREEDOM)
     return total, np.where(count > 0.0, scatter / np.maximum(count, 1.0), 0.0)
 
 

@@ -8,6 +8,7 @@ and its memory does not grow.
 from __future__ import annotations
 
 from collections import Counter
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from tccm_ros.records import (
     ObjectBoxes,
     Odometry,
     PosedScan,
+    PoseGuess,
     SurfaceCloud,
     ViewIntervals,
 )
@@ -39,6 +41,15 @@ COUNTED = {
 """Events that are counted here and used by the solution alone."""
 
 
+class LocalisationState(IntEnum):
+    """As tccm_interfaces/Localisation numbers it."""
+
+    UNKNOWN = 0
+    TRACKING = 1
+    SEARCHING = 2
+    LOST = 3
+
+
 class SolvedMap(NamedTuple):
     """What a solution tells of the map and of the robot in it.
 
@@ -50,11 +61,14 @@ class SolvedMap(NamedTuple):
         The newest keyframe; None without any.
     walls
         In map.
+    is_localised
+        Whether the place of this session in the map is known.
     """
 
     T_map_front: Float64
     keyframe: SolvedKeyframe | None
     walls: MapWalls
+    is_localised: bool = True
 
 
 class Tracker:
@@ -68,18 +82,27 @@ class Tracker:
         Groups ``matching``, ``odometry``, ``graph``, ``lines`` and ``walls``.
     first_keyframe
         Id of the first keyframe, and number of the session (`WallSlam.first_keyframe`).
+    is_localised
+        Whether the place of the session in the map is known: not in one that was loaded.
 
     Attributes
     ----------
     counts
         ``level scans`` matched, ``keyframes`` made of them, ``clouds``, ``views`` and ``boxes``
-        received, ``resets``.
+        received, ``resets``, and how often the robot was ``lost``.
     odom_frame
         Name of the odometry frame.
     """
 
-    def __init__(self, config: Config, first_keyframe: tuple[int, int] = (0, 0)):
+    def __init__(
+        self,
+        config: Config,
+        first_keyframe: tuple[int, int] = (0, 0),
+        *,
+        is_localised: bool = True,
+    ):
         self._config = config
+        self._starts_localised = is_localised
         self.counts: Counter[str] = Counter()
         self.odom_frame = config.frames.odom_name
         self._begin(first_keyframe)
@@ -92,10 +115,12 @@ class Tracker:
         self._estimate = LiveEstimate(self._config)
         self._solved: SolvedMap | None = None
         self._stamp_ns, self._odom = -1, np.zeros(3)
+        self._is_localised = self._starts_localised
+        self._session = first_keyframe[1]
 
     def takes(self, event: Any) -> bool:
         """Return whether an event is for the SLAM processor."""
-        kinds = (PosedScan, Odometry, LandmarkObservation, *COUNTED)
+        kinds = (PosedScan, Odometry, LandmarkObservation, PoseGuess, *COUNTED)
         return type(event) in kinds and getattr(event, "role", None) in {None, *roles_of("slam")}
 
     def add(self, event: Any) -> None:
@@ -104,6 +129,8 @@ class Tracker:
             self._add_scan(event)
         elif isinstance(event, Odometry):
             self._add_odometry(event)
+        elif isinstance(event, PoseGuess):
+            self._front.is_lost = bool(self._front.tracked)
         elif type(event) in COUNTED:
             self.counts[COUNTED[type(event)]] += 1
             if isinstance(event, MapReset):
@@ -111,9 +138,29 @@ class Tracker:
 
     def take(self, solved: SolvedMap) -> None:
         """Go on from a solution: the live pose takes its correction."""
-        self._solved = solved
-        if solved.keyframe is not None:
-            self._estimate.take(solved.keyframe, solved.walls)
+        is_ours = solved.keyframe is None or self._estimate.take(solved.keyframe, solved.walls)
+        if is_ours or not self._front.tracked:
+            self._solved, self._is_localised = solved, solved.is_localised
+
+    @property
+    def state(self) -> LocalisationState:
+        """Whether the live pose is that of the map."""
+        if self._stamp_ns < 0:
+            return LocalisationState.UNKNOWN
+        if self._front.contradicts(self._stamp_ns):
+            return LocalisationState.LOST
+        return LocalisationState.TRACKING if self._is_localised else LocalisationState.SEARCHING
+
+    @property
+    def solved_keyframe(self) -> int:
+        """Id of the newest keyframe in the newest solution that was taken; -1 without one."""
+        solved = self._solved
+        return -1 if solved is None or solved.keyframe is None else solved.keyframe.id
+
+    @property
+    def is_localised(self) -> bool:
+        """Whether the place of this session in the map is known."""
+        return self._is_localised
 
     def current_pose(self) -> LivePose:
         """Return the live estimate, in the map of the newest solution."""
@@ -154,6 +201,9 @@ class Tracker:
 
     def _add_keyframe(self, level: LevelScan) -> None:
         self.counts["keyframes"] += 1
+        if self._front.session != self._session:  # the robot was lost
+            self._session, self._is_localised = self._front.session, False
+            self.counts["lost"] += 1
         lines = extract_lines(level.beams, level.origin, self._config)
         self._estimate.add(self._front.keyframes[-1], lines)
 

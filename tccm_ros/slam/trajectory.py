@@ -119,6 +119,9 @@ def _changes(keyframes: Sequence[GraphKeyframe], poses: Float64) -> tuple[Float6
         measured = np.stack([k.delta for k in keyframes[1:]])
         change[:-1] = between2(poses[:-1], poses[1:]) - measured
         change[:, 2] = wrap_angle(change[:, 2])
+        # From one session to the next there is no step.
+        session = np.array([k.session for k in keyframes])
+        change[:-1][np.diff(session) != 0] = 0.0
     return change, begin, span
 
 
@@ -175,7 +178,8 @@ def _between_scans(
     here: TrackedPose, after: TrackedPose, keyframes: Sequence[GraphKeyframe], stamp: int
 ) -> Float64:
     """Interpolate in the keyframe of the scan before; held outside."""
-    if after is here or stamp <= here.stamp_ns:
+    is_other = keyframes[after.keyframe].session != keyframes[here.keyframe].session
+    if after is here or is_other or stamp <= here.stamp_ns:
         return here.pose
     end = after.pose
     if after.keyframe != here.keyframe:

@@ -6,6 +6,7 @@ The method is described in docs/design/wall_slam.md.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar
-from tccm_ros.records import Keyframe, LandmarkObservation, PosedScan, ScanPose
+from tccm_ros.records import Keyframe, LandmarkObservation, PosedScan, PoseGuess, ScanPose
 from tccm_ros.slam.chain import AnchoredPose, Chain
 from tccm_ros.slam.corners import corner_factors
 from tccm_ros.slam.factors.factor import Factor
@@ -25,7 +26,7 @@ from tccm_ros.slam.graph import GraphSolution
 from tccm_ros.slam.inliers import Inliers, select_inliers
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors, landmark_records
 from tccm_ros.slam.level_scan import LevelScan, make_level_scan
-from tccm_ros.slam.lines import LabelBeams, Lines, extract_lines, label_by_splitting
+from tccm_ros.slam.lines import NO_LINES, LabelBeams, Lines, extract_lines, label_by_splitting
 from tccm_ros.slam.loops import LoopCloser
 from tccm_ros.slam.saved_walls import SavedWalls, pack_walls, unpack_walls
 from tccm_ros.slam.se2 import between, compose, inverse
@@ -73,6 +74,7 @@ class WallSlam:
         self._chain = Chain()
         self._closer = LoopCloser(config, self._chain)
         self._front = FrontEnd(config)
+        self._first_session = 0
         self._odometry = OdometryTrack()
         self._live = LivePose(-1, np.zeros(3), np.zeros(3))
         # Of landmarks: in earlier sessions, in this one, and not yet anchored to its keyframes.
@@ -126,6 +128,14 @@ class WallSlam:
         self._observed.append(observation)
         self._unanchored.append(observation)
 
+    def add_guess(self, guess: PoseGuess) -> None:
+        """Begin a session with the next scan, and look for its place around a pose.
+
+        The place counts once a scan fits the map there.
+        """
+        self._front.is_lost = bool(self._front.tracked)
+        self._closer.note_guess(guess)
+
     def motion_between(self, first_ns: int, last_ns: int) -> Float64 | None:
         """Return the live estimate of the motion of the base between two stamps, float64 (3,).
 
@@ -166,6 +176,30 @@ class WallSlam:
         seen = _by_stamp(o for o in self._unanchored if o.stamp_ns <= stamp)
         self._unanchored = [o for o in self._unanchored if o.stamp_ns > stamp]
         self._closer.add(keyframe.id, self._anchor_observations(seen))
+
+    # -- a robot that was lost -----------------------------------------------------------------
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the robot was lost, and its place in the map is not found yet."""
+        return self._front.is_lost or self._is_detached(self._front.session)
+
+    @property
+    def has_place(self) -> bool:
+        """Whether the map has a place where this run began; always without a saved map."""
+        return self._first_session in self._closer.localised
+
+    def _is_detached(self, session: int) -> bool:
+        """Return whether a session began as the robot was lost, and has no place in the map."""
+        return session > self._first_session and session not in self._closer.localised
+
+    def _is_in_map(self, k: int) -> bool:
+        return not self._is_detached(self._chain.keyframes[k].session)
+
+    def kept_keyframes(self) -> dict[int, int]:
+        """Return the numbers in a saved map of the keyframes that have a place in the map."""
+        kept = [k.id for k in self._chain.keyframes if not self._is_detached(k.session)]
+        return {k: n for n, k in enumerate(kept)}
 
     # -- result --------------------------------------------------------------------------------
 
@@ -211,12 +245,13 @@ class WallSlam:
         graph.add(seen.factors)
         solution = graph.optimise()
         poses, keyframes = solution.planar_poses(keys), self._chain.keyframes
+        tracked = [p for p in self._front.tracked if self._is_in_map(p.keyframe)]
         return Solution(
             [Keyframe(k.id, k.scan.stamp_ns, pose) for k, pose in zip(keyframes, poses)],
             wall_records(used.walls, used.corners, solution, used.scale),
             used.records,
-            np.array([p.stamp_ns for p in self._front.tracked], np.int64),
-            scan_poses(self._front.tracked, keyframes, poses),
+            np.array([p.stamp_ns for p in tracked], np.int64),
+            scan_poses(tracked, keyframes, poses),
             np.array([solution.pose(key) for key in view_keys]).reshape(-1, 4, 4),
             np.array([solution.covariance(key) for key in view_keys]).reshape(-1, 6, 6),
             np.array([v.keyframe for v in anchored], np.int64),
@@ -237,8 +272,10 @@ class WallSlam:
         """Return the inliers; they are selected again only after new records."""
         now = len(self._front.tracked), len(self._odometry), len(self._observed)
         if self._selected is None or self._selected[0] != now:
+            # A wall is of the map, and not of a place that is not found yet.
+            lines = [x if self._is_in_map(k) else NO_LINES for k, x in enumerate(self._lines)]
             inliers = select_inliers(
-                self._closer, self._chain, self._lines, self._all_observations(), self.config
+                self._closer, self._chain, lines, self._all_observations(), self.config
             )
             self._selected = now, inliers
         return self._selected[1]
@@ -290,8 +327,21 @@ class WallSlam:
         if not self._chain.keyframes:
             return pack_walls(SavedWalls([], [], np.zeros((0, 3)), [], []))
         poses = np.array([k.pose for k in (solution or self.solve()).keyframes])
-        used, keyframes = self._inliers(), self._chain.keyframes
-        return pack_walls(SavedWalls(keyframes, self._lines, poses, used.loops, used.observations))
+        used, number = self._inliers(), self.kept_keyframes()
+        kept = list(number)
+        return pack_walls(
+            SavedWalls(
+                [self._chain.keyframes[k] for k in kept],
+                [self._lines[k] for k in kept],
+                poses[kept],
+                [replace(p, a=number[p.a], b=number[p.b]) for p in used.loops],
+                [
+                    replace(o, anchored=replace(o.anchored, keyframe=number[o.anchored.keyframe]))
+                    for o in used.observations
+                    if o.anchored.keyframe in number
+                ],
+            )
+        )
 
     def correction(self, solution: Solution) -> Float64:
         """Return where the front end's own map is in that of a solution, planar pose (3,).
@@ -341,6 +391,7 @@ class WallSlam:
         keyframes = saved.keyframes
         session = 1 + max((k.session for k in keyframes), default=-1)
         slam._front = FrontEnd(config, first_id=len(keyframes), session=session)
+        slam._first_session = session
         slam._live = slam._live._replace(localised=not keyframes)
         return slam
 

@@ -23,6 +23,7 @@ from tccm_ros.records import (
     ObjectBoxes,
     Odometry,
     PosedScan,
+    PoseGuess,
     ScanPose,
     Surface,
     SurfaceCloud,
@@ -42,7 +43,7 @@ from tccm_ros.surfaces.session_alignment import SessionAlignment, align_session
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
 from tccm_ros.surfaces.views import View
 
-SlamInput = Event | LandmarkObservation | ObjectBoxes | SurfaceCloud | ViewIntervals
+SlamInput = Event | LandmarkObservation | ObjectBoxes | PoseGuess | SurfaceCloud | ViewIntervals
 
 ROLES = {None, *roles_of("slam")}
 """Roles of the events that are processed: those of its streams, and those for all processors."""
@@ -115,7 +116,8 @@ class SurfaceSlam:
     Attributes
     ----------
     counts
-        ``level scans`` matched, ``clouds``, ``views`` and ``boxes`` received, ``resets``.
+        ``level scans`` matched, ``clouds``, ``views`` and ``boxes`` received, ``views while lost``
+        (which are not used), ``resets``.
     odom_frame
         Name of the odometry frame.
     """
@@ -128,6 +130,7 @@ class SurfaceSlam:
             PosedScan: self._take_scan,
             Odometry: self._take_odometry,
             LandmarkObservation: self._take_landmark,
+            PoseGuess: self._take_guess,
             MapReset: self._take_reset,
             SurfaceCloud: partial(self._take_view, "clouds"),
             ViewIntervals: partial(self._take_view, "views"),
@@ -187,6 +190,10 @@ class SurfaceSlam:
         self.walls.add_landmark(observation)
         return []
 
+    def _take_guess(self, guess: PoseGuess) -> list[ScanPose]:
+        self.walls.add_guess(guess)
+        return []
+
     def _take_odometry(self, record: Odometry) -> list[ScanPose]:
         self.odom_frame = record.frame_id or self.odom_frame
         self.walls.add_odometry(record.stamp_ns, record.T_odom_base)
@@ -196,6 +203,9 @@ class SurfaceSlam:
         self, counted: str, part: ObjectBoxes | SurfaceCloud | ViewIntervals
     ) -> list[ScanPose]:
         self.counts[counted] += 1
+        if self.walls.is_lost:
+            self.counts["views while lost"] += 1
+            return []
         self.map.add(part)
         self.map.forget(self._is_stationary)
         return []
@@ -283,7 +293,7 @@ class SurfaceSlam:
     @property
     def _is_lost(self) -> bool:
         """Whether this session is not localised in the saved walls yet."""
-        return bool(self.saved_keyframes) and not self.walls.current_pose().localised
+        return bool(self.saved_keyframes) and not self.walls.has_place
 
     def _align_session(self, views: list[View], T_session_view: Float64) -> SessionAlignment | None:
         """Align this session with a saved map without walls; None where there is none."""
@@ -335,7 +345,7 @@ class SurfaceSlam:
         view_poses = solution.view_poses
         solved = self.map.views[: len(view_poses.keyframes)]
         poses = {k.id: spatial(k.pose) for k in solution.slam.keyframes}
-        state = self._saved_state(solution)
+        state, number = self._saved_state(solution), self.walls.kept_keyframes()
         views = []
         for view, T, cov, k in zip(
             solved,
@@ -345,7 +355,8 @@ class SurfaceSlam:
         ):
             is_on_keyframe = bool(state) and k in poses
             T_anchor = poses[k] if is_on_keyframe else np.eye(4)
-            views.append(SavedView(view, k, is_on_keyframe, inverse(T_anchor) @ T, cov))
+            T_anchor_view = inverse(T_anchor) @ T
+            views.append(SavedView(view, number.get(k, k), is_on_keyframe, T_anchor_view, cov))
         return SavedMap(state, tuple(views))
 
     def _saved_state(self, solution: SurfaceSolution) -> Mapping[str, NDArray[Any]]:
@@ -367,6 +378,7 @@ class SurfaceSlam:
             compose2(T_map_session, self.walls.correction(graph)),
             keyframe,
             MapWalls.of(graph.walls, T_map_session),
+            self.is_aligned(solution) and not self.walls.is_lost,
         )
 
     @classmethod

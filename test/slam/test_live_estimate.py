@@ -3,6 +3,7 @@
 import numpy as np
 import plan
 import pytest
+from solved import solved_map
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, compose2, inverse2
@@ -16,15 +17,6 @@ from tccm_ros.slam.wall_slam import WallSlam
 
 LAP = [(0, 0), (12, 0), (12, 9), (0, 9), (0, 0), (4, 0)]
 EMPTY = LevelScan(0, np.zeros(3), *[np.zeros((0, 2))] * 2, np.zeros((0, 2)), np.zeros((0, 2)))
-
-
-def solved_map(slam):
-    """Return a solution and what a tracker takes of it."""
-    solution = slam.solve(every_covariance=False)
-    newest = solution.keyframes[-1]
-    keyframe = SolvedKeyframe(newest.id, newest.pose, solution.cov_keyframes[-1])
-    walls = MapWalls.of(solution.walls, np.zeros(3))
-    return solution, SolvedMap(slam.correction(solution), keyframe, walls)
 
 
 def follow(run, config, *, period=30):

@@ -3,10 +3,17 @@ import itertools
 import numpy as np
 import plan
 import pytest
+from scipy.linalg import eigh
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform2
-from tccm_ros.slam.alignment import Prior, align
+from tccm_ros.slam.alignment import (
+    MIN_INFORMATION,
+    MIN_INFORMATION_RATIO,
+    Prior,
+    _drop_noise,
+    align,
+)
 from tccm_ros.slam.correlation import correlate, known_likelihood, support
 from tccm_ros.slam.level_scan import make_level_scan, thin_with_normals
 from tccm_ros.slam.likelihood_grid import CELL, UNKNOWN, make_likelihood_grid, with_unknown
@@ -196,3 +203,46 @@ def test_a_surface_is_confirmed_by_another_scan():
 def test_the_points_of_a_single_scan_are_not_confirmed():
     scan = scan_at([0.0, 0.0, 0.0])
     assert not make_line_map(np.zeros((1, 3)), [scan]).confirmed.any()
+
+
+def test_samples_of_a_surface_that_is_seen_under_a_small_angle_get_its_normal():
+    """They move with the robot: as positions, they would say that it stands."""
+    bearings = np.radians(np.arange(2.0, 60.0, 0.5))
+    wall = np.stack([1.0 / np.tan(bearings), np.ones(len(bearings))], axis=1)
+    beams = wall + np.random.default_rng(0).normal(size=wall.shape) * 0.005
+    points, normals = thin_with_normals(beams, np.zeros(2), np.radians(0.5))
+    assert points[:, 0].max() > 20.0
+    assert np.all(normals[:, 1] < -0.98)
+
+
+def test_a_small_object_is_a_position_and_an_edge_behind_another_is_left_out():
+    step = np.radians(0.5)
+    bearings = np.arange(-60, 61) * step
+    ranges = 4.0 / np.cos(bearings)
+    ranges[30] = 2.0  # a pole before the wall
+    ranges[80] = 3.0  # a point between a screen at 1.5 m and the wall: a mixed pixel
+    ranges[81:] = 1.5
+    beams = ranges[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    points, normals = thin_with_normals(beams, np.zeros(2), step)
+    away = np.hypot(*points.T)
+    pole = np.abs(away - 2.0) < 1e-9
+    assert pole.sum() == 1
+    assert not normals[pole].any()
+    assert not np.any(np.abs(away - 3.0) < 1e-9)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_motions_of_which_noise_knows_as_much_are_taken_out(seed):
+    """Against the generalised eigenvectors of scipy; what is left is unchanged along the others."""
+    random = np.random.default_rng(seed)
+    A, B = random.normal(size=(2, 3, 3))
+    noise, H = A @ A.T, 3.0 * B @ np.diag([30.0, 1.0, 0.1]) @ B.T
+    b = random.normal(size=3)
+    total = noise + np.diag([MIN_INFORMATION[0]] * 2 + [MIN_INFORMATION[1]])
+    values, vectors = eigh(H, total)
+    known = values >= MIN_INFORMATION_RATIO
+    left, force = H.copy(), b.copy()
+    _drop_noise(left, noise, force)
+    expected = vectors.T @ H @ vectors * np.outer(known, known)
+    assert vectors.T @ left @ vectors == pytest.approx(expected, abs=1e-6)
+    assert vectors.T @ force == pytest.approx(known * (vectors.T @ b), abs=1e-6)

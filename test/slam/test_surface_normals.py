@@ -11,6 +11,8 @@ from tccm_ros.slam.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.line_map import LineMap, make_line_map
 from tccm_ros.slam.surface_normals import (
     FLATNESS,
+    PRIOR_FREEDOM,
+    PRIOR_SIGMA,
     RADIUS,
     fit_missing_normals,
     mean_normals,
@@ -55,6 +57,8 @@ def test_mean_normals_are_those_of_a_loop_over_groups(seed):
         squares += ((angles - np.arctan2(expected[1], expected[0])) ** 2).sum()
         freedom += len(members) - 1
         sizes[j] = len(members)
+    squares += PRIOR_FREEDOM * PRIOR_SIGMA**2
+    freedom += PRIOR_FREEDOM
     for j, size in sizes.items():
         # Cosines instead of squared angles: alike to a hundredth at 0.1 rad.
         assert variances[j] == pytest.approx(squares / freedom / size, rel=0.02)

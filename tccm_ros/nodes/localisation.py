@@ -1,0 +1,188 @@
+"""Whether the robot knows where it is: ``~/localisation``, /initialpose and ``~/set_pose``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+
+from tccm_ros.arrays import Float64
+from tccm_ros.errors import FrameError
+from tccm_ros.geometry import planar, pose_from_quaternion, spatial
+from tccm_ros.nodes.qos import latched
+from tccm_ros.nodes.ros_types import message_class
+from tccm_ros.records import PoseGuess
+from tccm_ros.ros.output_messages import pose_covariance_message
+from tccm_ros.ros.types import MessageTypes, header_message, stamp_message
+from tccm_ros.slam.tracking import LocalisationState, Tracker
+
+LOCALISATION = "tccm_interfaces/msg/Localisation"
+
+PERIOD_NS = 1_000_000_000
+"""``~/localisation`` comes at each change, and at least so often while scans come."""
+
+ROUGH_GUESS = np.diag([0.5**2, 0.5**2, np.radians(15.0) ** 2])
+"""Covariance of a guess that comes without one (srv/SetPose)."""
+
+BY_START, BY_REQUEST, BY_SCAN, BY_LOOP = range(4)
+"""As msg/Localisation numbers what placed the robot."""
+
+REASONS = {
+    LocalisationState.UNKNOWN: "there has been no level scan yet",
+    LocalisationState.TRACKING: "",
+    LocalisationState.LOST: (
+        "odometry says that the robot stands, and level scans see through what the map has there: "
+        "it was carried"
+    ),
+}
+"""Of each state; why a place is searched depends on what was asked."""
+
+NO_MAP = "nothing is mapped yet that a pose could be told in"
+
+
+class LocalisationPublisher:
+    """Publishes ``~/localisation`` where tccm_interfaces is installed.
+
+    Parameters
+    ----------
+    node, types
+        The node and its message classes.
+    map_frame
+        Name of the map's frame.
+    on_guess
+        Called with each pose that somebody tells; it returns a future of a sentence, or raises
+        there.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        types: MessageTypes,
+        map_frame: str,
+        on_guess: Callable[[PoseGuess], Any],
+    ):
+        self._types, self._map_frame, self._on_guess = types, map_frame, on_guess
+        self._logger = node.get_logger()
+        self._state, self._since_ns, self._shown_ns = LocalisationState.UNKNOWN, 0, -1
+        self._searching = ""
+        self._placed_by, self._next_by, self._placed_ns, self._keyframe = BY_START, BY_START, 0, -1
+        self._publisher = None
+        with suppress(ImportError):
+            self._publisher = node.create_publisher(
+                message_class(LOCALISATION), "~/localisation", latched()
+            )
+        self._subscription = node.create_subscription(
+            message_class("geometry_msgs/msg/PoseWithCovarianceStamped"),
+            "initialpose",
+            self._take_guess,
+            1,
+        )
+
+    def offer_service(self, node: Node, answer: Callable[[Any, Any], Any]) -> None:
+        """Offer ``~/set_pose`` where tccm_interfaces is installed.
+
+        Parameters
+        ----------
+        node
+            That offers it.
+        answer
+            Fills a response with what a future returns, or why it failed.
+        """
+
+        async def set_pose(request: Any, response: Any) -> Any:
+            try:
+                job = self._on_guess(guess_of(request.pose, self._map_frame))
+            except FrameError as error:
+                response.success, response.message = False, str(error)
+                return response
+            return await answer(job, response)
+
+        with suppress(ImportError):
+            node.create_service(
+                import_module("tccm_interfaces.srv").SetPose, "~/set_pose", set_pose
+            )
+
+    def _take_guess(self, message: Any) -> None:
+        try:
+            self._on_guess(guess_of(message, self._map_frame))
+        except FrameError as error:
+            self._logger.error(f"initialpose: {error}")
+
+    def note_search(self, reason: str, placed_by: int) -> None:
+        """Note why the place of a session is looked for, and what will have placed it."""
+        self._searching, self._next_by = reason, placed_by
+
+    def show(self, tracker: Tracker) -> None:
+        """Publish the state of the newest scan, where it has changed or is a second old."""
+        state, live = tracker.state, tracker.current_pose()
+        if state != self._state:
+            self._note(state, live.stamp_ns, tracker)
+        elif 0 <= live.stamp_ns - self._shown_ns < PERIOD_NS:
+            return
+        self._shown_ns = live.stamp_ns
+        if self._publisher is not None:
+            self._publisher.publish(self._message(tracker, live.stamp_ns, live.pose))
+
+    def _note(self, state: LocalisationState, stamp_ns: int, tracker: Tracker) -> None:
+        if state == LocalisationState.LOST:
+            self.note_search("the robot was carried, and its place is looked for", BY_LOOP)
+        if state == LocalisationState.TRACKING and self._state != LocalisationState.LOST:
+            self._placed_by, self._placed_ns = self._next_by, stamp_ns
+            self._keyframe = tracker.solved_keyframe
+        self._state, self._since_ns = state, stamp_ns
+        reason = self.reason
+        if state in (LocalisationState.LOST, LocalisationState.SEARCHING):
+            self._logger.warning(f"{state.name.lower()}: {reason}")
+        elif state == LocalisationState.TRACKING:
+            self._logger.info("the place of the robot in the map is known")
+
+    @property
+    def reason(self) -> str:
+        """Why the state is not tracking; empty while it is."""
+        return REASONS.get(self._state, self._searching)
+
+    def _message(self, tracker: Tracker, stamp_ns: int, pose: Float64) -> Any:
+        is_known = self._state == LocalisationState.TRACKING
+        cov = tracker.current_covariance() if is_known else np.full((6, 6), np.nan)
+        stamped = pose_covariance_message(
+            self._types, stamp_ns, self._map_frame, spatial(pose), cov
+        )
+        return self._types.make(
+            LOCALISATION,
+            header=header_message(self._types, stamp_ns, self._map_frame),
+            state=int(self._state),
+            reason=self.reason,
+            since=stamp_message(self._types, self._since_ns),
+            pose=stamped.pose,
+            placed_by=self._placed_by,
+            placed_at=stamp_message(self._types, self._placed_ns),
+            sign_id=-1,
+            keyframe=self._keyframe if self._placed_by in (BY_SCAN, BY_LOOP) else -1,
+        )
+
+
+def guess_of(message: Any, map_frame: str) -> PoseGuess:
+    """Return the pose of a geometry_msgs/PoseWithCovarianceStamped.
+
+    Raises
+    ------
+    FrameError
+        Where it is in another frame than the map's, or no pose.
+    """
+    frame = str(message.header.frame_id).lstrip("/")
+    if frame not in ("", map_frame):
+        raise FrameError(f"a pose in frame '{frame}' is not taken; give it in '{map_frame}'")
+    p, q = message.pose.pose.position, message.pose.pose.orientation
+    numbers = np.array([p.x, p.y, p.z, q.x, q.y, q.z, q.w])
+    if not np.isfinite(numbers).all() or not numbers[3:].any():
+        raise FrameError("the pose is not finite, or its quaternion is zero")
+    cov = np.array(message.pose.covariance, float).reshape(6, 6)[np.ix_((0, 1, 5), (0, 1, 5))]
+    if not np.isfinite(cov).all() or not (np.diag(cov) > 0.0).all():
+        cov = ROUGH_GUESS
+    stamp = message.header.stamp
+    stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    return PoseGuess(stamp_ns, planar(pose_from_quaternion(numbers[:3], numbers[3:])), cov)

@@ -1,0 +1,15 @@
+"""What a tracker takes of a solution, without the process that solves."""
+
+import numpy as np
+
+from tccm_ros.slam.live_estimate import MapWalls, SolvedKeyframe
+from tccm_ros.slam.tracking import SolvedMap
+
+
+def solved_map(slam):
+    """Return a solution of a `WallSlam` and what a tracker takes of it."""
+    solution = slam.solve(every_covariance=False)
+    newest = solution.keyframes[-1]
+    keyframe = SolvedKeyframe(newest.id, newest.pose, solution.cov_keyframes[-1])
+    walls = MapWalls.of(solution.walls, np.zeros(3))
+    return solution, SolvedMap(slam.correction(solution), keyframe, walls, not slam.is_lost)

@@ -1,0 +1,64 @@
+"""~/localisation over DDS, and poses that are told on /initialpose and ~/set_pose."""
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from live_robot import START_NS, Listener, recording, slam, wait_until_done
+
+from tccm_ros.errors import FrameError
+from tccm_ros.nodes.localisation import guess_of
+
+pytest.importorskip("tccm_interfaces", reason="tccm_interfaces is not generated")
+
+from tccm_interfaces.msg import Localisation
+from tccm_interfaces.srv import SetPose
+
+
+def told(x, y, yaw, frame="map"):
+    message = PoseWithCovarianceStamped()
+    message.header.frame_id = frame
+    message.pose.pose.position.x, message.pose.pose.position.y = x, y
+    message.pose.pose.orientation.z = float(np.sin(yaw / 2))
+    message.pose.pose.orientation.w = float(np.cos(yaw / 2))
+    return message
+
+
+def test_a_pose_without_covariance_is_a_rough_guess_and_one_in_another_frame_is_refused():
+    guess = guess_of(told(1.0, 2.0, 0.5), "map")
+    assert guess.pose == pytest.approx([1.0, 2.0, 0.5])
+    assert np.sqrt(np.diag(guess.cov)) == pytest.approx([0.5, 0.5, np.radians(15.0)])
+    with pytest.raises(FrameError, match=r"'odom'.*'map'"):
+        guess_of(told(1.0, 2.0, 0.5, "odom"), "map")
+    with pytest.raises(FrameError, match="not finite"):
+        guess_of(told(float("nan"), 2.0, 0.5), "map")
+
+
+def test_a_pose_that_is_told_is_searched_and_tracked_when_a_scan_fits(ros):
+    node, robot, viewer = slam(ros), ros.robot(), Listener(ros)
+    states = viewer.listen(Localisation, "/surface_slam/localisation", latched=True)
+    client = viewer.node.create_client(SetPose, "/surface_slam/set_pose")
+    answer = ros.call(client, SetPose.Request(pose=told(0.0, 0.0, 0.0)))
+    assert not answer.success
+    assert "nothing is mapped" in answer.message
+    robot.play(recording(3, speed=0.3), node)
+    ros.spin_until(lambda: states and states[-1].state == Localisation.TRACKING)
+    assert states[-1].placed_by == Localisation.PLACED_BY_START
+    # It is put back to the middle of the room, and is told that to 0.1 m.
+    assert ros.call(client, SetPose.Request(pose=told(0.1, 0.05, 0.02))).success
+    start_ns = START_NS + 3_200_000_000
+    robot.play(recording(1, start_ns=start_ns, speed=0.0), node)
+    wait_until_done(ros, node)
+    ros.spin_until(
+        lambda: any(s.state == Localisation.SEARCHING and s.reason for s in states),
+        what="searching",
+    )
+    ros.spin_until(
+        lambda: (
+            states[-1].state == Localisation.TRACKING
+            and states[-1].placed_by == Localisation.PLACED_BY_REQUEST
+        ),
+        what="tracking again",
+    )
+    assert states[-1].reason == ""
+    place = states[-1].pose.pose.position
+    assert np.hypot(place.x, place.y) < 0.03

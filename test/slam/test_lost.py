@@ -1,0 +1,159 @@
+"""A robot that is carried away while its wheels stand still: noticed, found again, no bend."""
+
+from dataclasses import replace
+
+import numpy as np
+import plan
+import pytest
+from solved import solved_map
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import between2
+from tccm_ros.records import PoseGuess
+from tccm_ros.slam.tracking import LocalisationState, Tracker
+from tccm_ros.slam.wall_slam import WallSlam
+
+WALLS = plan.ring()
+LAP = [(0, 0), (12, 0), (12, 9), (0, 9), (0, 0), (2, 0)]
+STANDING = 40
+"""Scans (4 s) of a robot that stands where it was put down."""
+
+
+def carried(walls, before, after, seed=5):
+    """Return a run whose robot is put down elsewhere after one route and goes on by another.
+
+    Its truth is relative to the first pose; its odometry goes on where it was.
+    """
+    first = plan.drive(walls, np.concatenate([before, [before[-1]] * 10]), seed=seed)
+    start = int(first.stamps_ns[-1]) + 100_000_000
+    poses = np.concatenate([[after[0]] * STANDING, after])
+    second = plan.drive(walls, poses, seed=seed + 1, start_ns=start)
+    T_odom = first.scans[-1].T_odom_base[0]
+    scans = [replace(s, T_odom_base=(T_odom @ s.T_odom_base[0])[None]) for s in second.scans]
+    truth = between2(before[0], np.concatenate([before, [before[-1]] * 10, poses]))
+    return plan.Run(truth, first.scans + scans), len(first.scans)
+
+
+@pytest.fixture(scope="module")
+def run():
+    """A lap; it is put down 5 m further along a corridor, and goes on round the ring."""
+    return carried(WALLS, plan.route(LAP), plan.route([(7, 0), (12, 0), (12, 9), (3, 9)]))
+
+
+@pytest.fixture(scope="module")
+def mapped(run):
+    slam, lost_s, found = WallSlam(Config()), None, None
+    for k, scan in enumerate(run[0].scans):
+        slam.add_scan(scan)
+        if slam.is_lost and lost_s is None:
+            lost_s = 0.1 * (k - run[1])
+        if lost_s is not None and not slam.is_lost and found is None:
+            found = k
+    return slam, slam.solve(), lost_s, found
+
+
+def test_it_is_noticed_within_three_seconds_and_found_again(run, mapped):
+    _, solution, lost_s, found = mapped
+    assert 0.0 < lost_s < 3.0
+    assert found is not None
+    assert len(solution.stamps_ns) == len(run[0].scans)
+
+
+def test_the_map_is_not_bent(run, mapped):
+    _, solution, *_ = mapped
+    rms_m, rms_rad = plan.errors(run[0].truth[: run[1]], solution.poses[: run[1]])
+    assert rms_m < 0.02
+    assert rms_rad < np.radians(0.2)
+    after = slice(run[1] + STANDING, None)
+    assert plan.errors(run[0].truth[after], solution.poses[after])[0] < 0.03
+
+
+def test_the_tracker_says_lost_then_searching_then_tracking(run, mapped):
+    slam, solution, *_ = mapped
+    tracker, states = Tracker(Config()), []
+    for scan in run[0].scans:
+        tracker.add(scan)
+        states.append(tracker.state)
+    at = run[1]
+    assert set(states[: at + 1]) == {LocalisationState.TRACKING}
+    assert LocalisationState.LOST in states[at : at + 30]
+    assert states[-1] == LocalisationState.SEARCHING
+    assert tracker.counts["lost"] == 1
+    tracker.take(solved_map(slam)[1])
+    assert tracker.state == LocalisationState.TRACKING
+    assert np.allclose(tracker.current_pose().pose, solution.poses[-1], atol=1e-6)
+
+
+def test_what_is_not_found_again_is_not_in_the_map():
+    """It is put down in a room that nothing has seen: the map stays as it was."""
+    walls = np.concatenate([WALLS, plan.box(40.0, 40.0, 47.0, 44.5)])
+    before, after = plan.route(LAP[:4]), plan.route([(42, 42), (45, 43)])
+    run, at = carried(walls, before, after)
+    slam = WallSlam(Config())
+    for scan in run.scans[:at]:
+        slam.add_scan(scan)
+    alone = slam.solve()
+    for scan in run.scans[at:]:
+        slam.add_scan(scan)
+    solution = slam.solve()
+    assert slam.is_lost
+    # The scans until it was noticed hang on the last keyframe; none comes after.
+    assert at <= len(solution.stamps_ns) < at + 30
+    assert len(solution.walls) == len(alone.walls)
+    assert np.allclose(solution.poses[:at], alone.poses, atol=1e-6)
+    saved = slam.saved(solution)
+    assert set(saved["keyframe_session"].tolist()) == {0}
+    again = WallSlam.from_saved(Config(), saved).solve()
+    assert len(again.keyframes) == len(alone.keyframes)
+
+
+def test_a_pose_that_is_told_places_the_robot_where_a_scan_fits(run):
+    """It stands where it was put down, and is told the pose to 0.4 m and 6 deg."""
+    run, at = run
+    slam, tracker = WallSlam(Config()), Tracker(Config())
+    for scan in run.scans[:at]:
+        slam.add_scan(scan)
+        tracker.add(scan)
+    error = np.array([0.3, -0.25, 0.1])
+    guess = PoseGuess(int(run.stamps_ns[at]), run.truth[at] + error, np.diag([0.25, 0.25, 0.07]))
+    for processor in (slam.add_guess, tracker.add):
+        processor(guess)
+    slam.add_scan(run.scans[at])
+    tracker.add(run.scans[at])
+    assert not slam.is_lost
+    assert tracker.state == LocalisationState.SEARCHING
+    solution, taken = solved_map(slam)
+    tracker.take(taken)
+    assert tracker.state == LocalisationState.TRACKING
+    for pose in (solution.poses[-1], tracker.current_pose().pose):
+        assert np.hypot(*between2(run.truth[at], pose)[:2]) < 0.03
+        assert abs(between2(run.truth[at], pose)[2]) < np.radians(0.5)
+
+
+def test_a_pose_that_is_told_wrongly_is_not_taken(run):
+    run, at = run
+    slam = WallSlam(Config())
+    for scan in run.scans[:at]:
+        slam.add_scan(scan)
+    outside = np.array([6.0, 4.5, 0.3])  # within the block that the ring goes round
+    slam.add_guess(PoseGuess(int(run.stamps_ns[at]), outside, np.diag([0.04, 0.04, 0.01])))
+    for scan in run.scans[at : at + 20]:
+        slam.add_scan(scan)
+    assert slam.is_lost
+
+
+def test_who_walks_past_a_standing_robot_does_not_make_it_lost():
+    """Half of the beams end at people for a second."""
+    poses = np.concatenate([plan.route([(0, 0), (3, 0)]), [[3.0, 0.0, 0.0]] * 40])
+    run = plan.drive(WALLS, poses)
+    scans = []
+    for k, posed in enumerate(run.scans):
+        ranges = posed.scan.ranges.copy()
+        if len(run.scans) - 25 < k < len(run.scans) - 15:
+            ranges[40:140] = np.minimum(ranges[40:140], 0.6)
+        scans.append(replace(posed, record=replace(posed.scan, ranges=ranges)))
+    slam = WallSlam(Config())
+    for scan in scans:
+        slam.add_scan(scan)
+        assert not slam.is_lost
+    assert plan.errors(run.truth, slam.solve().poses)[0] < 0.02

@@ -289,7 +289,7 @@ class SlamNode(SensorNode):
     def _forget(self, *, is_localised: bool) -> None:
         self.live.forget(is_localised=is_localised)
         self._outputs.forget()
-        self._programs.forget(is_map_loaded=self._has_loaded)
+        self._programs.forget(is_map_loaded=not is_localised)
         self._keeper.forget()
         self._shown_ns = -1
         self._has_tilt_scan = False

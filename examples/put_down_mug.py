@@ -8,22 +8,20 @@ from tccm_ros.client import SurfaceMapClient
 
 MUG = (0.10, 0.10, 0.12)
 
-with rclpy.init():
-    node = Node("put_down_mug")
-    surface_map = SurfaceMapClient(node)
-    while not surface_map.is_ready:
-        rclpy.spin_once(node)
+rclpy.init()
+node = Node("put_down_mug")
+surface_map = SurfaceMapClient(node)
+while not surface_map.is_ready:
+    rclpy.spin_once(node)
 
-    tables = SurfaceFilter(labels=["table"])
-    tables.near.header.frame_id = "base_link"
-    found = surface_map.find_surfaces(tables, max_count=1)
-    rclpy.spin_until_future_complete(node, found)
-    nearest = SurfaceFilter(ids=[found.result()[0].id])
+tables = SurfaceFilter(labels=["table"])
+tables.near.header.frame_id = "base_link"
+found = surface_map.find_surfaces(tables, max_count=1)
+rclpy.spin_until_future_complete(node, found)
+nearest = SurfaceFilter(ids=[found.result()[0].id])
 
-    asked = surface_map.find_placements(
-        MUG, nearest, max_count=1, base=2, reach=0.8, robot_radius=0.25
-    )
-    rclpy.spin_until_future_complete(node, asked)
-    for place in asked.result():
-        print("mug to", place.T_map_object[:3, 3].round(3), "on surface", place.surface_id)
-        print("base to", place.T_map_bases[0, :2, 3].round(3))
+asked = surface_map.find_placements(MUG, nearest, max_count=1, base=2, reach=0.8, robot_radius=0.25)
+rclpy.spin_until_future_complete(node, asked)
+for place in asked.result():
+    print("mug to", place.T_map_object[:3, 3].round(3), "on surface", place.surface_id)
+    print("base to", place.T_map_bases[0, :2, 3].round(3))

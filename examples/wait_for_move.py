@@ -14,12 +14,12 @@ def note(event: MapEvent) -> None:
         moved.append(event)
 
 
-with rclpy.init():
-    node = Node("wait_for_move")
-    surface_map = SurfaceMapClient(node)
-    surface_map.on_event(note)
-    while not moved:
-        rclpy.spin_once(node)
-    event = moved[0]
-    print("table", event.ids_after[0], "from", event.T_before[:2, 3].round(3))
-    print("to", event.T_after[:2, 3].round(3))
+rclpy.init()
+node = Node("wait_for_move")
+surface_map = SurfaceMapClient(node)
+surface_map.on_event(note)
+while not moved:
+    rclpy.spin_once(node)
+event = moved[0]
+print("table", event.ids_after[0], "from", event.T_before[:2, 3].round(3))
+print("to", event.T_after[:2, 3].round(3))

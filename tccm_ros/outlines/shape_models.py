@@ -162,9 +162,9 @@ class RoundModel:
 
     def polygon(self) -> Polygon | None:
         """Return a polygon of the same area, counter-clockwise."""
-        turn = np.linspace(0.0, 2.0 * np.pi, CAP_CORNERS, endpoint=False)
+        angle = np.linspace(0.0, 2.0 * np.pi, CAP_CORNERS, endpoint=False)
         scale = np.sqrt(2.0 * np.pi / CAP_CORNERS / np.sin(2.0 * np.pi / CAP_CORNERS))
-        circle = scale * self.radii * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        circle = scale * self.radii * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         return shapely.geometry.polygon.orient(Polygon(self.center + circle @ self.axes), 1.0)
 
 
@@ -185,15 +185,15 @@ def choose_model(samples: OutlineSamples, outline: Polygon, yaws: Float64) -> Mo
     """
     n = max(outline.exterior.length / CORRELATION, 2.0)
     free = len(outline.exterior.coords) - 1
-    best, least = None, 2.0 * free * np.log(n)
+    best, lowest = None, 2.0 * free * np.log(n)
     for model in _models(samples, outline, yaws):
         polygon = model.polygon()
         if polygon is None:
             continue
         cost = model.parameters * np.log(n) - 2.0 * np.log(ODDS[model.shape])
         criterion = _squared_errors(samples, polygon) + cost
-        if criterion < least:
-            best, least = model, criterion
+        if criterion < lowest:
+            best, lowest = model, criterion
     return best
 
 
@@ -224,8 +224,8 @@ def _squared_errors(samples: OutlineSamples, model: Polygon) -> float:
 
 def _with_axes(samples: OutlineSamples, yaw: float) -> Iterator[StraightModel]:
     """Yield the rectangle and the four Ls whose axes have a direction, rad."""
-    turn = yaw + 0.5 * np.pi * np.arange(4)
-    normals = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    angle = yaw + 0.5 * np.pi * np.arange(4)
+    normals = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     outer, inner = np.zeros(4), np.full(4, np.nan)
     for k, normal in enumerate(normals):
         of_edge = samples.outward @ normal > FACING

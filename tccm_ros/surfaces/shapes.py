@@ -26,7 +26,7 @@ from tccm_ros.outlines.shape_models import (
     choose_model,
 )
 from tccm_ros.records import EdgeState, SurfaceShape
-from tccm_ros.surfaces.edge_evidence import PIECE, Edge, EdgeEvidence
+from tccm_ros.surfaces.edge_samples import PIECE, Edge, EdgeSampler
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import polygon_rings
 from tccm_ros.surfaces.views import View
@@ -52,8 +52,8 @@ GATE = 3.0
 AT_WALL = 0.015
 """An edge this near to a wall ends there, m; chosen: three deviations."""
 
-MAX_TURN = 0.07
-"""Edges turn by at most this in a round, rad; chosen."""
+MAX_ROTATION = 0.07
+"""Edges rotate by at most this in a round, rad; chosen."""
 
 MIN_SAMPLES = 5
 """Min number of last points that tell the direction of an edge; chosen."""
@@ -135,21 +135,21 @@ def fit_shape(
     walls
         float64 (W, 2, 2), ends of the walls in map, m.
     """
-    evidence = EdgeEvidence(surface, views, T_map_view)
-    samples = evidence.outline_samples()
+    sampler = EdgeSampler(surface, views, T_map_view)
+    samples = sampler.outline_samples()
     exterior = Polygon(surface.polygon.exterior)
     near = walls[shapely.dwithin(shapely.linestrings(walls), exterior, WALL_DISTANCE)]
     model = choose_model(samples, exterior, _yaws(exterior, near))
     if model is None:
-        return _free(evidence, samples, others)
+        return _free(sampler, samples, others)
     sigmas = np.full(0, np.nan)
     if isinstance(model, StraightModel):
         for _ in range(ROUNDS):
-            model, sigmas = _refined(model, evidence, near)
+            model, sigmas = _refined(model, sampler, near)
     polygon = model.polygon()
     if polygon is None:
-        return _free(evidence, samples, others)
-    edges = _edges(model, polygon, sigmas, evidence, samples, near, others)
+        return _free(sampler, samples, others)
+    edges = _edges(model, polygon, sigmas, sampler, samples, near, others)
     holes = [ring for ring in surface.polygon.interiors if polygon.contains(Polygon(ring))]
     return Shape(model.shape, Polygon(polygon.exterior, holes), edges)
 
@@ -159,14 +159,12 @@ def free_shape(surface: MergedSurface) -> Shape:
     return Shape(SurfaceShape.FREE, surface.polygon, ())
 
 
-def _free(
-    evidence: EdgeEvidence, samples: OutlineSamples, others: Sequence[MergedSurface]
-) -> Shape:
+def _free(sampler: EdgeSampler, samples: OutlineSamples, others: Sequence[MergedSurface]) -> Shape:
     """Return the outline that the views cover, as it is."""
-    surface = evidence.surface
+    surface = sampler.surface
     boundary, _ = polygon_rings(surface.polygon)
     edges = [
-        _known(edge, _state(edge, evidence, samples), FREE_SIGMA, evidence, others)
+        _known(edge, _state(edge, sampler, samples), FREE_SIGMA, sampler, others)
         for edge in _edges_of(boundary)
     ]
     return Shape(SurfaceShape.FREE, surface.polygon, tuple(edges))
@@ -181,9 +179,9 @@ def _yaws(outline: Polygon, walls: Float64) -> Float64:
     box = np.asarray(shapely.oriented_envelope(outline).exterior.coords)
     ring = np.asarray(outline.exterior.simplify(0.03).coords)
     steps = np.diff(ring, axis=0)
-    turn = 4.0 * np.arctan2(steps[:, 1], steps[:, 0])
+    rotation = 4.0 * np.arctan2(steps[:, 1], steps[:, 0])
     weight = np.hypot(steps[:, 0], steps[:, 1]) ** 2
-    main = 0.25 * np.arctan2(weight @ np.sin(turn), weight @ np.cos(turn))
+    main = 0.25 * np.arctan2(weight @ np.sin(rotation), weight @ np.cos(rotation))
     longest = steps[np.argmax(weight)]
     found = [_yaw(box[1] - box[0]), main, _yaw(longest)]
     found += [_yaw(end - start) for start, end in walls]
@@ -195,55 +193,55 @@ def _yaw(direction: Float64) -> float:
 
 
 def _refined(
-    model: StraightModel, evidence: EdgeEvidence, walls: Float64
+    model: StraightModel, sampler: EdgeSampler, walls: Float64
 ) -> tuple[StraightModel, Float64]:
     """Return the model with its edges where the last points expect them, and their deviations."""
     corners = model.corners()
     if not np.isfinite(corners).all():
         return model, np.full(len(corners), np.nan)
     edges = _edges_of(corners)
-    samples = [evidence.edge_samples(edge) for edge in edges]
-    turns = _turns(model, edges, samples, walls)
+    samples = [sampler.edge_samples(edge) for edge in edges]
+    rotations = _rotations(model, edges, samples, walls)
     normals, offsets = model.normals.copy(), model.offsets.copy()
     sigmas = np.full(len(edges), np.nan)
-    for k, (edge, found, turn) in enumerate(zip(edges, samples, turns.tolist())):
+    for k, (edge, found, rotation) in enumerate(zip(edges, samples, rotations.tolist())):
         middle = 0.5 * (edge.start + edge.end)
-        c, s = np.cos(turn), np.sin(turn)
+        c, s = np.cos(rotation), np.sin(rotation)
         normals[k] = np.array([[c, -s], [s, c]]) @ model.normals[k]
         offsets[k] = normals[k] @ middle
         if edge.length < MIN_LENGTH or not len(found.at):
             continue
-        # A point at a distance from the middle of an edge is further across after a turn.
-        last = found.last + turn * (found.at - 0.5 * edge.length)
+        # A point at a distance from the middle of an edge is further across after a rotation.
+        last = found.last + rotation * (found.at - 0.5 * edge.length)
         shift, sigmas[k] = locate_edge(found._replace(last=last), _wall_across(edge, walls))
         offsets[k] += shift
     return replace(model, normals=normals, offsets=offsets), sigmas
 
 
-def _turns(
+def _rotations(
     model: StraightModel, edges: Sequence[Edge], samples: Sequence[EdgeSamples], walls: Float64
 ) -> Float64:
-    """Return by how much each edge is to be turned, float64 (E,), rad.
+    """Return by how much each edge is to be rotated, float64 (E,), rad.
 
-    The edges of a model with axes turn together. Where one runs along a wall, within what the
+    The edges of a model with axes rotate together. Where one runs along a wall, within what the
     points leave open, its direction is that of the wall.
     """
-    rows = np.array([_turn(edge, found) for edge, found in zip(edges, samples)])
-    turn, information = rows[:, 0], rows[:, 1] + 1.0 / MAX_TURN**2
+    rows = np.array([_rotation(edge, found) for edge, found in zip(edges, samples)])
+    rotation, information = rows[:, 0], rows[:, 1] + 1.0 / MAX_ROTATION**2
     if model.has_axes:
-        turn = np.full(len(edges), turn @ information / information.sum())
+        rotation = np.full(len(edges), rotation @ information / information.sum())
         information = np.full(len(edges), information.sum())
-    turn = np.clip(turn, -MAX_TURN, MAX_TURN)
-    along_walls = np.array([_turn_to_wall(edge, walls) for edge in edges])
+    rotation = np.clip(rotation, -MAX_ROTATION, MAX_ROTATION)
+    along_walls = np.array([_rotation_to_wall(edge, walls) for edge in edges])
     gate = GATE * np.sqrt(1.0 / information + WALL_YAW_SIGMA**2)
-    fits = np.abs(along_walls - turn) <= gate
+    fits = np.abs(along_walls - rotation) <= gate
     if model.has_axes:
-        return np.full(len(edges), along_walls[fits].mean()) if fits.any() else turn
-    return np.where(fits, along_walls, turn)
+        return np.full(len(edges), along_walls[fits].mean()) if fits.any() else rotation
+    return np.where(fits, along_walls, rotation)
 
 
-def _turn(edge: Edge, samples: EdgeSamples) -> tuple[float, float]:
-    """Return the turn of an edge that its last points ask for, and the information of it.
+def _rotation(edge: Edge, samples: EdgeSamples) -> tuple[float, float]:
+    """Return the rotation of an edge that its last points ask for, and the information of it.
 
     A robust line (Cauchy's weights) through where the edge is expected: half a gap further out.
     """
@@ -264,13 +262,13 @@ def _turn(edge: Edge, samples: EdgeSamples) -> tuple[float, float]:
     return -slope, information
 
 
-def _turn_to_wall(edge: Edge, walls: Float64) -> float:
-    """Return the turn that makes an edge parallel to the wall it runs along, rad; inf: none."""
+def _rotation_to_wall(edge: Edge, walls: Float64) -> float:
+    """Return the rotation that makes an edge parallel to the wall it runs along, rad; inf: none."""
     wall = _wall_along(edge, walls)
     if wall is None:
         return float("inf")
-    turn = _yaw(wall[1] - wall[0]) - _yaw(edge.end - edge.start)
-    return float((turn + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
+    rotation = _yaw(wall[1] - wall[0]) - _yaw(edge.end - edge.start)
+    return float((rotation + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
 
 
 def _wall_across(edge: Edge, walls: Float64) -> float | None:
@@ -286,19 +284,19 @@ def _wall_across(edge: Edge, walls: Float64) -> float | None:
 
 def _wall_along(edge: Edge, walls: Float64) -> Float64 | None:
     """Return the nearest wall that runs along an edge, float64 (2, 2); None: there is none."""
-    best, least = None, WALL_DISTANCE
+    best, nearest = None, WALL_DISTANCE
     line = shapely.LineString([edge.start, edge.end])
     for wall in walls:
         direction = wall[1] - wall[0]
         sine = float(direction @ edge.outward) / max(float(np.hypot(*direction)), 1e-9)
         if abs(sine) > np.sin(WALL_YAW):
             continue
-        beside = shapely.LineString(wall).buffer(least, cap_style="flat")
+        beside = shapely.LineString(wall).buffer(nearest, cap_style="flat")
         distance = shapely.distance(
             line.interpolate(0.5, normalized=True), shapely.LineString(wall)
         )
-        if distance < least and beside.intersection(line).length >= 0.5 * edge.length:
-            best, least = wall, float(distance)
+        if distance < nearest and beside.intersection(line).length >= 0.5 * edge.length:
+            best, nearest = wall, float(distance)
     return best
 
 
@@ -306,7 +304,7 @@ def _edges(
     model: Model,
     polygon: Polygon,
     sigmas: Float64,
-    evidence: EdgeEvidence,
+    sampler: EdgeSampler,
     samples: OutlineSamples,
     walls: Float64,
     others: Sequence[MergedSurface],
@@ -316,11 +314,11 @@ def _edges(
     edges = []
     for k, edge in enumerate(_edges_of(corners)):
         across = _wall_across(edge, walls)
-        state = _state(edge, evidence, samples)
+        state = _state(edge, sampler, samples)
         if across is not None and abs(across) <= AT_WALL:
             state = EdgeState.SEEN
         sigma = ROUND_SIGMA if isinstance(model, RoundModel) else float(sigmas[k])
-        edges.append(_known(edge, state, sigma, evidence, others))
+        edges.append(_known(edge, state, sigma, sampler, others))
     first = int(np.lexsort((corners[:, 1], corners[:, 0]))[0])
     return tuple(edges[first:] + edges[:first])
 
@@ -329,20 +327,18 @@ def _known(
     edge: Edge,
     state: EdgeState,
     sigma: float,
-    evidence: EdgeEvidence,
+    sampler: EdgeSampler,
     others: Sequence[MergedSurface],
 ) -> ShapedEdge:
     """Return an edge with its deviation if it was seen, and with what hides it if that did."""
     if state is EdgeState.SEEN:
         return ShapedEdge(edge, state, sigma)
-    hiding = [
-        other for other in others if state is EdgeState.HIDDEN and evidence.hides(edge, other)
-    ]
+    hiding = [other for other in others if state is EdgeState.HIDDEN and sampler.hides(edge, other)]
     lowest = min(hiding, key=lambda other: other.height, default=None)
     return ShapedEdge(edge, state, float("nan"), lowest)
 
 
-def _state(edge: Edge, evidence: EdgeEvidence, samples: OutlineSamples) -> EdgeState:
+def _state(edge: Edge, sampler: EdgeSampler, samples: OutlineSamples) -> EdgeState:
     """Return whether views looked past an edge, by the samples of the outline near it."""
     offset = samples.points - edge.start
     at, across = offset @ edge.along, offset @ edge.outward
@@ -350,4 +346,4 @@ def _state(edge: Edge, evidence: EdgeEvidence, samples: OutlineSamples) -> EdgeS
     near &= samples.outward @ edge.outward > FACING
     if near.any() and samples.seen[near].mean() >= SEEN_FRACTION:
         return EdgeState.SEEN
-    return EdgeState.HIDDEN if evidence.looks_over(edge) else EdgeState.CUT
+    return EdgeState.HIDDEN if sampler.looks_over(edge) else EdgeState.CUT

@@ -54,7 +54,7 @@ def test_the_position_is_that_of_the_fine_integral(front, ends):
 
 @pytest.mark.parametrize("true", [-0.03, 0.0, 0.04])
 def test_an_edge_of_even_samples_is_found_within_its_deviation(true):
-    """40 edges of six scan lines each, 4 cm apart: the errors are those that are claimed."""
+    """40 edges of six scan lines each, one each 4 cm: errors are as large as their sigmas say."""
     rng = np.random.default_rng(5)
     errors, sigmas = [], []
     for _ in range(40):

@@ -86,7 +86,7 @@ def test_a_trapezium_is_a_polygon():
 NOTCH = box(0.5, 0.3, 2.0, 2.0)
 
 
-def test_a_hidden_notch_is_no_evidence_for_an_l():
+def test_a_hidden_notch_makes_no_l():
     """What nobody looked past does not make the rectangle wrong; what was looked past does."""
     outline = box(0, 0, 1.2, 0.6) - NOTCH
     hidden = chosen(outline, hidden=NOTCH.buffer(0.02), rng=np.random.default_rng(5))

@@ -51,7 +51,7 @@ def test_two_views_know_the_edges_better_than_one(table):
     assert np.nanmean([e.sigma for e in both.edges]) < np.nanmean([e.sigma for e in table.edges])
 
 
-def test_an_edge_behind_a_higher_thing_was_not_seen():
+def test_an_edge_behind_a_higher_object_was_not_seen():
     screen = Screen(1.0, -0.7, 1.0, 0.1, 1.4)
     (found,) = above_floor(build([(Room([TABLE], [screen]), HERE, 10)]))
     assert any(edge.state is not EdgeState.SEEN for edge in found.edges)

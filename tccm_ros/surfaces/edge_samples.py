@@ -93,7 +93,7 @@ class Edge:
 
 
 @dataclass(frozen=True)
-class EdgeEvidence:
+class EdgeSampler:
     """The views of one surface, to be asked for its edges.
 
     Attributes

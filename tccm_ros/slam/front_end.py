@@ -75,6 +75,10 @@ surfaces in view for so long (s): it was carried (chosen: who walks past hides s
 let them be seen through; who stands sees through 0.00 of them, who was carried 5 m along the tests'
 ring through 0.20 to 0.55)."""
 
+LOST_INLIERS = 0.65
+"""A scan of which more than this fraction fits the map was taken where the map says: what is seen
+through was opened or moved away, as a door is in front of a robot (chosen)."""
+
 NOTICE_TIME = 0.5
 """A contradiction is told after this time (s) (chosen: who walks past at once is none)."""
 
@@ -226,7 +230,7 @@ class FrontEnd:
         predicted, prior, prior_cov = self._predict(scan)
         self.pose, cov, inliers = self._match(scan, predicted, prior, prior_cov)
         self._check_standing(scan, prior, prior_cov)
-        self._check_lost(scan)
+        self._check_lost(scan, inliers)
         self._step = between(before, self.pose)
         if not self._believes_odometry(scan):
             # Constant velocity, but for the part that is the prediction's own.
@@ -293,10 +297,11 @@ class FrontEnd:
             self._odometry_pose, self._anchor_odom = self.pose.copy(), scan.odom
             self._anchor_cov = STEADY_COV
 
-    def _check_lost(self, scan: LevelScan) -> None:
+    def _check_lost(self, scan: LevelScan, inliers: float) -> None:
         """Note how long scans have contradicted odometry that says that the robot stands."""
         is_seen_through = (
             self._map is not None
+            and inliers < LOST_INLIERS
             and self._stands(scan)
             and seen_through(self.pose, scan, self._map.lines) > LOST_FRACTION
         )

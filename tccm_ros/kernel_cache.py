@@ -31,6 +31,9 @@ from numba.core.caching import _Cache
 from numba.core.dispatcher import Dispatcher
 from numba.core.serialize import dumps
 
+OPTIONS = ("OPT", "BOUNDSCHECK", "LOOP_VECTORIZE", "SLP_VECTORIZE", "ENABLE_AVX")
+"""Settings of numba (environment variables `NUMBA_...`) that change the code that it makes."""
+
 KEPT = 24
 """Files that are kept of a kernel, the newest (chosen: some types of arguments, some versions)."""
 
@@ -96,7 +99,8 @@ class KernelCache(_Cache):
 
     def _key_of(self, sig: Any, codegen: Any) -> str:
         versions = (numba.__version__, np.__version__, codegen.magic_tuple())
-        content = f"{source_digest(self._function)} {sig} {versions}"
+        options = [str(getattr(numba.config, name, None)) for name in OPTIONS]
+        content = f"{source_digest(self._function)} {sig} {versions} {options}"
         return hashlib.sha256(content.encode()).hexdigest()[:32]
 
     def _files(self) -> list[Path]:

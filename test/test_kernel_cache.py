@@ -121,6 +121,12 @@ def test_another_version_of_a_library_is_another_key(version, monkeypatch):
     assert key != same._cache._key_of("(float64,)", Codegen())
 
 
+def test_a_setting_of_numba_that_changes_code_is_another_key(run):
+    assert run() == (22.0, 0)
+    assert run(environment={"NUMBA_BOUNDSCHECK": "1"}) == (22.0, 0)
+    assert run() == (22.0, 1)
+
+
 class Codegen:
     def __init__(self, processor="a processor"):
         self.processor = processor

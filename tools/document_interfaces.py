@@ -28,8 +28,8 @@ unit of `-` says that there is none, and where none stands, the fields of the ty
 What is not known is nan in a number, -1 in an id, 0 in a stamp, and empty in a text or a list.
 
 Nodes publish and answer what [their page](nodes.md) lists, where the package is installed. Not
-offered in this version: the action `ScanHere`, the fields of signs and rooms, shapes and edges of
-surfaces, the covariance of planes, and classes of objects.
+offered in this version: the action `ScanHere`, the fields of signs and rooms, the covariance of
+planes, and classes of objects.
 
 This page is made from the definitions by `python tools/document_interfaces.py`.
 """

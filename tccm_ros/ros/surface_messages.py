@@ -14,7 +14,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial
-from tccm_ros.records import Surface, Wall
+from tccm_ros.records import EdgeState, Surface, SurfaceShape, Wall
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message, stamp_message
 from tccm_ros.surfaces.scene import object_pose, surface_pose
 from tccm_ros.surfaces.scene_objects import SceneObject
@@ -26,6 +26,22 @@ PACKAGE = "tccm_interfaces/msg/"
 SURFACE, SURFACE_OBJECT = PACKAGE + "Surface", PACKAGE + "SurfaceObject"
 SURFACE_MAP, SURFACE_OBJECTS = PACKAGE + "SurfaceMap", PACKAGE + "SurfaceObjectArray"
 SURFACE_EVENT = PACKAGE + "SurfaceEvent"
+
+SHAPES = {
+    SurfaceShape.RECTANGLE: 1,
+    SurfaceShape.L: 2,
+    SurfaceShape.CIRCLE: 3,
+    SurfaceShape.ELLIPSE: 4,
+    SurfaceShape.POLYGON: 5,
+    SurfaceShape.FREE: 6,
+}
+"""Values of `Surface.SHAPE_...`."""
+
+EDGE_STATES = {EdgeState.SEEN: 1, EdgeState.HIDDEN: 2, EdgeState.CUT: 3}
+"""Values of `Surface.EDGE_...`."""
+
+NOTHING = -1
+"""Of an edge that nothing is known to hide."""
 
 TRACKING, SEARCHING = 1, 2
 """States of Localisation."""
@@ -46,6 +62,7 @@ def surface_message(
         Height of the floor in map, m; None where it was never seen.
     """
     T, size = surface_pose(surface)
+    hidden_by = [NOTHING if e.hidden_by is None else e.hidden_by for e in surface.edges]
     return types.make(
         SURFACE,
         header=header_message(types, stamp_ns, frame_id),
@@ -64,10 +81,15 @@ def surface_message(
             offset=float(surface.offset),
             covariance=np.full(9, np.nan),
         ),
+        shape=SHAPES[surface.shape],
         boundary=ring_message(types, surface.boundary),
         holes=[ring_message(types, hole) for hole in surface.holes],
+        boundary_seen=ring_message(types, surface.boundary_seen),
+        edges=types.array("u1", [EDGE_STATES[e.state] for e in surface.edges]),
+        hidden_by_objects=types.array("i4", [NOTHING] * len(surface.edges)),
+        hidden_by_surfaces=types.array("i4", hidden_by),
         area=float(surface.area),
-        area_seen=float(surface.area),
+        area_seen=float(surface.area_seen),
         points=surface.points,
         first_seen=stamp_message(types, surface.first_seen_ns),
         last_seen=stamp_message(types, surface.last_seen_ns),

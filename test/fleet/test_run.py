@@ -38,12 +38,18 @@ def single(bags, tmp_path_factory):
     return contents(out)
 
 
+def _heed_interrupts():
+    """What a shell starts in the background ignores interrupts, and so do its children."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @contextmanager
 def started(*command):
     """Start a process; whatever happens, it and its children are gone at the end."""
     process = subprocess.Popen(
         [sys.executable, *map(str, command)],
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+        preexec_fn=_heed_interrupts,
     )  # fmt: skip
     try:
         yield process

@@ -30,6 +30,7 @@ SETTINGS = {
     "distributed.worker.memory.pause": False,
     "distributed.worker.memory.terminate": 0.95,
     "distributed.comm.timeouts.connect": "30s",
+    "distributed.worker.preload": ["tccm_ros.fleet.worker_setup"],
 }
 """Of a cluster on this machine."""
 

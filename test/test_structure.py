@@ -137,7 +137,7 @@ def test_tests_stand_where_the_room_that_they_test_stands():
 def test_only_nodes_know_ros_and_only_the_graph_knows_gtsam(path: Path):
     tops = {name.split(".")[0] for name in imports(path)}
     ros = {t for t in tops if t in ROS_PACKAGES or t.endswith(("_msgs", "_srvs"))}
-    assert not ros or room_of(path) in {"nodes", "client"}
+    assert not ros or room_of(path) == "nodes"
     place = path.relative_to(PACKAGE)
     assert "gtsam" not in tops or {str(place), str(place.parent)} & GTSAM_ROOMS
 

@@ -59,14 +59,14 @@ def command_line() -> str:
 
 def _command(name: str, command: typer.core.TyperCommand) -> str:
     arguments = [p for p in command.params if p.param_type_name == "argument"]
-    usage = " ".join(["tccm", name, *map(_placeholder, arguments), "[OPTIONS]"])
+    usage = " ".join(["tccm", name, *map(_usage_word, arguments), "[OPTIONS]"])
     lines = [f"## tccm {name}", "", command.help or "", "", "```", usage, "```", ""]
     rows = [*map(_argument, arguments), *_options(command)]
     head = ["| | meaning | default |", "|---|---|---|"] if rows else []
     return "\n".join([*lines, *head, *rows]).rstrip() + "\n"
 
 
-def _placeholder(argument: typer.core.TyperArgument) -> str:
+def _usage_word(argument: typer.core.TyperArgument) -> str:
     name = argument.name.upper().removesuffix("S" if argument.nargs == -1 else "")
     name = name if argument.nargs != -1 else f"{name} [{name} ...]"
     return name if argument.required else f"[{name}]"

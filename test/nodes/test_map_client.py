@@ -8,16 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live_robot import Listener, recording, slam, tccm
-from ros_harness import domain, ros  # noqa: F401  (fixtures)
 
 from tccm_ros.nodes.interfaces import has_interfaces
 
 pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
-def run(ros, name: str) -> str:  # noqa: F811
+def run(ros, name: str) -> str:
     """Run an example beside the nodes of this process; return what it prints."""
     process = subprocess.Popen(
         [sys.executable, EXAMPLES / name],
@@ -35,7 +34,7 @@ def run(ros, name: str) -> str:  # noqa: F811
     return text
 
 
-def test_a_python_node_hears_of_the_map_and_asks_it(ros):  # noqa: F811
+def test_a_python_node_hears_of_the_map_and_asks_it(ros):
     from tccm_ros.client import SurfaceMapClient
     from tccm_ros.errors import QuestionError
 

@@ -17,9 +17,6 @@ each other with more than 10 m of path between them. Logs that are not there are
 
 from __future__ import annotations
 
-import argparse
-import os
-import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -30,6 +27,7 @@ from typing import Any
 import gtsam
 import numpy as np
 from bench_slam import HERE, scans_of
+from drives import run_drives
 
 from tccm_ros.arrays import Float64
 from tccm_ros.bags.carmen import import_carmen
@@ -60,7 +58,6 @@ from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.slam.walls import WallTable
 
 ROOT = HERE.parent
-LOGS = ("intel", "mit-csail")
 
 FREE_SIGMA = 1.0
 """Of the endpoint of a wall that no other wall shares, m: nothing observes it along the wall."""
@@ -358,22 +355,13 @@ def recorded(log: Path, folder: Path) -> None:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    default = os.environ.get("TCCM_SHARED", HERE.parents[1] / "shared")
-    parser.add_argument("--shared", type=Path, default=Path(default))
-    parser.add_argument("--worlds", nargs="*", default=["flat", "ring", *LOGS])
-    options = parser.parse_args()
     print(f"derivatives differ by at most {check_derivatives():.1e} from differences\n")
-    print("| drive | corners | corners as | position | iterations | seconds |")
-    print("|---|---|---|---|---|---|")
-    with tempfile.TemporaryDirectory() as name:
-        for world in options.worlds:
-            if world not in LOGS:
-                simulated(world, Path(name))
-                continue
-            log = options.shared / "data" / "carmen" / f"{world}.clf.bz2"
-            if log.exists():
-                recorded(log, Path(name))
+    run_drives(
+        __doc__.partition("\n")[0],
+        ("drive", "corners", "corners as", "position", "iterations", "seconds"),
+        simulated,
+        recorded,
+    )
 
 
 if __name__ == "__main__":

@@ -9,15 +9,13 @@ them. Logs that are not there are left out.
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
-import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
 from bench_slam import HERE, scans_of
+from drives import run_drives
 
 from tccm_ros.bags.carmen import import_carmen
 from tccm_ros.config.reader import read_config
@@ -37,7 +35,6 @@ from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 ROOT = HERE.parent
 CONFIGS = {"ours": None, "config/paper.yaml": ROOT / "config" / "paper.yaml"}
-LOGS = ("intel", "mit-csail")
 
 
 def simulated(world: str, folder: Path) -> None:
@@ -94,21 +91,12 @@ def recorded(log: Path, folder: Path) -> None:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    default = os.environ.get("TCCM_SHARED", HERE.parents[1] / "shared")
-    parser.add_argument("--shared", type=Path, default=Path(default))
-    parser.add_argument("--worlds", nargs="*", default=["flat", "ring", *LOGS])
-    options = parser.parse_args()
-    print("| drive | configuration | position, m | surfaces found | seconds |")
-    print("|---|---|---|---|---|")
-    with tempfile.TemporaryDirectory() as name:
-        for world in options.worlds:
-            if world not in LOGS:
-                simulated(world, Path(name))
-                continue
-            log = options.shared / "data" / "carmen" / f"{world}.clf.bz2"
-            if log.exists():
-                recorded(log, Path(name))
+    run_drives(
+        __doc__,
+        ("drive", "configuration", "position, m", "surfaces found", "seconds"),
+        simulated,
+        recorded,
+    )
 
 
 if __name__ == "__main__":

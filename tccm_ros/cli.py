@@ -34,6 +34,13 @@ RemapOption = Annotated[
 ]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")]
 JsonOption = Annotated[bool, typer.Option("--json", help="print the result as JSON")]
+WorkersOption = Annotated[int, typer.Option(min=1, help="processes on this machine")]
+MemoryOption = Annotated[
+    str, typer.Option(help="memory limit of a worker, for example 4GiB; auto: an equal part")
+]
+SchedulerOption = Annotated[
+    str, typer.Option(help="a running Dask scheduler in place of these: tcp://host:port")
+]
 
 
 @app.callback(invoke_without_command=True)
@@ -80,13 +87,9 @@ def fleet(
         typer.Argument(help="bags, folders, patterns, URLs; '-' reads them from standard input"),
     ],
     out: Annotated[Path, typer.Option("--out", help="folder of the fleet")],
-    workers: Annotated[int, typer.Option(min=1, help="processes on this machine")] = 1,
-    memory: Annotated[
-        str, typer.Option(help="memory limit of a worker, for example 4GiB; auto: an equal part")
-    ] = "auto",
-    scheduler: Annotated[
-        str, typer.Option(help="a running Dask scheduler in place of these: tcp://host:port")
-    ] = "",
+    workers: WorkersOption = 1,
+    memory: MemoryOption = "auto",
+    scheduler: SchedulerOption = "",
     config: ConfigOption = None,
     set: SetOption = [],  # noqa: B006
     remap: RemapOption = [],  # noqa: B006
@@ -136,13 +139,9 @@ def merge(
     same_building: Annotated[
         bool, typer.Option("--same-building", help="maps of the same bytes are of one place")
     ] = False,
-    workers: Annotated[int, typer.Option(min=1, help="processes on this machine")] = 1,
-    memory: Annotated[
-        str, typer.Option(help="memory limit of a worker, for example 4GiB; auto: an equal part")
-    ] = "auto",
-    scheduler: Annotated[
-        str, typer.Option(help="a running Dask scheduler in place of these: tcp://host:port")
-    ] = "",
+    workers: WorkersOption = 1,
+    memory: MemoryOption = "auto",
+    scheduler: SchedulerOption = "",
     config: ConfigOption = None,
     set: SetOption = [],  # noqa: B006
     quiet: QuietOption = False,

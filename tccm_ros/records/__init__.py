@@ -35,6 +35,7 @@ from tccm_ros.records.sensors import (
 )
 from tccm_ros.records.solution import (
     EdgeState,
+    FormerPlace,
     Keyframe,
     Landmark,
     LandmarkObservation,
@@ -54,6 +55,7 @@ __all__ = [
     "DepthImage",
     "EdgeState",
     "Event",
+    "FormerPlace",
     "JointSample",
     "Keyframe",
     "Landmark",

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Point, PointStamped, Pose, PoseStamped, Vector3
+from asker import Asker
+from geometry_msgs.msg import Point, PointStamped
 from live_robot import Listener, recording, slam, tccm
-from std_msgs.msg import Header
 
-from tccm_ros.nodes.interfaces import has_interfaces, service_class
+from tccm_ros.nodes.interfaces import has_interfaces
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.ros.surface_messages import SURFACE_EVENT, SURFACE_MAP
 
@@ -22,35 +22,6 @@ WRONG_PLACEMENTS = [
     ({"base": 2}, "reach is 0"),
 ]
 UNKNOWN, FREE, OCCUPIED = range(3)
-
-
-class Asker:
-    """Calls services, one client each."""
-
-    def __init__(self, ros):
-        self.ros = ros
-        self.node = Listener(ros, "asker").node
-        self._clients = {}
-
-    def ask(self, kind: str, service: str, **fields):
-        request = service_class(kind).Request(**fields)
-        if service not in self._clients:
-            self._clients[service] = self.node.create_client(service_class(kind), service)
-        return self.ros.call(self._clients[service], request)
-
-    def surfaces(self, **fields):
-        wanted = message_class("tccm_interfaces/msg/SurfaceFilter")(**fields)
-        return self.ask("FindSurfaces", "/surface_slam/find_surfaces", filter=wanted)
-
-    def placements(self, **fields):
-        size = {"size_x": 0.1, "size_y": 0.1, "height": 0.12}
-        return self.ask("FindPlacements", "/surface_slam/find_placements", **(size | fields))
-
-    def box(self, xyz, size, frame="odom"):
-        x, y, z = map(float, xyz)
-        pose = PoseStamped(header=Header(frame_id=frame), pose=Pose(position=Point(x=x, y=y, z=z)))
-        a, b, c = map(float, size)
-        return self.ask("CheckBox", "/tccm/check_box", pose=pose, size=Vector3(x=a, y=b, z=c))
 
 
 def test_questions_are_answered_while_both_nodes_map(ros, tmp_path):

@@ -5,6 +5,7 @@ import pytest
 from asker import Asker
 from geometry_msgs.msg import Point, PointStamped
 from live_robot import Listener, recording, slam, tccm
+from std_msgs.msg import Header
 
 from tccm_ros.nodes.interfaces import has_interfaces
 from tccm_ros.nodes.ros_types import message_class

@@ -176,8 +176,8 @@ def main() -> None:
     write_recordings(folder, arguments.recordings)
     print("| workers | s | workers' processor, s | client's, s | workers' for a recording, s |")
     print("|---|---|---|---|---|")
-    turns = [workers for _ in range(arguments.runs) for workers in (1, 2)]
-    runs = [(workers, measure([str(folder)], workers)) for workers in turns]
+    order = [workers for _ in range(arguments.runs) for workers in (1, 2)]
+    runs = [(workers, measure([str(folder)], workers)) for workers in order]
     print_costs([cost for _, run in runs for cost in run.costs])
     compare_bytes([str(folder)], [run for _, run in runs])
     one, two = ([run for workers, run in runs if workers == count] for count in (1, 2))

@@ -40,5 +40,5 @@ def test_tables_and_collision_objects_are_of_one_solution(ros):
         assert np.abs(hull[:, 2]).max() < 1e-9
     stamp = objects[-1].header.stamp
     newest = {o.id for o in objects if o.header.stamp == stamp}
-    things = {f"tccm_object_{o.id}" for o in maps[-1].objects}
-    assert newest == {f"tccm_surface_{s.id}" for s in surfaces} | things
+    items = {f"tccm_object_{o.id}" for o in maps[-1].objects}
+    assert newest == {f"tccm_surface_{s.id}" for s in surfaces} | items

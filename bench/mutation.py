@@ -3,17 +3,16 @@
 Usage: python bench/mutation.py [--size N] [--seed N] [--jobs N] [--minutes N] [--out FILE]
        python bench/mutation.py --check | --list [--out FILE]
 
-Needs cosmic-ray (MIT): pip install cosmic-ray. It makes all mutants of the modules of `CORE`; a
-random sample of them is tried, stratified by module in proportion to the mutants of each, in random
-order. What cannot fail is left out before the sample is drawn: annotations (never executed), and
+Needs cosmic-ray (MIT): pip install -r requirements-bench.txt. It makes all mutants of the modules
+of `CORE`; a random sample of them is tried, stratified by module in proportion to the mutants of
+each, in random order. What cannot fail is left out before the sample is drawn: annotations (never executed), and
 the decorators of kernels (which then run in plain Python, with the same results).
 
 Each mutant is tried in a copy of the package, first against the tests of its module (those that
 import it, or have its name), then against those of its room, those first that import what imports
-it, until one fails. Kernels are
-compiled where the mutant is in them, as on a robot: those of the cuboids use pointers and the
-processor's own instructions and do not run with NUMBA_DISABLE_JIT=1, and searches in plain Python
-take minutes. Modules of `PLAIN` are the exception.
+it, until one fails. Kernels are compiled where the mutant is in them, as on a robot: those of the
+cuboids use pointers and the processor's own instructions and do not run with NUMBA_DISABLE_JIT=1,
+and searches in plain Python take minutes. Modules of `PLAIN` are the exception.
 
 Outcomes are appended to FILE (default out/mutation.jsonl), one line each; a run that was broken off
 goes on where it ended. A mutant whose tests take longer than `LIMIT_S` counts as killed, as one

@@ -1,6 +1,7 @@
 """The tools beside the benchmarks: tables become numbers, and two runs are compared."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -89,3 +90,29 @@ def test_a_file_that_is_no_result_is_an_error(files):
     assert done.returncode == 1
     assert "not the results" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_requirements_name_all_that_benchmarks_import():
+    brought = {"distributed": "dask", "psutil": "dask"}
+    names = {"PIL": "pillow", "mpl_toolkits": "matplotlib", "yaml": "pyyaml", **brought}
+    texts = [
+        (BENCH.parent / f"requirements{kind}.txt").read_text() for kind in ("", "-test", "-bench")
+    ]
+    listed = {
+        re.split(r"[\[<>=,]", line)[0].replace("-", "_")
+        for text in texts
+        for line in text.splitlines()
+        if line and line[0] not in "#-"
+    }
+    own = {
+        path.stem
+        for folder in (BENCH, BENCH.parent / "test/helpers")
+        for path in folder.glob("*.py")
+    }
+    for path in BENCH.glob("*.py"):
+        for name in re.findall(r"^\s*(?:import|from) (\w+)", path.read_text(), re.MULTILINE):
+            if name in sys.stdlib_module_names or name in own | {"tccm_ros"}:
+                continue
+            if name.endswith(("_msgs", "_srvs")) or name == "rclpy":
+                name = "ros_jazzy_rclpy"
+            assert names.get(name, name) in listed, f"{path.name} imports {name}"

@@ -5,8 +5,8 @@ Usage: python bench/mutation.py [--size N] [--seed N] [--jobs N] [--minutes N] [
 
 Needs cosmic-ray (MIT): pip install -r requirements-bench.txt. It makes all mutants of the modules
 of `CORE`; a random sample of them is tried, stratified by module in proportion to the mutants of
-each, in random order. What cannot fail is left out before the sample is drawn: annotations (never executed), and
-the decorators of kernels (which then run in plain Python, with the same results).
+each, in random order. What cannot fail is left out before the sample is drawn: annotations (never
+executed), and the decorators of kernels (which then run in plain Python, with the same results).
 
 Each mutant is tried in a copy of the package, first against the tests of its module (those that
 import it, or have its name), then against those of its room, those first that import what imports

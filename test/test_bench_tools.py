@@ -1,5 +1,6 @@
 """The tools beside the benchmarks: tables become numbers, and two runs are compared."""
 
+import ast
 import json
 import re
 import subprocess
@@ -110,9 +111,18 @@ def test_requirements_name_all_that_benchmarks_import():
         for path in folder.glob("*.py")
     }
     for path in BENCH.glob("*.py"):
-        for name in re.findall(r"^\s*(?:import|from) (\w+)", path.read_text(), re.MULTILINE):
+        for name in imported(path):
             if name in sys.stdlib_module_names or name in own | {"tccm_ros"}:
                 continue
             if name.endswith(("_msgs", "_srvs")) or name == "rclpy":
                 name = "ros_jazzy_rclpy"
             assert names.get(name, name) in listed, f"{path.name} imports {name}"
+
+
+def imported(path):
+    """The packages that a file imports, anywhere in it."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            yield node.module.split(".")[0]
+        elif isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[0] for alias in node.names)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-BENCH = Path(__file__).resolve().parents[1] / "bench"
+ROOT = Path(__file__).resolve().parents[1]
+BENCH = ROOT / "bench"
 sys.path.append(str(BENCH))
 
 from compare import differences  # noqa: E402
@@ -96,9 +97,7 @@ def test_a_file_that_is_no_result_is_an_error(files):
 def test_requirements_name_all_that_benchmarks_import():
     brought = {"distributed": "dask", "psutil": "dask"}
     names = {"PIL": "pillow", "mpl_toolkits": "matplotlib", "yaml": "pyyaml", **brought}
-    texts = [
-        (BENCH.parent / f"requirements{kind}.txt").read_text() for kind in ("", "-test", "-bench")
-    ]
+    texts = [(ROOT / f"requirements{kind}.txt").read_text() for kind in ("", "-test", "-bench")]
     listed = {
         re.split(r"[\[<>=,]", line)[0].replace("-", "_")
         for text in texts
@@ -107,7 +106,7 @@ def test_requirements_name_all_that_benchmarks_import():
     }
     own = {
         path.stem
-        for folder in (BENCH, BENCH.parent / "test/helpers")
+        for folder in (BENCH, ROOT / "tools", ROOT / "test/helpers")
         for path in folder.glob("*.py")
     }
     for path in BENCH.glob("*.py"):

@@ -272,7 +272,7 @@ def run_tests(copy: Path, tests: Sequence[str], *, jit: bool) -> None:
     import numba
     import pytest
 
-    os.setsid()
+    os.setpgrp()  # not a session of its own, which would have a priority of its own
     os.chdir(copy)
     with open(os.devnull, "w") as nothing:
         for stream in (1, 2):

@@ -1,14 +1,17 @@
 """The tools beside the benchmarks: tables become numbers, and two runs are compared."""
 
+import ast
 import itertools
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-BENCH = Path(__file__).resolve().parents[1] / "bench"
+ROOT = Path(__file__).resolve().parents[1]
+BENCH = ROOT / "bench"
 sys.path.append(str(BENCH))
 
 import bench_catalogue  # noqa: E402
@@ -130,3 +133,36 @@ def test_four_robots_begin_at_other_places_of_one_building():
         starts = [merge_drives.BUILDINGS[building](robot).drive.states[0, :2] for robot in range(4)]
         distances = [float(abs(a - b).max()) for a, b in itertools.combinations(starts, 2)]
         assert min(distances) > 0.5
+
+
+def test_requirements_name_all_that_benchmarks_import():
+    brought = {"distributed": "dask", "psutil": "dask"}
+    names = {"PIL": "pillow", "mpl_toolkits": "matplotlib", "yaml": "pyyaml", **brought}
+    texts = [(ROOT / f"requirements{kind}.txt").read_text() for kind in ("", "-test", "-bench")]
+    listed = {
+        re.split(r"[\[<>=,]", line)[0].replace("-", "_")
+        for text in texts
+        for line in text.splitlines()
+        if line and line[0] not in "#-"
+    }
+    own = {
+        path.stem
+        for folder in (BENCH, ROOT / "tools", ROOT / "test/helpers")
+        for path in folder.glob("*.py")
+    }
+    for path in BENCH.glob("*.py"):
+        for name in imported(path):
+            if name in sys.stdlib_module_names or name in own | {"tccm_ros"}:
+                continue
+            if name.endswith(("_msgs", "_srvs")) or name == "rclpy":
+                name = "ros_jazzy_rclpy"
+            assert names.get(name, name) in listed, f"{path.name} imports {name}"
+
+
+def imported(path):
+    """The packages that a file imports, anywhere in it."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            yield node.module.split(".")[0]
+        elif isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[0] for alias in node.names)

@@ -117,8 +117,10 @@ class Pipeline:
         with self.clock.stage("signs"):
             measured = [sign for event in events for sign in self.signs.add(event)]
         with self.clock.stage("slam"):
-            for event in [*events, *measured]:
+            for event in events:
                 self.slam.add(event)
+            for sign in measured:
+                self.slam.add(sign)
         self._add_cycles(results)
         return results + self._add_level_scans(events) if self._level.is_on else results
 

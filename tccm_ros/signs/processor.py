@@ -126,7 +126,8 @@ def measure_signs(detector: SignDetector, posed: PosedPicture) -> list[SignMeasu
     signs = detector.detect(pixels)
     if not signs:
         return []
-    middles = np.array([sign.pixel for sign in signs])
+    # The detector counts from the edge of the first pixel, a calibration from its middle.
+    middles = np.array([sign.pixel for sign in signs]) - 0.5
     is_rectified = is_rectified_topic(posed.role)
     bearings = pixel_directions(camera, middles, is_rectified=is_rectified)
     boxes = np.array([np.append(sign.box[:2], sign.box[:2] + sign.box[2:]) for sign in signs])
@@ -135,16 +136,18 @@ def measure_signs(detector: SignDetector, posed: PosedPicture) -> list[SignMeasu
     return [
         SignMeasurement(
             stamp_ns=posed.stamp_ns,
-            pixel=sign.pixel,
+            pixel=pixel,
             bearing=bearing,
             T_base_camera=posed.T_base_sensor[0],
             text=sign.text,
             number=sign.number,
             confidence=sign.confidence,
             descriptor=descriptor,
-            corners=sign.corners,
+            corners=sign.corners - 0.5,
             focal_length=float(camera.K[0, 0] / camera.binning[0]),
         )
-        for sign, bearing, descriptor in zip(signs, bearings, descriptors, strict=True)
+        for sign, pixel, bearing, descriptor in zip(
+            signs, middles, bearings, descriptors, strict=True
+        )
         if np.isfinite(bearing).all()
     ]

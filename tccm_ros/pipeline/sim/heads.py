@@ -45,7 +45,9 @@ D435 = DepthCamera(
 )  # fmt: skip
 
 # A colour camera of 60 degrees, at a reduced resolution.
-COLOUR = ColourCamera(width=512, height=384, focal=443.0, period=0.5)
+COLOUR = ColourCamera(
+    width=512, height=384, focal=443.0, period=0.5, sigma=1.5, quality=70
+)  # fmt: skip
 
 # A lidar such as the VLP-16, turning at 5 Hz: 16 rings over 30 degrees.
 VLP_16 = SpinningLidar(

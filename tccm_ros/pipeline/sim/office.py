@@ -12,6 +12,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.sim.door_plates import STYLES, door_plate, notice
 from tccm_ros.pipeline.sim.flat import chair, stop_and_scan
+from tccm_ros.pipeline.sim.heads import with_colour_camera
 from tccm_ros.pipeline.sim.motion import Waypoint
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.panels import Panel, on_wall
@@ -135,13 +136,13 @@ def _traps() -> list[Panel]:
     boards = [
         (np.asarray(poster(random)), 0.6, 2.3, 1.0, 1.45),
         (notice("EXIT", green, white), 0.36, 2.9, -1.0, 2.05),
-        (np.asarray(directory(random)), 0.45, 5.6, -1.0, 1.5),
+        (np.asarray(directory(random)), 0.45, 6.5, -1.0, 1.5),
         (np.asarray(paper(random)), 0.22, 5.7, 1.0, 1.45),
         (notice("FIRE", red, white), 0.25, 8.9, 1.0, 1.7),
-        (np.asarray(poster(random)), 0.5, 8.5, -1.0, 1.5),
+        (np.asarray(poster(random)), 0.5, 10.0, -1.0, 1.5),
         (notice("24.12.2025", white, (30, 30, 30)), 0.3, 12.2, 1.0, 1.4),
         (np.asarray(poster(random)), 0.7, 15.3, 1.0, 1.5),
-        (notice("201-210", white, (40, 60, 120)), 0.3, 15.4, -1.0, 1.7),
+        (notice("201-210", white, (40, 60, 120)), 0.3, 13.5, -1.0, 1.7),
     ]
     return [
         Panel(pixels.copy(), on_wall((x, side * HALF_CORRIDOR), z, (0.0, -side)), width)
@@ -193,8 +194,8 @@ def office_signs(options: Options) -> World:
     The camera looks to the left: on the way back it sees the other side of the corridor. With
     `alike` all rooms are furnished alike.
     """
-    changed = options.model_copy(update={"colour_camera": True})
     scene = office_scene(alike=options.alike)
     route = _route(options.laps, visited=0 if options.alike else ROOMS_PER_SIDE)
-    world = stop_and_scan("office_signs", scene, route, changed, SPEED)
-    return replace(world, panels=office_panels(), rooms=office_rooms())
+    world = stop_and_scan("office_signs", scene, route, options, SPEED)
+    rig = with_colour_camera(world.rig)
+    return replace(world, rig=rig, panels=office_panels(), rooms=office_rooms())

@@ -80,7 +80,7 @@ def with_options(rig: Rig, options: Options) -> Rig:
     """Return the rig with the options that concern its sensors and its odometry."""
     if options.depth_camera:
         rig = with_depth_camera(rig)
-    if options.colour_camera:
+    if options.colour_camera and rig.colour_camera is None:
         rig = with_colour_camera(rig)
     if options.lidar:
         rig = with_lidar(rig)

@@ -68,7 +68,7 @@ def office_scene(*, alike: bool = False) -> Scene:
     Parameters
     ----------
     alike
-        Whether all rooms are furnished alike, so that only signs tell them apart.
+        Whether all rooms are furnished alike, so that only signs distinguish them.
     """
     scene = Scene()
     far = HALF_CORRIDOR + THICKNESS + DEPTH

@@ -80,9 +80,9 @@ def test_what_stands_before_a_panel_hides_it():
     )
 
 
-def test_a_turn_during_the_exposure_smears_a_panel_by_as_many_pixels():
-    turn = 0.06  # rad, 8.4 pixels
-    yaws = turn * ((np.arange(4) + 0.5) / 4 - 0.5)
+def test_rotation_during_the_exposure_smears_a_panel_by_as_many_pixels():
+    yaw_change = 0.06  # rad, 8.4 pixels
+    yaws = yaw_change * ((np.arange(4) + 0.5) / 4 - 0.5)
     moving = np.array([rigid((0, 0, 0), (0, 0, yaw)) @ OPTICAL for yaw in yaws])
     panel = white_panel(at=(3.0, 0.0), width=0.3)
     sharp, smeared = (

@@ -1,17 +1,27 @@
 """The tools beside the benchmarks: tables become numbers, and two runs are compared."""
 
+import ast
+import itertools
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-BENCH = Path(__file__).resolve().parents[1] / "bench"
+ROOT = Path(__file__).resolve().parents[1]
+BENCH = ROOT / "bench"
 sys.path.append(str(BENCH))
 
+import bench_catalogue  # noqa: E402
+import bench_fleet  # noqa: E402
+import merge_drives  # noqa: E402
 from compare import differences  # noqa: E402
+from random_flats import random_flat  # noqa: E402
 from tables import Value, values_of  # noqa: E402
+
+from tccm_ros.fleet.catalogue import Catalogue  # noqa: E402
 
 OUTPUT = """
 text | with a bar
@@ -89,3 +99,70 @@ def test_a_file_that_is_no_result_is_an_error(files):
     assert done.returncode == 1
     assert "not the results" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_the_catalogue_that_is_timed_answers(tmp_path):
+    catalogue = Catalogue(tmp_path / "catalogue")
+    bench_catalogue.write_surfaces(catalogue, maps=500, surfaces=10, own_files=3)
+    (count,) = catalogue.ask("SELECT count(*) FROM surfaces").rows
+    assert count == (5000,)
+    for query in bench_catalogue.QUERIES.values():
+        assert catalogue.ask(query).rows
+
+
+def test_the_flats_of_the_fleet_have_the_stops_that_are_timed():
+    for flat in range(bench_fleet.FLATS):
+        whole = random_flat(flat)
+        assert len(whole.drive.stops) > bench_fleet.MIN_STOPS
+        part = random_flat(flat, stops=slice(1, 1 + bench_fleet.STOPS))
+        assert len(part.drive.stops) == bench_fleet.STOPS
+        assert part.duration < whole.duration / 2
+
+
+def test_results_that_differ_have_another_digest(tmp_path):
+    (tmp_path / "surfaces.json").write_text("{}")
+    before = bench_fleet.digest(tmp_path)
+    (tmp_path / "timing.json").write_text("{}")
+    assert bench_fleet.digest(tmp_path) == before
+    (tmp_path / "surfaces.json").write_text("[]")
+    assert bench_fleet.digest(tmp_path) != before
+
+
+def test_four_robots_begin_at_other_places_of_one_building():
+    for building in ("flat", "ring"):
+        starts = [merge_drives.BUILDINGS[building](robot).drive.states[0, :2] for robot in range(4)]
+        distances = [float(abs(a - b).max()) for a, b in itertools.combinations(starts, 2)]
+        assert min(distances) > 0.5
+
+
+def test_requirements_name_all_that_benchmarks_import():
+    brought = {"distributed": "dask", "psutil": "dask"}
+    names = {"PIL": "pillow", "mpl_toolkits": "matplotlib", "yaml": "pyyaml", **brought}
+    texts = [(ROOT / f"requirements{kind}.txt").read_text() for kind in ("", "-test", "-bench")]
+    listed = {
+        re.split(r"[\[<>=,]", line)[0].replace("-", "_")
+        for text in texts
+        for line in text.splitlines()
+        if line and line[0] not in "#-"
+    }
+    own = {
+        path.stem
+        for folder in (BENCH, ROOT / "tools", ROOT / "test/helpers")
+        for path in folder.glob("*.py")
+    }
+    for path in BENCH.glob("*.py"):
+        for name in imported(path):
+            if name in sys.stdlib_module_names or name in own | {"tccm_ros"}:
+                continue
+            if name.endswith(("_msgs", "_srvs")) or name == "rclpy":
+                name = "ros_jazzy_rclpy"
+            assert names.get(name, name) in listed, f"{path.name} imports {name}"
+
+
+def imported(path):
+    """The packages that a file imports, anywhere in it."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            yield node.module.split(".")[0]
+        elif isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[0] for alias in node.names)

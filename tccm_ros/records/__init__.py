@@ -33,6 +33,7 @@ from tccm_ros.records.sensors import (
     Scan,
     TransformSample,
 )
+from tccm_ros.records.signs import Sign, SignSighting
 from tccm_ros.records.solution import (
     EdgeState,
     Keyframe,
@@ -72,6 +73,8 @@ __all__ = [
     "Scan",
     "ScanPose",
     "SelfShapes",
+    "Sign",
+    "SignSighting",
     "StreamComplete",
     "Surface",
     "SurfaceCloud",

@@ -403,6 +403,7 @@ def _moved(walls: SavedWalls, T_root_map: Float64, first: int, session: int) -> 
         for keyframe in walls.keyframes
     ]
     loops = [replace(loop, a=loop.a + first, b=loop.b + first) for loop in walls.loops]
+
     def on(anchored: AnchoredPose) -> AnchoredPose:
         return replace(anchored, keyframe=anchored.keyframe + first)
 

@@ -33,7 +33,7 @@ from tccm_ros.records.sensors import (
     Scan,
     TransformSample,
 )
-from tccm_ros.records.signs import Sign, SignSighting
+from tccm_ros.records.signs import SIGN, Sign, SignSighting
 from tccm_ros.records.solution import (
     EdgeState,
     Keyframe,
@@ -50,6 +50,7 @@ from tccm_ros.records.solution import (
 )
 
 __all__ = [
+    "SIGN",
     "START_OF_TIME",
     "CameraInfo",
     "DepthImage",

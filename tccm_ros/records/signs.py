@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from tccm_ros.arrays import Float64
 
+SIGN = "sign"
+"""The kind of landmark that a door sign is."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SignSighting:

@@ -40,7 +40,7 @@ def pack_signs(views: Sequence[SignView]) -> dict[str, NDArray[Any]]:
 
 def _stacked(descriptors: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
     size = len(descriptors[0]) if descriptors else 0
-    return np.array(descriptors, np.float32).reshape(-1, size)
+    return np.array(descriptors, np.float32).reshape(len(descriptors), size)
 
 
 def unpack_signs(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[SignView]:

@@ -49,7 +49,7 @@ class SavedWalls(NamedTuple):
 
 
 def pack_walls(saved: SavedWalls) -> dict[str, NDArray[Any]]:
-    """Return arrays: keyframe rows, scans and lines end to end with counts, loops, landmarks, signs."""
+    """Return arrays: keyframe rows, scans and lines end to end with counts, loops, and the rest."""
     keyframes, lines, poses, loops, observations, sign_views = saved
     scans = [k.scan for k in keyframes]
     return {

@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.records import Landmark, Sign, SignSighting
+from tccm_ros.records import SIGN, Landmark, Sign, SignSighting
 from tccm_ros.signs.texts import vote
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, wall_key
 from tccm_ros.slam.factors.landmarks import landmark_class
-from tccm_ros.slam.factors.signs import SIGN, SignOnWall, SignStart
+from tccm_ros.slam.factors.signs import SignOnWall, SignStart
 from tccm_ros.slam.graph import GraphSolution
 from tccm_ros.slam.landmarks import AnchoredObservation
 from tccm_ros.slam.sign_association import associate_signs, number_signs
@@ -97,9 +97,7 @@ def find_signs(views: Sequence[SignView], passes: Passes, walls: WallTable) -> l
         return []
     solution, keys = passes.solution, passes.keys
     rays = rays_of(views, solution.planar_poses(keys))
-    sightings = find_sightings(
-        views, rays, [passes.sessions[v.anchored.keyframe] for v in views]
-    )
+    sightings = find_sightings(views, rays, [passes.sessions[v.anchored.keyframe] for v in views])
     signs = associate_signs(
         sightings, lambda a, b, p: solution.relative_covariance(keys[a], keys[b], p)
     )
@@ -109,7 +107,11 @@ def find_signs(views: Sequence[SignView], passes: Passes, walls: WallTable) -> l
 
 
 def _found(
-    number: int, sightings: Sequence[Sighting], views: Sequence[SignView], rays: Rays, walls: WallTable
+    number: int,
+    sightings: Sequence[Sighting],
+    views: Sequence[SignView],
+    rays: Rays,
+    walls: WallTable,
 ) -> FoundSign | None:
     """Return a sign without the views that contradict the others; None where it is not believed."""
     members = sorted(i for s in sightings for i in s.views)

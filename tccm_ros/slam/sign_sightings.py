@@ -113,9 +113,7 @@ def _known_since(sighting: Sighting, rays: Rays) -> int:
     return views[next(told, len(views)) - 1]
 
 
-def _passes(
-    views: Sequence[SignView], stamps: Int64, sessions: Sequence[int]
-) -> list[list[int]]:
+def _passes(views: Sequence[SignView], stamps: Int64, sessions: Sequence[int]) -> list[list[int]]:
     """Return groups of views of one text without a long gap between two of them."""
     by_text: dict[tuple[int, str], list[int]] = {}
     for i, view in enumerate(views):

@@ -9,11 +9,10 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import compose2, spatial
-from tccm_ros.records import LandmarkObservation
+from tccm_ros.records import SIGN, LandmarkObservation
 from tccm_ros.signs.measurement import SignMeasurement
 from tccm_ros.slam.chain import AnchoredPose
-from tccm_ros.slam.factors.signs import SIGN
-from tccm_ros.slam.factors.views import LEANING_SIGMAS
+from tccm_ros.slam.factors.views import Z_ROLL_PITCH_SIGMAS
 from tccm_ros.slam.landmarks import AnchoredObservation
 from tccm_ros.slam.triangulation import Rays
 
@@ -70,7 +69,7 @@ def rays_of(views: Sequence[SignView], poses: Float64) -> Rays:
     poses
         float64 (K, 3), of the keyframes in map.
     """
-    sigma_z, sigma_roll, _ = LEANING_SIGMAS
+    sigma_z, sigma_roll, _ = Z_ROLL_PITCH_SIGMAS
     on = np.array([v.anchored.keyframe for v in views], np.int64)
     base = compose2(poses[on], np.array([v.anchored.pose for v in views]).reshape(-1, 3))
     T_base_camera = np.array([v.measurement.T_base_camera for v in views]).reshape(-1, 4, 4)

@@ -142,3 +142,30 @@ def _leaning(roll: float, pitch: float) -> Float64:
     cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
     across = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
     return np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]]) @ across
+
+
+LENGTH, WIDTH_OF_RING, HALF = 20.0, 9.0, 1.0
+
+
+def office() -> tuple[Float64, list[Plate]]:
+    """Return a ring of corridors and the plates of ten doors on its outer walls."""
+    plates = []
+    for k, x in enumerate((2.0, 5.2, 9.0, 12.5, 16.0)):
+        plates.append(Plate(f"{201 + 2 * k}", (x, -HALF + 0.02, 1.5), np.pi / 2))
+        far = WIDTH_OF_RING + HALF - 0.02
+        plates.append(Plate(f"{202 + 2 * k}", (x + 1.0, far, 1.5), -np.pi / 2))
+    return plan.ring(LENGTH, WIDTH_OF_RING), plates
+
+
+def two_laps() -> Float64:
+    """Return a drive of two laps in the office at 0.5 m/s, from (0, 0)."""
+    lap = [(0, 0), (LENGTH, 0), (LENGTH, WIDTH_OF_RING), (0, WIDTH_OF_RING), (0, 0)]
+    return plan.route([*lap, *lap[1:], (2, 0)], step=0.05)
+
+
+def one_digit_in_ten(text: str, random: np.random.Generator) -> str:
+    """Return a text of which one character is another digit, one time in ten."""
+    if random.random() > 0.1:
+        return text
+    i = int(random.integers(len(text)))
+    return text[:i] + str(random.integers(10)) + text[i + 1 :]

@@ -11,13 +11,11 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import pose
+from tccm_ros.records import SIGN
 from tccm_ros.slam.factors.factor import NoLandmark
 from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.factors.landmarks import LandmarkFactor, register_landmark
 from tccm_ros.slam.factors.noise import gaussian, huber
-
-SIGN = "sign"
-"""The kind of landmark."""
 
 START_RANGE = 2.0
 """Distance (m) at which a single bearing starts a sign (chosen: who reads a plate is near)."""

@@ -13,8 +13,7 @@ from tccm_ros.slam.factors.factor import NoLandmark
 from tccm_ros.slam.factors.keys import Key, rotation_z, view_key
 from tccm_ros.slam.factors.noise import gaussian, huber, planar_covariance
 
-
-LEANING_SIGMAS = (0.005, 0.00524, 0.00524)
+Z_ROLL_PITCH_SIGMAS = (0.005, 0.00524, 0.00524)
 """Standard deviations of the z (m), roll and pitch (rad) of a base that moves: 5 mm and 0.3 deg
 (chosen; docs/design/wall_slam.md, "Views in the graph")."""
 
@@ -40,7 +39,7 @@ class KeyframeView(NoLandmark):
     view: Key
     delta: Float64
     cov: Float64
-    sigma_z_roll_pitch: tuple[float, float, float] = LEANING_SIGMAS
+    sigma_z_roll_pitch: tuple[float, float, float] = Z_ROLL_PITCH_SIGMAS
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
         """Add a between factor in all six degrees of freedom."""

@@ -30,7 +30,7 @@ WALL_SIGMA = 0.02
 
 
 MIN_VIEWS_WITHOUT_WALL = 3
-"""Views of a sign that is on no known wall: two rays meet somewhere whenever they cross (chosen)."""
+"""Views of a sign that is on no known wall: two rays that cross meet somewhere (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +113,7 @@ def _found(
     rays: Rays,
     walls: WallTable,
 ) -> FoundSign | None:
-    """Return a sign without the views that contradict the others; None where it is not believed."""
+    """Return a sign without the views that contradict the others; None for none."""
     members = sorted(i for s in sightings for i in s.views)
     point = triangulate(rays.of(members)).position
     kept = [i for i, chi2 in zip(members, rays.of(members).chi2(point)) if chi2 < RAY_CHI2]

@@ -154,10 +154,10 @@ def _add_misread(
             members = groups[g]
             gaps = np.abs(stamps[members] - stamps[i])
             is_same_pass = sessions[members[0]] == sessions[i] and gaps.min() <= PASS_GAP_NS
-            if chi2[g, i] < RAY_CHI2 and is_same_pass and gaps.min() > 0:
-                if is_misread(text, views[members[0]].measurement.number):
-                    members.append(i)
-                    break
+            is_seen = chi2[g, i] < RAY_CHI2 and is_same_pass and gaps.min() > 0
+            if is_seen and is_misread(text, views[members[0]].measurement.number):
+                members.append(i)
+                break
 
 
 def is_misread(text: str, right: str) -> bool:

@@ -182,8 +182,8 @@ class SurfaceSlam:
     def add(self, event: SlamInput) -> list[ScanPose]:
         """Process one event; return the pose of a level scan, and nothing for other events.
 
-        Landmarks, signs, surface clouds and intervals may come at any time: their stamps tell where they
-        belong. Events for other processors are ignored.
+        Landmarks, signs, surface clouds and intervals may come at any time: their stamps tell
+        where they belong. Events for other processors are ignored.
         """
         if not self.takes(event):
             return []

@@ -65,7 +65,7 @@ class Pictures:
         Of the plan; they hide plates.
     misread
         What is read of a plate's number.
-    lean
+    roll_pitch
         Standard deviation of the base's roll and pitch, rad.
     """
 
@@ -73,7 +73,7 @@ class Pictures:
     walls: Float64
     cameras: Cameras = field(default_factory=Cameras)
     misread: Callable[[str, np.random.Generator], str] = lambda text, random: text
-    lean: float = 0.004
+    roll_pitch: float = 0.004
     found: float = 0.9
 
     def along(
@@ -86,7 +86,9 @@ class Pictures:
                 continue
             last = stamp * 1e-9
             T_map_base = plan.matrix(pose)
-            T_map_base[:3, :3] = T_map_base[:3, :3] @ _leaning(*random.normal(size=2) * self.lean)
+            T_map_base[:3, :3] = T_map_base[:3, :3] @ _tilted(
+                *random.normal(size=2) * self.roll_pitch
+            )
             for yaw in self.cameras.yaws:
                 told += self._picture(T_map_base, self.cameras.T_base_camera(yaw), stamp, random)
         return told
@@ -138,7 +140,7 @@ class Pictures:
         return pixel if free > np.hypot(*away[:2]) - 0.05 else None
 
 
-def _leaning(roll: float, pitch: float) -> Float64:
+def _tilted(roll: float, pitch: float) -> Float64:
     cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
     across = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
     return np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]]) @ across

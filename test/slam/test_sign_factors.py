@@ -30,7 +30,7 @@ def derivatives_by_differences(factor, values, key, dim):
             step = np.zeros(dim)
             step[k] = sign * STEP
             changed = gtsam.VectorValues()
-            for symbol in values.keys():
+            for symbol in values.keys():  # noqa: SIM118 - no dict
                 size = values.zeroVectors().at(symbol).size
                 changed.insert(symbol, step if symbol == key else np.zeros(size))
             other = values.retract(changed)
@@ -44,7 +44,7 @@ def jacobians(factor, values):
     linear = factor.linearize(values)
     A = linear.jacobian()[0]
     blocks, start = {}, 0
-    for symbol in linear.keys():
+    for symbol in linear.keys():  # noqa: SIM118 - no dict
         size = values.zeroVectors().at(symbol).size
         blocks[symbol] = A[:, start : start + size]
         start += size

@@ -1,4 +1,4 @@
-"""Door signs of an office as landmarks: measurements from the truth, with noise and misread digits."""
+"""Door signs of an office as landmarks: from the truth, with noise and misread digits."""
 
 from dataclasses import replace
 
@@ -168,7 +168,7 @@ def test_a_plate_that_is_often_misread_is_one_sign_with_its_own_number(half):
 
 
 def test_a_reflection_in_a_wall_is_no_sign(half):
-    """A mirror on the wall at y = 1 shows the plate at y = -0.98 at y = 2.98, and nothing hides it."""
+    """A mirror on the wall at y = 1 shows the plate at y = -0.98 at y = 2.98."""
     mirrored = Plate("205", (9.0, 2.98, 1.5), -np.pi / 2)
     route, run = half
     seen = Pictures([mirrored], np.zeros((0, 2, 2))).along(route, run.stamps_ns, seed=5)
@@ -182,8 +182,7 @@ def test_a_reflection_in_a_wall_is_no_sign(half):
 
 def test_a_number_that_is_carried_along_is_no_sign(half):
     """Somebody walks beside the robot with a number on the back."""
-    route, run = half
-    seen = pictures_of(half, PLATES)
+    run, seen = half[1], pictures_of(half, PLATES)
     carried = [replace(seen[0], stamp_ns=int(s), number="10") for s in run.stamps_ns[100:300:5]]
     signs = slam_of(run, [*seen, *carried]).solve().signs
     assert "10" not in {s.number for s in signs}
@@ -265,9 +264,7 @@ def test_a_later_session_recognises_the_signs_of_a_saved_map(mapped, half):
 
 def test_damaged_signs_of_a_saved_map_are_refused(mapped):
     state = mapped[0].saved()
-    with pytest.raises(
-        MapError, match="a sign was seen from a keyframe that the map does not have"
-    ):
+    with pytest.raises(MapError, match="a sign was seen from a keyframe that the map"):
         WallSlam.from_saved(Config(), {**state, "sign_keyframe": state["sign_keyframe"] + 10**6})
     with pytest.raises(MapError, match="damaged"):
         WallSlam.from_saved(Config(), {**state, "sign_pixel": state["sign_pixel"][1:]})

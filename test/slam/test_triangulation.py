@@ -1,4 +1,4 @@
-"""Points from rays, against the closed form of a symmetric case and against the truth with noise."""
+"""Points from rays, against a closed form and against the truth with noise."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ SIGMA_ANGLE, SIGMA_POSITION = 0.004, 0.006
 
 
 def rays_to(points, origins, random=None, angle=SIGMA_ANGLE, position=SIGMA_POSITION):
-    """Return rays from origins (N, 3) to points (N, 3), with noise where random numbers are given."""
+    """Return rays from origins (N, 3) to points (N, 3), with noise where `random` is given."""
     away = np.asarray(points, float) - origins
     directions = away / np.linalg.norm(away, axis=1, keepdims=True)
     if random is not None:
@@ -26,7 +26,7 @@ def along(count, length=2.0):
 
 
 def test_two_rays_give_the_point_and_the_covariance_of_the_closed_form():
-    """Two cameras at (-a, 0, 0) and (a, 0, 0), the point at (0, b, 0): by hand, with w = 1 / r2 s2."""
+    """Cameras at (-a, 0, 0) and (a, 0, 0), the point at (0, b, 0); weights 1 / (r2 s2)."""
     a, b = 1.0, 2.0
     rays = rays_to([[0, b, 0]] * 2, np.array([[-a, 0.0, 0.0], [a, 0.0, 0.0]]), position=0.0)
     found = triangulate(rays)
@@ -48,7 +48,7 @@ def test_errors_are_as_the_covariance_says():
     assert chi2.ppf(0.0005, 900) < total < chi2.ppf(0.9995, 900)
 
 
-def test_the_point_of_most_rays_is_found_among_rays_to_other_points():
+def test_the_point_of_the_majority_is_found_among_rays_to_other_points():
     random, point, other = np.random.default_rng(1), [1.0, 1.3, 1.5], [3.0, 1.3, 1.5]
     rays = rays_to([point] * 6 + [other] * 4, np.concatenate([along(6), along(4)]), random)
     members, found = consensus(rays, 3)
@@ -66,5 +66,5 @@ def test_rays_without_parallax_tell_no_point():
 def test_rays_that_never_meet_tell_no_point():
     """A number on a card that somebody carries along with the robot."""
     origins = along(8)
-    rays = rays_to(origins + [1.0, 1.5, 0.3], origins, np.random.default_rng(2))
+    rays = rays_to(origins + np.array([1.0, 1.5, 0.3]), origins, np.random.default_rng(2))
     assert consensus(rays, 2) is None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from surface_maps import poses_at
 
 from tccm_ros.config import Config
@@ -26,12 +26,14 @@ from tccm_ros.records import (
 )
 from tccm_ros.results.result_bag import CycleMessageStore, write_result_bag
 from tccm_ros.slam.solution import Solution
+from tccm_ros.surfaces.scene_objects import SceneObject
 from tccm_ros.surfaces.surface_map import MappedSurfaces
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 S = 1_000_000_000
 UP = np.array([0.0, 0.0, 1.0])
 RING = np.array([[1.0, 0, 0.7], [1.5, 0, 0.7], [1.5, 0.4, 0.7], [1.0, 0.4, 0.7]])
+CUP = SceneObject(5, 1, np.array([1.2, 0.2, 0.75]), np.array([0.08, 0.08, 0.1]), 0.0)
 CONFIG = Config.model_validate({"map": {"window_cycles": 2, "gap": "fixed"}})
 
 
@@ -89,6 +91,7 @@ def solution(cycles, level_scans=30):
     return SurfaceSolution(
         slam=slam, view_stamps_ns=np.array(seen, np.int64), T_map_views=T_views,
         view_poses=poses_at(T_views), mapped=mapped, trajectory_ns=stamps, trajectory=poses,
+        objects=(CUP,) if cycles else (), stamp_ns=int(stamps[-1]) if len(stamps) else 0,
     )  # fmt: skip
 
 
@@ -103,18 +106,22 @@ def bag(cycles, tmp_path_factory):
     return write(path, cycles, solution(cycles))
 
 
-def write(path, cycles, solved):
+def write(path, cycles, solved, config=CONFIG):
     """Write a result bag as a replay does: the messages of each cycle from the map after it."""
-    messages, map_ = CycleMessageStore(CONFIG), IntegrationMap(CONFIG)
+    messages, map_ = CycleMessageStore(config), IntegrationMap(config)
     for cycle in cycles:
         map_.add(cycle.part)
         messages.add(cycle, map_.cuboids())
-    write_result_bag(path, cycles, messages, solved, CONFIG)
+    write_result_bag(path, cycles, messages, solved, config)
     return path
 
 
 @pytest.fixture(scope="module")
 def messages(bag):
+    return read(bag)
+
+
+def read(bag):
     """Return [(log time, message)] by topic, as rosbags reads them."""
     found = {}
     with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
@@ -147,8 +154,37 @@ def test_the_bag_has_every_topic_of_the_nodes_except_diagnostics(messages):
         "/tccm/surfaces": 3, "/tccm/view": 3, "/tf": 3, "/surface_slam/map_to_odom": 3,
         "/pose": 30, "/surface_slam/path": 1, "/surface_slam/walls": 1,
         "/surface_slam/surfaces": 3, "/surface_slam/surface_cloud": 1, "/tccm/object_boxes": 3,
-        "/surface_slam/surface_map": 1, "/surface_slam/objects": 1,
+        "/surface_slam/surface_map": 1, "/surface_slam/objects": 1, "/surface_slam/tables": 1,
+        "/collision_object": 3,
     }  # fmt: skip
+
+
+def test_tables_and_collision_objects_are_of_the_solution_and_stamped_with_it(messages):
+    last = 23 * S + S // 2
+    ((log, tables),) = messages["/surface_slam/tables"]
+    assert (log, stamp_of(tables.header)) == (last, last)
+    assert len(tables.tables) == 2
+    logs, objects = zip(*messages["/collision_object"])
+    assert {*logs, *(stamp_of(o.header) for o in objects)} == {last}
+    assert [o.id for o in objects] == ["tccm_surface_0", "tccm_surface_1", "tccm_object_5"]
+    assert [o.operation for o in objects] == [0, 0, 0]
+
+
+def test_every_message_is_read_by_the_schemas_in_the_file_alone(bag):
+    """As Foxglove does: a schema has the definitions of all that its type contains."""
+    with bag.open("rb") as stream:
+        reader = make_reader(stream)
+        schemas = {s.name: s.data.decode() for s, _, _ in reader.iter_messages()}
+        types = {}
+        for name, text in schemas.items():
+            types[name] = get_typestore(Stores.EMPTY)
+            types[name].register(get_types_from_msg(text, name))
+        read = [
+            types[schema.name].deserialize_cdr(message.data, schema.name)
+            for schema, _, message in reader.iter_messages()
+        ]
+    assert len(schemas) > 8
+    assert len(read) > 30
 
 
 def test_log_times_are_those_of_the_causing_records_and_never_decrease(bag, messages, cycles):
@@ -176,6 +212,24 @@ def test_tf_connects_map_to_base(messages, cycles):
         x = np.interp(cycle.stamp_ns / S, [9, 23.5], [0, 1])
         yaw = np.interp(cycle.stamp_ns / S, [9, 23.5], [0, 0.2])
         assert np.allclose(chain, spatial([x, 0.0, yaw]), atol=1e-9)
+
+
+def test_frames_of_surfaces_are_on_tf_where_asked_for_once_they_were_seen(cycles, tmp_path):
+    asked = CONFIG.model_copy(update={"tf": CONFIG.tf.model_copy(update={"surfaces": True})})
+    bag = write(tmp_path / "result.mcap", cycles, solution(cycles), asked)
+    found = []
+    for (_, message), cycle in zip(read(bag)["/tf"], cycles, strict=True):
+        frames = [t for t in message.transforms if t.child_frame_id.startswith("surface_")]
+        assert {(t.header.frame_id, stamp_of(t.header)) for t in frames} == {
+            ("map", cycle.stamp_ns)
+        }
+        found.append([t.child_frame_id for t in frames])
+        for transform in frames:
+            T = pose_of(*matrix(transform.transform))
+            assert T[:3, 3] == pytest.approx([1.25, 0.2, 0.7]), "the middle"
+            assert T[:3, 2] == pytest.approx(UP), "z along the normal"
+            assert abs(T[0, 0]) == pytest.approx(1.0), "x along the longer edge"
+    assert found == [["surface_0"], ["surface_0"], ["surface_0", "surface_1"]]
 
 
 def pose_of(t, q):

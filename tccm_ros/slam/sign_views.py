@@ -56,6 +56,11 @@ class SignView:
         )
 
 
+def sign_order(measurement: SignMeasurement) -> tuple[float, ...]:
+    """Return what measurements are sorted by: stamp and pixel."""
+    return (measurement.stamp_ns, *measurement.pixel.tolist())
+
+
 def rays_of(views: Sequence[SignView], poses: Float64) -> Rays:
     """Return the rays of views in map.
 

@@ -32,10 +32,14 @@ from tccm_ros.slam.loops import LoopCloser
 from tccm_ros.slam.saved_walls import SavedWalls, pack_walls, unpack_walls
 from tccm_ros.slam.se2 import between, compose, inverse
 from tccm_ros.slam.sign_landmarks import sign_factors, sign_observations, sign_records
-from tccm_ros.slam.sign_views import SignView
+from tccm_ros.slam.sign_views import SignView, sign_order
 from tccm_ros.slam.solution import Solution, empty_solution
 from tccm_ros.slam.trajectory import OdometryTrack, poses_at_stamps, scan_poses
 from tccm_ros.slam.wall_landmarks import structure_factors, wall_factors, wall_records
+
+SIGN_DELAY_NS = 1_000_000_000
+"""What a picture tells is used in the search for loop closures after this time. Chosen: reading one
+takes up to 0.15 s, so that it does not matter how long it took."""
 
 
 class LivePose(NamedTuple):
@@ -87,6 +91,7 @@ class WallSlam:
         # Of door signs: in earlier sessions, and in this one.
         self._saved_signs: Sequence[SignView] = ()
         self._signs: list[SignMeasurement] = []
+        self._unread: list[SignMeasurement] = []
         self._selected: tuple[tuple[int, ...], Inliers] | None = None
 
     # -- input ---------------------------------------------------------------------------------
@@ -135,8 +140,13 @@ class WallSlam:
         self._unanchored.append(observation)
 
     def add_sign(self, sign: SignMeasurement) -> None:
-        """Add what a picture tells of a door sign, in any order."""
+        """Add what a picture tells of a door sign, in any order.
+
+        The search for loop closures has it from `SIGN_DELAY_NS` on; a sign that comes later counts
+        as much in a solution, but not there.
+        """
         self._signs.append(sign)
+        self._unread.append(sign)
 
     def add_guess(self, guess: PoseGuess) -> None:
         """Begin a session with the next scan, and look for its place around a pose.
@@ -185,7 +195,16 @@ class WallSlam:
         stamp = keyframe.scan.stamp_ns
         seen = _by_stamp(o for o in self._unanchored if o.stamp_ns <= stamp)
         self._unanchored = [o for o in self._unanchored if o.stamp_ns > stamp]
-        self._closer.add(keyframe.id, self._anchor_observations(seen))
+        self._closer.add(
+            keyframe.id, self._anchor_observations(seen), self._sign_views_until(stamp)
+        )
+
+    def _sign_views_until(self, stamp_ns: int) -> list[SignView]:
+        """Return the views of signs that have had the time to come until a stamp, in order."""
+        until = stamp_ns - SIGN_DELAY_NS
+        seen = sorted((m for m in self._unread if m.stamp_ns <= until), key=sign_order)
+        self._unread = [m for m in self._unread if m.stamp_ns > until]
+        return [SignView(m, a) for m, a in zip(seen, self._anchor([m.stamp_ns for m in seen]))]
 
     # -- a robot that was lost -----------------------------------------------------------------
 
@@ -343,7 +362,7 @@ class WallSlam:
 
     def _all_sign_views(self) -> list[SignView]:
         """Return the views of signs in all sessions that are in the map's frame, in order."""
-        seen = sorted(self._signs, key=lambda m: (m.stamp_ns, *m.pixel.tolist()))
+        seen = sorted(self._signs, key=sign_order)
         anchored = self._anchor([m.stamp_ns for m in seen]) if self._front.tracked else []
         views = [SignView(m, a) for m, a in zip(seen, anchored)]
         keyframes, localised = self._chain.keyframes, self._closer.localised
@@ -432,7 +451,7 @@ class WallSlam:
             slam._chain.fixed = dict(enumerate(saved.poses))
         slam._saved_observations = saved.observations
         slam._saved_signs = saved.sign_views
-        slam._closer.load(saved.poses, saved.loops, saved.observations)
+        slam._closer.load(saved.poses, saved.loops, saved.observations, saved.sign_views)
         keyframes = saved.keyframes
         session = 1 + max((k.session for k in keyframes), default=-1)
         slam._front = FrontEnd(config, first_id=len(keyframes), session=session)

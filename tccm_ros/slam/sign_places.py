@@ -137,6 +137,8 @@ class SignPlaces:
 
     def _places_of(self, views: Sequence[SignView], poses: Float64) -> list[SignPlace]:
         """Return the places of the signs that views see and read clearly."""
+        if not views:
+            return []
         sessions = [self.keyframes[v.anchored.keyframe].session for v in views]
         sightings = find_sightings(views, rays_of(views, poses), sessions)
         places = [self._place(s, views, poses) for s in sightings if s.confidence > MIN_CONFIDENCE]

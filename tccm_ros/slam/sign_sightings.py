@@ -143,11 +143,13 @@ def _add_misread(
     sessions: Sequence[int],
 ) -> None:
     """Add views with another text to the groups whose point they see."""
+    if not groups:
+        return
     taken = {i for members in groups for i in members}
     points = [triangulate(rays.of(members)).position for members in groups]
-    chi2 = np.array([rays.chi2(point) for point in points]).reshape(-1, len(views))
+    chi2 = np.stack([rays.chi2(point) for point in points])
     for i in range(len(views)):
-        if i in taken or not groups:
+        if i in taken:
             continue
         text = views[i].measurement.number
         for g in np.argsort(chi2[:, i], kind="stable").tolist():

@@ -28,7 +28,7 @@ DRIVES = {
     "in room 103": [(5.95, 3.6), (5.95, 0.0), (1.2, 0.0)],
 }
 NEAR = 0.1
-"""Distance from the truth (m) of a robot that has found its place: offices are 4 m apart."""
+"""Distance from the truth (m) of a robot that has found its place: an office is 4 m wide."""
 
 
 def drive(slam, path, plates, *, seed, start_ns=2 * 10**18, **options):

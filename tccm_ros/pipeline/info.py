@@ -19,7 +19,8 @@ from tccm_ros.pipeline.topics import (
 )
 from tccm_ros.records import PointCloud
 from tccm_ros.robot import MountKind, Robot
-from tccm_ros.sensors.depth_image import camera_info_topic
+from tccm_ros.sensors.camera_rays import has_known_lens
+from tccm_ros.sensors.depth_image import camera_info_topic, is_rectified
 from tccm_ros.sensors.depth_messages import camera_info_from_message
 
 CONSEQUENCES = {
@@ -149,6 +150,11 @@ def _faults_of_cameras(reader: BagReader, choice: TopicChoice) -> list[str]:
         except MessageError as error:
             notes.append(f"{info}: {error}")
             continue
+        if not (is_rectified(image.topic) or has_known_lens(camera)):
+            notes.append(
+                f"{info}: distortion model '{camera.model[:40]}' is not known, expected "
+                "plumb_bob or rational_polynomial; take rectified images"
+            )
         if image.size is not None and image.size != camera.image_size:
             (a, b), (c, d) = image.size, camera.image_size
             notes.append(f"{image.topic} has {a} x {b} pixels, {info} says {c} x {d}")

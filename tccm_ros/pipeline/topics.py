@@ -20,7 +20,7 @@ from tccm_ros.records.building import frame_name
 from tccm_ros.robot import Robot, Stream
 from tccm_ros.ros.reading import READERS
 from tccm_ros.sensors.cloud_messages import CLOUD_READER, point_cloud_from_message
-from tccm_ros.sensors.depth_image import COMPRESSED, camera_info_topic, depth_stream
+from tccm_ros.sensors.depth_image import COMPRESSED, camera_info_topic, depth_reader
 from tccm_ros.sensors.depth_messages import (
     CAMERA_INFO_READER,
     COMPRESSED_READER,
@@ -180,7 +180,7 @@ class _Search:
         if stream.companion is None or self._types.get(topic) not in kinds:
             return stream
         compressed = self._types[topic] == COMPRESSED_READER.message_type
-        return replace(stream, reader=depth_stream(stream.role, compressed=compressed).reader)
+        return replace(stream, reader=depth_reader(topic, compressed=compressed))
 
     def _is_absent(self, role: str) -> bool:
         return role not in self._choice.named and self._choice.topics[role] not in self._types

@@ -9,11 +9,15 @@ from typing import Any
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, TopicInfo
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, MessageError, TopicError
+from tccm_ros.pipeline.depth_topics import (
+    calibration_topic,
+    depth_topics,
+    first_message,
+    unreadable_topics,
+)
 from tccm_ros.pipeline.topics import (
     TopicChoice,
     choose_topics,
-    depth_topics,
-    first_message,
     laser_is_base,
     robot_is_described,
 )
@@ -118,6 +122,8 @@ def _notes(reader: BagReader) -> list[str]:
         source = "points" if PointCloud in kinds else "depth"
         notes.append(f"--set sensors.level_from={source} makes level scans for walls")
     notes += _faults_of_cameras(reader, choice)
+    images = {choice.topics[s.role] for s in choice.streams if s.companion is not None}
+    notes += unreadable_topics(reader, images)
     notes += [*choice.found, *doubt]
     order = [*DEFAULT_TOPICS, *choice.topics]
     remaps = {role: choice.topics[role] for role in sorted(choice.found_roles, key=order.index)}
@@ -136,14 +142,14 @@ def _without_search(config: Config) -> Config:
 
 def _faults_of_cameras(reader: BagReader, choice: TopicChoice) -> list[str]:
     """Return why depth images could not be used: calibration, size, or place on the robot."""
-    types = {topic.name: topic.msgtype for topic in reader.topics() if topic.count}
     notes, robot = [], Robot(Config(), choice.streams)
     described = robot_is_described(reader, choice.topics, robot)
     for image in depth_topics(reader):
-        info = camera_info_topic(image.topic)
-        message = first_message(reader, info) if info in types else None
+        info = calibration_topic(reader, image)
+        message = None if info is None else first_message(reader, info)
         if message is None:
-            notes.append(f"{image.topic}: no {info}: its images cannot be used")
+            beside = camera_info_topic(image.topic)
+            notes.append(f"{image.topic}: no {beside}: its images cannot be used")
             continue
         try:
             camera = camera_info_from_message(message)

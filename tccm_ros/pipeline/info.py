@@ -21,7 +21,7 @@ from tccm_ros.pipeline.topics import (
     laser_is_base,
     robot_is_described,
 )
-from tccm_ros.records import PointCloud
+from tccm_ros.records import DepthImage, PointCloud
 from tccm_ros.robot import MountKind, Robot
 from tccm_ros.sensors.camera_rays import has_known_lens
 from tccm_ros.sensors.depth_image import camera_info_topic, is_rectified
@@ -122,7 +122,7 @@ def _notes(reader: BagReader) -> list[str]:
         source = "points" if PointCloud in kinds else "depth"
         notes.append(f"--set sensors.level_from={source} makes level scans for walls")
     notes += _faults_of_cameras(reader, choice)
-    images = {choice.topics[s.role] for s in choice.streams if s.companion is not None}
+    images = {choice.topics[s.role] for s in choice.streams if s.record is DepthImage}
     notes += unreadable_topics(reader, images)
     notes += [*choice.found, *doubt]
     order = [*DEFAULT_TOPICS, *choice.topics]

@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.config import Config
-from tccm_ros.records import CameraInfo, DepthImage, Posed
+from tccm_ros.records import CameraImage, CameraInfo, DepthImage, Posed
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.robot.streams import Companion
 from tccm_ros.sensors.camera_rays import has_known_lens, pixel_rays
@@ -43,6 +44,8 @@ LINES_PER_COLUMN = 2.0
 """Lines of sight per column of `views.cell_size` at the end of `views.reach`."""
 
 
+Picture = TypeVar("Picture", DepthImage, CameraImage)
+
 MAX_WAITING = 100
 """Images that wait for poses at one time: 61 MB of 640 x 480 pixels."""
 
@@ -61,7 +64,7 @@ class PosedImage(Posed):
 
 def camera_info_topic(topic: str) -> str:
     """Return the topic of the calibration beside an image: of the image that was compressed."""
-    image = topic.removesuffix(f"/{COMPRESSED}")
+    image = topic.removesuffix(f"/{COMPRESSED}").removesuffix("/compressed")
     before, slash, _ = image.rpartition("/")
     return f"{before}{slash}camera_info"
 
@@ -84,8 +87,8 @@ def rejection_reason(image: DepthImage) -> str | None:
 
 
 def join_camera(
-    image: DepthImage, cameras: Sequence[CameraInfo], is_last: bool
-) -> DepthImage | str | None:
+    image: Picture, cameras: Sequence[CameraInfo], is_last: bool
+) -> Picture | str | None:
     """Return an image with its calibration: of the same stamp, or the newest of frame and size.
 
     Parameters
@@ -101,9 +104,8 @@ def join_camera(
     -------
     The image with its calibration, why there is none, or None where one may still come.
     """
-    height, width = image.depth.shape
     of_frame = [c for c in cameras if c.frame_id == image.frame_id]
-    fitting = [c for c in of_frame if c.image_size == (width, height)]
+    fitting = [c for c in of_frame if c.image_size == image.size]
     for camera in fitting:
         if camera.stamp_ns == image.stamp_ns:
             return _with_camera(image, camera)
@@ -118,9 +120,10 @@ def join_camera(
     return "camera info of another frame" if cameras else "no camera info"
 
 
-def _with_camera(image: DepthImage, camera: CameraInfo) -> DepthImage | str:
+def _with_camera(image: Picture, camera: CameraInfo) -> Picture | str:
     """Return an image with its calibration, or why it is of no use."""
-    camera = camera.rectified() if image.is_rectified else camera
+    if isinstance(image, DepthImage) and image.is_rectified:
+        camera = camera.rectified()
     return replace(image, camera=camera) if has_known_lens(camera) else "unknown distortion model"
 
 

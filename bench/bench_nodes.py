@@ -269,10 +269,10 @@ def measure(recording: Recording, cycles, processes, args) -> None:
             f"{values[f'received {topic}']} / {driver.sent[topic]} | {dropped or 'none'} |"
         )
     if late:
-        median, most = np.percentile(late, [50.0, 95.0])
+        median, p95 = np.percentile(late, [50.0, 95.0])
         print(
             f"\nplanes after a cycle's last measurement: median {median:.0f} ms, 95 % within "
-            f"{most:.0f} ms, {len(late)} of {len(cycles)} cycles"
+            f"{p95:.0f} ms, {len(late)} of {len(cycles)} cycles"
         )
     driver.destroy_node()
     rclpy.try_shutdown()

@@ -26,7 +26,7 @@ class Asker:
         wanted = message_class("tccm_interfaces/msg/SurfaceFilter")(**fields)
         return self.ask("FindSurfaces", "/surface_slam/find_surfaces", filter=wanted)
 
-    def placements(self, **fields):
+    def find_placements(self, **fields):
         size = {"size_x": 0.1, "size_y": 0.1, "height": 0.12}
         return self.ask("FindPlacements", "/surface_slam/find_placements", **(size | fields))
 

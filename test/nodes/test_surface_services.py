@@ -65,22 +65,22 @@ def _check_surfaces(asker, table):
 
 
 def _check_placements(asker, table):
-    found = asker.placements(max_count=3)
+    found = asker.find_placements(max_count=3)
     assert found.success, found.message
     assert [p.surface_id for p in found.placements] == [table] * 3
     assert all(abs(p.pose.position.z - 0.70) < 0.01 for p in found.placements)
-    based = asker.placements(base=2, reach=1.0, robot_radius=0.2, max_count=1)
+    based = asker.find_placements(base=2, reach=1.0, robot_radius=0.2, max_count=1)
     for base in based.placements[0].base_poses:
         at = base.pose.position
         assert not (0.4 < at.x < 1.2 and abs(at.y) < 0.5), "not under the table"
         assert base.distance <= 1.0
-    assert asker.placements(base=1, reach=1.2).placements
-    none = asker.placements(base=1, reach=0.1)
+    assert asker.find_placements(base=1, reach=1.2).placements
+    none = asker.find_placements(base=1, reach=0.1)
     assert none.success
     assert not none.placements
     assert "within reach" in none.message
     for fields, word in WRONG_PLACEMENTS:
-        wrong = asker.placements(**fields)
+        wrong = asker.find_placements(**fields)
         assert not wrong.success
         assert word in wrong.message
 

@@ -46,7 +46,7 @@ MIN_AGREEMENT = 0.5
 have been moved between two drives)."""
 
 MAX_SIGN_DISTANCE = 0.3
-"""Max distance of one door sign in two maps, m (chosen: doors are further apart)."""
+"""Max distance of one door sign in two maps, m (chosen: less than the distance of two doors)."""
 
 YAW_WEIGHT = 3.0
 """Metres that a radian of yaw counts in the distance of two poses (chosen)."""

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 MAX_STEP = 0.03
-"""Max difference in height of a top and its surface, m: the flat has two tops 0.05 m apart."""
+"""Max difference in height of a top and its surface, m: two tops of the flat differ by 0.05 m."""
 
 
 def wall_errors(folder, truth):

@@ -34,6 +34,7 @@ from tccm_ros.records.sensors import (
     Scan,
     TransformSample,
 )
+from tccm_ros.records.signs import SIGN, Sign, SignSighting
 from tccm_ros.records.solution import (
     EdgeState,
     Keyframe,
@@ -50,6 +51,7 @@ from tccm_ros.records.solution import (
 )
 
 __all__ = [
+    "SIGN",
     "START_OF_TIME",
     "CameraImage",
     "CameraInfo",
@@ -74,6 +76,8 @@ __all__ = [
     "Scan",
     "ScanPose",
     "SelfShapes",
+    "Sign",
+    "SignSighting",
     "StreamComplete",
     "Surface",
     "SurfaceCloud",

@@ -3,6 +3,7 @@
 Each is done again in plain Python, one cuboid after the other.
 """
 
+import itertools
 import math
 
 import numpy as np
@@ -63,10 +64,10 @@ def test_runs_end_at_gaps_of_twice_the_mean_distance(seed):
     cells, _, _, members, plane, _ = random_board(seed)
     step = steps_of(cells, members, plane)
     used = sorted(set(step))
-    distances = [min(b - a, MAX_STEP) for a, b in zip(used, used[1:])]
+    distances = [min(b - a, MAX_STEP) for a, b in itertools.pairwise(used)]
     limit = max(GAP_STEPS * sum(distances) / max(len(distances), 1), MIN_GAP)
     run, runs = {used[0]: 0}, 0
-    for a, b in zip(used, used[1:]):
+    for a, b in itertools.pairwise(used):
         runs += b - a >= limit
         run[b] = runs
     of_member = [run[s] for s in step]

@@ -95,3 +95,21 @@ def test_a_few_outliers_do_not_change_the_unit_variance():
     assert _without_tail(chi2) == pytest.approx(chi2.sum(), rel=0.01)
     assert _without_tail(strayed) < 1.1 * chi2.sum()
     assert _without_tail(np.zeros(0)) == 0.0
+
+
+def test_all_walls_count_for_the_unit_variance_whatever_their_numbers(seen):
+    """Walls change their numbers, so that each is the first once."""
+    poses, lines = seen
+    table = associate_walls(poses, lines, Config())
+    assert len(table) >= 3
+    found = []
+    for first in range(len(table)):
+        order = np.roll(np.arange(len(table)), -first)
+        number = np.append(np.argsort(order), -1)
+        turned = WallTable(
+            table.keyframe, table.line, number[table.wall],
+            table.phi[order], table.rho[order], table.extent[order],
+        )  # fmt: skip
+        keys, graph = graph_of(poses, lines)
+        found.append(check_walls(turned, lines, poses, graph, keys, Config()).unit_variance)
+    assert found == pytest.approx([found[0]] * len(found), rel=1e-6)

@@ -62,7 +62,7 @@ def test_an_edge_behind_a_higher_object_was_not_seen():
 
 @pytest.mark.parametrize("yaw", [-0.6, 0.0, 0.3, 0.7])
 def test_the_main_direction_is_that_of_the_long_edges(yaw):
-    """The one that most of the squares of lengths agree with, at right angles; others disturb it."""
+    """The one with which most of the squares of lengths agree, modulo right angles."""
     ring = np.array([(0, 0), (2.0, 0.0), (2.1, 0.4), (2.0, 0.8), (1.6, 1.1), (0, 1.1), (-0.2, 0.5)])
     outline = affinity.rotate(Polygon(ring), yaw, origin=(0, 0), use_radians=True)
     steps = np.diff(np.asarray(outline.exterior.coords), axis=0)

@@ -24,6 +24,7 @@ from tccm_ros.records.events import (
     TiltAngle,
 )
 from tccm_ros.records.sensors import (
+    CameraImage,
     CameraInfo,
     DepthImage,
     JointSample,
@@ -50,6 +51,7 @@ from tccm_ros.records.solution import (
 
 __all__ = [
     "START_OF_TIME",
+    "CameraImage",
     "CameraInfo",
     "DepthImage",
     "EdgeState",

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import pose, spatial
-from tccm_ros.records import Surface
+from tccm_ros.records import Surface, TransformSample
 from tccm_ros.surfaces.base_poses import FreeFloor
 from tccm_ros.surfaces.scene_objects import SceneObject
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
@@ -77,6 +78,32 @@ def surface_pose(surface: Surface) -> tuple[Float64, Float64]:
     R = np.stack([along, np.cross(normal, along), normal], axis=1)
     z = (surface.offset - normal[0] * x - normal[1] * y) / normal[2]
     return pose(R, np.array([x, y, z])), np.array([length, width])
+
+
+def surface_frame(surface_id: int, prefix: str) -> str:
+    """Return the name of a surface's frame on tf; `prefix` is that of the robot's frames."""
+    return f"{prefix}surface_{surface_id}"
+
+
+def frames_of_surfaces(
+    surfaces: Iterable[Surface], stamp_ns: int, map_frame: str, prefix: str
+) -> list[TransformSample]:
+    """Return the frames of all surfaces but the floor in map (`surface_pose`).
+
+    Parameters
+    ----------
+    surfaces
+        In map.
+    stamp_ns
+        Of the transforms.
+    map_frame, prefix
+        Name of the map frame, and what is put before the names of frames.
+    """
+    return [
+        TransformSample(stamp_ns, map_frame, surface_frame(s.id, prefix), surface_pose(s)[0], False)
+        for s in surfaces
+        if s.label != "floor"
+    ]
 
 
 def object_pose(item: SceneObject) -> Float64:

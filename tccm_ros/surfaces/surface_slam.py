@@ -30,6 +30,7 @@ from tccm_ros.records import (
     ViewIntervals,
 )
 from tccm_ros.sensors.registry import roles_of
+from tccm_ros.signs.measurement import SignMeasurement
 from tccm_ros.slam.lines import label_by_splitting
 from tccm_ros.slam.live_estimate import MapWalls, SolvedKeyframe
 from tccm_ros.slam.solution import Solution
@@ -43,7 +44,15 @@ from tccm_ros.surfaces.session_alignment import SessionAlignment, align_session
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
 from tccm_ros.surfaces.views import View
 
-SlamInput = Event | LandmarkObservation | ObjectBoxes | PoseGuess | SurfaceCloud | ViewIntervals
+SlamInput = (
+    Event
+    | LandmarkObservation
+    | ObjectBoxes
+    | PoseGuess
+    | SignMeasurement
+    | SurfaceCloud
+    | ViewIntervals
+)
 
 ROLES = {None, *roles_of("slam")}
 """Roles of the events that are processed: those of its streams, and those for all processors."""

@@ -11,7 +11,7 @@ DISTANCE, MAX_GAP, MIN_POINTS = 0.05, 0.4, 5
 
 
 def off_chord(points, a, b):
-    """Distances of the points between a and b from their chord, or from a where it has no length."""
+    """Distances of the points between a and b from their chord; from a where it has no length."""
     chord = points[b] - points[a]
     offset = points[a + 1 : b] - points[a]
     length = np.hypot(*chord)

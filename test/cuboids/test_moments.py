@@ -91,13 +91,13 @@ def test_the_plane_is_the_least_squares_plane_of_the_points(seed):
 def test_planes_along_two_axes_have_the_third_as_normal(axis):
     points = np.random.default_rng(axis).uniform(-1.0, 1.0, (COUNT, 3))
     points[:, axis] = 0.7
-    *normal, d, _, _, least = plane_of(moments(points))
+    *normal, d, _, _, smallest = plane_of(moments(points))
     sign = np.sign(normal[axis])
     assert sign * np.array(normal) == pytest.approx(np.eye(3)[axis], abs=1e-9)
-    assert (sign * d, least) == pytest.approx((0.7, 0.0), abs=1e-9)
+    assert (sign * d, smallest) == pytest.approx((0.7, 0.0), abs=1e-9)
 
 
-def test_points_at_one_place_have_a_level_plane_through_it():
+def test_points_at_one_place_have_a_horizontal_plane_through_it():
     points = np.full((5, 3), (0.3, -0.2, 0.9))
     assert plane_of(moments(points))[:4] == pytest.approx((0.0, 0.0, 1.0, 0.9))
 
@@ -126,7 +126,7 @@ def test_tangents_are_level_and_up_the_slope(seed):
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_tangents_of_a_level_plane_are_x_and_y(side):
+def test_tangents_of_a_horizontal_plane_are_x_and_y(side):
     u, v = tangents(np.array([0.0, 0.0, side]))
     assert np.concatenate([u, v]) == pytest.approx([1.0, 0.0, 0.0, 0.0, side, 0.0])
 
@@ -143,5 +143,5 @@ def test_the_covariance_of_a_plane_is_that_of_least_squares(seed, variance):
     cov, quality = uncertainty_of(moments(points), normal, variance)
     expected = variance * np.linalg.inv(rows.T @ rows)
     assert cov == pytest.approx(expected, rel=1e-6, abs=1e-9 * variance)
-    least, second, first = np.linalg.eigvalsh(covariance(points))
-    assert quality == pytest.approx(first * second / max(least, FLAT), rel=1e-4)
+    third, second, first = np.linalg.eigvalsh(covariance(points))
+    assert quality == pytest.approx(first * second / max(third, FLAT), rel=1e-4)

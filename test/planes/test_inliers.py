@@ -54,19 +54,19 @@ def test_noise_seldom_scatters_by_more_than_the_maximum(n):
     assert chi2.sf(max_scatter(float(n), LENIENT), n) < 1e-3
 
 
-@pytest.mark.parametrize(("slope_deg", "shares"), [(20.0, False), (70.0, True)])
-def test_a_steep_plane_has_several_cuboids_in_a_cell_and_all_of_them_shape_it(slope_deg, shares):
+@pytest.mark.parametrize(("slope_deg", "is_steep"), [(20.0, False), (70.0, True)])
+def test_a_steep_plane_has_several_cuboids_in_a_cell_and_all_of_them_shape_it(slope_deg, is_steep):
     """Lines 40 mm above each other are cuboids of their own; 20 mm further it has risen by 55."""
     rng = np.random.default_rng(1)
     slope = np.tan(np.radians(slope_deg))
-    z = np.repeat(np.arange(0.2, 1.2, 0.04 if shares else 0.004), 400)
+    z = np.repeat(np.arange(0.2, 1.2, 0.04 if is_steep else 0.004), 400)
     x = 1.0 + (z - 0.2) / slope
     points = np.column_stack([x, rng.uniform(-0.5, 0.5, len(z)), z])
     normal = np.array([-slope, 0.0, 1.0]) / np.hypot(slope, 1.0)
     noisy = points + rng.normal(0.0, 0.001, len(z))[:, None] * normal
     cuboids = part_map(noisy)
     _, per_cell = np.unique(np.column_stack([cuboids.ix, cuboids.iy]), axis=0, return_counts=True)
-    assert (per_cell > 1).mean() > 0.5 if shares else (per_cell > 1).mean() < 0.1
+    assert (per_cell > 1).mean() > 0.5 if is_steep else (per_cell > 1).mean() < 0.1
     origin = np.rint(EYE * TICKS_PER_M)
     none = np.zeros(0, np.int32), np.zeros((0, 10))
     arrays = plane_map(CuboidArrays(*cuboids.arrays), *none, origin)

@@ -99,19 +99,19 @@ def test_an_edge_is_turned_onto_the_line_of_its_last_points(slope):
     assert _rotation(edge, last_points(at, far))[0] == pytest.approx(-slope, abs=0.02)
 
 
-@pytest.mark.parametrize("turn", [-0.04, 0.0, 0.05])
+@pytest.mark.parametrize("angle", [-0.04, 0.0, 0.05])
 @pytest.mark.parametrize("yaw", [-2.0, 0.0, 1.1, 3.0])
 @pytest.mark.parametrize("backwards", [False, True])
-def test_an_edge_along_a_wall_is_parallel_to_it_and_so_far_from_it(yaw, turn, backwards):
+def test_an_edge_along_a_wall_is_parallel_to_it_and_so_far_from_it(yaw, angle, backwards):
     """Turned about its middle by the rotation it would be parallel; across is to the foot."""
     c, s = np.cos(yaw), np.sin(yaw)
     start = np.array([2.0, -1.0])
     edge = Edge(start, start + 0.8 * np.array([c, s]))
     middle, beside = 0.5 * (edge.start + edge.end), 0.04
-    along = np.array([np.cos(yaw + turn), np.sin(yaw + turn)])
+    along = np.array([np.cos(yaw + angle), np.sin(yaw + angle)])
     foot = middle + beside * np.array([along[1], -along[0]])
     wall = np.array([foot - 2.0 * along, foot + 1.5 * along])
     walls = np.array([wall[::-1] if backwards else wall, wall + 5.0])
-    assert _rotation_to_wall(edge, walls) == pytest.approx(turn, abs=1e-9)
-    assert _wall_across(edge, walls) == pytest.approx(beside * np.cos(turn), abs=1e-9)
+    assert _rotation_to_wall(edge, walls) == pytest.approx(angle, abs=1e-9)
+    assert _wall_across(edge, walls) == pytest.approx(beside * np.cos(angle), abs=1e-9)
     assert _wall_across(edge, walls[1:]) is None

@@ -70,13 +70,13 @@ def test_candidates_are_pairs_near_each_other_one_by_one(seed):
             along = abs(first.outward[a, 0] * middle[1] - first.outward[a, 1] * middle[0])
             lengths = first.length[a], second.length[b]
             shared = min(min(lengths), 0.5 * sum(lengths) - along)
-            reach = SEARCH[0] + SEARCH[1] * np.hypot(*second.middle[b])
+            limit = SEARCH[0] + SEARCH[1] * np.hypot(*second.middle[b])
             sigma = np.hypot(first.sigma[a], second.sigma[b])
             if (
                 abs(first.height[a] - second.height[b]) <= HEIGHT_GATE
                 and abs(angle) <= YAW_GATE + SEARCH[1]
-                and abs(middle @ first.outward[a]) <= reach + INLIER * sigma
-                and shared + reach >= MIN_OVERLAP
+                and abs(middle @ first.outward[a]) <= limit + INLIER * sigma
+                and shared + limit >= MIN_OVERLAP
             ):
                 expected.append((a, b))
     assert list(zip(found.a.tolist(), found.b.tolist())) == expected

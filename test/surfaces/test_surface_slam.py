@@ -6,18 +6,18 @@ import pytest
 from tccm_ros.config import Config
 from tccm_ros.surfaces.surface_slam import MAX_STATIONARY_MOTION, SurfaceSlam
 
-SHIFT, TURN = MAX_STATIONARY_MOTION
+SHIFT, YAW = MAX_STATIONARY_MOTION
 
 
 @pytest.mark.parametrize(
     ("motion", "expected"),
     [
         ((0.0, 0.0, 0.0), True),
-        ((0.9 * SHIFT, 0.0, 0.9 * TURN), True),
+        ((0.9 * SHIFT, 0.0, 0.9 * YAW), True),
         ((2.0 * SHIFT, 0.0, 0.0), False),
         ((0.0, -2.0 * SHIFT, 0.0), False),
         ((0.8 * SHIFT, 0.8 * SHIFT, 0.0), False),
-        ((0.0, 0.0, -2.0 * TURN), False),
+        ((0.0, 0.0, -2.0 * YAW), False),
         (None, False),
     ],
 )

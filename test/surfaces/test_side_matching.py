@@ -120,7 +120,7 @@ def test_exact_sides_give_the_pose_and_its_covariance(seed):
     pairs = _candidates(first, second, pose, SEARCH, HEIGHT_GATE)
     true = np.flatnonzero(np.abs(np.concatenate(_residuals(pairs, np.arange(len(pairs.a)), pose)))
                           .reshape(2, -1).max(axis=0) < 1e-6)  # fmt: skip
-    start = [*pose, 0.03, -0.02, 0.02]
+    start = pose + np.array([0.03, -0.02, 0.02])
     assert _solve(pairs, true, start, np.ones(len(true))) == pytest.approx(pose, abs=2e-3)
     J, _ = _system(pairs, true, pose)
     R = np.eye(3)

@@ -34,8 +34,10 @@ from tccm_ros.records.sensors import (
     Scan,
     TransformSample,
 )
+from tccm_ros.records.signs import SIGN, Sign, SignSighting
 from tccm_ros.records.solution import (
     EdgeState,
+    FormerPlace,
     Keyframe,
     Landmark,
     LandmarkObservation,
@@ -50,12 +52,14 @@ from tccm_ros.records.solution import (
 )
 
 __all__ = [
+    "SIGN",
     "START_OF_TIME",
     "CameraImage",
     "CameraInfo",
     "DepthImage",
     "EdgeState",
     "Event",
+    "FormerPlace",
     "JointSample",
     "Keyframe",
     "Landmark",
@@ -74,6 +78,8 @@ __all__ = [
     "Scan",
     "ScanPose",
     "SelfShapes",
+    "Sign",
+    "SignSighting",
     "StreamComplete",
     "Surface",
     "SurfaceCloud",

@@ -39,11 +39,14 @@ from tccm_ros.slam.saved_walls import unpack_walls
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "test" / "helpers"))
-from map_truth import surface_errors, wall_errors  # noqa: E402
+from map_truth import surface_errors, surfaces_of_tops, wall_errors  # noqa: E402
 from split_bag import split_bag  # noqa: E402
 
 PARTS = 4
 """Of the log."""
+
+MAX_ERROR_MM = 15.0
+"""Walls beyond it are counted."""
 
 
 def maps_of(bags: Sequence[Path], folder: Path) -> list[Path]:
@@ -71,26 +74,39 @@ def merge(maps: Sequence[Path], out: Path) -> MergeSummary:
 
 def print_errors(folders: Sequence[Path], bags: Sequence[Path]) -> None:
     """Print the errors of maps against the truth in their frame."""
-    print("\n| map | walls | max, mm | median, mm | tops | missing | double | max height, mm |")
-    print("|---|---|---|---|---|---|---|---|")
+    print("\n| map | walls | fitted, max mm | median | > 15 | in its frame, max | ", end="")
+    print("tops | missing | double | height, max mm |\n" + "|---" * 10 + "|")
     for folder, bag in zip(folders, bags):
-        walls = 1e3 * wall_errors(folder, bag)
+        fitted, walls = (1e3 * wall_errors(folder, bag, fitted=flag) for flag in (True, False))
         heights, counts = surface_errors(folder, bag)
         print(
-            f"| {folder.name} | {len(walls)} | {walls.max():.1f} | {np.median(walls):.1f} "
-            f"| {len(counts)} | {(counts == 0).sum()} | {(counts > 1).sum()} "
-            f"| {1e3 * heights.max():.1f} |",
+            f"| {folder.name} | {len(walls)} | {fitted.max():.1f} | {np.median(fitted):.1f} "
+            f"| {(fitted > MAX_ERROR_MM).sum()} | {walls.max():.1f} | {len(counts)} "
+            f"| {(counts == 0).sum()} | {(counts > 1).sum()} | {1e3 * heights.max():.1f} |",
             flush=True,
         )
 
 
-def bench_building(folder: Path, building: str) -> list[Path]:
+def bench_building(folder: Path, building: str) -> None:
     """Merge the maps of four robots in one building."""
     bags = write_drives(folder / "bags", building)
     maps = maps_of(bags, folder / "maps")
     merged = merge(maps, folder / f"merged {building}")
     print_errors([merged.out, *maps], [bags[0], *bags])
-    return maps
+    print_ids(merged, maps, bags)
+
+
+def print_ids(merged: MergeSummary, maps: Sequence[Path], bags: Sequence[Path]) -> None:
+    """Print how many tops have one id in the merged map, whichever map is asked."""
+    entries = {entry.map: entry for entry in merged.content.components[0].maps}
+    ids: list[set[int | None]] = []
+    for folder, bag in zip(maps, bags):
+        new = {entry.old: entry.new for entry in entries[str(folder)].surfaces}
+        tops = surfaces_of_tops(folder, bag)
+        ids = ids or [set() for _ in tops]
+        for known, surfaces in zip(ids, tops):
+            known |= {new[surface["id"]] for surface in surfaces[:1]}
+    print(f"\n{sum(len(known) == 1 for known in ids)} of {len(ids)} tops have one id")
 
 
 def bench_other(folder: Path) -> None:

@@ -35,7 +35,6 @@ from tccm_ros.pipeline.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.pipeline.replay import replay
 from tccm_ros.results.map_file import load_map
 from tccm_ros.results.trajectory import read_tum
-from tccm_ros.slam.saved_walls import unpack_walls
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "test" / "helpers"))
@@ -131,6 +130,11 @@ def bench_log(folder: Path, log: Path) -> None:
             Path(made).mkdir()
     whole, *maps = maps_of([bag, *sorted(parts.iterdir())], folder / "maps")
     merged = merge(maps, folder / "merged intel")
+    compare_relations(log, bag, whole, merged)
+
+
+def compare_relations(log: Path, bag: Path, whole: Path, merged: MergeSummary) -> None:
+    """Print the relations of a log's whole map and of the merged one."""
     truth = read_reference(log.with_name("intel_reference.txt"))
     stamps = read_stamps(bag / "stamps.csv")
     asked = np.array([stamps[int(k)] for k in truth.scan_index])
@@ -166,8 +170,8 @@ def poses_in_whole(folder: Path, asked_ns: Int64) -> Float64:
 
 def poses_in_merged(merged: MergeSummary, asked_ns: Int64) -> Float64:
     """Return the poses (N, 4, 4) of all trajectories, moved with the keyframe before; or nan."""
-    walls = unpack_walls(load_map(merged.out / "map.mcap").walls)
-    stamps = np.array([keyframe.stamp_ns for keyframe in walls.keyframes])
+    saved = load_map(merged.out / "map.mcap").walls
+    stamps, poses = np.asarray(saved["keyframe_stamp_ns"]), np.asarray(saved["keyframe_pose"])
     order = np.argsort(stamps)
     found = np.full((len(asked_ns), 4, 4), np.nan)
     for entry in merged.content.components[0].maps:
@@ -176,7 +180,7 @@ def poses_in_merged(merged: MergeSummary, asked_ns: Int64) -> Float64:
         for k in np.flatnonzero(np.isfinite(own[:, 0, 0])):
             before = order[np.searchsorted(stamps[order], asked_ns[k], side="right") - 1]
             T_keyframe = between2(planar(at_keyframes[before][None]), planar(own[k][None]))
-            found[k] = spatial(compose2(walls.poses[before], T_keyframe[0]))
+            found[k] = spatial(compose2(poses[before], T_keyframe[0]))
     return found
 
 

@@ -59,23 +59,28 @@ class Intake:
         """Take the messages of a subscription, from the next `start` on."""
         self._subscriptions.append(subscription)
 
+    def remove(self, subscription: Subscription) -> None:
+        """Take no messages of a subscription any more, while the intake stands still."""
+        self._subscriptions.remove(subscription)
+
     def add_timer(self, timer: Timer) -> None:
         """Call a timer back when it is due, from the next `start` on."""
         self._timers.append(timer)
 
     def start(self) -> None:
         """Take messages from now on, also those of what was added since the last start."""
-        self._end()
+        self.stop()
         self._is_done = False
         self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """End the thread; messages that wait are not taken any more."""
-        self._end()
+        self.stop()
         self._stop.destroy()
 
-    def _end(self) -> None:
+    def stop(self) -> None:
+        """Stand still until the next `start`; messages that wait are not taken before."""
         self._is_done = True
         with suppress(_rclpy.RCLError, _rclpy.InvalidHandle):
             self._stop.trigger()

@@ -44,8 +44,8 @@ $(STAMP): $(VENV)/.wheels tools/generate_interfaces.py $(wildcard tools/definiti
 	-@$(BIN)/python tools/generate_interfaces.py tools/definitions/tf2_msgs interfaces
 	@touch $(STAMP)
 
-# What reads door signs (the extra `signs`), and public packages that tests alone need, each after those that it needs.
-DEFINITIONS := test/interfaces/definitions
+# What reads door signs (the extra `signs`), and public packages whose topics are there where these are installed, each after those that it needs.
+DEFINITIONS := tccm_ros/ros/public_definitions
 $(TESTING): $(STAMP) requirements-signs.txt $(wildcard $(DEFINITIONS)/*/*/*)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-signs.txt
 	-@$(BIN)/python tools/generate_interfaces.py $(addprefix $(DEFINITIONS)/,object_recognition_msgs moveit_msgs vision_msgs)

@@ -22,6 +22,7 @@ setup(
             "pipeline/report/viewer/*",
             "fleet/viewer/*",
             "ros/definitions/*.msg",
+            "ros/public_definitions/*/msg/*.msg",
             "signs/weights.npz",
         ],
     },

@@ -3,16 +3,16 @@
 Usage: python bench/mutation.py [--size N] [--seed N] [--jobs N] [--minutes N] [--out FILE]
        python bench/mutation.py --check | --list [--out FILE]
 
-Needs cosmic-ray (MIT): pip install cosmic-ray. It makes all mutants of the modules of `CORE`; a
-random sample of them is tried, stratified by module in proportion to the mutants of each, in random
-order. What cannot fail is left out before the sample is drawn: annotations (never executed), and
-the decorators of kernels (which then run in plain Python, with the same results).
+Needs cosmic-ray (MIT): pip install -r requirements-bench.txt. It makes all mutants of the modules
+of `CORE`; a random sample of them is tried, stratified by module in proportion to the mutants of
+each, in random order. What cannot fail is left out before the sample is drawn: annotations (never
+executed), and the decorators of kernels (which then run in plain Python, with the same results).
 
 Each mutant is tried in a copy of the package, first against the tests of its module (those that
-import it, or have its name), then against all tests of its room, until one fails. Kernels are
-compiled where the mutant is in them, as on a robot: those of the cuboids use pointers and the
-processor's own instructions and do not run with NUMBA_DISABLE_JIT=1, and searches in plain Python
-take minutes. Modules of `PLAIN` are the exception.
+import it, or have its name), then against those of its room, those first that import what imports
+it, until one fails. Kernels are compiled where the mutant is in them, as on a robot: those of the
+cuboids use pointers and the processor's own instructions and do not run with NUMBA_DISABLE_JIT=1,
+and searches in plain Python take minutes. Modules of `PLAIN` are the exception.
 
 Outcomes are appended to FILE (default out/mutation.jsonl), one line each; a run that was broken off
 goes on where it ended. A mutant whose tests take longer than `LIMIT_S` counts as killed, as one
@@ -35,6 +35,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -60,6 +61,9 @@ PLAIN = ("baselines/", "slam/line_fit.py", "slam/line_split.py")
 
 LIMIT_S = 240.0
 """For the tests of a mutant, s of a processor."""
+
+SLOW = ("test_buildings.py", "test_changes_over_time.py")
+"""Tests of rooms that take longer than all others together: only for the modules they name."""
 
 EXCLUDED = re.compile(r"@kernel|^\s*@(property|staticmethod|classmethod)")
 """Decorators that are left alone; without those of Python a module cannot be imported or used."""
@@ -156,16 +160,34 @@ def mutate(mutant: Mutant, source: str) -> str:
 
 
 def stages(module: str) -> list[list[str]]:
-    """Return the tests of a module and the further ones of its room, quickest first."""
-    room, name = module.split("/")[0], Path(module).stem
-    dotted = f"{PACKAGE}.{module.removesuffix('.py').replace('/', '.')}"
+    """Return the tests of a module, then those of its room: nearest first, of these the smallest.
+
+    Tests of a module name it. Next come those that name a module which imports it, and so on.
+    """
+    room = module.split("/")[0]
     files = sorted((ROOT / "test" / room).glob("test_*.py"), key=lambda f: f.stat().st_size)
-    near = [f for f in files if f.stem == f"test_{name}" or dotted in f.read_text()]
-    return [[str(f.relative_to(ROOT)) for f in part] for part in (near, _without(files, near))]
+    names = {file: _imported(file) | {f"{room}/{file.stem[5:]}.py"} for file in files}
+    importers = {m: _imported(ROOT / PACKAGE / m) for m in modules() if m.startswith(f"{room}/")}
+    known, order, left = {module}, [], [f for f in files if f.name not in SLOW]
+    near = [file for file in files if module in names[file]]
+    while left:
+        found = [file for file in left if names[file] & known]
+        wider = known | {m for m, imported in importers.items() if imported & known}
+        if not found and wider == known:
+            found = left
+        order += found
+        known, left = wider, [file for file in left if file not in found]
+    rest = [file for file in order if file not in near]
+    return [[str(file.relative_to(ROOT)) for file in part] for part in (near, rest) if part]
 
 
-def _without(files: Sequence[Path], others: Sequence[Path]) -> list[Path]:
-    return [file for file in files if file not in others]
+@cache
+def _imported(path: Path) -> set[str]:
+    """Return the modules of the package that a file imports, relative to the package."""
+    found = re.findall(rf"^\s*from {PACKAGE}\.([\w.]+) import (.*)", path.read_text(), re.MULTILINE)
+    dotted = {name for name, _ in found}
+    dotted |= {f"{name}.{part.strip()}" for name, parts in found for part in parts.split(",")}
+    return {f"{name.replace('.', '/')}.py" for name in dotted}
 
 
 class Trial:
@@ -173,7 +195,7 @@ class Trial:
 
     def __init__(self, mutant: Mutant):
         self.mutant = mutant
-        self._stages = [tests for tests in stages(mutant.module) if tests]
+        self._stages = stages(mutant.module)
         self._stack = ExitStack()
         self._copy = self._stack.enter_context(changed_copy(self._change))
         self.diff = self._difference()
@@ -250,7 +272,7 @@ def run_tests(copy: Path, tests: Sequence[str], *, jit: bool) -> None:
     import numba
     import pytest
 
-    os.setsid()
+    os.setpgrp()  # not a session of its own, which would have a priority of its own
     os.chdir(copy)
     with open(os.devnull, "w") as nothing:
         for stream in (1, 2):

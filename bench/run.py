@@ -28,14 +28,18 @@ PACKAGES = ("tccm_ros", "numpy", "numba", "scipy", "gtsam", "shapely", "rosbags"
 
 def missing_peers() -> dict[str, str]:
     """Return the peers that are not installed, and the line that installs each."""
+    from_index = "pip install -r requirements-bench.txt"
     peers = {
         "the C++ twin of the TCCM": (shutil.which("g++"), "apt install g++"),
-        "OctoMap": (find_octomap(None), "apt install g++ liboctomap-dev, or pip install pyoctomap"),
+        "OctoMap": (
+            find_octomap(None),
+            f"apt install g++ liboctomap-dev, or {from_index}",
+        ),
         "PCL": (
             shutil.which("g++") and any(Path("/usr/include").glob("pcl-*")),
             "apt install g++ libpcl-dev",
         ),
-        "Open3D": (importlib.util.find_spec("open3d"), "pip install open3d"),
+        "Open3D": (importlib.util.find_spec("open3d"), from_index),
     }
     return {name: line for name, (found, line) in peers.items() if not found}
 

@@ -1,13 +1,16 @@
 """The tools beside the benchmarks: tables become numbers, and two runs are compared."""
 
+import ast
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-BENCH = Path(__file__).resolve().parents[1] / "bench"
+ROOT = Path(__file__).resolve().parents[1]
+BENCH = ROOT / "bench"
 sys.path.append(str(BENCH))
 
 from compare import differences  # noqa: E402
@@ -89,3 +92,36 @@ def test_a_file_that_is_no_result_is_an_error(files):
     assert done.returncode == 1
     assert "not the results" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_requirements_name_all_that_benchmarks_import():
+    brought = {"distributed": "dask", "psutil": "dask"}
+    names = {"PIL": "pillow", "mpl_toolkits": "matplotlib", "yaml": "pyyaml", **brought}
+    texts = [(ROOT / f"requirements{kind}.txt").read_text() for kind in ("", "-test", "-bench")]
+    listed = {
+        re.split(r"[\[<>=,]", line)[0].replace("-", "_")
+        for text in texts
+        for line in text.splitlines()
+        if line and line[0] not in "#-"
+    }
+    own = {
+        path.stem
+        for folder in (BENCH, ROOT / "tools", ROOT / "test/helpers")
+        for path in folder.glob("*.py")
+    }
+    for path in BENCH.glob("*.py"):
+        for name in imported(path):
+            if name in sys.stdlib_module_names or name in own | {"tccm_ros"}:
+                continue
+            if name.endswith(("_msgs", "_srvs")) or name == "rclpy":
+                name = "ros_jazzy_rclpy"
+            assert names.get(name, name) in listed, f"{path.name} imports {name}"
+
+
+def imported(path):
+    """The packages that a file imports, anywhere in it."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            yield node.module.split(".")[0]
+        elif isinstance(node, ast.Import):
+            yield from (alias.name.split(".")[0] for alias in node.names)

@@ -4,10 +4,13 @@ Usage: python tools/faults.py [WORD ...] [--jobs N]
 
 tools/faults.toml lists the faults. Each has a name, the edits that make it (file, text as it is,
 text with the fault) and the tests that must fail. Given words, only the faults are run whose names
-contain one of them. The last line is ``N killed, M survived``; exit status 0 if none survived.
+contain one of them. The last line is ``N killed, M survived``, and exit status 0 says that all were
+killed.
 
-The tests must pass without any fault; that is tried first. A fault counts as killed where a test
-fails, not where the tests cannot be collected.
+A fault is killed where a test ran and failed. Where that cannot be said it is an ERROR, which is
+neither: its text is not in the code, the code with it cannot be compiled or imported, no test was
+found or could be set up, or they did not end in time. The last line then counts those as ``not
+tried``, and the exit status is 2. The tests must pass without any fault; that is tried first.
 
 Compiled kernels are found by what is in them (`tccm_ros/kernel_cache.py`), so that what a fault
 does not concern is not compiled again. Where the tests of a fault are quicker in plain Python than
@@ -19,11 +22,14 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 import tomllib
+import xml.etree.ElementTree as xml
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -34,15 +40,27 @@ ROOT = Path(__file__).resolve().parents[1]
 LIST = ROOT / "tools" / "faults.toml"
 PACKAGE = "tccm_ros"
 
-TIMEOUT = 600
-"""Seconds that the tests of one fault may take."""
+TIMEOUT_S = 600
+"""What the tests of one fault may take, s."""
 
 PASSED, FAILED = 0, 1
 """Exit statuses of pytest; all others mean that tests could not be run."""
 
+NOT_CODE = re.compile(
+    r"(\w+\.)*(ImportError|ModuleNotFoundError|NameError|SyntaxError|IndentationError|TypingError)\b"
+)
+"""How the failure of a test begins that says of a fault only that its text is no code; the last
+is numba's."""
+
+KILLED, SURVIVED, ERROR = "killed", "SURVIVED", "ERROR"
+"""What may become of a fault."""
+
+NOT_TRIED = 2
+"""Exit status where a fault could not be tried."""
+
 
 class FaultError(Exception):
-    """A fault that does not apply, or tests that cannot be run."""
+    """A fault that cannot be tried."""
 
 
 @dataclass(frozen=True)
@@ -59,13 +77,18 @@ class Edit:
         Raises
         ------
         FaultError
-            Where the text is not in the file exactly once.
+            Where the text is not in the file exactly once, or the file is no Python after that.
         """
         path = root / self.file
         source = path.read_text(encoding="utf-8")
         if (count := source.count(self.old)) != 1:
             raise FaultError(f"{self.file}: found {count} times, expected once: {self.old!r}")
-        path.write_text(source.replace(self.old, self.new), encoding="utf-8")
+        changed = source.replace(self.old, self.new)
+        try:
+            compile(changed, self.file, "exec")
+        except SyntaxError as error:
+            raise FaultError(f"{self.file}: no Python with the fault: {error}") from error
+        path.write_text(changed, encoding="utf-8")
 
 
 @dataclass(frozen=True)
@@ -118,14 +141,18 @@ def changed_copy(change: Callable[[Path], None]) -> Iterator[Path]:
 
 
 def run_tests(
-    tests: Sequence[str], edits: Sequence[Edit] = (), *, jit: bool = True, timeout: int = TIMEOUT
+    tests: Sequence[str],
+    edits: Sequence[Edit] = (),
+    *,
+    jit: bool = True,
+    timeout_s: float = TIMEOUT_S,
 ) -> bool:
-    """Run tests on a copy with edits, for `timeout` s at most; return whether they pass.
+    """Run tests on a copy with edits, for `timeout_s` at most; return whether they pass.
 
     Raises
     ------
     FaultError
-        Where they cannot be run.
+        Where they cannot be run, do not end, or fail by what is no failure of a test.
     """
 
     def change(root: Path) -> None:
@@ -133,25 +160,78 @@ def run_tests(
             edit.apply(root)
 
     with changed_copy(change) as copy:
+        report = copy / "report.xml"
         environment = {
             **os.environ,
             "PYTHONPATH": str(copy),
             "NUMBA_DISABLE_JIT": str(int(not jit)),
         }
-        command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *tests]
-        done = subprocess.run(
-            command, cwd=copy, env=environment, timeout=timeout, capture_output=True, text=True
-        )
-    if done.returncode not in {PASSED, FAILED}:
-        raise FaultError(f"tests cannot be run: {' '.join(tests)}\n{done.stdout[-2000:]}")
+        command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider"]
+        command += [f"--junit-xml={report}", *tests]
+        try:
+            done = subprocess.run(
+                command,
+                cwd=copy,
+                env=environment,
+                timeout=timeout_s,
+                capture_output=True,
+                text=True,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise FaultError(f"no end within {timeout_s} s: {' '.join(tests)}") from error
+        if done.returncode not in {PASSED, FAILED}:
+            raise FaultError(f"tests cannot be run: {' '.join(tests)}\n{done.stdout[-2000:]}")
+        if done.returncode == FAILED:
+            _check_failure(report)
     return done.returncode == PASSED
 
 
-def survives(fault: Fault) -> bool:
-    """Run the tests of a fault on a copy that has it; return whether they pass, and say so."""
-    has_survived = run_tests(fault.tests, fault.edits, jit=fault.jit)
-    print(f"{'SURVIVED' if has_survived else 'killed  '}  {fault.name}", flush=True)
-    return has_survived
+def _check_failure(report: Path) -> None:
+    """Raise a `FaultError` unless a test of a JUnit report ran and failed."""
+    root = xml.parse(report).getroot()
+    for error in root.iter("error"):
+        raise FaultError(f"a test cannot be set up: {error.get('message', '')}")
+    failures = [failure.get("message", "") for failure in root.iter("failure")]
+    if not failures:
+        raise FaultError("pytest failed, and no test did")
+    for message in failures:
+        if NOT_CODE.match(message):
+            raise FaultError(f"no failure of a test: {message}")
+
+
+def outcome(fault: Fault) -> str:
+    """Run the tests of a fault on a copy that has it; return what became of it, and say so."""
+    reason = ""
+    try:
+        found = SURVIVED if run_tests(fault.tests, fault.edits, jit=fault.jit) else KILLED
+    except FaultError as error:
+        found, reason = ERROR, f": {error}"
+    print(f"{found:8}  {fault.name}{reason}", flush=True)
+    return found
+
+
+def check_without_faults(faults: Sequence[Fault]) -> None:
+    """Raise a `FaultError` where tests of the faults do not pass as the package is."""
+    for jit in (True, False):
+        tests = sorted({test for fault in faults for test in fault.tests if fault.jit is jit})
+        if tests and not run_tests(tests, jit=jit, timeout_s=TIMEOUT_S * len(tests)):
+            raise FaultError(f"tests fail without any fault: {' '.join(tests)}")
+
+
+def run(faults: Sequence[Fault], jobs: int) -> int:
+    """Try faults, print what became of them, and return the exit status."""
+    try:
+        if not faults:
+            raise FaultError("no fault has such a name")
+        check_without_faults(faults)
+    except FaultError as error:
+        print(f"{ERROR:8}  {error}")
+        return NOT_TRIED
+    with ThreadPoolExecutor(jobs) as pool:
+        count = Counter(pool.map(outcome, faults))
+    not_tried = f", {count[ERROR]} not tried" if count[ERROR] else ""
+    print(f"{count[KILLED]} killed, {count[SURVIVED]} survived{not_tried}")
+    return NOT_TRIED if count[ERROR] else int(count[SURVIVED] > 0)
 
 
 def main() -> int:
@@ -162,14 +242,7 @@ def main() -> int:
     options = parser.parse_args()
     words = options.words
     faults = [f for f in read_faults() if not words or any(word in f.name for word in words)]
-    for jit in (True, False):
-        tests = sorted({test for fault in faults for test in fault.tests if fault.jit is jit})
-        if tests and not run_tests(tests, jit=jit, timeout=TIMEOUT * len(tests)):
-            raise FaultError(f"tests fail without any fault: {' '.join(tests)}")
-    with ThreadPoolExecutor(options.jobs) as pool:
-        survived = sum(pool.map(survives, faults))
-    print(f"{len(faults) - survived} killed, {survived} survived")
-    return int(survived > 0)
+    return run(faults, options.jobs)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 Each FOLDER is a package: it has its own package.xml and CMakeLists.txt (interfaces/), or bears the
 name of a public package that is not on the package index and holds definitions alone, for which
-both are written here (tools/definitions/tf2_msgs, test/interfaces/definitions). What is there
+both are written here (tools/definitions/tf2_msgs, tccm_ros/ros/public_definitions). What is there
 already, of the same definitions or of a ROS installation, is left alone. Run by `make`.
 """
 

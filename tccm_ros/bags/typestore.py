@@ -21,12 +21,20 @@ from tccm_ros.errors import MessageError, one_line
 
 Factory = Callable[[], Any]
 
-DEFINITIONS = Path(__file__).resolve().parents[1] / "ros" / "definitions"
+ROOM = Path(__file__).resolve().parents[1] / "ros"
+DEFINITIONS = ROOM / "definitions"
 """Messages of tccm_interfaces: a link to interfaces/msg, files in an installed package."""
+
+PUBLIC_DEFINITIONS = ROOM / "public_definitions"
+"""Messages of public packages that a bag may hold, installed or not, by package."""
 
 
 class TypestoreMessages:
-    """The `MessageTypes` of bags (ROS 2 Jazzy, tccm_interfaces), with CDR to and from bytes."""
+    """The `MessageTypes` of bags, with CDR to and from bytes.
+
+    Types are those of ROS 2 Jazzy's common interfaces, of tccm_interfaces, and of what is in
+    `PUBLIC_DEFINITIONS`: moveit_msgs, object_recognition_msgs and vision_msgs as far as used.
+    """
 
     def __init__(self) -> None:
         self._store = _shared_store()
@@ -39,7 +47,7 @@ class TypestoreMessages:
         Raises
         ------
         KeyError
-            For a type that neither ROS 2 Jazzy nor tccm_interfaces has.
+            For a type that is not known.
         TypeError
             For a field that the type does not have.
         """
@@ -107,7 +115,7 @@ class TypestoreMessages:
         return message
 
     def knows(self, msgtype: str) -> bool:
-        """Return whether ROS 2 Jazzy's common interfaces or tccm_interfaces have this type."""
+        """Return whether there is this type."""
         return msgtype in self._store.fielddefs
 
     def definition(self, msgtype: str) -> str:
@@ -146,8 +154,12 @@ class TypestoreMessages:
 def _shared_store() -> Typestore:
     """Return the one store of a process: its compiled converters take 0.1 s to make."""
     store = get_typestore(Stores.ROS2_JAZZY)
-    for path in sorted(DEFINITIONS.glob("*.msg")):
-        store.register(get_types_from_msg(path.read_text(), f"tccm_interfaces/msg/{path.stem}"))
+    for package, paths in (
+        ("tccm_interfaces", DEFINITIONS.glob("*.msg")),
+        *((folder.name, folder.glob("msg/*.msg")) for folder in PUBLIC_DEFINITIONS.iterdir()),
+    ):
+        for path in sorted(paths):
+            store.register(get_types_from_msg(path.read_text(), f"{package}/msg/{path.stem}"))
     return store
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from tccm_ros.ros.surface_messages import PACKAGE
-
 MISSING = (
     "tccm_interfaces is not installed: no typed messages, events and questions; build it "
     "(interfaces/README.md) and source the workspace"
@@ -22,11 +20,6 @@ def has_interfaces() -> bool:
     except ImportError:
         return False
     return True
-
-
-def is_typed(msgtype: str) -> bool:
-    """Return whether a type such as ``sensor_msgs/msg/LaserScan`` is of the package."""
-    return msgtype.startswith(PACKAGE)
 
 
 def service_class(name: str) -> Any:

@@ -8,10 +8,11 @@ from pathlib import Path
 from rclpy.task import Future
 
 from tccm_ros.nodes.collision import CollisionObjects
-from tccm_ros.nodes.interfaces import MISSING, has_interfaces, is_typed
+from tccm_ros.nodes.interfaces import MISSING, has_interfaces
 from tccm_ros.nodes.known_frames import KnownFrames
 from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.map_services import MapServices
+from tccm_ros.nodes.ros_types import is_installed
 from tccm_ros.nodes.scene_channel import unpack_scene
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.solver_channel import Solved
@@ -22,8 +23,7 @@ from tccm_ros.surfaces.scene import Scene
 
 def offered(topics: Mapping[str, str]) -> dict[str, str]:
     """Return the topics whose types are installed."""
-    has_typed = has_interfaces()
-    return {name: kind for name, kind in topics.items() if has_typed or not is_typed(kind)}
+    return {name: kind for name, kind in topics.items() if is_installed(kind)}
 
 
 class Programs:
@@ -49,7 +49,7 @@ class Programs:
         self._node = node
         self._received: dict[int, Scene] = {}
         self._events = SurfaceEvents(node, node.types)
-        self._boxes = CollisionObjects(node, node.types, live.map_frame)
+        self._boxes = CollisionObjects(node, node.types)
         self._surfaces: SurfaceServices | None = None
         if has_interfaces():
             frames = KnownFrames(node.robot, node.config)
@@ -78,7 +78,7 @@ class Programs:
             self._surfaces.answer_from(number)
         for event in self._events.note(scene, self._node.config.objects.agreeing_views):
             self._node.get_logger().info(str(event))
-        self._boxes.publish([known.surface for known in scene.surfaces], scene.stamp_ns)
+        self._boxes.publish(scene)
 
     def forget(self, *, is_map_loaded: bool) -> None:
         """Answer nothing before the next solution."""

@@ -26,6 +26,15 @@ def message_class(msgtype: str) -> Any:
     return getattr(import_module(f"{package}.msg"), name)
 
 
+def is_installed(msgtype: str) -> bool:
+    """Return whether there is the class of a type such as ``sensor_msgs/msg/LaserScan``."""
+    try:
+        message_class(msgtype)
+    except ImportError:
+        return False
+    return True
+
+
 class RosidlMessages:
     """The `MessageTypes` of live nodes; bulk fields are array.array, which rosidl does not copy."""
 

@@ -30,6 +30,11 @@ from tccm_ros.errors import OutputError, one_line
 from tccm_ros.geometry import inverse, spatial
 from tccm_ros.mapping.tccm import CycleResult
 from tccm_ros.records import TransformSample
+from tccm_ros.ros.collision_messages import (
+    COLLISION_OBJECT,
+    collision_messages,
+    collision_shapes,
+)
 from tccm_ros.ros.output_messages import pose_covariance_message
 from tccm_ros.ros.topic_messages import (
     CYCLE_TOPICS,
@@ -48,6 +53,7 @@ POSE_TOPIC = "/pose"
 POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 TF_TOPIC = "/tf"
 TF = "tf2_msgs/msg/TFMessage"
+COLLISION_TOPIC = "/collision_object"
 MAP_ODOM_TOPIC = SLAM + "map_to_odom"
 MAP_ODOM = "geometry_msgs/msg/TransformStamped"
 
@@ -168,6 +174,7 @@ class ResultBag:
             self._bag.add_topic(SLAM + topic, kind, latched)
         for topic, kind in ((TF_TOPIC, TF), (MAP_ODOM_TOPIC, MAP_ODOM), (POSE_TOPIC, POSE)):
             self._bag.add_topic(topic, kind, Qos())
+        self._bag.add_topic(COLLISION_TOPIC, COLLISION_OBJECT, Qos(latched=True, depth=500))
 
     def write(self, cycles: Sequence[CycleResult], solution: SurfaceSolution) -> None:
         """Write everything, in the order of time.
@@ -250,6 +257,9 @@ class ResultBag:
 
     def _write_solution(self, solution: SurfaceSolution, stamp_ns: int) -> None:
         self._write_messages(stamp_ns, self._solution_builder.of(solution, stamp_ns))
+        shapes = collision_shapes(solution.surfaces, solution.objects)
+        for message in collision_messages(self._bag.types, stamp_ns, self._map_frame, shapes):
+            self._bag.write(COLLISION_TOPIC, COLLISION_OBJECT, stamp_ns, message)
 
 
 def _seen_by(solution: SurfaceSolution, seen_ns: int) -> SurfaceSolution:

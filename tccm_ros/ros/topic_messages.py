@@ -37,6 +37,7 @@ from tccm_ros.ros.surface_messages import (
     objects_message,
     typed_map_message,
 )
+from tccm_ros.ros.table_messages import TABLES, tables_message
 from tccm_ros.ros.types import MessageTypes
 from tccm_ros.ros.writing import object_boxes_message, surface_cloud_message, view_message
 
@@ -69,6 +70,7 @@ SOLUTION_TOPICS = {
     "surface_cloud": CLOUD,
     "surface_map": SURFACE_MAP,
     "objects": SURFACE_OBJECTS,
+    "tables": TABLES,
 }
 """Private topics of the SLAM node that show a solution, and their types."""
 
@@ -229,6 +231,7 @@ class SolutionMessageBuilder:
             "surface_cloud": lambda: _surface_cloud(context, solution),
             "surface_map": lambda: typed_map_message(*context, solution),
             "objects": lambda: objects_message(*context, solution.objects),
+            "tables": lambda: tables_message(*context, solution.surfaces),
         }
         for topic, build in builders.items():
             yield TopicMessage(topic, SOLUTION_TOPICS[topic], build)

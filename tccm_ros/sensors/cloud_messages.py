@@ -22,6 +22,11 @@ TIME_FIELDS = ("t", "time", "timestamp", "offset_time")
 ABSOLUTE_S = 1.0e6
 """Times larger than this, s, count from the epoch of the clock, others from the stamp."""
 
+ABSOLUTE_NS = 1.0e14
+"""Absolute times of a float type larger than this are ns: as s they would be of the year 3,000,000
+and later, as ns they are of the second day of the clock or later. Livox writes ns as float64,
+Hesai and RoboSense write s."""
+
 _MAX_FIELDS = 1000
 _KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
@@ -95,33 +100,36 @@ def _rows(message: Any, layout: np.dtype[Any], width: int, height: int) -> NDArr
 
 
 def _since_stamp(times: NDArray[Any], stamp_ns: int, points: NDArray[Any]) -> Int64:
-    """Return the times of points after the stamp, ns: whole numbers are ns, others s.
+    """Return the times of points after the stamp, ns.
 
     Points that are not finite may have any time; theirs becomes that of the stamp.
     """
     known = np.isfinite(points).all(axis=1)
-    if times.dtype.kind == "f":
-        seconds = np.where(known, times.astype(np.float64), 0.0)
-        if not np.isfinite(seconds).all():
-            raise MessageError("point cloud has times that are not finite")
-        is_absolute = bool(known.any()) and float(np.abs(seconds).max()) > ABSOLUTE_S
-        if is_absolute:
-            seconds = np.where(known, seconds - stamp_ns // 1_000_000_000, 0.0)
-            since = np.rint(np.clip(seconds, -1e6, 1e6) * 1e9).astype(np.int64)
-            since -= stamp_ns % 1_000_000_000
-        else:
-            since = np.rint(seconds * 1e9).astype(np.int64)
-    else:
-        whole = times.astype(np.int64)
-        is_absolute = bool(known.any()) and int(np.abs(whole[known]).max()) > ABSOLUTE_S * 1e9
-        since = whole - stamp_ns if is_absolute else whole
-    since = np.where(known, since, 0)
+    since = np.zeros(len(times), np.int64)
+    since[known] = _ns_since(times[known], stamp_ns)
     if len(since) and int(np.abs(since).max()) > MAX_SCAN_S * 1e9:
         raise MessageError(
             f"point cloud has points {float(np.abs(since).max()) * 1e-9:.1f} s from its stamp, "
             f"expected at most {MAX_SCAN_S:g} s"
         )
     return since
+
+
+def _ns_since(times: NDArray[Any], stamp_ns: int) -> Int64:
+    """Return times after the stamp, ns: whole numbers are ns; others s, or ns if that large."""
+    if not np.isfinite(times).all():
+        raise MessageError("point cloud has times that are not finite")
+    largest = float(np.abs(times.astype(np.float64)).max(initial=0.0))
+    if times.dtype.kind != "f":
+        whole = times.astype(np.int64)
+        return whole - stamp_ns if largest > ABSOLUTE_S * 1e9 else whole
+    if largest > ABSOLUTE_NS:
+        return np.clip(times, -9e18, 9e18).astype(np.int64) - stamp_ns
+    if largest <= ABSOLUTE_S:
+        return np.rint(times.astype(np.float64) * 1e9).astype(np.int64)
+    seconds = times.astype(np.float64) - stamp_ns // 1_000_000_000
+    since = np.rint(np.clip(seconds, -1e9, 1e9) * 1e9).astype(np.int64)
+    return since - stamp_ns % 1_000_000_000
 
 
 CLOUD_READER = MessageReader(

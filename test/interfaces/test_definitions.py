@@ -13,7 +13,7 @@ pytest.importorskip("tccm_interfaces", reason="tccm_interfaces is not generated"
 
 ROOT = Path(__file__).resolve().parents[2]
 INTERFACES = ROOT / "interfaces"
-PUBLIC = Path(__file__).parent / "definitions"
+PUBLIC = ROOT / "tccm_ros" / "ros" / "public_definitions"
 
 UNITS = {"-", "m", "m^2", "rad", "rad/s", "s", "ns", "byte", "m / rad", "rad^2 / rad m / m^2"}
 

@@ -18,9 +18,9 @@ from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.grid_files import save_grid
 from tccm_ros.results.models import GraphFile, LandmarkEntry
 from tccm_ros.results.numbers import Stamp, json_text, rounded
-from tccm_ros.results.planning import surface_box, surface_mesh
 from tccm_ros.results.trajectory import Trajectory
 from tccm_ros.slam.occupancy import occupancy_grid
+from tccm_ros.surfaces.planning_shapes import surface_box, surface_mesh
 
 FILES = {
     "surfaces.json",

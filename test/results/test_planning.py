@@ -9,10 +9,10 @@ from outlined_surfaces import L_SHAPE, RECTANGLE_WITH_HOLE, surface
 from scipy.spatial.transform import Rotation
 from shapely import Point, Polygon, affinity, box
 
-from tccm_ros.results.planning import (
+from tccm_ros.results.planning import scene_text
+from tccm_ros.surfaces.planning_shapes import (
     Box,
     Mesh,
-    scene_text,
     surface_box,
     surface_mesh,
     surface_shape,

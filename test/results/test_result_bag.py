@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from surface_maps import poses_at
 
 from tccm_ros.config import Config
@@ -26,12 +26,14 @@ from tccm_ros.records import (
 )
 from tccm_ros.results.result_bag import CycleMessageStore, write_result_bag
 from tccm_ros.slam.solution import Solution
+from tccm_ros.surfaces.scene_objects import SceneObject
 from tccm_ros.surfaces.surface_map import MappedSurfaces
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 S = 1_000_000_000
 UP = np.array([0.0, 0.0, 1.0])
 RING = np.array([[1.0, 0, 0.7], [1.5, 0, 0.7], [1.5, 0.4, 0.7], [1.0, 0.4, 0.7]])
+CUP = SceneObject(5, 1, np.array([1.2, 0.2, 0.75]), np.array([0.08, 0.08, 0.1]), 0.0)
 CONFIG = Config.model_validate({"map": {"window_cycles": 2, "gap": "fixed"}})
 
 
@@ -89,6 +91,7 @@ def solution(cycles, level_scans=30):
     return SurfaceSolution(
         slam=slam, view_stamps_ns=np.array(seen, np.int64), T_map_views=T_views,
         view_poses=poses_at(T_views), mapped=mapped, trajectory_ns=stamps, trajectory=poses,
+        objects=(CUP,) if cycles else (), stamp_ns=int(stamps[-1]) if len(stamps) else 0,
     )  # fmt: skip
 
 
@@ -147,8 +150,37 @@ def test_the_bag_has_every_topic_of_the_nodes_except_diagnostics(messages):
         "/tccm/surfaces": 3, "/tccm/view": 3, "/tf": 3, "/surface_slam/map_to_odom": 3,
         "/pose": 30, "/surface_slam/path": 1, "/surface_slam/walls": 1,
         "/surface_slam/surfaces": 3, "/surface_slam/surface_cloud": 1, "/tccm/object_boxes": 3,
-        "/surface_slam/surface_map": 1, "/surface_slam/objects": 1,
+        "/surface_slam/surface_map": 1, "/surface_slam/objects": 1, "/surface_slam/tables": 1,
+        "/collision_object": 3,
     }  # fmt: skip
+
+
+def test_tables_and_collision_objects_are_of_the_solution_and_stamped_with_it(messages):
+    last = 23 * S + S // 2
+    ((log, tables),) = messages["/surface_slam/tables"]
+    assert (log, stamp_of(tables.header)) == (last, last)
+    assert len(tables.tables) == 2
+    logs, objects = zip(*messages["/collision_object"])
+    assert {*logs, *(stamp_of(o.header) for o in objects)} == {last}
+    assert [o.id for o in objects] == ["tccm_surface_0", "tccm_surface_1", "tccm_object_5"]
+    assert [o.operation for o in objects] == [0, 0, 0]
+
+
+def test_every_message_is_read_by_the_schemas_in_the_file_alone(bag):
+    """As Foxglove does: a schema has the definitions of all that its type contains."""
+    with bag.open("rb") as stream:
+        reader = make_reader(stream)
+        schemas = {s.name: s.data.decode() for s, _, _ in reader.iter_messages()}
+        types = {}
+        for name, text in schemas.items():
+            types[name] = get_typestore(Stores.EMPTY)
+            types[name].register(get_types_from_msg(text, name))
+        read = [
+            types[schema.name].deserialize_cdr(message.data, schema.name)
+            for schema, _, message in reader.iter_messages()
+        ]
+    assert len(schemas) > 8
+    assert len(read) > 30
 
 
 def test_log_times_are_those_of_the_causing_records_and_never_decrease(bag, messages, cycles):

@@ -15,7 +15,9 @@ PUBLISHED = {f"/tccm/{topic}" for topic in CYCLE_TOPICS}
 PUBLISHED |= {f"/surface_slam/{topic}" for topic in SOLUTION_TOPICS}
 FOR_PROGRAMS = {"/tccm/object_boxes"}
 FOR_PROGRAMS |= {
-    f"/surface_slam/{topic}" for topic, kind in SOLUTION_TOPICS.items() if "tccm_interfaces" in kind
+    f"/surface_slam/{topic}"
+    for topic, kind in SOLUTION_TOPICS.items()
+    if kind.startswith(("tccm_interfaces", "object_recognition_msgs"))
 }
 """Topics that viewers cannot draw: typed messages, and what slam_node takes from tccm_node."""
 

@@ -1,0 +1,49 @@
+"""What one picture tells of one door sign (section III.A.2 of the surface mapping paper)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tccm_ros.arrays import Float32, Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SignMeasurement:
+    """A door sign in a picture: where, what it says and what it looks like.
+
+    Attributes
+    ----------
+    stamp_ns
+        When the picture was taken.
+    pixel
+        float64 (2,), middle of the number, pixels from the left and the top of the picture as it
+        was taken.
+    bearing
+        float64 (3,), unit vector from the camera to that middle, in the optical frame (x right,
+        y down, z forward: REP-103), without the lens' distortion.
+    T_base_camera
+        float64 (4, 4), pose of the optical frame in the base frame at the stamp.
+    text
+        All lines of the plate that were read, from top to bottom, joined by spaces.
+    number
+        The number of the room, in capital letters: one of the text's words.
+    confidence
+        Mean probability of the number's characters, 0 to 1.
+    descriptor
+        float32 (n,), histograms of oriented gradients of the number's patch (`signs.hog`).
+    corners
+        float64 (4, 2), of the number: top left, top right, bottom right, bottom left, pixels.
+    focal_length
+        Of the camera, pixels: a pixel's noise divided by it is one in rad.
+    """
+
+    stamp_ns: int
+    pixel: Float64
+    bearing: Float64
+    T_base_camera: Float64
+    text: str
+    number: str
+    confidence: float
+    descriptor: Float32
+    corners: Float64
+    focal_length: float

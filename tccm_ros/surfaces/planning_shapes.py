@@ -1,0 +1,109 @@
+"""Surfaces as what a motion planner avoids: thin slabs, as boxes or meshes with poses.
+
+`Box` has the content of shape_msgs/SolidPrimitive, `Mesh` that of shape_msgs/Mesh.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from tccm_ros.arrays import Float64, Int64
+from tccm_ros.geometry import pose
+from tccm_ros.outlines.triangulation import fill_rings
+from tccm_ros.records import Surface
+
+OBJECT_PREFIX = "tccm_surface_"
+"""Prefix of the names of collision objects, so that those of other programs are kept."""
+
+MIN_BOX_FILL = 0.75
+"""A surface that covers a smaller fraction of its box is a mesh; chosen: the box of an angled
+counter would block the space in front of it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """A box in map.
+
+    Attributes
+    ----------
+    T_map_box
+        float64 (4, 4), pose of its centre.
+    size
+        float64 (3,), edges along its x, y and z axes, m.
+    """
+
+    T_map_box: Float64
+    size: Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """A closed triangle mesh in map.
+
+    Attributes
+    ----------
+    vertices
+        float64 (N, 3), m.
+    triangles
+        int64 (M, 3), rows of `vertices`, counter-clockwise seen from outside.
+    """
+
+    vertices: Float64
+    triangles: Int64
+
+
+def surface_shape(surface: Surface, thickness: float = 0.02) -> Box | Mesh:
+    """Return a surface as a box, or as a mesh where the box would cover too much more.
+
+    Parameters
+    ----------
+    surface
+        A surface of the map.
+    thickness
+        Downwards from the surface, m.
+    """
+    box = surface_box(surface, thickness)
+    if surface.area / surface.normal[2] < MIN_BOX_FILL * box.size[0] * box.size[1]:
+        return surface_mesh(surface, thickness)
+    return box
+
+
+def surface_box(surface: Surface, thickness: float = 0.02) -> Box:
+    """Return the smallest box under a surface's outline; its top lies in the surface's plane.
+
+    Holes and notches are filled: a planner that avoids the box avoids the surface.
+    """
+    rectangle = shapely.oriented_envelope(Polygon(surface.boundary[:, :2]))
+    corners = np.asarray(rectangle.exterior.coords)[:4]
+    edge = corners[1] - corners[0]
+    x = np.array([*edge, 0.0]) / np.linalg.norm(edge)
+    x -= (x @ surface.normal) * surface.normal
+    x /= np.linalg.norm(x)
+    R = np.stack([x, np.cross(surface.normal, x), surface.normal], axis=1)
+    local = surface.boundary @ R
+    low, high = local.min(axis=0), local.max(axis=0)
+    size = np.array([high[0] - low[0], high[1] - low[1], thickness])
+    middle = np.array([*(0.5 * (low + high))[:2], surface.offset - 0.5 * thickness])
+    return Box(pose(R, R @ middle), size)
+
+
+def surface_mesh(surface: Surface, thickness: float = 0.02) -> Mesh:
+    """Return the slab under a surface, with its holes and its true outline."""
+    rings = [surface.boundary, *surface.holes]
+    top = np.concatenate(rings)
+    _, faces = fill_rings([ring[:, :2] for ring in rings])
+    count, down = len(top), thickness * surface.normal
+    sides = []
+    start = 0
+    for ring in rings:
+        a = start + np.arange(len(ring))
+        b = start + (np.arange(len(ring)) + 1) % len(ring)
+        sides.append(np.stack([a, a + count, b], axis=1))
+        sides.append(np.stack([b, a + count, b + count], axis=1))
+        start += len(ring)
+    triangles = np.concatenate([faces, faces[:, ::-1] + count, *sides])
+    return Mesh(np.concatenate([top, top - down]), triangles.astype(np.int64))

@@ -36,7 +36,7 @@ GROUPS = {
     ),
     "slam": frozenset(
         {"frames", "rig", "scan", "sensors", "lines", "matching", "odometry", "walls", "graph"}
-        | {"loops", "views", "surfaces", "labels", "objects", "qos", "tf", "save"}
+        | {"loops", "views", "surfaces", "labels", "objects", "qos", "tf", "save", "scan_here"}
     ),
 }
 """Groups of parameters that each node acts on, by `Stream.processor`; both have those of no

@@ -126,6 +126,7 @@ class SlamNode(SensorNode):
     def release(self) -> None:
         """End the process that solves, and the threads."""
         self.remove_post_set_parameters_callback(self._on_parameters)
+        self._programs.close()
         self.saver.close()
         self.solver.close()
         super().release()
@@ -186,6 +187,8 @@ class SlamNode(SensorNode):
         self.newest_ns = max(self.newest_ns, getattr(event, "stamp_ns", 0))
         before = Counter(self.processor.counts)
         self._solve_with(event)
+        if isinstance(event, (SurfaceCloud, ViewIntervals, ObjectBoxes)):
+            self._programs.note_view_part(event.stamp_ns, self.solver.next_number)
         self.processor.add(event)
         if self.processor.counts["resets"] != before["resets"]:
             self._forget(is_localised=self.processor.is_localised)

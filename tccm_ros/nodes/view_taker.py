@@ -48,6 +48,21 @@ POLL_S = 0.05
 """Between two looks at what is waited for, s."""
 
 
+AT_END_RAD = 0.02
+"""A joint so near an end of its range is there, rad: less than any tilt cycle. Chosen."""
+
+
+def ends(now: float, low: float, high: float) -> tuple[float, float]:
+    """Return from which end of a range a joint goes to which, for a tilt cycle of its own.
+
+    It reverses at the first end, or stands there already: going on in one direction would join
+    the way to the range and the range in one cycle. All are angles, rad.
+    """
+    is_nearer_low = abs(now - low) <= abs(now - high)
+    is_outside = not low - AT_END_RAD <= now <= high + AT_END_RAD
+    return (low, high) if is_nearer_low != is_outside else (high, low)
+
+
 class CancelledError(Exception):
     """The client wants the view no more."""
 
@@ -138,8 +153,7 @@ class ViewTaker:
         spans = []
         for k, target in enumerate(targets):
             tell(k / len(targets))
-            now = self._angle(tilt)
-            first, last = (low, high) if abs(now - low) <= abs(now - high) else (high, low)
+            first, last = ends(self._angle(tilt), low, high)
             self._send({**target, tilt: first}, velocity)
             begin_ns = self._message_time_ns()
             self._send({**target, tilt: last}, velocity)

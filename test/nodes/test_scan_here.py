@@ -13,7 +13,7 @@ from rcl_interfaces.msg import Log
 from rclpy.action import ActionClient
 
 from tccm_ros.nodes.interfaces import has_interfaces
-from tccm_ros.nodes.view_taker import MAPPING, MOVING, WAITING
+from tccm_ros.nodes.view_taker import MAPPING, MOVING, WAITING, ends
 
 pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
 
@@ -105,7 +105,7 @@ def test_the_answer_has_what_this_view_measured_and_nothing_else(world):
     assert viewer.ask()[1].surfaces.surfaces
     status, result = viewer.ask(min_tilt=-0.8, max_tilt=0.0, max_velocity=0.5)
     assert status == SUCCEEDED, result.message
-    assert head.tilts[2:] == [pytest.approx(0.0), pytest.approx(-0.8)], "the nearer end first"
+    assert head.tilts[2:] == [pytest.approx(-0.8), pytest.approx(0.0)], "it reverses there"
     assert head.durations[-1] == pytest.approx(0.8 / 0.5)
     assert list(result.surfaces.surfaces) == []
 
@@ -186,6 +186,13 @@ def test_a_joint_that_is_not_known_is_said(world, joint, word):
     status, result = viewer.ask()
     assert status == ABORTED
     assert word in result.message
+
+
+@pytest.mark.parametrize(
+    ("now", "first"), [(-0.5, 1.0), (0.0, 0.0), (-0.01, 0.0), (0.4, 0.0), (0.6, 1.0), (1.5, 0.0)]
+)
+def test_the_joint_reverses_at_the_first_end_or_stands_there(now, first):
+    assert ends(now, 0.0, 1.0) == (first, 1.0 - first)
 
 
 def test_without_control_msgs_the_action_is_not_offered_and_a_line_says_so(ros, monkeypatch):

@@ -27,7 +27,7 @@ class Qos(Group):
 
 
 class Tf(Group):
-    """The transform map -> odom."""
+    """The transform map -> odom, and the frames of surfaces."""
 
     publish: bool = param(
         True, "publish map -> odom on /tf where tf2_msgs is installed", read_only=True
@@ -35,6 +35,11 @@ class Tf(Group):
     rate: float = param(20.0, "of map -> odom", unit="Hz", gt=0.0, le=200.0)
     transform_tolerance: float = param(
         0.1, "map -> odom is stamped this much after the newest scan", unit="s", ge=0.0, le=10.0
+    )
+    surfaces: bool = param(
+        False,
+        "publish a frame surface_<id> for each surface but the floor, with map -> odom: origin in "
+        "its middle, z along its normal, x along its longer edge",
     )
 
 

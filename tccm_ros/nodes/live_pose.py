@@ -1,4 +1,4 @@
-"""Where the robot is now: map -> odom and the pose with its covariance."""
+"""Where the robot is now: map -> odom, the pose with its covariance, and frames of surfaces."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from tccm_ros.ros.output_messages import pose_covariance_message
 from tccm_ros.ros.types import MessageTypes
 from tccm_ros.ros.writing import transform_message
 from tccm_ros.slam.wall_slam import LivePose
+from tccm_ros.surfaces.scene import Scene, frames_of_surfaces
 
 
 class LivePosePublisher:
@@ -44,6 +45,7 @@ class LivePosePublisher:
         self._live: LivePose | None = None
         self._newest_ns = -1
         self.is_localised = True
+        self._surface_frames: tuple[Any, ...] = ()
         self._pose = node.create_publisher(
             message_class("geometry_msgs/msg/PoseWithCovarianceStamped"), "pose", 10
         )
@@ -60,12 +62,22 @@ class LivePosePublisher:
                 "tf2_msgs is not installed: map -> odom is on ~/map_to_odom alone"
             )
             return None
-        return TfPublisher(node, intake, self._config.tf, self.transform)
+        return TfPublisher(node, intake, self._config.tf, self._transforms)
 
     def forget(self, *, is_localised: bool = True) -> None:
         """Publish nothing until the next scan, and before this session is found in its map."""
         self.is_localised = is_localised
         self._live, self._newest_ns = None, -1
+        self._surface_frames = ()
+
+    def show_surfaces(self, scene: Scene) -> None:
+        """Take the frames of the surfaces of a new solution, where they are asked for."""
+        frames: list[TransformSample] = []
+        if self._config.tf.surfaces:
+            surfaces = [known.surface for known in scene.surfaces]
+            prefix = self._config.frames.prefix
+            frames = frames_of_surfaces(surfaces, scene.stamp_ns, scene.frame_id, prefix)
+        self._surface_frames = tuple(transform_message(self._types, frame) for frame in frames)
 
     def note_scan(self, stamp_ns: int) -> None:
         """Note the stamp of a scan that has come in.
@@ -101,6 +113,19 @@ class LivePosePublisher:
     def correct(self, live: LivePose) -> None:
         """Take another estimate for the same stamp: map -> odom jumps, as REP-105 allows."""
         self._live = live if self.is_localised and live.stamp_ns >= 0 else None
+
+    def _transforms(self) -> list[Any]:
+        """Return map -> odom, then the frames of surfaces as of the same time.
+
+        A frame with the older stamp of its solution would be placed against where the robot was.
+        """
+        first = self.transform()
+        if first is None:
+            return []
+        frames = self._surface_frames if self._config.tf.surfaces else ()
+        for frame in frames:
+            frame.header.stamp = first.header.stamp
+        return [first, *frames]
 
     def transform(self) -> Any | None:
         """Return map -> odom as a geometry_msgs/TransformStamped, None before the first scan."""

@@ -35,8 +35,24 @@ GROUPS = {
         | {"views", "surfaces", "qos", "save", "markers"}
     ),
     "slam": frozenset(
+<<<<<<< HEAD
         {"frames", "rig", "scan", "sensors", "lines", "matching", "odometry", "walls", "graph"}
         | {"loops", "views", "surfaces", "labels", "objects", "qos", "tf", "save", "scan_here"}
+=======
+        {
+            "frames",
+            "rig",
+            "scan",
+            "sensors",
+            "signs",
+            "lines",
+            "matching",
+            "odometry",
+            "walls",
+            "graph",
+        }
+        | {"loops", "views", "surfaces", "labels", "objects", "qos", "tf", "save"}
+>>>>>>> main
     ),
 }
 """Groups of parameters that each node acts on, by `Stream.processor`; both have those of no

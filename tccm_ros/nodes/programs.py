@@ -47,7 +47,7 @@ class Programs:
         begin_save: Callable[[Path], Future],
         load: Callable[[Path], str],
     ):
-        self._node = node
+        self._node, self._live = node, live
         self._received: dict[int, Scene] = {}
         self._events = SurfaceEvents(node, node.types)
         self._boxes = CollisionObjects(node, node.types)
@@ -82,6 +82,7 @@ class Programs:
         for event in self._events.note(scene, self._node.config.objects.agreeing_views):
             self._node.get_logger().info(str(event))
         self._boxes.publish(scene)
+        self._live.show_surfaces(scene)
 
     def forget(self, *, is_map_loaded: bool) -> None:
         """Answer nothing before the next solution."""

@@ -1,8 +1,8 @@
-"""map -> odom on /tf, where tf2_msgs is installed."""
+"""map -> odom and the frames of surfaces on /tf, where tf2_msgs is installed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rclpy.node import Node
@@ -23,7 +23,7 @@ def has_tf2_msgs() -> bool:
 
 
 class TfPublisher:
-    """Publishes a transform at a rate, from its first value on.
+    """Publishes transforms at a rate, from their first values on.
 
     Parameters
     ----------
@@ -34,10 +34,12 @@ class TfPublisher:
     config
         Its `rate`, of publication; a change counts from the next publication on.
     current
-        Returns a geometry_msgs/TransformStamped, or None before the first scan.
+        Returns geometry_msgs/TransformStamped messages; none before the first scan.
     """
 
-    def __init__(self, node: Node, intake: Intake, config: Tf, current: Callable[[], Any | None]):
+    def __init__(
+        self, node: Node, intake: Intake, config: Tf, current: Callable[[], Sequence[Any]]
+    ):
         self._message = message_class("tf2_msgs/msg/TFMessage")
         self._current = current
         self._publisher = node.create_publisher(self._message, "/tf", QoSProfile(depth=100))
@@ -52,7 +54,7 @@ class TfPublisher:
         self.publish()
 
     def publish(self) -> None:
-        """Publish the transform, if there is one."""
-        transform = self._current()
-        if transform is not None:
-            self._publisher.publish(self._message(transforms=[transform]))
+        """Publish the transforms, if there are any."""
+        transforms = self._current()
+        if transforms:
+            self._publisher.publish(self._message(transforms=transforms))

@@ -94,7 +94,7 @@ def run_bag(
             pipeline.dropped + unreadable,
             reader.duration,
             saved is not None,
-            (*choice.found, *_lasers_that_are_bases(pipeline, choice)),
+            (*choice.found, *_lasers_that_are_bases(pipeline, choice), *_missing_extra(pipeline)),
         )
 
 
@@ -132,7 +132,7 @@ def _feed(
 def _check_used(pipeline: Pipeline, reader: BagReader, choice: TopicChoice) -> None:
     """Raise an error with the reason where nothing that a kind of sensor recorded could be used."""
     counts = {info.name: info.count for info in reader.topics()}
-    mapped = [s for s in choice.streams if s.mount is not MountKind.LEVEL]
+    mapped = [s for s in choice.streams if s.processor == "tccm"]
     level = [s for s in choice.streams if s.mount is MountKind.LEVEL]
     for streams, used in (
         (mapped, pipeline.tccm.counts["cycles"]),
@@ -163,6 +163,12 @@ def _lasers_that_are_bases(pipeline: Pipeline, choice: TopicChoice) -> Iterator[
     for role, sensor in pipeline.robot.sensors.items():
         if sensor.posed and sensor.mount.is_base:
             yield laser_is_base(choice.topics[role])
+
+
+def _missing_extra(pipeline: Pipeline) -> Iterator[str]:
+    """Yield what is missing to read the door signs of pictures that there are."""
+    if pipeline.signs.problem:
+        yield f"door signs are not read: {pipeline.signs.problem}"
 
 
 def _name_of(stream: Stream) -> str:

@@ -9,22 +9,32 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
-from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, MessageError, TccmError, TopicError
+from tccm_ros.pipeline.depth_topics import (
+    DepthTopic,
+    calibration_topic,
+    depth_topics,
+    first_message,
+)
+from tccm_ros.records import CameraImage
 from tccm_ros.records.building import frame_name
 from tccm_ros.robot import Robot, Stream
 from tccm_ros.ros.reading import READERS
+from tccm_ros.sensors.camera_image import (
+    CHANNELS,
+    COMPRESSED_PICTURE_READER,
+    PICTURE_READER,
+    camera_stream,
+)
 from tccm_ros.sensors.cloud_messages import CLOUD_READER, point_cloud_from_message
-from tccm_ros.sensors.depth_image import COMPRESSED, camera_info_topic, depth_stream
+from tccm_ros.sensors.depth_image import COMPRESSED, camera_info_topic, depth_reader
 from tccm_ros.sensors.depth_messages import (
     CAMERA_INFO_READER,
     COMPRESSED_READER,
-    DEPTH_ENCODINGS,
     IMAGE_READER,
 )
 from tccm_ros.sensors.registry import default_streams
@@ -36,26 +46,6 @@ ROBOT_ROLES = ("odom", "joint_states")
 """What tells of the robot itself: taken by type where there is one topic of it alone."""
 
 LASER = READERS["scan"].message_type
-
-
-@dataclass(frozen=True, slots=True)
-class DepthTopic:
-    """A topic of depth images in a bag.
-
-    Attributes
-    ----------
-    topic, frame_id
-        Its name, and the frame of the first image.
-    size
-        Width and height, pixels; None where the images are compressed.
-    is_compressed
-        Whether they are CompressedImage messages.
-    """
-
-    topic: str
-    frame_id: str
-    size: tuple[int, int] | None
-    is_compressed: bool
 
 
 @dataclass(slots=True)
@@ -125,43 +115,29 @@ def choose_topics(reader: BagReader, config: Config, remap: Sequence[str] = ()) 
     search.find_lasers(config)
     search.find_depth_images(config)
     search.find_clouds(config)
+    search.find_pictures(config)
     choice.streams = tuple(search.with_reader(stream) for stream in streams)
     return choice
 
 
-def depth_topics(reader: BagReader) -> list[DepthTopic]:
-    """Return the topics of depth images in a bag, with or without a calibration."""
-    found = []
+def picture_topics(reader: BagReader) -> list[str]:
+    """Return the topics of pictures in a bag.
+
+    Of one camera the compressed ones are returned only where there are no plain ones.
+    """
+    plain, compressed = [], []
     for topic in reader.topics():
-        if not topic.count:
+        message = first_message(reader, topic.name) if topic.count else None
+        if message is None:
             continue
-        if topic.msgtype == IMAGE_READER.message_type:
-            message = first_message(reader, topic.name)
-            if message is not None and str(message.encoding) in DEPTH_ENCODINGS:
-                size = int(message.width), int(message.height)
-                frame = frame_name(message.header.frame_id)
-                found.append(DepthTopic(topic.name, frame, size, is_compressed=False))
-        elif topic.msgtype == COMPRESSED_READER.message_type:
-            message = first_message(reader, topic.name)
-            if message is not None and COMPRESSED in str(message.format):
-                frame = frame_name(message.header.frame_id)
-                found.append(DepthTopic(topic.name, frame, None, is_compressed=True))
-    names = {image.topic for image in found}
-    return [
-        image
-        for image in found
-        if not (image.is_compressed and image.topic.removesuffix(f"/{COMPRESSED}") in names)
-    ]
-
-
-def first_message(reader: BagReader, topic: str) -> Any | None:
-    """Return the first message of a topic, None where it cannot be read."""
-    types = TypestoreMessages()
-    for message in reader.messages([topic]):
-        with suppress(MessageError):
-            return types.deserialize(message.msgtype, message.data)
-        return None
-    return None
+        if topic.msgtype == PICTURE_READER.message_type:
+            if str(message.encoding) in CHANNELS:
+                plain.append(topic.name)
+        elif topic.msgtype == COMPRESSED_PICTURE_READER.message_type:
+            text = str(message.format)
+            if COMPRESSED not in text and ("jpeg" in text or "png" in text):
+                compressed.append(topic.name)
+    return plain + [name for name in compressed if name.removesuffix("/compressed") not in plain]
 
 
 class _Search:
@@ -180,7 +156,9 @@ class _Search:
         if stream.companion is None or self._types.get(topic) not in kinds:
             return stream
         compressed = self._types[topic] == COMPRESSED_READER.message_type
-        return replace(stream, reader=depth_stream(stream.role, compressed=compressed).reader)
+        if stream.record is CameraImage:
+            return replace(stream, reader=camera_stream(stream.role, compressed=compressed).reader)
+        return replace(stream, reader=depth_reader(topic, compressed=compressed))
 
     def _is_absent(self, role: str) -> bool:
         return role not in self._choice.named and self._choice.topics[role] not in self._types
@@ -236,14 +214,12 @@ class _Search:
         if not roles:
             return
         if not all(self._is_absent(role) for role in roles):
-            names = {found.topics[role] for role in roles}
-            self._depth = [d for d in depth_topics(self._reader) if d.topic in names]
+            by_topic = {found.topics[role]: role for role in roles}
+            self._depth = [d for d in depth_topics(self._reader) if d.topic in by_topic]
+            for image in self._depth:
+                self._take_calibration(camera_info_topic(by_topic[image.topic]), image)
             return
-        images = [
-            d
-            for d in depth_topics(self._reader)
-            if self._types.get(camera_info_topic(d.topic)) == CAMERA_INFO_READER.message_type
-        ]
+        images = [d for d in depth_topics(self._reader) if calibration_topic(self._reader, d)]
         self._take_only(
             roles[0],
             [image.topic for image in images],
@@ -251,8 +227,17 @@ class _Search:
             "sensors.depth_images",
         )
         self._depth = images
-        if images:
-            found.topics[camera_info_topic(roles[0])] = camera_info_topic(images[0].topic)
+        for image in images:
+            self._take_calibration(camera_info_topic(roles[0]), image)
+
+    def _take_calibration(self, role: str, image: DepthTopic) -> None:
+        """Take what calibrates an image; it is said where it does not stand beside it."""
+        topic, beside = calibration_topic(self._reader, image), camera_info_topic(image.topic)
+        if role in self._choice.named or topic is None:
+            return
+        self._choice.topics[role] = topic
+        if topic != beside:
+            self._take(role, topic, f"the only camera info of the frame '{image.frame_id}'")
 
     def find_clouds(self, config: Config) -> None:
         """Take the only point cloud; one in the frame of a depth image is made of that."""
@@ -267,6 +252,26 @@ class _Search:
             if self._cloud_frame(topic) not in (None, *frames)
         ]
         self._take_only(roles[0], clouds, "the only point cloud", "sensors.point_clouds")
+
+    def find_pictures(self, config: Config) -> None:
+        """Take the only topic of pictures that has a calibration beside it, plain or compressed.
+
+        Several are no error, as a map can be made without signs: none is taken, which is said.
+        """
+        roles = config.sensors.camera_images if config.signs.enabled else ()
+        if not roles or not all(self._is_absent(role) for role in roles):
+            return
+        found = [
+            topic
+            for topic in picture_topics(self._reader)
+            if self._types.get(camera_info_topic(topic)) == CAMERA_INFO_READER.message_type
+        ]
+        if len(found) > 1:
+            names = " or ".join(f"--remap {roles[0]}:={topic}" for topic in found)
+            self._choice.found.append(f"door signs are not looked for, unless you add {names}")
+        elif found:
+            self._take(roles[0], found[0], "the only pictures with a camera_info")
+            self._choice.topics[camera_info_topic(roles[0])] = camera_info_topic(found[0])
 
     def _cloud_frame(self, topic: str) -> str | None:
         """Return the frame of a cloud of points, None for clouds of other numbers."""

@@ -24,6 +24,7 @@ from tccm_ros.records.events import (
     TiltAngle,
 )
 from tccm_ros.records.sensors import (
+    CameraImage,
     CameraInfo,
     DepthImage,
     JointSample,
@@ -33,8 +34,10 @@ from tccm_ros.records.sensors import (
     Scan,
     TransformSample,
 )
+from tccm_ros.records.signs import SIGN, Sign, SignSighting
 from tccm_ros.records.solution import (
     EdgeState,
+    FormerPlace,
     Keyframe,
     Landmark,
     LandmarkObservation,
@@ -49,11 +52,14 @@ from tccm_ros.records.solution import (
 )
 
 __all__ = [
+    "SIGN",
     "START_OF_TIME",
+    "CameraImage",
     "CameraInfo",
     "DepthImage",
     "EdgeState",
     "Event",
+    "FormerPlace",
     "JointSample",
     "Keyframe",
     "Landmark",
@@ -72,6 +78,8 @@ __all__ = [
     "Scan",
     "ScanPose",
     "SelfShapes",
+    "Sign",
+    "SignSighting",
     "StreamComplete",
     "Surface",
     "SurfaceCloud",

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tccm_ros.arrays import Float32, Float64, Int64, UInt16
+from tccm_ros.arrays import Float32, Float64, Int64, UInt8, UInt16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,6 +159,12 @@ class CameraInfo:
         width, height = self.region[2] or self.width, self.region[3] or self.height
         return width // self.binning[0], height // self.binning[1]
 
+    def rectified(self) -> CameraInfo:
+        """Return the calibration of the rectified images; the same where there is none (P is 0)."""
+        if self.P[0, 0] <= 0.0 or self.P[1, 1] <= 0.0:
+            return self
+        return replace(self, K=np.ascontiguousarray(self.P[:, :3]), D=np.zeros(0))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthImage:
@@ -175,17 +181,54 @@ class DepthImage:
         m, where what is not finite and positive is nothing.
     camera
         The calibration, None until it is known.
+    is_rectified
+        Whether its distortion has been removed: the calibration's P counts.
     """
 
     stamp_ns: int
     frame_id: str
     depth: UInt16 | Float32
     camera: CameraInfo | None = None
+    is_rectified: bool = False
 
     @property
     def encoding(self) -> str:
         """The message's name of the kind of depths."""
         return "16UC1" if self.depth.dtype == np.uint16 else "32FC1"
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, pixels."""
+        height, width = self.depth.shape
+        return width, height
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraImage:
+    """A picture (sensor_msgs/Image, or CompressedImage) with its camera's calibration.
+
+    Attributes
+    ----------
+    stamp_ns
+        When it was taken.
+    frame_id
+        Optical frame: x right, y down, z forward (REP-103).
+    encoding
+        ``rgb8``, ``bgr8`` or ``mono8``; ``compressed`` where the data are those of a file.
+    size
+        Width and height, pixels.
+    data
+        uint8 (N,): rows from the top without padding, or a JPEG or PNG file.
+    camera
+        The calibration, None until it is known.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    encoding: str
+    size: tuple[int, int]
+    data: UInt8
+    camera: CameraInfo | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

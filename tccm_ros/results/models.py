@@ -32,7 +32,7 @@ from tccm_ros.results.surface_counts import SurfaceCounts
 from tccm_ros.surfaces.scene_objects import SceneObject
 
 
-def _array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValidator, Any]:
+def array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValidator, Any]:
     """Return the validator and JSON Schema of a float64 array; a length of None is any length."""
 
     def check(value: Any) -> Float64:
@@ -54,11 +54,12 @@ def _array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValida
     return PlainValidator(check), WithJsonSchema(schema)
 
 
-Vector = Annotated[Float64, *_array_type(3)]
-Ring = Annotated[Float64, *_array_type(None, 3)]
-Ends = Annotated[Float64, *_array_type(2, 2)]
-Covariance2 = Annotated[Float64, *_array_type(2, 2, is_finite=False)]
-Covariance3 = Annotated[Float64, *_array_type(3, 3, is_finite=False)]
+Vector = Annotated[Float64, *array_type(3)]
+Ring = Annotated[Float64, *array_type(None, 3)]
+Ring2 = Annotated[Float64, *array_type(None, 2)]
+Ends = Annotated[Float64, *array_type(2, 2)]
+Covariance2 = Annotated[Float64, *array_type(2, 2, is_finite=False)]
+Covariance3 = Annotated[Float64, *array_type(3, 3, is_finite=False)]
 
 
 EntryType = TypeVar("EntryType")
@@ -716,6 +717,45 @@ class TruthObject:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TruthSign:
+    """A true door sign, in map.
+
+    Attributes
+    ----------
+    id, text
+        Its number in the file, and the number on it.
+    position
+        float64 (3,), middle of the number, m.
+    normal
+        float64 (3,), out of its wall.
+    room
+        Name of the room that it belongs to; None for none.
+    """
+
+    id: int
+    text: str
+    position: Vector
+    normal: Vector
+    room: str | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TruthRoom:
+    """A true room.
+
+    Attributes
+    ----------
+    name
+        Its name.
+    boundary
+        float64 (N, 2), open ring of the faces of its walls in map, m.
+    """
+
+    name: str
+    boundary: Ring2
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TruthFile:
     """truth.json: the true surfaces of a recording.
 
@@ -735,6 +775,10 @@ class TruthFile:
         Horizontal tops that are too small or too hidden to count as missed.
     objects
         Boxes on surfaces.
+    signs
+        Door signs.
+    rooms
+        Rooms, the corridor too.
     """
 
     format: Literal["tccm_ros/surfaces"] = "tccm_ros/surfaces"
@@ -745,3 +789,5 @@ class TruthFile:
     gone: tuple[TruthSurface, ...] = ()
     others: tuple[TruthSurface, ...] = ()
     objects: tuple[TruthObject, ...] = ()
+    signs: tuple[TruthSign, ...] = ()
+    rooms: tuple[TruthRoom, ...] = ()

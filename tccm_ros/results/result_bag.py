@@ -45,6 +45,7 @@ from tccm_ros.ros.topic_messages import (
     TopicMessage,
 )
 from tccm_ros.ros.writing import transform_message, transforms_message
+from tccm_ros.surfaces.scene import frames_of_surfaces
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 TCCM = "/tccm/"
@@ -156,11 +157,11 @@ class ResultBag:
     messages
         Messages of the cycles.
     config
-        Group `frames`.
+        Groups `frames` and `tf`.
     """
 
     def __init__(self, bag: BagWriter, messages: CycleMessageStore, config: Config):
-        self._bag, self._messages = bag, messages
+        self._bag, self._messages, self._config = bag, messages, config
         self._map_frame = config.frames.map_name
         self._solution_builder = SolutionMessageBuilder(bag.types, self._map_frame)
         self._declare()
@@ -199,11 +200,17 @@ class ResultBag:
             T_map_base = spatial(solution.slam.pose_at(cycle.stamp_ns))[0]
             is_last = cycle is cycles[-1]
             if cycle.scans:  # a tilt cycle without scans has no pose of the base
-                yield _TimedWrite(cycle.end_ns, 0, partial(self._write_frames, cycle, T_map_base))
+                due = partial(self._write_frames, cycle, T_map_base, solution)
+                yield _TimedWrite(cycle.end_ns, 0, due)
             yield _TimedWrite(cycle.end_ns, 1, partial(self._write_cycle, cycle, is_last))
 
-    def _write_frames(self, cycle: CycleResult, T_map_base: Float64) -> None:
-        """Write the poses of the odometry frame and the base at the stamp of the tilt cycle."""
+    def _write_frames(
+        self, cycle: CycleResult, T_map_base: Float64, solution: SurfaceSolution
+    ) -> None:
+        """Write the poses of the odometry frame and the base at the stamp of the tilt cycle.
+
+        Where they are asked for, those of the surfaces that had been seen too.
+        """
         stamp_ns, types = cycle.stamp_ns, self._bag.types
         T_map_odom = T_map_base @ inverse(cycle.T_odom_base)
         odom = TransformSample(stamp_ns, self._map_frame, cycle.frame_id, T_map_odom, False)
@@ -211,6 +218,10 @@ class ResultBag:
         if cycle.base_frame_id and cycle.base_frame_id != cycle.frame_id:
             base = cycle.base_frame_id, cycle.T_odom_base, False
             samples.append(TransformSample(stamp_ns, cycle.frame_id, *base))
+        if self._config.tf.surfaces:
+            seen = [s for s in solution.surfaces if s.first_seen_ns <= stamp_ns]
+            prefix = self._config.frames.prefix
+            samples += frames_of_surfaces(seen, stamp_ns, self._map_frame, prefix)
         self._bag.write(TF_TOPIC, TF, cycle.end_ns, transforms_message(types, samples))
         self._bag.write(MAP_ODOM_TOPIC, MAP_ODOM, cycle.end_ns, transform_message(types, odom))
 
@@ -296,7 +307,7 @@ def write_result_bag(
     messages
         Messages of the same tilt cycles.
     config
-        Group ``frames``.
+        Groups ``frames`` and ``tf``.
 
     Raises
     ------

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import pose, spatial
-from tccm_ros.records import Surface
+from tccm_ros.records import FormerPlace, Surface, TransformSample
 from tccm_ros.surfaces.base_poses import FreeFloor
 from tccm_ros.surfaces.scene_objects import SceneObject
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
@@ -22,14 +23,13 @@ class KnownSurface(NamedTuple):
     ----------
     surface
         Without its views.
-    first_view_ns, last_view_ns
-        Stamps of the first and the last view that is part of it.
+    last_view_ns
+        Stamp of the last view that is part of it.
     message
         The whole of it: a serialised tccm_interfaces/Surface; empty where nobody asks for it.
     """
 
     surface: Surface
-    first_view_ns: int
     last_view_ns: int
     message: bytes = b""
 
@@ -49,6 +49,8 @@ class Scene(NamedTuple):
         Where the base can stand; None without a level laser.
     surfaces
         By id.
+    newest_view_ns
+        Stamp of the newest view of this session; 0 before the first.
     """
 
     stamp_ns: int
@@ -57,9 +59,10 @@ class Scene(NamedTuple):
     objects: tuple[SceneObject, ...]
     free_floor: FreeFloor | None
     surfaces: tuple[KnownSurface, ...] = ()
+    newest_view_ns: int = 0
 
 
-def surface_pose(surface: Surface) -> tuple[Float64, Float64]:
+def surface_pose(surface: Surface | FormerPlace) -> tuple[Float64, Float64]:
     """Return pose and size of the smallest rectangle around a surface's boundary.
 
     Returns
@@ -77,6 +80,32 @@ def surface_pose(surface: Surface) -> tuple[Float64, Float64]:
     R = np.stack([along, np.cross(normal, along), normal], axis=1)
     z = (surface.offset - normal[0] * x - normal[1] * y) / normal[2]
     return pose(R, np.array([x, y, z])), np.array([length, width])
+
+
+def surface_frame(surface_id: int, prefix: str) -> str:
+    """Return the name of a surface's frame on tf; `prefix` is that of the robot's frames."""
+    return f"{prefix}surface_{surface_id}"
+
+
+def frames_of_surfaces(
+    surfaces: Iterable[Surface], stamp_ns: int, map_frame: str, prefix: str
+) -> list[TransformSample]:
+    """Return the frames of all surfaces but the floor in map (`surface_pose`).
+
+    Parameters
+    ----------
+    surfaces
+        In map.
+    stamp_ns
+        Of the transforms.
+    map_frame, prefix
+        Name of the map frame, and what is put before the names of frames.
+    """
+    return [
+        TransformSample(stamp_ns, map_frame, surface_frame(s.id, prefix), surface_pose(s)[0], False)
+        for s in surfaces
+        if s.label != "floor"
+    ]
 
 
 def object_pose(item: SceneObject) -> Float64:

@@ -30,6 +30,7 @@ from tccm_ros.records import (
     ViewIntervals,
 )
 from tccm_ros.sensors.registry import roles_of
+from tccm_ros.signs.measurement import SignMeasurement
 from tccm_ros.slam.lines import label_by_splitting
 from tccm_ros.slam.live_estimate import MapWalls, SolvedKeyframe
 from tccm_ros.slam.solution import Solution
@@ -43,7 +44,15 @@ from tccm_ros.surfaces.session_alignment import SessionAlignment, align_session
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
 from tccm_ros.surfaces.views import View
 
-SlamInput = Event | LandmarkObservation | ObjectBoxes | PoseGuess | SurfaceCloud | ViewIntervals
+SlamInput = (
+    Event
+    | LandmarkObservation
+    | ObjectBoxes
+    | PoseGuess
+    | SignMeasurement
+    | SurfaceCloud
+    | ViewIntervals
+)
 
 ROLES = {None, *roles_of("slam")}
 """Roles of the events that are processed: those of its streams, and those for all processors."""
@@ -116,8 +125,8 @@ class SurfaceSlam:
     Attributes
     ----------
     counts
-        ``level scans`` matched, ``clouds``, ``views`` and ``boxes`` received, ``views while lost``
-        (which are not used), ``resets``.
+        ``level scans`` matched, ``clouds``, ``views``, ``boxes`` and ``signs`` received, ``views
+        while lost`` (which are not used), ``resets``.
     odom_frame
         Name of the odometry frame.
     """
@@ -130,6 +139,7 @@ class SurfaceSlam:
             PosedScan: self._take_scan,
             Odometry: self._take_odometry,
             LandmarkObservation: self._take_landmark,
+            SignMeasurement: self._take_sign,
             PoseGuess: self._take_guess,
             MapReset: self._take_reset,
             SurfaceCloud: partial(self._take_view, "clouds"),
@@ -172,8 +182,8 @@ class SurfaceSlam:
     def add(self, event: SlamInput) -> list[ScanPose]:
         """Process one event; return the pose of a level scan, and nothing for other events.
 
-        Landmarks, surface clouds and intervals may come at any time: their stamps tell where they
-        belong. Events for other processors are ignored.
+        Landmarks, signs, surface clouds and intervals may come at any time: their stamps tell
+        where they belong. Events for other processors are ignored.
         """
         if not self.takes(event):
             return []
@@ -188,6 +198,11 @@ class SurfaceSlam:
 
     def _take_landmark(self, observation: LandmarkObservation) -> list[ScanPose]:
         self.walls.add_landmark(observation)
+        return []
+
+    def _take_sign(self, sign: SignMeasurement) -> list[ScanPose]:
+        self.counts["signs"] += 1
+        self.walls.add_sign(sign)
         return []
 
     def _take_guess(self, guess: PoseGuess) -> list[ScanPose]:

@@ -106,18 +106,22 @@ def bag(cycles, tmp_path_factory):
     return write(path, cycles, solution(cycles))
 
 
-def write(path, cycles, solved):
+def write(path, cycles, solved, config=CONFIG):
     """Write a result bag as a replay does: the messages of each cycle from the map after it."""
-    messages, map_ = CycleMessageStore(CONFIG), IntegrationMap(CONFIG)
+    messages, map_ = CycleMessageStore(config), IntegrationMap(config)
     for cycle in cycles:
         map_.add(cycle.part)
         messages.add(cycle, map_.cuboids())
-    write_result_bag(path, cycles, messages, solved, CONFIG)
+    write_result_bag(path, cycles, messages, solved, config)
     return path
 
 
 @pytest.fixture(scope="module")
 def messages(bag):
+    return read(bag)
+
+
+def read(bag):
     """Return [(log time, message)] by topic, as rosbags reads them."""
     found = {}
     with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
@@ -149,6 +153,7 @@ def test_the_bag_has_every_topic_of_the_nodes_except_diagnostics(messages):
         "/tccm/center_cores": 1, "/tccm/obstacles": 1,
         "/tccm/surfaces": 3, "/tccm/view": 3, "/tf": 3, "/surface_slam/map_to_odom": 3,
         "/pose": 30, "/surface_slam/path": 1, "/surface_slam/walls": 1,
+        "/surface_slam/signs": 1,
         "/surface_slam/surfaces": 3, "/surface_slam/surface_cloud": 1, "/tccm/object_boxes": 3,
         "/surface_slam/surface_map": 1, "/surface_slam/objects": 1, "/surface_slam/tables": 1,
         "/collision_object": 3,
@@ -208,6 +213,24 @@ def test_tf_connects_map_to_base(messages, cycles):
         x = np.interp(cycle.stamp_ns / S, [9, 23.5], [0, 1])
         yaw = np.interp(cycle.stamp_ns / S, [9, 23.5], [0, 0.2])
         assert np.allclose(chain, spatial([x, 0.0, yaw]), atol=1e-9)
+
+
+def test_frames_of_surfaces_are_on_tf_where_asked_for_once_they_were_seen(cycles, tmp_path):
+    asked = CONFIG.model_copy(update={"tf": CONFIG.tf.model_copy(update={"surfaces": True})})
+    bag = write(tmp_path / "result.mcap", cycles, solution(cycles), asked)
+    found = []
+    for (_, message), cycle in zip(read(bag)["/tf"], cycles, strict=True):
+        frames = [t for t in message.transforms if t.child_frame_id.startswith("surface_")]
+        assert {(t.header.frame_id, stamp_of(t.header)) for t in frames} == {
+            ("map", cycle.stamp_ns)
+        }
+        found.append([t.child_frame_id for t in frames])
+        for transform in frames:
+            T = pose_of(*matrix(transform.transform))
+            assert T[:3, 3] == pytest.approx([1.25, 0.2, 0.7]), "the middle"
+            assert T[:3, 2] == pytest.approx(UP), "z along the normal"
+            assert abs(T[0, 0]) == pytest.approx(1.0), "x along the longer edge"
+    assert found == [["surface_0"], ["surface_0"], ["surface_0", "surface_1"]]
 
 
 def pose_of(t, q):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from tccm_ros.errors import ConfigError, suggest
+from tccm_ros.pipeline.sim.changing import changing
 from tccm_ros.pipeline.sim.flat import flat, rgbd_kitchen
 from tccm_ros.pipeline.sim.little_geometry import (
     corridor,
@@ -14,6 +15,7 @@ from tccm_ros.pipeline.sim.little_geometry import (
     single_wall,
     turning,
 )
+from tccm_ros.pipeline.sim.office import office_signs
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.ring import ring
 from tccm_ros.pipeline.sim.rooms import load, moved, room, upside_down
@@ -23,9 +25,11 @@ from tccm_ros.pipeline.sim.world import Builder, World
 WORLDS: dict[str, tuple[Builder, str]] = {
     "flat": (flat, "a kitchen and a living room; the robot stops in places to scan"),
     "rgbd_kitchen": (rgbd_kitchen, "the flat's kitchen, seen by a depth camera on a head"),
+    "office_signs": (office_signs, "ten offices on a corridor, with door signs; option alike"),
     "ring": (ring, "a ring of corridors, 100 m around, with 12 mrad/m of heading drift"),
     "room": (room, "floor, ceiling and walls to calibrate in; options clutter, ramp, people"),
     "moved": (moved, "a room seen twice; a table moves, a stool goes, a crate comes in between"),
+    "changing": (changing, "two rooms visited in turn; tables are moved, lowered, carried over"),
     "upside_down": (upside_down, "a laser that hangs upside down, and other topic and frame names"),
     "situation_a": (situation("a"), "a table, 1.2 m x 0.8 m"),
     "situation_b": (situation("b"), "the front of a shelf"),

@@ -35,10 +35,6 @@ GROUPS = {
         | {"views", "surfaces", "qos", "save", "markers"}
     ),
     "slam": frozenset(
-<<<<<<< HEAD
-        {"frames", "rig", "scan", "sensors", "lines", "matching", "odometry", "walls", "graph"}
-        | {"loops", "views", "surfaces", "labels", "objects", "qos", "tf", "save", "scan_here"}
-=======
         {
             "frames",
             "rig",
@@ -51,8 +47,7 @@ GROUPS = {
             "walls",
             "graph",
         }
-        | {"loops", "views", "surfaces", "labels", "objects", "qos", "tf", "save"}
->>>>>>> main
+        | {"loops", "views", "surfaces", "labels", "objects", "qos", "tf", "save", "scan_here"}
     ),
 }
 """Groups of parameters that each node acts on, by `Stream.processor`; both have those of no

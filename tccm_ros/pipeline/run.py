@@ -91,7 +91,7 @@ def run_bag(
             pipeline.slam,
             solution,
             messages,
-            pipeline.dropped + unreadable,
+            pipeline.dropped + unreadable + Counter(solution.unused_detections),
             reader.duration,
             saved is not None,
             (*choice.found, *_lasers_that_are_bases(pipeline, choice)),
@@ -102,8 +102,9 @@ def _check_there(reader: BagReader, choice: TopicChoice) -> None:
     """Raise TopicError without any sensor, or without a topic that was named."""
     counts = {info.name: info.count for info in reader.topics()}
     absent = [role for role in sorted(choice.named) if choice.topics[role] not in counts]
-    if not any(counts.get(choice.topics[stream.role]) for stream in choice.streams):
-        absent = absent or [choice.streams[0].role]
+    measured = [stream for stream in choice.streams if not stream.is_occasional]
+    if not any(counts.get(choice.topics[stream.role]) for stream in measured):
+        absent = absent or [measured[0].role]
     if absent:
         raise TopicError(reader.missing(absent[0], choice.topics[absent[0]]))
 
@@ -132,7 +133,7 @@ def _feed(
 def _check_used(pipeline: Pipeline, reader: BagReader, choice: TopicChoice) -> None:
     """Raise an error with the reason where nothing that a kind of sensor recorded could be used."""
     counts = {info.name: info.count for info in reader.topics()}
-    mapped = [s for s in choice.streams if s.mount is not MountKind.LEVEL]
+    mapped = [s for s in choice.streams if s.processor == "tccm"]
     level = [s for s in choice.streams if s.mount is MountKind.LEVEL]
     for streams, used in (
         (mapped, pipeline.tccm.counts["cycles"]),

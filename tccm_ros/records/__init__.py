@@ -13,6 +13,7 @@ from tccm_ros.records.cycle import (
     TabletopObject,
     ViewIntervals,
 )
+from tccm_ros.records.detections import Detections, Hypothesis
 from tccm_ros.records.events import (
     START_OF_TIME,
     Event,
@@ -52,8 +53,10 @@ __all__ = [
     "START_OF_TIME",
     "CameraInfo",
     "DepthImage",
+    "Detections",
     "EdgeState",
     "Event",
+    "Hypothesis",
     "JointSample",
     "Keyframe",
     "Landmark",

@@ -20,6 +20,7 @@ from tccm_ros.ros.marker_parts import MarkerSet, MessageContext, identity_color
 from tccm_ros.ros.markers import (
     core_markers,
     cuboid_markers,
+    label_markers,
     object_markers,
     plane_markers,
     surface_markers,
@@ -226,7 +227,11 @@ class SolutionMessageBuilder:
                 wall_markers(context, solution.slam.walls), stamp_ns
             ),
             "surfaces": lambda: self._surfaces.message(
-                surface_markers(context, solution.surfaces), stamp_ns
+                [
+                    *surface_markers(context, solution.surfaces),
+                    *label_markers(context, solution.objects),
+                ],
+                stamp_ns,
             ),
             "surface_cloud": lambda: _surface_cloud(context, solution),
             "surface_map": lambda: typed_map_message(*context, solution),

@@ -22,7 +22,7 @@ from tccm_ros.records import Hypothesis
 
 MAX_GAP = 0.05
 """Max distance of a detection's middle from the box of the object that it is of, m; chosen: the
-error of a recogniser's position, and less than objects are apart."""
+error of a recogniser's position, and less than the distance of two objects."""
 
 SAME_PLACE = 0.03
 """Detections of the same classes that are nearer than this in one view are one, m; chosen."""

@@ -103,7 +103,7 @@ def _with_stamp(message, stamp_ns):
     return array_message(TYPES, stamp_ns, message.header.frame_id, message.detections)
 
 
-def test_an_object_has_the_class_with_the_most_score_and_its_mean(labelled):
+def test_an_object_has_the_class_with_the_largest_score_and_its_mean(labelled):
     mug = labelled.at(STAYS)
     assert mug["label"] == "mug"
     assert mug["confidence"] == pytest.approx(0.8)

@@ -50,6 +50,16 @@ BAGS = (
         "view.",
     ),
     Bundled(
+        "office_signs",
+        "office_signs",
+        1,
+        Options(tilt_beams=541),
+        "Ten offices on a corridor, each with a door sign beside its door, between posters, "
+        "notices and lists that are none. A robot like that of `flat`, with a camera that looks to "
+        "the left, drives along the corridor, looks into the five rooms on its left, scans in two "
+        "of them, and drives back.",
+    ),
+    Bundled(
         "upside_down",
         "upside_down",
         1,
@@ -113,6 +123,7 @@ def _readme(bundled: Bundled, path: Path) -> str:
         "surfaces at the end of the recording (keys of surfaces.json; `gone`: what left before; "
         "`others`: smaller or hidden tops; `objects`: what stands on them), `truth.tum` the "
         "trajectory of the base, `truth_walls.json` the walls.",
+        *_signs(truth),
         "",
         "| surface | height, m | area, m2 |",
         "|---|---|---|",
@@ -126,6 +137,24 @@ def _readme(bundled: Bundled, path: Path) -> str:
             digest = hashlib.sha256(file.read_bytes()).hexdigest()
             lines.append(f"| {file.name} | {digest} |")
     return "\n".join(lines) + "\n"
+
+
+def _signs(truth: dict[str, Any]) -> list[str]:
+    """Return the lines about door signs, where there are some."""
+    if "signs" not in truth:
+        return []
+    return [
+        "",
+        "`signs` of `truth.json` are the door signs (text, position of the number, normal of the "
+        "wall, room), `rooms` the boundaries of the rooms.",
+        "",
+        "| sign | x, m | y, m | z, m |",
+        "|---|---|---|---|",
+        *(
+            f"| {s['text']} | {' | '.join(f'{v:.3f}' for v in s['position'])} |"
+            for s in truth["signs"]
+        ),
+    ]
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ from tccm_ros.config.mapping import CenterCore, Cycle, Map, Objects, Planes
 from tccm_ros.config.node import Markers, Qos, Save, Tf
 from tccm_ros.config.parameter import Group, Parameter, param, parameters_of
 from tccm_ros.config.sensors import Frames, Rig, ScanFilter, Sensors
+from tccm_ros.config.signs import Signs
 from tccm_ros.config.slam import Graph, Lines, Loops, Matching, Odometry, Walls
 from tccm_ros.config.surfaces import Labels, Surfaces, Views
 
@@ -34,6 +35,7 @@ class Config(Group):
     planes: Planes = Field(default_factory=Planes)
     center_core: CenterCore = Field(default_factory=CenterCore)
     objects: Objects = Field(default_factory=Objects)
+    signs: Signs = Field(default_factory=Signs)
     lines: Lines = Field(default_factory=Lines)
     matching: Matching = Field(default_factory=Matching)
     odometry: Odometry = Field(default_factory=Odometry)

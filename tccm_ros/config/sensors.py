@@ -129,6 +129,12 @@ class Sensors(Group):
     point_clouds: tuple[str, ...] = param(
         ("points",), "topics of the point clouds of lidars and cameras", read_only=True
     )
+    camera_images: tuple[str, ...] = param(
+        ("camera/image_raw",),
+        "topics of the pictures in which door signs are looked for, each with camera_info beside "
+        "it; pictures that are compressed end in compressed",
+        read_only=True,
+    )
     tilt_scans: tuple[str, ...] = param(
         ("tilt_scan",),
         "topics of tilting lasers; the first that is there gives the tilt cycles",

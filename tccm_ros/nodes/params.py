@@ -35,7 +35,18 @@ GROUPS = {
         | {"views", "surfaces", "qos", "save", "markers"}
     ),
     "slam": frozenset(
-        {"frames", "rig", "scan", "sensors", "lines", "matching", "odometry", "walls", "graph"}
+        {
+            "frames",
+            "rig",
+            "scan",
+            "sensors",
+            "signs",
+            "lines",
+            "matching",
+            "odometry",
+            "walls",
+            "graph",
+        }
         | {"loops", "views", "surfaces", "labels", "objects", "qos", "tf", "save"}
     ),
 }

@@ -15,6 +15,7 @@ from tccm_ros.results.cycles_file import CycleHistory
 from tccm_ros.robot import Robot, Stream
 from tccm_ros.sensors.level_projection import LevelProjector
 from tccm_ros.sensors.registry import default_streams
+from tccm_ros.signs.processor import SignProcessor
 from tccm_ros.stopwatch import Stopwatch
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
@@ -43,7 +44,7 @@ class Pipeline:
 
     Attributes
     ----------
-    robot, tccm, slam
+    robot, tccm, signs, slam
         The intake and the processors.
     cycles
         The tilt cycles, without their points.
@@ -69,6 +70,7 @@ class Pipeline:
         self._mapped = frozenset(stream.role for stream in streams if stream.processor == "tccm")
         self.robot = Robot(config, streams, expects_odometry=expects_odometry)
         self.tccm = TccmProcessor(config)
+        self.signs = SignProcessor(config)
         self._level = LevelProjector(config)
         self.slam = SurfaceSlam(config) if saved is None else SurfaceSlam.from_saved(config, saved)
         self.cycles: list[CycleResult] = []
@@ -77,7 +79,7 @@ class Pipeline:
     @property
     def dropped(self) -> Counter[str]:
         """Records of all sensors that were not used, by reason."""
-        return self.robot.dropped + self.tccm.dropped
+        return self.robot.dropped + self.tccm.dropped + self.signs.dropped
 
     def add(self, role: str, record: Any) -> list[CycleResult]:
         """Process one record; return the tilt cycles that are complete now."""
@@ -106,15 +108,19 @@ class Pipeline:
         """Store the integration map after a tilt cycle: several may be complete at once."""
         self._maps.append(self.tccm.map.cuboids())
 
-    def _process(self, events: Iterable[Event]) -> list[CycleResult]:
+    def _process(self, events: Sequence[Event]) -> list[CycleResult]:
         """Process events with both processors, and the surface messages of one with the other."""
         results: list[CycleResult] = []
         with self.clock.stage("tccm"):
             for event in events:
                 results += self.tccm.add(event, self._store_map)
+        with self.clock.stage("signs"):
+            measured = [sign for event in events for sign in self.signs.add(event)]
         with self.clock.stage("slam"):
             for event in events:
                 self.slam.add(event)
+            for sign in measured:
+                self.slam.add(sign)
         self._add_cycles(results)
         return results + self._add_level_scans(events) if self._level.is_on else results
 

@@ -39,7 +39,7 @@ from tccm_ros.stopwatch import Stopwatch
 
 LIBRARIES = ("gtsam", "numba", "numpy", "scipy", "shapely")
 
-PROCESSING = ("read", "pose", "tccm", "slam", "history", "solve")
+PROCESSING = ("read", "pose", "tccm", "signs", "slam", "history", "solve")
 """Stages that the real-time factor counts: reading and processing, without imports and pictures."""
 
 WRITING = ("write",)

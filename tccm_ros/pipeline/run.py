@@ -94,7 +94,7 @@ def run_bag(
             pipeline.dropped + unreadable + Counter(solution.unused_detections),
             reader.duration,
             saved is not None,
-            (*choice.found, *_lasers_that_are_bases(pipeline, choice)),
+            (*choice.found, *_lasers_that_are_bases(pipeline, choice), *_missing_extra(pipeline)),
         )
 
 
@@ -164,6 +164,12 @@ def _lasers_that_are_bases(pipeline: Pipeline, choice: TopicChoice) -> Iterator[
     for role, sensor in pipeline.robot.sensors.items():
         if sensor.posed and sensor.mount.is_base:
             yield laser_is_base(choice.topics[role])
+
+
+def _missing_extra(pipeline: Pipeline) -> Iterator[str]:
+    """Yield what is missing to read the door signs of pictures that there are."""
+    if pipeline.signs.problem:
+        yield f"door signs are not read: {pipeline.signs.problem}"
 
 
 def _name_of(stream: Stream) -> str:

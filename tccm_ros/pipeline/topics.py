@@ -16,9 +16,16 @@ from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, MessageError, TccmError, TopicError
+from tccm_ros.records import CameraImage
 from tccm_ros.records.building import frame_name
 from tccm_ros.robot import Robot, Stream
 from tccm_ros.ros.reading import READERS
+from tccm_ros.sensors.camera_image import (
+    CHANNELS,
+    COMPRESSED_PICTURE_READER,
+    PICTURE_READER,
+    camera_stream,
+)
 from tccm_ros.sensors.cloud_messages import CLOUD_READER, point_cloud_from_message
 from tccm_ros.sensors.depth_image import COMPRESSED, camera_info_topic, depth_stream
 from tccm_ros.sensors.depth_messages import (
@@ -125,6 +132,7 @@ def choose_topics(reader: BagReader, config: Config, remap: Sequence[str] = ()) 
     search.find_lasers(config)
     search.find_depth_images(config)
     search.find_clouds(config)
+    search.find_pictures(config)
     choice.streams = tuple(search.with_reader(stream) for stream in streams)
     return choice
 
@@ -154,6 +162,26 @@ def depth_topics(reader: BagReader) -> list[DepthTopic]:
     ]
 
 
+def picture_topics(reader: BagReader) -> list[str]:
+    """Return the topics of pictures in a bag.
+
+    Of one camera the compressed ones are returned only where there are no plain ones.
+    """
+    plain, compressed = [], []
+    for topic in reader.topics():
+        message = first_message(reader, topic.name) if topic.count else None
+        if message is None:
+            continue
+        if topic.msgtype == PICTURE_READER.message_type:
+            if str(message.encoding) in CHANNELS:
+                plain.append(topic.name)
+        elif topic.msgtype == COMPRESSED_PICTURE_READER.message_type:
+            text = str(message.format)
+            if COMPRESSED not in text and ("jpeg" in text or "png" in text):
+                compressed.append(topic.name)
+    return plain + [name for name in compressed if name.removesuffix("/compressed") not in plain]
+
+
 def first_message(reader: BagReader, topic: str) -> Any | None:
     """Return the first message of a topic, None where it cannot be read."""
     types = TypestoreMessages()
@@ -180,7 +208,8 @@ class _Search:
         if stream.companion is None or self._types.get(topic) not in kinds:
             return stream
         compressed = self._types[topic] == COMPRESSED_READER.message_type
-        return replace(stream, reader=depth_stream(stream.role, compressed=compressed).reader)
+        make = camera_stream if stream.record is CameraImage else depth_stream
+        return replace(stream, reader=make(stream.role, compressed=compressed).reader)
 
     def _is_absent(self, role: str) -> bool:
         return role not in self._choice.named and self._choice.topics[role] not in self._types
@@ -267,6 +296,26 @@ class _Search:
             if self._cloud_frame(topic) not in (None, *frames)
         ]
         self._take_only(roles[0], clouds, "the only point cloud", "sensors.point_clouds")
+
+    def find_pictures(self, config: Config) -> None:
+        """Take the only topic of pictures that has a calibration beside it, plain or compressed.
+
+        Several are no error, as a map can be made without signs: none is taken, which is said.
+        """
+        roles = config.sensors.camera_images if config.signs.enabled else ()
+        if not roles or not all(self._is_absent(role) for role in roles):
+            return
+        found = [
+            topic
+            for topic in picture_topics(self._reader)
+            if self._types.get(camera_info_topic(topic)) == CAMERA_INFO_READER.message_type
+        ]
+        if len(found) > 1:
+            names = " or ".join(f"--remap {roles[0]}:={topic}" for topic in found)
+            self._choice.found.append(f"door signs are not looked for, unless you add {names}")
+        elif found:
+            self._take(roles[0], found[0], "the only pictures with a camera_info")
+            self._choice.topics[camera_info_topic(roles[0])] = camera_info_topic(found[0])
 
     def _cloud_frame(self, topic: str) -> str | None:
         """Return the frame of a cloud of points, None for clouds of other numbers."""

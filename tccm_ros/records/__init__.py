@@ -25,6 +25,7 @@ from tccm_ros.records.events import (
     TiltAngle,
 )
 from tccm_ros.records.sensors import (
+    CameraImage,
     CameraInfo,
     DepthImage,
     JointSample,
@@ -51,6 +52,7 @@ from tccm_ros.records.solution import (
 
 __all__ = [
     "START_OF_TIME",
+    "CameraImage",
     "CameraInfo",
     "DepthImage",
     "Detections",

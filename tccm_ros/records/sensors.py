@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tccm_ros.arrays import Float32, Float64, Int64, UInt16
+from tccm_ros.arrays import Float32, Float64, Int64, UInt8, UInt16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,6 +186,40 @@ class DepthImage:
     def encoding(self) -> str:
         """The message's name of the kind of depths."""
         return "16UC1" if self.depth.dtype == np.uint16 else "32FC1"
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height, pixels."""
+        height, width = self.depth.shape
+        return width, height
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraImage:
+    """A picture (sensor_msgs/Image, or CompressedImage) with its camera's calibration.
+
+    Attributes
+    ----------
+    stamp_ns
+        When it was taken.
+    frame_id
+        Optical frame: x right, y down, z forward (REP-103).
+    encoding
+        ``rgb8``, ``bgr8`` or ``mono8``; ``compressed`` where the data are those of a file.
+    size
+        Width and height, pixels.
+    data
+        uint8 (N,): rows from the top without padding, or a JPEG or PNG file.
+    camera
+        The calibration, None until it is known.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    encoding: str
+    size: tuple[int, int]
+    data: UInt8
+    camera: CameraInfo | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

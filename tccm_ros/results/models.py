@@ -56,6 +56,7 @@ def _array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValida
 
 Vector = Annotated[Float64, *_array_type(3)]
 Ring = Annotated[Float64, *_array_type(None, 3)]
+Ring2 = Annotated[Float64, *_array_type(None, 2)]
 Ends = Annotated[Float64, *_array_type(2, 2)]
 Covariance2 = Annotated[Float64, *_array_type(2, 2, is_finite=False)]
 Covariance3 = Annotated[Float64, *_array_type(3, 3, is_finite=False)]
@@ -728,6 +729,45 @@ class TruthObject:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TruthSign:
+    """A true door sign, in map.
+
+    Attributes
+    ----------
+    id, text
+        Its number in the file, and the number on it.
+    position
+        float64 (3,), middle of the number, m.
+    normal
+        float64 (3,), out of its wall.
+    room
+        Name of the room that it belongs to; None for none.
+    """
+
+    id: int
+    text: str
+    position: Vector
+    normal: Vector
+    room: str | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class TruthRoom:
+    """A true room.
+
+    Attributes
+    ----------
+    name
+        Its name.
+    boundary
+        float64 (N, 2), open ring of the faces of its walls in map, m.
+    """
+
+    name: str
+    boundary: Ring2
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TruthFile:
     """truth.json: the true surfaces of a recording.
 
@@ -747,6 +787,10 @@ class TruthFile:
         Horizontal tops that are too small or too hidden to count as missed.
     objects
         Boxes on surfaces.
+    signs
+        Door signs.
+    rooms
+        Rooms, the corridor too.
     """
 
     format: Literal["tccm_ros/surfaces"] = "tccm_ros/surfaces"
@@ -757,3 +801,5 @@ class TruthFile:
     gone: tuple[TruthSurface, ...] = ()
     others: tuple[TruthSurface, ...] = ()
     objects: tuple[TruthObject, ...] = ()
+    signs: tuple[TruthSign, ...] = ()
+    rooms: tuple[TruthRoom, ...] = ()

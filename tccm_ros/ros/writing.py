@@ -13,6 +13,7 @@ import numpy as np
 
 from tccm_ros.errors import MessageError
 from tccm_ros.records import (
+    CameraImage,
     CameraInfo,
     DepthImage,
     JointSample,
@@ -80,6 +81,28 @@ def compressed_depth_message(types: MessageTypes, image: DepthImage) -> Any:
         header=header_message(types, image.stamp_ns, image.frame_id),
         format=text,
         data=types.array("u1", np.frombuffer(data, np.uint8)),
+    )
+
+
+def camera_image_message(types: MessageTypes, image: CameraImage) -> Any:
+    """Return a sensor_msgs/CompressedImage of a compressed picture, else a sensor_msgs/Image."""
+    header = header_message(types, image.stamp_ns, image.frame_id)
+    data = types.array("u1", image.data)
+    if image.encoding == "compressed":
+        kind = "png" if bytes(image.data[:4]) == b"\x89PNG" else "jpeg"
+        return types.make(
+            "sensor_msgs/msg/CompressedImage", header=header, format=f"rgb8; {kind}", data=data
+        )
+    width, height = image.size
+    return types.make(
+        "sensor_msgs/msg/Image",
+        header=header,
+        height=height,
+        width=width,
+        encoding=image.encoding,
+        is_bigendian=0,
+        step=len(image.data) // height,
+        data=data,
     )
 
 

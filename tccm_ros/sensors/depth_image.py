@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.records import CameraInfo, DepthImage, Posed
+from tccm_ros.records import CameraImage, CameraInfo, DepthImage, Posed
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.robot.streams import Companion
 from tccm_ros.sensors.camera_rays import pixel_rays
@@ -42,6 +43,8 @@ LINES_PER_COLUMN = 2.0
 """Lines of sight per column of `views.cell_size` at the end of `views.reach`."""
 
 
+Picture = TypeVar("Picture", DepthImage, CameraImage)
+
 MAX_WAITING = 100
 """Images that wait for poses at one time: 61 MB of 640 x 480 pixels."""
 
@@ -60,7 +63,7 @@ class PosedImage(Posed):
 
 def camera_info_topic(topic: str) -> str:
     """Return the topic of the calibration beside an image: of the image that was compressed."""
-    image = topic.removesuffix(f"/{COMPRESSED}")
+    image = topic.removesuffix(f"/{COMPRESSED}").removesuffix("/compressed")
     before, slash, _ = image.rpartition("/")
     return f"{before}{slash}camera_info"
 
@@ -78,8 +81,8 @@ def rejection_reason(image: DepthImage) -> str | None:
 
 
 def join_camera(
-    image: DepthImage, cameras: Sequence[CameraInfo], is_last: bool
-) -> DepthImage | str | None:
+    image: Picture, cameras: Sequence[CameraInfo], is_last: bool
+) -> Picture | str | None:
     """Return an image with its calibration: of the same stamp, or the newest of frame and size.
 
     Parameters
@@ -95,9 +98,8 @@ def join_camera(
     -------
     The image with its calibration, why there is none, or None where one may still come.
     """
-    height, width = image.depth.shape
     of_frame = [c for c in cameras if c.frame_id == image.frame_id]
-    fitting = [c for c in of_frame if c.image_size == (width, height)]
+    fitting = [c for c in of_frame if c.image_size == image.size]
     for camera in fitting:
         if camera.stamp_ns == image.stamp_ns:
             return replace(image, camera=camera)

@@ -61,6 +61,9 @@ class DetectedSign:
         float64 (4,), left, top, width and height of the number, pixels.
     confidence
         Mean probability of the characters of the number, 0 to 1.
+    corners
+        float64 (4, 2), of the number's line: top left, top right, bottom right, bottom left,
+        pixels.
     """
 
     text: str
@@ -68,6 +71,7 @@ class DetectedSign:
     pixel: Float64
     box: Float64
     confidence: float
+    corners: Float64
 
 
 @dataclass(frozen=True)
@@ -168,7 +172,8 @@ class SignDetector:
             if is_list([line.height for line in lines], k):
                 return None
             sign = self._sign(picture, lines, k, (normalised(text), number, confidence))
-            return replace(sign, pixel=sign.pixel + low, box=sign.box + np.append(low, [0.0, 0.0]))
+            own = sign.box + np.append(low, [0.0, 0.0])
+            return replace(sign, pixel=sign.pixel + low, box=own, corners=sign.corners + low)
         return None
 
     def _sign(
@@ -194,8 +199,10 @@ class SignDetector:
             if confidence >= OTHER_CONFIDENCE and normalised(text):
                 texts[k] = normalised(text)
         joined = " ".join(texts[k] for k in sorted(texts))
-        low, high = lines[own].corners.min(axis=0), lines[own].corners.max(axis=0)
-        return DetectedSign(joined, read[1], lines[own].center, np.append(low, high - low), read[2])
+        corners = lines[own].corners
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        box = np.append(low, high - low)
+        return DetectedSign(joined, read[1], lines[own].center, box, read[2], corners)
 
 
 def _corners(box: Float64) -> Float64:

@@ -16,8 +16,8 @@ class SignMeasurement:
     stamp_ns
         When the picture was taken.
     pixel
-        float64 (2,), middle of the number, pixels from the left and the top of the picture as it
-        was taken.
+        float64 (2,), middle of the number, of the picture as it was taken: (0, 0) is the middle of
+        its first pixel, as for a CameraInfo.
     bearing
         float64 (3,), unit vector from the camera to that middle, in the optical frame (x right,
         y down, z forward: REP-103), without the lens' distortion.

@@ -31,6 +31,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import roles_of
+from tccm_ros.signs.measurement import SignMeasurement
 from tccm_ros.slam.lines import label_by_splitting
 from tccm_ros.slam.live_estimate import MapWalls, SolvedKeyframe
 from tccm_ros.slam.solution import Solution
@@ -51,7 +52,15 @@ from tccm_ros.surfaces.session_alignment import SessionAlignment, align_session
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
 from tccm_ros.surfaces.views import View, with_newest
 
-SlamInput = Event | LandmarkObservation | ObjectBoxes | PoseGuess | SurfaceCloud | ViewIntervals
+SlamInput = (
+    Event
+    | LandmarkObservation
+    | ObjectBoxes
+    | PoseGuess
+    | SignMeasurement
+    | SurfaceCloud
+    | ViewIntervals
+)
 
 MAX_STATIONARY_MOTION = (0.01, 0.005)
 """Max motion (m, rad) of a base that is stationary; chosen."""

@@ -1,4 +1,4 @@
-"""Model of a depth camera: pinhole, disparity noise and steps, flying pixels, missing returns."""
+"""Models of cameras: the pinhole; a depth camera with its noise, flying pixels, missing returns."""
 
 from __future__ import annotations
 
@@ -14,12 +14,8 @@ from tccm_ros.pipeline.sim.lasers import EDGE
 
 
 @dataclass(frozen=True)
-class DepthCamera:
-    """A depth camera that triangulates (structured light or stereo).
-
-    The disparity of a depth z is ``disparity_scale / z``. Its noise and its step give depths a
-    standard deviation of about ``z^2 / disparity_scale * hypot(disparity_sigma, disparity_step /
-    sqrt(12))`` (Khoshelham and Elberink, Sensors 2012, section 3).
+class Pinhole:
+    """A camera without distortion.
 
     Attributes
     ----------
@@ -27,32 +23,12 @@ class DepthCamera:
         Size of the image and focal length, px; the principal point is the middle of the image.
     period
         Between images, s.
-    range_min, range_max
-        Limits of the depth, m.
-    disparity_scale
-        Focal length times baseline of the sensor itself, m px.
-    disparity_sigma, disparity_step
-        Noise and step of the disparity, px; a step of 0 keeps all digits.
-    flying
-        Fraction of the pixels at a depth edge that return a depth in between.
-    grazing
-        Min cosine of the angle of incidence that gives a return.
-    lost
-        Fraction of the other pixels without a return.
     """
 
     width: int
     height: int
     focal: float
     period: float
-    range_min: float
-    range_max: float
-    disparity_scale: float
-    disparity_sigma: float
-    disparity_step: float = 0.125
-    flying: float = 0.0
-    grazing: float = 0.0
-    lost: float = 0.0
 
     @property
     def center(self) -> tuple[float, float]:
@@ -71,6 +47,40 @@ class DepthCamera:
         rays = np.stack([x, y, np.ones_like(x)], axis=-1)
         unit: Float64 = rays / np.linalg.norm(rays, axis=1, keepdims=True)
         return unit
+
+
+@dataclass(frozen=True)
+class DepthCamera(Pinhole):
+    """A depth camera that triangulates (structured light or stereo).
+
+    The disparity of a depth z is ``disparity_scale / z``. Its noise and its step give depths a
+    standard deviation of about ``z^2 / disparity_scale * hypot(disparity_sigma, disparity_step /
+    sqrt(12))`` (Khoshelham and Elberink, Sensors 2012, section 3).
+
+    Attributes
+    ----------
+    range_min, range_max
+        Limits of the depth, m.
+    disparity_scale
+        Focal length times baseline of the sensor itself, m px.
+    disparity_sigma, disparity_step
+        Noise and step of the disparity, px; a step of 0 keeps all digits.
+    flying
+        Fraction of the pixels at a depth edge that return a depth in between.
+    grazing
+        Min cosine of the angle of incidence that gives a return.
+    lost
+        Fraction of the other pixels without a return.
+    """
+
+    range_min: float
+    range_max: float
+    disparity_scale: float
+    disparity_sigma: float
+    disparity_step: float = 0.125
+    flying: float = 0.0
+    grazing: float = 0.0
+    lost: float = 0.0
 
     def sigma(self, depths: Float64) -> Float64:
         """Return the standard deviation of depths, both in m: noise and step of the disparity."""

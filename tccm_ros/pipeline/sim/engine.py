@@ -11,17 +11,20 @@ import numpy as np
 from numpy.random import Generator
 
 from tccm_ros.arrays import Float32, Float64, Int64
-from tccm_ros.pipeline.sim.cameras import DepthCamera, measure_depths
+from tccm_ros.pipeline.sim.cameras import DepthCamera, Pinhole, measure_depths
+from tccm_ros.pipeline.sim.colour_camera import ColourCamera, ColourRenderer, exposed, jpeg
 from tccm_ros.pipeline.sim.joints import Profile
 from tccm_ros.pipeline.sim.lasers import Laser, measure, rim_directions
 from tccm_ros.pipeline.sim.lidars import SpinningLidar, measure_points
 from tccm_ros.pipeline.sim.motion import wheel_odometry
 from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.panels import panel_arrays
 from tccm_ros.pipeline.sim.rigid import rigid
 from tccm_ros.pipeline.sim.rigs import Joint, Rig
 from tccm_ros.pipeline.sim.scene import FrozenScene, Scene
 from tccm_ros.pipeline.sim.world import World, with_options
 from tccm_ros.records import (
+    CameraImage,
     CameraInfo,
     DepthImage,
     JointSample,
@@ -38,6 +41,7 @@ Record = (
     | JointSample
     | Odometry
     | Scan
+    | CameraImage
     | CameraInfo
     | DepthImage
     | PointCloud
@@ -114,7 +118,7 @@ class Simulation:
         self.rig = with_options(world.rig, self.options)
         self.scene = world.scene.freeze()
         self._bodies = _frozen_bodies(self.rig) if self.options.self_hits else {}
-        self._seeds = np.random.SeedSequence(seed).spawn(5)
+        self._seeds = np.random.SeedSequence(seed).spawn(6)
         self._true_rig = self.rig.mounted(
             self.rig.pan_joint or self.rig.tilt_joint,
             (0.0, 0.0, self.options.laser_height),
@@ -158,6 +162,8 @@ class Simulation:
             streams.append(self._scans(tilt, random[2]))
         if rig.camera is not None:
             streams.append(self._images(rig.camera, random[3]))
+        if rig.colour_camera is not None:
+            streams.append(self._pictures(rig.colour_camera, random[5]))
         if rig.lidar is not None:
             streams.append(self._clouds(rig.lidar, random[4]))
         yield from heapq.merge(*streams, key=lambda message: message.log_ns)
@@ -292,6 +298,21 @@ class Simulation:
         shape = camera.height, camera.width
         return (ranges * camera.rays[:, 2]).reshape(shape), cosines.reshape(shape)
 
+    def _pictures(self, camera: ColourCamera, random: Generator) -> Iterator[Message]:
+        """Yield the pictures of the colour camera, JPEG, and its calibration before each."""
+        rig, topics = self.rig, self.rig.topics
+        renderer = ColourRenderer(self.scene, panel_arrays(self.world.panels))
+        for start_ns in self._starts(camera.period):
+            stamp_ns = EPOCH_NS + start_ns
+            info = _camera_info(camera, stamp_ns, rig.colour_frame)
+            yield Message(stamp_ns + INFO_DELAY_NS, topics.colour_info, (info,))
+            time = start_ns * 1e-9
+            poses = self.sensor_poses(rig.colour_frame, camera.exposure_times(time))
+            pixels = exposed(camera, renderer.render(camera, poses, time), random)
+            size, data = (camera.width, camera.height), jpeg(pixels, camera.quality)
+            image = CameraImage(stamp_ns, rig.colour_frame, "compressed", size, data, info)
+            yield Message(stamp_ns + IMAGE_DELAY_NS, topics.colour, (image,))
+
     def _clouds(self, lidar: SpinningLidar, random: Generator) -> Iterator[Message]:
         """Yield the clouds of the lidar, one of each revolution."""
         offsets = lidar.laser.offsets
@@ -354,7 +375,7 @@ def _cast(
     return ranges, scene.cosines(origins, directions, ranges, codes)
 
 
-def _camera_info(camera: DepthCamera, stamp_ns: int, frame: str) -> CameraInfo:
+def _camera_info(camera: Pinhole, stamp_ns: int, frame: str) -> CameraInfo:
     """Return the calibration of a camera without distortion."""
     (cx, cy), f = camera.center, camera.focal
     K = np.array([[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]])

@@ -14,6 +14,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.errors import ConfigError, suggest
 from tccm_ros.pipeline.sim.cameras import DepthCamera
+from tccm_ros.pipeline.sim.colour_camera import ColourCamera
 from tccm_ros.pipeline.sim.joints import Profile, oscillation
 from tccm_ros.pipeline.sim.lasers import Laser
 from tccm_ros.pipeline.sim.lidars import SpinningLidar
@@ -41,6 +42,11 @@ D435 = DepthCamera(
     width=320, height=180, focal=168.0, period=0.5, range_min=0.28, range_max=4.0,
     disparity_scale=21.0, disparity_sigma=0.03, disparity_step=0.03125,
     flying=0.5, grazing=0.09, lost=0.01,
+)  # fmt: skip
+
+# A colour camera of 60 degrees, at a reduced resolution.
+COLOUR = ColourCamera(
+    width=512, height=384, focal=443.0, period=0.5, sigma=1.5, quality=70
 )  # fmt: skip
 
 # A lidar such as the VLP-16, turning at 5 Hz: 16 rings over 30 degrees.
@@ -281,6 +287,18 @@ def with_depth_camera(rig: Rig) -> Rig:
     )  # fmt: skip
     return replace(
         rig, joints=rig.joints + joints, camera=XTION, camera_frame="depth_camera_optical"
+    )
+
+
+def with_colour_camera(rig: Rig) -> Rig:
+    """Return a rig with a colour camera on a mast that looks ahead and to the left."""
+    joints = (
+        Joint("camera_joint", rig.base, "camera",
+              (0.05, 0.10, 1.40 - rig.base_height), (0.0, 0.0, radians(60.0))),
+        _optical("camera_optical_joint", "camera", "camera_optical"),
+    )  # fmt: skip
+    return replace(
+        rig, joints=rig.joints + joints, colour_camera=COLOUR, colour_frame="camera_optical"
     )
 
 

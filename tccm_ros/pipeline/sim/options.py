@@ -39,6 +39,8 @@ class Options(BaseModel):
     tilt: bool = Field(True, description="there is a tilting laser")
     level: bool = Field(True, description="there is a level laser")
     depth_camera: bool = Field(False, description="a fixed depth camera, too")
+    colour_camera: bool = Field(False, description="a colour camera that looks to the left, too")
+    alike: bool = Field(False, description="all rooms of the office are furnished alike")
     lidar: bool = Field(False, description="a spinning lidar on a mast, too")
     robot: str | None = Field(
         None, description="a robot with a head: fetch, hsrb, stretch or tiago"

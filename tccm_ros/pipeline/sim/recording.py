@@ -14,6 +14,7 @@ from tccm_ros.pipeline.sim.engine import Message, Simulation
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import (
+    CameraImage,
     CameraInfo,
     DepthImage,
     JointSample,
@@ -23,6 +24,7 @@ from tccm_ros.records import (
     Scan,
 )
 from tccm_ros.ros.writing import (
+    camera_image_message,
     camera_info_message,
     compressed_depth_message,
     joint_sample_message,
@@ -45,10 +47,14 @@ WRITERS: dict[type, tuple[str, Callable[..., Any]]] = {
     Odometry: ("nav_msgs/msg/Odometry", odometry_message),
     RobotDescription: ("std_msgs/msg/String", robot_description_message),
     CameraInfo: ("sensor_msgs/msg/CameraInfo", camera_info_message),
+    CameraImage: (COMPRESSED, camera_image_message),
     DepthImage: (COMPRESSED, compressed_depth_message),
     PointCloud: ("sensor_msgs/msg/PointCloud2", point_cloud_message),
 }
 """Type and writer of each kind of record."""
+
+TRANSPORTS = {DepthImage: "/compressedDepth", CameraImage: "/compressed"}
+"""What image_transport appends to the topics of images that are compressed."""
 
 
 def run(name: str, *, seed: int = 0, options: Options | None = None) -> Iterator[Message]:
@@ -149,7 +155,7 @@ def record(
             bag.add_topic(topic, msgtype, SENSOR)
         for message in simulation.run() if messages is None else messages:
             msgtype, content = _message(types, message, simulation)
-            topic = message.topic + "/compressedDepth" * (msgtype == COMPRESSED)
+            topic = message.topic + TRANSPORTS.get(type(message.records[0]), "")
             bag.write(topic, msgtype, message.log_ns, content)
             if progress is not None:
                 fraction = (message.log_ns - simulation.start_ns) / simulation.duration_ns
@@ -167,6 +173,9 @@ def _sensor_topics(simulation: Simulation) -> Iterator[tuple[str, str]]:
     if rig.camera is not None:
         yield topics.depth + "/compressedDepth", COMPRESSED
         yield topics.camera_info, "sensor_msgs/msg/CameraInfo"
+    if rig.colour_camera is not None:
+        yield topics.colour + "/compressed", COMPRESSED
+        yield topics.colour_info, "sensor_msgs/msg/CameraInfo"
     if rig.lidar is not None:
         yield topics.points, "sensor_msgs/msg/PointCloud2"
 

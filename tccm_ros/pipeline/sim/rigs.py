@@ -9,6 +9,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.sim.cameras import DepthCamera
+from tccm_ros.pipeline.sim.colour_camera import ColourCamera
 from tccm_ros.pipeline.sim.lasers import Laser
 from tccm_ros.pipeline.sim.lidars import SpinningLidar
 from tccm_ros.pipeline.sim.motion import OdometryErrors
@@ -78,6 +79,8 @@ class Topics:
         Joint samples and wheel odometry.
     depth, points
         Depth images, with ``camera_info`` beside them, and points of a lidar.
+    colour
+        Pictures of a colour camera, with ``camera_info`` beside them.
     """
 
     tilt_scan: str = "/tilt_scan"
@@ -86,11 +89,17 @@ class Topics:
     odom: str = "/odom"
     depth: str = "/depth/image_rect_raw"
     points: str = "/points"
+    colour: str = "/camera/image_raw"
 
     @property
     def camera_info(self) -> str:
         """Calibration of the depth camera."""
         return self.depth.rsplit("/", 1)[0] + "/camera_info"
+
+    @property
+    def colour_info(self) -> str:
+        """Calibration of the colour camera."""
+        return self.colour.rsplit("/", 1)[0] + "/camera_info"
 
 
 @dataclass(frozen=True)
@@ -111,6 +120,8 @@ class Rig:
         The level laser and its frame.
     camera, camera_frame
         A depth camera, if there is one, and its optical frame.
+    colour_camera, colour_frame
+        A colour camera, if there is one, and its optical frame.
     lidar, lidar_frame
         A spinning lidar, if there is one, and its frame.
     wheels
@@ -144,6 +155,8 @@ class Rig:
     pan_joint: str = ""
     camera: DepthCamera | None = None
     camera_frame: str = ""
+    colour_camera: ColourCamera | None = None
+    colour_frame: str = ""
     lidar: SpinningLidar | None = None
     lidar_frame: str = ""
 

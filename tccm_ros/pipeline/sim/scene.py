@@ -363,6 +363,20 @@ class FrozenScene:
         ranges, codes
             What `cast` returned; where nothing was hit the cosine is 1.
         """
+        normals = self.normals(origins, directions, ranges, codes)
+        cosines = np.abs(np.einsum("bi,bi->b", normals, directions))
+        return np.where(codes >= 0, cosines, 1.0)
+
+    def normals(
+        self, origins: Float64, directions: Float64, ranges: Float64, codes: Int64
+    ) -> Float64:
+        """Return unit normals of what the last rays hit, float64 (B, 3), of either sign.
+
+        Parameters
+        ----------
+        origins, directions, ranges, codes
+            As in `cosines`; where nothing was hit the normal is any.
+        """
         arrays, solid, axis = self._arrays, codes // raycast.FACES, codes % raycast.FACES // 2
         normals = arrays.R_solid_world[solid, axis]
         round_side = np.flatnonzero((arrays.kind[solid] == CYLINDER) & (axis == 0) & (codes >= 0))
@@ -371,8 +385,7 @@ class FrozenScene:
         offsets = hits - arrays.center[solid[round_side]]
         radial = offsets - np.einsum("bi,bi->b", offsets, R[:, 2])[:, None] * R[:, 2]
         normals[round_side] = radial / arrays.half[solid[round_side], :1]
-        cosines = np.abs(np.einsum("bi,bi->b", normals, directions))
-        return np.where(codes >= 0, cosines, 1.0)
+        return normals
 
     def _move_solids(self, start: float, end: float) -> None:
         """Write the poses of moving solids at `start`, and their velocities until `end`."""

@@ -202,11 +202,12 @@ def _contrasting_colors(rng: np.random.Generator) -> tuple[Color, Color]:
 
 def _random_object(rng: np.random.Generator) -> Image.Image:
     """Return an object that hangs on a wall and is no door sign."""
-    kinds = (_poster, _directory, _switch, _extinguisher, _paper, _shelf, _name_plate, _clutter)
+    kinds = (poster, directory, _switch, _extinguisher, paper, _shelf, _name_plate, _clutter)
     return kinds[int(rng.integers(len(kinds)))](rng)
 
 
-def _poster(rng: np.random.Generator) -> Image.Image:
+def poster(rng: np.random.Generator) -> Image.Image:
+    """Return a poster with shapes and words."""
     width, height = 400, int(rng.uniform(400, 640))
     board = Image.new("RGB", (width, height), _random_color(rng))
     draw = ImageDraw.Draw(board)
@@ -225,7 +226,8 @@ def _poster(rng: np.random.Generator) -> Image.Image:
     return board
 
 
-def _directory(rng: np.random.Generator) -> Image.Image:
+def directory(rng: np.random.Generator) -> Image.Image:
+    """Return a list of the rooms of a floor."""
     width, height = 400, int(rng.uniform(400, 640))
     face, ink = _contrasting_colors(rng)
     board = Image.new("RGB", (width, height), face)
@@ -261,7 +263,8 @@ def _extinguisher(rng: np.random.Generator) -> Image.Image:
     return board
 
 
-def _paper(rng: np.random.Generator) -> Image.Image:
+def paper(rng: np.random.Generator) -> Image.Image:
+    """Return a sheet of paper with lines of words."""
     gray = int(rng.integers(190, 256))
     board = Image.new("RGB", (300, 400), (gray, gray, gray))
     for y in (20, 120, 220, 320):

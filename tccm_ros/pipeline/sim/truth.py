@@ -15,6 +15,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.sim.engine import EPOCH_NS, Simulation
 from tccm_ros.pipeline.sim.rigid import invert, quaternion_xyzw, rigid
 from tccm_ros.pipeline.sim.scene import Solid
+from tccm_ros.pipeline.sim.world import World
 
 POSE_PERIOD = 0.02  # s, of the true trajectory
 SMALLEST = 0.01  # m2, min area of a surface (chosen)
@@ -46,7 +47,8 @@ def surfaces(simulation: Simulation) -> dict[str, Any]:
 
     `surfaces` are those that are named in the scene, `gone` those that vanished before the end, and
     `others` all other horizontal tops of at least 0.01 m2; objects that stand on a surface are in
-    `objects`. The floor is not listed; `floor_z` is its height.
+    `objects`. The floor is not listed; `floor_z` is its height. Where the world has rooms, `signs`
+    are the door signs and `rooms` the boundaries of the rooms.
     """
     T_map_world = map_from_world(simulation)
     end = simulation.world.duration
@@ -65,6 +67,32 @@ def surfaces(simulation: Simulation) -> dict[str, Any]:
         "gone": _surfaces(_by_name([s for s in before if s.surface]), before, T_map_world),
         "others": _surfaces([(s.name, [s]) for s in present if _is_other(s)], present, T_map_world),
         "objects": [_object(s, T_map_world) for s in present if s.role == "object"],
+        **_signs_and_rooms(simulation.world, T_map_world),
+    }
+
+
+def _signs_and_rooms(world: World, T_map_world: Float64) -> dict[str, Any]:
+    """Return door signs and rooms of a world that has some."""
+    if not world.rooms:
+        return {}
+    R, t = T_map_world[:3, :3], T_map_world[:3, 3]
+    names = {room.name for room in world.rooms}
+    plates = [panel for panel in world.panels if panel.number]
+    return {
+        "signs": [
+            {
+                "id": k,
+                "text": panel.number,
+                "position": _rounded(R @ panel.position + t),
+                "normal": _rounded(R @ panel.normal),
+                "room": panel.number if panel.number in names else None,
+            }
+            for k, panel in enumerate(plates)
+        ],
+        "rooms": [
+            {"name": room.name, "boundary": _rounded(room.boundary @ R[:2, :2].T + t[:2])}
+            for room in world.rooms
+        ],
     }
 
 

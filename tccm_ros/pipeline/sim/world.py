@@ -8,13 +8,30 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.pipeline.sim.heads import with_depth_camera, with_lidar
+from tccm_ros.pipeline.sim.heads import with_colour_camera, with_depth_camera, with_lidar
 from tccm_ros.pipeline.sim.joints import Profile
 from tccm_ros.pipeline.sim.lasers import Laser
 from tccm_ros.pipeline.sim.motion import Drive
 from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.panels import Panel
 from tccm_ros.pipeline.sim.rigs import Rig
 from tccm_ros.pipeline.sim.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """A room of a world.
+
+    Attributes
+    ----------
+    name
+        What its door sign says, or another name.
+    boundary
+        float64 (N, 2), open ring of its walls' faces in the world, m.
+    """
+
+    name: str
+    boundary: Float64
 
 
 @dataclass(frozen=True)
@@ -35,6 +52,10 @@ class World:
         True positions over time by name of the joint; the others rest at zero.
     tilt_windows
         float64 (W, 2), start and end of the times in which the tilting laser publishes, s.
+    panels
+        What hangs on its walls.
+    rooms
+        Its rooms, where they are told.
     """
 
     name: str
@@ -43,6 +64,8 @@ class World:
     drive: Drive
     joints: dict[str, Profile] = field(default_factory=dict)
     tilt_windows: Float64 = field(default_factory=lambda: np.array([[-np.inf, np.inf]]))
+    panels: tuple[Panel, ...] = ()
+    rooms: tuple[Room, ...] = ()
 
     @property
     def duration(self) -> float:
@@ -57,6 +80,8 @@ def with_options(rig: Rig, options: Options) -> Rig:
     """Return the rig with the options that concern its sensors and its odometry."""
     if options.depth_camera:
         rig = with_depth_camera(rig)
+    if options.colour_camera and rig.colour_camera is None:
+        rig = with_colour_camera(rig)
     if options.lidar:
         rig = with_lidar(rig)
     tilt = rig.tilt if options.tilt else None

@@ -14,6 +14,7 @@ from tccm_ros.pipeline.sim.little_geometry import (
     single_wall,
     turning,
 )
+from tccm_ros.pipeline.sim.office import office_signs
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.ring import ring
 from tccm_ros.pipeline.sim.rooms import load, moved, room, upside_down
@@ -23,6 +24,7 @@ from tccm_ros.pipeline.sim.world import Builder, World
 WORLDS: dict[str, tuple[Builder, str]] = {
     "flat": (flat, "a kitchen and a living room; the robot stops in places to scan"),
     "rgbd_kitchen": (rgbd_kitchen, "the flat's kitchen, seen by a depth camera on a head"),
+    "office_signs": (office_signs, "ten offices on a corridor, with door signs; option alike"),
     "ring": (ring, "a ring of corridors, 100 m around, with 12 mrad/m of heading drift"),
     "room": (room, "floor, ceiling and walls to calibrate in; options clutter, ramp, people"),
     "moved": (moved, "a room seen twice; a table moves, a stool goes, a crate comes in between"),

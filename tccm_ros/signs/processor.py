@@ -1,0 +1,153 @@
+"""From posed pictures to measurements of door signs, at a limited rate."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from tccm_ros.config import Config
+from tccm_ros.errors import MessageError, MissingExtraError
+from tccm_ros.records import MapReset
+from tccm_ros.sensors.camera_image import (
+    PosedPicture,
+    is_rectified_topic,
+    picture_pixels,
+    pixel_directions,
+)
+from tccm_ros.signs.detector import SignDetector
+from tccm_ros.signs.hog import hog_features, region_patches
+from tccm_ros.signs.measurement import SignMeasurement
+
+BEYOND_RATE = "pictures beyond signs.rate"
+NO_EXTRA = "pictures that nothing can read: extra signs is not installed"
+
+
+class PictureSelector:
+    """Selects the first picture in each 1 / `signs.rate` s of stamps, so that runs repeat.
+
+    Parameters
+    ----------
+    rate
+        Hz.
+    """
+
+    def __init__(self, rate: float) -> None:
+        self._period_ns = round(1e9 / rate)
+        self._last = -1
+
+    def selects(self, stamp_ns: int) -> bool:
+        """Return whether a picture is looked at; pictures come in the order of their stamps."""
+        number = stamp_ns // self._period_ns
+        is_first, self._last = number != self._last, number
+        return is_first
+
+    def clear(self) -> None:
+        """Forget what was selected: the clock jumped."""
+        self._last = -1
+
+
+class SignProcessor:
+    """Reads the door signs of the pictures that are to be looked at.
+
+    Parameters
+    ----------
+    config
+        Group `signs` is used.
+
+    Attributes
+    ----------
+    counts
+        ``pictures`` that were looked at, and ``signs`` that were read in them.
+    dropped
+        Pictures that were not looked at, by reason.
+    problem
+        What is missing to read anything, a sentence; empty where nothing is.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._selector = PictureSelector(config.signs.rate)
+        self._detector: SignDetector | None = None
+        self.counts: Counter[str] = Counter()
+        self.dropped: Counter[str] = Counter()
+        self.problem = ""
+
+    def add(self, event: Any) -> list[SignMeasurement]:
+        """Return the signs in a picture; nothing for other events."""
+        if type(event) is MapReset:
+            self._selector.clear()
+        return self.read(event) if self.selects(event) else []
+
+    def selects(self, event: Any) -> bool:
+        """Return whether an event is a picture to be looked at; those that are not are counted."""
+        if type(event) is not PosedPicture:
+            return False
+        is_selected = self._selector.selects(event.stamp_ns)
+        if not is_selected:
+            self.dropped[BEYOND_RATE] += 1
+        return is_selected
+
+    def read(self, posed: PosedPicture) -> list[SignMeasurement]:
+        """Return the signs in a picture that was selected."""
+        try:
+            self._detector = self._detector or SignDetector()
+            measured = measure_signs(self._detector, posed)
+        except MissingExtraError as error:
+            self.problem = str(error)
+            self.dropped[NO_EXTRA] += 1
+            return []
+        except MessageError as error:
+            self.dropped[str(error)] += 1
+            return []
+        self.counts["pictures"] += 1
+        self.counts["signs"] += len(measured)
+        return measured
+
+
+def measure_signs(detector: SignDetector, posed: PosedPicture) -> list[SignMeasurement]:
+    """Return what a picture tells of the door signs in it, from left to right.
+
+    Parameters
+    ----------
+    detector
+        Finds and reads them.
+    posed
+        The picture with its calibration and the pose of its camera.
+
+    Raises
+    ------
+    MessageError
+        For a picture that is damaged.
+    """
+    pixels, camera = picture_pixels(posed.image), posed.image.camera
+    assert camera is not None
+    signs = detector.detect(pixels)
+    if not signs:
+        return []
+    # The detector counts from the edge of the first pixel, a calibration from its middle.
+    middles = np.array([sign.pixel for sign in signs]) - 0.5
+    is_rectified = is_rectified_topic(posed.role)
+    bearings = pixel_directions(camera, middles, is_rectified=is_rectified)
+    boxes = np.array([np.append(sign.box[:2], sign.box[:2] + sign.box[2:]) for sign in signs])
+    gray = np.asarray(Image.fromarray(pixels).convert("L"))
+    descriptors = hog_features(region_patches(gray, boxes))
+    return [
+        SignMeasurement(
+            stamp_ns=posed.stamp_ns,
+            pixel=pixel,
+            bearing=bearing,
+            T_base_camera=posed.T_base_sensor[0],
+            text=sign.text,
+            number=sign.number,
+            confidence=sign.confidence,
+            descriptor=descriptor,
+            corners=sign.corners - 0.5,
+            focal_length=float(camera.K[0, 0] / camera.binning[0]),
+        )
+        for sign, pixel, bearing, descriptor in zip(
+            signs, middles, bearings, descriptors, strict=True
+        )
+        if np.isfinite(bearing).all()
+    ]

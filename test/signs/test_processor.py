@@ -1,0 +1,167 @@
+"""Which pictures are looked at, what is measured in them, and what happens without the extra."""
+
+import io
+import sys
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tccm_ros.config import Config
+from tccm_ros.config.reader import read_config
+from tccm_ros.errors import MissingExtraError
+from tccm_ros.pipeline.sim.door_plates import STYLES, door_plate
+from tccm_ros.records import CameraImage, CameraInfo, MapReset, Odometry
+from tccm_ros.sensors.camera_image import PosedPicture
+from tccm_ros.signs import processor
+from tccm_ros.signs.processor import BEYOND_RATE, NO_EXTRA, PictureSelector, SignProcessor
+
+START = 1_600_000_000_000_000_000
+needs_reader = pytest.mark.skipif(
+    find_spec("rapidocr_onnxruntime") is None, reason="the extra signs is not installed"
+)
+
+
+def posed(pixels, stamp_ns=START, role="camera/image_raw"):
+    height, width = pixels.shape[:2]
+    K = np.array([[500.0, 0.0, width / 2], [0.0, 500.0, height / 2], [0.0, 0.0, 1.0]])
+    P = np.hstack([K, np.zeros((3, 1))])
+    camera = CameraInfo(stamp_ns, "optical", width, height, "plumb_bob", np.zeros(5), K, P)
+    image = CameraImage(stamp_ns, "optical", "rgb8", (width, height), pixels.ravel(), camera)
+    T = np.eye(4)
+    T[:3, 3] = 0.1, 0.2, 1.4
+    return PosedPicture(image, np.array([stamp_ns]), np.eye(4)[None], T[None], role)
+
+
+def empty(stamp_ns=START):
+    return posed(np.full((120, 160, 3), 120, np.uint8), stamp_ns)
+
+
+def wall_with(number, at=(200, 150), width=120):
+    rng = np.random.default_rng(2)
+    picture = Image.fromarray((170 + rng.normal(0, 3, (384, 512, 3))).astype(np.uint8))
+    plate = Image.fromarray(door_plate(number, "Archive", STYLES[0]).pixels)
+    plate = plate.resize((width, round(width * plate.height / plate.width)), Image.Resampling.BOX)
+    picture.paste(plate, at)
+    return np.asarray(picture)
+
+
+class Nothing:
+    """A detector that finds nothing."""
+
+    def detect(self, pixels):
+        return []
+
+
+@pytest.fixture
+def blind(monkeypatch):
+    monkeypatch.setattr(processor, "SignDetector", Nothing)
+
+
+@pytest.mark.parametrize(("rate", "fps"), [(2.0, 30.0), (2.0, 3.0), (5.0, 4.0), (1.0, 1.0)])
+def test_the_first_picture_of_each_period_of_stamps_is_selected(rate, fps):
+    selector = PictureSelector(rate)
+    stamps = [START + 123_456_789 + round(k * 1e9 / fps) for k in range(round(10 * fps))]
+    chosen = [stamp for stamp in stamps if selector.selects(stamp)]
+    periods = [stamp // round(1e9 / rate) for stamp in stamps]
+    assert chosen == [s for k, s in enumerate(stamps) if periods[k] not in periods[:k]]
+    # Selecting once more from what was selected changes nothing.
+    again = PictureSelector(rate)
+    assert [stamp for stamp in chosen if again.selects(stamp)] == chosen
+
+
+def test_selection_does_not_depend_on_when_the_run_began(blind):
+    stamps = [START + k * 33_333_333 for k in range(90)]
+    late = PictureSelector(2.0)
+    early = PictureSelector(2.0)
+    all_of_them = [stamp for stamp in stamps if early.selects(stamp)]
+    of_the_rest = [stamp for stamp in stamps[20:] if late.selects(stamp)]
+    assert set(all_of_them[3:]) <= set(of_the_rest)
+
+
+def test_pictures_beyond_the_rate_are_counted(blind):
+    signs = SignProcessor(read_config(None, ("signs.rate=2",)))
+    for k in range(30):
+        signs.add(empty(START + k * 100_000_000))
+    assert signs.counts["pictures"] == 6
+    assert signs.dropped == {BEYOND_RATE: 24}
+
+
+def test_after_a_jump_of_the_clock_pictures_are_looked_at_again(blind):
+    signs = SignProcessor(Config())
+    signs.add(empty())
+    signs.add(MapReset("the clock went back"))
+    signs.add(empty())
+    assert signs.counts["pictures"] == 2
+
+
+def test_other_events_are_left_alone():
+    assert SignProcessor(Config()).add(Odometry(START, "odom", "base", np.eye(4))) == []
+
+
+def test_without_the_extra_it_says_what_is_missing_and_counts(monkeypatch):
+    def missing(*_):
+        raise MissingExtraError("reading door signs needs rapidocr-onnxruntime")
+
+    monkeypatch.setattr(processor, "SignDetector", missing)
+    signs = SignProcessor(Config())
+    assert signs.add(empty()) == []
+    assert "rapidocr-onnxruntime" in signs.problem
+    assert signs.dropped == {NO_EXTRA: 1}
+
+
+def test_the_extra_is_not_imported_before_there_is_a_picture():
+    before = {name for name in sys.modules if name.startswith("onnxruntime")}
+    SignProcessor(Config())
+    assert {name for name in sys.modules if name.startswith("onnxruntime")} == before
+
+
+def test_a_damaged_file_is_counted(blind):
+    picture = empty()
+    file = io.BytesIO()
+    Image.new("RGB", (160, 120)).save(file, "PNG")
+    data = np.frombuffer(file.getvalue()[:60], np.uint8)
+    record = picture.record
+    damaged = CameraImage(START, "optical", "compressed", record.size, data, record.camera)
+    signs = SignProcessor(Config())
+    assert signs.add(PosedPicture(damaged, *(getattr(picture, n) for n in
+                                             ("pose_stamps_ns", "T_odom_base", "T_base_sensor",
+                                              "role")))) == []  # fmt: skip
+    assert "damaged" in next(iter(signs.dropped))
+
+
+@needs_reader
+def test_a_measurement_points_at_the_number_and_has_pose_patch_and_text():
+    signs = SignProcessor(Config())
+    plate = door_plate("317", "Archive", STYLES[0])
+    picture = posed(wall_with("317"))
+    (sign,) = signs.add(picture)
+    height = 120 * plate.pixels.shape[0] / plate.pixels.shape[1]
+    middle = np.array([200 + 60 + 120 * plate.anchor[0], 150 + height / 2 - 120 * plate.anchor[1]])
+    assert sign.pixel == pytest.approx(middle - 0.5, abs=2.0)
+    expected = np.append((sign.pixel - [256.0, 192.0]) / 500.0, 1.0)
+    assert sign.bearing == pytest.approx(expected / np.linalg.norm(expected))
+    assert sign.number == "317"
+    assert "317" in sign.text.split()
+    assert "Archive" in sign.text
+    assert sign.confidence > 0.8
+    assert sign.T_base_camera[:3, 3].tolist() == [0.1, 0.2, 1.4]
+    assert sign.focal_length == 500.0
+    low, high = sign.corners.min(axis=0), sign.corners.max(axis=0)
+    assert np.all(low < sign.pixel)
+    assert np.all(sign.pixel < high)
+    assert signs.counts["signs"] == 1
+
+
+@needs_reader
+def test_the_patch_of_a_plate_is_more_like_itself_than_like_another():
+    signs = SignProcessor(Config())
+
+    def patch(number, at, k):
+        (found,) = signs.add(posed(wall_with(number, at), START + k * 10**9))
+        return found.descriptor / np.linalg.norm(found.descriptor)
+
+    first, moved, other = patch("317", (200, 150), 0), patch("317", (60, 90), 1), patch(
+        "482", (200, 150), 2)  # fmt: skip
+    assert first @ moved > first @ other + 0.05

@@ -49,6 +49,7 @@ SUB_ROOMS = {
         "sim",
         "report",
         "evaluate",
+        "depth_topics",
         "topics",
         "calibrate",
         "outcome",

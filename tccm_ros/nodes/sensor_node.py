@@ -56,7 +56,7 @@ from tccm_ros.records import (
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.robot.base_motion import MotionSource
 from tccm_ros.ros.reading import READERS
-from tccm_ros.sensors.depth_image import camera_info_topic, depth_stream, is_compressed
+from tccm_ros.sensors.depth_image import camera_info_topic, depth_reader
 from tccm_ros.sensors.registry import default_streams
 
 NOT_DROPPED = (
@@ -204,10 +204,9 @@ class SensorNode(Node):
             )  # fmt: skip
             return
         large = sensor(reliability, depth=LARGE_DEPTH)
+        reader = stream.reader
         if stream.companion is not None:
-            compressed = is_compressed(self.resolve_topic_name(role))
-            stream = depth_stream(role, compressed=compressed)
-            assert stream.companion is not None
+            reader = depth_reader(self.resolve_topic_name(role))
             beside = stream.companion.role
             topic = self._topic_beside(role, beside)
             if not self.inputs.has(topic):  # images of one camera share it
@@ -215,7 +214,7 @@ class SensorNode(Node):
                     beside, large, self.take, topic=topic, watch="event",
                     reader=stream.companion.reader,
                 )  # fmt: skip
-        self.subscribe(role, large, self.take, reader=stream.reader)
+        self.subscribe(role, large, self.take, reader=reader)
 
     def _topic_beside(self, role: str, beside: str) -> str:
         """Return the topic of a calibration: beside the image where that is remapped alone."""

@@ -40,7 +40,7 @@ from tccm_ros.nodes.worker import Worker, promise
 from tccm_ros.records import Event, ObjectBoxes, Odometry, PoseGuess, SurfaceCloud, ViewIntervals
 from tccm_ros.robot import MountKind
 from tccm_ros.ros.topic_messages import SOLUTION_TOPICS, SURFACE_MESSAGE_TOPICS
-from tccm_ros.sensors.depth_image import depth_stream, is_compressed
+from tccm_ros.sensors.depth_image import depth_reader
 from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import default_streams
 from tccm_ros.slam.tracking import Tracker
@@ -126,12 +126,12 @@ class SlamNode(SensorNode):
         for stream in default_streams(self.config):
             if stream.processor != "tccm":
                 continue
+            reader = stream.reader
             if stream.companion is not None:
-                compressed = is_compressed(self.resolve_topic_name(stream.role))
-                stream = depth_stream(stream.role, compressed=compressed)
+                reader = depth_reader(self.resolve_topic_name(stream.role))
             depth = SENSOR_DEPTH if stream.mount is MountKind.TILTING else LARGE_DEPTH
             self.inputs.subscribe(
-                stream.reader.message_type,
+                reader.message_type,
                 stream.role,
                 self._on_mapped_scan,
                 sensor(self.config.qos.reliability, depth=depth),

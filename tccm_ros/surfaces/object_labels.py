@@ -24,6 +24,10 @@ MAX_GAP = 0.05
 """Max distance of a detection's middle from the box of the object that it is of, m; chosen: the
 error of a recogniser's position, and less than the distance of two objects."""
 
+MAX_WAIT_NS = 60_000_000_000
+"""Detections wait so long for the next view, ns; chosen: many tilt cycles. So what waits is
+bounded also where a robot stands and its laser does not tilt."""
+
 SAME_PLACE = 0.03
 """Detections of the same classes that are nearer than this in one view are one, m; chosen."""
 
@@ -100,17 +104,22 @@ class PlacedDetections(NamedTuple):
     is_in_map: bool
 
 
-def view_of(stamp_ns: int, view_stamps_ns: Sequence[int]) -> int:
-    """Return the index of the view that detections belong to: the next one, else the newest.
+def view_of(stamp_ns: int, view_stamps_ns: Sequence[int]) -> int | None:
+    """Return the index of the view that detections belong to; None where there is none.
+
+    It is the next one, if that comes within `MAX_WAIT_NS`, else the one before.
 
     Parameters
     ----------
     stamp_ns
         Of the detections.
     view_stamps_ns
-        Ascending; at least one.
+        Ascending.
     """
-    return min(bisect_left(view_stamps_ns, stamp_ns), len(view_stamps_ns) - 1)
+    after = bisect_left(view_stamps_ns, stamp_ns)
+    if after < len(view_stamps_ns) and view_stamps_ns[after] - stamp_ns <= MAX_WAIT_NS:
+        return after
+    return after - 1 if after else None
 
 
 def seen_detections(placed: PlacedDetections, T_view: Float64) -> list[SeenDetection]:
@@ -175,10 +184,11 @@ def distance_to_box(point: Float64, center: Float64, size: Float64, yaw: float) 
     return float(np.linalg.norm(np.maximum(local - 0.5 * size, 0.0)))
 
 
-UNUSED = "detection: no object of the map there"
+NO_OBJECT = "detection: no object of the map there"
+NO_VIEW = "detection: no view before it, and none soon after it"
 """Why a detection gives no label."""
 
 
 def count_unused(unusable: Mapping[str, int], without_object: int) -> Counter[str]:
     """Return why detections gave no label, with the number of each."""
-    return Counter(unusable) + Counter({UNUSED: without_object})
+    return Counter(unusable) + Counter({NO_OBJECT: without_object})

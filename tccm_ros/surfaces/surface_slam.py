@@ -38,6 +38,8 @@ from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.tracking import SolvedMap
 from tccm_ros.slam.wall_slam import LivePose, WallSlam
 from tccm_ros.surfaces.object_labels import (
+    MAX_WAIT_NS,
+    NO_VIEW,
     PlacedDetections,
     SeenDetection,
     count_unused,
@@ -136,8 +138,9 @@ class SurfaceSlam:
     Attributes
     ----------
     counts
-        ``level scans`` matched, ``clouds``, ``views`` and ``boxes`` received, ``views while lost``
-        ``detections while lost`` (which are not used), ``detections`` received, ``resets``.
+        ``level scans`` matched, ``clouds``, ``views``, ``boxes``, ``signs`` and ``detections``
+        received, ``views while lost`` and ``detections while lost`` (which are not used),
+        ``resets``.
     odom_frame
         Name of the odometry frame.
     """
@@ -150,6 +153,7 @@ class SurfaceSlam:
             PosedScan: self._take_scan,
             Odometry: self._take_odometry,
             LandmarkObservation: self._take_landmark,
+            SignMeasurement: self._take_sign,
             PoseGuess: self._take_guess,
             MapReset: self._take_reset,
             SurfaceCloud: partial(self._take_view, "clouds"),
@@ -197,8 +201,8 @@ class SurfaceSlam:
     def add(self, event: SlamInput) -> list[ScanPose]:
         """Process one event; return the pose of a level scan, and nothing for other events.
 
-        Landmarks, surface clouds and intervals may come at any time: their stamps tell where they
-        belong. Events for other processors are ignored.
+        Landmarks, signs, surface clouds and intervals may come at any time: their stamps tell
+        where they belong. Events for other processors are ignored.
         """
         if not self.takes(event):
             return []
@@ -213,6 +217,11 @@ class SurfaceSlam:
 
     def _take_landmark(self, observation: LandmarkObservation) -> list[ScanPose]:
         self.walls.add_landmark(observation)
+        return []
+
+    def _take_sign(self, sign: SignMeasurement) -> list[ScanPose]:
+        self.counts["signs"] += 1
+        self.walls.add_sign(sign)
         return []
 
     def _take_guess(self, guess: PoseGuess) -> list[ScanPose]:
@@ -319,7 +328,7 @@ class SurfaceSlam:
     def _place_detections(
         self, views: Sequence[View], T_map_view: Float64, slam: Solution
     ) -> tuple[SeenDetection, ...]:
-        """Add detections to the view that follows each; return those that none follows yet.
+        """Add detections to the view of each (`view_of`); return those whose next may still come.
 
         Parameters
         ----------
@@ -328,20 +337,24 @@ class SurfaceSlam:
         slam
             The optimised graph, in the frame of this session.
         """
-        if not views:
-            return ()
         stamps = [view.stamp_ns for view in views]
+        still_ns = self._newest_ns - MAX_WAIT_NS
         T_session_view = slam.T_map_views
         newest: list[SeenDetection] = []
         waiting: list[PlacedDetections] = []
         for placed in self._detections:
             v = view_of(placed.stamp_ns, stamps)
+            is_open = placed.stamp_ns >= still_ns and (not stamps or placed.stamp_ns > stamps[-1])
+            if is_open:
+                waiting.append(placed)
+            if v is None:
+                self._unusable[NO_VIEW] += 0 if is_open else len(placed.hypotheses)
+                continue
             T_view = inverse(T_map_view[v])
             if not placed.is_in_map:
                 T_view = inverse(T_session_view[v]) @ spatial(slam.pose_at(placed.stamp_ns))[0]
             seen = seen_detections(placed, T_view)
-            if placed.stamp_ns > stamps[-1]:
-                waiting.append(placed)
+            if is_open:
                 newest += seen
             else:
                 self.map.add_detections(views[v].key, seen)

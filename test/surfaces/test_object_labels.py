@@ -9,8 +9,11 @@ from hypothesis import strategies as st
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
-from tccm_ros.records import Hypothesis
+from tccm_ros.records import Detections, Hypothesis, SurfaceCloud
+from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.surfaces.object_labels import (
+    MAX_WAIT_NS,
+    NO_VIEW,
     ClassScores,
     PlacedDetections,
     SeenDetection,
@@ -21,9 +24,11 @@ from tccm_ros.surfaces.object_labels import (
 )
 from tccm_ros.surfaces.object_tracks import track_objects, with_objects_of
 from tccm_ros.surfaces.saved_map import pack_views, unpack_views
+from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_ros.surfaces.views import SeenObject, View, empty_view, with_detections
 
 CONFIG = Config()
+S = 1_000_000_000
 CUP = SeenObject(np.array([1.0, 0.0, 0.8]), np.array([0.08, 0.08, 0.1]), 0.4, 50)
 PAN = SeenObject(np.array([1.0, 0.5, 0.75]), np.array([0.3, 0.2, 0.05]), 0.0, 90)
 
@@ -111,9 +116,36 @@ def test_maps_without_detections_have_no_arrays_of_them():
     assert [v.detections for v in unpack_views(arrays)] == [(), ()]
 
 
-def test_a_view_takes_the_detections_before_it_and_the_newest_all_later_ones():
-    stamps = [10, 20, 30]
-    assert [view_of(t, stamps) for t in (1, 10, 11, 20, 29, 30, 31)] == [0, 0, 1, 1, 2, 2, 2]
+def test_a_view_takes_the_detections_of_the_minute_before_it_and_later_ones_that_none_takes():
+    stamps = [100 * S, 110 * S, 500 * S]
+    asked = (30, 40, 100, 101, 110, 111, 400, 439, 440, 500, 900)
+    expected = [None, 0, 0, 1, 1, 1, 1, 1, 2, 2, 2]
+    assert [view_of(t * S, stamps) for t in asked] == expected
+    assert view_of(1, []) is None
+
+
+def test_what_waits_for_a_view_does_not_grow_without_end():
+    slam = SurfaceSlam(CONFIG)
+    for k in range(200):
+        slam.add(detections_at(k * S))
+    slam.solve()
+    assert len(slam._detections) <= MAX_WAIT_NS // S + 1
+    slam.add(SurfaceCloud(200 * S, "base", np.zeros((0, 3), np.float32), np.zeros(0, np.uint32)))
+    for k in range(201, 500):
+        slam.add(detections_at(k * S))
+    solution = slam.solve()
+    assert len(slam._detections) <= MAX_WAIT_NS // S + 1
+    ((view,),) = ([s.view for s in slam.saved(solution).views],)
+    (item,) = view.detections
+    assert item.count == 60 + 299, "of one place and class it is one"
+    assert solution.unused_detections[NO_VIEW] == 140
+    assert slam.solve().unused_detections == solution.unused_detections
+
+
+def detections_at(stamp_ns) -> PosedDetections:
+    record = Detections(stamp_ns, "base", np.ones((1, 3)), ((Hypothesis("mug", 0.5),),))
+    T = np.eye(4)[None]
+    return PosedDetections(record, np.array([stamp_ns]), T, T, "detections")
 
 
 def test_detections_of_two_places_or_of_other_classes_stay_two():

@@ -38,6 +38,7 @@ from tccm_ros.records.sensors import (
 from tccm_ros.records.signs import SIGN, Sign, SignSighting
 from tccm_ros.records.solution import (
     EdgeState,
+    FormerPlace,
     Keyframe,
     Landmark,
     LandmarkObservation,
@@ -60,6 +61,7 @@ __all__ = [
     "Detections",
     "EdgeState",
     "Event",
+    "FormerPlace",
     "Hypothesis",
     "JointSample",
     "Keyframe",

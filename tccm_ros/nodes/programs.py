@@ -61,7 +61,7 @@ class Programs:
         scene = unpack_scene(solved.scene)
         self._received[solved.number] = scene
         if self._surfaces is not None:
-            self._surfaces.prepared[solved.number] = SceneQueries(scene)
+            self._surfaces.prepared[solved.number] = SceneQueries(scene, self._node.types)
 
     def show(self, number: int) -> None:
         """Answer from a solution that was received, and publish what has changed (in the worker).

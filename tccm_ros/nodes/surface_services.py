@@ -46,24 +46,37 @@ MAX_BASE_POSES = 100
 
 
 class SceneQueries:
-    """Questions about one scene.
+    """Questions about one scene, and the messages of the answers, made before they are asked.
 
     Parameters
     ----------
     scene
         One solution.
+    types
+        Message classes.
     """
 
-    def __init__(self, scene: Scene):
+    def __init__(self, scene: Scene, types: MessageTypes):
         self.scene = scene
         self.queries = SurfaceQueries(
             [known.surface for known in scene.surfaces], scene.objects, scene.floor_z
         )
-        self._messages = {known.surface.id: known.message for known in scene.surfaces}
+        kind = message_class(SURFACE)
+        self._surfaces = {
+            k.surface.id: deserialize_message(k.message, kind) for k in scene.surfaces
+        }
+        self._objects = {
+            item.id: object_message(types, scene.stamp_ns, scene.frame_id, item)
+            for item in scene.objects
+        }
 
-    def message(self, surface: Surface) -> Any:
-        """Return the tccm_interfaces/Surface of a surface."""
-        return deserialize_message(self._messages[surface.id], message_class(SURFACE))
+    def messages(self, surfaces: Sequence[Surface]) -> list[Any]:
+        """Return the tccm_interfaces/Surface of surfaces."""
+        return [self._surfaces[surface.id] for surface in surfaces]
+
+    def object_messages(self, surfaces: Sequence[Surface]) -> list[Any]:
+        """Return the tccm_interfaces/SurfaceObject of what stands on surfaces."""
+        return [self._objects[item.id] for item in self.queries.objects_on(surfaces)]
 
 
 class SurfaceServices:
@@ -157,11 +170,8 @@ class SurfaceServices:
             found = found[: request.max_count]
         header = self._header(current)
         response.surfaces.header = header
-        response.surfaces.surfaces = [current.message(surface) for surface in found]
-        response.objects = [
-            object_message(self._types, current.scene.stamp_ns, current.scene.frame_id, item)
-            for item in current.queries.objects_on(found)
-        ]
+        response.surfaces.surfaces = current.messages(found)
+        response.objects = current.object_messages(found)
         return f"{len(found)} of {len(current.scene.surfaces)} surfaces"
 
     def _header(self, current: SceneQueries) -> Any:

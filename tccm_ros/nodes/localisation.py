@@ -76,12 +76,22 @@ class LocalisationPublisher:
             self._publisher = node.create_publisher(
                 message_class(LOCALISATION), "~/localisation", latched()
             )
+        self._subscription: Any = None
+
+    def listen(self, node: Node) -> None:
+        """Take poses that somebody tells on ``initialpose``."""
         self._subscription = node.create_subscription(
             message_class("geometry_msgs/msg/PoseWithCovarianceStamped"),
             "initialpose",
             self._take_guess,
             1,
         )
+
+    def unsubscribe(self, node: Node) -> None:
+        """Take no poses any more."""
+        if self._subscription is not None:
+            node.destroy_subscription(self._subscription)
+            self._subscription = None
 
     def offer_service(self, node: Node, answer: Callable[[Any, Any], Any]) -> None:
         """Offer ``~/set_pose`` where tccm_interfaces is installed.

@@ -7,7 +7,7 @@ with a sentence.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -95,6 +95,8 @@ class SurfaceServices:
     ----------
     prepared
         By number of the solution.
+    number
+        Of the solution that questions are answered from; -1: none.
     """
 
     def __init__(
@@ -103,6 +105,7 @@ class SurfaceServices:
         self._node, self._types, self._live, self._frames = node, types, live, frames
         self.prepared: dict[int, SceneQueries] = {}
         self._newest: SceneQueries | None = None
+        self.number = -1
         self._offer("FindSurfaces", "~/find_surfaces", self._find_surfaces)
         self._offer("FindPlacements", "~/find_placements", self._find_placements)
 
@@ -120,13 +123,13 @@ class SurfaceServices:
 
     def answer_from(self, number: int) -> None:
         """Answer from a solution that is prepared; those before it are let go."""
-        self._newest = self.prepared[number]
+        self._newest, self.number = self.prepared[number], number
         for old in [n for n in self.prepared if n <= number]:
             del self.prepared[old]
 
     def forget(self) -> None:
         """Answer nothing before the next solution."""
-        self._newest = None
+        self._newest, self.number = None, -1
 
     def _current(self) -> SceneQueries:
         if self._newest is None:
@@ -168,11 +171,31 @@ class SurfaceServices:
         found = current.queries.find_surfaces(self._filter(request.filter))
         if request.max_count:
             found = found[: request.max_count]
-        header = self._header(current)
-        response.surfaces.header = header
+        self._fill(response, current, found)
+        return f"{len(found)} of {len(current.scene.surfaces)} surfaces"
+
+    def _fill(self, response: Any, current: SceneQueries, found: Sequence[Surface]) -> None:
+        """Put surfaces, and what stands on them, into an answer."""
+        response.surfaces.header = self._header(current)
         response.surfaces.surfaces = current.messages(found)
         response.objects = current.object_messages(found)
-        return f"{len(found)} of {len(current.scene.surfaces)} surfaces"
+
+    def fill_view(self, response: Any, views_ns: Collection[int]) -> str:
+        """Put the surfaces that some views measured into an answer; return a sentence.
+
+        Parameters
+        ----------
+        response
+            With fields ``surfaces`` and ``objects``.
+        views_ns
+            Stamps of the views.
+        """
+        current = self._current()
+        surfaces = [known.surface for known in current.scene.surfaces]
+        messages = zip(surfaces, current.messages(surfaces))
+        found = [surface for surface, m in messages if {*m.view_stamps} & {*views_ns}]
+        self._fill(response, current, found)
+        return f"{len(found)} of {len(current.scene.surfaces)} surfaces were measured"
 
     def _header(self, current: SceneQueries) -> Any:
         return header_message(self._types, current.scene.stamp_ns, current.scene.frame_id)

@@ -29,7 +29,7 @@ def test_a_sign_is_on_a_wall_up_to_a_little_beyond_its_end():
 
 
 def test_a_point_behind_a_wall_is_a_reflection_for_those_who_face_it():
-    mirrored, eyes = np.array([4.0, 3.0, 1.5]), np.array([EYE, EYE + [1.0, 0.2, 0.0]])
+    mirrored, eyes = np.array([4.0, 3.0, 1.5]), np.array([EYE, [4.0, 0.2, 1.1]])
     assert is_behind_wall(mirrored, eyes, WALLS)
     assert not is_behind_wall(np.array([4.0, 1.1, 1.5]), eyes, WALLS)
     within = np.array([[3.0, 2.0, 1.1]])

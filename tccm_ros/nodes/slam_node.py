@@ -41,6 +41,7 @@ from tccm_ros.records import Event, ObjectBoxes, Odometry, PoseGuess, SurfaceClo
 from tccm_ros.robot import MountKind
 from tccm_ros.ros.topic_messages import SOLUTION_TOPICS, SURFACE_MESSAGE_TOPICS
 from tccm_ros.sensors.depth_image import depth_reader
+from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import default_streams
 from tccm_ros.slam.tracking import Tracker
 
@@ -166,11 +167,11 @@ class SlamNode(SensorNode):
 
     def takes(self, event: Event | ObjectBoxes | SurfaceCloud | ViewIntervals) -> bool:
         """Return whether an event is for the processor."""
-        return self.processor.takes(event)
+        return isinstance(event, PosedDetections) or self.processor.takes(event)
 
     def take(self, role: str, record: Any) -> None:
         """Give a record to the robot."""
-        if role in self.roles:
+        if role in self.measured_roles:
             self.live.note_scan(record.stamp_ns)
         super().take(role, record)
 
@@ -189,7 +190,10 @@ class SlamNode(SensorNode):
         self._solve_with(event)
         if isinstance(event, (SurfaceCloud, ViewIntervals, ObjectBoxes)):
             self._programs.note_view_part(event.stamp_ns, self.solver.next_number)
-        self.processor.add(event)
+        if isinstance(event, PosedDetections):
+            self._unsolved["detections"] += 1
+        else:
+            self.processor.add(event)
         if self.processor.counts["resets"] != before["resets"]:
             self._forget(is_localised=self.processor.is_localised)
         for counted in ("clouds", "keyframes"):
@@ -219,7 +223,7 @@ class SlamNode(SensorNode):
 
     def _solve_when_due(self) -> None:
         new = self._unsolved
-        if new["clouds"] or new["keyframes"] >= KEYFRAMES_PER_SOLVE:
+        if new["clouds"] or new["detections"] or new["keyframes"] >= KEYFRAMES_PER_SOLVE:
             self._solve_if_due()
 
     def _solve_when_quiet(self) -> None:
@@ -447,6 +451,7 @@ class SlamNode(SensorNode):
         solved = self.solver.newest
         if solved is not None:
             found |= {"solution": solved.number, "solved in [s]": f"{solved.duration_s:.2f}"}
+            found |= {f"unused {why}": n for why, n in sorted(solved.unused_detections.items())}
         return found
 
 

@@ -263,7 +263,8 @@ def _object_changes(before: Scene, after: Scene, agreeing_views: int) -> Iterato
         if item.id not in there:
             yield Change(
                 ChangeKind.OBJECT_LEFT, after.stamp_ns, ids_before=(item.surface,),
-                object_id=item.id, T_before=object_pose(item), last_seen_ns=item.last_seen_ns,
+                label=item.class_id, object_id=item.id, T_before=object_pose(item),
+                last_seen_ns=item.last_seen_ns,
             )  # fmt: skip
     for item in after.objects:
         if item.views >= agreeing_views and item.id not in old and item.surface not in floors:
@@ -273,5 +274,5 @@ def _object_changes(before: Scene, after: Scene, agreeing_views: int) -> Iterato
 def _object_appeared(item: SceneObject) -> Change:
     return Change(
         ChangeKind.OBJECT_APPEARED, item.last_seen_ns, ids_after=(item.surface,),
-        object_id=item.id, T_after=object_pose(item),
+        label=item.class_id, object_id=item.id, T_after=object_pose(item),
     )  # fmt: skip

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import shapely
+from shapely.affinity import affine_transform
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.errors import FleetError, MapError, one_line
 from tccm_ros.fleet.layout import FleetFolder
+from tccm_ros.fleet.tables import read_signs
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.map_file import load_map
 from tccm_ros.results.models import SurfaceEntry, SurfacesFile
@@ -20,6 +24,9 @@ from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 MAP = "map.mcap"
+
+MAX_HEIGHT_DIFFERENCE = 0.03
+"""Max difference in height of one surface in two maps, m (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +50,32 @@ class Footprint:
     height: float
     is_floor: bool
 
+    def moved(self, T: Float64) -> Footprint:
+        """Return it in another frame, in which its map has the planar pose T, float64 (3,)."""
+        c, s = float(np.cos(T[2])), float(np.sin(T[2]))
+        xy = [c, -s, s, c, float(T[0]), float(T[1])]
+        return replace(self, polygon=affine_transform(self.polygon, xy))
+
+    def is_as_high_as(self, other: Footprint) -> bool:
+        """Return whether both may be one surface by their heights."""
+        return abs(self.height - other.height) <= MAX_HEIGHT_DIFFERENCE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SignPlace:
+    """A door sign in its map.
+
+    Attributes
+    ----------
+    text
+        That it was read as.
+    position
+        float64 (3,), m.
+    """
+
+    text: str
+    position: Float64
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapInput:
@@ -62,6 +95,8 @@ class MapInput:
         Its keyframes and what constrains them.
     surfaces
         By id.
+    signs
+        Door signs with a text.
     """
 
     name: str
@@ -70,6 +105,7 @@ class MapInput:
     saved: SavedMap
     walls: SavedWalls
     surfaces: tuple[Footprint, ...]
+    signs: tuple[SignPlace, ...] = ()
 
 
 def find_maps(sources: Iterable[Path]) -> list[Path]:
@@ -117,6 +153,8 @@ def checksum_of(path: Path) -> str:
 def read_map(path: Path, config: Config) -> MapInput:
     """Read a map; its surfaces are those of the result file beside it, or built anew.
 
+    Signs are those of the file beside it, or none.
+
     Parameters
     ----------
     path
@@ -133,18 +171,20 @@ def read_map(path: Path, config: Config) -> MapInput:
     if not len(saved.walls.get("keyframe_stamp_ns", ())):
         raise MapError(f"{path}: made without a level laser: it has no keyframes to merge it by")
     beside = path.parent / "surfaces.json"
+    signs: tuple[SignPlace, ...] = ()
     if path.name == MAP and beside.exists():
-        surfaces = _footprints_of(read_json(beside, SurfacesFile))
+        surfaces = footprints_of(read_json(beside, SurfacesFile))
+        signs = tuple(SignPlace(s.text, s.position) for s in read_signs(path.parent) if s.text)
     else:
         mapped = SurfaceSlam.from_saved(config, saved).solve().mapped
-        surfaces = _footprints_of(SurfacesFile.of(mapped.surfaces, mapped.floor_z, "map"))
+        surfaces = footprints_of(SurfacesFile.of(mapped.surfaces, mapped.floor_z, "map"))
     name = str(path.parent if path.name == MAP else path)
-    return MapInput(
-        name, path, checksum_of(path), saved, unpack_walls(saved.walls), tuple(surfaces)
-    )
+    walls = unpack_walls(saved.walls)
+    return MapInput(name, path, checksum_of(path), saved, walls, tuple(surfaces), signs)
 
 
-def _footprints_of(file: SurfacesFile) -> Sequence[Footprint]:
+def footprints_of(file: SurfacesFile) -> Sequence[Footprint]:
+    """Return the surfaces of a map from above."""
     floor_z = file.floor_z or 0.0
     return [
         Footprint(surface.id, _outline(surface), surface.height - floor_z, surface.is_floor)

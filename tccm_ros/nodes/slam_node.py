@@ -41,6 +41,7 @@ from tccm_ros.records import Event, ObjectBoxes, Odometry, PoseGuess, SurfaceClo
 from tccm_ros.robot import MountKind
 from tccm_ros.ros.topic_messages import SOLUTION_TOPICS, SURFACE_MESSAGE_TOPICS
 from tccm_ros.sensors.depth_image import depth_reader
+from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import default_streams
 from tccm_ros.slam.tracking import Tracker
 
@@ -79,6 +80,10 @@ class SlamNode(SensorNode):
 
     def __init__(self, shared: SharedRobot | None = None, **kwargs: Any):
         super().__init__("surface_slam", "slam", shared, **kwargs)
+
+    def configure(self) -> None:
+        """Make the tracker, the process that solves, and all that the node offers."""
+        super().configure()
         self.solver = Solver(self.config, self._on_answer)
         self.processor = Tracker(self.config)
         self.saver = Worker("saver", partial(self.refuse, "saving"))
@@ -102,13 +107,33 @@ class SlamNode(SensorNode):
             self, topics, latched(), self.solver.show, self.worker.post, shared=(GRID_TOPIC,)
         )
         self._programs = Programs(self, self.live, self.begin_named_save, self.load)
-        self.listen(watch="stream")
-        self._listen_to_tccm()
-        self.add_post_set_parameters_callback(lambda _: self.worker.post(self._note_config))
+        self.add_post_set_parameters_callback(self._on_parameters)
         self.create_service(Trigger, "~/load_map", self._on_load_map)
         self.localisation.offer_service(self, self.answer)
         self._look = steady_timer(self, LOOK_S, lambda: self.worker.post(self._solve_when_quiet))
-        self.start()
+
+    def activate(self) -> None:
+        """Subscribe."""
+        self.listen(watch="stream")
+        self._listen_to_tccm()
+        self.localisation.listen(self)
+        super().activate()
+
+    def unsubscribe(self) -> None:
+        """End the subscriptions."""
+        super().unsubscribe()
+        self.localisation.unsubscribe(self)
+
+    def release(self) -> None:
+        """End the process that solves, and the threads."""
+        self.remove_post_set_parameters_callback(self._on_parameters)
+        self._programs.close()
+        self.saver.close()
+        self.solver.close()
+        super().release()
+
+    def _on_parameters(self, _: object) -> None:
+        self.worker.post(self._note_config)
 
     def _listen_to_tccm(self) -> None:
         for role in SURFACE_MESSAGE_TOPICS:
@@ -142,11 +167,11 @@ class SlamNode(SensorNode):
 
     def takes(self, event: Event | ObjectBoxes | SurfaceCloud | ViewIntervals) -> bool:
         """Return whether an event is for the processor."""
-        return self.processor.takes(event)
+        return isinstance(event, PosedDetections) or self.processor.takes(event)
 
     def take(self, role: str, record: Any) -> None:
         """Give a record to the robot."""
-        if role in self.roles:
+        if role in self.measured_roles:
             self.live.note_scan(record.stamp_ns)
         super().take(role, record)
 
@@ -163,7 +188,12 @@ class SlamNode(SensorNode):
         self.newest_ns = max(self.newest_ns, getattr(event, "stamp_ns", 0))
         before = Counter(self.processor.counts)
         self._solve_with(event)
-        self.processor.add(event)
+        if isinstance(event, (SurfaceCloud, ViewIntervals, ObjectBoxes)):
+            self._programs.note_view_part(event.stamp_ns, self.solver.next_number)
+        if isinstance(event, PosedDetections):
+            self._unsolved["detections"] += 1
+        else:
+            self.processor.add(event)
         if self.processor.counts["resets"] != before["resets"]:
             self._forget(is_localised=self.processor.is_localised)
         for counted in ("clouds", "keyframes"):
@@ -193,7 +223,7 @@ class SlamNode(SensorNode):
 
     def _solve_when_due(self) -> None:
         new = self._unsolved
-        if new["clouds"] or new["keyframes"] >= KEYFRAMES_PER_SOLVE:
+        if new["clouds"] or new["detections"] or new["keyframes"] >= KEYFRAMES_PER_SOLVE:
             self._solve_if_due()
 
     def _solve_when_quiet(self) -> None:
@@ -366,12 +396,6 @@ class SlamNode(SensorNode):
         stamp = f"{solved.stamp_ns * 1e-9:.3f}"
         return f"{folder}: solution {solved.number}, up to {stamp} s, {solved.content}{late}"
 
-    def destroy_node(self) -> None:
-        """End the process that solves."""
-        self.saver.close()
-        self.solver.close()
-        super().destroy_node()
-
     # --- services ---
 
     async def _on_load_map(self, _: Trigger.Request, response: Trigger.Response) -> Any:
@@ -427,6 +451,7 @@ class SlamNode(SensorNode):
         solved = self.solver.newest
         if solved is not None:
             found |= {"solution": solved.number, "solved in [s]": f"{solved.duration_s:.2f}"}
+            found |= {f"unused {why}": n for why, n in sorted(solved.unused_detections.items())}
         return found
 
 

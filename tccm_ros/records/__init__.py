@@ -13,6 +13,7 @@ from tccm_ros.records.cycle import (
     TabletopObject,
     ViewIntervals,
 )
+from tccm_ros.records.detections import Detections, Hypothesis
 from tccm_ros.records.events import (
     START_OF_TIME,
     Event,
@@ -34,8 +35,10 @@ from tccm_ros.records.sensors import (
     Scan,
     TransformSample,
 )
+from tccm_ros.records.signs import SIGN, Sign, SignSighting
 from tccm_ros.records.solution import (
     EdgeState,
+    FormerPlace,
     Keyframe,
     Landmark,
     LandmarkObservation,
@@ -50,12 +53,16 @@ from tccm_ros.records.solution import (
 )
 
 __all__ = [
+    "SIGN",
     "START_OF_TIME",
     "CameraImage",
     "CameraInfo",
     "DepthImage",
+    "Detections",
     "EdgeState",
     "Event",
+    "FormerPlace",
+    "Hypothesis",
     "JointSample",
     "Keyframe",
     "Landmark",
@@ -74,6 +81,8 @@ __all__ = [
     "Scan",
     "ScanPose",
     "SelfShapes",
+    "Sign",
+    "SignSighting",
     "StreamComplete",
     "Surface",
     "SurfaceCloud",

@@ -234,6 +234,24 @@ class SurfaceEdge:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FormerPlace:
+    """Where a surface was before it was carried elsewhere.
+
+    Attributes
+    ----------
+    boundary, normal, offset
+        As of `Surface`; the boundary is what was seen.
+    last_seen_ns
+        Stamp of the last view that measured it there.
+    """
+
+    boundary: Float64
+    normal: Float64
+    offset: float
+    last_seen_ns: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Surface:
     """A horizontal surface of the surface map, in the map frame.
 
@@ -273,6 +291,10 @@ class Surface:
     area_seen, boundary_seen
         What the views measured, without a model: m2, and a ring as `boundary`. The holes are those
         of both.
+    placed_ns
+        Stamp of the first view that measured it where it is now.
+    stood
+        Where it was before it was carried here; None where that is not known.
     """
 
     id: int
@@ -295,3 +317,5 @@ class Surface:
     edges: tuple[SurfaceEdge, ...] = ()
     area_seen: float = 0.0
     boundary_seen: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
+    placed_ns: int = 0
+    stood: FormerPlace | None = None

@@ -32,7 +32,7 @@ from tccm_ros.results.surface_counts import SurfaceCounts
 from tccm_ros.surfaces.scene_objects import SceneObject
 
 
-def _array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValidator, Any]:
+def array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValidator, Any]:
     """Return the validator and JSON Schema of a float64 array; a length of None is any length."""
 
     def check(value: Any) -> Float64:
@@ -54,12 +54,12 @@ def _array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValida
     return PlainValidator(check), WithJsonSchema(schema)
 
 
-Vector = Annotated[Float64, *_array_type(3)]
-Ring = Annotated[Float64, *_array_type(None, 3)]
-Ring2 = Annotated[Float64, *_array_type(None, 2)]
-Ends = Annotated[Float64, *_array_type(2, 2)]
-Covariance2 = Annotated[Float64, *_array_type(2, 2, is_finite=False)]
-Covariance3 = Annotated[Float64, *_array_type(3, 3, is_finite=False)]
+Vector = Annotated[Float64, *array_type(3)]
+Ring = Annotated[Float64, *array_type(None, 3)]
+Ring2 = Annotated[Float64, *array_type(None, 2)]
+Ends = Annotated[Float64, *array_type(2, 2)]
+Covariance2 = Annotated[Float64, *array_type(2, 2, is_finite=False)]
+Covariance3 = Annotated[Float64, *array_type(3, 3, is_finite=False)]
 
 
 EntryType = TypeVar("EntryType")
@@ -250,6 +250,10 @@ class ObjectEntry:
         float64 (3,), edges along its own x, y and z axes, m.
     yaw
         Yaw of its x axis, in (-pi/2, pi/2], rad.
+    label
+        Class that detectors gave it; empty where none did.
+    confidence
+        Mean score of that class, 0 to 1; null where there is none.
     """
 
     id: int
@@ -257,6 +261,8 @@ class ObjectEntry:
     center: Vector
     size: Vector
     yaw: float
+    label: str = ""
+    confidence: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -304,9 +310,15 @@ class ObjectsFile:
             Rings by surface (`free_places`).
         """
         return cls(
-            tuple(_entry(ObjectEntry, item) for item in objects),
+            tuple(map(_object_entry, objects)),
             tuple(FreePlacesEntry(s, tuple(rings)) for s, rings in sorted(free.items())),
         )
+
+
+def _object_entry(item: SceneObject) -> ObjectEntry:
+    score = None if item.label is None else item.label.score
+    box = item.id, item.surface, item.center, item.size, item.yaw
+    return ObjectEntry(*box, item.class_id, score)
 
 
 # --- walls.json ----------------------------------------------------------------------------------

@@ -27,6 +27,7 @@ from tccm_ros.records import (
     ViewIntervals,
 )
 from tccm_ros.sensors.registry import roles_of
+from tccm_ros.signs.measurement import SignMeasurement
 from tccm_ros.slam.front_end import FrontEnd
 from tccm_ros.slam.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.lines import extract_lines
@@ -36,7 +37,8 @@ from tccm_ros.slam.se2 import between, compose, inverse, rotate_covariance
 from tccm_ros.slam.wall_slam import LivePose
 
 COUNTED = {
-    SurfaceCloud: "clouds", ViewIntervals: "views", ObjectBoxes: "boxes", MapReset: "resets"
+    SurfaceCloud: "clouds", ViewIntervals: "views", ObjectBoxes: "boxes", SignMeasurement: "signs",
+    MapReset: "resets",
 }  # fmt: skip
 """Events that are counted here and used by the solution alone."""
 
@@ -63,12 +65,15 @@ class SolvedMap(NamedTuple):
         In map.
     is_localised
         Whether the place of this session in the map is known.
+    placed_by_sign
+        Id of the sign that placed it there; -1 where none did.
     """
 
     T_map_front: Float64
     keyframe: SolvedKeyframe | None
     walls: MapWalls
     is_localised: bool = True
+    placed_by_sign: int = -1
 
 
 class Tracker:
@@ -88,8 +93,8 @@ class Tracker:
     Attributes
     ----------
     counts
-        ``level scans`` matched, ``keyframes`` made of them, ``clouds``, ``views`` and ``boxes``
-        received, ``resets``, and how often the robot was ``lost``.
+        ``level scans`` matched, ``keyframes`` made of them, ``clouds``, ``views``, ``boxes`` and
+        ``signs`` received, ``resets``, and how often the robot was ``lost``.
     odom_frame
         Name of the odometry frame.
     """
@@ -156,6 +161,11 @@ class Tracker:
         """Id of the newest keyframe in the newest solution that was taken; -1 without one."""
         solved = self._solved
         return -1 if solved is None or solved.keyframe is None else solved.keyframe.id
+
+    @property
+    def placed_by_sign(self) -> int:
+        """Id of the sign that placed this session in the map; -1 where none did."""
+        return -1 if self._solved is None else self._solved.placed_by_sign
 
     @property
     def is_localised(self) -> bool:

@@ -52,7 +52,8 @@ class SurfaceFilter:
     max_distance
         Largest distance of a surface's outline from `near`, m; 0 for any.
     words
-        Words that all stand in the label, upper and lower case alike.
+        Words that all stand in the label or in the classes of the objects on it, upper and lower
+        case alike.
     """
 
     ids: frozenset[int] = frozenset()
@@ -84,10 +85,16 @@ class SurfaceQueries:
     ):
         self.surfaces = tuple(surfaces)
         self.objects = tuple(objects)
+        self._objects_on: dict[int, list[SceneObject]] = {}
+        for item in self.objects:
+            self._objects_on.setdefault(item.surface, []).append(item)
         self._heights = [s.height - (floor_z or 0.0) for s in surfaces]
+        self._texts = self._texts_of_surfaces()
         self._outlines = np.array([_outline(s) for s in surfaces], dtype=object)
         shapely.prepare(self._outlines)
         self._to_put_on = self._placement_surfaces()
+        for surface in self._to_put_on:
+            _ = surface.inner_radius  # kept there
 
     def find_surfaces(self, wanted: SurfaceFilter) -> list[Surface]:
         """Return the surfaces that meet all conditions, by their distance or by id."""
@@ -107,13 +114,13 @@ class SurfaceQueries:
 
     def objects_on(self, surfaces: Sequence[Surface]) -> list[SceneObject]:
         """Return what stands on some surfaces, in their order."""
-        return [o for s in surfaces for o in self.objects if o.surface == s.id]
+        return [item for surface in surfaces for item in self._objects_on.get(surface.id, ())]
 
     def _chosen(self, wanted: SurfaceFilter) -> list[int]:
         chosen = [
             k
-            for k, (surface, height) in enumerate(zip(self.surfaces, self._heights))
-            if _meets(surface, height, wanted)
+            for k, surface in enumerate(self.surfaces)
+            if _meets(surface, self._heights[k], self._texts[k], wanted)
         ]
         if wanted.near is None or not chosen:
             return chosen
@@ -122,6 +129,16 @@ class SurfaceQueries:
         if wanted.max_distance > 0.0:
             order = order[distances[order] <= wanted.max_distance]
         return [chosen[k] for k in order]
+
+    def _texts_of_surfaces(self) -> list[str]:
+        """Return the label of each surface and the classes of what stands on it."""
+        classes: dict[int, list[str]] = {}
+        for item in self.objects:
+            classes.setdefault(item.surface, []).append(item.class_id)
+        return [
+            " ".join([surface.label, *classes.get(surface.id, ())]).casefold()
+            for surface in self.surfaces
+        ]
 
     def _placement_surfaces(self) -> list[PlacementSurface]:
         occupied: dict[int, list[Polygon]] = {}
@@ -161,8 +178,18 @@ def _seen(surface: Surface, outline: shapely.Geometry) -> shapely.Geometry:
     return shapely.make_valid(Polygon(surface.boundary_seen[:, :2])).intersection(outline)
 
 
-def _meets(surface: Surface, height: float, wanted: SurfaceFilter) -> bool:
-    """Return whether a surface meets all conditions but those of its place."""
+def _meets(surface: Surface, height: float, text: str, wanted: SurfaceFilter) -> bool:
+    """Return whether a surface meets all conditions but those of its place.
+
+    Parameters
+    ----------
+    surface, height
+        The surface, and its height over the floor, m.
+    text
+        What is searched for words, in lower case.
+    wanted
+        The conditions.
+    """
     if wanted.ids and not wanted.ids.intersection((surface.id, *surface.merged_ids)):
         return False
     if wanted.labels:
@@ -170,7 +197,6 @@ def _meets(surface: Surface, height: float, wanted: SurfaceFilter) -> bool:
             return False
     elif surface.label == "floor" and not wanted.ids:
         return False
-    text = surface.label.casefold()
     return (
         surface.confidence >= wanted.min_confidence
         and wanted.min_height <= height <= wanted.max_height

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -29,6 +29,7 @@ from tccm_ros.records import (
     SurfaceCloud,
     ViewIntervals,
 )
+from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.signs.measurement import SignMeasurement
 from tccm_ros.slam.lines import label_by_splitting
@@ -36,13 +37,22 @@ from tccm_ros.slam.live_estimate import MapWalls, SolvedKeyframe
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.tracking import SolvedMap
 from tccm_ros.slam.wall_slam import LivePose, WallSlam
+from tccm_ros.surfaces.object_labels import (
+    MAX_WAIT_NS,
+    NO_VIEW,
+    PlacedDetections,
+    SeenDetection,
+    count_unused,
+    seen_detections,
+    view_of,
+)
 from tccm_ros.surfaces.object_tracks import track_objects
 from tccm_ros.surfaces.registration import Z_ROLL_PITCH, Registration
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView
 from tccm_ros.surfaces.scene_objects import SceneObject, free_places, scene_objects
 from tccm_ros.surfaces.session_alignment import SessionAlignment, align_session
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
-from tccm_ros.surfaces.views import View
+from tccm_ros.surfaces.views import View, with_newest
 
 SlamInput = (
     Event
@@ -53,9 +63,6 @@ SlamInput = (
     | SurfaceCloud
     | ViewIntervals
 )
-
-ROLES = {None, *roles_of("slam")}
-"""Roles of the events that are processed: those of its streams, and those for all processors."""
 
 MAX_STATIONARY_MOTION = (0.01, 0.005)
 """Max motion (m, rad) of a base that is stationary; chosen."""
@@ -88,6 +95,10 @@ class SurfaceSolution:
         How this session was aligned with a saved map; None where there was nothing to align.
     stamp_ns
         Stamp of the newest event that it contains; 0 before the first.
+    newest_detections
+        Detections after the newest view: theirs is the next one.
+    unused_detections
+        Detections that gave no label, by reason.
     """
 
     slam: Solution
@@ -102,6 +113,8 @@ class SurfaceSolution:
     place_size: tuple[float, float] = (0.0, 0.0)
     alignment: SessionAlignment | None = None
     stamp_ns: int = 0
+    newest_detections: tuple[SeenDetection, ...] = ()
+    unused_detections: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
@@ -125,8 +138,9 @@ class SurfaceSlam:
     Attributes
     ----------
     counts
-        ``level scans`` matched, ``clouds``, ``views`` and ``boxes`` received, ``views while lost``
-        (which are not used), ``resets``.
+        ``level scans`` matched, ``clouds``, ``views``, ``boxes``, ``signs`` and ``detections``
+        received, ``views while lost`` and ``detections while lost`` (which are not used),
+        ``resets``.
     odom_frame
         Name of the odometry frame.
     """
@@ -139,12 +153,16 @@ class SurfaceSlam:
             PosedScan: self._take_scan,
             Odometry: self._take_odometry,
             LandmarkObservation: self._take_landmark,
+            SignMeasurement: self._take_sign,
             PoseGuess: self._take_guess,
             MapReset: self._take_reset,
             SurfaceCloud: partial(self._take_view, "clouds"),
             ViewIntervals: partial(self._take_view, "views"),
             ObjectBoxes: partial(self._take_view, "boxes"),
+            PosedDetections: self._take_detections,
         }
+        # Of its streams, and of what is for all processors.
+        self._roles = {None, *roles_of("slam", config)}
         self.session = 0
         self.saved_views: tuple[SavedView, ...] = ()
         self._saved_walls: Mapping[str, NDArray[Any]] = {}
@@ -163,6 +181,8 @@ class SurfaceSlam:
             self.map.add_view(saved.view)
         self._tilt_stamps: set[int] = set()
         self._newest_ns = 0
+        self._detections: list[PlacedDetections] = []
+        self._unusable: Counter[str] = Counter()
 
     def _empty_map(self, session: int = 0) -> SurfaceMap:
         """Return a map without views, with the merging that the configuration selects."""
@@ -176,13 +196,13 @@ class SurfaceSlam:
 
     def takes(self, event: SlamInput) -> bool:
         """Return whether an event is for this processor."""
-        return type(event) in self._handlers and getattr(event, "role", None) in ROLES
+        return type(event) in self._handlers and getattr(event, "role", None) in self._roles
 
     def add(self, event: SlamInput) -> list[ScanPose]:
         """Process one event; return the pose of a level scan, and nothing for other events.
 
-        Landmarks, surface clouds and intervals may come at any time: their stamps tell where they
-        belong. Events for other processors are ignored.
+        Landmarks, signs, surface clouds and intervals may come at any time: their stamps tell
+        where they belong. Events for other processors are ignored.
         """
         if not self.takes(event):
             return []
@@ -197,6 +217,11 @@ class SurfaceSlam:
 
     def _take_landmark(self, observation: LandmarkObservation) -> list[ScanPose]:
         self.walls.add_landmark(observation)
+        return []
+
+    def _take_sign(self, sign: SignMeasurement) -> list[ScanPose]:
+        self.counts["signs"] += 1
+        self.walls.add_sign(sign)
         return []
 
     def _take_guess(self, guess: PoseGuess) -> list[ScanPose]:
@@ -217,6 +242,19 @@ class SurfaceSlam:
             return []
         self.map.add(part)
         self.map.forget(self._is_stationary)
+        return []
+
+    def _take_detections(self, posed: PosedDetections) -> list[ScanPose]:
+        detections = posed.detections
+        self.counts["detections"] += len(detections.hypotheses)
+        self._unusable.update(detections.unusable)
+        if self.walls.is_lost:
+            self.counts["detections while lost"] += len(detections.hypotheses)
+            return []
+        is_in_map = detections.frame_id == self.config.frames.map_name
+        center = detections.center if is_in_map else posed.center_base
+        placed = PlacedDetections(posed.stamp_ns, center, detections.hypotheses, is_in_map)
+        self._detections.append(placed)
         return []
 
     def _take_reset(self, reset: MapReset) -> list[ScanPose]:
@@ -263,8 +301,11 @@ class SurfaceSlam:
         view_poses = self._all_poses(slam, own) if is_found else self._saved_poses(slam)
         lines = np.array([wall.endpoints for wall in slam.walls]).reshape(-1, 2, 2)
         mapped = surface_map.build(view_poses, lines)
-        tracks = track_objects(surface_map.views, view_poses.T_map_view, self.config)
-        objects = scene_objects(mapped.surfaces, tracks)
+        newest = self._place_detections(views, own.T_map_view, slam) if is_found else ()
+        tracked = track_objects(
+            with_newest(surface_map.views, newest), view_poses.T_map_view, self.config
+        )
+        objects = scene_objects(mapped.surfaces, tracked.tracks)
         place_size = self.config.objects.place_size
         stamps, poses = self._trajectory(slam)
         return SurfaceSolution(
@@ -280,7 +321,45 @@ class SurfaceSlam:
             place_size,
             alignment,
             self._newest_ns,
+            newest,
+            count_unused(self._unusable, tracked.unused_detections),
         )
+
+    def _place_detections(
+        self, views: Sequence[View], T_map_view: Float64, slam: Solution
+    ) -> tuple[SeenDetection, ...]:
+        """Add detections to the view of each (`view_of`); return those whose next may still come.
+
+        Parameters
+        ----------
+        views, T_map_view
+            Of this session, with their poses.
+        slam
+            The optimised graph, in the frame of this session.
+        """
+        stamps = [view.stamp_ns for view in views]
+        still_ns = self._newest_ns - MAX_WAIT_NS
+        T_session_view = slam.T_map_views
+        newest: list[SeenDetection] = []
+        waiting: list[PlacedDetections] = []
+        for placed in self._detections:
+            v = view_of(placed.stamp_ns, stamps)
+            is_open = placed.stamp_ns >= still_ns and (not stamps or placed.stamp_ns > stamps[-1])
+            if is_open:
+                waiting.append(placed)
+            if v is None:
+                self._unusable[NO_VIEW] += 0 if is_open else len(placed.hypotheses)
+                continue
+            T_view = inverse(T_map_view[v])
+            if not placed.is_in_map:
+                T_view = inverse(T_session_view[v]) @ spatial(slam.pose_at(placed.stamp_ns))[0]
+            seen = seen_detections(placed, T_view)
+            if is_open:
+                newest += seen
+            else:
+                self.map.add_detections(views[v].key, seen)
+        self._detections = waiting
+        return tuple(newest)
 
     def _solve_graph(self, views: list[View], every_covariance: bool) -> Solution:
         """Optimise the graph; where views have surfaces in common, again with their factors."""
@@ -352,7 +431,9 @@ class SurfaceSlam:
         if self._is_lost:
             return SavedMap(self._saved_walls, self.saved_views)
         view_poses = solution.view_poses
-        solved = self.map.views[: len(view_poses.keyframes)]
+        solved = with_newest(
+            self.map.views[: len(view_poses.keyframes)], solution.newest_detections
+        )
         poses = {k.id: spatial(k.pose) for k in solution.slam.keyframes}
         state, number = self._saved_state(solution), self.walls.kept_keyframes()
         views = []
@@ -388,6 +469,7 @@ class SurfaceSlam:
             keyframe,
             MapWalls.of(graph.walls, T_map_session),
             self.is_aligned(solution) and not self.walls.is_lost,
+            self.walls.placed_by_sign,
         )
 
     @classmethod

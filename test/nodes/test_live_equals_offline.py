@@ -4,18 +4,36 @@ The topics are reliable: everything has to arrive for the files to be equal.
 """
 
 import os
+import time
 from pathlib import Path
 
 import pytest
 from depth_room import write_recording
-from live_bag import EQUAL, SLOW_RATE, messages, play, save
-from live_robot import slam, tccm
+from detections import seen_from_base, write_with_detections
+from live_robot import overrides, slam, tccm
 from rclpy.node import Node
+from std_srvs.srv import Trigger
 
+from tccm_ros.bags.reader import BagReader
 from tccm_ros.config import Config
+from tccm_ros.config.reader import read_config
+from tccm_ros.nodes.player_node import PlayerNode
 from tccm_ros.pipeline.replay import replay
 
-BAGS = Path(__file__).resolve().parents[2] / "bags"
+MAX_BEHIND = 60
+"""Messages of one topic that may wait: with a burst of the player less than a queue holds."""
+
+MAX_WAITING = 500
+"""Jobs of a worker that may wait: a node drops scans only with four times as many."""
+
+RATE = 50.0
+"""Far more than the nodes can take: how fast they are decides."""
+
+SLOW_RATE = 3.0
+"""For images: they wait in short queues, and may not come seconds after odometry."""
+
+ROOT = Path(__file__).resolve().parents[2]
+BAGS, PAPER = ROOT / "bags", ROOT / "config" / "paper.yaml"
 OTHER_NAMES = (
     "tilt_scan:=/nod_lidar/scan",
     "scan:=/front_lidar/scan",
@@ -25,21 +43,34 @@ OTHER_NAMES = (
 LONG = pytest.mark.skipif(
     "TCCM_LONG" not in os.environ, reason="a long recording: TCCM_LONG=1 pytest test/nodes"
 )
+EQUAL = (
+    "surfaces.json",
+    "objects.json",
+    "surfaces.ply",
+    "walls.json",
+    "graph.json",
+    "trajectory.tum",
+    "cuboids.npz",
+)
 
 
 @pytest.mark.parametrize(
-    ("bag", "remap", "is_shared"),
+    ("bag", "remap", "is_shared", "config"),
     [
-        ("walkthrough", (), False),
-        ("walkthrough", (), True),
-        ("upside_down", OTHER_NAMES, False),
-        pytest.param("flat", (), False, marks=LONG),
+        ("walkthrough", (), False, None),
+        ("walkthrough", (), True, None),
+        ("walkthrough", (), False, PAPER),
+        ("upside_down", OTHER_NAMES, False, None),
+        pytest.param("flat", (), False, None, marks=LONG),
     ],
 )
-def test_what_live_nodes_save_equals_the_files_of_a_replay(ros, tmp_path, bag, remap, is_shared):
+def test_what_live_nodes_save_equals_the_files_of_a_replay(
+    ros, tmp_path, bag, remap, is_shared, config
+):
     live, offline = tmp_path / "live", tmp_path / "offline"
-    replay(BAGS / bag, offline, Config(), pictures=False, remap=remap)
+    replay(BAGS / bag, offline, read_config(config), pictures=False, remap=remap)
     words = [word for rule in remap for word in ("-r", rule)]
+    words += [] if config is None else ["--params-file", str(config)]
     common = {"context": ros.context, "words": words, "save__directory": str(live)}
     tilt_node = tccm(ros, **common)
     node = slam(ros, shared=tilt_node.robot if is_shared else None, **common)
@@ -58,6 +89,51 @@ def test_what_live_nodes_save_equals_the_files_of_a_replay(ros, tmp_path, bag, r
         assert not each.overload
     for name in EQUAL:
         assert (live / name).read_bytes() == (offline / name).read_bytes(), name
+
+
+def messages(bag: Path) -> int:
+    with BagReader(bag) as reader:
+        return sum(topic.count for topic in reader.topics())
+
+
+def save(ros, node, service: str) -> None:
+    """Save until the map has all that has come: a save does not wait long for a solution."""
+    while True:
+        answer = ros.call(node.create_client(Trigger, service), Trigger.Request())
+        assert answer.success, answer.message
+        if "not in it" not in answer.message:
+            return
+
+
+def play(ros, bag: Path, *nodes, rate: float = RATE) -> PlayerNode:
+    """Play a bag as fast as the nodes take it; return when they have received all of it."""
+    values = {"bag": str(bag), "rate": rate, "reliable": True, "paused": True}
+    player = ros.add(PlayerNode(context=ros.context, parameter_overrides=overrides(values)))
+    for node in nodes:
+        for topic in set(node.inputs.counts()) & set(player._publishers_by_topic):
+            ros.connect(player, node, topic)
+    ros.spin_until(lambda: throttled(player, nodes) and player.is_done, what="the player")
+    for node in nodes:
+        ros.spin_until(lambda n=node: behind(player, n) == 0, what="all messages")
+    return player
+
+
+def behind(player, node) -> int:
+    """Return how many messages of its slowest topic a node has not received yet."""
+    received = node.inputs.counts()
+    return max((sent - received.get(t, sent) for t, sent in player.sent.items()), default=0)
+
+
+def throttled(player, nodes) -> bool:
+    """Hold the player while a node of this one executor is behind: nothing may overflow."""
+    is_late = any(
+        behind(player, node) > MAX_BEHIND or node.worker.backlog > MAX_WAITING for node in nodes
+    )
+    if is_late and player._timeline.is_running:
+        player._timeline.pause(time.monotonic_ns())
+    elif not is_late and player._timeline.is_paused:
+        player._timeline.run(time.monotonic_ns())
+    return True
 
 
 @pytest.mark.parametrize("is_shared", [False, True])
@@ -82,3 +158,47 @@ def test_a_depth_camera_and_a_lidar_are_mapped_live_as_offline(ros, tmp_path, is
         assert not each.overload
     for name in EQUAL:
         assert (live / name).read_bytes() == (offline / name).read_bytes(), name
+
+
+@pytest.mark.parametrize("is_shared", [False, True])
+def test_recognised_objects_are_labelled_live_as_offline_and_found_by_class(
+    ros, tmp_path, is_shared
+):
+    pytest.importorskip("vision_msgs.msg", reason="vision_msgs is not installed")
+    pytest.importorskip("tccm_interfaces.msg", reason="tccm_interfaces is not installed")
+    from tccm_ros.client import SurfaceMapClient
+
+    bag, live, offline = tmp_path / "bag", tmp_path / "live", tmp_path / "offline"
+    classes = {"box that stays": [("mug", 0.8), ("bowl", 0.1)], "box that comes": [("crate", 0.6)]}
+    write_with_detections(BAGS / "walkthrough", bag, seen_from_base(BAGS / "walkthrough", classes))
+    replay(bag, offline, Config(), pictures=False)
+    common = {"context": ros.context, "save__directory": str(live)}
+    tilt_node = tccm(ros, **common)
+    node = slam(ros, shared=tilt_node.robot if is_shared else None, **common)
+    client = SurfaceMapClient(ros.add(Node("program", context=ros.context)))
+    ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
+    play(ros, bag, tilt_node, node)
+    ask = ros.add(Node("asker", context=ros.context))
+    save(ros, ask, "/tccm/save_map")
+    cycles = tilt_node.processor.counts["cycles"]
+    for topic in ("/tccm/surfaces", "/tccm/view", "/tccm/object_boxes"):
+        ros.spin_until(lambda t=topic: node.inputs.counts()[t] == cycles, what=topic)
+    save(ros, ask, "/surface_slam/save_map")
+    for name in EQUAL:
+        assert (live / name).read_bytes() == (offline / name).read_bytes(), name
+    ros.spin_until(lambda: client.is_ready and client.objects_of_class("crate"), what="the crate")
+    (mug,) = client.objects_of_class("mug")
+    assert mug.confidence == pytest.approx(0.8)
+    assert found_by(ros, client, "MUG table") == [mug.surface_id]
+    assert found_by(ros, client, "bowl") == []
+    before = "unused detection: no object of the map there"
+    assert node.values()[before] > 0, "the crate was not there from the beginning"
+
+
+def found_by(ros, client, text: str) -> list[int]:
+    """Return the ids of the surfaces that a program finds by words."""
+    from tccm_interfaces.msg import SurfaceFilter
+
+    future = client.find_surfaces(SurfaceFilter(text=text))
+    ros.spin_until(future.done, what=f"the answer to {text}")
+    return [surface.id for surface in future.result()]

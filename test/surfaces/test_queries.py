@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tccm_ros.records import Surface
+from tccm_ros.records import Hypothesis, Surface
 from tccm_ros.surfaces.queries import SurfaceFilter, SurfaceQueries
 from tccm_ros.surfaces.scene_objects import SceneObject
 from tccm_ros.tabletop.placements import PlacementRequest
@@ -30,7 +30,10 @@ FLOOR = surface(0, "floor", 0, 0, (10, 10), 0.1)
 TABLE = surface(1, "table", 2, 0, (1.2, 0.8), 0.8, merged_ids=(7,))
 COUNTER = surface(2, "counter", -3, 0, (2, 0.6), 1.0)
 SHELF = surface(3, "shelf", -3, 0, (2, 0.6), 1.3)
-BOX = SceneObject(5, 1, np.array([2.0, 0.0, 0.9]), np.array([0.4, 0.4, 0.2]), 0.0)
+BOX = SceneObject(
+    5, 1, np.array([2.0, 0.0, 0.9]), np.array([0.4, 0.4, 0.2]), 0.0,
+    label=Hypothesis("cereal box", 0.7),
+)  # fmt: skip
 
 
 @pytest.fixture
@@ -58,6 +61,9 @@ def test_without_conditions_all_but_the_floor_are_found(queries):
         (SurfaceFilter(min_height=0.85, max_height=1.0), [2]),
         (SurfaceFilter(min_area=1.0), [2, 3]),
         (SurfaceFilter(words=("TAB",)), [1]),
+        (SurfaceFilter(words=("Cereal",)), [1]),
+        (SurfaceFilter(words=("box", "table")), [1]),
+        (SurfaceFilter(words=("cereal", "shelf")), []),
         (SurfaceFilter(near=(-3.0, 0.0)), [2, 3, 1]),
         (SurfaceFilter(near=(0.5, 0.0)), [1, 2, 3]),
         (SurfaceFilter(near=(0.5, 0.0), max_distance=1.0), [1]),

@@ -49,6 +49,14 @@ def test_a_step_of_five_centimetres_is_its_own_surface():
     assert step.label == "step"
 
 
+def test_heights_part_what_touches():
+    """A hob 4 cm above a counter: nearer than the merge distance, and yet another surface."""
+    assert Config().surfaces.merge_distance > 0.04
+    room = Room([Board(1.4, 0.0, 0.6, 2.0, 0.90), Board(1.4, 0.4, 0.5, 0.5, 0.94)])
+    mapped = build([(room, (0, 0, 0), 10), (room, (0.3, 0.6, -0.1), 20)])
+    assert sorted(round(s.height, 2) for s in above_floor(mapped)) == [0.90, 0.94]
+
+
 def test_ids_stay_while_loop_closures_merge_and_split_surfaces():
     room = Room([TABLE])
     looks = [(room, (0, 0, 0), 10), (room, (3.2, 0.3, 3.14), 20)]
@@ -94,7 +102,7 @@ def test_a_surface_that_replaces_two_pieces_has_both_ids():
 
 
 def scene(mapped) -> Scene:
-    known = [KnownSurface(s, s.views[0].stamp_ns, s.views[-1].stamp_ns) for s in mapped.surfaces]
+    known = [KnownSurface(s, s.views[-1].stamp_ns) for s in mapped.surfaces]
     return Scene(0, "map", mapped.floor_z, (), None, tuple(known))
 
 
@@ -125,7 +133,7 @@ def test_a_table_that_was_moved_is_moved_in_the_map():
     looks = [(Room([before]), (0, 0, 0), 10), (Room([after]), (-0.4, 0.2, 0), 20)]
     (table,) = above_floor(build(looks))
     assert overlap(table, after) >= 0.8
-    assert table.first_seen_ns == 20
+    assert (table.first_seen_ns, table.placed_ns) == (10, 20)
 
 
 def test_a_table_that_was_moved_a_little_leaves_no_strip():

@@ -114,7 +114,8 @@ class MapChanges:
                 surfaces.append(known[identity])
         there = {k.surface.id for k in scene.surfaces} | merged
         absent = {k: v for k, v in self._absent.items() if k not in there}
-        for identity in known.keys() - there:
+        is_agreed = scene.previous_view_ns > told.newest_view_ns  # by two views since
+        for identity in known.keys() - there if not is_agreed else ():
             if absent.setdefault(identity, scene.newest_view_ns) == scene.newest_view_ns:
                 surfaces.append(known[identity])
         self._absent = absent

@@ -56,8 +56,8 @@ from tccm_ros.records import (
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.robot.base_motion import MotionSource
 from tccm_ros.ros.reading import READERS
-from tccm_ros.sensors.depth_image import camera_info_topic, depth_stream, is_compressed
-from tccm_ros.sensors.registry import default_streams
+from tccm_ros.sensors.depth_image import camera_info_topic
+from tccm_ros.sensors.registry import default_streams, stream_for_topic
 
 NOT_DROPPED = (
     MapReset, ObjectBoxes, Odometry, StreamComplete, SurfaceCloud, TiltAngle, ViewIntervals
@@ -106,8 +106,7 @@ class SensorNode(Node):
         self.robot = shared or SharedRobot(self.config, self.intake, self._is_odometry_published)
         self.robot.check_shared(self.config)
         self.owns_robot = shared is None
-        streams = default_streams(self.config)
-        self._streams = {s.role: s for s in streams if s.processor == processor_name}
+        self._streams = {s.role: s for s in self.wanted_streams(processor_name)}
         self.roles = frozenset(self._streams)
         self._drops = DropWatch()
         self._clock_watch = ClockWatch(self, self.config.clock_jump, self.restart)
@@ -116,6 +115,10 @@ class SensorNode(Node):
         self.worker.post(self.warming.wait_until_loaded)
 
     # --- for subclasses ---
+
+    def wanted_streams(self, processor_name: str) -> list[Stream]:
+        """Return the streams that the node subscribes to: those for its processor."""
+        return [s for s in default_streams(self.config) if s.processor == processor_name]
 
     @abstractmethod
     def takes(self, event: Event) -> bool:
@@ -197,8 +200,7 @@ class SensorNode(Node):
             return
         large = sensor(reliability, depth=LARGE_DEPTH)
         if stream.companion is not None:
-            compressed = is_compressed(self.resolve_topic_name(role))
-            stream = depth_stream(role, compressed=compressed)
+            stream = stream_for_topic(stream, self.resolve_topic_name(role))
             assert stream.companion is not None
             beside = stream.companion.role
             topic = self._topic_beside(role, beside)
@@ -447,7 +449,9 @@ class SensorNode(Node):
                 "is mixed up; end one (one that was killed is gone in half a minute), or give it "
                 "another namespace (-r __ns:=/robot2)"
             )
-        yield from map(Blocking, self.robot.problems(self.roles))
+        needed = frozenset(r for r, s in self._streams.items() if s.processor != "signs")
+        yield from map(Blocking, self.robot.problems(needed))
+        yield from map(str, self.robot.problems(self.roles - needed))
         if self.robot.robot.motion.source is MotionSource.STILL:
             yield self.problem_without_odometry()
         yield from self.problems()

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -49,16 +50,10 @@ def write_surfaces(catalogue: Catalogue, maps: int, surfaces: int, own_files: in
             "label": rng.choice(["table", "counter", "shelf", "floor"], count),
             "geometry": [outlines[k] for k in rng.integers(0, len(outlines), count)],
         }
-        arrays = []
-        for field in table.schema:
-            values = known.get(field.name)
-            if values is None:
-                values = rng.uniform(0.0, 2.0, count)
-                if pa.types.is_timestamp(field.type):
-                    values = (1.7e15 + values * 1.3e12).astype(np.int64)
-                elif pa.types.is_integer(field.type):
-                    values = (values * 1000).astype(np.int64)
-            arrays.append(pa.array(values, field.type))
+        arrays = [
+            pa.array(known.get(field.name, _random(rng, count, field.type)), field.type)
+            for field in table.schema
+        ]
         return pa.Table.from_arrays(arrays, schema=table.schema)
 
     folder = catalogue.path / table.name
@@ -66,6 +61,18 @@ def write_surfaces(catalogue: Catalogue, maps: int, surfaces: int, own_files: in
     for k in range(maps - own_files, maps):
         pq.write_table(rows(k, k + 1), folder / f"run-{k:05d}.parquet")
     pq.write_table(rows(0, maps - own_files), catalogue.path / f"{table.name}.parquet")
+
+
+def _random(rng: np.random.Generator, count: int, kind: pa.DataType) -> list[Any] | np.ndarray:
+    """Return random values of a column."""
+    values = rng.uniform(0.0, 2.0, count)
+    if pa.types.is_timestamp(kind):
+        return (1.7e15 + values * 1.3e12).astype(np.int64)
+    if pa.types.is_integer(kind):
+        return (values * 1000).astype(np.int64)
+    if pa.types.is_boolean(kind):
+        return values > 1.0
+    return values if pa.types.is_floating(kind) else [f"{value:.1f}" for value in values]
 
 
 def median_ms(call: Callable[[], object]) -> str:

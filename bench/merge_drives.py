@@ -1,27 +1,27 @@
-"""Drives of several robots through one building, and through another with the same walls.
+"""Drives of four robots through one building, and through another with the same walls.
 
-``write_drives(folder, names)`` writes recordings of the flat and of the ring with other starts,
-drifts and laser noise, and of a flat with the walls of the first and other furniture.
+Usage: python bench/merge_drives.py FOLDER [BUILDING ...]
+
+``write_drives(folder, building)`` writes recordings with other starts, drifts and laser noise.
 """
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterable
-from dataclasses import replace
+import argparse
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from math import pi
 from pathlib import Path
 
 from tccm_ros.pipeline.sim import flat as flat_module
+from tccm_ros.pipeline.sim.engine import Simulation
 from tccm_ros.pipeline.sim.flat import flat_scene, stop_and_scan
 from tccm_ros.pipeline.sim.motion import Waypoint
 from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.recording import simulate
-from tccm_ros.pipeline.sim.ring import ring
+from tccm_ros.pipeline.sim.recording import record
+from tccm_ros.pipeline.sim.ring import LAP, START, ring_world
 from tccm_ros.pipeline.sim.scene import Scene
 from tccm_ros.pipeline.sim.world import World
-from tccm_ros.pipeline.sim.worlds import WORLDS
 
 PAUSE = flat_module.PAUSE
 
@@ -55,13 +55,16 @@ ROUTES = (
 )
 """Where four robots drive in the flat; the first is the route of the world ``flat``."""
 
+FIRST_STOPS = (0, 5, 8, 11)
+"""Where in the ring's round the four robots begin."""
+
 NOISE = (
-    {},
-    {"heading_drift": 0.006, "sigma": 0.006, "level_sigma": 0.012},
-    {"heading_drift": -0.008, "sigma": 0.009},
-    {"heading_drift": 0.004, "odometry": 1.5, "level_sigma": 0.015},
+    Options(),
+    Options(heading_drift=0.006, sigma=0.006, level_sigma=0.012),
+    Options(heading_drift=-0.008, sigma=0.009),
+    Options(heading_drift=0.004, odometry=1.5, level_sigma=0.015),
 )
-"""Options of the four robots: drift of the heading, rad/m, and noise of the lasers, m."""
+"""Of the four robots: drift of the heading, rad/m, and noise of the lasers, m."""
 
 
 def other_flat_scene() -> Scene:
@@ -84,44 +87,56 @@ def other_flat_scene() -> Scene:
     return scene
 
 
-def _flat(number: int, scene: Callable[[], Scene]) -> Callable[[Options], World]:
-    def build(options: Options) -> World:
-        return stop_and_scan("flat", scene(), ROUTES[number], options)
-
-    return build
-
-
-def _ring(number: int) -> Callable[[Options], World]:
-    """Return a ring in which the robot starts at another of the stops of its route."""
-
-    def build(options: Options) -> World:
-        return replace(ring(options), name="ring")
-
-    return build
+def _ring_route(robot: int) -> Sequence[Waypoint]:
+    """Return a round that begins at another of the stops and goes on past the next."""
+    first = FIRST_STOPS[robot]
+    round_trip = [START, *LAP]
+    begun = [*round_trip[first:], *round_trip[:first]]
+    end = begun[1]
+    return [*begun, begun[0], end]
 
 
-def write_drives(folder: Path, numbers: Iterable[int] = range(4), kind: str = "flat") -> list[Path]:
+def _flat(scene: Callable[[], Scene]) -> Callable[[int], World]:
+    return lambda robot: stop_and_scan("flat", scene(), ROUTES[robot], NOISE[robot])
+
+
+BUILDINGS: dict[str, Callable[[int], World]] = {
+    "flat": _flat(flat_scene),
+    "other": _flat(other_flat_scene),
+    "ring": lambda robot: ring_world(_ring_route(robot), NOISE[robot]),
+}
+"""Worlds by robot; ``other`` has the walls of the flat and other furniture."""
+
+
+def write_drives(folder: Path, building: str, robots: Sequence[int] = range(4)) -> list[Path]:
     """Write recordings; those that are there are left.
 
     Parameters
     ----------
     folder
         Of the recordings.
-    numbers
-        Which of the four robots.
-    kind
-        ``flat``, ``other`` (other furniture) or ``ring``.
+    building
+        One of `BUILDINGS`.
+    robots
+        Which of the four.
     """
-    paths = []
-    for number in numbers:
-        scene = other_flat_scene if kind == "other" else flat_scene
-        WORLDS["drive"] = _flat(number, scene) if kind != "ring" else _ring(number), ""
-        path = folder / f"{kind}_{number}"
+    paths = [folder / f"{building}_{robot}" for robot in robots]
+    for robot, path in zip(robots, paths):
         if not path.exists():
-            simulate("drive", path, seed=10 + number, options=Options(**NOISE[number]))
-        paths.append(path)
+            world = BUILDINGS[building](robot)
+            record(Simulation(world, 10 + robot, NOISE[robot]), path)
     return paths
 
 
+def main() -> None:
+    """Write the drives of some buildings."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("buildings", nargs="*", default=list(BUILDINGS))
+    arguments = parser.parse_args()
+    for building in arguments.buildings:
+        write_drives(arguments.folder, building)
+
+
 if __name__ == "__main__":
-    write_drives(Path(sys.argv[1]), kind=sys.argv[2])
+    main()

@@ -60,15 +60,21 @@ def _overlap(a: Box, b: Box, gap: float) -> bool:
     )  # fmt: skip
 
 
-def random_flat(seed: int, options: Options | None = None) -> World:
-    """Return the flat of a seed; the options vary the robot, as in ``tccm simulate``."""
+ALL_STOPS = slice(None)
+
+
+def random_flat(seed: int, options: Options | None = None, *, stops: slice = ALL_STOPS) -> World:
+    """Return the flat of a seed; the options vary the robot, as in ``tccm simulate``.
+
+    The robot makes only the `stops` of its route.
+    """
     rng = np.random.default_rng(seed)
     scene = Scene()
     rooms = _rooms(scene, rng)
     for number, room in enumerate(rooms):
         _furnish(scene, room, f"room {number + 1}", rng)
     options = options or Options()
-    route = _route(rooms, rng)
+    route = _route(rooms, rng)[stops]
     route += route[1:] * (options.laps - 1)
     world = stop_and_scan(f"random flat {seed}", scene, route, options)
     return replace(world, rooms=tuple(map(_true_room, range(1, len(rooms) + 1), rooms)))

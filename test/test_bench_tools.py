@@ -1,6 +1,7 @@
 """The tools beside the benchmarks: tables become numbers, and two runs are compared."""
 
 import ast
+import itertools
 import json
 import re
 import subprocess
@@ -13,8 +14,14 @@ ROOT = Path(__file__).resolve().parents[1]
 BENCH = ROOT / "bench"
 sys.path.append(str(BENCH))
 
+import bench_catalogue  # noqa: E402
+import bench_fleet  # noqa: E402
+import merge_drives  # noqa: E402
 from compare import differences  # noqa: E402
+from random_flats import random_flat  # noqa: E402
 from tables import Value, values_of  # noqa: E402
+
+from tccm_ros.fleet.catalogue import Catalogue  # noqa: E402
 
 OUTPUT = """
 text | with a bar
@@ -92,6 +99,40 @@ def test_a_file_that_is_no_result_is_an_error(files):
     assert done.returncode == 1
     assert "not the results" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_the_catalogue_that_is_timed_answers(tmp_path):
+    catalogue = Catalogue(tmp_path / "catalogue")
+    bench_catalogue.write_surfaces(catalogue, maps=500, surfaces=10, own_files=3)
+    (count,) = catalogue.ask("SELECT count(*) FROM surfaces").rows
+    assert count == (5000,)
+    for query in bench_catalogue.QUERIES.values():
+        assert catalogue.ask(query).rows
+
+
+def test_the_flats_of_the_fleet_have_the_stops_that_are_timed():
+    for flat in range(bench_fleet.FLATS):
+        whole = random_flat(flat)
+        assert len(whole.drive.stops) > bench_fleet.MIN_STOPS
+        part = random_flat(flat, stops=slice(1, 1 + bench_fleet.STOPS))
+        assert len(part.drive.stops) == bench_fleet.STOPS
+        assert part.duration < whole.duration / 2
+
+
+def test_results_that_differ_have_another_digest(tmp_path):
+    (tmp_path / "surfaces.json").write_text("{}")
+    before = bench_fleet.digest(tmp_path)
+    (tmp_path / "timing.json").write_text("{}")
+    assert bench_fleet.digest(tmp_path) == before
+    (tmp_path / "surfaces.json").write_text("[]")
+    assert bench_fleet.digest(tmp_path) != before
+
+
+def test_four_robots_begin_at_other_places_of_one_building():
+    for building in ("flat", "ring"):
+        starts = [merge_drives.BUILDINGS[building](robot).drive.states[0, :2] for robot in range(4)]
+        distances = [float(abs(a - b).max()) for a, b in itertools.combinations(starts, 2)]
+        assert min(distances) > 0.5
 
 
 def test_requirements_name_all_that_benchmarks_import():

@@ -68,7 +68,7 @@ def connected(workers: Workers) -> Iterator[Client]:
     FleetError
         Where the scheduler does not answer or has no worker, or the memory limit is no size.
     """
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    _silence()
     if workers.scheduler:
         with _running(workers.scheduler) as client:
             yield client
@@ -79,7 +79,7 @@ def connected(workers: Workers) -> Iterator[Client]:
                 n_workers=workers.count,
                 threads_per_worker=1,
                 memory_limit=workers.memory,
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",  # any port: another fleet may run on this machine
                 local_directory=folder,
                 silence_logs=logging.CRITICAL,
             )
@@ -87,6 +87,16 @@ def connected(workers: Workers) -> Iterator[Client]:
             raise FleetError(f"memory limit '{workers.memory}': {one_line(error)}") from None
         with cluster, Client(cluster) as client:
             yield client
+
+
+def _silence() -> None:
+    """Have the library say nothing by itself: what goes wrong is told once, in one line.
+
+    Some of its loggers have a level of their own.
+    """
+    for name in list(logging.root.manager.loggerDict):
+        if name.split(".")[0] == "distributed":
+            logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 @contextmanager

@@ -6,6 +6,7 @@ import time
 import uuid
 from collections import Counter, deque
 from collections.abc import Iterable, Sequence
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -153,15 +154,15 @@ def _run(client: Client, jobs: deque[Job], summary: FleetSummary, bars: Bars) ->
                 # A key of its own for each run: the scheduler may remember an earlier one.
                 key = f"{job.recording.name}-{uuid.uuid4().hex}"
                 running[client.submit(process, job, key=key, pure=False)] = job
-            with suppress(TimeoutError):
+            with suppress(TimeoutError, CancelledError):
                 wait(list(running), timeout=LOOK_S, return_when="FIRST_COMPLETED")
             ended = [future for future in running if future.done()]
+            if client.status != "running" or any(future.cancelled() for future in ended):
+                raise FleetError("the scheduler ended; run the same command again to go on")
             for future in ended:
                 _note(summary, running.pop(future).recording, _result(future), bars)
             if ended:
                 Catalogue(FleetFolder(summary.out).catalogue).gather()
-            if client.status != "running":
-                raise FleetError("the scheduler ended; run the same command again to go on")
     except BaseException:
         with suppress(Exception):
             client.cancel(list(running))

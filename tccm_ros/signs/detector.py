@@ -16,8 +16,8 @@ from tccm_ros.signs.numbers import is_list, normalised, room_number
 from tccm_ros.signs.reading import TextLine, TextReader
 from tccm_ros.signs.saliency import salient_boxes
 
-MAX_REGIONS = 5
-"""Largest number of boxes of a picture that are searched for text. Chosen: 10 ms for each."""
+MAX_REGIONS = 12
+"""Largest number of boxes of a picture that are searched for text. Chosen: 5 to 10 ms for each."""
 
 MARGIN_X, MARGIN_Y = 0.5, 0.6
 """What is searched for text beyond a box, in its heights. Chosen: the other lines of a plate."""

@@ -10,7 +10,7 @@ from scipy import fft, ndimage
 
 from tccm_ros.arrays import Float32, Float64, UInt8
 
-WIDTHS = (96, 192, 288)
+WIDTHS = (96, 192, 288, 384)
 """Widths to which a picture is scaled, pixels. Hou and Zhang take 64; a plate that is 12 pixels
 high in 960 x 720 needs the wider ones."""
 

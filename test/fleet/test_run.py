@@ -59,17 +59,24 @@ def started(*command):
         process.communicate()
 
 
-@pytest.fixture
-def scheduler():
-    """The address of a scheduler in a process of its own."""
+@contextmanager
+def scheduled():
+    """Start a scheduler; yield its address and its process."""
     with started("-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0",
                  "--no-dashboard") as process:  # fmt: skip
         for line in process.stdout:
             found = re.search(r"Scheduler at:\s+(tcp://\S+)", line)
             if found:
-                yield found[1]
+                yield found[1], process
                 return
         pytest.fail("the scheduler did not start")
+
+
+@pytest.fixture
+def scheduler():
+    """The address of a scheduler in a process of its own."""
+    with scheduled() as (address, _):
+        yield address
 
 
 def worker(address):
@@ -114,7 +121,7 @@ def test_two_workers_over_tcp_write_what_a_single_replay_writes(scheduler, bags,
             text, _ = process.communicate(timeout=PATIENCE_S)
     summary = json.loads(text)
     assert process.returncode == 1
-    assert (summary["done"], summary["unchanged"], summary["failed"]) == (4, 0, 3)
+    assert (summary["done"], summary["unchanged"], summary["failed"]) == (4, 0, 5)
     check_whole(out, single, 4)
     failures = [json.loads(path.read_text()) for path in (out / "failures").iterdir()]
     assert {f["source"] for f in failures} == {str(path) for path in bad.iterdir()}
@@ -133,17 +140,58 @@ def test_a_worker_that_is_killed_costs_nothing_but_time(scheduler, bags, single,
     check_whole(out, single, 4)
 
 
-def test_a_run_that_is_killed_is_gone_on_with(bags, single, tmp_path):
-    out = tmp_path / "out"
-    with fleet(bags, out, "--workers", "1") as process:
-        wait_until(lambda: finished(out) and unfinished(out), "the second recording")
-        process.kill()
-        process.wait()
+def go_on(bags, out, single):
+    """Assert that the next run does what is missing, and that alone."""
     done = len(finished(out))
     assert 0 < done < 4
     summary = run_fleet([str(bags)], out, Config(), pictures=False)
     assert summary.counts == {Outcome.DONE: 4 - done, Outcome.UNCHANGED: done}
     check_whole(out, single, 4)
+
+
+def is_midway(out):
+    return finished(out) and unfinished(out)
+
+
+def test_a_run_that_is_killed_is_gone_on_with(bags, single, tmp_path):
+    out = tmp_path / "out"
+    with fleet(bags, out, "--workers", "1") as process:
+        wait_until(lambda: is_midway(out), "the second recording")
+        process.kill()
+        process.wait()
+    go_on(bags, out, single)
+
+
+def test_a_client_that_is_killed_leaves_scheduler_and_workers_to_the_next(
+    scheduler, bags, single, tmp_path
+):
+    out, options = tmp_path / "out", ("--scheduler", scheduler)
+    with worker(scheduler) as working, worker(scheduler):
+        with fleet(bags, out, *options) as process:
+            wait_until(lambda: is_midway(out), "the second recording")
+            process.kill()
+            process.wait()
+        with fleet(bags, out, *options) as process:
+            text, _ = process.communicate(timeout=PATIENCE_S)
+        assert working.poll() is None
+    assert process.returncode == 0, text
+    assert ", 0 failed" in text
+    check_whole(out, single, 4)
+
+
+def test_a_scheduler_that_is_killed_ends_the_run_with_a_word(bags, single, tmp_path):
+    out = tmp_path / "out"
+    with ExitStack() as stack:
+        address, scheduling = stack.enter_context(scheduled())
+        stack.enter_context(worker(address))
+        process = stack.enter_context(fleet(bags, out, "--scheduler", address))
+        wait_until(lambda: is_midway(out), "the second recording")
+        scheduling.kill()
+        text, _ = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 1, text
+    assert "the scheduler ended; run the same command again" in text
+    assert "Traceback" not in text
+    go_on(bags, out, single)
 
 
 def test_an_interrupt_stops_cleanly(bags, single, tmp_path):

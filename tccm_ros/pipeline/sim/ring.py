@@ -43,8 +43,41 @@ FURNITURE = (
 )
 
 
+START = Waypoint(2.0, 0.0, 0.0, PAUSE)
+LAP = (
+    Waypoint(9.0, 0.0, -1.0, PAUSE),
+    Waypoint(16.5, 0.0, 0.6, PAUSE),
+    Waypoint(LENGTH - 1.0, 0.0),
+    Waypoint(LENGTH, 1.0),
+    Waypoint(LENGTH, 12.2, 1.0, PAUSE),
+    Waypoint(LENGTH, WIDTH - 1.0),
+    Waypoint(LENGTH - 1.0, WIDTH),
+    Waypoint(13.5, WIDTH, -2.9, PAUSE),
+    Waypoint(1.0, WIDTH),
+    Waypoint(0.0, WIDTH - 1.0),
+    Waypoint(0.0, 13.8, 2.9, PAUSE),
+    Waypoint(0.0, 1.0),
+    Waypoint(1.0, 0.0),
+)
+"""Once round from the start."""
+
+
 def ring(options: Options) -> World:
     """Return the ring; the robot goes round (`laps` times) and 8 m further, with six stops."""
+    route = [START, *(LAP * options.laps), replace(START, x=3.0), LAP[0], replace(LAP[0], x=10.0)]
+    return ring_world(route, options)
+
+
+def ring_world(route: Sequence[Waypoint], options: Options) -> World:
+    """Return the ring with a robot that drives another route.
+
+    Parameters
+    ----------
+    route
+        Way points along the middle of the corridors.
+    options
+        Variations.
+    """
     scene = Scene()
     scene.floor_and_ceiling((-3.0, LENGTH + 3.0), (-3.0, WIDTH + 3.0), HEIGHT)
     _outer_walls(scene)
@@ -53,23 +86,6 @@ def ring(options: Options) -> World:
         span_x, span_y = (x - dx / 2, x + dx / 2), (y - dy / 2, y + dy / 2)
         scene.block(name, span_x, span_y, (0.0, height), surface=name)
     rig = replace(SEGWAY, errors=replace(SEGWAY.errors, drift=HEADING_DRIFT))
-    lap = [
-        Waypoint(9.0, 0.0, -1.0, PAUSE),
-        Waypoint(16.5, 0.0, 0.6, PAUSE),
-        Waypoint(LENGTH - 1.0, 0.0),
-        Waypoint(LENGTH, 1.0),
-        Waypoint(LENGTH, 12.2, 1.0, PAUSE),
-        Waypoint(LENGTH, WIDTH - 1.0),
-        Waypoint(LENGTH - 1.0, WIDTH),
-        Waypoint(13.5, WIDTH, -2.9, PAUSE),
-        Waypoint(1.0, WIDTH),
-        Waypoint(0.0, WIDTH - 1.0),
-        Waypoint(0.0, 13.8, 2.9, PAUSE),
-        Waypoint(0.0, 1.0),
-        Waypoint(1.0, 0.0),
-    ]
-    start = Waypoint(2.0, 0.0, 0.0, PAUSE)
-    route = [start, *(lap * options.laps), replace(start, x=3.0), lap[0], replace(lap[0], x=10.0)]
     return replace(stop_and_scan("ring", scene, route, options, SPEED), rig=rig)
 
 

@@ -1,0 +1,101 @@
+"""The maps of a component as one: keyframes, what constrains them, and views, in one frame."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.fleet.map_inputs import MapInput
+from tccm_ros.fleet.pair_matching import PairMatch
+from tccm_ros.fleet.pair_selection import Component, Pair
+from tccm_ros.geometry import compose2, spatial
+from tccm_ros.slam.chain import AnchoredPose
+from tccm_ros.slam.landmarks import AnchoredObservation
+from tccm_ros.slam.loop_matching import Proposal
+from tccm_ros.slam.saved_walls import SavedWalls, pack_walls
+from tccm_ros.surfaces.saved_map import SavedMap, SavedView
+
+
+def merged_map(
+    component: Component, inputs: Sequence[MapInput], matches: Mapping[Pair, PairMatch]
+) -> SavedMap:
+    """Return the maps of a component as one, each at the pose that the pairs give it.
+
+    The loop closures are those of each map and the matches of the pairs. Maps of the same bytes are
+    contained once.
+
+    Parameters
+    ----------
+    component
+        Which maps, and where they are.
+    inputs
+        All maps.
+    matches
+        Of the pairs.
+    """
+    members = distinct_maps(component, inputs)
+    first = dict(zip(members, starts([len(inputs[k].walls.keyframes) for k in members])))
+    sessions = dict(zip(members, starts([_sessions(inputs[k]) for k in members])))
+    views: list[SavedView] = []
+    parts = []
+    for k in members:
+        moved = _moved(inputs[k].walls, component.T_root_map[k], first[k], sessions[k])
+        parts.append(moved)
+        T = spatial(component.T_root_map[k])
+        for saved in inputs[k].saved.views:
+            anchor = saved.T_anchor_view if saved.is_on_keyframe else T @ saved.T_anchor_view
+            view = replace(saved.view, session=saved.view.session + sessions[k])
+            at = saved.keyframe + first[k] if saved.keyframe >= 0 else -1
+            views.append(replace(saved, view=view, keyframe=at, T_anchor_view=anchor))
+    loops = [
+        Proposal(p.a + first[i], p.b + first[j], p.delta, p.cov, p.inliers, p.score, p.window)
+        for i, j in component.pairs
+        for p in matches[i, j].loops
+    ]
+    walls = SavedWalls(
+        [keyframe for part in parts for keyframe in part.keyframes],
+        [lines for part in parts for lines in part.lines],
+        np.concatenate([part.poses for part in parts]),
+        [loop for part in parts for loop in part.loops] + loops,
+        [seen for part in parts for seen in part.observations],
+    )
+    return SavedMap(pack_walls(walls), tuple(views))
+
+
+def distinct_maps(component: Component, inputs: Sequence[MapInput]) -> list[int]:
+    """Return the maps of a component without those of the same bytes as an earlier one."""
+    first: dict[str, int] = {}
+    for k in sorted(component.T_root_map):
+        first.setdefault(inputs[k].checksum, k)
+    return sorted(first.values())
+
+
+def starts(counts: Sequence[int]) -> list[int]:
+    """Return the sum of the counts before each."""
+    return [0, *itertools.accumulate(counts)][: len(counts)]
+
+
+def _sessions(item: MapInput) -> int:
+    keyframes = max((keyframe.session for keyframe in item.walls.keyframes), default=-1)
+    return 1 + max([keyframes, *(saved.view.session for saved in item.saved.views)])
+
+
+def _moved(walls: SavedWalls, T_root_map: Float64, first: int, session: int) -> SavedWalls:
+    """Return a map's keyframes with other ids and sessions, in another frame."""
+    keyframes = [
+        replace(keyframe, id=keyframe.id + first, session=keyframe.session + session)
+        for keyframe in walls.keyframes
+    ]
+    loops = [replace(loop, a=loop.a + first, b=loop.b + first) for loop in walls.loops]
+    seen = [
+        AnchoredObservation(
+            s.observation,
+            AnchoredPose(s.anchored.keyframe + first, s.anchored.pose, s.anchored.cov),
+        )
+        for s in walls.observations
+    ]
+    return SavedWalls(keyframes, walls.lines, compose2(T_root_map, walls.poses), loops, seen)

@@ -1,0 +1,87 @@
+"""Pairs of maps are matched as tasks, each pair once: what was matched before is remembered."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from concurrent.futures import CancelledError
+from pathlib import Path
+
+from distributed import Client, as_completed
+from distributed.scheduler import KilledWorker
+
+from tccm_ros.config import Config
+from tccm_ros.errors import FleetError, one_line
+from tccm_ros.fleet.cluster import Workers, connected
+from tccm_ros.fleet.pair_matching import PairMatch, match_files, pair_file, read_pair
+from tccm_ros.fleet.pair_selection import Pair
+from tccm_ros.progress import Bars
+
+
+def match_all(
+    maps: Mapping[int, tuple[Path, str]],
+    remembered: Path,
+    config: Config,
+    workers: Workers,
+    bars: Bars,
+) -> tuple[dict[Pair, PairMatch], int]:
+    """Return the match of each pair, and how many were matched now.
+
+    Parameters
+    ----------
+    maps
+        Map file and checksum, by index.
+    remembered
+        Folder of the matches that were made before; new ones are added.
+    config
+        Of matching.
+    workers
+        To use.
+    bars
+        Shows the progress.
+
+    Raises
+    ------
+    FleetError
+        Where no worker could match a pair.
+    MapError
+        If a map is damaged or has no walls.
+    """
+    files = {
+        (i, j): pair_file(remembered, maps[i][1], maps[j][1], config)
+        for i, j in itertools.combinations(sorted(maps), 2)
+    }
+    missing = [pair for pair, file in files.items() if read_pair(file) is None]
+    bars.start("match", float(len(missing)), "pairs")
+    if missing:
+        with connected(workers) as client:
+            _run(client, missing, maps, files, config, bars)
+    return {pair: _remembered_pair(file) for pair, file in files.items()}, len(missing)
+
+
+def _run(
+    client: Client,
+    pairs: list[Pair],
+    maps: Mapping[int, tuple[Path, str]],
+    files: Mapping[Pair, Path],
+    config: Config,
+    bars: Bars,
+) -> None:
+    futures = {
+        client.submit(match_files, maps[i][0], maps[j][0], config, files[i, j], pure=False): (i, j)
+        for i, j in pairs
+    }
+    for future in as_completed(futures):
+        try:
+            future.result()
+        except (KilledWorker, CancelledError) as error:
+            i, j = futures[future]
+            raise FleetError(f"{maps[i][0]} and {maps[j][0]}: {one_line(error)}") from None
+        bars.advance(1.0)
+
+
+def _remembered_pair(file: Path) -> PairMatch:
+    match = read_pair(file)
+    if match is None:
+        raise FleetError(f"{file}: the match of two maps is not there; run the command again")
+    return match

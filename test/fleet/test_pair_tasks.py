@@ -1,0 +1,71 @@
+"""Each pair of maps is matched once: a map that is added is matched with the others alone."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from tccm_ros.config import Config
+from tccm_ros.errors import FleetError
+from tccm_ros.fleet import pair_tasks
+from tccm_ros.fleet.cluster import Workers
+from tccm_ros.fleet.pair_matching import PairMatch, PairReason
+from tccm_ros.fleet.pair_tasks import match_all
+from tccm_ros.progress import Silent
+from tccm_ros.results.numbers import json_text
+
+COUNT = 50
+
+
+@pytest.fixture
+def matching(tmp_path, monkeypatch):
+    """Return matching of some maps, with tasks that note their pair and find nothing."""
+    noted = tmp_path / "noted"
+    noted.mkdir()
+    text = json_text(PairMatch(PairReason.NO_MATCH, np.zeros(3)))
+
+    def note(one, other, config, remembered):
+        (noted / f"{one.name}-{other.name}").touch(exist_ok=False)
+        remembered.parent.mkdir(exist_ok=True)
+        remembered.write_text(text)
+
+    monkeypatch.setattr(pair_tasks, "match_files", note)
+
+    def match(names):
+        for path in noted.iterdir():
+            path.unlink()
+        maps = {k: (tmp_path / name, f"checksum {name}") for k, name in enumerate(names)}
+        found, matched = match_all(maps, tmp_path / "pairs", Config(), Workers(), Silent())
+        assert set(found) == set(itertools.combinations(range(len(names)), 2))
+        done = {tuple(path.name.split("-")) for path in noted.iterdir()}
+        assert len(done) == matched
+        return done
+
+    return match
+
+
+def test_a_map_that_is_added_to_fifty_is_matched_with_each_of_them_alone(matching):
+    fifty = [f"map{k}" for k in range(COUNT)]
+    assert matching(fifty) == set(itertools.combinations(fifty, 2))
+    assert matching([*fifty, "new"]) == {(name, "new") for name in fifty}
+    assert matching([*fifty, "new"]) == set()
+
+
+def test_maps_that_are_left_out_are_forgotten_by_nobody(matching):
+    matching(["a", "b", "c"])
+    assert matching(["a", "c"]) == set()
+    assert matching(["a", "d", "c"]) == {("a", "d"), ("d", "c")}
+
+
+def test_a_pair_whose_workers_die_is_an_error_of_one_line(tmp_path, monkeypatch):
+    def dies(one, other, config, remembered):
+        import os
+        import signal
+
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    monkeypatch.setattr(pair_tasks, "match_files", dies)
+    maps = {k: (tmp_path / name, name) for k, name in enumerate("ab")}
+    with pytest.raises(FleetError, match=r"a and .*b: ") as error:
+        match_all(maps, tmp_path / "pairs", Config(), Workers(), Silent())
+    assert "\n" not in str(error.value)

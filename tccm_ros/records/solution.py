@@ -273,6 +273,10 @@ class Surface:
     area_seen, boundary_seen
         What the views measured, without a model: m2, and a ring as `boundary`. The holes are those
         of both.
+    room
+        Name of the room that it stands in; empty where that is not known.
+    near
+        Texts of the door signs near it, the nearest first.
     """
 
     id: int
@@ -295,3 +299,5 @@ class Surface:
     edges: tuple[SurfaceEdge, ...] = ()
     area_seen: float = 0.0
     boundary_seen: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
+    room: str = ""
+    near: tuple[str, ...] = ()

@@ -70,8 +70,8 @@ def cell_borders(
         for far in (ON_WALL, MAX_THICKNESS)
     )
     lengths = np.array([LineString(line).length for line in lines])
-    reach = np.array([extended(line) for line in lines], dtype=object)
-    reach_tree = shapely.STRtree(reach)
+    long_lines = np.array([extended(line) for line in lines], dtype=object)
+    line_tree = shapely.STRtree(long_lines)
     found = {}
     for a, b in shapely.STRtree(cells).query(cells, "dwithin", MAX_THICKNESS).T.tolist():
         if a >= b:
@@ -81,8 +81,8 @@ def cell_borders(
             beside = cells[b].buffer(MAX_THICKNESS, join_style="mitre")
             common, of_wall = shapely.intersection(cells[a].exterior, beside), behind
         if common.length > SNAP:
-            on = reach_tree.query(common, "dwithin", SNAP)
-            shared = shapely.intersection(shapely.buffer(reach[on], 0.01), common)
+            on = line_tree.query(common, "dwithin", SNAP)
+            shared = shapely.intersection(shapely.buffer(long_lines[on], 0.01), common)
             is_along = shapely.length(shared) > 0.5 * min(common.length, 1.0)
             wall = shapely.intersection(common, of_wall).length
             found[a, b] = Border(common.length, wall, float(lengths[on][is_along].sum()))

@@ -71,8 +71,8 @@ def frame(walls: Sequence[Float64]) -> list[Float64]:
 
 def extended(wall: Float64) -> LineString:
     """Return a wall that is extended by the width of a door at both ends."""
-    reach = DOOR_WIDTH * (wall[1] - wall[0]) / _length(wall)
-    return LineString([wall[0] - reach, wall[1] + reach])
+    beyond = DOOR_WIDTH * (wall[1] - wall[0]) / _length(wall)
+    return LineString([wall[0] - beyond, wall[1] + beyond])
 
 
 def plane_cells(walls: Sequence[Float64]) -> list[Polygon]:

@@ -51,8 +51,11 @@ class SurfaceFilter:
         (x, y) in map, m; answers come in the order of their distance from it. None: by id.
     max_distance
         Largest distance of a surface's outline from `near`, m; 0 for any.
+    near_sign
+        Part of the text of a sign near the surface, upper and lower case alike; empty for any.
     words
-        Words that all stand in the label, upper and lower case alike.
+        Words that all stand in the label, the room or the texts of signs near it, upper and lower
+        case alike.
     """
 
     ids: frozenset[int] = frozenset()
@@ -63,6 +66,7 @@ class SurfaceFilter:
     min_area: float = 0.0
     near: tuple[float, float] | None = None
     max_distance: float = 0.0
+    near_sign: str = ""
     words: tuple[str, ...] = ()
 
 
@@ -170,10 +174,12 @@ def _meets(surface: Surface, height: float, wanted: SurfaceFilter) -> bool:
             return False
     elif surface.label == "floor" and not wanted.ids:
         return False
-    text = surface.label.casefold()
+    text = " ".join((surface.label, surface.room, *surface.near)).casefold()
+    sign = wanted.near_sign.casefold()
     return (
         surface.confidence >= wanted.min_confidence
         and wanted.min_height <= height <= wanted.max_height
         and surface.area >= wanted.min_area
+        and (not sign or any(sign in near.casefold() for near in surface.near))
         and all(word.casefold() in text for word in wanted.words)
     )

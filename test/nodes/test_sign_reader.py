@@ -42,7 +42,7 @@ def test_it_measures_what_a_replay_measures(read):
     assert reader.counts == {"pictures": 2, "signs": sum(map(len, given))}
 
 
-def test_pictures_beyond_the_rate_do_not_reach_the_process(read):
+def test_pictures_beyond_the_rate_are_not_given_to_the_process(read):
     reader, given = read
     blank = np.full((48, 64, 3), 120, np.uint8)
     for k in range(20):

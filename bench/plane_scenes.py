@@ -123,6 +123,47 @@ def pcl_planes(
     list of float64 (repeats, 6)
         ms, inliers, normal and offset, for each cloud.
     """
+    with tempfile.TemporaryDirectory() as folder:
+        program = _pcl_program("pcl_planes", Path(folder), ("segmentation", "sample_consensus"))
+        if program is None:
+            return None
+        rows = _run_on(program, (threshold, trials, repeats), clouds)
+    # Seconds, inliers, a, b, c, d with a x + b y + c z + d = 0.
+    rows *= (1e3, 1.0, 1.0, 1.0, 1.0, -1.0)
+    return list(rows.reshape(len(clouds), repeats, 6))
+
+
+def pcl_voxels(
+    clouds: Sequence[Array], leaf: float, trials: int, threshold: float = 0.01, repeats: int = 3
+) -> list[Array] | None:
+    """Run PCL's VoxelGrid (C++) on clouds, and its RANSAC on what is left; None without PCL.
+
+    Parameters
+    ----------
+    clouds
+        float64 (M, 3) each, m.
+    leaf
+        Edge of a voxel, m.
+    trials, threshold, repeats
+        As for `pcl_planes`.
+
+    Returns
+    -------
+    list of float64 (repeats, 4)
+        ms of VoxelGrid and of RANSAC, points that are left, inliers, for each cloud.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        libraries = "segmentation", "sample_consensus", "filters"
+        program = _pcl_program("pcl_voxels", Path(folder), libraries)
+        if program is None:
+            return None
+        rows = _run_on(program, (leaf, threshold, trials, repeats), clouds)
+    rows *= (1e3, 1e3, 1.0, 1.0)
+    return list(rows.reshape(len(clouds), repeats, 4))
+
+
+def _pcl_program(name: str, folder: Path, libraries: Sequence[str]) -> Path | None:
+    """Compile a program of `peers` against PCL into a folder; None without compiler or PCL."""
     compiler, config = shutil.which("g++"), shutil.which("pkg-config")
     names = sorted(Path("/usr/include").glob("pcl-*"))
     if compiler is None or not names:
@@ -131,23 +172,22 @@ def pcl_planes(
     if config is not None:
         found = subprocess.run([config, "--cflags", "eigen3"], capture_output=True, text=True)
         eigen = found.stdout.strip() or eigen
-    with tempfile.TemporaryDirectory() as folder:
-        program = Path(folder) / "pcl_planes"
-        libraries = [f"-lpcl_{n}" for n in ("segmentation", "sample_consensus", "search", "common")]
-        subprocess.run(
-            [compiler, "-O3", "-DNDEBUG", "-std=c++17", f"-I{names[-1]}", *eigen.split(),
-             str(PEERS / "pcl_planes.cpp"), "-o", str(program), *libraries],
-            check=True,
-        )  # fmt: skip
-        files = []
-        for i, cloud in enumerate(clouds):
-            files.append(Path(folder) / f"{i}.bin")
-            files[-1].write_bytes(cloud.astype("<f4").tobytes())
-        out = subprocess.run(
-            [str(program), str(threshold), str(trials), str(repeats), *map(str, files)],
-            check=True, capture_output=True, text=True,
-        ).stdout  # fmt: skip
-    rows = np.array([line.split() for line in out.splitlines()], float)
-    # Seconds, inliers, a, b, c, d with a x + b y + c z + d = 0.
-    rows *= (1e3, 1.0, 1.0, 1.0, 1.0, -1.0)
-    return list(rows.reshape(len(clouds), repeats, 6))
+    program = folder / name
+    subprocess.run(
+        [compiler, "-O3", "-DNDEBUG", "-std=c++17", f"-I{names[-1]}", *eigen.split(),
+         str(PEERS / f"{name}.cpp"), "-o", str(program),
+         *(f"-lpcl_{library}" for library in (*libraries, "search", "common"))],
+        check=True,
+    )  # fmt: skip
+    return program
+
+
+def _run_on(program: Path, arguments: Sequence[float], clouds: Sequence[Array]) -> Array:
+    """Return the numbers that a program prints for some clouds, line by line."""
+    files = []
+    for i, cloud in enumerate(clouds):
+        files.append(program.parent / f"{i}.bin")
+        files[-1].write_bytes(cloud.astype("<f4").tobytes())
+    command = [str(program), *map(str, arguments), *map(str, files)]
+    out = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return np.array([line.split() for line in out.splitlines()], float)

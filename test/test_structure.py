@@ -50,6 +50,7 @@ SUB_ROOMS = {
         "sim",
         "report",
         "evaluate",
+        "depth_topics",
         "topics",
         "calibrate",
         "outcome",

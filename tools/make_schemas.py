@@ -23,11 +23,13 @@ from tccm_ros.results.models import (
     TruthFile,
     WallsFile,
 )
+from tccm_ros.results.signs_file import SignsFile
 
 FILES: dict[str, type[Any]] = {
     "surfaces.json": SurfacesFile,
     "objects.json": ObjectsFile,
     "walls.json": WallsFile,
+    "signs.json": SignsFile,
     "graph.json": GraphFile,
     "planes.json": PlanesFile,
     "summary.json": SummaryFile,

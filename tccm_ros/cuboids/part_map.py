@@ -24,8 +24,8 @@ from tccm_ros.cuboids.union import (
     HISTOGRAM_SIZE,
     UNION,
     CuboidRule,
+    gather_as_they_came,
     gather_points,
-    keep_arrival_order,
     mark_cells,
     order_by_height,
     sort_cells,
@@ -331,12 +331,12 @@ class PartMapBuilder:
         packed = np.empty((n, 2), np.int64)
         points = packed.reshape(-1)
         is_by_height, is_dense = self._rule.is_by_height, n >= DENSE * n_cells
+        ends = np.array(self._ends, np.int32)
         if is_by_height and not is_dense:
             order_by_height(records, n, tiles.heights, scratch.sorting, scratch.order)
+            gather_points(records, n, scratch.order, ends, scratch.scans, counts, points)
         else:
-            keep_arrival_order(n, scratch.order)
-        ends = np.array(self._ends, np.int32)
-        gather_points(records, n, scratch.order, ends, scratch.scans, counts, points)
+            gather_as_they_came(records, ends, counts, points)
         if is_by_height and is_dense:
             sort_cells(points, starts, n_cells, scratch.sorting)
         mark_cells(starts, n_cells, addresses, counts, begins)

@@ -62,6 +62,7 @@ def merged_map(
         np.concatenate([part.poses for part in parts]),
         [loop for part in parts for loop in part.loops] + loops,
         [seen for part in parts for seen in part.observations],
+        [view for part in parts for view in part.sign_views],
     )
     return SavedMap(pack_walls(walls), tuple(views))
 
@@ -91,11 +92,12 @@ def _moved(walls: SavedWalls, T_root_map: Float64, first: int, session: int) -> 
         for keyframe in walls.keyframes
     ]
     loops = [replace(loop, a=loop.a + first, b=loop.b + first) for loop in walls.loops]
-    seen = [
-        AnchoredObservation(
-            s.observation,
-            AnchoredPose(s.anchored.keyframe + first, s.anchored.pose, s.anchored.cov),
-        )
-        for s in walls.observations
-    ]
-    return SavedWalls(keyframes, walls.lines, compose2(T_root_map, walls.poses), loops, seen)
+
+    def on(anchored: AnchoredPose) -> AnchoredPose:
+        return replace(anchored, keyframe=anchored.keyframe + first)
+
+    seen = [AnchoredObservation(s.observation, on(s.anchored)) for s in walls.observations]
+    # Ids of signs are those of one map: the merged one numbers its signs anew.
+    signs = [replace(v, anchored=on(v.anchored), sign=-1) for v in walls.sign_views]
+    poses = compose2(T_root_map, walls.poses)
+    return SavedWalls(keyframes, walls.lines, poses, loops, seen, signs)

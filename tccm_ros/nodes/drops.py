@@ -25,6 +25,8 @@ ADVICE = {
     "the camera's driver",
     "image and camera info of different sizes": "the calibration is of another size than the "
     "image: look at the camera's driver",
+    "unknown distortion model": "lenses of plumb_bob and rational_polynomial are known: take "
+    "rectified images",
     "no depths": "depth images hold nothing: look at the camera, its cover and its range",
     "overload": "more comes in than can be processed: fewer beams, a slower laser or a faster CPU",
 }

@@ -199,9 +199,9 @@ class SensorNode(Node):
             )  # fmt: skip
             return
         large = sensor(reliability, depth=LARGE_DEPTH)
+        reader = stream.reader
         if stream.companion is not None:
-            stream = stream_for_topic(stream, self.resolve_topic_name(role))
-            assert stream.companion is not None
+            reader = stream_for_topic(stream, self.resolve_topic_name(role)).reader
             beside = stream.companion.role
             topic = self._topic_beside(role, beside)
             if not self.inputs.has(topic):  # images of one camera share it
@@ -209,7 +209,7 @@ class SensorNode(Node):
                     beside, large, self.take, topic=topic, watch="event",
                     reader=stream.companion.reader,
                 )  # fmt: skip
-        self.subscribe(role, large, self.take, reader=stream.reader)
+        self.subscribe(role, large, self.take, reader=reader)
 
     def _topic_beside(self, role: str, beside: str) -> str:
         """Return the topic of a calibration: beside the image where that is remapped alone."""

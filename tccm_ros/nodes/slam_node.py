@@ -137,10 +137,10 @@ class SlamNode(SensorNode):
         for stream in default_streams(self.config):
             if stream.processor != "tccm":
                 continue
-            stream = stream_for_topic(stream, self.resolve_topic_name(stream.role))
+            reader = stream_for_topic(stream, self.resolve_topic_name(stream.role)).reader
             depth = SENSOR_DEPTH if stream.mount is MountKind.TILTING else LARGE_DEPTH
             self.inputs.subscribe(
-                stream.reader.message_type,
+                reader.message_type,
                 stream.role,
                 self._on_mapped_scan,
                 sensor(self.config.qos.reliability, depth=depth),

@@ -9,17 +9,22 @@ from typing import Any
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, TopicInfo
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, MessageError, TopicError
+from tccm_ros.pipeline.depth_topics import (
+    calibration_topic,
+    depth_topics,
+    first_message,
+    unreadable_topics,
+)
 from tccm_ros.pipeline.topics import (
     TopicChoice,
     choose_topics,
-    depth_topics,
-    first_message,
     laser_is_base,
     robot_is_described,
 )
-from tccm_ros.records import PointCloud
+from tccm_ros.records import DepthImage, PointCloud
 from tccm_ros.robot import MountKind, Robot
-from tccm_ros.sensors.depth_image import camera_info_topic
+from tccm_ros.sensors.camera_rays import has_known_lens
+from tccm_ros.sensors.depth_image import camera_info_topic, is_rectified
 from tccm_ros.sensors.depth_messages import camera_info_from_message
 
 CONSEQUENCES = {
@@ -117,6 +122,8 @@ def _notes(reader: BagReader) -> list[str]:
         source = "points" if PointCloud in kinds else "depth"
         notes.append(f"--set sensors.level_from={source} makes level scans for walls")
     notes += _faults_of_cameras(reader, choice)
+    images = {choice.topics[s.role] for s in choice.streams if s.record is DepthImage}
+    notes += unreadable_topics(reader, images)
     notes += [*choice.found, *doubt]
     order = [*DEFAULT_TOPICS, *choice.topics]
     remaps = {role: choice.topics[role] for role in sorted(choice.found_roles, key=order.index)}
@@ -135,20 +142,25 @@ def _without_search(config: Config) -> Config:
 
 def _faults_of_cameras(reader: BagReader, choice: TopicChoice) -> list[str]:
     """Return why depth images could not be used: calibration, size, or place on the robot."""
-    types = {topic.name: topic.msgtype for topic in reader.topics() if topic.count}
     notes, robot = [], Robot(Config(), choice.streams)
     described = robot_is_described(reader, choice.topics, robot)
     for image in depth_topics(reader):
-        info = camera_info_topic(image.topic)
-        message = first_message(reader, info) if info in types else None
+        info = calibration_topic(reader, image)
+        message = None if info is None else first_message(reader, info)
         if message is None:
-            notes.append(f"{image.topic}: no {info}: its images cannot be used")
+            beside = camera_info_topic(image.topic)
+            notes.append(f"{image.topic}: no {beside}: its images cannot be used")
             continue
         try:
             camera = camera_info_from_message(message)
         except MessageError as error:
             notes.append(f"{info}: {error}")
             continue
+        if not (is_rectified(image.topic) or has_known_lens(camera)):
+            notes.append(
+                f"{info}: distortion model '{camera.model[:40]}' is not known, expected "
+                "plumb_bob or rational_polynomial; take rectified images"
+            )
         if image.size is not None and image.size != camera.image_size:
             (a, b), (c, d) = image.size, camera.image_size
             notes.append(f"{image.topic} has {a} x {b} pixels, {info} says {c} x {d}")

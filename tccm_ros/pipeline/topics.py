@@ -9,13 +9,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
-from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, MessageError, TccmError, TopicError
+from tccm_ros.pipeline.depth_topics import (
+    DepthTopic,
+    calibration_topic,
+    depth_topics,
+    first_message,
+)
 from tccm_ros.records import CameraImage
 from tccm_ros.records.building import frame_name
 from tccm_ros.robot import Robot, Stream
@@ -27,11 +31,10 @@ from tccm_ros.sensors.camera_image import (
     camera_stream,
 )
 from tccm_ros.sensors.cloud_messages import CLOUD_READER, point_cloud_from_message
-from tccm_ros.sensors.depth_image import COMPRESSED, camera_info_topic, depth_stream
+from tccm_ros.sensors.depth_image import COMPRESSED, camera_info_topic, depth_reader
 from tccm_ros.sensors.depth_messages import (
     CAMERA_INFO_READER,
     COMPRESSED_READER,
-    DEPTH_ENCODINGS,
     IMAGE_READER,
 )
 from tccm_ros.sensors.registry import default_streams
@@ -43,26 +46,6 @@ ROBOT_ROLES = ("odom", "joint_states")
 """What tells of the robot itself: taken by type where there is one topic of it alone."""
 
 LASER = READERS["scan"].message_type
-
-
-@dataclass(frozen=True, slots=True)
-class DepthTopic:
-    """A topic of depth images in a bag.
-
-    Attributes
-    ----------
-    topic, frame_id
-        Its name, and the frame of the first image.
-    size
-        Width and height, pixels; None where the images are compressed.
-    is_compressed
-        Whether they are CompressedImage messages.
-    """
-
-    topic: str
-    frame_id: str
-    size: tuple[int, int] | None
-    is_compressed: bool
 
 
 @dataclass(slots=True)
@@ -137,31 +120,6 @@ def choose_topics(reader: BagReader, config: Config, remap: Sequence[str] = ()) 
     return choice
 
 
-def depth_topics(reader: BagReader) -> list[DepthTopic]:
-    """Return the topics of depth images in a bag, with or without a calibration."""
-    found = []
-    for topic in reader.topics():
-        if not topic.count:
-            continue
-        if topic.msgtype == IMAGE_READER.message_type:
-            message = first_message(reader, topic.name)
-            if message is not None and str(message.encoding) in DEPTH_ENCODINGS:
-                size = int(message.width), int(message.height)
-                frame = frame_name(message.header.frame_id)
-                found.append(DepthTopic(topic.name, frame, size, is_compressed=False))
-        elif topic.msgtype == COMPRESSED_READER.message_type:
-            message = first_message(reader, topic.name)
-            if message is not None and COMPRESSED in str(message.format):
-                frame = frame_name(message.header.frame_id)
-                found.append(DepthTopic(topic.name, frame, None, is_compressed=True))
-    names = {image.topic for image in found}
-    return [
-        image
-        for image in found
-        if not (image.is_compressed and image.topic.removesuffix(f"/{COMPRESSED}") in names)
-    ]
-
-
 def picture_topics(reader: BagReader) -> list[str]:
     """Return the topics of pictures in a bag.
 
@@ -182,16 +140,6 @@ def picture_topics(reader: BagReader) -> list[str]:
     return plain + [name for name in compressed if name.removesuffix("/compressed") not in plain]
 
 
-def first_message(reader: BagReader, topic: str) -> Any | None:
-    """Return the first message of a topic, None where it cannot be read."""
-    types = TypestoreMessages()
-    for message in reader.messages([topic]):
-        with suppress(MessageError):
-            return types.deserialize(message.msgtype, message.data)
-        return None
-    return None
-
-
 class _Search:
     """Looks for topics by their type, and writes what it finds into a choice."""
 
@@ -208,8 +156,9 @@ class _Search:
         if stream.companion is None or self._types.get(topic) not in kinds:
             return stream
         compressed = self._types[topic] == COMPRESSED_READER.message_type
-        make = camera_stream if stream.record is CameraImage else depth_stream
-        return replace(stream, reader=make(stream.role, compressed=compressed).reader)
+        if stream.record is CameraImage:
+            return replace(stream, reader=camera_stream(stream.role, compressed=compressed).reader)
+        return replace(stream, reader=depth_reader(topic, compressed=compressed))
 
     def _is_absent(self, role: str) -> bool:
         return role not in self._choice.named and self._choice.topics[role] not in self._types
@@ -265,14 +214,12 @@ class _Search:
         if not roles:
             return
         if not all(self._is_absent(role) for role in roles):
-            names = {found.topics[role] for role in roles}
-            self._depth = [d for d in depth_topics(self._reader) if d.topic in names]
+            by_topic = {found.topics[role]: role for role in roles}
+            self._depth = [d for d in depth_topics(self._reader) if d.topic in by_topic]
+            for image in self._depth:
+                self._take_calibration(camera_info_topic(by_topic[image.topic]), image)
             return
-        images = [
-            d
-            for d in depth_topics(self._reader)
-            if self._types.get(camera_info_topic(d.topic)) == CAMERA_INFO_READER.message_type
-        ]
+        images = [d for d in depth_topics(self._reader) if calibration_topic(self._reader, d)]
         self._take_only(
             roles[0],
             [image.topic for image in images],
@@ -280,8 +227,17 @@ class _Search:
             "sensors.depth_images",
         )
         self._depth = images
-        if images:
-            found.topics[camera_info_topic(roles[0])] = camera_info_topic(images[0].topic)
+        for image in images:
+            self._take_calibration(camera_info_topic(roles[0]), image)
+
+    def _take_calibration(self, role: str, image: DepthTopic) -> None:
+        """Take what calibrates an image; it is said where it does not stand beside it."""
+        topic, beside = calibration_topic(self._reader, image), camera_info_topic(image.topic)
+        if role in self._choice.named or topic is None:
+            return
+        self._choice.topics[role] = topic
+        if topic != beside:
+            self._take(role, topic, f"the only camera info of the frame '{image.frame_id}'")
 
     def find_clouds(self, config: Config) -> None:
         """Take the only point cloud; one in the frame of a depth image is made of that."""

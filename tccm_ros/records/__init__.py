@@ -35,6 +35,7 @@ from tccm_ros.records.sensors import (
     Scan,
     TransformSample,
 )
+from tccm_ros.records.signs import SIGN, Sign, SignSighting
 from tccm_ros.records.solution import (
     EdgeState,
     Keyframe,
@@ -51,6 +52,7 @@ from tccm_ros.records.solution import (
 )
 
 __all__ = [
+    "SIGN",
     "START_OF_TIME",
     "CameraImage",
     "CameraInfo",
@@ -76,6 +78,8 @@ __all__ = [
     "Scan",
     "ScanPose",
     "SelfShapes",
+    "Sign",
+    "SignSighting",
     "StreamComplete",
     "Surface",
     "SurfaceCloud",

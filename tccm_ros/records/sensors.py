@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -159,6 +159,12 @@ class CameraInfo:
         width, height = self.region[2] or self.width, self.region[3] or self.height
         return width // self.binning[0], height // self.binning[1]
 
+    def rectified(self) -> CameraInfo:
+        """Return the calibration of the rectified images; the same where there is none (P is 0)."""
+        if self.P[0, 0] <= 0.0 or self.P[1, 1] <= 0.0:
+            return self
+        return replace(self, K=np.ascontiguousarray(self.P[:, :3]), D=np.zeros(0))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DepthImage:
@@ -175,12 +181,15 @@ class DepthImage:
         m, where what is not finite and positive is nothing.
     camera
         The calibration, None until it is known.
+    is_rectified
+        Whether its distortion has been removed: the calibration's P counts.
     """
 
     stamp_ns: int
     frame_id: str
     depth: UInt16 | Float32
     camera: CameraInfo | None = None
+    is_rectified: bool = False
 
     @property
     def encoding(self) -> str:

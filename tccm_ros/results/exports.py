@@ -25,6 +25,7 @@ from tccm_ros.results.models import (
 from tccm_ros.results.numbers import json_text
 from tccm_ros.results.planning import scene_text
 from tccm_ros.results.ply import surface_ply
+from tccm_ros.results.signs_file import SignsFile
 from tccm_ros.results.trajectory import Trajectory
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
@@ -98,6 +99,7 @@ def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes
         ),
         "walls.json": WallsFile.of(slam.walls),
         "objects.json": ObjectsFile.of(solution.objects, solution.free_places),
+        "signs.json": SignsFile.of(slam.signs),
         "graph.json": GraphFile.of(slam.keyframes, slam.loops, slam.landmarks),
         "surfaces.geojson": feature_collection(solution.surfaces, slam.walls, map_frame),
     }

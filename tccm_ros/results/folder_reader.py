@@ -35,6 +35,7 @@ from tccm_ros.results.models import (
     WallEntry,
     WallsFile,
 )
+from tccm_ros.results.signs_file import SignEntry, SignsFile
 from tccm_ros.results.trajectory import Trajectory, read_tum
 
 FileType = TypeVar("FileType")
@@ -54,6 +55,8 @@ class Results:
         Contents of surfaces.json and walls.json, in map.
     trajectory
         Poses of the base in map.
+    signs
+        Door signs, in map.
     graph
         Keyframes, loop closures and landmarks.
     objects, free
@@ -75,6 +78,7 @@ class Results:
     surfaces: tuple[SurfaceEntry, ...]
     walls: tuple[WallEntry, ...]
     trajectory: Trajectory
+    signs: tuple[SignEntry, ...]
     graph: GraphFile
     objects: tuple[ObjectEntry, ...]
     free: tuple[FreePlacesEntry, ...]
@@ -144,6 +148,7 @@ def load_results(folder: Path | str, truth: Path | str | None = None) -> Results
         surfaces.surfaces,
         walls.walls,
         _trajectory(folder / "trajectory.tum"),
+        (_read_optional(folder / "signs.json", SignsFile) or SignsFile()).signs,
         _read_optional(folder / "graph.json", GraphFile) or GraphFile(),
         objects.objects,
         objects.free,

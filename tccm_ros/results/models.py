@@ -33,7 +33,7 @@ from tccm_ros.results.surface_counts import SurfaceCounts
 from tccm_ros.surfaces.scene_objects import SceneObject
 
 
-def _array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValidator, Any]:
+def array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValidator, Any]:
     """Return the validator and JSON Schema of a float64 array; a length of None is any length."""
 
     def check(value: Any) -> Float64:
@@ -55,12 +55,12 @@ def _array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValida
     return PlainValidator(check), WithJsonSchema(schema)
 
 
-Vector = Annotated[Float64, *_array_type(3)]
-Ring = Annotated[Float64, *_array_type(None, 3)]
-Ring2 = Annotated[Float64, *_array_type(None, 2)]
-Ends = Annotated[Float64, *_array_type(2, 2)]
-Covariance2 = Annotated[Float64, *_array_type(2, 2, is_finite=False)]
-Covariance3 = Annotated[Float64, *_array_type(3, 3, is_finite=False)]
+Vector = Annotated[Float64, *array_type(3)]
+Ring = Annotated[Float64, *array_type(None, 3)]
+Ring2 = Annotated[Float64, *array_type(None, 2)]
+Ends = Annotated[Float64, *array_type(2, 2)]
+Covariance2 = Annotated[Float64, *array_type(2, 2, is_finite=False)]
+Covariance3 = Annotated[Float64, *array_type(3, 3, is_finite=False)]
 
 
 EntryType = TypeVar("EntryType")

@@ -186,7 +186,7 @@ def find_path(a: str, b: str, edges: Edges) -> list[tuple[Joint | TfEdge, bool]]
         known = frames_of(edges)
         missing = [frame for frame in (a, b) if frame not in known]
         raise FrameError(
-            f"no way from base '{a}' to laser '{b}'"
+            f"no way from base '{a}' to sensor '{b}'"
             + (
                 f": no frame '{missing[0]}'" + suggest(missing[0], known)
                 if missing

@@ -202,11 +202,12 @@ class Robot:
         for role, sensor in self.sensors.items():
             inputs[role] = _Input(sensor.stream.record, sensor.add, sensor.refuse)
         for role, companions in self._companions_by_role().items():
+            # Drivers publish a calibration once, or with a stamp of 0.
             inputs[role] = _Input(
                 companions[0][0].record,
                 lambda record, to=companions: _give(record, to),  # type: ignore[misc]
                 refuse,
-                keeps_time=False,
+                is_fixed=True,
             )
         return inputs
 

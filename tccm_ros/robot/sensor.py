@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
+from dataclasses import replace
 from typing import Any
 
 from tccm_ros.config import Config
@@ -54,7 +55,7 @@ class Sensor:
         self.posed = 0
         self.longest_ns = 0
         self.awaited: tuple[Track, int] | None = None
-        self._companions: deque[Any] = deque(maxlen=MAX_COMPANIONS)
+        self._companions: deque[Any] = deque()
         self._order = StampOrder(round(config.reorder_window * 1e9))
         self._clock_jump_ns = round(config.clock_jump * 1e9)
 
@@ -106,9 +107,16 @@ class Sensor:
         return record
 
     def add_companion(self, record: Any) -> None:
-        """Keep what comes beside the records, in the order of stamps."""
-        if not self._companions or record.stamp_ns > self._companions[-1].stamp_ns:
-            self._companions.append(record)
+        """Keep what comes beside the records, in the order of stamps; one of each stamp."""
+        kept = self._companions
+        place = len(kept)
+        while place and kept[place - 1].stamp_ns > record.stamp_ns:
+            place -= 1
+        if place and kept[place - 1].stamp_ns == record.stamp_ns:
+            return
+        kept.insert(place, record)
+        if len(kept) > MAX_COMPANIONS:
+            kept.popleft()
 
     def join(self, *, is_last: bool) -> str | None:
         """Give the oldest record that waits what it needs of its companions.
@@ -141,7 +149,9 @@ class Sensor:
         if self.waiting:
             self.dropped["clock jump"] += len(self.waiting)
         self.waiting.clear()
-        self._companions.clear()
+        # The newest stays, as older than all that comes: it may have been published once.
+        newest = [replace(record, stamp_ns=0) for record in (*self._companions,)[-1:]]
+        self._companions = deque(newest)
         self._order.clear()
         self.awaited = None
         self.mount.clear_samples()

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 import shapely
 from shapely import Polygon
 
 from tccm_ros.arrays import Float64
-from tccm_ros.records import Room, Surface
+from tccm_ros.records import Room, Sign, Surface
 
 BEHIND = (0.2, 0.35, 0.5)
 """Distances behind a sign at which its room is looked for, m. Chosen: walls of up to half a
@@ -28,35 +27,7 @@ NEAR = 4.0
 """Signs that hang in the room of a surface are near it up to this distance, m. Chosen."""
 
 
-class DoorSign(Protocol):
-    """What counts of a door sign in map: its number, and where it hangs."""
-
-    @property
-    def id(self) -> int:
-        """Its id."""
-
-    @property
-    def number(self) -> str:
-        """The number of the room that it names."""
-
-    @property
-    def text(self) -> str:
-        """All that is written on it."""
-
-    @property
-    def confidence(self) -> float:
-        """How sure the number is, 0 to 1."""
-
-    @property
-    def position(self) -> Float64:
-        """Position, float64 (3,), m."""
-
-    @property
-    def normal(self) -> Float64:
-        """Horizontal unit vector out of the wall, float64 (3,)."""
-
-
-def named_rooms(boundaries: Sequence[Float64], signs: Sequence[DoorSign]) -> tuple[Room, ...]:
+def named_rooms(boundaries: Sequence[Float64], signs: Sequence[Sign]) -> tuple[Room, ...]:
     """Return rooms with the names that their door signs give them.
 
     Where several signs are before one room, the most confident gives the name.
@@ -79,7 +50,7 @@ def named_rooms(boundaries: Sequence[Float64], signs: Sequence[DoorSign]) -> tup
     return tuple(rooms)
 
 
-def _room_behind(sign: DoorSign, areas: Sequence[Polygon]) -> int | None:
+def _room_behind(sign: Sign, areas: Sequence[Polygon]) -> int | None:
     for depth in BEHIND:
         k = _room_at(sign.position[:2] - depth * sign.normal[:2], areas)
         if k is not None:
@@ -93,12 +64,12 @@ def _room_at(point: Float64, areas: Sequence[Polygon]) -> int | None:
 
 
 def placed_surfaces(
-    surfaces: Iterable[Surface], rooms: Sequence[Room], signs: Sequence[DoorSign]
+    surfaces: Iterable[Surface], rooms: Sequence[Room], signs: Sequence[Sign]
 ) -> tuple[Surface, ...]:
     """Return surfaces with the rooms that they stand in, and the signs near them.
 
-    A surface is in the room that most of it is in; the floor, which is in many, is in none. Near it
-    are the signs of its room, and those that hang within it.
+    A surface is in the room that holds the largest part of it; the floor, which is in many, is in
+    none. Near it are the signs of its room, and those that hang within it.
 
     Parameters
     ----------
@@ -111,7 +82,7 @@ def placed_surfaces(
     placed = []
     for surface in surfaces:
         outline = shapely.make_valid(Polygon(surface.boundary[:, :2]))
-        room = None if surface.label == "floor" else _most_common_room(outline, areas)
+        room = None if surface.label == "floor" else _fullest_room(outline, areas)
         if room is None:
             placed.append(surface)
             continue
@@ -126,7 +97,7 @@ def placed_surfaces(
     return tuple(placed)
 
 
-def _most_common_room(outline: shapely.Geometry, areas: Sequence[Polygon]) -> int | None:
-    """Return the index of the room in which most of an outline is, None where none is."""
+def _fullest_room(outline: shapely.Geometry, areas: Sequence[Polygon]) -> int | None:
+    """Return the index of the room with the largest part of an outline, None for none."""
     common = [float(shapely.area(shapely.intersection(outline, area))) for area in areas]
     return int(np.argmax(common)) if common and max(common) > 0.0 else None

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import pose
 from tccm_ros.outlines.triangulation import fill_outline
-from tccm_ros.records import PlaneRecord, Surface, TabletopObject, Wall
+from tccm_ros.records import PlaneRecord, Sign, Surface, TabletopObject, Wall
 from tccm_ros.ros.marker_parts import (
     ARROW,
     CUBE,
@@ -37,6 +37,9 @@ NORMAL_LENGTH_M = 0.2
 
 WALL_HEIGHT_M = 0.5
 """Walls are drawn this high, m; chosen: low enough to see over."""
+
+PLATE_SIZE_M = (0.01, 0.3, 0.15)
+"""Door signs are drawn as plates of this depth, width and height, m; chosen."""
 
 MIN_EDGE_M = 1e-3
 """Smallest edge of a marker, m: viewers refuse zero."""
@@ -137,6 +140,22 @@ def wall_markers(context: MessageContext, walls: Iterable[Wall]) -> list[Any]:
         ring = np.array([[x0, y0, 0.0], [x1, y1, 0.0], [x1, y1, h], [x0, y0, h]])
         normal = np.array([np.cos(wall.phi), np.sin(wall.phi), 0.0])
         markers += _area_markers(context, wall.id, ring, (), normal, identity_color(wall.id))
+    return markers
+
+
+def sign_markers(context: MessageContext, signs: Iterable[Sign]) -> list[Any]:
+    """Return each door sign as a thin box on its wall, with its text above."""
+    markers = []
+    for sign in signs:
+        x, y, _ = sign.normal
+        R = np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])
+        where = pose_message(context.types, pose(R, sign.position))
+        color = identity_color(sign.id)
+        markers.append(
+            make_marker(context, "sign", sign.id, CUBE, PLATE_SIZE_M, color, 0.9, pose=where)
+        )
+        at = sign.position + np.array([0.0, 0.0, 0.15])
+        markers.append(text_marker(context, "text", sign.id, at, sign.text))
     return markers
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial
-from tccm_ros.records import EdgeState, Surface, SurfaceShape, Wall
+from tccm_ros.records import EdgeState, Sign, Surface, SurfaceShape, Wall
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message, stamp_message
 from tccm_ros.surfaces.scene import object_pose, surface_pose
 from tccm_ros.surfaces.scene_objects import SceneObject
@@ -158,6 +158,7 @@ def typed_map_message(
         objects=[object_message(types, stamp_ns, frame_id, item) for item in solution.objects],
         free_areas=_free_areas(types, solution.free_places, solution.place_size),
         walls=[_wall(types, header, wall) for wall in solution.slam.walls],
+        signs=[_sign(types, header, sign) for sign in solution.slam.signs],
         localisation=_localisation(types, header, solution),
     )
 
@@ -253,6 +254,22 @@ def _wall(types: MessageTypes, header: Any, wall: Wall) -> Any:
         ],
         observations=wall.observations,
         corner_ids=types.array("i4", wall.corners),
+    )
+
+
+def _sign(types: MessageTypes, header: Any, sign: Sign) -> Any:
+    x, y, z = map(float, sign.position)
+    return types.make(
+        PACKAGE + "Sign",
+        header=header,
+        id=sign.id,
+        text=sign.text,
+        confidence=float(sign.confidence),
+        position=types.make("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        normal=_vector(types, sign.normal),
+        covariance=np.ascontiguousarray(sign.covariance, np.float64).ravel(),
+        wall_id=-1 if sign.wall is None else sign.wall,
+        views=len(sign.views),
     )
 
 

@@ -22,6 +22,7 @@ from tccm_ros.ros.markers import (
     cuboid_markers,
     object_markers,
     plane_markers,
+    sign_markers,
     surface_markers,
     wall_markers,
 )
@@ -66,6 +67,7 @@ SURFACE_MESSAGE_TOPICS = ("surfaces", "view", "object_boxes")
 SOLUTION_TOPICS = {
     "path": "nav_msgs/msg/Path",
     "walls": MARKERS,
+    "signs": MARKERS,
     "surfaces": MARKERS,
     "surface_cloud": CLOUD,
     "surface_map": SURFACE_MAP,
@@ -213,7 +215,8 @@ class SolutionMessageBuilder:
 
     def __init__(self, types: MessageTypes, map_frame: str):
         self._types, self._frame = types, map_frame
-        self._walls, self._surfaces = MarkerSet(types), MarkerSet(types)
+        self._walls, self._signs = MarkerSet(types), MarkerSet(types)
+        self._surfaces = MarkerSet(types)
 
     def of(self, solution: SurfaceSolution, stamp_ns: int) -> Iterator[TopicMessage]:
         """Yield the messages of a solution, stamped with the newest record that it contains."""
@@ -224,6 +227,9 @@ class SolutionMessageBuilder:
             ),
             "walls": lambda: self._walls.message(
                 wall_markers(context, solution.slam.walls), stamp_ns
+            ),
+            "signs": lambda: self._signs.message(
+                sign_markers(context, solution.slam.signs), stamp_ns
             ),
             "surfaces": lambda: self._surfaces.message(
                 surface_markers(context, solution.surfaces), stamp_ns

@@ -80,25 +80,18 @@ def undistort(x: Float64, y: Float64, D: Float64) -> tuple[Float64, Float64]:
     return np.where(found, a, np.nan), np.where(found, b, np.nan)
 
 
-def pixel_rays(camera: CameraInfo, *, is_rectified: bool = False) -> Float32:
-    """Return the point of each pixel's line of sight at z = 1, float32 (2, H, W).
+def has_known_lens(camera: CameraInfo) -> bool:
+    """Return whether the directions of a camera's pixels can be told."""
+    return camera.model in MODELS or not camera.D.any()
 
-    Parameters
-    ----------
-    camera
-        Its calibration.
-    is_rectified
-        Whether the image was rectified already: then P counts, and there is no distortion.
 
-    Returns
-    -------
-    float32 (2, H, W), x and y in the optical frame, nan where the lens shows nothing (cached: do
-    not write).
+def pixel_rays(camera: CameraInfo) -> Float32:
+    """Return the point of each pixel's line of sight at z = 1 (cached: do not write).
+
+    float32 (2, H, W), x and y in the optical frame, nan where the lens shows nothing.
     """
-    K, D = camera.K, camera.D
-    if is_rectified and camera.P[0, 0] > 0.0:
-        K, D = camera.P[:, :3], np.zeros(0)
-    return _rays(K.tobytes(), D.tobytes(), camera.binning, camera.region[:2], camera.image_size)
+    D = camera.D.tobytes()
+    return _rays(camera.K.tobytes(), D, camera.binning, camera.region[:2], camera.image_size)
 
 
 @lru_cache(maxsize=8)

@@ -14,11 +14,12 @@ from typing import TypeVar
 import numpy as np
 
 from tccm_ros.arrays import Float64
+from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.config import Config
 from tccm_ros.records import CameraImage, CameraInfo, DepthImage, Posed
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.robot.streams import Companion
-from tccm_ros.sensors.camera_rays import pixel_rays
+from tccm_ros.sensors.camera_rays import has_known_lens, pixel_rays
 from tccm_ros.sensors.depth_kernels import DepthLimits, SightLines, place_image
 from tccm_ros.sensors.depth_messages import CAMERA_INFO_READER, COMPRESSED_READER, IMAGE_READER
 from tccm_ros.sensors.measured import MeasuredPoints, in_region, without_robot
@@ -73,6 +74,11 @@ def is_compressed(topic: str) -> bool:
     return topic.rsplit("/", 1)[-1] == COMPRESSED
 
 
+def is_rectified(topic: str) -> bool:
+    """Return whether a topic is one of rectified images."""
+    return topic.removesuffix(f"/{COMPRESSED}").rsplit("/", 1)[-1] == RECTIFIED
+
+
 def rejection_reason(image: DepthImage) -> str | None:
     """Return why an image cannot be used, None where it can."""
     if image.depth.dtype == np.uint16:
@@ -102,33 +108,55 @@ def join_camera(
     fitting = [c for c in of_frame if c.image_size == image.size]
     for camera in fitting:
         if camera.stamp_ns == image.stamp_ns:
-            return replace(image, camera=camera)
+            return _with_camera(image, camera)
     is_last = is_last or len(cameras) == 1 or any(c.stamp_ns > image.stamp_ns for c in of_frame)
     if not is_last:
         return None
     if fitting:
         before = [c for c in fitting if c.stamp_ns < image.stamp_ns]
-        return replace(image, camera=before[-1] if before else fitting[0])
+        return _with_camera(image, before[-1] if before else fitting[0])
     if of_frame:
         return "image and camera info of different sizes"
     return "camera info of another frame" if cameras else "no camera info"
 
 
-def depth_stream(topic: str, *, compressed: bool | None = None) -> Stream:
-    """Return the stream of the depth images on a topic.
+def _with_camera(image: Picture, camera: CameraInfo) -> Picture | str:
+    """Return an image with its calibration, or why it is of no use."""
+    if isinstance(image, DepthImage) and image.is_rectified:
+        camera = camera.rectified()
+    return replace(image, camera=camera) if has_known_lens(camera) else "unknown distortion model"
+
+
+def depth_reader(topic: str, *, compressed: bool | None = None) -> MessageReader:
+    """Return the reader of the depth images on a topic.
 
     Parameters
     ----------
     topic
-        Its name, which is the role of the stream.
+        Its name, which tells whether the images are rectified.
     compressed
-        Whether the images are compressed; by default the name tells.
+        Whether they are compressed; by default the name tells.
     """
     packed = is_compressed(topic) if compressed is None else compressed
+    reader = COMPRESSED_READER if packed else IMAGE_READER
+    if not is_rectified(topic):
+        return reader
+    read = reader.of_message
+    return MessageReader(
+        reader.message_type,
+        lambda message: [replace(image, is_rectified=True) for image in read(message)],
+    )
+
+
+def depth_stream(topic: str) -> Stream:
+    """Return the stream of the depth images on a topic, whose name is the role of the stream.
+
+    Where the topic is remapped, `depth_reader` of its other name reads the messages.
+    """
     return Stream(
         role=topic,
         record=DepthImage,
-        reader=COMPRESSED_READER if packed else IMAGE_READER,
+        reader=depth_reader(topic),
         mount=MountKind.ANY,
         processor="tccm",
         event=PosedImage,
@@ -187,7 +215,7 @@ def _measure(
     """
     image, camera = posed.image, posed.image.camera
     assert camera is not None
-    rays = pixel_rays(camera, is_rectified=posed.role.rsplit("/", 1)[-1] == RECTIFIED)
+    rays = pixel_rays(camera)
     # Kernels are compiled for arrays that can be written to alone.
     depth = image.depth if image.depth.flags.writeable else image.depth.copy()
     steps = _pixel_steps(posed)

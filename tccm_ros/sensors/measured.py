@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
+from tccm_ros.kernels import kernel
 from tccm_ros.records import Posed, SelfShapes
 from tccm_ros.sensors.laser_scan_kernels import mark_inside
 
@@ -48,7 +50,8 @@ class MeasuredPoints:
             return self
         stamps_ns = None if self.stamps_ns is None else self.stamps_ns[keep]
         gaps = None if self.gaps is None else self.gaps[keep]
-        return replace(self, points=self.points[keep], stamps_ns=stamps_ns, gaps=gaps)
+        points = kept_rows(np.ascontiguousarray(self.points), keep)
+        return replace(self, points=points, stamps_ns=stamps_ns, gaps=gaps)
 
 
 def without_robot(measured: MeasuredPoints, posed: Posed, config: Config) -> MeasuredPoints:
@@ -86,7 +89,7 @@ def _near_and_inside(
     low = (T_odom_shape[:, :3, 3] - radius).min(axis=0)
     high = (T_odom_shape[:, :3, 3] + radius).max(axis=0)
     inside = np.zeros(len(points), np.bool_)
-    near = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+    near = np.flatnonzero(mark_within(points, low, high))
     if len(near):
         T_shape_odom = inverse(T_odom_shape)
         inside[near] = mark_inside(points[near], shapes.kinds, shapes.half, T_shape_odom, padding)
@@ -111,6 +114,31 @@ def in_region(measured: MeasuredPoints, posed: Posed, config: Config) -> Measure
     points = measured.points
     if config.map.region_frame == "base":
         points = transform(inverse(posed.T_odom_base[len(posed.T_odom_base) // 2]), points)
-    low, high = np.array(region[::2]), np.array(region[1::2])
-    inside: Bool = np.asarray(((points >= low) & (points <= high)).all(axis=1))
-    return measured.chosen(inside)
+    return measured.chosen(mark_within(points, np.array(region[::2]), np.array(region[1::2])))
+
+
+@kernel
+def kept_rows(points: Any, keep: Any) -> Any:
+    """Return the rows of points (N, 3) for which `keep`, bool (N,), holds: as indexing does."""
+    n = 0
+    for i in range(len(keep)):
+        n += keep[i]
+    rows, k = np.empty((n, 3)), 0
+    for i in range(len(keep)):
+        if keep[i]:
+            rows[k, 0], rows[k, 1], rows[k, 2] = points[i, 0], points[i, 1], points[i, 2]
+            k += 1
+    return rows
+
+
+@kernel
+def mark_within(points: Any, low: Any, high: Any) -> Any:
+    """Return which points (N, 3) lie between two corners (3,), bool (N,); nan lies outside."""
+    within = np.empty(len(points), np.bool_)
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        within[i] = (
+            (low[0] <= x) & (x <= high[0]) & (low[1] <= y) & (y <= high[1])
+            & (low[2] <= z) & (z <= high[2])
+        )  # fmt: skip
+    return within

@@ -8,7 +8,7 @@ from tccm_ros.config import Config
 from tccm_ros.records import CameraImage, DepthImage
 from tccm_ros.robot import Stream
 from tccm_ros.sensors.camera_image import camera_stream, is_compressed_picture
-from tccm_ros.sensors.depth_image import depth_stream, is_compressed
+from tccm_ros.sensors.depth_image import depth_reader, depth_stream
 from tccm_ros.sensors.laser_scan import LEVEL_SCAN, TILT_SCAN
 from tccm_ros.sensors.point_cloud import cloud_stream
 
@@ -39,7 +39,7 @@ def stream_for_topic(stream: Stream, topic: str) -> Stream:
     if stream.record is CameraImage:
         return camera_stream(stream.role, compressed=is_compressed_picture(topic))
     if stream.record is DepthImage:
-        return depth_stream(stream.role, compressed=is_compressed(topic))
+        return replace(stream, reader=depth_reader(topic))
     return stream
 
 

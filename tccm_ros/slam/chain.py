@@ -11,7 +11,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, keyframe_key
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
-from tccm_ros.slam.factors.views import KeyframeView
+from tccm_ros.slam.factors.views import Z_ROLL_PITCH_SIGMAS, KeyframeView
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.graph import PoseGraph
 from tccm_ros.slam.se2 import compose
@@ -36,11 +36,14 @@ class AnchoredPose:
         float64 (3,), planar pose in the keyframe, m and rad.
     cov
         float64 (3, 3) of (x, y, yaw) in the frame of `pose`.
+    sigma_z_roll_pitch
+        Standard deviations of z (m), roll and pitch (rad), which are zero for the keyframe.
     """
 
     keyframe: int
     pose: Float64
     cov: Float64
+    sigma_z_roll_pitch: tuple[float, float, float] = Z_ROLL_PITCH_SIGMAS
 
 
 def yaw_offset_for(phi: Float64) -> float:
@@ -137,7 +140,8 @@ class Chain:
         float64 (3,), planar pose in map, and the factor between keyframe and pose
         """
         start = compose(np.asarray(poses[anchored.keyframe]), anchored.pose)
-        return start, KeyframeView(self.keys[anchored.keyframe], key, anchored.pose, anchored.cov)
+        on, sigmas = self.keys[anchored.keyframe], anchored.sigma_z_roll_pitch
+        return start, KeyframeView(on, key, anchored.pose, anchored.cov, sigmas)
 
 
 def _pinned(key: Key, pose: Float64) -> PriorPose:

@@ -7,18 +7,18 @@ depends on its factors alone. GTSAM's default elimination ordering is COLAMD, th
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from tccm_ros.arrays import Float64
+from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import spatial, wrap_angle
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.factors.noise import rotate_frame
-from tccm_ros.slam.marginals import marginal_blocks
+from tccm_ros.slam.marginals import InverseColumns, marginal_blocks
 
 MAX_ITERATIONS = 50
 """Iterations of a batch optimisation at most. Chosen as a bound: the change of the error ends it
@@ -52,6 +52,7 @@ class GraphSolution:
     graph: gtsam.NonlinearFactorGraph
     iterations: int
     _marginals: dict[int, Float64]
+    _inverse: dict[int, InverseColumns] = field(default_factory=dict)
 
     def pose(self, key: Key) -> Float64:
         """Return T_map_frame float64 (4, 4)."""
@@ -76,6 +77,37 @@ class GraphSolution:
         cov = self.covariance(key)[np.ix_([3, 4, 2], [3, 4, 2])]
         return rotate_frame(cov, -key.yaw_offset)
 
+    def relative_covariance(self, a: Key, b: Key, point: Float64) -> Float64:
+        """Return how uncertain it is where two keyframes put one point, against each other.
+
+        Parameters
+        ----------
+        a, b
+            Keyframes.
+        point
+            float64 (2,), in map, m.
+
+        Returns
+        -------
+        float64 (2, 2) of (x, y) in map, m2: of the difference of the two points
+        """
+        if not self._inverse:
+            self._inverse[0] = InverseColumns(*_linear(self.graph, self.values)[1:])
+        symbols = list(self.values.keys())
+        i, j = symbols.index(a.symbol), symbols.index(b.symbol)
+        joint = self._inverse[0].joint(i, j)
+        # The tangent of a pose is (roll, pitch, yaw, x, y, z) in its own frame.
+        H = np.concatenate([self._motion_of(a, point), -self._motion_of(b, point)], axis=1)
+        return np.asarray(H @ joint @ H.T)
+
+    def _motion_of(self, key: Key, point: Float64) -> Float64:
+        """Return the derivative (2, 6) of a point (2,) that is fixed to a pose, by its tangent."""
+        T = self.values.atPose3(key.symbol).matrix()
+        motion = np.zeros((2, 6))
+        motion[:, 3:] = T[:2, :3]
+        motion[:, 2] = T[1, 3] - point[1], point[0] - T[0, 3]
+        return motion
+
     def errors_of(self, indices: Iterable[int]) -> Float64:
         """Return half squared Mahalanobis distances of some factors, float64 (N,)."""
         return np.array([self.graph.at(i).error(self.values) for i in indices])
@@ -83,6 +115,14 @@ class GraphSolution:
 
 def _marginals(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> dict[int, Float64]:
     """Return the marginal covariance of every variable by its symbol."""
+    symbols, A, dims = _linear(graph, values)
+    return dict(zip(symbols, marginal_blocks(A, dims)))
+
+
+def _linear(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values
+) -> tuple[list[int], csc_matrix, Int64]:
+    """Return the variables, the Jacobian in standard deviations, and their numbers of columns."""
     linear = graph.linearize(values)
     symbols = list(values.keys())
     zeros = values.zeroVectors()
@@ -90,7 +130,7 @@ def _marginals(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> dict[
     row, column, entry = linear.sparseJacobian_()
     shape = int(row.max(initial=0.0)), int(dims.sum()) + 1
     A = csc_matrix((entry, (row.astype(int) - 1, column.astype(int) - 1)), shape=shape)
-    return dict(zip(symbols, marginal_blocks(A[:, :-1], dims)))
+    return symbols, A[:, :-1], dims
 
 
 def _isam_params(factorization: str, relinearize_skip: int) -> gtsam.ISAM2Params:

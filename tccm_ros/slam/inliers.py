@@ -15,6 +15,8 @@ from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.loop_consistency import select_loops
 from tccm_ros.slam.loop_matching import LoopReason, Proposal
 from tccm_ros.slam.loops import LoopCloser
+from tccm_ros.slam.sign_landmarks import FoundSign, Passes, find_signs
+from tccm_ros.slam.sign_views import SignView
 from tccm_ros.slam.wall_outliers import check_walls
 from tccm_ros.slam.walls import WallTable, associate_walls, min_confirmations
 
@@ -39,6 +41,8 @@ class Inliers:
         Factor by which covariances of the graph are to be multiplied.
     observations
         Of landmarks, as given: their kinds choose robust noise models themselves.
+    signs
+        Door signs, of the views that agree.
     """
 
     poses: Float64
@@ -48,6 +52,7 @@ class Inliers:
     corners: list[Corner]
     scale: float
     observations: list[AnchoredObservation]
+    signs: list[FoundSign]
 
 
 def select_inliers(
@@ -55,9 +60,10 @@ def select_inliers(
     chain: Chain,
     lines: list[Lines],
     observations: list[AnchoredObservation],
+    sign_views: Sequence[SignView],
     config: Config,
 ) -> Inliers:
-    """Take out loop closures that contradict the rest, then lines and walls that do.
+    """Take out loop closures that contradict the rest, then lines, walls and views of signs.
 
     Parameters
     ----------
@@ -67,6 +73,8 @@ def select_inliers(
         The lines of each keyframe.
     observations
         Of landmarks, in the order in which they enter the graph.
+    sign_views
+        Of door signs, in the order in which they were taken.
     config
         ``walls.*`` and ``lines.*``.
     """
@@ -83,7 +91,11 @@ def select_inliers(
     scale = checked.unit_variance * (SHARED_BEAMS_FACTOR if config.walls.enabled else 1.0)
     corners = find_corners(checked.table, lines, min_confirmations(config, len(keys)))
     records = _loop_records(closer, kept)
-    return Inliers(poses, loops, records, checked.table, corners, scale, observations)
+    signs = []
+    if sign_views:
+        passes = Passes(graph.optimise(), keys, [k.session for k in chain.keyframes])
+        signs = find_signs(sign_views, passes, checked.table)
+    return Inliers(poses, loops, records, checked.table, corners, scale, observations, signs)
 
 
 def _loop_records(closer: LoopCloser, kept: Sequence[bool] | Bool) -> list[Loop]:

@@ -101,20 +101,27 @@ class LoopSearch:
         return self._look_nearby(k, poses, lengths)
 
     def look_around(
-        self, k: int, guess: Window, poses: Float64, localised: Collection[int]
+        self,
+        k: int,
+        guess: Window,
+        poses: Float64,
+        localised: Collection[int],
+        lengths: PathLengths | None = None,
     ) -> list[Proposal]:
-        """Match keyframe `k` with the submaps around a pose that somebody has told.
+        """Match keyframe `k` with the submaps around a pose that somebody, or a sign, has told.
 
         Parameters
         ----------
         k
-            A keyframe of a session that is not localised.
+            The newest keyframe.
         guess
             Where it is in map, and how far it may be from there.
         poses
             float64 (K, 3), estimates of the keyframes.
         localised
             Sessions in the map's frame.
+        lengths
+            Path lengths: submaps of the path just driven are left out. None: none is.
 
         Returns
         -------
@@ -126,6 +133,7 @@ class LoopSearch:
             for c in range(0, k, SUBMAP_STEP)
             if self.keyframes[c].session in localised
             and np.hypot(*(poses[c, :2] - guess.centre[:2])) <= OVERLAP + guess.half_width_m
+            and (lengths is None or self._is_earlier_pass(c, k, lengths))
         ]
         centres.sort(key=lambda c: (float(np.hypot(*(poses[c, :2] - guess.centre[:2]))), c))
         patch = make_patch(self.keyframes, k, PATCH_HALF)
@@ -142,6 +150,11 @@ class LoopSearch:
         ]
         fit = [p for p in found if p is not None and not p.reason]
         return [max(fit, key=lambda p: p.score)] if fit else []
+
+    def _is_earlier_pass(self, c: int, k: int, lengths: PathLengths) -> bool:
+        is_other = self.keyframes[c].session != self.keyframes[k].session
+        driven = float(lengths.driven[k] - lengths.driven[c])
+        return is_other or driven >= self.config.loops.min_path
 
     def _look_nearby(self, k: int, poses: Float64, lengths: PathLengths) -> list[Proposal]:
         """Match keyframe k with the submaps of earlier passes."""
@@ -168,7 +181,7 @@ class LoopSearch:
             if found is not None and not found.reason:
                 best = sorted([*best, found], key=lambda p: -p.score)
         rivals = [p for p in best[1:] if p.score >= ratio * best[0].score]
-        if any(not _is_same_place(best[0], p, poses) for p in rivals):
+        if any(not is_same_place(best[0], p, poses) for p in rivals):
             return [replace(best[0], reason=LoopReason.TWO_PLACES_IN_MAP)]
         return best[:1]
 
@@ -234,7 +247,8 @@ class LoopSearch:
         return self._cache[centre]
 
 
-def _is_same_place(one: Proposal, other: Proposal, poses: Float64) -> bool:
+def is_same_place(one: Proposal, other: Proposal, poses: Float64) -> bool:
+    """Return whether two proposals put their keyframe at one place; poses float64 (K, 3)."""
     a = compose(poses[one.a], one.delta)
     b = compose(poses[other.a], other.delta)
     return bool(np.hypot(a[0] - b[0], a[1] - b[1]) < SAME_POSITION)

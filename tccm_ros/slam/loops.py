@@ -21,9 +21,11 @@ from tccm_ros.slam.graph import IncrementalGraph
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
 from tccm_ros.slam.loop_consistency import consistent_with
 from tccm_ros.slam.loop_matching import LoopReason, Proposal, Window
-from tccm_ros.slam.loop_search import LoopSearch
+from tccm_ros.slam.loop_search import LoopSearch, is_same_place
 from tccm_ros.slam.path_lengths import PathLengths
 from tccm_ros.slam.se2 import between, compose, inverse
+from tccm_ros.slam.sign_places import WINDOW_M, WINDOW_RAD, SignPlaces, is_far
+from tccm_ros.slam.sign_views import SignView
 
 NEIGHBOURHOOD = 15.0
 """Path (m) on either side within which proposals confirm each other (chosen)."""
@@ -82,6 +84,7 @@ class LoopCloser:
         self._observers = 0
         # Where somebody says that the next keyframe is, and that keyframe.
         self._guess: PoseGuess | None = None
+        self._signs = SignPlaces(chain.keyframes)
         self._guessed = -1
 
     def note_guess(self, guess: PoseGuess) -> None:
@@ -98,8 +101,13 @@ class LoopCloser:
         """The sessions that are in the map's frame."""
         return frozenset(self._localised)
 
-    def add(self, k: int, observations: Sequence[AnchoredObservation] = ()) -> None:
-        """Add keyframe `k`, the newest, and the landmark observations since the one before it."""
+    def add(
+        self,
+        k: int,
+        observations: Sequence[AnchoredObservation] = (),
+        sign_views: Sequence[SignView] = (),
+    ) -> None:
+        """Add keyframe `k`, the newest, and what was seen of landmarks since the one before it."""
         self._unused.extend(observations)
         keyframe = self._chain.keyframes[k]
         starts = self._chain.starts(k)
@@ -112,9 +120,15 @@ class LoopCloser:
             self._close_around(k, self._guess)
         if self._config.loops.enabled:
             self._close(k)
+            self._signs.add(sign_views, self.poses)
+            self._close_by_sign(k)
 
     def load(
-        self, poses: Float64, loops: Sequence[Proposal], observations: Sequence[AnchoredObservation]
+        self,
+        poses: Float64,
+        loops: Sequence[Proposal],
+        observations: Sequence[AnchoredObservation],
+        sign_views: Sequence[SignView] = (),
     ) -> None:
         """Start from a saved map, with its keyframes in the chain.
 
@@ -126,6 +140,8 @@ class LoopCloser:
             Accepted loop closures.
         observations
             Of landmarks.
+        sign_views
+            Of door signs.
         """
         for keyframe, pose in zip(self._chain.keyframes, poses):
             self._append(keyframe, pose)
@@ -134,6 +150,7 @@ class LoopCloser:
         self._lengths.add_loops(loops, self._config.loops.drift)
         self._waiting, self._fresh = list(range(len(poses))), list(loops)
         self._unused = list(observations)
+        self._signs.load(sign_views, self.poses)
         self._update()
 
     def _append(self, keyframe: GraphKeyframe, pose: Float64) -> None:
@@ -192,6 +209,25 @@ class LoopCloser:
         if found:
             self._guess = None
             self._accept(found)
+
+    def _close_by_sign(self, k: int) -> None:
+        """Match keyframe k where a sign puts it that was seen before, unless that is two places."""
+        found: list[Proposal] = []
+        is_localised = self._chain.keyframes[k].session in self._localised
+        for window in self._signs.windows(k, self.poses):
+            if self._chain.keyframes[window.place.keyframe].session not in self._localised:
+                continue
+            if is_localised and not is_far(self.poses[k], window.pose):
+                continue
+            around = Window(window.pose, WINDOW_M, WINDOW_RAD)
+            found += self._search.look_around(k, around, self.poses, self._localised, self._lengths)
+        if not found:
+            return
+        best = max(found, key=lambda p: p.score)
+        if any(not is_same_place(best, p, self.poses) for p in found):
+            self.rejected.append(replace(best, reason=LoopReason.TWO_PLACES_IN_MAP))
+        else:
+            self._confirm(best)
 
     def _confirm(self, proposal: Proposal) -> None:
         """Accept a proposal, and those that it confirms, once enough agree."""

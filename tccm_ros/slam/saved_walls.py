@@ -19,6 +19,8 @@ from tccm_ros.slam.landmarks import AnchoredObservation
 from tccm_ros.slam.level_scan import LevelScan
 from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.loop_matching import Proposal
+from tccm_ros.slam.saved_signs import pack_signs, unpack_signs
+from tccm_ros.slam.sign_views import SignView
 
 
 class SavedWalls(NamedTuple):
@@ -34,6 +36,8 @@ class SavedWalls(NamedTuple):
         The loop closures that are kept.
     observations
         Of landmarks.
+    sign_views
+        Of door signs, each with the sign's id.
     """
 
     keyframes: Sequence[GraphKeyframe]
@@ -41,11 +45,12 @@ class SavedWalls(NamedTuple):
     poses: Float64
     loops: Sequence[Proposal]
     observations: Sequence[AnchoredObservation]
+    sign_views: Sequence[SignView]
 
 
 def pack_walls(saved: SavedWalls) -> dict[str, NDArray[Any]]:
-    """Return arrays: keyframe rows, scans and lines end to end with counts, loops, landmarks."""
-    keyframes, lines, poses, loops, observations = saved
+    """Return arrays: keyframe rows, scans and lines end to end with counts, loops, and the rest."""
+    keyframes, lines, poses, loops, observations, sign_views = saved
     scans = [k.scan for k in keyframes]
     return {
         "keyframe_stamp_ns": np.array([s.stamp_ns for s in scans], np.int64),
@@ -70,6 +75,7 @@ def pack_walls(saved: SavedWalls) -> dict[str, NDArray[Any]]:
         "loop_cov": _rows([p.cov for p in loops], 3, 3),
         "loop_quality": _rows([np.array([p.inliers, p.score, p.window]) for p in loops], 3),
         **_pack_landmarks(observations),
+        **pack_signs(sign_views),
     }
 
 
@@ -139,7 +145,8 @@ def _unpack(s: Mapping[str, NDArray[Any]]) -> SavedWalls:
         )
     ]
     poses = s["keyframe_pose"].reshape(count, 3)
-    return SavedWalls(keyframes, lines, poses, loops, _unpack_landmarks(s, count))
+    observations = _unpack_landmarks(s, count)
+    return SavedWalls(keyframes, lines, poses, loops, observations, unpack_signs(s, count))
 
 
 def _unpack_landmarks(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[AnchoredObservation]:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.geometry import wrap_angle
-from tccm_ros.records import Keyframe, Landmark, Loop, Wall
+from tccm_ros.records import Keyframe, Landmark, Loop, Sign, Wall
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +37,8 @@ class Solution:
         its factors are conservative. `cov_keyframes` is multiplied already.
     landmarks
         In the order of their kinds and ids, those of earlier sessions among them.
+    signs
+        Door signs by their ids; each is a landmark as well.
     """
 
     keyframes: list[Keyframe]
@@ -50,6 +52,7 @@ class Solution:
     cov_keyframes: Float64
     unit_variance: float = 1.0
     landmarks: tuple[Landmark, ...] = ()
+    signs: tuple[Sign, ...] = ()
 
     def pose_at(self, stamps_ns: ArrayLike) -> Float64:
         """Return planar poses (M, 3) at stamps int64 (M,), interpolated; held at the ends."""

@@ -27,6 +27,7 @@ from tccm_ros.records import (
     ViewIntervals,
 )
 from tccm_ros.sensors.registry import roles_of
+from tccm_ros.signs.measurement import SignMeasurement
 from tccm_ros.slam.front_end import FrontEnd
 from tccm_ros.slam.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.lines import extract_lines
@@ -36,7 +37,8 @@ from tccm_ros.slam.se2 import between, compose, inverse, rotate_covariance
 from tccm_ros.slam.wall_slam import LivePose
 
 COUNTED = {
-    SurfaceCloud: "clouds", ViewIntervals: "views", ObjectBoxes: "boxes", MapReset: "resets"
+    SurfaceCloud: "clouds", ViewIntervals: "views", ObjectBoxes: "boxes", SignMeasurement: "signs",
+    MapReset: "resets",
 }  # fmt: skip
 """Events that are counted here and used by the solution alone."""
 
@@ -88,8 +90,8 @@ class Tracker:
     Attributes
     ----------
     counts
-        ``level scans`` matched, ``keyframes`` made of them, ``clouds``, ``views`` and ``boxes``
-        received, ``resets``, and how often the robot was ``lost``.
+        ``level scans`` matched, ``keyframes`` made of them, ``clouds``, ``views``, ``boxes`` and
+        ``signs`` received, ``resets``, and how often the robot was ``lost``.
     odom_frame
         Name of the odometry frame.
     """

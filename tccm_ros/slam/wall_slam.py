@@ -16,10 +16,11 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar
 from tccm_ros.records import Keyframe, LandmarkObservation, PosedScan, PoseGuess, ScanPose
+from tccm_ros.signs.measurement import SignMeasurement
 from tccm_ros.slam.chain import AnchoredPose, Chain
 from tccm_ros.slam.corners import corner_factors
 from tccm_ros.slam.factors.factor import Factor
-from tccm_ros.slam.factors.keys import Key, view_key
+from tccm_ros.slam.factors.keys import Key, view_key, wall_key
 from tccm_ros.slam.factors.landmarks import landmark_class
 from tccm_ros.slam.front_end import FrontEnd, GraphKeyframe
 from tccm_ros.slam.graph import GraphSolution
@@ -30,9 +31,15 @@ from tccm_ros.slam.lines import NO_LINES, LabelBeams, Lines, extract_lines, labe
 from tccm_ros.slam.loops import LoopCloser
 from tccm_ros.slam.saved_walls import SavedWalls, pack_walls, unpack_walls
 from tccm_ros.slam.se2 import between, compose, inverse
+from tccm_ros.slam.sign_landmarks import sign_factors, sign_observations, sign_records
+from tccm_ros.slam.sign_views import SignView, sign_order
 from tccm_ros.slam.solution import Solution, empty_solution
 from tccm_ros.slam.trajectory import OdometryTrack, poses_at_stamps, scan_poses
 from tccm_ros.slam.wall_landmarks import structure_factors, wall_factors, wall_records
+
+SIGN_DELAY_NS = 1_000_000_000
+"""What a picture tells is used in the search for loop closures after this time. Chosen: reading one
+takes up to 0.15 s, so that it does not matter how long it took."""
 
 
 class LivePose(NamedTuple):
@@ -81,6 +88,10 @@ class WallSlam:
         self._saved_observations: Sequence[AnchoredObservation] = ()
         self._observed: list[LandmarkObservation] = []
         self._unanchored: list[LandmarkObservation] = []
+        # Of door signs: in earlier sessions, and in this one.
+        self._saved_signs: Sequence[SignView] = ()
+        self._signs: list[SignMeasurement] = []
+        self._unread: list[SignMeasurement] = []
         self._selected: tuple[tuple[int, ...], Inliers] | None = None
 
     # -- input ---------------------------------------------------------------------------------
@@ -127,6 +138,15 @@ class WallSlam:
         landmark_class(observation.kind)
         self._observed.append(observation)
         self._unanchored.append(observation)
+
+    def add_sign(self, sign: SignMeasurement) -> None:
+        """Add what a picture tells of a door sign, in any order.
+
+        The search for loop closures has it from `SIGN_DELAY_NS` on; a sign that comes later counts
+        as much in a solution, but not there.
+        """
+        self._signs.append(sign)
+        self._unread.append(sign)
 
     def add_guess(self, guess: PoseGuess) -> None:
         """Begin a session with the next scan, and look for its place around a pose.
@@ -175,7 +195,16 @@ class WallSlam:
         stamp = keyframe.scan.stamp_ns
         seen = _by_stamp(o for o in self._unanchored if o.stamp_ns <= stamp)
         self._unanchored = [o for o in self._unanchored if o.stamp_ns > stamp]
-        self._closer.add(keyframe.id, self._anchor_observations(seen))
+        self._closer.add(
+            keyframe.id, self._anchor_observations(seen), self._sign_views_until(stamp)
+        )
+
+    def _sign_views_until(self, stamp_ns: int) -> list[SignView]:
+        """Return the views of signs that have had the time to come until a stamp, in order."""
+        until = stamp_ns - SIGN_DELAY_NS
+        seen = sorted((m for m in self._unread if m.stamp_ns <= until), key=sign_order)
+        self._unread = [m for m in self._unread if m.stamp_ns > until]
+        return [SignView(m, a) for m, a in zip(seen, self._anchor([m.stamp_ns for m in seen]))]
 
     # -- a robot that was lost -----------------------------------------------------------------
 
@@ -235,17 +264,20 @@ class WallSlam:
         used, keys = self._inliers(), self._chain.keys
         anchored = self._anchor(views)
         view_keys = [view_key(v) for v in range(len(views))]
-        seen = landmark_factors(used.observations, unit_variance=used.scale)
+        observations = [*used.observations, *sign_observations(used.signs)]
+        seen = landmark_factors(observations, unit_variance=used.scale)
         anchored_poses = {**dict(zip(view_keys, anchored)), **seen.anchored}
         graph = self._chain.graph(used.poses, self._closer.localised, anchored_poses)
         graph.add([p.factor(keys) for p in used.loops])
         if self.config.walls.enabled:
             graph.add(self._wall_factors(used))
         graph.add(factors)
+        graph.add(self._sign_factors(used))
         graph.add(seen.factors)
         solution = graph.optimise()
         poses, keyframes = solution.planar_poses(keys), self._chain.keyframes
         tracked = [p for p in self._front.tracked if self._is_in_map(p.keyframe)]
+        landmarks = landmark_records(observations, solution, used.scale)
         return Solution(
             [Keyframe(k.id, k.scan.stamp_ns, pose) for k, pose in zip(keyframes, poses)],
             wall_records(used.walls, used.corners, solution, used.scale),
@@ -257,7 +289,8 @@ class WallSlam:
             np.array([v.keyframe for v in anchored], np.int64),
             _covariances(solution, keys, every_covariance) * used.scale,
             used.scale,
-            landmark_records(used.observations, solution, used.scale),
+            landmarks,
+            sign_records(used.signs, landmarks, solution),
         )
 
     def _wall_factors(self, used: Inliers) -> list[Factor]:
@@ -268,14 +301,24 @@ class WallSlam:
             factors += structure_factors(used.walls)
         return factors
 
+    def _sign_factors(self, used: Inliers) -> list[Factor]:
+        walls = range(len(used.walls) if self.config.walls.enabled else 0)
+        return sign_factors(used.signs, used.scale, {wall_key(w) for w in walls})
+
     def _inliers(self) -> Inliers:
         """Return the inliers; they are selected again only after new records."""
-        now = len(self._front.tracked), len(self._odometry), len(self._observed)
+        counted = self._front.tracked, self._odometry, self._observed, self._signs
+        now = tuple(len(records) for records in counted)
         if self._selected is None or self._selected[0] != now:
             # A wall is of the map, and not of a place that is not found yet.
             lines = [x if self._is_in_map(k) else NO_LINES for k, x in enumerate(self._lines)]
             inliers = select_inliers(
-                self._closer, self._chain, lines, self._all_observations(), self.config
+                self._closer,
+                self._chain,
+                lines,
+                self._all_observations(),
+                self._all_sign_views(),
+                self.config,
             )
             self._selected = now, inliers
         return self._selected[1]
@@ -287,6 +330,7 @@ class WallSlam:
         odometry_slam._odometry = self._odometry
         for observation in self._observed:
             odometry_slam.add_landmark(observation)
+        odometry_slam._signs = self._signs
         for stamp, odom in zip(*self._odometry.arrays()):
             scan = LevelScan(int(stamp), odom, nothing, np.zeros(2), nothing, nothing)
             odometry_slam._front.add(scan)
@@ -316,16 +360,25 @@ class WallSlam:
             seen = []
         return [*self._saved_observations, *self._anchor_observations(seen)]
 
+    def _all_sign_views(self) -> list[SignView]:
+        """Return the views of signs in all sessions that are in the map's frame, in order."""
+        seen = sorted(self._signs, key=sign_order)
+        anchored = self._anchor([m.stamp_ns for m in seen]) if self._front.tracked else []
+        views = [SignView(m, a) for m, a in zip(seen, anchored)]
+        keyframes, localised = self._chain.keyframes, self._closer.localised
+        own = [v for v in views if keyframes[v.anchored.keyframe].session in localised]
+        return [*self._saved_signs, *own]
+
     # -- saved maps ----------------------------------------------------------------------------
 
     def saved(self, solution: Solution | None = None) -> dict[str, NDArray[Any]]:
         """Return the map of the newest solution (None: solved now) as arrays, for `from_saved`.
 
-        It holds the keyframes with their scans and lines, their optimised poses, the loop closures
-        and the observations of landmarks; not the trajectory between keyframes.
+        It holds the keyframes with their scans and lines, their optimised poses, the loop closures,
+        the observations of landmarks and the views of signs; not the trajectory between keyframes.
         """
         if not self._chain.keyframes:
-            return pack_walls(SavedWalls([], [], np.zeros((0, 3)), [], []))
+            return pack_walls(SavedWalls([], [], np.zeros((0, 3)), [], [], []))
         poses = np.array([k.pose for k in (solution or self.solve()).keyframes])
         used, number = self._inliers(), self.kept_keyframes()
         kept = list(number)
@@ -339,6 +392,16 @@ class WallSlam:
                     replace(o, anchored=replace(o.anchored, keyframe=number[o.anchored.keyframe]))
                     for o in used.observations
                     if o.anchored.keyframe in number
+                ],
+                [
+                    replace(
+                        v,
+                        anchored=replace(v.anchored, keyframe=number[v.anchored.keyframe]),
+                        sign=sign.id,
+                    )
+                    for sign in used.signs
+                    for v in sign.views
+                    if v.anchored.keyframe in number
                 ],
             )
         )
@@ -387,7 +450,8 @@ class WallSlam:
         if config.graph.mode == "localisation":
             slam._chain.fixed = dict(enumerate(saved.poses))
         slam._saved_observations = saved.observations
-        slam._closer.load(saved.poses, saved.loops, saved.observations)
+        slam._saved_signs = saved.sign_views
+        slam._closer.load(saved.poses, saved.loops, saved.observations, saved.sign_views)
         keyframes = saved.keyframes
         session = 1 + max((k.session for k in keyframes), default=-1)
         slam._front = FrontEnd(config, first_id=len(keyframes), session=session)

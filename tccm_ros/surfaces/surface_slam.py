@@ -132,8 +132,8 @@ class SurfaceSlam:
     Attributes
     ----------
     counts
-        ``level scans`` matched, ``clouds``, ``views`` and ``boxes`` received, ``views while lost``
-        (which are not used), ``resets``.
+        ``level scans`` matched, ``clouds``, ``views``, ``boxes`` and ``signs`` received, ``views
+        while lost`` (which are not used), ``resets``.
     odom_frame
         Name of the odometry frame.
     """
@@ -146,6 +146,7 @@ class SurfaceSlam:
             PosedScan: self._take_scan,
             Odometry: self._take_odometry,
             LandmarkObservation: self._take_landmark,
+            SignMeasurement: self._take_sign,
             PoseGuess: self._take_guess,
             MapReset: self._take_reset,
             SurfaceCloud: partial(self._take_view, "clouds"),
@@ -188,8 +189,8 @@ class SurfaceSlam:
     def add(self, event: SlamInput) -> list[ScanPose]:
         """Process one event; return the pose of a level scan, and nothing for other events.
 
-        Landmarks, surface clouds and intervals may come at any time: their stamps tell where they
-        belong. Events for other processors are ignored.
+        Landmarks, signs, surface clouds and intervals may come at any time: their stamps tell
+        where they belong. Events for other processors are ignored.
         """
         if not self.takes(event):
             return []
@@ -204,6 +205,11 @@ class SurfaceSlam:
 
     def _take_landmark(self, observation: LandmarkObservation) -> list[ScanPose]:
         self.walls.add_landmark(observation)
+        return []
+
+    def _take_sign(self, sign: SignMeasurement) -> list[ScanPose]:
+        self.counts["signs"] += 1
+        self.walls.add_sign(sign)
         return []
 
     def _take_guess(self, guess: PoseGuess) -> list[ScanPose]:
@@ -271,7 +277,7 @@ class SurfaceSlam:
         lines = np.array([wall.endpoints for wall in slam.walls]).reshape(-1, 2, 2)
         mapped = surface_map.build(view_poses, lines)
         rooms = self._rooms(slam)
-        mapped = replace(mapped, surfaces=placed_surfaces(mapped.surfaces, rooms, ()))
+        mapped = replace(mapped, surfaces=placed_surfaces(mapped.surfaces, rooms, slam.signs))
         tracks = track_objects(surface_map.views, view_poses.T_map_view, self.config)
         objects = scene_objects(mapped.surfaces, tracks)
         place_size = self.config.objects.place_size
@@ -299,7 +305,8 @@ class SurfaceSlam:
         grid = occupancy_grid(self.walls.saved(slam))
         if grid is None:
             return ()
-        return named_rooms(find_rooms([wall.endpoints for wall in slam.walls], grid), ())
+        outlines = find_rooms([wall.endpoints for wall in slam.walls], grid)
+        return named_rooms(outlines, slam.signs)
 
     def _solve_graph(self, views: list[View], every_covariance: bool) -> Solution:
         """Optimise the graph; where views have surfaces in common, again with their factors."""

@@ -25,8 +25,8 @@ from tccm_ros.cuboids.intrinsics import lowest_bit
 from tccm_ros.cuboids.part_map import PartMapBuilder
 from tccm_ros.cuboids.union import (
     HISTOGRAM_SIZE,
+    gather_as_they_came,
     gather_points,
-    keep_arrival_order,
     mark_cells,
     merge_intervals,
     order_by_height,
@@ -151,13 +151,13 @@ def found_cuboids(points, cells, starts, is_dense=False):
         np.zeros(n, np.int64), np.zeros(2 * n, np.int32), np.zeros(n, np.int32)
     )  # fmt: skip
     records = np.array(records)
+    scan_ends = np.array([n], np.int32)
     if is_dense:
-        keep_arrival_order(n, order)
+        gather_as_they_came(records, scan_ends, counts, points_out)
+        sort_cells(points_out, starts, n_cells, scratch)
     else:
         order_by_height(records, n, (min(heights), max(heights)), scratch, order)
-    gather_points(records, n, order, np.array([n], np.int32), scan_of, counts, points_out)
-    if is_dense:
-        sort_cells(points_out, starts, n_cells, scratch)
+        gather_points(records, n, order, scan_ends, scan_of, counts, points_out)
     mark_cells(starts, n_cells, addresses, counts, begins)
     k = merge_intervals(points_out, n, begins, cells.astype(np.int64), n_cells, found)
     assert not counts.any()

@@ -39,6 +39,7 @@ from tccm_ros.results.models import (
     WallsFile,
 )
 from tccm_ros.results.numbers import key_of
+from tccm_ros.results.signs_file import SignEntry, SignsFile, SignViewEntry
 from tccm_ros.results.trajectory import Trajectory
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -171,6 +172,12 @@ def write_folder(folder: Path, *, cycles: int = CYCLES, max_range: float = 1.6) 
     closed = LoopEntry(2, 60, np.zeros(3), True, "")
     rejected = LoopEntry(7, 30, np.zeros(3), False, "ambiguous")
     write_json(folder / "graph.json", GraphFile(keyframes, (closed, rejected)))
+    views = tuple(SignViewEntry(path[k, 0], k, np.array([480.0, 200.0 + k])) for k in (4, 5))
+    plate = np.array([*np.mean(WALLS[0], axis=0), 1.5 + FLOOR_Z])
+    sign = SignEntry(
+        0, "205 Office", "205", 0.9, plate, np.array([0.0, 1.0, 0.0]), np.eye(3) * 1e-4, 0, views
+    )
+    write_json(folder / "signs.json", SignsFile((sign,)))
     mug = ObjectEntry(0, 3, np.array([2.2, 0.7, 0.78]), np.array([0.08, 0.08, 0.12]), 0.0)
     tray = ObjectEntry(1, 1, np.array([2.2, 3.1, 0.9]), np.array([0.4, 0.25, 0.05]), 0.3)
     bin_ = ObjectEntry(2, 0, np.array([4.4, -1.8, 0.2]), np.array([0.4, 0.3, 0.4]), 0.0)

@@ -27,6 +27,7 @@ FILES = {
     "objects.json",
     "walls.json",
     "graph.json",
+    "signs.json",
     "planes.json",
     "surfaces.geojson",
     "surfaces.scene",

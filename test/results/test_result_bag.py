@@ -153,6 +153,7 @@ def test_the_bag_has_every_topic_of_the_nodes_except_diagnostics(messages):
         "/tccm/center_cores": 1, "/tccm/obstacles": 1,
         "/tccm/surfaces": 3, "/tccm/view": 3, "/tf": 3, "/surface_slam/map_to_odom": 3,
         "/pose": 30, "/surface_slam/path": 1, "/surface_slam/walls": 1,
+        "/surface_slam/signs": 1,
         "/surface_slam/surfaces": 3, "/surface_slam/surface_cloud": 1, "/tccm/object_boxes": 3,
         "/surface_slam/surface_map": 1, "/surface_slam/objects": 1, "/surface_slam/tables": 1,
         "/collision_object": 3,

@@ -225,7 +225,7 @@ def test_a_configured_joint_replaces_the_one_that_would_be_found():
     ("records", "settings", "message"),
     [
         ([description()], ["frames.tilt_joint=tild"], "no joint 'tild'.*did you mean 'tilt'"),
-        ([description()], ["frames.base=torso"], "no way from base 'torso' to laser 'laser'"),
+        ([description()], ["frames.base=torso"], "no way from base 'torso' to sensor 'laser'"),
         ([description(TILTING.replace("laser", "lidar"))], [], "no frame 'laser'"),
         ([], [], "no frames at all"),
         ([], ["rig.kinematics=urdf"], "no robot description"),

@@ -1,25 +1,14 @@
 """Rooms have the names of the signs on their doors, and surfaces the rooms that they stand in."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from outlined_surfaces import surface
 from shapely import box
 
+from tccm_ros.records import Sign
 from tccm_ros.rooms.naming import named_rooms, placed_surfaces
-
-
-@dataclass(frozen=True)
-class Plate:
-    """A door sign."""
-
-    id: int
-    number: str
-    text: str
-    confidence: float
-    position: np.ndarray
-    normal: np.ndarray
 
 
 def rectangle(x, y):
@@ -37,7 +26,8 @@ def plate(number, x, side, *, sign_id=0, confidence=0.9, text=None):
     """Return a sign on the corridor's wall: side 1.0 is the north wall."""
     position = np.array([x, side * 1.0, 1.5])
     normal = np.array([0.0, -side, 0.0])
-    return Plate(sign_id, number, text or number, confidence, position, normal)
+    covariance = 1e-4 * np.eye(3)
+    return Sign(sign_id, text or number, number, confidence, position, normal, covariance, None, ())
 
 
 def table(x, y, label="table", number=1):
@@ -92,7 +82,7 @@ def test_a_table_in_the_corridor_is_near_the_signs_that_hang_there():
     assert found.near == ("206", "205")  # the nearest first; 207 is far away
 
 
-def test_a_table_in_a_doorway_is_in_the_room_that_holds_most_of_it():
+def test_a_table_in_a_doorway_is_in_the_room_with_the_largest_part_of_it():
     signs = [plate("205", 1.0, 1.0)]
     (found,) = placed_surfaces([table(2.0, 1.30)], named_rooms(ROOMS, signs), signs)
     assert found.room == "205"

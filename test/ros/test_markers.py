@@ -2,13 +2,14 @@ import numpy as np
 import pytest
 from message_families import TYPESTORE, family, to_bag_message
 
-from tccm_ros.records import PlaneRecord, Surface, TabletopObject, Wall
+from tccm_ros.records import PlaneRecord, Sign, Surface, TabletopObject, Wall
 from tccm_ros.ros.marker_parts import MarkerSet, MessageContext, identity_color
 from tccm_ros.ros.markers import (
     core_markers,
     cuboid_markers,
     object_markers,
     plane_markers,
+    sign_markers,
     surface_markers,
     wall_markers,
 )
@@ -21,6 +22,11 @@ HOLE = np.array([[0.5, 0.25, 0], [0.5, 0.75, 0], [1.5, 0.75, 0], [1.5, 0.25, 0]]
 @pytest.fixture(params=["typestore", "rosidl"])
 def context(request):
     return MessageContext(family(request.param), STAMP, "map")
+
+
+def make_sign():
+    at, facing = np.array([1.0, 2.0, 1.5]), np.array([0.0, 1.0, 0.0])
+    return Sign(3, "205 Office", "205", 0.9, at, facing, np.eye(3) * 1e-4, 0, ())
 
 
 def make_plane(identity=3, boundary=SQUARE, holes=(HOLE,)):
@@ -94,6 +100,11 @@ def test_markers_of_surfaces_objects_walls_and_cores_have_their_shapes(context):
     fill = bag_markers(context, wall_markers(context, [wall]))[0]
     corners = np.array([[p.x, p.y, p.z] for p in fill.points]).reshape(-1, 3, 3)
     assert triangle_area(corners).sum() == pytest.approx(4 * 0.5)
+    sign = make_sign()
+    plate, text = bag_markers(context, sign_markers(context, [sign]))
+    assert text.text == sign.text
+    assert [plate.pose.position.x, plate.pose.position.y] == sign.position[:2].tolist()
+    assert plate.pose.orientation.z == pytest.approx(np.sqrt(0.5))  # it faces y
     (lines,) = bag_markers(context, core_markers(context, np.zeros((3, 3)), np.ones((3, 3))))
     assert len(lines.points) == 6
     assert core_markers(context, np.zeros((0, 3)), np.zeros((0, 3))) == []

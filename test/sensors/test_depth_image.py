@@ -44,7 +44,7 @@ def test_each_ray_is_projected_back_to_its_pixel(D, crop):
 
 def test_a_rectified_image_has_the_rays_of_its_projection():
     P = np.array([[50.0, 0, 30, 0], [0, 50.0, 20, 0], [0, 0, 1, 0]])
-    rays = pixel_rays(replace(CAMERA, D=PLUMB_BOB, P=P), is_rectified=True)
+    rays = pixel_rays(replace(CAMERA, D=PLUMB_BOB, P=P).rectified())
     np.testing.assert_allclose(rays[:, 20, 30], 0.0, atol=1e-6)
     np.testing.assert_allclose(rays[:, 0, 0], [-0.6, -0.4], atol=1e-6)
 

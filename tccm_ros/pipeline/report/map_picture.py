@@ -21,8 +21,9 @@ from tccm_ros.pipeline.report.drawing import (
     show_extent,
 )
 from tccm_ros.pipeline.report.label_layout import label_point
+from tccm_ros.records import SIGN
 from tccm_ros.results.folder_reader import Results
-from tccm_ros.results.models import LandmarkEntry, ObjectEntry, SurfaceEntry
+from tccm_ros.results.models import ObjectEntry, SurfaceEntry
 
 WIDTH_IN = 9.0
 """Width of the picture, inches; the height follows the map."""
@@ -102,7 +103,10 @@ def draw_map(axes: Axes, results: Results, low: Float64, high: Float64) -> None:
         axes.plot(*wall.endpoints.T, color=palette.WALL, lw=4.0, solid_capstyle="round", zorder=8)
     _draw_path(axes, results)
     for landmark in results.graph.landmarks:
-        _draw_landmark(axes, landmark)
+        if landmark.kind != SIGN:
+            _draw_landmark(axes, landmark.position, f"{landmark.kind} {landmark.id}")
+    for sign in results.signs:
+        _draw_landmark(axes, sign.position, sign.number)
     _draw_scale_bar(axes)
     standing = sorted(results.above_floor, key=lambda s: (-s.area, s.id))
     draw_labels(
@@ -156,12 +160,12 @@ def _draw_path(axes: Axes, results: Results) -> None:
         axes.plot(x, y, "o", ms=3.6, color=palette.VIEW, mec="white", mew=0.6, zorder=11)
 
 
-def _draw_landmark(axes: Axes, landmark: LandmarkEntry) -> None:
-    """Draw a diamond and the landmark's name: there is no symbol for each kind."""
-    x, y = landmark.position[:2]
+def _draw_landmark(axes: Axes, position: Float64, name: str) -> None:
+    """Draw a diamond and a landmark's name: there is no symbol for each kind."""
+    x, y = position[:2]
     axes.plot(x, y, "D", ms=5, color=palette.LANDMARK, mec="white", zorder=12)
     axes.annotate(
-        f"{landmark.kind} {landmark.id}", (x, y), (5, 5), textcoords="offset points",
+        name, (x, y), (5, 5), textcoords="offset points",
         color=palette.LANDMARK, zorder=15,
         path_effects=[withStroke(linewidth=2.5, foreground="white")],
     )  # fmt: skip
@@ -205,7 +209,9 @@ def _legend(results: Results) -> Sequence[Line2D | Patch]:
         handles.append(Line2D([], [], color=palette.PATH, lw=1.2, label="path of the base"))
     if len(results.view_stamps()):
         handles.append(Line2D([], [], color=palette.VIEW, marker="o", ms=4, lw=0, label="3D view"))
-    if results.graph.landmarks:
+    if results.signs:
+        handles.append(Line2D([], [], color=palette.LANDMARK, marker="D", lw=0, label="door sign"))
+    elif results.graph.landmarks:
         handles.append(Line2D([], [], color=palette.LANDMARK, marker="D", lw=0, label="landmark"))
     if results.truth:
         handles.append(Line2D([], [], color=palette.TRUTH, lw=0.9, ls=(0, (4, 3)), label="truth"))

@@ -13,6 +13,10 @@ from tccm_ros.slam.factors.factor import NoLandmark
 from tccm_ros.slam.factors.keys import Key, rotation_z, view_key
 from tccm_ros.slam.factors.noise import gaussian, huber, planar_covariance
 
+Z_ROLL_PITCH_SIGMAS = (0.005, 0.00524, 0.00524)
+"""Standard deviations of the z (m), roll and pitch (rad) of a base that moves: 5 mm and 0.3 deg
+(chosen; docs/design/wall_slam.md, "Views in the graph")."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyframeView(NoLandmark):
@@ -28,14 +32,14 @@ class KeyframeView(NoLandmark):
         float64 (3, 3) of (x, y, yaw) in the view's frame.
     sigma_z_roll_pitch
         Standard deviations of the view's z (m), roll and pitch (rad), which are zero for the
-        keyframe: 5 mm and 0.3 deg (chosen; docs/design/wall_slam.md, "Views in the graph").
+        keyframe.
     """
 
     keyframe: Key
     view: Key
     delta: Float64
     cov: Float64
-    sigma_z_roll_pitch: tuple[float, float, float] = (0.005, 0.00524, 0.00524)
+    sigma_z_roll_pitch: tuple[float, float, float] = Z_ROLL_PITCH_SIGMAS
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
         """Add a between factor in all six degrees of freedom."""

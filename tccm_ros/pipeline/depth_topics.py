@@ -1,0 +1,133 @@
+"""Which topics of a bag are depth images, what calibrates them, and what is no depth image."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from tccm_ros.bags.reader import BagReader
+from tccm_ros.bags.typestore import TypestoreMessages
+from tccm_ros.errors import MessageError
+from tccm_ros.records.building import frame_name
+from tccm_ros.sensors.cloud_messages import CLOUD_READER
+from tccm_ros.sensors.depth_image import COMPRESSED, camera_info_topic
+from tccm_ros.sensors.depth_messages import (
+    CAMERA_INFO_READER,
+    COMPRESSED_READER,
+    DEPTH_ENCODINGS,
+    IMAGE_READER,
+    camera_info_from_message,
+)
+
+IMAGE, PACKED = IMAGE_READER.message_type, COMPRESSED_READER.message_type
+INFO, CLOUD = CAMERA_INFO_READER.message_type, CLOUD_READER.message_type
+READERS = {r.message_type: r for r in (IMAGE_READER, COMPRESSED_READER, CLOUD_READER)}
+"""Readers by the type of the messages."""
+
+
+@dataclass(frozen=True, slots=True)
+class DepthTopic:
+    """A topic of depth images in a bag.
+
+    Attributes
+    ----------
+    topic, frame_id
+        Its name, and the frame of the first image.
+    size
+        Width and height, pixels; None where the images are compressed.
+    is_compressed
+        Whether they are CompressedImage messages.
+    """
+
+    topic: str
+    frame_id: str
+    size: tuple[int, int] | None
+    is_compressed: bool
+
+
+def depth_topics(reader: BagReader) -> list[DepthTopic]:
+    """Return the topics of depth images in a bag, with or without a calibration."""
+    found = []
+    for topic in reader.topics():
+        if not topic.count:
+            continue
+        if topic.msgtype == IMAGE:
+            message = first_message(reader, topic.name)
+            if message is not None and str(message.encoding) in DEPTH_ENCODINGS:
+                size = int(message.width), int(message.height)
+                frame = frame_name(message.header.frame_id)
+                found.append(DepthTopic(topic.name, frame, size, is_compressed=False))
+        elif topic.msgtype == PACKED:
+            message = first_message(reader, topic.name)
+            if message is not None and COMPRESSED in str(message.format):
+                frame = frame_name(message.header.frame_id)
+                found.append(DepthTopic(topic.name, frame, None, is_compressed=True))
+    names = {image.topic for image in found}
+    return [
+        image
+        for image in found
+        if not (image.is_compressed and image.topic.removesuffix(f"/{COMPRESSED}") in names)
+    ]
+
+
+def first_message(reader: BagReader, topic: str) -> Any | None:
+    """Return the first message of a topic, None where it cannot be read."""
+    types = TypestoreMessages()
+    for message in reader.messages([topic]):
+        with suppress(MessageError):
+            return types.deserialize(message.msgtype, message.data)
+        return None
+    return None
+
+
+def calibration_topic(reader: BagReader, image: DepthTopic) -> str | None:
+    """Return the topic of the calibration of depth images, None where none can be told.
+
+    It stands beside the images, or is the only one of their frame and size.
+    """
+    infos = [t.name for t in reader.topics() if t.count and t.msgtype == INFO]
+    beside = camera_info_topic(image.topic)
+    if beside in infos:
+        return beside
+    fitting = [name for name in infos if _fits(reader, name, image)]
+    return fitting[0] if len(fitting) == 1 else None
+
+
+def _fits(reader: BagReader, info: str, image: DepthTopic) -> bool:
+    message = first_message(reader, info)
+    if message is None or frame_name(message.header.frame_id) != image.frame_id:
+        return False
+    with suppress(MessageError):
+        return image.size in (None, camera_info_from_message(message).image_size)
+    return False
+
+
+def unreadable_topics(reader: BagReader, named: set[str]) -> list[str]:
+    """Return a line for each topic of depths or points that cannot be read, with the reason.
+
+    Parameters
+    ----------
+    reader
+        The bag.
+    named
+        Topics that are named as those of depth images: another image is no depth image.
+    """
+    notes = []
+    for topic in reader.topics():
+        if not topic.count or topic.msgtype not in (IMAGE, PACKED, CLOUD):
+            continue
+        message = first_message(reader, topic.name)
+        if message is None:
+            continue
+        if topic.msgtype == PACKED:
+            text = str(message.format)
+            is_depth = text.startswith(("16UC1", "32FC1")) and COMPRESSED not in text
+        else:
+            is_depth = topic.msgtype == CLOUD or topic.name in named
+        if is_depth:
+            try:
+                READERS[topic.msgtype].of_message(message)
+            except MessageError as error:
+                notes.append(f"{topic.name}: {error}")
+    return notes

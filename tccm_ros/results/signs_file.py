@@ -1,0 +1,101 @@
+"""Model of signs.json."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Annotated
+
+from tccm_ros.arrays import Float64
+from tccm_ros.records import Sign
+from tccm_ros.results.models import Covariance3, Vector, array_type
+from tccm_ros.results.numbers import Stamp
+
+Pixel = Annotated[Float64, *array_type(2)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SignViewEntry:
+    """A picture in which a sign was read.
+
+    Attributes
+    ----------
+    stamp
+        Of the picture, s.
+    keyframe
+        The keyframe that it hangs on.
+    pixel
+        float64 (2,), middle of the number, from the left and the top of the picture.
+    """
+
+    stamp: float
+    keyframe: int
+    pixel: Pixel
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SignEntry:
+    """A door sign, in map, as `records.Sign`.
+
+    Attributes
+    ----------
+    id
+        Stays with the sign over solutions and sessions.
+    text, number
+        What the plate says, and the number of the room in it.
+    confidence
+        In the number, 0 to 1.
+    position
+        float64 (3,), middle of the number, m.
+    normal
+        float64 (3,), unit vector from the wall to who reads the sign.
+    covariance
+        float64 (3, 3) of the position, m2.
+    wall
+        Id of its wall in walls.json; null where none is known.
+    views
+        The pictures, in the order of sessions and stamps.
+    """
+
+    id: int
+    text: str
+    number: str
+    confidence: float
+    position: Vector
+    normal: Vector
+    covariance: Covariance3
+    wall: int | None
+    views: tuple[SignViewEntry, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SignsFile:
+    """signs.json: the door signs of the map.
+
+    Attributes
+    ----------
+    signs
+        By id.
+    """
+
+    signs: tuple[SignEntry, ...] = ()
+
+    @classmethod
+    def of(cls, signs: Iterable[Sign]) -> SignsFile:
+        """Return the model of signs.json."""
+        return cls(tuple(_entry(sign) for sign in signs))
+
+
+def _entry(sign: Sign) -> SignEntry:
+    views = (SignViewEntry(Stamp(v.stamp_ns), v.keyframe, v.pixel) for v in sign.views)
+    return SignEntry(
+        sign.id,
+        sign.text,
+        sign.number,
+        sign.confidence,
+        sign.position,
+        sign.normal,
+        sign.covariance,
+        sign.wall,
+        tuple(views),
+    )

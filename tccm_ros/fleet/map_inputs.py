@@ -9,9 +9,11 @@ from pathlib import Path
 
 import shapely
 
+from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.errors import FleetError, MapError, one_line
 from tccm_ros.fleet.layout import FleetFolder
+from tccm_ros.fleet.tables import read_signs
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.map_file import load_map
 from tccm_ros.results.models import SurfaceEntry, SurfacesFile
@@ -45,6 +47,22 @@ class Footprint:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SignPlace:
+    """A door sign in its map.
+
+    Attributes
+    ----------
+    text
+        That it was read as.
+    position
+        float64 (3,), m.
+    """
+
+    text: str
+    position: Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class MapInput:
     """A map to be merged.
 
@@ -62,6 +80,8 @@ class MapInput:
         Its keyframes and what constrains them.
     surfaces
         By id.
+    signs
+        Door signs with a text.
     """
 
     name: str
@@ -70,6 +90,7 @@ class MapInput:
     saved: SavedMap
     walls: SavedWalls
     surfaces: tuple[Footprint, ...]
+    signs: tuple[SignPlace, ...] = ()
 
 
 def find_maps(sources: Iterable[Path]) -> list[Path]:
@@ -117,6 +138,8 @@ def checksum_of(path: Path) -> str:
 def read_map(path: Path, config: Config) -> MapInput:
     """Read a map; its surfaces are those of the result file beside it, or built anew.
 
+    Signs are those of the file beside it, or none.
+
     Parameters
     ----------
     path
@@ -133,15 +156,16 @@ def read_map(path: Path, config: Config) -> MapInput:
     if not len(saved.walls.get("keyframe_stamp_ns", ())):
         raise MapError(f"{path}: made without a level laser: it has no keyframes to merge it by")
     beside = path.parent / "surfaces.json"
+    signs: tuple[SignPlace, ...] = ()
     if path.name == MAP and beside.exists():
         surfaces = _footprints_of(read_json(beside, SurfacesFile))
+        signs = tuple(SignPlace(s.text, s.position) for s in read_signs(path.parent) if s.text)
     else:
         mapped = SurfaceSlam.from_saved(config, saved).solve().mapped
         surfaces = _footprints_of(SurfacesFile.of(mapped.surfaces, mapped.floor_z, "map"))
     name = str(path.parent if path.name == MAP else path)
-    return MapInput(
-        name, path, checksum_of(path), saved, unpack_walls(saved.walls), tuple(surfaces)
-    )
+    walls = unpack_walls(saved.walls)
+    return MapInput(name, path, checksum_of(path), saved, walls, tuple(surfaces), signs)
 
 
 def _footprints_of(file: SurfacesFile) -> Sequence[Footprint]:

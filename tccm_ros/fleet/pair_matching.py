@@ -1,7 +1,7 @@
 """Matching of two maps: the second one's keyframes are searched for in the first, as a session is.
 
 The proposals are those of the loop search, confirmed by each other (`slam.loops`). Walls alone do
-not tell two floors of one building from each other: the furniture must agree, too.
+not tell two floors of one building from each other: furniture and door signs must agree, too.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from tccm_ros.arrays import Float64
 from tccm_ros.atomic import output_file
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
-from tccm_ros.fleet.map_inputs import Footprint, MapInput, read_map
+from tccm_ros.fleet.map_inputs import Footprint, MapInput, SignPlace, read_map
 from tccm_ros.fleet.record import settings_checksum, software_checksum
-from tccm_ros.geometry import between2, compose2, inverse2
+from tccm_ros.geometry import between2, compose2, inverse2, transform2
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.models import Covariance3, Vector
 from tccm_ros.results.numbers import json_text
@@ -45,6 +45,9 @@ MIN_AGREEMENT = 0.5
 """Min fraction of the furniture that both have seen that is in both maps (chosen: half of it may
 have been moved between two drives)."""
 
+MAX_SIGN_DISTANCE = 0.3
+"""Max distance of one door sign in two maps, m (chosen: less than the distance of two doors)."""
+
 YAW_WEIGHT = 3.0
 """Metres that a radian of yaw counts in the distance of two poses (chosen)."""
 
@@ -55,6 +58,7 @@ class PairReason(StrEnum):
     ACCEPTED = "walls and furniture agree"
     NO_MATCH = "no place of one is found in the other"
     OTHER_FURNITURE = "the walls agree, but only {:.2f} of the furniture does"
+    OTHER_SIGNS = "the walls agree, but {} of {} door signs read otherwise"
     CONTRADICTED = "contradicts other pairs"
 
 
@@ -124,8 +128,11 @@ def match_maps(one: MapInput, other: MapInput, config: Config) -> PairMatch:
         return PairMatch(PairReason.NO_MATCH, np.zeros(3))
     T = _median_pose(loops, one.walls.poses, other.walls.poses)
     area, agreement = compare_furniture(one.surfaces, other.surfaces, T)
+    same, others = compare_signs(one.signs, other.signs, T)
     reason: str = PairReason.ACCEPTED
-    if area >= MIN_COMPARED_AREA and agreement < MIN_AGREEMENT:
+    if others > same:
+        reason = PairReason.OTHER_SIGNS.format(others, same + others)
+    elif area >= MIN_COMPARED_AREA and agreement < MIN_AGREEMENT:
         reason = PairReason.OTHER_FURNITURE.format(agreement)
     rows = [PairLoop(p.a, p.b, p.delta, p.cov, p.inliers, p.score, p.window) for p in loops]
     return PairMatch(reason, T, tuple(rows), area, agreement)
@@ -210,6 +217,32 @@ def _agreeing(ones: Sequence[Footprint], others: Sequence[Footprint]) -> tuple[f
 
 def _is_as_high(one: Footprint, other: Footprint) -> bool:
     return abs(one.height - other.height) <= MAX_HEIGHT_DIFFERENCE
+
+
+def compare_signs(
+    one: Sequence[SignPlace], other: Sequence[SignPlace], T_one_other: Float64
+) -> tuple[int, int]:
+    """Return how many door signs read the same in both maps, and how many read otherwise.
+
+    Parameters
+    ----------
+    one, other
+        Signs of the maps.
+    T_one_other
+        float64 (3,), planar pose of the second map in the first.
+    """
+    if not one or not other:
+        return 0, 0
+    positions = np.array([sign.position for sign in one])
+    same = others = 0
+    for sign in other:
+        xy = transform2(T_one_other, sign.position[None, :2])[0]
+        distances = np.linalg.norm(positions - [*xy, sign.position[2]], axis=1)
+        nearest = int(np.argmin(distances))
+        if distances[nearest] <= MAX_SIGN_DISTANCE:
+            is_same = one[nearest].text == sign.text
+            same, others = same + is_same, others + (not is_same)
+    return same, others
 
 
 def pair_file(folder: Path, one: str, other: str, config: Config) -> Path:

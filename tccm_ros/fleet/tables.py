@@ -119,15 +119,27 @@ def read_source(name: str, folder: Path) -> MapSource:
     MapError
         If surfaces.json or walls.json is missing, or a file is damaged.
     """
-    objects, signs = folder / "objects.json", folder / "signs.json"
+    objects = folder / "objects.json"
     return MapSource(
         name,
         folder,
         read_json(folder / "surfaces.json", SurfacesFile),
         read_json(objects, ObjectsFile) if objects.exists() else ObjectsFile(),
         read_json(folder / "walls.json", WallsFile),
-        read_json(signs, _SignsFile).signs if signs.exists() else (),
+        read_signs(folder),
     )
+
+
+def read_signs(folder: Path) -> tuple[SignRow, ...]:
+    """Return the door signs of a result folder; none without signs.json.
+
+    Raises
+    ------
+    MapError
+        If the file is damaged.
+    """
+    path = folder / "signs.json"
+    return read_json(path, _SignsFile).signs if path.exists() else ()
 
 
 class Column(NamedTuple):

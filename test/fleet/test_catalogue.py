@@ -102,6 +102,65 @@ def test_a_question_of_the_guide_is_answered(catalogue, query):
     assert bool(answer.rows) == (query != QUESTIONS[0])  # the room has no table with so much free
 
 
+DAY_S = 86_400.0
+
+
+def furnished(folder, days, above_floor=0.75, edge=0.8):
+    """Make a surface a table with a free square, and the whole map some days later."""
+    surfaces = json.loads((folder / "surfaces.json").read_text())
+    table = next(s for s in surfaces["surfaces"] if s["label"] != "floor")
+    table |= {"label": "table", "height": (surfaces["floor_z"] or 0.0) + above_floor}
+    for surface in surfaces["surfaces"]:
+        for stamp in ("first_seen", "last_seen"):
+            surface[stamp] += days * DAY_S
+    ring = [[0, 0, 1], [edge, 0, 1], [edge, edge, 1], [0, edge, 1]]
+    objects = {"objects": [], "free": [{"surface": table["id"], "polygons": [ring]}]}
+    (folder / "surfaces.json").write_text(json.dumps(surfaces))
+    (folder / "objects.json").write_text(json.dumps(objects))
+    return table["id"]
+
+
+def test_the_first_question_finds_the_free_tables_of_the_last_day(tmp_path, flat):
+    made = Catalogue(tmp_path / "catalogue")
+    maps = {
+        "today": {"days": 3.0},
+        "in the morning": {"days": 2.2},
+        "two days ago": {"days": 1.0},
+        "small": {"days": 3.0, "edge": 0.7},
+        "high": {"days": 3.0, "above_floor": 0.85},
+    }
+    ids = {}
+    for name, change in maps.items():
+        folder = shutil.copytree(flat, tmp_path / name)
+        ids[name] = furnished(folder, **change)
+        made.add(name, folder)
+    found = [row[:2] for row in made.ask(QUESTIONS[0]).rows]
+    assert sorted(found) == [(name, ids[name]) for name in ("in the morning", "today")]
+
+
+def test_the_second_question_finds_the_mug_and_what_was_not_seen_since(tmp_path, flat_copy):
+    surfaces = json.loads((flat_copy / "surfaces.json").read_text())
+    under, *others = (s for s in surfaces["surfaces"] if s["label"] != "floor")
+    for k, surface in enumerate(surfaces["surfaces"]):
+        surface["last_seen"] = 100.0 + k
+    under["last_seen"] = 101.5
+    boxes = [
+        {"id": 1, "surface": under["id"], "center": [1, 2, 0.8], "size": [0.08, 0.09, 0.1]},
+        {"id": 2, "surface": others[0]["id"], "center": [3, 2, 0.8], "size": [0.3, 0.2, 0.1]},
+    ]
+    objects = {"objects": [box | {"yaw": 0.0} for box in boxes], "free": []}
+    (flat_copy / "surfaces.json").write_text(json.dumps(surfaces))
+    (flat_copy / "objects.json").write_text(json.dumps(objects))
+    made = Catalogue(tmp_path / "catalogue")
+    made.add("run", flat_copy)
+    answer = made.ask(QUESTIONS[1])
+    rows = [dict(zip(answer.columns, row)) for row in answer.rows]
+    assert {(r["map"], r["seen_on"], r["center_x"]) for r in rows} == {("run", under["id"], 1.0)}
+    older = {s["id"] for s in surfaces["surfaces"] if s["last_seen"] < 101.5}
+    assert older
+    assert {r["not_seen_since"] for r in rows} == older
+
+
 def test_there_are_five_questions():
     assert len(QUESTIONS) == 5
 

@@ -15,6 +15,7 @@ from split_bag import split_bag
 from tccm_ros.config import Config
 from tccm_ros.errors import FleetError
 from tccm_ros.fleet.merge import merge_maps
+from tccm_ros.geometry import inverse2, transform2
 from tccm_ros.pipeline.replay import replay
 from tccm_ros.results.map_info import map_info
 
@@ -85,6 +86,33 @@ def test_a_map_of_another_place_is_matched_alone_and_stays_by_itself(merged, map
     assert own.keys() == surfaces(maps / "elsewhere").keys()
     assert f"shares nothing with it: {maps / 'elsewhere'}" in again.text()
     assert merge_maps(sources, merged.out, Config()).matched == 0
+
+
+def with_signs(folder, map_folder, T_first_map, texts):
+    """Copy a map, with door signs at the same places of the first map's frame."""
+    copy = shutil.copytree(map_folder, folder / map_folder.name)
+    signs = [
+        {"id": k, "text": text, "confidence": 0.9, "normal": [1, 0, 0], "views": [],
+         "position": [*transform2(inverse2(T_first_map), np.array([[2.0 * k, 1.0]]))[0], 1.5]}
+        for k, text in enumerate(texts)
+    ]  # fmt: skip
+    (copy / "signs.json").write_text(json.dumps({"signs": signs}))
+    return copy
+
+
+@pytest.mark.parametrize(("other", "sizes"), [("1", [2]), ("2", [1, 1])])
+def test_signs_tell_two_buildings_with_the_same_walls_and_furniture(
+    merged, maps, tmp_path, other, sizes
+):
+    (component,) = merged.content.components
+    sources = [
+        with_signs(tmp_path, maps / name, entry.T_map_old, [f"{floor}0{k}" for k in range(3)])
+        for name, entry, floor in zip(("first", "second"), component.maps, ("1", other))
+    ]
+    found = merge_maps(sources, tmp_path / "out", Config())
+    assert [len(c.maps) for c in found.content.components] == sizes
+    (pair,) = found.content.pairs
+    assert ("3 of 3 door signs read otherwise" in pair.reason) == (other == "2")
 
 
 def test_maps_of_the_same_bytes_are_merged_only_where_it_is_said(maps, tmp_path):

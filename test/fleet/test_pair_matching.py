@@ -5,12 +5,13 @@ import pytest
 import shapely
 
 from tccm_ros.config import Config
-from tccm_ros.fleet.map_inputs import Footprint
+from tccm_ros.fleet.map_inputs import Footprint, SignPlace
 from tccm_ros.fleet.pair_matching import (
     PairLoop,
     PairMatch,
     PairReason,
     compare_furniture,
+    compare_signs,
     pair_file,
     read_pair,
 )
@@ -57,6 +58,34 @@ def test_tables_of_another_height_do_not_agree():
 def test_what_the_other_map_has_not_seen_is_not_compared():
     far = Footprint(0, shapely.box(10, 10, 14, 14), 0.0, True)
     assert compare_furniture(ROOM, (far,), np.zeros(3)) == (0.0, 0.0)
+
+
+def moved_signs(T, signs):
+    inverse = inverse2(np.array(T, float))
+    return [
+        SignPlace(s.text, np.array([*transform2(inverse, s.position[None, :2])[0], s.position[2]]))
+        for s in signs
+    ]
+
+
+SIGNS = tuple(SignPlace(f"10{k}", np.array([2.0 * k, 3.0, 1.5])) for k in range(4))
+
+
+@pytest.mark.parametrize("T", [(0, 0, 0), (3.0, -2.0, 1.2)])
+def test_signs_of_one_floor_read_the_same(T):
+    assert compare_signs(SIGNS, moved_signs(T, SIGNS), np.array(T, float)) == (4, 0)
+
+
+def test_signs_of_another_floor_read_otherwise():
+    other = [SignPlace(s.text.replace("1", "2", 1), s.position) for s in SIGNS]
+    assert compare_signs(SIGNS, other, np.zeros(3)) == (0, 4)
+
+
+def test_signs_that_one_map_alone_has_tell_nothing():
+    assert compare_signs(SIGNS[:2], SIGNS[2:], np.zeros(3)) == (0, 0)
+    assert compare_signs(SIGNS, (), np.zeros(3)) == (0, 0)
+    above = [SignPlace(s.text, s.position + np.array([0, 0, 3.0])) for s in SIGNS]
+    assert compare_signs(SIGNS, above, np.zeros(3)) == (0, 0)
 
 
 def test_a_match_is_read_as_it_was_written(tmp_path):

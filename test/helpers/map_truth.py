@@ -5,6 +5,9 @@ import json
 import numpy as np
 import shapely
 
+MAX_STEP = 0.03
+"""Max difference in height of a top and its surface, m: two tops of the flat differ by 0.05 m."""
+
 
 def wall_errors(folder, truth):
     """Return the distance of each wall's ends from the nearest parallel true wall, m."""
@@ -30,7 +33,7 @@ def wall_errors(folder, truth):
 def surface_errors(folder, truth):
     """Return the error of each true top's centre (m, over the parts seen) and of its height, m.
 
-    A top is that of the surface that overlaps it most.
+    A top is that of the surface that overlaps it most; the counts are of surfaces at its place.
     """
     found = json.loads((folder / "surfaces.json").read_text())["surfaces"]
     true = json.loads((truth / "truth.json").read_text())["surfaces"]
@@ -41,7 +44,7 @@ def surface_errors(folder, truth):
         same = [
             (polygon.intersection(outline).area, k)
             for k, polygon in enumerate(polygons)
-            if abs(found[k]["height"] - top["height"]) < 0.05
+            if abs(found[k]["height"] - top["height"]) < MAX_STEP
             and polygon.intersection(outline).area > 0.1 * outline.area
         ]
         counts.append(len(same))

@@ -36,7 +36,11 @@ def pack_scene(
         Message classes.
     """
     floor = None if grid is None else FreeFloor(grid, solution.surfaces)
-    scene = Scene(solution.stamp_ns, frame_id, solution.floor_z, solution.objects, floor)
+    newest_ns = max(solution.view_stamps_ns.tolist(), default=0)
+    scene = Scene(
+        solution.stamp_ns, frame_id, solution.floor_z, solution.objects, floor,
+        newest_view_ns=newest_ns,
+    )  # fmt: skip
     known = []
     for surface in solution.surfaces:
         message = surface_message(types, solution.stamp_ns, frame_id, surface, solution.floor_z)
@@ -44,7 +48,6 @@ def pack_scene(
         known.append(
             KnownSurface(
                 replace(surface, views=()),
-                stamps[0] if stamps else surface.first_seen_ns,
                 stamps[-1] if stamps else surface.last_seen_ns,
                 bytes(types.serialize(SURFACE, message)),
             )

@@ -9,7 +9,7 @@ from tccm_ros.nodes.interfaces import has_interfaces
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.ros.surface_messages import SURFACE_EVENT, event_message
 from tccm_ros.ros.types import MessageTypes
-from tccm_ros.surfaces.changes import Change, changes
+from tccm_ros.surfaces.changes import Change, MapChanges
 from tccm_ros.surfaces.scene import Scene
 
 EVENTS = QoSProfile(depth=100)
@@ -27,7 +27,7 @@ class SurfaceEvents:
 
     def __init__(self, node: Node, types: MessageTypes):
         self._types, self._context = types, node.context
-        self._before: Scene | None = None
+        self._changes = MapChanges()
         self._is_baseline_awaited = False
         self._publisher = (
             node.create_publisher(message_class(SURFACE_EVENT), "~/events", EVENTS)
@@ -37,7 +37,8 @@ class SurfaceEvents:
 
     def forget(self, *, is_map_loaded: bool) -> None:
         """Begin another map: what the first scene of a loaded one holds is no change."""
-        self._before, self._is_baseline_awaited = None, is_map_loaded
+        self._changes = MapChanges()
+        self._is_baseline_awaited = is_map_loaded
 
     def note(self, scene: Scene, agreeing_views: int) -> list[Change]:
         """Publish what happened since the scene before; return it.
@@ -50,11 +51,9 @@ class SurfaceEvents:
             As for `changes`.
         """
         if self._is_baseline_awaited:
-            self._before, self._is_baseline_awaited = scene, False
+            self._changes, self._is_baseline_awaited = MapChanges(scene), False
             return []
-        before = self._before or scene._replace(surfaces=(), objects=())
-        self._before = scene
-        found = changes(before, scene, agreeing_views)
+        found = self._changes.note(scene, agreeing_views)
         if self._publisher is not None and self._context.ok():
             for event in found:
                 self._publisher.publish(self._message(event, scene.frame_id))

@@ -38,6 +38,7 @@ from tccm_ros.records.sensors import (
 from tccm_ros.records.signs import SIGN, Sign, SignSighting
 from tccm_ros.records.solution import (
     EdgeState,
+    FormerPlace,
     Keyframe,
     Landmark,
     LandmarkObservation,
@@ -59,6 +60,7 @@ __all__ = [
     "DepthImage",
     "EdgeState",
     "Event",
+    "FormerPlace",
     "JointSample",
     "Keyframe",
     "Landmark",

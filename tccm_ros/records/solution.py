@@ -234,6 +234,24 @@ class SurfaceEdge:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FormerPlace:
+    """Where a surface was before it was carried elsewhere.
+
+    Attributes
+    ----------
+    boundary, normal, offset
+        As of `Surface`; the boundary is what was seen.
+    last_seen_ns
+        Stamp of the last view that measured it there.
+    """
+
+    boundary: Float64
+    normal: Float64
+    offset: float
+    last_seen_ns: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Surface:
     """A horizontal surface of the surface map, in the map frame.
 
@@ -277,6 +295,10 @@ class Surface:
         Name of the room that it stands in; empty where that is not known.
     near
         Texts of the door signs near it, the nearest first.
+    placed_ns
+        Stamp of the first view that measured it where it is now.
+    stood
+        Where it was before it was carried here; None where that is not known.
     """
 
     id: int
@@ -301,3 +323,5 @@ class Surface:
     boundary_seen: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
     room: str = ""
     near: tuple[str, ...] = ()
+    placed_ns: int = 0
+    stood: FormerPlace | None = None

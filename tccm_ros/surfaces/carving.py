@@ -52,6 +52,10 @@ UNUSED = 4
 MAJORITY = 0.5
 """A column is removed where more than this fraction of its points is gone; chosen."""
 
+MIN_KNOWN_AREA = 0.1
+"""Smaller surfaces are not known again elsewhere, m2. Chosen: below a stool's seat; boxes and
+shoulders of people come and go."""
+
 
 @dataclass(slots=True)
 class Survivors:
@@ -306,12 +310,18 @@ def _rpy(T: Float64) -> Float64:
     return np.column_stack([T[:, :3, 3], roll, pitch, yaw])
 
 
+def may_be_recognised(patch: Patch) -> bool:
+    """Return whether a patch is large enough to be known again where it was carried to."""
+    return patch.outline.area >= MIN_KNOWN_AREA and not is_line(patch.cov)
+
+
 def find_replacements(older: View, newer: View, config: Config) -> dict[int, int] | None:
     """Find the patches that replace those of an older view which a newer one makes redundant.
 
     The older view is redundant where carving leaves none of its patches and where the newer view
     looked through all columns that the older one did. Patches that are single scan lines do not
-    count: they cover no area, and the newer view has its own.
+    count: they cover no area, and the newer view has its own. A view with a large patch that was
+    looked through is not redundant either: the surface may be recognised elsewhere.
 
     Parameters
     ----------
@@ -333,7 +343,10 @@ def find_replacements(older: View, newer: View, config: Config) -> dict[int, int
     rest = zip(older.patches, left.keep[0], strict=True)
     if any(mask.any() and not is_line(patch.cov) for patch, mask in rest):
         return None
-    return {p: q for (_, p), (_, q) in left.replaced_by.items()}
+    replaced_by = {p: q for (_, p), (_, q) in left.replaced_by.items()}
+    if any(may_be_recognised(p) for k, p in enumerate(older.patches) if k not in replaced_by):
+        return None
+    return replaced_by
 
 
 def _carve_patch(

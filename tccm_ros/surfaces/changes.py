@@ -6,19 +6,16 @@ from collections.abc import Iterator
 from enum import IntEnum
 from typing import NamedTuple
 
-import numpy as np
+from shapely import Polygon
 
 from tccm_ros.arrays import Float64
-from tccm_ros.geometry import inverse
+from tccm_ros.records import FormerPlace, Surface
+from tccm_ros.surfaces.displacement import Footprint, is_displaced
 from tccm_ros.surfaces.scene import KnownSurface, Scene, object_pose, surface_pose
 from tccm_ros.surfaces.scene_objects import SceneObject
 
-MIN_MOTION = 0.05
-"""A surface whose middle moved less stands where it stood, m. Chosen: outlines end within 1 or 2 cm
-of the true edges."""
-
-MIN_ROTATION = np.deg2rad(8.0)
-"""The same for its yaw, rad. Chosen."""
+TOP_DIFFERENCE = 0.05
+"""A surface this near to the upper side of an object, m, is its top. Chosen."""
 
 
 class ChangeKind(IntEnum):
@@ -74,6 +71,61 @@ class Change(NamedTuple):
         return f"{kind}: surface {ids} ({self.label})"
 
 
+class MapChanges:
+    """Tells what changes from scene to scene, each change once.
+
+    A change of a surface is told once the next view agrees: what is carried through the room is
+    measured at places where it does not stay.
+
+    Parameters
+    ----------
+    known
+        A scene that holds no changes; None for an empty one.
+    """
+
+    def __init__(self, known: Scene | None = None):
+        self._told = known
+        self._absent: dict[int, int] = {}
+
+    def note(self, scene: Scene, agreeing_views: int) -> list[Change]:
+        """Return what has changed since the scenes before.
+
+        Parameters
+        ----------
+        scene
+            The newest one.
+        agreeing_views
+            As for `changes`.
+        """
+        told = self._told or scene._replace(surfaces=(), objects=(), stamp_ns=-1)
+        self._told = self._agreed(told, scene)
+        return changes(told, self._told, agreeing_views)
+
+    def _agreed(self, told: Scene, scene: Scene) -> Scene:
+        """Return a scene without the changes of surfaces that its newest view alone shows."""
+        known = {k.surface.id: k for k in told.surfaces}
+        merged = {m for k in scene.surfaces for m in k.surface.merged_ids}
+        surfaces = []
+        for now in scene.surfaces:
+            identity = now.surface.id
+            if not _is_new(now, scene):
+                surfaces.append(now)
+            elif identity in known:
+                surfaces.append(known[identity])
+        there = {k.surface.id for k in scene.surfaces} | merged
+        absent = {k: v for k, v in self._absent.items() if k not in there}
+        for identity in known.keys() - there:
+            if absent.setdefault(identity, scene.newest_view_ns) == scene.newest_view_ns:
+                surfaces.append(known[identity])
+        self._absent = absent
+        return scene._replace(surfaces=tuple(sorted(surfaces, key=lambda k: k.surface.id)))
+
+
+def _is_new(known: KnownSurface, scene: Scene) -> bool:
+    """Return whether the newest view alone shows a surface where it is."""
+    return known.surface.placed_ns == scene.newest_view_ns
+
+
 def changes(before: Scene, after: Scene, agreeing_views: int) -> list[Change]:
     """Return what happened between two scenes; the floor does not count.
 
@@ -85,41 +137,79 @@ def changes(before: Scene, after: Scene, agreeing_views: int) -> list[Change]:
         An object is there once so many views have measured it.
     """
     return [
-        *_surface_changes(_of_interest(before), _of_interest(after), after.stamp_ns),
+        *_surface_changes(
+            _of_interest(before), _of_interest(after), (before.stamp_ns, after.stamp_ns)
+        ),
         *_object_changes(before, after, agreeing_views),
     ]
 
 
 def _of_interest(scene: Scene) -> dict[int, KnownSurface]:
-    return {k.surface.id: k for k in scene.surfaces if k.surface.label != "floor"}
+    """Return the surfaces that are neither floor nor the top of an object, which tells of both."""
+    return {
+        k.surface.id: k
+        for k in scene.surfaces
+        if k.surface.label != "floor" and not _is_top(k.surface, scene.objects)
+    }
+
+
+def _is_top(surface: Surface, objects: tuple[SceneObject, ...]) -> bool:
+    """Return whether most of a surface lies in the footprint of an object, near its top."""
+    outline = Polygon(surface.boundary[:, :2]).buffer(0.0)
+    return any(
+        abs(item.center[2] + 0.5 * item.size[2] - surface.height) < TOP_DIFFERENCE
+        and item.surface != surface.id
+        and item.footprint.intersection(outline).area > 0.5 * outline.area
+        for item in objects
+    )
 
 
 def _surface_changes(
-    before: dict[int, KnownSurface], after: dict[int, KnownSurface], stamp_ns: int
+    before: dict[int, KnownSurface], after: dict[int, KnownSurface], stamps: tuple[int, int]
 ) -> Iterator[Change]:
+    """Yield the changes of surfaces; `stamps` are those of the two scenes, ns."""
     owners = {m: k for k, known in before.items() for m in known.surface.merged_ids}
     merged_into = {m: k for k, known in after.items() for m in known.surface.merged_ids}
     for identity, known in before.items():
         if identity not in after and identity not in merged_into:
             T = surface_pose(known.surface)[0]
             yield Change(
-                ChangeKind.GONE, stamp_ns, ids_before=(identity,), label=known.surface.label,
+                ChangeKind.GONE, stamps[1], ids_before=(identity,), label=known.surface.label,
                 T_before=T, last_seen_ns=known.last_view_ns,
             )  # fmt: skip
     for identity, known in after.items():
         merged = [m for m in known.surface.merged_ids if m in before]
-        if merged:
-            ids = tuple(sorted({*merged, *({identity} & before.keys())}))
+        ids = tuple(sorted({*merged, *({identity} & before.keys())}))
+        if identity in before and _has_moved(before[identity], known):
+            yield _of_surfaces(ChangeKind.MOVED, ids, (identity,), before, after)
+        elif merged:
             yield _of_surfaces(ChangeKind.MERGED, ids, (identity,), before, after)
         elif identity in before:
-            if _has_moved(before[identity], known):
-                yield _of_surfaces(ChangeKind.MOVED, (identity,), (identity,), before, after)
+            continue
         elif identity in owners:
             origin = owners[identity]
             ids = tuple(sorted({identity, *({origin} & after.keys())}))
             yield _of_surfaces(ChangeKind.SPLIT, (origin,), ids, before, after)
         else:
-            yield _of_surfaces(ChangeKind.APPEARED, (), (identity,), before, after)
+            yield _appeared(known, stamps[0])
+
+
+def _appeared(known: KnownSurface, stamp_before_ns: int) -> Change:
+    """Return that a surface has come: one that was gone, and is recognised elsewhere, has moved."""
+    surface, stood = known.surface, known.surface.stood
+    T = surface_pose(surface)[0]
+    if (
+        stood is not None
+        and stood.last_seen_ns <= stamp_before_ns
+        and is_displaced(_footprint(stood), _footprint(surface))
+    ):
+        return Change(
+            ChangeKind.MOVED, known.last_view_ns, (surface.id,), (surface.id,), surface.label,
+            T_before=surface_pose(stood)[0], T_after=T, last_seen_ns=stood.last_seen_ns,
+        )  # fmt: skip
+    return Change(
+        ChangeKind.APPEARED, surface.placed_ns, (), (surface.id,), surface.label, T_after=T
+    )
 
 
 def _of_surfaces(
@@ -144,20 +234,30 @@ def _of_surfaces(
 
 
 def _has_moved(before: KnownSurface, after: KnownSurface) -> bool:
-    """Return whether no view shows a surface where it was, and newer ones show it elsewhere.
+    """Return whether newer views show a surface elsewhere than it was.
 
     A map that is corrected moves its views with it, and a surface that is seen further grows.
     """
-    if after.first_view_ns <= before.last_view_ns:
+    if after.surface.placed_ns == before.surface.placed_ns:
         return False
-    T = inverse(surface_pose(before.surface)[0]) @ surface_pose(after.surface)[0]
-    # A rectangle that is rotated by half a turn is the same.
-    yaw = abs(np.arctan(T[1, 0] / T[0, 0])) if T[0, 0] else 0.5 * np.pi
-    return bool(np.linalg.norm(T[:3, 3]) > MIN_MOTION or yaw > MIN_ROTATION)
+    return is_displaced(_footprint(before.surface), _footprint(after.surface))
+
+
+def _footprint(surface: Surface | FormerPlace) -> Footprint:
+    z = float(surface_pose(surface)[0][2, 3])
+    return Footprint(Polygon(surface.boundary[:, :2]).buffer(0.0), z)
 
 
 def _object_changes(before: Scene, after: Scene, agreeing_views: int) -> Iterator[Change]:
-    old = {item.id: item for item in before.objects if item.views >= agreeing_views}
+    """Yield the changes of objects on surfaces; what stands on the floor are legs of furniture."""
+    floors = {
+        k.surface.id for k in (*before.surfaces, *after.surfaces) if k.surface.label == "floor"
+    }
+    old = {
+        item.id: item
+        for item in before.objects
+        if item.views >= agreeing_views and item.surface not in floors
+    }
     there = {item.id for item in after.objects}
     for item in old.values():
         if item.id not in there:
@@ -166,7 +266,7 @@ def _object_changes(before: Scene, after: Scene, agreeing_views: int) -> Iterato
                 object_id=item.id, T_before=object_pose(item), last_seen_ns=item.last_seen_ns,
             )  # fmt: skip
     for item in after.objects:
-        if item.views >= agreeing_views and item.id not in old:
+        if item.views >= agreeing_views and item.id not in old and item.surface not in floors:
             yield _object_appeared(item)
 
 

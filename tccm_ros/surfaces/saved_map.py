@@ -90,6 +90,9 @@ def pack_views(views: Sequence[View]) -> Arrays:
         "first_seen_ns": np.array(
             [ABSENT if p.first_seen_ns is None else p.first_seen_ns for p in patches], np.int64
         ),
+        "placed_ns": np.array(
+            [ABSENT if p.placed_ns is None else p.placed_ns for p in patches], np.int64
+        ),
         "outline_bytes": np.array([len(o) for o in outlines], np.int64),
         "outlines": _joined(outlines, np.uint8),
         "forgotten_objects": np.array([v.forgotten_objects for v in views], np.int64),
@@ -144,6 +147,7 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
             float(a["spacing"][k]),
             _present(a, "number", k),
             _present(a, "first_seen_ns", k),
+            _present(a, "placed_ns", k),
         )
         for k, (points, weights, outline) in enumerate(
             zip(

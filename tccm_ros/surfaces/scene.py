@@ -10,7 +10,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import pose, spatial
-from tccm_ros.records import Surface, TransformSample
+from tccm_ros.records import FormerPlace, Surface, TransformSample
 from tccm_ros.surfaces.base_poses import FreeFloor
 from tccm_ros.surfaces.scene_objects import SceneObject
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
@@ -23,14 +23,13 @@ class KnownSurface(NamedTuple):
     ----------
     surface
         Without its views.
-    first_view_ns, last_view_ns
-        Stamps of the first and the last view that is part of it.
+    last_view_ns
+        Stamp of the last view that is part of it.
     message
         The whole of it: a serialised tccm_interfaces/Surface; empty where nobody asks for it.
     """
 
     surface: Surface
-    first_view_ns: int
     last_view_ns: int
     message: bytes = b""
 
@@ -50,6 +49,8 @@ class Scene(NamedTuple):
         Where the base can stand; None without a level laser.
     surfaces
         By id.
+    newest_view_ns
+        Stamp of the newest view of this session; 0 before the first.
     """
 
     stamp_ns: int
@@ -58,9 +59,10 @@ class Scene(NamedTuple):
     objects: tuple[SceneObject, ...]
     free_floor: FreeFloor | None
     surfaces: tuple[KnownSurface, ...] = ()
+    newest_view_ns: int = 0
 
 
-def surface_pose(surface: Surface) -> tuple[Float64, Float64]:
+def surface_pose(surface: Surface | FormerPlace) -> tuple[Float64, Float64]:
     """Return pose and size of the smallest rectangle around a surface's boundary.
 
     Returns

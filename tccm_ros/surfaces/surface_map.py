@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.records import (
+    FormerPlace,
     ObjectBoxes,
     Surface,
     SurfaceCloud,
@@ -24,6 +25,7 @@ from tccm_ros.records import (
     ViewIntervals,
 )
 from tccm_ros.surfaces.carving import Carver, Survivors, find_replacements
+from tccm_ros.surfaces.displacement import Footprint
 from tccm_ros.surfaces.floor import find_floor, is_floor, join_floor
 from tccm_ros.surfaces.joining import join_over_occlusions
 from tccm_ros.surfaces.labels import Label, label_surfaces
@@ -39,6 +41,7 @@ from tccm_ros.surfaces.merging import (
 from tccm_ros.surfaces.object_tracks import with_objects_of
 from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.polygons import polygon_rings
+from tccm_ros.surfaces.recognition import FormerStand, adopt_ids
 from tccm_ros.surfaces.shapes import Shape, ShapedEdge, fit_shape, free_shape
 from tccm_ros.surfaces.track_ids import TrackIds
 from tccm_ros.surfaces.views import (
@@ -203,12 +206,17 @@ class SurfaceMap:
         if self._published_merge is None:
             surfaces = join_floor(surfaces, floor_z, views, T, config)
         surfaces = [s for s in surfaces if _is_wanted(s, floor_z, config)]
-        ids = TrackIds(views, left)
+        ids = TrackIds(views, T, left)
+        stood: dict[Members, FormerStand] = {}
+        if self._published_merge is None:
+            surfaces, stood = adopt_ids(
+                surfaces, ids, views, (T, poses.cov_z_roll_pitch), left, config
+            )
         surfaces.sort(key=lambda surface: ids.track_id(surface.members))
         labels = label_surfaces(surfaces, floor_z, walls, config)
         shapes = self._shapes(surfaces, floor_z, views, T, walls)
         records = [
-            _record(surface, shape, label, ids, views, poses.keyframes)
+            _record(surface, shape, label, ids, views, poses.keyframes, stood.get(surface.members))
             for surface, shape, label in zip(surfaces, shapes, labels)
         ]
         return _mapped(records, surfaces, floor_z, T)
@@ -256,6 +264,7 @@ def _record(
     ids: TrackIds,
     views: list[View],
     keyframes: Int64,
+    stood: FormerStand | None,
 ) -> Surface:
     boundary, holes = polygon_rings(shape.polygon)
     boundary_seen, _ = polygon_rings(surface.polygon)
@@ -275,8 +284,8 @@ def _record(
         holes=tuple(surface.lift(hole) for hole in holes),
         points=surface.count,
         height_std=float(np.sqrt(fit_plane(surface.cov)[1][0])),
-        first_seen_ns=ids.first_seen_ns(surface.members),
-        last_seen_ns=ids.last_seen_ns(surface.members),
+        first_seen_ns=ids.first_seen(surface.members).stamp_ns,
+        last_seen_ns=ids.last_seen(surface.members).stamp_ns,
         views=tuple(
             SurfaceSighting(views[v].stamp_ns, int(keyframes[v]), points[v]) for v in sorted(points)
         ),
@@ -285,7 +294,15 @@ def _record(
         boundary_seen=surface.lift(boundary_seen),
         shape=shape.name,
         edges=tuple(_edge(surface, edge, ids) for edge in shape.edges),
+        placed_ns=ids.placed(surface.members, Footprint(surface.polygon, surface.height)).stamp_ns,
+        stood=None if stood is None else _former_place(stood),
     )
+
+
+def _former_place(stood: FormerStand) -> FormerPlace:
+    surface = stood.surface
+    boundary, _ = polygon_rings(surface.polygon)
+    return FormerPlace(surface.lift(boundary), surface.normal, surface.offset, stood.last_seen_ns)
 
 
 def _edge(surface: MergedSurface, edge: ShapedEdge, ids: TrackIds) -> SurfaceEdge:

@@ -17,6 +17,7 @@ from tccm_ros.arrays import Float32, Float64, Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.records import ObjectBoxes, SurfaceCloud, ViewIntervals
+from tccm_ros.surfaces.displacement import Footprint, footprint_in_map, is_displaced
 from tccm_ros.surfaces.outline import horizontal_outline
 from tccm_ros.surfaces.thinning import thin_cloud
 
@@ -46,6 +47,9 @@ class Patch:
         it is negative); None where it is the first.
     first_seen_ns
         Stamp of the oldest patch that this one replaced; None where it is the first.
+    placed_ns
+        Stamp of the oldest patch that this one replaced and that was where it is; None where it
+        is the first there.
     """
 
     points: Float32
@@ -57,6 +61,7 @@ class Patch:
     spacing: float
     number: int | None = None
     first_seen_ns: int | None = None
+    placed_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -212,8 +217,17 @@ def with_numbers_of(newer: View, older: View, replaced_by: Mapping[int, int]) ->
             patches[q] = replace(own, number=number)
         if own.first_seen_ns is None or seen < own.first_seen_ns:
             patches[q] = replace(patches[q], first_seen_ns=seen)
+        placed = older.stamp_ns if patch.placed_ns is None else patch.placed_ns
+        if not is_displaced(_footprint(patch), _footprint(own)) and (
+            own.placed_ns is None or placed < own.placed_ns
+        ):
+            patches[q] = replace(patches[q], placed_ns=placed)
     forgotten = newer.forgotten + older.forgotten + len(older.patches)
     return replace(newer, patches=tuple(patches), forgotten=forgotten)
+
+
+def _footprint(patch: Patch) -> Footprint:
+    return footprint_in_map(patch.outline, patch.mean, np.eye(4))
 
 
 def empty_view(stamp_ns: int, session: int, config: Config) -> View:

@@ -46,7 +46,7 @@ def objects_of(publisher) -> CollisionObjects:
 
 
 def scene(stamp_ns, *surfaces, objects=()) -> Scene:
-    known = tuple(KnownSurface(surface, 1, 2) for surface in surfaces)
+    known = tuple(KnownSurface(surface, 2) for surface in surfaces)
     return Scene(stamp_ns, "map", 0.0, tuple(objects), None, known)
 
 

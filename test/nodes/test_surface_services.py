@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Point, PointStamped, Pose, PoseStamped, Vector3
+from asker import Asker
+from geometry_msgs.msg import Point, PointStamped
 from live_robot import Listener, recording, slam, tccm
 from std_msgs.msg import Header
 
-from tccm_ros.nodes.interfaces import has_interfaces, service_class
+from tccm_ros.nodes.interfaces import has_interfaces
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.ros.surface_messages import SURFACE_EVENT, SURFACE_MAP
 
@@ -22,35 +23,6 @@ WRONG_PLACEMENTS = [
     ({"base": 2}, "reach is 0"),
 ]
 UNKNOWN, FREE, OCCUPIED = range(3)
-
-
-class Asker:
-    """Calls services, one client each."""
-
-    def __init__(self, ros):
-        self.ros = ros
-        self.node = Listener(ros, "asker").node
-        self._clients = {}
-
-    def ask(self, kind: str, service: str, **fields):
-        request = service_class(kind).Request(**fields)
-        if service not in self._clients:
-            self._clients[service] = self.node.create_client(service_class(kind), service)
-        return self.ros.call(self._clients[service], request)
-
-    def surfaces(self, **fields):
-        wanted = message_class("tccm_interfaces/msg/SurfaceFilter")(**fields)
-        return self.ask("FindSurfaces", "/surface_slam/find_surfaces", filter=wanted)
-
-    def placements(self, **fields):
-        size = {"size_x": 0.1, "size_y": 0.1, "height": 0.12}
-        return self.ask("FindPlacements", "/surface_slam/find_placements", **(size | fields))
-
-    def box(self, xyz, size, frame="odom"):
-        x, y, z = map(float, xyz)
-        pose = PoseStamped(header=Header(frame_id=frame), pose=Pose(position=Point(x=x, y=y, z=z)))
-        a, b, c = map(float, size)
-        return self.ask("CheckBox", "/tccm/check_box", pose=pose, size=Vector3(x=a, y=b, z=c))
 
 
 def test_questions_are_answered_while_both_nodes_map(ros, tmp_path):
@@ -93,22 +65,22 @@ def _check_surfaces(asker, table):
 
 
 def _check_placements(asker, table):
-    found = asker.placements(max_count=3)
+    found = asker.find_placements(max_count=3)
     assert found.success, found.message
     assert [p.surface_id for p in found.placements] == [table] * 3
     assert all(abs(p.pose.position.z - 0.70) < 0.01 for p in found.placements)
-    based = asker.placements(base=2, reach=1.0, robot_radius=0.2, max_count=1)
+    based = asker.find_placements(base=2, reach=1.0, robot_radius=0.2, max_count=1)
     for base in based.placements[0].base_poses:
         at = base.pose.position
         assert not (0.4 < at.x < 1.2 and abs(at.y) < 0.5), "not under the table"
         assert base.distance <= 1.0
-    assert asker.placements(base=1, reach=1.2).placements
-    none = asker.placements(base=1, reach=0.1)
+    assert asker.find_placements(base=1, reach=1.2).placements
+    none = asker.find_placements(base=1, reach=0.1)
     assert none.success
     assert not none.placements
     assert "within reach" in none.message
     for fields, word in WRONG_PLACEMENTS:
-        wrong = asker.placements(**fields)
+        wrong = asker.find_placements(**fields)
         assert not wrong.success
         assert word in wrong.message
 

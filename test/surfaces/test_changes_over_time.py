@@ -78,24 +78,51 @@ def test_a_table_that_was_hidden_and_then_carried_away_is_gone(saved_after):
 
 
 @pytest.mark.parametrize("saved_after", SAVES)
-def test_a_table_that_comes_back_is_a_new_surface(saved_after):
+def test_a_table_that_comes_back_is_recognised(saved_after):
     found = look_at([BOTH, NO_TABLE, BOTH], saved_after=saved_after)
-    assert found[0.74].first_seen_ns == 30
-    assert found[0.74].id not in {s.id for s in look_at([BOTH]).values()}
+    (before,) = (s for s in look_at([BOTH]).values() if round(s.height, 2) == 0.74)
+    assert found[0.74].id == before.id
+    assert (found[0.74].first_seen_ns, found[0.74].placed_ns) == (10, 30)
     assert overlap(found[0.74], TABLE) > 0.75
 
 
 @pytest.mark.parametrize("saved_after", SAVES)
-def test_a_table_that_was_moved_is_at_its_new_position(saved_after):
+def test_a_table_of_another_size_is_a_new_surface(saved_after):
+    other = Room([replace(TABLE, depth=1.3), STOOL])
+    found = look_at([BOTH, NO_TABLE, other], saved_after=saved_after)
+    assert found[0.74].first_seen_ns == 30
+    assert found[0.74].id not in {s.id for s in look_at([BOTH]).values()}
+
+
+@pytest.mark.parametrize("saved_after", SAVES)
+def test_a_table_that_was_moved_keeps_its_id_and_says_where_it_stood(saved_after):
     moved = MOVED.boards[0]
     found = look_at([BOTH, MOVED, MOVED], saved_after=saved_after)
     assert len(found) == 2
+    assert found[0.74].id == look_at([BOTH])[0.74].id
     assert overlap(found[0.74], moved) > 0.7
-    assert (found[0.74].first_seen_ns, found[0.74].last_seen_ns) == (20, 30)
-    assert found[0.46].first_seen_ns == 10
+    assert (found[0.74].first_seen_ns, found[0.74].last_seen_ns) == (10, 30)
+    assert found[0.74].placed_ns == 20
+    before = found[0.74].stood
+    assert before.last_seen_ns == 10
+    assert np.abs(before.boundary[:, :2].mean(axis=0) - (TABLE.x, TABLE.y)).max() < 0.1
+    assert (found[0.46].first_seen_ns, found[0.46].placed_ns, found[0.46].stood) == (10, 10, None)
     back = look_at([BOTH, MOVED, BOTH, BOTH], saved_after=saved_after)
     assert overlap(back[0.74], TABLE) > 0.75
+    assert back[0.74].id == found[0.74].id
+    assert back[0.74].stood.last_seen_ns == 20
     assert len(back) == 2
+
+
+@pytest.mark.parametrize("saved_after", [None, 1])
+@pytest.mark.parametrize("step", [-0.06, -0.05, -0.04, -0.03, 0.04])
+def test_a_table_that_was_lowered_or_raised_leaves_no_ghost(saved_after, step):
+    other = Room([replace(TABLE, z=TABLE.z + step), STOOL])
+    found = look_at([BOTH, other, other], saved_after=saved_after)
+    assert set(found) == {round(TABLE.z + step, 2), 0.46}
+    table = found[round(TABLE.z + step, 2)]
+    assert table.id == look_at([BOTH])[0.74].id
+    assert table.placed_ns == 20
 
 
 @pytest.mark.parametrize("saved_after", SAVES)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from tccm_ros.errors import ConfigError, suggest
+from tccm_ros.pipeline.sim.changing import changing
 from tccm_ros.pipeline.sim.flat import flat, rgbd_kitchen
 from tccm_ros.pipeline.sim.little_geometry import (
     corridor,
@@ -28,6 +29,7 @@ WORLDS: dict[str, tuple[Builder, str]] = {
     "ring": (ring, "a ring of corridors, 100 m around, with 12 mrad/m of heading drift"),
     "room": (room, "floor, ceiling and walls to calibrate in; options clutter, ramp, people"),
     "moved": (moved, "a room seen twice; a table moves, a stool goes, a crate comes in between"),
+    "changing": (changing, "two rooms visited in turn; tables are moved, lowered, carried over"),
     "upside_down": (upside_down, "a laser that hangs upside down, and other topic and frame names"),
     "situation_a": (situation("a"), "a table, 1.2 m x 0.8 m"),
     "situation_b": (situation("b"), "the front of a shelf"),

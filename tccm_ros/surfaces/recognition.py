@@ -1,0 +1,194 @@
+"""Surfaces that were carried elsewhere, recognised by height, size and shape.
+
+A surface stood somewhere if views measured it there and later ones looked through all of it. One
+that was first seen after that one was seen last, and has its height and size, is the same: it
+adopts the id. Where several fit, the one that was seen soonest, then the nearest, is taken. One
+that was lifted or lowered a little in its place is the same as well: its old height is too near to
+what newer views measured to be looked through, or hidden below it. All of this follows from the
+views and their poses alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.config import Config
+from tccm_ros.surfaces.carving import MIN_KNOWN_AREA, Survivors, may_be_recognised
+from tccm_ros.surfaces.displacement import (
+    BORDER,
+    MIN_LIFT,
+    Footprint,
+    is_of_one_size,
+)
+from tccm_ros.surfaces.merged_surface import MergedSurface, fit_surface
+from tccm_ros.surfaces.merging import Members, NumberedPatch, merge_coplanar
+from tccm_ros.surfaces.track_ids import SightKey, TrackIds
+from tccm_ros.surfaces.views import View, first_numbers
+
+MAX_LIFT = 0.1
+"""A surface that is lifted or lowered in its place by up to this is recognised, m. Chosen: boards
+of shelves have larger distances."""
+
+MAX_LOWERED = 0.06
+"""What is left of a surface that was lowered by less than this, m, may be above it still; what was
+lowered by more is looked through (`views.clear_margin` twice)."""
+
+MAX_BESIDE = 0.1
+"""What is left of it lies over the lowered surface but for this fraction. Chosen: its edges."""
+
+IN_PLACE = 0.05
+"""Middles of two outlines in one place are so near to each other, m. Chosen: a distance of scan
+lines."""
+
+
+class FormerStand(NamedTuple):
+    """Where a surface stood before.
+
+    Attributes
+    ----------
+    surface
+        As it was.
+    last_seen_ns
+        Stamp of the last view that showed it there.
+    """
+
+    surface: MergedSurface
+    last_seen_ns: int
+
+
+class _Stand(NamedTuple):
+    """A surface at one place, from its first to its last sight there.
+
+    `is_former` says whether it is there no more.
+    """
+
+    surface: MergedSurface
+    footprint: Footprint
+    first: SightKey
+    placed: SightKey
+    last: SightKey
+    is_former: bool
+
+    def follows(self, old: _Stand) -> bool:
+        """Return whether it can be where a surface is that stood elsewhere, or at another height.
+
+        In one place, views that measured it at the old height may count as views of it.
+        """
+        if self.placed > old.last and old.lies_over(self):
+            return True
+        if not is_of_one_size(old.footprint, self.footprint):
+            return False
+        step = np.abs(self.footprint.middle - old.footprint.middle)
+        if max(step[0], step[1]) <= IN_PLACE:
+            return bool(self.placed > old.last and step[2] <= MAX_LIFT)
+        return bool(self.first > old.last and step[2] <= MIN_LIFT)
+
+    def was_lifted_to(self, new: _Stand) -> bool:
+        """Return whether it has another height now than when it was seen last."""
+        step = np.abs(new.footprint.middle - self.footprint.middle)
+        is_in_place = max(step[0], step[1]) <= IN_PLACE and step[2] > MIN_LIFT
+        is_over = new.placed > self.last and self.lies_over(new)
+        return is_over or (bool(is_in_place) and new.follows(self))
+
+    def lies_over(self, new: _Stand) -> bool:
+        """Return whether all of it is so little above a surface that nothing fits between."""
+        old, other = self.footprint, new.footprint
+        if not MIN_LIFT < old.z - other.z <= MAX_LOWERED:
+            return False
+        beside = old.outline.difference(other.outline.buffer(BORDER)).area
+        return bool(beside <= MAX_BESIDE * old.outline.area)
+
+
+def adopt_ids(
+    surfaces: Sequence[MergedSurface],
+    ids: TrackIds,
+    views: list[View],
+    poses: tuple[Float64, Float64],
+    left: Survivors,
+    config: Config,
+) -> tuple[list[MergedSurface], dict[Members, FormerStand]]:
+    """Give surfaces that are recognised the ids that they had elsewhere.
+
+    Parameters
+    ----------
+    surfaces
+        Of the map as it is.
+    ids
+        Of the same views; changed.
+    views, left
+        In stamp order, and what carving left of them.
+    poses
+        float64 (V, 4, 4), poses of the views, and (V, 3, 3), covariances of z, roll and pitch.
+    config
+        Group ``surfaces``.
+
+    Returns
+    -------
+    surfaces : list of MergedSurface
+        Without those that were lifted or lowered in their place since.
+    stood : dict of Members to FormerStand
+        Where each of the recognised surfaces stood before.
+    """
+    former = _former_patches(views, poses[0], left, [s.height for s in surfaces])
+    stood = [
+        fit_surface(members, views, poses[0], config)
+        for members in merge_coplanar(former, *poses, config)
+    ]
+    stands = [_stand(s, ids, is_former=True) for s in stood if s is not None]
+    now = [_stand(s, ids, is_former=False) for s in surfaces if s.polygon.area >= MIN_KNOWN_AREA]
+    stands += [s._replace(is_former=any(map(s.was_lifted_to, now))) for s in now]
+    found = {}
+    for i, j in sorted(_successors(stands).items(), key=lambda pair: stands[pair[0]].last):
+        old, new = stands[i], stands[j]
+        ids.adopt(new.surface.members, old.surface.members)
+        if not new.is_former:
+            found[new.surface.members] = FormerStand(old.surface, old.last.stamp_ns)
+    gone = {id(stand.surface) for stand in stands if stand.is_former}
+    return [s for s in surfaces if id(s) not in gone], found
+
+
+def _former_patches(
+    views: list[View], T_map_view: Float64, left: Survivors, heights: Sequence[float]
+) -> list[NumberedPatch]:
+    """Return the patches that were looked through as a whole, at a height of some surface."""
+    found = []
+    for v, (first, view) in enumerate(zip(first_numbers(views), views)):
+        for p, patch in enumerate(view.patches):
+            if left.keep[v][p].any() or (v, p) in left.replaced_by or not may_be_recognised(patch):
+                continue
+            z = float(T_map_view[v, 2, :3] @ patch.mean + T_map_view[v, 2, 3])
+            if any(abs(z - height) <= MAX_LIFT for height in heights):
+                found.append(NumberedPatch(first + p, v, patch))
+    return found
+
+
+def _stand(surface: MergedSurface, ids: TrackIds, *, is_former: bool) -> _Stand:
+    footprint = Footprint(surface.polygon, surface.height)
+    return _Stand(
+        surface,
+        footprint,
+        ids.first_seen(surface.members),
+        ids.placed(surface.members, footprint),
+        ids.last_seen(surface.members),
+        is_former,
+    )
+
+
+def _successors(stands: Sequence[_Stand]) -> dict[int, int]:
+    """Return which stand is that of the same surface later, one to one."""
+    pairs = [
+        (new.first, float(np.linalg.norm(new.footprint.middle - old.footprint.middle)), i, j)
+        for i, old in enumerate(stands)
+        if old.is_former
+        for j, new in enumerate(stands)
+        if new.follows(old)
+    ]
+    chosen: dict[int, int] = {}
+    for _, _, i, j in sorted(pairs):
+        if i not in chosen and j not in chosen.values():
+            chosen[i] = j
+    return chosen

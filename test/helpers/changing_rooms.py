@@ -1,0 +1,144 @@
+"""The simulator's changing rooms: what slam_node is given there, and the events that are true."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
+from tccm_ros.config import Config
+from tccm_ros.pipeline.processors import Pipeline
+from tccm_ros.pipeline.sim.changing import WALL
+from tccm_ros.pipeline.sim.engine import EPOCH_NS, Simulation
+from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.recording import simulate
+from tccm_ros.pipeline.sim.truth import map_from_world
+from tccm_ros.pipeline.sim.worlds import build_world
+from tccm_ros.records import ObjectBoxes
+from tccm_ros.surfaces.changes import Change, ChangeKind, MapChanges
+from tccm_ros.surfaces.scene import KnownSurface, Scene
+from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
+
+WORLD = "changing"
+NEAR = np.array([0.12, 0.12, 0.03])
+"""Middles of outlines that are measured with scan lines at 5 cm are so near to the truth, m."""
+
+
+class TrueItem(NamedTuple):
+    """A surface or an object, where it is at first and at last (3,), and what happens to it."""
+
+    name: str
+    first: np.ndarray
+    last: np.ndarray
+    kinds: tuple[ChangeKind, ...]
+
+
+def slam_inputs(folder: Path, seed: int) -> list[object]:
+    """Simulate the rooms; return what the SLAM processor is given, in order."""
+    bag = simulate(WORLD, folder / f"{WORLD}_{seed}", seed=seed)
+    pipeline, inputs = Pipeline(Config(), expects_odometry=True), []
+    add = pipeline.slam.add
+
+    def note(event):
+        inputs.append(event)
+        return add(event)
+
+    pipeline.slam.add = note
+    with BagReader(bag) as reader:
+        for role, _, record in reader.records(DEFAULT_TOPICS):
+            pipeline.add(role, record)
+    pipeline.finish()
+    return inputs
+
+
+def true_items() -> list[TrueItem]:
+    """Return what stands in the rooms, from the scene alone."""
+    simulation = Simulation(build_world(WORLD, Options()))
+    T = map_from_world(simulation)
+    return [
+        item
+        for solid in simulation.scene.solids
+        if solid.surface or solid.role == "object"
+        for item in [_item(solid, T)]
+    ]
+
+
+def _item(solid, T_map_world) -> TrueItem:
+    middle, moves, end = solid.T_world_solid[:3, 3].copy(), solid.motion, solid.span[1]
+    if solid.role != "object":
+        middle[2] += solid.half[2]
+    offset = np.zeros(3) if moves is None else moves.offsets[-1, :3]
+    first, last = (T_map_world[:3, :3] @ p + T_map_world[:3, 3] for p in (middle, middle + offset))
+    if solid.role == "object":
+        kinds = [ChangeKind.OBJECT_APPEARED] + [ChangeKind.OBJECT_LEFT] * bool(np.isfinite(end))
+        return TrueItem(solid.name, first, last, tuple(kinds))
+    kinds = [ChangeKind.APPEARED]
+    if np.isfinite(end) or (middle[0] > WALL) != ((middle + offset)[0] > WALL):
+        kinds.append(ChangeKind.GONE)
+    if moves is not None:
+        kinds.append(ChangeKind.MOVED)
+    return TrueItem(solid.name, first, last, tuple(kinds))
+
+
+def scene_of(solution: SurfaceSolution) -> Scene:
+    """Return a solution as programs see it, without free floor."""
+    known = tuple(
+        KnownSurface(replace(s, views=()), s.views[-1].stamp_ns) for s in solution.surfaces
+    )
+    newest = max(solution.view_stamps_ns.tolist(), default=0)
+    return Scene(solution.stamp_ns, "map", solution.floor_z, solution.objects, None, known, newest)
+
+
+def told(inputs: Iterable[object], slam: SurfaceSlam, events: MapChanges) -> Iterator[Change]:
+    """Yield what is told while events come; the map is solved after each tilt cycle."""
+    for event in inputs:
+        slam.add(event)
+        if isinstance(event, ObjectBoxes):
+            scene = scene_of(slam.solve(every_covariance=False))
+            yield from events.note(scene, slam.config.objects.agreeing_views)
+
+
+def index_at(inputs: list[object], seconds: float) -> int:
+    """Return the index of the first input later than a time of the recording."""
+    limit = EPOCH_NS + round(seconds * 1e9)
+    return next(k for k, e in enumerate(inputs) if getattr(e, "stamp_ns", 0) > limit)
+
+
+def check_events(found: list[Change]) -> None:
+    """Assert that each true event was told once, with the id of its item, and no other."""
+    items = true_items()
+    ids: dict[str, set[tuple[bool, int]]] = {item.name: set() for item in items}
+    counted: Counter[tuple[str, ChangeKind]] = Counter()
+    for event in found:
+        item = _item_of(event, items)
+        counted[item.name, event.kind] += 1
+        if event.object_id >= 0:
+            ids[item.name].add((True, event.object_id))
+        else:
+            ids[item.name] |= {(False, k) for k in (*event.ids_before, *event.ids_after)}
+    assert counted == Counter((item.name, kind) for item in items for kind in item.kinds)
+    assert all(len(known) == 1 for known in ids.values()), ids
+    assert len(set().union(*ids.values())) == len(items), "no two items have one id"
+
+
+def _item_of(event: Change, items: list[TrueItem]) -> TrueItem:
+    """Return what an event is about: its poses are those of one item."""
+    is_object = event.object_id >= 0
+    for item in items:
+        if is_object != (item.kinds[0] == ChangeKind.OBJECT_APPEARED):
+            continue
+        is_moved = event.kind == ChangeKind.MOVED
+        before = event.T_before is None or _is_near(event.T_before, item.first)
+        after = event.T_after is None or _is_near(
+            event.T_after, item.last if is_moved else item.first
+        )
+        if before and after:
+            return item
+    raise AssertionError(f"nothing true: {event}, {event.T_before}, {event.T_after}")
+
+
+def _is_near(T, place) -> bool:
+    return bool((np.abs(T[:3, 3] - place) <= NEAR).all())

@@ -1,0 +1,32 @@
+"""Two simulated rooms that change: each true event is told once, with its id, and no other."""
+
+import pytest
+from changing_rooms import check_events, index_at, scene_of, slam_inputs, told
+
+from tccm_ros.config import Config
+from tccm_ros.results.map_file import load_map, save_map
+from tccm_ros.surfaces.changes import MapChanges
+from tccm_ros.surfaces.surface_slam import SurfaceSlam
+
+RESTART_S = 75.0
+"""The robot has seen the first changes of the first room, and is on its way to the second."""
+
+
+@pytest.fixture(scope="module", params=[1, 2])
+def inputs(request, tmp_path_factory):
+    return slam_inputs(tmp_path_factory.mktemp("changing"), request.param)
+
+
+def test_every_true_event_is_told_once_and_no_other(inputs):
+    check_events(list(told(inputs, SurfaceSlam(Config()), MapChanges())))
+
+
+def test_the_same_events_are_told_after_save_restart_and_load(inputs, tmp_path):
+    half = index_at(inputs, RESTART_S)
+    slam = SurfaceSlam(Config())
+    found = list(told(inputs[:half], slam, MapChanges()))
+    solution = slam.solve()
+    save_map(tmp_path / "map.mcap", slam.saved(solution), solution, "map")
+    loaded = SurfaceSlam.from_saved(Config(), load_map(tmp_path / "map.mcap"))
+    found += told(inputs[half:], loaded, MapChanges(scene_of(loaded.solve())))
+    check_events(found)

@@ -21,6 +21,7 @@ import numpy as np
 
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.config import Config
+from tccm_ros.config.reader import read_config
 from tccm_ros.geometry import between2, planar
 from tccm_ros.pipeline.processors import Pipeline
 from tccm_ros.pipeline.sim.recording import simulate
@@ -29,7 +30,7 @@ from tccm_ros.results.trajectory import read_tum
 from tccm_ros.slam.tracking import Tracker
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
-HERE = Path(__file__).resolve().parent
+ROOT = Path(__file__).resolve().parents[1]
 
 PERIOD_S, KEYFRAMES = 2.0, 5
 """As slam_node: shortest time between two solutions, and new keyframes that are worth one."""
@@ -73,8 +74,8 @@ class _Tee:
         """Not needed where there is a level laser."""
 
 
-def of_bag(path: Path, truth: Path) -> Drive:
-    config = Config()
+def of_bag(path: Path, truth: Path, config: Config | None = None) -> Drive:
+    config = config or Config()
     with BagReader(path) as reader:
         choice = choose_topics(reader, config)
         reader.add_readers(choice.readers)
@@ -87,6 +88,11 @@ def of_bag(path: Path, truth: Path) -> Drive:
     return Drive(tee.events, known.stamps_ns, planar(known.T_map_base), config)
 
 
+def of_flat(settings: str | None = None) -> Drive:
+    bag = ROOT / "bags" / "flat"
+    return of_bag(bag, bag / "truth.tum", read_config(settings and ROOT / "config" / settings))
+
+
 def of_world(name: str) -> Drive:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / name
@@ -95,7 +101,7 @@ def of_world(name: str) -> Drive:
 
 
 def of_plan(*, matching: bool) -> Drive:
-    path = HERE.parent / "test" / "helpers" / "plan.py"
+    path = ROOT / "test" / "helpers" / "plan.py"
     spec = importlib.util.spec_from_file_location("plan", path)
     plan = sys.modules["plan"] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(plan)
@@ -107,10 +113,9 @@ def of_plan(*, matching: bool) -> Drive:
 
 
 DRIVES = {
-    "flat": lambda: of_bag(HERE.parent / "bags/flat", HERE.parent / "bags/flat/truth.tum"),
-    "walkthrough": lambda: of_bag(
-        HERE.parent / "bags/walkthrough", HERE.parent / "bags/walkthrough/truth.tum"
-    ),
+    "flat": of_flat,
+    "flat, config/paper.yaml": lambda: of_flat("paper.yaml"),
+    "walkthrough": lambda: of_bag(ROOT / "bags/walkthrough", ROOT / "bags/walkthrough/truth.tum"),
     "ring": lambda: of_world("ring"),
     "ring of the tests": lambda: of_plan(matching=True),
     "the same, walls only": lambda: of_plan(matching=False),

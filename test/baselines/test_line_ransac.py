@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from tccm_ros.baselines.line_ransac import label_by_ransac
+from tccm_ros.baselines.line_ransac import _count, _support, label_by_ransac
 from tccm_ros.config import Config
 from tccm_ros.slam.lines import label_by_splitting
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
@@ -65,3 +67,37 @@ def test_the_line_with_the_largest_support_is_kept():
         found = int((label_by_ransac(beams, config) == 0).sum())
         fractions.append(found / largest_support(beams, config.lines.distance))
     assert min(fractions) > 0.95
+
+
+def inliers_by_hand(beams, free, i, j, distance, max_gap):
+    """The free beams near the line through two of them that no gap parts from the first."""
+    direction = (beams[j] - beams[i]) / np.hypot(*(beams[j] - beams[i]))
+    offset = beams - beams[i]
+    along = offset @ direction
+    away = offset @ [-direction[1], direction[0]]
+    near = sorted((k for k in free if abs(away[k]) <= distance), key=lambda k: along[k])
+    at = near.index(i)
+    low = high = at
+    while low > 0 and along[near[low]] - along[near[low - 1]] <= max_gap:
+        low -= 1
+    while high + 1 < len(near) and along[near[high + 1]] - along[near[high]] <= max_gap:
+        high += 1
+    return near[low : high + 1]
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=60)
+def test_the_support_of_a_line_is_what_no_gap_parts_from_it(seed):
+    rng = np.random.default_rng(seed)
+    across = rng.normal(0.0, 0.03, 80)
+    yaw, origin = rng.uniform(-np.pi, np.pi), rng.uniform(-3.0, 3.0, 2)
+    direction = np.array([np.cos(yaw), np.sin(yaw)])
+    along = np.cumsum(rng.exponential(0.05, 80))
+    beams = origin + along[:, None] * direction + across[:, None] * [-direction[1], direction[0]]
+    free = np.sort(rng.permutation(80)[:70])
+    for i, j in rng.permutation(free)[:10].reshape(5, 2):
+        expected = inliers_by_hand(beams, free.tolist(), i, j, 0.03, 0.15)
+        assert _support(beams, free, i, j, 0.03, 0.15).tolist() == expected
+        xs, ys = beams[free, 0], beams[free, 1]
+        everywhere = inliers_by_hand(beams, free.tolist(), i, j, 0.03, np.inf)
+        assert _count(xs, ys, beams[i], beams[j], 0.03) == len(everywhere)

@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.config import Config
+from tccm_ros.config.reader import read_config
 from tccm_ros.nodes.player_node import PlayerNode
 from tccm_ros.pipeline.replay import replay
 
@@ -30,7 +31,8 @@ RATE = 50.0
 SLOW_RATE = 3.0
 """For images: they wait in short queues, and may not come seconds after odometry."""
 
-BAGS = Path(__file__).resolve().parents[2] / "bags"
+ROOT = Path(__file__).resolve().parents[2]
+BAGS, PAPER = ROOT / "bags", ROOT / "config" / "paper.yaml"
 OTHER_NAMES = (
     "tilt_scan:=/nod_lidar/scan",
     "scan:=/front_lidar/scan",
@@ -52,18 +54,22 @@ EQUAL = (
 
 
 @pytest.mark.parametrize(
-    ("bag", "remap", "is_shared"),
+    ("bag", "remap", "is_shared", "config"),
     [
-        ("walkthrough", (), False),
-        ("walkthrough", (), True),
-        ("upside_down", OTHER_NAMES, False),
-        pytest.param("flat", (), False, marks=LONG),
+        ("walkthrough", (), False, None),
+        ("walkthrough", (), True, None),
+        ("walkthrough", (), False, PAPER),
+        ("upside_down", OTHER_NAMES, False, None),
+        pytest.param("flat", (), False, None, marks=LONG),
     ],
 )
-def test_what_live_nodes_save_equals_the_files_of_a_replay(ros, tmp_path, bag, remap, is_shared):
+def test_what_live_nodes_save_equals_the_files_of_a_replay(
+    ros, tmp_path, bag, remap, is_shared, config
+):
     live, offline = tmp_path / "live", tmp_path / "offline"
-    replay(BAGS / bag, offline, Config(), pictures=False, remap=remap)
+    replay(BAGS / bag, offline, read_config(config), pictures=False, remap=remap)
     words = [word for rule in remap for word in ("-r", rule)]
+    words += [] if config is None else ["--params-file", str(config)]
     common = {"context": ros.context, "words": words, "save__directory": str(live)}
     tilt_node = tccm(ros, **common)
     node = slam(ros, shared=tilt_node.robot if is_shared else None, **common)

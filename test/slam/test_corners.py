@@ -1,13 +1,16 @@
 """Corners: where they are seen, and what they add to the graph."""
 
+import gtsam
 import numpy as np
 import plan
 import pytest
 
 from tccm_ros.config import Config
+from tccm_ros.geometry import spatial
 from tccm_ros.slam.chain import yaw_offset_for
 from tccm_ros.slam.corners import Corner, corner_factors, find_corners
-from tccm_ros.slam.factors.keys import keyframe_key, wall_key
+from tccm_ros.slam.factors.corners import CornerObservation
+from tccm_ros.slam.factors.keys import corner_key, keyframe_key, wall_key
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
 from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph import PoseGraph
@@ -127,3 +130,21 @@ def test_a_wall_goes_through_the_corner_that_it_ends_in():
     solution = PoseGraph([*factors, *corners], {key: np.zeros(3)}).optimise()
     # A line of 1 m against a corner of 3.2 cm: half a millimetre is left of the 0.5 m.
     assert -solution.plane(wall_key(0))[3] == pytest.approx(4.0, abs=0.002)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.9, -2.2])
+def test_a_corner_is_known_equally_well_in_every_direction(yaw):
+    """Twice the error of a corner that is d off is (d / sigma)^2."""
+    sigma, distance = 0.03, 0.02
+    key = keyframe_key(0, yaw_offset_for(np.array([0.0, np.pi / 2])))
+    pose = np.array([0.4, -0.3, yaw])
+    factor = CornerObservation(key, corner_key(0), np.array([2.0, 0.7]), sigma)
+    graph = gtsam.NonlinearFactorGraph()
+    factor.add_to(graph)
+    for bearing in np.linspace(0.0, np.pi, 7):
+        step = distance * np.array([np.cos(bearing), np.sin(bearing)])
+        values = gtsam.Values()
+        values.insert(key.symbol, key.to_value(spatial(pose)))
+        place = spatial(np.array([*in_map(pose, factor.point) + step, yaw]))
+        values.insert(factor.corner.symbol, gtsam.Pose3(place))
+        assert 2.0 * graph.error(values) == pytest.approx((distance / sigma) ** 2, rel=1e-3)

@@ -17,6 +17,10 @@ COV = np.diag([0.01**2, 0.01**2, 0.003**2])
 @pytest.fixture(scope="module")
 def seen():
     """Return true poses and the lines that each sees."""
+    return look_around(0.005)
+
+
+def look_around(sigma):
     poses = plan.route([(0, 0), (12, 0), (12, 5)], step=0.3, yaw_step=0.3)
     bearings = np.linspace(-np.pi / 2, np.pi / 2, 361)
     rays = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
@@ -24,7 +28,7 @@ def seen():
     for pose in poses:
         ranges = plan.cast(WALLS, pose, bearings)
         hit = np.isfinite(ranges)
-        noisy = ranges[hit] + random.normal(size=hit.sum()) * 0.005
+        noisy = ranges[hit] + random.normal(size=hit.sum()) * sigma
         lines.append(extract_lines(rays[hit] * noisy[:, None], np.zeros(2), Config()))
     return poses, lines
 
@@ -87,6 +91,18 @@ def test_right_labels_are_not_taken_out(seen):
     assert 0.0 < checked.unit_variance < 1.0
 
 
+def test_walls_as_noisy_as_their_covariances_say_are_kept():
+    """Nothing added for walls that are not flat: the mean of an observation is 2, not less."""
+    config = Config()
+    config.walls.discount, config.walls.flatness = 1.0, 0.0
+    poses, lines = look_around(config.matching.range_sigma)
+    table = associate_walls(poses, lines, config)
+    keys, graph = graph_of(poses, lines)
+    checked = check_walls(table, lines, poses, graph, keys, config)
+    kept, was = checked.table.wall >= 0, table.wall >= 0
+    assert kept.sum() > 0.9 * was.sum()
+
+
 def test_a_few_outliers_do_not_change_the_unit_variance():
     """One line in a hundred 300 times further off than noise: within the careful gates still."""
     random = np.random.default_rng(0)
@@ -95,3 +111,21 @@ def test_a_few_outliers_do_not_change_the_unit_variance():
     assert _without_tail(chi2) == pytest.approx(chi2.sum(), rel=0.01)
     assert _without_tail(strayed) < 1.1 * chi2.sum()
     assert _without_tail(np.zeros(0)) == 0.0
+
+
+def test_all_walls_count_for_the_unit_variance_whatever_their_numbers(seen):
+    """Walls change their numbers, so that each is the first once."""
+    poses, lines = seen
+    table = associate_walls(poses, lines, Config())
+    assert len(table) >= 3
+    found = []
+    for first in range(len(table)):
+        order = np.roll(np.arange(len(table)), -first)
+        number = np.append(np.argsort(order), -1)
+        turned = WallTable(
+            table.keyframe, table.line, number[table.wall],
+            table.phi[order], table.rho[order], table.extent[order],
+        )  # fmt: skip
+        keys, graph = graph_of(poses, lines)
+        found.append(check_walls(turned, lines, poses, graph, keys, Config()).unit_variance)
+    assert found == pytest.approx([found[0]] * len(found), rel=1e-6)

@@ -9,7 +9,7 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import pose_from_rpy, transform
 from tccm_ros.records import SurfaceCloud, ViewIntervals
-from tccm_ros.surfaces.carving import STEPS, Carver, carve
+from tccm_ros.surfaces.carving import MAJORITY, STEPS, Carver, _in_block, _rpy, carve
 from tccm_ros.surfaces.free_grid import FreeGrid
 from tccm_ros.surfaces.views import empty_view, with_cloud, with_intervals
 
@@ -153,3 +153,31 @@ def test_a_grid_answers_as_its_columns(seed):
 def test_a_view_without_free_columns_looks_through_nothing():
     grid = FreeGrid.of(FreeColumns.of(None, 0.1))
     assert not grid.touches(np.zeros((3, 3), np.float32), np.eye(4), 9.0, (0.0, 0.0))
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.0, 1.0))
+def test_a_block_is_a_square_of_two_by_two_columns(seed, fraction):
+    """Each point of a square of columns in each of which most points are chosen; one by one."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-0.35, 0.35, (150, 3))
+    is_column_gone = rng.random((20, 20)) < fraction
+    columns = np.floor(points[:, :2] / 0.1).astype(int)
+    chosen = is_column_gone[columns[:, 0], columns[:, 1]] ^ (rng.random(150) < 0.1)
+
+    def is_full(x, y):
+        own = np.all(columns == (x, y), axis=1)
+        return own.any() and chosen[own].mean() > MAJORITY
+
+    def is_in_square(x, y):
+        corners = [(x - i, y - j) for i in (0, 1) for j in (0, 1)]
+        return any(all(is_full(a + i, b + j) for i in (0, 1) for j in (0, 1)) for a, b in corners)
+
+    expected = [is_in_square(x, y) for x, y in columns] if chosen.any() else [False] * 150
+    assert _in_block(points, chosen, 0.1).tolist() == expected
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_angles_of_poses_are_those_that_make_them(seed):
+    rng = np.random.default_rng(seed)
+    rows = rng.uniform(-1.4, 1.4, (5, 6)) * [9.0, 9.0, 9.0, 2.0, 1.0, 2.0]
+    assert _rpy(np.array([pose_from_rpy(row) for row in rows])) == pytest.approx(rows, abs=1e-9)

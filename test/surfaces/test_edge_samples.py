@@ -1,13 +1,30 @@
 """What views know of edges: where points end, and whether a view looked past the surface."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from room import Board, Room
 from surface_maps import build
 
 from tccm_ros.config import Config
-from tccm_ros.geometry import spatial
-from tccm_ros.surfaces.edge_samples import Edge, EdgeSampler
+from tccm_ros.cuboids.free_columns import FreeColumns
+from tccm_ros.geometry import inverse, spatial, transform2
+from tccm_ros.outlines.edge_position import INDEPENDENT
+from tccm_ros.records import ViewIntervals
+from tccm_ros.surfaces.edge_samples import (
+    BEYOND,
+    END_MARGIN,
+    FRONT,
+    INSIDE,
+    OUTSIDE,
+    PIECE,
+    PROBES,
+    Edge,
+    EdgeSampler,
+)
 from tccm_ros.surfaces.merged_surface import fit_surface
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
@@ -53,3 +70,64 @@ def test_the_last_points_are_within_a_gap_of_a_side(sampler):
 def test_views_look_over_what_is_beside_a_table_and_not_over_what_is_far_away(sampler):
     assert sampler.looks_over(Edge(np.array([2.0, 0.6]), np.array([1.2, 0.6])))
     assert not sampler.looks_over(Edge(np.array([-9.0, 0.6]), np.array([-9.8, 0.6])))
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_each_piece_of_an_edge_has_its_outermost_point(seed):
+    """Position, gap and front of each, piece by piece, for a view from any side."""
+    rng = np.random.default_rng(seed)
+    edge = Edge(*rng.uniform(-1.0, 1.0, (2, 2)))
+    spacing, view = rng.uniform(0.01, 0.05), rng.uniform(-3.0, 3.0, 2)
+    cloud = np.column_stack([rng.uniform(-1.5, 1.5, (2500, 2)), np.full(2500, 0.7)])
+    pieces: dict[int, list[tuple[float, float]]] = {}
+    for x, y, _ in cloud:
+        at, across = ([x, y] - edge.start) @ edge.along, ([x, y] - edge.start) @ edge.outward
+        inside = -INSIDE < across < OUTSIDE
+        if inside and END_MARGIN < at < edge.length - END_MARGIN:
+            pieces.setdefault(int(at // PIECE), []).append((across, at))
+    rows = [sorted(pieces[k], reverse=True) for k in sorted(pieces)]
+    beams = [row[0][0] - row[1][0] for row in rows if len(row) > 1]
+    sampler = SimpleNamespace(
+        T_map_view=spatial(np.array([[*view, 0.3]])),
+        _looks_past=lambda index, points, outward: np.zeros(len(points), bool),
+    )
+    member = SimpleNamespace(view=0, patch=SimpleNamespace(spacing=spacing))
+    found = EdgeSampler._of_patch(sampler, edge, member, cloud)
+    if sum(map(len, rows)) < 3:
+        assert found is None
+        return
+    beam = np.median(beams) if beams else 0.0
+    assert len(found) == len(rows)
+    for row, expected in zip(found, rows):
+        across, at = expected[0]
+        ray = edge.start + at * edge.along - view
+        cosine = ray @ edge.outward / np.hypot(*ray)
+        gap = spacing * abs(cosine) + beam * np.sqrt(1.0 - cosine**2)
+        weight = min(1.0, INDEPENDENT / len(rows))
+        front = FRONT * max(-cosine, 0.0)
+        assert row == pytest.approx([at, across, gap, front, 0.0, weight], abs=1e-9)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_half_of_what_is_beyond_an_edge_must_have_been_looked_over(seed):
+    """Places evenly along the edge, and beyond it; columns stand in a view at a pose of its own."""
+    rng = np.random.default_rng(seed)
+    edge, pose = Edge(*rng.uniform(-1.0, 1.0, (2, 2))), np.array([0.4, -0.7, 1.1])
+    cells = np.stack(np.meshgrid(*[np.arange(-30, 30)] * 2), axis=-1).reshape(-1, 2)
+    cells = cells[rng.random(len(cells)) < rng.uniform(0.2, 0.8)]
+    rows = np.column_stack([(cells + 0.5) * 0.1, np.zeros(len(cells)), np.ones(len(cells))])
+    free = FreeColumns.of(ViewIntervals(1, "base", rows.astype(np.float32)), 0.1)
+    sampler = SimpleNamespace(
+        surface=SimpleNamespace(lift=lambda xy: np.column_stack([xy, np.full(len(xy), 0.7)])),
+        views=[SimpleNamespace(free=free)],
+        _inverses={0: inverse(spatial(pose[None])[0])},
+    )
+    known = set(map(tuple, cells.tolist()))
+    back = np.array([[np.cos(pose[2]), -np.sin(pose[2])], [np.sin(pose[2]), np.cos(pose[2])]])
+    over = 0
+    for k in range(PROBES):
+        fraction = k / (PROBES - 1)
+        place = edge.start * (1.0 - fraction) + edge.end * fraction + BEYOND[1] * edge.outward
+        assert transform2(pose, ((place - pose[:2]) @ back)[None])[0] == pytest.approx(place)
+        over += tuple(np.floor((place - pose[:2]) @ back / 0.1).astype(int).tolist()) in known
+    assert EdgeSampler.looks_over(sampler, edge) == (over >= 0.5 * PROBES)

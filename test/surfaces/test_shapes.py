@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 from room import Board, Room, Screen
-from shapely import Polygon
+from shapely import Polygon, affinity
 from surface_maps import above_floor, build, overlap
 
+from tccm_ros.outlines.edge_position import EdgeSamples
 from tccm_ros.records import EdgeState, SurfaceShape
+from tccm_ros.surfaces.edge_samples import Edge
+from tccm_ros.surfaces.shapes import _rotation, _rotation_to_wall, _wall_across, _yaws
 
 HERE = (0.0, 0.0, 0.0)
 TABLE = Board(1.6, 0.0, 0.8, 1.2, 0.74)
@@ -55,3 +58,60 @@ def test_an_edge_behind_a_higher_object_was_not_seen():
     screen = Screen(1.0, -0.7, 1.0, 0.1, 1.4)
     (found,) = above_floor(build([(Room([TABLE], [screen]), HERE, 10)]))
     assert any(edge.state is not EdgeState.SEEN for edge in found.edges)
+
+
+@pytest.mark.parametrize("yaw", [-0.6, 0.0, 0.3, 0.7])
+def test_the_main_direction_is_that_of_the_long_edges(yaw):
+    """The one with which most of the squares of lengths agree, modulo right angles."""
+    ring = np.array([(0, 0), (2.0, 0.0), (2.1, 0.4), (2.0, 0.8), (1.6, 1.1), (0, 1.1), (-0.2, 0.5)])
+    outline = affinity.rotate(Polygon(ring), yaw, origin=(0, 0), use_radians=True)
+    steps = np.diff(np.asarray(outline.exterior.coords), axis=0)
+    directions = np.linspace(-np.pi / 4, np.pi / 4, 20001)
+    off = np.arctan2(steps[:, 1], steps[:, 0]) - directions[:, None]
+    expected = directions[np.argmax(np.cos(4.0 * off) @ np.square(np.hypot(*steps.T)))]
+    wall = np.array([[[0.0, 0.0], [1.0, 2.0]]])
+    box, main, longest, along_wall = _yaws(outline, wall)
+    assert (main - expected + np.pi / 4) % (np.pi / 2) == pytest.approx(np.pi / 4, abs=1e-3)
+    assert abs(np.sin(longest - yaw)) == pytest.approx(0.0, abs=1e-9)
+    assert along_wall == pytest.approx(np.arctan2(2.0, 1.0))
+    sides = np.asarray(outline.minimum_rotated_rectangle.exterior.coords)
+    side = sides[1] - sides[0]
+    assert np.sin(2.0 * (box - np.arctan2(side[1], side[0]))) == pytest.approx(0.0, abs=1e-6)
+
+
+def last_points(at, last, weight=None):
+    n = len(at)
+    weight = np.ones(n) if weight is None else weight
+    return EdgeSamples(at, last, np.full(n, 0.02), np.zeros(n), np.ones(n, bool), weight)
+
+
+@pytest.mark.parametrize("slope", [-0.1, 0.0, 0.04])
+def test_an_edge_is_turned_onto_the_line_of_its_last_points(slope):
+    edge = Edge(np.array([0.5, -1.0]), np.array([2.1, 0.2]))
+    at = np.array([0.1, 0.2, 0.25, 0.4, 0.9, 1.0, 1.3, 1.9])
+    rotation, information = _rotation(edge, last_points(at, 0.03 + slope * at))
+    assert rotation == pytest.approx(-slope, abs=1e-6)
+    twice, more = _rotation(edge, last_points(at, 0.03 + slope * at, np.full(len(at), 2.0)))
+    assert twice == pytest.approx(-slope, abs=1e-6)
+    assert more == pytest.approx(2.0 * information, rel=1e-5)
+    far = 0.03 + slope * at
+    far[3] += 0.5
+    assert _rotation(edge, last_points(at, far))[0] == pytest.approx(-slope, abs=0.02)
+
+
+@pytest.mark.parametrize("angle", [-0.04, 0.0, 0.05])
+@pytest.mark.parametrize("yaw", [-2.0, 0.0, 1.1, 3.0])
+@pytest.mark.parametrize("backwards", [False, True])
+def test_an_edge_along_a_wall_is_parallel_to_it_and_so_far_from_it(yaw, angle, backwards):
+    """Turned about its middle by the rotation it would be parallel; across is to the foot."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    start = np.array([2.0, -1.0])
+    edge = Edge(start, start + 0.8 * np.array([c, s]))
+    middle, beside = 0.5 * (edge.start + edge.end), 0.04
+    along = np.array([np.cos(yaw + angle), np.sin(yaw + angle)])
+    foot = middle + beside * np.array([along[1], -along[0]])
+    wall = np.array([foot - 2.0 * along, foot + 1.5 * along])
+    walls = np.array([wall[::-1] if backwards else wall, wall + 5.0])
+    assert _rotation_to_wall(edge, walls) == pytest.approx(angle, abs=1e-9)
+    assert _wall_across(edge, walls) == pytest.approx(beside * np.cos(angle), abs=1e-9)
+    assert _wall_across(edge, walls[1:]) is None

@@ -1,5 +1,7 @@
 """Views: compact, with exact moments, and moved as a whole with their pose."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -14,7 +16,7 @@ from tccm_ros.records import SurfaceCloud, ViewIntervals
 from tccm_ros.surfaces.saved_map import pack_views
 from tccm_ros.surfaces.surface_map import SurfaceMap
 from tccm_ros.surfaces.thinning import thin_cloud
-from tccm_ros.surfaces.views import empty_view, with_cloud
+from tccm_ros.surfaces.views import empty_view, with_cloud, with_numbers_of
 
 CONFIG = Config()
 TABLE, STOOL = Board(1.5, 0.3, 0.8, 1.2, 0.74), Board(1.2, -1.2, 0.4, 0.4, 0.46)
@@ -121,3 +123,35 @@ def test_a_far_table_seen_in_four_scan_lines_is_a_surface():
     assert table.points == 48
     assert table.area == pytest.approx(0.36 * 0.8, rel=0.35)
     assert table.height == pytest.approx(0.74, abs=1e-6)
+
+
+def test_the_parts_of_a_surface_are_patches_of_their_own_points():
+    """A board of 1.2 m, and a smaller one 0.5 m beside it that has the same number."""
+    points = np.float32(np.concatenate([board(6000), board(2000, 1, x=2.7)]))
+    view = with_cloud(empty_view(7, 0, CONFIG), cloud(points), CONFIG)
+    assert len(view.patches) == 2
+    ends = points[:, 0] < 2.5, points[:, 0] > 2.5
+    for patch, own in zip(view.patches, ends):
+        assert patch.count == own.sum()
+        assert patch.weights.shape == (len(patch.points),)
+        assert patch.weights.sum() == own.sum()
+        assert patch.mean == pytest.approx(points[own].astype(float).mean(axis=0), abs=1e-9)
+        thinned, _weights = thin_cloud(points[own], CONFIG.views.voxel_size)
+        assert patch.points[np.lexsort(patch.points.T)] == pytest.approx(
+            thinned[np.lexsort(thinned.T)], abs=1e-6
+        )
+
+
+def test_a_view_remembers_how_many_patches_it_has_replaced():
+    """So that the numbers of patches, and the ids of surfaces, go on from those that are gone."""
+    older, newer = (
+        with_cloud(empty_view(k, 0, CONFIG), cloud(board(900, k, x)), CONFIG)
+        for k, x in ((1, 1.0), (2, 1.0))
+    )
+    older, newer = replace(older, forgotten=5), replace(newer, forgotten=2)
+    assert len(older.patches) == 1
+    after = with_numbers_of(newer, older, {0: 0})
+    assert after.forgotten == 2 + 5 + 1
+    # Patches of the view are numbered from 0: the one before was number -1.
+    assert after.patches[0].number == -1
+    assert after.patches[0].first_seen_ns == 1

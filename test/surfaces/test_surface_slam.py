@@ -1,0 +1,28 @@
+"""Whether the base stood still between two stamps: it moves in x, in y or by yaw."""
+
+import numpy as np
+import pytest
+
+from tccm_ros.config import Config
+from tccm_ros.surfaces.surface_slam import MAX_STATIONARY_MOTION, SurfaceSlam
+
+SHIFT, YAW = MAX_STATIONARY_MOTION
+
+
+@pytest.mark.parametrize(
+    ("motion", "expected"),
+    [
+        ((0.0, 0.0, 0.0), True),
+        ((0.9 * SHIFT, 0.0, 0.9 * YAW), True),
+        ((2.0 * SHIFT, 0.0, 0.0), False),
+        ((0.0, -2.0 * SHIFT, 0.0), False),
+        ((0.8 * SHIFT, 0.8 * SHIFT, 0.0), False),
+        ((0.0, 0.0, -2.0 * YAW), False),
+        (None, False),
+    ],
+)
+def test_a_base_that_moves_is_not_stationary(motion, expected, monkeypatch):
+    slam = SurfaceSlam(Config())
+    known = None if motion is None else np.array(motion)
+    monkeypatch.setattr(slam.walls, "motion_between", lambda first_ns, last_ns: known)
+    assert slam._is_stationary(1, 2) is expected

@@ -177,6 +177,8 @@ class SurfaceEntry:
     edges: tuple[EdgeEntry, ...] = ()
     area_seen: float = 0.0
     boundary_seen: Ring = field(default_factory=lambda: np.zeros((0, 3)))
+    room: str = ""
+    near: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, surface: Surface) -> SurfaceEntry:

@@ -46,9 +46,9 @@ $(STAMP): $(VENV)/.wheels tools/generate_interfaces.py $(wildcard tools/definiti
 
 # What reads door signs (the extra `signs`), and public packages whose topics are there where these are installed, each after those that it needs.
 DEFINITIONS := tccm_ros/ros/public_definitions
-$(TESTING): $(STAMP) requirements-signs.txt $(wildcard $(DEFINITIONS)/*/*/*)
+$(TESTING): $(STAMP) requirements-signs.txt $(wildcard $(DEFINITIONS)/*/*/* test/interfaces/definitions/*/*/*)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-signs.txt
-	-@$(BIN)/python tools/generate_interfaces.py $(addprefix $(DEFINITIONS)/,object_recognition_msgs moveit_msgs vision_msgs)
+	-@$(BIN)/python tools/generate_interfaces.py $(addprefix $(DEFINITIONS)/,object_recognition_msgs moveit_msgs vision_msgs) test/interfaces/definitions/control_msgs
 	@touch $(TESTING)
 
 $(VENV)/.wheels: requirements.txt requirements-test.txt setup.py

@@ -47,6 +47,8 @@ setup(
         "console_scripts": [
             "tccm_node = tccm_ros.nodes.start:tccm_node",
             "slam_node = tccm_ros.nodes.start:slam_node",
+            "managed_tccm_node = tccm_ros.nodes.start:managed_tccm_node",
+            "managed_slam_node = tccm_ros.nodes.start:managed_slam_node",
             "player_node = tccm_ros.nodes.start:player_node",
             "all_in_one = tccm_ros.nodes.start:all_in_one",
             "tccm = tccm_ros.cli:main",

@@ -35,15 +35,17 @@ from tccm_ros.pipeline.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.pipeline.replay import replay
 from tccm_ros.results.map_file import load_map
 from tccm_ros.results.trajectory import read_tum
-from tccm_ros.slam.saved_walls import unpack_walls
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "test" / "helpers"))
-from map_truth import surface_errors, wall_errors  # noqa: E402
+from map_truth import surface_errors, surfaces_of_tops, wall_errors  # noqa: E402
 from split_bag import split_bag  # noqa: E402
 
 PARTS = 4
 """Of the log."""
+
+MAX_ERROR_MM = 15.0
+"""Walls beyond it are counted."""
 
 
 def maps_of(bags: Sequence[Path], folder: Path) -> list[Path]:
@@ -71,26 +73,39 @@ def merge(maps: Sequence[Path], out: Path) -> MergeSummary:
 
 def print_errors(folders: Sequence[Path], bags: Sequence[Path]) -> None:
     """Print the errors of maps against the truth in their frame."""
-    print("\n| map | walls | max, mm | median, mm | tops | missing | double | max height, mm |")
-    print("|---|---|---|---|---|---|---|---|")
+    print("\n| map | walls | fitted, max mm | median | > 15 | in its frame, max | ", end="")
+    print("tops | missing | double | height, max mm |\n" + "|---" * 10 + "|")
     for folder, bag in zip(folders, bags):
-        walls = 1e3 * wall_errors(folder, bag)
+        fitted, walls = (1e3 * wall_errors(folder, bag, fitted=flag) for flag in (True, False))
         heights, counts = surface_errors(folder, bag)
         print(
-            f"| {folder.name} | {len(walls)} | {walls.max():.1f} | {np.median(walls):.1f} "
-            f"| {len(counts)} | {(counts == 0).sum()} | {(counts > 1).sum()} "
-            f"| {1e3 * heights.max():.1f} |",
+            f"| {folder.name} | {len(walls)} | {fitted.max():.1f} | {np.median(fitted):.1f} "
+            f"| {(fitted > MAX_ERROR_MM).sum()} | {walls.max():.1f} | {len(counts)} "
+            f"| {(counts == 0).sum()} | {(counts > 1).sum()} | {1e3 * heights.max():.1f} |",
             flush=True,
         )
 
 
-def bench_building(folder: Path, building: str) -> list[Path]:
+def bench_building(folder: Path, building: str) -> None:
     """Merge the maps of four robots in one building."""
     bags = write_drives(folder / "bags", building)
     maps = maps_of(bags, folder / "maps")
     merged = merge(maps, folder / f"merged {building}")
     print_errors([merged.out, *maps], [bags[0], *bags])
-    return maps
+    print_ids(merged, maps, bags)
+
+
+def print_ids(merged: MergeSummary, maps: Sequence[Path], bags: Sequence[Path]) -> None:
+    """Print how many tops have one id in the merged map, whichever map is asked."""
+    entries = {entry.map: entry for entry in merged.content.components[0].maps}
+    ids: list[set[int | None]] = []
+    for folder, bag in zip(maps, bags):
+        new = {entry.old: entry.new for entry in entries[str(folder)].surfaces}
+        tops = surfaces_of_tops(folder, bag)
+        ids = ids or [set() for _ in tops]
+        for known, surfaces in zip(ids, tops):
+            known |= {new[surface["id"]] for surface in surfaces[:1]}
+    print(f"\n{sum(len(known) == 1 for known in ids)} of {len(ids)} tops have one id")
 
 
 def bench_other(folder: Path) -> None:
@@ -115,6 +130,11 @@ def bench_log(folder: Path, log: Path) -> None:
             Path(made).mkdir()
     whole, *maps = maps_of([bag, *sorted(parts.iterdir())], folder / "maps")
     merged = merge(maps, folder / "merged intel")
+    compare_relations(log, bag, whole, merged)
+
+
+def compare_relations(log: Path, bag: Path, whole: Path, merged: MergeSummary) -> None:
+    """Print the relations of a log's whole map and of the merged one."""
     truth = read_reference(log.with_name("intel_reference.txt"))
     stamps = read_stamps(bag / "stamps.csv")
     asked = np.array([stamps[int(k)] for k in truth.scan_index])
@@ -150,8 +170,8 @@ def poses_in_whole(folder: Path, asked_ns: Int64) -> Float64:
 
 def poses_in_merged(merged: MergeSummary, asked_ns: Int64) -> Float64:
     """Return the poses (N, 4, 4) of all trajectories, moved with the keyframe before; or nan."""
-    walls = unpack_walls(load_map(merged.out / "map.mcap").walls)
-    stamps = np.array([keyframe.stamp_ns for keyframe in walls.keyframes])
+    saved = load_map(merged.out / "map.mcap").walls
+    stamps, poses = np.asarray(saved["keyframe_stamp_ns"]), np.asarray(saved["keyframe_pose"])
     order = np.argsort(stamps)
     found = np.full((len(asked_ns), 4, 4), np.nan)
     for entry in merged.content.components[0].maps:
@@ -160,7 +180,7 @@ def poses_in_merged(merged: MergeSummary, asked_ns: Int64) -> Float64:
         for k in np.flatnonzero(np.isfinite(own[:, 0, 0])):
             before = order[np.searchsorted(stamps[order], asked_ns[k], side="right") - 1]
             T_keyframe = between2(planar(at_keyframes[before][None]), planar(own[k][None]))
-            found[k] = spatial(compose2(walls.poses[before], T_keyframe[0]))
+            found[k] = spatial(compose2(poses[before], T_keyframe[0]))
     return found
 
 

@@ -2,18 +2,20 @@
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition, UnlessCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Start tccm_node and slam_node."""
+    """Start tccm_node and slam_node, or their managed twins."""
     default = PathJoinSubstitution([FindPackageShare("tccm_ros"), "config", "tccm.yaml"])
     arguments = {
         "params_file": (default, "YAML file with parameters of both nodes"),
         "use_sim_time": ("false", "whether time is that of /clock"),
         "namespace": ("", "of both nodes and their topics"),
+        "managed": ("false", "whether a lifecycle manager configures and activates the nodes"),
         "tilt_scan": ("tilt_scan", "topic of the tilting laser, sensor_msgs/LaserScan"),
         "scan": ("scan", "topic of the level laser, sensor_msgs/LaserScan"),
         "odometry": ("odom", "topic of the odometry, nav_msgs/Odometry"),
@@ -38,13 +40,23 @@ def generate_launch_description() -> LaunchDescription:
         "sigterm_timeout": "30",
         "sigkill_timeout": "15",
     }
+    managed = LaunchConfiguration("managed")
+    plain, waiting = {"condition": UnlessCondition(managed)}, {"condition": IfCondition(managed)}
+    executables = {
+        "tccm_node": ("tccm", plain),
+        "slam_node": ("surface_slam", plain),
+        "managed_tccm_node": ("tccm", waiting),
+        "managed_slam_node": ("surface_slam", waiting),
+    }
     return LaunchDescription(
         [
             *(
                 DeclareLaunchArgument(name, default_value=value, description=meaning)
                 for name, (value, meaning) in arguments.items()
             ),
-            Node(package="tccm_ros", executable="tccm_node", name="tccm", **settings),
-            Node(package="tccm_ros", executable="slam_node", name="surface_slam", **settings),
+            *(
+                Node(package="tccm_ros", executable=executable, name=name, **when, **settings)
+                for executable, (name, when) in executables.items()
+            ),
         ]
     )

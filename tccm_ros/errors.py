@@ -44,6 +44,10 @@ class QuestionError(TccmError):
     """A question about the map that was not answered; the message is that of the node."""
 
 
+class MotionError(TccmError):
+    """A joint that cannot be moved, or a robot that does not stand where it has to."""
+
+
 class OutputError(TccmError):
     """A file or folder that cannot be written."""
 

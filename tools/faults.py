@@ -196,7 +196,7 @@ def _check_failure(report: Path) -> None:
         raise FaultError("pytest failed, and no test did")
     for message in failures:
         if NOT_CODE.match(message):
-            raise FaultError(f"no failure of a test: {message}")
+            raise FaultError(f"no failure of a test: {message.splitlines()[0]}")
 
 
 def outcome(fault: Fault) -> str:

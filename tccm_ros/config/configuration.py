@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pydantic import Field
 
 from tccm_ros.config.mapping import CenterCore, Cycle, Map, Objects, Planes
-from tccm_ros.config.node import Markers, Qos, Save, Tf
+from tccm_ros.config.node import Markers, Qos, Save, ScanHere, Tf
 from tccm_ros.config.parameter import Group, Parameter, param, parameters_of
 from tccm_ros.config.sensors import Frames, Rig, ScanFilter, Sensors
 from tccm_ros.config.signs import Signs
@@ -48,6 +48,7 @@ class Config(Group):
     qos: Qos = Field(default_factory=Qos)
     tf: Tf = Field(default_factory=Tf)
     save: Save = Field(default_factory=Save)
+    scan_here: ScanHere = Field(default_factory=ScanHere)
     markers: Markers = Field(default_factory=Markers)
     clock_jump: float = param(
         2.0,

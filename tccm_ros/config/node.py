@@ -53,6 +53,21 @@ class Save(Group):
     )
 
 
+class ScanHere(Group):
+    """The action ~/scan_here: how the tilt joint, `frames.tilt_joint`, is moved for a view."""
+
+    controller: str = param(
+        "head_controller/follow_joint_trajectory",
+        "action of the controller of the joints, control_msgs/FollowJointTrajectory",
+        read_only=True,
+    )
+    pan_joint: str = param("", "joint that pans; empty: there is none, or it stays", read_only=True)
+    tilt_range: tuple[float, float] = param(
+        (0.0, 0.9), "lowest and highest angle of the tilt joint", unit="rad"
+    )
+    velocity: float = param(0.3, "greatest speed of the joints", unit="rad/s", gt=0.0, le=10.0)
+
+
 class Markers(Group):
     """Content of the markers."""
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import shapely
+from shapely.affinity import affine_transform
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
@@ -22,6 +24,9 @@ from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 MAP = "map.mcap"
+
+MAX_HEIGHT_DIFFERENCE = 0.03
+"""Max difference in height of one surface in two maps, m (chosen)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +49,16 @@ class Footprint:
     polygon: shapely.Polygon
     height: float
     is_floor: bool
+
+    def moved(self, T: Float64) -> Footprint:
+        """Return it in another frame, in which its map has the planar pose T, float64 (3,)."""
+        c, s = float(np.cos(T[2])), float(np.sin(T[2]))
+        xy = [c, -s, s, c, float(T[0]), float(T[1])]
+        return replace(self, polygon=affine_transform(self.polygon, xy))
+
+    def is_as_high_as(self, other: Footprint) -> bool:
+        """Return whether both may be one surface by their heights."""
+        return abs(self.height - other.height) <= MAX_HEIGHT_DIFFERENCE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,17 +173,18 @@ def read_map(path: Path, config: Config) -> MapInput:
     beside = path.parent / "surfaces.json"
     signs: tuple[SignPlace, ...] = ()
     if path.name == MAP and beside.exists():
-        surfaces = _footprints_of(read_json(beside, SurfacesFile))
+        surfaces = footprints_of(read_json(beside, SurfacesFile))
         signs = tuple(SignPlace(s.text, s.position) for s in read_signs(path.parent) if s.text)
     else:
         mapped = SurfaceSlam.from_saved(config, saved).solve().mapped
-        surfaces = _footprints_of(SurfacesFile.of(mapped.surfaces, mapped.floor_z, "map"))
+        surfaces = footprints_of(SurfacesFile.of(mapped.surfaces, mapped.floor_z, "map"))
     name = str(path.parent if path.name == MAP else path)
     walls = unpack_walls(saved.walls)
     return MapInput(name, path, checksum_of(path), saved, walls, tuple(surfaces), signs)
 
 
-def _footprints_of(file: SurfacesFile) -> Sequence[Footprint]:
+def footprints_of(file: SurfacesFile) -> Sequence[Footprint]:
+    """Return the surfaces of a map from above."""
     floor_z = file.floor_z or 0.0
     return [
         Footprint(surface.id, _outline(surface), surface.height - floor_z, surface.is_floor)

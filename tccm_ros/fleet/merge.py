@@ -12,11 +12,10 @@ import numpy as np
 from tccm_ros.atomic import output_file, output_folder
 from tccm_ros.config import Config
 from tccm_ros.fleet.cluster import Workers
-from tccm_ros.fleet.map_inputs import MapInput, checksum_of, find_maps, read_map
+from tccm_ros.fleet.map_inputs import MapInput, checksum_of, find_maps, footprints_of, read_map
 from tccm_ros.fleet.merge_file import (
     RECORD,
     ComponentEntry,
-    IdEntry,
     MergedMapEntry,
     MergeFile,
     PairEntry,
@@ -25,10 +24,11 @@ from tccm_ros.fleet.merged_map import distinct_maps, merged_map, starts
 from tccm_ros.fleet.pair_matching import PairMatch, PairReason
 from tccm_ros.fleet.pair_selection import Component, Pair, select_pairs
 from tccm_ros.fleet.pair_tasks import match_all
+from tccm_ros.fleet.surface_ids import id_table, owners_of_patches
 from tccm_ros.progress import Bars, Silent
-from tccm_ros.records import Surface
 from tccm_ros.results.exports import write_solution
 from tccm_ros.results.map_file import save_map
+from tccm_ros.results.models import SurfacesFile
 from tccm_ros.results.numbers import json_text
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
@@ -184,24 +184,18 @@ def _entry(
     members = distinct_maps(component, inputs)
     patches = [sum(len(s.view.patches) for s in inputs[k].saved.views) for k in members]
     offsets = {inputs[k].checksum: start for k, start in zip(members, starts(patches))}
-    owners = _owners(solution.surfaces)
+    mapped = solution.mapped
+    found = footprints_of(SurfacesFile.of(mapped.surfaces, mapped.floor_z, "map"))
+    owners = owners_of_patches(solution.surfaces)
     maps = [
         MergedMapEntry(
             inputs[k].name,
             T,
-            tuple(
-                IdEntry(s.id, owners.get(s.id + offsets[inputs[k].checksum]))
-                for s in inputs[k].surfaces
-            ),
+            id_table(inputs[k].surfaces, offsets[inputs[k].checksum], T, owners, found),
         )
         for k, T in component.T_root_map.items()
     ]
     return ComponentEntry(folder, tuple(maps))
-
-
-def _owners(surfaces: Sequence[Surface]) -> dict[int, int]:
-    """Return the surface that each number of a patch belongs to now."""
-    return {number: s.id for s in surfaces for number in (s.id, *s.merged_ids)}
 
 
 def _pair_entry(

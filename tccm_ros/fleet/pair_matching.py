@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from shapely.affinity import affine_transform
 
 from tccm_ros.arrays import Float64
 from tccm_ros.atomic import output_file
@@ -30,9 +29,6 @@ from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.loop_matching import Proposal
 from tccm_ros.slam.loops import LoopCloser
 from tccm_ros.slam.saved_walls import SavedWalls
-
-MAX_HEIGHT_DIFFERENCE = 0.03
-"""Max difference in height of one surface in two maps, m (chosen)."""
 
 MIN_OVERLAP = 0.5
 """Min fraction of a surface that the other map has seen, for it to count, and that one of the other
@@ -189,15 +185,10 @@ def compare_furniture(
     T_one_other
         float64 (3,), planar pose of the second map in the first.
     """
-    moved = [replace(s, polygon=_moved(s.polygon, T_one_other)) for s in other]
+    moved = [surface.moved(T_one_other) for surface in other]
     counts = [_agreeing(a, b) for a, b in ((one, moved), (moved, one))]
     compared = sum(area for area, _ in counts)
     return compared, sum(area for _, area in counts) / compared if compared else 0.0
-
-
-def _moved(polygon: shapely.Polygon, T: Float64) -> shapely.Polygon:
-    c, s = float(np.cos(T[2])), float(np.sin(T[2]))
-    return affine_transform(polygon, [c, -s, s, c, float(T[0]), float(T[1])])
 
 
 def _agreeing(ones: Sequence[Footprint], others: Sequence[Footprint]) -> tuple[float, float]:
@@ -209,14 +200,10 @@ def _agreeing(ones: Sequence[Footprint], others: Sequence[Footprint]) -> tuple[f
         if one.is_floor or one.polygon.intersection(seen).area < MIN_OVERLAP * area:
             continue
         compared += area
-        near = [o.polygon for o in others if not o.is_floor and _is_as_high(one, o)]
+        near = [o.polygon for o in others if not o.is_floor and one.is_as_high_as(o)]
         if one.polygon.intersection(shapely.union_all(near)).area >= MIN_OVERLAP * area:
             agreeing += area
     return compared, agreeing
-
-
-def _is_as_high(one: Footprint, other: Footprint) -> bool:
-    return abs(one.height - other.height) <= MAX_HEIGHT_DIFFERENCE
 
 
 def compare_signs(

@@ -55,6 +55,11 @@ class ClockWatch:
         """Whether the stamps of the records went back a moment ago."""
         return time.monotonic() < self._told_s + PATIENCE_S
 
+    def close(self) -> None:
+        """Report nothing any more."""
+        self._end_timer()
+        self._handle.unregister()
+
     def _jumped(self, jump: TimeJump) -> None:
         stepped_s = time.monotonic()
         reason = f"the clock stepped back by {-jump.delta.nanoseconds * 1e-9:.1f} s"

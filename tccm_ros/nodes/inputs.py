@@ -6,12 +6,13 @@ no publisher, another type, an incompatible QoS or no messages is named, with wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 
 from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.qos import subscription_events
@@ -101,6 +102,7 @@ class Inputs:
         self._silence_ns = round(silence_s * 1e9)
         self._start_ns: int | None = None
         self._inputs: list[Input] = []
+        self._subscriptions: list[Subscription] = []
         self._incompatible: dict[str, str] = {}
 
     def subscribe(
@@ -156,9 +158,21 @@ class Inputs:
             callback_group=self._intake.group if self._intake else None,
             event_callbacks=subscription_events(entry.topic, warn),
         )
+        self._subscriptions.append(subscription)
         if self._intake is not None:
             self._intake.add(subscription)
         return entry
+
+    def unsubscribe(self) -> None:
+        """End all subscriptions, of which nothing is known afterwards; the intake stands still."""
+        for subscription in self._subscriptions:
+            if self._intake is not None:
+                self._intake.remove(subscription)
+            self._node.destroy_subscription(subscription)
+        self._subscriptions.clear()
+        self._inputs.clear()
+        self._incompatible.clear()
+        self._start_ns = None
 
     def __iter__(self) -> Iterator[Input]:
         return iter(self._inputs)
@@ -174,6 +188,17 @@ class Inputs:
     def lost(self) -> dict[str, int]:
         """Return the messages that were sent but not received, by topic, where there are any."""
         return {entry.topic: entry.lost for entry in self._inputs if entry.lost}
+
+    def awaited(self, optional: Collection[str] = ()) -> list[str]:
+        """Return the topics that nothing has come on yet, without those that may stay silent.
+
+        Parameters
+        ----------
+        optional
+            Resolved names of such, beside events.
+        """
+        silent = (e for e in self._inputs if not e.count and e.watch != "event")
+        return [entry.topic for entry in silent if entry.topic not in optional]
 
     def is_published(self, topic: str) -> bool:
         """Return whether there is a publisher of a topic."""

@@ -12,7 +12,7 @@ rate.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from typing import Any, cast
 
@@ -59,23 +59,28 @@ class Intake:
         """Take the messages of a subscription, from the next `start` on."""
         self._subscriptions.append(subscription)
 
+    def remove(self, subscription: Subscription) -> None:
+        """Take no messages of a subscription any more, while the intake stands still."""
+        self._subscriptions.remove(subscription)
+
     def add_timer(self, timer: Timer) -> None:
         """Call a timer back when it is due, from the next `start` on."""
         self._timers.append(timer)
 
     def start(self) -> None:
         """Take messages from now on, also those of what was added since the last start."""
-        self._end()
+        self.stop()
         self._is_done = False
         self._thread = threading.Thread(target=self._run, name=self._name, daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """End the thread; messages that wait are not taken any more."""
-        self._end()
+        self.stop()
         self._stop.destroy()
 
-    def _end(self) -> None:
+    def stop(self) -> None:
+        """Stand still until the next `start`; messages that wait are not taken before."""
         self._is_done = True
         with suppress(_rclpy.RCLError, _rclpy.InvalidHandle):
             self._stop.trigger()
@@ -87,29 +92,37 @@ class Intake:
         context = self._context.handle
         if context is None:
             return
-        entities: list[Any] = [*self._subscriptions, *self._timers]
+        # Another node of the process may add to them: those count from the next start on.
+        subscriptions, timers = tuple(self._subscriptions), tuple(self._timers)
+        entities: list[Any] = [*subscriptions, *timers]
         events: list[Any] = []
-        for subscription in self._subscriptions:
+        for subscription in subscriptions:
             events += cast("list[Any]", subscription.event_handlers)
         with ExitStack() as held, suppress(_rclpy.InvalidHandle):
             for owner in (context, self._stop.handle, *(e.handle for e in entities), *events):
                 held.enter_context(owner)
-            size = len(self._subscriptions), 1, len(self._timers), 0, 0, len(events)
+            size = len(subscriptions), 1, len(timers), 0, 0, len(events)
             wait_set = _rclpy.WaitSet(*size, context)
             while self._context.ok() and not self._is_done:
                 try:
-                    self._wait(wait_set, events)
+                    self._wait(wait_set, subscriptions, timers, events)
                 except _rclpy.RCLError:
                     # A signal shuts the context down at any moment.
                     if self._context.ok():
                         raise
 
-    def _wait(self, wait_set: Any, events: list[Any]) -> None:
+    def _wait(
+        self,
+        wait_set: Any,
+        subscriptions: Sequence[Subscription],
+        timers: Sequence[Timer],
+        events: Sequence[Any],
+    ) -> None:
         """Wait for something and take it."""
         wait_set.clear_entities()
-        for subscription in self._subscriptions:
+        for subscription in subscriptions:
             wait_set.add_subscription(subscription.handle)
-        for timer in self._timers:
+        for timer in timers:
             wait_set.add_timer(timer.handle)
         for event in events:
             event.add_to_wait_set(wait_set)
@@ -117,12 +130,12 @@ class Intake:
         wait_set.wait(LOOK_NS)
         ready = wait_set.get_ready_entities("subscription")
         due = wait_set.get_ready_entities("timer")
-        for subscription in self._subscriptions:
+        for subscription in subscriptions:
             if subscription.handle.pointer in ready:
                 handle = subscription.handle
                 taken = handle.take_message(subscription.msg_type, subscription.raw)
                 self._call(subscription.callback, taken)
-        for timer in self._timers:
+        for timer in timers:
             if timer.handle.pointer in due and timer.handle.is_timer_ready():
                 timer.handle.call_timer()
                 self._call(timer.callback, ())

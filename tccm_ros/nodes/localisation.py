@@ -28,7 +28,7 @@ PERIOD_NS = 1_000_000_000
 ROUGH_GUESS = np.diag([0.5**2, 0.5**2, np.radians(15.0) ** 2])
 """Covariance of a guess that comes without one (srv/SetPose)."""
 
-BY_START, BY_REQUEST, BY_SCAN, BY_LOOP = range(4)
+BY_START, BY_REQUEST, BY_SCAN, BY_LOOP, BY_SIGN = range(5)
 """As msg/Localisation numbers what placed the robot."""
 
 REASONS = {
@@ -70,17 +70,28 @@ class LocalisationPublisher:
         self._state, self._since_ns, self._shown_ns = LocalisationState.UNKNOWN, 0, -1
         self._searching = ""
         self._placed_by, self._next_by, self._placed_ns, self._keyframe = BY_START, BY_START, 0, -1
+        self._sign = -1
         self._publisher = None
         with suppress(ImportError):
             self._publisher = node.create_publisher(
                 message_class(LOCALISATION), "~/localisation", latched()
             )
+        self._subscription: Any = None
+
+    def listen(self, node: Node) -> None:
+        """Take poses that somebody tells on ``initialpose``."""
         self._subscription = node.create_subscription(
             message_class("geometry_msgs/msg/PoseWithCovarianceStamped"),
             "initialpose",
             self._take_guess,
             1,
         )
+
+    def unsubscribe(self, node: Node) -> None:
+        """Take no poses any more."""
+        if self._subscription is not None:
+            node.destroy_subscription(self._subscription)
+            self._subscription = None
 
     def offer_service(self, node: Node, answer: Callable[[Any, Any], Any]) -> None:
         """Offer ``~/set_pose`` where tccm_interfaces is installed.
@@ -131,7 +142,9 @@ class LocalisationPublisher:
         if state == LocalisationState.LOST:
             self.note_search("the robot was carried, and its place is looked for", BY_LOOP)
         if state == LocalisationState.TRACKING and self._state != LocalisationState.LOST:
-            self._placed_by, self._placed_ns = self._next_by, stamp_ns
+            self._sign = tracker.placed_by_sign
+            self._placed_by = self._next_by if self._sign < 0 else BY_SIGN
+            self._placed_ns = stamp_ns
             self._keyframe = tracker.solved_keyframe
         self._state, self._since_ns = state, stamp_ns
         reason = self.reason
@@ -160,7 +173,7 @@ class LocalisationPublisher:
             pose=stamped.pose,
             placed_by=self._placed_by,
             placed_at=stamp_message(self._types, self._placed_ns),
-            sign_id=-1,
+            sign_id=self._sign,
             keyframe=self._keyframe if self._placed_by in (BY_SCAN, BY_LOOP) else -1,
         )
 

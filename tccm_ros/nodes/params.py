@@ -47,7 +47,7 @@ GROUPS = {
             "walls",
             "graph",
         }
-        | {"loops", "views", "surfaces", "labels", "objects", "qos", "tf", "save"}
+        | {"loops", "views", "surfaces", "labels", "objects", "qos", "tf", "save", "scan_here"}
     ),
 }
 """Groups of parameters that each node acts on, by `Stream.processor`; both have those of no
@@ -161,6 +161,8 @@ def _warn_of_unknown(node: Node) -> None:
 
 
 def _declare(node: Node, parameter: Parameter, default: Any) -> Any:
+    if node.has_parameter(parameter.name):  # declared before another one was wrong
+        return node.get_parameter(parameter.name).value
     try:
         return node.declare_parameter(
             parameter.name, ros_value(parameter, default), _descriptor(parameter)

@@ -13,6 +13,7 @@ from tccm_ros.nodes.known_frames import KnownFrames
 from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.map_services import MapServices
 from tccm_ros.nodes.ros_types import is_installed
+from tccm_ros.nodes.scan_here import ViewAction, offer_scan_here
 from tccm_ros.nodes.scene_channel import unpack_scene
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.solver_channel import Solved
@@ -51,9 +52,11 @@ class Programs:
         self._events = SurfaceEvents(node, node.types)
         self._boxes = CollisionObjects(node, node.types)
         self._surfaces: SurfaceServices | None = None
+        self._view_action: ViewAction | None = None
         if has_interfaces():
             frames = KnownFrames(node.robot, node.config)
             self._surfaces = SurfaceServices(node, node.types, live, frames)
+            self._view_action = offer_scan_here(node, frames, self._surfaces)
             MapServices(node, begin_save, load)
 
     def receive(self, solved: Solved) -> None:
@@ -61,7 +64,7 @@ class Programs:
         scene = unpack_scene(solved.scene)
         self._received[solved.number] = scene
         if self._surfaces is not None:
-            self._surfaces.prepared[solved.number] = SceneQueries(scene)
+            self._surfaces.prepared[solved.number] = SceneQueries(scene, self._node.types)
 
     def show(self, number: int) -> None:
         """Answer from a solution that was received, and publish what has changed (in the worker).
@@ -86,6 +89,16 @@ class Programs:
         self._events.forget(is_map_loaded=is_map_loaded)
         if self._surfaces is not None:
             self._surfaces.forget()
+
+    def note_view_part(self, stamp_ns: int, number: int) -> None:
+        """Note a part of a view, and the number of the first solution that has it."""
+        if self._view_action is not None:
+            self._view_action.note_view_part(stamp_ns, number)
+
+    def close(self) -> None:
+        """End the action that takes views."""
+        if self._view_action is not None:
+            self._view_action.close()
 
     def problems(self) -> Iterator[str]:
         """Yield what is missing."""

@@ -41,7 +41,8 @@ def run(*factories: Callable[[], Node], usage: str = USAGE) -> None:
     ----------
     factories
         Make the nodes, after rclpy is initialised. A node with a `close` method has it called
-        before it is destroyed; nodes that all have `is_done` end the run.
+        before it is destroyed; one with `interrupt` has that called, in another thread, at the
+        first signal; nodes that all have `is_done` end the run.
     usage
         How the nodes are started, for who asks or errs.
     """
@@ -104,7 +105,13 @@ def _handle_signals(nodes: Sequence[Node], executor: SingleThreadedExecutor) -> 
     def note() -> str:
         return "; ".join(filter(None, (getattr(node, "saved_note", "") for node in nodes)))
 
-    return StopSignals(executor.wake, note)
+    def wake() -> None:
+        for node in nodes:
+            if hasattr(node, "interrupt"):
+                node.interrupt()
+        executor.wake()
+
+    return StopSignals(wake, note)
 
 
 def _forget_start() -> None:

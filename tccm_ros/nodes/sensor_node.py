@@ -38,6 +38,7 @@ from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
 from tccm_ros.nodes.qos import LARGE_DEPTH, latched, sensor, static_transforms
 from tccm_ros.nodes.readers import record_reader
+from tccm_ros.nodes.ready import found_on
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.tf import has_tf2_msgs
@@ -68,7 +69,8 @@ NOT_DROPPED = (
 class SensorNode(Node):
     """A node that turns sensor messages into posed events and feeds them to a processor.
 
-    A subclass makes its processor, then calls `listen` and, when it is complete, `start`.
+    What it is made of comes in two steps, `configure` and `activate`, which a plain node takes at
+    once and a managed one when it is told to (`nodes.managed`).
 
     Parameters
     ----------
@@ -84,6 +86,8 @@ class SensorNode(Node):
     ----------
     robot
         Where records become events.
+    is_active
+        Whether it takes messages.
     saved_note
         What was saved last without being asked, a sentence; empty: nothing.
     types, bulk_types
@@ -92,8 +96,31 @@ class SensorNode(Node):
 
     def __init__(self, name: str, processor_name: str, shared: SharedRobot | None, **kwargs: Any):
         super().__init__(name, **kwargs)
-        self.config = declare_config(self, groups=GROUPS[processor_name])
+        self._processor_name, self._shared = processor_name, shared
+        self.is_active = False
+        self.come_up()
+
+    def come_up(self) -> None:
+        """Do all that a node does by itself when it is made."""
+        self.configure()
+        self.activate()
+        self.warming.start()
+
+    def declare(self) -> None:
+        """Declare the parameters."""
+        self.config = declare_config(self, groups=GROUPS[self._processor_name])
         follow_changes(self, self.config)
+
+    def configure(self) -> None:
+        """Make everything but the subscriptions; a subclass adds its processor and what it offers.
+
+        Raises
+        ------
+        ConfigError
+            For parameters that are wrong.
+        """
+        self.declare()
+        name, processor_name, shared = self.get_name(), self._processor_name, self._shared
         self.types = RosidlMessages()
         self.bulk_types = TypestoreMessages()
         self.intake = shared.intake if shared else Intake(self, partial(self.refuse, "intake"))
@@ -113,6 +140,14 @@ class SensorNode(Node):
         self.warming = Warming(processor_name, self.config, self._say_progress, self._become_ready)
         self.robot.hold()
         self.worker.post(self.warming.wait_until_loaded)
+        self.robot.listen(self.offer, lambda: self.worker.backlog > BACKLOG // 2)
+        self.create_service(Trigger, "~/save_map", self._on_save_map)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.diagnostics = Diagnostics(
+            self, self.all_problems, self._all_values, self._input_states
+        )
+        if self.config.save.autosave_minutes > 0.0:
+            steady_timer(self, 60.0 * self.config.save.autosave_minutes, self.autosave)
 
     # --- for subclasses ---
 
@@ -186,7 +221,6 @@ class SensorNode(Node):
                 self.subscribe("tf", measured, self.take, topic="/tf", watch="event")
                 fixed = static_transforms()
                 self.subscribe("tf_static", fixed, self.take, topic="/tf_static", watch="event")
-        self.robot.listen(self.offer, lambda: self.worker.backlog > BACKLOG // 2)
 
     def _listen_to(self, stream: Stream, watch: Watch) -> None:
         """Subscribe to a sensor, and to what comes beside its records."""
@@ -353,17 +387,27 @@ class SensorNode(Node):
             self.offer([MapReset(reason)])
             self.robot.robot.begin_anew()
 
-    def start(self) -> None:
-        """Take messages, serve and publish /diagnostics from now on."""
-        self.create_service(Trigger, "~/save_map", self._on_save_map)
-        self.create_service(Trigger, "~/reset", self._on_reset)
-        self.diagnostics = Diagnostics(
-            self, self.all_problems, self._all_values, self._input_states
-        )
-        if self.config.save.autosave_minutes > 0.0:
-            steady_timer(self, 60.0 * self.config.save.autosave_minutes, self.autosave)
+    def activate(self) -> None:
+        """Take messages from now on; a subclass subscribes before."""
         self.intake.start()
-        self.warming.start()
+        self.is_active = True
+
+    def deactivate(self) -> None:
+        """Take no messages any more; work on those that came. What was mapped stays."""
+        self.is_active = False
+        self.intake.stop()
+        self.unsubscribe()
+        self.robot.flush()
+        self.worker.wait(self.end_input)
+
+    def unsubscribe(self) -> None:
+        """End the subscriptions, while the intake stands still."""
+        self.inputs.unsubscribe()
+
+    def release(self) -> None:
+        """End the threads of what `configure` made; the worker is closed by `close`."""
+        self.intake.close()
+        self._clock_watch.close()
 
     def _say_progress(self, text: str) -> None:
         dropped = self.robot.too_early.total()
@@ -373,33 +417,16 @@ class SensorNode(Node):
     def _become_ready(self) -> None:
         """Work on what came while kernels were compiled; say what was found."""
         self.robot.release(self.refuse)
-        if self.context.ok():
-            self.get_logger().info(self._found())
+        if self.context.ok() and self.is_active:
+            self.say_ready()
 
-    def _found(self) -> str:
-        """Return what is known of the robot, and what is waited for."""
-        robot = self.robot.robot
-        parts = []
-        for role in sorted(self.roles):
-            mount = robot.sensors[role].mount
-            if mount.base is not None:
-                joint = f", joint '{mount.tilt_joint}'" if mount.tilt_joint else ""
-                parts.append(f"{role} on base '{mount.base}'{joint}")
-        source = robot.motion.source
-        if source is not None:
-            parts.append(f"odometry: {source.value} in '{robot.motion.odom_frame}'")
-        optional = {
-            self.resolve_topic_name(role)
-            for role, stream in self._streams.items()
-            if stream.mount is MountKind.ANY
-        }
-        silent = [
-            e.topic
-            for e in self.inputs
-            if not e.count and e.watch != "event" and e.topic not in optional
-        ]
+    def say_ready(self) -> None:
+        """Say in one line what is known of the robot, and what is waited for."""
+        known = found_on(self.robot.robot, self.roles)
+        optional = (r for r, stream in self._streams.items() if stream.mount is MountKind.ANY)
+        silent = self.inputs.awaited(set(map(self.resolve_topic_name, optional)))
         waits = f"; waits for {', '.join(silent)}" if silent else ""
-        return f"ready: {', '.join(parts) or 'nothing is known of the robot yet'}{waits}"
+        self.get_logger().info(f"ready: {known}{waits}")
 
     def try_to_save(self, save: Callable[[], str]) -> None:
         """Save without being asked; why that is not possible is said once in a row."""
@@ -429,14 +456,16 @@ class SensorNode(Node):
         self.worker.close()
 
     def destroy_node(self) -> None:
-        """End the intake before its subscriptions are gone."""
-        self.intake.close()
+        """End the threads before what they use is gone."""
+        self.release()
         super().destroy_node()
 
     # --- diagnostics ---
 
     def all_problems(self) -> list[str]:
-        """Return what is wrong now, one line each."""
+        """Return what is wrong now, one line each; nothing is, where the node is not to work."""
+        if not self.is_active:
+            return []
         found = [*self.inputs.problems(), *self._problems()]
         return [*found, *self._drops.problems(self.dropped + self.overload)]
 
@@ -480,6 +509,7 @@ class SensorNode(Node):
             f"dropped: {why}": n for why, n in sorted((self.dropped + self.overload).items())
         }
         steps = {
+            "active": self.is_active,
             "ready": self.warming.is_done,
             "waiting": self.worker.backlog,
             "longest step [s]": f"{self.longest_step_s:.3f}",

@@ -90,6 +90,10 @@ class SlamNode(SensorNode):
 
     def __init__(self, shared: SharedRobot | None = None, **kwargs: Any):
         super().__init__("surface_slam", "slam", shared, **kwargs)
+
+    def configure(self) -> None:
+        """Make the tracker, the process that solves, and all that the node offers."""
+        super().configure()
         self.solver = Solver(self.config, self._on_answer)
         self.signs = SignReader(self.config, self._on_signs)
         self.processor = Tracker(self.config)
@@ -114,13 +118,34 @@ class SlamNode(SensorNode):
             self, topics, latched(), self.solver.show, self.worker.post, shared=(GRID_TOPIC,)
         )
         self._programs = Programs(self, self.live, self.begin_named_save, self.load)
-        self.listen(watch="stream")
-        self._listen_to_tccm()
-        self.add_post_set_parameters_callback(lambda _: self.worker.post(self._note_config))
+        self.add_post_set_parameters_callback(self._on_parameters)
         self.create_service(Trigger, "~/load_map", self._on_load_map)
         self.localisation.offer_service(self, self.answer)
         self._look = steady_timer(self, LOOK_S, lambda: self.worker.post(self._solve_when_quiet))
-        self.start()
+
+    def activate(self) -> None:
+        """Subscribe."""
+        self.listen(watch="stream")
+        self._listen_to_tccm()
+        self.localisation.listen(self)
+        super().activate()
+
+    def unsubscribe(self) -> None:
+        """End the subscriptions."""
+        super().unsubscribe()
+        self.localisation.unsubscribe(self)
+
+    def release(self) -> None:
+        """End the process that solves, and the threads."""
+        self.remove_post_set_parameters_callback(self._on_parameters)
+        self._programs.close()
+        self.saver.close()
+        self.signs.close()
+        self.solver.close()
+        super().release()
+
+    def _on_parameters(self, _: object) -> None:
+        self.worker.post(self._note_config)
 
     def _listen_to_tccm(self) -> None:
         for role in SURFACE_MESSAGE_TOPICS:
@@ -181,6 +206,8 @@ class SlamNode(SensorNode):
         self.newest_ns = max(self.newest_ns, getattr(event, "stamp_ns", 0))
         before = Counter(self.processor.counts)
         self._solve_with(event)
+        if isinstance(event, (SurfaceCloud, ViewIntervals, ObjectBoxes)):
+            self._programs.note_view_part(event.stamp_ns, self.solver.next_number)
         self.processor.add(event)
         if self.processor.counts["resets"] != before["resets"]:
             self._forget(is_localised=self.processor.is_localised)
@@ -392,13 +419,6 @@ class SlamNode(SensorNode):
         late = f"; the last {late_s:.1f} s of records are not in it" if late_s else ""
         stamp = f"{solved.stamp_ns * 1e-9:.3f}"
         return f"{folder}: solution {solved.number}, up to {stamp} s, {solved.content}{late}"
-
-    def destroy_node(self) -> None:
-        """End the process that solves."""
-        self.saver.close()
-        self.signs.close()
-        self.solver.close()
-        super().destroy_node()
 
     # --- services ---
 

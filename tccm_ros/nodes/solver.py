@@ -101,6 +101,11 @@ class Solver:
         return self._asked is not None and not self.is_dead
 
     @property
+    def next_number(self) -> int:
+        """Number of the next solution that is asked for: it has all that was fed by then."""
+        return self._number + 1
+
+    @property
     def is_dead(self) -> bool:
         """Whether the process died too often: there will be no new solution."""
         return self._deaths >= MAX_DEATHS

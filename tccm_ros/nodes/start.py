@@ -23,6 +23,16 @@ def slam_node() -> None:
     _start("slam_node")
 
 
+def managed_tccm_node() -> None:
+    """Run tccm_node for a lifecycle manager."""
+    _start("managed_tccm_node")
+
+
+def managed_slam_node() -> None:
+    """Run slam_node for a lifecycle manager."""
+    _start("managed_slam_node")
+
+
 def player_node() -> None:
     """Run player_node."""
     _start("player_node")

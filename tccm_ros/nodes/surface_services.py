@@ -7,7 +7,7 @@ with a sentence.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -47,24 +47,37 @@ MAX_BASE_POSES = 100
 
 
 class SceneQueries:
-    """Questions about one scene.
+    """Questions about one scene, and the messages of the answers, made before they are asked.
 
     Parameters
     ----------
     scene
         One solution.
+    types
+        Message classes.
     """
 
-    def __init__(self, scene: Scene):
+    def __init__(self, scene: Scene, types: MessageTypes):
         self.scene = scene
         self.queries = SurfaceQueries(
             [known.surface for known in scene.surfaces], scene.objects, scene.floor_z
         )
-        self._messages = {known.surface.id: known.message for known in scene.surfaces}
+        kind = message_class(SURFACE)
+        self._surfaces = {
+            k.surface.id: deserialize_message(k.message, kind) for k in scene.surfaces
+        }
+        self._objects = {
+            item.id: object_message(types, scene.stamp_ns, scene.frame_id, item)
+            for item in scene.objects
+        }
 
-    def message(self, surface: Surface) -> Any:
-        """Return the tccm_interfaces/Surface of a surface."""
-        return deserialize_message(self._messages[surface.id], message_class(SURFACE))
+    def messages(self, surfaces: Sequence[Surface]) -> list[Any]:
+        """Return the tccm_interfaces/Surface of surfaces."""
+        return [self._surfaces[surface.id] for surface in surfaces]
+
+    def object_messages(self, surfaces: Sequence[Surface]) -> list[Any]:
+        """Return the tccm_interfaces/SurfaceObject of what stands on surfaces."""
+        return [self._objects[item.id] for item in self.queries.objects_on(surfaces)]
 
 
 class SurfaceServices:
@@ -83,6 +96,8 @@ class SurfaceServices:
     ----------
     prepared
         By number of the solution.
+    number
+        Of the solution that questions are answered from; -1: none.
     """
 
     def __init__(
@@ -91,6 +106,7 @@ class SurfaceServices:
         self._node, self._types, self._live, self._frames = node, types, live, frames
         self.prepared: dict[int, SceneQueries] = {}
         self._newest: SceneQueries | None = None
+        self.number = -1
         self._offer("FindSurfaces", "~/find_surfaces", self._find_surfaces)
         self._offer("FindPlacements", "~/find_placements", self._find_placements)
 
@@ -108,13 +124,13 @@ class SurfaceServices:
 
     def answer_from(self, number: int) -> None:
         """Answer from a solution that is prepared; those before it are let go."""
-        self._newest = self.prepared[number]
+        self._newest, self.number = self.prepared[number], number
         for old in [n for n in self.prepared if n <= number]:
             del self.prepared[old]
 
     def forget(self) -> None:
         """Answer nothing before the next solution."""
-        self._newest = None
+        self._newest, self.number = None, -1
 
     def _current(self) -> SceneQueries:
         if self._newest is None:
@@ -156,14 +172,31 @@ class SurfaceServices:
         found = current.queries.find_surfaces(self._filter(request.filter))
         if request.max_count:
             found = found[: request.max_count]
-        header = self._header(current)
-        response.surfaces.header = header
-        response.surfaces.surfaces = [current.message(surface) for surface in found]
-        response.objects = [
-            object_message(self._types, current.scene.stamp_ns, current.scene.frame_id, item)
-            for item in current.queries.objects_on(found)
-        ]
+        self._fill(response, current, found)
         return f"{len(found)} of {len(current.scene.surfaces)} surfaces"
+
+    def _fill(self, response: Any, current: SceneQueries, found: Sequence[Surface]) -> None:
+        """Put surfaces, and what stands on them, into an answer."""
+        response.surfaces.header = self._header(current)
+        response.surfaces.surfaces = current.messages(found)
+        response.objects = current.object_messages(found)
+
+    def fill_view(self, response: Any, views_ns: Collection[int]) -> str:
+        """Put the surfaces that some views measured into an answer; return a sentence.
+
+        Parameters
+        ----------
+        response
+            With fields ``surfaces`` and ``objects``.
+        views_ns
+            Stamps of the views.
+        """
+        current = self._current()
+        surfaces = [known.surface for known in current.scene.surfaces]
+        messages = zip(surfaces, current.messages(surfaces))
+        found = [surface for surface, m in messages if {*m.view_stamps} & {*views_ns}]
+        self._fill(response, current, found)
+        return f"{len(found)} of {len(current.scene.surfaces)} surfaces were measured"
 
     def _header(self, current: SceneQueries) -> Any:
         return header_message(self._types, current.scene.stamp_ns, current.scene.frame_id)

@@ -46,6 +46,10 @@ class TccmNode(SensorNode):
 
     def __init__(self, shared: SharedRobot | None = None, **kwargs: Any):
         super().__init__("tccm", "tccm", shared, **kwargs)
+
+    def configure(self) -> None:
+        """Make the processor and all that the node offers."""
+        super().configure()
         self.processor = TccmProcessor(self.config)
         self.is_paused = False
         self._has_saved = False
@@ -71,12 +75,15 @@ class TccmNode(SensorNode):
             if self._level.is_on
             else None
         )
-        self.listen(watch="needed")
         self.create_service(Trigger, "~/take_view", self._on_take_view)
         self.create_service(SetBool, "~/pause", self._on_pause)
         if has_interfaces():
             BoxService(self, self.processor)
-        self.start()
+
+    def activate(self) -> None:
+        """Subscribe."""
+        self.listen(watch="needed")
+        super().activate()
 
     @property
     def dropped(self) -> Counter[str]:

@@ -22,7 +22,7 @@ import numba
 
 import tccm_ros
 from tccm_ros.config import Config
-from tccm_ros.errors import one_line
+from tccm_ros.errors import TccmError, one_line
 from tccm_ros.kernel_cache import cache_folder
 
 PROGRESS_S = 5.0
@@ -56,6 +56,7 @@ class Warming:
         self._child: subprocess.Popen[str] | None = None
         self._is_ended = False
         self._loaded, self._done = threading.Event(), threading.Event()
+        self._over = threading.Event()
         self._thread = threading.Thread(
             target=self._run, name=f"{processor_name} warming", daemon=True
         )
@@ -74,18 +75,38 @@ class Warming:
         """Begin."""
         self._thread.start()
 
+    def load(self) -> None:
+        """Begin, and return when all kernels are loaded.
+
+        Raises
+        ------
+        TccmError
+            Where they could not be.
+        """
+        self.start()
+        self._thread.join()
+        if not self.is_done:
+            raise TccmError("the kernels could not be compiled; the lines above say why")
+
     def wait_until_loaded(self) -> None:
-        """Return when all kernels are loaded."""
-        self._loaded.wait()
+        """Return when all kernels are loaded, or will not be."""
+        self._over.wait()
 
     def stop(self) -> None:
         """End the child: the node is told to stop."""
         self._is_ended = True
+        self._over.set()
         if self._child is not None:
             with suppress(ProcessLookupError):
                 self._child.kill()
 
     def _run(self) -> None:
+        try:
+            self._load()
+        finally:
+            self._over.set()
+
+    def _load(self) -> None:
         if not is_compiled(self._processor_name):
             self._compile()
         if self._is_ended:
@@ -95,6 +116,7 @@ class Warming:
         gc.collect()
         gc.freeze()
         self._loaded.set()
+        self._over.set()
         self._on_done()
         self._done.set()
 

@@ -62,12 +62,15 @@ class LoopCloser:
         are in that session's own frame.
     accepted, rejected
         Proposals, in order of discovery.
+    placed_by_sign
+        Ids in the saved map of the signs that placed sessions in it, by session.
     """
 
     def __init__(self, config: Config, chain: Chain) -> None:
         self.poses = np.zeros((0, 3))
         self.accepted: list[Proposal] = []
         self.rejected: list[Proposal] = []
+        self.placed_by_sign: dict[int, int] = {}
         self._config = config
         self._chain = chain
         self._search = LoopSearch(config, chain.keyframes)
@@ -212,22 +215,26 @@ class LoopCloser:
 
     def _close_by_sign(self, k: int) -> None:
         """Match keyframe k where a sign puts it that was seen before, unless that is two places."""
-        found: list[Proposal] = []
-        is_localised = self._chain.keyframes[k].session in self._localised
+        found: list[tuple[Proposal, int]] = []
+        session = self._chain.keyframes[k].session
+        is_localised = session in self._localised
         for window in self._signs.windows(k, self.poses):
             if self._chain.keyframes[window.place.keyframe].session not in self._localised:
                 continue
             if is_localised and not is_far(self.poses[k], window.pose):
                 continue
             around = Window(window.pose, WINDOW_M, WINDOW_RAD)
-            found += self._search.look_around(k, around, self.poses, self._localised, self._lengths)
+            near = self._search.look_around(k, around, self.poses, self._localised, self._lengths)
+            found += [(proposal, window.place.sign) for proposal in near]
         if not found:
             return
-        best = max(found, key=lambda p: p.score)
-        if any(not is_same_place(best, p, self.poses) for p in found):
+        best, sign = max(found, key=lambda pair: pair[0].score)
+        if any(not is_same_place(best, p, self.poses) for p, _ in found):
             self.rejected.append(replace(best, reason=LoopReason.TWO_PLACES_IN_MAP))
-        else:
-            self._confirm(best)
+            return
+        self._confirm(best)
+        if not is_localised and session in self._localised:
+            self.placed_by_sign[session] = sign
 
     def _confirm(self, proposal: Proposal) -> None:
         """Accept a proposal, and those that it confirms, once enough agree."""

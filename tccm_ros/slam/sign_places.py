@@ -7,6 +7,7 @@ as in any other. A text alone closes nothing.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -53,11 +54,14 @@ class SignPlace(NamedTuple):
         On which it hangs.
     pose
         float64 (3,), in the keyframe: its position, and the direction that it faces.
+    sign
+        Its id in a saved map; -1 for one of this run.
     """
 
     number: str
     keyframe: int
     pose: Float64
+    sign: int
 
 
 class SignWindow(NamedTuple):
@@ -159,7 +163,8 @@ class SignPlaces:
             return None
         pose = np.array([*at, np.arctan2(y, x)])
         k = sighting.keyframe
-        return SignPlace(sighting.number, k, between(poses[k], pose))
+        sign = Counter(views[i].sign for i in sighting.views).most_common(1)[0][0]
+        return SignPlace(sighting.number, k, between(poses[k], pose), sign)
 
     def _normals(self, k: int, pose: Float64, at: Float64) -> Float64:
         """Return the normals (N, 2) in map of what keyframe k saw near a point (2,) in map."""

@@ -65,12 +65,15 @@ class SolvedMap(NamedTuple):
         In map.
     is_localised
         Whether the place of this session in the map is known.
+    placed_by_sign
+        Id of the sign that placed it there; -1 where none did.
     """
 
     T_map_front: Float64
     keyframe: SolvedKeyframe | None
     walls: MapWalls
     is_localised: bool = True
+    placed_by_sign: int = -1
 
 
 class Tracker:
@@ -158,6 +161,11 @@ class Tracker:
         """Id of the newest keyframe in the newest solution that was taken; -1 without one."""
         solved = self._solved
         return -1 if solved is None or solved.keyframe is None else solved.keyframe.id
+
+    @property
+    def placed_by_sign(self) -> int:
+        """Id of the sign that placed this session in the map; -1 where none did."""
+        return -1 if self._solved is None else self._solved.placed_by_sign
 
     @property
     def is_localised(self) -> bool:

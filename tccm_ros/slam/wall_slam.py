@@ -218,6 +218,11 @@ class WallSlam:
         """Whether the map has a place where this run began; always without a saved map."""
         return self._first_session in self._closer.localised
 
+    @property
+    def placed_by_sign(self) -> int:
+        """Id of the sign that placed this session in the map; -1 where none did."""
+        return self._closer.placed_by_sign.get(self._front.session, -1)
+
     def _is_detached(self, session: int) -> bool:
         """Return whether a session began as the robot was lost, and has no place in the map."""
         return session > self._first_session and session not in self._closer.localised

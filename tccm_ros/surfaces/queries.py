@@ -88,10 +88,15 @@ class SurfaceQueries:
     ):
         self.surfaces = tuple(surfaces)
         self.objects = tuple(objects)
+        self._objects_on: dict[int, list[SceneObject]] = {}
+        for item in self.objects:
+            self._objects_on.setdefault(item.surface, []).append(item)
         self._heights = [s.height - (floor_z or 0.0) for s in surfaces]
         self._outlines = np.array([_outline(s) for s in surfaces], dtype=object)
         shapely.prepare(self._outlines)
         self._to_put_on = self._placement_surfaces()
+        for surface in self._to_put_on:
+            _ = surface.inner_radius  # kept there
 
     def find_surfaces(self, wanted: SurfaceFilter) -> list[Surface]:
         """Return the surfaces that meet all conditions, by their distance or by id."""
@@ -111,7 +116,7 @@ class SurfaceQueries:
 
     def objects_on(self, surfaces: Sequence[Surface]) -> list[SceneObject]:
         """Return what stands on some surfaces, in their order."""
-        return [o for s in surfaces for o in self.objects if o.surface == s.id]
+        return [item for surface in surfaces for item in self._objects_on.get(surface.id, ())]
 
     def _chosen(self, wanted: SurfaceFilter) -> list[int]:
         chosen = [

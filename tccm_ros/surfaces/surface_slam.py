@@ -414,6 +414,7 @@ class SurfaceSlam:
             keyframe,
             MapWalls.of(graph.walls, T_map_session),
             self.is_aligned(solution) and not self.walls.is_lost,
+            self.walls.placed_by_sign,
         )
 
     @classmethod

@@ -1,10 +1,18 @@
 """Links between cuboids of one height, against a search through all pairs."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tccm_ros.cuboids.linking import OBSTACLES, STEPS, find_links, link, link_in_plane
+from tccm_ros.cuboids.linking import (
+    OBSTACLES,
+    STEPS,
+    find_links,
+    link,
+    link_in_plane,
+    spacing,
+)
 
 
 def cells(seed, n, wide, heights):
@@ -79,3 +87,15 @@ def two_links_inside(back_x, back_y):
             linked[back[i]].add((axis, "on", i))
     inside = [len({(a, way) for a, way, _ in links}) == 4 for links in linked]
     return [inside[i] and all(inside[j] for _, _, j in linked[i]) for i in range(n)]
+
+
+@given(st.lists(st.integers(0, STEPS - 1), max_size=40))
+def test_the_spacing_is_the_mean_of_steps_without_the_long_ones(steps):
+    """Those up to one and a half times the median, rounded up; of two medians the lower one."""
+    histogram = np.bincount(np.array(steps, int), minlength=STEPS).astype(np.int32)
+    if len(steps) < 4:
+        assert spacing(histogram, 7.0) == 7.0
+        return
+    median = sorted(steps)[(len(steps) - 1) // 2]
+    kept = [step for step in steps if step <= np.ceil(1.5 * median)]
+    assert spacing(histogram, 7.0) == pytest.approx(np.mean(kept))

@@ -4,50 +4,97 @@ import json
 
 import numpy as np
 import shapely
+from scipy.optimize import least_squares
+
+from tccm_ros.geometry import transform2
 
 MAX_STEP = 0.03
 """Max difference in height of a top and its surface, m: two tops of the flat differ by 0.05 m."""
 
 
-def wall_errors(folder, truth):
-    """Return the distance of each wall's ends from the nearest parallel true wall, m."""
-    walls = json.loads((folder / "walls.json").read_text())["walls"]
-    true = json.loads((truth / "truth_walls.json").read_text())["walls"]
-    lines = [(np.array(w["endpoints"]), shapely.LineString(w["endpoints"])) for w in true]
-    errors = []
-    for wall in walls:
-        ends = np.array(wall["endpoints"])
-        direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
-        middle = shapely.Point(ends.mean(axis=0))
-        distances = []
-        for points, line in lines:
-            along = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
-            if abs(along @ direction) > 0.97 and line.distance(middle) < 0.3:
-                normal = np.array([-along[1], along[0]])
-                distances.append(np.abs((ends - points[0]) @ normal).max())
-        if distances:
-            errors.append(min(distances))
-    return np.array(errors)
+MAX_WALL_DISTANCE = 0.3
+"""Max distance of a wall's middle from its true face, m."""
+
+
+def wall_errors(folder, truth, *, fitted=False):
+    """Return the distance of each wall's ends from the nearest parallel true face, m.
+
+    Faces are those of walls and, as a level laser cannot tell them, of furniture. With `fitted`,
+    the map is first moved as a whole to where it fits best: its frame is the first pose's, whose
+    yaw is as uncertain as the odometry.
+    """
+    faces = _faces(truth)
+    walls = [np.array(w["endpoints"]) for w in _read(folder / "walls.json")["walls"]]
+    if fitted:
+        pairs = [(ends, face) for ends in walls if (face := _nearest(ends, faces))]
+
+        def distances(pose):
+            moved = [transform2(pose, ends) for ends, _ in pairs]
+            return np.concatenate([_offsets(m, face) for m, (_, face) in zip(moved, pairs)])
+
+        pose = least_squares(distances, np.zeros(3), loss="soft_l1", f_scale=0.01).x
+        walls = [transform2(pose, ends) for ends in walls]
+    found = [(ends, _nearest(ends, faces)) for ends in walls]
+    return np.array([np.abs(_offsets(ends, face)).max() for ends, face in found if face])
+
+
+def _read(path):
+    return json.loads(path.read_text())
+
+
+def _faces(truth):
+    """Return the ends of each vertical face, with the line between them."""
+    faces = [np.array(w["endpoints"]) for w in _read(truth / "truth_walls.json")["walls"]]
+    for top in _read(truth / "truth.json")["surfaces"]:
+        ring = np.array(top["boundary"])[:, :2]
+        faces += list(np.stack([ring, np.roll(ring, -1, axis=0)], axis=1))
+    return [(ends, shapely.LineString(ends)) for ends in faces]
+
+
+def _nearest(ends, faces):
+    """Return the parallel face near a wall's middle that its ends are nearest to; or None."""
+    middle = shapely.Point(ends.mean(axis=0))
+    near = [
+        face
+        for face in faces
+        if abs(_direction(face[0]) @ _direction(ends)) > 0.97
+        and face[1].distance(middle) < MAX_WALL_DISTANCE
+    ]
+    return min(near, key=lambda face: np.abs(_offsets(ends, face)).max(), default=None)
+
+
+def _direction(ends):
+    return (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+
+
+def _offsets(ends, face):
+    x, y = _direction(face[0])
+    return (ends - face[0][0]) @ np.array([-y, x])
 
 
 def surface_errors(folder, truth):
-    """Return the error of each true top's centre (m, over the parts seen) and of its height, m.
+    """Return the height error of each true top that was found, m, and how many surfaces each has.
 
     A top is that of the surface that overlaps it most; the counts are of surfaces at its place.
     """
-    found = json.loads((folder / "surfaces.json").read_text())["surfaces"]
-    true = json.loads((truth / "truth.json").read_text())["surfaces"]
+    tops = _read(truth / "truth.json")["surfaces"]
+    found = surfaces_of_tops(folder, truth)
+    heights = [abs(same[0]["height"] - top["height"]) for top, same in zip(tops, found) if same]
+    return np.array(heights), np.array(list(map(len, found)))
+
+
+def surfaces_of_tops(folder, truth):
+    """Return the surfaces at the place of each true top, those that overlap it most first."""
+    found = _read(folder / "surfaces.json")["surfaces"]
     polygons = [shapely.make_valid(shapely.Polygon(np.array(s["boundary"])[:, :2])) for s in found]
-    heights, counts = [], []
-    for top in true:
+    tops = []
+    for top in _read(truth / "truth.json")["surfaces"]:
         outline = shapely.Polygon(np.array(top["boundary"])[:, :2])
+        areas = [polygon.intersection(outline).area for polygon in polygons]
         same = [
-            (polygon.intersection(outline).area, k)
-            for k, polygon in enumerate(polygons)
-            if abs(found[k]["height"] - top["height"]) < MAX_STEP
-            and polygon.intersection(outline).area > 0.1 * outline.area
+            k
+            for k in np.argsort(areas)[::-1]
+            if areas[k] > 0.1 * outline.area and abs(found[k]["height"] - top["height"]) < MAX_STEP
         ]
-        counts.append(len(same))
-        if same:
-            heights.append(abs(found[max(same)[1]]["height"] - top["height"]))
-    return np.array(heights), np.array(counts)
+        tops.append([found[k] for k in same])
+    return tops

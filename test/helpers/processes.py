@@ -1,9 +1,12 @@
 """The nodes as processes of their own, as `ros2 run` starts them."""
 
 import os
+import re
+import select
 import signal
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -49,6 +52,18 @@ def play_to_process(ros, robot, records) -> None:
             robot._publishers[topic] = publisher
             ros.spin_until(publisher.get_subscription_count, what=f"somebody to hear {topic}")
         robot.publish(topic, message)
+
+
+def read_until(process, pattern: str) -> str:
+    """Return what a process prints up to a pattern."""
+    text, end = "", time.monotonic() + PATIENCE_S
+    while not re.search(pattern, text):
+        assert time.monotonic() < end, text
+        if select.select([process.stdout], [], [], 1.0)[0]:
+            piece = os.read(process.stdout.fileno(), 65536).decode()
+            assert piece, text
+            text += piece
+    return text
 
 
 def children(process) -> list[int]:

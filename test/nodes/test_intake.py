@@ -51,6 +51,19 @@ def test_an_error_in_a_callback_does_not_end_the_intake(ros, heard):
     assert [str(error) for error in errors] == ["bad"]
 
 
+def test_what_is_added_while_it_runs_counts_from_the_next_start(ros, heard):
+    intake, got, _, _ = heard
+    other = ros.add(Node("other", context=ros.another_context()))
+    intake.add_timer(
+        other.create_timer(0.01, lambda: got.append("tock"), callback_group=intake.group)
+    )
+    before = got.count("tick")
+    ros.spin_until(lambda: got.count("tick") >= before + 3)
+    assert "tock" not in got
+    intake.start()
+    ros.spin_until(lambda: "tock" in got)
+
+
 def test_no_message_is_taken_after_the_intake_is_closed(ros, heard):
     intake, got, _, publish = heard
     ros.spin_until(lambda: "tick" in got)

@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parents[2]
 MODULES = {
     "launch": ("LaunchDescription",),
     "launch.actions": ("DeclareLaunchArgument",),
+    "launch.conditions": ("IfCondition", "UnlessCondition"),
     "launch.substitutions": ("LaunchConfiguration", "PathJoinSubstitution"),
     "launch_ros": (),
     "launch_ros.actions": ("Node",),
@@ -37,9 +38,18 @@ def actions(monkeypatch):
 
 def test_both_nodes_are_started_by_their_names(actions):
     installed = set(re.findall(r'"(\w+) = tccm_ros', (ROOT / "setup.py").read_text()))
-    nodes = {a.executable: a.name for a in actions if a.kind == "Node"}
-    assert nodes == {"tccm_node": "tccm", "slam_node": "surface_slam"}
+    nodes = {a.executable: (a.name, a.condition) for a in actions if a.kind == "Node"}
+    assert {name: node for name, (node, _) in nodes.items()} == {
+        "tccm_node": "tccm",
+        "slam_node": "surface_slam",
+        "managed_tccm_node": "tccm",
+        "managed_slam_node": "surface_slam",
+    }
     assert set(nodes) <= installed
+    for name, (_, condition) in nodes.items():
+        assert condition.args[0].args == ("managed",)
+        wanted = "IfCondition" if name.startswith("managed") else "UnlessCondition"
+        assert condition.kind == wanted
 
 
 def test_a_node_that_is_told_to_stop_has_time_to_save(actions):

@@ -1,29 +1,13 @@
 """A node serves while its kernels are compiled, and keeps what comes meanwhile."""
 
-import os
-import re
-import select
 import threading
-import time
 
 from live_robot import Listener, recording, tccm
-from processes import PATIENCE_S, settings, started
+from processes import read_until, settings, started
 from rcl_interfaces.srv import GetParameters
 
 from tccm_ros.nodes import shared_robot, warming
 from tccm_ros.nodes.warming import Warming
-
-
-def read_until(process, pattern: str) -> str:
-    """Return what a process prints up to a pattern."""
-    text, end = "", time.monotonic() + PATIENCE_S
-    while not re.search(pattern, text):
-        assert time.monotonic() < end, text
-        if select.select([process.stdout], [], [], 1.0)[0]:
-            piece = os.read(process.stdout.fileno(), 65536).decode()
-            assert piece, text
-            text += piece
-    return text
 
 
 def test_parameters_are_answered_while_kernels_are_compiled(ros, tmp_path, monkeypatch):

@@ -70,6 +70,15 @@ def test_with_signs_a_robot_finds_its_place_and_without_it_does_not(saved, where
     assert not located(saved, DRIVES[where], [], seed=7)[0]
 
 
+def test_the_sign_that_placed_a_robot_is_told(saved):
+    """By its id in the saved map."""
+    slam = WallSlam.from_saved(Config(), saved)
+    assert slam.placed_by_sign == -1
+    drive(slam, [(14.5, -0.2), (7.0, -0.2)], PLATES, seed=7)
+    sign = next(s for s in slam.solve().signs if s.id == slam.placed_by_sign)
+    assert 7.0 < sign.position[0] + OFFICES.route[0][0] < 14.5  # on its way
+
+
 def test_a_plate_that_was_never_seen_places_nobody(saved):
     others = [replace(plate, number=f"9{plate.number}") for plate in PLATES]
     assert not located(saved, DRIVES["in the corridor, to the east"], others, seed=7)[0]

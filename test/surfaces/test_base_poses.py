@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -68,3 +69,26 @@ def test_unknown_floor_and_what_is_outside_of_the_grid_is_not_free():
     assert unknown.base_poses(np.array([0.0, 1.0]), 0.8, 0.2, 3) == []
     free = FreeFloor(OccupancyGrid(np.zeros((80, 80), np.int8), STEP, ORIGIN))
     assert free.base_poses(np.array([9.0, 9.0]), 0.8, 0.2, 3) == []
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10**6), st.floats(-2, 2), st.floats(-1, 3), st.floats(0.3, 1.5))
+def test_the_nearest_base_pose_is_in_the_nearest_cell_with_room_for_the_base(seed, x, y, reach):
+    """Cell by cell; to another cell it is less by half a diagonal than from middle to middle."""
+    side, radius = 40, 0.15
+    cells = np.zeros((side, side), np.int8)
+    rng = np.random.default_rng(seed)
+    cells[rng.integers(0, side, 25), rng.integers(0, side, 25)] = 100
+    around = np.pad(cells, 1, constant_values=-1)
+    blocked = np.argwhere(around != 0) - 1
+    nearest = math.inf
+    for row, column in np.argwhere(cells == 0):
+        clearance = np.hypot(*(blocked - (row, column)).T).min() - math.sqrt(0.5)
+        middle = ORIGIN + (np.array([column, row]) + 0.5) * STEP
+        distance = math.hypot(middle[0] - x, middle[1] - y)
+        if clearance * STEP > radius and distance <= reach:
+            nearest = min(nearest, distance)
+    found = FreeFloor(OccupancyGrid(cells, STEP, ORIGIN)).base_poses(
+        np.array([x, y]), reach, radius, 1
+    )
+    assert [p.distance for p in found] == pytest.approx([nearest] if nearest < math.inf else [])

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from tccm_ros.surfaces.patch_planes import fit_plane
+from tccm_ros.geometry import pose_from_rpy
+from tccm_ros.surfaces.patch_planes import (
+    EFFECTIVE_POINTS,
+    fit_covariance,
+    fit_plane,
+    point_variance,
+    pose_covariance,
+)
 
 
 def covariance(points):
@@ -39,3 +46,38 @@ def test_the_plane_of_a_single_point_is_horizontal():
 
 def test_the_plane_of_points_above_each_other_is_horizontal():
     assert fit_plane(np.diag([0.0, 0.0, 1e-4]))[0] == pytest.approx([0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize("count", [int(EFFECTIVE_POINTS / 2), int(4 * EFFECTIVE_POINTS)])
+def test_the_covariance_of_a_fit_is_that_of_least_squares(count):
+    """Of z, and its slopes, at the mean of points; many are worth as much as some."""
+    rng = np.random.default_rng(count)
+    xy = rng.uniform(-0.6, 0.6, (count, 2)) @ [[1.0, 0.4], [0.0, 0.5]]
+    xy -= xy.mean(axis=0)
+    points = np.column_stack([xy, 0.03 * xy[:, 0] + rng.normal(0.0, 0.002, count)])
+    rows = np.column_stack([np.ones(count), xy])
+    cov = covariance(points)
+    worth = count / min(count, EFFECTIVE_POINTS)
+    expected = worth * point_variance(cov) * np.linalg.inv(rows.T @ rows)
+    assert fit_covariance(cov, count) == pytest.approx(expected, rel=1e-3, abs=1e-12)
+
+
+@pytest.mark.parametrize("yaw", [-2.0, 0.0, 0.8])
+def test_a_pose_that_rises_rolls_or_pitches_moves_planes(yaw):
+    """Derivatives of height and slopes of a horizontal plane, by moving the pose."""
+    centroid, step = np.array([2.0, -0.5, 0.7]), 1e-6
+
+    def plane(z, roll, pitch):
+        """Height and slopes at the centroid of what was horizontal there."""
+        T = pose_from_rpy([0.3, 0.4, z, roll, pitch, yaw])
+        normal = T[:3, 2]
+        point = T[:3, 3] + (centroid[2] * normal)
+        slopes = -normal[:2] / normal[2]
+        return np.array([point[2] + slopes @ (centroid[:2] - point[:2]), *slopes])
+
+    moves = np.eye(3) * step
+    J = np.array([(plane(*move) - plane(*-move)) / (2.0 * step) for move in moves]).T
+    variances = np.diag([1e-4, 4e-4, 9e-4])
+    found = pose_covariance(pose_from_rpy([0.3, 0.4, 0.0, 0.0, 0.0, yaw]), variances, centroid)
+    # The point that stays over the base's origin moves by the height times the rotation.
+    assert found == pytest.approx(J @ variances @ J.T, rel=1e-4, abs=1e-9)

@@ -49,6 +49,14 @@ def test_a_step_of_five_centimetres_is_its_own_surface():
     assert step.label == "step"
 
 
+def test_heights_part_what_touches():
+    """A hob 4 cm above a counter: nearer than the merge distance, and yet another surface."""
+    assert Config().surfaces.merge_distance > 0.04
+    room = Room([Board(1.4, 0.0, 0.6, 2.0, 0.90), Board(1.4, 0.4, 0.5, 0.5, 0.94)])
+    mapped = build([(room, (0, 0, 0), 10), (room, (0.3, 0.6, -0.1), 20)])
+    assert sorted(round(s.height, 2) for s in above_floor(mapped)) == [0.90, 0.94]
+
+
 def test_ids_stay_while_loop_closures_merge_and_split_surfaces():
     room = Room([TABLE])
     looks = [(room, (0, 0, 0), 10), (room, (3.2, 0.3, 3.14), 20)]

@@ -20,6 +20,7 @@ from tccm_ros.pipeline.report.tables import (
     drops_table,
     headline,
     loops_table,
+    signs_table,
     surfaces_table,
     timing_table,
 )
@@ -132,6 +133,7 @@ def _sections(results: Results, pictures: Pictures) -> Iterator[str]:
     if summary is not None:
         yield _section("counts", "Counts", counts_table(summary))
         yield _section("drops", "Dropped scans", drops_table(summary))
+    yield _section("signs", "Door signs", signs_table(results))
     yield _section("loops", "Loop closures", loops_table(results))
     if results.timing is not None:
         table = f"{TIMING_START}\n{timing_table(results.timing)}\n{TIMING_END}"

@@ -7,6 +7,8 @@ from dataclasses import asdict
 from html import escape
 from typing import Any
 
+import numpy as np
+
 from tccm_ros.config import parameters
 from tccm_ros.pipeline.report import palette
 from tccm_ros.results.folder_reader import Results
@@ -86,6 +88,23 @@ def surfaces_table(results: Results) -> str:
         "last seen, s",
     )
     return table(head, rows, numbers=(0, 2, 3, 4, 5, 6))
+
+
+def signs_table(results: Results) -> str:
+    """Return the door signs with their places; empty where there are none."""
+    if not results.signs:
+        return ""
+    rows = []
+    for sign in results.signs:
+        sigma = 1000.0 * float(np.sqrt(np.trace(sign.covariance)))
+        at = " ".join(f"{value:.2f}" for value in sign.position)
+        wall = "" if sign.wall is None else sign.wall
+        rows.append(
+            (sign.id, sign.number, sign.text, f"{sign.confidence:.2f}", at, f"{sigma:.0f}", wall,
+             len(sign.views))
+        )  # fmt: skip
+    head = ("id", "number", "text", "confidence", "x y z, m", "sigma, mm", "wall", "views")
+    return table(head, rows, numbers=(0, 3, 5, 6, 7))
 
 
 def loops_table(results: Results) -> str:

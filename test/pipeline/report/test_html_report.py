@@ -73,12 +73,14 @@ def test_the_page_loads_nothing_from_elsewhere(report):
 
 def test_text_from_files_is_escaped(flat_copy):
     evil = "</script><script>alert(1)</script><b>&\"'"
-    for name in ("surfaces.json", "summary.json", "timing.json", "graph.json"):
+    for name in ("surfaces.json", "summary.json", "timing.json", "graph.json", "signs.json"):
         tree = json.loads((flat_copy / name).read_text())
         if name == "surfaces.json":
             tree["surfaces"][3]["label"] = evil
         elif name == "graph.json":
             tree["loops"][0]["reason"] = evil
+        elif name == "signs.json":
+            tree["signs"][0]["text"] = evil
         elif name == "timing.json":
             tree["seconds"][evil] = 1.0
         else:
@@ -87,12 +89,12 @@ def test_text_from_files_is_escaped(flat_copy):
         (flat_copy / name).write_text(json.dumps(tree))
     text = write_report(flat_copy).read_text(encoding="utf-8")
     assert "<script>alert" not in text
-    assert text.count("&lt;/script&gt;&lt;script&gt;") >= 6
+    assert text.count("&lt;/script&gt;&lt;script&gt;") >= 7
 
 
 def test_a_folder_with_the_required_files_alone_has_a_report(flat_copy):
     for name in ("planes.json", "cycles.npz", "cuboids.npz", "objects.json", "timing.json",
-                 "summary.json", "graph.json"):  # fmt: skip
+                 "summary.json", "graph.json", "signs.json"):  # fmt: skip
         (flat_copy / name).unlink()
     assert TIMING_START not in write_report(flat_copy).read_text(encoding="utf-8")
 

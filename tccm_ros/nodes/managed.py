@@ -1,0 +1,184 @@
+"""The nodes as managed ones: a lifecycle manager, such as Nav2's, says when they work.
+
+configure declares parameters, loads kernels and makes publishers and services; activate subscribes;
+deactivate ends the subscriptions, and what was mapped stays; cleanup and shutdown save as the plain
+node does when it ends, and drop all that configure made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import Any
+
+from rclpy.executors import await_or_execute
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+
+from tccm_ros.errors import TccmError, one_line
+from tccm_ros.nodes.sensor_node import SensorNode
+from tccm_ros.nodes.slam_node import SlamNode
+from tccm_ros.nodes.tccm_node import TccmNode
+
+
+class ManagedNode(SensorNode, LifecycleNode):
+    """A `SensorNode` that takes its steps when it is told to.
+
+    Its services answer while it is active; otherwise they say that it is not.
+    """
+
+    _is_configuring = False
+
+    def come_up(self) -> None:
+        """Wait to be configured."""
+        self._is_declared = self._is_configured = False
+        self._kept = frozenset(vars(self)) | {"config", "_kept", "_kept_entities"}
+        self._kept_entities = frozenset(id(entity) for entity, _ in self._entities())
+        self._service_change_state.callback = self._refusing(self._service_change_state.callback)
+        self.get_logger().info(f"unconfigured; waits for {self.get_name()}/change_state")
+
+    # --- transitions ---
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Declare parameters, load kernels, make the processor, publishers and services."""
+        return self._attempt(self._configure, "inactive; waits to be activated")
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Subscribe."""
+        return self._attempt(self.activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """End the subscriptions, and work on what has come."""
+        return self._attempt(self.deactivate, "inactive; the map is kept")
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Save, and drop what was configured: Nav2's manager does this before a shutdown."""
+        return self._attempt(self._save_and_drop, "unconfigured; waits to be configured")
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Save, and drop what was configured."""
+        return self._attempt(self._save_and_drop, "finalized")
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Drop what there is: the node can be configured anew."""
+        return self._attempt(self._drop, "unconfigured after an error")
+
+    def _attempt(self, step: Callable[[], None], said: str = "") -> TransitionCallbackReturn:
+        """Take a step; what it raises is said, which rclpy does not do."""
+        try:
+            step()
+        except Exception as error:
+            kind = "" if isinstance(error, TccmError) else f"{type(error).__name__}: "
+            self.get_logger().error(f"{step.__name__.strip('_')} failed: {kind}{one_line(error)}")
+            return TransitionCallbackReturn.ERROR
+        if said:
+            self.get_logger().info(said)
+        return TransitionCallbackReturn.SUCCESS
+
+    # --- steps ---
+
+    def declare(self) -> None:
+        """Declare the parameters the first time; afterwards they are as they were left."""
+        if not self._is_declared:
+            super().declare()
+            self._is_declared = True
+
+    def _configure(self) -> None:
+        self._is_configuring = self._is_configured = True
+        try:
+            self.configure()
+        finally:
+            self._is_configuring = False
+        self.warming.load()
+
+    def activate(self) -> None:
+        """Subscribe, and say what is known and waited for."""
+        super().activate()
+        self.say_ready()
+
+    def close(self, is_pressed: Callable[[], bool] = lambda: False) -> None:
+        """Save, if asked to and if there is something."""
+        if self._is_configured:
+            super().close(is_pressed)
+
+    def _save_and_drop(self) -> None:
+        if self._is_configured:
+            if self.is_active:
+                self.deactivate()
+            self.close()
+            self._drop()
+
+    def _drop(self) -> None:
+        """Let go of all that configure made, as far as it came."""
+        self.is_active = self._is_configured = False
+        with suppress(AttributeError):  # where configure has failed half-way
+            self.warming.stop()
+            self.intake.stop()
+            self.unsubscribe()
+            self.worker.close()
+            self.release()
+        for entity, destroy in list(self._entities()):
+            if id(entity) not in self._kept_entities:
+                destroy(entity)
+        for name in set(vars(self)) - self._kept:
+            delattr(self, name)
+
+    def _entities(self) -> Iterator[tuple[Any, Callable[[Any], Any]]]:
+        yield from ((publisher, self.destroy_publisher) for publisher in self.publishers)
+        yield from ((service, self.destroy_service) for service in self.services)
+        yield from ((timer, self.destroy_timer) for timer in self.timers)
+
+    def interrupt(self) -> None:
+        """End the process where it loads kernels, in which no signal would be heeded."""
+        if self._is_configured and not self.warming.is_loaded:
+            super().close()
+
+    def destroy_node(self) -> None:
+        """Drop what there is, and the state machine, which rclpy leaves alive."""
+        self._drop()
+        LifecycleNode.destroy_node(self)
+        self._state_machine.destroy_when_not_in_use()
+
+    # --- services ---
+
+    def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
+        """Return a service; one that configure makes answers while the node is active."""
+        if self._is_configuring:
+            callback = self._while_active(callback)
+        return super().create_service(srv_type, srv_name, callback, **options)
+
+    def _while_active(self, callback: Any) -> Any:
+        async def answer(request: Any, response: Any) -> Any:
+            if self.is_active:
+                return await await_or_execute(callback, request, response)
+            response.success = False
+            response.message = f"{self.get_name()} is not active; have it activated"
+            return response
+
+        return answer
+
+    def _refusing(self, callback: Any) -> Any:
+        """Return a callback of change_state that refuses a transition which is not possible now.
+
+        rclpy would end the node.
+        """
+
+        def change(request: Any, response: Any) -> Any:
+            try:
+                return callback(request, response)
+            except _rclpy.RCLError:
+                name = request.transition.label or request.transition.id
+                state = self._state_machine.current_state[1]
+                self.get_logger().error(f"transition {name} is not possible while {state}")
+                response.success = False
+                return response
+
+        return change
+
+
+class ManagedTccmNode(ManagedNode, TccmNode):
+    """tccm_node, managed."""
+
+
+class ManagedSlamNode(ManagedNode, SlamNode):
+    """slam_node, managed."""

@@ -1,0 +1,112 @@
+"""~/scan_here of slam_node: the action that takes a view from where the robot stands."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from importlib import import_module
+from typing import Any
+
+from rclpy.action import ActionServer, CancelResponse
+
+from tccm_ros.errors import MotionError, TccmError, one_line
+from tccm_ros.nodes.base_watch import BaseWatch
+from tccm_ros.nodes.joint_mover import JointMover, has_controllers
+from tccm_ros.nodes.known_frames import KnownFrames
+from tccm_ros.nodes.sensor_node import SensorNode
+from tccm_ros.nodes.surface_services import SurfaceServices
+from tccm_ros.nodes.view_taker import CancelledError, ViewTaker
+from tccm_ros.nodes.worker import Worker
+
+
+def offer_scan_here(
+    node: SensorNode, frames: KnownFrames, surfaces: SurfaceServices
+) -> ViewAction | None:
+    """Offer the action; say in a line where control_msgs is not installed."""
+    if has_controllers():
+        return ViewAction(node, frames, surfaces)
+    node.get_logger().info("control_msgs is not installed: ~/scan_here is not offered")
+    return None
+
+
+class ViewAction:
+    """The action server.
+
+    Parameters
+    ----------
+    node, frames, surfaces
+        The node, the frames of its robot, and what answers from the surface map.
+    """
+
+    def __init__(self, node: SensorNode, frames: KnownFrames, surfaces: SurfaceServices):
+        self._node = node
+        self._kind = import_module("tccm_interfaces.action").ScanHere
+        self._worker = Worker("scan_here", partial(node.refuse, "scan_here"))
+        self._mover = JointMover(node, node.config.scan_here.controller)
+        self._views = ViewTaker(
+            node.config, node.robot, BaseWatch(node.robot, frames), self._mover, surfaces
+        )
+        self._is_busy = False
+        self._server = ActionServer(
+            node, self._kind, "~/scan_here", self._execute,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )  # fmt: skip
+
+    def note_view_part(self, stamp_ns: int, number: int) -> None:
+        """Note a part of a view, and the number of the first solution that has it."""
+        self._views.note_part(stamp_ns, number)
+
+    def close(self) -> None:
+        """End what runs; rclpy would leave the server and the client alive."""
+        self._views.close()
+        self._worker.close()
+        self._server.destroy()
+        self._mover.close()
+
+    async def _execute(self, goal: Any) -> Any:
+        result = self._kind.Result()
+        try:
+            result.message = await self._take(goal, result)
+        except CancelledError:
+            result.message = "cancelled"
+            goal.canceled()
+        except TccmError as error:
+            result.message = one_line(error)
+            goal.abort()
+        else:
+            result.success = True
+            goal.succeed()
+        return result
+
+    async def _take(self, goal: Any, result: Any) -> str:
+        if self._is_busy:
+            raise MotionError("another view is being taken; wait for its result, or cancel it")
+        self._check(goal.request)
+        self._is_busy = True
+        try:
+            sentence: str = await self._worker.call(
+                lambda: self._views.take(goal, self._kind.Feedback, result), self._node
+            )
+        finally:
+            self._is_busy = False
+        return sentence
+
+    def _check(self, request: Any) -> None:
+        """Raise MotionError for a goal that cannot be done."""
+        if not self._node.is_active:
+            raise MotionError(f"{self._node.get_name()} is not active; have it activated")
+        if not self._node.config.frames.tilt_joint:
+            raise MotionError("which joint tilts is not known; set frames.tilt_joint")
+        if request.pan_angles and not self._node.config.scan_here.pan_joint:
+            raise MotionError("pan_angles are given, but scan_here.pan_joint is not set")
+        for name in ("min_tilt", "max_tilt", "max_velocity"):
+            if not math.isfinite(getattr(request, name)):
+                raise MotionError(f"{name} is {getattr(request, name)}; expected a finite number")
+        if not all(map(math.isfinite, request.pan_angles)):
+            raise MotionError("pan_angles are not finite")
+        if request.max_velocity < 0.0:
+            raise MotionError(f"max_velocity is {request.max_velocity:g}; expected 0 or more")
+        if request.min_tilt > request.max_tilt:
+            raise MotionError(
+                f"min_tilt is {request.min_tilt:g}, above max_tilt, {request.max_tilt:g}"
+            )

@@ -1,0 +1,234 @@
+"""Takes a view: waits until the base stands, moves the tilt joint, reads what the map has of it.
+
+A view is what tilt cycles measure while the joint goes from one end of its range to the other, once
+for each pan angle. tccm_node makes the tilt cycles; the surface map says what they measured.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from tccm_ros.arrays import Float64
+from tccm_ros.config import Config
+from tccm_ros.errors import MotionError
+from tccm_ros.nodes.base_watch import BaseWatch, is_near
+from tccm_ros.nodes.joint_mover import JointMover
+from tccm_ros.nodes.shared_robot import SharedRobot
+from tccm_ros.nodes.surface_services import SurfaceServices
+
+WAITING, MOVING, MAPPING = range(3)
+"""As action/ScanHere numbers the phases."""
+
+MOVED = 0.8
+"""How much of a view is done when the joints have moved. Chosen."""
+
+PATIENCE_S = 10.0
+"""How long the base is waited for where the goal does not say, s (action/ScanHere)."""
+
+VIEW_S = 20.0
+"""A tilt cycle is waited for so long after the joint has stopped, s. Chosen."""
+
+LAST_VIEW_NS = 1_500_000_000
+"""A cycle of a camera that was begun in the movement is waited for so long after it, ns of message
+time. Chosen: longer than `cycle.period`."""
+
+SOLUTION_S = 60.0
+"""A solution with the view is waited for so long, s. Chosen: the longest of a large map."""
+
+PARTS = 3
+"""Messages of which a view consists: surfaces, free intervals, boxes."""
+
+MAX_VIEWS = 1000
+"""Views that are remembered, at most. Chosen: an hour of tilt cycles."""
+
+POLL_S = 0.05
+"""Between two looks at what is waited for, s."""
+
+
+AT_END_RAD = 0.02
+"""A joint so near an end of its range is there, rad: less than any tilt cycle. Chosen."""
+
+
+def ends(now: float, low: float, high: float) -> tuple[float, float]:
+    """Return from which end of a range a joint goes to which, for a tilt cycle of its own.
+
+    It reverses at the first end, or stands there already: going on in one direction would join
+    the way to the range and the range in one cycle. All are angles, rad.
+    """
+    is_nearer_low = abs(now - low) <= abs(now - high)
+    is_outside = not low - AT_END_RAD <= now <= high + AT_END_RAD
+    return (low, high) if is_nearer_low != is_outside else (high, low)
+
+
+class CancelledError(Exception):
+    """The client wants the view no more."""
+
+
+class ViewTaker:
+    """Takes one view at a time, in a thread that may wait.
+
+    Parameters
+    ----------
+    config
+        Groups `frames` and `scan_here`.
+    robot, base, mover
+        What is known of the robot, whether its base stands, and what moves its joints.
+    surfaces
+        Answers from the surface map.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        robot: SharedRobot,
+        base: BaseWatch,
+        mover: JointMover,
+        surfaces: SurfaceServices,
+    ):
+        self._config, self._settings = config, config.scan_here
+        self._robot, self._base, self._mover, self._surfaces = robot, base, mover, surfaces
+        self._parts: dict[int, list[int]] = {}
+        self._is_closed = threading.Event()
+        self._goal: Any = None
+        self._start: Float64 | None = None
+
+    def note_part(self, stamp_ns: int, number: int) -> None:
+        """Note a part of a view, and the number of the first solution that has it."""
+        self._parts.setdefault(stamp_ns, []).append(number)
+        while len(self._parts) > MAX_VIEWS:
+            del self._parts[next(iter(self._parts))]
+
+    def close(self) -> None:
+        """Give up the view that is being taken."""
+        self._is_closed.set()
+
+    def take(self, goal: Any, feedback: Callable[..., Any], result: Any) -> str:
+        """Take a view; return a sentence.
+
+        Parameters
+        ----------
+        goal
+            Handle of the goal, of action/ScanHere.
+        feedback
+            Makes the action's feedback.
+        result
+            The action's result, whose surfaces and objects are filled.
+
+        Raises
+        ------
+        TccmError, CancelledError
+            Why it was not taken.
+        """
+        self._goal, self._start = goal, None
+
+        def tell(phase: int, progress: float) -> None:
+            goal.publish_feedback(feedback(phase=phase, progress=progress))
+
+        patience = goal.request.patience
+        patience_s = patience.sec + patience.nanosec * 1e-9 or PATIENCE_S
+        tell(WAITING, 0.0)
+        late = f"the base has not stood still within {patience_s:g} s"
+        try:
+            self._wait(self._base.is_standing, patience_s, late)
+        except MotionError:
+            self._base.pose()  # where nothing is known of it, that is the reason
+            raise
+        self._start = self._base.pose()
+        spans = self._move(goal.request, lambda fraction: tell(MOVING, MOVED * fraction))
+        tell(MAPPING, MOVED)
+        views_ns = self._wait_for_map(spans)
+        return self._surfaces.fill_view(result, views_ns)
+
+    def _move(self, request: Any, tell: Callable[[float], None]) -> list[tuple[int, int]]:
+        """Move the joints; return when each movement of the tilt joint began and ended, ns."""
+        low, high = request.min_tilt, request.max_tilt
+        if low == high == 0.0:
+            low, high = self._settings.tilt_range
+        velocity = request.max_velocity or self._settings.velocity
+        tilt, pan = self._config.frames.tilt_joint, self._settings.pan_joint
+        targets = [{pan: angle} for angle in request.pan_angles] or [{}]
+        spans = []
+        for k, target in enumerate(targets):
+            tell(k / len(targets))
+            first, last = ends(self._angle(tilt), low, high)
+            self._send({**target, tilt: first}, velocity)
+            begin_ns = self._message_time_ns()
+            self._send({**target, tilt: last}, velocity)
+            spans.append((begin_ns, self._message_time_ns()))
+        return spans
+
+    def _send(self, target: dict[str, float], velocity: float) -> None:
+        way = max(abs(self._angle(joint) - angle) for joint, angle in target.items())
+        self._mover.move(target, way / velocity, self._wait)
+
+    def _wait_for_map(self, spans: list[tuple[int, int]]) -> list[int]:
+        """Return the stamps of the views of some time spans, once they are all in the map."""
+
+        def views(begin_ns: int, end_ns: int) -> list[int]:
+            known = dict(self._parts)
+            return [s for s, n in known.items() if begin_ns <= s <= end_ns and len(n) >= PARTS]
+
+        end_ns = spans[-1][1]
+
+        def is_complete() -> bool:
+            is_over = self._message_time_ns() - end_ns > LAST_VIEW_NS
+            return is_over and all(views(*span) for span in spans)
+
+        self._wait(
+            is_complete, VIEW_S,
+            "no tilt cycle came of the movement; is tccm_node running, does its sensor move "
+            "with the joint, and by cycle.min_sweep or more?",
+        )  # fmt: skip
+        found = [ns for span in spans for ns in views(*span)]
+        number = max(max(self._parts[stamp_ns]) for stamp_ns in found)
+        self._wait(
+            lambda: self._surfaces.number >= number, SOLUTION_S,
+            "the view was taken, but no solution has it yet; ask ~/find_surfaces later",
+        )  # fmt: skip
+        return found
+
+    def _wait(self, is_met: Callable[[], bool], timeout_s: float, failure: str) -> None:
+        """Return when a condition is met.
+
+        Raises
+        ------
+        MotionError
+            Of that text, after the time; where the base has moved; where the node ends.
+        CancelledError
+            When the goal is cancelled.
+        """
+        end_s = time.monotonic() + timeout_s
+        while not is_met():
+            if self._goal.is_cancel_requested:
+                raise CancelledError
+            self._check_base()
+            if time.monotonic() > end_s:
+                raise MotionError(failure)
+            if self._is_closed.wait(POLL_S):
+                raise MotionError("the node ends")
+        self._check_base()
+
+    def _check_base(self) -> None:
+        if self._start is not None and not is_near(self._base.pose(), self._start):
+            raise MotionError("the robot has moved while the view was taken")
+
+    def _message_time_ns(self) -> int:
+        return self._robot.robot.message_time_ns or 0
+
+    def _angle(self, joint: str) -> float:
+        """Return the newest position of a joint.
+
+        Raises
+        ------
+        MotionError
+            Where nothing was heard of it.
+        """
+        with self._robot.lock:
+            track = self._robot.robot.joints.of(joint)
+            if not len(track):
+                heard = ", ".join(self._robot.robot.joints.heard()) or "none"
+                raise MotionError(f"nothing was heard of joint '{joint}'; joints heard: {heard}")
+            return float(track.values[-1, 0])

@@ -1,0 +1,115 @@
+"""A robot in the room of `live_robot` whose tilt joint a simulated controller moves.
+
+Time is that of its messages: each step of the world publishes odometry, the joint and both scans.
+"""
+
+import numpy as np
+import pytest
+from live_robot import START_NS, STEP_NS, Listener, level_scan, tilt_scan
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.task import Future
+
+from tccm_ros.records import JointSample, Odometry
+
+TILT_STEP = 0.02
+"""The joint turns by so much in a step, rad."""
+
+
+class MovingHead:
+    """The world, its robot and the controller of the robot's tilt joint.
+
+    Attributes
+    ----------
+    x
+        Place of the base, m; `speed` is added at each step.
+    tilts
+        Targets that the controller was sent to, rad.
+    refuses, error_code, holds
+        How the controller fails: it refuses, it fails, it waits until it is cancelled.
+    """
+
+    def __init__(self, ros, *nodes, controller: str = "head_controller/follow_joint_trajectory"):
+        control = pytest.importorskip("control_msgs.action", reason="control_msgs not generated")
+        self._kind = control.FollowJointTrajectory
+        self.ros, self.nodes = ros, nodes
+        self.robot = ros.robot()
+        self.x, self.speed, self.moving_speed, self.tilt = 0.0, 0.0, 0.0, 0.5
+        self._k = 0
+        self.tilts: list[float] = []
+        self.durations: list[float] = []
+        self.refuses, self.error_code, self.holds, self.was_cancelled = False, 0, False, False
+        self._gate = Future()
+        self._server = None
+        if controller:
+            self._server = ActionServer(
+                Listener(ros, "head").node, self._kind, controller, self._follow,
+                goal_callback=lambda _: GoalResponse(1 if self.refuses else 2),
+                cancel_callback=self._cancel,
+            )  # fmt: skip
+
+    def close(self) -> None:
+        if self._server is not None:
+            self._server.destroy()
+
+    def step(self) -> None:
+        """Publish what is measured now; time goes on."""
+        now, x = START_NS + self._k * STEP_NS, self.x
+        T = np.eye(4)
+        T[0, 3] = x
+        records = [
+            ("odom", Odometry(now, "odom", "base", T)),
+            ("joint_states", JointSample(now, ("tilt",), np.array([self.tilt]))),
+            ("tilt_scan", tilt_scan(now, self.tilt)),
+        ]
+        if self._k % 2:
+            records.append(("scan", level_scan(now, x)))
+        for topic, record in records:
+            heard = (n for n in self.nodes if f"/{topic}" in n.inputs.counts())
+            self.robot.publish(topic, self.robot.message(record), *heard)
+        self._k += 1
+        self.x += self.speed
+
+    def until(self, predicate, what: str = "") -> None:
+        """Let time go on until something holds: a step whenever the nodes have taken the last."""
+
+        def look():
+            if predicate():
+                return True
+            if all(self._has_all(node) for node in self.nodes):
+                self.step()
+            return False
+
+        self.ros.spin_until(look, what=what)
+
+    def _has_all(self, node) -> bool:
+        counts = node.inputs.counts()
+        return all(counts[f"/{t}"] >= n for t, n in self.robot.sent.items() if f"/{t}" in counts)
+
+    async def _follow(self, goal):
+        trajectory = goal.request.trajectory
+        assert trajectory.joint_names == ["tilt"]
+        (target,) = trajectory.points[-1].positions
+        after = trajectory.points[-1].time_from_start
+        self.tilts.append(target)
+        self.durations.append(after.sec + after.nanosec * 1e-9)
+        result = self._kind.Result()
+        if self.holds:
+            await self._gate
+            goal.canceled()
+            return result
+        self.speed = self.moving_speed
+        while abs(target - self.tilt) > 1e-9:
+            self.tilt += float(np.clip(target - self.tilt, -TILT_STEP, TILT_STEP))
+            self.step()
+        self.speed = 0.0
+        if self.error_code:
+            result.error_code, result.error_string = self.error_code, "the joint is blocked"
+            goal.abort()
+        else:
+            goal.succeed()
+        return result
+
+    def _cancel(self, _):
+        self.was_cancelled = True
+        self._gate.set_result(None)
+        return CancelResponse.ACCEPT

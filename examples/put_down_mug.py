@@ -11,7 +11,7 @@ MUG = (0.10, 0.10, 0.12)
 rclpy.init()
 node = Node("put_down_mug")
 surface_map = SurfaceMapClient(node)
-while not surface_map.is_ready:
+while not (surface_map.is_ready and any(s.label == "table" for s in surface_map.surfaces)):
     rclpy.spin_once(node)
 
 tables = SurfaceFilter(labels=["table"])

@@ -131,7 +131,7 @@ def tracked(config):
     seen = [with_objects(empty_view(k, 0, config), boxes) for k in (1, 2)]
     through = with_intervals(empty_view(3, 0, config), ViewIntervals(3, "base", rows))
     poses = np.broadcast_to(np.eye(4), (3, 4, 4))
-    return digest([t.id for t in track_objects([*seen, through], poses, config)])
+    return digest([t.id for t in track_objects([*seen, through], poses, config).tracks])
 
 
 LAP = [(0, 0), (12, 0), (12, 9), (0, 9), (0, 0), (4, 0)]

@@ -118,7 +118,7 @@ class ScanFilter(Group):
 
 
 class Sensors(Group):
-    """Sensors whose points are mapped: topics, noise, and the level scan made of them."""
+    """Sensors whose points are mapped, and detectors: topics, noise, and the level scan."""
 
     depth_images: tuple[str, ...] = param(
         ("depth/image_rect_raw",),
@@ -138,6 +138,12 @@ class Sensors(Group):
     tilt_scans: tuple[str, ...] = param(
         ("tilt_scan",),
         "topics of tilting lasers; the first that is there gives the tilt cycles",
+        read_only=True,
+    )
+    detections: tuple[str, ...] = param(
+        ("detections",),
+        "topics of vision_msgs/Detection3DArray, one for each detector: they give the objects on "
+        "surfaces their labels",
         read_only=True,
     )
     depth_sigma: tuple[float, float, float] = param(

@@ -68,8 +68,8 @@ class MapObject:
     ----------
     id, surface_id
         Of the object, and of the surface that it stands on.
-    label
-        Class, where a detector gave it one.
+    label, confidence
+        Class and its score, 0 to 1, where a detector gave it one; else empty and nan.
     T_map_object
         float64 (4, 4), middle of its box.
     size
@@ -79,6 +79,7 @@ class MapObject:
     id: int
     surface_id: int
     label: str
+    confidence: float
     T_map_object: Float64
     size: Float64
 
@@ -186,6 +187,11 @@ class SurfaceMapClient:
         """Return what stands on a surface of the newest map."""
         return [item for item in self.objects if item.surface_id == surface.id]
 
+    def objects_of_class(self, label: str) -> list[MapObject]:
+        """Return the objects of the newest map that are of a class, the surest first."""
+        found = [item for item in self.objects if item.label == label]
+        return sorted(found, key=lambda item: -item.confidence)
+
     def find_surfaces(self, filter: SurfaceFilter | None = None, max_count: int = 0) -> Future:
         """Ask for surfaces; the future has a list of `MapSurface`.
 
@@ -242,7 +248,7 @@ class SurfaceMapClient:
     def _take_map(self, message: Any) -> None:
         self.surfaces = tuple(surfaces_of(message.surfaces))
         self.objects = tuple(
-            MapObject(o.id, o.surface_id, o.label, _pose(o.pose), _vector(o.size))
+            MapObject(o.id, o.surface_id, o.label, o.confidence, _pose(o.pose), _vector(o.size))
             for o in message.objects
         )
         for callback in self._on_map:

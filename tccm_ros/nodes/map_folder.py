@@ -19,6 +19,7 @@ from tccm_ros.atomic import finish_moves, output_folder
 from tccm_ros.errors import MapError, OutputError, one_line
 from tccm_ros.results.exports import solution_files
 from tccm_ros.results.grid_files import grid_files
+from tccm_ros.results.keepout_mask import keepout_mask
 from tccm_ros.results.map_file import MapContent, load_map, map_content, read_content
 from tccm_ros.slam.occupancy import occupancy_grid
 from tccm_ros.surfaces.saved_map import SavedMap
@@ -29,6 +30,9 @@ MAP_FILE = "map.mcap"
 
 GRID_NAME = "map"
 """Of map.pgm and map.yaml, for nav2_map_server."""
+
+MASK_NAME = "keepout"
+"""Of keepout.pgm and keepout.yaml, for the costmap filters of Nav2."""
 
 PREVIOUS = ".previous"
 """Suffix of the folder that keeps the map which was replaced."""
@@ -52,6 +56,8 @@ def map_files(
     grid = occupancy_grid(saved.walls)
     if grid is not None:
         files |= grid_files(GRID_NAME, grid)
+        mask = keepout_mask(grid, solution.surfaces, solution.floor_z)
+        files |= grid_files(MASK_NAME, mask)
     return files | {MAP_FILE: map_content(saved, solution, map_frame)}
 
 

@@ -36,10 +36,10 @@ def pack_scene(
         Message classes.
     """
     floor = None if grid is None else FreeFloor(grid, solution.surfaces)
-    newest_ns = max(solution.view_stamps_ns.tolist(), default=0)
+    previous_ns, newest_ns = sorted([0, 0, *solution.view_stamps_ns.tolist()])[-2:]
     scene = Scene(
         solution.stamp_ns, frame_id, solution.floor_z, solution.objects, floor,
-        newest_view_ns=newest_ns,
+        newest_view_ns=newest_ns, previous_view_ns=previous_ns,
     )  # fmt: skip
     known = []
     for surface in solution.surfaces:

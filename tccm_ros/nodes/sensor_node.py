@@ -39,7 +39,7 @@ from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
 from tccm_ros.nodes.qos import LARGE_DEPTH, latched, sensor, static_transforms
 from tccm_ros.nodes.readers import record_reader
 from tccm_ros.nodes.ready import found_on
-from tccm_ros.nodes.ros_types import RosidlMessages
+from tccm_ros.nodes.ros_types import RosidlMessages, is_installed
 from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.nodes.tf import has_tf2_msgs
 from tccm_ros.nodes.warming import Warming
@@ -86,6 +86,8 @@ class SensorNode(Node):
     ----------
     robot
         Where records become events.
+    roles, measured_roles
+        Of the streams that are for the processor; of those without what comes now and then.
     is_active
         Whether it takes messages.
     saved_note
@@ -135,6 +137,7 @@ class SensorNode(Node):
         self.owns_robot = shared is None
         self._streams = {s.role: s for s in self.wanted_streams(processor_name)}
         self.roles = frozenset(self._streams)
+        self.measured_roles = frozenset(r for r, s in self._streams.items() if not s.is_occasional)
         self._drops = DropWatch()
         self._clock_watch = ClockWatch(self, self.config.clock_jump, self.restart)
         self.warming = Warming(processor_name, self.config, self._say_progress, self._become_ready)
@@ -225,8 +228,13 @@ class SensorNode(Node):
     def _listen_to(self, stream: Stream, watch: Watch) -> None:
         """Subscribe to a sensor, and to what comes beside its records."""
         role, reliability = stream.role, self.config.qos.reliability
+        if stream.is_occasional:
+            if is_installed(stream.reader.message_type):
+                qos = sensor(reliability, depth=LARGE_DEPTH)
+                self.subscribe(role, qos, self.take, watch="event", reader=stream.reader)
+            return
         if stream.mount is not MountKind.ANY:
-            others = [self.resolve_topic_name(r) for r in self.roles if r != role]
+            others = [self.resolve_topic_name(r) for r in self.measured_roles - {role}]
             self.subscribe(
                 role, sensor(reliability), self.take, watch=watch, reader=stream.reader,
                 instead=others,
@@ -478,7 +486,8 @@ class SensorNode(Node):
                 "is mixed up; end one (one that was killed is gone in half a minute), or give it "
                 "another namespace (-r __ns:=/robot2)"
             )
-        needed = frozenset(r for r, s in self._streams.items() if s.processor != "signs")
+        streams = self._streams
+        needed = frozenset(r for r in self.measured_roles if streams[r].processor != "signs")
         yield from map(Blocking, self.robot.problems(needed))
         yield from map(str, self.robot.problems(self.roles - needed))
         if self.robot.robot.motion.source is MotionSource.STILL:

@@ -50,6 +50,7 @@ from tccm_ros.records import (
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.ros.topic_messages import SOLUTION_TOPICS, SURFACE_MESSAGE_TOPICS
 from tccm_ros.sensors.camera_image import PosedPicture
+from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import default_streams, stream_for_topic
 from tccm_ros.signs.measurement import SignMeasurement
 from tccm_ros.signs.reading import missing_extra
@@ -177,7 +178,8 @@ class SlamNode(SensorNode):
 
     def takes(self, event: Event | ObjectBoxes | SurfaceCloud | ViewIntervals) -> bool:
         """Return whether an event is for the processor."""
-        return type(event) is PosedPicture or self.processor.takes(event)
+        is_posed = isinstance(event, (PosedDetections, PosedPicture))
+        return is_posed or self.processor.takes(event)
 
     def wanted_streams(self, processor_name: str) -> list[Stream]:
         """Return the level laser's stream, and those of pictures where something can read them."""
@@ -208,7 +210,10 @@ class SlamNode(SensorNode):
         self._solve_with(event)
         if isinstance(event, (SurfaceCloud, ViewIntervals, ObjectBoxes)):
             self._programs.note_view_part(event.stamp_ns, self.solver.next_number)
-        self.processor.add(event)
+        if isinstance(event, PosedDetections):
+            self._unsolved["detections"] += 1
+        else:
+            self.processor.add(event)
         if self.processor.counts["resets"] != before["resets"]:
             self._forget(is_localised=self.processor.is_localised)
         for counted in ("clouds", "keyframes"):
@@ -243,7 +248,7 @@ class SlamNode(SensorNode):
 
     def _solve_when_due(self) -> None:
         new = self._unsolved
-        if new["clouds"] or new["keyframes"] >= KEYFRAMES_PER_SOLVE:
+        if new["clouds"] or new["detections"] or new["keyframes"] >= KEYFRAMES_PER_SOLVE:
             self._solve_if_due()
 
     def _solve_when_quiet(self) -> None:
@@ -492,6 +497,7 @@ class SlamNode(SensorNode):
         solved = self.solver.newest
         if solved is not None:
             found |= {"solution": solved.number, "solved in [s]": f"{solved.duration_s:.2f}"}
+            found |= {f"unused {why}": n for why, n in sorted(solved.unused_detections.items())}
         return found
 
 

@@ -12,7 +12,7 @@ import pickle
 import struct
 import tempfile
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from tccm_ros.results.map_file import MapContent
@@ -127,6 +127,8 @@ class Solved(NamedTuple):
         Serialised, by topic.
     duration_s
         Time that it took.
+    unused_detections
+        `SurfaceSolution.unused_detections`.
     archive
         Descriptor (set by who receives it).
     """
@@ -140,6 +142,7 @@ class Solved(NamedTuple):
     scene: tuple[bytes, ...]
     messages: dict[str, bytes]
     duration_s: float
+    unused_detections: Mapping[str, int]
     archive: int = -1
 
 

@@ -141,6 +141,7 @@ class SolverProcess:
                 pack_scene(solution, frame, occupancy_grid(saved.walls), self._types),
                 self._serialised(solve.topics),
                 time.monotonic() - start,
+                solution.unused_detections,
             )
             self._connection.send(solved)
             reduction.send_handle(self._connection, archive.fileno(), os.getppid())

@@ -105,7 +105,7 @@ def _notes(reader: BagReader) -> list[str]:
     has_points = any(
         counts.get(choice.topics[stream.role])
         for stream in choice.streams
-        if stream.mount is MountKind.ANY
+        if stream.mount is MountKind.ANY and not stream.is_occasional
     )
     is_bare = bool(counts.get(choice.topics["scan"])) and not any(
         counts.get(choice.topics[role]) for role in OF_FRAMES

@@ -91,7 +91,7 @@ def run_bag(
             pipeline.slam,
             solution,
             messages,
-            pipeline.dropped + unreadable,
+            pipeline.dropped + unreadable + Counter(solution.unused_detections),
             reader.duration,
             saved is not None,
             (*choice.found, *_lasers_that_are_bases(pipeline, choice), *_missing_extra(pipeline)),
@@ -102,8 +102,9 @@ def _check_there(reader: BagReader, choice: TopicChoice) -> None:
     """Raise TopicError without any sensor, or without a topic that was named."""
     counts = {info.name: info.count for info in reader.topics()}
     absent = [role for role in sorted(choice.named) if choice.topics[role] not in counts]
-    if not any(counts.get(choice.topics[stream.role]) for stream in choice.streams):
-        absent = absent or [choice.streams[0].role]
+    measured = [stream for stream in choice.streams if not stream.is_occasional]
+    if not any(counts.get(choice.topics[stream.role]) for stream in measured):
+        absent = absent or [measured[0].role]
     if absent:
         raise TopicError(reader.missing(absent[0], choice.topics[absent[0]]))
 

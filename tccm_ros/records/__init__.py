@@ -13,6 +13,7 @@ from tccm_ros.records.cycle import (
     TabletopObject,
     ViewIntervals,
 )
+from tccm_ros.records.detections import Detections, Hypothesis
 from tccm_ros.records.events import (
     START_OF_TIME,
     Event,
@@ -58,9 +59,11 @@ __all__ = [
     "CameraImage",
     "CameraInfo",
     "DepthImage",
+    "Detections",
     "EdgeState",
     "Event",
     "FormerPlace",
+    "Hypothesis",
     "JointSample",
     "Keyframe",
     "Landmark",

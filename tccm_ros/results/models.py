@@ -290,6 +290,10 @@ class ObjectEntry:
         float64 (3,), edges along its own x, y and z axes, m.
     yaw
         Yaw of its x axis, in (-pi/2, pi/2], rad.
+    label
+        Class that detectors gave it; empty where none did.
+    confidence
+        Mean score of that class, 0 to 1; null where there is none.
     """
 
     id: int
@@ -297,6 +301,8 @@ class ObjectEntry:
     center: Vector
     size: Vector
     yaw: float
+    label: str = ""
+    confidence: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -344,9 +350,15 @@ class ObjectsFile:
             Rings by surface (`free_places`).
         """
         return cls(
-            tuple(_entry(ObjectEntry, item) for item in objects),
+            tuple(map(_object_entry, objects)),
             tuple(FreePlacesEntry(s, tuple(rings)) for s, rings in sorted(free.items())),
         )
+
+
+def _object_entry(item: SceneObject) -> ObjectEntry:
+    score = None if item.label is None else item.label.score
+    box = item.id, item.surface, item.center, item.size, item.yaw
+    return ObjectEntry(*box, item.class_id, score)
 
 
 # --- walls.json ----------------------------------------------------------------------------------

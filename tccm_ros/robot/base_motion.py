@@ -48,6 +48,11 @@ class BaseMotion:
         self.odom_frame = record.frame_id or self.odom_frame
         return self._track.append_pose(record.stamp_ns, record.T_odom_base)
 
+    @property
+    def child_frame(self) -> str | None:
+        """The frame that odometry follows, None before odometry came."""
+        return self._frames.odometry_child
+
     def clear_samples(self) -> None:
         """Forget everything that has a stamp, as after a jump of the clock."""
         self._track.clear()

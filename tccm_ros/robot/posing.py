@@ -35,6 +35,7 @@ class Posing:
         self._max_gap_ns = self._timeout_ns // 2
         self.wait_ns = self._timeout_ns + max(0, round(-config.rig.joint_time_offset * 1e9))
         self._scan = config.scan
+        self._map_frame, self._base = config.frames.map_name, config.frames.base
         self._silence: dict[Track, tuple[int, int]] = {}
 
     def clear_samples(self) -> None:
@@ -69,7 +70,7 @@ class Posing:
         if motion.source is None and (not late or expects_odometry):
             return "no odometry" if late else None
         try:
-            chain = mount.find(record.frame_id, final=late)
+            chain = mount.find(self._frame_of(sensor), final=late)
             if chain is None:
                 return None
             if motion.source is None:
@@ -89,6 +90,14 @@ class Posing:
                 mount.explain_missing(chain)
             return reason
         return self._pose(sensor, chain, start_ns, end_ns)
+
+    def _frame_of(self, sensor: Sensor) -> str:
+        """Return the frame that a record needs a chain to: of one in map or odom, the base's."""
+        frame: str = sensor.waiting[0].frame_id
+        is_outside = frame in (self._map_frame, self._motion.odom_frame)
+        if sensor.stream.is_occasional and is_outside:
+            return self._base or self._motion.child_frame or frame
+        return frame
 
     def _needs(self, mount: Mount, chain: Chain) -> list[tuple[str, Track]]:
         """Return the tracks that must bracket a record, and what is missing where one does not."""

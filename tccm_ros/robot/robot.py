@@ -111,7 +111,7 @@ class Robot:
         self._mapped = {
             role: sensor
             for role, sensor in self.sensors.items()
-            if sensor.stream.mount is not MountKind.LEVEL
+            if sensor.stream.mount is not MountKind.LEVEL and not sensor.stream.is_occasional
         }
         self._tilting = {
             role: sensor

@@ -75,6 +75,9 @@ class Stream:
     max_waiting
         Records that wait at one time; the oldest is dropped when there are more. Large ones need a
         small limit.
+    is_occasional
+        Whether records come now and then, and may be in the odometry or the map frame too: what a
+        program recognised. No tilt cycle waits for them, and their silence is no fault.
     """
 
     role: str
@@ -88,3 +91,4 @@ class Stream:
     sees_robot: bool = False
     companion: Companion | None = None
     max_waiting: int = 1000
+    is_occasional: bool = False

@@ -31,12 +31,16 @@ from tccm_ros.ros.marker_parts import (
     text_marker,
 )
 from tccm_ros.ros.types import pose_message
+from tccm_ros.surfaces.scene_objects import SceneObject
 
 NORMAL_LENGTH_M = 0.2
 """Length of the arrow along a plane's normal, m; chosen."""
 
 WALL_HEIGHT_M = 0.5
 """Walls are drawn this high, m; chosen: low enough to see over."""
+
+LABEL_LIFT_M = 0.05
+"""Distance of an object's label from its upper side, m; chosen."""
 
 PLATE_SIZE_M = (0.01, 0.3, 0.15)
 """Door signs are drawn as plates of this depth, width and height, m; chosen."""
@@ -115,6 +119,17 @@ def surface_markers(context: MessageContext, surfaces: Iterable[Surface]) -> lis
         text = f"{surface.id} {surface.label}: {surface.height:.2f} m, {surface.area:.2f} m2"
         at = surface.centroid + np.array([0.0, 0.0, 0.1])
         markers.append(text_marker(context, "text", surface.id, at, text))
+    return markers
+
+
+def label_markers(context: MessageContext, objects: Iterable[SceneObject]) -> list[Any]:
+    """Return the class and score of each object that detectors gave one, above its box."""
+    markers = []
+    for item in objects:
+        if item.label is not None:
+            at = item.center + np.array([0.0, 0.0, 0.5 * item.size[2] + LABEL_LIFT_M])
+            text = f"{item.label.class_id} {item.label.score:.2f}"
+            markers.append(text_marker(context, "object label", item.id, at, text))
     return markers
 
 

@@ -20,6 +20,7 @@ from tccm_ros.ros.marker_parts import MarkerSet, MessageContext, identity_color
 from tccm_ros.ros.markers import (
     core_markers,
     cuboid_markers,
+    label_markers,
     object_markers,
     plane_markers,
     sign_markers,
@@ -232,7 +233,11 @@ class SolutionMessageBuilder:
                 sign_markers(context, solution.slam.signs), stamp_ns
             ),
             "surfaces": lambda: self._surfaces.message(
-                surface_markers(context, solution.surfaces), stamp_ns
+                [
+                    *surface_markers(context, solution.surfaces),
+                    *label_markers(context, solution.objects),
+                ],
+                stamp_ns,
             ),
             "surface_cloud": lambda: _surface_cloud(context, solution),
             "surface_map": lambda: typed_map_message(*context, solution),

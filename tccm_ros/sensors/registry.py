@@ -9,6 +9,7 @@ from tccm_ros.records import CameraImage, DepthImage
 from tccm_ros.robot import Stream
 from tccm_ros.sensors.camera_image import camera_stream, is_compressed_picture
 from tccm_ros.sensors.depth_image import depth_reader, depth_stream
+from tccm_ros.sensors.detections import detections_stream
 from tccm_ros.sensors.laser_scan import LEVEL_SCAN, TILT_SCAN
 from tccm_ros.sensors.point_cloud import cloud_stream
 
@@ -22,6 +23,7 @@ def default_streams(config: Config | None = None) -> tuple[Stream, ...]:
         LEVEL_SCAN,
         *map(depth_stream, sensors.depth_images),
         *map(cloud_stream, sensors.point_clouds),
+        *map(detections_stream, sensors.detections),
         *map(camera_stream, sensors.camera_images if config.signs.enabled else ()),
     )
 

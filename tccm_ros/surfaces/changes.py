@@ -114,7 +114,8 @@ class MapChanges:
                 surfaces.append(known[identity])
         there = {k.surface.id for k in scene.surfaces} | merged
         absent = {k: v for k, v in self._absent.items() if k not in there}
-        for identity in known.keys() - there:
+        is_agreed = scene.previous_view_ns > told.newest_view_ns  # by two views since
+        for identity in known.keys() - there if not is_agreed else ():
             if absent.setdefault(identity, scene.newest_view_ns) == scene.newest_view_ns:
                 surfaces.append(known[identity])
         self._absent = absent
@@ -263,7 +264,8 @@ def _object_changes(before: Scene, after: Scene, agreeing_views: int) -> Iterato
         if item.id not in there:
             yield Change(
                 ChangeKind.OBJECT_LEFT, after.stamp_ns, ids_before=(item.surface,),
-                object_id=item.id, T_before=object_pose(item), last_seen_ns=item.last_seen_ns,
+                label=item.class_id, object_id=item.id, T_before=object_pose(item),
+                last_seen_ns=item.last_seen_ns,
             )  # fmt: skip
     for item in after.objects:
         if item.views >= agreeing_views and item.id not in old and item.surface not in floors:
@@ -273,5 +275,5 @@ def _object_changes(before: Scene, after: Scene, agreeing_views: int) -> Iterato
 def _object_appeared(item: SceneObject) -> Change:
     return Change(
         ChangeKind.OBJECT_APPEARED, item.last_seen_ns, ids_after=(item.surface,),
-        object_id=item.id, T_after=object_pose(item),
+        label=item.class_id, object_id=item.id, T_after=object_pose(item),
     )  # fmt: skip

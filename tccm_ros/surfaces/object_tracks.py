@@ -3,15 +3,15 @@
 A box is numbered over all views in stamp order, and the id of an object is the number of its oldest
 box. So ids follow from the views alone, as those of surfaces do (`track_ids`). An object that a
 view does not measure stays, as it may be hidden or out of sight; it has left once enough views have
-looked through it.
+looked through it. What detectors recognise where it stands says of which class it is.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -21,7 +21,8 @@ from shapely import Polygon
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, planar, transform
-from tccm_ros.surfaces.views import SeenObject, View
+from tccm_ros.surfaces.object_labels import MAX_GAP, ClassScores, distance_to_box
+from tccm_ros.surfaces.views import SeenObject, View, with_detections
 from tccm_ros.tabletop.free_places import rectangle_corners
 
 INNER = np.array([[0.0, 0.0], [1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]) * 0.25
@@ -57,6 +58,8 @@ class ObjectTrack:
         Views that measured it.
     misses
         Views in a row that looked through it.
+    scores
+        What detections say of its class.
     """
 
     id: int
@@ -68,6 +71,7 @@ class ObjectTrack:
     last_seen_ns: int
     views: int
     misses: int = 0
+    scores: ClassScores = field(default_factory=ClassScores)
 
     @property
     def footprint(self) -> Polygon:
@@ -120,17 +124,31 @@ def with_objects_of(newer: View, older: View, config: Config) -> View:
         seen_ns = older.stamp_ns if old.first_seen_ns is None else old.first_seen_ns
         objects[j] = replace(own, number=number, first_seen_ns=seen_ns, views=old.views + own.views)
     forgotten = newer.forgotten_objects + older.forgotten_objects + len(older.objects)
-    return replace(newer, objects=tuple(objects), forgotten_objects=forgotten)
+    kept = replace(newer, objects=tuple(objects), forgotten_objects=forgotten)
+    return with_detections(kept, older.detections) if older.detections else kept
 
 
 def _centers(objects: Sequence[SeenObject]) -> Float64:
     return np.array([item.center for item in objects]).reshape(-1, 3)
 
 
-def track_objects(
-    views: Sequence[View], T_map_view: Float64, config: Config
-) -> tuple[ObjectTrack, ...]:
-    """Return the objects that stand somewhere after the last view, by id.
+class TrackedObjects(NamedTuple):
+    """The objects of all views.
+
+    Attributes
+    ----------
+    tracks
+        Those that stand somewhere after the last view, by id.
+    unused_detections
+        Detections at whose place no object stood.
+    """
+
+    tracks: tuple[ObjectTrack, ...]
+    unused_detections: int
+
+
+def track_objects(views: Sequence[View], T_map_view: Float64, config: Config) -> TrackedObjects:
+    """Return the objects that stand somewhere after the last view.
 
     Parameters
     ----------
@@ -142,12 +160,30 @@ def track_objects(
         Uses `objects.track_distance` and `objects.agreeing_views`.
     """
     known: list[ObjectTrack] = []
-    after = 0
+    after = unused = 0
     for view, T in zip(views, T_map_view):
         first = after + view.forgotten_objects
         after = first + len(view.objects)
         known = _update(known, view, T, first, config)
-    return tuple(sorted(known, key=lambda track: track.id))
+        unused += _take_detections(known, view, T)
+    return TrackedObjects(tuple(sorted(known, key=lambda track: track.id)), unused)
+
+
+def _take_detections(tracks: Sequence[ObjectTrack], view: View, T: Float64) -> int:
+    """Give the detections of a view to the nearest object each; return how many have none."""
+    unused = 0
+    for seen in view.detections:
+        center = transform(T, seen.center[None])[0]
+        distances = [
+            (distance_to_box(center, t.center, t.size, t.yaw), np.linalg.norm(center - t.center), k)
+            for k, t in enumerate(tracks)
+        ]
+        gap, _, nearest = min(distances, default=(np.inf, np.inf, -1))
+        if gap <= MAX_GAP:
+            tracks[nearest].scores.add(seen.scores, seen.count)
+        else:
+            unused += seen.count
+    return unused
 
 
 def _update(
@@ -236,6 +272,9 @@ def _combined(same: Sequence[ObjectTrack], new: ObjectTrack) -> ObjectTrack:
     """
     best = max(same, key=lambda track: track.points)
     box = new if new.points >= PART_OF_POINTS * best.points else best
+    scores = ClassScores()
+    for track in same:
+        scores.add(track.scores.total, track.scores.count)
     return ObjectTrack(
         id=min(new.id, *(track.id for track in same)),
         center=box.center,
@@ -245,6 +284,7 @@ def _combined(same: Sequence[ObjectTrack], new: ObjectTrack) -> ObjectTrack:
         first_seen_ns=min(new.first_seen_ns, *(track.first_seen_ns for track in same)),
         last_seen_ns=new.last_seen_ns,
         views=new.views + max(track.views for track in same),
+        scores=scores,
     )
 
 

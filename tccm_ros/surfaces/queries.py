@@ -54,8 +54,8 @@ class SurfaceFilter:
     near_sign
         Part of the text of a sign near the surface, upper and lower case alike; empty for any.
     words
-        Words that all stand in the label, the room or the texts of signs near it, upper and lower
-        case alike.
+        Words that all stand in the label, the room, the texts of signs near it or the classes of
+        the objects on it, upper and lower case alike.
     """
 
     ids: frozenset[int] = frozenset()
@@ -92,6 +92,7 @@ class SurfaceQueries:
         for item in self.objects:
             self._objects_on.setdefault(item.surface, []).append(item)
         self._heights = [s.height - (floor_z or 0.0) for s in surfaces]
+        self._texts = self._texts_of_surfaces()
         self._outlines = np.array([_outline(s) for s in surfaces], dtype=object)
         shapely.prepare(self._outlines)
         self._to_put_on = self._placement_surfaces()
@@ -121,8 +122,8 @@ class SurfaceQueries:
     def _chosen(self, wanted: SurfaceFilter) -> list[int]:
         chosen = [
             k
-            for k, (surface, height) in enumerate(zip(self.surfaces, self._heights))
-            if _meets(surface, height, wanted)
+            for k, surface in enumerate(self.surfaces)
+            if _meets(surface, self._heights[k], self._texts[k], wanted)
         ]
         if wanted.near is None or not chosen:
             return chosen
@@ -131,6 +132,18 @@ class SurfaceQueries:
         if wanted.max_distance > 0.0:
             order = order[distances[order] <= wanted.max_distance]
         return [chosen[k] for k in order]
+
+    def _texts_of_surfaces(self) -> list[str]:
+        """Return of each surface label, room, signs near it and the classes of what stands on it."""
+        classes: dict[int, list[str]] = {}
+        for item in self.objects:
+            classes.setdefault(item.surface, []).append(item.class_id)
+        return [
+            " ".join(
+                [surface.label, surface.room, *surface.near, *classes.get(surface.id, ())]
+            ).casefold()
+            for surface in self.surfaces
+        ]
 
     def _placement_surfaces(self) -> list[PlacementSurface]:
         occupied: dict[int, list[Polygon]] = {}
@@ -170,8 +183,18 @@ def _seen(surface: Surface, outline: shapely.Geometry) -> shapely.Geometry:
     return shapely.make_valid(Polygon(surface.boundary_seen[:, :2])).intersection(outline)
 
 
-def _meets(surface: Surface, height: float, wanted: SurfaceFilter) -> bool:
-    """Return whether a surface meets all conditions but those of its place."""
+def _meets(surface: Surface, height: float, text: str, wanted: SurfaceFilter) -> bool:
+    """Return whether a surface meets all conditions but those of its place.
+
+    Parameters
+    ----------
+    surface, height
+        The surface, and its height over the floor, m.
+    text
+        What is searched for words, in lower case.
+    wanted
+        The conditions.
+    """
     if wanted.ids and not wanted.ids.intersection((surface.id, *surface.merged_ids)):
         return False
     if wanted.labels:
@@ -179,7 +202,6 @@ def _meets(surface: Surface, height: float, wanted: SurfaceFilter) -> bool:
             return False
     elif surface.label == "floor" and not wanted.ids:
         return False
-    text = " ".join((surface.label, surface.room, *surface.near)).casefold()
     sign = wanted.near_sign.casefold()
     return (
         surface.confidence >= wanted.min_confidence

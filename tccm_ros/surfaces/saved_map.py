@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.errors import MapError
+from tccm_ros.surfaces.object_labels import SeenDetection
 from tccm_ros.surfaces.polygons import polygons_of
 from tccm_ros.surfaces.views import Patch, SeenObject, View
 
@@ -112,6 +113,24 @@ def pack_views(views: Sequence[View]) -> Arrays:
             ],
             np.int64,
         ).reshape(-1, 4),
+        **_pack_detections(views),
+    }
+
+
+def _pack_detections(views: Sequence[View]) -> Arrays:
+    """Return the arrays of what detectors recognised; none where they recognised nothing."""
+    seen = [item for view in views for item in view.detections]
+    if not seen:
+        return {}
+    names = [class_id.encode() for item in seen for class_id in item.scores]
+    return {
+        "detections": np.array([len(v.detections) for v in views], np.int64),
+        "detection_centers": np.array([item.center for item in seen], np.float64),
+        "detection_counts": np.array([item.count for item in seen], np.int64),
+        "detection_classes": np.array([len(item.scores) for item in seen], np.int64),
+        "detection_scores": np.array([s for item in seen for s in item.scores.values()], float),
+        "detection_name_bytes": np.array([len(name) for name in names], np.int64),
+        "detection_names": np.frombuffer(b"".join(names), np.uint8),
     }
 
 
@@ -161,7 +180,7 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
     first = np.concatenate([[0], np.cumsum(a["patches"])])
     if first[-1] != len(patches) or len(a["patches"]) != len(a["stamp_ns"]):
         raise ValueError(f"{len(patches)} patches, {first[-1]} expected")
-    objects = _unpack_objects(a)
+    objects, detections = _unpack_objects(a), _unpack_detections(a)
     return [
         View(
             int(a["stamp_ns"][v]),
@@ -172,6 +191,7 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
             int(a["forgotten"][v]) if "forgotten" in a else 0,
             objects[v],
             int(a["forgotten_objects"][v]) if "forgotten_objects" in a else 0,
+            detections[v],
         )
         for v, columns in enumerate(free)
     ]
@@ -197,6 +217,37 @@ def _unpack_object(box: Float64, numbers: Sequence[int]) -> SeenObject:
     return SeenObject(
         box[:3], box[3:6], float(box[6]), points, _absent(number), _absent(first_seen_ns), views
     )
+
+
+def _unpack_detections(a: Mapping[str, NDArray[Any]]) -> list[tuple[SeenDetection, ...]]:
+    """Return the detections of each view; there are no arrays where there are none."""
+    if "detections" not in a:
+        return [()] * len(a["stamp_ns"])
+    centers, scores = a["detection_centers"].reshape(-1, 3), a["detection_scores"]
+    if len(a["detections"]) != len(a["stamp_ns"]) or len(centers) != len(a["detection_counts"]):
+        raise ValueError(f"{len(centers)} detections, {len(a['detection_counts'])} expected")
+    if not (np.isfinite(centers).all() and np.isfinite(scores).all()):
+        raise ValueError("detections are not finite")
+    names = _split(a["detection_names"], a["detection_name_bytes"])
+    classes = [name.tobytes().decode() for name in names]
+    pairs = list(zip(classes, scores.tolist(), strict=True))
+    ends = np.cumsum(a["detection_classes"]).tolist()
+    if (ends[-1] if ends else 0) != len(pairs):
+        raise ValueError(f"{len(pairs)} classes of detections, {ends} expected")
+    seen = [
+        SeenDetection(center, dict(pairs[end - count : end]), number)
+        for center, count, end, number in zip(
+            centers,
+            a["detection_classes"].tolist(),
+            ends,
+            a["detection_counts"].tolist(),
+            strict=True,
+        )
+    ]
+    last = np.cumsum(a["detections"]).tolist()
+    if last[-1] != len(seen):
+        raise ValueError(f"{len(seen)} detections, {last[-1]} expected")
+    return [tuple(seen[b - n : b]) for n, b in zip(a["detections"].tolist(), last)]
 
 
 def _absent(value: int) -> int | None:

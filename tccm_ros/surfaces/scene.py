@@ -49,8 +49,8 @@ class Scene(NamedTuple):
         Where the base can stand; None without a level laser.
     surfaces
         By id.
-    newest_view_ns
-        Stamp of the newest view of this session; 0 before the first.
+    newest_view_ns, previous_view_ns
+        Stamps of the newest view of this session and of the one before; 0 where there is none.
     """
 
     stamp_ns: int
@@ -60,6 +60,7 @@ class Scene(NamedTuple):
     free_floor: FreeFloor | None
     surfaces: tuple[KnownSurface, ...] = ()
     newest_view_ns: int = 0
+    previous_view_ns: int = 0
 
 
 def surface_pose(surface: Surface | FormerPlace) -> tuple[Float64, Float64]:

@@ -10,7 +10,7 @@ import shapely
 from shapely import Polygon
 
 from tccm_ros.arrays import Float64
-from tccm_ros.records import Surface
+from tccm_ros.records import Hypothesis, Surface
 from tccm_ros.surfaces.object_tracks import ObjectTrack
 from tccm_ros.tabletop.footprints import convex_hull, rectangle
 from tccm_ros.tabletop.free_places import rectangle_corners, where_fits
@@ -45,6 +45,8 @@ class SceneObject:
         Stamps of the first and the last view that measured it.
     views
         Views that measured it.
+    label
+        Class that detectors gave it, with its mean score; None where none did.
     """
 
     id: int
@@ -56,6 +58,12 @@ class SceneObject:
     first_seen_ns: int = 0
     last_seen_ns: int = 0
     views: int = 1
+    label: Hypothesis | None = None
+
+    @property
+    def class_id(self) -> str:
+        """Class that detectors gave it, empty where none did."""
+        return "" if self.label is None else self.label.class_id
 
     @property
     def footprint(self) -> Polygon:
@@ -97,7 +105,7 @@ def scene_objects(
 def _scene_object(track: ObjectTrack, surface: int) -> SceneObject:
     return SceneObject(
         track.id, surface, track.center, track.size, track.yaw, track.points,
-        track.first_seen_ns, track.last_seen_ns, track.views,
+        track.first_seen_ns, track.last_seen_ns, track.views, track.scores.label(),
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ surfaces, and the map depends neither on the order in which views arrive nor on 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +38,7 @@ from tccm_ros.surfaces.merging import (
     group_patches,
     merge_coplanar,
 )
+from tccm_ros.surfaces.object_labels import SeenDetection
 from tccm_ros.surfaces.object_tracks import with_objects_of
 from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.polygons import polygon_rings
@@ -48,6 +49,7 @@ from tccm_ros.surfaces.views import (
     View,
     empty_view,
     with_cloud,
+    with_detections,
     with_intervals,
     with_numbers_of,
     with_objects,
@@ -149,6 +151,10 @@ class SurfaceMap:
     def add_view(self, view: View) -> None:
         """Add a complete view, of a saved map."""
         self._views[view.key] = view
+
+    def add_detections(self, key: tuple[int, int], seen: Sequence[SeenDetection]) -> None:
+        """Add what detectors recognised to the view of a session and stamp."""
+        self._views[key] = with_detections(self._views[key], seen)
 
     def forget(self, is_stationary: Callable[[int, int], bool]) -> None:
         """Remove views that the next one, from the same pose, makes redundant.

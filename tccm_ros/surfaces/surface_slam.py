@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -32,6 +32,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.rooms.naming import named_rooms, placed_surfaces
 from tccm_ros.rooms.segmentation import find_rooms
+from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.signs.measurement import SignMeasurement
 from tccm_ros.slam.lines import label_by_splitting
@@ -40,13 +41,22 @@ from tccm_ros.slam.occupancy import occupancy_grid
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.tracking import SolvedMap
 from tccm_ros.slam.wall_slam import LivePose, WallSlam
+from tccm_ros.surfaces.object_labels import (
+    MAX_WAIT_NS,
+    NO_VIEW,
+    PlacedDetections,
+    SeenDetection,
+    count_unused,
+    seen_detections,
+    view_of,
+)
 from tccm_ros.surfaces.object_tracks import track_objects
 from tccm_ros.surfaces.registration import Z_ROLL_PITCH, Registration
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView
 from tccm_ros.surfaces.scene_objects import SceneObject, free_places, scene_objects
 from tccm_ros.surfaces.session_alignment import SessionAlignment, align_session
 from tccm_ros.surfaces.surface_map import MappedSurfaces, SurfaceMap, ViewPoses
-from tccm_ros.surfaces.views import View
+from tccm_ros.surfaces.views import View, with_newest
 
 SlamInput = (
     Event
@@ -57,9 +67,6 @@ SlamInput = (
     | SurfaceCloud
     | ViewIntervals
 )
-
-ROLES = {None, *roles_of("slam")}
-"""Roles of the events that are processed: those of its streams, and those for all processors."""
 
 MAX_STATIONARY_MOTION = (0.01, 0.005)
 """Max motion (m, rad) of a base that is stationary; chosen."""
@@ -94,6 +101,10 @@ class SurfaceSolution:
         How this session was aligned with a saved map; None where there was nothing to align.
     stamp_ns
         Stamp of the newest event that it contains; 0 before the first.
+    newest_detections
+        Detections after the newest view: theirs is the next one.
+    unused_detections
+        Detections that gave no label, by reason.
     """
 
     slam: Solution
@@ -109,6 +120,8 @@ class SurfaceSolution:
     place_size: tuple[float, float] = (0.0, 0.0)
     alignment: SessionAlignment | None = None
     stamp_ns: int = 0
+    newest_detections: tuple[SeenDetection, ...] = ()
+    unused_detections: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
@@ -132,8 +145,9 @@ class SurfaceSlam:
     Attributes
     ----------
     counts
-        ``level scans`` matched, ``clouds``, ``views``, ``boxes`` and ``signs`` received, ``views
-        while lost`` (which are not used), ``resets``.
+        ``level scans`` matched, ``clouds``, ``views``, ``boxes``, ``signs`` and ``detections``
+        received, ``views while lost`` and ``detections while lost`` (which are not used),
+        ``resets``.
     odom_frame
         Name of the odometry frame.
     """
@@ -152,7 +166,10 @@ class SurfaceSlam:
             SurfaceCloud: partial(self._take_view, "clouds"),
             ViewIntervals: partial(self._take_view, "views"),
             ObjectBoxes: partial(self._take_view, "boxes"),
+            PosedDetections: self._take_detections,
         }
+        # Of its streams, and of what is for all processors.
+        self._roles = {None, *roles_of("slam", config)}
         self.session = 0
         self.saved_views: tuple[SavedView, ...] = ()
         self._saved_walls: Mapping[str, NDArray[Any]] = {}
@@ -171,6 +188,8 @@ class SurfaceSlam:
             self.map.add_view(saved.view)
         self._tilt_stamps: set[int] = set()
         self._newest_ns = 0
+        self._detections: list[PlacedDetections] = []
+        self._unusable: Counter[str] = Counter()
 
     def _empty_map(self, session: int = 0) -> SurfaceMap:
         """Return a map without views, with the merging that the configuration selects."""
@@ -184,7 +203,7 @@ class SurfaceSlam:
 
     def takes(self, event: SlamInput) -> bool:
         """Return whether an event is for this processor."""
-        return type(event) in self._handlers and getattr(event, "role", None) in ROLES
+        return type(event) in self._handlers and getattr(event, "role", None) in self._roles
 
     def add(self, event: SlamInput) -> list[ScanPose]:
         """Process one event; return the pose of a level scan, and nothing for other events.
@@ -230,6 +249,19 @@ class SurfaceSlam:
             return []
         self.map.add(part)
         self.map.forget(self._is_stationary)
+        return []
+
+    def _take_detections(self, posed: PosedDetections) -> list[ScanPose]:
+        detections = posed.detections
+        self.counts["detections"] += len(detections.hypotheses)
+        self._unusable.update(detections.unusable)
+        if self.walls.is_lost:
+            self.counts["detections while lost"] += len(detections.hypotheses)
+            return []
+        is_in_map = detections.frame_id == self.config.frames.map_name
+        center = detections.center if is_in_map else posed.center_base
+        placed = PlacedDetections(posed.stamp_ns, center, detections.hypotheses, is_in_map)
+        self._detections.append(placed)
         return []
 
     def _take_reset(self, reset: MapReset) -> list[ScanPose]:
@@ -278,8 +310,11 @@ class SurfaceSlam:
         mapped = surface_map.build(view_poses, lines)
         rooms = self._rooms(slam)
         mapped = replace(mapped, surfaces=placed_surfaces(mapped.surfaces, rooms, slam.signs))
-        tracks = track_objects(surface_map.views, view_poses.T_map_view, self.config)
-        objects = scene_objects(mapped.surfaces, tracks)
+        newest = self._place_detections(views, own.T_map_view, slam) if is_found else ()
+        tracked = track_objects(
+            with_newest(surface_map.views, newest), view_poses.T_map_view, self.config
+        )
+        objects = scene_objects(mapped.surfaces, tracked.tracks)
         place_size = self.config.objects.place_size
         stamps, poses = self._trajectory(slam)
         return SurfaceSolution(
@@ -296,6 +331,8 @@ class SurfaceSlam:
             place_size,
             alignment,
             self._newest_ns,
+            newest,
+            count_unused(self._unusable, tracked.unused_detections),
         )
 
     def _rooms(self, slam: Solution) -> tuple[Room, ...]:
@@ -307,6 +344,42 @@ class SurfaceSlam:
             return ()
         outlines = find_rooms([wall.endpoints for wall in slam.walls], grid)
         return named_rooms(outlines, slam.signs)
+
+    def _place_detections(
+        self, views: Sequence[View], T_map_view: Float64, slam: Solution
+    ) -> tuple[SeenDetection, ...]:
+        """Add detections to the view of each (`view_of`); return those whose next may still come.
+
+        Parameters
+        ----------
+        views, T_map_view
+            Of this session, with their poses.
+        slam
+            The optimised graph, in the frame of this session.
+        """
+        stamps = [view.stamp_ns for view in views]
+        still_ns = self._newest_ns - MAX_WAIT_NS
+        T_session_view = slam.T_map_views
+        newest: list[SeenDetection] = []
+        waiting: list[PlacedDetections] = []
+        for placed in self._detections:
+            v = view_of(placed.stamp_ns, stamps)
+            is_open = placed.stamp_ns >= still_ns and (not stamps or placed.stamp_ns > stamps[-1])
+            if is_open:
+                waiting.append(placed)
+            if v is None:
+                self._unusable[NO_VIEW] += 0 if is_open else len(placed.hypotheses)
+                continue
+            T_view = inverse(T_map_view[v])
+            if not placed.is_in_map:
+                T_view = inverse(T_session_view[v]) @ spatial(slam.pose_at(placed.stamp_ns))[0]
+            seen = seen_detections(placed, T_view)
+            if is_open:
+                newest += seen
+            else:
+                self.map.add_detections(views[v].key, seen)
+        self._detections = waiting
+        return tuple(newest)
 
     def _solve_graph(self, views: list[View], every_covariance: bool) -> Solution:
         """Optimise the graph; where views have surfaces in common, again with their factors."""
@@ -378,7 +451,9 @@ class SurfaceSlam:
         if self._is_lost:
             return SavedMap(self._saved_walls, self.saved_views)
         view_poses = solution.view_poses
-        solved = self.map.views[: len(view_poses.keyframes)]
+        solved = with_newest(
+            self.map.views[: len(view_poses.keyframes)], solution.newest_detections
+        )
         poses = {k.id: spatial(k.pose) for k in solution.slam.keyframes}
         state, number = self._saved_state(solution), self.walls.kept_keyframes()
         views = []

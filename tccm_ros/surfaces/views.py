@@ -6,7 +6,7 @@ that the tilt cycle looked through. Nothing is read again from the recording.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.records import ObjectBoxes, SurfaceCloud, ViewIntervals
 from tccm_ros.surfaces.displacement import Footprint, footprint_in_map, is_displaced
+from tccm_ros.surfaces.object_labels import SeenDetection, merge_detections
 from tccm_ros.surfaces.outline import horizontal_outline
 from tccm_ros.surfaces.thinning import thin_cloud
 
@@ -118,6 +119,8 @@ class View:
         What stood on the surfaces.
     forgotten_objects
         Number of objects of older views that this one replaced and that were removed.
+    detections
+        What detectors recognised since the view before, or in views that were removed.
     """
 
     stamp_ns: int
@@ -128,6 +131,7 @@ class View:
     forgotten: int = 0
     objects: tuple[SeenObject, ...] = ()
     forgotten_objects: int = 0
+    detections: tuple[SeenDetection, ...] = ()
 
     @property
     def key(self) -> tuple[int, int]:
@@ -281,3 +285,13 @@ def with_objects(view: View, boxes: ObjectBoxes) -> View:
         )
     )
     return replace(view, objects=seen)
+
+
+def with_detections(view: View, seen: Iterable[SeenDetection]) -> View:
+    """Return a view with further detections."""
+    return replace(view, detections=merge_detections((*view.detections, *seen)))
+
+
+def with_newest(views: list[View], seen: Sequence[SeenDetection]) -> list[View]:
+    """Return views with detections of which no view is newer, in the newest one."""
+    return [*views[:-1], with_detections(views[-1], seen)] if seen and views else views

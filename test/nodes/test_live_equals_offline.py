@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from depth_room import write_recording
+from detections import seen_from_base, write_with_detections
 from live_robot import overrides, slam, tccm
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -157,3 +158,47 @@ def test_a_depth_camera_and_a_lidar_are_mapped_live_as_offline(ros, tmp_path, is
         assert not each.overload
     for name in EQUAL:
         assert (live / name).read_bytes() == (offline / name).read_bytes(), name
+
+
+@pytest.mark.parametrize("is_shared", [False, True])
+def test_recognised_objects_are_labelled_live_as_offline_and_found_by_class(
+    ros, tmp_path, is_shared
+):
+    pytest.importorskip("vision_msgs.msg", reason="vision_msgs is not installed")
+    pytest.importorskip("tccm_interfaces.msg", reason="tccm_interfaces is not installed")
+    from tccm_ros.client import SurfaceMapClient
+
+    bag, live, offline = tmp_path / "bag", tmp_path / "live", tmp_path / "offline"
+    classes = {"box that stays": [("mug", 0.8), ("bowl", 0.1)], "box that comes": [("crate", 0.6)]}
+    write_with_detections(BAGS / "walkthrough", bag, seen_from_base(BAGS / "walkthrough", classes))
+    replay(bag, offline, Config(), pictures=False)
+    common = {"context": ros.context, "save__directory": str(live)}
+    tilt_node = tccm(ros, **common)
+    node = slam(ros, shared=tilt_node.robot if is_shared else None, **common)
+    client = SurfaceMapClient(ros.add(Node("program", context=ros.context)))
+    ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
+    play(ros, bag, tilt_node, node)
+    ask = ros.add(Node("asker", context=ros.context))
+    save(ros, ask, "/tccm/save_map")
+    cycles = tilt_node.processor.counts["cycles"]
+    for topic in ("/tccm/surfaces", "/tccm/view", "/tccm/object_boxes"):
+        ros.spin_until(lambda t=topic: node.inputs.counts()[t] == cycles, what=topic)
+    save(ros, ask, "/surface_slam/save_map")
+    for name in EQUAL:
+        assert (live / name).read_bytes() == (offline / name).read_bytes(), name
+    ros.spin_until(lambda: client.is_ready and client.objects_of_class("crate"), what="the crate")
+    (mug,) = client.objects_of_class("mug")
+    assert mug.confidence == pytest.approx(0.8)
+    assert found_by(ros, client, "MUG table") == [mug.surface_id]
+    assert found_by(ros, client, "bowl") == []
+    before = "unused detection: no object of the map there"
+    assert node.values()[before] > 0, "the crate was not there from the beginning"
+
+
+def found_by(ros, client, text: str) -> list[int]:
+    """Return the ids of the surfaces that a program finds by words."""
+    from tccm_interfaces.msg import SurfaceFilter
+
+    future = client.find_surfaces(SurfaceFilter(text=text))
+    ros.spin_until(future.done, what=f"the answer to {text}")
+    return [surface.id for surface in future.result()]

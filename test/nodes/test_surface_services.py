@@ -46,6 +46,7 @@ def test_questions_are_answered_while_both_nodes_map(ros, tmp_path):
     _check_placements(asker, table.id)
     _check_boxes(asker)
     _check_maps(asker, tmp_path)
+    ros.spin_until(lambda: events)
     assert [(e.kind, e.label) for e in events] == [(1, "table")]
     assert list(events[0].surface_ids_after) == [table.id]
     assert np.isnan(events[0].pose_before.position.x)

@@ -38,6 +38,13 @@ def test_tables_and_collision_objects_are_of_one_solution(ros):
         assert np.ptp(hull[:, 0]) == pytest.approx(1.0, abs=0.06), "x lies along the longer edge"
         assert np.ptp(hull[:, 1]) == pytest.approx(np.ptp(seen[:, 0]), abs=0.02)
         assert np.abs(hull[:, 2]).max() < 1e-9
+    (free,) = maps[-1].free_areas
+    assert free.surface_id == surfaces[0].id
+    assert (free.size_x, free.size_y) == node.config.objects.place_size
+    for ring in free.outlines:
+        corners = points(ring.points)
+        assert np.all(np.abs(corners[:, :2] - [0.8, 0.0]) < [0.45, 0.55]), "on the true table"
+        assert np.allclose(corners[:, 2], 0.70, atol=0.01)
     stamp = objects[-1].header.stamp
     newest = {o.id for o in objects if o.header.stamp == stamp}
     items = {f"tccm_object_{o.id}" for o in maps[-1].objects}

@@ -2,7 +2,7 @@ import json
 
 import numpy as np
 import pytest
-import yaml
+from map_server import as_map_server_reads
 from result_folder import summary
 from shapely import Polygon
 from slam_run import drive, new_slam
@@ -252,20 +252,6 @@ def test_the_occupancy_grid_is_free_up_to_the_wall_and_occupied_there(tmp_path):
     cells, resolution, origin = as_map_server_reads(tmp_path / "map.yaml")
     assert cells.tobytes() == grid.cells.tobytes()
     assert (resolution, origin) == (0.05, pytest.approx([*grid.origin, 0.0]))
-
-
-def as_map_server_reads(path):
-    """Read a map by the rules of nav2_map_server's trinary mode."""
-    about = yaml.safe_load(path.read_text())
-    kind, size, depth, data = (path.parent / about["image"]).read_bytes().split(b"\n", 3)
-    width, height = map(int, size.split())
-    assert (kind, depth, about["mode"]) == (b"P5", b"255", "trinary")
-    shades = np.frombuffer(data, np.uint8).reshape(height, width)[::-1] / 255.0
-    occupied = shades if about["negate"] else 1.0 - shades
-    cells = np.full(shades.shape, -1, np.int8)
-    cells[occupied > about["occupied_thresh"]] = 100
-    cells[occupied < about["free_thresh"]] = 0
-    return cells, about["resolution"], about["origin"]
 
 
 def test_without_a_level_laser_there_is_no_occupancy_grid():

@@ -88,6 +88,12 @@ def test_a_surface_is_gone_once_the_next_view_agrees():
     assert kinds(scene(2, TABLE), scene(3), scene(4, TABLE), scene(5), scene(5, TABLE)) == [1]
 
 
+def test_two_views_in_one_solution_agree():
+    both = scene(4)._replace(previous_view_ns=3)
+    assert kinds(scene(2, TABLE), both) == [1, ChangeKind.GONE]
+    assert kinds(scene(2, TABLE), both._replace(previous_view_ns=2)) == [1]
+
+
 def test_a_surface_that_was_gone_and_is_elsewhere_has_moved():
     stood = FormerPlace(TABLE.boundary, UP, 0.7, 2)
     there = replace(surface(3, 4.0, placed=8), stood=stood)

@@ -111,6 +111,23 @@ def test_two_treads_or_boards_over_each_other_are_no_stairs():
     assert "step" not in only(deep)
 
 
+def test_platforms_that_get_much_shorter_are_no_stairs():
+    """Each meets the next one along less than half of its own length."""
+    sizes = (3.6, 1.6, 0.7)
+    parts = [(box(0.27 * k, 0, 0.27 * k + 0.26, y), 0.4 + 0.17 * k) for k, y in enumerate(sizes)]
+    same = [(box(0.27 * k, 0, 0.27 * k + 0.26, 0.7), 0.4 + 0.17 * k) for k in range(3)]
+    assert only(same) == ["step"] * 3
+    assert "step" not in only(parts)
+
+
+@pytest.mark.parametrize("parts", [case[0] for case in CASES[1:]])
+def test_without_a_floor_heights_count_from_the_map_s_origin(parts):
+    rng = np.random.default_rng(1)
+    surfaces = [noisy_surface(polygon, z, rng) for polygon, z in parts]
+    unknown, known = (label_surfaces(surfaces, z, None, Config()) for z in (None, 0.0))
+    assert unknown == known
+
+
 def test_a_surface_in_the_shape_of_an_l_is_no_bed():
     sofa = shapely.union_all([box(0, 0, 2.4, 0.9), box(1.6, -1.0, 2.4, 0.9)])
     assert only([(sofa, 0.44)]) == ["other"]

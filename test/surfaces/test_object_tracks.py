@@ -40,7 +40,7 @@ def view(stamp_ns, boxes, *, seen_through=(), pose=(0.0, 0.0, 0.0)):
 
 def tracks(*looks, config=CONFIG):
     views, poses = zip(*looks)
-    return track_objects(views, np.stack(poses), config)
+    return track_objects(views, np.stack(poses), config).tracks
 
 
 def test_an_object_keeps_its_id_from_wherever_it_is_seen():

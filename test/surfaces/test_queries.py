@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tccm_ros.records import Surface
+from tccm_ros.records import Hypothesis, Surface
 from tccm_ros.surfaces.queries import SurfaceFilter, SurfaceQueries
 from tccm_ros.surfaces.scene_objects import SceneObject
 from tccm_ros.tabletop.placements import PlacementRequest
@@ -32,7 +32,10 @@ COUNTER = replace(
     surface(2, "counter", -3, 0, (2, 0.6), 1.0), room="205", near=("205 Archive", "206")
 )
 SHELF = surface(3, "shelf", -3, 0, (2, 0.6), 1.3)
-BOX = SceneObject(5, 1, np.array([2.0, 0.0, 0.9]), np.array([0.4, 0.4, 0.2]), 0.0)
+BOX = SceneObject(
+    5, 1, np.array([2.0, 0.0, 0.9]), np.array([0.4, 0.4, 0.2]), 0.0,
+    label=Hypothesis("cereal box", 0.7),
+)  # fmt: skip
 
 
 @pytest.fixture
@@ -65,6 +68,9 @@ def test_without_conditions_all_but_the_floor_are_found(queries):
         (SurfaceFilter(words=("205", "table")), []),
         (SurfaceFilter(near_sign="ARCH"), [2]),
         (SurfaceFilter(near_sign="207"), []),
+        (SurfaceFilter(words=("Cereal",)), [1]),
+        (SurfaceFilter(words=("box", "table")), [1]),
+        (SurfaceFilter(words=("cereal", "shelf")), []),
         (SurfaceFilter(near=(-3.0, 0.0)), [2, 3, 1]),
         (SurfaceFilter(near=(0.5, 0.0)), [1, 2, 3]),
         (SurfaceFilter(near=(0.5, 0.0), max_distance=1.0), [1]),

@@ -134,7 +134,7 @@ class SurfaceQueries:
         return [chosen[k] for k in order]
 
     def _texts_of_surfaces(self) -> list[str]:
-        """Return of each surface label, room, signs near it and the classes of what stands on it."""
+        """Return label, room, signs near and classes of the objects of each surface."""
         classes: dict[int, list[str]] = {}
         for item in self.objects:
             classes.setdefault(item.surface, []).append(item.class_id)

@@ -7,7 +7,7 @@ in each room and comes back. The same seed gives the same flat.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import pi
 
@@ -19,6 +19,7 @@ from tccm_ros.pipeline.sim.flat import chair, shelves, stop_and_scan
 from tccm_ros.pipeline.sim.motion import Waypoint
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.scene import Scene
+from tccm_ros.pipeline.sim.world import Room as TrueRoom
 from tccm_ros.pipeline.sim.world import World
 
 __all__ = ["random_flat"]
@@ -75,7 +76,14 @@ def random_flat(seed: int, options: Options | None = None, *, stops: slice = ALL
     options = options or Options()
     route = _route(rooms, rng)[stops]
     route += route[1:] * (options.laps - 1)
-    return stop_and_scan(f"random flat {seed}", scene, route, options)
+    world = stop_and_scan(f"random flat {seed}", scene, route, options)
+    return replace(world, rooms=tuple(map(_true_room, range(1, len(rooms) + 1), rooms)))
+
+
+def _true_room(number: int, room: Room) -> TrueRoom:
+    """Return a room as the world tells it."""
+    corners = [(x, y) for x in room.x for y in room.y]
+    return TrueRoom(f"room {number}", np.array(corners)[[0, 2, 3, 1]])
 
 
 def _rooms(scene: Scene, rng: Generator) -> list[Room]:

@@ -32,6 +32,7 @@ ROOMS = [
     "mapping",
     "signs",
     "slam",
+    "rooms",
     "surfaces",
     "ros",
     "bags",

@@ -57,8 +57,8 @@ from tccm_ros.records import (
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.robot.base_motion import MotionSource
 from tccm_ros.ros.reading import READERS
-from tccm_ros.sensors.depth_image import camera_info_topic, depth_reader
-from tccm_ros.sensors.registry import default_streams
+from tccm_ros.sensors.depth_image import camera_info_topic
+from tccm_ros.sensors.registry import default_streams, stream_for_topic
 
 NOT_DROPPED = (
     MapReset, ObjectBoxes, Odometry, StreamComplete, SurfaceCloud, TiltAngle, ViewIntervals
@@ -135,8 +135,7 @@ class SensorNode(Node):
         self.robot = shared or SharedRobot(self.config, self.intake, self._is_odometry_published)
         self.robot.check_shared(self.config)
         self.owns_robot = shared is None
-        streams = default_streams(self.config)
-        self._streams = {s.role: s for s in streams if s.processor == processor_name}
+        self._streams = {s.role: s for s in self.wanted_streams(processor_name)}
         self.roles = frozenset(self._streams)
         self.measured_roles = frozenset(r for r, s in self._streams.items() if not s.is_occasional)
         self._drops = DropWatch()
@@ -154,6 +153,10 @@ class SensorNode(Node):
             steady_timer(self, 60.0 * self.config.save.autosave_minutes, self.autosave)
 
     # --- for subclasses ---
+
+    def wanted_streams(self, processor_name: str) -> list[Stream]:
+        """Return the streams that the node subscribes to: those for its processor."""
+        return [s for s in default_streams(self.config) if s.processor == processor_name]
 
     @abstractmethod
     def takes(self, event: Event) -> bool:
@@ -240,7 +243,7 @@ class SensorNode(Node):
         large = sensor(reliability, depth=LARGE_DEPTH)
         reader = stream.reader
         if stream.companion is not None:
-            reader = depth_reader(self.resolve_topic_name(role))
+            reader = stream_for_topic(stream, self.resolve_topic_name(role)).reader
             beside = stream.companion.role
             topic = self._topic_beside(role, beside)
             if not self.inputs.has(topic):  # images of one camera share it
@@ -483,8 +486,10 @@ class SensorNode(Node):
                 "is mixed up; end one (one that was killed is gone in half a minute), or give it "
                 "another namespace (-r __ns:=/robot2)"
             )
-        yield from map(Blocking, self.robot.problems(self.measured_roles))
-        yield from map(str, self.robot.problems(self.roles - self.measured_roles))
+        streams = self._streams
+        needed = frozenset(r for r in self.measured_roles if streams[r].processor != "signs")
+        yield from map(Blocking, self.robot.problems(needed))
+        yield from map(str, self.robot.problems(self.roles - needed))
         if self.robot.robot.motion.source is MotionSource.STILL:
             yield self.problem_without_odometry()
         yield from self.problems()

@@ -6,7 +6,7 @@ import os
 import struct
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -27,6 +27,7 @@ from tccm_ros.nodes.qos import LARGE_DEPTH, SENSOR_DEPTH, latched, sensor, surfa
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
+from tccm_ros.nodes.sign_reader import SignReader
 from tccm_ros.nodes.solver import Solver
 from tccm_ros.nodes.solver_channel import (
     GRID,
@@ -37,12 +38,22 @@ from tccm_ros.nodes.solver_channel import (
     Solved,
 )
 from tccm_ros.nodes.worker import Worker, promise
-from tccm_ros.records import Event, ObjectBoxes, Odometry, PoseGuess, SurfaceCloud, ViewIntervals
-from tccm_ros.robot import MountKind
+from tccm_ros.records import (
+    Event,
+    ObjectBoxes,
+    Odometry,
+    PoseGuess,
+    Scan,
+    SurfaceCloud,
+    ViewIntervals,
+)
+from tccm_ros.robot import MountKind, Stream
 from tccm_ros.ros.topic_messages import SOLUTION_TOPICS, SURFACE_MESSAGE_TOPICS
-from tccm_ros.sensors.depth_image import depth_reader
+from tccm_ros.sensors.camera_image import PosedPicture
 from tccm_ros.sensors.detections import PosedDetections
-from tccm_ros.sensors.registry import default_streams
+from tccm_ros.sensors.registry import default_streams, stream_for_topic
+from tccm_ros.signs.measurement import SignMeasurement
+from tccm_ros.signs.reading import missing_extra
 from tccm_ros.slam.tracking import Tracker
 
 SOLVE_PERIOD_S = 2.0
@@ -85,6 +96,7 @@ class SlamNode(SensorNode):
         """Make the tracker, the process that solves, and all that the node offers."""
         super().configure()
         self.solver = Solver(self.config, self._on_answer)
+        self.signs = SignReader(self.config, self._on_signs)
         self.processor = Tracker(self.config)
         self.saver = Worker("saver", partial(self.refuse, "saving"))
         self._keeper = MapKeeper()
@@ -129,6 +141,7 @@ class SlamNode(SensorNode):
         self.remove_post_set_parameters_callback(self._on_parameters)
         self._programs.close()
         self.saver.close()
+        self.signs.close()
         self.solver.close()
         super().release()
 
@@ -150,9 +163,7 @@ class SlamNode(SensorNode):
         for stream in default_streams(self.config):
             if stream.processor != "tccm":
                 continue
-            reader = stream.reader
-            if stream.companion is not None:
-                reader = depth_reader(self.resolve_topic_name(stream.role))
+            reader = stream_for_topic(stream, self.resolve_topic_name(stream.role)).reader
             depth = SENSOR_DEPTH if stream.mount is MountKind.TILTING else LARGE_DEPTH
             self.inputs.subscribe(
                 reader.message_type,
@@ -167,11 +178,17 @@ class SlamNode(SensorNode):
 
     def takes(self, event: Event | ObjectBoxes | SurfaceCloud | ViewIntervals) -> bool:
         """Return whether an event is for the processor."""
-        return isinstance(event, PosedDetections) or self.processor.takes(event)
+        is_posed = isinstance(event, (PosedDetections, PosedPicture))
+        return is_posed or self.processor.takes(event)
+
+    def wanted_streams(self, processor_name: str) -> list[Stream]:
+        """Return the level laser's stream, and those of pictures where something can read them."""
+        wanted = super().wanted_streams(processor_name)
+        return wanted if missing_extra() else wanted + super().wanted_streams("signs")
 
     def take(self, role: str, record: Any) -> None:
         """Give a record to the robot."""
-        if role in self.measured_roles:
+        if type(record) is Scan:
             self.live.note_scan(record.stamp_ns)
         super().take(role, record)
 
@@ -185,6 +202,9 @@ class SlamNode(SensorNode):
 
     def feed(self, event: Any) -> None:
         """Track the base and publish its pose; have the map solved when that is due."""
+        if type(event) is PosedPicture:
+            self.signs.offer(event)
+            return
         self.newest_ns = max(self.newest_ns, getattr(event, "stamp_ns", 0))
         before = Counter(self.processor.counts)
         self._solve_with(event)
@@ -207,6 +227,11 @@ class SlamNode(SensorNode):
         self._last_s = time.monotonic()
         self._unsolved["records"] += type(event) is not Odometry
         self.solver.feed(event)
+
+    def _on_signs(self, signs: Sequence[SignMeasurement]) -> None:
+        """Give what was read in a picture to the solver: it belongs to the picture's stamp."""
+        for sign in signs:
+            self.worker.post(partial(self._solve_with, sign))
 
     def _note_config(self) -> None:
         self.solver.feed(self.config.model_copy(deep=True))
@@ -321,6 +346,7 @@ class SlamNode(SensorNode):
         self._outputs.forget()
         self._programs.forget(is_map_loaded=not is_localised)
         self._keeper.forget()
+        self.signs.begin()
         self._shown_ns = -1
         self._has_tilt_scan = False
         self.newest_ns = 0
@@ -347,7 +373,8 @@ class SlamNode(SensorNode):
 
         asked: list[int] = []
         saved, run = promise(save, self)
-        self.worker.post(ask)
+        # The pictures that have come are read before.
+        self.worker.post(lambda: self.signs.after(lambda: self.worker.post(ask)))
         return saved
 
     def autosave(self) -> None:
@@ -360,6 +387,8 @@ class SlamNode(SensorNode):
             self.saver.wait(lambda: self.try_to_save(self._save_unasked))
         numbers: list[int] = []
         self.robot.flush()
+        self.worker.wait(lambda: None)
+        self.signs.wait()
         self.worker.wait(lambda: numbers.append(self._ask_solution()))
         while not self.solver.wait(numbers[0], LOOK_AT_END_S):
             if is_pressed() and self.saved_note:
@@ -415,7 +444,13 @@ class SlamNode(SensorNode):
 
     def used(self) -> Mapping[str, int]:
         """Return the level scans that were matched."""
-        return {"scan": self.processor.counts["level scans"]}
+        pictures = dict.fromkeys(self.config.sensors.camera_images, self.signs.counts["pictures"])
+        return {"scan": self.processor.counts["level scans"], **pictures}
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Records that were not used, by reason."""
+        return super().dropped + self.signs.dropped
 
     def problems(self) -> Iterable[str]:
         """Return which inputs the map lacks, and whether the robot knows where it is in it."""
@@ -439,14 +474,25 @@ class SlamNode(SensorNode):
                 )
         if not self.live.is_localised:
             yield "not yet found in the map that was loaded: map -> odom is not published; drive on"
+        yield from self._problems_of_signs()
         yield from self.solver.problems()
         yield from self._programs.problems()
+
+    def _problems_of_signs(self) -> Iterable[str]:
+        """Yield why pictures that are published are not read."""
+        topics = map(self.resolve_topic_name, self.config.sensors.camera_images)
+        missing = missing_extra() if self.config.signs.enabled else ""
+        if missing and any(map(self.inputs.is_published, topics)):
+            yield f"door signs are not read: {missing}; or set signs.enabled to false"
+        elif self.signs.problem:
+            yield f"door signs are not read: {self.signs.problem}"
 
     def values(self) -> Mapping[str, object]:
         """Return what has come of the input."""
         found: dict[str, object] = {
             **self.processor.counts,
             "solver restarts": self.solver.restarts,
+            **self.signs.counts,
         }
         solved = self.solver.newest
         if solved is not None:

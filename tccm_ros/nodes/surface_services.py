@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -232,6 +233,7 @@ class SurfaceServices:
             min_area=wanted.min_area,
             near=near,
             max_distance=wanted.max_distance,
+            near_sign=wanted.near_sign,
             words=tuple(wanted.text.split()),
         )
 
@@ -321,10 +323,7 @@ class SurfaceServices:
 
 
 def _with_heights(wanted: SurfaceFilter, low: float, high: float) -> SurfaceFilter:
-    return SurfaceFilter(
-        wanted.ids, wanted.labels, wanted.min_confidence, low, high, wanted.min_area,
-        wanted.near, wanted.max_distance, wanted.words,
-    )  # fmt: skip
+    return replace(wanted, min_height=low, max_height=high)
 
 
 def _with_count(search: PlacementRequest, count: int) -> PlacementRequest:

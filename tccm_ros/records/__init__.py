@@ -24,6 +24,7 @@ from tccm_ros.records.events import (
     StreamComplete,
     TiltAngle,
 )
+from tccm_ros.records.rooms import Room
 from tccm_ros.records.sensors import (
     CameraImage,
     CameraInfo,
@@ -78,6 +79,7 @@ __all__ = [
     "Posed",
     "PosedScan",
     "RobotDescription",
+    "Room",
     "Scan",
     "ScanPose",
     "SelfShapes",

@@ -291,6 +291,10 @@ class Surface:
     area_seen, boundary_seen
         What the views measured, without a model: m2, and a ring as `boundary`. The holes are those
         of both.
+    room
+        Name of the room that it stands in; empty where that is not known.
+    near
+        Texts of the door signs near it, the nearest first.
     placed_ns
         Stamp of the first view that measured it where it is now.
     stood
@@ -317,5 +321,7 @@ class Surface:
     edges: tuple[SurfaceEdge, ...] = ()
     area_seen: float = 0.0
     boundary_seen: Float64 = field(default_factory=lambda: np.zeros((0, 3)))
+    room: str = ""
+    near: tuple[str, ...] = ()
     placed_ns: int = 0
     stood: FormerPlace | None = None

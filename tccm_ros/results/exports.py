@@ -94,7 +94,9 @@ def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes
     """Return the content of the files of `write_solution` by their names."""
     map_frame, slam = config.frames.map_name, solution.slam
     models = {
-        "surfaces.json": SurfacesFile.of(solution.surfaces, solution.floor_z, map_frame),
+        "surfaces.json": SurfacesFile.of(
+            solution.surfaces, solution.floor_z, map_frame, solution.rooms
+        ),
         "walls.json": WallsFile.of(slam.walls),
         "objects.json": ObjectsFile.of(solution.objects, solution.free_places),
         "signs.json": SignsFile.of(slam.signs),

@@ -26,6 +26,7 @@ from tccm_ros.results.models import (
     ObjectEntry,
     ObjectsFile,
     PlanesFile,
+    RoomEntry,
     SummaryFile,
     SurfaceEntry,
     SurfacesFile,
@@ -57,6 +58,8 @@ class Results:
         Poses of the base in map.
     signs
         Door signs, in map.
+    rooms
+        Rooms between the walls, in map.
     graph
         Keyframes, loop closures and landmarks.
     objects, free
@@ -79,6 +82,7 @@ class Results:
     walls: tuple[WallEntry, ...]
     trajectory: Trajectory
     signs: tuple[SignEntry, ...]
+    rooms: tuple[RoomEntry, ...]
     graph: GraphFile
     objects: tuple[ObjectEntry, ...]
     free: tuple[FreePlacesEntry, ...]
@@ -149,6 +153,7 @@ def load_results(folder: Path | str, truth: Path | str | None = None) -> Results
         walls.walls,
         _trajectory(folder / "trajectory.tum"),
         (_read_optional(folder / "signs.json", SignsFile) or SignsFile()).signs,
+        surfaces.rooms,
         _read_optional(folder / "graph.json", GraphFile) or GraphFile(),
         objects.objects,
         objects.free,

@@ -23,6 +23,7 @@ from tccm_ros.records import (
     Keyframe,
     Landmark,
     Loop,
+    Room,
     Surface,
     SurfaceShape,
     Wall,
@@ -150,6 +151,10 @@ class SurfaceEntry:
         Of the boundary, in its order, one from each corner to the next.
     area_seen, boundary_seen
         What the views measured, without a model: m2, and an open ring, m; with the same holes.
+    room
+        Name of the room that it stands in; empty where that is not known.
+    near
+        Texts of the door signs near it, the nearest first.
     """
 
     id: int
@@ -172,6 +177,8 @@ class SurfaceEntry:
     edges: tuple[EdgeEntry, ...] = ()
     area_seen: float = 0.0
     boundary_seen: Ring = field(default_factory=lambda: np.zeros((0, 3)))
+    room: str = ""
+    near: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, surface: Surface) -> SurfaceEntry:
@@ -192,6 +199,27 @@ class SurfaceEntry:
         return self.label == "floor"
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RoomEntry(Room):
+    """A room, in map, as `records.Room`.
+
+    Attributes
+    ----------
+    id
+        From the largest room to the smallest.
+    name
+        Number on its door sign; empty where none was read.
+    boundary
+        float64 (N, 2), open ring, counter-clockwise, m.
+    area
+        m2.
+    signs
+        Ids of the door signs that name it.
+    """
+
+    boundary: Ring2
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SurfacesFile:
     """surfaces.json: the surface map.
@@ -206,6 +234,8 @@ class SurfacesFile:
         Height of the floor, m; None where it was never seen.
     surfaces
         By id.
+    rooms
+        From the largest to the smallest.
     """
 
     format: Literal["tccm_ros/surfaces"] = "tccm_ros/surfaces"
@@ -213,9 +243,16 @@ class SurfacesFile:
     frame_id: str = "map"
     floor_z: float | None = None
     surfaces: tuple[SurfaceEntry, ...]
+    rooms: tuple[RoomEntry, ...] = ()
 
     @classmethod
-    def of(cls, surfaces: Iterable[Surface], floor_z: float | None, frame_id: str) -> SurfacesFile:
+    def of(
+        cls,
+        surfaces: Iterable[Surface],
+        floor_z: float | None,
+        frame_id: str,
+        rooms: Iterable[Room] = (),
+    ) -> SurfacesFile:
         """Return the model of surfaces.json.
 
         Parameters
@@ -226,9 +263,12 @@ class SurfacesFile:
             Height of the floor, m; None where it was never seen.
         frame_id
             Name of the map frame.
+        rooms
+            Of the map.
         """
         entries = tuple(map(SurfaceEntry.of, surfaces))
-        return cls(frame_id=frame_id, floor_z=floor_z, surfaces=entries)
+        found = tuple(_entry(RoomEntry, room) for room in rooms)
+        return cls(frame_id=frame_id, floor_z=floor_z, surfaces=entries, rooms=found)
 
 
 # --- objects.json --------------------------------------------------------------------------------

@@ -96,6 +96,8 @@ def surface_message(
         view_stamps=types.array("i8", [view.stamp_ns for view in surface.views]),
         view_keyframes=types.array("i4", [view.keyframe for view in surface.views]),
         view_points=types.array("u4", [view.points for view in surface.views]),
+        near_signs=list(surface.near),
+        room=surface.room,
     )
 
 

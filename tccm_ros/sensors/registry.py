@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tccm_ros.config import Config
+from tccm_ros.records import CameraImage, DepthImage
 from tccm_ros.robot import Stream
-from tccm_ros.sensors.camera_image import camera_stream
-from tccm_ros.sensors.depth_image import depth_stream
+from tccm_ros.sensors.camera_image import camera_stream, is_compressed_picture
+from tccm_ros.sensors.depth_image import depth_reader, depth_stream
 from tccm_ros.sensors.detections import detections_stream
 from tccm_ros.sensors.laser_scan import LEVEL_SCAN, TILT_SCAN
 from tccm_ros.sensors.point_cloud import cloud_stream
@@ -25,6 +26,23 @@ def default_streams(config: Config | None = None) -> tuple[Stream, ...]:
         *map(detections_stream, sensors.detections),
         *map(camera_stream, sensors.camera_images if config.signs.enabled else ()),
     )
+
+
+def stream_for_topic(stream: Stream, topic: str) -> Stream:
+    """Return a stream with the reader of the messages that its topic has, going by its name.
+
+    Parameters
+    ----------
+    stream
+        One of `default_streams`.
+    topic
+        Resolved name: of images it tells whether they are compressed.
+    """
+    if stream.record is CameraImage:
+        return camera_stream(stream.role, compressed=is_compressed_picture(topic))
+    if stream.record is DepthImage:
+        return replace(stream, reader=depth_reader(topic))
+    return stream
 
 
 def roles_of(processor: str, config: Config | None = None) -> frozenset[str]:

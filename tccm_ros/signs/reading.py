@@ -190,14 +190,22 @@ def _network_input(picture: Image.Image) -> Float32:
     return np.ascontiguousarray(pixels[None] / 127.5 - 1.0)
 
 
-def _models() -> Path:
-    """Return the folder of the networks."""
+def missing_extra() -> str:
+    """Return what is not installed of what reads text, and what to do; empty where all is there."""
     found = find_spec("rapidocr_onnxruntime")
     if found is None or found.origin is None or find_spec("onnxruntime") is None:
-        raise MissingExtraError(
+        return (
             "reading door signs needs rapidocr-onnxruntime, which is not installed; "
             "pip install 'tccm_ros[signs]', or pip install rapidocr-onnxruntime"
         )
+    return ""
+
+
+def _models() -> Path:
+    """Return the folder of the networks."""
+    missing, found = missing_extra(), find_spec("rapidocr_onnxruntime")
+    if missing or found is None or found.origin is None:
+        raise MissingExtraError(missing)
     return Path(found.origin).parent / "models"
 
 

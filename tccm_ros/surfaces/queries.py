@@ -51,9 +51,11 @@ class SurfaceFilter:
         (x, y) in map, m; answers come in the order of their distance from it. None: by id.
     max_distance
         Largest distance of a surface's outline from `near`, m; 0 for any.
+    near_sign
+        Part of the text of a sign near the surface, upper and lower case alike; empty for any.
     words
-        Words that all stand in the label or in the classes of the objects on it, upper and lower
-        case alike.
+        Words that all stand in the label, the room, the texts of signs near it or the classes of
+        the objects on it, upper and lower case alike.
     """
 
     ids: frozenset[int] = frozenset()
@@ -64,6 +66,7 @@ class SurfaceFilter:
     min_area: float = 0.0
     near: tuple[float, float] | None = None
     max_distance: float = 0.0
+    near_sign: str = ""
     words: tuple[str, ...] = ()
 
 
@@ -131,12 +134,14 @@ class SurfaceQueries:
         return [chosen[k] for k in order]
 
     def _texts_of_surfaces(self) -> list[str]:
-        """Return the label of each surface and the classes of what stands on it."""
+        """Return label, room, signs near and classes of the objects of each surface."""
         classes: dict[int, list[str]] = {}
         for item in self.objects:
             classes.setdefault(item.surface, []).append(item.class_id)
         return [
-            " ".join([surface.label, *classes.get(surface.id, ())]).casefold()
+            " ".join(
+                [surface.label, surface.room, *surface.near, *classes.get(surface.id, ())]
+            ).casefold()
             for surface in self.surfaces
         ]
 
@@ -197,9 +202,11 @@ def _meets(surface: Surface, height: float, text: str, wanted: SurfaceFilter) ->
             return False
     elif surface.label == "floor" and not wanted.ids:
         return False
+    sign = wanted.near_sign.casefold()
     return (
         surface.confidence >= wanted.min_confidence
         and wanted.min_height <= height <= wanted.max_height
         and surface.area >= wanted.min_area
+        and (not sign or any(sign in near.casefold() for near in surface.near))
         and all(word.casefold() in text for word in wanted.words)
     )

@@ -24,16 +24,20 @@ from tccm_ros.records import (
     Odometry,
     PosedScan,
     PoseGuess,
+    Room,
     ScanPose,
     Surface,
     SurfaceCloud,
     ViewIntervals,
 )
+from tccm_ros.rooms.naming import named_rooms, placed_surfaces
+from tccm_ros.rooms.segmentation import find_rooms
 from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.signs.measurement import SignMeasurement
 from tccm_ros.slam.lines import label_by_splitting
 from tccm_ros.slam.live_estimate import MapWalls, SolvedKeyframe
+from tccm_ros.slam.occupancy import occupancy_grid
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.tracking import SolvedMap
 from tccm_ros.slam.wall_slam import LivePose, WallSlam
@@ -87,6 +91,8 @@ class SurfaceSolution:
         tilt scan where there is no level laser.
     objects
         What stands on the surfaces, by surface and id.
+    rooms
+        Rooms between the walls, from the largest to the smallest, named by door signs.
     free_places
         Where there is room on the surfaces, by their ids (`scene_objects.free_places`).
     place_size
@@ -109,6 +115,7 @@ class SurfaceSolution:
     trajectory_ns: Int64
     trajectory: Float64
     objects: tuple[SceneObject, ...] = ()
+    rooms: tuple[Room, ...] = ()
     free_places: Mapping[int, list[Float64]] = field(default_factory=dict)
     place_size: tuple[float, float] = (0.0, 0.0)
     alignment: SessionAlignment | None = None
@@ -301,6 +308,8 @@ class SurfaceSlam:
         view_poses = self._all_poses(slam, own) if is_found else self._saved_poses(slam)
         lines = np.array([wall.endpoints for wall in slam.walls]).reshape(-1, 2, 2)
         mapped = surface_map.build(view_poses, lines)
+        rooms = self._rooms(slam)
+        mapped = replace(mapped, surfaces=placed_surfaces(mapped.surfaces, rooms, slam.signs))
         newest = self._place_detections(views, own.T_map_view, slam) if is_found else ()
         tracked = track_objects(
             with_newest(surface_map.views, newest), view_poses.T_map_view, self.config
@@ -317,6 +326,7 @@ class SurfaceSlam:
             stamps,
             compose2(planar(T_map_session), poses),
             objects,
+            rooms,
             free_places(mapped.surfaces, objects, place_size),
             place_size,
             alignment,
@@ -324,6 +334,16 @@ class SurfaceSlam:
             newest,
             count_unused(self._unusable, tracked.unused_detections),
         )
+
+    def _rooms(self, slam: Solution) -> tuple[Room, ...]:
+        """Return the rooms between the walls; none without a level laser, or where it is lost."""
+        if self._is_lost or not (self.counts["level scans"] or self.saved_keyframes):
+            return ()
+        grid = occupancy_grid(self.walls.saved(slam))
+        if grid is None:
+            return ()
+        outlines = find_rooms([wall.endpoints for wall in slam.walls], grid)
+        return named_rooms(outlines, slam.signs)
 
     def _place_detections(
         self, views: Sequence[View], T_map_view: Float64, slam: Solution

@@ -139,7 +139,8 @@ def test_the_first_question_finds_the_free_tables_of_the_last_day(tmp_path, flat
     assert sorted(found) == [(name, ids[name]) for name in ("in the morning", "today")]
 
 
-def test_the_second_question_finds_the_mug_and_what_was_not_seen_since(tmp_path, flat_copy):
+@pytest.mark.parametrize("labels", [("", ""), ("mug", ""), ("mug", "box"), ("", "box")])
+def test_the_second_question_finds_the_mug_and_what_was_not_seen_since(tmp_path, flat_copy, labels):
     surfaces = json.loads((flat_copy / "surfaces.json").read_text())
     under, *others = (s for s in surfaces["surfaces"] if s["label"] != "floor")
     for k, surface in enumerate(surfaces["surfaces"]):
@@ -149,7 +150,8 @@ def test_the_second_question_finds_the_mug_and_what_was_not_seen_since(tmp_path,
         {"id": 1, "surface": under["id"], "center": [1, 2, 0.8], "size": [0.08, 0.09, 0.1]},
         {"id": 2, "surface": others[0]["id"], "center": [3, 2, 0.8], "size": [0.3, 0.2, 0.1]},
     ]
-    objects = {"objects": [box | {"yaw": 0.0} for box in boxes], "free": []}
+    boxes = [box | {"yaw": 0.0, "label": label} for box, label in zip(boxes, labels)]
+    objects = {"objects": boxes, "free": []}
     (flat_copy / "surfaces.json").write_text(json.dumps(surfaces))
     (flat_copy / "objects.json").write_text(json.dumps(objects))
     made = Catalogue(tmp_path / "catalogue")

@@ -17,8 +17,18 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tccm_ros.nodes.ros_types import RosidlMessages
 from tccm_ros.nodes.slam_node import SlamNode
 from tccm_ros.nodes.tccm_node import TccmNode
-from tccm_ros.records import JointSample, Odometry, RobotDescription, Scan, TransformSample
+from tccm_ros.records import (
+    CameraImage,
+    CameraInfo,
+    JointSample,
+    Odometry,
+    RobotDescription,
+    Scan,
+    TransformSample,
+)
 from tccm_ros.ros.writing import (
+    camera_image_message,
+    camera_info_message,
     joint_sample_message,
     odometry_message,
     robot_description_message,
@@ -141,6 +151,8 @@ class Robot:
             Scan: scan_message,
             Odometry: odometry_message,
             JointSample: joint_sample_message,
+            CameraImage: camera_image_message,
+            CameraInfo: camera_info_message,
             TransformSample: lambda types, sample: transforms_message(types, [sample]),
         }[type(record)]
         return build(self.types, record)

@@ -60,7 +60,7 @@ def test_a_missing_folder_is_an_error(tmp_path):
 
 def test_keys_of_later_versions_are_ignored(flat_copy):
     tree = json.loads((flat_copy / "surfaces.json").read_text())
-    tree["surfaces"][4]["room"] = tree["rooms"] = "kitchen"
+    tree["surfaces"][4]["room"] = tree["lamps"] = "kitchen"
     (flat_copy / "surfaces.json").write_text(json.dumps(tree))
     assert len(load_results(flat_copy).surfaces) == 11
 

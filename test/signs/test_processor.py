@@ -2,49 +2,24 @@
 
 import io
 import sys
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
 from PIL import Image
+from posed_pictures import START, needs_reader, posed, wall_with
 
 from tccm_ros.config import Config
 from tccm_ros.config.reader import read_config
 from tccm_ros.errors import MissingExtraError
 from tccm_ros.pipeline.sim.door_plates import STYLES, door_plate
-from tccm_ros.records import CameraImage, CameraInfo, MapReset, Odometry
+from tccm_ros.records import CameraImage, MapReset, Odometry
 from tccm_ros.sensors.camera_image import PosedPicture
 from tccm_ros.signs import processor
 from tccm_ros.signs.processor import BEYOND_RATE, NO_EXTRA, PictureSelector, SignProcessor
 
-START = 1_600_000_000_000_000_000
-needs_reader = pytest.mark.skipif(
-    find_spec("rapidocr_onnxruntime") is None, reason="the extra signs is not installed"
-)
-
-
-def posed(pixels, stamp_ns=START, role="camera/image_raw"):
-    height, width = pixels.shape[:2]
-    K = np.array([[500.0, 0.0, width / 2], [0.0, 500.0, height / 2], [0.0, 0.0, 1.0]])
-    P = np.hstack([K, np.zeros((3, 1))])
-    camera = CameraInfo(stamp_ns, "optical", width, height, "plumb_bob", np.zeros(5), K, P)
-    image = CameraImage(stamp_ns, "optical", "rgb8", (width, height), pixels.ravel(), camera)
-    T = np.eye(4)
-    T[:3, 3] = 0.1, 0.2, 1.4
-    return PosedPicture(image, np.array([stamp_ns]), np.eye(4)[None], T[None], role)
-
 
 def empty(stamp_ns=START):
     return posed(np.full((120, 160, 3), 120, np.uint8), stamp_ns)
-
-
-def wall_with(number, at=(200, 150), width=120):
-    rng = np.random.default_rng(2)
-    picture = Image.fromarray((170 + rng.normal(0, 3, (384, 512, 3))).astype(np.uint8))
-    plate = Image.fromarray(door_plate(number, "Archive", STYLES[0]).pixels)
-    plate = plate.resize((width, round(width * plate.height / plate.width)), Image.Resampling.BOX)
-    picture.paste(plate, at)
-    return np.asarray(picture)
 
 
 class Nothing:

@@ -28,7 +28,9 @@ def surface(identity, label, x, y, size, z, merged_ids=()) -> Surface:
 
 FLOOR = surface(0, "floor", 0, 0, (10, 10), 0.1)
 TABLE = surface(1, "table", 2, 0, (1.2, 0.8), 0.8, merged_ids=(7,))
-COUNTER = surface(2, "counter", -3, 0, (2, 0.6), 1.0)
+COUNTER = replace(
+    surface(2, "counter", -3, 0, (2, 0.6), 1.0), room="205", near=("205 Archive", "206")
+)
 SHELF = surface(3, "shelf", -3, 0, (2, 0.6), 1.3)
 BOX = SceneObject(
     5, 1, np.array([2.0, 0.0, 0.9]), np.array([0.4, 0.4, 0.2]), 0.0,
@@ -61,6 +63,11 @@ def test_without_conditions_all_but_the_floor_are_found(queries):
         (SurfaceFilter(min_height=0.85, max_height=1.0), [2]),
         (SurfaceFilter(min_area=1.0), [2, 3]),
         (SurfaceFilter(words=("TAB",)), [1]),
+        (SurfaceFilter(words=("205", "counter")), [2]),
+        (SurfaceFilter(words=("archive",)), [2]),
+        (SurfaceFilter(words=("205", "table")), []),
+        (SurfaceFilter(near_sign="ARCH"), [2]),
+        (SurfaceFilter(near_sign="207"), []),
         (SurfaceFilter(words=("Cereal",)), [1]),
         (SurfaceFilter(words=("box", "table")), [1]),
         (SurfaceFilter(words=("cereal", "shelf")), []),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
@@ -23,7 +24,7 @@ from tccm_ros.pipeline.report.drawing import (
 from tccm_ros.pipeline.report.label_layout import label_point
 from tccm_ros.records import SIGN
 from tccm_ros.results.folder_reader import Results
-from tccm_ros.results.models import ObjectEntry, SurfaceEntry
+from tccm_ros.results.models import ObjectEntry, RoomEntry, SurfaceEntry
 
 WIDTH_IN = 9.0
 """Width of the picture, inches; the height follows the map."""
@@ -92,6 +93,9 @@ def draw_map(axes: Axes, results: Results, low: Float64, high: Float64) -> None:
     """
     show_extent(axes, low, high)
     colors = palette.surface_colors(results.surfaces)
+    for room in results.rooms:
+        if room.name:
+            _draw_room(axes, room)
     for surface in sorted(results.surfaces, key=lambda s: (s.height, s.id)):
         _draw_surface(axes, surface, colors[surface.id])
     for true in results.truth:
@@ -124,6 +128,14 @@ def box_corners(box: ObjectEntry) -> Float64:
     c, s = np.cos(box.yaw), np.sin(box.yaw)
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
     return corners @ np.array([[c, s], [-s, c]]) + box.center[:2]
+
+
+def _draw_room(axes: Axes, room: RoomEntry) -> None:
+    """Draw a room that has a name: a faint outline, and the name large and pale in its middle."""
+    axes.add_patch(polygon([room.boundary], fill=False, ec=palette.ROOM, lw=1.0, zorder=2))
+    middle = shapely.maximum_inscribed_circle(shapely.Polygon(room.boundary), tolerance=0.05)
+    x, y = middle.coords[0]
+    axes.text(x, y, room.name, ha="center", va="center", size=20, color=palette.ROOM, zorder=2)
 
 
 def _draw_surface(axes: Axes, surface: SurfaceEntry, color: str) -> None:
@@ -213,6 +225,8 @@ def _legend(results: Results) -> Sequence[Line2D | Patch]:
         handles.append(Line2D([], [], color=palette.LANDMARK, marker="D", lw=0, label="door sign"))
     elif results.graph.landmarks:
         handles.append(Line2D([], [], color=palette.LANDMARK, marker="D", lw=0, label="landmark"))
+    if any(room.name for room in results.rooms):
+        handles.append(Patch(fc="none", ec=palette.ROOM, label="room"))
     if results.truth:
         handles.append(Line2D([], [], color=palette.TRUTH, lw=0.9, ls=(0, (4, 3)), label="truth"))
     return handles

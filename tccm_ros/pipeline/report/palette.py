@@ -32,6 +32,7 @@ VIEW = "#1f2328"
 OBJECT = "#5b4636"
 TRUTH = "#111111"
 LANDMARK = "#a0257a"
+ROOM = "#c79ab8"
 
 
 def surface_colors(surfaces: Sequence[SurfaceEntry]) -> dict[int, str]:

@@ -1,0 +1,50 @@
+"""The process that reads door signs: `python -m tccm_ros.nodes.sign_process DESCRIPTOR`.
+
+It takes posed pictures one after the other and answers each with the signs in it. It ignores the
+signals that are for the node and ends with it.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from multiprocessing.connection import Connection
+
+from tccm_ros.config import Config
+from tccm_ros.errors import one_line
+from tccm_ros.signs.processor import SignProcessor
+
+NICENESS = 5
+"""Tracking comes first where there are fewer cores than processes (chosen)."""
+
+
+def answer_pictures(connection: Connection) -> None:
+    """Answer each picture that comes, until the other end is closed.
+
+    An answer is a pair: the measurements of the picture, and why nothing can be read, a sentence
+    that is empty where all is well.
+    """
+    processor = SignProcessor(Config())
+    while True:
+        try:
+            posed = connection.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            answer = tuple(processor.read(posed)), processor.problem
+        except Exception as error:
+            answer = (), f"{type(error).__name__}: {one_line(error)}"
+        connection.send(answer)
+
+
+def main() -> None:
+    """Read for the node at the other end of the pipe whose descriptor is the first argument."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    os.nice(NICENESS)
+    answer_pictures(Connection(int(sys.argv[1])))
+
+
+if __name__ == "__main__":
+    main()

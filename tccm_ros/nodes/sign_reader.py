@@ -1,0 +1,141 @@
+"""The process that reads door signs, as the node sees it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+
+from tccm_ros.config import Config
+from tccm_ros.nodes.worker import Worker
+from tccm_ros.sensors.camera_image import PosedPicture
+from tccm_ros.signs.measurement import SignMeasurement
+from tccm_ros.signs.processor import SignProcessor
+
+MAX_WAITING = 10
+"""Pictures that wait to be read; when there are more, new ones are dropped. Chosen: 5 s of them."""
+
+MAX_DEATHS = 3
+"""A process that dies so often without an answer is not started again."""
+
+END_S = 2.0
+"""Time for the process to end by itself, s."""
+
+
+class SignReader:
+    """Gives selected pictures to the process that reads them, and its measurements to the node.
+
+    `offer`, `begin` and `after` are for one thread, the worker of the node. The process is started
+    with the first picture.
+
+    Parameters
+    ----------
+    config
+        Group `signs` is used.
+    on_signs
+        Called with the measurements of each picture, in a thread of its own.
+
+    Attributes
+    ----------
+    counts
+        ``pictures`` that were read, ``signs`` in them.
+    dropped
+        Pictures that were not read, by reason.
+    problem
+        Why nothing can be read; empty where all is well.
+    """
+
+    def __init__(self, config: Config, on_signs: Callable[[tuple[SignMeasurement, ...]], None]):
+        self._config, self._on_signs = config, on_signs
+        self._selector = SignProcessor(config)
+        self._worker = Worker("signs", self._note_error)
+        self._connection: Connection | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._session = 0
+        self._deaths = 0
+        self.counts: Counter[str] = Counter()
+        self.dropped: Counter[str] = Counter()
+        self.problem = ""
+
+    def offer(self, posed: PosedPicture) -> None:
+        """Have a picture read, if `signs.rate` allows for it."""
+        if not self._selector.selects(posed):
+            self.dropped += self._selector.dropped
+            self._selector.dropped.clear()
+            return
+        if self._worker.backlog >= MAX_WAITING:
+            self.dropped["overload: pictures"] += 1
+            return
+        session = self._session
+        self._worker.post(lambda: self._read(posed, session))
+
+    def begin(self) -> None:
+        """Forget what waits: the map begins anew."""
+        self._session += 1
+        self._selector = SignProcessor(self._config)
+
+    def after(self, job: Callable[[], None]) -> None:
+        """Have a job done when all pictures so far are read."""
+        self._worker.post(job)
+
+    def wait(self) -> None:
+        """Return when all pictures so far are read."""
+        self._worker.wait(lambda: None)
+
+    def close(self) -> None:
+        """End the process."""
+        self._deaths = MAX_DEATHS
+        if self._connection is not None:
+            self._connection.close()
+        if self._process is not None:
+            try:
+                self._process.wait(END_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        self._worker.close()
+
+    def _read(self, posed: PosedPicture, session: int) -> None:
+        if session != self._session or self._deaths >= MAX_DEATHS:
+            return
+        try:
+            signs, problem = self._answer(posed)
+        except (EOFError, OSError):
+            self._deaths += 1
+            self._connection = None
+            self.dropped["pictures at whose reading the process ended"] += 1
+            if self._deaths == MAX_DEATHS:
+                self.problem = "the process that reads door signs ended three times"
+            return
+        self._deaths, self.problem = 0, problem
+        self.counts["pictures"] += 1
+        self.counts["signs"] += len(signs)
+        if session == self._session:
+            self._on_signs(signs)
+
+    def _answer(self, posed: PosedPicture) -> tuple[tuple[SignMeasurement, ...], str]:
+        """Return what the process answers (`sign_process.answer_pictures`)."""
+        if self._connection is None:
+            self._connection = self._start()
+        self._connection.send(posed)
+        signs, problem = self._connection.recv()
+        return signs, problem
+
+    def _start(self) -> Connection:
+        ours, theirs = Pipe()
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "tccm_ros.nodes.sign_process", str(theirs.fileno())],
+            pass_fds=[theirs.fileno()],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            stdin=subprocess.DEVNULL,
+            process_group=0,
+        )
+        theirs.close()
+        return ours
+
+    def _note_error(self, error: Exception) -> None:
+        self.problem = str(error)

@@ -1,0 +1,1 @@
+"""Rooms of a map: what walls enclose, named by door signs."""

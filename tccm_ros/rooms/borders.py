@@ -1,0 +1,120 @@
+"""Borders between cells: how much of each is wall, and which cells too little of it separates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import LineString, Polygon
+
+from tccm_ros.arrays import Bool, Float64, Int64
+from tccm_ros.rooms.cells import SNAP, extended
+
+MIN_WALL_FRACTION = 0.42
+"""Cells between which less of the border is wall are one room. Chosen: a door of 0.8 m in a wall of
+1.5 m leaves 0.47."""
+
+ON_WALL = 0.10
+"""A border that is this near to a wall is wall, m. Chosen: the noise of walls."""
+
+MAX_THICKNESS = 0.3
+"""Thickest wall, m: cells on both sides of it have a border. Chosen."""
+
+Pair = tuple[int, int]
+
+
+@dataclass
+class Border:
+    """The border between two cells or groups of them.
+
+    Attributes
+    ----------
+    length
+        m.
+    wall
+        How much of it is wall, m.
+    support
+        Length of the walls whose lines it lies on, m.
+    """
+
+    length: float
+    wall: float
+    support: float
+
+    def added(self, other: Border | None) -> Border:
+        """Return this border and another one of the same two groups as one."""
+        if other is None:
+            return self
+        support = max(self.support, other.support)
+        return Border(self.length + other.length, self.wall + other.wall, support)
+
+
+def cell_borders(
+    cells: Sequence[Polygon], lines: Sequence[Float64], walls: Sequence[Float64]
+) -> dict[Pair, Border]:
+    """Return the borders between cells that touch or have only a wall between them.
+
+    Parameters
+    ----------
+    cells
+        Of the plane.
+    lines
+        float64 (2, 2) each, walls that made the cells, m.
+    walls
+        float64 (2, 2) each, all walls, as they were seen, m.
+    """
+    near, behind = (
+        shapely.union_all([LineString(w).buffer(far, cap_style="flat") for w in (*lines, *walls)])
+        for far in (ON_WALL, MAX_THICKNESS)
+    )
+    lengths = np.array([LineString(line).length for line in lines])
+    long_lines = np.array([extended(line) for line in lines], dtype=object)
+    line_tree = shapely.STRtree(long_lines)
+    found = {}
+    for a, b in shapely.STRtree(cells).query(cells, "dwithin", MAX_THICKNESS).T.tolist():
+        if a >= b:
+            continue
+        common, of_wall = shapely.intersection(cells[a].exterior, cells[b].exterior), near
+        if common.length <= MAX_THICKNESS:  # a wall is between them
+            beside = cells[b].buffer(MAX_THICKNESS, join_style="mitre")
+            common, of_wall = shapely.intersection(cells[a].exterior, beside), behind
+        if common.length > SNAP:
+            on = line_tree.query(common, "dwithin", SNAP)
+            shared = shapely.intersection(shapely.buffer(long_lines[on], 0.01), common)
+            is_along = shapely.length(shared) > 0.5 * min(common.length, 1.0)
+            wall = shapely.intersection(common, of_wall).length
+            found[a, b] = Border(common.length, wall, float(lengths[on][is_along].sum()))
+    return found
+
+
+def merged_cells(borders: dict[Pair, Border], is_used: Bool) -> Int64:
+    """Return the number of the group of each cell, -1 for cells that are not used.
+
+    Groups whose border is wall for less than `MIN_WALL_FRACTION` are merged, first across what
+    short walls extend to: sides of furniture are shorter than walls.
+
+    Parameters
+    ----------
+    borders
+        Between cells.
+    is_used
+        bool (N,), which cells are merged.
+    """
+    group = np.where(is_used, np.arange(len(is_used)), -1)
+    left = {pair: b for pair, b in borders.items() if is_used[pair[0]] and is_used[pair[1]]}
+    while True:
+        crossed = [p for p, b in left.items() if b.wall < MIN_WALL_FRACTION * b.length]
+        if not crossed:
+            return group
+        first, second = min(
+            crossed, key=lambda p: (left[p].support, left[p].wall / left[p].length, p)
+        )
+        group[group == second] = first
+        for pair in [pair for pair in left if second in pair]:
+            border = left.pop(pair)
+            other = pair[0] if pair[1] == second else pair[1]
+            if other != first:
+                joined = min(first, other), max(first, other)
+                left[joined] = border.added(left.get(joined))

@@ -1,0 +1,72 @@
+"""The SLAM node and pictures: subscribed to, posed, read in a process of their own, fed to SLAM."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_robot import START_NS, STEP_NS, recording, slam, wait_until_done
+from posed_pictures import needs_reader, picture_of, wall_with
+
+from tccm_ros.nodes import slam_node
+from tccm_ros.signs.measurement import SignMeasurement
+
+
+def with_pictures(records, pixels, every=10):
+    """Yield a recording with pictures of a camera at the level laser, two a second."""
+    for topic, record in records:
+        yield topic, record
+        if topic == "scan" and (record.stamp_ns - START_NS) // STEP_NS % every == 1:
+            image = picture_of(pixels, record.stamp_ns, frame="low")
+            yield "camera/camera_info", image.camera
+            yield "camera/image_raw", image
+
+
+@needs_reader
+def test_signs_of_pictures_are_fed_to_the_solver(ros, monkeypatch):
+    node, robot = slam(ros), ros.robot()
+    fed = []
+    monkeypatch.setattr(node.solver, "feed", fed.append)
+    robot.play(with_pictures(recording(2), wall_with("317")), node)
+    node.robot.flush()
+    wait_until_done(ros, node)
+    node.signs.wait()
+    wait_until_done(ros, node)
+    signs = [event for event in fed if type(event) is SignMeasurement]
+    assert {sign.number for sign in signs} == {"317"}
+    assert len(signs) == node.signs.counts["pictures"] >= 3
+    # The camera is 0.3 m over the base.
+    assert signs[0].T_base_camera[:3, 3] == pytest.approx([0.0, 0.0, 0.3])
+    assert node.used()["camera/image_raw"] == len(signs)
+    assert node.processor.counts["level scans"] > 10
+
+
+def test_without_the_extra_pictures_are_not_asked_for_and_it_says_so(ros, monkeypatch):
+    monkeypatch.setattr(slam_node, "missing_extra", lambda: "rapidocr-onnxruntime is missing")
+    node, robot = slam(ros), ros.robot()
+    assert not node.inputs.has("/camera/image_raw")
+    assert not [text for text in node.all_problems() if "door signs" in text]
+    robot.publish("camera/image_raw", robot.message(picture_of(np.zeros((4, 4, 3), np.uint8))))
+    ros.spin_until(lambda: node.inputs.is_published("/camera/image_raw"))
+    (text,) = [text for text in node.all_problems() if "door signs" in text]
+    assert "rapidocr-onnxruntime is missing" in text
+    robot.play(recording(1), node)
+    assert node.processor.counts["level scans"] > 5
+
+
+def test_signs_can_be_turned_off(ros):
+    node = slam(ros, signs__enabled=False)
+    assert not node.inputs.has("/camera/image_raw")
+    assert "camera/image_raw" not in node.roles
+
+
+def test_the_process_that_reads_knows_no_ros():
+    import ast
+
+    path = Path(slam_node.__file__).with_name("sign_process.py")
+    names = {
+        name
+        for line in ast.walk(ast.parse(path.read_text()))
+        if isinstance(line, (ast.Import, ast.ImportFrom))
+        for name in [getattr(line, "module", None) or line.names[0].name]
+    }
+    assert not [name for name in names if name.startswith("rclpy")]

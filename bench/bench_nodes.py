@@ -54,7 +54,7 @@ from tccm_ros.ros.writing import (
 )
 
 NODES = ("tccm_node", "slam_node")
-WAIT_S = 120.0
+WAIT_S = 300.0
 BUILDERS = {
     Scan: scan_message,
     JointSample: joint_sample_message,

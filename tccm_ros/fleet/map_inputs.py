@@ -62,18 +62,18 @@ class Footprint:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SignPlace:
+class NumberedSign:
     """A door sign in its map.
 
     Attributes
     ----------
-    text
-        That it was read as.
+    number
+        Of the room, as it was read.
     position
         float64 (3,), m.
     """
 
-    text: str
+    number: str
     position: Float64
 
 
@@ -96,7 +96,7 @@ class MapInput:
     surfaces
         By id.
     signs
-        Door signs with a text.
+        Door signs with a number.
     """
 
     name: str
@@ -105,7 +105,7 @@ class MapInput:
     saved: SavedMap
     walls: SavedWalls
     surfaces: tuple[Footprint, ...]
-    signs: tuple[SignPlace, ...] = ()
+    signs: tuple[NumberedSign, ...] = ()
 
 
 def find_maps(sources: Iterable[Path]) -> list[Path]:
@@ -171,10 +171,14 @@ def read_map(path: Path, config: Config) -> MapInput:
     if not len(saved.walls.get("keyframe_stamp_ns", ())):
         raise MapError(f"{path}: made without a level laser: it has no keyframes to merge it by")
     beside = path.parent / "surfaces.json"
-    signs: tuple[SignPlace, ...] = ()
+    signs: tuple[NumberedSign, ...] = ()
     if path.name == MAP and beside.exists():
         surfaces = footprints_of(read_json(beside, SurfacesFile))
-        signs = tuple(SignPlace(s.text, s.position) for s in read_signs(path.parent) if s.text)
+        signs = tuple(
+            NumberedSign(sign.number, sign.position)
+            for sign in read_signs(path.parent)
+            if sign.number
+        )
     else:
         mapped = SurfaceSlam.from_saved(config, saved).solve().mapped
         surfaces = footprints_of(SurfacesFile.of(mapped.surfaces, mapped.floor_z, "map"))

@@ -19,7 +19,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.atomic import output_file
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
-from tccm_ros.fleet.map_inputs import Footprint, MapInput, SignPlace, read_map
+from tccm_ros.fleet.map_inputs import Footprint, MapInput, NumberedSign, read_map
 from tccm_ros.fleet.record import settings_checksum, software_checksum
 from tccm_ros.geometry import between2, compose2, inverse2, transform2
 from tccm_ros.results.folder_reader import read_json
@@ -29,6 +29,7 @@ from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.loop_matching import Proposal
 from tccm_ros.slam.loops import LoopCloser
 from tccm_ros.slam.saved_walls import SavedWalls
+from tccm_ros.slam.sign_views import SignView
 
 MIN_OVERLAP = 0.5
 """Min fraction of a surface that the other map has seen, for it to count, and that one of the other
@@ -148,15 +149,22 @@ def match_walls(one: SavedWalls, other: SavedWalls, config: Config) -> list[Prop
     closer = LoopCloser(config, chain)
     for keyframe, lines in zip(one.keyframes, one.lines):
         chain.add(keyframe, lines.phi)
-    closer.load(one.poses, one.loops, ())
+    closer.load(one.poses, one.loops, (), one.sign_views)
     count = len(one.keyframes)
     first_session = 1 + max(keyframe.session for keyframe in one.keyframes)
     for k, (keyframe, lines) in enumerate(zip(other.keyframes, other.lines)):
         session = first_session + keyframe.session
         chain.add(replace(keyframe, id=count + k, session=session), lines.phi)
-        closer.add(count + k)
+        closer.add(count + k, (), _sign_views_on(k, other, count))
     found = [p for p in closer.accepted[len(one.loops) :] if p.a < count <= p.b]
     return [replace(p, b=p.b - count) for p in found]
+
+
+def _sign_views_on(k: int, walls: SavedWalls, count: int) -> list[SignView]:
+    """Return the views of signs from a keyframe, with ids `count` higher and no known sign."""
+    views = [view for view in walls.sign_views if view.anchored.keyframe == k]
+    views.sort(key=lambda view: view.measurement.stamp_ns)
+    return [replace(v, anchored=replace(v.anchored, keyframe=count + k), sign=-1) for v in views]
 
 
 def _median_pose(loops: Sequence[Proposal], one: Float64, other: Float64) -> Float64:
@@ -207,7 +215,7 @@ def _agreeing(ones: Sequence[Footprint], others: Sequence[Footprint]) -> tuple[f
 
 
 def compare_signs(
-    one: Sequence[SignPlace], other: Sequence[SignPlace], T_one_other: Float64
+    one: Sequence[NumberedSign], other: Sequence[NumberedSign], T_one_other: Float64
 ) -> tuple[int, int]:
     """Return how many door signs read the same in both maps, and how many read otherwise.
 
@@ -227,7 +235,7 @@ def compare_signs(
         distances = np.linalg.norm(positions - [*xy, sign.position[2]], axis=1)
         nearest = int(np.argmin(distances))
         if distances[nearest] <= MAX_SIGN_DISTANCE:
-            is_same = one[nearest].text == sign.text
+            is_same = one[nearest].number == sign.number
             same, others = same + is_same, others + (not is_same)
     return same, others
 

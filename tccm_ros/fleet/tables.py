@@ -33,6 +33,7 @@ from tccm_ros.results.models import (
     WallEntry,
     WallsFile,
 )
+from tccm_ros.results.signs_file import SignEntry, SignsFile
 
 STAMPS = ("stamp", "first_seen", "last_seen")
 """Fields in seconds that become times."""
@@ -65,43 +66,7 @@ class MapSource:
     surfaces: SurfacesFile
     objects: ObjectsFile
     walls: WallsFile
-    signs: tuple[SignRow, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SignRow:
-    """A door sign of signs.json.
-
-    Attributes
-    ----------
-    id, text, confidence
-        As in the file.
-    position
-        float64 (3,), in map, m.
-    wall
-        Id of its wall; None: none.
-    views
-        Views that it was seen in.
-    """
-
-    id: int
-    text: str
-    confidence: float
-    position: Vector
-    wall: int | None = None
-    views: tuple[SignView, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SignView:
-    """A view of a sign: its stamp, s."""
-
-    stamp: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _SignsFile:
-    signs: tuple[SignRow, ...] = ()
+    signs: tuple[SignEntry, ...]
 
 
 def read_source(name: str, folder: Path) -> MapSource:
@@ -130,7 +95,7 @@ def read_source(name: str, folder: Path) -> MapSource:
     )
 
 
-def read_signs(folder: Path) -> tuple[SignRow, ...]:
+def read_signs(folder: Path) -> tuple[SignEntry, ...]:
     """Return the door signs of a result folder; none without signs.json.
 
     Raises
@@ -139,7 +104,7 @@ def read_signs(folder: Path) -> tuple[SignRow, ...]:
         If the file is damaged.
     """
     path = folder / "signs.json"
-    return read_json(path, _SignsFile).signs if path.exists() else ()
+    return read_json(path, SignsFile).signs if path.exists() else ()
 
 
 class Column(NamedTuple):
@@ -284,6 +249,6 @@ TABLES = (
     ),
     Table("objects", ObjectEntry, _object_rows, (("last_seen", TIME),)),
     Table("walls", WallEntry, _wall_rows, (("length", pa.float64()),)),
-    Table("signs", SignRow, _sign_rows, (("first_seen", TIME), ("last_seen", TIME))),
+    Table("signs", SignEntry, _sign_rows, (("first_seen", TIME), ("last_seen", TIME))),
 )
 """The tables of the catalogue."""

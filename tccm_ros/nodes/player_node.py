@@ -93,6 +93,8 @@ class PlayerNode(Node):
         self._messages = self._open()
         self._next = next(self._messages, None)
         self.create_service(SetBool, "~/pause", self._on_pause)
+        if self._timeline.is_paused:
+            self.get_logger().info("ready; paused, waits for ~/pause")
         # A wall-clock timer: the node clock may be the one that this node publishes.
         self._timer = self.create_timer(
             TICK_S, self._tick, clock=RclClock(clock_type=ClockType.STEADY_TIME)
@@ -200,6 +202,7 @@ class PlayerNode(Node):
         """Return whether playing has begun; begin when every subscriber of a topic is matched."""
         if self._timeline.is_running or self._timeline.is_paused:
             return not self._timeline.is_paused
+        is_first_look = self._waiting_since_ns is None
         self._waiting_since_ns = self._waiting_since_ns or now
         waited = (now - self._waiting_since_ns) * 1e-9
         lonely = [
@@ -208,7 +211,10 @@ class PlayerNode(Node):
             if publisher.get_subscription_count() < max(1, self.count_subscribers(topic))
         ]
         if lonely and waited < self._value("wait_for_subscribers"):
+            if is_first_look:
+                self.get_logger().info(f"ready; waits for subscribers of {', '.join(lonely)}")
             return False
+        self.get_logger().info(f"plays {self._value('bag')}")
         self._timeline.run(now)
         return True
 

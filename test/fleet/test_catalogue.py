@@ -32,7 +32,8 @@ def maps(catalogue, table="surfaces"):
 def test_the_maps_are_found(catalogue, flat):
     count = len(json.loads((flat / "surfaces.json").read_text())["surfaces"])
     assert maps(catalogue) == {f"run-{k}": count for k in range(3)}
-    assert maps(catalogue, "signs") == {}
+    signs = len(json.loads((flat / "signs.json").read_text())["signs"])
+    assert maps(catalogue, "signs") == {f"run-{k}": signs for k in range(3)}
 
 
 def test_gathering_changes_no_answer(catalogue, flat):

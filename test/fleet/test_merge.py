@@ -92,7 +92,8 @@ def with_signs(folder, map_folder, T_first_map, texts):
     """Copy a map, with door signs at the same places of the first map's frame."""
     copy = shutil.copytree(map_folder, folder / map_folder.name)
     signs = [
-        {"id": k, "text": text, "confidence": 0.9, "normal": [1, 0, 0], "views": [],
+        {"id": k, "text": text, "number": text, "confidence": 0.9, "normal": [1, 0, 0],
+         "covariance": np.eye(3).tolist(), "wall": None, "views": [],
          "position": [*transform2(inverse2(T_first_map), np.array([[2.0 * k, 1.0]]))[0], 1.5]}
         for k, text in enumerate(texts)
     ]  # fmt: skip

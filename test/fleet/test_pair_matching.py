@@ -1,11 +1,15 @@
 """Furniture tells two floors with the same walls from each other; a match is remembered."""
 
+from dataclasses import dataclass
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import shapely
 
 from tccm_ros.config import Config
-from tccm_ros.fleet.map_inputs import Footprint, SignPlace
+from tccm_ros.fleet import pair_matching
+from tccm_ros.fleet.map_inputs import Footprint, NumberedSign
 from tccm_ros.fleet.pair_matching import (
     PairLoop,
     PairMatch,
@@ -63,12 +67,14 @@ def test_what_the_other_map_has_not_seen_is_not_compared():
 def moved_signs(T, signs):
     inverse = inverse2(np.array(T, float))
     return [
-        SignPlace(s.text, np.array([*transform2(inverse, s.position[None, :2])[0], s.position[2]]))
+        NumberedSign(
+            s.number, np.array([*transform2(inverse, s.position[None, :2])[0], s.position[2]])
+        )
         for s in signs
     ]
 
 
-SIGNS = tuple(SignPlace(f"10{k}", np.array([2.0 * k, 3.0, 1.5])) for k in range(4))
+SIGNS = tuple(NumberedSign(f"10{k}", np.array([2.0 * k, 3.0, 1.5])) for k in range(4))
 
 
 @pytest.mark.parametrize("T", [(0, 0, 0), (3.0, -2.0, 1.2)])
@@ -77,15 +83,66 @@ def test_signs_of_one_floor_read_the_same(T):
 
 
 def test_signs_of_another_floor_read_otherwise():
-    other = [SignPlace(s.text.replace("1", "2", 1), s.position) for s in SIGNS]
+    other = [NumberedSign(s.number.replace("1", "2", 1), s.position) for s in SIGNS]
     assert compare_signs(SIGNS, other, np.zeros(3)) == (0, 4)
 
 
 def test_signs_that_one_map_alone_has_tell_nothing():
     assert compare_signs(SIGNS[:2], SIGNS[2:], np.zeros(3)) == (0, 0)
     assert compare_signs(SIGNS, (), np.zeros(3)) == (0, 0)
-    above = [SignPlace(s.text, s.position + np.array([0, 0, 3.0])) for s in SIGNS]
+    above = [NumberedSign(s.number, s.position + np.array([0, 0, 3.0])) for s in SIGNS]
     assert compare_signs(SIGNS, above, np.zeros(3)) == (0, 0)
+
+
+@dataclass
+class Keyframe:
+    id: int
+    session: int
+
+
+@dataclass
+class Anchored:
+    keyframe: int
+
+
+@dataclass
+class View:
+    measurement: SimpleNamespace
+    anchored: Anchored
+    sign: int
+
+
+def walls_with_signs(keyframes, views):
+    """Walls with nothing but keyframes, and views (stamp, keyframe, sign) of signs."""
+    return SimpleNamespace(
+        keyframes=[Keyframe(k, 0) for k in range(keyframes)],
+        lines=[SimpleNamespace(phi=())] * keyframes, poses=np.zeros((keyframes, 3)), loops=(),
+        sign_views=[View(SimpleNamespace(stamp_ns=t), Anchored(k), s) for t, k, s in views],
+    )  # fmt: skip
+
+
+def test_signs_of_both_maps_are_given_to_the_search(monkeypatch):
+    given = []
+
+    class Search:
+        accepted = ()
+
+        def __init__(self, config, chain):
+            pass
+
+        def load(self, poses, loops, observations, sign_views):
+            given.append([(v.anchored.keyframe, v.sign) for v in sign_views])
+
+        def add(self, k, observations, sign_views):
+            given.append([(v.measurement.stamp_ns, v.anchored.keyframe) for v in sign_views])
+            assert all(v.sign == -1 for v in sign_views), "ids of signs are those of one map"
+
+    monkeypatch.setattr(pair_matching, "LoopCloser", Search)
+    monkeypatch.setattr(pair_matching, "Chain", lambda: SimpleNamespace(add=lambda *_: None))
+    one = walls_with_signs(2, [(5, 1, 3)])
+    other = walls_with_signs(3, [(9, 2, 0), (7, 2, 1), (1, 0, 0)])
+    assert pair_matching.match_walls(one, other, Config()) == []
+    assert given == [[(1, 3)], [(1, 2)], [], [(7, 4), (9, 4)]]
 
 
 def test_a_match_is_read_as_it_was_written(tmp_path):

@@ -56,7 +56,8 @@ def test_a_wall_has_its_length(source):
 
 def test_signs_come_from_their_file(flat_copy):
     sign = {
-        "id": 4, "text": "EXIT", "confidence": 0.9, "position": [1.0, 2.0, 1.5], "wall": None,
+        "id": 4, "text": "EXIT", "number": "", "covariance": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        "confidence": 0.9, "position": [1.0, 2.0, 1.5], "wall": None,
         "normal": [1, 0, 0], "views": [{"stamp": 5.0, "keyframe": 1, "pixel": [3, 4]}],
     }  # fmt: skip
     (flat_copy / "signs.json").write_text(json.dumps({"signs": [sign]}))

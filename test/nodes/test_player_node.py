@@ -4,6 +4,7 @@ import time
 
 import pytest
 from processes import PATIENCE_S, started
+from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -165,3 +166,24 @@ def test_an_unknown_argument_gets_the_usage(domain, words):
     assert output.count("\n") == 1
     assert "--foo" in output
     assert "usage: player_node" in output
+
+
+def test_it_says_what_it_waits_for_and_when_it_plays(ros, bag):
+    log = []
+    watcher = ros.add(Node("watcher", context=ros.context))
+    latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    watcher.create_subscription(Log, "/rosout", lambda m: log.append(m.msg), latched)
+    player(ros, bag, rate=50.0, wait_for_subscribers=PATIENCE_S, topics=["/joint_states"])
+    ros.spin_until(lambda: "ready; waits for subscribers of /joint_states" in log)
+    assert not any(text.startswith("plays") for text in log)
+    listener(ros)
+    ros.spin_until(lambda: f"plays {bag}" in log)
+
+
+def test_a_player_that_is_paused_says_so(ros, bag):
+    log = []
+    watcher = ros.add(Node("watcher", context=ros.context))
+    latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    watcher.create_subscription(Log, "/rosout", lambda m: log.append(m.msg), latched)
+    player(ros, bag, paused=True, topics=["/joint_states"])
+    ros.spin_until(lambda: "ready; paused, waits for ~/pause" in log)

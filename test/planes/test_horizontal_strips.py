@@ -317,3 +317,17 @@ def may_link(runs, is_vertical, a, b):
         and abs(one["height"] - other["height"]) <= MAX_RISE + SIGMAS * noise
         and MIN_DISTANCE <= distance <= min(MAX_DISTANCE, 2.0 * min(length))
     )
+
+
+@pytest.mark.parametrize(("below", "expected"), [(6, False), (7, True)])
+def test_half_of_the_beams_of_a_run_are_not_rounded(below, expected):
+    """A run over 11.6 steps has 12.6 beams: six straight below are less than half, seven more."""
+    step = math.radians(0.5)
+    own = np.array([*range(11), 11.6]) * step
+    azimuth = np.concatenate([own, own[1 : 1 + below] + 0.1 * step])
+    lines = np.repeat([0, 1], [len(own), below])
+    z = np.repeat([-0.4, -0.5], [len(own), below])
+    seen = np.column_stack([2.0 * np.cos(azimuth), 2.0 * np.sin(azimuth), z])
+    of_point, runs = find_runs(lines, seen, azimuth, step)
+    assert runs[0]["points"] == len(own)
+    assert find_vertical_runs(lines, seen, azimuth, step, of_point, runs)[0] == expected

@@ -38,6 +38,13 @@ MAX_SCALE = 2.0
 MAX_LINES = 3
 """Largest number of lines of a plate that are read. Chosen."""
 
+LIST_REACH = (1.0, 6.0)
+"""How far beside and above or below a number other lines are looked for, in its heights. Chosen:
+three rows of a list, so that its first and last ones are known too; no poster beside a plate."""
+
+LIST_LINE = 14.0
+"""Height of the number for that, pixels. Chosen: the finder finds lines of ten and more."""
+
 MIN_CONFIDENCE = 0.8
 """Least mean probability of the characters of a number. Chosen."""
 
@@ -169,12 +176,35 @@ class SignDetector:
             number = room_number(normalised(text))
             if number is None or confidence < MIN_CONFIDENCE:
                 continue
-            if is_list([line.height for line in lines], k):
+            if is_list([line.height for line in lines], k) or self._is_row(whole, lines[k], low):
                 return None
             sign = self._sign(picture, lines, k, (normalised(text), number, confidence))
             own = sign.box + np.append(low, [0.0, 0.0])
             return replace(sign, pixel=sign.pixel + low, box=own, corners=sign.corners + low)
         return None
+
+    def _is_row(self, whole: Image.Image, line: TextLine, low: Float64) -> bool:
+        """Return whether a line is a row of a list or notice, by what is around it.
+
+        Parameters
+        ----------
+        whole
+            The picture, RGB.
+        line
+            Of text, in a region of the picture.
+        low
+            float64 (2,), left and top of the region, pixels.
+        """
+        reach = np.array(LIST_REACH) * line.height
+        corner = np.maximum(np.floor(line.corners.min(axis=0) + low - reach), 0.0)
+        end = np.minimum(np.ceil(line.corners.max(axis=0) + low + reach), whole.size)
+        around = whole.crop(tuple(np.append(corner, end).astype(int)))
+        picture = ImageOps.autocontrast(around, CUT)
+        found = self._reader.find(picture, min(LIST_LINE / line.height, MAX_SCALE))
+        heights = [line.height, *(other.height for other in found)]
+        own = line.center + low - corner
+        same = [k for k, other in enumerate(found, 1) if _is_inside(own, _bounds(other))]
+        return is_list([h for k, h in enumerate(heights) if k not in same], 0)
 
     def _sign(
         self, picture: Image.Image, lines: list[TextLine], own: int, read: tuple[str, str, float]
@@ -203,6 +233,11 @@ class SignDetector:
         low, high = corners.min(axis=0), corners.max(axis=0)
         box = np.append(low, high - low)
         return DetectedSign(joined, read[1], lines[own].center, box, read[2], corners)
+
+
+def _bounds(line: TextLine) -> Float64:
+    """Return left, top, right and bottom of a line."""
+    return np.append(line.corners.min(axis=0), line.corners.max(axis=0))
 
 
 def _corners(box: Float64) -> Float64:

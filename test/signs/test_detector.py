@@ -4,12 +4,12 @@ import json
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageDraw
 from shared_data import shared
 
 from tccm_ros.errors import PictureError
 from tccm_ros.pipeline.picture_files import read_picture, signs_of_pictures
-from tccm_ros.pipeline.sim.sign_pictures import random_picture
+from tccm_ros.pipeline.sim.sign_pictures import font, random_picture
 from tccm_ros.signs.classifier import read_classifier
 from tccm_ros.signs.detector import SignDetector
 from tccm_ros.signs.saliency import salient_boxes
@@ -68,6 +68,29 @@ def test_the_same_picture_gives_the_same_signs(detector):
 def test_an_empty_wall_and_a_tiny_picture_have_no_sign(detector):
     assert detector.detect(np.full((720, 960, 3), 180, np.uint8)) == []
     assert detector.detect(np.zeros((4, 4), np.uint8)) == []
+
+
+def directory(seed, size):
+    """Return a picture of a list of rooms: names, and a column of numbers of `size` pixels."""
+    rng = np.random.default_rng(seed)
+    picture = Image.new("RGB", (640, 480), (150, 145, 135))
+    draw, letters = ImageDraw.Draw(picture), font("DejaVuSerif", size)
+    step = 1.7 * size
+    draw.rectangle((60, 30, 330, 50 + int(8 * step)), fill=(215, 215, 210))
+    for y in 40 + step * np.arange(8):
+        name = "".join(rng.choice(list("abcdefghiknorstu"), rng.integers(3, 11))).capitalize()
+        draw.text((75, y), name, fill=(60, 90, 60), font=letters)
+        draw.text((260, y), str(rng.integers(100, 400)), fill=(60, 90, 60), font=letters)
+    return np.asarray(picture)
+
+
+@pytest.mark.parametrize("size", [16, 20, 24, 28])
+def test_rows_of_a_directory_are_no_door_signs(detector, monkeypatch, size):
+    picture = directory(size, size)
+    assert detector.detect(picture) == []
+    # What is beside its box alone does not tell a row: the rest of the list does.
+    monkeypatch.setattr(SignDetector, "_is_row", lambda *_: False)
+    assert len(detector.detect(picture)) > 1
 
 
 def test_photographs_of_one_building_are_read(detector):

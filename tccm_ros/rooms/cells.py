@@ -88,7 +88,8 @@ def plane_cells(walls: Sequence[Float64]) -> list[Polygon]:
         # Pieces of one wall are not quite in line: a tick at the end of one reaches the other.
         across = TICK * _normal(wall)
         lines += [LineString([end - across, end + across]) for end in np.array(line.coords)]
-    noded = shapely.node(shapely.set_precision(shapely.MultiLineString(lines), SNAP))
+    # Not shapely.node: it gives up where many lines nearly coincide; rounding to a grid does not.
+    noded = shapely.union_all(lines, grid_size=SNAP)
     return list(shapely.polygonize([noded]).geoms)
 
 

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from shapely import Polygon, box, contains_xy
 
 from tccm_ros.pipeline.sim.office import office_panels, office_rooms, office_scene
+from tccm_ros.rooms.cells import plane_cells
 from tccm_ros.rooms.segmentation import find_rooms
 from tccm_ros.slam.occupancy import OccupancyGrid
 
@@ -126,3 +127,16 @@ def test_the_ten_offices_and_their_corridor_are_found():
 def test_without_walls_there_are_no_rooms():
     assert find_rooms([], grid_of([box(0, 0, 1, 1)])) == []
     assert find_rooms([np.array([(0.0, 0.0), (0.3, 0.0)])], grid_of([box(0, 0, 1, 1)])) == []
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_walls_that_nearly_coincide_cut_the_plane_as_one(seed):
+    rng = np.random.default_rng(seed)
+    x, y = 4.5 + rng.normal(0.0, 0.003, (12, 2)), rng.uniform(-4.0, 0.0, 12)
+    ends = np.stack([y, y + rng.uniform(0.5, 4.0, 12)], axis=1)
+    walls = [np.stack([*wall], axis=1) for wall in zip(x, ends, strict=True)]
+    walls += [np.array([[0.0, at], [9.0, at]]) for at in (-4.5, 4.5)]
+    walls += [np.array([[at, -4.5], [at, 4.5]]) for at in (0.0, 9.0)]
+    cells = [cell for cell in plane_cells(walls) if cell.area > 1.0]
+    inside = [cell for cell in cells if box(0.0, -4.5, 9.0, 4.5).covers(cell.buffer(-0.01))]
+    assert sum(cell.area for cell in inside) == pytest.approx(81.0, abs=1.0)

@@ -38,7 +38,7 @@ MAX_SCALE = 2.0
 MAX_LINES = 3
 """Largest number of lines of a plate that are read. Chosen."""
 
-LIST_REACH = (1.0, 6.0)
+LIST_DISTANCE = (1.0, 6.0)
 """How far beside and above or below a number other lines are looked for, in its heights. Chosen:
 three rows of a list, so that its first and last ones are known too; no poster beside a plate."""
 
@@ -195,9 +195,9 @@ class SignDetector:
         low
             float64 (2,), left and top of the region, pixels.
         """
-        reach = np.array(LIST_REACH) * line.height
-        corner = np.maximum(np.floor(line.corners.min(axis=0) + low - reach), 0.0)
-        end = np.minimum(np.ceil(line.corners.max(axis=0) + low + reach), whole.size)
+        distance = np.array(LIST_DISTANCE) * line.height
+        corner = np.maximum(np.floor(line.corners.min(axis=0) + low - distance), 0.0)
+        end = np.minimum(np.ceil(line.corners.max(axis=0) + low + distance), whole.size)
         around = whole.crop(tuple(np.append(corner, end).astype(int)))
         picture = ImageOps.autocontrast(around, CUT)
         found = self._reader.find(picture, min(LIST_LINE / line.height, MAX_SCALE))

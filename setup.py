@@ -29,7 +29,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
-        (f"share/{PACKAGE}/config", files("config", "*.yaml", "*.rviz", "*.json")),
+        (f"share/{PACKAGE}/config", files("config", "*.yaml", "*.rviz", "*.json", "*.xml")),
         (f"share/{PACKAGE}/config/robots", files("config/robots", "*.yaml")),
         (f"share/{PACKAGE}/launch", files("launch", "*.py")),
     ],

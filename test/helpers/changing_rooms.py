@@ -107,19 +107,25 @@ def index_at(inputs: list[object], seconds: float) -> int:
     return next(k for k, e in enumerate(inputs) if getattr(e, "stamp_ns", 0) > limit)
 
 
-def check_events(found: list[Change]) -> None:
-    """Assert that each true event was told once, with the id of its item, and no other."""
+def true_counts() -> Counter[tuple[str, ChangeKind]]:
+    """Return how often each kind of event of each item is true: once."""
+    return Counter((item.name, kind) for item in true_items() for kind in item.kinds)
+
+
+def counted(found: list[Change]) -> Counter[tuple[str, ChangeKind]]:
+    """Return how often each kind of event of each item was told."""
+    items = true_items()
+    return Counter((_item_of(event, items).name, event.kind) for event in found)
+
+
+def assert_one_id_an_item(found: list[Change]) -> None:
+    """Assert that all events of an item have one id, which no other item has."""
     items = true_items()
     ids: dict[str, set[tuple[bool, int]]] = {item.name: set() for item in items}
-    counted: Counter[tuple[str, ChangeKind]] = Counter()
     for event in found:
-        item = _item_of(event, items)
-        counted[item.name, event.kind] += 1
-        if event.object_id >= 0:
-            ids[item.name].add((True, event.object_id))
-        else:
-            ids[item.name] |= {(False, k) for k in (*event.ids_before, *event.ids_after)}
-    assert counted == Counter((item.name, kind) for item in items for kind in item.kinds)
+        is_object = event.object_id >= 0
+        own = (event.object_id,) if is_object else (*event.ids_before, *event.ids_after)
+        ids[_item_of(event, items).name] |= {(is_object, k) for k in own}
     assert all(len(known) == 1 for known in ids.values()), ids
     assert len(set().union(*ids.values())) == len(items), "no two items have one id"
 

@@ -187,3 +187,4 @@ def test_a_player_that_is_paused_says_so(ros, bag):
     watcher.create_subscription(Log, "/rosout", lambda m: log.append(m.msg), latched)
     player(ros, bag, paused=True, topics=["/joint_states"])
     ros.spin_until(lambda: "ready; paused, waits for ~/pause" in log)
+    assert not any(text.startswith("plays") for text in log)

@@ -1,6 +1,7 @@
 # make demo | make test | make bench | make lint | make build | make docs | make reference | make figures
 #
-# Everything lives in .venv, which is made when it is missing or what it is made from has changed.
+# Everything lives in .venv, which is made when it is missing or what it is made from has changed. Each
+# target installs what it needs: demo and the nodes what runs, the others tests and tools as well.
 
 VENV    := .venv
 BIN     := $(VENV)/bin
@@ -8,6 +9,7 @@ OUT     ?= out/demo
 DEMO    ?= bags/flat
 JOBS    ?= auto
 STAMP   := $(VENV)/.installed
+TOOLS   := $(VENV)/.installed-tools
 TESTING := $(VENV)/.installed-for-tests
 DOCS    := $(VENV)/.installed-docs
 # rclpy finds its plugins through the ament index, which the wheels put into the environment.
@@ -19,24 +21,25 @@ PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3,$(if $(shell $(p
 
 .PHONY: demo test bench lint build docs reference figures clean
 
-demo: $(STAMP)
-	@ls $${NUMBA_CACHE_DIR:-$${XDG_CACHE_HOME:-$$HOME/.cache}}/tccm_ros/*.nbc >/dev/null 2>&1 || echo "the first replay compiles for two or three minutes, once"
+# The replay needs no ROS messages: those of the nodes are made after it.
+demo: $(VENV)/.wheels
 	@$(BIN)/tccm replay $(DEMO) --out $(OUT)
+	@$(MAKE) --silent $(STAMP)
 
 test: $(TESTING)
 	@$(BIN)/python -m pytest -n $(JOBS) test
 
-bench: $(STAMP)
+bench: $(TOOLS)
 	@$(BIN)/python bench/run.py
 
-lint: $(STAMP)
+lint: $(TOOLS)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/python tools/check_words.py --all --lines
 
 # What `ros2 run` needs: executables in lib/tccm_ros and a marker in the ament index.
-build: $(STAMP)
+build: $(TOOLS)
 	$(BIN)/colcon build --packages-select tccm_ros --event-handlers console_cohesion+
 
 # Wheels first; then tf2_msgs and tccm_interfaces, which are not on the package index. All else works without them.
@@ -44,18 +47,24 @@ $(STAMP): $(VENV)/.wheels tools/generate_interfaces.py $(wildcard tools/definiti
 	-@$(BIN)/python tools/generate_interfaces.py tools/definitions/tf2_msgs interfaces
 	@touch $(STAMP)
 
+# Tests, lint and build.
+$(TOOLS): $(STAMP) requirements-test.txt
+	@echo "installing tests and tools into $(VENV) (once)"
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -r requirements-test.txt
+	@touch $(TOOLS)
+
 # What reads door signs (the extra `signs`), and public packages whose topics are there where these are installed, each after those that it needs.
 DEFINITIONS := tccm_ros/ros/public_definitions
-$(TESTING): $(STAMP) requirements-signs.txt $(wildcard $(DEFINITIONS)/*/*/* test/interfaces/definitions/*/*/*)
+$(TESTING): $(TOOLS) requirements-signs.txt $(wildcard $(DEFINITIONS)/*/*/* test/interfaces/definitions/*/*/*)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-signs.txt
 	-@$(BIN)/python tools/generate_interfaces.py $(addprefix $(DEFINITIONS)/,object_recognition_msgs moveit_msgs vision_msgs) test/interfaces/definitions/control_msgs
 	@touch $(TESTING)
 
-$(VENV)/.wheels: requirements.txt requirements-test.txt setup.py
+$(VENV)/.wheels: requirements.txt setup.py
 	@test -n "$(PYTHON)" || { echo "no Python 3.11 or 3.12 with venv found; install python3 and python3-venv, or say make PYTHON=..."; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@echo "installing into $(VENV) (a few minutes, once)"
-	@$(BIN)/python -m pip install -qq --disable-pip-version-check -r requirements-test.txt
+	@echo "installing into $(VENV) (a minute or two, once)"
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -r requirements.txt
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e . 2>/dev/null
 	@touch $(VENV)/.wheels
 

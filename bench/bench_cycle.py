@@ -97,9 +97,9 @@ def run_cycles(cycles: list[Any], config: Config, all_stages: list[Stages]) -> N
         result = CycleResult(
             cycle=cycle.part.cycle, stamp_ns=cycle.stamp_ns, start_ns=cycle.part.start_ns,
             end_ns=cycle.part.end_ns, frame_id="odom", base_frame_id="base", T_odom_base=T,
-            planes=planes, objects=found, place_size=config.objects.place_size, surfaces=surfaces,
-            view=view, boxes=boxes, part=cycle.part, scans=len(cycle.records), base_speed=0.0,
-            base_angular_speed=0.0, ended_by="turn",
+            planes=planes, objects=found, surfaces=surfaces, view=view, boxes=boxes,
+            part=cycle.part, scans=len(cycle.records), base_speed=0.0, base_angular_speed=0.0,
+            ended_by="turn",
         )  # fmt: skip
         for message in builder.of(result, lambda c=cuboids: c):
             if message.topic in ("planes", "objects", "surfaces", "view"):

@@ -57,6 +57,19 @@ IN_VIEW = 0.7
 GOOD = 0.7
 """Overlap with the true outline of a surface that is found well."""
 
+RIGHT = {
+    "counter": {"counter"},
+    "table": {"table"},
+    "side table": {"table", "other"},
+    "bench": {"seat"},
+    "chair": {"seat"},
+    "shelf": {"shelf"},
+    "ledge": {"ledge"},
+    "sideboard": {"other"},
+}
+"""The labels that are right for furniture of `random_flats`: none means a sideboard; a small side
+table looks like a stool."""
+
 HARD = Options(sigma=0.006, odometry=2.0, heading_drift=0.02)
 """6 mm of noise, and odometry with twice the usual errors that turns away by 20 mrad/m."""
 
@@ -231,8 +244,22 @@ class Tally:
         self.height_errors.append(abs(match.height_error))
         if len(outline.exterior.coords) == 5:
             self.corners.append(len(found.boundary))
-        kind = match.label.split(" of ")[0].rstrip("0123456789 ")
+        kind = match.label.split(" of ")[0].split(" at ")[0].rstrip("0123456789 ")
         self.labels[kind, found.label] += 1
+
+    def names(self) -> str:
+        """Return how many labels are right, wrong, and ``other`` where there is a right one."""
+        right = sum(n for (kind, label), n in self.labels.items() if label in RIGHT[kind])
+        total = self.labels.total()
+        unsure = sum(
+            n
+            for (kind, label), n in self.labels.items()
+            if label == "other" and label not in RIGHT[kind]
+        )
+        return (
+            f"{total} labels: {right / total:.1%} right, {(total - right - unsure) / total:.1%} "
+            f"wrong, {unsure / total:.1%} unsure"
+        )
 
     def text(self) -> str:
         """Return the summary and the confusion table, as Markdown."""
@@ -243,6 +270,8 @@ class Tally:
             f"within {1e3 * max(self.height_errors):.1f} mm; {len(self.edges)} edges in view "
             f"{1e3 * np.sqrt(np.mean(np.square(self.edges))):.1f} mm rms; median corners of a true "
             f"rectangle {np.median(self.corners):.0f}",
+            "",
+            self.names(),
             "",
         ]
         names = sorted({label for _, label in self.labels})

@@ -15,9 +15,12 @@ cuboids use pointers and the processor's own instructions and do not run with NU
 and searches in plain Python take minutes. Modules of `PLAIN` are the exception.
 
 Outcomes are appended to FILE (default out/mutation.jsonl), one line each; a run that was broken off
-goes on where it ended. A mutant whose tests take longer than `LIMIT_S` counts as killed, as one
-that does not end; how many is said. The table and the survivors are printed; `--list` prints them
-alone. `--check` tries each module unchanged: all must survive.
+goes on where it ended. Tests are given `LIMITS_S`: a mutant that none has killed by then has
+survived. Only one that keeps the tests of its module from ending, which take less than a tenth of
+the limit without it, counts as killed; how many is said. As the sample is tried in random order,
+the first outcomes are a sample as well: 95 % of such intervals (Wilson) hold the fraction that is
+killed of all. The table and the survivors are printed; `--list` prints them alone. `--check` tries
+each module unchanged: all must survive.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ import argparse
 import ast
 import difflib
 import json
+import math
 import os
 import random
 import re
@@ -59,8 +63,15 @@ CORE = (
 PLAIN = ("baselines/", "slam/line_fit.py", "slam/line_split.py")
 """Modules whose own tests run in plain Python, which is quicker than to compile."""
 
-LIMIT_S = 240.0
-"""For the tests of a mutant, s of a processor."""
+LIMITS_S = (120.0, 40.0)
+"""For the tests of a mutant's module, and for those of its room, s of a processor. Chosen: the
+first takes compiling into account, the second is what most rooms need."""
+
+ENDLESS = 10.0
+"""Tests that take this many times as long as without a mutant would not end."""
+
+Z_95 = 1.96
+"""Quantile of the normal distribution for an interval of 95 %."""
 
 SLOW = ("test_buildings.py", "test_changes_over_time.py")
 """Tests of rooms that take longer than all others together: only for the modules they name."""
@@ -196,6 +207,7 @@ class Trial:
     def __init__(self, mutant: Mutant):
         self.mutant = mutant
         self._stages = stages(mutant.module)
+        self._limits_s = list(LIMITS_S)
         self._stack = ExitStack()
         self._copy = self._stack.enter_context(changed_copy(self._change))
         self.diff = self._difference()
@@ -216,6 +228,7 @@ class Trial:
 
     def _next(self) -> None:
         tests = self._stages.pop(0)
+        self._limit_s = self._limits_s.pop(0)
         is_plain = self.mutant.module.startswith(PLAIN)
         self._pid = os.fork()
         if self._pid == 0:
@@ -223,18 +236,25 @@ class Trial:
 
     def outcome(self) -> str | None:
         """Return what became of the mutant, or None while its tests run."""
-        pid, status, usage = os.wait4(self._pid, os.WNOHANG)
+        pid, status = os.waitpid(self._pid, os.WNOHANG)
         if pid == 0:
-            if _cpu_seconds(self._pid) <= LIMIT_S:
+            if _cpu_seconds(self._pid) <= self._limit_s:
                 return None
             self.stop()
-            return TIME
+            return self._late()
         if os.waitstatus_to_exitcode(status) == 0:
             if self._stages:
                 self._next()
                 return None
             return SURVIVED
-        return TIME if usage.ru_utime > LIMIT_S else KILLED
+        return KILLED
+
+    def _late(self) -> str:
+        """Return what became of a mutant whose tests have not ended in time."""
+        is_of_the_module = len(self._limits_s) == len(LIMITS_S) - 1
+        if is_of_the_module and ENDLESS * seconds_unchanged(self.mutant.module) < self._limit_s:
+            return TIME
+        return SURVIVED
 
     def stop(self) -> None:
         """End the tests."""
@@ -245,6 +265,17 @@ class Trial:
         """Remove the copy; return how long it took, s."""
         self._stack.close()
         return time.monotonic() - self._start_s
+
+
+@cache
+def seconds_unchanged(module: str) -> float:
+    """Return what the tests of a module take without a mutant, s of a processor."""
+    with changed_copy(lambda root: None) as copy:
+        pid = os.fork()
+        if pid == 0:
+            run_tests(copy, stages(module)[0], jit=not module.startswith(PLAIN))
+        usage = os.wait4(pid, 0)[2]
+    return float(usage.ru_utime + usage.ru_stime)
 
 
 def _cpu_seconds(pid: int) -> float:
@@ -308,6 +339,16 @@ def run(todo: Sequence[Mutant], out: Path, jobs: int, end_s: float) -> None:
             time.sleep(0.2)
 
 
+def wilson_interval(hits: int, tried: int) -> tuple[float, float]:
+    """Return the interval of 95 % for the fraction of which `hits` of `tried` are a sample."""
+    if tried == 0:
+        return 0.0, 1.0
+    fraction, z2 = hits / tried, Z_95**2 / tried
+    middle = (fraction + 0.5 * z2) / (1.0 + z2)
+    half = Z_95 * math.sqrt(fraction * (1.0 - fraction) / tried + 0.25 * z2 / tried) / (1.0 + z2)
+    return middle - half, middle + half
+
+
 def table(entries: Sequence[dict[str, Any]], size: int) -> Iterator[str]:
     """Yield the lines of the table, and then each survivor."""
     yield "| module | tried | killed | survived |"
@@ -318,8 +359,12 @@ def table(entries: Sequence[dict[str, Any]], size: int) -> Iterator[str]:
         yield f"| {module} | {dead + alive} | {dead} | {alive} |"
     alive = [entry for entry in entries if entry["outcome"] == SURVIVED]
     slow, n = sum(entry["outcome"] == TIME for entry in entries), len(entries)
-    percent = 100.0 * (n - len(alive)) / max(n, 1)
-    yield f"\n{n} of {size} tried, {n - len(alive)} killed ({percent:.0f} %), {slow} by time"
+    killed = n - len(alive)
+    low, high = wilson_interval(killed, n)
+    yield (
+        f"\n{n} of {size} tried, {killed} killed ({100.0 * killed / max(n, 1):.0f} %, of all "
+        f"{100.0 * low:.0f} to {100.0 * high:.0f} %), {slow} by time"
+    )
     for entry in alive:
         yield f"\n{entry['module']}:{entry['line']}  {entry['mutant'].split(':')[1]}"
         yield from (f"    {line}" for line in entry["diff"])

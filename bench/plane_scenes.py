@@ -124,10 +124,10 @@ def pcl_planes(
         ms, inliers, normal and offset, for each cloud.
     """
     with tempfile.TemporaryDirectory() as folder:
-        program = _pcl_program("pcl_planes", Path(folder), ("segmentation", "sample_consensus"))
+        program = pcl_program("pcl_planes", Path(folder), ("segmentation", "sample_consensus"))
         if program is None:
             return None
-        rows = _run_on(program, (threshold, trials, repeats), clouds)
+        rows = run_on(program, (threshold, trials, repeats), clouds)
     # Seconds, inliers, a, b, c, d with a x + b y + c z + d = 0.
     rows *= (1e3, 1.0, 1.0, 1.0, 1.0, -1.0)
     return list(rows.reshape(len(clouds), repeats, 6))
@@ -154,15 +154,15 @@ def pcl_voxels(
     """
     with tempfile.TemporaryDirectory() as folder:
         libraries = "segmentation", "sample_consensus", "filters"
-        program = _pcl_program("pcl_voxels", Path(folder), libraries)
+        program = pcl_program("pcl_voxels", Path(folder), libraries)
         if program is None:
             return None
-        rows = _run_on(program, (leaf, threshold, trials, repeats), clouds)
+        rows = run_on(program, (leaf, threshold, trials, repeats), clouds)
     rows *= (1e3, 1e3, 1.0, 1.0)
     return list(rows.reshape(len(clouds), repeats, 4))
 
 
-def _pcl_program(name: str, folder: Path, libraries: Sequence[str]) -> Path | None:
+def pcl_program(name: str, folder: Path, libraries: Sequence[str]) -> Path | None:
     """Compile a program of `peers` against PCL into a folder; None without compiler or PCL."""
     compiler, config = shutil.which("g++"), shutil.which("pkg-config")
     names = sorted(Path("/usr/include").glob("pcl-*"))
@@ -182,7 +182,7 @@ def _pcl_program(name: str, folder: Path, libraries: Sequence[str]) -> Path | No
     return program
 
 
-def _run_on(program: Path, arguments: Sequence[float], clouds: Sequence[Array]) -> Array:
+def run_on(program: Path, arguments: Sequence[float], clouds: Sequence[Array]) -> Array:
     """Return the numbers that a program prints for some clouds, line by line."""
     files = []
     for i, cloud in enumerate(clouds):

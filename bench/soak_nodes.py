@@ -81,6 +81,14 @@ class Watch(Node):
         self.spin_until(future.done, f"{name} to save")
         return time.monotonic() - start, future.result().message
 
+    def has_last_cycle(self) -> bool:
+        """Return whether the map has heard all that tccm_node told of its cycles."""
+        if not set(NODES) <= set(self.reports):
+            return False
+        cycles = self.reports["tccm"]["cycles"]
+        heard = self.reports["surface_slam"]
+        return all(heard[part] == cycles for part in ("clouds", "views", "boxes"))
+
     def pause(self) -> float:
         """Return the longest time between two poses, beyond that between their stamps, s."""
         pairs = zip(self.poses, self.poses[1:])
@@ -150,6 +158,8 @@ def drive(bag: Path, rate: float, folder: Path) -> None:
         watch.spin_until(lambda: player.poll() is not None, "the end of the bag")
         print(f"longest pause of /pose: {watch.pause():.3f} s")
         watch.save("tccm")
+        watch.reports.clear()
+        watch.spin_until(watch.has_last_cycle, "the last cycle's view")
         said = "not in it"
         while "not in it" in said:
             save_s, said = watch.save("surface_slam")

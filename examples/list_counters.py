@@ -9,7 +9,7 @@ rclpy.init()
 node = Node("list_counters")
 surface_map = SurfaceMapClient(node)
 while not surface_map.is_ready:
-    rclpy.spin_once(node)
+    rclpy.spin_once(node, timeout_sec=0.1)
 for surface in surface_map.surfaces:
     if surface.label in ("counter", "table"):
         print(f"{surface.label} {surface.id} at {surface.height:.2f} m")

@@ -12,7 +12,7 @@ rclpy.init()
 node = Node("put_down_mug")
 surface_map = SurfaceMapClient(node)
 while not (surface_map.is_ready and any(s.label == "table" for s in surface_map.surfaces)):
-    rclpy.spin_once(node)
+    rclpy.spin_once(node, timeout_sec=0.1)
 
 tables = SurfaceFilter(labels=["table"])
 tables.near.header.frame_id = "base_link"

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -16,6 +17,7 @@ sys.path.append(str(BENCH))
 
 import bench_catalogue  # noqa: E402
 import bench_fleet  # noqa: E402
+import bench_objects  # noqa: E402
 import merge_drives  # noqa: E402
 from compare import differences  # noqa: E402
 from random_flats import random_flat  # noqa: E402
@@ -152,7 +154,7 @@ def test_requirements_name_all_that_benchmarks_import():
     }
     for path in BENCH.glob("*.py"):
         for name in imported(path):
-            if name in sys.stdlib_module_names or name in own | {"tccm_ros"}:
+            if name in sys.stdlib_module_names or name in own | {"tccm_ros", "tccm_interfaces"}:
                 continue
             if name.endswith(("_msgs", "_srvs")) or name == "rclpy":
                 name = "ros_jazzy_rclpy"
@@ -166,3 +168,29 @@ def imported(path):
             yield node.module.split(".")[0]
         elif isinstance(node, ast.Import):
             yield from (alias.name.split(".")[0] for alias in node.names)
+
+
+def test_objects_are_whole_merged_split_or_missed():
+    """Five labelled objects: one whole, two in one box, one in two halves, one not found."""
+    count = bench_objects.MIN_POINTS
+    label = np.repeat([2, 3, 4, 5, 6], 2 * count)
+    found = np.repeat([0, 0, 1, 1, 1, 1, 2, 3, -1, -1], count)
+    found[:10] = 9
+    tally = bench_objects.Tally()
+    tally.add(label, found)
+    assert (tally.labelled, tally.whole, tally.merged, tally.split, tally.missed) == (5, 1, 2, 1, 1)
+    assert tally.extra == 2  # of the ten points, and the other half
+
+
+def test_the_labelled_top_is_level_wherever_the_camera_looks():
+    rng = np.random.default_rng(3)
+    top = rng.uniform((-0.5, -0.4, 0.0), (0.5, 0.4, 0.0), (400, 3))
+    mug = rng.uniform((0.0, 0.0, 0.02), (0.08, 0.08, 0.12), (100, 3))
+    label = np.repeat([1, 20], [400, 100])
+    camera = np.array([0.2, -1.0, 0.9])
+    R = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    R *= np.sign(np.linalg.det(R))
+    points, viewpoint = bench_objects.levelled((np.vstack([top, mug]) - camera) @ R.T, label)
+    assert np.abs(points[:400, 2] - bench_objects.TOP_HEIGHT).max() < 1e-9
+    assert np.abs(points[400:, 2] - bench_objects.TOP_HEIGHT - mug[:, 2]).max() < 1e-9
+    assert abs(viewpoint[2] - bench_objects.TOP_HEIGHT - camera[2]) < 1e-9

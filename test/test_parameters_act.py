@@ -104,7 +104,6 @@ def tccm(records, config):
                 [r.cycle, r.stamp_ns, r.scans, r.ended_by],
                 [[p.id, p.kind, p.normal, p.offset, p.boundary] for p in r.planes],
                 [[o.id, o.center, o.size] for o in r.objects],
-                [list(places.polygons) for places in r.free_places()],
                 [r.surfaces.points, r.surfaces.surface, r.view.intervals],
             ]
             for r in results
@@ -221,7 +220,8 @@ def surfaces(config):
         slam.walls.add_scan(replace(scan, record=at, pose_stamps_ns=np.array([stamp])))
     for item in views():
         slam.add(item)
-    mapped = slam.solve().mapped
+    solution = slam.solve()
+    mapped = solution.mapped
     return digest(
         [
             [s.id, s.label, s.confidence, s.height, s.boundary, list(s.holes)]
@@ -229,6 +229,7 @@ def surfaces(config):
         ],
         mapped.floor_z,
         mapped.points,
+        [[k, rings] for k, rings in sorted(solution.free_places.items())],
     )
 
 
@@ -242,6 +243,10 @@ SCENES = [
     [(box(0, 0, 0.8, 0.3), z) for z in (0.35, 0.7, 1.05, 1.4)],
     [(box(0, 0, 1.2, 0.2), 0.9)],
     [(box(0.27 * k, 0, 0.27 * k + 0.26, 0.9), 0.17 * (k + 1)) for k in range(2, 8)],
+    [(box(0, 0, 1.2, 0.42), 0.45)],
+    [(box(0, 1.0, 1.1, 1.6), 0.42)],
+    [(box(0, 0, 1.3, 0.44), 0.76)],
+    [(box(0, 0, 0.42, 0.42), 0.485)],
 ]
 WALL_LINE = np.array([[[-3.0, -0.05], [6.0, -0.05]]])
 
@@ -317,7 +322,7 @@ CASES = {
     "objects.min_points": ("room", 100, {}),
     "objects.track_distance": ("room", 0.01, ONE),
     "objects.agreeing_views": ("tracked", 1, {}),
-    "objects.place_size": ("room", (0.3, 0.3), {}),
+    "objects.place_size": ("surfaces", (0.3, 0.3), {}),
     "lines.extractor": ("walls", "ransac", {}),
     "lines.min_length": ("walls", 2.0, {}),
     "lines.min_points": ("walls", 30, {}),
@@ -332,6 +337,7 @@ CASES = {
     "odometry.sigma_per_m": ("walls", 0.5, {}),
     "odometry.sigma_rad_per_rad": ("walls", 0.5, {}),
     "odometry.sigma_rad_per_m": ("walls", 0.2, {}),
+    "odometry.sigma_scale": ("walls", 0.1, {}),
     "walls.enabled": ("walls", False, {}),
     "walls.min_observations": ("walls", 20, {}),
     "walls.gate_distance": ("walls", 0.005, {}),
@@ -374,6 +380,7 @@ CASES = {
         f"labels.{rule}": ("labels", NOWHERE, {})
         for rule in (
             "table", "counter", "low_table", "seat", "sofa", "bed", "shelf", "ledge", "step",
+            "bench", "sideboard", "side_table",
         )
     },
     "labels.step_height": ("labels", (0.9, 1.0), {}),

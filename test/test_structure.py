@@ -53,6 +53,7 @@ SUB_ROOMS = {
         "depth_topics",
         "topics",
         "calibrate",
+        "warm_up",
         "outcome",
         "processors",
         "run",

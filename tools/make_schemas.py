@@ -15,6 +15,7 @@ from pydantic import TypeAdapter
 
 from tccm_ros.results.models import (
     GraphFile,
+    LabelsFile,
     ObjectsFile,
     PlanesFile,
     SummaryFile,
@@ -27,6 +28,7 @@ from tccm_ros.results.signs_file import SignsFile
 
 FILES: dict[str, type[Any]] = {
     "surfaces.json": SurfacesFile,
+    "labels.json": LabelsFile,
     "objects.json": ObjectsFile,
     "walls.json": WallsFile,
     "signs.json": SignsFile,

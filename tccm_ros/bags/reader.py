@@ -32,6 +32,7 @@ DEFAULT_TOPICS: Mapping[str, str] = {
     "tilt_scan": "/tilt_scan",
     "joint_states": "/joint_states",
     "odom": "/odom",
+    "imu": "/imu",
     "scan": "/scan",
     "robot_description": "/robot_description",
     "tf": "/tf",

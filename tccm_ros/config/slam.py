@@ -43,6 +43,13 @@ class Odometry(Group):
     sigma_per_m: float = param(0.05, "translation noise per metre", gt=0.0, le=2.0)
     sigma_rad_per_rad: float = param(0.05, "rotation noise per radian", gt=0.0, le=2.0)
     sigma_rad_per_m: float = param(0.02, "rotation noise per metre", unit="rad/m", gt=0.0, le=2.0)
+    sigma_scale: float = param(
+        0.01,
+        "standard deviation of the scale of distances, the same all the way",
+        ge=0.0,
+        le=0.5,
+        read_only=True,
+    )
 
 
 class Walls(Group):

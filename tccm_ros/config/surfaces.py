@@ -75,11 +75,20 @@ class Labels(Group):
     table: Rule = label_rule((0.66, 0.80, 0.45, 2.0, 0.25, 6.0), "a table or desk")
     counter: Rule = label_rule((0.82, 1.10, 0.35, 1.0, 0.30, 6.0), "a counter")
     low_table: Rule = label_rule(
-        (0.30, 0.55, 0.40, 1.0, 0.36, 0.9), "a low table without a back: called table"
+        (0.30, 0.55, 0.50, 1.0, 0.36, 0.9), "a low table without a back: called table"
     )
-    seat: Rule = label_rule((0.40, 0.47, 0.30, 0.60, 0.10, 0.30), "a seat of a chair or stool")
+    seat: Rule = label_rule((0.40, 0.47, 0.30, 0.50, 0.10, 0.30), "a seat of a chair or stool")
     sofa: Rule = label_rule(
         (0.34, 0.50, 0.40, 1.1, 0.40, 2.8), "a seat with a back along it: called seat"
+    )
+    bench: Rule = label_rule(
+        (0.40, 0.50, 0.28, 0.50, 0.25, 1.2), "a long seat at a wall, or less surely away from one"
+    )
+    sideboard: Rule = label_rule(
+        (0.66, 0.88, 0.30, 0.50, 0.30, 1.0), "a sideboard at a wall: called other"
+    )
+    side_table: Rule = label_rule(
+        (0.49, 0.64, 0.35, 0.60, 0.12, 0.36), "a small low table: called other"
     )
     bed: Rule = label_rule((0.30, 0.62, 0.75, 2.4, 1.30, 6.0), "a bed")
     shelf: Rule = label_rule((0.10, 2.20, 0.12, 0.65, 0.04, 2.0), "a board over or under another")

@@ -112,10 +112,13 @@ class CycleScan:
         chosen = slice(self.first, self.last, every)
         useful[chosen] = (self.keep | np.isposinf(scan.ranges))[chosen]
         ranges = np.minimum(scan.ranges, np.float32(max_length))
+        at_laser = np.zeros_like(ranges)
+        for array in (ranges, at_laser):
+            array.flags.writeable = False  # as those of a scan: one kernel serves all
         times, T = laser_poses(self.posed, T_frame_odom)
         cosines, sines = directions(scan)
         ends, beams = place_beams(ranges, useful, cosines, sines, 0.0, step, times, T)
-        origins, _ = place_beams(np.zeros_like(ranges), useful, cosines, sines, 0.0, step, times, T)
+        origins, _ = place_beams(at_laser, useful, cosines, sines, 0.0, step, times, T)
         return origins, ends, self.keep[beams] & (ranges[beams] < max_length)
 
     def _first_beam_at(self, stamp_ns: int) -> int:

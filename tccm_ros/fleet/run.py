@@ -20,12 +20,13 @@ from tccm_ros.config import Config
 from tccm_ros.errors import FleetError, OutputError, one_line
 from tccm_ros.fleet.catalogue import Catalogue
 from tccm_ros.fleet.cluster import Workers, connected
-from tccm_ros.fleet.kernels import compile_kernels
 from tccm_ros.fleet.layout import FleetFolder
 from tccm_ros.fleet.page import write_page
 from tccm_ros.fleet.record import Failure
 from tccm_ros.fleet.recordings import Recording, find_recordings
 from tccm_ros.fleet.task import Job, Outcome, TaskResult, is_done, process
+from tccm_ros.pipeline.warm_up.compilation import compile_kernels
+from tccm_ros.pipeline.warm_up.parts import PARTS
 from tccm_ros.progress import Bars, Silent
 
 LOOK_S = 5.0
@@ -122,7 +123,7 @@ def run_fleet(
     try:
         if jobs:
             if not workers.scheduler:
-                compile_kernels(config)
+                compile_kernels(PARTS, config)
             with connected(workers) as client:
                 _run(client, jobs, summary, bars)
     finally:

@@ -18,7 +18,6 @@ from tccm_ros.atomic import output_folder
 from tccm_ros.config import Config
 from tccm_ros.errors import TccmError, one_line
 from tccm_ros.fleet.catalogue import Catalogue
-from tccm_ros.fleet.kernels import compile_kernels
 from tccm_ros.fleet.layout import FleetFolder
 from tccm_ros.fleet.record import (
     Cost,
@@ -35,6 +34,8 @@ from tccm_ros.fleet.recordings import (
     local_copy,
 )
 from tccm_ros.pipeline.replay import Summary, replay
+from tccm_ros.pipeline.warm_up.compilation import compile_kernels
+from tccm_ros.pipeline.warm_up.parts import PARTS
 from tccm_ros.results.trajectory import read_tum
 
 ONE_AT_A_TIME = threading.Lock()
@@ -140,7 +141,7 @@ def _process(job: Job) -> Outcome:
         record = read_record(job.results)
         if record is not None and record.is_of(job.settings) and record.content == content:
             return Outcome.UNCHANGED
-        compile_kernels(job.config)
+        compile_kernels(PARTS, job.config)
         with output_folder(job.results, is_replaced=True) as folder:
             begin = time.monotonic(), time.process_time()
             _reset_peak_memory()

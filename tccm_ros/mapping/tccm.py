@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -44,7 +44,6 @@ from tccm_ros.sensors.depth_image import PosedImage, measure_image
 from tccm_ros.sensors.laser_scan import used_beams
 from tccm_ros.sensors.point_cloud import PosedCloud, measure_cloud
 from tccm_ros.sensors.registry import roles_of
-from tccm_ros.tabletop.free_places import FreePlaces, find_free_places
 from tccm_ros.tabletop.objects import ObjectTracker, find_objects
 
 DETECTORS = {
@@ -99,8 +98,6 @@ class CycleResult:
         float64 (4, 4), the base at `stamp_ns`.
     planes, objects
         Tracked planes, and what stands on them.
-    place_size
-        Width and depth of what `free_places` looks for room for, m.
     surfaces, view, boxes
         What goes to the surface map.
     part
@@ -122,7 +119,6 @@ class CycleResult:
     T_odom_base: Float64
     planes: list[PlaneRecord]
     objects: list[TabletopObject]
-    place_size: tuple[float, float]
     surfaces: SurfaceCloud
     view: ViewIntervals
     boxes: ObjectBoxes
@@ -131,14 +127,6 @@ class CycleResult:
     base_speed: float
     base_angular_speed: float
     ended_by: str
-
-    def free_places(self, planes: Sequence[PlaneRecord] | None = None) -> list[FreePlaces]:
-        """Return where there is room on horizontal planes; worked out when it is asked for.
-
-        `planes` are those to look at, all by default.
-        """
-        chosen = self.planes if planes is None else planes
-        return find_free_places(chosen, self.objects, self.place_size)
 
     @property
     def found(self) -> CyclePlanes:
@@ -310,7 +298,6 @@ class TccmProcessor:
             T_odom_base=T_odom_base,
             planes=planes,
             objects=objects,
-            place_size=self.config.objects.place_size,
             surfaces=surface_cloud(
                 cycle,
                 fits,

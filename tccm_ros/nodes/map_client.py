@@ -171,7 +171,10 @@ class SurfaceMapClient:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the services are there and a map has come."""
+        """Whether the services are there and a map has come.
+
+        No message tells that a service is there: who waits for it spins with a timeout.
+        """
         clients = self._find_surfaces, self._find_placements
         return bool(self.surfaces) and all(client.service_is_ready() for client in clients)
 

@@ -44,6 +44,10 @@ BURST = 100
 """Messages published in one tick at most. Chosen: other callbacks get their turn, and queues of
 `qos.SENSOR_DEPTH` hold what comes after a delay."""
 
+STABLE_S = 0.5
+"""The set of subscribers must not have changed for this time before the first message, s. Chosen:
+nodes are discovered one after another, and a writer knows of a match before the reader does."""
+
 ACK_TIMEOUT = Duration(seconds=10)
 """Longest wait for the acknowledgement of readers at the end of the bag. Chosen."""
 
@@ -55,7 +59,7 @@ PARAMETERS = {
     "loop": (False, "start over at the end"),
     "paused": (False, "start paused"),
     "clock": (True, "publish /clock"),
-    "wait_for_subscribers": (0.0, "longest wait for a subscriber on each topic, s; 0 none"),
+    "wait_for_subscribers": (0.0, "longest wait for the subscribers of each topic, s; 0 none"),
     "topics": ([""], "topics to play; empty: all"),
     "reliable": (False, "offer every topic reliably, whatever the bag's publishers offered"),
 }
@@ -89,6 +93,8 @@ class PlayerNode(Node):
             self.create_publisher(Clock, "/clock", 10) if self._value("clock") else None
         )
         self._waiting_since_ns: int | None = None
+        self._matched: dict[str, int] = {}
+        self._matched_since_ns = 0
         self._clock_due_ns = 0
         self._messages = self._open()
         self._next = next(self._messages, None)
@@ -199,24 +205,37 @@ class PlayerNode(Node):
         self._clock_publisher.publish(Clock(clock=stamp_message(self._types, played)))
 
     def _is_ready(self, now: int) -> bool:
-        """Return whether playing has begun; begin when every subscriber of a topic is matched."""
+        """Return whether playing has begun; begin when the subscribers of all topics are there."""
         if self._timeline.is_running or self._timeline.is_paused:
             return not self._timeline.is_paused
         is_first_look = self._waiting_since_ns is None
         self._waiting_since_ns = self._waiting_since_ns or now
         waited = (now - self._waiting_since_ns) * 1e-9
-        lonely = [
-            topic
-            for topic, publisher in self._publishers_by_topic.items()
-            if publisher.get_subscription_count() < max(1, self.count_subscribers(topic))
-        ]
-        if lonely and waited < self._value("wait_for_subscribers"):
-            if is_first_look:
+        lonely = self._find_lonely()
+        if waited < self._value("wait_for_subscribers") and (
+            lonely or not self._are_subscribers_stable(now)
+        ):
+            if is_first_look and lonely:
                 self.get_logger().info(f"ready; waits for subscribers of {', '.join(lonely)}")
             return False
         self.get_logger().info(f"plays {self._value('bag')}")
         self._timeline.run(now)
         return True
+
+    def _find_lonely(self) -> list[str]:
+        """Return the topics that have no subscriber, or one that is not matched yet."""
+        return [
+            topic
+            for topic, publisher in self._publishers_by_topic.items()
+            if publisher.get_subscription_count() < max(1, self.count_subscribers(topic))
+        ]
+
+    def _are_subscribers_stable(self, now: int) -> bool:
+        """Return whether no subscriber came or went for `STABLE_S`."""
+        matched = {t: p.get_subscription_count() for t, p in self._publishers_by_topic.items()}
+        if matched != self._matched:
+            self._matched, self._matched_since_ns = matched, now
+        return (now - self._matched_since_ns) * 1e-9 >= STABLE_S
 
     def _publish(self, message: BagMessage) -> None:
         self._publishers_by_topic[message.topic].publish(message.data)

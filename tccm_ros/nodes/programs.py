@@ -10,6 +10,7 @@ from rclpy.task import Future
 from tccm_ros.nodes.collision import CollisionObjects
 from tccm_ros.nodes.interfaces import MISSING, has_interfaces
 from tccm_ros.nodes.known_frames import KnownFrames
+from tccm_ros.nodes.label_service import offer_labels
 from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.map_services import MapServices
 from tccm_ros.nodes.ros_types import is_installed
@@ -19,6 +20,7 @@ from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.solver_channel import Solved
 from tccm_ros.nodes.surface_events import SurfaceEvents
 from tccm_ros.nodes.surface_services import SceneQueries, SurfaceServices
+from tccm_ros.records import LabelCorrection
 from tccm_ros.surfaces.scene import Scene
 
 
@@ -38,6 +40,8 @@ class Programs:
         Has the map saved into a folder; the future has a sentence.
     load
         Goes on with the map of a folder (in the worker).
+    correct_label
+        Has the label of a surface corrected.
     """
 
     def __init__(
@@ -46,6 +50,7 @@ class Programs:
         live: LivePosePublisher,
         begin_save: Callable[[Path], Future],
         load: Callable[[Path], str],
+        correct_label: Callable[[LabelCorrection], Future],
     ):
         self._node, self._live = node, live
         self._received: dict[int, Scene] = {}
@@ -58,6 +63,7 @@ class Programs:
             self._surfaces = SurfaceServices(node, node.types, live, frames)
             self._view_action = offer_scan_here(node, frames, self._surfaces)
             MapServices(node, begin_save, load)
+            offer_labels(node, self._surfaces, correct_label)
 
     def receive(self, solved: Solved) -> None:
         """Prepare a solution for questions (in the thread that receives solutions)."""

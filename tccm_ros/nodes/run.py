@@ -64,6 +64,8 @@ def run(*factories: Callable[[], Node], usage: str = USAGE) -> None:
             status = 1
     _close(nodes, signals)
     rclpy.try_shutdown()
+    if signals is not None:
+        signals.ignore()
     sys.exit(status)
 
 

@@ -219,6 +219,8 @@ class SensorNode(Node):
         if self.owns_robot:
             self.subscribe("odom", measured, self.take)
             self.subscribe("joint_states", measured, self.take)
+            if any(stream.mount is MountKind.LEVEL for stream in self._streams.values()):
+                self.subscribe("imu", measured, self.take, watch="event")
             self.subscribe("robot_description", latched(), self.take, watch="event")
             if has_tf2_msgs():
                 self.subscribe("tf", measured, self.take, topic="/tf", watch="event")

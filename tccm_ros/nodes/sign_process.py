@@ -22,7 +22,7 @@ NICENESS = 5
 def answer_pictures(connection: Connection) -> None:
     """Answer each picture that comes, until the other end is closed.
 
-    An answer is a pair: the measurements of the picture, and why nothing can be read, a sentence
+    An answer is a pair: what the picture tells, and why nothing can be read, a sentence
     that is empty where all is well.
     """
     processor = SignProcessor(Config())

@@ -13,7 +13,7 @@ from multiprocessing.connection import Connection
 from tccm_ros.config import Config
 from tccm_ros.nodes.worker import Worker
 from tccm_ros.sensors.camera_image import PosedPicture
-from tccm_ros.signs.measurement import SignMeasurement
+from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 from tccm_ros.signs.processor import SignProcessor
 
 MAX_WAITING = 10
@@ -24,6 +24,9 @@ MAX_DEATHS = 3
 
 END_S = 2.0
 """Time for the process to end by itself, s."""
+
+Told = tuple[SearchedPicture | SignMeasurement, ...]
+"""What a picture tells: that it was searched, and the signs in it."""
 
 
 class SignReader:
@@ -37,7 +40,7 @@ class SignReader:
     config
         Group `signs` is used.
     on_signs
-        Called with the measurements of each picture, in a thread of its own.
+        Called with what each picture tells, in a thread of its own.
 
     Attributes
     ----------
@@ -49,7 +52,7 @@ class SignReader:
         Why nothing can be read; empty where all is well.
     """
 
-    def __init__(self, config: Config, on_signs: Callable[[tuple[SignMeasurement, ...]], None]):
+    def __init__(self, config: Config, on_signs: Callable[[Told], None]):
         self._config, self._on_signs = config, on_signs
         self._selector = SignProcessor(config)
         self._worker = Worker("signs", self._note_error)
@@ -103,7 +106,7 @@ class SignReader:
         if session != self._session or self._deaths >= MAX_DEATHS:
             return
         try:
-            signs, problem = self._answer(posed)
+            told, problem = self._answer(posed)
         except (EOFError, OSError):
             self._deaths += 1
             self._connection = None
@@ -113,17 +116,17 @@ class SignReader:
             return
         self._deaths, self.problem = 0, problem
         self.counts["pictures"] += 1
-        self.counts["signs"] += len(signs)
+        self.counts["signs"] += sum(type(event) is SignMeasurement for event in told)
         if session == self._session:
-            self._on_signs(signs)
+            self._on_signs(told)
 
-    def _answer(self, posed: PosedPicture) -> tuple[tuple[SignMeasurement, ...], str]:
+    def _answer(self, posed: PosedPicture) -> tuple[Told, str]:
         """Return what the process answers (`sign_process.answer_pictures`)."""
         if self._connection is None:
             self._connection = self._start()
         self._connection.send(posed)
-        signs, problem = self._connection.recv()
-        return signs, problem
+        told, problem = self._connection.recv()
+        return told, problem
 
     def _start(self) -> Connection:
         ours, theirs = Pipe()

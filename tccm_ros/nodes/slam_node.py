@@ -37,9 +37,11 @@ from tccm_ros.nodes.solver_channel import (
     PoseStamp,
     Solved,
 )
+from tccm_ros.nodes.view_parts import ViewParts
 from tccm_ros.nodes.worker import Worker, promise
 from tccm_ros.records import (
     Event,
+    LabelCorrection,
     ObjectBoxes,
     Odometry,
     PoseGuess,
@@ -52,7 +54,7 @@ from tccm_ros.ros.topic_messages import SOLUTION_TOPICS, SURFACE_MESSAGE_TOPICS
 from tccm_ros.sensors.camera_image import PosedPicture
 from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import default_streams, stream_for_topic
-from tccm_ros.signs.measurement import SignMeasurement
+from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 from tccm_ros.signs.reading import missing_extra
 from tccm_ros.slam.tracking import Tracker
 
@@ -102,6 +104,8 @@ class SlamNode(SensorNode):
         self._keeper = MapKeeper()
         self.newest_ns = 0
         self._unsolved: Counter[str] = Counter()
+        self._view_parts = ViewParts()
+        self._complete_from = 0
         self._next_solve_s = 0.0
         self._last_s = time.monotonic()
         self._shown_ns = -1
@@ -118,7 +122,9 @@ class SlamNode(SensorNode):
         self._outputs = SolutionOutputs(
             self, topics, latched(), self.solver.show, self.worker.post, shared=(GRID_TOPIC,)
         )
-        self._programs = Programs(self, self.live, self.begin_named_save, self.load)
+        self._programs = Programs(
+            self, self.live, self.begin_named_save, self.load, self.begin_correction
+        )
         self.add_post_set_parameters_callback(self._on_parameters)
         self.create_service(Trigger, "~/load_map", self._on_load_map)
         self.localisation.offer_service(self, self.answer)
@@ -209,6 +215,8 @@ class SlamNode(SensorNode):
         before = Counter(self.processor.counts)
         self._solve_with(event)
         if isinstance(event, (SurfaceCloud, ViewIntervals, ObjectBoxes)):
+            self._view_parts.note(event, time.monotonic())
+            self._unsolved["view parts"] += 1
             self._programs.note_view_part(event.stamp_ns, self.solver.next_number)
         if isinstance(event, PosedDetections):
             self._unsolved["detections"] += 1
@@ -225,13 +233,15 @@ class SlamNode(SensorNode):
     def _solve_with(self, event: Any) -> None:
         """Give an event to the solver."""
         self._last_s = time.monotonic()
-        self._unsolved["records"] += type(event) is not Odometry
+        if type(event) is not Odometry:
+            self._unsolved["records"] += 1
+            self._complete_from = self.solver.next_number
         self.solver.feed(event)
 
-    def _on_signs(self, signs: Sequence[SignMeasurement]) -> None:
-        """Give what was read in a picture to the solver: it belongs to the picture's stamp."""
-        for sign in signs:
-            self.worker.post(partial(self._solve_with, sign))
+    def _on_signs(self, told: Sequence[SearchedPicture | SignMeasurement]) -> None:
+        """Give what a picture tells to the solver: it belongs to the picture's stamp."""
+        for event in told:
+            self.worker.post(partial(self._solve_with, event))
 
     def _note_config(self) -> None:
         self.solver.feed(self.config.model_copy(deep=True))
@@ -248,7 +258,8 @@ class SlamNode(SensorNode):
 
     def _solve_when_due(self) -> None:
         new = self._unsolved
-        if new["clouds"] or new["detections"] or new["keyframes"] >= KEYFRAMES_PER_SOLVE:
+        has_seen = any(new[what] for what in ("clouds", "view parts", "detections"))
+        if has_seen or new["keyframes"] >= KEYFRAMES_PER_SOLVE:
             self._solve_if_due()
 
     def _solve_when_quiet(self) -> None:
@@ -258,8 +269,10 @@ class SlamNode(SensorNode):
             self._solve_if_due()
 
     def _solve_if_due(self) -> None:
-        is_due = time.monotonic() >= self._next_solve_s and not self._waits_for_scan
-        if is_due and not self.solver.is_solving and self.context.ok():
+        now_s = time.monotonic()
+        is_due = now_s >= self._next_solve_s and not self._waits_for_scan
+        is_whole = not self._view_parts.are_coming(now_s)
+        if is_due and is_whole and not self.solver.is_solving and self.context.ok():
             self._ask_solution()
 
     def _ask_solution(self) -> int:
@@ -323,6 +336,15 @@ class SlamNode(SensorNode):
         self._unsolved["keyframes"] += KEYFRAMES_PER_SOLVE
         return ""
 
+    def begin_correction(self, correction: LabelCorrection) -> Future:
+        """Have the label of a surface corrected, and a solution that has it."""
+
+        def correct() -> None:
+            self._solve_with(correction)
+            self._ask_solution()
+
+        return self.worker.call(correct, self)
+
     def load(self, folder: Path) -> str:
         """Go on with a saved map; what was mapped since the start is forgotten."""
         first = self.solver.begin(folder / MAP_FILE)
@@ -349,7 +371,7 @@ class SlamNode(SensorNode):
         self.signs.begin()
         self._shown_ns = -1
         self._has_tilt_scan = False
-        self.newest_ns = 0
+        self.newest_ns = self._complete_from = 0
         self._unsolved.clear()
 
     # --- saving ---
@@ -422,6 +444,9 @@ class SlamNode(SensorNode):
             os.close(archive)
         late_s = max(self.newest_ns - solved.stamp_ns, 0) * 1e-9
         late = f"; the last {late_s:.1f} s of records are not in it" if late_s else ""
+        if not late and solved.number < self._complete_from:
+            # A view may come last and be older than the scans that were solved.
+            late = "; what came last is not in it"
         stamp = f"{solved.stamp_ns * 1e-9:.3f}"
         return f"{folder}: solution {solved.number}, up to {stamp} s, {solved.content}{late}"
 

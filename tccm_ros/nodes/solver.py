@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing import Pipe, reduction
@@ -30,6 +30,8 @@ from tccm_ros.nodes.solver_channel import (
     Solve,
     Solved,
 )
+from tccm_ros.results.labels_file import labels_beside
+from tccm_ros.surfaces.labels import SurfaceLabel
 
 BATCH = 50
 """Events that are written together: a quarter of a second of a laser, joints and odometry."""
@@ -49,6 +51,7 @@ class _Session:
     config: str
     journal: Journal = field(default_factory=Journal)
     map_name: str = ""
+    labels: Mapping[int, SurfaceLabel] | None = None
     saved_map: IO[bytes] | None = None
 
     def close(self) -> None:
@@ -129,6 +132,7 @@ class Solver:
         first_keyframe = (0, 0)
         with self._changed:
             if saved_map is not None:
+                session.labels = labels_beside(saved_map)
                 session.map_name, session.saved_map = str(saved_map), _copied(saved_map)
                 first_keyframe = self._load(session)
             else:
@@ -259,7 +263,9 @@ class Solver:
 
     def _send_begin(self, session: _Session) -> None:
         with suppress(OSError):
-            self._connection.send(Begin(session.config, session.number, session.map_name))
+            self._connection.send(
+                Begin(session.config, session.number, session.map_name, session.labels)
+            )
             reduction.send_handle(self._connection, session.journal.fileno(), self.pid)
             if session.saved_map is not None:
                 reduction.send_handle(self._connection, session.saved_map.fileno(), self.pid)

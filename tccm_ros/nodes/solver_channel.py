@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 from tccm_ros.results.map_file import MapContent
 from tccm_ros.slam.tracking import SolvedMap
+from tccm_ros.surfaces.labels import SurfaceLabel
 
 GRID, GRID_TOPIC = "nav_msgs/msg/OccupancyGrid", "map"
 """For navigation, latched; saved as map.pgm and map.yaml."""
@@ -40,6 +41,8 @@ class Begin(NamedTuple):
         Number of this beginning, for the answers.
     map_name
         Of the saved map to go on with, for messages; empty without one.
+    labels
+        What a labels.json beside that map says; None without one.
     journal, saved_map
         Descriptors (set by who receives them).
     """
@@ -47,6 +50,7 @@ class Begin(NamedTuple):
     config: str
     session: int
     map_name: str = ""
+    labels: Mapping[int, SurfaceLabel] | None = None
     journal: int = -1
     saved_map: int = -1
 

@@ -41,6 +41,7 @@ from tccm_ros.nodes.solver_channel import (
     Solved,
     read_events,
 )
+from tccm_ros.results.labels_file import with_labels
 from tccm_ros.results.map_file import MapContent, load_map
 from tccm_ros.ros.output_messages import grid_message
 from tccm_ros.ros.topic_messages import SolutionMessageBuilder, TopicMessage
@@ -174,7 +175,7 @@ def _read_map(begin: Begin) -> SavedMap:
     """Read a saved map from its descriptor; messages have its name."""
     path = Path(f"/dev/fd/{begin.saved_map}")
     try:
-        return load_map(path)
+        return with_labels(load_map(path), begin.labels)
     except MapError as error:
         raise MapError(str(error).replace(str(path), begin.map_name)) from None
     finally:

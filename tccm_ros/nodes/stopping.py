@@ -54,6 +54,15 @@ class StopSignals:
         """Whether the process was told again, later than those do who send a signal twice."""
         return bool(self._times) and self._times[-1] - self._times[0] > HASTE_S
 
+    def ignore(self) -> None:
+        """Ignore signals from now on: nothing is left but to end.
+
+        The interpreter restores the default of what it handles before it has ended; a signal in
+        that moment would kill the process, with a status that says that something was lost.
+        """
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+
     def _run(self) -> None:
         while numbers := self._reader.recv(16):
             for number in numbers:

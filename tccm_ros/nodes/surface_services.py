@@ -137,6 +137,21 @@ class SurfaceServices:
             raise FrameError("there is no map yet: wait for ~/surface_map")
         return self._newest
 
+    def surface(self, identity: int) -> Surface:
+        """Return a surface above the floor by its id, or by one that was merged into it.
+
+        Raises
+        ------
+        FrameError, MessageError
+            Where there is no map yet, or no such surface.
+        """
+        found = self._current().queries.find_surfaces(SurfaceFilter(ids=frozenset({identity})))
+        if not found:
+            raise MessageError(f"there is no surface {identity}; ~/find_surfaces has them")
+        if found[0].label == "floor":
+            raise MessageError(f"surface {identity} is the floor, and stays it")
+        return found[0]
+
     # --- frames ---
 
     def T_map_frame(self, frame: str) -> Float64:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from tccm_ros.bags.reader import BagPaths, BagReader
 from tccm_ros.config import Config
@@ -11,6 +11,7 @@ from tccm_ros.errors import BagError, FrameError, MapError, TopicError
 from tccm_ros.pipeline.outcome import Outcome
 from tccm_ros.pipeline.processors import OnCycle, Pipeline
 from tccm_ros.pipeline.topics import TopicChoice, choose_topics, laser_is_base
+from tccm_ros.pipeline.warm_up.compilation import compile_kernels
 from tccm_ros.progress import Bars, Silent
 from tccm_ros.records import Scan
 from tccm_ros.robot import MountKind, Stream
@@ -64,6 +65,7 @@ def run_bag(
         topics = choice.topics
         reader.add_readers(choice.readers)
         present = {info.name for info in reader.topics() if info.count}
+        compile_kernels(_processors(choice, present), config, bars)
         pipeline = Pipeline(
             config,
             streams=choice.streams,
@@ -96,6 +98,11 @@ def run_bag(
             saved is not None,
             (*choice.found, *_lasers_that_are_bases(pipeline, choice), *_missing_extra(pipeline)),
         )
+
+
+def _processors(choice: TopicChoice, present: Collection[str]) -> set[str]:
+    """Return the processors that a recording needs: SLAM gives each its trajectory."""
+    return {"slam"} | {s.processor for s in choice.streams if choice.topics[s.role] in present}
 
 
 def _check_there(reader: BagReader, choice: TopicChoice) -> None:

@@ -15,6 +15,7 @@ from tccm_ros.arrays import Float32, Float64
 from tccm_ros.errors import MessageError
 from tccm_ros.records.cycle import ObjectBoxes, SurfaceCloud, ViewIntervals
 from tccm_ros.records.sensors import (
+    Imu,
     JointSample,
     Odometry,
     RobotDescription,
@@ -28,6 +29,7 @@ Vector = Sequence[float]
 Record = (
     Scan
     | JointSample
+    | Imu
     | Odometry
     | TransformSample
     | RobotDescription
@@ -61,7 +63,8 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
     numbers
         angle_min, angle_max, angle_increment, time_increment, scan_time, range_min, range_max.
     ranges
-        float32 (N,).
+        float32 (N,). The record's cannot be written, whether they come from a bag or from a
+        message, so that kernels are compiled for one kind of array.
     """
     angle_min, _, angle_increment, time_increment, _, range_min, range_max = map(float, numbers)
     finite = (angle_min, angle_increment, time_increment, range_min)
@@ -72,6 +75,8 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
             f"scan has {len(ranges)} beams with {time_increment:g} s between two, "
             f"expected 0 to {MAX_SCAN_S:g} s in all"
         )
+    ranges = ranges.view()
+    ranges.flags.writeable = False
     return Scan(
         stamp_ns=stamp_ns,
         frame_id=frame_name(frame_id),
@@ -82,6 +87,30 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
         range_max=range_max,
         ranges=ranges,
     )
+
+
+def imu_record(stamp_ns: int, frame_id: str, rates: Sequence[float], first: float) -> Imu:
+    """Return the record of a sensor_msgs/Imu.
+
+    Parameters
+    ----------
+    stamp_ns, frame_id
+        Header.
+    rates
+        Angular velocity about x, y and z, rad/s.
+    first
+        First element of its covariance: -1 where there is no angular velocity.
+
+    Raises
+    ------
+    MessageError
+        Where there is no angular velocity, or one that is not finite.
+    """
+    if first == -1.0:
+        raise MessageError("imu measures no angular velocity (its covariance begins with -1)")
+    if not all(map(math.isfinite, rates)):
+        raise MessageError("imu has an angular velocity that is not finite")
+    return Imu(stamp_ns, frame_id, np.array(rates, np.float64))
 
 
 def joint_sample(stamp_ns: int, names: Sequence[str], positions: Float64) -> JointSample:

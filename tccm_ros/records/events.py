@@ -61,6 +61,9 @@ class Posed:
         The robot's shapes at the record's stamp, where the stream asks for them and they are known.
     has_odometry
         Whether odometry or tf tells how the base moves; without, `T_odom_base` is the identity.
+    heading
+        Of a level scan, the yaw of the base at its stamp by a gyroscope, rad, from a direction of
+        its own: differences between scans count. None where nothing tells it.
     """
 
     record: Any
@@ -72,6 +75,7 @@ class Posed:
     base_frame: str = "base_link"
     own_shapes: SelfShapes | None = None
     has_odometry: bool = True
+    heading: float | None = None
 
     @property
     def stamp_ns(self) -> int:

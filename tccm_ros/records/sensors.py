@@ -84,6 +84,23 @@ class Odometry:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Imu:
+    """What a gyroscope measures (sensor_msgs/Imu).
+
+    Attributes
+    ----------
+    stamp_ns, frame_id
+        Header.
+    angular_velocity
+        float64 (3,), rad/s, along the axes of the frame, finite.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    angular_velocity: Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class TransformSample:
     """One transform of tf (geometry_msgs/TransformStamped).
 

@@ -125,6 +125,22 @@ class PoseGuess:
     cov: Float64
 
 
+@dataclass(frozen=True, slots=True)
+class LabelCorrection:
+    """What a person says that a surface is.
+
+    Attributes
+    ----------
+    surfaces
+        Id of the surface, and those that were merged into it: what was said of them is forgotten.
+    label
+        Its label; empty: the rules decide again.
+    """
+
+    surfaces: tuple[int, ...]
+    label: str
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LandmarkObservation:
     """What a sensor measured of a landmark that it recognised.

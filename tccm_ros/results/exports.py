@@ -15,7 +15,9 @@ from tccm_ros.results.cuboids_file import cuboids_archive
 from tccm_ros.results.geojson import feature_collection
 from tccm_ros.results.models import (
     GraphFile,
+    LabelsFile,
     ObjectsFile,
+    PlacementsEntry,
     PlanesFile,
     SummaryFile,
     SurfacesFile,
@@ -27,7 +29,16 @@ from tccm_ros.results.planning import scene_text
 from tccm_ros.results.ply import surface_ply
 from tccm_ros.results.signs_file import SignsFile
 from tccm_ros.results.trajectory import Trajectory
+from tccm_ros.surfaces.queries import SurfaceFilter, SurfaceQueries
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
+from tccm_ros.tabletop.placements import PlacementRequest
+
+PLACED_HEIGHT_M = 0.2
+"""Height of the object for which objects.json has placements, m; chosen: a bottle's, less than the
+distance of shelf boards."""
+
+MAX_PLACEMENTS = 20
+"""Placements in objects.json, at most; chosen: more than a robot tries."""
 
 
 def write_results(
@@ -97,8 +108,11 @@ def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes
         "surfaces.json": SurfacesFile.of(
             solution.surfaces, solution.floor_z, map_frame, solution.rooms
         ),
+        "labels.json": LabelsFile.of(solution.corrected_labels),
         "walls.json": WallsFile.of(slam.walls),
-        "objects.json": ObjectsFile.of(solution.objects, solution.free_places),
+        "objects.json": ObjectsFile.of(
+            solution.objects, solution.free_places, ranked_placements(solution)
+        ),
         "signs.json": SignsFile.of(slam.signs),
         "graph.json": GraphFile.of(slam.keyframes, slam.loops, slam.landmarks),
         "surfaces.geojson": feature_collection(solution.surfaces, slam.walls, map_frame),
@@ -110,6 +124,19 @@ def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes
         "trajectory.tum": trajectory.tum().encode(),
     }
     return _encoded(models) | files
+
+
+def ranked_placements(solution: SurfaceSolution) -> PlacementsEntry:
+    """Return where an object can be put down, as ``~/find_placements`` would answer.
+
+    Parameters
+    ----------
+    solution
+        Its `place_size` is the footprint of the object.
+    """
+    queries = SurfaceQueries(solution.surfaces, solution.objects, solution.floor_z)
+    request = PlacementRequest(*solution.place_size, PLACED_HEIGHT_M, max_count=MAX_PLACEMENTS)
+    return PlacementsEntry.of(request, queries.find_placements(SurfaceFilter(), request))
 
 
 def write_timing(folder: Path, timing: TimingFile) -> None:

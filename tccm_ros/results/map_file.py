@@ -25,6 +25,7 @@ from tccm_ros.atomic import finish_moves, output_file
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import MapError, one_line
 from tccm_ros.results.array_archive import array_archive, read_arrays
+from tccm_ros.results.labels_file import labels_beside, with_labels
 from tccm_ros.results.numbers import Stamp
 from tccm_ros.ros.topic_messages import SolutionMessageBuilder
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView, pack_views, unpack_views
@@ -209,14 +210,18 @@ def is_map(path: Path | str) -> bool:
 
 
 def load_map(path: Path | str) -> SavedMap:
-    """Read a map.
+    """Read a map, with the corrected labels that a labels.json beside a map.mcap has.
 
     Raises
     ------
     MapError
-        If the file is missing, damaged, no map or of another version.
+        If the file is missing, damaged, no map or of another version, or labels.json does not fit.
     """
     path = Path(path)
+    return with_labels(_read_map(path), labels_beside(path))
+
+
+def _read_map(path: Path) -> SavedMap:
     try:
         with suppress(OSError):  # a folder that cannot be written is read as it is
             finish_moves(path.parent)

@@ -31,6 +31,7 @@ from tccm_ros.records import (
 from tccm_ros.results.numbers import Stamp, key_of
 from tccm_ros.results.surface_counts import SurfaceCounts
 from tccm_ros.surfaces.scene_objects import SceneObject
+from tccm_ros.tabletop.placements import Placement, PlacementRequest
 
 
 def array_type(*shape: int | None, is_finite: bool = True) -> tuple[PlainValidator, Any]:
@@ -271,6 +272,49 @@ class SurfacesFile:
         return cls(frame_id=frame_id, floor_z=floor_z, surfaces=entries, rooms=found)
 
 
+# --- labels.json ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class LabelEntry:
+    """The label that a person gave a surface.
+
+    Attributes
+    ----------
+    surface
+        Id of the surface.
+    label
+        What it is: a label of surfaces.json but ``floor``.
+    """
+
+    surface: int
+    label: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabelsFile:
+    """labels.json: which labels of surfaces a person has corrected.
+
+    Beside a saved map it may be edited: what it says replaces what the map holds.
+
+    Attributes
+    ----------
+    format, version
+        Name and version of the file format.
+    labels
+        By surface.
+    """
+
+    format: Literal["tccm_ros/labels"] = "tccm_ros/labels"
+    version: Literal[1] = 1
+    labels: tuple[LabelEntry, ...] = ()
+
+    @classmethod
+    def of(cls, corrected: Mapping[int, str]) -> LabelsFile:
+        """Return the model of labels.json, of labels by surface id."""
+        return cls(labels=tuple(LabelEntry(k, str(v)) for k, v in sorted(corrected.items())))
+
+
 # --- objects.json --------------------------------------------------------------------------------
 
 
@@ -322,8 +366,58 @@ class FreePlacesEntry:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PlacementEntry:
+    """Where an object can be put down, in map, as ``~/find_placements`` answers.
+
+    Attributes
+    ----------
+    surface
+        Id of the surface.
+    position
+        float64 (3,), middle of the object's bottom, on the surface, m.
+    yaw
+        Yaw of its length, in (-pi, pi], rad.
+    clearance
+        Distance of its footprint from the nearest edge, hole, object or earlier placement, m.
+    free_height
+        Height that is free over its footprint, m; null where nothing is known above.
+    """
+
+    surface: int
+    position: Vector
+    yaw: float
+    clearance: float
+    free_height: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacementsEntry:
+    """Where one object can be put down on all surfaces but the floor.
+
+    Attributes
+    ----------
+    size
+        float64 (3,), length, width and height of the object, m.
+    clearance
+        Distance that stays free around and above it, m.
+    ranked
+        The best first: those with more clearance; all of them may be used at once.
+    """
+
+    size: Vector
+    clearance: float
+    ranked: tuple[PlacementEntry, ...]
+
+    @classmethod
+    def of(cls, request: PlacementRequest, found: Iterable[Placement]) -> PlacementsEntry:
+        """Return the entry of what was asked for and what was found."""
+        size = np.array([request.size_x, request.size_y, request.height])
+        return cls(size, request.clearance, tuple(_entry(PlacementEntry, p) for p in found))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ObjectsFile:
-    """objects.json: objects on surfaces, and free places.
+    """objects.json: objects on surfaces, free places, and placements.
 
     Attributes
     ----------
@@ -331,14 +425,20 @@ class ObjectsFile:
         By surface and id.
     free
         By surface.
+    placements
+        Of an object of `objects.place_size`; None in files of older versions.
     """
 
     objects: tuple[ObjectEntry, ...] = ()
     free: tuple[FreePlacesEntry, ...] = ()
+    placements: PlacementsEntry | None = None
 
     @classmethod
     def of(
-        cls, objects: Iterable[SceneObject], free: Mapping[int, Sequence[Float64]]
+        cls,
+        objects: Iterable[SceneObject],
+        free: Mapping[int, Sequence[Float64]],
+        placements: PlacementsEntry | None = None,
     ) -> ObjectsFile:
         """Return the model of objects.json.
 
@@ -348,10 +448,13 @@ class ObjectsFile:
             By surface and id.
         free
             Rings by surface (`free_places`).
+        placements
+            What was asked for, and the answer.
         """
         return cls(
             tuple(map(_object_entry, objects)),
             tuple(FreePlacesEntry(s, tuple(rings)) for s, rings in sorted(free.items())),
+            placements,
         )
 
 

@@ -8,6 +8,8 @@ from tccm_ros.errors import FrameError
 from tccm_ros.records import Posed
 from tccm_ros.robot.base_motion import BaseMotion, MotionSource
 from tccm_ros.robot.chain import Chain, JointReading
+from tccm_ros.robot.chain_finder import MountKind
+from tccm_ros.robot.gyro_heading import GyroHeading
 from tccm_ros.robot.mount import Mount
 from tccm_ros.robot.sensor import Sensor
 from tccm_ros.robot.tracks import Track
@@ -22,6 +24,8 @@ class Posing:
         `sync_timeout` is used: samples with more than half of it between them bracket nothing.
     motion
         Motion of the base.
+    gyro
+        Its heading: once there is one, a level scan waits for it, as long as for a joint.
 
     Attributes
     ----------
@@ -29,8 +33,8 @@ class Posing:
         A record waits so much longer than its own end, in message time.
     """
 
-    def __init__(self, config: Config, motion: BaseMotion):
-        self._motion = motion
+    def __init__(self, config: Config, motion: BaseMotion, gyro: GyroHeading):
+        self._motion, self._gyro = motion, gyro
         self._timeout_ns = round(config.sync_timeout * 1e9)
         self._max_gap_ns = self._timeout_ns // 2
         self.wait_ns = self._timeout_ns + max(0, round(-config.rig.joint_time_offset * 1e9))
@@ -89,7 +93,20 @@ class Posing:
             if reason == "no joint samples":
                 mount.explain_missing(chain)
             return reason
+        is_level = sensor.stream.mount is MountKind.LEVEL
+        if is_level and self._awaits_gyro(record.stamp_ns, now_ns, late=late):
+            sensor.awaited = self._gyro.track, self._gyro.track.heard
+            return None
         return self._pose(sensor, chain, start_ns, end_ns)
+
+    def _awaits_gyro(self, stamp_ns: int, now_ns: int | None, *, late: bool) -> bool:
+        """Return whether a gyroscope may still tell the heading at a stamp."""
+        track = self._gyro.track
+        if late or track.latest_ns is None or self._gyro.brackets(stamp_ns):
+            return False
+        if stamp_ns - track.latest_ns > self._timeout_ns:  # it has a clock of its own, or is silent
+            return False
+        return not self._has_no_more(track, stamp_ns, now_ns or 0)
 
     def _frame_of(self, sensor: Sensor) -> str:
         """Return the frame that a record needs a chain to: of one in map or odom, the base's."""
@@ -140,6 +157,7 @@ class Posing:
             base,
             mount.self_shapes(record.stamp_ns) if is_filtered else None,
             self._motion.source is not MotionSource.STILL,
+            self._gyro.at(record.stamp_ns) if stream.mount is MountKind.LEVEL else None,
         )
 
     def _base_poses(self, mount: Mount, stamps_ns: Int64) -> Float64:

@@ -20,6 +20,7 @@ from tccm_ros.errors import TopicError, suggest
 from tccm_ros.records import (
     START_OF_TIME,
     Event,
+    Imu,
     JointSample,
     MapReset,
     Odometry,
@@ -31,6 +32,7 @@ from tccm_ros.records import (
 from tccm_ros.robot.base_motion import BaseMotion, MotionSource
 from tccm_ros.robot.chain_finder import MountKind
 from tccm_ros.robot.frames import FrameTree
+from tccm_ros.robot.gyro_heading import GyroHeading
 from tccm_ros.robot.joint_tracks import JointTracks
 from tccm_ros.robot.posing import Posing
 from tccm_ros.robot.sensor import Sensor
@@ -91,7 +93,7 @@ class Robot:
 
     Attributes
     ----------
-    frames, joints, motion
+    frames, joints, motion, gyro
         What is known of the robot.
     sensors
         By role: their mounts, the records that wait, and counts.
@@ -118,7 +120,8 @@ class Robot:
             for role, sensor in self.sensors.items()
             if sensor.stream.mount is MountKind.TILTING
         }
-        self._posing = Posing(config, self.motion)
+        self.gyro = GyroHeading(config, self.frames, self.motion)
+        self._posing = Posing(config, self.motion, self.gyro)
         self._clock_jump_ns = round(config.clock_jump * 1e9)
         self._guard: StampGuard[tuple[_Input, Any]] = StampGuard(self._clock_jump_ns)
         self._inputs = self._inputs_by_role()
@@ -180,6 +183,7 @@ class Robot:
         self.joints.clear()
         self.frames.clear_samples()
         self.motion.clear_samples()
+        self.gyro.clear_samples()
         self._posing.clear_samples()
         for sensor in self.sensors.values():
             sensor.clear_samples()
@@ -198,6 +202,7 @@ class Robot:
             "tf": tf,
             "joint_states": _Input(JointSample, self._add_joints, refuse, source="names"),
             "odom": _Input(Odometry, self._add_odometry, refuse, "T_odom_base"),
+            "imu": _Input(Imu, self._add_imu, refuse, keeps_time=False),
         }
         for role, sensor in self.sensors.items():
             inputs[role] = _Input(sensor.stream.record, sensor.add, sensor.refuse)
@@ -248,6 +253,9 @@ class Robot:
 
     def _add_joints(self, sample: JointSample) -> None:
         self._count_late(self.joints.add(sample))
+
+    def _add_imu(self, record: Imu) -> None:
+        self._count_late(int(not self.gyro.add(record)))
 
     def _add_odometry(self, record: Odometry) -> None:
         if self.motion.source in (MotionSource.TF, MotionSource.STILL):

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from tccm_ros.arrays import Float32
 from tccm_ros.cdr.message_reader import MessageReader
-from tccm_ros.cdr.reading import read_joint_sample, read_odometry, read_transforms
+from tccm_ros.cdr.reading import read_imu, read_joint_sample, read_odometry, read_transforms
 from tccm_ros.errors import MessageError
 from tccm_ros.records import (
+    Imu,
     JointSample,
     ObjectBoxes,
     Odometry,
@@ -29,6 +30,7 @@ from tccm_ros.records import (
 )
 from tccm_ros.records.building import (
     frame_name,
+    imu_record,
     joint_sample,
     pose_matrix,
     stamp_ns_from_message,
@@ -66,6 +68,23 @@ def odometry_from_message(message: Any) -> Odometry:
         frame_name(message.header.frame_id),
         frame_name(message.child_frame_id),
         pose_matrix((position.x, position.y, position.z), (q.x, q.y, q.z, q.w), "odometry"),
+    )
+
+
+def imu_from_message(message: Any) -> Imu:
+    """Return the angular velocity of a sensor_msgs/Imu.
+
+    Raises
+    ------
+    MessageError
+        Where it is not finite, or where the message says that it has none.
+    """
+    rate = message.angular_velocity
+    return imu_record(
+        stamp_ns_from_message(message.header.stamp),
+        frame_name(message.header.frame_id),
+        (rate.x, rate.y, rate.z),
+        float(message.angular_velocity_covariance[0]),
     )
 
 
@@ -151,6 +170,7 @@ READERS: Mapping[str, MessageReader] = {
         "sensor_msgs/msg/JointState", joint_sample_from_message, read_joint_sample
     ),
     "odom": _reader("nav_msgs/msg/Odometry", odometry_from_message, read_odometry),
+    "imu": _reader("sensor_msgs/msg/Imu", imu_from_message, read_imu),
     "tf": MessageReader("tf2_msgs/msg/TFMessage", transforms_from_message, read_transforms),
     "tf_static": MessageReader(
         "tf2_msgs/msg/TFMessage",

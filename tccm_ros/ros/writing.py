@@ -16,6 +16,7 @@ from tccm_ros.records import (
     CameraImage,
     CameraInfo,
     DepthImage,
+    Imu,
     JointSample,
     ObjectBoxes,
     Odometry,
@@ -173,6 +174,19 @@ def odometry_message(types: MessageTypes, odometry: Odometry) -> Any:
         header=header_message(types, odometry.stamp_ns, odometry.frame_id),
         child_frame_id=odometry.child_frame_id,
         pose=pose,
+    )
+
+
+def imu_message(types: MessageTypes, imu: Imu) -> Any:
+    """Return a sensor_msgs/Imu without orientation and acceleration (their covariances say so)."""
+    x, y, z = map(float, imu.angular_velocity)
+    unknown = np.array([-1.0, *[0.0] * 8])
+    return types.make(
+        "sensor_msgs/msg/Imu",
+        header=header_message(types, imu.stamp_ns, imu.frame_id),
+        angular_velocity=types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+        orientation_covariance=unknown,
+        linear_acceleration_covariance=unknown.copy(),
     )
 
 

@@ -14,6 +14,14 @@ from tccm_ros.signs.hog import hog_features, region_patches
 WEIGHTS = Path(__file__).with_name("weights.npz")
 """What `tools/train_signs.py` writes."""
 
+SCALES = (0.85, 1.18)
+"""Other sizes at which a box is scored, as parts of its own: saliency bounds a number now tightly,
+now with what is around it (chosen)."""
+
+DOUBT = 0.5
+"""What scores less than the threshold by more than this is not scored at other sizes. Chosen: in
+twelve rendered pictures no box was lost by it that the mean accepts."""
+
 
 @dataclass(frozen=True)
 class SignClassifier:
@@ -36,6 +44,9 @@ class SignClassifier:
     def scores(self, gray: UInt8, boxes: Float64) -> Float32:
         """Return the score of each box, larger for what looks more like a number on a plate.
 
+        It is the mean over `SCALES` of the box, which keeps its middle; a box that scores less than
+        the threshold by more than `DOUBT` as it is keeps that score.
+
         Parameters
         ----------
         gray
@@ -47,8 +58,21 @@ class SignClassifier:
         -------
         float32 (N,)
         """
-        scores: Float32 = hog_features(region_patches(gray, boxes)) @ self.weights + self.bias
-        return scores.astype(np.float32)
+        scores = self._scores(gray, boxes)
+        doubtful = np.nonzero(scores > self.threshold - DOUBT)[0]
+        scaled = [self._scores(gray, _scaled(boxes[doubtful], scale)) for scale in SCALES]
+        scores[doubtful] = np.mean([scores[doubtful], *scaled], axis=0)
+        return scores
+
+    def _scores(self, gray: UInt8, boxes: Float64) -> Float32:
+        features = hog_features(region_patches(gray, boxes))
+        return (features @ self.weights + self.bias).astype(np.float32)
+
+
+def _scaled(boxes: Float64, scale: float) -> Float64:
+    """Return boxes (N, 4) of another size about the same middles."""
+    middles, halves = 0.5 * (boxes[:, :2] + boxes[:, 2:]), 0.5 * (boxes[:, 2:] - boxes[:, :2])
+    return np.hstack([middles - scale * halves, middles + scale * halves])
 
 
 def read_classifier(path: Path = WEIGHTS) -> SignClassifier:

@@ -1,4 +1,4 @@
-"""What one picture tells of one door sign (section III.A.2 of the surface mapping paper)."""
+"""What one picture tells of door signs (section III.A.2 of the surface mapping paper)."""
 
 from __future__ import annotations
 
@@ -47,3 +47,36 @@ class SignMeasurement:
     descriptor: Float32
     corners: Float64
     focal_length: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchedPicture:
+    """A picture in which door signs were looked for, whether one was read in it or not.
+
+    Attributes
+    ----------
+    stamp_ns
+        When the picture was taken.
+    T_base_camera
+        float64 (4, 4), pose of the optical frame in the base frame at the stamp.
+    focal_lengths, center
+        float64 (2,) each, of the picture as it was taken, pixels; without the lens' distortion.
+    size
+        Width and height, pixels.
+    """
+
+    stamp_ns: int
+    T_base_camera: Float64
+    focal_lengths: Float64
+    center: Float64
+    size: tuple[int, int]
+
+    @property
+    def key(self) -> tuple[int, bytes]:
+        """What it has in common with the measurements that were made in it."""
+        return picture_key(self.stamp_ns, self.T_base_camera)
+
+
+def picture_key(stamp_ns: int, T_base_camera: Float64) -> tuple[int, bytes]:
+    """Return what tells pictures from each other: the stamp, and of several cameras the pose."""
+    return stamp_ns, T_base_camera.tobytes()

@@ -19,7 +19,7 @@ from tccm_ros.sensors.camera_image import (
 )
 from tccm_ros.signs.detector import SignDetector
 from tccm_ros.signs.hog import hog_features, region_patches
-from tccm_ros.signs.measurement import SignMeasurement
+from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 
 BEYOND_RATE = "pictures beyond signs.rate"
 NO_EXTRA = "pictures that nothing can read: extra signs is not installed"
@@ -74,8 +74,8 @@ class SignProcessor:
         self.dropped: Counter[str] = Counter()
         self.problem = ""
 
-    def add(self, event: Any) -> list[SignMeasurement]:
-        """Return the signs in a picture; nothing for other events."""
+    def add(self, event: Any) -> list[SearchedPicture | SignMeasurement]:
+        """Return what a picture tells, as `read` does; nothing for other events."""
         if type(event) is MapReset:
             self._selector.clear()
         return self.read(event) if self.selects(event) else []
@@ -89,8 +89,8 @@ class SignProcessor:
             self.dropped[BEYOND_RATE] += 1
         return is_selected
 
-    def read(self, posed: PosedPicture) -> list[SignMeasurement]:
-        """Return the signs in a picture that was selected."""
+    def read(self, posed: PosedPicture) -> list[SearchedPicture | SignMeasurement]:
+        """Return a picture that was selected as a searched one, and the signs in it."""
         try:
             self._detector = self._detector or SignDetector()
             measured = measure_signs(self._detector, posed)
@@ -103,7 +103,20 @@ class SignProcessor:
             return []
         self.counts["pictures"] += 1
         self.counts["signs"] += len(measured)
-        return measured
+        return [searched_picture(posed), *measured]
+
+
+def searched_picture(posed: PosedPicture) -> SearchedPicture:
+    """Return what of a picture tells which signs it could have shown."""
+    camera = posed.image.camera
+    assert camera is not None
+    has_P = is_rectified_topic(posed.role) and camera.P[0, 0] > 0.0
+    K = camera.P[:, :3] if has_P else camera.K
+    binning = np.array(camera.binning, float)
+    center = (K[:2, 2] - np.array(camera.region[:2], float)) / binning
+    focal_lengths = np.array([K[0, 0], K[1, 1]]) / binning
+    T_base_camera = posed.T_base_sensor[0]
+    return SearchedPicture(posed.stamp_ns, T_base_camera, focal_lengths, center, posed.image.size)
 
 
 def measure_signs(detector: SignDetector, posed: PosedPicture) -> list[SignMeasurement]:

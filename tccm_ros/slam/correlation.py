@@ -93,7 +93,7 @@ def correlate(
     )
     pose, distance, dyaw = exclude or (search.centre, -1.0, -1.0)
     excluded = _Excluded(np.asarray(pose, float) - search.centre, float(distance), float(dyaw))
-    return Correlation(*_branch_and_bound(grid, points, search, excluded))
+    return Correlation(*_branch_and_bound(grid, np.ascontiguousarray(points), search, excluded))
 
 
 class _Search(NamedTuple):

@@ -18,8 +18,8 @@ from tccm_ros.slam.correlation import SEARCH_WEIGHT, correlate
 from tccm_ros.slam.level_scan import LevelScan
 from tccm_ros.slam.likelihood_grid import LikelihoodGrid, make_likelihood_grid
 from tccm_ros.slam.line_map import LineMap, make_line_map
-from tccm_ros.slam.odometry_model import OdometryScale, odometry_covariance
-from tccm_ros.slam.se2 import between, compose, fuse, rotate_covariance
+from tccm_ros.slam.odometry_model import OdometryScale, gyro_yaw_variance, odometry_covariance
+from tccm_ros.slam.se2 import between, compose, fuse, inverse, rotate_covariance
 
 LOOSE_COV = np.diag([0.5**2, 0.5**2, 0.5**2])
 """Covariance of (x, y, yaw), m and rad, of an unknown motion between two scans (chosen)."""
@@ -106,6 +106,9 @@ class GraphKeyframe:
         keyframe's own frame; zero for the first of a session.
     session
         Run of the robot: each has a map frame of its own until a loop closure localises it.
+    systematic
+        float64 (3,), (x, y, yaw) in this keyframe's own frame: by how much `delta` is off where the
+        scale of odometry is off by one standard deviation, the same error in all of a session.
     """
 
     id: int
@@ -114,6 +117,7 @@ class GraphKeyframe:
     delta: Float64
     cov: Float64
     session: int = 0
+    systematic: Float64 = field(default_factory=lambda: np.zeros(3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,6 +188,11 @@ class FrontEnd:
     _odometry_pose: Float64 = field(default_factory=lambda: np.zeros(3))
     _anchor_odom: Float64 = field(default_factory=lambda: np.zeros(3))
     _anchor_cov: Float64 = field(default_factory=lambda: np.zeros((3, 3)))
+    # Time for which the gyroscope alone told the yaw since the anchor, s; None where wheels did.
+    _gyro_s: float | None = 0.0
+
+    def __post_init__(self) -> None:
+        self._scale.error_variance = self.config.odometry.sigma_scale**2
 
     def add(self, scan: LevelScan, start: Float64 | None = None) -> TrackedPose:
         """Estimate the pose of a scan; `start` (3,) is that of the first in the front end's map."""
@@ -191,7 +200,7 @@ class FrontEnd:
             self.begin_session()
         if self._last is None:
             self.pose = np.zeros(3) if start is None else np.asarray(start, float)
-            self._add_keyframe(scan, np.zeros((3, 3)))
+            self._add_keyframe(scan, np.zeros((3, 3)), np.zeros(3))
             cov = np.zeros((3, 3))
         else:
             cov = self._track(scan)
@@ -243,10 +252,26 @@ class FrontEnd:
             and distance + yaw > EARLY_FRACTION * graph.keyframe_distance
         )
         if far or early:
+            systematic = self._systematic(scan, cov)
             self._learn_scale(scan, moved)
-            self._add_keyframe(scan, cov)
+            self._add_keyframe(scan, cov, systematic)
             return np.zeros((3, 3))
         return cov
+
+    def _systematic(self, scan: LevelScan, cov: Float64) -> Float64:
+        """Return by how much odometry's scale moves a scan since its keyframe, one sigma of it.
+
+        What matching observes, it corrects: the pose is the mean of both, weighted by information.
+        """
+        if not self._believes_odometry(scan):
+            return np.zeros(3)
+        # The translation since the anchor, along the axes of the scan.
+        shift = -inverse(between(self._anchor_odom, scan.odom)) * np.array([1.0, 1.0, 0.0])
+        shift *= self._scale.error_variance**0.5
+        if self._information is None:
+            return shift
+        information = rotate_covariance(self._information, -float(self.pose[2]))
+        return np.asarray(shift - cov @ information @ shift)
 
     def _learn_scale(self, scan: LevelScan, moved: Float64) -> None:
         keyframe = self.keyframes[-1]
@@ -273,11 +298,29 @@ class FrontEnd:
         if not self._believes_odometry(scan):
             expected = compose(self.pose, self._step)
             return expected, expected, STEADY_COV
+        if step.any():
+            self._use_gyro(scan, step)
         expected = compose(self.pose, step)
         self._odometry_pose[:2] += expected[:2] - self.pose[:2]
         prior = np.array([self._odometry_pose[0], self._odometry_pose[1], expected[2]])
-        cov = self._anchor_cov + odometry_covariance(since, self.config.odometry)
-        return expected, prior, cov
+        cov = odometry_covariance(since, self.config.odometry)
+        if self._gyro_s:
+            cov[2, 2] = gyro_yaw_variance(float(since[2]), self._gyro_s)
+        return expected, prior, self._anchor_cov + cov
+
+    def _use_gyro(self, scan: LevelScan, step: Float64) -> None:
+        """Put the yaw by the gyroscope into a step of odometry, where both scans have it.
+
+        Wheels slip in turns, a gyroscope does not. What moved while the wheels stand is another
+        question: it is asked of the scans.
+        """
+        assert self._last is not None
+        if scan.heading is None or self._last.heading is None:
+            self._gyro_s = None
+            return
+        step[2] = scan.heading - self._last.heading
+        if self._gyro_s is not None:
+            self._gyro_s += (scan.stamp_ns - self._last.stamp_ns) * 1e-9
 
     def _believes_odometry(self, scan: LevelScan) -> bool:
         return scan.has_odometry and self._contradictions < CONTRADICTING_SCANS
@@ -293,7 +336,7 @@ class FrontEnd:
         if not self._believes_odometry(scan):
             # Where odometry goes on, it counts from here.
             self._odometry_pose, self._anchor_odom = self.pose.copy(), scan.odom
-            self._anchor_cov = STEADY_COV
+            self._anchor_cov, self._gyro_s = STEADY_COV, 0.0
 
     def _check_lost(self, scan: LevelScan, inliers: float) -> None:
         """Note how long scans have contradicted odometry that says that the robot stands."""
@@ -345,7 +388,7 @@ class FrontEnd:
                 # Odometry was wrong by more than its model: it is not used for this motion.
                 result, prior_cov = wide, LOOSE_COV
                 self._odometry_pose, self._anchor_odom = wide.pose.copy(), scan.odom
-                self._anchor_cov = LOOSE_COV
+                self._anchor_cov, self._gyro_s = LOOSE_COV, 0.0
         if result.inliers < LOST_INLIERS:
             return predicted, LOST_INFLATION * prior_cov, result.inliers
         self._information = information = result.information / self.config.matching.correlated_beams
@@ -406,15 +449,14 @@ class FrontEnd:
         recent = self.keyframes[-CONFIRMING_KEYFRAMES:]
         return sum(keyframe.session == self.session for keyframe in recent)
 
-    def _add_keyframe(self, scan: LevelScan, cov: Float64) -> None:
+    def _add_keyframe(self, scan: LevelScan, cov: Float64, systematic: Float64) -> None:
         first = not self.keyframes or self.keyframes[-1].session != self.session
         delta = np.zeros(3) if first else between(self.keyframes[-1].pose, self.pose)
-        keyframe = GraphKeyframe(
-            self.first_id + len(self.keyframes), scan, self.pose.copy(), delta, cov, self.session
-        )
+        number, pose = self.first_id + len(self.keyframes), self.pose.copy()
+        keyframe = GraphKeyframe(number, scan, pose, delta, cov, self.session, systematic)
         self.keyframes.append(keyframe)
         self._odometry_pose, self._anchor_odom = keyframe.pose.copy(), scan.odom
-        self._anchor_cov = np.zeros((3, 3))
+        self._anchor_cov, self._gyro_s = np.zeros((3, 3)), 0.0
         self._rebuild_map()
 
     def _rebuild_map(self) -> None:

@@ -7,7 +7,9 @@ depends on its factors alone. GTSAM's default elimination ordering is COLAMD, th
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -18,7 +20,7 @@ from tccm_ros.geometry import spatial, wrap_angle
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.factors.noise import rotate_frame
-from tccm_ros.slam.marginals import InverseColumns, marginal_blocks
+from tccm_ros.slam.marginals import Information, InverseColumns
 
 MAX_ITERATIONS = 50
 """Iterations of a batch optimisation at most. Chosen as a bound: the change of the error ends it
@@ -34,9 +36,9 @@ RELINEARIZE = 0.1
 """A variable that moved by more (m, rad) than this is linearised anew (GTSAM's default)."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class GraphSolution:
-    """An optimised graph; covariances are computed when they are asked for.
+    """An optimised graph; covariances are computed once, when they are asked for.
 
     Attributes
     ----------
@@ -51,8 +53,6 @@ class GraphSolution:
     values: gtsam.Values
     graph: gtsam.NonlinearFactorGraph
     iterations: int
-    _marginals: dict[int, Float64]
-    _inverse: dict[int, InverseColumns] = field(default_factory=dict)
 
     def pose(self, key: Key) -> Float64:
         """Return T_map_frame float64 (4, 4)."""
@@ -68,8 +68,6 @@ class GraphSolution:
 
     def covariance(self, key: Key) -> Float64:
         """Return the marginal covariance in GTSAM's tangent order of the variable."""
-        if not self._marginals:
-            self._marginals.update(_marginals(self.graph, self.values))
         return self._marginals[key.symbol]
 
     def planar_covariance(self, key: Key) -> Float64:
@@ -91,11 +89,8 @@ class GraphSolution:
         -------
         float64 (2, 2) of (x, y) in map, m2: of the difference of the two points
         """
-        if not self._inverse:
-            self._inverse[0] = InverseColumns(*_linear(self.graph, self.values)[1:])
-        symbols = list(self.values.keys())
-        i, j = symbols.index(a.symbol), symbols.index(b.symbol)
-        joint = self._inverse[0].joint(i, j)
+        symbols = self._linear.symbols
+        joint = self._inverse.joint(symbols.index(a.symbol), symbols.index(b.symbol))
         # The tangent of a pose is (roll, pitch, yaw, x, y, z) in its own frame.
         H = np.concatenate([self._motion_of(a, point), -self._motion_of(b, point)], axis=1)
         return np.asarray(H @ joint @ H.T)
@@ -108,21 +103,60 @@ class GraphSolution:
         motion[:, 2] = T[1, 3] - point[1], point[0] - T[0, 3]
         return motion
 
+    def displacements(self, keys: Sequence[Key], gradients: Float64) -> Float64:
+        """Return by how much keyframes move, to first order, if measurements change.
+
+        Parameters
+        ----------
+        keys
+            K keyframes.
+        gradients
+            float64 (K, 3), ``J' W d`` of (x, y, yaw) in each keyframe's own frame: `d` is the
+            change of the measurements, `J` the derivative of their residuals by the keyframe, `W`
+            their information.
+
+        Returns
+        -------
+        float64 (K, 3), (x, y, yaw) in each keyframe's own frame
+        """
+        first = dict(zip(self._linear.symbols, np.cumsum(self._linear.dims) - self._linear.dims))
+        columns = np.array([first[key.symbol] for key in keys])[:, None] + [3, 4, 2]
+        offsets = np.array([key.yaw_offset for key in keys])
+        gradient = np.zeros(int(self._linear.dims.sum()))
+        gradient[columns] = _rotated(gradients, -offsets)
+        return _rotated(self._information.solve(gradient)[columns], offsets)
+
+    @cached_property
+    def _linear(self) -> _Linear:
+        return _linearise(self.graph, self.values)
+
+    @cached_property
+    def _information(self) -> Information:
+        return Information(self._linear.A, self._linear.dims)
+
+    @cached_property
+    def _marginals(self) -> dict[int, Float64]:
+        """The marginal covariance of every variable by its symbol."""
+        return dict(zip(self._linear.symbols, self._information.marginal_blocks()))
+
+    @cached_property
+    def _inverse(self) -> InverseColumns:
+        return InverseColumns(self._linear.A, self._linear.dims)
+
     def errors_of(self, indices: Iterable[int]) -> Float64:
         """Return half squared Mahalanobis distances of some factors, float64 (N,)."""
         return np.array([self.graph.at(i).error(self.values) for i in indices])
 
 
-def _marginals(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> dict[int, Float64]:
-    """Return the marginal covariance of every variable by its symbol."""
-    symbols, A, dims = _linear(graph, values)
-    return dict(zip(symbols, marginal_blocks(A, dims)))
+class _Linear(NamedTuple):
+    """Variables, the Jacobian in standard deviations, and how many of its columns each has."""
+
+    symbols: list[int]
+    A: csc_matrix
+    dims: Int64
 
 
-def _linear(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values
-) -> tuple[list[int], csc_matrix, Int64]:
-    """Return the variables, the Jacobian in standard deviations, and their numbers of columns."""
+def _linearise(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> _Linear:
     linear = graph.linearize(values)
     symbols = list(values.keys())
     zeros = values.zeroVectors()
@@ -130,7 +164,14 @@ def _linear(
     row, column, entry = linear.sparseJacobian_()
     shape = int(row.max(initial=0.0)), int(dims.sum()) + 1
     A = csc_matrix((entry, (row.astype(int) - 1, column.astype(int) - 1)), shape=shape)
-    return symbols, A[:, :-1], dims
+    return _Linear(symbols, A[:, :-1], dims)
+
+
+def _rotated(vectors: Float64, angles: Float64) -> Float64:
+    """Rotate (x, y, yaw) of vectors (K, 3) about z by angles (K,)."""
+    c, s = np.cos(angles), np.sin(angles)
+    x, y, yaw = vectors.T
+    return np.stack([c * x - s * y, s * x + c * y, yaw], axis=1)
 
 
 def _isam_params(factorization: str, relinearize_skip: int) -> gtsam.ISAM2Params:
@@ -191,7 +232,7 @@ class PoseGraph:
         params.setlambdaInitial(INITIAL_LAMBDA)
         optimizer = gtsam.LevenbergMarquardtOptimizer(self._graph, self._values, params)
         self._values = optimizer.optimize()
-        return GraphSolution(self._values, self._graph, int(optimizer.iterations()), {})
+        return GraphSolution(self._values, self._graph, int(optimizer.iterations()))
 
 
 class IncrementalGraph:

@@ -16,7 +16,7 @@ from tccm_ros.slam.loop_consistency import select_loops
 from tccm_ros.slam.loop_matching import LoopReason, Proposal
 from tccm_ros.slam.loops import LoopCloser
 from tccm_ros.slam.sign_landmarks import FoundSign, Passes, find_signs
-from tccm_ros.slam.sign_views import SignView
+from tccm_ros.slam.sign_views import PictureView, SignView
 from tccm_ros.slam.wall_outliers import check_walls
 from tccm_ros.slam.walls import WallTable, associate_walls, min_confirmations
 
@@ -61,6 +61,7 @@ def select_inliers(
     lines: list[Lines],
     observations: list[AnchoredObservation],
     sign_views: Sequence[SignView],
+    pictures: Sequence[PictureView],
     config: Config,
 ) -> Inliers:
     """Take out loop closures that contradict the rest, then lines, walls and views of signs.
@@ -75,6 +76,8 @@ def select_inliers(
         Of landmarks, in the order in which they enter the graph.
     sign_views
         Of door signs, in the order in which they were taken.
+    pictures
+        Those in which signs were looked for, in the order of their stamps.
     config
         ``walls.*`` and ``lines.*``.
     """
@@ -94,7 +97,7 @@ def select_inliers(
     signs = []
     if sign_views:
         passes = Passes(graph.optimise(), keys, [k.session for k in chain.keyframes])
-        signs = find_signs(sign_views, passes, checked.table)
+        signs = find_signs(sign_views, pictures, passes, checked.table)
     return Inliers(poses, loops, records, checked.table, corners, scale, observations, signs)
 
 

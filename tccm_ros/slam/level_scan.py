@@ -77,6 +77,8 @@ class LevelScan:
         `thin_with_normals`).
     has_odometry
         Whether odometry or tf tells how the base moves.
+    heading
+        Yaw of the base by its gyroscope, rad, from a direction of its own; None without one.
     """
 
     stamp_ns: int
@@ -86,6 +88,7 @@ class LevelScan:
     points: Float64
     normals: Float64
     has_odometry: bool = True
+    heading: float | None = None
 
     @property
     def search_points(self) -> Float64:
@@ -100,7 +103,16 @@ def make_level_scan(posed: PosedScan, config: Config) -> LevelScan:
     origin = posed.T_base_laser[at_stamp, :2, 3].copy()
     points, normals = thin_with_normals(beams, origin, abs(posed.scan.angle_increment))
     odom = planar(posed.T_odom_base[at_stamp])
-    return LevelScan(posed.scan.stamp_ns, odom, beams, origin, points, normals, posed.has_odometry)
+    return LevelScan(
+        posed.scan.stamp_ns,
+        odom,
+        beams,
+        origin,
+        points,
+        normals,
+        posed.has_odometry,
+        posed.heading,
+    )
 
 
 @kernel

@@ -22,8 +22,8 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.kernels import kernel
 
 
-def marginal_blocks(A: csc_matrix, dims: Int64) -> list[Float64]:
-    """Return the marginal covariance of each variable of ``min |A x - b|``.
+class Information:
+    """The information matrix of ``min |A x - b|``, factorised once.
 
     Parameters
     ----------
@@ -32,33 +32,46 @@ def marginal_blocks(A: csc_matrix, dims: Int64) -> list[Float64]:
     dims
         int64 (V,), the number of columns of each variable; their sum is N.
 
-    Returns
-    -------
-    list of float64 (d, d)
-        A covariance for each variable.
-
     Raises
     ------
     RuntimeError
         Where the variables are not determined.
     """
-    starts = np.concatenate([[0], np.cumsum(dims)])
-    H = _information(A, dims, starts)
-    order = _order(H)
-    permuted = H[order][:, order].tocsc()
-    permuted.sort_indices()
-    indptr, indices = permuted.indptr.astype(np.int64), permuted.indices.astype(np.int64)
-    parents, counts = _tree(indptr, indices)
-    firsts = np.concatenate([[0], np.cumsum(counts)])
-    rows, L, D = _factor(indptr, indices, permuted.data, parents, firsts)
-    if not (D > 0.0).all():
-        raise RuntimeError("the graph does not determine all variables")
-    Z, diagonal = _selected_inverse(firsts, rows, L, D)
-    place = np.empty(len(order), np.int64)
-    place[order] = np.arange(len(order))
-    flat = _blocks(firsts, rows, Z, diagonal, place, starts)
-    ends = np.cumsum(dims**2)
-    return [flat[end - d * d : end].reshape(d, d) for d, end in zip(dims.tolist(), ends.tolist())]
+
+    def __init__(self, A: csc_matrix, dims: Int64) -> None:
+        self._dims = dims
+        self._starts = np.concatenate([[0], np.cumsum(dims)])
+        H = _information(A, dims, self._starts)
+        self._order = _order(H)
+        permuted = H[self._order][:, self._order].tocsc()
+        permuted.sort_indices()
+        indptr, indices = permuted.indptr.astype(np.int64), permuted.indices.astype(np.int64)
+        parents, counts = _tree(indptr, indices)
+        self._firsts = np.concatenate([[0], np.cumsum(counts)])
+        self._rows, self._L, self._D = _factor(
+            indptr, indices, permuted.data, parents, self._firsts
+        )
+        if not (self._D > 0.0).all():
+            raise RuntimeError("the graph does not determine all variables")
+
+    def marginal_blocks(self) -> list[Float64]:
+        """Return the marginal covariance of each variable, float64 (d, d)."""
+        Z, diagonal = _selected_inverse(self._firsts, self._rows, self._L, self._D)
+        place = np.empty(len(self._order), np.int64)
+        place[self._order] = np.arange(len(self._order))
+        flat = _blocks(self._firsts, self._rows, Z, diagonal, place, self._starts)
+        dims, ends = self._dims, np.cumsum(self._dims**2)
+        return [
+            flat[end - d * d : end].reshape(d, d) for d, end in zip(dims.tolist(), ends.tolist())
+        ]
+
+    def solve(self, gradient: Float64) -> Float64:
+        """Return the inverse times a vector, float64 (N,): how far a gradient moves the optimum."""
+        moved = np.empty_like(gradient)
+        moved[self._order] = _solve(
+            self._firsts, self._rows, self._L, self._D, gradient[self._order]
+        )
+        return moved
 
 
 class InverseColumns:
@@ -67,7 +80,7 @@ class InverseColumns:
     Parameters
     ----------
     A, dims
-        As for `marginal_blocks`.
+        As for `Information`.
 
     Raises
     ------
@@ -185,6 +198,20 @@ def _factor(indptr: Any, indices: Any, data: Any, parents: Any, firsts: Any) -> 
             rows[filled[i]], L[filled[i]] = k, factor
             filled[i] += 1
     return rows, L, D
+
+
+@kernel
+def _solve(firsts: Any, rows: Any, L: Any, D: Any, b: Any) -> Any:
+    """Return (L D L')^-1 b."""
+    x = b.copy()
+    for j in range(len(D)):
+        for p in range(firsts[j], firsts[j + 1]):
+            x[rows[p]] -= L[p] * x[j]
+    for j in range(len(D) - 1, -1, -1):
+        x[j] /= D[j]
+        for p in range(firsts[j], firsts[j + 1]):
+            x[j] -= L[p] * x[rows[p]]
+    return x
 
 
 @kernel

@@ -18,6 +18,10 @@ ODOMETRY_FLOOR = (0.005, 0.003)
 """Standard deviation (m, rad) of odometry that reports no motion: encoder steps and slip
 (chosen)."""
 
+GYRO_FLOOR, GYRO_SCALE, GYRO_BIAS = 0.001, 0.01, 0.001
+"""Standard deviation of a yaw by a gyroscope: at rest (rad), by the yaw (1) and by the time
+(rad/s), as its bias has drifted since it was learnt (chosen, in the range of MEMS gyroscopes)."""
+
 SCALE_SIGMA = 0.05
 """Standard deviation of the scale before the first step (chosen)."""
 
@@ -39,6 +43,12 @@ three standard deviations, 99.7 % of one degree of freedom."""
 def odometry_covariance(delta: Float64, config: OdometryConfig) -> Float64:
     """Return the covariance (3, 3) of (x, y, yaw) of an odometry step, in its end's frame."""
     return motion_covariance(delta, config, ODOMETRY_FLOOR)
+
+
+def gyro_yaw_variance(yaw: float, seconds: float) -> float:
+    """Return the variance, rad2, of a yaw (rad) that a gyroscope has measured in a time (s)."""
+    sigma = GYRO_FLOOR + GYRO_SCALE * abs(yaw) + GYRO_BIAS * seconds
+    return sigma**2
 
 
 def motion_covariance(
@@ -75,11 +85,14 @@ class OdometryScale:
     value
         True length over odometry's.
     variance
-        Of `value`.
+        Of `value`, as the filter weighs it: wide, so that wheels of any size are learnt soon.
+    error_variance
+        Of `value` against the truth for wheels as they are expected (``odometry.sigma_scale``).
     """
 
     value: float = 1.0
     variance: float = SCALE_SIGMA**2
+    error_variance: float = 0.0
 
     def corrected(self, delta: Float64) -> Float64:
         """Return a planar motion (3,) with its translation scaled."""
@@ -103,6 +116,7 @@ class OdometryScale:
         """
         length = float(np.hypot(odometry[0], odometry[1]))
         self.variance += SCALE_DRIFT**2 * length
+        self.error_variance += SCALE_DRIFT**2 * length
         if length < MIN_STEP or abs(float(odometry[2])) > MAX_YAW:
             return
         along = np.array([moved[0], moved[1], 0.0]) / max(float(np.hypot(*moved[:2])), 1e-9)
@@ -122,3 +136,5 @@ class OdometryScale:
         gain = self.variance / (self.variance + noise)
         self.value += gain * innovation
         self.variance *= 1.0 - gain
+        # Joseph's form: right for any gain, also one that expects more than this variance.
+        self.error_variance = (1.0 - gain) ** 2 * self.error_variance + gain**2 * noise

@@ -59,6 +59,7 @@ def pack_walls(saved: SavedWalls) -> dict[str, NDArray[Any]]:
         "keyframe_front_pose": _rows([k.pose for k in keyframes], 3),
         "keyframe_delta": _rows([k.delta for k in keyframes], 3),
         "keyframe_cov": _rows([k.cov for k in keyframes], 3, 3),
+        "keyframe_systematic": _rows([k.systematic for k in keyframes], 3),
         "keyframe_odom": _rows([s.odom for s in scans], 3),
         "scan_origin": _rows([s.origin for s in scans], 2),
         "scan_count": np.array([len(s.points) for s in scans], np.int64),
@@ -129,13 +130,17 @@ def _unpack(s: Mapping[str, NDArray[Any]]) -> SavedWalls:
     ends = _split(s["line_endpoints"], s["line_count"], count)
     beams = _split(s["line_beams"], s["line_count"], count)
     none = np.zeros((0, 2))
+    # Maps of earlier versions do not have it.
+    systematic = s.get("keyframe_systematic", np.zeros((count, 3)))
     keyframes, lines = [], []
     for k in range(count):
         stamp, odom = int(s["keyframe_stamp_ns"][k]), s["keyframe_odom"][k]
         scan = LevelScan(stamp, odom, none, s["scan_origin"][k], points[k], normals[k])
         pose, delta = s["keyframe_front_pose"][k], s["keyframe_delta"][k]
         session = int(s["keyframe_session"][k])
-        keyframes.append(GraphKeyframe(k, scan, pose, delta, s["keyframe_cov"][k], session))
+        keyframes.append(
+            GraphKeyframe(k, scan, pose, delta, s["keyframe_cov"][k], session, systematic[k])
+        )
         phi, rho = phi_rho[k].T.copy()
         lines.append(Lines(phi, rho, cov[k], ends[k], beams[k]))
     loops = [

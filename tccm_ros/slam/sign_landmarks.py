@@ -18,8 +18,17 @@ from tccm_ros.slam.factors.signs import SignOnWall, SignStart
 from tccm_ros.slam.graph import GraphSolution
 from tccm_ros.slam.landmarks import AnchoredObservation
 from tccm_ros.slam.sign_association import associate_signs, number_signs
+from tccm_ros.slam.sign_presence import (
+    Looks,
+    SignPlace,
+    is_read_by_chance,
+    is_taken_away,
+    looks_at,
+    reading_probabilities,
+    seen_pictures,
+)
 from tccm_ros.slam.sign_sightings import Sighting, find_sightings
-from tccm_ros.slam.sign_views import SignView, rays_of
+from tccm_ros.slam.sign_views import PictureView, SignView, camera_poses, rays_of
 from tccm_ros.slam.sign_walls import is_behind_wall, wall_of_sign
 from tccm_ros.slam.triangulation import RAY_CHI2, Rays, triangulate
 from tccm_ros.slam.walls import WallTable
@@ -45,8 +54,8 @@ class FoundSign:
         Those that agree with each other, in their order.
     position
         float64 (3,), in map, by triangulation.
-    origin
-        float64 (3,), mean position of the camera in map.
+    origins
+        float64 (N, 3), of the cameras of the views in map.
     wall
         Index of its wall, -1 for none.
     """
@@ -54,8 +63,13 @@ class FoundSign:
     id: int
     views: tuple[SignView, ...]
     position: Float64
-    origin: Float64
+    origins: Float64
     wall: int
+
+    @property
+    def origin(self) -> Float64:
+        """Mean position of the cameras in map, float64 (3,)."""
+        return np.asarray(self.origins.mean(axis=0))
 
     @property
     def key(self) -> Key:
@@ -81,13 +95,20 @@ class Passes(NamedTuple):
     sessions: Sequence[int]
 
 
-def find_signs(views: Sequence[SignView], passes: Passes, walls: WallTable) -> list[FoundSign]:
-    """Return the signs that views see, by their ids.
+def find_signs(
+    views: Sequence[SignView],
+    pictures: Sequence[PictureView],
+    passes: Passes,
+    walls: WallTable,
+) -> list[FoundSign]:
+    """Return the signs that views see, and that pictures do not miss too often, by their ids.
 
     Parameters
     ----------
     views
         In the order in which they were taken, those of earlier sessions first.
+    pictures
+        Those that were searched in this session, in the order of their stamps.
     passes
         From where.
     walls
@@ -96,14 +117,36 @@ def find_signs(views: Sequence[SignView], passes: Passes, walls: WallTable) -> l
     if not views:
         return []
     solution, keys = passes.solution, passes.keys
-    rays = rays_of(views, solution.planar_poses(keys))
+    poses = solution.planar_poses(keys)
+    rays = rays_of(views, poses)
     sightings = find_sightings(views, rays, [passes.sessions[v.anchored.keyframe] for v in views])
     signs = associate_signs(
         sightings, lambda a, b, p: solution.relative_covariance(keys[a], keys[b], p)
     )
     ids = number_signs(signs, [v.sign for v in views])
     found = [_found(i, sign, views, rays, walls) for i, sign in zip(ids, signs)]
-    return sorted((sign for sign in found if sign is not None), key=lambda sign: sign.id)
+    known = sorted((sign for sign in found if sign is not None), key=lambda sign: sign.id)
+    seen = seen_pictures(pictures, camera_poses(pictures, poses), views)
+    looks = [looks_at(_place(sign, walls), seen, walls) for sign in known]
+    return [sign for k, sign in enumerate(known) if _is_there(looks, k)]
+
+
+def _is_there(looks: Sequence[Looks], k: int) -> bool:
+    """Return whether a sign is on its wall, by the pictures that read it and those that missed."""
+    probability = reading_probabilities(looks, k)
+    is_false = is_read_by_chance(looks[k], probability)
+    return not (is_false or is_taken_away(looks[k], probability))
+
+
+def _place(sign: FoundSign, walls: WallTable) -> SignPlace:
+    """Return where a sign is and which way it faces, before the graph is solved with it."""
+    if sign.wall >= 0:
+        phi = float(walls.phi[sign.wall])
+        normal = np.array([-np.cos(phi), -np.sin(phi), 0.0])
+    else:
+        away = (sign.origin - sign.position) * [1.0, 1.0, 0.0]
+        normal = away / max(float(np.linalg.norm(away)), 1e-12)
+    return SignPlace(sign.position, normal, sign.views, sign.origins)
 
 
 def _found(
@@ -125,7 +168,7 @@ def _found(
     wall = wall_of_sign(point, origins.mean(axis=0), walls)
     if wall < 0 and len(kept) < MIN_VIEWS_WITHOUT_WALL:
         return None
-    return FoundSign(number, tuple(views[i] for i in kept), point, origins.mean(axis=0), wall)
+    return FoundSign(number, tuple(views[i] for i in kept), point, origins, wall)
 
 
 def sign_observations(signs: Sequence[FoundSign]) -> list[AnchoredObservation]:

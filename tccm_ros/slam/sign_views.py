@@ -10,7 +10,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.geometry import compose2, spatial
 from tccm_ros.records import SIGN, LandmarkObservation
-from tccm_ros.signs.measurement import SignMeasurement
+from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 from tccm_ros.slam.chain import AnchoredPose
 from tccm_ros.slam.factors.views import Z_ROLL_PITCH_SIGMAS
 from tccm_ros.slam.landmarks import AnchoredObservation
@@ -54,6 +54,38 @@ class SignView:
             LandmarkObservation(self.measurement.stamp_ns, SIGN, sign, measured, cov),
             self.anchored,
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PictureView:
+    """A picture in which signs were looked for, and the pose from which it was taken.
+
+    Attributes
+    ----------
+    picture
+        Its camera.
+    anchored
+        The pose of the base at its stamp, relative to a keyframe.
+    """
+
+    picture: SearchedPicture
+    anchored: AnchoredPose
+
+
+def camera_poses(views: Sequence[PictureView], poses: Float64) -> Float64:
+    """Return the poses float64 (N, 4, 4) of the cameras of pictures in map.
+
+    Parameters
+    ----------
+    views
+        N of them.
+    poses
+        float64 (K, 3), of the keyframes in map.
+    """
+    on = np.array([v.anchored.keyframe for v in views], np.int64)
+    base = compose2(poses[on], np.array([v.anchored.pose for v in views]).reshape(-1, 3))
+    T_base_camera = np.array([v.picture.T_base_camera for v in views]).reshape(-1, 4, 4)
+    return np.asarray(spatial(base) @ T_base_camera)
 
 
 def sign_order(measurement: SignMeasurement) -> tuple[float, ...]:

@@ -63,6 +63,29 @@ def is_behind_wall(position: Float64, origins: Float64, walls: WallTable) -> boo
     return 2 * crossed > len(origins)
 
 
+def is_hidden(position: Float64, origins: Float64, walls: WallTable) -> Bool:
+    """Return from which cameras a wall of the map hides a sign, bool (N,).
+
+    Parameters
+    ----------
+    position
+        float64 (3,), of the sign in map; its own wall, within `MAX_WALL_DISTANCE`, hides nothing.
+    origins
+        float64 (N, 3), of the cameras.
+    walls
+        In map.
+    """
+    depth = _beyond(position, walls)
+    hidden = np.zeros(len(origins), bool)
+    for k, origin in enumerate(origins):
+        before = _beyond(origin, walls)
+        is_crossed = (before * depth < 0.0) & (np.abs(depth) > MAX_WALL_DISTANCE)
+        fraction = np.where(is_crossed, before / np.where(is_crossed, before - depth, 1.0), 0.0)
+        at = origin + fraction[:, None] * (position - origin)
+        hidden[k] = bool((is_crossed & _is_within(at, walls, 0.0)).any())
+    return hidden
+
+
 def _beyond(point: Float64, walls: WallTable) -> Float64:
     """Return how far a point (3,) is beyond walls, seen from their viewers, float64 (W,)."""
     return np.asarray(point[0] * np.cos(walls.phi) + point[1] * np.sin(walls.phi) - walls.rho)

@@ -34,7 +34,8 @@ class Solution:
         where only that was asked for.
     unit_variance
         Factor by which the graph's covariances, also `cov_views`, are to be multiplied: those of
-        its factors are conservative. `cov_keyframes` is multiplied already.
+        its factors are conservative. `cov_keyframes` is multiplied already, and holds the error of
+        odometry's scale besides, which no factor has.
     landmarks
         In the order of their kinds and ids, those of earlier sessions among them.
     signs

@@ -16,7 +16,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar
 from tccm_ros.records import Keyframe, LandmarkObservation, PosedScan, PoseGuess, ScanPose
-from tccm_ros.signs.measurement import SignMeasurement
+from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 from tccm_ros.slam.chain import AnchoredPose, Chain
 from tccm_ros.slam.corners import corner_factors
 from tccm_ros.slam.factors.factor import Factor
@@ -32,8 +32,9 @@ from tccm_ros.slam.loops import LoopCloser
 from tccm_ros.slam.saved_walls import SavedWalls, pack_walls, unpack_walls
 from tccm_ros.slam.se2 import between, compose, inverse
 from tccm_ros.slam.sign_landmarks import sign_factors, sign_observations, sign_records
-from tccm_ros.slam.sign_views import SignView, sign_order
+from tccm_ros.slam.sign_views import PictureView, SignView, sign_order
 from tccm_ros.slam.solution import Solution, empty_solution
+from tccm_ros.slam.systematic import systematic_covariances
 from tccm_ros.slam.trajectory import OdometryTrack, poses_at_stamps, scan_poses
 from tccm_ros.slam.wall_landmarks import structure_factors, wall_factors, wall_records
 
@@ -92,6 +93,7 @@ class WallSlam:
         self._saved_signs: Sequence[SignView] = ()
         self._signs: list[SignMeasurement] = []
         self._unread: list[SignMeasurement] = []
+        self._pictures: list[SearchedPicture] = []
         self._selected: tuple[tuple[int, ...], Inliers] | None = None
 
     # -- input ---------------------------------------------------------------------------------
@@ -147,6 +149,13 @@ class WallSlam:
         """
         self._signs.append(sign)
         self._unread.append(sign)
+
+    def add_picture(self, picture: SearchedPicture) -> None:
+        """Add a picture in which signs were looked for, in any order.
+
+        A sign that it should show, and that was not read in it, is less probably there.
+        """
+        self._pictures.append(picture)
 
     def add_guess(self, guess: PoseGuess) -> None:
         """Begin a session with the next scan, and look for its place around a pose.
@@ -292,7 +301,8 @@ class WallSlam:
             np.array([solution.pose(key) for key in view_keys]).reshape(-1, 4, 4),
             np.array([solution.covariance(key) for key in view_keys]).reshape(-1, 6, 6),
             np.array([v.keyframe for v in anchored], np.int64),
-            _covariances(solution, keys, every_covariance) * used.scale,
+            _covariances(solution, keys, every_covariance) * used.scale
+            + systematic_covariances(solution, self._chain),
             used.scale,
             landmarks,
             sign_records(used.signs, landmarks, solution),
@@ -312,7 +322,7 @@ class WallSlam:
 
     def _inliers(self) -> Inliers:
         """Return the inliers; they are selected again only after new records."""
-        counted = self._front.tracked, self._odometry, self._observed, self._signs
+        counted = self._front.tracked, self._odometry, self._observed, self._signs, self._pictures
         now = tuple(len(records) for records in counted)
         if self._selected is None or self._selected[0] != now:
             # A wall is of the map, and not of a place that is not found yet.
@@ -323,6 +333,7 @@ class WallSlam:
                 lines,
                 self._all_observations(),
                 self._all_sign_views(),
+                self._picture_views(),
                 self.config,
             )
             self._selected = now, inliers
@@ -335,7 +346,7 @@ class WallSlam:
         odometry_slam._odometry = self._odometry
         for observation in self._observed:
             odometry_slam.add_landmark(observation)
-        odometry_slam._signs = self._signs
+        odometry_slam._signs, odometry_slam._pictures = self._signs, self._pictures
         for stamp, odom in zip(*self._odometry.arrays()):
             scan = LevelScan(int(stamp), odom, nothing, np.zeros(2), nothing, nothing)
             odometry_slam._front.add(scan)
@@ -373,6 +384,17 @@ class WallSlam:
         keyframes, localised = self._chain.keyframes, self._closer.localised
         own = [v for v in views if keyframes[v.anchored.keyframe].session in localised]
         return [*self._saved_signs, *own]
+
+    def _picture_views(self) -> list[PictureView]:
+        """Return the pictures of this run that are in the map's frame, in order."""
+        seen = sorted(self._pictures, key=lambda picture: picture.key)
+        anchored = self._anchor([p.stamp_ns for p in seen]) if self._front.tracked else []
+        keyframes, localised = self._chain.keyframes, self._closer.localised
+        return [
+            PictureView(p, a)
+            for p, a in zip(seen, anchored)
+            if keyframes[a.keyframe].session in localised
+        ]
 
     # -- saved maps ----------------------------------------------------------------------------
 

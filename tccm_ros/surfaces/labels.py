@@ -24,7 +24,8 @@ Rule = tuple[float, float, float, float, float, float]
 """Min and max of height (m), width (m) and area (m2)."""
 
 FADE = 0.12
-"""A width's score falls to 0 over this, m, and this fraction of its max outside; chosen."""
+"""A width's score falls to 0 over this, m, and this fraction of the bound that it is outside of;
+chosen."""
 
 HEIGHT_FADE = 0.08
 """A height's score falls to 0 over this, m, outside its range; chosen: furniture of one kind
@@ -54,6 +55,12 @@ AWAY_FROM_WALL, AT_WALL = 0.7, 0.3
 ONE_SIDE = 3.0
 """A counter or a ledge has its full score where one part in so many of its outline is at walls: one
 side; chosen."""
+
+BENCH_LENGTH = 1.8
+"""A bench is at least so many times as long as it is wide; chosen: two people sit side by side."""
+
+AWAY_BENCH = 0.6
+"""Weight of a bench away from any wall: a low table looks like one; chosen."""
 
 LONE_SHELF = 0.3
 """Weight of a shelf without another board above or below it; chosen."""
@@ -121,10 +128,21 @@ def label_surfaces(
     return [labels.get(id(surface), Label(SurfaceLabel.FLOOR, 1.0)) for surface in surfaces]
 
 
-def _met(value: float, low: float, high: float, fade: float) -> float:
-    """Return a score: 1 inside a range, falling to 0 over `fade` outside it."""
+def _met(value: float, low: float, high: float, fade: float, fraction: float = 0.0) -> float:
+    """Return a score: 1 inside a range, falling to 0 outside it.
+
+    Parameters
+    ----------
+    value
+        What is judged.
+    low, high
+        The range.
+    fade, fraction
+        It falls over `fade` and this fraction of the bound that the value is outside of.
+    """
+    bound = low if value < low else high
     outside = max(low - value, value - high, 0.0)
-    return max(0.0, 1.0 - outside / fade)
+    return max(0.0, 1.0 - outside / (fade + fraction * bound))
 
 
 def _fit(surface: Features, rule: Rule) -> float:
@@ -132,27 +150,36 @@ def _fit(surface: Features, rule: Rule) -> float:
     min_height, max_height, min_width, max_width, min_area, max_area = rule
     return min(
         _met(surface.height, min_height, max_height, HEIGHT_FADE),
-        _met(surface.width, min_width, max_width, FADE + FADE * max_width),
+        _met(surface.width, min_width, max_width, FADE, FADE),
         _met(np.log(surface.area), np.log(min_area), np.log(max_area), AREA_FADE),
     )
 
 
 def _scores(surface: Features, rules: Labels) -> dict[SurfaceLabel, float]:
-    """Return the score of each label: its rule, weighted by relations to walls and surfaces."""
+    """Return the score of each label: its rule, weighted by relations to walls and surfaces.
+
+    Furniture that has no label of its own competes as ``other``.
+    """
     away = 1.0 - AT_WALL_TABLE * surface.at_wall
-    low = 0.0 if surface.backed else LOW_TABLE * _fit(surface, rules.low_table)
+    is_at_wall = min(1.0, ONE_SIDE * surface.at_wall)
+    low = LOW_TABLE * _fit(surface, rules.low_table) * (not surface.backed)
+    low *= 1.0 - AT_WALL_TABLE * is_at_wall  # a coffee table stands in the room
     seat = _fit(surface, rules.seat) * (SLENDER_SEAT if surface.is_slender else 1.0)
     sofa = _fit(surface, rules.sofa) if surface.backed else 0.0
+    is_bench = surface.length >= BENCH_LENGTH * surface.width
+    bench = _fit(surface, rules.bench) * is_bench * (AWAY_BENCH + (1.0 - AWAY_BENCH) * is_at_wall)
+    sideboard = _fit(surface, rules.sideboard) * is_at_wall * (not surface.stacked)
     is_bed = surface.width >= MIN_BED[0] and surface.length >= MIN_BED[1]
-    near_wall = AWAY_FROM_WALL + AT_WALL * min(1.0, ONE_SIDE * surface.at_wall)
+    near_wall = AWAY_FROM_WALL + AT_WALL * is_at_wall
     counter, ledge = (_fit(surface, rule) * near_wall for rule in (rules.counter, rules.ledge))
     return {
-        SurfaceLabel.TABLE: max(_fit(surface, rules.table), low) * away * (not surface.carried),
+        SurfaceLabel.TABLE: max(_fit(surface, rules.table) * away, low) * (not surface.carried),
         SurfaceLabel.COUNTER: counter * (not surface.carried),
-        SurfaceLabel.SEAT: max(seat, sofa),
+        SurfaceLabel.SEAT: max(seat, sofa, bench),
         SurfaceLabel.BED: _fit(surface, rules.bed) * (is_bed and surface.filled >= MIN_BED_FILLED),
         SurfaceLabel.SHELF: _fit(surface, rules.shelf) * (1.0 if surface.stacked else LONE_SHELF),
         SurfaceLabel.LEDGE: ledge * (surface.is_slender and not surface.in_flight),
+        SurfaceLabel.OTHER: max(sideboard, _fit(surface, rules.side_table)),
         SurfaceLabel.STEP: _fit(surface, rules.step) * (surface.carried or surface.in_flight),
     }
 
@@ -165,6 +192,7 @@ def _best(surface: Features, rules: Labels) -> Label:
     order = sorted(scores, key=lambda name: (-scores[name], name))
     best, second = scores[order[0]], scores[order[1]]
     confidence = best - RIVAL * second
-    if confidence < rules.min_confidence or second > UNDECIDED * best:
+    is_unsure = confidence < rules.min_confidence or second > UNDECIDED * best
+    if is_unsure or order[0] is SurfaceLabel.OTHER:
         return Label(SurfaceLabel.OTHER, round(float(1.0 - best), 6))
     return Label(order[0], round(float(confidence), 6))

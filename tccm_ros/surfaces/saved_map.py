@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.errors import MapError
+from tccm_ros.surfaces.corrected_labels import label_to_give
 from tccm_ros.surfaces.object_labels import SeenDetection
 from tccm_ros.surfaces.polygons import polygons_of
 from tccm_ros.surfaces.views import Patch, SeenObject, View
@@ -114,6 +115,7 @@ def pack_views(views: Sequence[View]) -> Arrays:
             np.int64,
         ).reshape(-1, 4),
         **_pack_detections(views),
+        **_pack_corrections(views),
     }
 
 
@@ -131,6 +133,20 @@ def _pack_detections(views: Sequence[View]) -> Arrays:
         "detection_scores": np.array([s for item in seen for s in item.scores.values()], float),
         "detection_name_bytes": np.array([len(name) for name in names], np.int64),
         "detection_names": np.frombuffer(b"".join(names), np.uint8),
+    }
+
+
+def _pack_corrections(views: Sequence[View]) -> Arrays:
+    """Return the arrays of labels that a person gave; none where nobody gave one."""
+    given = [item for view in views for item in view.corrected_labels.items()]
+    if not given:
+        return {}
+    names = [label.encode() for _, label in given]
+    return {
+        "corrections": np.array([len(v.corrected_labels) for v in views], np.int64),
+        "correction_numbers": np.array([number for number, _ in given], np.int64),
+        "correction_name_bytes": np.array([len(name) for name in names], np.int64),
+        "correction_names": np.frombuffer(b"".join(names), np.uint8),
     }
 
 
@@ -180,7 +196,7 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
     first = np.concatenate([[0], np.cumsum(a["patches"])])
     if first[-1] != len(patches) or len(a["patches"]) != len(a["stamp_ns"]):
         raise ValueError(f"{len(patches)} patches, {first[-1]} expected")
-    objects, detections = _unpack_objects(a), _unpack_detections(a)
+    objects, detections, labels = _unpack_objects(a), _unpack_detections(a), _unpack_corrections(a)
     return [
         View(
             int(a["stamp_ns"][v]),
@@ -192,6 +208,7 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
             objects[v],
             int(a["forgotten_objects"][v]) if "forgotten_objects" in a else 0,
             detections[v],
+            labels[v],
         )
         for v, columns in enumerate(free)
     ]
@@ -248,6 +265,19 @@ def _unpack_detections(a: Mapping[str, NDArray[Any]]) -> list[tuple[SeenDetectio
     if last[-1] != len(seen):
         raise ValueError(f"{len(seen)} detections, {last[-1]} expected")
     return [tuple(seen[b - n : b]) for n, b in zip(a["detections"].tolist(), last)]
+
+
+def _unpack_corrections(a: Mapping[str, NDArray[Any]]) -> list[dict[int, str]]:
+    """Return the labels that a person gave, by view; there are no arrays where nobody gave one."""
+    if "corrections" not in a:
+        return [{}] * len(a["stamp_ns"])
+    names = _split(a["correction_names"], a["correction_name_bytes"])
+    labels = [label_to_give(name.tobytes().decode()).value for name in names]
+    numbers = _split(a["correction_numbers"], a["corrections"])
+    if len(numbers) != len(a["stamp_ns"]) or len(labels) != len(a["correction_numbers"]):
+        raise ValueError(f"{len(labels)} corrected labels, {len(a['correction_numbers'])} expected")
+    given = iter(labels)
+    return [dict(zip(own.tolist(), given)) for own in numbers]
 
 
 def _absent(value: int) -> int | None:

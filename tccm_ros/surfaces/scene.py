@@ -73,7 +73,7 @@ def surface_pose(surface: Surface | FormerPlace) -> tuple[Float64, Float64]:
     size : float64 (2,)
         Along x and y, m.
     """
-    x, y, length, width, yaw = rectangle(convex_hull(surface.boundary[:, :2]))
+    x, y, length, width, yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))
     normal = surface.normal
     along = np.array([math.cos(yaw), math.sin(yaw), 0.0])
     along -= (along @ normal) * normal

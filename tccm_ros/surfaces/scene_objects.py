@@ -136,7 +136,7 @@ def free_places(
         if surface.label == "floor":
             continue
         room = _outline(surface) - shapely.union_all(occupied.get(surface.id, []))
-        yaw = rectangle(convex_hull(surface.boundary[:, :2]))[4]
+        yaw = rectangle(convex_hull(np.ascontiguousarray(surface.boundary[:, :2])))[4]
         rings = where_fits(room, size, yaw)
         if rings:
             found[surface.id] = [_lifted(ring, surface) for ring in rings]

@@ -17,6 +17,7 @@ from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.records import (
     FormerPlace,
+    LabelCorrection,
     ObjectBoxes,
     Surface,
     SurfaceCloud,
@@ -25,6 +26,12 @@ from tccm_ros.records import (
     ViewIntervals,
 )
 from tccm_ros.surfaces.carving import Carver, Survivors, find_replacements
+from tccm_ros.surfaces.corrected_labels import (
+    corrected_labels,
+    label_to_give,
+    with_corrected_labels,
+    with_corrections,
+)
 from tccm_ros.surfaces.displacement import Footprint
 from tccm_ros.surfaces.floor import find_floor, is_floor, join_floor
 from tccm_ros.surfaces.joining import join_over_occlusions
@@ -156,6 +163,22 @@ class SurfaceMap:
         """Add what detectors recognised to the view of a session and stamp."""
         self._views[key] = with_detections(self._views[key], seen)
 
+    def correct_label(self, correction: LabelCorrection) -> None:
+        """Give a surface the label that a person says, or the one of the rules again.
+
+        Raises
+        ------
+        MapError
+            For what is no label, or no surface of these views.
+        """
+        views = self.views
+        labels = corrected_labels(views)
+        for number in correction.surfaces:
+            labels.pop(number, None)
+        if correction.label:
+            labels[correction.surfaces[0]] = label_to_give(correction.label)
+        self._views = {view.key: view for view in with_corrected_labels(views, labels)}
+
     def forget(self, is_stationary: Callable[[int, int], bool]) -> None:
         """Remove views that the next one, from the same pose, makes redundant.
 
@@ -219,7 +242,11 @@ class SurfaceMap:
                 surfaces, ids, views, (T, poses.cov_z_roll_pitch), left, config
             )
         surfaces.sort(key=lambda surface: ids.track_id(surface.members))
-        labels = label_surfaces(surfaces, floor_z, walls, config)
+        labels = with_corrections(
+            label_surfaces(surfaces, floor_z, walls, config),
+            [ids.all_ids(surface.members) for surface in surfaces],
+            corrected_labels(views),
+        )
         shapes = self._shapes(surfaces, floor_z, views, T, walls)
         records = [
             _record(surface, shape, label, ids, views, poses.keyframes, stood.get(surface.members))

@@ -18,6 +18,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, inverse, planar, spatial
 from tccm_ros.records import (
     Event,
+    LabelCorrection,
     LandmarkObservation,
     MapReset,
     ObjectBoxes,
@@ -34,13 +35,14 @@ from tccm_ros.rooms.naming import named_rooms, placed_surfaces
 from tccm_ros.rooms.segmentation import find_rooms
 from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import roles_of
-from tccm_ros.signs.measurement import SignMeasurement
+from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 from tccm_ros.slam.lines import label_by_splitting
 from tccm_ros.slam.live_estimate import MapWalls, SolvedKeyframe
 from tccm_ros.slam.occupancy import occupancy_grid
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.tracking import SolvedMap
 from tccm_ros.slam.wall_slam import LivePose, WallSlam
+from tccm_ros.surfaces.corrected_labels import corrected_labels
 from tccm_ros.surfaces.object_labels import (
     MAX_WAIT_NS,
     NO_VIEW,
@@ -60,9 +62,11 @@ from tccm_ros.surfaces.views import View, with_newest
 
 SlamInput = (
     Event
+    | LabelCorrection
     | LandmarkObservation
     | ObjectBoxes
     | PoseGuess
+    | SearchedPicture
     | SignMeasurement
     | SurfaceCloud
     | ViewIntervals
@@ -105,6 +109,8 @@ class SurfaceSolution:
         Detections after the newest view: theirs is the next one.
     unused_detections
         Detections that gave no label, by reason.
+    corrected_labels
+        Labels that a person gave, by surface id.
     """
 
     slam: Solution
@@ -122,6 +128,7 @@ class SurfaceSolution:
     stamp_ns: int = 0
     newest_detections: tuple[SeenDetection, ...] = ()
     unused_detections: Mapping[str, int] = field(default_factory=dict)
+    corrected_labels: Mapping[int, str] = field(default_factory=dict)
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
@@ -161,7 +168,9 @@ class SurfaceSlam:
             Odometry: self._take_odometry,
             LandmarkObservation: self._take_landmark,
             SignMeasurement: self._take_sign,
+            SearchedPicture: self._take_picture,
             PoseGuess: self._take_guess,
+            LabelCorrection: self._take_correction,
             MapReset: self._take_reset,
             SurfaceCloud: partial(self._take_view, "clouds"),
             ViewIntervals: partial(self._take_view, "views"),
@@ -231,8 +240,18 @@ class SurfaceSlam:
         self.walls.add_sign(sign)
         return []
 
+    def _take_picture(self, picture: SearchedPicture) -> list[ScanPose]:
+        self.walls.add_picture(picture)
+        return []
+
     def _take_guess(self, guess: PoseGuess) -> list[ScanPose]:
         self.walls.add_guess(guess)
+        return []
+
+    def _take_correction(self, correction: LabelCorrection) -> list[ScanPose]:
+        self.map.correct_label(correction)
+        views = {view.key: view for view in self.map.views}
+        self.saved_views = tuple(replace(s, view=views[s.view.key]) for s in self.saved_views)
         return []
 
     def _take_odometry(self, record: Odometry) -> list[ScanPose]:
@@ -333,6 +352,7 @@ class SurfaceSlam:
             self._newest_ns,
             newest,
             count_unused(self._unusable, tracked.unused_detections),
+            corrected_labels(surface_map.views),
         )
 
     def _rooms(self, slam: Solution) -> tuple[Room, ...]:

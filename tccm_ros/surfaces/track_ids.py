@@ -98,16 +98,17 @@ class TrackIds:
             self._ids[first] |= self._ids[member.number]
             self._first_seen[first] = min(self._first_seen[first], self._first_seen[member.number])
 
-    def _sorted_ids(self, members: Members) -> list[int]:
+    def all_ids(self, members: Members) -> list[int]:
+        """Return the id of a surface and those of the surfaces merged into it, ascending."""
         return sorted(set().union(*(self._ids[member.number] for member in members)))
 
     def track_id(self, members: Members) -> int:
         """Return the id of a surface."""
-        return self._sorted_ids(members)[0]
+        return self.all_ids(members)[0]
 
     def merged_ids(self, members: Members) -> tuple[int, ...]:
         """Return the ids of the surfaces that are merged into this one."""
-        return tuple(self._sorted_ids(members)[1:])
+        return tuple(self.all_ids(members)[1:])
 
     def first_seen(self, members: Members) -> SightKey:
         """Return when a view saw the surface first."""

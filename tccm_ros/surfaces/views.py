@@ -7,7 +7,7 @@ that the tilt cycle looked through. Nothing is read again from the recording.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
@@ -121,6 +121,9 @@ class View:
         Number of objects of older views that this one replaced and that were removed.
     detections
         What detectors recognised since the view before, or in views that were removed.
+    corrected_labels
+        Labels that a person gave surfaces, by the number of a patch, counted from the first of this
+        view (negative for one of a view that was removed).
     """
 
     stamp_ns: int
@@ -132,6 +135,7 @@ class View:
     objects: tuple[SeenObject, ...] = ()
     forgotten_objects: int = 0
     detections: tuple[SeenDetection, ...] = ()
+    corrected_labels: Mapping[int, str] = field(default_factory=dict)
 
     @property
     def key(self) -> tuple[int, int]:
@@ -193,7 +197,7 @@ def _patch(
     return Patch(thinned, weights, len(points), mean, cov, outline, spacing)
 
 
-def first_numbers(views: list[View]) -> list[int]:
+def first_numbers(views: Sequence[View]) -> list[int]:
     """Return the number of the first patch of each view; removed patches keep their numbers."""
     numbers, after = [], 0
     for view in views:
@@ -226,8 +230,14 @@ def with_numbers_of(newer: View, older: View, replaced_by: Mapping[int, int]) ->
             own.placed_ns is None or placed < own.placed_ns
         ):
             patches[q] = replace(patches[q], placed_ns=placed)
-    forgotten = newer.forgotten + older.forgotten + len(older.patches)
-    return replace(newer, patches=tuple(patches), forgotten=forgotten)
+    before = len(older.patches)
+    labels = {number - before: label for number, label in older.corrected_labels.items()}
+    return replace(
+        newer,
+        patches=tuple(patches),
+        forgotten=newer.forgotten + older.forgotten + before,
+        corrected_labels={**labels, **newer.corrected_labels},
+    )
 
 
 def _footprint(patch: Patch) -> Footprint:

@@ -1,4 +1,4 @@
-"""Free places on a surface, where an object of a given size can be put down.
+"""Where a rectangle fits into a polygon: an object of a given size on a surface.
 
 The area that a rectangle can cover in a polygon is exact: by Minkowski sums of the polygon's edges.
 """
@@ -6,8 +6,7 @@ The area that a rectangle can cover in a polygon is exact: by Minkowski sums of 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 import shapely
@@ -16,64 +15,6 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from tccm_ros.arrays import Float64
-from tccm_ros.records import PlaneKind, PlaneRecord, TabletopObject
-from tccm_ros.tabletop.footprints import convex_hull, rectangle
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FreePlaces:
-    """Where an object of `objects.place_size` fits on one surface.
-
-    Attributes
-    ----------
-    plane
-        PlaneRecord.id.
-    polygons
-        Rings float64 (N, 3), open, counter-clockwise from above, in the map's frame: the union of
-        all places that the object can cover.
-    """
-
-    plane: int
-    polygons: tuple[Float64, ...]
-
-
-def find_free_places(
-    planes: Sequence[PlaneRecord],
-    objects: Sequence[TabletopObject],
-    size: tuple[float, float],
-) -> list[FreePlaces]:
-    """Find where a w x d object can be put down.
-
-    Parameters
-    ----------
-    planes, objects
-        The planes of a map, and the objects on them.
-    size
-        Width and depth of the object, m.
-
-    Returns
-    -------
-    list[FreePlaces]
-        One per horizontal plane, empty where there is no room. The object's sides are parallel to
-        the smallest rectangle around the surface, either way round; for these two yaws the answer
-        is exact.
-    """
-    result = []
-    for plane in planes:
-        if plane.kind != PlaneKind.HORIZONTAL or len(plane.boundary) < 3:
-            continue
-        occupied = [Polygon(o.footprint) for o in objects if o.plane == plane.id]
-        room = shapely.make_valid(Polygon(plane.boundary[:, :2], [h[:, :2] for h in plane.holes]))
-        yaw = rectangle(convex_hull(plane.boundary[:, :2]))[4]
-        region = where_fits(room.difference(shapely.union_all(occupied)), size, yaw)
-        result.append(FreePlaces(plane.id, tuple(_lift(r, plane) for r in region)))
-    return result
-
-
-def _lift(ring: Float64, plane: PlaneRecord) -> Float64:
-    nx, ny, nz = plane.normal
-    z = (plane.offset - nx * ring[:, 0] - ny * ring[:, 1]) / nz
-    return np.column_stack([ring, z])
 
 
 def where_fits(room: BaseGeometry, size: tuple[float, float], yaw: float) -> list[Float64]:

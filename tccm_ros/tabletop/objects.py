@@ -90,7 +90,7 @@ def _take_clusters(loose: LooseCuboids, plane: PlaneRecord, config: Config) -> t
     The cuboids are marked as not free. An object hides the surface behind it and may so stand in a
     notch of the outline; `_object` tests that it touches the outline.
     """
-    hull = convex_hull(plane.boundary[:, :2])
+    hull = convex_hull(np.ascontiguousarray(plane.boundary[:, :2]))
     chosen = cuboids_above(loose, hull, plane.normal, plane.offset, config.objects.min_height)
     loose.is_free[chosen] = False
     return cluster_footprints(loose.mean, chosen, config.objects.cluster_distance)

@@ -7,9 +7,10 @@ from sample_bags import START, TYPES, sample_messages
 from tccm_ros.cdr.message_reader import NotPlain
 from tccm_ros.errors import MessageError
 from tccm_ros.geometry import pose_from_rpy
-from tccm_ros.records import JointSample, Odometry, Scan, TransformSample
+from tccm_ros.records import Imu, JointSample, Odometry, Scan, TransformSample
 from tccm_ros.ros.reading import READERS
 from tccm_ros.ros.writing import (
+    imu_message,
     joint_sample_message,
     odometry_message,
     scan_message,
@@ -56,6 +57,7 @@ def test_records_read_from_bytes_equal_those_read_from_messages(stamp, frame, ch
     messages = {
         "scan": scan_message(TYPES, scan),
         "odom": odometry_message(TYPES, Odometry(stamp, frame, child, T)),
+        "imu": imu_message(TYPES, Imu(stamp, frame, np.array([0.1, -0.2, 0.3]))),
         "joint_states": joint_sample_message(TYPES, sample),
         "tf": transforms_message(TYPES, transforms),
         "tf_static": transforms_message(TYPES, transforms),
@@ -87,6 +89,8 @@ SAMPLES = {
     )
     for role in ("odom", "joint_states", "tf_static", "tilt_scan")
 }
+IMU = imu_message(TYPES, Imu(START, "imu", np.array([0.1, 0.2, 3.0])))
+SAMPLES["imu"] = bytes(TYPES.serialize(READERS["imu"].message_type, IMU))
 
 
 @settings(max_examples=400, deadline=None)

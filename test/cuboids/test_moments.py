@@ -97,6 +97,18 @@ def test_planes_along_two_axes_have_the_third_as_normal(axis):
     assert (sign * d, smallest) == pytest.approx((0.7, 0.0), abs=1e-9)
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_a_normal_close_to_an_axis_is_as_precise_as_any(axis):
+    """Of the three cross products two are 1e-7 times as long: hardly more than rounding."""
+    points = np.random.default_rng(axis).uniform(-1.0, 1.0, (COUNT, 3))
+    others = [i for i in range(3) if i != axis]
+    points[:, axis] = 0.7 + 1e-7 * points[:, others].sum(axis=1)
+    expected = np.full(3, -1e-7)
+    expected[axis] = 1.0
+    normal = np.array(plane_of(moments(points))[:3])
+    assert np.sign(normal[axis]) * normal == pytest.approx(expected, abs=1e-13)
+
+
 def test_points_at_one_place_have_a_horizontal_plane_through_it():
     points = np.full((5, 3), (0.3, -0.2, 0.9))
     assert plane_of(moments(points))[:4] == pytest.approx((0.0, 0.0, 1.0, 0.9))

@@ -126,6 +126,15 @@ def test_cuboids_in_a_box_are_those_that_overlap_it():
     assert (len(nothing), nothing.cycle_offsets.tolist()) == (0, [0])
 
 
+@pytest.mark.parametrize(("low", "high"), [(-0.5, -0.03), (0.0, 0.5)])
+def test_cuboids_in_a_box_are_those_that_touch_its_top_or_bottom(low, high):
+    """The cuboid of a point at height 0 reaches from -0.03 m to 0."""
+    query = MapQuery(map_of([(0, 0, 0)]))
+    assert query.cuboids_in([0.0, 0.02, 0.0, 0.02, low, high]).top.tolist() == [0]
+    beyond = 0.0001 if low == 0.0 else -0.0001
+    assert len(query.cuboids_in([0.0, 0.02, 0.0, 0.02, low + beyond, high + beyond])) == 0
+
+
 @pytest.mark.parametrize("points", [[], [(0, 0, 0)]])
 def test_queries_to_an_empty_map_return_nothing(points):
     query = MapQuery(map_of(points, [], window_cycles=1))

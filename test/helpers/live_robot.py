@@ -20,6 +20,7 @@ from tccm_ros.nodes.tccm_node import TccmNode
 from tccm_ros.records import (
     CameraImage,
     CameraInfo,
+    Imu,
     JointSample,
     Odometry,
     RobotDescription,
@@ -29,6 +30,7 @@ from tccm_ros.records import (
 from tccm_ros.ros.writing import (
     camera_image_message,
     camera_info_message,
+    imu_message,
     joint_sample_message,
     odometry_message,
     robot_description_message,
@@ -150,6 +152,7 @@ class Robot:
         build = {
             Scan: scan_message,
             Odometry: odometry_message,
+            Imu: imu_message,
             JointSample: joint_sample_message,
             CameraImage: camera_image_message,
             CameraInfo: camera_info_message,

@@ -22,9 +22,13 @@ from tccm_ros.results.models import (
     FreePlacesEntry,
     GraphFile,
     KeyframeEntry,
+    LabelEntry,
+    LabelsFile,
     LoopEntry,
     ObjectEntry,
     ObjectsFile,
+    PlacementEntry,
+    PlacementsEntry,
     PlaneEntry,
     PlanesFile,
     ScansUsedEntry,
@@ -182,7 +186,10 @@ def write_folder(folder: Path, *, cycles: int = CYCLES, max_range: float = 1.6) 
     tray = ObjectEntry(1, 1, np.array([2.2, 3.1, 0.9]), np.array([0.4, 0.25, 0.05]), 0.3)
     bin_ = ObjectEntry(2, 0, np.array([4.4, -1.8, 0.2]), np.array([0.4, 0.3, 0.4]), 0.0)
     free = FreePlacesEntry(3, (horizontal_ring(box(1.8, 0.35, 2.1, 0.6), 0.72),))
-    write_json(folder / "objects.json", ObjectsFile((mug, tray, bin_), (free,)))
+    place = PlacementEntry(3, np.array([1.95, 0.47, 0.72]), 0.0, 0.05, None)
+    placements = PlacementsEntry(np.array([0.15, 0.15, 0.2]), 0.02, (place,))
+    write_json(folder / "objects.json", ObjectsFile((mug, tray, bin_), (free,), placements))
+    write_json(folder / "labels.json", LabelsFile(labels=(LabelEntry(3, "table"),)))
     write_cycles_and_cuboids(folder, path, cycles, max_range)
     write_json(folder / "summary.json", summary(cycles))
     write_json(folder / "timing.json", TimingFile({"reading": 0.21, "mapping": 0.94}, 52.2))

@@ -4,14 +4,14 @@ It shares no code with what it tests: a plate is projected by its own formula, a
 ray of the plan ends before it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import plan
 from numpy.typing import NDArray
 
-from tccm_ros.signs.measurement import SignMeasurement
+from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 
 Float64 = NDArray[np.float64]
 
@@ -80,11 +80,8 @@ class Pictures:
         self, poses: Float64, stamps_ns: NDArray[np.int64], seed: int = 0, period: float = 0.5
     ) -> list[SignMeasurement]:
         """Return what the pictures along a drive tell; poses (N, 3) in the frame of the plan."""
-        random, last, told = np.random.default_rng(seed), -np.inf, []
-        for pose, stamp in zip(poses, stamps_ns.tolist()):
-            if stamp * 1e-9 - last < period - 1e-6:
-                continue
-            last = stamp * 1e-9
+        random, told = np.random.default_rng(seed), []
+        for pose, stamp in _taken(poses, stamps_ns, period):
             T_map_base = plan.matrix(pose)
             T_map_base[:3, :3] = T_map_base[:3, :3] @ _tilted(
                 *random.normal(size=2) * self.roll_pitch
@@ -92,6 +89,17 @@ class Pictures:
             for yaw in self.cameras.yaws:
                 told += self._picture(T_map_base, self.cameras.T_base_camera(yaw), stamp, random)
         return told
+
+    def searched(
+        self, poses: Float64, stamps_ns: NDArray[np.int64], period: float = 0.5
+    ) -> list[SearchedPicture]:
+        """Return the pictures along a drive, whether they show a plate or not."""
+        focal, center = np.full(2, FOCAL), np.array([WIDTH / 2, HEIGHT / 2])
+        return [
+            SearchedPicture(stamp, T, focal, center, (int(WIDTH), int(HEIGHT)))
+            for _, stamp in _taken(poses, stamps_ns, period)
+            for T in map(self.cameras.T_base_camera, self.cameras.yaws)
+        ]
 
     def _picture(
         self, T_map_base: Float64, T_base_camera: Float64, stamp: int, random: np.random.Generator
@@ -138,6 +146,17 @@ class Pictures:
         bearing = np.arctan2(*-away[1::-1])
         free = plan.cast(self.walls, np.array([*T_map_camera[:2, 3], 0.0]), np.array([bearing]))[0]
         return pixel if free > np.hypot(*away[:2]) - 0.05 else None
+
+
+def _taken(
+    poses: Float64, stamps_ns: NDArray[np.int64], period: float
+) -> Iterator[tuple[Float64, int]]:
+    """Yield the poses and stamps at which pictures are taken."""
+    last = -np.inf
+    for pose, stamp in zip(poses, stamps_ns.tolist()):
+        if stamp * 1e-9 - last > period - 1e-6:
+            last = stamp * 1e-9
+            yield pose, stamp
 
 
 def _tilted(roll: float, pitch: float) -> Float64:

@@ -2,9 +2,19 @@
 
 import itertools
 
+import numpy as np
 import pytest
 from asker import Asker
-from geometry_msgs.msg import Point, PointStamped, Pose, PoseStamped, Quaternion, Vector3
+from geometry_msgs.msg import (
+    Point,
+    PointStamped,
+    Pose,
+    PoseStamped,
+    PoseWithCovariance,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    Vector3,
+)
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from live_robot import recording, slam, tccm
@@ -53,24 +63,38 @@ placements = st.fixed_dictionaries(
         "base": st.integers(0, 255) | st.integers(0, 2),
     },
 )
+poses = st.builds(
+    Pose,
+    position=points,
+    orientation=st.builds(Quaternion, x=numbers, y=numbers, z=numbers, w=numbers),
+)
 boxes = st.fixed_dictionaries(
     {
-        "pose": st.builds(
-            PoseStamped,
-            header=headers,
-            pose=st.builds(
-                Pose,
-                position=points,
-                orientation=st.builds(Quaternion, x=numbers, y=numbers, z=numbers, w=numbers),
-            ),
-        ),
+        "pose": st.builds(PoseStamped, header=headers, pose=poses),
         "size": st.builds(Vector3, x=numbers, y=numbers, z=numbers),
     }
+)
+corrections = {
+    "surface_id": st.integers(-(2**31), 2**31 - 1) | st.integers(0, 3),
+    "label": st.sampled_from(["table", "floor", ""]) | texts,
+}
+variances = st.sampled_from([0.0, 0.25]) | numbers
+guesses = st.builds(
+    PoseWithCovarianceStamped,
+    header=headers,
+    pose=st.builds(
+        PoseWithCovariance,
+        pose=poses,
+        covariance=st.builds(lambda v: np.diag(np.full(6, v)).ravel(), variances),
+    ),
 )
 REQUESTS = st.one_of(
     st.tuples(st.just("surfaces"), filters),
     st.tuples(st.just("placements"), placements),
     st.tuples(st.just("box"), boxes),
+    st.tuples(st.just("pose"), st.fixed_dictionaries({"pose": guesses})),
+    st.tuples(st.just("list"), st.just({})),
+    st.tuples(st.just("label"), st.fixed_dictionaries({}, optional=corrections)),
     *(
         st.tuples(st.just(kind), st.fixed_dictionaries({"name": names}))
         for kind in ("save", "load")
@@ -85,7 +109,13 @@ def answer(asker: Asker, kind: str, fields):
         return asker.find_placements(**fields)
     if kind == "box":
         return asker.ask("CheckBox", "/tccm/check_box", **fields)
-    words = {"save": ("SaveMap", "save_named_map"), "load": ("LoadMap", "load_named_map")}[kind]
+    words = {
+        "save": ("SaveMap", "save_named_map"),
+        "load": ("LoadMap", "load_named_map"),
+        "list": ("ListMaps", "list_maps"),
+        "pose": ("SetPose", "set_pose"),
+        "label": ("SetLabel", "set_label"),
+    }[kind]
     return asker.ask(words[0], f"/surface_slam/{words[1]}", **fields)
 
 
@@ -110,6 +140,7 @@ def test_any_request_gets_an_answer_and_writes_nowhere_else(ros, tmp_path):
     @settings(max_examples=80, deadline=None, suppress_health_check=list(HealthCheck))
     @given(REQUESTS)
     @example(("save", {"name": "link"}))
+    @example(("pose", {"pose": PoseWithCovarianceStamped()}))
     @example(("save", {"name": "../../other/x"}))
     @example(("save", {"name": str(other / "x")}))
     @example(("load", {"name": "../maps/home"}))

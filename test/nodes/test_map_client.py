@@ -1,37 +1,13 @@
 """The client and the examples, over DDS with both nodes."""
 
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from example_process import run_example
 from live_robot import Listener, recording, slam, tccm
 
 from tccm_ros.nodes.interfaces import has_interfaces
 
 pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
-
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
-
-
-def run(ros, name: str) -> str:
-    """Run an example beside the nodes of this process; return what it prints."""
-    process = subprocess.Popen(
-        [sys.executable, EXAMPLES / name],
-        env={**os.environ, "ROS_DOMAIN_ID": str(ros.domain)},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        ros.spin_until(lambda: process.poll() is not None, what=name)
-    finally:
-        process.kill()
-    assert process.stdout is not None
-    text = process.stdout.read()
-    assert process.returncode == 0, text
-    return text
 
 
 def test_a_python_node_hears_of_the_map_and_asks_it(ros):
@@ -62,4 +38,4 @@ def test_a_python_node_hears_of_the_map_and_asks_it(ros):
     ros.spin_until(wrong.done)
     with pytest.raises(QuestionError, match="size_x"):
         wrong.result()
-    assert f"table {table.id} at 0.70 m" in run(ros, "list_counters.py")
+    assert f"table {table.id} at 0.70 m" in run_example(ros, "list_counters.py")

@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.bags.writer import BagWriter
 from tccm_ros.errors import BagError, ConfigError
-from tccm_ros.nodes.player_node import PARAMETERS, PlayerNode
+from tccm_ros.nodes.player_node import PARAMETERS, STABLE_S, PlayerNode
 from tccm_ros.records import JointSample, RobotDescription
 from tccm_ros.ros.writing import joint_sample_message, robot_description_message
 
@@ -188,3 +188,12 @@ def test_a_player_that_is_paused_says_so(ros, bag):
     player(ros, bag, paused=True, topics=["/joint_states"])
     ros.spin_until(lambda: "ready; paused, waits for ~/pause" in log)
     assert not any(text.startswith("plays") for text in log)
+
+
+def test_it_plays_once_no_subscriber_has_come_or_gone_for_a_while(ros, bag):
+    playing = player(ros, bag, rate=50.0, wait_for_subscribers=PATIENCE_S, topics=["/joint_states"])
+    before = time.monotonic()
+    _, got = listener(ros)
+    ros.spin_until(lambda: playing.published)
+    assert time.monotonic() - before >= STABLE_S
+    ros.spin_until(lambda: playing.is_done and len(got) == COUNT)

@@ -4,11 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_robot import START_NS, STEP_NS, recording, slam, wait_until_done
+from live_robot import START_NS, STEP_NS, URDF, recording, slam, wait_until_done
 from posed_pictures import needs_reader, picture_of, wall_with
 
+from tccm_ros.config import Config
 from tccm_ros.nodes import slam_node
-from tccm_ros.signs.measurement import SignMeasurement
+from tccm_ros.pipeline.processors import Pipeline
+from tccm_ros.records import RobotDescription
+from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 
 
 def with_pictures(records, pixels, every=10):
@@ -21,8 +24,27 @@ def with_pictures(records, pixels, every=10):
             yield "camera/image_raw", image
 
 
+def told_offline(records):
+    """Return what pictures tell the map of a replay: the same records, without nodes."""
+    pipeline, told = Pipeline(Config(), expects_odometry=True), []
+    urdf = URDF.format(p="", kind="revolute")
+    pipeline.add("robot_description", RobotDescription(urdf))
+    take = pipeline.slam.add
+    pipeline.slam.add = lambda event: (told.append(event), take(event))[1]
+    for topic, record in records:
+        pipeline.add(topic, record)
+    pipeline.finish()
+    return [event for event in told if type(event) in (SearchedPicture, SignMeasurement)]
+
+
+def content(event):
+    """Return all that an event of a picture tells, as bytes."""
+    names = [name for name in event.__slots__ if name != "text"]
+    return [np.asarray(getattr(event, name)).tobytes() for name in names]
+
+
 @needs_reader
-def test_signs_of_pictures_are_fed_to_the_solver(ros, monkeypatch):
+def test_signs_of_pictures_are_fed_to_the_solver_as_in_a_replay(ros, monkeypatch):
     node, robot = slam(ros), ros.robot()
     fed = []
     monkeypatch.setattr(node.solver, "feed", fed.append)
@@ -38,6 +60,11 @@ def test_signs_of_pictures_are_fed_to_the_solver(ros, monkeypatch):
     assert signs[0].T_base_camera[:3, 3] == pytest.approx([0.0, 0.0, 0.3])
     assert node.used()["camera/image_raw"] == len(signs)
     assert node.processor.counts["level scans"] > 10
+    # What the solver makes of it is a function of the records: live equals offline from here on.
+    live = [event for event in fed if type(event) in (SearchedPicture, SignMeasurement)]
+    offline = told_offline(with_pictures(recording(2), wall_with("317")))
+    assert len(live) == 2 * len(signs)
+    assert [content(event) for event in live] == [content(event) for event in offline]
 
 
 def test_without_the_extra_pictures_are_not_asked_for_and_it_says_so(ros, monkeypatch):

@@ -78,13 +78,3 @@ def test_the_ready_line_names_what_is_waited_for(ros, capfd):
     tccm(ros)
     line = next(t for t in capfd.readouterr().err.splitlines() if "ready" in t)
     assert "waits for /tilt_scan, /odom, /joint_states" in line
-
-
-def test_the_state_of_the_code_tells_whether_the_cache_is_filled(monkeypatch, tmp_path):
-    marker = tmp_path / "marker"
-    monkeypatch.setattr(warming, "_marker", lambda processor_name: marker)
-    assert not warming.is_compiled("tccm")
-    marker.write_text(warming._fingerprint())
-    assert warming.is_compiled("tccm")
-    monkeypatch.setattr(warming.numba, "__version__", "0")
-    assert not warming.is_compiled("tccm")

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from map_server import as_map_server_reads
 from result_folder import summary
-from shapely import Polygon
+from shapely import Polygon, box
+from shapely.affinity import rotate, translate
 from slam_run import drive, new_slam
 
 from tccm_ros.atomic import output_folder
@@ -12,7 +13,7 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.integration_map import IntegrationMap
 from tccm_ros.errors import OutputError
 from tccm_ros.records import Wall
-from tccm_ros.results.exports import write_results
+from tccm_ros.results.exports import MAX_PLACEMENTS, PLACED_HEIGHT_M, write_results
 from tccm_ros.results.floor_plan import close_corners
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.grid_files import save_grid
@@ -24,6 +25,7 @@ from tccm_ros.surfaces.planning_shapes import surface_box, surface_mesh
 
 FILES = {
     "surfaces.json",
+    "labels.json",
     "objects.json",
     "walls.json",
     "graph.json",
@@ -265,3 +267,25 @@ def test_landmarks_are_written_and_read(tmp_path):
     assert (read.kind, read.id, read.observations) == ("sign", 4, 3)
     np.testing.assert_array_equal(read.position, mark.position)
     np.testing.assert_array_equal(read.covariance, mark.covariance)
+
+
+def test_placements_are_ranked_and_clear_of_edges_and_of_each_other(solution, folder):
+    """Of each footprint by hand: inside what was seen, off its edge and off all earlier ones."""
+    written = json.loads((folder / "objects.json").read_text())["placements"]
+    assert written["size"] == [*solution.place_size, PLACED_HEIGHT_M]
+    assert written["clearance"] == 0.02
+    ranked = written["ranked"]
+    assert 0 < len(ranked) <= MAX_PLACEMENTS
+    assert [p["clearance"] for p in ranked] == sorted(p["clearance"] for p in ranked)[::-1]
+    seen = {s.id: Polygon(s.boundary_seen[:, :2]) for s in solution.surfaces if s.label != "floor"}
+    placed = []
+    for entry in ranked:
+        footprint = rotate(box(-0.075, -0.075, 0.075, 0.075), entry["yaw"], (0, 0), True)
+        footprint = translate(footprint, *entry["position"][:2])
+        surface = seen[entry["surface"]]
+        assert surface.contains(footprint)
+        free = [surface.exterior, *(f for s, f in placed if s == entry["surface"])]
+        distance = min(footprint.distance(other) for other in free)
+        assert distance >= entry["clearance"] - 1e-5
+        assert distance >= written["clearance"] - 1e-5
+        placed.append((entry["surface"], footprint))

@@ -53,7 +53,6 @@ def cycle_result(index):
         cycle=index, stamp_ns=middle, start_ns=start, end_ns=end, frame_id="odom",
         base_frame_id="base_link", T_odom_base=pose_from_rpy([0.3 * index, 0, 0, 0, 0, 0.1]),
         planes=[plane], objects=[TabletopObject(0, index, RING.mean(axis=0), np.ones(3), 0.2)],
-        place_size=(0.15, 0.15),
         surfaces=SurfaceCloud(middle, "base_link", np.float32(RING), np.zeros(4, "u4")),
         view=ViewIntervals(middle, "base_link", np.zeros((0, 4), np.float32)),
         boxes=ObjectBoxes(

@@ -13,6 +13,7 @@ from sample_records import STAMP, T, make_scan
 
 from tccm_ros.errors import MessageError
 from tccm_ros.records import (
+    Imu,
     JointSample,
     Odometry,
     SurfaceCloud,
@@ -21,6 +22,7 @@ from tccm_ros.records import (
 from tccm_ros.records.building import Record
 from tccm_ros.ros.reading import (
     READERS,
+    imu_from_message,
     joint_sample_from_message,
     odometry_from_message,
     robot_description_from_message,
@@ -28,6 +30,7 @@ from tccm_ros.ros.reading import (
     transforms_from_message,
 )
 from tccm_ros.ros.writing import (
+    imu_message,
     joint_sample_message,
     odometry_message,
     scan_message,
@@ -64,6 +67,17 @@ def test_joint_state_with_too_few_positions_is_refused():
     message = joint_sample_message(TYPESTORE, JointSample(STAMP, ("a", "b"), np.zeros(1)))
     with pytest.raises(MessageError, match="2 names and 1 positions"):
         joint_sample_from_message(message)
+
+
+def test_an_imu_without_angular_velocity_is_refused():
+    message = imu_message(TYPESTORE, Imu(STAMP, "imu", np.array([0.1, 0.2, 0.3])))
+    assert imu_from_message(message).angular_velocity.tolist() == [0.1, 0.2, 0.3]
+    message.angular_velocity.y = math.nan
+    with pytest.raises(MessageError, match="not finite"):
+        imu_from_message(message)
+    message.angular_velocity_covariance[0] = -1.0
+    with pytest.raises(MessageError, match="no angular velocity"):
+        imu_from_message(message)
 
 
 @pytest.mark.parametrize("quaternion", [(0, 0, 0, 0), (math.nan, 0, 0, 1), (0, 0, math.inf, 1)])

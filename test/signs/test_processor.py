@@ -15,6 +15,7 @@ from tccm_ros.pipeline.sim.door_plates import STYLES, door_plate
 from tccm_ros.records import CameraImage, MapReset, Odometry
 from tccm_ros.sensors.camera_image import PosedPicture
 from tccm_ros.signs import processor
+from tccm_ros.signs.measurement import SearchedPicture, picture_key
 from tccm_ros.signs.processor import BEYOND_RATE, NO_EXTRA, PictureSelector, SignProcessor
 
 
@@ -111,7 +112,8 @@ def test_a_measurement_points_at_the_number_and_has_pose_patch_and_text():
     signs = SignProcessor(Config())
     plate = door_plate("317", "Archive", STYLES[0])
     picture = posed(wall_with("317"))
-    (sign,) = signs.add(picture)
+    searched, sign = signs.add(picture)
+    assert searched.key == picture_key(sign.stamp_ns, sign.T_base_camera)
     height = 120 * plate.pixels.shape[0] / plate.pixels.shape[1]
     middle = np.array([200 + 60 + 120 * plate.anchor[0], 150 + height / 2 - 120 * plate.anchor[1]])
     assert sign.pixel == pytest.approx(middle - 0.5, abs=2.0)
@@ -134,9 +136,19 @@ def test_the_patch_of_a_plate_is_more_like_itself_than_like_another():
     signs = SignProcessor(Config())
 
     def patch(number, at, k):
-        (found,) = signs.add(posed(wall_with(number, at), START + k * 10**9))
+        _, found = signs.add(posed(wall_with(number, at), START + k * 10**9))
         return found.descriptor / np.linalg.norm(found.descriptor)
 
     first, moved, other = patch("317", (200, 150), 0), patch("317", (60, 90), 1), patch(
         "482", (200, 150), 2)  # fmt: skip
     assert first @ moved > first @ other + 0.05
+
+
+def test_a_picture_without_a_sign_tells_that_it_was_searched(blind):
+    picture = empty()
+    (searched,) = SignProcessor(Config()).add(picture)
+    assert type(searched) is SearchedPicture
+    camera = picture.image.camera
+    assert searched.size == picture.image.size
+    assert searched.focal_lengths.tolist() == [camera.K[0, 0], camera.K[1, 1]]
+    assert searched.center.tolist() == camera.K[:2, 2].tolist()

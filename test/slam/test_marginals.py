@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse import csc_matrix
 
-from tccm_ros.slam.marginals import InverseColumns, marginal_blocks
+from tccm_ros.slam.marginals import Information, InverseColumns
 
 
 def random_graph(seed: int, variables: int, loops: int):
@@ -33,15 +33,24 @@ def random_graph(seed: int, variables: int, loops: int):
 def test_marginal_blocks_are_those_of_the_full_inverse(seed, variables, loops):
     A, dims, starts = random_graph(seed, variables, loops)
     full = np.linalg.inv(A.T @ A)
-    blocks = marginal_blocks(csc_matrix(A), dims)
+    blocks = Information(csc_matrix(A), dims).marginal_blocks()
     for block, a, b in zip(blocks, starts[:-1], starts[1:], strict=True):
         np.testing.assert_allclose(block, full[a:b, a:b], rtol=1e-7, atol=1e-9 * full.max())
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 30), st.integers(0, 20))
+def test_a_gradient_is_solved_as_by_the_full_inverse(seed, variables, loops):
+    A, dims, starts = random_graph(seed, variables, loops)
+    gradient = np.random.default_rng(seed).normal(size=int(starts[-1]))
+    expected = np.linalg.solve(A.T @ A, gradient)
+    found = Information(csc_matrix(A), dims).solve(gradient)
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-8 * np.abs(expected).max())
 
 
 def test_an_undetermined_variable_is_an_error():
     A = np.diag([1.0, 1.0, 1.0, 0.0, 1.0, 1.0])
     with pytest.raises(RuntimeError):
-        marginal_blocks(csc_matrix(A), np.array([3, 3]))
+        Information(csc_matrix(A), np.array([3, 3]))
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 12), st.integers(0, 8))

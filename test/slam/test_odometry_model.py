@@ -45,3 +45,25 @@ def test_slips_rotations_and_short_steps_do_not_change_the_scale():
 
 def test_only_translations_are_scaled():
     assert OdometryScale(1.1).corrected(np.array([1.0, 2.0, 0.5])) == pytest.approx([1.1, 2.2, 0.5])
+
+
+@pytest.mark.parametrize("steps", [0, 3, 10, 60])
+@pytest.mark.parametrize("expected", [0.01, 0.03])
+def test_the_error_of_a_scale_is_that_over_robots(steps, expected):
+    """400 robots with wheels as expected, and noise as the model has it; 25 % are 3.5 sigmas."""
+    random = np.random.default_rng(0)
+    matched = np.diag([400.0, 400.0, 400.0])
+    v_match, v_odometry = 1.0 / 401.0, COV[0, 0] * 10.0
+    weight = v_odometry / (v_odometry + v_match)
+    errors, variances = [], []
+    for _ in range(400):
+        truth = 1.0 + expected * random.normal()
+        scale = OdometryScale(error_variance=expected**2)
+        for _ in range(steps):
+            odometry = np.array([1.0 / truth + random.normal() * v_odometry**0.5, 0.0, 0.0])
+            by_matching = 1.0 + random.normal() * v_match**0.5
+            placed = weight * by_matching + (1.0 - weight) * scale.value * odometry[0]
+            scale.update(odometry, np.array([placed, 0.0, 0.0]), matched, COV * 10.0)
+        errors.append(scale.value - truth)
+        variances.append(scale.error_variance)
+    assert np.mean(np.square(errors)) == pytest.approx(np.mean(variances), rel=0.25)

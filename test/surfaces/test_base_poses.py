@@ -4,11 +4,14 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from outlined_surfaces import surface
+from shapely import affinity, box
 
 from tccm_ros.slam.occupancy import OccupancyGrid
-from tccm_ros.surfaces.base_poses import FreeFloor
+from tccm_ros.surfaces.base_poses import FreeFloor, cells_under
 
 ORIGIN = np.array([-2.0, -1.0])
 STEP = 0.05
@@ -92,3 +95,16 @@ def test_the_nearest_base_pose_is_in_the_nearest_cell_with_room_for_the_base(see
         np.array([x, y]), reach, radius, 1
     )
     assert [p.distance for p in found] == pytest.approx([nearest] if nearest < math.inf else [])
+
+
+@pytest.mark.parametrize("middle", [(1.0, 0.2), (-1.2, 2.1), (-2.0, 0.5), (3.0, 9.0)])
+def test_cells_under_surfaces_are_those_whose_middle_is_in_an_outline(middle):
+    """Cell by cell, at any place of the grid, over its edge and outside of it."""
+    outline = affinity.translate(affinity.rotate(box(-0.6, -0.3, 0.6, 0.3), 25.0), *middle)
+    grid = OccupancyGrid(room(), STEP, ORIGIN)
+    floor = surface(box(-9.0, -9.0, 9.0, 9.0), height=0.0, label="floor")
+    found = cells_under([surface(outline), floor], grid)
+    rows, columns = np.indices(grid.cells.shape) + 0.5
+    inside = shapely.contains_xy(outline, ORIGIN[0] + columns * STEP, ORIGIN[1] + rows * STEP)
+    assert (found != inside).sum() <= 2  # a middle on the edge, by rounding
+    assert found.any() == (middle[1] < 9.0)

@@ -128,6 +128,13 @@ def test_only_patches_of_a_candidate_pair_are_connected():
     assert root.tolist() == [0, 1, 0]
 
 
+def test_all_pairs_are_found_of_many_boxes_at_one_place():
+    """Of 40 boxes there are 780, more than there is memory for at first."""
+    boxes = np.tile([[0.0, 0.0, 0.0], [1.0, 1.0, 0.1]], (40, 1, 1))
+    expected = [(q, p) for p in range(40) for q in range(p)]
+    np.testing.assert_array_equal(box_pairs(boxes, 0.05), expected)
+
+
 @pytest.mark.parametrize("count", [0, 1])
 def test_a_single_patch_or_none_has_no_pairs(count):
     some = patch_clouds([np.zeros((1, 3))] * count)

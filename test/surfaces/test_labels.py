@@ -112,9 +112,9 @@ def test_two_treads_or_boards_over_each_other_are_no_stairs():
 
 
 def test_platforms_that_get_much_shorter_are_no_stairs():
-    """Each meets the next one along less than half of its own length."""
-    sizes = (3.6, 1.6, 0.7)
-    parts = [(box(0.27 * k, 0, 0.27 * k + 0.26, y), 0.4 + 0.17 * k) for k, y in enumerate(sizes)]
+    """Each meets the next one, which is at its middle, along less than half of its own length."""
+    halves = (1.8, 0.7, 0.1)
+    parts = [(box(0.27 * k, -y, 0.27 * k + 0.26, y), 0.4 + 0.17 * k) for k, y in enumerate(halves)]
     same = [(box(0.27 * k, 0, 0.27 * k + 0.26, 0.7), 0.4 + 0.17 * k) for k in range(3)]
     assert only(same) == ["step"] * 3
     assert "step" not in only(parts)
@@ -161,7 +161,15 @@ def test_a_higher_min_confidence_only_replaces_labels_by_other():
 
 
 # --8<-- [start:rules]
-RULES = ("table", "counter", "low_table", "seat", "sofa", "bed", "shelf", "ledge", "step")
+CALLED = {
+    "low_table": "table",
+    "sofa": "seat",
+    "bench": "seat",
+    "sideboard": "other",
+    "side_table": "other",
+}
+RULES = ("table", "counter", "seat", "bed", "shelf", "ledge", "step", *CALLED)
+AT_WALL = {"bench", "sideboard"}
 NOWHERE = (9.0, 9.1, 0.1, 0.2, 0.1, 0.2)
 EXAMPLES = {
     "table": [(box(0, 0, 1.4, 0.8), 0.74)],
@@ -169,6 +177,9 @@ EXAMPLES = {
     "low_table": [(box(0, 0, 1.1, 0.6), 0.42)],
     "seat": [(box(0, 0, 0.45, 0.42), 0.45)],
     "sofa": [(box(0, 0, 1.9, 0.6), 0.44), (box(-0.1, 0.61, 2.0, 0.8), 0.8)],
+    "bench": [(box(0, 0, 1.2, 0.42), 0.45)],
+    "sideboard": [(box(0, 0, 1.3, 0.44), 0.76)],
+    "side_table": [(box(0, 0, 0.42, 0.42), 0.485)],
     "bed": [(box(0, 0, 2.0, 0.9), 0.5)],
     "shelf": SHELF[1:],
     "ledge": [(box(0, 0, 1.2, 0.2), 0.9)],
@@ -178,10 +189,11 @@ EXAMPLES = {
 
 @pytest.mark.parametrize("rule", RULES)
 def test_a_rule_that_is_changed_takes_effect(rule):
-    calls = {"low_table": "table", "sofa": "seat"}
-    assert only(EXAMPLES[rule])[0] == calls.get(rule, rule)
+    walls = WALL if rule in AT_WALL else None
+    called = CALLED.get(rule, rule)
+    assert only(EXAMPLES[rule], walls=walls)[0] == called
     without = Config.model_validate({"labels": {rule: NOWHERE}})
-    assert only(EXAMPLES[rule], config=without)[0] != calls.get(rule, rule)
+    assert only(EXAMPLES[rule], walls=walls, config=without)[0] != called
 
 
 def test_there_is_an_example_for_each_rule():
@@ -191,6 +203,19 @@ def test_there_is_an_example_for_each_rule():
 
 
 # --8<-- [end:rules]
+
+
+@pytest.mark.parametrize("height", [0.68, 0.76, 0.84])
+def test_a_sideboard_is_neither_table_nor_counter_and_a_desk_and_a_worktop_stay(height):
+    """At a wall the depth tells: sideboards are 0.3 to 0.5 m deep."""
+    assert only([(box(0, 0, 1.4, 0.43), height)], walls=WALL) == ["other"]
+    assert only([DESK], walls=WALL) == ["table"]
+    assert only([WORKTOP], walls=WALL) == ["counter"]
+
+
+def test_a_bench_at_a_wall_is_a_seat_and_a_coffee_table_stays_a_table():
+    assert only([(box(0, 0, 1.2, 0.40), 0.45)], walls=WALL) == ["seat"]
+    assert only([(box(0, 1.0, 1.1, 1.6), 0.42)], walls=WALL) == ["table"]
 
 
 def test_the_rise_of_stairs_is_a_parameter():

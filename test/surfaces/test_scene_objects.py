@@ -41,4 +41,5 @@ def test_free_places_lie_on_their_surface_and_on_no_object(solution):
             assert outline.contains(Polygon(ring[:, :2]))
             for item in solution.objects:
                 assert Polygon(ring[:, :2]).intersection(item.footprint).area < 1e-9
+            assert Polygon(ring[:, :2]).exterior.is_ccw
     assert free_places(solution.surfaces, solution.objects, (5.0, 5.0)) == {}

@@ -16,7 +16,7 @@ from tccm_ros.records import SurfaceCloud, ViewIntervals
 from tccm_ros.surfaces.saved_map import pack_views
 from tccm_ros.surfaces.surface_map import SurfaceMap
 from tccm_ros.surfaces.thinning import thin_cloud
-from tccm_ros.surfaces.views import empty_view, with_cloud, with_numbers_of
+from tccm_ros.surfaces.views import empty_view, with_cloud, with_intervals, with_numbers_of
 
 CONFIG = Config()
 TABLE, STOOL = Board(1.5, 0.3, 0.8, 1.2, 0.74), Board(1.2, -1.2, 0.4, 0.4, 0.46)
@@ -155,3 +155,15 @@ def test_a_view_remembers_how_many_patches_it_has_replaced():
     # Patches of the view are numbered from 0: the one before was number -1.
     assert after.patches[0].number == -1
     assert after.patches[0].first_seen_ns == 1
+
+
+@pytest.mark.parametrize(("xy", "distance"), [((3.0, 4.0), 5.0), ((5.0, 0.0), 5.0)])
+def test_a_view_s_max_range_is_to_its_farthest_column_and_a_cell_more(xy, distance):
+    rows = np.array([[0.5, 0.5, 0.1, 1.0], [*xy, 0.1, 1.0]], np.float32)
+    view = with_intervals(empty_view(7, 0, CONFIG), ViewIntervals(7, "base", rows))
+    assert view.max_range == pytest.approx(distance + CONFIG.views.cell_size)
+
+
+def test_a_view_without_free_intervals_has_no_max_range():
+    nothing = ViewIntervals(7, "base", np.zeros((0, 4), np.float32))
+    assert with_intervals(empty_view(7, 0, CONFIG), nothing).max_range == 0.0

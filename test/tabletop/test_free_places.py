@@ -12,7 +12,7 @@ from shapely.affinity import rotate
 from tccm_ros.config import Config
 from tccm_ros.planes import find_planes
 from tccm_ros.planes.tracking import PlaneTracker
-from tccm_ros.tabletop.free_places import find_free_places, where_fits
+from tccm_ros.tabletop.free_places import where_fits
 from tccm_ros.tabletop.objects import ObjectTracker, find_objects
 
 CONFIG = Config()
@@ -64,20 +64,6 @@ def test_objects_keep_their_ids_and_new_objects_get_new_ids():
     assert [o.id for o in first] == [0]
     assert sorted(o.id for o in second) == [0, 1]
     assert [o.id for o in third] == [1]
-
-
-def test_free_place_is_on_the_table_and_off_the_objects():
-    planes, objects = look(room() + table() + SMALL + LARGE)
-    places = {p.plane: p.polygons for p in find_free_places(planes, objects, (0.2, 0.2))}
-    top = max((p for p in planes if abs(p.offset - 0.7) < 0.01), key=lambda p: p.area)
-    free = union_all([Polygon(ring[:, :2]) for ring in places[top.id]])
-    assert 0.2 < free.area < top.area
-    for item in objects:
-        assert free.intersection(Polygon(item.footprint)).area < 1e-6
-    assert free.difference(Polygon(top.boundary[:, :2])).area < 1e-6
-    for ring in places[top.id]:
-        assert np.abs(ring @ top.normal - top.offset).max() < 1e-9
-        assert Polygon(ring[:, :2]).exterior.is_ccw
 
 
 def covers(rings, point):

@@ -7,7 +7,6 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.cuboids import TICKS_PER_M, Cuboids
 from tccm_ros.planes import find_planes
 from tccm_ros.planes.tracking import PlaneTracker
-from tccm_ros.tabletop.free_places import find_free_places
 from tccm_ros.tabletop.objects import find_objects
 
 CELL = 0.02
@@ -106,16 +105,3 @@ def test_a_box_before_a_wall_is_separate_from_the_wall():
     crate = box((1.5, 1.8), (0.2, 0.5), (0.0, 0.25))
     [item] = scene(FLOOR, wall, crate)[1]
     assert item.center[:2] == pytest.approx([1.65, 0.35], abs=0.02)
-
-
-def test_free_places_leave_the_objects_out():
-    planes, objects = scene(FLOOR, TABLE, box((0.9, 1.1), (-0.1, 0.1), (0.71, 0.85)))
-    table = next(p for p in planes if abs(p.offset - 0.7) < 0.01)
-    [free] = [f for f in find_free_places(planes, objects, (0.2, 0.2)) if f.plane == table.id]
-    import shapely
-
-    room = shapely.union_all([shapely.Polygon(ring[:, :2]) for ring in free.polygons])
-    taken = shapely.box(0.9, -0.1, 1.1, 0.1)
-    assert room.intersection(taken).area < 0.1 * taken.area
-    assert room.area == pytest.approx(0.8 - 0.04, abs=0.08)
-    assert [f for f in find_free_places(planes, objects, (2.0, 2.0)) if f.polygons] == []

@@ -13,6 +13,7 @@ from numpy.random import Generator
 from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.pipeline.sim.cameras import DepthCamera, Pinhole, measure_depths
 from tccm_ros.pipeline.sim.colour_camera import ColourCamera, ColourRenderer, exposed, jpeg
+from tccm_ros.pipeline.sim.gyros import Gyro, angular_velocities, measure_rates
 from tccm_ros.pipeline.sim.joints import Profile
 from tccm_ros.pipeline.sim.lasers import Laser, measure, rim_directions
 from tccm_ros.pipeline.sim.lidars import SpinningLidar, measure_points
@@ -27,6 +28,7 @@ from tccm_ros.records import (
     CameraImage,
     CameraInfo,
     DepthImage,
+    Imu,
     JointSample,
     Odometry,
     PointCloud,
@@ -40,6 +42,7 @@ Record = (
     | TransformSample
     | JointSample
     | Odometry
+    | Imu
     | Scan
     | CameraImage
     | CameraInfo
@@ -54,7 +57,7 @@ JOINT_PERIOD_NS, ODOMETRY_PERIOD_NS = 10_000_000, 20_000_000
 """Periods of the messages (chosen: 100 and 50 Hz)."""
 
 JOINT_DELAY_NS, ODOMETRY_DELAY_NS, SCAN_DELAY_NS = 1_000_000, 3_000_000, 2_000_000
-"""Delays of messages after their measurements (chosen)."""
+"""Delays of messages after their measurements (chosen); an IMU's is that of joints."""
 
 INFO_DELAY_NS, IMAGE_DELAY_NS = 4_000_000, 30_000_000
 """Delays of a camera's calibration and of its images (chosen: images are computed)."""
@@ -118,7 +121,7 @@ class Simulation:
         self.rig = with_options(world.rig, self.options)
         self.scene = world.scene.freeze()
         self._bodies = _frozen_bodies(self.rig) if self.options.self_hits else {}
-        self._seeds = np.random.SeedSequence(seed).spawn(6)
+        self._seeds = np.random.SeedSequence(seed).spawn(7)
         self._true_rig = self.rig.mounted(
             self.rig.pan_joint or self.rig.tilt_joint,
             (0.0, 0.0, self.options.laser_height),
@@ -166,6 +169,8 @@ class Simulation:
             streams.append(self._pictures(rig.colour_camera, random[5]))
         if rig.lidar is not None:
             streams.append(self._clouds(rig.lidar, random[4]))
+        if rig.gyro is not None:
+            streams.append(self._rates(rig.gyro, random[6]))
         yield from heapq.merge(*streams, key=lambda message: message.log_ns)
 
     def true_poses(self, times: Float64) -> Float64:
@@ -245,6 +250,17 @@ class Simulation:
                 if self.options.publish_tf:
                     sample = TransformSample(stamp_ns, rig.odom_frame, rig.base, T_odom_base, False)
                     yield Message(log_ns, "/tf", (sample,))
+
+    def _rates(self, gyro: Gyro, random: Generator) -> Iterator[Message]:
+        """Yield the samples of the gyroscope: the mean rates over a period around each."""
+        rig, period_ns = self.rig, round(gyro.period * 1e9)
+        for times_ns in _blocks(self.duration_ns, period_ns):
+            edges = np.append(times_ns - period_ns // 2, times_ns[-1] + period_ns // 2)
+            exact = angular_velocities(self.true_poses(edges * 1e-9), gyro.period)
+            for now_ns, rates in zip(times_ns.tolist(), measure_rates(gyro, exact, random)):
+                stamp_ns = EPOCH_NS + now_ns
+                record = Imu(stamp_ns, rig.base, rates.copy())
+                yield Message(stamp_ns + JOINT_DELAY_NS, rig.topics.imu, (record,))
 
     def _scans(self, mount: _Mount, random: Generator) -> Iterator[Message]:
         """Yield the scans of one laser that begin and end within its windows."""

@@ -42,6 +42,7 @@ class Options(BaseModel):
     colour_camera: bool = Field(False, description="a colour camera that looks to the left, too")
     alike: bool = Field(False, description="all rooms of the office are furnished alike")
     lidar: bool = Field(False, description="a spinning lidar on a mast, too")
+    imu: bool = Field(False, description="an IMU in the base, too")
     robot: str | None = Field(
         None, description="a robot with a head: fetch, hsrb, stretch or tiago"
     )

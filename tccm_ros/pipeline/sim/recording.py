@@ -17,6 +17,7 @@ from tccm_ros.records import (
     CameraImage,
     CameraInfo,
     DepthImage,
+    Imu,
     JointSample,
     Odometry,
     PointCloud,
@@ -27,6 +28,7 @@ from tccm_ros.ros.writing import (
     camera_image_message,
     camera_info_message,
     compressed_depth_message,
+    imu_message,
     joint_sample_message,
     odometry_message,
     point_cloud_message,
@@ -44,6 +46,7 @@ COMPRESSED = "sensor_msgs/msg/CompressedImage"
 
 WRITERS: dict[type, tuple[str, Callable[..., Any]]] = {
     JointSample: ("sensor_msgs/msg/JointState", joint_sample_message),
+    Imu: ("sensor_msgs/msg/Imu", imu_message),
     Odometry: ("nav_msgs/msg/Odometry", odometry_message),
     RobotDescription: ("std_msgs/msg/String", robot_description_message),
     CameraInfo: ("sensor_msgs/msg/CameraInfo", camera_info_message),
@@ -178,6 +181,8 @@ def _sensor_topics(simulation: Simulation) -> Iterator[tuple[str, str]]:
         yield topics.colour_info, "sensor_msgs/msg/CameraInfo"
     if rig.lidar is not None:
         yield topics.points, "sensor_msgs/msg/PointCloud2"
+    if rig.gyro is not None:
+        yield topics.imu, "sensor_msgs/msg/Imu"
 
 
 def _message(types: TypestoreMessages, message: Message, simulation: Simulation) -> (

@@ -10,6 +10,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.pipeline.sim.cameras import DepthCamera
 from tccm_ros.pipeline.sim.colour_camera import ColourCamera
+from tccm_ros.pipeline.sim.gyros import Gyro
 from tccm_ros.pipeline.sim.lasers import Laser
 from tccm_ros.pipeline.sim.lidars import SpinningLidar
 from tccm_ros.pipeline.sim.motion import OdometryErrors
@@ -75,8 +76,8 @@ class Topics:
     ----------
     tilt_scan, scan
         Scans of the tilting and of the level laser.
-    joint_states, odom
-        Joint samples and wheel odometry.
+    joint_states, odom, imu
+        Joint samples, wheel odometry, and rates of a gyroscope.
     depth, points
         Depth images, with ``camera_info`` beside them, and points of a lidar.
     colour
@@ -87,6 +88,7 @@ class Topics:
     scan: str = "/scan"
     joint_states: str = "/joint_states"
     odom: str = "/odom"
+    imu: str = "/imu"
     depth: str = "/depth/image_rect_raw"
     points: str = "/points"
     colour: str = "/camera/image_raw"
@@ -124,6 +126,8 @@ class Rig:
         A colour camera, if there is one, and its optical frame.
     lidar, lidar_frame
         A spinning lidar, if there is one, and its frame.
+    gyro
+        A gyroscope in the base, if there is one.
     wheels
         Joints of the left and the right wheel.
     wheel_radius, wheel_distance
@@ -159,6 +163,7 @@ class Rig:
     colour_frame: str = ""
     lidar: SpinningLidar | None = None
     lidar_frame: str = ""
+    gyro: Gyro | None = None
 
     @cached_property
     def moving(self) -> tuple[str, ...]:

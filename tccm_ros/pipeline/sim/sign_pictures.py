@@ -1,14 +1,15 @@
 """Rendered pictures of door signs, and of what is none: what the classifier of signs learns from.
 
 A picture is a wall (paint, wood, brick, glass) with objects on it, seen under perspective, with
-uneven light, blur and noise. Plates vary in size, colours, fonts and layout; beside them hang
-posters, papers, directories, switches, extinguishers and other objects. The fonts are those that
-matplotlib brings along, so that the same seed gives the same picture anywhere.
+uneven light, blur, noise and JPEG compression. Plates vary in size, colours, fonts and layout;
+beside them hang posters, papers, directories, switches, extinguishers and other objects. The fonts
+are those that matplotlib brings along, so that the same seed gives the same picture anywhere.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from string import ascii_letters, ascii_uppercase, digits
 
@@ -38,6 +39,13 @@ FONTS = (
 """Fonts of texts; one that stands twice is drawn twice as often."""
 
 PLATE_WIDTH = 400  # pixels, at which a plate is drawn before it is seen
+
+PLATE_WIDTHS = (45.0, 300.0)
+"""Width of a plate in a picture, pixels: as many are half as wide as another as are twice as wide.
+Digits of the smallest are some ten pixels high."""
+
+JPEG_QUALITY = (50, 96)
+"""Quality of the compression that a camera applies."""
 
 
 @dataclass(frozen=True)
@@ -425,7 +433,7 @@ def random_picture(rng: np.random.Generator, signs: int) -> SignPicture:
         plate = random_plate(rng, random_number(rng))
         column = (k + rng.uniform(0.2, 0.8)) * width / signs
         center = (column, rng.uniform(0.2, 0.8) * height)
-        h = _paste_seen(rng, picture, plate.pixels, rng.uniform(70, 300), center)
+        h = _paste_seen(rng, picture, plate.pixels, _log_uniform(rng, *PLATE_WIDTHS), center)
         left, top, right, bottom = plate.box
         own = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
         numbers.append(plate.number)
@@ -449,5 +457,17 @@ def _photographed(rng: np.random.Generator, picture: Image.Image) -> UInt8:
         1.0 + rng.uniform(-0.3, 0.3) * x + rng.uniform(-0.3, 0.3) * y
     )
     noise = rng.normal(0.0, rng.uniform(0.5, 6.0), pixels.shape).astype(np.float32)
-    out: UInt8 = np.clip(pixels * light + noise, 0, 255).astype(np.uint8)
-    return out
+    seen: UInt8 = np.clip(pixels * light + noise, 0, 255).astype(np.uint8)
+    return _compressed(seen, int(rng.integers(*JPEG_QUALITY)))
+
+
+def _compressed(pixels: UInt8, quality: int) -> UInt8:
+    """Return a picture after JPEG compression."""
+    file = BytesIO()
+    Image.fromarray(pixels).save(file, "JPEG", quality=quality)
+    return np.asarray(Image.open(file))
+
+
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """Return a number whose logarithm is uniformly distributed."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tccm_ros.arrays import Float64
+from tccm_ros.pipeline.sim.gyros import Gyro
 from tccm_ros.pipeline.sim.heads import with_colour_camera, with_depth_camera, with_lidar
 from tccm_ros.pipeline.sim.joints import Profile
 from tccm_ros.pipeline.sim.lasers import Laser
@@ -84,6 +85,8 @@ def with_options(rig: Rig, options: Options) -> Rig:
         rig = with_colour_camera(rig)
     if options.lidar:
         rig = with_lidar(rig)
+    if options.imu:
+        rig = replace(rig, gyro=Gyro())
     tilt = rig.tilt if options.tilt else None
     level, camera, errors = rig.level, rig.camera, rig.errors
     if tilt is not None:

@@ -1,7 +1,7 @@
-"""Kernels of slam_node are compiled (or read from disk) before the first message.
+"""Kernels of SLAM are compiled (or read from disk) before the first record.
 
-A throw-away processor drives the robot of `warm_up` through a made-up room, and gets made-up
-surface messages: tccm_node's kernels are not needed here, and would take memory.
+A throw-away processor drives the robot of `tilt` through a made-up room, and gets made-up
+surface messages: the kernels of tilt cycles are not needed here, and would take memory.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 
 from tccm_ros.config import Config
-from tccm_ros.nodes.warm_up import (
+from tccm_ros.pipeline.warm_up.tilt import (
     BEAMS,
     LEVEL,
     PERIOD_NS,

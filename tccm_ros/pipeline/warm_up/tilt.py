@@ -1,4 +1,4 @@
-"""Kernels of tccm_node are compiled (or read from disk) before the first message.
+"""Kernels of tilt cycles are compiled (or read from disk) before the first record.
 
 A throw-away processor gets a small made-up robot in a small made-up room: a floor, two walls, a
 table with something on it.
@@ -17,6 +17,7 @@ from tccm_ros.cuboids.cycle_records import CyclePoints
 from tccm_ros.cuboids.part_map import PartMapBuilder
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.pipeline.calibrate.rig_check import RigCheck
+from tccm_ros.planes.horizontal_clusters import label_horizontal
 from tccm_ros.records import (
     CameraInfo,
     DepthImage,
@@ -27,6 +28,7 @@ from tccm_ros.records import (
     Scan,
     SelfShapes,
 )
+from tccm_ros.records.building import scan_record
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.compressed_depth import decode_rvl
 from tccm_ros.sensors.depth_image import PosedImage, measure_image
@@ -87,7 +89,7 @@ def _tilt_once(config_json: str) -> tuple[CycleResult, ...]:
         for event in robot.add(role, record):
             results += processor.add(event)
     results += processor.finish()
-    processor.map.cuboids()
+    label_horizontal(processor.map.cuboids())
     results[-1].part.cuboids()  # with its caps
     check = RigCheck()
     for result in results:
@@ -144,10 +146,10 @@ def made_scan(stamp_ns: int, frame: str, bearings: Float64, ranges: Float64) -> 
     bearings, ranges
         float64 (B,), evenly spaced, rad, and m.
     """
-    step = float(bearings[1] - bearings[0])
-    return Scan(
-        stamp_ns, frame, float(bearings[0]), step, BEAM_S, 0.05, 30.0, ranges.astype(np.float32)
-    )
+    first, step = float(bearings[0]), float(bearings[1] - bearings[0])
+    end, duration = float(bearings[-1]), BEAM_S * len(bearings)
+    numbers = (first, end, step, BEAM_S, duration, 0.05, 30.0)
+    return scan_record(stamp_ns, frame, numbers, ranges.astype(np.float32))
 
 
 def _room_ranges(bearings: Float64, tilt: float) -> Float64:

@@ -1,0 +1,46 @@
+"""~/set_label of slam_node: a person corrects the label of a surface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.task import Future
+
+from tccm_ros.errors import TccmError, one_line
+from tccm_ros.nodes.interfaces import service_class
+from tccm_ros.nodes.surface_services import SurfaceServices
+from tccm_ros.records import LabelCorrection
+from tccm_ros.surfaces.corrected_labels import label_to_give
+
+
+def offer_labels(
+    node: Node, surfaces: SurfaceServices, correct: Callable[[LabelCorrection], Future]
+) -> None:
+    """Offer ~/set_label.
+
+    Parameters
+    ----------
+    node
+        The node that offers it.
+    surfaces
+        Know the surfaces of the newest solution.
+    correct
+        Has a label corrected.
+    """
+
+    async def set_label(request: Any, response: Any) -> Any:
+        try:
+            surface = surfaces.surface(request.surface_id)
+            if request.label:
+                label_to_give(request.label)
+            ids = (surface.id, *surface.merged_ids)
+            await correct(LabelCorrection(ids, request.label))
+            response.message = f"surface {surface.id} was '{surface.label}'"
+            response.success = True
+        except TccmError as error:
+            response.success, response.message = False, one_line(error)
+        return response
+
+    node.create_service(service_class("SetLabel"), "~/set_label", set_label)

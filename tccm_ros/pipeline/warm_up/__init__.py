@@ -1,0 +1,1 @@
+"""Kernels are compiled before the first record, by made-up recordings that call them."""

@@ -1,0 +1,57 @@
+"""A bag that `PlayerNode` plays to nodes of the same process, no faster than they take it."""
+
+from pathlib import Path
+
+from live_robot import overrides, wait_until_done
+from std_srvs.srv import SetBool
+
+from tccm_ros.nodes.player_node import PlayerNode
+
+RATE = 20.0
+"""Seconds of the bag in a second; fewer where the nodes need longer."""
+
+MAX_WAITING = 20
+"""Messages of a topic that a node has not received when the player is paused. It sends at most
+`player_node.BURST` before and after it hears of that, and queues hold 200."""
+
+
+def play_bag(ros, bag: Path, *nodes, **values) -> None:
+    """Play a bag, or a part of it; return when the nodes' workers have done what waits.
+
+    `values` are parameters of the player, such as `start` and `duration`.
+    """
+    received = {node: node.inputs.counts() for node in nodes}
+    values = {"bag": str(bag), "rate": RATE, "reliable": True, "paused": True, **values}
+    player = ros.add(
+        PlayerNode(context=ros.another_context(), parameter_overrides=overrides(values))
+    )
+    topics = {publisher.topic_name for publisher in player.publishers}
+    for node, before in received.items():
+        ros.connect(player, node, *(topics & before.keys()))
+
+    def missing(node) -> int:
+        """Return how many messages of a topic were sent and not received, at most."""
+        counts, before = node.inputs.counts(), received[node]
+        sent = ((n, topic) for topic, n in player.sent.items() if topic in counts)
+        return max((n - counts[topic] + before[topic] for n, topic in sent), default=0)
+
+    def is_ahead() -> bool:
+        return any(max(missing(n), n.worker.backlog) > MAX_WAITING for n in nodes)
+
+    _play_while(ros, player, is_ahead)
+    for node in nodes:
+        ros.spin_until(lambda n=node: missing(n) <= 0, what="all messages")
+        wait_until_done(ros, node)
+    ros.remove(player)
+
+
+def _play_while(ros, player, is_ahead) -> None:
+    """Spin until the player is done; it pauses while it is ahead of the nodes."""
+    pause = player.create_client(SetBool, "/player/pause")
+    ros.spin_until(pause.service_is_ready, what="the player's service")
+    is_paused = True
+    while not player.is_done:
+        if is_paused != is_ahead():
+            is_paused = not is_paused
+            pause.call_async(SetBool.Request(data=is_paused))
+        ros.executor.spin_once(timeout_sec=0.02)

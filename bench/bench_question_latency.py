@@ -200,10 +200,10 @@ def main() -> None:
             ask_all(words.surfaces, words.answers)
 
 
-def ask_in_turn(
+def ask_alternately(
     asker: Asker, asked: Sequence[Question], answers: int
 ) -> dict[str, list[tuple[float, float, float]]]:
-    """Ask the questions in turn, and nothing between two of them.
+    """Ask one question after the other, and nothing between two of them.
 
     Return of each answer the round trip, that of nothing, and the client's processor time, ms.
     """
@@ -224,7 +224,7 @@ def ask_all(surfaces: int, answers: int) -> None:
     for k in range(MAPS):
         asker.ask("surface_slam/save_named_map", SaveMap.Request(name=f"map{k}", overwrite=True))
     short, long = list(questions())[:-1], list(questions())[-1:]
-    taken = ask_in_turn(asker, short, answers) | ask_in_turn(asker, long, answers)
+    taken = ask_alternately(asker, short, answers) | ask_alternately(asker, long, answers)
     print(f"{'':32}    least   median     95 %     most  Trigger   client  ms")
     for name, figures in taken.items():
         trips, nothing, own = np.array(figures).T

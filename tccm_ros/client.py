@@ -4,12 +4,28 @@ It needs `tccm_interfaces`, and the node that it is given spun by its owner. Wha
 `tccm_ros.nodes.map_client`; this is the name under which programs import it.
 """
 
-from tccm_ros.nodes.map_client import (
+from tccm_ros.nodes.map_client import SurfaceMapClient
+from tccm_ros.nodes.map_records import (
+    BoxState,
     MapEvent,
+    MapLocalisation,
     MapObject,
     MapPlacement,
+    MapSign,
     MapSurface,
-    SurfaceMapClient,
+    MapWall,
+    SavedMap,
 )
 
-__all__ = ["MapEvent", "MapObject", "MapPlacement", "MapSurface", "SurfaceMapClient"]
+__all__ = [
+    "BoxState",
+    "MapEvent",
+    "MapLocalisation",
+    "MapObject",
+    "MapPlacement",
+    "MapSign",
+    "MapSurface",
+    "MapWall",
+    "SavedMap",
+    "SurfaceMapClient",
+]

@@ -5,145 +5,70 @@ It needs `tccm_interfaces`, and the node that it is given spun by its owner.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Vector3
+from numpy.typing import ArrayLike
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
-from tccm_interfaces.msg import SurfaceEvent, SurfaceFilter, SurfaceMap
-from tccm_interfaces.srv import FindPlacements, FindSurfaces
+from tccm_interfaces.msg import Localisation, SurfaceEvent, SurfaceFilter, SurfaceMap
+from tccm_interfaces.srv import (
+    CheckBox,
+    FindPlacements,
+    FindSurfaces,
+    ListMaps,
+    LoadMap,
+    SaveMap,
+    SetLabel,
+    SetPose,
+)
 
-from tccm_ros.arrays import Float64
 from tccm_ros.errors import QuestionError
-from tccm_ros.geometry import pose_from_quaternion
+from tccm_ros.nodes.map_records import (
+    MapEvent,
+    MapLocalisation,
+    MapObject,
+    MapSign,
+    MapSurface,
+    MapWall,
+    box_state_of,
+    event_of,
+    localisation_of,
+    objects_of,
+    placements_of,
+    saved_map_of,
+    signs_of,
+    surfaces_of,
+    walls_of,
+)
+from tccm_ros.nodes.ros_types import RosidlMessages
+from tccm_ros.ros.types import pose_message
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
+EVENTS_DEPTH = 100
+"""That of ~/events."""
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MapSurface:
-    """A surface of the map.
-
-    Attributes
-    ----------
-    id, label, room
-        What it is.
-    T_map_surface
-        float64 (4, 4), middle of the smallest rectangle around it, x along the longer side.
-    size
-        float64 (2,), edges of that rectangle, m.
-    height
-        Over the floor, m.
-    area
-        m2.
-    boundary
-        float64 (N, 3), in map, counter-clockwise seen from above.
-    near_signs
-        Texts of the signs near it.
-    message
-        All that is known: tccm_interfaces/Surface.
-    """
-
-    id: int
-    label: str
-    room: str
-    T_map_surface: Float64
-    size: Float64
-    height: float
-    area: float
-    boundary: Float64
-    near_signs: tuple[str, ...]
-    message: Any
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MapObject:
-    """Something that stands on a surface.
-
-    Attributes
-    ----------
-    id, surface_id
-        Of the object, and of the surface that it stands on.
-    label, confidence
-        Class and its score, 0 to 1, where a detector gave it one; else empty and nan.
-    T_map_object
-        float64 (4, 4), middle of its box.
-    size
-        float64 (3,), edges of the box, m.
-    """
-
-    id: int
-    surface_id: int
-    label: str
-    confidence: float
-    T_map_object: Float64
-    size: Float64
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MapPlacement:
-    """Where an object can be put down.
-
-    Attributes
-    ----------
-    surface_id
-        Of the surface.
-    T_map_object
-        float64 (4, 4), middle of the object's lower side.
-    clearance
-        Distance to the nearest edge or object, m.
-    T_map_bases
-        Where the base can stand, float64 (N, 4, 4), the best first.
-    """
-
-    surface_id: int
-    T_map_object: Float64
-    clearance: float
-    T_map_bases: Float64
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MapEvent:
-    """A change of the map.
-
-    Attributes
-    ----------
-    kind
-        ``appeared``, ``moved``, ``merged``, ``split``, ``gone``, ``object_appeared`` or
-        ``object_left``.
-    ids_before, ids_after
-        Ids of the surfaces that it concerns.
-    object_id
-        -1 where it is about surfaces alone.
-    label
-        Of the surface or the object.
-    T_before, T_after
-        float64 (4, 4) in map; None where there was none.
-    """
-
-    kind: str
-    ids_before: tuple[int, ...]
-    ids_after: tuple[int, ...]
-    object_id: int
-    label: str
-    T_before: Float64 | None
-    T_after: Float64 | None
-
-
-EVENT_KINDS = {
-    getattr(SurfaceEvent, name): name.lower()
-    for name in (
-        "APPEARED", "MOVED", "MERGED", "SPLIT", "GONE", "OBJECT_APPEARED", "OBJECT_LEFT"
-    )
-}  # fmt: skip
+MAP_SERVICES = {
+    FindSurfaces: "find_surfaces",
+    FindPlacements: "find_placements",
+    SetLabel: "set_label",
+    SetPose: "set_pose",
+    SaveMap: "save_named_map",
+    LoadMap: "load_named_map",
+    ListMaps: "list_maps",
+}
+"""What is asked of the node that has the map."""
 
 
 class SurfaceMapClient:
-    """Asks slam_node, and hears of changes. Answers come by callbacks, or by `Future`.
+    """Asks both nodes, and hears of changes.
+
+    Each question returns a future at once; it has the answer, or `QuestionError` with the node's
+    sentence where the question was wrong or its work failed.
 
     Parameters
     ----------
@@ -151,39 +76,62 @@ class SurfaceMapClient:
         Whose executor calls back.
     name
         Of the node that has the map.
+    tilt_name
+        Of the node that has the integration map, which answers `check_box`.
 
     Attributes
     ----------
-    surfaces, objects
+    surfaces, objects, walls, signs
         Of the newest map that came; empty before.
+    localisation
+        Whether the robot knows where it is; None before the first message of it.
     """
 
-    def __init__(self, node: Node, name: str = "surface_slam"):
-        self._node = node
+    def __init__(self, node: Node, name: str = "surface_slam", tilt_name: str = "tccm"):
+        self._node, self._types = node, RosidlMessages()
         self._on_event: list[Callable[[MapEvent], object]] = []
         self._on_map: list[Callable[[], object]] = []
         self.surfaces: tuple[MapSurface, ...] = ()
         self.objects: tuple[MapObject, ...] = ()
-        self._find_surfaces = node.create_client(FindSurfaces, f"{name}/find_surfaces")
-        self._find_placements = node.create_client(FindPlacements, f"{name}/find_placements")
-        node.create_subscription(SurfaceMap, f"{name}/surface_map", self._take_map, LATCHED)
-        node.create_subscription(SurfaceEvent, f"{name}/events", self._take_event, 100)
+        self.walls: tuple[MapWall, ...] = ()
+        self.signs: tuple[MapSign, ...] = ()
+        self.localisation: MapLocalisation | None = None
+        self._clients = {
+            kind: node.create_client(kind, f"{name}/{service}")
+            for kind, service in MAP_SERVICES.items()
+        }
+        self._check_box = node.create_client(CheckBox, f"{tilt_name}/check_box")
+        for kind, topic, take, qos in (
+            (SurfaceMap, "surface_map", self._take_map, LATCHED),
+            (Localisation, "localisation", self._take_localisation, LATCHED),
+            (SurfaceEvent, "events", self._take_event, EVENTS_DEPTH),
+        ):
+            node.create_subscription(kind, f"{name}/{topic}", take, qos)
 
     @property
     def is_ready(self) -> bool:
-        """Whether the services are there and a map has come.
+        """Whether a map has come, and the services of its node are there."""
+        return bool(self.surfaces) and self.has_services
+
+    @property
+    def has_services(self) -> bool:
+        """Whether the services of the node that has the map are there; a question before is lost.
 
         No message tells that a service is there: who waits for it spins with a timeout.
         """
-        clients = self._find_surfaces, self._find_placements
-        return bool(self.surfaces) and all(client.service_is_ready() for client in clients)
+        return all(client.service_is_ready() for client in self._clients.values())
+
+    @property
+    def can_check_boxes(self) -> bool:
+        """Whether the service is there that answers `check_box`."""
+        return self._check_box.service_is_ready()
 
     def on_event(self, callback: Callable[[MapEvent], object]) -> None:
         """Call back with each change of the map from now on."""
         self._on_event.append(callback)
 
     def on_map(self, callback: Callable[[], object]) -> None:
-        """Call back after each new map, with `surfaces` and `objects` set."""
+        """Call back after each new map, with `surfaces`, `objects`, `walls` and `signs` set."""
         self._on_map.append(callback)
 
     def objects_on(self, surface: MapSurface) -> list[MapObject]:
@@ -194,6 +142,8 @@ class SurfaceMapClient:
         """Return the objects of the newest map that are of a class, the surest first."""
         found = [item for item in self.objects if item.label == label]
         return sorted(found, key=lambda item: -item.confidence)
+
+    # --- questions ---
 
     def find_surfaces(self, filter: SurfaceFilter | None = None, max_count: int = 0) -> Future:
         """Ask for surfaces; the future has a list of `MapSurface`.
@@ -206,8 +156,8 @@ class SurfaceMapClient:
             How many are wanted at most; 0 for all.
         """
         request = FindSurfaces.Request(filter=filter or SurfaceFilter(), max_count=max_count)
-        return self._ask(
-            self._find_surfaces, request, lambda answer: surfaces_of(answer.surfaces.surfaces)
+        return self._ask_map(
+            FindSurfaces, request, lambda answer: surfaces_of(answer.surfaces.surfaces)
         )
 
     def find_placements(
@@ -228,15 +178,99 @@ class SurfaceMapClient:
         request = FindPlacements.Request(
             size_x=x, size_y=y, height=z, filter=filter or SurfaceFilter(), **fields
         )
-        return self._ask(
-            self._find_placements,
-            request,
-            lambda answer: [_placement(p) for p in answer.placements],
+        return self._ask_map(
+            FindPlacements, request, lambda answer: placements_of(answer.placements)
         )
 
-    def _ask(self, client: Any, request: Any, read: Callable[[Any], Any]) -> Future:
-        """Return a future with the plain answer, or QuestionError with the node's sentence."""
-        future = Future(executor=self._node.executor)
+    def check_box(self, T_frame_box: ArrayLike, size: Sequence[float], frame: str) -> Future:
+        """Ask whether anything is in a box; the future has a `BoxState`.
+
+        Parameters
+        ----------
+        T_frame_box
+            float64 (4, 4), middle and orientation of the box.
+        size
+            (3,), edges along its own axes, m.
+        frame
+            Of the pose: a link of the robot or the odometry frame.
+        """
+        x, y, z = map(float, size)
+        stamped = PoseStamped(pose=self._pose(T_frame_box))
+        stamped.header.frame_id = frame
+        request = CheckBox.Request(pose=stamped, size=Vector3(x=x, y=y, z=z))
+        return self._ask(self._check_box, request, box_state_of)
+
+    # --- what a person knows ---
+
+    def set_label(self, surface_id: int, label: str) -> Future:
+        """Correct the label of a surface; the future has a sentence with what it was called.
+
+        The label holds from the next solution on, and in saved maps.
+
+        Parameters
+        ----------
+        surface_id
+            Its id, or one that was merged into it.
+        label
+            One of the labels but ``floor``; empty: the rules decide again.
+        """
+        request = SetLabel.Request(surface_id=surface_id, label=label)
+        return self._ask_map(SetLabel, request, lambda answer: answer.message)
+
+    def set_pose(self, T_map_base: ArrayLike, covariance: ArrayLike | None = None) -> Future:
+        """Tell where the robot is; the future has nothing. `localisation` tells what comes of it.
+
+        Parameters
+        ----------
+        T_map_base
+            float64 (4, 4), of the base.
+        covariance
+            float64 (6, 6) of (x, y, z, rotations about x, y, z), m and rad; a rough guess by
+            default.
+        """
+        stamped = PoseWithCovarianceStamped()
+        stamped.pose.pose = self._pose(T_map_base)
+        if covariance is not None:
+            stamped.pose.covariance = np.asarray(covariance, np.float64).ravel()
+        return self._ask_map(SetPose, SetPose.Request(pose=stamped), lambda _: None)
+
+    # --- saved maps ---
+
+    def save_named_map(self, name: str, *, overwrite: bool = False) -> Future:
+        """Save the map; the future has a `SavedMap`.
+
+        Parameters
+        ----------
+        name
+            Letters, digits, ``.``, ``-`` and ``_``, not beginning with a dot.
+        overwrite
+            Whether a map of this name may be replaced.
+        """
+        request = SaveMap.Request(name=name, overwrite=overwrite)
+        return self._ask_map(SaveMap, request, lambda answer: saved_map_of(answer.map))
+
+    def load_named_map(self, name: str) -> Future:
+        """Go on with a saved map; the future has a `SavedMap`."""
+        request = LoadMap.Request(name=name)
+        return self._ask_map(LoadMap, request, lambda answer: saved_map_of(answer.map))
+
+    def list_maps(self) -> Future:
+        """Ask which maps are saved; the future has a list of `SavedMap`, ordered by name."""
+        return self._ask_map(
+            ListMaps, ListMaps.Request(), lambda answer: [saved_map_of(m) for m in answer.maps]
+        )
+
+    def _ask_map(self, kind: type, request: Any, read: Callable[[Any], object]) -> Future:
+        return self._ask(self._clients[kind], request, read)
+
+    def _ask(self, client: Any, request: Any, read: Callable[[Any], object]) -> Future:
+        """Return a future with the plain answer, or QuestionError with the node's sentence.
+
+        It has no executor, so that what waits for it is told at once. As tasks of an executor, the
+        callbacks that each `rclpy.spin_until_future_complete` adds in every step would be left to
+        the next question, which would take longer each time (rclpy 7.1; ros2/rclpy#1702).
+        """
+        future = Future()
 
         def done(answered: Future) -> None:
             answer = answered.result()
@@ -248,59 +282,23 @@ class SurfaceMapClient:
         client.call_async(request).add_done_callback(done)
         return future
 
+    def _pose(self, T: ArrayLike) -> Any:
+        return pose_message(self._types, np.asarray(T, np.float64))
+
+    # --- what comes by itself ---
+
     def _take_map(self, message: Any) -> None:
         self.surfaces = tuple(surfaces_of(message.surfaces))
-        self.objects = tuple(
-            MapObject(o.id, o.surface_id, o.label, o.confidence, _pose(o.pose), _vector(o.size))
-            for o in message.objects
-        )
+        self.objects = tuple(objects_of(message.objects))
+        self.walls = tuple(walls_of(message.walls))
+        self.signs = tuple(signs_of(message.signs))
         for callback in self._on_map:
             callback()
 
+    def _take_localisation(self, message: Any) -> None:
+        self.localisation = localisation_of(message)
+
     def _take_event(self, message: Any) -> None:
-        event = MapEvent(
-            EVENT_KINDS.get(message.kind, "unknown"),
-            tuple(message.surface_ids_before),
-            tuple(message.surface_ids_after),
-            message.object_id,
-            message.label,
-            *(
-                None if math.isnan(pose.position.x) else _pose(pose)
-                for pose in (message.pose_before, message.pose_after)
-            ),
-        )
+        event = event_of(message)
         for callback in self._on_event:
             callback(event)
-
-
-def surfaces_of(messages: Iterable[Any]) -> list[MapSurface]:
-    """Return tccm_interfaces/Surface messages as plain objects."""
-    return [
-        MapSurface(
-            m.id,
-            m.label,
-            m.room,
-            _pose(m.pose),
-            np.array([m.size_x, m.size_y]),
-            m.height,
-            m.area,
-            np.array([_vector(p) for p in m.boundary.points]).reshape(-1, 3),
-            tuple(m.near_signs),
-            m,
-        )
-        for m in messages
-    ]
-
-
-def _placement(message: Any) -> MapPlacement:
-    bases = np.array([_pose(base.pose) for base in message.base_poses]).reshape(-1, 4, 4)
-    return MapPlacement(message.surface_id, _pose(message.pose), message.clearance, bases)
-
-
-def _vector(message: Any) -> Float64:
-    return np.array([message.x, message.y, message.z])
-
-
-def _pose(message: Any) -> Float64:
-    p, q = message.position, message.orientation
-    return pose_from_quaternion([p.x, p.y, p.z], [q.x, q.y, q.z, q.w])

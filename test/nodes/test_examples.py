@@ -14,7 +14,7 @@ from live_robot import Listener, end_input, slam, tccm, wait_until_done
 from rclpy.node import Node
 from shapely import Point, Polygon
 
-from tccm_ros.nodes.interfaces import has_interfaces, service_class
+from tccm_ros.nodes.interfaces import has_interfaces
 from tccm_ros.nodes.qos import latched
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.ros.surface_messages import SURFACE, SURFACE_EVENT, SURFACE_MAP
@@ -139,14 +139,16 @@ def test_no_example_has_more_than_30_lines():
 
 
 def test_a_map_that_comes_before_the_services_are_found_is_listed(ros):
+    from tccm_ros.nodes.map_client import MAP_SERVICES
+
     kind = message_class(SURFACE_MAP)
     node = ros.add(Node("surface_slam", context=ros.another_context()))
     table = message_class(SURFACE)(id=7, label="table", height=0.7)
     node.create_publisher(kind, "~/surface_map", latched()).publish(kind(surfaces=[table]))
     with example(ros, "list_counters.py") as listing:
         ros.spin_until(lambda: node.count_subscribers("~/surface_map"))
-        for name, path in (("FindSurfaces", "surfaces"), ("FindPlacements", "placements")):
-            node.create_service(service_class(name), f"~/find_{path}", lambda _, answer: answer)
+        for service, path in MAP_SERVICES.items():
+            node.create_service(service, f"~/{path}", lambda _, answer: answer)
         assert printed(ros, listing) == "table 7 at 0.70 m\n"
 
 

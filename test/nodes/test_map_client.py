@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from example_process import run_example
 from live_robot import Listener, recording, slam, tccm
+from rclpy.node import Node
 
+from tccm_ros.geometry import spatial
 from tccm_ros.nodes.interfaces import has_interfaces
 
 pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
@@ -39,3 +41,90 @@ def test_a_python_node_hears_of_the_map_and_asks_it(ros):
     with pytest.raises(QuestionError, match="size_x"):
         wrong.result()
     assert f"table {table.id} at 0.70 m" in run_example(ros, "list_counters.py")
+
+
+def answered(ros, future):
+    """Return the answer to a question."""
+    ros.spin_until(future.done)
+    return future.result()
+
+
+def test_a_python_node_corrects_labels_checks_boxes_and_saves_maps(ros, tmp_path):
+    from tccm_ros.client import SurfaceMapClient
+    from tccm_ros.errors import QuestionError
+
+    tilt_node, node = tccm(ros), slam(ros, save__directory=str(tmp_path))
+    robot, own = ros.robot(), Listener(ros).node
+    client = SurfaceMapClient(own)
+    ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
+    ros.spin_until(lambda: client.has_services)
+    with pytest.raises(QuestionError, match="nothing is mapped yet"):
+        answered(ros, client.set_pose(np.eye(4)))
+    robot.play(recording(4), tilt_node, node)
+    ros.spin_until(lambda: client.is_ready and client.can_check_boxes and client.localisation)
+    assert (client.localisation.state, client.localisation.reason) == ("tracking", "")
+    # The walls of the room, each in the plane of z = 0.
+    assert len(client.walls) >= 3
+    assert all(np.ptp(wall.endpoints[:, :2], axis=0).max() > 1.0 for wall in client.walls)
+    assert not any(wall.endpoints[:, 2].any() for wall in client.walls)
+
+    (table,) = (s for s in client.surfaces if s.label == "table")
+    assert answered(ros, client.set_label(table.id, "counter")) == f"surface {table.id} was 'table'"
+    ros.spin_until(lambda: [s.label for s in client.surfaces if s.id == table.id] == ["counter"])
+    with pytest.raises(QuestionError, match="no label 'throne'"):
+        answered(ros, client.set_label(table.id, "throne"))
+
+    # The table's top, 0.70 m over the floor, and 2 m over that.
+    boxes = [
+        answered(
+            ros, client.check_box(spatial(np.array([0.8, 0.0, 0.0])) @ up(z), (0.1,) * 3, "odom")
+        )
+        for z in (0.70, 2.7)
+    ]
+    assert [box.state for box in boxes] == ["occupied", "unknown"]
+    assert (boxes[0].cycle >= 0, boxes[0].stamp_ns > 0) == (True, True)
+    with pytest.raises(QuestionError, match="nowhere"):
+        answered(ros, client.check_box(np.eye(4), (0.1, 0.1, 0.1), "nowhere"))
+
+    assert answered(ros, client.list_maps()) == []
+    saved = answered(ros, client.save_named_map("home"))
+    assert (saved.name, saved.message.surfaces) == ("home", len(client.surfaces))
+    assert saved.saved_ns > 0
+    assert [m.name for m in answered(ros, client.list_maps())] == ["home"]
+    with pytest.raises(QuestionError, match="overwrite"):
+        answered(ros, client.save_named_map("home"))
+    assert answered(ros, client.set_pose(np.eye(4))) is None
+    assert answered(ros, client.load_named_map("home")).name == "home"
+
+
+def up(z):
+    T = np.eye(4)
+    T[2, 3] = z
+    return T
+
+
+def test_the_hundredth_question_takes_no_more_steps_than_the_first(ros):
+    from tccm_ros.client import SurfaceMapClient
+    from tccm_ros.nodes.map_client import MAP_SERVICES
+
+    server = ros.add(Node("surface_slam", context=ros.another_context()))
+
+    def answer(_, response):
+        response.success = True
+        return response
+
+    for kind, name in MAP_SERVICES.items():
+        server.create_service(kind, f"~/{name}", answer)
+    own = ros.add(Node("asker", context=ros.context))
+    client, steps, step = SurfaceMapClient(own), [], ros.executor.spin_once_until_future_complete
+
+    def counted(*args):
+        steps[-1] += 1
+        step(*args)
+
+    ros.executor.spin_once_until_future_complete = counted
+    ros.spin_until(lambda: client.has_services)
+    for _ in range(100):
+        steps.append(0)
+        ros.executor.spin_until_future_complete(client.list_maps())
+    assert sum(steps[-10:]) < 3 * sum(steps[:10])

@@ -60,7 +60,7 @@ def main() -> None:
             batch_s, batch = timed(slam, is_final=True)
             print(
                 f"| {count} | {np.median(times):.2f} | {max(times):.2f} | {batches} | "
-                f"{batch_s:.1f} | {{:.2f}} | {{:.3f}} |".format(*apart(solution, batch)),
+                f"{batch_s:.1f} | {{:.2f}} | {{:.3f}} |".format(*distance(solution, batch)),
                 flush=True,
             )
             times, batches = [], 0
@@ -77,8 +77,8 @@ def timed(slam: SurfaceSlam, *, is_final: bool) -> tuple[float, SurfaceSolution]
     return time.process_time() - start, solution
 
 
-def apart(one: SurfaceSolution, other: SurfaceSolution) -> tuple[float, float]:
-    """Return how far a keyframe of two solutions is apart at most, mm and deg."""
+def distance(one: SurfaceSolution, other: SurfaceSolution) -> tuple[float, float]:
+    """Return how far a keyframe of one solution is from the other at most, mm and deg."""
     poses = [np.array([k.pose for k in s.slam.keyframes]) for s in (one, other)]
     moved = poses[0] - poses[1]
     yaw = np.abs(wrap_angle(moved[:, 2])).max()

@@ -131,13 +131,13 @@ class KeptGraph:
         for name, group in together.items():
             self._groups[name] = [i for _ in group for i in next(rest)]
         if numbers or gone:
-            self._settle()
+            self._relinearise()
         return numbers[: len(added)]
 
     def remove(self, indices: Iterable[int]) -> None:
         """Take factors out by their indices; each of their variables must have others."""
         self._add([], {}, list(indices))
-        self._settle()
+        self._relinearise()
 
     def _add(
         self, factors: list[Factor], poses: Mapping[Key, Float64], gone: list[int]
@@ -167,7 +167,7 @@ class KeptGraph:
         numbers = list(self._isam.update(graph, values, gone).getNewFactorsIndices())
         return [numbers[a:b] for a, b in zip([0, *ends], ends)]
 
-    def _settle(self) -> None:
+    def _relinearise(self) -> None:
         """Linearise anew what has moved, until nothing has."""
         self._may_refresh = True
         for _ in range(MAX_ROUNDS):

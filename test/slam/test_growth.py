@@ -52,8 +52,8 @@ def poses_of(solution):
     return np.array([keyframe.pose for keyframe in solution.keyframes])
 
 
-def apart(one, other):
-    """Return how far keyframes and views of two solutions are apart, m and rad."""
+def distance(one, other):
+    """Return the largest distance of keyframes and views of two solutions, m and rad."""
     poses = poses_of(one) - poses_of(other)
     views = np.linalg.norm(one.T_map_views[:, :3, 3] - other.T_map_views[:, :3, 3], axis=1)
     away = max(np.hypot(*poses[:, :2].T).max(), views.max(initial=0.0))
@@ -71,7 +71,7 @@ def test_each_solution_of_a_ring_is_near_its_batch(laps):
         if solution.is_batch:
             continue
         grown += 1
-        away_m, away_rad = apart(solution, batch)
+        away_m, away_rad = distance(solution, batch)
         assert away_m < MAX_M
         assert away_rad < MAX_RAD
         assert [(loop.from_id, loop.to_id, loop.accepted) for loop in solution.loops] == [

@@ -35,6 +35,7 @@ EQUAL = (
     "surfaces.json",
     "surfaces.ply",
     "walls.json",
+    "signs.json",
     "graph.json",
     "trajectory.tum",
     "cuboids.npz",

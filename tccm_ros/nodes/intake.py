@@ -131,6 +131,8 @@ class Intake:
         ready = wait_set.get_ready_entities("subscription")
         due = wait_set.get_ready_entities("timer")
         for subscription in subscriptions:
+            if self._is_done:  # what is not taken waits for the next start
+                return
             if subscription.handle.pointer in ready:
                 handle = subscription.handle
                 taken = handle.take_message(subscription.msg_type, subscription.raw)
@@ -145,7 +147,7 @@ class Intake:
                 self._call(event.callback, None if data is None else (data,))
 
     def _call(self, callback: Callable[..., object], taken: tuple[Any, ...] | None) -> None:
-        if taken is None or self._is_done:
+        if taken is None:
             return
         try:
             callback(*taken)

@@ -14,8 +14,12 @@ import numpy as np
 
 from tccm_ros.arrays import Float64, Int32, Int64
 from tccm_ros.config import Config
+from tccm_ros.slam.line_curves import curved_segments
 from tccm_ros.slam.line_fit import fit_segments
 from tccm_ros.slam.line_split import split_segments
+
+MIN_PIECE = 4
+"""Points of a piece that tells where a curve goes: two more than a line has parameters."""
 
 LabelBeams = Callable[[Float64, Config], Int32]
 """Returns the segment of each beam, int32 (B,), or -1, for beams float64 (B, 2), m."""
@@ -54,10 +58,13 @@ NO_LINES = Lines(
 
 
 def label_by_splitting(beams: Float64, config: Config) -> Int32:
-    """Label the beams of each segment by split and merge."""
-    return split_segments(
-        beams, config.lines.distance, config.lines.max_gap, config.lines.min_points
-    )
+    """Label the beams of each segment by split and merge; pieces of curves have none."""
+    x = config.lines
+    # Pieces that are too short for a line tell as well that a surface is curved.
+    labels = split_segments(beams, x.distance, x.max_gap, min(MIN_PIECE, x.min_points))
+    # Of one wall are lines within the gate from its direction, on either side.
+    curved = curved_segments(beams, labels, x.max_gap, 2.0 * config.walls.gate_angle)
+    return np.where(np.append(curved, True)[labels], np.int32(-1), labels)
 
 
 def extract_lines(

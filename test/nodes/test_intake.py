@@ -1,5 +1,7 @@
 """The intake takes messages without an executor, goes on after an error, and ends when told to."""
 
+from threading import Thread
+
 import pytest
 from rclpy.node import Node
 from std_msgs.msg import String
@@ -62,6 +64,36 @@ def test_what_is_added_while_it_runs_counts_from_the_next_start(ros, heard):
     assert "tock" not in got
     intake.start()
     ros.spin_until(lambda: "tock" in got)
+
+
+def test_no_message_is_lost_where_the_intake_starts_anew(ros):
+    node, got = Node("probe", context=ros.another_context()), []
+    intake = Intake(node, print)
+    inputs = Inputs(node, 0.0, intake)
+    restarts = []
+
+    def take(message) -> None:
+        got.append(message.data)
+        if not restarts:
+            restarts.append(Thread(target=intake.start))
+            restarts[0].start()
+            ros.spin_until(lambda: intake._is_done)
+
+    talker = ros.add(Node("talker", context=ros.another_context()))
+    publishers = []
+    for topic in ("words", "more_words"):
+        inputs.subscribe(STRING, topic, take, sensor("reliable"))
+        publishers.append(talker.create_publisher(String, topic, 10))
+        ros.connect(talker, node, f"/{topic}")
+    for publisher in publishers:
+        publisher.publish(String(data=publisher.topic_name))
+        assert publisher.wait_for_all_acked()
+    intake.start()
+    ros.spin_until(lambda: len(got) == 2)
+    restarts[0].join()
+    intake.close()
+    node.destroy_node()
+    assert sorted(got) == ["/more_words", "/words"]
 
 
 def test_no_message_is_taken_after_the_intake_is_closed(ros, heard):

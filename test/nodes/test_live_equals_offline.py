@@ -4,30 +4,25 @@ The topics are reliable: everything has to arrive for the files to be equal.
 """
 
 import os
-import time
+from collections import Counter
 from pathlib import Path
 
 import pytest
+from bag_player import play_bag
 from depth_room import write_recording
 from detections import seen_from_base, write_with_detections
-from live_robot import overrides, slam, tccm
+from live_robot import slam, tccm
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.config import Config
 from tccm_ros.config.reader import read_config
-from tccm_ros.nodes.player_node import PlayerNode
 from tccm_ros.pipeline.replay import replay
 
-MAX_BEHIND = 60
-"""Messages of one topic that may wait: with a burst of the player less than a queue holds."""
-
-MAX_WAITING = 500
-"""Jobs of a worker that may wait: a node drops scans only with four times as many."""
-
-RATE = 50.0
-"""Far more than the nodes can take: how fast they are decides."""
+SYNC_S = 5.0
+"""Played far faster than on a robot, one topic may be a second of message time behind another: with
+the default of `sync_timeout` what comes so late counts as lost, live alone."""
 
 SLOW_RATE = 3.0
 """For images: they wait in short queues, and may not come seconds after odometry."""
@@ -68,15 +63,23 @@ def test_what_live_nodes_save_equals_the_files_of_a_replay(
     ros, tmp_path, bag, remap, is_shared, config
 ):
     live, offline = tmp_path / "live", tmp_path / "offline"
-    replay(BAGS / bag, offline, read_config(config), pictures=False, remap=remap)
+    settings = read_config(config).model_copy(update={"sync_timeout": SYNC_S})
+    replay(BAGS / bag, offline, settings, pictures=False, remap=remap)
     words = [word for rule in remap for word in ("-r", rule)]
     words += [] if config is None else ["--params-file", str(config)]
-    common = {"context": ros.context, "words": words, "save__directory": str(live)}
+    common = {
+        "context": ros.context,
+        "words": words,
+        "save__directory": str(live),
+        "sync_timeout": SYNC_S,
+    }
     tilt_node = tccm(ros, **common)
     node = slam(ros, shared=tilt_node.robot if is_shared else None, **common)
     ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
-    player = play(ros, BAGS / bag, tilt_node, node)
-    assert player.published == messages(BAGS / bag)
+    play_bag(ros, BAGS / bag, tilt_node, node)
+    counts = Counter(tilt_node.inputs.counts()) | Counter(node.inputs.counts())
+    sent = messages(BAGS / bag)
+    assert {topic: counts[topic] for topic in sent} == sent
     ask = ros.add(Node("asker", context=ros.context))
     save(ros, ask, "/tccm/save_map")
     cycles = tilt_node.processor.counts["cycles"]
@@ -91,9 +94,10 @@ def test_what_live_nodes_save_equals_the_files_of_a_replay(
         assert (live / name).read_bytes() == (offline / name).read_bytes(), name
 
 
-def messages(bag: Path) -> int:
+def messages(bag: Path) -> dict[str, int]:
+    """Return how many messages a bag has, by topic."""
     with BagReader(bag) as reader:
-        return sum(topic.count for topic in reader.topics())
+        return {topic.name: topic.count for topic in reader.topics()}
 
 
 def save(ros, node, service: str) -> None:
@@ -105,47 +109,20 @@ def save(ros, node, service: str) -> None:
             return
 
 
-def play(ros, bag: Path, *nodes, rate: float = RATE) -> PlayerNode:
-    """Play a bag as fast as the nodes take it; return when they have received all of it."""
-    values = {"bag": str(bag), "rate": rate, "reliable": True, "paused": True}
-    player = ros.add(PlayerNode(context=ros.context, parameter_overrides=overrides(values)))
-    for node in nodes:
-        for topic in set(node.inputs.counts()) & set(player._publishers_by_topic):
-            ros.connect(player, node, topic)
-    ros.spin_until(lambda: throttled(player, nodes) and player.is_done, what="the player")
-    for node in nodes:
-        ros.spin_until(lambda n=node: behind(player, n) == 0, what="all messages")
-    return player
-
-
-def behind(player, node) -> int:
-    """Return how many messages of its slowest topic a node has not received yet."""
-    received = node.inputs.counts()
-    return max((sent - received.get(t, sent) for t, sent in player.sent.items()), default=0)
-
-
-def throttled(player, nodes) -> bool:
-    """Hold the player while a node of this one executor is behind: nothing may overflow."""
-    is_late = any(
-        behind(player, node) > MAX_BEHIND or node.worker.backlog > MAX_WAITING for node in nodes
-    )
-    if is_late and player._timeline.is_running:
-        player._timeline.pause(time.monotonic_ns())
-    elif not is_late and player._timeline.is_paused:
-        player._timeline.run(time.monotonic_ns())
-    return True
-
-
 @pytest.mark.parametrize("is_shared", [False, True])
 def test_a_depth_camera_and_a_lidar_are_mapped_live_as_offline(ros, tmp_path, is_shared):
     bag, live, offline = tmp_path / "bag", tmp_path / "live", tmp_path / "offline"
     write_recording(bag)
-    replay(bag, offline, Config(), pictures=False)
-    common = {"context": ros.context, "save__directory": str(live)}
+    replay(bag, offline, Config(sync_timeout=SYNC_S), pictures=False)
+    common = {
+        "context": ros.context,
+        "save__directory": str(live),
+        "sync_timeout": SYNC_S,
+    }
     tccm_node = tccm(ros, **common)
     node = slam(ros, shared=tccm_node.robot if is_shared else None, **common)
     ros.connect(tccm_node, node, "/tccm/surfaces", "/tccm/view")
-    play(ros, bag, tccm_node, node, rate=SLOW_RATE)
+    play_bag(ros, bag, tccm_node, node, rate=SLOW_RATE)
     ask = ros.add(Node("asker", context=ros.context))
     save(ros, ask, "/tccm/save_map")
     cycles = tccm_node.processor.counts["cycles"]
@@ -171,13 +148,17 @@ def test_recognised_objects_are_labelled_live_as_offline_and_found_by_class(
     bag, live, offline = tmp_path / "bag", tmp_path / "live", tmp_path / "offline"
     classes = {"box that stays": [("mug", 0.8), ("bowl", 0.1)], "box that comes": [("crate", 0.6)]}
     write_with_detections(BAGS / "walkthrough", bag, seen_from_base(BAGS / "walkthrough", classes))
-    replay(bag, offline, Config(), pictures=False)
-    common = {"context": ros.context, "save__directory": str(live)}
+    replay(bag, offline, Config(sync_timeout=SYNC_S), pictures=False)
+    common = {
+        "context": ros.context,
+        "save__directory": str(live),
+        "sync_timeout": SYNC_S,
+    }
     tilt_node = tccm(ros, **common)
     node = slam(ros, shared=tilt_node.robot if is_shared else None, **common)
     client = SurfaceMapClient(ros.add(Node("program", context=ros.context)))
     ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
-    play(ros, bag, tilt_node, node)
+    play_bag(ros, bag, tilt_node, node)
     ask = ros.add(Node("asker", context=ros.context))
     save(ros, ask, "/tccm/save_map")
     cycles = tilt_node.processor.counts["cycles"]

@@ -7,6 +7,7 @@ import threading
 import time
 from contextlib import contextmanager
 
+import numpy as np
 import pytest
 from live_robot import START_NS, Listener, recording, slam, tccm
 from processes import PATIENCE_S, children, play_to_process, settings, started
@@ -15,6 +16,7 @@ from std_srvs.srv import Trigger
 
 from tccm_ros.nodes.map_folder import read_map
 from tccm_ros.nodes.stopping import HASTE_S
+from tccm_ros.records import SurfaceCloud
 from tccm_ros.results.map_file import read_content
 
 SECOND = 1_000_000_000
@@ -207,6 +209,21 @@ def test_a_save_does_not_wait_for_a_solution_that_takes_long(ros, tmp_path):
     os.kill(node.solver.pid, signal.SIGCONT)
     assert answer.success
     assert "s of records are not in it" in answer.message
+
+
+def test_a_view_that_comes_last_and_is_older_than_what_was_solved_is_not_passed_over(ros, tmp_path):
+    node, robot = slam(ros, save__directory=str(tmp_path / "map")), ros.robot()
+    robot.play(recording(2, tilt=False), node)
+    assert trigger(ros, "/surface_slam/save_map").success
+    os.kill(node.solver.pid, signal.SIGSTOP)
+    points = np.array([[x, y, 0.7] for x in (0.8, 0.9) for y in (-0.1, 0.1)], np.float32)
+    view = SurfaceCloud(START_NS, "base", points, np.zeros(4, np.uint32))
+    node.worker.wait(lambda: node.feed(view))
+    answer = trigger(ros, "/surface_slam/save_map")
+    os.kill(node.solver.pid, signal.SIGCONT)
+    assert "what came last is not in it" in answer.message
+    save_until(ros, lambda answer: "not in it" not in answer.message)
+    assert node.solver.newest.content.views == 1
 
 
 def test_poses_go_on_while_a_solution_takes_long(ros):

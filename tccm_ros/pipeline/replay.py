@@ -134,7 +134,7 @@ def replay(
         Whether map.png, map3d.png and report.html are written.
     events
         Whether the map is solved after each view, as a live node does, for the events in
-        result.mcap. That takes several times as long.
+        result.mcap. That takes as long as all the rest.
     bars
         Shows the progress.
     clock

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.ros.surface_messages import SURFACE, surface_message
@@ -13,7 +14,9 @@ from tccm_ros.slam.occupancy import OccupancyGrid
 from tccm_ros.surfaces.base_poses import FreeFloor
 from tccm_ros.surfaces.scene import Scene
 from tccm_ros.surfaces.session_changes import scene_of
-from tccm_ros.surfaces.surface_slam import SurfaceSolution
+
+if TYPE_CHECKING:  # the node that unpacks it does without the graph
+    from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 SURFACES_IN_PIECE = 50
 """Reading a piece takes 2 ms. Chosen."""

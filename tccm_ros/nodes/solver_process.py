@@ -25,7 +25,7 @@ import numpy as np
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, TccmError, one_line
-from tccm_ros.nodes.map_folder import map_files, pack_files
+from tccm_ros.nodes.map_files import map_files, pack_files
 from tccm_ros.nodes.scene_channel import pack_scene
 from tccm_ros.nodes.solver_channel import (
     GRID,

@@ -16,8 +16,8 @@ from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.nodes.box_service import BoxService
 from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.interfaces import MISSING, has_interfaces
-from tccm_ros.nodes.map_folder import keep_previous
 from tccm_ros.nodes.outputs import Outputs
+from tccm_ros.nodes.previous_map import keep_previous
 from tccm_ros.nodes.qos import latched, sensor, surface_message
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode

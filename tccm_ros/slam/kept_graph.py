@@ -20,14 +20,14 @@ from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.graph import GraphSolution
 
-RELINEARIZE = 0.001
-"""A variable that moved by more (m, rad) is linearised anew. Chosen: what is left is less than a
-millimetre also where robust factors (Huber) have to be weighed again."""
+RELINEARIZE = 0.005
+"""A variable that moved by more (m, rad) is linearised anew. Chosen: the error of a linearisation
+grows with the square, and is 0.01 mm over a metre here."""
 
 WILDFIRE = 1e-6
 """Variables that move by less (m, rad) do not pass the change on (chosen)."""
 
-MAX_ROUNDS = 3
+MAX_ROUNDS = 2
 """Updates at most until no variable has moved by `RELINEARIZE`; the next solution goes on (chosen:
 where loop closures are everywhere, each takes as long as a step of the batch)."""
 

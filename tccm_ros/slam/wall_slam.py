@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from tccm_ros.slam.inliers import Inliers, select_inliers
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors, landmark_records
 from tccm_ros.slam.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.lines import NO_LINES, LabelBeams, Lines, extract_lines, label_by_splitting
+from tccm_ros.slam.live_estimate import LivePose
 from tccm_ros.slam.loops import LoopCloser
 from tccm_ros.slam.saved_walls import SavedWalls, pack_walls, unpack_walls
 from tccm_ros.slam.se2 import between, compose, inverse
@@ -42,27 +43,6 @@ from tccm_ros.slam.wall_landmarks import structure_factors, wall_factors, wall_r
 SIGN_DELAY_NS = 1_000_000_000
 """What a picture tells is used in the search for loop closures after this time. Chosen: reading one
 takes up to 0.15 s, so that it does not matter how long it took."""
-
-
-class LivePose(NamedTuple):
-    """The live estimate of the base's pose.
-
-    Attributes
-    ----------
-    stamp_ns
-        Of the newest scan, or the newest odometry without a level laser; -1 before the first.
-    pose
-        float64 (3,), (x, y, yaw) of base in map.
-    map_odom
-        float64 (3,), planar pose of the odometry frame in map: ``pose * odom^-1``.
-    localised
-        Whether the pose is in the frame of the map that was loaded (always without one).
-    """
-
-    stamp_ns: int
-    pose: Float64
-    map_odom: Float64
-    localised: bool = True
 
 
 class WallSlam:

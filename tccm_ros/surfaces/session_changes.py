@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from tccm_ros.surfaces.base_poses import FreeFloor
 from tccm_ros.surfaces.changes import Change, MapChanges
 from tccm_ros.surfaces.scene import Scene, known_surface
-from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
+
+if TYPE_CHECKING:  # slam_node, which makes scenes of messages, does without the graph
+    from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 
 def scene_of(

@@ -8,7 +8,8 @@ from live_robot import URDF, recording
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
-from tccm_ros.nodes.map_folder import read_map, save_archive, write_map
+from tccm_ros.nodes.map_files import read_map, write_map
+from tccm_ros.nodes.map_folder import save_archive
 from tccm_ros.nodes.solver import MAX_DEATHS, Solver
 from tccm_ros.nodes.solver_channel import PoseStamp, Solved
 from tccm_ros.pipeline.processors import Pipeline

@@ -26,8 +26,8 @@ OUTLINE_MARGIN = 0.05
 
 
 FLUSH = 0.015
-"""What ends so near to the height of a surface reaches up to it, m: nearer than what stands under the
-thinnest board of furniture. Chosen."""
+"""What ends so near to the height of a surface reaches up to it, m: nearer than what stands under a
+thin board of furniture. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

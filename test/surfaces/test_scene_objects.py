@@ -63,7 +63,7 @@ def track(xy, size, top, number=9):
     [
         ((0.70, 0.30), (0.03, 0.27, 0.05), 0.951, False),  # the stove's left side
         ((1.00, 0.05), (0.50, 0.02, 0.05), 0.944, False),  # its front
-        ((0.70, 0.30), (0.03, 0.27, 0.10), 1.00, True),  # a board that leans on it
+        ((0.70, 0.30), (0.03, 0.27, 0.10), 1.00, True),  # a board at it
         ((0.60, 0.30), (0.10, 0.20, 0.05), 0.95, True),  # a box as high as the stove, beside it
         ((1.60, 0.30), (0.06, 0.20, 0.28), 1.18, True),  # cereals under a board of 2 cm
         ((0.25, 0.25), (0.30, 0.30, 0.20), 1.10, True),  # a crate whose top is in the map

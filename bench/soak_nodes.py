@@ -1,7 +1,7 @@
 """A drive in real time through the nodes as processes: pauses, drops, memory, live = offline.
 
     tccm simulate flat DIR --set laps=2 --set always=true --set cycle_period=3.1
-    python bench/soak_nodes.py DIR [--rate 1]
+    python bench/soak_nodes.py DIR [--rate 1] [--remap NAME:=TOPIC]...
 
 Plays a bag into tccm_node and slam_node and prints each node's longest step, the longest pause of
 `/pose`, what was dropped, the time of two saves in the midst of the drive and of one at the end,
@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import rclpy
@@ -128,24 +128,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("bag", type=Path)
     parser.add_argument("--rate", type=float, default=1.0)
+    parser.add_argument("--remap", action="append", default=[], metavar="NAME:=TOPIC")
     arguments = parser.parse_args()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("ROS_DOMAIN_ID", "98")
     with tempfile.TemporaryDirectory() as folder:
         live, offline = Path(folder) / "live", Path(folder) / "offline"
-        drive(arguments.bag, arguments.rate, live)
-        replay(arguments.bag, offline, Config(), pictures=False)
+        drive(arguments.bag, arguments.rate, live, arguments.remap)
+        replay(arguments.bag, offline, Config(), pictures=False, remap=arguments.remap)
         for name in EQUAL:
             is_equal = (live / name).read_bytes() == (offline / name).read_bytes()
             print(f"{name}: {'equal' if is_equal else 'DIFFERS'}")
 
 
-def drive(bag: Path, rate: float, folder: Path) -> None:
-    """Play a bag into the nodes and print what they did."""
+def drive(bag: Path, rate: float, folder: Path, remap: Sequence[str]) -> None:
+    """Play a bag into the nodes, whose topics are remapped, and print what they did."""
     rclpy.init()
     watch = Watch()
+    rules = [word for rule in remap for word in ("-r", rule)]
     saving = ("-p", f"save.directory:={folder}", "-p", "qos.reliability:=reliable")
-    processes = {name: start(module, *saving) for name, module in NODES.items()}
+    processes = {name: start(module, *rules, *saving) for name, module in NODES.items()}
     try:
         watch.spin_until(lambda: set(NODES) <= set(watch.reports), "the nodes")
         words = f"bag:={bag}", f"rate:={rate}", "reliable:=true", "wait_for_subscribers:=60.0"

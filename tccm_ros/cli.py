@@ -64,6 +64,10 @@ def replay(
     set: SetOption = [],  # noqa: B006
     remap: RemapOption = [],  # noqa: B006
     pictures: Annotated[bool, typer.Option(help="draw map.png, map3d.png, report.html")] = True,
+    events: Annotated[
+        bool,
+        typer.Option("--events", help="also events in result.mcap: solve after each view"),
+    ] = False,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -76,7 +80,10 @@ def replay(
     if map is not None and map.is_dir():
         map /= "map.mcap"
     with progress(quiet or as_json) as bars:
-        summary = run(bag, out, settings, saved_map=map, remap=remap, pictures=pictures, bars=bars)
+        summary = run(
+            bag, out, settings, saved_map=map, remap=remap, pictures=pictures, events=events,
+            bars=bars,
+        )  # fmt: skip
     _tell(summary.to_json(), summary.text(), quiet, as_json)
 
 

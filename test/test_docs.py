@@ -18,7 +18,7 @@ PATH = re.compile(r"`((?:tccm_ros|test|bench|tools|config|launch|bags|docs)/[\w.
 TEST = re.compile(r"`(test_\w+\.py)`")
 COMMAND = re.compile(r"`(?:nice )?python ((?:bench|tools|bags)/\w+\.py)")
 TARGET = re.compile(r"`make ([a-z]+)`")
-INCLUDE = re.compile(r'--8<-- "([^":]+)(?::([\w-]+))?"')
+CODE = re.compile(r"<!-- code: ([^\s:]+)(?::(\w+))? -->\n```python\n")
 SUFFIXES = {"geojson", "html", "json", "mcap", "npz", "pgm", "png", "ply", "scene", "yaml"}
 """What is a file's name, though a group has it too."""
 
@@ -74,10 +74,13 @@ def test_every_make_target_that_a_page_names_is_one(page):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
-def test_every_included_file_and_section_is_there(page):
-    for path, section in INCLUDE.findall(page.read_text()):
+def test_code_in_a_page_can_be_copied_from_its_file(page):
+    text = page.read_text()
+    assert len(CODE.findall(text)) == text.count("<!-- code")
+    assert "--8<--" not in text, "only a site generator would show that"
+    for path, section in CODE.findall(text):
         assert (ROOT / path).exists(), f"{path} is not there"
-        marks = [f"# --8<-- [{end}:{section}]" for end in ("start", "end")] if section else []
+        marks = [f"# [{section}]\n", f"# [/{section}]\n"] if section else []
         assert all(mark in (ROOT / path).read_text() for mark in marks)
 
 

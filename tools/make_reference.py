@@ -1,4 +1,7 @@
-"""Write the pages of docs/reference that are made from the code: parameters, command line, schemas.
+"""Write what is made from the code in docs: parameters, command line, schemas, and code in pages.
+
+A page has the code of a file after `<!-- code: PATH -->`, or after `<!-- code: PATH:NAME -->` that
+between the lines `# [NAME]` and `# [/NAME]`, so that it is read wherever Markdown is shown.
 
 Usage: python tools/make_reference.py (`make reference`)
 """
@@ -15,7 +18,8 @@ from tccm_ros.cli import app
 from tccm_ros.config import parameters
 from tccm_ros.config.reference import range_text, value_text
 
-REFERENCE = Path(__file__).resolve().parents[1] / "docs" / "reference"
+ROOT = Path(__file__).resolve().parents[1]
+REFERENCE = ROOT / "docs" / "reference"
 
 PARAMETERS = """\
 # Parameters
@@ -36,6 +40,9 @@ writes is whole or not there at all.
 
 """
 
+CODE = re.compile(
+    r"(?s)(?P<mark><!-- code: (?P<path>[^\s:]+)(?::(?P<name>\w+))? -->\n```python\n).*?(?=```)"
+)
 SCHEMAS = re.compile(r"(?s)(<!-- schemas -->\n).*?(?=<!-- /schemas -->)")
 
 
@@ -109,7 +116,17 @@ def pages() -> dict[Path, str]:
         "command_line.md": command_line(),
         "files.md": files(),
     }
-    return {REFERENCE / name: text for name, text in texts.items()}
+    made = {REFERENCE / name: text for name, text in texts.items()}
+    with_code = (p for p in sorted(ROOT.glob("docs/**/*.md")) if CODE.search(p.read_text()))
+    return made | {page: CODE.sub(_with_code, page.read_text()) for page in with_code}
+
+
+def _with_code(found: re.Match[str]) -> str:
+    """Return the mark of a piece of code, and the code."""
+    code, name = (ROOT / found["path"]).read_text(), found["name"]
+    if name is not None:
+        code = code.partition(f"# [{name}]\n")[2].partition(f"# [/{name}]\n")[0].strip() + "\n"
+    return found["mark"] + code
 
 
 if __name__ == "__main__":

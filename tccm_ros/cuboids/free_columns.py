@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from copy import copy
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -111,6 +112,12 @@ class FreeSpace:
     def clear(self) -> None:
         """Forget everything."""
         self._views.clear()
+
+    def copy(self) -> FreeSpace:
+        """Return the free space as it is now, which later tilt cycles do not change."""
+        copied = copy(self)
+        copied._views = self._views.copy()
+        return copied
 
     def cycle_at(self, stamp_ns: int) -> int:
         """Return the number of the cycle whose view has a stamp, -1 for none."""

@@ -76,7 +76,7 @@ class BoxAnswer:
 
 
 class MapQuery:
-    """Queries to an integration map as it is now.
+    """Queries to an integration map as it is now; what is added to the map later is not in it.
 
     Parameters
     ----------
@@ -87,8 +87,9 @@ class MapQuery:
     """
 
     def __init__(self, map_: IntegrationMap, seen_free: FreeSpace | None = None) -> None:
-        self._map = map_
-        self._free = seen_free
+        self._parts = {part.cycle: part for part in map_.parts}
+        self._keys, self._pieces = map_.keys.copy(), map_.pieces.copy()
+        self._free = None if seen_free is None else seen_free.copy()
         self.cuboids = map_.cuboids()
         self._columns = self.cuboids.columns()
         self._cell = round(self.cuboids.cell_size * TICKS_PER_M)
@@ -153,10 +154,9 @@ class MapQuery:
             free = self._free.last_seen(points)
         hit = np.unique(at[at >= 0])
         newest = self.cuboids.cycles[self.cuboids.cycle_offsets[hit + 1] - 1]
-        ends = {part.cycle: part.end_ns for part in self._map.parts}
         if len(hit):
             cycle = int(newest.max())
-            return BoxAnswer(Occupancy.OCCUPIED, cycle, ends[cycle])
+            return BoxAnswer(Occupancy.OCCUPIED, cycle, self._parts[cycle].end_ns)
         stamp_ns = int(free.max())
         if stamp_ns == NEVER or self._free is None:
             return BoxAnswer(Occupancy.UNKNOWN, -1, NEVER)
@@ -172,8 +172,7 @@ class MapQuery:
         if len(c):
             # Cycles are in order, the newest is the last.
             cycles = c.cycles[c.cycle_offsets[1:] - 1]
-            ends = {part.cycle: part.end_ns for part in self._map.parts}
-            newest[:-1] = [ends[int(cycle)] for cycle in cycles]
+            newest[:-1] = [self._parts[int(cycle)].end_ns for cycle in cycles]
         return np.maximum(free, newest[at])
 
     def trace(self, point: ArrayLike) -> list[Measurement]:
@@ -184,15 +183,15 @@ class MapQuery:
         at = int(self._at(np.asarray(point, np.float64).reshape(1, 3))[0])
         if at < 0:
             return []
-        c, pieces = self.cuboids, self._map.pieces
+        c, pieces = self.cuboids, self._pieces
         inside = (
-            (self._map.keys == cell_keys(c.ix[at], c.iy[at]))
+            (self._keys == cell_keys(c.ix[at], c.iy[at]))
             & (pieces[:, 0] >= c.bottom[at])
             & (pieces[:, 1] <= c.top[at])
         )
         result = []
         for cycle, index in np.unique(pieces[inside, 2:], axis=0).tolist():
-            part = self._map.part(cycle)
+            part = self._parts[cycle]
             first_ns, last_ns = part.seen_ns[index].tolist()
             count = int(part.moments[index, 0])
             result.append(Measurement(cycle, part.start_ns, part.end_ns, first_ns, last_ns, count))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.cuboids.queries import BoxAnswer, MapQuery
+from tccm_ros.cuboids.queries import MapQuery
 from tccm_ros.errors import FrameError, MessageError, TccmError, one_line
 from tccm_ros.mapping.tccm import TccmProcessor
 from tccm_ros.nodes.interfaces import service_class
@@ -25,7 +25,11 @@ MAX_VOLUME_M3 = 8.0
 
 
 class BoxService:
-    """Answers ~/check_box from the integration map.
+    """Answers ~/check_box from the integration map after the newest tilt cycle.
+
+    An answer does not wait for the tilt cycle that is being worked on. Where somebody has asked
+    since the last tilt cycle, the map after the next one is prepared at once; else who asks waits
+    for that.
 
     Parameters
     ----------
@@ -38,13 +42,17 @@ class BoxService:
     def __init__(self, node: SensorNode, processor: TccmProcessor):
         self._node, self._processor = node, processor
         self._frames = KnownFrames(node.robot, node.config)
-        self._asked: tuple[int, MapQuery] | None = None
+        self._query: MapQuery | None = None
+        self._noted = 0
+        self._is_asked = False
         node.create_service(service_class("CheckBox"), "~/check_box", self._check)
 
     async def _check(self, request: Any, response: Any) -> Any:
         try:
             T, size = self._box(request)
-            found = await self._node.worker.call(lambda: self._ask(T, size), self._node)
+            self._is_asked = True
+            query = self._query or await self._node.worker.call(self._prepare, self._node)
+            found = query.box(T, size)
             response.state = STATES[int(found.occupancy)]
             response.cycle = found.cycle
             response.stamp = stamp_message(self._node.types, max(found.stamp_ns, 0))
@@ -70,14 +78,26 @@ class BoxService:
             raise FrameError("the box has no frame_id")
         return self._frames.T_odom_frame(frame) @ T, size
 
-    def _ask(self, T: Float64, size: Float64) -> BoxAnswer:
-        """Ask the map as it is (in the worker)."""
-        cycles = self._processor.counts["cycles"] + self._processor.counts["resets"]
+    def note(self) -> None:
+        """Prepare the map where it has changed and somebody asks (in the worker)."""
+        if self._noted == self._changes:
+            return
+        is_wanted, self._is_asked = self._is_asked, False
+        self._query = self._processor.query() if is_wanted else None
+        self._noted = self._changes
+
+    def _prepare(self) -> MapQuery:
+        """Return the map as it is, and answer from it (in the worker)."""
         if not self._processor.counts["cycles"]:
             raise MessageError("no tilt cycle has been mapped yet")
-        if self._asked is None or self._asked[0] != cycles:
-            self._asked = cycles, self._processor.query()
-        return self._asked[1].box(T, size)
+        if self._query is None:
+            self._query = self._processor.query()
+        return self._query
+
+    @property
+    def _changes(self) -> int:
+        """How often the map has changed."""
+        return self._processor.counts["cycles"] + self._processor.counts["resets"]
 
 
 def _text(size: Float64) -> str:

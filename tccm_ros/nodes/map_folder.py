@@ -9,103 +9,16 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
-from collections.abc import Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from tccm_ros.atomic import finish_moves, output_folder
-from tccm_ros.errors import MapError, OutputError, one_line
-from tccm_ros.results.exports import solution_files
-from tccm_ros.results.grid_files import grid_files
-from tccm_ros.results.keepout_mask import keepout_mask
-from tccm_ros.results.map_file import MapContent, load_map, map_content, read_content
-from tccm_ros.slam.occupancy import occupancy_grid
-from tccm_ros.surfaces.saved_map import SavedMap
-from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
+from tccm_ros.errors import MapError
+from tccm_ros.nodes.previous_map import keep_previous
+from tccm_ros.results.map_file import MapContent, read_content
 
 MAP_FILE = "map.mcap"
 """What a later session goes on with, beside the files that a replay writes."""
-
-GRID_NAME = "map"
-"""Of map.pgm and map.yaml, for nav2_map_server."""
-
-MASK_NAME = "keepout"
-"""Of keepout.pgm and keepout.yaml, for the costmap filters of Nav2."""
-
-PREVIOUS = ".previous"
-"""Suffix of the folder that keeps the map which was replaced."""
-
-
-def map_files(
-    processor: SurfaceSlam, solution: SurfaceSolution, map_frame: str, saved: SavedMap
-) -> dict[str, bytes]:
-    """Return the files of a map by their names.
-
-    Parameters
-    ----------
-    processor, solution
-        The processor, and its newest solution.
-    map_frame
-        Name of the map frame.
-    saved
-        `SurfaceSlam.saved` of the solution.
-    """
-    files = solution_files(solution, processor.config)
-    grid = occupancy_grid(saved.walls)
-    if grid is not None:
-        files |= grid_files(GRID_NAME, grid)
-        mask = keepout_mask(grid, solution.surfaces, solution.floor_z)
-        files |= grid_files(MASK_NAME, mask)
-    return files | {MAP_FILE: map_content(saved, solution, map_frame)}
-
-
-def write_map(
-    folder: Path, processor: SurfaceSlam, solution: SurfaceSolution, map_frame: str
-) -> None:
-    """Write a solution of a processor; after a kill at any moment the map is the old or the new.
-
-    Parameters
-    ----------
-    folder
-        Replaced as a whole.
-    processor
-        Gives keyframes, walls and what else a later session needs.
-    solution
-        Newest solution of that processor.
-    map_frame
-        Name of the map frame in the saved map.
-
-    Raises
-    ------
-    OutputError
-        If the folder cannot be written; what was there is still there.
-    """
-    with output_folder(folder) as made:
-        saved = processor.saved(solution)
-        for name, content in map_files(processor, solution, map_frame, saved).items():
-            (made / name).write_bytes(content)
-
-
-def read_map(folder: Path) -> SavedMap:
-    """Read the map of a folder.
-
-    Raises
-    ------
-    MapError
-        If there is none, or it is damaged.
-    """
-    return load_map(folder / MAP_FILE)
-
-
-def pack_files(files: Mapping[str, bytes], stream: Any) -> None:
-    """Write an archive: one line with names and sizes, then the contents end to end."""
-    sizes = {name: len(content) for name, content in files.items()}
-    stream.write(json.dumps(sizes).encode() + b"\n")
-    for content in files.values():
-        stream.write(content)
-    stream.flush()
 
 
 class MapKeeper:
@@ -223,32 +136,3 @@ def save_archive(archive: int, folder: Path) -> None:
             with (made / name).open("wb") as file:
                 while at < end:
                     at += os.sendfile(file.fileno(), archive, at, end - at)
-
-
-def keep_previous(folder: Path, names: Collection[str]) -> None:
-    """Keep the files of these names in the folder beside it that is called `.previous`.
-
-    Raises
-    ------
-    OutputError
-        If they cannot be kept.
-    """
-    try:
-        if folder.exists():
-            finish_moves(folder)
-        kept = [folder / name for name in names if (folder / name).is_file()]
-        if not kept:
-            return
-        with output_folder(folder.with_name(folder.name + PREVIOUS)) as made:
-            for path in kept:
-                _link(path, made / path.name)
-    except OSError as error:
-        raise OutputError(f"{folder}: the map there cannot be kept ({one_line(error)})") from None
-
-
-def _link(path: Path, target: Path) -> None:
-    """Give a file a second name, since it is replaced and never written again; else copy it."""
-    try:
-        os.link(path, target)
-    except OSError:
-        shutil.copyfile(path, target)

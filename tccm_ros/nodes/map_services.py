@@ -14,7 +14,8 @@ from rclpy.task import Future
 
 from tccm_ros.errors import MapError, TccmError, one_line
 from tccm_ros.nodes.interfaces import service_class
-from tccm_ros.nodes.map_folder import MAP_FILE, PREVIOUS
+from tccm_ros.nodes.map_folder import MAP_FILE
+from tccm_ros.nodes.previous_map import PREVIOUS
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.results.map_file import MapSummary, read_summary
 from tccm_ros.ros.surface_messages import PACKAGE

@@ -6,14 +6,17 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Sequence
-from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.ros.surface_messages import SURFACE, surface_message
 from tccm_ros.slam.occupancy import OccupancyGrid
 from tccm_ros.surfaces.base_poses import FreeFloor
-from tccm_ros.surfaces.scene import KnownSurface, Scene
-from tccm_ros.surfaces.surface_slam import SurfaceSolution
+from tccm_ros.surfaces.scene import Scene
+from tccm_ros.surfaces.session_changes import scene_of
+
+if TYPE_CHECKING:  # the node that unpacks it does without the graph
+    from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 SURFACES_IN_PIECE = 50
 """Reading a piece takes 2 ms. Chosen."""
@@ -36,24 +39,14 @@ def pack_scene(
         Message classes.
     """
     floor = None if grid is None else FreeFloor(grid, solution.surfaces)
-    previous_ns, newest_ns = sorted([0, 0, *solution.view_stamps_ns.tolist()])[-2:]
-    scene = Scene(
-        solution.stamp_ns, frame_id, solution.floor_z, solution.objects, floor,
-        newest_view_ns=newest_ns, previous_view_ns=previous_ns,
-    )  # fmt: skip
+    scene = scene_of(solution, frame_id, floor)
     known = []
-    for surface in solution.surfaces:
+    for surface, without in zip(solution.surfaces, scene.surfaces, strict=True):
         message = surface_message(types, solution.stamp_ns, frame_id, surface, solution.floor_z)
-        stamps = [view.stamp_ns for view in surface.views]
-        known.append(
-            KnownSurface(
-                replace(surface, views=()),
-                stamps[-1] if stamps else surface.last_seen_ns,
-                bytes(types.serialize(SURFACE, message)),
-            )
-        )
+        known.append(without._replace(message=bytes(types.serialize(SURFACE, message))))
     parts = [known[k : k + SURFACES_IN_PIECE] for k in range(0, len(known), SURFACES_IN_PIECE)]
-    return tuple(pickle.dumps(part, pickle.HIGHEST_PROTOCOL) for part in (scene, *parts))
+    pieces = scene._replace(surfaces=()), *parts
+    return tuple(pickle.dumps(piece, pickle.HIGHEST_PROTOCOL) for piece in pieces)
 
 
 def unpack_scene(pieces: Sequence[bytes]) -> Scene:

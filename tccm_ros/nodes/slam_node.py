@@ -263,23 +263,24 @@ class SlamNode(SensorNode):
             self._solve_if_due()
 
     def _solve_when_quiet(self) -> None:
-        """Have all solved that has come, once nothing more comes."""
+        """Have all solved that has come, finally, once nothing more comes."""
         self._solve_when_due()
-        if self._unsolved["records"] and time.monotonic() - self._last_s > QUIET_S:
-            self._solve_if_due()
+        has_more = self._unsolved["records"] or not self.solver.is_batch
+        if has_more and time.monotonic() - self._last_s > QUIET_S:
+            self._solve_if_due(is_final=True)
 
-    def _solve_if_due(self) -> None:
+    def _solve_if_due(self, *, is_final: bool = False) -> None:
         now_s = time.monotonic()
         is_due = now_s >= self._next_solve_s and not self._waits_for_scan
         is_whole = not self._view_parts.are_coming(now_s)
         if is_due and is_whole and not self.solver.is_solving and self.context.ok():
-            self._ask_solution()
+            self._ask_solution(is_final=is_final)
 
-    def _ask_solution(self) -> int:
+    def _ask_solution(self, *, is_final: bool = False) -> int:
         """Ask for a solution with all that has come; return its number."""
         self._unsolved.clear()
         self._next_solve_s = time.monotonic() + SOLVE_PERIOD_S
-        return self.solver.solve(self._outputs.listened)
+        return self.solver.solve(self._outputs.listened, is_final=is_final)
 
     @property
     def _waits_for_scan(self) -> bool:
@@ -411,7 +412,7 @@ class SlamNode(SensorNode):
         self.robot.flush()
         self.worker.wait(lambda: None)
         self.signs.wait()
-        self.worker.wait(lambda: numbers.append(self._ask_solution()))
+        self.worker.wait(lambda: numbers.append(self._ask_solution(is_final=True)))
         while not self.solver.wait(numbers[0], LOOK_AT_END_S):
             if is_pressed() and self.saved_note:
                 self.get_logger().warning("told again to stop: what came last is not saved")

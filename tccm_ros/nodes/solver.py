@@ -90,6 +90,7 @@ class Solver:
         self._number = 0
         self._last = 0
         self._is_current = False
+        self._is_final = False
         self._deaths = 0
         self._is_closed = False
         self.newest: Solved | None = None
@@ -102,6 +103,16 @@ class Solver:
     def is_solving(self) -> bool:
         """Whether a solution was asked for and has not come."""
         return self._asked is not None and not self.is_dead
+
+    @property
+    def _has_batch(self) -> bool:
+        """Whether the solution that was asked for last has come, and is a batch."""
+        return self._last == self._number and self.newest is not None and self.newest.is_batch
+
+    @property
+    def is_batch(self) -> bool:
+        """Whether the newest solution, if there is one, is a batch."""
+        return self.newest is None or self.newest.is_batch
 
     @property
     def next_number(self) -> int:
@@ -172,17 +183,24 @@ class Solver:
             self._waiting = []
             self._send(Feed(self._session.journal.length))
 
-    def solve(self, topics: frozenset[str]) -> int:
+    def solve(self, topics: frozenset[str], *, is_final: bool = False) -> int:
         """Ask for a solution with all that was fed; return the number that `wait` knows it by.
 
         It is the newest one where nothing was fed since.
+
+        Parameters
+        ----------
+        topics
+            The answer has the messages of these.
+        is_final
+            Whether it is a batch at any size (`SurfaceSlam.solve`).
         """
         with self._changed:
-            if self._is_current:
+            if self._is_current and (self._is_final or not is_final or self._has_batch):
                 return self._number
             self.flush()
-            self._number, self._is_current = self._number + 1, True
-            self._asked = Solve(self._number, topics)
+            self._number, self._is_current, self._is_final = self._number + 1, True, is_final
+            self._asked = Solve(self._number, topics, is_final)
             self._send(self._asked)
             return self._number
 

@@ -76,10 +76,13 @@ class Solve(NamedTuple):
         The answer has it too.
     topics
         The answer has the messages of these.
+    is_final
+        Whether it is a batch, as a replay ends with, at any size (`SurfaceSlam.solve`).
     """
 
     number: int
     topics: frozenset[str]
+    is_final: bool = False
 
 
 class Show(NamedTuple):
@@ -133,6 +136,8 @@ class Solved(NamedTuple):
         Time that it took.
     unused_detections
         `SurfaceSolution.unused_detections`.
+    is_batch
+        `Solution.is_batch`.
     archive
         Descriptor (set by who receives it).
     """
@@ -147,6 +152,7 @@ class Solved(NamedTuple):
     messages: dict[str, bytes]
     duration_s: float
     unused_detections: Mapping[str, int]
+    is_batch: bool
     archive: int = -1
 
 

@@ -25,7 +25,7 @@ import numpy as np
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError, TccmError, one_line
-from tccm_ros.nodes.map_folder import map_files, pack_files
+from tccm_ros.nodes.map_files import map_files, pack_files
 from tccm_ros.nodes.scene_channel import pack_scene
 from tccm_ros.nodes.solver_channel import (
     GRID,
@@ -126,7 +126,7 @@ class SolverProcess:
 
     def _solve(self, solve: Solve) -> None:
         start = time.monotonic()
-        solution = self._slam.solve(every_covariance=False)
+        solution = self._slam.solve(every_covariance=False, is_final=solve.is_final)
         saved = self._slam.saved(solution)
         frame = self._slam.config.frames.map_name
         with tempfile.TemporaryFile(prefix="tccm_map_") as archive:
@@ -143,6 +143,7 @@ class SolverProcess:
                 self._serialised(solve.topics),
                 time.monotonic() - start,
                 solution.unused_detections,
+                solution.slam.is_batch,
             )
             self._connection.send(solved)
             reduction.send_handle(self._connection, archive.fileno(), os.getppid())

@@ -7,7 +7,7 @@ from rclpy.qos import QoSProfile
 
 from tccm_ros.nodes.interfaces import has_interfaces
 from tccm_ros.nodes.ros_types import message_class
-from tccm_ros.ros.surface_messages import SURFACE_EVENT, event_message
+from tccm_ros.ros.surface_messages import SURFACE_EVENT, change_message
 from tccm_ros.ros.types import MessageTypes
 from tccm_ros.surfaces.changes import Change, MapChanges
 from tccm_ros.surfaces.scene import Scene
@@ -28,7 +28,6 @@ class SurfaceEvents:
     def __init__(self, node: Node, types: MessageTypes):
         self._types, self._context = types, node.context
         self._changes = MapChanges()
-        self._is_baseline_awaited = False
         self._publisher = (
             node.create_publisher(message_class(SURFACE_EVENT), "~/events", EVENTS)
             if has_interfaces()
@@ -37,8 +36,7 @@ class SurfaceEvents:
 
     def forget(self, *, is_map_loaded: bool) -> None:
         """Begin another map: what the first scene of a loaded one holds is no change."""
-        self._changes = MapChanges()
-        self._is_baseline_awaited = is_map_loaded
+        self._changes = MapChanges(is_map_loaded=is_map_loaded)
 
     def note(self, scene: Scene, agreeing_views: int) -> list[Change]:
         """Publish what happened since the scene before; return it.
@@ -50,24 +48,8 @@ class SurfaceEvents:
         agreeing_views
             As for `changes`.
         """
-        if self._is_baseline_awaited:
-            self._changes, self._is_baseline_awaited = MapChanges(scene), False
-            return []
         found = self._changes.note(scene, agreeing_views)
         if self._publisher is not None and self._context.ok():
             for event in found:
-                self._publisher.publish(self._message(event, scene.frame_id))
+                self._publisher.publish(change_message(self._types, scene.frame_id, event))
         return found
-
-    def _message(self, event: Change, frame_id: str) -> object:
-        return event_message(
-            self._types,
-            event.stamp_ns,
-            frame_id,
-            int(event.kind),
-            ids=(event.ids_before, event.ids_after),
-            poses=(event.T_before, event.T_after),
-            label=event.label,
-            object_id=event.object_id,
-            last_seen_ns=event.last_seen_ns,
-        )

@@ -16,8 +16,8 @@ from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.nodes.box_service import BoxService
 from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.interfaces import MISSING, has_interfaces
-from tccm_ros.nodes.map_folder import keep_previous
 from tccm_ros.nodes.outputs import Outputs
+from tccm_ros.nodes.previous_map import keep_previous
 from tccm_ros.nodes.qos import latched, sensor, surface_message
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
@@ -77,8 +77,7 @@ class TccmNode(SensorNode):
         )
         self.create_service(Trigger, "~/take_view", self._on_take_view)
         self.create_service(SetBool, "~/pause", self._on_pause)
-        if has_interfaces():
-            BoxService(self, self.processor)
+        self._boxes = BoxService(self, self.processor) if has_interfaces() else None
 
     def activate(self) -> None:
         """Subscribe."""
@@ -109,6 +108,7 @@ class TccmNode(SensorNode):
         """
         self._publish(self.processor.add(event, self._publish_planes))
         self._publish_level_scan(event)
+        self._note_map()
 
     def _publish_level_scan(self, event: Event) -> None:
         """Publish the level scan of an event, and give it to a SLAM node in this process."""
@@ -121,6 +121,7 @@ class TccmNode(SensorNode):
     def begin(self) -> None:
         """Forget the map."""
         self.processor.reset()
+        self._note_map()
         self._has_saved = False
         self._rig_check.clear()
         self._rig_problems = ()
@@ -128,6 +129,11 @@ class TccmNode(SensorNode):
     def end_input(self) -> None:
         """Close the open tilt cycle."""
         self._publish(self.processor.finish(self._publish_planes))
+        self._note_map()
+
+    def _note_map(self) -> None:
+        if self._boxes is not None:
+            self._boxes.note()
 
     def _write(self, *, is_asked: bool) -> str:
         """Write cuboids.npz.

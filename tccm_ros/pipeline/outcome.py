@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.results.cycles_file import CycleHistory
+from tccm_ros.surfaces.changes import Change
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 
@@ -36,6 +37,8 @@ class Outcome:
         s.
     continues_map
         Whether it is a new session of a saved map.
+    changes
+        What has changed, and the stamp of the view that told it, ns; empty unless asked for.
     found_topics
         One line for each topic that was taken by its type, and for a laser that is the base.
     """
@@ -51,3 +54,4 @@ class Outcome:
     bag_duration: float = 0.0
     continues_map: bool = False
     found_topics: tuple[str, ...] = ()
+    changes: tuple[tuple[int, Change], ...] = ()

@@ -17,7 +17,9 @@ from tccm_ros.sensors.level_projection import LevelProjector
 from tccm_ros.sensors.registry import default_streams
 from tccm_ros.signs.processor import SignProcessor
 from tccm_ros.stopwatch import Stopwatch
+from tccm_ros.surfaces.changes import Change
 from tccm_ros.surfaces.saved_map import SavedMap
+from tccm_ros.surfaces.session_changes import SessionChanges
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
 OnCycle = Callable[[CycleResult, Cuboids], object]
@@ -37,6 +39,8 @@ class Pipeline:
         Whether there is an odometry topic (`Robot`).
     saved
         A saved map to continue.
+    events
+        Whether the map is solved after each view for what has changed.
     on_cycle
         Called with each complete tilt cycle, and the integration map after it.
     clock
@@ -50,6 +54,8 @@ class Pipeline:
         The tilt cycles, without their points.
     history
         Coarsened part map of every tilt cycle, for the report.
+    changes
+        What has changed, and the stamp of the view that told it, ns; empty unless asked for.
     """
 
     def __init__(
@@ -59,6 +65,7 @@ class Pipeline:
         streams: Sequence[Stream] | None = None,
         expects_odometry: bool,
         saved: SavedMap | None = None,
+        events: bool = False,
         on_cycle: OnCycle = lambda cycle, cuboids: None,
         clock: Stopwatch | None = None,
     ):
@@ -73,6 +80,10 @@ class Pipeline:
         self.signs = SignProcessor(config)
         self._level = LevelProjector(config)
         self.slam = SurfaceSlam(config) if saved is None else SurfaceSlam.from_saved(config, saved)
+        self.changes: list[tuple[int, Change]] = []
+        self._session_changes = (
+            SessionChanges(self.slam, is_map_loaded=saved is not None) if events else None
+        )
         self.cycles: list[CycleResult] = []
         self.history = CycleHistory(config.map.window_cycles)
 
@@ -139,6 +150,10 @@ class Pipeline:
                 self.slam.add(result.surfaces)
                 self.slam.add(result.view)
                 self.slam.add(result.boxes)
+            if self._session_changes is not None:
+                with self.clock.stage("events"):
+                    told = self._session_changes.solve()
+                self.changes += [(result.stamp_ns, change) for change in told]
             with self.clock.stage("history"):
                 self.history.add(result.cycle, result.stamp_ns, result.part.cuboids())
             with self.clock.stage("write"):

@@ -35,11 +35,12 @@ from tccm_ros.results.models import (
 )
 from tccm_ros.results.result_bag import CycleMessageStore, write_result_bag
 from tccm_ros.results.surface_counts import count_surfaces
+from tccm_ros.slam.occupancy import occupancy_grid
 from tccm_ros.stopwatch import Stopwatch
 
 LIBRARIES = ("gtsam", "numba", "numpy", "scipy", "shapely")
 
-PROCESSING = ("read", "pose", "tccm", "signs", "slam", "history", "solve")
+PROCESSING = ("read", "pose", "tccm", "signs", "slam", "events", "history", "solve")
 """Stages that the real-time factor counts: reading and processing, without imports and pictures."""
 
 WRITING = ("write",)
@@ -111,6 +112,7 @@ def replay(
     saved_map: Path | str | None = None,
     remap: Sequence[str] = (),
     pictures: bool = True,
+    events: bool = False,
     bars: Bars | None = None,
     clock: Stopwatch | None = None,
 ) -> Summary:
@@ -130,6 +132,9 @@ def replay(
         ``scan:=/base_scan`` for topics with other names.
     pictures
         Whether map.png, map3d.png and report.html are written.
+    events
+        Whether the map is solved after each view, as a live node does, for the events in
+        result.mcap. That takes as long as all the rest.
     bars
         Shows the progress.
     clock
@@ -145,8 +150,9 @@ def replay(
         saved = None if saved_map is None else load_map(saved_map)
         messages = CycleMessageStore(config, folder)
         outcome = run_bag(
-            bag, config, remap=remap, saved=saved, on_cycle=messages.add, bars=bars, clock=clock
-        )
+            bag, config, remap=remap, saved=saved, events=events, on_cycle=messages.add, bars=bars,
+            clock=clock,
+        )  # fmt: skip
         bars.start("write", 1.0)
         with clock.stage("write"):
             content = _write(folder, outcome, messages)
@@ -192,9 +198,13 @@ def _write(
     content = _summary(outcome, len(outcome.solution.objects))
     write_results(folder, solution, cycles, cuboids, config, summary=content)
     save_cycles(folder / "cycles.npz", outcome.history.parts(_T_map_odom(outcome)))
-    write_result_bag(folder / "result.mcap", cycles, messages, solution, config)
+    saved = outcome.slam.saved(solution)
+    grid = occupancy_grid(saved.walls)
+    write_result_bag(
+        folder / "result.mcap", cycles, messages, solution, config, outcome.changes, grid
+    )
     map_frame = config.frames.prefix + config.frames.map
-    save_map(folder / "map.mcap", outcome.slam.saved(solution), solution, map_frame)
+    save_map(folder / "map.mcap", saved, solution, map_frame)
     return content
 
 

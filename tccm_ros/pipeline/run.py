@@ -28,6 +28,7 @@ def run_bag(
     *,
     remap: Sequence[str] = (),
     saved: SavedMap | None = None,
+    events: bool = False,
     on_cycle: OnCycle = lambda cycle, cuboids: None,
     bars: Bars | None = None,
     clock: Stopwatch | None = None,
@@ -44,6 +45,8 @@ def run_bag(
         ``scan:=/base_scan`` for topics with other names.
     saved
         A saved map to continue.
+    events
+        Whether the map is solved after each view for what has changed.
     on_cycle
         Called with each complete tilt cycle, and the integration map after it.
     bars
@@ -71,6 +74,7 @@ def run_bag(
             streams=choice.streams,
             expects_odometry=topics["odom"] in present,
             saved=saved,
+            events=events,
             on_cycle=on_cycle,
             clock=clock,
         )
@@ -97,6 +101,7 @@ def run_bag(
             reader.duration,
             saved is not None,
             (*choice.found, *_lasers_that_are_bases(pipeline, choice), *_missing_extra(pipeline)),
+            tuple(pipeline.changes),
         )
 
 

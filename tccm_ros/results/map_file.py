@@ -13,7 +13,7 @@ import zlib
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from mcap.exceptions import McapError
@@ -29,7 +29,9 @@ from tccm_ros.results.labels_file import labels_beside, with_labels
 from tccm_ros.results.numbers import Stamp
 from tccm_ros.ros.topic_messages import SolutionMessageBuilder
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView, pack_views, unpack_views
-from tccm_ros.surfaces.surface_slam import SurfaceSolution
+
+if TYPE_CHECKING:  # slam_node does without the graph: its child solves
+    from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 Arrays = dict[str, NDArray[Any]]
 

@@ -6,8 +6,9 @@ hours.
 
 Log time, publish time and order follow the records that caused the messages. Poses, walls and
 surfaces are those of the final solution, each from the time at which it was first seen, so that the
-map grows while the bag plays. Markers of cuboids and center cores and the obstacles are large and
-written once, for the last tilt cycle; ``map_cloud`` has the exact values of every tilt cycle.
+map grows while the bag plays. Events are those of the solutions after each view, where a replay
+makes them. Markers of cuboids and center cores and the obstacles are large and written once, for
+the last tilt cycle; ``map_cloud`` has the exact values of every tilt cycle.
 """
 
 from __future__ import annotations
@@ -35,7 +36,13 @@ from tccm_ros.ros.collision_messages import (
     collision_messages,
     collision_shapes,
 )
-from tccm_ros.ros.output_messages import pose_covariance_message
+from tccm_ros.ros.output_messages import grid_message, pose_covariance_message
+from tccm_ros.ros.surface_messages import (
+    LOCALISATION,
+    SURFACE_EVENT,
+    change_message,
+    localisation_message,
+)
 from tccm_ros.ros.topic_messages import (
     CYCLE_TOPICS,
     SOLUTION_TOPICS,
@@ -45,6 +52,8 @@ from tccm_ros.ros.topic_messages import (
     TopicMessage,
 )
 from tccm_ros.ros.writing import transform_message, transforms_message
+from tccm_ros.slam.occupancy import OccupancyGrid
+from tccm_ros.surfaces.changes import Change
 from tccm_ros.surfaces.scene import frames_of_surfaces
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
@@ -55,6 +64,10 @@ POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 TF_TOPIC = "/tf"
 TF = "tf2_msgs/msg/TFMessage"
 COLLISION_TOPIC = "/collision_object"
+EVENTS_TOPIC = SLAM + "events"
+LOCALISATION_TOPIC = SLAM + "localisation"
+GRID_TOPIC = "/map"
+GRID = "nav_msgs/msg/OccupancyGrid"
 MAP_ODOM_TOPIC = SLAM + "map_to_odom"
 MAP_ODOM = "geometry_msgs/msg/TransformStamped"
 
@@ -175,9 +188,18 @@ class ResultBag:
             self._bag.add_topic(SLAM + topic, kind, latched)
         for topic, kind in ((TF_TOPIC, TF), (MAP_ODOM_TOPIC, MAP_ODOM), (POSE_TOPIC, POSE)):
             self._bag.add_topic(topic, kind, Qos())
+        self._bag.add_topic(LOCALISATION_TOPIC, LOCALISATION, latched)
+        self._bag.add_topic(GRID_TOPIC, GRID, latched)
+        self._bag.add_topic(EVENTS_TOPIC, SURFACE_EVENT, Qos(depth=100))
         self._bag.add_topic(COLLISION_TOPIC, COLLISION_OBJECT, Qos(latched=True, depth=500))
 
-    def write(self, cycles: Sequence[CycleResult], solution: SurfaceSolution) -> None:
+    def write(
+        self,
+        cycles: Sequence[CycleResult],
+        solution: SurfaceSolution,
+        events: Iterable[tuple[int, Change]] = (),
+        grid: OccupancyGrid | None = None,
+    ) -> None:
         """Write everything, in the order of time.
 
         Parameters
@@ -186,8 +208,14 @@ class ResultBag:
             All cycles in order.
         solution
             The final one.
+        events
+            Changes, and the stamps of the views that they are told with, ns.
+        grid
+            Of the level scans, if there are any.
         """
+        self._grid = grid
         due = [*self._cycle_writes(cycles, solution), *self._solution_writes(cycles, solution)]
+        due += self._event_writes(cycles, events)
         for item in sorted(due, key=lambda item: item[:2]):
             item.write()
 
@@ -246,13 +274,25 @@ class ResultBag:
             pose = solution.trajectory[index]
             due = partial(self._write_pose, stamp_ns, pose, covs[nearest[index]])
             yield _TimedWrite(stamp_ns, 2, due)
-        ends = {cycle.stamp_ns: cycle.end_ns for cycle in cycles}
+        ends = _ends(cycles)
         for seen_ns in sorted({surface.first_seen_ns for surface in solution.surfaces}):
             at_ns = ends.get(seen_ns, seen_ns)
             yield _TimedWrite(at_ns, 3, partial(self._write_surfaces, solution, seen_ns, at_ns))
         newest = [*stamps[-1:].tolist(), *(cycle.end_ns for cycle in cycles[-1:])]
         if newest:
-            yield _TimedWrite(max(newest), 4, partial(self._write_solution, solution, max(newest)))
+            yield _TimedWrite(max(newest), 5, partial(self._write_solution, solution, max(newest)))
+
+    def _event_writes(
+        self, cycles: Sequence[CycleResult], events: Iterable[tuple[int, Change]]
+    ) -> Iterator[_TimedWrite]:
+        ends = _ends(cycles)
+        for seen_ns, change in events:
+            at_ns = ends.get(seen_ns, seen_ns)
+            yield _TimedWrite(at_ns, 4, partial(self._write_event, at_ns, change))
+
+    def _write_event(self, stamp_ns: int, change: Change) -> None:
+        message = change_message(self._bag.types, self._map_frame, change)
+        self._bag.write(EVENTS_TOPIC, SURFACE_EVENT, stamp_ns, message)
 
     def _write_pose(self, stamp_ns: int, pose: Float64, cov: Float64) -> None:
         message = pose_covariance_message(
@@ -268,9 +308,28 @@ class ResultBag:
 
     def _write_solution(self, solution: SurfaceSolution, stamp_ns: int) -> None:
         self._write_messages(stamp_ns, self._solution_builder.of(solution, stamp_ns))
+        message = localisation_message(self._bag.types, stamp_ns, self._map_frame, solution)
+        self._bag.write(LOCALISATION_TOPIC, LOCALISATION, stamp_ns, message)
+        self._write_grid(stamp_ns)
         shapes = collision_shapes(solution.surfaces, solution.objects)
         for message in collision_messages(self._bag.types, stamp_ns, self._map_frame, shapes):
             self._bag.write(COLLISION_TOPIC, COLLISION_OBJECT, stamp_ns, message)
+
+    def _write_grid(self, stamp_ns: int) -> None:
+        if self._grid is None:
+            return
+        grid, origin = self._grid, np.eye(4)
+        origin[:2, 3] = grid.origin
+        frame = self._map_frame
+        message = grid_message(
+            self._bag.types, stamp_ns, frame, grid.cells, grid.resolution, origin
+        )
+        self._bag.write(GRID_TOPIC, GRID, stamp_ns, message)
+
+
+def _ends(cycles: Sequence[CycleResult]) -> dict[int, int]:
+    """Return the end of each tilt cycle by the stamp of its view, ns."""
+    return {cycle.stamp_ns: cycle.end_ns for cycle in cycles}
 
 
 def _seen_by(solution: SurfaceSolution, seen_ns: int) -> SurfaceSolution:
@@ -295,6 +354,8 @@ def write_result_bag(
     messages: CycleMessageStore,
     solution: SurfaceSolution,
     config: Config,
+    events: Iterable[tuple[int, Change]] = (),
+    grid: OccupancyGrid | None = None,
 ) -> None:
     """Write result.mcap.
 
@@ -308,6 +369,10 @@ def write_result_bag(
         Messages of the same tilt cycles.
     config
         Groups ``frames`` and ``tf``.
+    events
+        Changes, and the stamps of the views that they are told with, ns.
+    grid
+        Of the level scans, if there are any.
 
     Raises
     ------
@@ -315,4 +380,4 @@ def write_result_bag(
         If the file cannot be written.
     """
     with BagWriter(path, overwrite=True, typestore=messages.types) as bag:
-        ResultBag(bag, messages, config).write(cycles, solution)
+        ResultBag(bag, messages, config).write(cycles, solution, events, grid)

@@ -16,6 +16,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial
 from tccm_ros.records import EdgeState, Sign, Surface, SurfaceShape, Wall
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message, stamp_message
+from tccm_ros.surfaces.changes import Change
 from tccm_ros.surfaces.scene import object_pose, surface_pose
 from tccm_ros.surfaces.scene_objects import SceneObject
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:  # tccm_node does without the graph
 PACKAGE = "tccm_interfaces/msg/"
 SURFACE, SURFACE_OBJECT = PACKAGE + "Surface", PACKAGE + "SurfaceObject"
 SURFACE_MAP, SURFACE_OBJECTS = PACKAGE + "SurfaceMap", PACKAGE + "SurfaceObjectArray"
-SURFACE_EVENT = PACKAGE + "SurfaceEvent"
+SURFACE_EVENT, LOCALISATION = PACKAGE + "SurfaceEvent", PACKAGE + "Localisation"
 
 SHAPES = {
     SurfaceShape.RECTANGLE: 1,
@@ -160,7 +161,7 @@ def typed_map_message(
         free_areas=_free_areas(types, solution.free_places, solution.place_size),
         walls=[_wall(types, header, wall) for wall in solution.slam.walls],
         signs=[_sign(types, header, sign) for sign in solution.slam.signs],
-        localisation=_localisation(types, header, solution),
+        localisation=localisation_message(types, stamp_ns, frame_id, solution),
     )
 
 
@@ -207,6 +208,29 @@ def event_message(
         pose_before=before,
         pose_after=after,
         last_seen_before=stamp_message(types, last_seen_ns),
+    )
+
+
+def change_message(types: MessageTypes, frame_id: str, change: Change) -> Any:
+    """Return a tccm_interfaces/SurfaceEvent of a change.
+
+    Parameters
+    ----------
+    types, frame_id
+        Message classes and the map's frame.
+    change
+        In map.
+    """
+    return event_message(
+        types,
+        change.stamp_ns,
+        frame_id,
+        int(change.kind),
+        ids=(change.ids_before, change.ids_after),
+        poses=(change.T_before, change.T_after),
+        label=change.label,
+        object_id=change.object_id,
+        last_seen_ns=change.last_seen_ns,
     )
 
 
@@ -274,14 +298,24 @@ def _sign(types: MessageTypes, header: Any, sign: Sign) -> Any:
     )
 
 
-def _localisation(types: MessageTypes, header: Any, solution: SurfaceSolution) -> Any:
-    """Return where the robot was at the stamp of the solution, without its covariance."""
+def localisation_message(
+    types: MessageTypes, stamp_ns: int, frame_id: str, solution: SurfaceSolution
+) -> Any:
+    """Return where the robot was at the stamp of a solution, without its covariance.
+
+    Parameters
+    ----------
+    types, stamp_ns, frame_id
+        Message classes and header.
+    solution
+        In map.
+    """
     alignment = solution.alignment
     is_found = alignment is None or alignment.found
     T = spatial(solution.trajectory[-1]) if len(solution.trajectory) else _nowhere()
     return types.make(
-        PACKAGE + "Localisation",
-        header=header,
+        LOCALISATION,
+        header=header_message(types, stamp_ns, frame_id),
         state=TRACKING if is_found else SEARCHING,
         pose=types.make(
             "geometry_msgs/msg/PoseWithCovariance",

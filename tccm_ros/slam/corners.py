@@ -66,7 +66,31 @@ def find_corners(table: WallTable, lines: Sequence[Lines], min_keyframes: int) -
     list of Corner
         In the order of their walls.
     """
-    seen: dict[tuple[int, int], tuple[list[int], list[Float64]]] = defaultdict(lambda: ([], []))
+    seen = shared_ends(table, lines)
+    return [
+        Corner(a, b, *seen[a, b]) for a, b in sorted(seen) if len(seen[a, b][0]) >= min_keyframes
+    ]
+
+
+def shared_ends(
+    table: WallTable, lines: Sequence[Lines]
+) -> defaultdict[tuple[int, int], tuple[list[int], list[Float64]]]:
+    """Return where keyframes saw the ends of two walls meet.
+
+    Parameters
+    ----------
+    table, lines
+        As for `find_corners`.
+
+    Returns
+    -------
+    defaultdict of lists
+        By the indices of two walls, the smaller first: keyframes, and points float64 (2,) in their
+        base frames, m
+    """
+    seen: defaultdict[tuple[int, int], tuple[list[int], list[Float64]]] = defaultdict(
+        lambda: ([], [])
+    )
     at = np.flatnonzero(table.wall >= 0)
     for group in np.split(at, np.flatnonzero(np.diff(table.keyframe[at])) + 1):
         for n, i in enumerate(group):
@@ -77,9 +101,7 @@ def find_corners(table: WallTable, lines: Sequence[Lines], min_keyframes: int) -
                 if point is not None and a != b:
                     seen[a, b][0].append(k)
                     seen[a, b][1].append(point)
-    return [
-        Corner(a, b, *seen[a, b]) for a, b in sorted(seen) if len(seen[a, b][0]) >= min_keyframes
-    ]
+    return seen
 
 
 def _shared_end(lines: Lines, i: int, j: int) -> Float64 | None:
@@ -95,7 +117,7 @@ def _shared_end(lines: Lines, i: int, j: int) -> Float64 | None:
 
 
 def corner_factors(
-    corners: Sequence[Corner], table: WallTable, keys: Sequence[Key]
+    corners: Sequence[Corner], table: WallTable, keys: Sequence[Key], first: int = 0
 ) -> list[Factor]:
     """Return the factors that make each corner one point of two walls.
 
@@ -107,9 +129,11 @@ def corner_factors(
         The walls; their directions say along which normal a wall is constrained.
     keys
         Variables of all keyframes.
+    first
+        Number of the first corner.
     """
     factors: list[Factor] = []
-    for n, corner in enumerate(corners):
+    for n, corner in enumerate(corners, first):
         key = corner_key(n)
         # All observations of one corner end at the same last beam: together they count as one.
         sigma = POINT_SIGMA * float(np.sqrt(len(corner.points)))

@@ -93,7 +93,7 @@ def select_inliers(
     checked = check_walls(table, lines, poses, graph, keys, config)
     scale = checked.unit_variance * (SHARED_BEAMS_FACTOR if len(checked.table) else 1.0)
     corners = find_corners(checked.table, lines, min_confirmations(config, len(keys)))
-    records = _loop_records(closer, kept)
+    records = loop_records(closer, kept)
     signs = []
     if sign_views:
         passes = Passes(graph.optimise(), keys, [k.session for k in chain.keyframes])
@@ -101,8 +101,16 @@ def select_inliers(
     return Inliers(poses, loops, records, checked.table, corners, scale, observations, signs)
 
 
-def _loop_records(closer: LoopCloser, kept: Sequence[bool] | Bool) -> list[Loop]:
-    """Return all proposals: those that are kept, those that contradict them, and the others."""
+def loop_records(closer: LoopCloser, kept: Sequence[bool] | Bool) -> list[Loop]:
+    """Return the records of all proposals: those kept, those that contradict them, the others.
+
+    Parameters
+    ----------
+    closer
+        Has them.
+    kept
+        bool (L,), one for each that it has accepted.
+    """
     checked = list(zip(closer.accepted, kept))
     proposals = [replace(p, reason=LoopReason.CONSISTENT) for p, ok in checked if ok]
     proposals += [replace(p, reason=LoopReason.CONTRADICTED) for p, ok in checked if not ok]

@@ -20,14 +20,35 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import transform2, wrap_angle
 from tccm_ros.records import Wall
 from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
+from tccm_ros.slam.line_noise import line_covariance
 from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.se2 import compose, rotate_covariance
-from tccm_ros.slam.wall_landmarks import line_covariance
 from tccm_ros.slam.walls import GATE_CHI2, GATE_SIGMAS, MAX_DPHI
 
 INNOVATION_CHI2 = 13.8
 """Gate for the squared Mahalanobis distance of a line from its wall: 99.9 % of two degrees of
 freedom."""
+
+
+class LivePose(NamedTuple):
+    """The live estimate of the base's pose.
+
+    Attributes
+    ----------
+    stamp_ns
+        Of the newest scan, or the newest odometry without a level laser; -1 before the first.
+    pose
+        float64 (3,), (x, y, yaw) of base in map.
+    map_odom
+        float64 (3,), planar pose of the odometry frame in map: ``pose * odom^-1``.
+    localised
+        Whether the pose is in the frame of the map that was loaded (always without one).
+    """
+
+    stamp_ns: int
+    pose: Float64
+    map_odom: Float64
+    localised: bool = True
 
 
 class MapWalls(NamedTuple):

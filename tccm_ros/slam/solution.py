@@ -40,6 +40,8 @@ class Solution:
         In the order of their kinds and ids, those of earlier sessions among them.
     signs
         Door signs by their ids; each is a landmark as well.
+    is_batch
+        Whether it is a function of the records alone, and does not go on from another solution.
     """
 
     keyframes: list[Keyframe]
@@ -54,6 +56,7 @@ class Solution:
     unit_variance: float = 1.0
     landmarks: tuple[Landmark, ...] = ()
     signs: tuple[Sign, ...] = ()
+    is_batch: bool = True
 
     def pose_at(self, stamps_ns: ArrayLike) -> Float64:
         """Return planar poses (M, 3) at stamps int64 (M,), interpolated; held at the ends."""

@@ -10,12 +10,15 @@ if the scale is off by one standard deviation. What walls and loop closures corr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.graph import GraphSolution
-from tccm_ros.slam.se2 import between
+from tccm_ros.slam.se2 import between, inverse
 
 
 def systematic_covariances(solution: GraphSolution, chain: Chain) -> Float64:
@@ -33,14 +36,60 @@ def systematic_covariances(solution: GraphSolution, chain: Chain) -> Float64:
     float64 (K, 3, 3) of (x, y, yaw) in each keyframe's own frame; (K, 3, 3) of zeros where no
     keyframe hangs on odometry
     """
-    poses = solution.planar_poses(chain.keys)
     covs = np.zeros((len(chain.keys), 3, 3))
     for session in sorted({k.session for k in chain.keyframes}):
-        gradient = _gradient(chain, poses, session)
-        if gradient.any():
-            moved = solution.displacements(chain.keys, gradient)
-            covs += np.einsum("ki,kj->kij", moved, moved)
+        moved = scale_displacements(solution, chain, session)
+        covs += np.einsum("ki,kj->kij", moved, moved)
     return covs
+
+
+def scale_displacements(solution: GraphSolution, chain: Chain, session: int) -> Float64:
+    """Return by how much keyframes move if the scale of a session is off by one sigma.
+
+    Parameters
+    ----------
+    solution, chain
+        As for `systematic_covariances`.
+    session
+        The one whose odometry is off.
+
+    Returns
+    -------
+    float64 (K, 3), (x, y, yaw) in each keyframe's own frame
+    """
+    gradient = _gradient(chain, solution.planar_poses(chain.keys), session)
+    if not gradient.any():
+        return np.zeros((len(chain.keys), 3))
+    return solution.displacements(chain.keys, gradient)
+
+
+class CarriedDisplacement:
+    """The displacement of the newest keyframe, carried on as a filter would (Schmidt 1966).
+
+    On the way it grows by what odometry's scale shifts. Where walls and loop closures correct the
+    pose, they correct it by the fraction by which they make it more certain.
+
+    Parameters
+    ----------
+    displacement
+        float64 (3,), of a keyframe (`scale_displacements`).
+    cov
+        float64 (3, 3) of (x, y, yaw) of its pose, in its own frame.
+    """
+
+    def __init__(self, displacement: Float64, cov: Float64) -> None:
+        self.displacement, self._cov = displacement, cov
+
+    def carry(self, keyframes: Sequence[GraphKeyframe], cov: Float64) -> None:
+        """Carry it to the last of the next keyframes, whose pose then has the covariance (3, 3)."""
+        predicted = self._cov
+        for keyframe in keyframes:
+            A = adjoint(inverse(keyframe.delta))
+            self.displacement = A @ self.displacement + keyframe.systematic
+            predicted = A @ predicted @ A.T + keyframe.cov
+        if keyframes:
+            self.displacement = cov @ np.linalg.solve(predicted, self.displacement)
+            self._cov = cov
 
 
 def _gradient(chain: Chain, poses: Float64, session: int) -> Float64:

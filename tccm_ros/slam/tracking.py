@@ -31,10 +31,15 @@ from tccm_ros.signs.measurement import SignMeasurement
 from tccm_ros.slam.front_end import FrontEnd
 from tccm_ros.slam.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.lines import extract_lines
-from tccm_ros.slam.live_estimate import LiveEstimate, MapWalls, SolvedKeyframe, moved_covariance
+from tccm_ros.slam.live_estimate import (
+    LiveEstimate,
+    LivePose,
+    MapWalls,
+    SolvedKeyframe,
+    moved_covariance,
+)
 from tccm_ros.slam.odometry_model import odometry_covariance
 from tccm_ros.slam.se2 import between, compose, inverse, rotate_covariance
-from tccm_ros.slam.wall_slam import LivePose
 
 COUNTED = {
     SurfaceCloud: "clouds", ViewIntervals: "views", ObjectBoxes: "boxes", SignMeasurement: "signs",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,12 @@ from tccm_ros.slam.factors.keys import Key, view_key, wall_key
 from tccm_ros.slam.factors.landmarks import landmark_class
 from tccm_ros.slam.front_end import FrontEnd, GraphKeyframe
 from tccm_ros.slam.graph import GraphSolution
+from tccm_ros.slam.growth import MIN_KEYFRAMES, Growth
 from tccm_ros.slam.inliers import Inliers, select_inliers
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors, landmark_records
 from tccm_ros.slam.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.lines import NO_LINES, LabelBeams, Lines, extract_lines, label_by_splitting
+from tccm_ros.slam.live_estimate import LivePose
 from tccm_ros.slam.loops import LoopCloser
 from tccm_ros.slam.saved_walls import SavedWalls, pack_walls, unpack_walls
 from tccm_ros.slam.se2 import between, compose, inverse
@@ -41,27 +43,6 @@ from tccm_ros.slam.wall_landmarks import structure_factors, wall_factors, wall_r
 SIGN_DELAY_NS = 1_000_000_000
 """What a picture tells is used in the search for loop closures after this time. Chosen: reading one
 takes up to 0.15 s, so that it does not matter how long it took."""
-
-
-class LivePose(NamedTuple):
-    """The live estimate of the base's pose.
-
-    Attributes
-    ----------
-    stamp_ns
-        Of the newest scan, or the newest odometry without a level laser; -1 before the first.
-    pose
-        float64 (3,), (x, y, yaw) of base in map.
-    map_odom
-        float64 (3,), planar pose of the odometry frame in map: ``pose * odom^-1``.
-    localised
-        Whether the pose is in the frame of the map that was loaded (always without one).
-    """
-
-    stamp_ns: int
-    pose: Float64
-    map_odom: Float64
-    localised: bool = True
 
 
 class WallSlam:
@@ -95,6 +76,9 @@ class WallSlam:
         self._unread: list[SignMeasurement] = []
         self._pictures: list[SearchedPicture] = []
         self._selected: tuple[tuple[int, ...], Inliers] | None = None
+        # What goes on from the last batch, and the signs in it.
+        self._growth: Growth | None = None
+        self._solved_signs = 0
 
     # -- input ---------------------------------------------------------------------------------
 
@@ -249,32 +233,43 @@ class WallSlam:
     def solve(
         self,
         views: Sequence[int] = (),
-        factors: Sequence[Factor] = (),
+        factors: Sequence[Factor] | None = (),
         *,
         every_covariance: bool = True,
+        is_final: bool = True,
     ) -> Solution:
-        """Rebuild the graph in stamp order and optimise it as a batch.
+        """Rebuild the graph in stamp order and optimise it as a batch, or go on from the last one.
 
         Parameters
         ----------
         views
             Stamps (ns) of surface clouds; each gets a pose of its own, `view_key(index)`.
         factors
-            Additional factors between views, keyframes and landmarks.
+            Additional factors between views, keyframes and landmarks. None: those of the solution
+            before where this one goes on from it, else none.
         every_covariance
             Whether all keyframes get their covariance, which takes most of the time in a graph
             with many loops, or the newest alone.
+        is_final
+            Whether it is a batch at any size. Otherwise, a large graph goes on from the solution
+            before (`growth`), and the newest keyframe alone gets its covariance.
 
         Returns
         -------
         Solution
-            A function of the records: it does not depend on earlier calls.
+            Of a batch a function of the records: it does not depend on earlier calls.
         """
         nothing = not self._front.tracked and not self._chain.keyframes
         if nothing and len(self._odometry):
-            return self._by_odometry().solve(views, factors, every_covariance=every_covariance)
+            return self._by_odometry().solve(
+                views, factors or (), every_covariance=every_covariance
+            )
         if nothing:
             return empty_solution(len(views))
+        grown = None if is_final else self._grow(views, factors)
+        if grown is not None:
+            return grown
+        self._growth = None
         used, keys = self._inliers(), self._chain.keys
         anchored = self._anchor(views)
         view_keys = [view_key(v) for v in range(len(views))]
@@ -285,11 +280,26 @@ class WallSlam:
         graph.add([p.factor(keys) for p in used.loops])
         if self.config.walls.enabled:
             graph.add(self._wall_factors(used))
-        graph.add(factors)
+        graph.add(factors or ())
         graph.add(self._sign_factors(used))
         graph.add(seen.factors)
         solution = graph.optimise()
-        poses, keyframes = solution.planar_poses(keys), self._chain.keyframes
+        covs = _covariances(solution, keys, every_covariance) * used.scale
+        covs += systematic_covariances(solution, self._chain)
+        if not is_final and len(keys) >= MIN_KEYFRAMES:
+            self._begin_growth(solution, used, views)
+        return self._result(used, solution, observations, dict(zip(view_keys, anchored)), covs)
+
+    def _result(
+        self,
+        used: Inliers,
+        solution: GraphSolution,
+        observations: Sequence[AnchoredObservation],
+        views: Mapping[Key, AnchoredPose],
+        cov_keyframes: Float64,
+    ) -> Solution:
+        """Return what an optimised graph says; `views` in the order of the result's."""
+        poses, keyframes = solution.planar_poses(self._chain.keys), self._chain.keyframes
         tracked = [p for p in self._front.tracked if self._is_in_map(p.keyframe)]
         landmarks = landmark_records(observations, solution, used.scale)
         return Solution(
@@ -298,15 +308,43 @@ class WallSlam:
             used.records,
             np.array([p.stamp_ns for p in tracked], np.int64),
             scan_poses(tracked, keyframes, poses),
-            np.array([solution.pose(key) for key in view_keys]).reshape(-1, 4, 4),
-            np.array([solution.covariance(key) for key in view_keys]).reshape(-1, 6, 6),
-            np.array([v.keyframe for v in anchored], np.int64),
-            _covariances(solution, keys, every_covariance) * used.scale
-            + systematic_covariances(solution, self._chain),
+            np.array([solution.pose(key) for key in views]).reshape(-1, 4, 4),
+            np.array([solution.covariance(key) for key in views]).reshape(-1, 6, 6),
+            np.array([v.keyframe for v in views.values()], np.int64),
+            cov_keyframes,
             used.scale,
             landmarks,
             sign_records(used.signs, landmarks, solution),
         )
+
+    def _begin_growth(self, solution: GraphSolution, used: Inliers, views: Sequence[int]) -> None:
+        """Have the next solutions go on from a batch, if all of it is in the map's frame."""
+        if {k.session for k in self._chain.keyframes} <= self._closer.localised:
+            self._growth = Growth(
+                solution, used, self._chain, self._closer, self._lines, views, self.config
+            )
+            self._solved_signs = len(self._signs)
+
+    def _grow(self, views: Sequence[int], factors: Sequence[Factor] | None) -> Solution | None:
+        """Return a solution that goes on from the one before; None where there must be a batch."""
+        growth = self._growth
+        if growth is None or len(self._signs) != self._solved_signs:
+            return None
+        growth.used = replace(growth.used, observations=self._all_observations())
+        used = growth.used
+        anchored = dict(zip(growth.views.keys(views), self._anchor(views)))
+        observations = [*used.observations, *sign_observations(used.signs)]
+        seen = landmark_factors(observations, unit_variance=used.scale)
+        if factors is not None:
+            growth.views.take(views, factors)
+        others = [*self._sign_factors(used), *seen.factors]
+        solution = growth.solve({**anchored, **seen.anchored}, others)
+        if solution is None:
+            return None
+        covs = np.full((len(self._chain.keys), 3, 3), np.nan)
+        covs[-1] = growth.newest_covariance(solution)
+        result = self._result(growth.used, solution, observations, anchored, covs)
+        return replace(result, is_batch=False)
 
     def _wall_factors(self, used: Inliers) -> list[Factor]:
         keys = self._chain.keys
@@ -407,7 +445,8 @@ class WallSlam:
         if not self._chain.keyframes:
             return pack_walls(SavedWalls([], [], np.zeros((0, 3)), [], [], []))
         poses = np.array([k.pose for k in (solution or self.solve()).keyframes])
-        used, number = self._inliers(), self.kept_keyframes()
+        used = self._inliers() if self._growth is None else self._growth.used
+        number = self.kept_keyframes()
         kept = list(number)
         return pack_walls(
             SavedWalls(
@@ -442,6 +481,11 @@ class WallSlam:
             return np.zeros(3)
         newest = self._front.keyframes[-1]
         return compose(solution.keyframes[newest.id].pose, inverse(newest.pose))
+
+    @property
+    def keyframe_count(self) -> int:
+        """Number of keyframes of all sessions."""
+        return len(self._chain.keyframes)
 
     @property
     def first_keyframe(self) -> tuple[int, int]:

@@ -8,6 +8,7 @@ is a wall of its own, because a scan sees one side.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -94,8 +95,63 @@ def min_confirmations(config: Config, keyframes: int) -> int:
     return max(1, min(config.walls.min_observations, (keyframes + 1) // 2))
 
 
-def associate_walls(poses: Float64, lines: list[Lines], config: Config) -> WallTable:
-    """Assign the lines of all keyframes to walls.
+class WallAssociation:
+    """Assigns lines to walls, keyframe by keyframe.
+
+    Parameters
+    ----------
+    config
+        ``walls.*``.
+
+    Attributes
+    ----------
+    keyframe, line, wall
+        int64 (M,): observation m is line `line[m]` of keyframe `keyframe[m]`, and is of the wall
+        `wall[m]`, confirmed or not; -1 for a line that fits none and begins none.
+    """
+
+    def __init__(self, config: Config) -> None:
+        limits = config.walls
+        self._gates = _Gates(limits.gate_distance, limits.gate_angle, limits.max_gap)
+        self._pooled = np.zeros(0, POOLED)
+        self.keyframe, self.line, self.wall = np.zeros((3, 0), np.int64)
+
+    def add(self, first: int, poses: Float64, lines: Sequence[Lines]) -> None:
+        """Assign the lines of the next keyframes.
+
+        Parameters
+        ----------
+        first
+            Id of the first of them.
+        poses
+            float64 (K, 3), their planar poses.
+        lines
+            Their lines, K of them, in base frames.
+        """
+        counts = np.array([len(x) for x in lines], np.int64)
+        keyframe = np.repeat(np.arange(len(lines)), counts)
+        if not len(keyframe):
+            return
+        line = np.concatenate([np.arange(n) for n in counts])
+        ends = np.concatenate(
+            [transform_points(pose, x.endpoints.reshape(-1, 2)) for pose, x in zip(poses, lines)]
+        ).reshape(-1, 2, 2)
+        phi = np.concatenate([wrap_angle(x.phi + pose[2]) for pose, x in zip(poses, lines)])
+        v_phi = np.concatenate([x.cov[:, 0, 0] for x in lines])
+        segments = _Segments(keyframe, ends, phi, v_phi, poses[keyframe, :2].copy())
+        wall, self._pooled = _associate(segments, self._gates, self._pooled)
+        self.keyframe = np.append(self.keyframe, first + keyframe)
+        self.line, self.wall = np.append(self.line, line), np.append(self.wall, wall)
+
+    def table(self) -> WallTable:
+        """Return all walls, those that are not confirmed as well."""
+        pooled = self._pooled
+        extent = np.stack([pooled["low"], pooled["high"]], axis=1)
+        return WallTable(self.keyframe, self.line, self.wall, pooled["phi"], pooled["rho"], extent)
+
+
+def associate_walls(poses: Float64, lines: Sequence[Lines], config: Config) -> WallTable:
+    """Assign the lines of all keyframes to walls that enough of them confirm.
 
     Parameters
     ----------
@@ -106,25 +162,9 @@ def associate_walls(poses: Float64, lines: list[Lines], config: Config) -> WallT
     config
         ``walls.*``.
     """
-    counts = np.array([len(x) for x in lines], np.int64)
-    keyframe = np.repeat(np.arange(len(lines)), counts)
-    line = np.concatenate([np.arange(n) for n in counts]) if len(lines) else np.zeros(0, np.int64)
-    if not len(keyframe):
-        empty = np.zeros(0)
-        return WallTable(keyframe, line, line.copy(), empty, empty, np.zeros((0, 2)))
-    ends = np.concatenate(
-        [transform_points(pose, x.endpoints.reshape(-1, 2)) for pose, x in zip(poses, lines)]
-    ).reshape(-1, 2, 2)
-    phi = np.concatenate([wrap_angle(x.phi + pose[2]) for pose, x in zip(poses, lines)])
-    v_phi = np.concatenate([x.cov[:, 0, 0] for x in lines])
-    limits = config.walls
-    segments = _Segments(keyframe, ends, phi, v_phi, poses[keyframe, :2].copy())
-    wall, pooled = _associate(
-        segments, _Gates(limits.gate_distance, limits.gate_angle, limits.max_gap)
-    )
-    extent = np.stack([pooled["low"], pooled["high"]], axis=1)
-    table = WallTable(keyframe, line, wall, pooled["phi"], pooled["rho"], extent)
-    return table.keep(wall, min_confirmations(config, len(poses)))
+    association = WallAssociation(config)
+    association.add(0, poses, lines)
+    return association.table().keep(association.wall, min_confirmations(config, len(poses)))
 
 
 class _Segments(NamedTuple):
@@ -209,16 +249,18 @@ def _mismatch(
 
 @kernel
 def _associate(
-    segments: _Segments, gates: _Gates
+    segments: _Segments, gates: _Gates, known: Any
 ) -> tuple[Int64, Any]:  # pragma: no cover - compiled
     """Walk over the keyframes: choose the nearest wall for each line, check, pool.
 
-    Returns the wall of each line, or -1, and the walls with dtype `POOLED`.
+    Returns the wall of each line, or -1, and the walls with dtype `POOLED`, those known before
+    first.
     """
     keyframe, n = segments.keyframe, len(segments.keyframe)
     wall = np.full(n, -1, np.int64)
-    pooled = np.zeros(n, POOLED)
-    count, start = 0, 0
+    pooled = np.zeros(len(known) + n, POOLED)
+    pooled[: len(known)] = known
+    count, start = len(known), 0
     while start < n:
         stop = start
         while stop < n and keyframe[stop] == keyframe[start]:

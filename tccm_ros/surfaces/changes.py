@@ -79,12 +79,13 @@ class MapChanges:
 
     Parameters
     ----------
-    known
-        A scene that holds no changes; None for an empty one.
+    is_map_loaded
+        Whether the first scene is that of a map that was loaded, which holds no changes.
     """
 
-    def __init__(self, known: Scene | None = None):
-        self._told = known
+    def __init__(self, *, is_map_loaded: bool = False):
+        self._told: Scene | None = None
+        self._is_first_awaited = is_map_loaded
         self._absent: dict[int, int] = {}
 
     def note(self, scene: Scene, agreeing_views: int) -> list[Change]:
@@ -97,6 +98,9 @@ class MapChanges:
         agreeing_views
             As for `changes`.
         """
+        if self._is_first_awaited:
+            self._told, self._is_first_awaited = scene, False
+            return []
         told = self._told or scene._replace(surfaces=(), objects=(), stamp_ns=-1)
         self._told = self._agreed(told, scene)
         return changes(told, self._told, agreeing_views)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,12 @@ class KnownSurface(NamedTuple):
     surface: Surface
     last_view_ns: int
     message: bytes = b""
+
+
+def known_surface(surface: Surface) -> KnownSurface:
+    """Return a surface of a solution as a scene has it, without its message."""
+    last_ns = surface.views[-1].stamp_ns if surface.views else surface.last_seen_ns
+    return KnownSurface(replace(surface, views=()), last_ns)
 
 
 class Scene(NamedTuple):

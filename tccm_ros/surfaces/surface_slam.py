@@ -37,11 +37,11 @@ from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 from tccm_ros.slam.lines import label_by_splitting
-from tccm_ros.slam.live_estimate import MapWalls, SolvedKeyframe
+from tccm_ros.slam.live_estimate import LivePose, MapWalls, SolvedKeyframe
 from tccm_ros.slam.occupancy import occupancy_grid
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.tracking import SolvedMap
-from tccm_ros.slam.wall_slam import LivePose, WallSlam
+from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.surfaces.corrected_labels import corrected_labels
 from tccm_ros.surfaces.object_labels import (
     MAX_WAIT_NS,
@@ -307,17 +307,19 @@ class SurfaceSlam:
         """Return the live estimate."""
         return self.walls.current_pose()
 
-    def solve(self, *, every_covariance: bool = True) -> SurfaceSolution:
+    def solve(self, *, every_covariance: bool = True, is_final: bool = True) -> SurfaceSolution:
         """Rebuild the graph in stamp order, register the views and build the surfaces.
 
         Parameters
         ----------
         every_covariance
             Whether the covariances of all keyframes are computed (see `WallSlam.solve`).
+        is_final
+            Whether the graph is solved as a batch at any size.
         """
         is_lost = self._is_lost
         views = [view for view in self.map.views if view.session == self.session and not is_lost]
-        slam = self._solve_graph(views, every_covariance)
+        slam = self._solve_graph(views, every_covariance=every_covariance, is_final=is_final)
         own = _view_poses(slam)
         alignment = self._align_session(views, own.T_map_view)
         T_map_session = np.eye(4) if alignment is None else alignment.T_map_session
@@ -401,16 +403,16 @@ class SurfaceSlam:
         self._detections = waiting
         return tuple(newest)
 
-    def _solve_graph(self, views: list[View], every_covariance: bool) -> Solution:
+    def _solve_graph(self, views: list[View], **how: bool) -> Solution:
         """Optimise the graph; where views have surfaces in common, again with their factors."""
         stamps = [view.stamp_ns for view in views]
-        slam = self.walls.solve(stamps, every_covariance=every_covariance)
+        slam = self.walls.solve(stamps, None, **how)
         if not self.config.surfaces.registration or len(views) < 2:
             return slam
         factors = self._registration.factors(views, slam)
         if not factors:
             return slam
-        return self.walls.solve(stamps, factors, every_covariance=every_covariance)
+        return self.walls.solve(stamps, factors, **how)
 
     def is_aligned(self, solution: SurfaceSolution) -> bool:
         """Return whether this session was found in the saved map that it continues, if any."""

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,8 +18,8 @@ from tccm_ros.pipeline.sim.truth import map_from_world
 from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import ObjectBoxes
 from tccm_ros.surfaces.changes import Change, ChangeKind, MapChanges
-from tccm_ros.surfaces.scene import KnownSurface, Scene
-from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
+from tccm_ros.surfaces.session_changes import scene_of
+from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 WORLD = "changing"
 NEAR = np.array([0.12, 0.12, 0.03])
@@ -83,21 +82,12 @@ def _item(solid, T_map_world) -> TrueItem:
     return TrueItem(solid.name, first, last, tuple(kinds))
 
 
-def scene_of(solution: SurfaceSolution) -> Scene:
-    """Return a solution as programs see it, without free floor."""
-    known = tuple(
-        KnownSurface(replace(s, views=()), s.views[-1].stamp_ns) for s in solution.surfaces
-    )
-    newest = max(solution.view_stamps_ns.tolist(), default=0)
-    return Scene(solution.stamp_ns, "map", solution.floor_z, solution.objects, None, known, newest)
-
-
 def told(inputs: Iterable[object], slam: SurfaceSlam, events: MapChanges) -> Iterator[Change]:
     """Yield what is told while events come; the map is solved after each tilt cycle."""
     for event in inputs:
         slam.add(event)
         if isinstance(event, ObjectBoxes):
-            scene = scene_of(slam.solve(every_covariance=False))
+            scene = scene_of(slam.solve(every_covariance=False), "map")
             yield from events.note(scene, slam.config.objects.agreeing_views)
 
 

@@ -152,6 +152,34 @@ def test_a_map_that_comes_before_the_services_are_found_is_listed(ros):
         assert printed(ros, listing) == "table 7 at 0.70 m\n"
 
 
+def test_a_table_is_waited_for_by_its_sign_though_others_move_before(ros):
+    """What moves before: a table by no sign, one by another sign, and a shelf by the sign."""
+    from tccm_ros.nodes.map_client import EVENTS_DEPTH
+
+    kind, event = message_class(SURFACE_MAP), message_class(SURFACE_EVENT)
+    node = ros.add(Node("surface_slam", context=ros.another_context()))
+    events = node.create_publisher(event, "~/events", EVENTS_DEPTH)
+    signs = {3: [], 7: ["OFFICE", "KITCHEN"], 9: ["OFFICE"]}
+    tables = [
+        message_class(SURFACE)(id=k, label="table", near_signs=near) for k, near in signs.items()
+    ]
+    shelf = message_class(SURFACE)(id=11, label="shelf", near_signs=["KITCHEN"])
+    node.create_publisher(kind, "~/surface_map", latched()).publish(kind(surfaces=[*tables, shelf]))
+
+    def moved(identity, x):
+        told = event(kind=event.MOVED, surface_ids_before=[identity], surface_ids_after=[identity])
+        told.pose_before.position.x, told.pose_after.position.x = 1.0, x
+        return told
+
+    with example(ros, "wait_for_move.py", "table", "KITCHEN") as waiting:
+        ros.spin_until(lambda: node.count_subscribers("~/surface_map"))
+        ros.spin_until(lambda: events.get_subscription_count(), what="the example to listen")
+        for identity, x in ((3, 3.0), (9, 9.0), (11, 11.0), (7, 7.0)):
+            events.publish(moved(identity, x))
+        said = printed(ros, waiting)
+    assert said == "table 7 moved from [1. 0.]\nto [7. 0.]\n"
+
+
 def test_in_the_walkthrough_the_stool_goes_and_both_boxes_stand_on_the_table(ros, nodes):
     tilt_node, node = nodes
     events = Listener(ros).listen(message_class(SURFACE_EVENT), "/surface_slam/events")

@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tccm_ros.errors import MapError
-from tccm_ros.nodes.map_folder import MAP_FILE, PREVIOUS
+from tccm_ros.nodes.map_folder import MAP_FILE
 from tccm_ros.nodes.map_services import named_folder, saved_folders
+from tccm_ros.nodes.previous_map import PREVIOUS
 
 SIGNS = string.ascii_letters + string.digits + "._-"
 

@@ -15,7 +15,7 @@ from live_robot import START_NS, Listener, recording, slam, wait_until_done
 from processes import PATIENCE_S, play_to_process, settings, started, stop
 from std_srvs.srv import Trigger
 
-from tccm_ros.nodes.map_folder import read_map
+from tccm_ros.nodes.map_files import read_map
 
 SECOND = 1_000_000_000
 
@@ -162,7 +162,7 @@ SAVE_FOREVER = """
     sys.path.insert(0, sys.argv[1])
     from live_robot import URDF, recording
     from tccm_ros.config import Config
-    from tccm_ros.nodes.map_folder import write_map
+    from tccm_ros.nodes.map_files import write_map
     from tccm_ros.pipeline.processors import Pipeline
     from tccm_ros.records import RobotDescription
 

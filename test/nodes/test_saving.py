@@ -14,7 +14,7 @@ from processes import PATIENCE_S, children, play_to_process, settings, started
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
-from tccm_ros.nodes.map_folder import read_map
+from tccm_ros.nodes.map_files import read_map
 from tccm_ros.nodes.stopping import HASTE_S
 from tccm_ros.records import SurfaceCloud
 from tccm_ros.results.map_file import read_content

@@ -8,7 +8,8 @@ from live_robot import URDF, recording
 
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
-from tccm_ros.nodes.map_folder import read_map, save_archive, write_map
+from tccm_ros.nodes.map_files import read_map, write_map
+from tccm_ros.nodes.map_folder import save_archive
 from tccm_ros.nodes.solver import MAX_DEATHS, Solver
 from tccm_ros.nodes.solver_channel import PoseStamp, Solved
 from tccm_ros.pipeline.processors import Pipeline
@@ -134,3 +135,18 @@ def test_answers_of_a_session_that_was_forgotten_are_not_taken(drive, solver):
     assert solver.wait(old, 0.0)
     assert solved(solver).content.is_empty
     assert not [a for a in solver.answers if not solver.is_of_session(a)]
+
+
+def test_what_is_final_is_solved_again_where_the_newest_solution_is_no_batch(drive, solver):
+    for event in drive[0][:50]:
+        solver.feed(event)
+    first = solved(solver)
+    assert first.is_batch, "a small graph is solved as a batch"
+    assert solver.solve(TOPICS, is_final=True) == first.number
+    solver.newest = first._replace(is_batch=False)
+    assert not solver.is_batch
+    assert solver.solve(TOPICS) == first.number
+    again = solver.solve(TOPICS, is_final=True)
+    assert again > first.number
+    assert solver.wait(again, PATIENCE_S)
+    assert solver.is_batch

@@ -1,12 +1,16 @@
 """Replays of the bundled bags give maps with their true surfaces."""
 
 import json
+from collections import Counter
 from pathlib import Path
 
 import jsonschema
 import make_schemas as schema
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+from shapely import Point, Polygon
 
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.bags.typestore import TypestoreMessages
@@ -19,7 +23,9 @@ from tccm_ros.geometry import planar, spatial
 from tccm_ros.pipeline.evaluate.surfaces import score_surfaces
 from tccm_ros.pipeline.evaluate.trajectory_errors import absolute_errors, poses_at
 from tccm_ros.pipeline.replay import replay
+from tccm_ros.results.result_bag import EVENTS_TOPIC
 from tccm_ros.results.trajectory import read_tum
+from tccm_ros.surfaces.changes import ChangeKind
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 TYPES = TypestoreMessages()
@@ -121,6 +127,37 @@ def test_two_runs_give_the_same_bytes(tmp_path):
         assert one, name
         if name not in CLOCKED:
             assert one == two, name
+
+
+def test_events_of_the_walkthrough_are_in_result_mcap_where_asked_for(tmp_path):
+    """As its truth says: the stool is carried away, one of the boxes is moved; all else stays."""
+    for name, events in (("with", True), ("without", False)):
+        replay(BAGS / "walkthrough", tmp_path / name, Config(), pictures=False, events=events)
+    told = [m for _, m in messages_of(tmp_path / "with" / "result.mcap", EVENTS_TOPIC)]
+    assert messages_of(tmp_path / "without" / "result.mcap", EVENTS_TOPIC) == []
+    (gone,) = (event for event in told if event.kind == ChangeKind.GONE)
+    (stool,) = json.loads((BAGS / "walkthrough" / "truth.json").read_text())["gone"]
+    at = gone.pose_before.position
+    assert Polygon([p[:2] for p in stool["boundary"]]).contains(Point(at.x, at.y))
+    kinds = Counter(ChangeKind(event.kind) for event in told)
+    assert kinds == {
+        ChangeKind.APPEARED: 2, ChangeKind.GONE: 1,
+        ChangeKind.OBJECT_APPEARED: 3, ChangeKind.OBJECT_LEFT: 1,
+    }  # fmt: skip
+    for name in ("surfaces.json", "objects.json", "trajectory.tum", "map.mcap"):
+        one, two = ((tmp_path / run / name).read_bytes() for run in ("with", "without"))
+        assert one == two, name
+
+
+def messages_of(bag, topic):
+    """Return [(log time, message)] of a topic, as rosbags reads them."""
+    with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        connections = [c for c in reader.connections if c.topic == topic]
+        assert connections, topic
+        return [
+            (stamp, reader.deserialize(raw, c.msgtype))
+            for c, stamp, raw in reader.messages(connections)
+        ]
 
 
 def test_a_recording_in_two_files_has_the_results_of_one_file(tmp_path):

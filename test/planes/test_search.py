@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tccm_ros.planes.inliers import GATE
-from tccm_ros.planes.search import label_members
+from tccm_ros.planes.search import label_members, queue_region
 
 HEIGHT, SIGMA, COUNT = 0.7, 0.001, 10
 
@@ -45,3 +45,15 @@ def test_a_cuboid_far_off_on_the_mean_or_scattered_wide_is_no_member(offset, sca
     """The last one is 1 of 61: it raises the plane's deviation, so the gate, by up to a quarter."""
     heights = HEIGHT + offset + scatter * np.resize([-1.0, 1.0], COUNT)
     assert labelled(heights) == (is_member, 60 * COUNT + is_member * COUNT)
+
+
+def test_a_region_is_searched_in_its_blocks_and_a_margin_of_their_width():
+    """A patch of 2 by 2 blocks in the middle of 7 by 6, beside one block in a corner."""
+    rows, wide = 7, 6
+    place = np.array([[1, 1, 1], [0, 6, 0]], np.int32)
+    flood = SimpleNamespace(queue=np.full(99, -1), stamp=np.zeros(rows * wide, np.int64))
+    blocks = SimpleNamespace(rows=rows, wide=wide)
+    queued = queue_region.py_func(np.arange(2, dtype=np.int32), place, blocks, flood, 1)
+    wanted = {x * wide + y for x in range(6) for y in range(6)} | {6 * wide}
+    assert queued == len(wanted)
+    assert set(flood.queue[:queued].tolist()) == wanted

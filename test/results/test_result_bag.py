@@ -25,7 +25,9 @@ from tccm_ros.records import (
     Wall,
 )
 from tccm_ros.results.result_bag import CycleMessageStore, write_result_bag
+from tccm_ros.slam.occupancy import OccupancyGrid
 from tccm_ros.slam.solution import Solution
+from tccm_ros.surfaces.changes import Change, ChangeKind
 from tccm_ros.surfaces.scene_objects import SceneObject
 from tccm_ros.surfaces.surface_map import MappedSurfaces
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
@@ -34,6 +36,7 @@ S = 1_000_000_000
 UP = np.array([0.0, 0.0, 1.0])
 RING = np.array([[1.0, 0, 0.7], [1.5, 0, 0.7], [1.5, 0.4, 0.7], [1.0, 0.4, 0.7]])
 CUP = SceneObject(5, 1, np.array([1.2, 0.2, 0.75]), np.array([0.08, 0.08, 0.1]), 0.0)
+GRID = OccupancyGrid(np.array([[0, 100, -1]], np.int8), 0.05, np.array([-1.0, 2.0]))
 CONFIG = Config.model_validate({"map": {"window_cycles": 2, "gap": "fixed"}})
 
 
@@ -105,13 +108,20 @@ def bag(cycles, tmp_path_factory):
     return write(path, cycles, solution(cycles))
 
 
+def cup_appeared(stamp_ns):
+    kind, T = ChangeKind.OBJECT_APPEARED, np.eye(4)
+    return Change(kind, stamp_ns, ids_after=(1,), object_id=CUP.id, T_after=T)
+
+
 def write(path, cycles, solved, config=CONFIG):
     """Write a result bag as a replay does: the messages of each cycle from the map after it."""
     messages, map_ = CycleMessageStore(config), IntegrationMap(config)
     for cycle in cycles:
         map_.add(cycle.part)
         messages.add(cycle, map_.cuboids())
-    write_result_bag(path, cycles, messages, solved, config)
+    # The second view tells that the cup came with the first one.
+    events = [(cycles[1].stamp_ns, cup_appeared(cycles[0].stamp_ns))] if cycles else []
+    write_result_bag(path, cycles, messages, solved, config, events, GRID)
     return path
 
 
@@ -155,6 +165,7 @@ def test_the_bag_has_every_topic_of_the_nodes_except_diagnostics(messages):
         "/surface_slam/signs": 1,
         "/surface_slam/surfaces": 3, "/surface_slam/surface_cloud": 1, "/tccm/object_boxes": 3,
         "/surface_slam/surface_map": 1, "/surface_slam/objects": 1, "/surface_slam/tables": 1,
+        "/surface_slam/events": 1, "/surface_slam/localisation": 1, "/map": 1,
         "/collision_object": 3,
     }  # fmt: skip
 
@@ -168,6 +179,23 @@ def test_tables_and_collision_objects_are_of_the_solution_and_stamped_with_it(me
     assert {*logs, *(stamp_of(o.header) for o in objects)} == {last}
     assert [o.id for o in objects] == ["tccm_surface_0", "tccm_surface_1", "tccm_object_5"]
     assert [o.operation for o in objects] == [0, 0, 0]
+
+
+def test_the_grid_and_the_localisation_are_those_of_the_solution(messages):
+    ((log, grid),) = messages["/map"]
+    assert (log, stamp_of(grid.header)) == (23 * S + S // 2,) * 2
+    assert (grid.info.width, grid.info.height, grid.data.tolist()) == (3, 1, [0, 100, -1])
+    assert matrix(grid.info.origin)[0].tolist() == [-1.0, 2.0, 0.0]
+    ((log, place),) = messages["/surface_slam/localisation"]
+    assert (log, place.state, place.header.frame_id) == (23 * S + S // 2, 1, "map")
+    assert matrix(place.pose.pose)[0][0] == pytest.approx(1.0)
+
+
+def test_an_event_comes_when_the_view_ends_that_tells_it(messages, cycles):
+    ((log, event),) = messages["/surface_slam/events"]
+    assert (log, stamp_of(event.header)) == (cycles[1].end_ns, cycles[0].stamp_ns)
+    assert (event.kind, event.object_id, list(event.surface_ids_after)) == (6, 5, [1])
+    assert np.isnan(matrix(event.pose_before)[0]).all()
 
 
 def test_every_message_is_read_by_the_schemas_in_the_file_alone(bag):

@@ -5,8 +5,9 @@ import pytest
 
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.slam.factors.building import Building, WallDirection
+from tccm_ros.slam.line_noise import _flatness_covariance
 from tccm_ros.slam.lines import Lines
-from tccm_ros.slam.wall_landmarks import MIN_WALLS, _flatness_covariance, structure_factors
+from tccm_ros.slam.wall_landmarks import MIN_WALLS, structure_factors
 from tccm_ros.slam.walls import WallTable
 
 

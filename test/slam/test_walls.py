@@ -16,12 +16,14 @@ from tccm_ros.slam.walls import (
     JOINT_CHI2_PER_LINE,
     JOINT_GATE_SIGMAS,
     MAX_DPHI,
+    POOLED,
     _associate,
     _Gates,
     _Segments,
 )
 
 GATES = _Gates(0.12, 0.1, 0.5)
+NO_WALLS = np.zeros(0, POOLED)
 
 
 def random_segments(seed, spread):
@@ -134,7 +136,7 @@ def associated(segments):
 @settings(max_examples=40)
 def test_lines_are_assigned_as_by_plain_python(spread, seed):
     segments = random_segments(seed, spread)
-    of_line, pooled = _associate(segments, GATES)
+    of_line, pooled = _associate(segments, GATES, NO_WALLS)
     expected, walls = associated(segments)
     assert of_line.tolist() == expected.tolist()
     assert len(pooled) == len(walls)
@@ -147,7 +149,7 @@ def test_lines_are_assigned_as_by_plain_python(spread, seed):
 def test_the_examples_have_new_walls_shared_walls_and_dropped_lines():
     dropped = joined = 0
     for seed in range(20):
-        of_line, pooled = _associate(random_segments(seed, 0.05), GATES)
+        of_line, pooled = _associate(random_segments(seed, 0.05), GATES, NO_WALLS)
         dropped += int((of_line < 0).sum())
         joined += len(of_line) - len(pooled)
     assert dropped > 20

@@ -153,6 +153,7 @@ def test_legs_on_the_floor_and_tops_of_objects_are_not_told():
 
 
 def test_the_first_scene_of_a_loaded_map_is_no_change():
-    changes = MapChanges(scene(2, TABLE))
+    changes = MapChanges(is_map_loaded=True)
+    assert changes.note(scene(2, TABLE), 2) == []
     assert changes.note(scene(3, TABLE), 2) == []
     assert changes.note(scene(4, MOVED), 2)[0].kind == ChangeKind.MOVED

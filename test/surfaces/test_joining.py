@@ -1,5 +1,7 @@
 """Joining of pieces over occluded areas, and pieces that must not be joined."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from room import Board, Room, Screen
@@ -8,6 +10,7 @@ from surface_maps import above_floor, overlap, poses_at
 from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
 from tccm_ros.records import SurfaceCloud
+from tccm_ros.surfaces.joining import _coplanar
 from tccm_ros.surfaces.surface_map import SurfaceMap
 
 SIDEBOARD = Board(1.6, 0.0, 0.5, 1.6, 0.75)
@@ -107,3 +110,34 @@ def test_a_floor_that_two_views_put_at_two_heights_is_one():
     # The first is tilted down by 5 deg, the second begins horizontal where that is 0.1 m too low.
     low, high = strip((0.5, 2.9), 0.05, 1, -0.0875), strip((2.0, 4.0), 0.0, 2)
     assert len(floors(low, high)) == 1
+
+
+def level_piece(x, height, view):
+    """Return a level piece of 0.2 m around (x, 0) that one view has seen, flat but for 0.1 mm."""
+    return SimpleNamespace(
+        mean=np.array([x, 0.0, height]),
+        cov=np.diag([0.01, 0.01, 1e-8]),
+        count=1000,
+        views=frozenset([view]),
+        members=[SimpleNamespace(patch=SimpleNamespace(count=1000), view=view)],
+        height_at=lambda at_xy: height,
+    )
+
+
+@pytest.mark.parametrize(
+    ("step", "view", "is_one"),
+    [
+        # Flatness alone, 4 mm on either side, gives 3 * sqrt(2) * 4 = 17 mm in one view.
+        (0.016, 0, True),
+        (0.018, 0, False),
+        # With 4 mm of either view's height it is 3 * sqrt(4) * 4 = 24 mm.
+        (0.023, 1, True),
+        (0.025, 1, False),
+    ],
+)
+def test_heights_of_two_views_differ_by_what_their_poses_leave_open(step, view, is_one):
+    poses = np.array([np.eye(4)] * 2)
+    cov_z_roll_pitch = np.array([np.diag([0.004**2, 0.0, 0.0])] * 2)
+    is_coplanar = _coplanar(poses, cov_z_roll_pitch, Config())
+    one, other = level_piece(1.0, 0.7, 0), level_piece(1.4, 0.7 + step, view)
+    assert is_coplanar(one, other, np.array([1.2, 0.0])) == is_one

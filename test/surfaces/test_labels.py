@@ -160,7 +160,7 @@ def test_a_higher_min_confidence_only_replaces_labels_by_other():
     assert changed
 
 
-# --8<-- [start:rules]
+# [rules]
 CALLED = {
     "low_table": "table",
     "sofa": "seat",
@@ -202,7 +202,7 @@ def test_there_is_an_example_for_each_rule():
     assert group == set(RULES) == set(EXAMPLES)
 
 
-# --8<-- [end:rules]
+# [/rules]
 
 
 @pytest.mark.parametrize("height", [0.68, 0.76, 0.84])

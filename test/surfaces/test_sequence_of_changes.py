@@ -5,7 +5,6 @@ from changing_rooms import (
     assert_one_id_an_item,
     counted,
     index_at,
-    scene_of,
     slam_inputs,
     told,
     true_counts,
@@ -14,6 +13,7 @@ from changing_rooms import (
 from tccm_ros.config import Config
 from tccm_ros.results.map_file import load_map, save_map
 from tccm_ros.surfaces.changes import MapChanges
+from tccm_ros.surfaces.session_changes import scene_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 RESTART_S = 75.0
@@ -38,6 +38,8 @@ def test_the_same_events_are_told_after_save_restart_and_load(inputs, tmp_path):
     solution = slam.solve()
     save_map(tmp_path / "map.mcap", slam.saved(solution), solution, "map")
     loaded = SurfaceSlam.from_saved(Config(), load_map(tmp_path / "map.mcap"))
-    found += told(inputs[half:], loaded, MapChanges(scene_of(loaded.solve())))
+    changes = MapChanges(is_map_loaded=True)
+    assert changes.note(scene_of(loaded.solve(), "map"), loaded.config.objects.agreeing_views) == []
+    found += told(inputs[half:], loaded, changes)
     assert counted(found) == true_counts()
     assert_one_id_an_item(found)

@@ -1,0 +1,22 @@
+"""What the processes of a robot need not load: gtsam and what rests on it take 40 MB of each."""
+
+import subprocess
+import sys
+
+import pytest
+
+LOADED = "import sys, {node}; print('gtsam' in sys.modules)"
+
+
+@pytest.mark.parametrize(
+    ("node", "solves"),
+    [
+        ("tccm_ros.nodes.tccm_node", False),
+        ("tccm_ros.nodes.slam_node", False),
+        ("tccm_ros.nodes.solver_process", True),
+    ],
+)
+def test_only_the_process_that_solves_loads_the_graph(node, solves):
+    code = LOADED.format(node=node)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == str(solves)

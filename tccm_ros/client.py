@@ -4,9 +4,11 @@ It needs `tccm_interfaces`, and the node that it is given spun by its owner. Wha
 `tccm_ros.nodes.map_client`; this is the name under which programs import it.
 """
 
+from tccm_ros.errors import QuestionError
 from tccm_ros.nodes.map_client import SurfaceMapClient
 from tccm_ros.nodes.map_records import (
     BoxState,
+    Found,
     MapEvent,
     MapLocalisation,
     MapObject,
@@ -19,6 +21,7 @@ from tccm_ros.nodes.map_records import (
 
 __all__ = [
     "BoxState",
+    "Found",
     "MapEvent",
     "MapLocalisation",
     "MapObject",
@@ -26,6 +29,7 @@ __all__ = [
     "MapSign",
     "MapSurface",
     "MapWall",
+    "QuestionError",
     "SavedMap",
     "SurfaceMapClient",
 ]

@@ -27,9 +27,8 @@ What the package `{PACKAGE}` defines; `interfaces/README.md` says how it is buil
 unit of `-` says that there is none, and where none stands, the fields of the type have their own.
 What is not known is nan in a number, -1 in an id, 0 in a stamp, and empty in a text or a list.
 
-Nodes publish and answer what [their page](nodes.md) lists, where the package is installed. Not
-offered in this version: the action `ScanHere`, the fields of signs and rooms, the covariance of
-planes, and classes of objects.
+Nodes publish and answer what [their page](nodes.md) lists, where the package is installed. The
+covariance of planes is not offered in this version.
 
 This page is made from the definitions by `python tools/document_interfaces.py`.
 """

@@ -28,6 +28,7 @@ from tccm_interfaces.srv import (
 
 from tccm_ros.errors import QuestionError
 from tccm_ros.nodes.map_records import (
+    Found,
     MapEvent,
     MapLocalisation,
     MapObject,
@@ -64,11 +65,16 @@ MAP_SERVICES = {
 """What is asked of the node that has the map."""
 
 
+ANYWHERE = FindPlacements.Request()
+"""Its fields are what is asked for by default."""
+
+
 class SurfaceMapClient:
     """Asks both nodes, and hears of changes.
 
-    Each question returns a future at once; it has the answer, or `QuestionError` with the node's
-    sentence where the question was wrong or its work failed.
+    Each question returns a future at once; it has the answer, or `QuestionError` with a sentence
+    where the question was wrong, its work failed, or nobody is there to answer it. A node that ends
+    before it has answered leaves the future undone.
 
     Parameters
     ----------
@@ -115,7 +121,7 @@ class SurfaceMapClient:
 
     @property
     def has_services(self) -> bool:
-        """Whether the services of the node that has the map are there; a question before is lost.
+        """Whether the services of the node that has the map are there.
 
         No message tells that a service is there: who waits for it spins with a timeout.
         """
@@ -146,7 +152,7 @@ class SurfaceMapClient:
     # --- questions ---
 
     def find_surfaces(self, filter: SurfaceFilter | None = None, max_count: int = 0) -> Future:
-        """Ask for surfaces; the future has a list of `MapSurface`.
+        """Ask for surfaces; the future has `MapSurface` as `Found`.
 
         Parameters
         ----------
@@ -154,32 +160,70 @@ class SurfaceMapClient:
             Conditions; all but the floor by default.
         max_count
             How many are wanted at most; 0 for all.
+
+        Raises
+        ------
+        TypeError
+            For a filter that is none.
         """
-        request = FindSurfaces.Request(filter=filter or SurfaceFilter(), max_count=max_count)
+        request = FindSurfaces.Request(filter=_checked(filter), max_count=max_count)
         return self._ask_map(
-            FindSurfaces, request, lambda answer: surfaces_of(answer.surfaces.surfaces)
+            FindSurfaces,
+            request,
+            lambda answer: Found(surfaces_of(answer.surfaces.surfaces), answer.message),
         )
 
     def find_placements(
-        self, size: Sequence[float], filter: SurfaceFilter | None = None, **fields: Any
+        self,
+        size: Sequence[float],
+        filter: SurfaceFilter | None = None,
+        *,
+        clearance: float = ANYWHERE.clearance,
+        base: int = ANYWHERE.base,
+        reach: float = ANYWHERE.reach,
+        min_reach_height: float = ANYWHERE.min_reach_height,
+        max_reach_height: float = ANYWHERE.max_reach_height,
+        robot_radius: float = ANYWHERE.robot_radius,
+        max_count: int = ANYWHERE.max_count,
+        max_base_poses: int = ANYWHERE.max_base_poses,
     ) -> Future:
-        """Ask where an object can be put down; the future has a list of `MapPlacement`.
+        """Ask where an object can be put down; the future has `MapPlacement` as `Found`.
 
         Parameters
         ----------
         size
             (3,), length, width and height of the object, m.
         filter
-            Of the surfaces; all but the floor by default.
-        fields
-            Further fields of the request tccm_interfaces/FindPlacements.
+            Of the surfaces; all but the floor by default, seats and steps among them.
+        clearance, base, reach, min_reach_height, max_reach_height, robot_radius
+            As in the request tccm_interfaces/FindPlacements; `base` is one of its constants.
+        max_count, max_base_poses
+            How many are wanted at most.
+
+        Raises
+        ------
+        TypeError, ValueError
+            For a filter or a size that is none.
         """
-        x, y, z = map(float, size)
+        x, y, z = _lengths(size)
         request = FindPlacements.Request(
-            size_x=x, size_y=y, height=z, filter=filter or SurfaceFilter(), **fields
+            filter=_checked(filter),
+            size_x=x,
+            size_y=y,
+            height=z,
+            clearance=float(clearance),
+            base=base,
+            reach=float(reach),
+            min_reach_height=float(min_reach_height),
+            max_reach_height=float(max_reach_height),
+            robot_radius=float(robot_radius),
+            max_count=max_count,
+            max_base_poses=max_base_poses,
         )
         return self._ask_map(
-            FindPlacements, request, lambda answer: placements_of(answer.placements)
+            FindPlacements,
+            request,
+            lambda answer: Found(placements_of(answer.placements), answer.message),
         )
 
     def check_box(self, T_frame_box: ArrayLike, size: Sequence[float], frame: str) -> Future:
@@ -194,7 +238,7 @@ class SurfaceMapClient:
         frame
             Of the pose: a link of the robot or the odometry frame.
         """
-        x, y, z = map(float, size)
+        x, y, z = _lengths(size)
         stamped = PoseStamped(pose=self._pose(T_frame_box))
         stamped.header.frame_id = frame
         request = CheckBox.Request(pose=stamped, size=Vector3(x=x, y=y, z=z))
@@ -271,6 +315,10 @@ class SurfaceMapClient:
         the next question, which would take longer each time (rclpy 7.1; ros2/rclpy#1702).
         """
         future = Future()
+        if not client.service_is_ready():
+            why = f"nobody answers {client.service_name}: is its node running, under this name?"
+            future.set_exception(QuestionError(why))
+            return future
 
         def done(answered: Future) -> None:
             answer = answered.result()
@@ -302,3 +350,35 @@ class SurfaceMapClient:
         event = event_of(message)
         for callback in self._on_event:
             callback(event)
+
+
+def _checked(filter: SurfaceFilter | None) -> SurfaceFilter:
+    """Return a filter that messages take: what they do not take ends the process, or says nothing.
+
+    Raises
+    ------
+    TypeError
+        Where it is none.
+    """
+    if filter is None:
+        return SurfaceFilter()
+    if not isinstance(filter, SurfaceFilter):
+        raise TypeError(f"filter is {filter!r}; expected a tccm_interfaces.msg.SurfaceFilter")
+    if isinstance(filter.labels, str):
+        raise TypeError(f"filter.labels is {filter.labels!r}; expected a list of labels")
+    return filter
+
+
+def _lengths(size: Sequence[float]) -> tuple[float, float, float]:
+    """Return the three lengths of a box.
+
+    Raises
+    ------
+    ValueError
+        Where there are others than three.
+    """
+    lengths = np.asarray(size, np.float64)
+    if lengths.shape != (3,):
+        raise ValueError(f"size is {size!r}; expected (length, width, height), m")
+    x, y, z = lengths.tolist()
+    return x, y, z

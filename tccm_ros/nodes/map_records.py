@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from tccm_interfaces.msg import Localisation, SurfaceEvent
@@ -29,6 +29,23 @@ LOCALISATION_STATES = {
 BOX_STATES = {
     getattr(CheckBox.Response, name): name.lower() for name in ("UNKNOWN", "FREE", "OCCUPIED")
 }
+
+
+Item = TypeVar("Item")
+
+
+class Found(list[Item]):
+    """What a question found, the best or nearest first.
+
+    Attributes
+    ----------
+    message
+        The node's sentence: how much was found, or why nothing was.
+    """
+
+    def __init__(self, items: Iterable[Item], message: str) -> None:
+        super().__init__(items)
+        self.message = message
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,6 +120,8 @@ class MapPlacement:
         float64 (4, 4), middle of the object's lower side.
     clearance
         Distance to the nearest edge or object, m.
+    free_height
+        Height that is free above, m; inf where nothing is known above.
     T_map_bases
         Where the base can stand, float64 (N, 4, 4), the best first.
     """
@@ -110,6 +129,7 @@ class MapPlacement:
     surface_id: int
     T_map_object: Float64
     clearance: float
+    free_height: float
     T_map_bases: Float64
 
 
@@ -283,6 +303,7 @@ def placements_of(messages: Iterable[Any]) -> list[MapPlacement]:
             m.surface_id,
             _pose(m.pose),
             m.clearance,
+            m.free_height,
             np.array([_pose(base.pose) for base in m.base_poses]).reshape(-1, 4, 4),
         )
         for m in messages

@@ -134,7 +134,8 @@ class SurfaceServices:
 
     def _current(self) -> SceneQueries:
         if self._newest is None:
-            raise FrameError("there is no map yet: wait for ~/surface_map")
+            topic = self._node.resolve_topic_name("~/surface_map")
+            raise FrameError(f"there is no map yet: wait for {topic}")
         return self._newest
 
     def surface(self, identity: int) -> Surface:
@@ -255,8 +256,8 @@ class SurfaceServices:
     # --- find_placements ---
 
     def _find_placements(self, request: Any, response: Any) -> str:
-        current = self._current()
         _check_placements(request)
+        current = self._current()
         wanted = self._filter(request.filter)
         low = max(wanted.min_height, request.min_reach_height)
         high = min(wanted.max_height, request.max_reach_height)
@@ -328,6 +329,10 @@ class SurfaceServices:
     def _why_none(self, current: SceneQueries, wanted: SurfaceFilter, request: Any) -> str:
         surfaces = current.queries.find_surfaces(wanted)
         if not surfaces:
+            known = {surface.label for surface in current.queries.find_surfaces(SurfaceFilter())}
+            if wanted.labels and not wanted.labels & known:
+                missing, there = (", ".join(sorted(names)) for names in (wanted.labels, known))
+                return f"no surface is labelled {missing}; there are: {there}"
             return "no surface meets the conditions"
         size = f"{request.size_x:g} x {request.size_y:g} x {request.height:g} m"
         within = " within reach" if request.base != BASE_ANYWHERE and request.reach else ""
@@ -348,18 +353,18 @@ def _with_count(search: PlacementRequest, count: int) -> PlacementRequest:
     )  # fmt: skip
 
 
-def _check(name: str, value: float, low: float, high: float) -> None:
+def _check(name: str, value: float, low: float, high: float, unit: str = "") -> None:
     """Raise MessageError for a number that is nan or outside its range."""
     if not low <= value <= high:
-        raise MessageError(f"{name} is {value:g}; expected {low:g} to {high:g}")
+        raise MessageError(f"{name} is {value:g}{unit}; expected {low:g} to {high:g}{unit}")
 
 
 def _check_placements(request: Any) -> None:
     """Raise MessageError for a request of FindPlacements that makes no sense."""
     for name in ("size_x", "size_y", "height"):
-        _check(name, getattr(request, name), MIN_SIZE_M, MAX_SIZE_M)
+        _check(name, getattr(request, name), MIN_SIZE_M, MAX_SIZE_M, " m")
     for name in ("clearance", "reach", "robot_radius"):
-        _check(name, getattr(request, name), 0.0, MAX_SIZE_M)
+        _check(name, getattr(request, name), 0.0, MAX_SIZE_M, " m")
     for name in ("min_reach_height", "max_reach_height"):
         _check(name, getattr(request, name), -math.inf, math.inf)
     if request.base not in (BASE_ANYWHERE, BASE_HERE, BASE_FIND):

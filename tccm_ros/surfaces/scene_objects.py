@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 from shapely import Polygon
 
 from tccm_ros.arrays import Float64
@@ -21,6 +23,11 @@ chosen."""
 
 OUTLINE_MARGIN = 0.05
 """Max distance of an object's centre from the outline of the surface under it, m; chosen."""
+
+
+FLUSH = 0.015
+"""What ends so near to the height of a surface reaches up to it, m: nearer than what stands under a
+thin board of furniture. Chosen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,8 +105,43 @@ def scene_objects(
         distance = abs(float(z) - bottom)
         if distance < MAX_HEIGHT_DIFFERENCE:
             nearest[k] = min(nearest.get(k, (np.inf, -1)), (distance, surface.id))
-    found = [_scene_object(tracks[k], surface) for k, (_, surface) in nearest.items()]
+    found = [
+        _scene_object(tracks[k], surface)
+        for k, (_, surface) in nearest.items()
+        if not _is_side(tracks[k], surface, surfaces, outlines)
+    ]
     return tuple(sorted(found, key=lambda item: (item.surface, item.id)))
+
+
+def _is_side(
+    track: ObjectTrack,
+    under: int,
+    surfaces: Sequence[Surface],
+    outlines: NDArray[Any],
+) -> bool:
+    """Return whether a box is a side of what has another surface as its top, as a stove's.
+
+    It lies along the edge of that surface, and reaches up to it and no further; beside it the
+    surface is large, which tells a side from an object whose top was measured.
+
+    Parameters
+    ----------
+    track
+        The box.
+    under
+        Id of the surface that it stands on.
+    surfaces, outlines
+        Of the map, and their outlines.
+    """
+    top, footprint = float(track.center[2] + 0.5 * track.size[2]), track.footprint
+    for surface, outline in zip(surfaces, outlines):
+        z = (surface.offset - track.center[:2] @ surface.normal[:2]) / surface.normal[2]
+        if surface.id == under or abs(top - float(z)) > FLUSH:
+            continue
+        is_small = footprint.intersection(outline).area < 0.5 * outline.area
+        if is_small and outline.boundary.buffer(OUTLINE_MARGIN).contains(footprint):
+            return True
+    return False
 
 
 def _scene_object(track: ObjectTrack, surface: int) -> SceneObject:

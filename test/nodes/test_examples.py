@@ -103,8 +103,8 @@ def assert_all_true_objects_are_listed(text: str, bag: str) -> None:
 
 
 def assert_nothing_else_is_listed(text: str, bag: str) -> None:
-    """Assert it for the walkthrough alone: in the flat, sides of the stove and the toaster, and
-    what was seen of the wall behind the counter, are listed as well."""
+    """Assert it for the walkthrough alone: in the flat a second side of the toaster, and what was
+    seen of the wall behind the counter, may be listed as well."""
     assert len(listed(text)) == len(on_tables(truth(bag))), text
 
 
@@ -204,7 +204,8 @@ def test_in_the_flat_what_stands_on_tables_is_listed_and_the_mug_has_a_place(ros
     play_bag(ros, BAGS / "flat", *nodes)
     map_all(ros, nodes)
     assert_all_true_objects_are_listed(run_example(ros, "list_counters.py"), "flat")
-    mug, base = run_example(ros, "put_down_mug.py").splitlines()
+    found, mug, base = run_example(ros, "put_down_mug.py").splitlines()
+    assert found == "1 placements"
     assert_mug_stands_on_nearest_table(numbers(mug))
     assert_base_stands_free(numbers(base), numbers(mug))
 

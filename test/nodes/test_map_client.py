@@ -12,9 +12,30 @@ from tccm_ros.nodes.interfaces import has_interfaces
 pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
 
 
+def test_a_question_that_nobody_can_answer_or_that_is_none_is_told_at_once(ros):
+    from tccm_interfaces.msg import SurfaceFilter
+
+    from tccm_ros.client import QuestionError, SurfaceMapClient
+
+    client = SurfaceMapClient(Listener(ros).node, name="other_slam")
+    with pytest.raises(QuestionError, match="nobody answers /other_slam/find_surfaces"):
+        client.find_surfaces().result()
+    with pytest.raises(TypeError, match="clearnce"):
+        client.find_placements((0.1, 0.1, 0.1), clearnce=0.1)
+    with pytest.raises(ValueError, match=r"expected \(length, width, height\), m"):
+        client.find_placements((0.1, 0.1))
+    with pytest.raises(TypeError, match="filter is 'table'"):
+        client.find_placements((0.1, 0.1, 0.1), "table")
+    labels = SurfaceFilter()
+    labels._labels = "table"  # as its setter leaves it without ROS_PYTHON_CHECK_FIELDS
+    with pytest.raises(TypeError, match="expected a list of labels"):
+        client.find_surfaces(labels)
+
+
 def test_a_python_node_hears_of_the_map_and_asks_it(ros):
-    from tccm_ros.client import SurfaceMapClient
-    from tccm_ros.errors import QuestionError
+    from tccm_interfaces.msg import SurfaceFilter
+
+    from tccm_ros.client import QuestionError, SurfaceMapClient
 
     tilt_node, node = tccm(ros), slam(ros)
     robot, own = ros.robot(), Listener(ros).node
@@ -36,10 +57,20 @@ def test_a_python_node_hears_of_the_map_and_asks_it(ros):
     (place,) = found.result()
     assert place.surface_id == table.id
     assert place.T_map_object[2, 3] == pytest.approx(0.70, abs=0.01)
-    wrong = client.find_placements((-0.1, 0.1, 0.12))
-    ros.spin_until(wrong.done)
-    with pytest.raises(QuestionError, match="size_x"):
-        wrong.result()
+    # Numbers may be whole ones: messages take floats alone.
+    assert place.clearance > 0.02
+    assert place.free_height > 0.5
+    (wider,) = answered(ros, client.find_placements((0.1, 0.1, 1), clearance=0, max_count=1))
+    assert wider.surface_id == table.id
+    with pytest.raises(QuestionError, match=r"size_x is -0.1 m; expected 0.001 to 10 m"):
+        answered(ros, client.find_placements((-0.1, 0.1, 0.12)))
+    for size, labels, why in (
+        ((3.0, 3.0, 0.12), [], "none of 1 surfaces has room for 3 x 3 x 0.12 m"),
+        ((0.1, 0.1, 0.12), ["tabel"], "no surface is labelled tabel; there are: table"),
+    ):
+        none = answered(ros, client.find_placements(size, SurfaceFilter(labels=labels)))
+        assert (len(none), why in none.message) == (0, True), none.message
+    assert answered(ros, client.find_surfaces()).message == "1 of 2 surfaces"
     assert f"table {table.id} at 0.70 m" in run_example(ros, "list_counters.py")
 
 
@@ -50,8 +81,7 @@ def answered(ros, future):
 
 
 def test_a_python_node_corrects_labels_checks_boxes_and_saves_maps(ros, tmp_path):
-    from tccm_ros.client import SurfaceMapClient
-    from tccm_ros.errors import QuestionError
+    from tccm_ros.client import QuestionError, SurfaceMapClient
 
     tilt_node, node = tccm(ros), slam(ros, save__directory=str(tmp_path))
     robot, own = ros.robot(), Listener(ros).node

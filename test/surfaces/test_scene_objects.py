@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from shapely import Polygon
+from outlined_surfaces import surface
+from shapely import Polygon, box
 
 from tccm_ros.config import Config
 from tccm_ros.pipeline.run import run_bag
-from tccm_ros.surfaces.scene_objects import free_places
+from tccm_ros.surfaces.object_tracks import ObjectTrack
+from tccm_ros.surfaces.scene_objects import free_places, scene_objects
 
 BAG = Path(__file__).resolve().parents[2] / "bags" / "walkthrough"
 
@@ -43,3 +45,31 @@ def test_free_places_lie_on_their_surface_and_on_no_object(solution):
                 assert Polygon(ring[:, :2]).intersection(item.footprint).area < 1e-9
             assert Polygon(ring[:, :2]).exterior.is_ccw
     assert free_places(solution.surfaces, solution.objects, (5.0, 5.0)) == {}
+
+
+COUNTER = surface(box(0.0, 0.0, 2.4, 0.6), height=0.90, label="counter", number=1)
+STOVE = surface(box(0.7, 0.05, 1.3, 0.55), height=0.95, label="step", number=2)
+BOARD = surface(box(1.5, 0.05, 2.3, 0.55), height=1.20, label="shelf", number=3)
+CRATE_TOP = surface(box(0.1, 0.1, 0.4, 0.4), height=1.10, label="other", number=4)
+
+
+def track(xy, size, top, number=9):
+    center = np.array([*xy, top - 0.5 * size[2]])
+    return ObjectTrack(number, center, np.array(size), 0.0, 50, 1, 2, 2)
+
+
+@pytest.mark.parametrize(
+    ("xy", "size", "top", "is_object"),
+    [
+        ((0.70, 0.30), (0.03, 0.27, 0.05), 0.951, False),  # the stove's left side
+        ((1.00, 0.05), (0.50, 0.02, 0.05), 0.944, False),  # its front
+        ((0.70, 0.30), (0.03, 0.27, 0.10), 1.00, True),  # a board at it
+        ((0.60, 0.30), (0.10, 0.20, 0.05), 0.95, True),  # a box as high as the stove, beside it
+        ((1.60, 0.30), (0.06, 0.20, 0.28), 1.18, True),  # cereals under a board of 2 cm
+        ((0.25, 0.25), (0.30, 0.30, 0.20), 1.10, True),  # a crate whose top is in the map
+    ],
+)
+def test_a_side_of_furniture_is_no_object_on_the_surface_beside_it(xy, size, top, is_object):
+    surfaces = (COUNTER, STOVE, BOARD, CRATE_TOP)
+    found = [item.id for item in scene_objects(surfaces, [track(xy, size, top)])]
+    assert found == ([9] if is_object else [])

@@ -289,8 +289,8 @@ class FrontEnd:
 
         Odometry's position counts from the last keyframe, and not from scan to scan: people who
         walk along pull each scan back a little, and these errors would add up. Its heading counts
-        from scan to scan, also for the direction of its steps: wheels slip in heading, and walls
-        determine it everywhere.
+        from scan to scan while the robot moves, also for the direction of its steps: wheels slip in
+        heading, and walls determine it nearly everywhere.
         """
         assert self._last is not None
         step = self._scale.corrected(between(self._last.odom, scan.odom))
@@ -304,7 +304,10 @@ class FrontEnd:
             self._use_gyro(scan, step)
         expected = compose(self.pose, step)
         self._odometry_pose[:2] += expected[:2] - self.pose[:2]
-        prior = np.array([self._odometry_pose[0], self._odometry_pose[1], expected[2]])
+        if step.any():
+            self._odometry_pose[2] = expected[2]
+        # What a scan adds to the heading of a robot that stands must not add up.
+        prior = self._odometry_pose.copy()
         cov = odometry_covariance(since, self.config.odometry)
         if self._gyro_s:
             cov[2, 2] = gyro_yaw_variance(float(since[2]), self._gyro_s)

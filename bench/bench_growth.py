@@ -6,7 +6,7 @@ Drives the level laser round one room, without end, as `bench/soak.py` does: eac
 walls that all others see, and every third closes a loop, which is the worst case for a graph.
 Solves after each so many keyframes, as slam_node does. At each of the sizes a batch judges: its
 time, and how far the last of these solutions has a keyframe from there at most. Times are processor
-time; `batches` counts the solutions that did not go on from the one before.
+time; `batches` counts solutions that did not go on from the one before, as after each judgement.
 """
 
 from __future__ import annotations
@@ -54,12 +54,15 @@ def main() -> None:
             continue
         solved_at = count
         elapsed, solution = timed(slam, is_final=False)
-        batches += solution.slam.is_batch
-        times.append(elapsed)
+        if solution.slam.is_batch:
+            batches += 1
+        else:
+            times.append(elapsed)
         if count >= sizes[0]:
             batch_s, batch = timed(slam, is_final=True)
             print(
-                f"| {count} | {np.median(times):.2f} | {max(times):.2f} | {batches} | "
+                f"| {count} | {np.median(times or [np.nan]):.2f} | {max(times, default=0.0):.2f} | "
+                f"{batches} | "
                 f"{batch_s:.1f} | {{:.2f}} | {{:.3f}} |".format(*distance(solution, batch)),
                 flush=True,
             )

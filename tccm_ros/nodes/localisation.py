@@ -72,6 +72,7 @@ class LocalisationPublisher:
         self._placed_by, self._next_by, self._placed_ns, self._keyframe = BY_START, BY_START, 0, -1
         self._sign = -1
         self._publisher = None
+        self._newest: Any = None
         with suppress(ImportError):
             self._publisher = node.create_publisher(
                 message_class(LOCALISATION), "~/localisation", latched()
@@ -110,6 +111,8 @@ class LocalisationPublisher:
             except FrameError as error:
                 response.success, response.message = False, str(error)
                 return response
+            if self._newest is not None:
+                response.localisation = self._newest
             return await answer(job, response)
 
         with suppress(ImportError):
@@ -136,7 +139,8 @@ class LocalisationPublisher:
             return
         self._shown_ns = live.stamp_ns
         if self._publisher is not None:
-            self._publisher.publish(self._message(tracker, live.stamp_ns, live.pose))
+            self._newest = self._message(tracker, live.stamp_ns, live.pose)
+            self._publisher.publish(self._newest)
 
     def _note(self, state: LocalisationState, stamp_ns: int, tracker: Tracker) -> None:
         if state == LocalisationState.LOST:

@@ -101,6 +101,7 @@ class MapServices:
             surfaces=summary.surfaces,
             objects=summary.objects,
             walls=summary.walls,
+            signs=summary.signs,
             size=size,
         )
 

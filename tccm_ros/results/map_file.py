@@ -90,7 +90,7 @@ class MapSummary(NamedTuple):
 
     Attributes
     ----------
-    sessions, surfaces, objects, walls
+    sessions, surfaces, objects, walls, signs
         Numbers of each; 0 where an older version did not write it.
     """
 
@@ -98,6 +98,7 @@ class MapSummary(NamedTuple):
     surfaces: int
     objects: int
     walls: int
+    signs: int
 
 
 def read_summary(path: Path) -> MapSummary:
@@ -184,6 +185,7 @@ def map_content(saved: SavedMap, solution: SurfaceSolution, frame_id: str = "map
     metadata["sessions"] = str(len({s.view.session for s in saved.views}) or 1)
     metadata["objects"] = str(len(solution.objects))
     metadata["walls"] = str(len(solution.slam.walls))
+    metadata["signs"] = str(len(solution.slam.signs))
     writer.add_metadata(FORMAT, metadata)
     writer.finish()
     return stream.getvalue()

@@ -44,7 +44,8 @@ def test_a_pose_that_is_told_is_searched_and_tracked_when_a_scan_fits(ros):
     ros.spin_until(lambda: states and states[-1].state == Localisation.TRACKING)
     assert states[-1].placed_by == Localisation.PLACED_BY_START
     # It is put back to the middle of the room, and is told that to 0.1 m.
-    assert ros.call(client, SetPose.Request(pose=told(0.1, 0.05, 0.02))).success
+    answer = ros.call(client, SetPose.Request(pose=told(0.1, 0.05, 0.02)))
+    assert (answer.success, answer.localisation.state) == (True, Localisation.TRACKING)
     start_ns = START_NS + 3_200_000_000
     robot.play(recording(1, start_ns=start_ns, speed=0.0), node)
     wait_until_done(ros, node)

@@ -1,33 +1,22 @@
 """Kernels of SLAM are compiled (or read from disk) before the first record.
 
-A throw-away processor drives the robot of `tilt` through a made-up room, and gets made-up
+A throw-away processor drives the made-up robot through a made-up room, and gets made-up
 surface messages: the kernels of tilt cycles are not needed here, and would take memory.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
 
 from tccm_ros.config import Config
-from tccm_ros.pipeline.warm_up.tilt import (
-    BEAMS,
-    LEVEL,
-    PERIOD_NS,
-    ROBOT,
-    START_NS,
-    made_scan,
-    with_own_robot,
-)
-from tccm_ros.records import Odometry, RobotDescription, Scan, SurfaceCloud, ViewIntervals
+from tccm_ros.pipeline.warm_up.level_drive import level_drive
+from tccm_ros.pipeline.warm_up.made_robot import PERIOD_NS, START_NS, with_own_robot
+from tccm_ros.records import SurfaceCloud, ViewIntervals
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
-
-DRIVE_SCANS, DRIVE_STEP = 150, 0.15
-"""Level scans, and metres between two of them at most."""
 
 SURFACES = ((0.0, 2.0), (0.7, 0.5), (0.73, 0.1))
 """Floor, table, and a step on it: height and half the width, m."""
@@ -45,7 +34,7 @@ def warm_up_slam(config: Config) -> None:
 def _drive_once(config_json: str) -> None:
     config = with_own_robot(Config.model_validate_json(config_json))
     robot, slam = Robot(config, default_streams(config)), SurfaceSlam(config)
-    for role, record in _drive():
+    for role, record in level_drive():
         for event in robot.add(role, record):
             slam.add(event)
     for k in VIEW_SCANS:
@@ -72,18 +61,3 @@ def _seen_through(stamp_ns: int, end: float) -> ViewIntervals:
     x, y = (a.ravel() for a in np.meshgrid(np.arange(0.2, end, 0.1), np.arange(-0.5, 0.5, 0.1)))
     intervals = np.column_stack([x, y, np.full(len(x), 0.2), np.full(len(x), 1.2)])
     return ViewIntervals(stamp_ns, "base", intervals.astype(np.float32))
-
-
-def _drive() -> Iterator[tuple[str, RobotDescription | Odometry | Scan]]:
-    """Yield level scans of a drive to and fro in a room of 7 by 5 m, long enough for loops."""
-    yield "robot_description", ROBOT
-    bearings = np.linspace(-2.0, 2.0, BEAMS)
-    for k in range(DRIVE_SCANS):
-        stamp_ns, x = START_NS + k * PERIOD_NS, 1.5 * float(np.sin(DRIVE_STEP / 1.5 * k))
-        T_odom_base = np.eye(4)
-        T_odom_base[0, 3] = x
-        yield "odom", Odometry(stamp_ns, "odom", "base", T_odom_base)
-        c, s = np.cos(bearings), np.sin(bearings)
-        ahead = np.where(c > 0.0, 4.0 - x, 3.0 + x) / np.maximum(np.abs(c), 1e-9)
-        ranges = np.minimum(ahead, 2.5 / np.maximum(np.abs(s), 1e-9))
-        yield "scan", made_scan(stamp_ns, LEVEL, bearings, ranges)

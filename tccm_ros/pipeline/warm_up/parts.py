@@ -11,8 +11,12 @@ PARTS = {"tccm": ("tilt", "outlines"), "slam": ("drive",)}
 they are compiled beside these: when `tilt` comes to them they are on disk."""
 
 
+LOADED = {"tccm": "tilt", "slam": "tracking"}
+"""What a node calls itself: slam_node tracks, and has another process solve."""
+
+
 def warm_up(processor_name: str, config: Config) -> None:
-    """Compile or load the kernels of a processor.
+    """Compile or load the kernels that a processor has in its node.
 
     Parameters
     ----------
@@ -21,7 +25,7 @@ def warm_up(processor_name: str, config: Config) -> None:
     config
         Of the processor.
     """
-    run_part(PARTS[processor_name][0], config)
+    run_part(LOADED[processor_name], config)
 
 
 def run_part(part: str, config: Config) -> None:
@@ -30,7 +34,7 @@ def run_part(part: str, config: Config) -> None:
     Parameters
     ----------
     part
-        One of `PARTS`.
+        One of `PARTS` or `LOADED`.
     config
         Of the processor.
     """
@@ -42,6 +46,10 @@ def run_part(part: str, config: Config) -> None:
         from tccm_ros.pipeline.warm_up.outlines import warm_up_outlines
 
         warm_up_outlines()
+    elif part == "tracking":
+        from tccm_ros.pipeline.warm_up.tracking import warm_up_tracking
+
+        warm_up_tracking(config)
     else:
         from tccm_ros.pipeline.warm_up.drive import warm_up_slam
 

@@ -17,6 +17,15 @@ from tccm_ros.cuboids.cycle_records import CyclePoints
 from tccm_ros.cuboids.part_map import PartMapBuilder
 from tccm_ros.mapping.tccm import CycleResult, TccmProcessor
 from tccm_ros.pipeline.calibrate.rig_check import RigCheck
+from tccm_ros.pipeline.warm_up.made_robot import (
+    BEAMS,
+    HEIGHT,
+    PERIOD_NS,
+    ROBOT,
+    START_NS,
+    made_scan,
+    with_own_robot,
+)
 from tccm_ros.planes.horizontal_clusters import label_horizontal
 from tccm_ros.records import (
     CameraInfo,
@@ -28,7 +37,6 @@ from tccm_ros.records import (
     Scan,
     SelfShapes,
 )
-from tccm_ros.records.building import scan_record
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.compressed_depth import decode_rvl
 from tccm_ros.sensors.depth_image import PosedImage, measure_image
@@ -36,12 +44,9 @@ from tccm_ros.sensors.level_projection import nearest_ranges
 from tccm_ros.sensors.point_cloud import PosedCloud, measure_cloud
 from tccm_ros.sensors.registry import default_streams
 
-START_NS = 1_000_000_000_000
-PERIOD_NS = 25_000_000
 SCANS = 110
 """Two tilt cycles and a half."""
 
-BEAMS = 161
 BOXES = (
     (0.70, (0.4, 1.4), 0.5),
     (0.73, (0.75, 1.0), 0.15),
@@ -49,29 +54,6 @@ BOXES = (
     (0.85, (0.8, 0.95), 0.1),
 )
 """A table with steps on it: height of the top, extent in x, and half the width, m."""
-
-HEIGHT = 1.5
-"""Of the tilting laser, m."""
-
-BEAM_S = 2e-5
-"""Between two beams: base and joints move during a scan."""
-
-LEVEL = "level_laser"
-"""The frame of the level laser; that of the tilting one is `laser`."""
-
-ROBOT = RobotDescription(
-    f"""<robot name="warm_up">
-    <link name="base"><collision><origin xyz="0 0 0.1"/>
-      <geometry><box size="0.4 0.4 0.2"/></geometry></collision></link>
-    <link name="laser"><collision><geometry><cylinder radius="0.02" length="0.04"/></geometry>
-      </collision></link>
-    <link name="{LEVEL}"/>
-    <joint name="tilt" type="revolute"><parent link="base"/><child link="laser"/>
-      <origin xyz="0 0 {HEIGHT}"/><axis xyz="0 1 0"/>
-      <limit lower="-2" upper="2" effort="1" velocity="9"/></joint>
-    <joint name="level" type="fixed"><parent link="base"/><child link="{LEVEL}"/>
-      <origin xyz="0 0 0.3"/></joint></robot>"""
-)
 
 
 def warm_up_tccm(config: Config) -> None:
@@ -116,14 +98,6 @@ def _measure_once(config: Config) -> None:
     decode_rvl(np.zeros(1, np.uint32), np.zeros(4, np.uint16))
 
 
-def with_own_robot(config: Config) -> Config:
-    """Return the configuration for our own robot in place of the user's."""
-    made = config.model_copy(deep=True)
-    made.rig.kinematics = "urdf"
-    made.frames.tilt_joint, made.frames.base = "tilt", "base"
-    return made
-
-
 def _tilt() -> Iterator[tuple[str, RobotDescription | Odometry | JointSample | Scan]]:
     """Yield tilt cycles of a laser over the room, each scan between two samples."""
     yield "robot_description", ROBOT
@@ -134,22 +108,6 @@ def _tilt() -> Iterator[tuple[str, RobotDescription | Odometry | JointSample | S
         yield "odom", Odometry(stamp_ns, "odom", "base", np.eye(4))
         yield "joint_states", JointSample(stamp_ns, ("tilt",), np.array([tilt]))
         yield "tilt_scan", made_scan(stamp_ns, "laser", bearings, _room_ranges(bearings, tilt))
-
-
-def made_scan(stamp_ns: int, frame: str, bearings: Float64, ranges: Float64) -> Scan:
-    """Return a scan whose beams follow each other in time.
-
-    Parameters
-    ----------
-    stamp_ns, frame
-        Stamp of the first beam, and the frame of the laser.
-    bearings, ranges
-        float64 (B,), evenly spaced, rad, and m.
-    """
-    first, step = float(bearings[0]), float(bearings[1] - bearings[0])
-    end, duration = float(bearings[-1]), BEAM_S * len(bearings)
-    numbers = (first, end, step, BEAM_S, duration, 0.05, 30.0)
-    return scan_record(stamp_ns, frame, numbers, ranges.astype(np.float32))
 
 
 def _room_ranges(bearings: Float64, tilt: float) -> Float64:

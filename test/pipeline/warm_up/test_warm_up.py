@@ -50,3 +50,44 @@ def test_nothing_is_compiled_after_it(bag):
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == ""
+
+
+TRACKING = """
+import gc, sys
+from pathlib import Path
+from numba.core.dispatcher import Dispatcher
+from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
+from tccm_ros.config import Config
+from tccm_ros.pipeline.warm_up.parts import warm_up
+from tccm_ros.robot import Robot
+from tccm_ros.sensors.registry import default_streams
+from tccm_ros.slam.tracking import Tracker
+
+def compiled():
+    kernels = [x for x in gc.get_objects() if isinstance(x, Dispatcher)]
+    names = [(k.py_func.__module__, k.py_func.__name__) for k in kernels]
+    return {(*name, str(s)) for name, k in zip(names, kernels) for s in k.signatures}
+
+warm_up("slam", Config())
+assert "gtsam" not in sys.modules
+before = compiled()
+assert before
+robot, tracker = Robot(Config(), default_streams(), expects_odometry=True), Tracker(Config())
+with BagReader(Path(sys.argv[1])) as reader:
+    for role, _, record in reader.records(DEFAULT_TOPICS):
+        if role in {"tilt_scan", "joint_states"}:  # for tccm_node
+            continue
+        for event in robot.add(role, record):
+            if tracker.takes(event):
+                tracker.add(event)
+assert tracker.counts["keyframes"]
+print(*sorted(compiled() - before), sep="\\n")
+"""
+
+
+@pytest.mark.parametrize("bag", ["walkthrough", "flat"])
+def test_nothing_is_loaded_while_tracking(bag):
+    command = [sys.executable, "-c", TRACKING, str(BAGS / bag)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == ""

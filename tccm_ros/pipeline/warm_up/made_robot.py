@@ -1,0 +1,61 @@
+"""The made-up robot whose recordings call kernels before the first record."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.config import Config
+from tccm_ros.records import RobotDescription, Scan
+from tccm_ros.records.building import scan_record
+
+START_NS = 1_000_000_000_000
+PERIOD_NS = 25_000_000
+BEAMS = 161
+
+HEIGHT = 1.5
+"""Of the tilting laser, m."""
+
+BEAM_S = 2e-5
+"""Between two beams: base and joints move during a scan."""
+
+LEVEL = "level_laser"
+"""The frame of the level laser; that of the tilting one is `laser`."""
+
+ROBOT = RobotDescription(
+    f"""<robot name="warm_up">
+    <link name="base"><collision><origin xyz="0 0 0.1"/>
+      <geometry><box size="0.4 0.4 0.2"/></geometry></collision></link>
+    <link name="laser"><collision><geometry><cylinder radius="0.02" length="0.04"/></geometry>
+      </collision></link>
+    <link name="{LEVEL}"/>
+    <joint name="tilt" type="revolute"><parent link="base"/><child link="laser"/>
+      <origin xyz="0 0 {HEIGHT}"/><axis xyz="0 1 0"/>
+      <limit lower="-2" upper="2" effort="1" velocity="9"/></joint>
+    <joint name="level" type="fixed"><parent link="base"/><child link="{LEVEL}"/>
+      <origin xyz="0 0 0.3"/></joint></robot>"""
+)
+
+
+def with_own_robot(config: Config) -> Config:
+    """Return the configuration for our own robot in place of the user's."""
+    made = config.model_copy(deep=True)
+    made.rig.kinematics = "urdf"
+    made.frames.tilt_joint, made.frames.base = "tilt", "base"
+    return made
+
+
+def made_scan(stamp_ns: int, frame: str, bearings: Float64, ranges: Float64) -> Scan:
+    """Return a scan whose beams follow each other in time.
+
+    Parameters
+    ----------
+    stamp_ns, frame
+        Stamp of the first beam, and the frame of the laser.
+    bearings, ranges
+        float64 (B,), evenly spaced, rad, and m.
+    """
+    first, step = float(bearings[0]), float(bearings[1] - bearings[0])
+    end, duration = float(bearings[-1]), BEAM_S * len(bearings)
+    numbers = (first, end, step, BEAM_S, duration, 0.05, 30.0)
+    return scan_record(stamp_ns, frame, numbers, ranges.astype(np.float32))

@@ -183,6 +183,7 @@ class FrontEnd:
     _last: LevelScan | None = None
     _step: Float64 = field(default_factory=lambda: np.zeros(3))
     _moved: bool = False
+    _stood: bool = False
     _contradictions: int = 0
     _scale: OdometryScale = field(default_factory=OdometryScale)
     _information: Float64 | None = None
@@ -304,9 +305,11 @@ class FrontEnd:
             self._use_gyro(scan, step)
         expected = compose(self.pose, step)
         self._odometry_pose[:2] += expected[:2] - self.pose[:2]
-        if step.any():
+        # What scans add to the heading of a robot that stands must not add up. Odometry that is late
+        # stands for one scan.
+        if step.any() or not self._stood:
             self._odometry_pose[2] = expected[2]
-        # What a scan adds to the heading of a robot that stands must not add up.
+        self._stood = not step.any()
         prior = self._odometry_pose.copy()
         cov = odometry_covariance(since, self.config.odometry)
         if self._gyro_s:

@@ -37,7 +37,7 @@ def test_a_robot_that_stands_before_a_front_from_the_start_stays(distance, sigma
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_robot_that_stands_before_a_pole_does_not_turn(seed):
+def test_a_robot_that_stands_before_a_pole_keeps_its_heading(seed):
     """A pole hardly shows the heading: what noise adds to it must not add up from scan to scan."""
     angles = np.linspace(0.0, 2.0 * np.pi, 13)
     ring = np.column_stack([2.5 + 0.15 * np.cos(angles), 0.8 + 0.15 * np.sin(angles)])

@@ -279,7 +279,7 @@ class SurfaceServices:
         response.placements = [self._placement(current, p, bases) for p, bases in found]
         if not found:
             return self._why_none(current, wanted, request)
-        return f"{len(found)} placements"
+        return "1 placement" if len(found) == 1 else f"{len(found)} placements"
 
     def _with_base_poses(
         self, current: SceneQueries, wanted: SurfaceFilter, search: PlacementRequest, request: Any

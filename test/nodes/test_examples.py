@@ -205,7 +205,7 @@ def test_in_the_flat_what_stands_on_tables_is_listed_and_the_mug_has_a_place(ros
     map_all(ros, nodes)
     assert_all_true_objects_are_listed(run_example(ros, "list_counters.py"), "flat")
     found, mug, base = run_example(ros, "put_down_mug.py").splitlines()
-    assert found == "1 placements"
+    assert found == "1 placement"
     assert_mug_stands_on_nearest_table(numbers(mug))
     assert_base_stands_free(numbers(base), numbers(mug))
 

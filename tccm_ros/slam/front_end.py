@@ -305,8 +305,8 @@ class FrontEnd:
             self._use_gyro(scan, step)
         expected = compose(self.pose, step)
         self._odometry_pose[:2] += expected[:2] - self.pose[:2]
-        # What scans add to the heading of a robot that stands must not add up. Odometry that is late
-        # stands for one scan.
+        # What scans add to the heading of a robot that stands must not add up. Odometry that is
+        # late stands for one scan.
         if step.any() or not self._stood:
             self._odometry_pose[2] = expected[2]
         self._stood = not step.any()

@@ -2,25 +2,31 @@
 
 Usage: python bench/bench_degenerate.py [WORLD ...] [--seeds N] [--no-odometry]. Prints a table of
 the simulator's worlds; asserts nothing. Each seed draws the errors of the wheels anew: a scale and
-a drift that are constant in a run, and noise. The errors of odometry along and across are those of
-its steps in the true heading.
+a drift that are constant in a run, and noise.
+
+Each world has a motion that nothing shows: a shift along a corridor, a rotation about the middle of
+a round hall. The error along it is that motion of the last pose; odometry's is the sum of what its
+steps are off by along it, seen by its own covariance, from the true pose of each step. In a
+corridor these are its steps in the true heading.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from tccm_ros.config import Config
-from tccm_ros.geometry import between2, compose2, planar
+from tccm_ros.geometry import between2, planar
 from tccm_ros.pipeline.sim.engine import EPOCH_NS, Simulation
 from tccm_ros.pipeline.sim.motion import OdometryErrors
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import Odometry, PosedScan, Scan
+from tccm_ros.slam.odometry_model import odometry_covariance
 from tccm_ros.slam.wall_slam import WallSlam
 
 ROWS: dict[str, tuple[str, Options]] = {
@@ -50,10 +56,37 @@ ROWS: dict[str, tuple[str, Options]] = {
 SCALE_SIGMA, YAW_SCALE_SIGMA, DRIFT_SIGMA = 0.01, 0.005, 0.01
 """Standard deviations of the wheels' scales (1) and of their drift (rad/m) over robots (chosen)."""
 
+Unseen = Callable[[np.ndarray], np.ndarray]
+"""Returns the unseen motion at a pose (3,), in its frame: (m, m, rad), of 1 m or of 1 rad."""
+
+
+def shift(direction: float) -> Unseen:
+    """Return a shift along a direction, rad, in the frame of the first pose."""
+    return lambda pose: np.array([np.cos(direction - pose[2]), np.sin(direction - pose[2]), 0.0])
+
+
+def rotation(x: float, y: float) -> Unseen:
+    """Return a rotation about a point, m, in the frame of the first pose."""
+
+    def at(pose: np.ndarray) -> np.ndarray:
+        c, s = np.cos(pose[2]), np.sin(pose[2])
+        dx, dy = pose[0] - x, pose[1] - y
+        return np.array([-c * dy + s * dx, s * dy + c * dx, 1.0])
+
+    return at
+
+
+UNSEEN: dict[str, Unseen] = {
+    "front": shift(0.5 * np.pi),
+    "pole": rotation(2.5, 0.8),
+    "round_hall": rotation(0.0, 0.0),
+}
+"""Where it is not a shift along the x axis."""
+
 HEAD = (
-    f"{'':16} {'standing':>15} {'odometry':>24} {'ours':>24} {'NEES':>21}\n"
-    f"{'world':16} {'mm':>8} {'deg':>6} {'along m':>8} {'across':>8} {'deg':>6} "
-    f"{'along m':>8} {'across':>8} {'deg':>6} {'along':>7} {'across':>6} {'yaw':>6}"
+    f"{'':16} {'standing':>15} {'unseen, mm or mrad':>19} {'seen':>15} {'NEES':>15} {'':>6}\n"
+    f"{'world':16} {'mm':>8} {'deg':>6} {'odometry':>10} {'ours':>8} "
+    f"{'mm':>8} {'deg':>6} {'unseen':>8} {'seen':>6} {'lost':>6}"
 )
 
 
@@ -66,12 +99,29 @@ class Drive(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """Errors of one run: m, m, rad; NEES of (x, y, yaw) in the last keyframe's frame."""
+    """Errors of one run.
+
+    Attributes
+    ----------
+    standing
+        Largest distance (m) and yaw (rad) from the true pose while the robot stood at first.
+    odometry, ours
+        Error of the last pose along the unseen motion, m or rad.
+    seen
+        The rest of that error: distance (m) and yaw (rad).
+    nees
+        NEES along the unseen motion, and per degree of freedom of the other two; NaN for a robot
+        that has not moved.
+    is_lost
+        Whether it was lost in the end; the last pose is then that before.
+    """
 
     standing: np.ndarray
-    odometry: np.ndarray
-    ours: np.ndarray
+    odometry: float
+    ours: float
+    seen: np.ndarray
     nees: np.ndarray
+    is_lost: bool
 
 
 def simulated(world_name: str, options: Options, seed: int, has_odometry: bool) -> Drive:
@@ -119,33 +169,48 @@ def matrix(pose: np.ndarray) -> np.ndarray:
     return T
 
 
-def wheels_with_true_heading(drive: Drive) -> np.ndarray:
-    """Return the last pose (3,) by odometry's steps, each in the true heading."""
-    odometry = np.stack([planar(s.T_odom_base[0]) for s in drive.scans])
-    pose = np.zeros(3)
-    for before, now, heading in zip(odometry, odometry[1:], drive.truth[:, 2]):
-        pose = compose2(np.array([*pose[:2], heading]), between2(before, now))
-    return pose
+def unseen_error_of_odometry(drive: Drive, unseen: Unseen, last: int) -> float:
+    """Return the sum of the errors of odometry's steps along the unseen motion, m or rad."""
+    model, error = Config().odometry, 0.0
+    odometry = np.stack([planar(s.T_odom_base[0]) for s in drive.scans[: last + 1]])
+    for k in range(1, last + 1):
+        step = between2(odometry[k - 1], odometry[k])
+        if not step.any():
+            continue
+        wrong = between2(between2(drive.truth[k - 1], drive.truth[k]), step)
+        motion = unseen(drive.truth[k])
+        weighted = np.linalg.solve(odometry_covariance(step, model), motion)
+        error += float(weighted @ wrong) / float(weighted @ motion)
+    return error
 
 
-def run(drive: Drive) -> Outcome:
+def run(drive: Drive, unseen: Unseen) -> Outcome:
     """Map a drive and compare it with the truth."""
     slam = WallSlam(Config())
     live = np.array([slam.add_scan(scan).pose for scan in drive.scans])
     solution = slam.solve()
     standing = np.abs(between2(drive.truth, live))[drive.stands]
-    odometry = planar(drive.scans[-1].T_odom_base[0])
-    start = planar(drive.scans[0].T_odom_base[0])
-    heading = between2(start, odometry)[2]
-    along = between2(drive.truth[-1], wheels_with_true_heading(drive))
-    last = solution.keyframes[-1]
-    at = int(np.searchsorted(solution.stamps_ns, last.stamp_ns))
-    error, variance = between2(drive.truth[at], last.pose), np.diag(solution.cov_keyframes[-1])
+    # The newest keyframe that has a place in the map.
+    mapped = [n for n, k in enumerate(solution.keyframes) if k.stamp_ns <= solution.stamps_ns[-1]]
+    keyframe, cov = solution.keyframes[mapped[-1]], solution.cov_keyframes[mapped[-1]]
+    at = int(np.searchsorted(solution.stamps_ns, keyframe.stamp_ns))
+    error, motion = between2(drive.truth[at], keyframe.pose), unseen(drive.truth[at])
+    ours = float(motion @ error) / float(motion @ motion)
+    rest = error - ours * motion
+    nees = np.full(2, np.nan)
+    if at:
+        dual = motion / float(motion @ motion)
+        others = np.linalg.svd(motion[None])[2][1:]
+        seen = others @ error
+        nees[0] = ours**2 / float(dual @ cov @ dual)
+        nees[1] = seen @ np.linalg.solve(others @ cov @ others.T, seen) / 2.0
     return Outcome(
         np.array([np.hypot(*standing.T[:2]).max(), standing[:, 2].max()]),
-        np.array([*along[:2], np.angle(np.exp(1j * (heading - drive.truth[-1, 2])))]),
-        between2(drive.truth[-1], solution.poses[-1]),
-        error**2 / variance if at else np.full(3, np.nan),
+        unseen_error_of_odometry(drive, unseen, at),
+        ours,
+        np.array([np.hypot(*rest[:2]), abs(rest[2])]),
+        nees,
+        slam.is_lost,
     )
 
 
@@ -157,18 +222,21 @@ def main() -> None:
     options = parser.parse_args()
     print(HEAD)
     for row in options.rows:
+        world, settings = ROWS[row]
+        unseen = UNSEEN.get(world, shift(0.0))
         runs = [
-            run(simulated(*ROWS[row], seed, not options.no_odometry))
+            run(simulated(world, settings, seed, not options.no_odometry), unseen)
             for seed in range(options.seeds)
         ]
         standing = np.max([r.standing for r in runs], axis=0)
-        odometry, ours = (np.sqrt(np.mean(np.square([r[k] for r in runs]), axis=0)) for k in (1, 2))
-        along, across, yaw = np.mean([r.nees for r in runs], axis=0)
+        odometry, ours = (np.sqrt(np.mean([r[k] ** 2 for r in runs])) for k in (1, 2))
+        seen = np.sqrt(np.mean(np.square([r.seen for r in runs]), axis=0))
+        nees = np.mean([r.nees for r in runs], axis=0)
         print(
             f"{row:16} {1e3 * standing[0]:8.1f} {np.degrees(standing[1]):6.2f} "
-            f"{odometry[0]:8.3f} {odometry[1]:8.3f} {np.degrees(odometry[2]):6.2f} "
-            f"{ours[0]:8.3f} {ours[1]:8.3f} {np.degrees(ours[2]):6.2f} "
-            f"{along:7.2f} {across:6.2f} {yaw:6.2f}",
+            f"{1e3 * odometry:10.1f} {1e3 * ours:8.1f} "
+            f"{1e3 * seen[0]:8.1f} {np.degrees(seen[1]):6.2f} "
+            f"{nees[0]:8.2f} {nees[1]:6.2f} {sum(r.is_lost for r in runs):6}",
             flush=True,
         )
 

@@ -183,6 +183,7 @@ class FrontEnd:
     _last: LevelScan | None = None
     _step: Float64 = field(default_factory=lambda: np.zeros(3))
     _moved: bool = False
+    _stood: bool = False
     _contradictions: int = 0
     _scale: OdometryScale = field(default_factory=OdometryScale)
     _information: Float64 | None = None
@@ -289,8 +290,8 @@ class FrontEnd:
 
         Odometry's position counts from the last keyframe, and not from scan to scan: people who
         walk along pull each scan back a little, and these errors would add up. Its heading counts
-        from scan to scan, also for the direction of its steps: wheels slip in heading, and walls
-        determine it everywhere.
+        from scan to scan while the robot moves, also for the direction of its steps: wheels slip in
+        heading, and walls determine it nearly everywhere.
         """
         assert self._last is not None
         step = self._scale.corrected(between(self._last.odom, scan.odom))
@@ -304,7 +305,12 @@ class FrontEnd:
             self._use_gyro(scan, step)
         expected = compose(self.pose, step)
         self._odometry_pose[:2] += expected[:2] - self.pose[:2]
-        prior = np.array([self._odometry_pose[0], self._odometry_pose[1], expected[2]])
+        # What scans add to the heading of a robot that stands must not add up. Odometry that is
+        # late stands for one scan.
+        if step.any() or not self._stood:
+            self._odometry_pose[2] = expected[2]
+        self._stood = not step.any()
+        prior = self._odometry_pose.copy()
         cov = odometry_covariance(since, self.config.odometry)
         if self._gyro_s:
             cov[2, 2] = gyro_yaw_variance(float(since[2]), self._gyro_s)

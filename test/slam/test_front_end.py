@@ -36,6 +36,18 @@ def test_a_robot_that_stands_before_a_front_from_the_start_stays(distance, sigma
     assert np.abs(poses[:, 2]).max() < np.radians(0.2)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_robot_that_stands_before_a_pole_keeps_its_heading(seed):
+    """A pole hardly shows the heading: what noise adds to it must not add up from scan to scan."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 13)
+    ring = np.column_stack([2.5 + 0.15 * np.cos(angles), 0.8 + 0.15 * np.sin(angles)])
+    pole = np.stack([ring[:-1], ring[1:]], axis=1)
+    run = plan.drive(pole, np.zeros((200, 3)), seed=seed, beams=361, mount=(0, 0, 0))
+    _, poses = follow(run)
+    assert np.hypot(*poses.T[:2]).max() < 0.010
+    assert np.abs(poses[:, 2]).max() < np.radians(0.2)
+
+
 def test_without_odometry_a_motion_that_nothing_observes_decays():
     """The robot was driving, and matching saw it, before it came to where nothing tells."""
     approach = np.column_stack([np.linspace(0.0, 3.0, 31), np.zeros((31, 2))])

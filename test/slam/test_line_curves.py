@@ -1,6 +1,6 @@
 """Chords of curved surfaces are no walls: held against trying all, and against round halls."""
 
-from itertools import pairwise, product
+from itertools import combinations, pairwise, product
 
 import numpy as np
 import plan
@@ -34,19 +34,21 @@ def curved_by_hand(beams, labels):
     gaps = [np.hypot(*(b[0] - a[-1])) > MAX_GAP for a, b in pairwise(pieces)]
     variance = sum(residuals(p, 1)[0] for p in pieces) / sum(len(p) - 2 for p in pieces)
     parameter, best = np.log(len(beams)), (np.inf, None)
+    shapes = {}
+    for first, last in combinations(range(len(pieces) + 1), 2):
+        run = np.concatenate(pieces[first:last])
+        bend = residuals(run, 2)[1] * np.hypot(*(run[-1] - run[0])) * (1.0 - 1.0 / (last - first))
+        shapes[first, last] = residuals(run, 1)[0], residuals(run, 2)[0], bend
     for cuts in product([False, True], repeat=len(gaps)):
         if any(gap and not cut for gap, cut in zip(gaps, cuts)):
             continue
         ends = [k + 1 for k, cut in enumerate(cuts) if cut]
         total, curved = 0.0, np.zeros(len(pieces), bool)
         for first, last in pairwise([0, *ends, len(pieces)]):
-            run = np.concatenate(pieces[first:last])
-            line, (arc, curvature) = residuals(run, 1)[0], residuals(run, 2)
+            line, arc, bend = shapes[first, last]
             # Of a line two parameters, of an arc three; where they end is one more.
             costs = [line / variance + 3 * parameter, arc / variance + 4 * parameter]
             if last - first > 1 and costs[1] < costs[0]:
-                between_middles = 1.0 - 1.0 / (last - first)
-                bend = curvature * np.hypot(*(run[-1] - run[0])) * between_middles
                 curved[first:last] = bend > MIN_BEND
                 total += costs[1]
             else:

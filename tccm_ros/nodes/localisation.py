@@ -56,6 +56,11 @@ class LocalisationPublisher:
     on_guess
         Called with each pose that somebody tells; it returns a future of a sentence, or raises
         there.
+
+    Attributes
+    ----------
+    map_name
+        Name that the map was saved or loaded under; empty where it has none.
     """
 
     def __init__(
@@ -68,7 +73,7 @@ class LocalisationPublisher:
         self._types, self._map_frame, self._on_guess = types, map_frame, on_guess
         self._logger = node.get_logger()
         self._state, self._since_ns, self._shown_ns = LocalisationState.UNKNOWN, 0, -1
-        self._searching = ""
+        self._searching = self.map_name = ""
         self._placed_by, self._next_by, self._placed_ns, self._keyframe = BY_START, BY_START, 0, -1
         self._sign = -1
         self._publisher = None
@@ -179,6 +184,7 @@ class LocalisationPublisher:
             placed_at=stamp_message(self._types, self._placed_ns),
             sign_id=self._sign,
             keyframe=self._keyframe if self._placed_by in (BY_SCAN, BY_LOOP) else -1,
+            map_name=self.map_name,
         )
 
 

@@ -123,7 +123,7 @@ class SlamNode(SensorNode):
             self, topics, latched(), self.solver.show, self.worker.post, shared=(GRID_TOPIC,)
         )
         self._programs = Programs(
-            self, self.live, self.begin_named_save, self.load, self.begin_correction
+            self, self.live, self.begin_named_save, self.load_named, self.begin_correction
         )
         self.add_post_set_parameters_callback(self._on_parameters)
         self.create_service(Trigger, "~/load_map", self._on_load_map)
@@ -280,7 +280,8 @@ class SlamNode(SensorNode):
         """Ask for a solution with all that has come; return its number."""
         self._unsolved.clear()
         self._next_solve_s = time.monotonic() + SOLVE_PERIOD_S
-        return self.solver.solve(self._outputs.listened, is_final=is_final)
+        name = self.localisation.map_name
+        return self.solver.solve(self._outputs.listened, is_final=is_final, map_name=name)
 
     @property
     def _waits_for_scan(self) -> bool:
@@ -348,12 +349,20 @@ class SlamNode(SensorNode):
 
     def load(self, folder: Path) -> str:
         """Go on with a saved map; what was mapped since the start is forgotten."""
+        return self._load(folder, "")
+
+    def load_named(self, folder: Path) -> str:
+        """Go on with the map that has the name of its folder."""
+        return self._load(folder, folder.name)
+
+    def _load(self, folder: Path, name: str) -> str:
         first = self.solver.begin(folder / MAP_FILE)
         self.processor = Tracker(self.config, first, is_localised=False)
         self._saved_keyframes = first[0]
         self._forget(is_localised=False)
         self.localisation.note_search("no scan has fitted one place of the map alone yet", BY_SCAN)
         self._keeper.adopt(folder)
+        self.localisation.map_name = name
         self._ask_solution()
         return str(folder)
 
@@ -368,6 +377,7 @@ class SlamNode(SensorNode):
         self.live.forget(is_localised=is_localised)
         self._outputs.forget()
         self._programs.forget(is_map_loaded=not is_localised)
+        self.localisation.map_name = ""
         self._keeper.forget()
         self.signs.begin()
         self._shown_ns = -1
@@ -379,16 +389,19 @@ class SlamNode(SensorNode):
 
     def begin_save(self) -> Future:
         """Have the newest solution saved: with all that has come, if that does not take long."""
-        return self._begin_save(self.save_folder(), may_replace=False)
+        return self._begin_save(self.save_folder(), is_named=False)
 
     def begin_named_save(self, folder: Path) -> Future:
-        """Have it saved into a folder, whatever map is there."""
-        return self._begin_save(folder, may_replace=True)
+        """Have it saved into the folder of its name, whatever map is there."""
+        return self._begin_save(folder, is_named=True)
 
-    def _begin_save(self, folder: Path, *, may_replace: bool) -> Future:
+    def _begin_save(self, folder: Path, *, is_named: bool) -> Future:
         def save() -> str:
             self.solver.wait(asked[0], PATIENCE_S if self._has_solution else None)
-            return self._save_newest(folder, is_asked=True, may_replace=may_replace)
+            said = self._save_newest(folder, is_asked=True, may_replace=is_named)
+            if is_named:
+                self.localisation.map_name = folder.name
+            return said
 
         def ask() -> None:
             asked.append(self._ask_solution())

@@ -183,7 +183,7 @@ class Solver:
             self._waiting = []
             self._send(Feed(self._session.journal.length))
 
-    def solve(self, topics: frozenset[str], *, is_final: bool = False) -> int:
+    def solve(self, topics: frozenset[str], *, is_final: bool = False, map_name: str = "") -> int:
         """Ask for a solution with all that was fed; return the number that `wait` knows it by.
 
         It is the newest one where nothing was fed since.
@@ -194,13 +194,15 @@ class Solver:
             The answer has the messages of these.
         is_final
             Whether it is a batch at any size (`SurfaceSlam.solve`).
+        map_name
+            Name of the map in its messages.
         """
         with self._changed:
             if self._is_current and (self._is_final or not is_final or self._has_batch):
                 return self._number
             self.flush()
             self._number, self._is_current, self._is_final = self._number + 1, True, is_final
-            self._asked = Solve(self._number, topics, is_final)
+            self._asked = Solve(self._number, topics, is_final, map_name)
             self._send(self._asked)
             return self._number
 

@@ -78,11 +78,14 @@ class Solve(NamedTuple):
         The answer has the messages of these.
     is_final
         Whether it is a batch, as a replay ends with, at any size (`SurfaceSlam.solve`).
+    map_name
+        Name of the map in its messages.
     """
 
     number: int
     topics: frozenset[str]
     is_final: bool = False
+    map_name: str = ""
 
 
 class Show(NamedTuple):

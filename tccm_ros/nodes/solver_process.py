@@ -131,7 +131,7 @@ class SolverProcess:
         frame = self._slam.config.frames.map_name
         with tempfile.TemporaryFile(prefix="tccm_map_") as archive:
             pack_files(map_files(self._slam, solution, frame, saved), archive)
-            self._shown = self._messages(solution, saved)
+            self._shown = self._messages(solution, saved, solve.map_name)
             solved = Solved(
                 self._session,
                 solve.number,
@@ -151,8 +151,10 @@ class SolverProcess:
     def _show(self, show: Show) -> None:
         self._connection.send(Messages(self._session, self._serialised(show.topics)))
 
-    def _messages(self, solution: SurfaceSolution, saved: SavedMap) -> dict[str, TopicMessage]:
-        due = [*self._builder.of(solution, solution.stamp_ns)]
+    def _messages(
+        self, solution: SurfaceSolution, saved: SavedMap, map_name: str
+    ) -> dict[str, TopicMessage]:
+        due = [*self._builder.of(solution, solution.stamp_ns, map_name)]
         due.append(TopicMessage(GRID_TOPIC, GRID, lambda: self._grid(solution, saved)))
         return {message.topic: message for message in due}
 

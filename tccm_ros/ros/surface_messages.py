@@ -137,7 +137,7 @@ def objects_message(
 
 
 def typed_map_message(
-    types: MessageTypes, stamp_ns: int, frame_id: str, solution: SurfaceSolution
+    types: MessageTypes, stamp_ns: int, frame_id: str, solution: SurfaceSolution, map_name: str
 ) -> Any:
     """Return a tccm_interfaces/SurfaceMap with all of a solution.
 
@@ -147,11 +147,14 @@ def typed_map_message(
         Message classes and header.
     solution
         In map.
+    map_name
+        Name that the map was saved or loaded under; empty where it has none.
     """
     header, floor_z = header_message(types, stamp_ns, frame_id), solution.floor_z
     return types.make(
         SURFACE_MAP,
         header=header,
+        name=map_name,
         floor_z=math.nan if floor_z is None else float(floor_z),
         surfaces=[
             surface_message(types, stamp_ns, frame_id, surface, floor_z)
@@ -161,7 +164,7 @@ def typed_map_message(
         free_areas=_free_areas(types, solution.free_places, solution.place_size),
         walls=[_wall(types, header, wall) for wall in solution.slam.walls],
         signs=[_sign(types, header, sign) for sign in solution.slam.signs],
-        localisation=localisation_message(types, stamp_ns, frame_id, solution),
+        localisation=localisation_message(types, stamp_ns, frame_id, solution, map_name),
     )
 
 
@@ -299,7 +302,11 @@ def _sign(types: MessageTypes, header: Any, sign: Sign) -> Any:
 
 
 def localisation_message(
-    types: MessageTypes, stamp_ns: int, frame_id: str, solution: SurfaceSolution
+    types: MessageTypes,
+    stamp_ns: int,
+    frame_id: str,
+    solution: SurfaceSolution,
+    map_name: str = "",
 ) -> Any:
     """Return where the robot was at the stamp of a solution, without its covariance.
 
@@ -309,6 +316,8 @@ def localisation_message(
         Message classes and header.
     solution
         In map.
+    map_name
+        As for `typed_map_message`.
     """
     alignment = solution.alignment
     is_found = alignment is None or alignment.found
@@ -324,4 +333,5 @@ def localisation_message(
         ),
         sign_id=-1,
         keyframe=-1,
+        map_name=map_name,
     )

@@ -219,8 +219,13 @@ class SolutionMessageBuilder:
         self._walls, self._signs = MarkerSet(types), MarkerSet(types)
         self._surfaces = MarkerSet(types)
 
-    def of(self, solution: SurfaceSolution, stamp_ns: int) -> Iterator[TopicMessage]:
-        """Yield the messages of a solution, stamped with the newest record that it contains."""
+    def of(
+        self, solution: SurfaceSolution, stamp_ns: int, map_name: str = ""
+    ) -> Iterator[TopicMessage]:
+        """Yield the messages of a solution, stamped with the newest record that it contains.
+
+        `map_name` is the name that the map was saved or loaded under, empty where it has none.
+        """
         context = MessageContext(self._types, stamp_ns, self._frame)
         builders: dict[str, Callable[[], Any]] = {
             "path": lambda: path_message(
@@ -240,7 +245,7 @@ class SolutionMessageBuilder:
                 stamp_ns,
             ),
             "surface_cloud": lambda: _surface_cloud(context, solution),
-            "surface_map": lambda: typed_map_message(*context, solution),
+            "surface_map": lambda: typed_map_message(*context, solution, map_name),
             "objects": lambda: objects_message(*context, solution.objects),
             "tables": lambda: tables_message(*context, solution.surfaces),
         }

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 from example_process import run_example
-from live_robot import Listener, recording, slam, tccm
+from live_robot import START_NS, Listener, recording, slam, tccm
 from rclpy.node import Node
+from std_srvs.srv import Trigger
 
 from tccm_ros.geometry import spatial
 from tccm_ros.nodes.interfaces import has_interfaces
+from tccm_ros.nodes.qos import latched
 
 pytestmark = pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
 
@@ -81,6 +83,8 @@ def answered(ros, future):
 
 
 def test_a_python_node_corrects_labels_checks_boxes_and_saves_maps(ros, tmp_path):
+    from tccm_interfaces.msg import SurfaceMap
+
     from tccm_ros.client import QuestionError, SurfaceMapClient
 
     tilt_node, node = tccm(ros), slam(ros, save__directory=str(tmp_path))
@@ -121,10 +125,20 @@ def test_a_python_node_corrects_labels_checks_boxes_and_saves_maps(ros, tmp_path
     assert (saved.name, saved.message.surfaces) == ("home", len(client.surfaces))
     assert saved.saved_ns > 0
     assert [m.name for m in answered(ros, client.list_maps())] == ["home"]
+    robot.play(recording(1, tilt=False, start_ns=START_NS + 60_000_000_000), node)
+    ros.spin_until(lambda: client.localisation.message.map_name == "home")
     with pytest.raises(QuestionError, match="overwrite"):
         answered(ros, client.save_named_map("home"))
     assert answered(ros, client.set_pose(np.eye(4))) is None
+    trigger = own.create_client(Trigger, "/surface_slam/reset")
+    assert answered(ros, trigger.call_async(Trigger.Request())).success
+    names = []
+    own.create_subscription(
+        SurfaceMap, "/surface_slam/surface_map",
+        lambda message: names.append((message.name, message.localisation.map_name)), latched(),
+    )  # fmt: skip
     assert answered(ros, client.load_named_map("home")).name == "home"
+    ros.spin_until(lambda: names and names[-1] == ("home", "home"))
 
 
 def up(z):

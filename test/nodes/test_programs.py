@@ -40,6 +40,7 @@ class Offering:
             config=Config(),
             robot=None,
             context=SimpleNamespace(ok=lambda: True),
+            resolve_topic_name=lambda name: name.replace("~", "/surface_slam"),
             create_service=self._serve,
             create_publisher=self._publisher,
             get_logger=lambda: logger,

@@ -47,7 +47,7 @@ def test_a_part_that_never_comes_is_not_waited_for_long():
 
 def test_a_node_asks_for_no_solution_between_them(ros, monkeypatch):
     node, asked = slam(ros), []
-    monkeypatch.setattr(node.solver, "solve", lambda listened: asked.append(listened) or 1)
+    monkeypatch.setattr(node.solver, "solve", lambda listened, **_: asked.append(listened) or 1)
     for k, part in enumerate(parts(1_700_000_000_000_000_000)):
         assert not asked, k
         node.worker.wait(lambda p=part: node.feed(p))
@@ -60,7 +60,7 @@ def test_what_comes_after_its_solution_is_solved_though_the_robot_stands_and_sca
     monkeypatch.setattr("tccm_ros.nodes.view_parts.PATIENCE_S", 0.0)
     monkeypatch.setattr("tccm_ros.nodes.slam_node.SOLVE_PERIOD_S", 0.0)
     node, asked = slam(ros), []
-    monkeypatch.setattr(node.solver, "solve", lambda listened: asked.append(listened) or 1)
+    monkeypatch.setattr(node.solver, "solve", lambda listened, **_: asked.append(listened) or 1)
     for number, part in enumerate(parts(1_700_000_000_000_000_000), start=1):
         node.worker.wait(lambda p=part: node.feed(p))
         assert len(asked) == number

@@ -154,14 +154,16 @@ class ViewTaker:
         for k, target in enumerate(targets):
             tell(k / len(targets))
             first, last = ends(self._angle(tilt), low, high)
-            self._send({**target, tilt: first}, velocity)
+            start = {**target, tilt: first}
+            self._send(start, {joint: self._angle(joint) for joint in start}, velocity)
             begin_ns = self._message_time_ns()
-            self._send({**target, tilt: last}, velocity)
+            # Joint states may be later than the controller's word: it is at the start.
+            self._send({**target, tilt: last}, start, velocity)
             spans.append((begin_ns, self._message_time_ns()))
         return spans
 
-    def _send(self, target: dict[str, float], velocity: float) -> None:
-        way = max(abs(self._angle(joint) - angle) for joint, angle in target.items())
+    def _send(self, target: dict[str, float], start: dict[str, float], velocity: float) -> None:
+        way = max(abs(start[joint] - angle) for joint, angle in target.items())
         self._mover.move(target, way / velocity, self._wait)
 
     def _wait_for_map(self, spans: list[tuple[int, int]]) -> list[int]:

@@ -42,7 +42,7 @@ class Warnings:
     """What the nodes say on /rosout when they begin anew."""
 
     def __init__(self, ros):
-        self._log = Listener(ros, "log").listen(Log, "/rosout", depth=1000)
+        self._log = Listener(ros, "log").listen(Log, "/rosout", latched=True, depth=1000)
 
     def of(self, node) -> list[str]:
         return [m.msg for m in self._log if m.name == node.get_name() and "begins anew" in m.msg]

@@ -64,7 +64,7 @@ SUB_ROOMS = {
 }
 """The same within rooms that have rooms of their own."""
 
-GTSAM_ROOMS = {"slam/graph.py", "slam/kept_graph.py", "slam/factors"}
+GTSAM_ROOMS = {"slam/graph", "slam/factors"}
 
 ROS_PACKAGES = {"rclpy", "tccm_interfaces"}
 """Beside those whose names end with _msgs or _srvs."""

@@ -13,7 +13,7 @@ from tccm_ros.slam.factors.keys import Key, keyframe_key
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
 from tccm_ros.slam.factors.views import Z_ROLL_PITCH_SIGMAS, KeyframeView
 from tccm_ros.slam.front_end import GraphKeyframe
-from tccm_ros.slam.graph import PoseGraph
+from tccm_ros.slam.graph.pose_graph import PoseGraph
 from tccm_ros.slam.se2 import compose
 
 START_SIGMA = 1e-4

@@ -24,10 +24,10 @@ from tccm_ros.slam.chain import AnchoredPose, Chain
 from tccm_ros.slam.corners import corner_factors
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, corner_key, wall_key
-from tccm_ros.slam.graph import GraphSolution
+from tccm_ros.slam.graph.kept_graph import KeptGraph, KeptSolution
+from tccm_ros.slam.graph.pose_graph import GraphSolution
 from tccm_ros.slam.growing_walls import GrowingWalls
 from tccm_ros.slam.inliers import Inliers, loop_records
-from tccm_ros.slam.kept_graph import KeptGraph, KeptSolution
 from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.loop_consistency import LOOP_CHI2
 from tccm_ros.slam.loops import LoopCloser

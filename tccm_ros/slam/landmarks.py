@@ -18,7 +18,7 @@ from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, observer_key
 from tccm_ros.slam.factors.landmarks import landmark_class
 from tccm_ros.slam.factors.views import Z_ROLL_PITCH_SIGMAS
-from tccm_ros.slam.graph import GraphSolution
+from tccm_ros.slam.graph.pose_graph import GraphSolution
 
 
 @dataclass(frozen=True, slots=True, eq=False)

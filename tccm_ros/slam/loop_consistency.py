@@ -18,7 +18,7 @@ import numpy as np
 from tccm_ros.arrays import Bool, Float64
 from tccm_ros.geometry import between2, compose2, inverse2
 from tccm_ros.slam.factors.keys import Key
-from tccm_ros.slam.graph import GraphSolution, PoseGraph
+from tccm_ros.slam.graph.pose_graph import GraphSolution, PoseGraph
 from tccm_ros.slam.loop_matching import Proposal
 
 CLOSING_SIGMA_M, CLOSING_SIGMA_RAD = 0.12, 0.035

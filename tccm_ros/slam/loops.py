@@ -17,7 +17,7 @@ from tccm_ros.config import Config
 from tccm_ros.records import PoseGuess
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.front_end import GraphKeyframe
-from tccm_ros.slam.graph import IncrementalGraph
+from tccm_ros.slam.graph.pose_graph import IncrementalGraph
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
 from tccm_ros.slam.loop_consistency import consistent_with
 from tccm_ros.slam.loop_matching import LoopReason, Proposal, Window

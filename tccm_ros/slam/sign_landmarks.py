@@ -15,7 +15,7 @@ from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, wall_key
 from tccm_ros.slam.factors.landmarks import landmark_class
 from tccm_ros.slam.factors.signs import SignOnWall, SignStart
-from tccm_ros.slam.graph import GraphSolution
+from tccm_ros.slam.graph.pose_graph import GraphSolution
 from tccm_ros.slam.landmarks import AnchoredObservation
 from tccm_ros.slam.sign_association import associate_signs, number_signs
 from tccm_ros.slam.sign_presence import (

@@ -17,7 +17,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.front_end import GraphKeyframe
-from tccm_ros.slam.graph import GraphSolution
+from tccm_ros.slam.graph.pose_graph import GraphSolution
 from tccm_ros.slam.se2 import between, inverse
 
 

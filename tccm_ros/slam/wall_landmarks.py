@@ -15,7 +15,7 @@ from tccm_ros.slam.factors.building import Building, WallDirection
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, building_key, wall_key
 from tccm_ros.slam.factors.walls import WallObservation
-from tccm_ros.slam.graph import GraphSolution
+from tccm_ros.slam.graph.pose_graph import GraphSolution
 from tccm_ros.slam.line_noise import line_covariance
 from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.walls import WallTable

@@ -11,7 +11,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.slam.factors.keys import Key
-from tccm_ros.slam.graph import PoseGraph
+from tccm_ros.slam.graph.pose_graph import PoseGraph
 from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.se2 import transform_points
 from tccm_ros.slam.wall_landmarks import wall_factors

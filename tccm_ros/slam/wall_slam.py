@@ -23,7 +23,7 @@ from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, view_key, wall_key
 from tccm_ros.slam.factors.landmarks import landmark_class
 from tccm_ros.slam.front_end import FrontEnd, GraphKeyframe
-from tccm_ros.slam.graph import GraphSolution
+from tccm_ros.slam.graph.pose_graph import GraphSolution
 from tccm_ros.slam.growth import MIN_KEYFRAMES, Growth
 from tccm_ros.slam.inliers import Inliers, select_inliers
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors, landmark_records

@@ -13,7 +13,7 @@ from tccm_ros.slam.factors.corners import CornerObservation
 from tccm_ros.slam.factors.keys import corner_key, keyframe_key, wall_key
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
 from tccm_ros.slam.factors.walls import WallObservation
-from tccm_ros.slam.graph import PoseGraph
+from tccm_ros.slam.graph.pose_graph import PoseGraph
 from tccm_ros.slam.lines import extract_lines
 from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.slam.walls import WallTable, associate_walls

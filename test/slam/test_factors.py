@@ -10,7 +10,7 @@ from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
 from tccm_ros.slam.factors.surfaces import ViewPlane
 from tccm_ros.slam.factors.views import BetweenViews, KeyframeView
 from tccm_ros.slam.factors.walls import WallObservation
-from tccm_ros.slam.graph import IncrementalGraph, PoseGraph
+from tccm_ros.slam.graph.pose_graph import IncrementalGraph, PoseGraph
 
 COV = np.diag([0.02**2, 0.02**2, 0.01**2])
 PHIS = np.radians([0.0, 90.0, 180.0, -90.0, 0.00001, 37.0, -140.0])

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tccm_ros.geometry import compose2, spatial
-from tccm_ros.slam import kept_graph
 from tccm_ros.slam.factors.keys import keyframe_key, view_key, wall_key
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
 from tccm_ros.slam.factors.views import BetweenViews, KeyframeView
 from tccm_ros.slam.factors.walls import WallObservation
-from tccm_ros.slam.graph import PoseGraph
-from tccm_ros.slam.kept_graph import RELINEARIZE, SAME_MEASUREMENT, KeptGraph
+from tccm_ros.slam.graph import kept_graph
+from tccm_ros.slam.graph.kept_graph import RELINEARIZE, SAME_MEASUREMENT, KeptGraph
+from tccm_ros.slam.graph.pose_graph import PoseGraph
 
 STEP_COV = np.diag([0.02, 0.02, 0.01]) ** 2
 WALL_COV = np.diag([0.01, 0.02]) ** 2

@@ -6,7 +6,7 @@ import pytest
 
 from tccm_ros.slam.factors.keys import keyframe_key
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
-from tccm_ros.slam.graph import PoseGraph
+from tccm_ros.slam.graph.pose_graph import PoseGraph
 
 COV = np.diag([0.02, 0.01, 0.01]) ** 2
 STEP = np.array([1.0, 0.1, 0.3])

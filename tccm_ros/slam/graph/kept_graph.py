@@ -18,7 +18,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.geometry import spatial
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key
-from tccm_ros.slam.graph import GraphSolution
+from tccm_ros.slam.graph.pose_graph import GraphSolution
 
 RELINEARIZE = 0.005
 """A variable that moved by more (m, rad) is linearised anew. Chosen: the error of a linearisation

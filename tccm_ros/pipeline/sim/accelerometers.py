@@ -45,8 +45,9 @@ def specific_forces(T_world_base: Float64, seconds: float) -> Float64:
     m/s2, along the axes of the base: its acceleration less gravity, which at rest points up.
     """
     positions, R = T_world_base[:, :3, 3], T_world_base[1:-1, :3, :3]
-    acceleration = np.diff(positions, 2, axis=0) / seconds**2
-    return np.einsum("nij,ni->nj", R, acceleration + [0.0, 0.0, GRAVITY])
+    forces = np.diff(positions, 2, axis=0) / seconds**2
+    forces[:, 2] += GRAVITY
+    return np.asarray(np.einsum("nij,ni->nj", R, forces))
 
 
 def measure_forces(accelerometer: Accelerometer, exact: Float64, random: Generator) -> Float64:

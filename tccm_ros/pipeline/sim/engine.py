@@ -11,7 +11,11 @@ import numpy as np
 from numpy.random import Generator
 
 from tccm_ros.arrays import Float32, Float64, Int64
-from tccm_ros.pipeline.sim.accelerometers import measure_forces, specific_forces
+from tccm_ros.pipeline.sim.accelerometers import (
+    Accelerometer,
+    measure_forces,
+    specific_forces,
+)
 from tccm_ros.pipeline.sim.cameras import DepthCamera, Pinhole, measure_depths
 from tccm_ros.pipeline.sim.colour_camera import ColourCamera, ColourRenderer, exposed, jpeg
 from tccm_ros.pipeline.sim.gyros import Gyro, angular_velocities, measure_rates
@@ -172,7 +176,8 @@ class Simulation:
         if rig.lidar is not None:
             streams.append(self._clouds(rig.lidar, random[4]))
         if rig.gyro is not None:
-            streams.append(self._imu(random[6], random[8]))
+            accelerometer = rig.accelerometer or Accelerometer(sigma=0.0, bias=(0.0, 0.0, 0.0))
+            streams.append(self._imu(rig.gyro, accelerometer, random[6], random[8]))
         yield from heapq.merge(*streams, key=lambda message: message.log_ns)
 
     def true_poses(self, times: Float64) -> Float64:
@@ -253,10 +258,11 @@ class Simulation:
                     sample = TransformSample(stamp_ns, rig.odom_frame, rig.base, T_odom_base, False)
                     yield Message(log_ns, "/tf", (sample,))
 
-    def _imu(self, random: Generator, random_forces: Generator) -> Iterator[Message]:
+    def _imu(
+        self, gyro: Gyro, accelerometer: Accelerometer, *random: Generator
+    ) -> Iterator[Message]:
         """Yield the samples of the IMU: the mean rates over a period around each, and the force."""
-        rig, gyro = self.rig, self.rig.gyro or Gyro()
-        period_ns = round(gyro.period * 1e9)
+        rig, period_ns = self.rig, round(gyro.period * 1e9)
         for times_ns in _blocks(self.duration_ns, period_ns):
             edges = np.append(times_ns - period_ns // 2, times_ns[-1] + period_ns // 2)
             exact = angular_velocities(self.true_poses(edges * 1e-9), gyro.period)
@@ -264,8 +270,8 @@ class Simulation:
             forces = specific_forces(self.true_poses(around * 1e-9), gyro.period)
             measured = zip(
                 times_ns.tolist(),
-                measure_rates(gyro, exact, random),
-                measure_forces(rig.accelerometer, forces, random_forces),
+                measure_rates(gyro, exact, random[0]),
+                measure_forces(accelerometer, forces, random[1]),
             )
             for now_ns, rates, force in measured:
                 stamp_ns = EPOCH_NS + now_ns

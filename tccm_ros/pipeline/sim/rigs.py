@@ -130,7 +130,7 @@ class Rig:
     gyro
         A gyroscope in the base, if there is one.
     accelerometer
-        What is beside it.
+        An accelerometer beside it, if there is one.
     wheels
         Joints of the left and the right wheel.
     wheel_radius, wheel_distance
@@ -167,7 +167,7 @@ class Rig:
     lidar: SpinningLidar | None = None
     lidar_frame: str = ""
     gyro: Gyro | None = None
-    accelerometer: Accelerometer = Accelerometer()
+    accelerometer: Accelerometer | None = None
 
     @cached_property
     def moving(self) -> tuple[str, ...]:

@@ -32,7 +32,7 @@ def test_a_base_that_accelerates_ahead_feels_it_ahead():
     T[:, :3, :3] = Rotation.from_euler("z", np.pi / 2).as_matrix()
     T[:, 1, 3] = 0.5 * 0.4 * t**2
     np.testing.assert_allclose(
-        specific_forces(T, 0.01), np.tile(UP + [0.4, 0.0, 0.0], (3, 1)), atol=1e-9
+        specific_forces(T, 0.01), np.tile([0.4, 0.0, GRAVITY], (3, 1)), atol=1e-9
     )
 
 

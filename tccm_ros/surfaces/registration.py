@@ -153,9 +153,7 @@ def _plane_factor(member: NumberedPatch, plane: int) -> ViewPlane:
     normal, _ = fit_plane(patch.cov)
     cov_z_slopes = fit_covariance(patch.cov, patch.count)
     order = [1, 2, 0]
-    return ViewPlane(
-        member.view, plane, normal, patch.mean, cov_z_slopes[np.ix_(order, order)]
-    )
+    return ViewPlane(member.view, plane, normal, patch.mean, cov_z_slopes[np.ix_(order, order)])
 
 
 def side_factors(

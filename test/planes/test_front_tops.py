@@ -42,7 +42,9 @@ def block_points(rng, count=500):
     """Return points of the front and the top, and the cuboid of each."""
     y, z = rng.uniform(0.0, 20 * CELL, count), rng.uniform(HEIGHT - 0.1, HEIGHT + 0.004, count)
     front = np.column_stack([rng.uniform(0.0, CELL, count), y, z])
-    top = np.column_stack([np.zeros((100, 2)), np.full(100, HEIGHT)])  # of which only the cell counts
+    top = np.column_stack(
+        [np.zeros((100, 2)), np.full(100, HEIGHT)]
+    )  # of which only the cell counts
     cuboids = np.concatenate([np.floor(y / CELL).astype(np.int64), np.arange(20, 120)])
     return np.concatenate([front, top]), cuboids
 

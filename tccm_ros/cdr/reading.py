@@ -41,11 +41,14 @@ _U32 = struct.Struct("<I").unpack_from
 _STAMP = struct.Struct("<iI").unpack_from
 _POSE = struct.Struct("<7d").unpack_from
 _BEAMS = struct.Struct("<7f").unpack_from
-_RATES = struct.Struct("<4d").unpack_from
+_VECTOR = struct.Struct("<4d").unpack_from
 POSE_BYTES, BEAMS_BYTES = 56, 28
 
 ORIENTATION_BYTES, IMU_BYTES = 8 * (4 + 9), 8 * (4 + 9 + 3 + 9 + 3 + 9)
 """Orientation of an IMU with its covariance; all that follows its header."""
+
+VECTOR_BYTES = 8 * (3 + 9)
+"""Angular velocity, or acceleration, of an IMU with its covariance."""
 
 MAX_TRAILING_BYTES = 15
 """Bytes after a message that are accepted: rclpy's serialize_message leaves up to 8 where
@@ -158,11 +161,12 @@ def read_odometry(data: bytes) -> tuple[Odometry]:
 
 
 def read_imu(data: bytes) -> tuple[Imu]:
-    """Return the angular velocity of a sensor_msgs/Imu."""
+    """Return the angular velocity and the acceleration of a sensor_msgs/Imu."""
     stamp_ns, (frame,), at = _imu_names(data)
     _check(data, at + IMU_BYTES)
-    *rates, first_of_covariance = _RATES(data, at + ORIENTATION_BYTES)
-    return (imu_record(stamp_ns, frame, rates, first_of_covariance),)
+    rates = _VECTOR(data, at + ORIENTATION_BYTES)
+    acceleration = _VECTOR(data, at + ORIENTATION_BYTES + VECTOR_BYTES)
+    return (imu_record(stamp_ns, frame, rates, acceleration),)
 
 
 def read_joint_sample(data: bytes) -> tuple[JointSample]:

@@ -89,7 +89,9 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
     )
 
 
-def imu_record(stamp_ns: int, frame_id: str, rates: Sequence[float], first: float) -> Imu:
+def imu_record(
+    stamp_ns: int, frame_id: str, rates: Sequence[float], acceleration: Sequence[float]
+) -> Imu:
     """Return the record of a sensor_msgs/Imu.
 
     Parameters
@@ -97,20 +99,27 @@ def imu_record(stamp_ns: int, frame_id: str, rates: Sequence[float], first: floa
     stamp_ns, frame_id
         Header.
     rates
-        Angular velocity about x, y and z, rad/s.
-    first
-        First element of its covariance: -1 where there is no angular velocity.
+        Angular velocity about x, y and z, rad/s, and the first element of its covariance: -1 where
+        there is no angular velocity.
+    acceleration
+        The same of the linear acceleration, m/s2. One that is not finite is taken as none.
 
     Raises
     ------
     MessageError
         Where there is no angular velocity, or one that is not finite.
     """
-    if first == -1.0:
+    if rates[3] == -1.0:
         raise MessageError("imu measures no angular velocity (its covariance begins with -1)")
-    if not all(map(math.isfinite, rates)):
+    if not all(map(math.isfinite, rates[:3])):
         raise MessageError("imu has an angular velocity that is not finite")
-    return Imu(stamp_ns, frame_id, np.array(rates, np.float64))
+    is_measured = acceleration[3] != -1.0 and all(map(math.isfinite, acceleration[:3]))
+    return Imu(
+        stamp_ns,
+        frame_id,
+        np.array(rates[:3], np.float64),
+        np.array(acceleration[:3], np.float64) if is_measured else None,
+    )
 
 
 def joint_sample(stamp_ns: int, names: Sequence[str], positions: Float64) -> JointSample:

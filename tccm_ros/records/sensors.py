@@ -85,7 +85,7 @@ class Odometry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Imu:
-    """What a gyroscope measures (sensor_msgs/Imu).
+    """What a gyroscope and an accelerometer measure (sensor_msgs/Imu).
 
     Attributes
     ----------
@@ -93,11 +93,15 @@ class Imu:
         Header.
     angular_velocity
         float64 (3,), rad/s, along the axes of the frame, finite.
+    acceleration
+        float64 (3,), along the axes of the frame, finite: the specific force, which at rest points
+        up (9.8 m/s2). None where it is not measured.
     """
 
     stamp_ns: int
     frame_id: str
     angular_velocity: Float64
+    acceleration: Float64 | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

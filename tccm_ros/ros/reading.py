@@ -72,19 +72,19 @@ def odometry_from_message(message: Any) -> Odometry:
 
 
 def imu_from_message(message: Any) -> Imu:
-    """Return the angular velocity of a sensor_msgs/Imu.
+    """Return the angular velocity and the acceleration of a sensor_msgs/Imu.
 
     Raises
     ------
     MessageError
-        Where it is not finite, or where the message says that it has none.
+        Where the angular velocity is not finite, or where the message says that it has none.
     """
-    rate = message.angular_velocity
+    rate, force = message.angular_velocity, message.linear_acceleration
     return imu_record(
         stamp_ns_from_message(message.header.stamp),
         frame_name(message.header.frame_id),
-        (rate.x, rate.y, rate.z),
-        float(message.angular_velocity_covariance[0]),
+        (rate.x, rate.y, rate.z, float(message.angular_velocity_covariance[0])),
+        (force.x, force.y, force.z, float(message.linear_acceleration_covariance[0])),
     )
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from tccm_ros.arrays import Float64
 from tccm_ros.errors import MessageError
 from tccm_ros.records import (
     CameraImage,
@@ -178,16 +179,23 @@ def odometry_message(types: MessageTypes, odometry: Odometry) -> Any:
 
 
 def imu_message(types: MessageTypes, imu: Imu) -> Any:
-    """Return a sensor_msgs/Imu without orientation and acceleration (their covariances say so)."""
-    x, y, z = map(float, imu.angular_velocity)
-    unknown = np.array([-1.0, *[0.0] * 8])
+    """Return a sensor_msgs/Imu; covariances say that it has no orientation, or acceleration."""
+    unknown, is_measured = np.array([-1.0, *[0.0] * 8]), imu.acceleration is not None
     return types.make(
         "sensor_msgs/msg/Imu",
         header=header_message(types, imu.stamp_ns, imu.frame_id),
-        angular_velocity=types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+        angular_velocity=_vector_message(types, imu.angular_velocity),
+        linear_acceleration=_vector_message(
+            types, np.zeros(3) if imu.acceleration is None else imu.acceleration
+        ),
         orientation_covariance=unknown,
-        linear_acceleration_covariance=unknown.copy(),
+        linear_acceleration_covariance=np.zeros(9) if is_measured else unknown.copy(),
     )
+
+
+def _vector_message(types: MessageTypes, vector: Float64) -> Any:
+    x, y, z = map(float, vector)
+    return types.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
 
 
 def transform_message(types: MessageTypes, sample: TransformSample) -> Any:

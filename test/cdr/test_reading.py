@@ -18,6 +18,7 @@ from tccm_ros.ros.writing import (
 )
 
 T = pose_from_rpy([1, 2, 3, 0.1, 0.2, 0.3])
+FORCE = np.array([0.4, -0.5, 9.8])
 
 
 def fields(records):
@@ -57,7 +58,7 @@ def test_records_read_from_bytes_equal_those_read_from_messages(stamp, frame, ch
     messages = {
         "scan": scan_message(TYPES, scan),
         "odom": odometry_message(TYPES, Odometry(stamp, frame, child, T)),
-        "imu": imu_message(TYPES, Imu(stamp, frame, np.array([0.1, -0.2, 0.3]))),
+        "imu": imu_message(TYPES, Imu(stamp, frame, np.array([0.1, -0.2, 0.3]), FORCE)),
         "joint_states": joint_sample_message(TYPES, sample),
         "tf": transforms_message(TYPES, transforms),
         "tf_static": transforms_message(TYPES, transforms),
@@ -89,7 +90,7 @@ SAMPLES = {
     )
     for role in ("odom", "joint_states", "tf_static", "tilt_scan")
 }
-IMU = imu_message(TYPES, Imu(START, "imu", np.array([0.1, 0.2, 3.0])))
+IMU = imu_message(TYPES, Imu(START, "imu", np.array([0.1, 0.2, 3.0]), FORCE))
 SAMPLES["imu"] = bytes(TYPES.serialize(READERS["imu"].message_type, IMU))
 
 

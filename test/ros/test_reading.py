@@ -80,6 +80,17 @@ def test_an_imu_without_angular_velocity_is_refused():
         imu_from_message(message)
 
 
+def test_an_imu_without_acceleration_is_a_gyroscope():
+    rates, force = np.array([0.1, 0.2, 0.3]), np.array([0.4, -0.5, 9.8])
+    message = imu_message(TYPESTORE, Imu(STAMP, "imu", rates, force))
+    assert imu_from_message(message).acceleration.tolist() == force.tolist()
+    message.linear_acceleration.y = math.nan
+    assert imu_from_message(message).acceleration is None
+    message = imu_message(TYPESTORE, Imu(STAMP, "imu", rates))
+    assert message.linear_acceleration_covariance[0] == -1.0
+    assert imu_from_message(message).acceleration is None
+
+
 @pytest.mark.parametrize("quaternion", [(0, 0, 0, 0), (math.nan, 0, 0, 1), (0, 0, math.inf, 1)])
 def test_odometry_without_a_rotation_is_refused(quaternion):
     message = odometry_message(TYPESTORE, Odometry(STAMP, "odom", "base", T))

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
 
 from tccm_ros.arrays import Float32, Float64, Int64
+from tccm_ros.pipeline.sim.accelerometers import (
+    Accelerometer,
+    measure_forces,
+    specific_forces,
+)
 from tccm_ros.pipeline.sim.cameras import DepthCamera, Pinhole, measure_depths
 from tccm_ros.pipeline.sim.colour_camera import ColourCamera, ColourRenderer, exposed, jpeg
 from tccm_ros.pipeline.sim.gyros import Gyro, angular_velocities, measure_rates
 from tccm_ros.pipeline.sim.joints import Profile
 from tccm_ros.pipeline.sim.lasers import Laser, measure, rim_directions
 from tccm_ros.pipeline.sim.lidars import SpinningLidar, measure_points
-from tccm_ros.pipeline.sim.motion import wheel_odometry
+from tccm_ros.pipeline.sim.motion import tilted_at_stops, wheel_odometry
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.panels import panel_arrays
 from tccm_ros.pipeline.sim.rigid import rigid
@@ -116,12 +121,13 @@ class Simulation:
     """
 
     def __init__(self, world: World, seed: int = 0, options: Options | None = None) -> None:
-        self.world = world
         self.options = options or Options()
+        self._seeds = np.random.SeedSequence(seed).spawn(9)
+        tilt, tilting = self.options.stop_tilt, np.random.default_rng(self._seeds[7])
+        self.world = replace(world, drive=tilted_at_stops(world.drive, tilt, tilting))
         self.rig = with_options(world.rig, self.options)
         self.scene = world.scene.freeze()
         self._bodies = _frozen_bodies(self.rig) if self.options.self_hits else {}
-        self._seeds = np.random.SeedSequence(seed).spawn(7)
         self._true_rig = self.rig.mounted(
             self.rig.pan_joint or self.rig.tilt_joint,
             (0.0, 0.0, self.options.laser_height),
@@ -170,7 +176,8 @@ class Simulation:
         if rig.lidar is not None:
             streams.append(self._clouds(rig.lidar, random[4]))
         if rig.gyro is not None:
-            streams.append(self._rates(rig.gyro, random[6]))
+            accelerometer = rig.accelerometer or Accelerometer(sigma=0.0, bias=(0.0, 0.0, 0.0))
+            streams.append(self._imu(rig.gyro, accelerometer, random[6], random[8]))
         yield from heapq.merge(*streams, key=lambda message: message.log_ns)
 
     def true_poses(self, times: Float64) -> Float64:
@@ -251,15 +258,24 @@ class Simulation:
                     sample = TransformSample(stamp_ns, rig.odom_frame, rig.base, T_odom_base, False)
                     yield Message(log_ns, "/tf", (sample,))
 
-    def _rates(self, gyro: Gyro, random: Generator) -> Iterator[Message]:
-        """Yield the samples of the gyroscope: the mean rates over a period around each."""
+    def _imu(
+        self, gyro: Gyro, accelerometer: Accelerometer, *random: Generator
+    ) -> Iterator[Message]:
+        """Yield the samples of the IMU: the mean rates over a period around each, and the force."""
         rig, period_ns = self.rig, round(gyro.period * 1e9)
         for times_ns in _blocks(self.duration_ns, period_ns):
             edges = np.append(times_ns - period_ns // 2, times_ns[-1] + period_ns // 2)
             exact = angular_velocities(self.true_poses(edges * 1e-9), gyro.period)
-            for now_ns, rates in zip(times_ns.tolist(), measure_rates(gyro, exact, random)):
+            around = np.concatenate([times_ns[:1] - period_ns, times_ns, times_ns[-1:] + period_ns])
+            forces = specific_forces(self.true_poses(around * 1e-9), gyro.period)
+            measured = zip(
+                times_ns.tolist(),
+                measure_rates(gyro, exact, random[0]),
+                measure_forces(accelerometer, forces, random[1]),
+            )
+            for now_ns, rates, force in measured:
                 stamp_ns = EPOCH_NS + now_ns
-                record = Imu(stamp_ns, rig.base, rates.copy())
+                record = Imu(stamp_ns, rig.base, rates.copy(), force.copy())
                 yield Message(stamp_ns + JOINT_DELAY_NS, rig.topics.imu, (record,))
 
     def _scans(self, mount: _Mount, random: Generator) -> Iterator[Message]:

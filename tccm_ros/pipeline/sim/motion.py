@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +19,7 @@ MAX_YAW_RATE, YAW_ACCELERATION = 0.9, 1.8  # rad/s, rad/s2
 SETTLING_TIME = 1.0  # s between standing and a stop, in which the tilt of braking decays
 TILT_TIME = 0.15  # s, time constant of the base's tilt
 TILT_PER_ACCELERATION = 0.012  # rad per m/s2
+STOP_TILT_TIME = 0.8  # s, in which the base's tilt at a stop comes and goes
 TILT_OF_FLOOR = 0.0012  # rad, amplitude of roll and pitch on an uneven floor
 
 
@@ -130,6 +131,32 @@ def drive(route: Sequence[Waypoint], base_tilt: float = 1.0, speed: float = SPEE
     times = STEP * np.arange(len(planar), dtype=np.float64)
     states = np.column_stack([planar, base_tilt * _roll_pitch(planar, speeds)])
     return Drive(times, states, stops)
+
+
+def tilted_at_stops(drive: Drive, sigma: float, random: Generator) -> Drive:
+    """Return a drive whose base has another roll and pitch at each stop.
+
+    A wheel stands on a door sill, or an arm is stretched out. Both come while the base stands, in
+    `STOP_TILT_TIME` before a stop, and go in the same time after it.
+
+    Parameters
+    ----------
+    drive
+        The drive.
+    sigma
+        Standard deviation of what is added to roll and pitch, rad.
+    random
+        Source of them.
+    """
+    if sigma == 0.0:
+        return drive
+    states, ramp = drive.states.copy(), [0.0, 1.0, 1.0, 0.0]
+    for (start, end), added in zip(
+        drive.stops, sigma * random.standard_normal((len(drive.stops), 2))
+    ):
+        around = [start - STOP_TILT_TIME, start, end, end + STOP_TILT_TIME]
+        states[:, 3:] += np.outer(np.interp(drive.times, around, ramp), added)
+    return replace(drive, states=states)
 
 
 def _roll_pitch(planar: Float64, speeds: Float64) -> Float64:

@@ -57,6 +57,11 @@ class Options(BaseModel):
     clutter: int = Field(0, ge=0, le=1000, description="boxes on the floor")
     ramp: bool = Field(False, description="a part of the floor that slopes by 4 deg")
     base_tilt: float = Field(1.0, ge=0, description="factor of the base's roll and pitch")
+    stop_tilt: float = Field(
+        0.0,
+        ge=0,
+        description="standard deviation of more roll and pitch of the base at a stop, rad",
+    )
     odometry: float = Field(1.0, ge=0, description="factor of the errors of wheel odometry")
     heading_drift: float | None = Field(None, description="of the odometry, rad/m")
     tilt_offset: float = Field(0.0, description="true tilt = tilt_scale * reported + this, rad")

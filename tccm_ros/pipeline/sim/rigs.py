@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from tccm_ros.arrays import Float64
+from tccm_ros.pipeline.sim.accelerometers import Accelerometer
 from tccm_ros.pipeline.sim.cameras import DepthCamera
 from tccm_ros.pipeline.sim.colour_camera import ColourCamera
 from tccm_ros.pipeline.sim.gyros import Gyro
@@ -128,6 +129,8 @@ class Rig:
         A spinning lidar, if there is one, and its frame.
     gyro
         A gyroscope in the base, if there is one.
+    accelerometer
+        An accelerometer beside it, if there is one.
     wheels
         Joints of the left and the right wheel.
     wheel_radius, wheel_distance
@@ -164,6 +167,7 @@ class Rig:
     lidar: SpinningLidar | None = None
     lidar_frame: str = ""
     gyro: Gyro | None = None
+    accelerometer: Accelerometer | None = None
 
     @cached_property
     def moving(self) -> tuple[str, ...]:

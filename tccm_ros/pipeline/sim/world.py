@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tccm_ros.arrays import Float64
+from tccm_ros.pipeline.sim.accelerometers import Accelerometer
 from tccm_ros.pipeline.sim.gyros import Gyro
 from tccm_ros.pipeline.sim.heads import with_colour_camera, with_depth_camera, with_lidar
 from tccm_ros.pipeline.sim.joints import Profile
@@ -86,7 +87,7 @@ def with_options(rig: Rig, options: Options) -> Rig:
     if options.lidar:
         rig = with_lidar(rig)
     if options.imu:
-        rig = replace(rig, gyro=Gyro())
+        rig = replace(rig, gyro=Gyro(), accelerometer=Accelerometer())
     tilt = rig.tilt if options.tilt else None
     level, camera, errors = rig.level, rig.camera, rig.errors
     if tilt is not None:

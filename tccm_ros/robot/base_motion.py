@@ -116,7 +116,7 @@ class BaseMotion:
         Returns
         -------
         m and rad, in the frame of the base at the first stamp; None where odometry does not tell
-        it, or where samples around the two stamps or between them are further apart than
+        it, or where two samples around or between them have a wider step than
         `max_gap_ns`.
         """
         is_told = self.source is MotionSource.ODOMETRY

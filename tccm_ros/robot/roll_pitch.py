@@ -3,7 +3,7 @@
 What an accelerometer calls up is off by its bias and by how it is mounted, a degree or two in all,
 and by the same at all times. So roll and pitch count against their usual value, that of the drives:
 from one stop to the next a base gains no speed, so that the mean of what the accelerometer measures
-on the way, less the accelerations in turns, is gravity; the usual value is the median over all
+on the way, less the accelerations of its yaw, is gravity; the usual value is the median over all
 drives of this run. A base that stands askew (on a door sill, on a ramp, with an arm stretched out)
 is seen to, once it has driven.
 
@@ -173,7 +173,7 @@ class BaseRollPitch:
     def at(self, stamps_ns: Int64) -> Float64 | None:
         """Return roll and pitch of the base against the usual ones, rad, float64 (K, 2).
 
-        After the newest that are known they are held for as long as samples may be apart. None
+        After the newest that are known they are held for the widest step of samples. None
         where they are all 0, or where nothing tells them.
         """
         last_ns = self._told[0].latest_ns
@@ -317,9 +317,9 @@ class BaseRollPitch:
         yaw_rate, half = float(rates[2] - self.bias[2]), 0.5 * float(moved[2])
         # The chord of an arc points to where the base looks in the middle of it.
         x, y, _ = between2([0.0, 0.0, half], moved) * (1e9 / STANDING_NS)
-        in_turn = yaw_rate * np.array([-y, x, 0.0]) - yaw_rate**2 * arm * [1.0, 1.0, 0.0]
-        in_turn *= self._gravity / GRAVITIES[0]
-        self._driven, self._forces = self._driven + 1, self._forces + force - in_turn
+        of_yaw = yaw_rate * np.array([-y, x, 0.0]) - yaw_rate**2 * arm * [1.0, 1.0, 0.0]
+        of_yaw *= self._gravity / GRAVITIES[0]
+        self._driven, self._forces = self._driven + 1, self._forces + force - of_yaw
 
     def _note_drive(self) -> None:
         """Note a drive that has ended at a stop."""

@@ -16,7 +16,7 @@ from tccm_ros.robot.roll_pitch import significant
 from tccm_ros.robot.tracks import Track
 
 MAX_GAP_NS = 500_000_000
-"""Samples further apart tell nothing of the time between them (chosen)."""
+"""Samples with a wider step between them tell nothing of the time there (chosen)."""
 
 QUANTUM = 0.00025
 """Step, rad, of the usual roll and pitch. Chosen: 0.75 mm at 3 m; a drive more does not move each

@@ -156,7 +156,7 @@ def test_the_usual_roll_and_pitch_are_those_of_the_drives():
         assert one.told[-1].sigma < 0.002
 
 
-def test_nothing_is_told_after_a_turn_before_the_base_has_stood():
+def test_nothing_is_told_after_a_large_yaw_before_the_base_has_stood():
     one = posed(records((DEG, 0.0), turned=3.0))[2]
     times = np.array([(e.stamp_ns - START) * 1e-9 for e in one.told])
     assert not np.any((times > STAND_S + 2.0) & (times < STAND_S + DRIVE_S + 0.5))

@@ -48,6 +48,14 @@ def quaternion(T_a_b: ArrayLike) -> Float64:
     return q.reshape(*T.shape[:-2], 4)
 
 
+def pose_from_roll_pitch(roll_pitch: ArrayLike) -> Float64:
+    """Return T_a_b (..., 4, 4) of rolls and pitches (..., 2), rad: R = Ry Rx, without yaw."""
+    values = np.asarray(roll_pitch, float)
+    angles = np.concatenate([values, np.zeros((*values.shape[:-1], 1))], axis=-1)
+    R = Rotation.from_euler("xyz", angles.reshape(-1, 3)).as_matrix()
+    return pose(R.reshape(*values.shape[:-1], 3, 3), np.zeros(3))
+
+
 def inverse(T_a_b: ArrayLike) -> Float64:
     """Return T_b_a of rigid poses (..., 4, 4)."""
     T = np.asarray(T_a_b, float)

@@ -15,6 +15,7 @@ from tccm_ros.cuboids.merging import owners
 from tccm_ros.cuboids.part_map import PartMap
 from tccm_ros.geometry import inverse, planar, transform
 from tccm_ros.planes import PlaneFit, PlaneFits
+from tccm_ros.planes.front_tops import top_planes
 from tccm_ros.planes.horizontal_strips import horizontal_strips
 from tccm_ros.planes.plane_noise import are_too_thick
 from tccm_ros.planes.wall_contact import lie_on_walls
@@ -52,8 +53,13 @@ def plane_labels(part: PartMap, fits: PlaneFits) -> Int32:
     """
     if len(fits.cuboids) == 0 or len(part) == 0:
         return np.full(len(part), -1, np.int32)
+    return fits.labels[_map_cuboids(part, fits)]
+
+
+def _map_cuboids(part: PartMap, fits: PlaneFits) -> Int64:
+    """Return the map's cuboid of each cuboid of the part map, int64 (N,); neither is empty."""
     c = fits.cuboids
-    return fits.labels[owners(c.ix, c.iy, c.bottom, part.keys, part.bounds)]
+    return np.asarray(owners(c.ix, c.iy, c.bottom, part.keys, part.bounds), np.int64)
 
 
 def surface_cloud(
@@ -122,24 +128,30 @@ def _horizontal_points(
         if f.kind == PlaneKind.HORIZONTAL and f.normal @ viewpoint > f.offset and not thick[f.index]
     ]
     is_wall = np.array([abs(f.normal[2]) < SEEN_AS_WALL for f in fits] + [False])
-    chosen = np.flatnonzero(~is_wall[labels])
-    labels, points = labels[chosen], points[chosen]
+    in_line = is_line[part.lines(np.arange(len(points)))]
     surface = np.full(len(points), -1, np.int64)
     on = _on_planes(points, labels, seen, len(fits))
     surface[on] = labels[on]
-    lines = part.lines(chosen)
-    in_line = is_line[lines]
-    surface[in_line] = horizontal_strips(
-        points[in_line], lines[in_line], surface[in_line], viewpoint
-    )
-    dense = np.flatnonzero(~in_line & (surface >= 0))
-    kept = in_line.copy()
-    kept[dense[first_in_voxels(points[dense], voxel)]] = True
-    surface[~kept] = -1
-    surface[lie_on_walls(points, surface, fits, is_wall)] = -1
+    rows = np.flatnonzero(~is_wall[labels] & in_line)
+    surface[rows] = horizontal_strips(points[rows], part.lines(rows), surface[rows], viewpoint)
+    surface = _kept(points, in_line, surface, voxel)
+    rows = np.flatnonzero(surface >= 0)
+    surface[rows[lie_on_walls(points[rows], surface[rows], fits, is_wall)]] = -1
+    if seen:
+        of_map = _map_cuboids(part, fits)[part.point_cuboids()]
+        tops = top_planes(points, of_map, labels, surface, seen, fits)
+        surface = np.maximum(surface, _kept(points, in_line, tops, voxel))
     is_surface = surface >= 0
     _, surface = np.unique(surface[is_surface], return_inverse=True)
     return points[is_surface], surface.reshape(-1)
+
+
+def _kept(points: Float64, in_line: Bool, surface: Int64, voxel: float) -> Int64:
+    """Return the surface of each point; -1 but for one point off scan lines in each voxel."""
+    dense = np.flatnonzero(~in_line & (surface >= 0))
+    is_kept = in_line.copy()
+    is_kept[dense[first_in_voxels(points[dense], voxel)]] = True
+    return np.where(is_kept, surface, -1)
 
 
 def _on_planes(points: Float64, labels: Int32, chosen: list[PlaneFit], planes: int) -> Int64:

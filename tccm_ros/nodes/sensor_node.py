@@ -49,6 +49,7 @@ from tccm_ros.records import (
     MapReset,
     ObjectBoxes,
     Odometry,
+    RollPitch,
     StreamComplete,
     SurfaceCloud,
     TiltAngle,
@@ -61,7 +62,8 @@ from tccm_ros.sensors.depth_image import camera_info_topic
 from tccm_ros.sensors.registry import default_streams, stream_for_topic
 
 NOT_DROPPED = (
-    MapReset, ObjectBoxes, Odometry, StreamComplete, SurfaceCloud, TiltAngle, ViewIntervals
+    MapReset, ObjectBoxes, Odometry, RollPitch, StreamComplete, SurfaceCloud, TiltAngle,
+    ViewIntervals,
 )  # fmt: skip
 """Events that an overloaded node keeps as long as it can: all but what sensors measured."""
 
@@ -219,8 +221,7 @@ class SensorNode(Node):
         if self.owns_robot:
             self.subscribe("odom", measured, self.take)
             self.subscribe("joint_states", measured, self.take)
-            if any(stream.mount is MountKind.LEVEL for stream in self._streams.values()):
-                self.subscribe("imu", measured, self.take, watch="event")
+            self.subscribe("imu", measured, self.take, watch="event")
             self.subscribe("robot_description", latched(), self.take, watch="event")
             if has_tf2_msgs():
                 self.subscribe("tf", measured, self.take, topic="/tf", watch="event")

@@ -121,6 +121,29 @@ class TiltAngle(NamedTuple):
     angle: float
 
 
+class RollPitch(NamedTuple):
+    """Roll and pitch of the base by its IMU, as measured: with the bias of the accelerometer.
+
+    Roll is positive where the left side is up, pitch where the front is down (REP-103).
+
+    Attributes
+    ----------
+    stamp_ns
+        A multiple of 0.1 s.
+    measured
+        Roll and pitch, rad.
+    sigma
+        Standard deviation of each of the two against the usual ones, rad.
+    usual
+        The same of a base that drives, as far as is known by then; None where it is not.
+    """
+
+    stamp_ns: int
+    measured: tuple[float, float]
+    sigma: float
+    usual: tuple[float, float] | None
+
+
 class StreamComplete(NamedTuple):
     """No record of a sensor that is older than `until_ns` will be given any more.
 
@@ -148,6 +171,6 @@ class MapReset(NamedTuple):
     reason: str
 
 
-Event = Posed | TiltAngle | StreamComplete | Odometry | MapReset
+Event = Posed | TiltAngle | StreamComplete | Odometry | RollPitch | MapReset
 """What `robot.Robot` gives. The first three have the role of a stream; the base's motion and resets
 of the map concern everybody."""

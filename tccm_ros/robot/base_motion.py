@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from enum import Enum
 
 import numpy as np
@@ -9,11 +10,18 @@ import numpy as np
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError
+from tccm_ros.geometry import between2, planar
 from tccm_ros.records import Odometry
 from tccm_ros.robot.chain import Chain, JointReading
 from tccm_ros.robot.frames import FrameTree, ancestors, build_chain, find_path
 from tccm_ros.robot.tracks import PoseTrack
 from tccm_ros.robot.urdf import Joint
+
+STANDING_STEP = (0.0005, 0.0005)
+"""A base stands whose odometry moves by less (m, rad) in a step of about 0.1 s (chosen)."""
+
+PLANAR_SINE = 1e-6
+"""Sine of a roll or pitch that is none (chosen: rounding of quaternions)."""
 
 
 class MotionSource(Enum):
@@ -33,6 +41,8 @@ class BaseMotion:
         What tells it; None until it is decided.
     odom_frame
         Name of the odometry frame.
+    has_roll_pitch
+        Whether odometry has ever told a roll or pitch of the base.
     """
 
     def __init__(self, config: Config, frames: FrameTree):
@@ -41,11 +51,13 @@ class BaseMotion:
         self._frames = frames
         self._track = PoseTrack()
         self._chains: dict[str, Chain] = {}
+        self.has_roll_pitch = False
 
     def add(self, record: Odometry) -> bool:
         """Take one odometry record; return whether it is newer than the one before."""
         self.source = MotionSource.ODOMETRY
         self.odom_frame = record.frame_id or self.odom_frame
+        self.has_roll_pitch |= max(abs(record.T_odom_base[2, :2]).tolist()) > PLANAR_SINE
         return self._track.append_pose(record.stamp_ns, record.T_odom_base)
 
     @property
@@ -57,6 +69,7 @@ class BaseMotion:
         """Forget everything that has a stamp, as after a jump of the clock."""
         self._track.clear()
         self._chains.clear()
+        self.has_roll_pitch = False
         if self.source is MotionSource.TF:
             self.source = None
 
@@ -97,6 +110,26 @@ class BaseMotion:
             return self._tf_chain(base).at(stamps_ns)
         return np.broadcast_to(np.eye(4), (len(stamps_ns), 4, 4)).copy()
 
+    def step(self, start_ns: int, end_ns: int, max_gap_ns: int) -> Float64 | None:
+        """Return the planar motion float64 (3,) between two stamps by odometry.
+
+        Returns
+        -------
+        m and rad, in the frame of the base at the first stamp; None where odometry does not tell
+        it, or where two samples around or between them have a wider step than
+        `max_gap_ns`.
+        """
+        is_told = self.source is MotionSource.ODOMETRY
+        if not is_told or not self._track.brackets(start_ns, end_ns, max_gap_ns):
+            return None
+        a, b = self._track.at(np.array([start_ns, end_ns]))
+        return between2(planar(a), planar(b))
+
+    @property
+    def latest_ns(self) -> int | None:
+        """The newest stamp of odometry, None without any."""
+        return self._track.latest_ns
+
     def tracks(self, base: str) -> list[PoseTrack]:
         """Return the tracks that the motion is read from: none where the base stands still.
 
@@ -111,6 +144,12 @@ class BaseMotion:
             tracks = self._tf_chain(base).tracks
             return [track for track in tracks if isinstance(track, PoseTrack)]
         return []
+
+
+def is_standing(step: Float64) -> bool:
+    """Return whether odometry reports no motion in a step (3,)."""
+    moved, turned = math.hypot(step[0], step[1]), abs(step[2])
+    return bool(moved < STANDING_STEP[0] and turned < STANDING_STEP[1])
 
 
 def _no_joint(joint: Joint) -> JointReading:

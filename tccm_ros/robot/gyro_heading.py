@@ -16,17 +16,10 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.errors import FrameError
-from tccm_ros.geometry import between2, planar
 from tccm_ros.records import Imu
-from tccm_ros.robot.base_motion import BaseMotion, MotionSource
-from tccm_ros.robot.chain import JointReading
-from tccm_ros.robot.frames import FrameTree, build_chain, find_path, plain_name
+from tccm_ros.robot.base_motion import BaseMotion, is_standing
+from tccm_ros.robot.imu_mount import ImuMount
 from tccm_ros.robot.tracks import Track
-from tccm_ros.robot.urdf import Joint
-
-STANDING_STEP = (0.0005, 0.0005)
-"""A base stands whose odometry moves by less (m, rad) from one question to the next (chosen)."""
 
 SETTLING_TIME, LEARNING_TIME, MEMORY = 0.5, 1.0, 60.0
 """The bias is learnt once the wheels have stood for the first time (s: the base rocks), is told
@@ -51,8 +44,8 @@ class GyroHeading:
     ----------
     config
         Samples with more than half of `sync_timeout` between them bracket nothing.
-    frames, motion
-        What is known of the robot. The IMU is fixed to its base.
+    motion, mount
+        Motion of the base, and how the IMU is fixed to it.
 
     Attributes
     ----------
@@ -62,11 +55,9 @@ class GyroHeading:
         Rate at rest about the base's vertical axis, rad/s.
     """
 
-    def __init__(self, config: Config, frames: FrameTree, motion: BaseMotion) -> None:
+    def __init__(self, config: Config, motion: BaseMotion, mount: ImuMount) -> None:
         self.track = Track(3)
-        self._frames, self._motion = frames, motion
-        self._axis: Float64 | None = None
-        self._axis_of = -1, ""
+        self._motion, self._mount = motion, mount
         self._max_gap_ns = round(config.sync_timeout * 1e9) // 2
         self._frame = ""
         self.clear_samples()
@@ -98,15 +89,16 @@ class GyroHeading:
         where there is no None between them.
         """
         before_ns, self._until_ns = self._until_ns, stamp_ns
-        axis = self._vertical_axis()
-        if axis is None or before_ns is None:
+        T_base_imu = self._mount.pose(self._frame)
+        if T_base_imu is None or before_ns is None:
             return None
         if not self.track.brackets(before_ns, stamp_ns, self._max_gap_ns):
             self._standing_s = 0.0
             return None
         seconds = (stamp_ns - before_ns) * 1e-9
-        turned, wheels = self._integral(before_ns, stamp_ns, axis), self._step(before_ns, stamp_ns)
-        if wheels is None or not _stands(wheels) or abs(turned) > MAX_BIAS * seconds:
+        turned = self._integral(before_ns, stamp_ns, np.ascontiguousarray(T_base_imu[2, :3]))
+        wheels = self._motion.step(before_ns, stamp_ns, self._max_gap_ns)
+        if wheels is None or not is_standing(wheels) or abs(turned) > MAX_BIAS * seconds:
             self._standing_s = 0.0
         else:
             self._learn(turned / seconds, seconds)
@@ -117,16 +109,6 @@ class GyroHeading:
         if wheels is not None:
             self._compare(turned, float(wheels[2]))
         return self._heading if self._is_believed() else None
-
-    def _step(self, start_ns: int, end_ns: int) -> Float64 | None:
-        """Return the motion (3,) between two stamps by odometry, None where it does not tell."""
-        if self._motion.source is not MotionSource.ODOMETRY:
-            return None
-        tracks = self._motion.tracks("")
-        if not all(t.brackets(start_ns, end_ns, self._max_gap_ns) for t in tracks):
-            return None
-        a, b = self._motion.at(np.array([start_ns, end_ns]), "")
-        return between2(planar(a), planar(b))
 
     def _learn(self, rate: float, seconds: float) -> None:
         """Learn the bias from the mean rate of a time in which the base stands."""
@@ -147,26 +129,6 @@ class GyroHeading:
         agrees = low * self._by_wheels < self._by_gyro < high * self._by_wheels
         return agrees and self._by_wheels >= MIN_TURNED
 
-    def _vertical_axis(self) -> Float64 | None:
-        """Return the base's z in the frame of the IMU, float64 (3,)."""
-        known = self._frames.version, self._frame
-        if known != self._axis_of:
-            self._axis_of, self._axis = known, self._find_axis()
-        return self._axis
-
-    def _find_axis(self) -> Float64 | None:
-        base, frame = self._motion.child_frame, plain_name(self._frame)
-        if not base or not frame:
-            return None
-        if frame == base:
-            return np.array([0.0, 0.0, 1.0])
-        edges = self._frames.view(urdf=True, tf=True, moving_tf=False)
-        try:
-            chain = build_chain(find_path(base, frame, edges), _no_joint)
-        except FrameError:
-            return None
-        return np.ascontiguousarray(chain.at(np.zeros(1, np.int64))[0, 2, :3])
-
     def _integral(self, start_ns: int, end_ns: int, axis: Float64) -> float:
         stamps = self.track.stamps_ns
         first = int(np.searchsorted(stamps, start_ns, "right")) - 1
@@ -174,13 +136,3 @@ class GyroHeading:
         since, rates = stamps[first:last] - start_ns, self.track.values[first:last] @ axis
         at = np.union1d(np.clip(since, 0, end_ns - start_ns), [0, end_ns - start_ns])
         return float(np.trapezoid(np.interp(at, since, rates), at * 1e-9))
-
-
-def _stands(step: Float64) -> bool:
-    """Return whether odometry reports no motion in a step (3,)."""
-    moved, turned = math.hypot(step[0], step[1]), abs(step[2])
-    return bool(moved < STANDING_STEP[0] and turned < STANDING_STEP[1])
-
-
-def _no_joint(joint: Joint) -> JointReading:
-    raise FrameError(f"joint '{joint.name}' moves the imu")

@@ -5,12 +5,14 @@ from __future__ import annotations
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError
+from tccm_ros.geometry import pose_from_roll_pitch
 from tccm_ros.records import Posed
 from tccm_ros.robot.base_motion import BaseMotion, MotionSource
 from tccm_ros.robot.chain import Chain, JointReading
 from tccm_ros.robot.chain_finder import MountKind
 from tccm_ros.robot.gyro_heading import GyroHeading
 from tccm_ros.robot.mount import Mount
+from tccm_ros.robot.roll_pitch import BaseRollPitch
 from tccm_ros.robot.sensor import Sensor
 from tccm_ros.robot.tracks import Track
 
@@ -24,8 +26,9 @@ class Posing:
         `sync_timeout` is used: samples with more than half of it between them bracket nothing.
     motion
         Motion of the base.
-    gyro
-        Its heading: once there is one, a level scan waits for it, as long as for a joint.
+    gyro, roll_pitch
+        Its heading, and its roll and pitch: once there are some, a level scan waits for the first
+        and every record for the others, as long as for a joint.
 
     Attributes
     ----------
@@ -33,8 +36,10 @@ class Posing:
         A record waits so much longer than its own end, in message time.
     """
 
-    def __init__(self, config: Config, motion: BaseMotion, gyro: GyroHeading):
-        self._motion, self._gyro = motion, gyro
+    def __init__(
+        self, config: Config, motion: BaseMotion, gyro: GyroHeading, roll_pitch: BaseRollPitch
+    ):
+        self._motion, self._gyro, self._roll_pitch = motion, gyro, roll_pitch
         self._timeout_ns = round(config.sync_timeout * 1e9)
         self._max_gap_ns = self._timeout_ns // 2
         self.wait_ns = self._timeout_ns + max(0, round(-config.rig.joint_time_offset * 1e9))
@@ -97,6 +102,10 @@ class Posing:
         if is_level and self._awaits_gyro(record.stamp_ns, now_ns, late=late):
             sensor.awaited = self._gyro.track, self._gyro.track.heard
             return None
+        behind = None if late else self._track_of_roll_pitch(end_ns, now_ns)
+        if behind is not None:
+            sensor.awaited = behind, behind.heard
+            return None
         return self._pose(sensor, chain, start_ns, end_ns)
 
     def _awaits_gyro(self, stamp_ns: int, now_ns: int | None, *, late: bool) -> bool:
@@ -107,6 +116,14 @@ class Posing:
         if stamp_ns - track.latest_ns > self._timeout_ns:  # it has a clock of its own, or is silent
             return False
         return not self._has_no_more(track, stamp_ns, now_ns or 0)
+
+    def _track_of_roll_pitch(self, end_ns: int, now_ns: int | None) -> Track | None:
+        """Return a track that may still tell roll and pitch at a stamp, None without one."""
+        needed_ns, tracks = self._roll_pitch.awaited(end_ns)
+        for track in tracks:
+            if not self._has_no_more(track, needed_ns, now_ns or 0):
+                return track
+        return None
 
     def _frame_of(self, sensor: Sensor) -> str:
         """Return the frame that a record needs a chain to: of one in map or odom, the base's."""
@@ -163,7 +180,9 @@ class Posing:
     def _base_poses(self, mount: Mount, stamps_ns: Int64) -> Float64:
         """Return T_odom_base (K, 4, 4), where odometry may follow another frame of the robot."""
         T = self._motion.at(stamps_ns, mount.base or "")
-        between = mount.odometry_chain
-        if between is None or self._motion.source is not MotionSource.ODOMETRY:
+        if self._motion.source is not MotionSource.ODOMETRY:
             return T
-        return T @ between.at(stamps_ns)
+        roll_pitch, between = self._roll_pitch.at(stamps_ns), mount.odometry_chain
+        if roll_pitch is not None:
+            T = T @ pose_from_roll_pitch(roll_pitch)
+        return T if between is None else T @ between.at(stamps_ns)

@@ -33,8 +33,10 @@ from tccm_ros.robot.base_motion import BaseMotion, MotionSource
 from tccm_ros.robot.chain_finder import MountKind
 from tccm_ros.robot.frames import FrameTree
 from tccm_ros.robot.gyro_heading import GyroHeading
+from tccm_ros.robot.imu_mount import ImuMount
 from tccm_ros.robot.joint_tracks import JointTracks
 from tccm_ros.robot.posing import Posing
+from tccm_ros.robot.roll_pitch import BaseRollPitch
 from tccm_ros.robot.sensor import Sensor
 from tccm_ros.robot.stamp_guard import Admission, StampGuard
 from tccm_ros.robot.streams import Companion, Stream
@@ -93,7 +95,7 @@ class Robot:
 
     Attributes
     ----------
-    frames, joints, motion, gyro
+    frames, joints, motion, gyro, roll_pitch
         What is known of the robot.
     sensors
         By role: their mounts, the records that wait, and counts.
@@ -120,8 +122,10 @@ class Robot:
             for role, sensor in self.sensors.items()
             if sensor.stream.mount is MountKind.TILTING
         }
-        self.gyro = GyroHeading(config, self.frames, self.motion)
-        self._posing = Posing(config, self.motion, self.gyro)
+        imu_mount = ImuMount(self.frames, self.motion)
+        self.gyro = GyroHeading(config, self.motion, imu_mount)
+        self.roll_pitch = BaseRollPitch(config, self.motion, imu_mount, self._refuse_sample)
+        self._posing = Posing(config, self.motion, self.gyro, self.roll_pitch)
         self._clock_jump_ns = round(config.clock_jump * 1e9)
         self._guard: StampGuard[tuple[_Input, Any]] = StampGuard(self._clock_jump_ns)
         self._inputs = self._inputs_by_role()
@@ -145,8 +149,9 @@ class Robot:
         Returns
         -------
         list[Event]
-            A `MapReset` first, then the base's motion, tilt angles, posed records, and until when
-            streams are complete; each of these in the order of stamps within its stream.
+            A `MapReset` first, then the base's motion, its roll and pitch, tilt angles, posed
+            records, and until when streams are complete; each of these in the order of stamps
+            within its stream.
 
         Raises
         ------
@@ -184,6 +189,7 @@ class Robot:
         self.frames.clear_samples()
         self.motion.clear_samples()
         self.gyro.clear_samples()
+        self.roll_pitch.clear_samples()
         self._posing.clear_samples()
         for sensor in self.sensors.values():
             sensor.clear_samples()
@@ -255,6 +261,7 @@ class Robot:
         self._count_late(self.joints.add(sample))
 
     def _add_imu(self, record: Imu) -> None:
+        self.roll_pitch.add(record)
         self._count_late(int(not self.gyro.add(record)))
 
     def _add_odometry(self, record: Odometry) -> None:
@@ -277,6 +284,7 @@ class Robot:
     def _release(self, *, ended: bool = False) -> list[Event]:
         """Return what has happened, and the records that are posed now."""
         events, self._events = self._events, []
+        events += self.roll_pitch.take()
         posed: list[Event] = []
         for sensor in self.sensors.values():
             if sensor.waiting:

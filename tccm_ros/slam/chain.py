@@ -38,12 +38,15 @@ class AnchoredPose:
         float64 (3, 3) of (x, y, yaw) in the frame of `pose`.
     sigma_z_roll_pitch
         Standard deviations of z (m), roll and pitch (rad), which are zero for the keyframe.
+    roll_pitch
+        By an IMU, rad.
     """
 
     keyframe: int
     pose: Float64
     cov: Float64
     sigma_z_roll_pitch: tuple[float, float, float] = Z_ROLL_PITCH_SIGMAS
+    roll_pitch: tuple[float, float] = (0.0, 0.0)
 
 
 def yaw_offset_for(phi: Float64) -> float:
@@ -141,7 +144,8 @@ class Chain:
         """
         start = compose(np.asarray(poses[anchored.keyframe]), anchored.pose)
         on, sigmas = self.keys[anchored.keyframe], anchored.sigma_z_roll_pitch
-        return start, KeyframeView(on, key, anchored.pose, anchored.cov, sigmas)
+        cov, roll_pitch = anchored.cov, anchored.roll_pitch
+        return start, KeyframeView(on, key, anchored.pose, cov, sigmas, roll_pitch)
 
 
 def _pinned(key: Key, pose: Float64) -> PriorPose:

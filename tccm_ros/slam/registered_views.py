@@ -72,7 +72,7 @@ class RegisteredViews:
 
 def _patch(plane: ViewPlane) -> Hashable:
     """Name a patch: its plane in its view does not change."""
-    return plane.view, plane.offset
+    return plane.view, plane.point.tobytes()
 
 
 def _views_of(factor: Factor) -> set[int]:

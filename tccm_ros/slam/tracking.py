@@ -23,6 +23,7 @@ from tccm_ros.records import (
     Odometry,
     PosedScan,
     PoseGuess,
+    RollPitch,
     SurfaceCloud,
     ViewIntervals,
 )
@@ -130,7 +131,7 @@ class Tracker:
 
     def takes(self, event: Any) -> bool:
         """Return whether an event is for the SLAM processor."""
-        kinds = (PosedScan, Odometry, LandmarkObservation, PoseGuess, *COUNTED)
+        kinds = (PosedScan, Odometry, RollPitch, LandmarkObservation, PoseGuess, *COUNTED)
         return type(event) in kinds and getattr(event, "role", None) in {None, *roles_of("slam")}
 
     def add(self, event: Any) -> None:

@@ -15,8 +15,16 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import planar
-from tccm_ros.records import Keyframe, LandmarkObservation, PosedScan, PoseGuess, ScanPose
+from tccm_ros.records import (
+    Keyframe,
+    LandmarkObservation,
+    PosedScan,
+    PoseGuess,
+    RollPitch,
+    ScanPose,
+)
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
+from tccm_ros.slam.base_roll_pitch import RollPitchTrack
 from tccm_ros.slam.chain import AnchoredPose, Chain
 from tccm_ros.slam.corners import corner_factors
 from tccm_ros.slam.factors.factor import Factor
@@ -65,6 +73,7 @@ class WallSlam:
         self._front = FrontEnd(config)
         self._first_session = 0
         self._odometry = OdometryTrack()
+        self._roll_pitch = RollPitchTrack()
         self._live = LivePose(-1, np.zeros(3), np.zeros(3))
         # Of landmarks: in earlier sessions, in this one, and not yet anchored to its keyframes.
         self._saved_observations: Sequence[AnchoredObservation] = ()
@@ -109,6 +118,10 @@ class WallSlam:
             pose = self._start(odom)
             localised = self._front.session in self._closer.localised
             self._live = LivePose(stamp_ns, pose, compose(pose, inverse(odom)), localised)
+
+    def add_roll_pitch(self, sample: RollPitch) -> None:
+        """Add roll and pitch of the base, in the order of their stamps: views have them."""
+        self._roll_pitch.add(sample)
 
     def add_landmark(self, observation: LandmarkObservation) -> None:
         """Add an observation of a landmark, in any order.
@@ -271,7 +284,7 @@ class WallSlam:
             return grown
         self._growth = None
         used, keys = self._inliers(), self._chain.keys
-        anchored = self._anchor(views)
+        anchored = self._anchor_views(views)
         view_keys = [view_key(v) for v in range(len(views))]
         observations = [*used.observations, *sign_observations(used.signs)]
         seen = landmark_factors(observations, unit_variance=used.scale)
@@ -332,7 +345,7 @@ class WallSlam:
             return None
         growth.used = replace(growth.used, observations=self._all_observations())
         used = growth.used
-        anchored = dict(zip(growth.views.keys(views), self._anchor(views)))
+        anchored = dict(zip(growth.views.keys(views), self._anchor_views(views)))
         observations = [*used.observations, *sign_observations(used.signs)]
         seen = landmark_factors(observations, unit_variance=used.scale)
         if factors is not None:
@@ -382,6 +395,7 @@ class WallSlam:
         odometry_slam = WallSlam(self.config, self.label)
         nothing = np.zeros((0, 2))
         odometry_slam._odometry = self._odometry
+        odometry_slam._roll_pitch = self._roll_pitch
         for observation in self._observed:
             odometry_slam.add_landmark(observation)
         odometry_slam._signs, odometry_slam._pictures = self._signs, self._pictures
@@ -400,6 +414,14 @@ class WallSlam:
             self.config.odometry,
         )
         return [AnchoredPose(int(k), pose, cov) for k, pose, cov in zip(*relative)]
+
+    def _anchor_views(self, stamps_ns: Sequence[int]) -> list[AnchoredPose]:
+        """Return where views are, with the roll and pitch of the base."""
+        roll_pitch = self._roll_pitch.at(stamps_ns).tolist()
+        return [
+            replace(anchored, roll_pitch=(roll, pitch))
+            for anchored, (roll, pitch) in zip(self._anchor(stamps_ns), roll_pitch)
+        ]
 
     def _anchor_observations(
         self, seen: Sequence[LandmarkObservation]

@@ -148,18 +148,12 @@ def _tilt_variance(member: NumberedPatch) -> float:
 
 
 def _plane_factor(member: NumberedPatch, plane: int) -> ViewPlane:
-    """Return the factor of a patch's plane, measured in its view.
-
-    Both rotations have the larger of the two variances. The variance of the offset at the view's
-    origin is that at the centroid, and that of the rotation times the squared lever arm.
-    """
+    """Return the factor of a patch's plane, measured in its view at the patch's centroid."""
     patch = member.patch
     normal, _ = fit_plane(patch.cov)
-    tilt = _tilt_variance(member)
-    arm = patch.mean - (patch.mean @ normal) * normal
-    offset = fit_covariance(patch.cov, patch.count)[0, 0] + tilt * float(arm @ arm)
-    cov = np.diag([tilt, tilt, offset])
-    return ViewPlane(member.view, plane, normal, float(normal @ patch.mean), cov)
+    cov_z_slopes = fit_covariance(patch.cov, patch.count)
+    order = [1, 2, 0]
+    return ViewPlane(member.view, plane, normal, patch.mean, cov_z_slopes[np.ix_(order, order)])
 
 
 def side_factors(

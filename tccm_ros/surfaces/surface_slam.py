@@ -25,6 +25,7 @@ from tccm_ros.records import (
     Odometry,
     PosedScan,
     PoseGuess,
+    RollPitch,
     Room,
     ScanPose,
     Surface,
@@ -166,6 +167,7 @@ class SurfaceSlam:
         self._handlers: dict[type, Callable[[Any], list[ScanPose]]] = {
             PosedScan: self._take_scan,
             Odometry: self._take_odometry,
+            RollPitch: self._take_roll_pitch,
             LandmarkObservation: self._take_landmark,
             SignMeasurement: self._take_sign,
             SearchedPicture: self._take_picture,
@@ -257,6 +259,10 @@ class SurfaceSlam:
     def _take_odometry(self, record: Odometry) -> list[ScanPose]:
         self.odom_frame = record.frame_id or self.odom_frame
         self.walls.add_odometry(record.stamp_ns, record.T_odom_base)
+        return []
+
+    def _take_roll_pitch(self, sample: RollPitch) -> list[ScanPose]:
+        self.walls.add_roll_pitch(sample)
         return []
 
     def _take_view(

@@ -133,6 +133,23 @@ def test_the_surface_message_has_each_point_of_the_newest_tilt_cycle_once():
             assert cloud.points[cloud.surface == surface, 2].std() < 0.01
 
 
+def test_a_block_ends_at_its_front():
+    """Its last cells hold its front as well: their points are of the top none the less."""
+    edge = 0.305
+    block = (0.9, 1.9, edge, 1.2, 0.0, 0.7)
+    records = record(3.0 * HALF_TIME, lambda t: (FLOOR, WALL, block), noise=0.002, every=1)
+    kept: list[bool] = []
+    for result in run(records)[1]:
+        points = result.part.positions()
+        top = result.surfaces.points[np.abs(result.surfaces.points[:, 2] - 0.7) < 0.02]
+        assert top[:, 1].min() > edge - 0.01
+        in_last_cells = (points[:, 1] < edge + 0.015) & (np.abs(points[:, 0] - 1.4) < 0.45)
+        rows = points[in_last_cells & (np.abs(points[:, 2] - 0.7) < 0.002)]
+        kept += (np.abs(rows[:, None] - top).max(axis=2).min(axis=1) < 1e-4).tolist()
+    assert len(kept) > 20
+    assert np.mean(kept) > 0.9
+
+
 def test_views_are_only_of_tilt_cycles_at_rest_when_asked():
     still = settings(views={"when": "still"})
     _, results = run(room(3.0, (0.3, 0.0)), still)

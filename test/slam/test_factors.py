@@ -131,8 +131,8 @@ def test_a_view_rolls_and_pitches_but_a_keyframe_does_not():
         PriorPose(key, np.zeros(3), COV * 1e-6),
         KeyframeView(key, view_key(0), np.zeros(3), COV * 1e-4),
         KeyframeView(key, view_key(1), np.zeros(3), COV * 1e-4),
-        ViewPlane(0, 5, level, 0.7, sharp),
-        ViewPlane(1, 5, tilted, 0.7, sharp),
+        ViewPlane(0, 5, level, 0.7 * level, sharp),
+        ViewPlane(1, 5, tilted, 0.7 * tilted, sharp),
     ]
     starts = {key: np.zeros(3), view_key(0): np.zeros(3), view_key(1): np.zeros(3)}
     solution = solve_graph(factors, starts)
@@ -143,6 +143,52 @@ def test_a_view_rolls_and_pitches_but_a_keyframe_does_not():
     assert abs(pitch) == pytest.approx(pitch_of_view / 2, rel=0.05)
     assert np.allclose(solution.pose(key), np.eye(4), atol=1e-6)
     assert solution.plane(surface_key(5))[3] == pytest.approx(-0.7, abs=0.01)
+
+
+def test_a_wrong_slope_does_not_change_heights_where_a_surface_was_seen():
+    """Of a board 4 m away views know the height to 1 mm, but the slope only to 20 mrad."""
+    key, middle = keyframe_key(0), np.array([4.0, 0.5, 0.7])
+    cov = np.diag([0.02**2, 0.02**2, 0.001**2])
+    normals = [np.array([0.0, 0.0, 1.0]), np.array([-0.03, 0.02, np.sqrt(1.0 - 0.0013)])]
+    factors = [PriorPose(key, np.zeros(3), COV * 1e-6)]
+    for view, normal in enumerate(normals):
+        factors.append(KeyframeView(key, view_key(view), np.zeros(3), COV * 1e-4))
+        factors.append(ViewPlane(view, 5, normal, middle, cov))
+    starts = {k: np.zeros(3) for k in (key, view_key(0), view_key(1))}
+    solution = solve_graph(factors, starts)
+    heights = [(solution.pose(view_key(v)) @ [*middle, 1.0])[2] for v in range(2)]
+    assert heights[1] == pytest.approx(heights[0], abs=3e-4)
+    assert np.allclose(solution.pose(view_key(1))[2, :2], 0.0, atol=0.002)
+
+
+def test_the_derivatives_of_a_plane_of_a_view_are_those_of_its_residual():
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        T = gtsam.Pose3.Expmap(rng.normal(0.0, [0.05, 0.05, 2.0, 3.0, 3.0, 0.1]))
+        normal = np.array([*rng.normal(0.0, 0.05, 2), 1.0])
+        plane = gtsam.OrientedPlane3(np.array([*normal, rng.normal()]))
+        seen = T.rotation().matrix().T @ normal / np.linalg.norm(normal)
+        factor = ViewPlane(0, 1, seen, rng.normal(0.0, 3.0, 3), np.eye(3))
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        factor.add_to(graph)
+        values.insert(view_key(0).symbol, T)
+        values.insert(surface_key(1).symbol, plane)
+        jacobian, residual = graph.linearize(values).jacobian(
+            gtsam.Ordering([view_key(0).symbol, surface_key(1).symbol])
+        )
+
+        def moved(step, values=values, graph=graph):
+            delta = gtsam.VectorValues()
+            delta.insert(view_key(0).symbol, step[:6])
+            delta.insert(surface_key(1).symbol, step[6:])
+            ordering = gtsam.Ordering([view_key(0).symbol, surface_key(1).symbol])
+            return -graph.linearize(values.retract(delta)).jacobian(ordering)[1]
+
+        step = 1e-6
+        for column, one in enumerate(np.eye(9)):
+            slope = (moved(step * one) - moved(-step * one)) / (2.0 * step)
+            assert slope == pytest.approx(jacobian[:, column], abs=1e-5)
+        assert np.allclose(residual[:2], 0.0, atol=1e-12)
 
 
 def test_registration_of_views_is_robust_against_an_outlier():

@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.geometry import spatial
+from tccm_ros.geometry import pose_from_roll_pitch, spatial
 from tccm_ros.slam.factors.factor import NoLandmark
 from tccm_ros.slam.factors.keys import Key, rotation_z, view_key
 from tccm_ros.slam.factors.noise import gaussian, huber, planar_covariance
@@ -33,6 +33,8 @@ class KeyframeView(NoLandmark):
     sigma_z_roll_pitch
         Standard deviations of the view's z (m), roll and pitch (rad), which are zero for the
         keyframe.
+    roll_pitch
+        Of the view, as far as they are known, rad.
     """
 
     keyframe: Key
@@ -40,11 +42,13 @@ class KeyframeView(NoLandmark):
     delta: Float64
     cov: Float64
     sigma_z_roll_pitch: tuple[float, float, float] = Z_ROLL_PITCH_SIGMAS
+    roll_pitch: tuple[float, float] = (0.0, 0.0)
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
         """Add a between factor in all six degrees of freedom."""
         noise = gaussian(planar_covariance(np.asarray(self.cov), self.sigma_z_roll_pitch))
-        delta = gtsam.Pose3(rotation_z(-self.keyframe.yaw_offset) @ spatial(self.delta))
+        planar = rotation_z(-self.keyframe.yaw_offset) @ spatial(self.delta)
+        delta = gtsam.Pose3(planar @ pose_from_roll_pitch(self.roll_pitch))
         keys = self.keyframe.symbol, self.view.symbol
         graph.add(gtsam.BetweenFactorPose3(*keys, delta, noise))
 

@@ -1,0 +1,54 @@
+"""How an IMU is fixed to the base."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.errors import FrameError
+from tccm_ros.robot.base_motion import BaseMotion
+from tccm_ros.robot.chain import JointReading
+from tccm_ros.robot.frames import FrameTree, build_chain, find_path, plain_name
+from tccm_ros.robot.urdf import Joint
+
+
+class ImuMount:
+    """Where an IMU is in the frame that odometry follows, from what is known of the robot.
+
+    Parameters
+    ----------
+    frames, motion
+        What is known of the robot.
+    """
+
+    def __init__(self, frames: FrameTree, motion: BaseMotion) -> None:
+        self._frames, self._motion = frames, motion
+        self._found: Float64 | None = None
+        self._found_of = -1, ""
+
+    def pose(self, frame: str) -> Float64 | None:
+        """Return T_base_imu float64 (4, 4) of an IMU's frame, None where nothing tells it.
+
+        Nothing does before odometry has come, and where a joint between the two moves.
+        """
+        known = self._frames.version, frame
+        if known != self._found_of:
+            self._found_of, self._found = known, self._find(plain_name(frame))
+        return self._found
+
+    def _find(self, frame: str) -> Float64 | None:
+        base = self._motion.child_frame
+        if not base or not frame:
+            return None
+        if frame == base:
+            return np.eye(4)
+        edges = self._frames.view(urdf=True, tf=True, moving_tf=False)
+        try:
+            chain = build_chain(find_path(base, frame, edges), _no_joint)
+        except FrameError:
+            return None
+        return chain.at(np.zeros(1, np.int64))[0]
+
+
+def _no_joint(joint: Joint) -> JointReading:
+    raise FrameError(f"joint '{joint.name}' moves the imu")

@@ -1,0 +1,380 @@
+"""Roll and pitch of the base by its IMU: the accelerometer while it stands, the gyroscope between.
+
+What an accelerometer calls up is off by its bias and by how it is mounted, a degree or two in all,
+and by the same at all times. So roll and pitch count against their usual value, that of the drives:
+from one stop to the next a base gains no speed, so that the mean of what the accelerometer measures
+on the way, less the accelerations of its yaw, is gravity; the usual value is the median over all
+drives of this run. A base that stands askew (on a door sill, on a ramp, with an arm stretched out)
+is seen to, once it has driven.
+
+At a moment of a drive accelerations hide gravity, and the rates of the gyroscope are integrated.
+That is good for some seconds straight ahead. A base that turns moves the error of the mount from
+roll into pitch, so that nothing is told after a turn, up to the next stop.
+
+What is not larger than the IMU can tell is none at all: without it, poses have the same bytes as
+without an IMU. Odometry with roll or pitch of its own tells them itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from tccm_ros.arrays import Float64, Int64
+from tccm_ros.config import Config
+from tccm_ros.geometry import between2, wrap_angle
+from tccm_ros.records import Imu, RollPitch
+from tccm_ros.robot.base_motion import BaseMotion, MotionSource, is_standing
+from tccm_ros.robot.imu_mount import ImuMount
+from tccm_ros.robot.tracks import ScalarTrack, Track
+
+STEP_NS = 20_000_000
+"""Roll and pitch are computed for each multiple of this (chosen: bases rock at some Hz), and are
+linear between."""
+
+STANDING_NS = 100_000_000
+"""A base stands that has not moved for this time."""
+
+SETTLING_STEPS, AVERAGED_STEPS = 25, 50
+"""A base that has stopped rocks for 0.5 s; then gravity is averaged over 1 s, and counts after half
+of it (chosen)."""
+
+BIAS_STEPS, MIN_BIAS_STEPS = 500, 50
+"""The bias of the gyroscope is the median of its rates in the last 10 s of standing, known after
+1 s: a base that sinks to one side meanwhile does not change it (chosen)."""
+
+GRAVITY_SIGMA, USUAL_SIGMA = 0.001, 0.001
+"""Standard deviations, rad, of roll and pitch by gravity at a stop, and of the usual ones. Chosen:
+1 mg each, the stability of the bias of cheap accelerometers, at rest and with the wheels' shaking.
+"""
+
+MIN_DRIVE_STEPS = 100
+"""Shorter drives tell nothing of the usual roll and pitch. Chosen: 2 s."""
+
+RATE_NOISE, RATE_SIGMA = 0.0005, 0.0003
+"""Noise of integrated rates, rad/s^0.5, and standard deviation of their bias, rad/s (chosen: those
+of cheap gyroscopes once they have stood)."""
+
+AXIS_SIGMA = 0.02
+"""Roll and pitch get this fraction of a yaw. Chosen: 1 deg, of the mount or of gravity's
+direction."""
+
+MAX_SIGMA = 0.02
+"""Roll and pitch that are more uncertain (rad) are not told (chosen)."""
+
+MAX_USUAL = 0.2
+"""More roll or pitch (rad) is no bias of an accelerometer. Chosen: 11 deg; the IMU is mounted
+another way than its frame says, or the base has fallen over."""
+
+GRAVITIES, TOLERANCE = (9.81, 1.0), 0.05
+"""Lengths of gravity in m/s2, and in g as some drivers have it; other lengths, by more than this
+fraction, are not gravity's (chosen)."""
+
+MAX_OFF = 0.03
+"""Gravity that is further (rad) from where the gyroscope has it is an acceleration: the base is
+pushed, or the clock of the IMU is off. It is averaged anew. Chosen: 0.3 m/s2, several times the
+noise of cheap accelerometers."""
+
+NO_GRAVITY = "imu: acceleration is not gravity"
+"""Reason why samples of a base that stands are not used."""
+
+NONE_BELOW, ALL_FROM = 2.5, 4.0
+"""Standard deviations below which roll and pitch are taken as none, and from which they are taken
+whole (chosen: one of 23 is larger than the first by chance)."""
+
+EVENT_STEPS = 5
+"""An event is given for each so many steps: 10 Hz (chosen)."""
+
+
+def significant(roll_pitch: Float64, sigma: Float64 | float) -> Float64:
+    """Return roll and pitch where they are more than noise, else exactly 0.
+
+    Firm shrinkage (Gao, Bruce: WaveShrink with firm shrinkage. Statistica Sinica, 1997) of the
+    angle between the base and its usual attitude: continuous, and without bias for large angles.
+
+    Parameters
+    ----------
+    roll_pitch
+        float64 (..., 2), against the usual ones, rad.
+    sigma
+        float64 (...), standard deviation of each of the two, rad.
+
+    Returns
+    -------
+    float64 (..., 2), rad
+    """
+    angle = np.linalg.norm(roll_pitch, axis=-1)
+    noise = np.asarray(sigma, float)
+    none_below, all_from = NONE_BELOW * noise, ALL_FROM * noise
+    kept = all_from * (angle - none_below) / np.maximum(angle * (all_from - none_below), 1e-300)
+    return np.asarray(roll_pitch * np.clip(kept, 0.0, 1.0)[..., None])
+
+
+class BaseRollPitch:
+    """Roll and pitch of the base over time.
+
+    Parameters
+    ----------
+    config
+        Samples with more than half of `sync_timeout` between them bracket nothing.
+    motion, mount
+        Motion of the base, and how the IMU is fixed to it.
+    refuse
+        Called with the reason for which a sample of a base that stands is not used.
+
+    Attributes
+    ----------
+    track
+        float64 (6,): angular velocity, rad/s, and specific force, in the frame of the IMU.
+    bias
+        Rates at rest float64 (3,), rad/s, in the base; None while it is not known.
+    """
+
+    def __init__(
+        self, config: Config, motion: BaseMotion, mount: ImuMount, refuse: Callable[[str], None]
+    ) -> None:
+        self.track = Track(6)
+        self._told = ScalarTrack(), ScalarTrack()
+        self._motion, self._mount, self._refuse = motion, mount, refuse
+        self._max_gap_ns = round(config.sync_timeout * 1e9) // 2
+        self._frame = ""
+        self.clear_samples()
+
+    def clear_samples(self) -> None:
+        """Forget everything that has a stamp, and what was learnt of the IMU."""
+        self.track.clear()
+        for track in self._told:
+            track.clear()
+        self.bias: Float64 | None = None
+        self._rates: deque[Float64] = deque(maxlen=BIAS_STEPS)
+        self._until_ns: int | None = None
+        self._is_told_by_odometry = False
+        # As measured, with the bias of the accelerometer; None while nothing tells them.
+        self._now: Float64 | None = None
+        self._scatter, self._gravity = 0.0, GRAVITIES[0]
+        # At the stop: steps that the base has stood, and that gravity was measured.
+        self._standing, self._measured = 0, 0
+        # Since the last stop: time (s), yaw (rad), steps and sum of specific forces of a drive.
+        self._moved_s, self._yaw = 0.0, 0.0
+        self._driven, self._forces = -1, np.zeros(3)
+        self._drives: list[Float64] = []
+        self._usual: Float64 | None = None
+        self._events: list[RollPitch] = []
+
+    def add(self, record: Imu) -> bool:
+        """Take a sample; return whether it is newer than the one before."""
+        self._frame = record.frame_id
+        force = np.full(3, np.nan) if record.acceleration is None else record.acceleration
+        return self.track.append(record.stamp_ns, np.concatenate([record.angular_velocity, force]))
+
+    def at(self, stamps_ns: Int64) -> Float64 | None:
+        """Return roll and pitch of the base against the usual ones, rad, float64 (K, 2).
+
+        After the newest that are known they are held for the widest step of samples. None
+        where they are all 0, or where nothing tells them.
+        """
+        last_ns = self._told[0].latest_ns
+        if last_ns is None or stamps_ns[-1] > last_ns + self._max_gap_ns:
+            return None
+        known_ns = np.minimum(stamps_ns, last_ns)
+        if not self._told[0].brackets(int(known_ns[0]), int(known_ns[-1]), self._max_gap_ns):
+            return None
+        found = np.column_stack([track.at(known_ns, wraps=False) for track in self._told])
+        return found if found.any() else None
+
+    def awaited(self, stamp_ns: int) -> tuple[int, list[Track]]:
+        """Return what roll and pitch at a stamp wait for.
+
+        Returns
+        -------
+        A stamp in ns, and the tracks that have to reach it: none where nothing is told, or where
+        the clock of the IMU is far from it.
+        """
+        needed_ns, heard_ns = _step_after(stamp_ns), self.track.latest_ns
+        if self._until_ns is None or heard_ns is None or self._is_told_by_odometry:
+            return needed_ns, []
+        if abs(needed_ns - heard_ns) > 2 * self._max_gap_ns:
+            return needed_ns, []
+        tracks = [self.track, *self._motion.tracks("")]
+        return needed_ns, [t for t in tracks if t.latest_ns is None or t.latest_ns < needed_ns]
+
+    def take(self) -> list[RollPitch]:
+        """Compute as far as there are samples of IMU and odometry; return what is new."""
+        newest_ns = self._newest_ns()
+        if newest_ns is None:
+            return []
+        T_base_imu = self._mount.pose(self._frame)
+        if T_base_imu is None:
+            return []
+        if self._until_ns is None:
+            self._until_ns = _step_after(int(self.track.stamps_ns[0]))
+        while self._until_ns + STEP_NS <= newest_ns and not self._is_told_by_odometry:
+            self._step(self._until_ns, T_base_imu)
+        events, self._events = self._events, []
+        return events
+
+    def _newest_ns(self) -> int | None:
+        """Return until when both the IMU and odometry are known."""
+        if self._motion.source is not MotionSource.ODOMETRY or not len(self.track):
+            return None
+        imu_ns, odometry_ns = self.track.latest_ns, self._motion.latest_ns
+        return None if imu_ns is None or odometry_ns is None else min(imu_ns, odometry_ns)
+
+    def _step(self, start_ns: int, T_base_imu: Float64) -> None:
+        """Go on by one step."""
+        end_ns = start_ns + STEP_NS
+        self._until_ns = end_ns
+        if self._motion.has_roll_pitch:
+            self._is_told_by_odometry = True
+            return
+        if not self.track.brackets(start_ns, end_ns, self._max_gap_ns):
+            self._lose()
+            stamps = self.track.stamps_ns
+            self._until_ns = _step_after(int(stamps[np.searchsorted(stamps, end_ns)]))
+            return
+        mean = self._mean(start_ns, end_ns)
+        rates, force = T_base_imu[:3, :3] @ mean[:3], T_base_imu[:3, :3] @ mean[3:]
+        moved = self._motion.step(end_ns - STANDING_NS, end_ns, self._max_gap_ns)
+        self._integrate(rates)
+        if moved is None:
+            self._lose()
+        elif is_standing(moved):
+            self._stand(rates, force)
+        else:
+            self._drive(moved, rates, force, T_base_imu[:3, 3])
+        self._tell(end_ns)
+
+    def _mean(self, start_ns: int, end_ns: int) -> Float64:
+        """Return the mean of the samples (6,) of a step, of those around it where it has none."""
+        stamps = self.track.stamps_ns
+        first, last = np.searchsorted(stamps, [start_ns, end_ns], "right")
+        if first == last:
+            first, last = first - 1, last + 1
+        return np.asarray(self.track.values[first:last].mean(axis=0))
+
+    def _integrate(self, rates: Float64) -> None:
+        """Go on by the rates (3,) of the base in one step."""
+        seconds = STEP_NS * 1e-9
+        self._moved_s += seconds
+        if self._now is None or self.bias is None:
+            return
+        x, y, yaw = (rates - self.bias) * seconds
+        roll, pitch = self._now - (self._now if self._usual is None else self._usual)
+        self._now = self._now + np.array([x + pitch * yaw, y - roll * yaw])
+        self._yaw += abs(yaw)
+
+    def _stand(self, rates: Float64, force: Float64) -> None:
+        """Measure gravity, and the bias of the gyroscope, while the base stands."""
+        if self._driven >= MIN_DRIVE_STEPS:
+            self._note_drive()
+        self._standing, self._driven, self._forces = self._standing + 1, 0, np.zeros(3)
+        if self._standing <= SETTLING_STEPS:
+            return
+        self._rates.append(rates)
+        if len(self._rates) >= MIN_BIAS_STEPS and self._standing % MIN_BIAS_STEPS == 0:
+            self.bias = np.median(np.array(self._rates), axis=0)
+        measured = roll_pitch_of(force)
+        if measured is None:
+            if np.isfinite(force).all():
+                self._refuse(NO_GRAVITY)
+            return
+        if self._now is not None and np.abs(measured - self._now).max() > MAX_OFF:
+            self._measured = 0
+        self._measured += 1
+        if self._measured == 1 or self._now is None:
+            self._now, self._scatter = measured, 0.0
+            self._gravity = min(GRAVITIES, key=lambda g: abs(g - float(np.linalg.norm(force))))
+        off = measured - self._now
+        gain = 1.0 / min(self._measured, AVERAGED_STEPS)
+        self._now = self._now + gain * off
+        self._scatter += gain * (0.5 * float(off @ off) - self._scatter)
+        if self._is_averaged:
+            self._moved_s, self._yaw = 0.0, 0.0
+
+    @property
+    def _is_averaged(self) -> bool:
+        """Whether gravity has been measured for long enough at this stop."""
+        return 2 * self._measured >= AVERAGED_STEPS
+
+    def _drive(self, moved: Float64, rates: Float64, force: Float64, arm: Float64) -> None:
+        """Add up the specific forces of a drive that began at a stop.
+
+        Parameters
+        ----------
+        moved
+            float64 (3,), by odometry in `STANDING_NS`, m and rad.
+        rates, force
+            float64 (3,), of the base.
+        arm
+            float64 (3,), where the accelerometer is in the base, m.
+        """
+        self._standing, self._measured = 0, 0
+        if self._driven < 0 or self.bias is None:
+            return
+        yaw_rate, half = float(rates[2] - self.bias[2]), 0.5 * float(moved[2])
+        # The chord of an arc points to where the base looks in the middle of it.
+        x, y, _ = between2([0.0, 0.0, half], moved) * (1e9 / STANDING_NS)
+        of_yaw = yaw_rate * np.array([-y, x, 0.0]) - yaw_rate**2 * arm * [1.0, 1.0, 0.0]
+        of_yaw *= self._gravity / GRAVITIES[0]
+        self._driven, self._forces = self._driven + 1, self._forces + force - of_yaw
+
+    def _note_drive(self) -> None:
+        """Note a drive that has ended at a stop."""
+        measured = roll_pitch_of(self._forces / self._driven)
+        if measured is not None:
+            self._drives.append(measured)
+            self._usual = np.median(np.array(self._drives), axis=0)
+
+    def _lose(self) -> None:
+        """Forget roll and pitch up to the next stop."""
+        self._standing, self._measured, self._driven, self._now = 0, 0, -1, None
+
+    @property
+    def _sigma(self) -> float:
+        """Standard deviation of roll and pitch, rad."""
+        if self._now is None or (self._measured and not self._is_averaged):
+            return math.inf
+        by_gravity = GRAVITY_SIGMA**2 + USUAL_SIGMA**2 + self._scatter / AVERAGED_STEPS
+        if self._moved_s == 0.0:
+            return math.sqrt(by_gravity)
+        if self.bias is None:
+            return math.inf
+        drift = (RATE_SIGMA * self._moved_s) ** 2 + (AXIS_SIGMA * self._yaw) ** 2
+        return math.sqrt(by_gravity + RATE_NOISE**2 * self._moved_s + drift)
+
+    def _tell(self, stamp_ns: int) -> None:
+        """Note roll and pitch at the end of a step."""
+        sigma, now, usual, found = self._sigma, self._now, self._usual, np.zeros(2)
+        if now is not None and usual is not None and sigma <= MAX_SIGMA:
+            found = significant(now - usual, sigma)
+        if now is not None and sigma <= MAX_SIGMA and stamp_ns // STEP_NS % EVENT_STEPS == 0:
+            known = None if usual is None else _pair(usual)
+            self._events.append(RollPitch(stamp_ns, _pair(now), sigma, known))
+        for track, value in zip(self._told, found.tolist()):
+            track.append(stamp_ns, value)
+
+
+def roll_pitch_of(force: Float64) -> Float64 | None:
+    """Return the roll and pitch (2,), rad, that a specific force (3,) at rest shows in the base.
+
+    Roll is positive where the left side is up, pitch where the front is down (REP-103). None where
+    it is not gravity's, or far from the vertical.
+    """
+    length = float(np.linalg.norm(force))
+    if not any(abs(length - g) <= TOLERANCE * g for g in GRAVITIES):
+        return None
+    x, y, z = force.tolist()
+    found = wrap_angle([math.atan2(y, z), math.atan2(-x, math.hypot(y, z))])
+    return found if np.abs(found).max() <= MAX_USUAL else None
+
+
+def _pair(values: Float64) -> tuple[float, float]:
+    return float(values[0]), float(values[1])
+
+
+def _step_after(stamp_ns: int) -> int:
+    """Return the first multiple of a step from a stamp on."""
+    return -(-stamp_ns // STEP_NS) * STEP_NS

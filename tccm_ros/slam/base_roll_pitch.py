@@ -1,0 +1,62 @@
+"""Roll and pitch of the base at views, by its IMU, against what is usual over the whole run.
+
+A tilt cycle is posed as it comes, when later drives are not known. A solution knows all of them, so
+that views of the first stop have their roll and pitch as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.records import RollPitch
+from tccm_ros.robot.roll_pitch import significant
+from tccm_ros.robot.tracks import Track
+
+MAX_GAP_NS = 500_000_000
+"""Samples with a wider step between them tell nothing of the time there (chosen)."""
+
+QUANTUM = 0.00025
+"""Step, rad, of the usual roll and pitch. Chosen: 0.75 mm at 3 m; a drive more does not move each
+view by a little."""
+
+UNBOUNDED = 2**62
+
+
+class RollPitchTrack:
+    """Roll and pitch by stamp, as they come."""
+
+    def __init__(self) -> None:
+        self._samples = Track(3, UNBOUNDED)
+        self._usual: Float64 | None = None
+
+    def __len__(self) -> int:
+        return len(self._samples)
+
+    def add(self, sample: RollPitch) -> None:
+        """Add a sample; one that is not newer than the one before is left out."""
+        is_newer = self._samples.append(sample.stamp_ns, np.array([*sample.measured, sample.sigma]))
+        if is_newer and sample.usual is not None:
+            self._usual = np.round(np.array(sample.usual) / QUANTUM) * QUANTUM
+
+    def at(self, stamps_ns: Sequence[int]) -> Float64:
+        """Return roll and pitch against the usual ones at V stamps, rad, float64 (V, 2).
+
+        They are exactly 0 where they are no more than noise, and where nothing tells them.
+        """
+        found = np.zeros((len(stamps_ns), 2))
+        if self._usual is None:
+            return found
+        times, values = self._samples.stamps_ns, self._samples.values
+        for v, stamp in enumerate(stamps_ns):
+            if not self._samples.brackets(stamp, stamp, MAX_GAP_NS):
+                continue
+            first = int(np.searchsorted(times, stamp, "right")) - 1
+            last = int(np.searchsorted(times, stamp))
+            span = int(times[last] - times[first])
+            fraction = (stamp - int(times[first])) / span if span else 0.0
+            mixed = values[first, :2] + fraction * (values[last, :2] - values[first, :2])
+            found[v] = significant(mixed - self._usual, max(values[first, 2], values[last, 2]))
+        return found

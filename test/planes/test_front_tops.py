@@ -1,0 +1,102 @@
+"""The topmost points of a block's front are of its top: brute force, walls that go on, gaps."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tccm_ros.planes.front_tops import ABOVE, SIGMAS, top_planes
+
+CELL, HEIGHT, RMS = 0.02, 0.80, 0.002
+TOP, FRONT, SLOPE = 0, 1, 2
+NORMALS = {TOP: [0.0, 0.0, 1.0], FRONT: [1.0, 0.0, 0.0], SLOPE: [0.8, 0.0, 0.6]}
+
+
+class Fits(list):
+    """Planes with the cuboids of a map, as `PlaneFits`."""
+
+
+def fits_of(cells, tops, labels):
+    fits = Fits(
+        SimpleNamespace(index=index, normal=np.array(normal), offset=HEIGHT * normal[2], rms=RMS)
+        for index, normal in NORMALS.items()
+    )
+    cells = np.asarray(cells, np.int32).reshape(-1, 2)
+    top = np.rint(np.asarray(tops) * 1e4).astype(np.int32)
+    fits.cuboids = SimpleNamespace(cell_size=CELL, ix=cells[:, 0], iy=cells[:, 1], top=top)
+    fits.labels = np.asarray(labels, np.int32)
+    return fits
+
+
+def block(front_top=HEIGHT, gap=0, front=FRONT):
+    """Return the planes of a block whose top begins `gap` cells behind the cells of its front."""
+    iy = np.arange(20)
+    cells = [(0, y) for y in iy] + [(x, y) for x in range(1 + gap, 6 + gap) for y in iy]
+    tops = [front_top] * 20 + [HEIGHT] * 100
+    return fits_of(cells, tops, [front] * 20 + [TOP] * 100)
+
+
+def block_points(rng, count=500):
+    """Return points of the front and the top, and the cuboid of each."""
+    y, z = rng.uniform(0.0, 20 * CELL, count), rng.uniform(HEIGHT - 0.1, HEIGHT + 0.004, count)
+    front = np.column_stack([rng.uniform(0.0, CELL, count), y, z])
+    top = np.column_stack(
+        [np.zeros((100, 2)), np.full(100, HEIGHT)]
+    )  # of which only the cell counts
+    cuboids = np.concatenate([np.floor(y / CELL).astype(np.int64), np.arange(20, 120)])
+    return np.concatenate([front, top]), cuboids
+
+
+def found(fits, points, cuboids, own=True):
+    labels = fits.labels[cuboids]
+    surface = np.where((labels == TOP) & own, TOP, -1).astype(np.int64)
+    return top_planes(points, cuboids, labels, surface, fits[:1], fits)
+
+
+def test_the_topmost_points_of_a_front_are_of_the_top_and_no_others():
+    points, cuboids = block_points(np.random.default_rng(1))
+    is_top = (np.abs(points[:, 2] - HEIGHT) <= SIGMAS * RMS) & (cuboids < 20)
+    assert 10 < is_top.sum() < 200
+    np.testing.assert_array_equal(found(block(), points, cuboids), np.where(is_top, TOP, -1))
+
+
+@pytest.mark.parametrize(
+    "fits", [block(front_top=HEIGHT + ABOVE + 0.01), block(gap=1), block(front=SLOPE)]
+)
+def test_walls_that_go_on_slopes_and_distant_fronts_have_no_points_of_the_top(fits):
+    points, cuboids = block_points(np.random.default_rng(2))
+    assert (found(fits, points, cuboids) == -1).all()
+
+
+def test_points_of_fronts_alone_make_no_surface():
+    """The map knows the top, but no point of this view is on it."""
+    points, cuboids = block_points(np.random.default_rng(3))
+    assert (found(block(), points, cuboids, own=False) == -1).all()
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(deadline=None)
+def test_each_point_is_judged_by_its_cell_and_the_eight_around_it(seed):
+    rng = np.random.default_rng(seed)
+    cells = np.unique(rng.integers(-4, 4, (30, 2)), axis=0)
+    tops = rng.uniform(HEIGHT - 0.1, HEIGHT + 0.1, len(cells))
+    labels = rng.integers(-1, 3, len(cells))
+    fits = fits_of(cells, tops, labels)
+    cuboids = rng.integers(0, len(cells), 60)
+    surface = np.where((labels[cuboids] == TOP) & (rng.random(60) < 0.5), TOP, -1)
+    z = rng.normal(HEIGHT, 2.0 * SIGMAS * RMS, 60)
+    points = np.column_stack([(cells[cuboids] + rng.random((60, 2))) * CELL, z])
+    planes = top_planes(points, cuboids, fits.labels[cuboids], surface, fits[:1], fits)
+    own = cells[cuboids[surface == TOP]]
+    for point, cuboid, plane in zip(points, cuboids, planes):
+        near = np.abs(cells - cells[cuboid]).max(axis=1) <= 1
+        highest = np.rint(tops[near & (labels == FRONT)] * 1e4).max(initial=-np.inf) * 1e-4
+        expected = (
+            labels[cuboid] == FRONT
+            and abs(point[2] - HEIGHT) <= SIGMAS * RMS
+            and (np.abs(own - cells[cuboid]).max(axis=1, initial=0) <= 1).any()
+            and highest <= point[2] + ABOVE
+        )
+        assert plane == (TOP if expected else -1)

@@ -33,6 +33,7 @@ IN_SHORT = {
     "bench_merge": ("flat",),
     "bench_planes": ("--tests", "3"),
     "bench_question_latency": ("--answers", "30"),
+    "bench_replay": (str(HERE.parent / "bags" / "flat"),),
     "bench_rooms": ("4",),
     "bench_sensors": ("--images", "10"),
     "bench_sign_map": ("--seeds", "1"),

@@ -7,6 +7,7 @@ import os
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 from bag_player import play_bag
 from depth_room import write_recording
@@ -19,6 +20,8 @@ from tccm_ros.bags.reader import BagReader
 from tccm_ros.config import Config
 from tccm_ros.config.reader import read_config
 from tccm_ros.pipeline.replay import replay
+from tccm_ros.pipeline.sim.options import Options
+from tccm_ros.pipeline.sim.recording import simulate
 
 SYNC_S = 5.0
 """Played far faster than on a robot, one topic may be a second of message time behind another: with
@@ -133,6 +136,36 @@ def test_a_depth_camera_and_a_lidar_are_mapped_live_as_offline(ros, tmp_path, is
     for each in (tccm_node, node):
         assert each.inputs.lost() == {}
         assert not each.overload
+    for name in EQUAL:
+        assert (live / name).read_bytes() == (offline / name).read_bytes(), name
+
+
+@pytest.mark.parametrize("is_shared", [False, True])
+def test_roll_and_pitch_by_an_imu_are_those_of_a_replay(ros, tmp_path, is_shared):
+    bag, live, offline = tmp_path / "bag", tmp_path / "live", tmp_path / "offline"
+    options = Options(imu=True, stop_tilt=0.02, tilt_beams=181, people=False)
+    simulate("moved", bag, options=options)
+    replay(bag, offline, Config(sync_timeout=SYNC_S), pictures=False)
+    common = {
+        "context": ros.context,
+        "save__directory": str(live),
+        "sync_timeout": SYNC_S,
+    }
+    tilt_node = tccm(ros, **common)
+    node = slam(ros, shared=tilt_node.robot if is_shared else None, **common)
+    ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
+    play_bag(ros, bag, tilt_node, node)
+    ask = ros.add(Node("asker", context=ros.context))
+    save(ros, ask, "/tccm/save_map")
+    cycles = tilt_node.processor.counts["cycles"]
+    for topic in ("/tccm/surfaces", "/tccm/view", "/tccm/object_boxes"):
+        ros.spin_until(lambda t=topic: node.inputs.counts()[t] == cycles, what=topic)
+    save(ros, ask, "/surface_slam/save_map")
+    for each in (tilt_node, node):
+        assert each.inputs.lost() == {}
+        assert not each.overload
+    told = node.robot.robot.roll_pitch.at(np.array([node.newest_ns]))
+    assert np.abs(told).max() > 0.005, "the base stood level in the end"
     for name in EQUAL:
         assert (live / name).read_bytes() == (offline / name).read_bytes(), name
 

@@ -1,7 +1,9 @@
 """Run every benchmark, one after the other: `make bench`, or `python bench/run.py [NAME ...]`.
 
-Each is also a command of its own. Tables are Markdown; times are of this machine in this run, and
-what counts are the ratios to the peers in the same run. The numbers of all tables are written to
+Each is also a command of its own. Here those that take long run in short (`IN_SHORT`), so that all
+of them take a quarter of an hour; figures of the documentation come from the commands beside them.
+Tables are Markdown; times are of this machine in this run, and what counts are the ratios to the
+peers in the same run. The numbers of all tables are written to
 `bench/results.json` with machine and versions; `bench/compare.py` holds two such files against each
 other. A peer that is not installed is named before, with the line that installs it.
 """
@@ -23,6 +25,22 @@ from tccm_peers import find_octomap
 
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results.json"
+IN_SHORT = {
+    "bench_catalogue": ("--maps", "1000"),
+    "bench_degenerate": ("--seeds", "1"),
+    "bench_growth": ("--keyframes", "1000"),
+    "bench_live": ("ring",),
+    "bench_merge": ("flat",),
+    "bench_planes": ("--tests", "3"),
+    "bench_question_latency": ("--answers", "30"),
+    "bench_rooms": ("4",),
+    "bench_sensors": ("--images", "10"),
+    "bench_sign_map": ("--seeds", "1"),
+    "bench_slam": ("--seeds", "2"),
+    "bench_tccm": ("--repeats", "20"),
+}
+"""Arguments by benchmark; the others take theirs."""
+
 PACKAGES = ("tccm_ros", "numpy", "numba", "scipy", "gtsam", "shapely", "rosbags", "mcap")
 
 
@@ -67,16 +85,19 @@ def _version(package: str) -> str | None:
 
 def run(path: Path) -> tuple[dict[str, object], bool]:
     """Run a benchmark, showing what it prints; return its numbers and whether it succeeded."""
-    print(f"\n## {path.stem}\n", flush=True)
+    arguments = IN_SHORT.get(path.stem, ())
+    print(f"\n## {' '.join((path.stem, *arguments))}\n", flush=True)
     start, lines = time.monotonic(), []
-    with subprocess.Popen([sys.executable, str(path)], stdout=subprocess.PIPE, text=True) as child:
+    command = [sys.executable, str(path), *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
         for line in child.stdout or ():
             print(line, end="", flush=True)
             lines.append(line)
     seconds = time.monotonic() - start
     print(f"\n({seconds:.0f} s)", flush=True)
     values = [asdict(value) for value in values_of("".join(lines))]
-    return {"seconds": round(seconds, 1), "values": values}, child.returncode == 0
+    result = {"arguments": arguments, "seconds": round(seconds, 1), "values": values}
+    return result, child.returncode == 0
 
 
 def main(names: list[str]) -> int:

@@ -21,6 +21,7 @@ import bench_objects  # noqa: E402
 import merge_drives  # noqa: E402
 from compare import differences  # noqa: E402
 from random_flats import random_flat  # noqa: E402
+from run import IN_SHORT  # noqa: E402
 from tables import Value, values_of  # noqa: E402
 
 from tccm_ros.fleet.catalogue import Catalogue  # noqa: E402
@@ -135,6 +136,13 @@ def test_four_robots_begin_at_other_places_of_one_building():
         starts = [merge_drives.BUILDINGS[building](robot).drive.states[0, :2] for robot in range(4)]
         distances = [float(abs(a - b).max()) for a, b in itertools.combinations(starts, 2)]
         assert min(distances) > 0.5
+
+
+def test_what_runs_in_short_is_a_benchmark_with_these_options():
+    for name, arguments in IN_SHORT.items():
+        text = (BENCH / f"{name}.py").read_text()
+        for option in (a for a in arguments if not a.isdigit()):
+            assert f'"{option}"' in text, (name, option)
 
 
 def test_requirements_name_all_that_benchmarks_import():

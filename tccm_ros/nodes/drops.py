@@ -32,8 +32,11 @@ ADVICE = {
 }
 
 
-ORDINARY = ("short tilt cycle", "joint rests", "clock jump")
-"""No fault of the scans: the laser came to rest, or the map begins anew, which has been said."""
+PAUSED = "paused"
+
+ORDINARY = ("short tilt cycle", "joint rests", "clock jump", PAUSED)
+"""No fault of the scans: the laser came to rest, the map begins anew, which has been said, or the
+node was told to pause."""
 
 MIN_NEW = 3
 """Fewer new drops than this between two diagnostics are no problem. Chosen: starts and ends of

@@ -139,13 +139,20 @@ def declare_config(
             continue
         default = _lookup(defaults, parameter.name)
         values[parameter.name] = _config_value(parameter, _declare(node, parameter, default))
-    _warn_of_unknown(node)
+    warn_of_unknown(node, [parameter.name for parameter in parameters()])
     return _changed(Config(), values)
 
 
-def _warn_of_unknown(node: Node) -> None:
-    """Name what was set but is no parameter: a misspelt one would go unseen."""
-    known = [parameter.name for parameter in parameters()]
+def warn_of_unknown(node: Node, known: Collection[str]) -> None:
+    """Name what was set but is no parameter: a misspelt one would go unseen.
+
+    Parameters
+    ----------
+    node
+        The node; what was set comes from its command line and parameter files.
+    known
+        Names of the parameters that there are, also where this node does not declare them.
+    """
     for name in node._parameter_overrides:
         if name in REMOVED:
             node.get_logger().warning(f"parameter {name} is ignored: {REMOVED[name]}")

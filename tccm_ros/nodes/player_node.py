@@ -26,7 +26,7 @@ from std_srvs.srv import SetBool
 
 from tccm_ros.bags.reader import BagMessage, BagReader
 from tccm_ros.errors import BagError, ConfigError
-from tccm_ros.nodes.params import type_advice
+from tccm_ros.nodes.params import type_advice, warn_of_unknown
 from tccm_ros.nodes.qos import SENSOR_DEPTH
 from tccm_ros.nodes.ros_types import RosidlMessages, message_class
 from tccm_ros.nodes.run import run
@@ -80,6 +80,7 @@ class PlayerNode(Node):
         super().__init__("player", **kwargs)
         for name, (default, meaning) in PARAMETERS.items():
             self._declare(name, default, meaning)
+        warn_of_unknown(self, PARAMETERS)
         self.is_done = False
         self.sent: Counter[str] = Counter()
         self._reader = BagReader(_bag_path(self._value("bag")))

@@ -6,6 +6,7 @@ import gc
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from typing import NoReturn
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -20,11 +21,8 @@ from tccm_ros.nodes.start import leave_at_a_signal
 from tccm_ros.nodes.stopping import StopSignals
 
 RCLError = rclpy_implementation.RCLError
-ARGUMENT_ERRORS = (
-    RCLError,
-    rclpy_implementation.RCLInvalidROSArgsError,
-    rclpy_implementation.UnknownROSArgsError,
-)
+UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
+ARGUMENT_ERRORS = (RCLError, rclpy_implementation.RCLInvalidROSArgsError)
 
 USAGE = (
     "usage: NODE [--ros-args [-p group.key:=value] [--params-file FILE] [-r from:=to] "
@@ -79,6 +77,8 @@ def _init(usage: str) -> None:
         if words:
             _explain(words[0], usage)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    except UnknownROSArgsError as error:  # its text is the list of them
+        _explain(str(error).strip("[]").partition(",")[0].strip("'"), usage)
     except ARGUMENT_ERRORS as error:
         reason = str(error).removeprefix("failed to initialize rcl: ").partition(", at /")[0]
         print(f"tccm: {' '.join(reason.split())}; {_first_line(usage)}", file=sys.stderr)
@@ -89,8 +89,8 @@ def _first_line(usage: str) -> str:
     return usage.partition("\n")[0]
 
 
-def _explain(word: str, usage: str) -> None:
-    """End with how a node is started."""
+def _explain(word: str, usage: str) -> NoReturn:
+    """End with how a node is started, for a word that is no argument of its own."""
     if word in ("-h", "--help"):
         print(usage)
         sys.exit(0)

@@ -100,6 +100,7 @@ class SlamNode(SensorNode):
         self.solver = Solver(self.config, self._on_answer)
         self.signs = SignReader(self.config, self._on_signs)
         self.processor = Tracker(self.config)
+        self._scans_before = 0
         self.saver = Worker("saver", partial(self.refuse, "saving"))
         self._keeper = MapKeeper()
         self.newest_ns = 0
@@ -357,7 +358,7 @@ class SlamNode(SensorNode):
 
     def _load(self, folder: Path, name: str) -> str:
         first = self.solver.begin(folder / MAP_FILE)
-        self.processor = Tracker(self.config, first, is_localised=False)
+        self._track_with(Tracker(self.config, first, is_localised=False))
         self._saved_keyframes = first[0]
         self._forget(is_localised=False)
         self.localisation.note_search("no scan has fitted one place of the map alone yet", BY_SCAN)
@@ -369,9 +370,14 @@ class SlamNode(SensorNode):
     def begin(self) -> None:
         """Forget everything."""
         self.solver.begin()
-        self.processor = Tracker(self.config)
+        self._track_with(Tracker(self.config))
         self._saved_keyframes = 0
         self._forget(is_localised=True)
+
+    def _track_with(self, tracker: Tracker) -> None:
+        """Go on with another tracker, which counts from 0 for its own map."""
+        self._scans_before += self.processor.counts["level scans"]
+        self.processor = tracker
 
     def _forget(self, *, is_localised: bool) -> None:
         self.live.forget(is_localised=is_localised)
@@ -482,9 +488,10 @@ class SlamNode(SensorNode):
         )
 
     def used(self) -> Mapping[str, int]:
-        """Return the level scans that were matched."""
+        """Return the level scans that were matched since the start, and the pictures read."""
         pictures = dict.fromkeys(self.config.sensors.camera_images, self.signs.counts["pictures"])
-        return {"scan": self.processor.counts["level scans"], **pictures}
+        scans = self._scans_before + self.processor.counts["level scans"]
+        return {"scan": scans, **pictures}
 
     @property
     def dropped(self) -> Counter[str]:

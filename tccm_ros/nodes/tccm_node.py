@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from rclpy.task import Future
@@ -14,6 +14,7 @@ from tccm_ros.atomic import output_folder
 from tccm_ros.errors import MapError
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.nodes.box_service import BoxService
+from tccm_ros.nodes.drops import PAUSED
 from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.interfaces import MISSING, has_interfaces
 from tccm_ros.nodes.outputs import Outputs
@@ -23,7 +24,7 @@ from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
 from tccm_ros.pipeline.calibrate.rig_check import RigCheck
-from tccm_ros.records import Event, MapReset
+from tccm_ros.records import Event, MapReset, Posed
 from tccm_ros.results.cuboids_file import cuboids_archive
 from tccm_ros.ros.topic_messages import CYCLE_TOPICS, SURFACE_MESSAGE_TOPICS, CycleMessageBuilder
 from tccm_ros.ros.writing import scan_message
@@ -52,6 +53,7 @@ class TccmNode(SensorNode):
         super().configure()
         self.processor = TccmProcessor(self.config)
         self.is_paused = False
+        self._passed_by: Counter[str] = Counter()
         self._has_saved = False
         self._frame_id = self.config.frames.odom_name
         self._rig_check = RigCheck()
@@ -87,7 +89,7 @@ class TccmNode(SensorNode):
     @property
     def dropped(self) -> Counter[str]:
         """Scans that were not used, by reason."""
-        return super().dropped + self.processor.dropped
+        return super().dropped + self.processor.dropped + self._passed_by
 
     # --- intake ---
 
@@ -98,6 +100,13 @@ class TccmNode(SensorNode):
         cycles that nobody looks at would age the map.
         """
         return self.processor.takes(event) and (not self.is_paused or type(event) is MapReset)
+
+    def offer(self, events: Sequence[Any]) -> None:
+        """Queue events for the worker; what sensors measure during a pause is counted alone."""
+        if self.is_paused:
+            measured = (e for e in events if isinstance(e, Posed) and self.processor.takes(e))
+            self._passed_by[PAUSED] += sum(1 for _ in measured)
+        super().offer(events)
 
     # --- in the worker ---
 

@@ -48,7 +48,7 @@ def top_planes(
     surface
         int64 (M,), the horizontal plane that each point is known to be on, -1 for none.
     tops
-        The horizontal planes.
+        The horizontal planes, by index; one at least.
     fits
         All planes of the map.
 
@@ -61,15 +61,44 @@ def top_planes(
     is_front = np.array([abs(f.normal[2]) < FITTED_AS_VERTICAL for f in fits] + [False])
     on_front = np.flatnonzero(is_front[labels] & (surface < 0))
     cells = _cells(cuboids, fits)
-    for fit in tops:
-        distance = points[on_front] @ fit.normal - fit.offset
-        near = on_front[np.abs(distance) <= SIGMAS * fit.rms]
-        own = np.unique(cells[surface == fit.index])
-        found[near[np.isin(cells[near, None] + AROUND, own).any(axis=1)]] = fit.index
+    index = np.array([top.index for top in tops])
+    is_own = np.isin(surface, index)
+    rows, planes = _beside(cells[on_front], cells[is_own], surface[is_own])
+    rows, of_top = on_front[rows], np.searchsorted(index, planes)
+    normals, offsets = np.array([f.normal for f in tops]), np.array([f.offset for f in tops])
+    distance = np.einsum("ij,ij->i", points[rows], normals[of_top]) - offsets[of_top]
+    is_near = np.abs(distance) <= SIGMAS * np.array([top.rms for top in tops])[of_top]
+    np.maximum.at(found, rows[is_near], planes[is_near])
     rows = np.flatnonzero(found >= 0)
     goes_on = _highest_front(cells[rows], fits, is_front) > points[rows, 2] + ABOVE
     found[rows[goes_on]] = -1
     return found
+
+
+def _beside(cells: Int64, own: Int64, planes: Int64) -> tuple[Int64, Int64]:
+    """Return which cells have a plane in them or beside them: rows of `cells`, and the planes.
+
+    Parameters
+    ----------
+    cells
+        int64 (N,)
+    own, planes
+        int64 (K,), cells with a point of a plane, and that plane.
+    """
+    near, near_planes = _pairs(own, planes)
+    near, near_planes = _pairs((near[:, None] + AROUND).ravel(), near_planes.repeat(len(AROUND)))
+    first, last = (np.searchsorted(near, cells, side) for side in ("left", "right"))
+    rows = np.arange(len(cells)).repeat(last - first)
+    begins = np.cumsum(last - first) - (last - first)
+    return rows, near_planes[first[rows] + np.arange(len(rows)) - begins[rows]]
+
+
+def _pairs(cells: Int64, planes: Int64) -> tuple[Int64, Int64]:
+    """Return each pair of a cell and a plane once, by cell."""
+    known, of_cell = np.unique(cells, return_inverse=True)
+    count = int(planes.max(initial=0)) + 1
+    pairs = np.unique(of_cell.ravel() * count + planes)
+    return known[pairs // count], pairs % count
 
 
 def _highest_front(cells: Int64, fits: PlaneFits, is_front: Bool) -> Float64:

@@ -1,8 +1,10 @@
 """/diagnostics over DDS: an error where the node cannot work, a warning where the map suffers."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from live_robot import Listener, end_input, recording, slam, tccm
+from live_robot import START_NS, Listener, end_input, recording, slam, tccm
+from std_srvs.srv import SetBool, Trigger
 
+SECOND = 1_000_000_000
 SILENCE = 0.2
 """Seconds of silence that are told in these tests."""
 
@@ -142,3 +144,33 @@ def test_each_input_has_counts_that_agree_and_a_latency(ros):
         assert "latency [s]" in values
     used = nodes[0].processor.counts["scans used"] + sum(nodes[0].dropped.values())
     assert used == sent["tilt_scan"]
+
+
+def test_counts_go_on_after_a_reset(ros):
+    nodes, robot, caller = [tccm(ros), slam(ros)], ros.robot(), Listener(ros).node
+    first, then = (list(recording(3, start_ns=START_NS + k * 10 * SECOND)) for k in (0, 1))
+    robot.play(first, *nodes)
+    for node in nodes:
+        reset = caller.create_client(Trigger, f"/{node.get_name()}/reset")
+        assert ros.call(reset, Trigger.Request()).success
+    robot.play(then, *nodes)
+    for node, topic in zip(nodes, ("tilt_scan", "scan")):
+        end_input(node)
+        sent = sum(t == topic for t, _ in (*first, *then))
+        assert node.inputs.counts()[f"/{topic}"] == sent
+        assert node.used()[topic] + sum(node.dropped.values()) >= sent - 1, topic
+
+
+def test_scans_that_come_during_a_pause_are_counted_and_no_fault(ros):
+    node, robot, caller = tccm(ros), ros.robot(), Listener(ros).node
+    pause = caller.create_client(SetBool, "/tccm/pause")
+    robot.play(recording(2), node)
+    ros.call(pause, SetBool.Request(data=True))
+    paused = list(recording(2, start_ns=START_NS + 10 * SECOND))
+    robot.play(paused, node)
+    ros.call(pause, SetBool.Request(data=False))
+    end_input(node)
+    assert node.dropped["paused"] >= sum(t == "tilt_scan" for t, _ in paused) - 1
+    assert not any("dropped" in text for text in node.all_problems())
+    used = node.used()["tilt_scan"] + sum(node.dropped.values())
+    assert used == node.inputs.counts()["/tilt_scan"]

@@ -158,14 +158,12 @@ def test_help_names_the_parameters_of_the_player(domain):
         assert meaning in output
 
 
-@pytest.mark.parametrize("words", [("--foo",), ("--ros-args", "--foo")])
-def test_an_unknown_argument_gets_the_usage(domain, words):
-    with started(domain, "player_node", *words) as process:
-        output, _ = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode != 0
-    assert output.count("\n") == 1
-    assert "--foo" in output
-    assert "usage: player_node" in output
+def test_a_misspelt_parameter_is_named_with_the_nearest(ros, bag, capfd):
+    player(ros, bag, loops=True, use_sim_time=False)
+    warnings = capfd.readouterr().err
+    assert "parameter loops is set but there is none of this name" in warnings
+    assert "did you mean 'loop'?" in warnings
+    assert "use_sim_time" not in warnings
 
 
 def test_it_says_what_it_waits_for_and_when_it_plays(ros, bag):

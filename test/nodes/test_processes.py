@@ -117,11 +117,13 @@ def test_a_bad_parameter_ends_with_one_line_and_status_1(domain):
     [
         (["--ros-args", "--params-file", "/nowhere.yaml"], 1, "/nowhere.yaml"),
         (["--ros-args", "-p", "bogus"], 1, "bogus"),
-        (["--nonsense"], 2, "'--nonsense' is no argument of a node; usage:"),
+        (["--foo"], 2, "'--foo' is no argument of a node; usage:"),
+        (["--ros-args", "--foo", "3"], 2, "'--foo' is no argument of a node; usage:"),
     ],
 )
-def test_an_unknown_argument_is_answered_with_one_line(domain, arguments, status, text):
-    with started(domain, "player_node", *arguments) as process:
+@pytest.mark.parametrize("node", ["tccm_node", "slam_node", "player_node"])
+def test_an_unknown_argument_is_answered_with_one_line(domain, node, arguments, status, text):
+    with started(domain, node, *arguments) as process:
         output, _ = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == status
     assert text in output

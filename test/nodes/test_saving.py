@@ -6,14 +6,18 @@ import signal
 import threading
 import time
 from contextlib import contextmanager
+from functools import partial
 
 import numpy as np
 import pytest
+from asker import Asker
 from live_robot import START_NS, Listener, recording, slam, tccm
 from processes import PATIENCE_S, children, play_to_process, settings, started
+from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
+from tccm_ros.nodes.interfaces import has_interfaces
 from tccm_ros.nodes.map_files import read_map
 from tccm_ros.nodes.stopping import HASTE_S
 from tccm_ros.records import SurfaceCloud
@@ -148,6 +152,21 @@ def test_an_empty_node_saves_nothing_over_a_map(ros, tmp_path):
     assert files(folder) == before
 
 
+def test_autosave_of_an_empty_node_saves_nothing_over_a_map(ros, tmp_path):
+    folder = tmp_path / "map"
+    folder.mkdir()
+    (folder / "map.mcap").write_bytes(b"a map")
+    (folder / "cuboids.npz").write_bytes(b"cuboids")
+    before = files(folder)
+    said = Listener(ros, "log").listen(Log, "/rosout", latched=True)
+    slam(ros, save__directory=str(folder), save__autosave_minutes=0.001)
+    tccm(ros, save__directory=str(folder), save__autosave_minutes=0.001)
+    for name in ("surface_slam", "tccm"):
+        ros.spin_until(lambda n=name: any(m.name == n and "not saved" in m.msg for m in said))
+    assert files(folder) == before
+    assert not (tmp_path / "map.previous").exists()
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_empty_node_that_is_told_to_stop_saves_nothing_over_a_map(ros, tmp_path, number):
     folder = tmp_path / "map"
@@ -184,6 +203,23 @@ def test_a_map_is_not_replaced_by_one_that_holds_less_and_the_one_before_is_kept
     assert answer.success, answer.message
     assert files(previous) == long
     assert files(folder) != long
+
+
+@pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed")
+def test_a_map_that_is_named_is_replaced_by_one_that_holds_less(ros, tmp_path):
+    node, robot, asker = slam(ros, save__directory=str(tmp_path)), ros.robot(), Asker(ros)
+    save = partial(asker.ask, "SaveMap", "/surface_slam/save_named_map", name="home")
+    robot.play(recording(3, speed=0.5, tilt=False), node)
+    assert save().success
+    more = read_content(tmp_path / "home" / "map.mcap")
+    assert trigger(ros, "/surface_slam/reset").success
+    robot.play(recording(1, tilt=False, start_ns=START_NS + 60 * SECOND), node)
+    assert not save().success
+    assert read_content(tmp_path / "home" / "map.mcap") == more
+    answer = save(overwrite=True)
+    assert answer.success, answer.message
+    assert read_content(tmp_path / "home" / "map.mcap").is_less_than(more)
+    assert read_content(tmp_path / "home.previous" / "map.mcap") == more
 
 
 def test_a_saved_map_names_its_solution(ros, tmp_path):
@@ -266,8 +302,10 @@ def test_an_answer_of_the_worker_wakes_its_executor(ros, tmp_path):
 # --- left alone ---
 
 
-def test_what_came_last_is_solved_when_input_has_ended(ros):
-    node, robot = slam(ros), ros.robot()
+@pytest.mark.parametrize("is_time_standing", [False, True])
+def test_what_came_last_is_solved_when_input_has_ended(ros, is_time_standing):
+    """Also where nobody publishes /clock, and ROS time stands."""
+    node, robot = slam(ros, use_sim_time=is_time_standing), ros.robot()
     robot.play(recording(1, tilt=False), node)
     last_ns = node.newest_ns
     ros.spin_until(

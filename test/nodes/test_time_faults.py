@@ -65,16 +65,49 @@ def test_duplicates_and_disorder_are_counted_and_do_not_show(ros):
     assert same_map(straight, node)
 
 
-def test_scans_that_overtake_each_other_by_less_than_the_window_are_all_used(ros):
-    records, window_s = list(recording(3)), 0.12
+def hastened(records, factor):
+    """Return a recording in less time: its laser measures so much more often."""
+    return [
+        (t, replace(r, stamp_ns=START_NS + round((r.stamp_ns - START_NS) / factor)))
+        for t, r in records
+    ]
+
+
+@pytest.mark.parametrize("setting", [{}, {"reorder_window": 0.12}])
+def test_scans_that_overtake_each_other_by_less_than_the_window_are_all_used(ros, setting):
+    """Those of a laser of 40 Hz that are late by up to 50 ms, with nothing set."""
+    window_s = setting.get("reorder_window", 0.05)
+    records = hastened(recording(3), 2.0)
     delays_ns = np.random.default_rng(1).integers(0, window_s * SECOND, len(records))
     arrivals = [r.stamp_ns + d * (t == "tilt_scan") for d, (t, r) in zip(delays_ns, records)]
     mixed = [records[k] for k in np.argsort(arrivals, kind="stable")]
     assert np.any(np.diff([r.stamp_ns for t, r in mixed if t == "tilt_scan"]) < 0)
-    straight, node = played(ros, records), played(ros, mixed, reorder_window=window_s)
+    straight, node = played(ros, records), played(ros, mixed, **setting)
     assert not node.dropped["out of order"]
     assert node.processor.counts["scans used"] == straight.processor.counts["scans used"]
     assert same_map(straight, node)
+
+
+def test_what_overtakes_by_more_is_counted_and_the_parameter_is_named(ros):
+    records = list(recording(3))
+    mixed = delayed_each_second_scan(records, 400_000_000)
+    node, robot = tccm(ros), ros.robot()
+    robot.play(mixed, node)
+    dropped = node.dropped["out of order"]
+    assert dropped > 10
+    assert any("reorder_window" in text for text in node.all_problems())
+    end_input(node)
+    assert node.dropped["out of order"] == dropped
+
+
+def delayed_each_second_scan(records, delay_ns):
+    """Return a recording in which each second scan is overtaken."""
+    scans = [r.stamp_ns for t, r in records if t == "tilt_scan"]
+    late = set(scans[::2])
+    arrivals = [
+        r.stamp_ns + delay_ns * (t == "tilt_scan" and r.stamp_ns in late) for t, r in records
+    ]
+    return [records[k] for k in np.argsort(arrivals, kind="stable")]
 
 
 def test_a_stamp_from_the_future_is_dropped_alone(ros):

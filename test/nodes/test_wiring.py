@@ -17,6 +17,20 @@ from tccm_ros.nodes.tf import has_tf2_msgs
 from tccm_ros.records import Odometry, TransformSample
 from tccm_ros.robot.base_motion import MotionSource
 
+OF_A_MOMENT = {
+    "/diagnostics",
+    "/parameter_events",
+    "/pose",
+    "/rosout",
+    "/surface_slam/events",
+    "/surface_slam/map_to_odom",
+    "/tccm/object_boxes",
+    "/tccm/surfaces",
+    "/tccm/view",
+    "/tf",
+}
+"""Topics whose messages tell of one moment; all others show the whole map."""
+
 
 def problems(node) -> str:
     return "\n".join(node.all_problems())
@@ -140,6 +154,23 @@ def test_overload_drops_whole_scans_counts_them_and_bounds_memory(ros, monkeypat
 def hold(gate, held) -> None:
     held.append(1)
     gate.wait()
+
+
+def test_a_late_listener_gets_every_map(ros):
+    nodes, robot = [tccm(ros), slam(ros)], ros.robot()
+    ros.connect(*nodes, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
+    robot.play(recording(4), *nodes)
+    ros.spin_until(lambda: nodes[1].solver.newest is not None and nodes[1].solver.newest.scene)
+    late = Listener(ros, "late")
+    heard = {
+        publisher.topic_name: late.listen(publisher.msg_type, publisher.topic_name, latched=True)
+        for node in nodes
+        for publisher in node.publishers
+        if publisher.topic_name not in OF_A_MOMENT
+    }
+    assert len(heard) >= 12
+    for topic, messages in heard.items():
+        ros.spin_until(lambda m=messages: m, what=topic)
 
 
 def test_lost_messages_are_counted(ros):

@@ -221,8 +221,8 @@ class Tally:
         Of each, the latter in m.
     corners
         Number of corners found of each true rectangle.
-    edges
-        Errors of the edges in view, m.
+    edges, flush
+        Errors of the edges in view, m; those of `flush` are beside another solid of their height.
     false
         Number of false surfaces.
     labels
@@ -233,6 +233,7 @@ class Tally:
     height_errors: list[float] = field(default_factory=list)
     corners: list[int] = field(default_factory=list)
     edges: list[float] = field(default_factory=list)
+    flush: list[float] = field(default_factory=list)
     false: int = 0
     labels: Counter[tuple[str, str]] = field(default_factory=Counter)
 
@@ -264,11 +265,14 @@ class Tally:
     def text(self) -> str:
         """Return the summary and the confusion table, as Markdown."""
         overlaps = np.array(self.overlaps)
+        every = self.edges + self.flush
         lines = [
             f"{len(overlaps)} surfaces in view: mean overlap {overlaps.mean():.3f}, "
             f"{np.mean(overlaps >= GOOD):.1%} at {GOOD} or more, {self.false} false; heights "
-            f"within {1e3 * max(self.height_errors):.1f} mm; {len(self.edges)} edges in view "
-            f"{1e3 * np.sqrt(np.mean(np.square(self.edges))):.1f} mm rms; median corners of a true "
+            f"within {1e3 * max(self.height_errors):.1f} mm; {len(every)} edges in view "
+            f"{1e3 * np.sqrt(np.mean(np.square(every))):.1f} mm rms, {len(self.edges)} of them "
+            f"where nothing goes on at their height "
+            f"{1e3 * np.sqrt(np.mean(np.square(self.edges))):.1f} mm; median corners of a true "
             f"rectangle {np.median(self.corners):.0f}",
             "",
             self.names(),
@@ -306,7 +310,8 @@ def flats(first: int, count: int) -> None:
                 tally.add(match, outline, by_id.get(-1 if match.found is None else match.found))
         errors = [abs(match.height_error) for match in large if match.is_found]
         edges = edge_errors(solution, result, run.simulation, run.hits)
-        tally.edges += edges[:, 0].tolist()
+        tally.edges += edges[edges[:, 2] == 0.0, 0].tolist()
+        tally.flush += edges[edges[:, 2] > 0.0, 0].tolist()
         tally.false += len(result.false)
         within = np.count_nonzero(np.abs(edges[:, 0]) <= edges[:, 1])
         for match in seen:

@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from tccm_ros.geometry import transform
+from tccm_ros.geometry import inverse, transform
 from tccm_ros.pipeline.evaluate.surfaces import SurfaceScore
 from tccm_ros.pipeline.sim import truth
 from tccm_ros.pipeline.sim.engine import EPOCH_NS, Simulation
@@ -27,6 +27,10 @@ its front, or the wall behind, did not see it."""
 
 EDGE_IN_VIEW = 0.8
 """An edge was in view if beams' ends on the surface are `NEAR` this fraction of it."""
+
+ABOVE, BESIDE, FLUSH = 0.005, 0.01, 0.001
+"""A solid goes on beyond an edge where a beam down from `ABOVE` it and `BESIDE` it, m, ends at its
+height within `FLUSH`."""
 
 
 def true_hits(simulation: Simulation, scan: Scan) -> Array:
@@ -74,7 +78,9 @@ def edge_errors(
 ) -> Array:
     """Return how far outside of a true edge the outline ends, and the finest spacing of its views.
 
-    Straight edges that were in view, of surfaces that were found; float64 (N, 2), m.
+    Straight edges that were in view, of surfaces that were found; float64 (N, 3), m, the third 1
+    where another solid goes on at the same height, as the sides of shelves beside their top board:
+    what is there to be seen ends further out.
     """
     rows = []
     found = {s.id: k for k, s in enumerate(solution.surfaces)}
@@ -92,8 +98,20 @@ def edge_errors(
         for start, end in pairwise(np.asarray(ring.coords)):
             error = _edge_error(start, end, polygon, near)
             if error is not None:
-                rows.append((error, spacing))
-    return np.array(rows).reshape(-1, 2)
+                rows.append((error, spacing, goes_on(simulation, start, end, match.height)))
+    return np.array(rows, np.float64).reshape(-1, 3)
+
+
+def goes_on(simulation: Simulation, start: Array, end: Array, height: float) -> bool:
+    """Return whether a solid goes on at the same height beyond most of an edge in map."""
+    along = (end - start) / np.hypot(*(end - start))
+    beside = start + np.linspace(0.1, 0.9, 9)[:, None] * (end - start)
+    beside += BESIDE * np.array([along[1], -along[0]])
+    points = np.column_stack([beside, np.full(len(beside), height + ABOVE)])
+    origins = transform(inverse(truth.map_from_world(simulation)), points)
+    down = np.tile([0.0, 0.0, -1.0], (len(origins), 1))
+    ranges, _ = simulation.scene.cast(origins, down, np.zeros(len(origins)), 1.0)
+    return bool((np.abs(ranges - ABOVE) <= FLUSH).mean() > 0.5)
 
 
 def _edge_error(start: Array, end: Array, found: Polygon, near: shapely.Geometry) -> float | None:

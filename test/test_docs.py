@@ -16,12 +16,18 @@ SOURCES = [p for top in ("tccm_ros", "bench", "test", "tools") for p in (ROOT / 
 LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
 PATH = re.compile(r"`((?:tccm_ros|test|bench|tools|config|launch|bags|docs)/[\w./-]*[./][\w-]*)`")
 TEST = re.compile(r"`(test_\w+\.py)`")
+FUNCTION = re.compile(r"`(test_\w+)`")
 COMMAND = re.compile(r"`(?:nice )?python ((?:bench|tools|bags)/\w+\.py)")
 TARGET = re.compile(r"`make ([a-z]+)`")
 CODE = re.compile(r"<!-- code: ([^\s:]+)(?::(\w+))? -->\n```python\n")
 SUFFIXES = {"geojson", "html", "json", "mcap", "npz", "pgm", "png", "ply", "scene", "yaml"}
 """What is a file's name, though a group has it too."""
 
+FUNCTIONS = {
+    name
+    for path in (ROOT / "test").rglob("*.py")
+    for name in re.findall(r"(?m)^ *def (test_\w+)", path.read_text())
+}
 GROUPS = {p.name.partition(".")[0] for p in parameters() if "." in p.name}
 
 
@@ -57,6 +63,8 @@ def test_every_file_that_a_page_names_is_there(page):
         assert (ROOT / path).exists(), f"{path} is not there"
     for test in TEST.findall(text):
         assert list((ROOT / "test").rglob(test)), f"there is no {test}"
+    for function in FUNCTION.findall(text):
+        assert function in FUNCTIONS, f"there is no {function}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name_of)

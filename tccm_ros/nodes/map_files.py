@@ -13,7 +13,6 @@ from tccm_ros.results.exports import solution_files
 from tccm_ros.results.grid_files import grid_files
 from tccm_ros.results.keepout_mask import keepout_mask
 from tccm_ros.results.map_file import load_map, map_content
-from tccm_ros.slam.occupancy import occupancy_grid
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
@@ -39,7 +38,7 @@ def map_files(
         `SurfaceSlam.saved` of the solution.
     """
     files = solution_files(solution, processor.config)
-    grid = occupancy_grid(saved.walls)
+    grid = solution.grid
     if grid is not None:
         files |= grid_files(GRID_NAME, grid)
         mask = keepout_mask(grid, solution.surfaces, solution.floor_z)

@@ -45,7 +45,7 @@ from tccm_ros.results.labels_file import with_labels
 from tccm_ros.results.map_file import MapContent, load_map
 from tccm_ros.ros.output_messages import grid_message
 from tccm_ros.ros.topic_messages import SolutionMessageBuilder, TopicMessage
-from tccm_ros.slam.occupancy import RESOLUTION_M, occupancy_grid
+from tccm_ros.slam.occupancy import RESOLUTION_M
 from tccm_ros.surfaces.saved_map import SavedMap
 from tccm_ros.surfaces.surface_slam import SurfaceSlam, SurfaceSolution
 
@@ -131,7 +131,7 @@ class SolverProcess:
         frame = self._slam.config.frames.map_name
         with tempfile.TemporaryFile(prefix="tccm_map_") as archive:
             pack_files(map_files(self._slam, solution, frame, saved), archive)
-            self._shown = self._messages(solution, saved, solve.map_name)
+            self._shown = self._messages(solution, solve.map_name)
             solved = Solved(
                 self._session,
                 solve.number,
@@ -139,7 +139,7 @@ class SolverProcess:
                 solution.stamp_ns,
                 MapContent.of(saved, solution),
                 self._slam.solved_map(solution),
-                pack_scene(solution, frame, occupancy_grid(saved.walls), self._types),
+                pack_scene(solution, frame, solution.grid, self._types),
                 self._serialised(solve.topics),
                 time.monotonic() - start,
                 solution.unused_detections,
@@ -151,11 +151,9 @@ class SolverProcess:
     def _show(self, show: Show) -> None:
         self._connection.send(Messages(self._session, self._serialised(show.topics)))
 
-    def _messages(
-        self, solution: SurfaceSolution, saved: SavedMap, map_name: str
-    ) -> dict[str, TopicMessage]:
+    def _messages(self, solution: SurfaceSolution, map_name: str) -> dict[str, TopicMessage]:
         due = [*self._builder.of(solution, solution.stamp_ns, map_name)]
-        due.append(TopicMessage(GRID_TOPIC, GRID, lambda: self._grid(solution, saved)))
+        due.append(TopicMessage(GRID_TOPIC, GRID, lambda: self._grid(solution)))
         return {message.topic: message for message in due}
 
     def _serialised(self, topics: Collection[str]) -> dict[str, bytes]:
@@ -164,9 +162,9 @@ class SolverProcess:
             for name in sorted(topics & self._shown.keys())
         }
 
-    def _grid(self, solution: SurfaceSolution, saved: SavedMap) -> Any:
+    def _grid(self, solution: SurfaceSolution) -> Any:
         """Return the level scans as a nav_msgs/OccupancyGrid; empty without a level laser."""
-        grid = occupancy_grid(saved.walls)
+        grid = solution.grid
         cells, size, origin = np.zeros((0, 0), np.int8), RESOLUTION_M, np.eye(4)
         if grid is not None:
             cells, size, origin[:2, 3] = grid.cells, grid.resolution, grid.origin

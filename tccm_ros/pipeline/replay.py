@@ -35,7 +35,6 @@ from tccm_ros.results.models import (
 )
 from tccm_ros.results.result_bag import CycleMessageStore, write_result_bag
 from tccm_ros.results.surface_counts import count_surfaces
-from tccm_ros.slam.occupancy import occupancy_grid
 from tccm_ros.stopwatch import Stopwatch
 
 LIBRARIES = ("gtsam", "numba", "numpy", "scipy", "shapely")
@@ -199,9 +198,8 @@ def _write(
     write_results(folder, solution, cycles, cuboids, config, summary=content)
     save_cycles(folder / "cycles.npz", outcome.history.parts(_T_map_odom(outcome)))
     saved = outcome.slam.saved(solution)
-    grid = occupancy_grid(saved.walls)
     write_result_bag(
-        folder / "result.mcap", cycles, messages, solution, config, outcome.changes, grid
+        folder / "result.mcap", cycles, messages, solution, config, outcome.changes, solution.grid
     )
     map_frame = config.frames.prefix + config.frames.map
     save_map(folder / "map.mcap", saved, solution, map_frame)

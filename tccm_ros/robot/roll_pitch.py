@@ -78,6 +78,10 @@ MAX_OFF = 0.03
 pushed, or the clock of the IMU is off. It is averaged anew. Chosen: 0.3 m/s2, several times the
 noise of cheap accelerometers."""
 
+DELAY_STEPS = 10
+"""Gravity counts once the base has stood for 0.2 s more: wheels show later that it moves. Chosen:
+at 0.3 m/s2, 0.5 mm take 0.06 s, and `STANDING_NS` comes on top."""
+
 NO_GRAVITY = "imu: acceleration is not gravity"
 """Reason why samples of a base that stands are not used."""
 
@@ -154,9 +158,14 @@ class BaseRollPitch:
         self._is_told_by_odometry = False
         # As measured, with the bias of the accelerometer; None while nothing tells them.
         self._now: Float64 | None = None
+        # Of the rates; what gravity says beyond it, and how that scatters; the length of gravity.
+        self._integral, self._offset = np.zeros(2), np.zeros(2)
         self._scatter, self._gravity = 0.0, GRAVITIES[0]
-        # At the stop: steps that the base has stood, and that gravity was measured.
-        self._standing, self._measured = 0, 0
+        # At the stop: steps that the base has stood, that gravity was measured, and that it
+        # contradicted the gyroscope in a row; what gravity says that is not believed yet.
+        self._standing, self._measured, self._contradictions = 0, 0, 0
+        self._waiting: deque[Float64] = deque()
+        self._recent: deque[Float64] = deque(maxlen=DELAY_STEPS)
         # Since the last stop: time (s), yaw (rad), steps and sum of specific forces of a drive.
         self._moved_s, self._yaw = 0.0, 0.0
         self._driven, self._forces = -1, np.zeros(3)
@@ -263,7 +272,8 @@ class BaseRollPitch:
             return
         x, y, yaw = (rates - self.bias) * seconds
         roll, pitch = self._now - (self._now if self._usual is None else self._usual)
-        self._now = self._now + np.array([x + pitch * yaw, y - roll * yaw])
+        step = np.array([x + pitch * yaw, y - roll * yaw])
+        self._integral, self._now = self._integral + step, self._now + step
         self._yaw += abs(yaw)
 
     def _stand(self, rates: Float64, force: Float64) -> None:
@@ -271,6 +281,7 @@ class BaseRollPitch:
         if self._driven >= MIN_DRIVE_STEPS:
             self._note_drive()
         self._standing, self._driven, self._forces = self._standing + 1, 0, np.zeros(3)
+        self._recent.append(force)
         if self._standing <= SETTLING_STEPS:
             return
         self._rates.append(rates)
@@ -281,16 +292,25 @@ class BaseRollPitch:
             if np.isfinite(force).all():
                 self._refuse(NO_GRAVITY)
             return
-        if self._now is not None and np.abs(measured - self._now).max() > MAX_OFF:
-            self._measured = 0
-        self._measured += 1
-        if self._measured == 1 or self._now is None:
-            self._now, self._scatter = measured, 0.0
-            self._gravity = min(GRAVITIES, key=lambda g: abs(g - float(np.linalg.norm(force))))
-        off = measured - self._now
-        gain = 1.0 / min(self._measured, AVERAGED_STEPS)
-        self._now = self._now + gain * off
+        self._gravity = min(GRAVITIES, key=lambda g: abs(g - float(np.linalg.norm(force))))
+        self._waiting.append(measured - self._integral)
+        if len(self._waiting) > DELAY_STEPS:
+            self._average(self._waiting.popleft())
+
+    def _average(self, offset: Float64) -> None:
+        """Average what gravity (2,) says beyond the integral of the rates, rad."""
+        if self._measured and np.abs(offset - self._offset).max() > MAX_OFF:
+            self._contradictions += 1
+            if self._contradictions >= AVERAGED_STEPS // 2:
+                self._measured, self._now = 0, None
+            return
+        self._measured, self._contradictions = self._measured + 1, 0
+        if self._measured == 1:
+            self._offset, self._scatter = offset, 0.0
+        off, gain = offset - self._offset, 1.0 / min(self._measured, AVERAGED_STEPS)
+        self._offset = self._offset + gain * off
         self._scatter += gain * (0.5 * float(off @ off) - self._scatter)
+        self._now = self._integral + self._offset
         if self._is_averaged:
             self._moved_s, self._yaw = 0.0, 0.0
 
@@ -311,7 +331,8 @@ class BaseRollPitch:
         arm
             float64 (3,), where the accelerometer is in the base, m.
         """
-        self._standing, self._measured = 0, 0
+        if self._standing:
+            self._leave()
         if self._driven < 0 or self.bias is None:
             return
         yaw_rate, half = float(rates[2] - self.bias[2]), 0.5 * float(moved[2])
@@ -320,6 +341,16 @@ class BaseRollPitch:
         of_yaw = yaw_rate * np.array([-y, x, 0.0]) - yaw_rate**2 * arm * [1.0, 1.0, 0.0]
         of_yaw *= self._gravity / GRAVITIES[0]
         self._driven, self._forces = self._driven + 1, self._forces + force - of_yaw
+
+    def _leave(self) -> None:
+        """Begin a drive: the base has begun to move a little before the wheels show it."""
+        if self._measured and not self._is_averaged:
+            self._now = None
+        self._standing, self._measured, self._contradictions = 0, 0, 0
+        self._waiting.clear()
+        if self._driven == 0:
+            self._driven, self._forces = len(self._recent), np.sum(self._recent, axis=0)
+        self._recent.clear()
 
     def _note_drive(self) -> None:
         """Note a drive that has ended at a stop."""
@@ -330,7 +361,8 @@ class BaseRollPitch:
 
     def _lose(self) -> None:
         """Forget roll and pitch up to the next stop."""
-        self._standing, self._measured, self._driven, self._now = 0, 0, -1, None
+        self._leave()
+        self._driven, self._now = -1, None
 
     @property
     def _sigma(self) -> float:

@@ -39,7 +39,7 @@ from tccm_ros.sensors.registry import roles_of
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 from tccm_ros.slam.lines import label_by_splitting
 from tccm_ros.slam.live_estimate import LivePose, MapWalls, SolvedKeyframe
-from tccm_ros.slam.occupancy import occupancy_grid
+from tccm_ros.slam.occupancy import OccupancyGrid, occupancy_grid
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.tracking import SolvedMap
 from tccm_ros.slam.wall_slam import WallSlam
@@ -112,6 +112,8 @@ class SurfaceSolution:
         Detections that gave no label, by reason.
     corrected_labels
         Labels that a person gave, by surface id.
+    grid
+        What the level laser saw; None without one.
     """
 
     slam: Solution
@@ -130,6 +132,7 @@ class SurfaceSolution:
     newest_detections: tuple[SeenDetection, ...] = ()
     unused_detections: Mapping[str, int] = field(default_factory=dict)
     corrected_labels: Mapping[int, str] = field(default_factory=dict)
+    grid: OccupancyGrid | None = None
 
     @property
     def surfaces(self) -> tuple[Surface, ...]:
@@ -335,7 +338,8 @@ class SurfaceSlam:
         view_poses = self._all_poses(slam, own) if is_found else self._saved_poses(slam)
         lines = np.array([wall.endpoints for wall in slam.walls]).reshape(-1, 2, 2)
         mapped = surface_map.build(view_poses, lines)
-        rooms = self._rooms(slam)
+        grid = occupancy_grid(self._walls_to_save(slam))
+        rooms = self._rooms(slam, grid)
         mapped = replace(mapped, surfaces=placed_surfaces(mapped.surfaces, rooms, slam.signs))
         newest = self._place_detections(views, own.T_map_view, slam) if is_found else ()
         tracked = track_objects(
@@ -361,14 +365,12 @@ class SurfaceSlam:
             newest,
             count_unused(self._unusable, tracked.unused_detections),
             corrected_labels(surface_map.views),
+            grid,
         )
 
-    def _rooms(self, slam: Solution) -> tuple[Room, ...]:
+    def _rooms(self, slam: Solution, grid: OccupancyGrid | None) -> tuple[Room, ...]:
         """Return the rooms between the walls; none without a level laser, or where it is lost."""
-        if self._is_lost or not (self.counts["level scans"] or self.saved_keyframes):
-            return ()
-        grid = occupancy_grid(self.walls.saved(slam))
-        if grid is None:
+        if self._is_lost or grid is None:
             return ()
         outlines = find_rooms([wall.endpoints for wall in slam.walls], grid)
         return named_rooms(outlines, slam.signs)
@@ -476,14 +478,15 @@ class SurfaceSlam:
 
         A session that was not found in its saved map leaves that map unchanged.
         """
+        state = self._walls_to_save(solution.slam)
         if self._is_lost:
-            return SavedMap(self._saved_walls, self.saved_views)
+            return SavedMap(state, self.saved_views)
         view_poses = solution.view_poses
         solved = with_newest(
             self.map.views[: len(view_poses.keyframes)], solution.newest_detections
         )
         poses = {k.id: spatial(k.pose) for k in solution.slam.keyframes}
-        state, number = self._saved_state(solution), self.walls.kept_keyframes()
+        number = self.walls.kept_keyframes()
         views = []
         for view, T, cov, k in zip(
             solved,
@@ -497,11 +500,13 @@ class SurfaceSlam:
             views.append(SavedView(view, number.get(k, k), is_on_keyframe, T_anchor_view, cov))
         return SavedMap(state, tuple(views))
 
-    def _saved_state(self, solution: SurfaceSolution) -> Mapping[str, NDArray[Any]]:
-        """Return the walls to be saved; empty without a level laser."""
+    def _walls_to_save(self, slam: Solution) -> Mapping[str, NDArray[Any]]:
+        """Return the walls and level scans of a solution; empty without a level laser."""
+        if self._is_lost:
+            return self._saved_walls
         if not (self.counts["level scans"] or self.saved_keyframes):
             return {}
-        return self.walls.saved(solution.slam)
+        return self.walls.saved(slam)
 
     def solved_map(self, solution: SurfaceSolution) -> SolvedMap:
         """Return what a solution tells of the map and of the robot in it, for a `Tracker`."""

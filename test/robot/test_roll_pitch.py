@@ -199,7 +199,7 @@ def test_after_a_gap_nothing_is_told_before_a_drive_and_a_stop():
     times, T, _ = posed(gap)
     roll = np.arctan2(T[:, 2, 1], T[:, 2, 2])
     assert not roll[(times > begin + 0.3) & (times < begin + 0.9)].any()
-    assert roll[times > begin + 1.6] == pytest.approx(DEG, abs=0.003)
+    assert roll[times > begin + 1.8] == pytest.approx(DEG, abs=0.003)
 
 
 def test_an_imu_in_a_frame_that_nothing_places_tells_nothing():

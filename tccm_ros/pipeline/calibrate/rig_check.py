@@ -4,7 +4,7 @@ Each tilt cycle's part map gives the floor once, from pooled cuboid moments. A f
 in every tilt cycle means a wrong tilt zero (or a tilted base); one whose slope alternates with the
 direction of the tilt cycle means a delay; one that is bent means a wrong scale. Two large
 horizontal planes one just above the other mean that the same table was mapped twice: odometry, a
-delay, or a base that leans as it speeds up and turns.
+delay, or a base that rolls and pitches as it speeds up and turns.
 """
 
 from __future__ import annotations
@@ -120,8 +120,8 @@ class RigCheck:
                     "doubled surface",
                     distance,
                     f"a surface at {height:.2f} m is mapped twice, at a distance of "
-                    f"{distance * 1e3:.0f} mm: the base leans as it drives, odometry drifts, or "
-                    "the joint's stamps are late",
+                    f"{distance * 1e3:.0f} mm: the base rolls or pitches as it drives, odometry "
+                    "drifts, or the joint's stamps are late",
                 )
             )
         return found

@@ -1,6 +1,6 @@
 """Real tables and what stands on them against labels, and objects against PCL's Euclidean clusters.
 
-Usage: python bench/bench_objects.py FOLDER
+Usage: python bench/bench_objects.py [FOLDER]
 
 FOLDER holds labelled scenes of a structured-light camera, one .npz each: points float32 (N, 3), m,
 in any frame, and label uint8 (N,): 1 to 9 the top of the table, 20 to 29 the first object, 30 to 39
@@ -11,6 +11,7 @@ gets the points above it; ours gets all points.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import tempfile
 import time
@@ -210,12 +211,18 @@ def pcl_clusters(clouds: list[Array], tolerance: float) -> list[tuple[Labels, fl
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("folder", type=Path)
+    shared = Path(os.environ.get("TCCM_SHARED", HERE.parents[1] / "shared"))
+    parser.add_argument("folder", type=Path, nargs="?", default=shared / "data" / "tables")
+    folder = parser.parse_args().folder
+    paths = sorted(folder.glob("*.npz"))
+    if not paths:
+        print(f"skipped, there are no scenes in {folder}")
+        return
     ours = {distance: Tally() for distance in CLUSTER_DISTANCES}
     above, labels = [], []
     print("| scene | cover of the top | excess | height, mm |")
     print("|---" * 4 + "|")
-    for path in sorted(parser.parse_args().folder.glob("*.npz")):
+    for path in paths:
         scene = np.load(path)
         label = scene["label"].astype(np.int64)
         points, viewpoint = levelled(scene["points"].astype(np.float64), label)

@@ -66,7 +66,7 @@ class Twin:
         n_scans, beams = scene.ranges.shape
         self._lib.twin_scans(
             self._twin, *map(_pointer, scene.for_twin), ctypes.c_int(n_scans),
-            ctypes.c_int(scene.stamps_ns), ctypes.c_int(beams), ctypes.c_double(scene.step),
+            ctypes.c_int(scene.pose_samples), ctypes.c_int(beams), ctypes.c_double(scene.step),
         )  # fmt: skip
 
     def points(self, xyz: NDArray[np.float64]) -> None:

@@ -161,14 +161,33 @@ def test_a_wrong_slope_does_not_change_heights_where_a_surface_was_seen():
     assert np.allclose(solution.pose(view_key(1))[2, :2], 0.0, atol=0.002)
 
 
+def test_a_bent_floor_does_not_turn_a_view():
+    """Of four pieces of a floor one is 60 mm lower than its sigma of 1.5 mm explains."""
+    key = keyframe_key(0)
+    up = np.array([0.0, 0.0, 1.0])
+    cov = np.diag([0.01**2, 0.003**2, 0.0015**2])
+    pieces = [(0, 0.0), (0, 0.0), (1, 0.0), (1, -0.06)]
+    factors = [PriorPose(key, np.zeros(3), COV * 1e-6)]
+    factors += [KeyframeView(key, view_key(view), np.zeros(3), COV * 1e-4) for view in range(2)]
+    factors += [
+        ViewPlane(view, 5, up, np.array([0.5 + (n % 2), 0.1, z]), cov)
+        for n, (view, z) in enumerate(pieces)
+    ]
+    starts = {k: np.zeros(3) for k in (key, view_key(0), view_key(1))}
+    solution = solve_graph(factors, starts)
+    for view in range(2):
+        assert np.allclose(solution.pose(view_key(view))[2, :2], 0.0, atol=np.radians(1.0))
+
+
 def test_the_derivatives_of_a_plane_of_a_view_are_those_of_its_residual():
     rng = np.random.default_rng(6)
+    sigma = 100.0  # every residual is within the threshold of the robust noise
     for _ in range(20):
         T = gtsam.Pose3.Expmap(rng.normal(0.0, [0.05, 0.05, 2.0, 3.0, 3.0, 0.1]))
         normal = np.array([*rng.normal(0.0, 0.05, 2), 1.0])
         plane = gtsam.OrientedPlane3(np.array([*normal, rng.normal()]))
         seen = T.rotation().matrix().T @ normal / np.linalg.norm(normal)
-        factor = ViewPlane(0, 1, seen, rng.normal(0.0, 3.0, 3), np.eye(3))
+        factor = ViewPlane(0, 1, seen, rng.normal(0.0, 3.0, 3), sigma**2 * np.eye(3))
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         factor.add_to(graph)
         values.insert(view_key(0).symbol, T)
@@ -187,7 +206,7 @@ def test_the_derivatives_of_a_plane_of_a_view_are_those_of_its_residual():
         step = 1e-6
         for column, one in enumerate(np.eye(9)):
             slope = (moved(step * one) - moved(-step * one)) / (2.0 * step)
-            assert slope == pytest.approx(jacobian[:, column], abs=1e-5)
+            assert sigma * slope == pytest.approx(sigma * jacobian[:, column], abs=1e-5)
         assert np.allclose(residual[:2], 0.0, atol=1e-12)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.slam.factors.keys import Key, surface_key, view_key
-from tccm_ros.slam.factors.noise import gaussian
+from tccm_ros.slam.factors.noise import gaussian, huber
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,13 +40,14 @@ class ViewPlane:
     cov: Float64
 
     def add_to(self, graph: gtsam.NonlinearFactorGraph) -> None:
-        """Add a factor whose residual and derivatives are computed here.
+        """Add a robust factor (Huber) whose residual and derivatives are computed here.
 
         GTSAM's factor of oriented planes has its residual in a basis of tangents that flips where
-        planes are horizontal.
+        planes are horizontal. Pieces of a surface that is no plane in the data contradict each
+        other by many standard deviations: their influence is bounded.
         """
         keys = view_key(self.view).symbol, surface_key(self.surface).symbol
-        graph.add(gtsam.CustomFactor(gaussian(self.cov), list(keys), self._residual))
+        graph.add(gtsam.CustomFactor(huber(gaussian(self.cov)), list(keys), self._residual))
 
     def _residual(
         self, factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Float64] | None

@@ -161,7 +161,7 @@ def test_a_wrong_slope_does_not_change_heights_where_a_surface_was_seen():
     assert np.allclose(solution.pose(view_key(1))[2, :2], 0.0, atol=0.002)
 
 
-def test_a_bent_floor_does_not_turn_a_view():
+def test_a_bent_floor_rotates_no_view():
     """Of four pieces of a floor one is 60 mm lower than its sigma of 1.5 mm explains."""
     key = keyframe_key(0)
     up = np.array([0.0, 0.0, 1.0])

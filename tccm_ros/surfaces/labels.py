@@ -59,7 +59,7 @@ side; chosen."""
 BENCH_LENGTH = 1.8
 """A bench is at least so many times as long as it is wide; chosen: two people sit side by side."""
 
-AWAY_BENCH = 0.6
+AWAY_BENCH = 0.75
 """Weight of a bench away from any wall: a low table looks like one; chosen."""
 
 LONE_SHELF = 0.3

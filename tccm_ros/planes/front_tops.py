@@ -96,7 +96,8 @@ def _tops_beside(cells: Int64, surface: Int64, index: Int64, rows: Int64) -> Boo
     has_point = np.zeros((len(known) + 1, len(index)), np.bool_)  # the last is for other cells
     has_point[of_cell.ravel(), np.searchsorted(index, surface[own])] = True
     asked, of_row = np.unique(cells[rows], return_inverse=True)
-    return has_point[_places_around(asked, known)].any(axis=1)[of_row.ravel()]
+    is_beside: Bool = np.any(has_point[_places_around(asked, known)], axis=1)
+    return is_beside[of_row.ravel()]
 
 
 def _highest_front(cells: Int64, fits: PlaneFits, is_front: Bool) -> Float64:

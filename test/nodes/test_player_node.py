@@ -70,7 +70,7 @@ def listener_to_clock(ros):
 
 
 def test_all_messages_arrive_in_order_and_the_clock_runs(ros, bag):
-    node, got = listener(ros)
+    _, got = listener(ros)
     times = listener_to_clock(ros)
     playing = player(ros, bag, rate=20.0, wait_for_subscribers=20.0, topics=["/joint_states"])
     ros.spin_until(lambda: playing.is_done and len(got) == COUNT)

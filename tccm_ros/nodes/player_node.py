@@ -249,7 +249,7 @@ class PlayerNode(Node):
         """Hold the bag's time until the readers have the first message of a topic.
 
         A writer knows of a match before the reader does, and keeps no more for that reader than the
-        depth of its queue. A reader that is not reliable acknowledges nothing: it is not waited for.
+        depth of its queue. A reader that is not reliable acknowledges nothing, and is not awaited.
         """
         patience = float(self._value("wait_for_subscribers"))
         if patience > 0.0:

@@ -1,11 +1,11 @@
 """Roll and pitch of the base by its IMU: the accelerometer while it stands, the gyroscope between.
 
-What an accelerometer calls up is off by its bias and by how it is mounted, a degree or two in all,
-and by the same at all times. So roll and pitch count against their usual value, that of the drives:
-from one stop to the next a base gains no speed, so that the mean of what the accelerometer measures
-on the way, less the accelerations of its yaw, is gravity; the usual value is the median over all
-drives of this run. A base that stands askew (on a door sill, on a ramp, with an arm stretched out)
-is seen to, once it has driven.
+The vertical by an accelerometer is off by its bias and by the error of its mount, a degree or two
+in all, and by the same at all times. So roll and pitch count against their usual value, that of the
+drives: from one stop to the next a base gains no speed, so that the mean of what the accelerometer
+measures on the way, less the accelerations of its yaw, is gravity; the usual value is the median
+over all drives of this run. Once a base has driven, it is known how askew it stands (on a door
+sill, on a ramp, with an arm stretched out).
 
 At a moment of a drive accelerations hide gravity, and the rates of the gyroscope are integrated.
 That is good for some seconds straight ahead. A base that turns moves the error of the mount from

@@ -164,7 +164,7 @@ def improve(patches: _Patches, plane: Plane, taken: _Taken, total: Float64) -> t
     The plane, and for how many patches the decision differs from the last round's.
     """
     sums, equations = np.empty((len(patches.pooled), 2)), np.zeros((3, 4))
-    usual, is_refused = judge_layers(patches, plane, len(taken.moments), sums)
+    usual, is_refused = layer_noise(patches, plane, len(taken.moments), sums)
     squares, changes = accept_patches(patches, plane[4], usual, is_refused, sums, taken)
     total[:] = 0.0
     add_rims(patches, plane, usual, equations, total)
@@ -176,9 +176,7 @@ def improve(patches: _Patches, plane: Plane, taken: _Taken, total: Float64) -> t
 
 
 @kernel
-def judge_layers(
-    patches: _Patches, plane: Plane, count: int, sums: Float64
-) -> tuple[Float64, Bool]:
+def layer_noise(patches: _Patches, plane: Plane, count: int, sums: Float64) -> tuple[Float64, Bool]:
     """Return the noise of each layer, and which are refused as a whole.
 
     Parameters
@@ -229,7 +227,7 @@ def accept_patches(
     noise
         Variance across the plane, m2.
     usual, is_refused, sums
-        Results of `judge_layers`.
+        Results of `layer_noise`.
 
     Returns
     -------

@@ -1,8 +1,10 @@
 """Load of the live nodes: the heaviest robot in real time, into real processes.
 
-    python bench/bench_nodes.py [--seconds 20] [--camera 30] [--stand "at the worktop"] [--speed 1]
+    python bench/bench_nodes.py [--seconds 20] [--standing | --camera 30 [--stand "at the worktop"]]
+                                [--speed 1]
 
-Prints, for each node, its fraction of a core, its memory, its longest step and the records lost;
+Prints, for each node, its fraction of a core and that of the process it started, its memory, its
+longest step and the records lost;
 and how long after a cycle's last measurement its planes are out. The simulator's world `load`
 (1,081 beams at 40 Hz tilting, 361 at 12.5 Hz level), or with `--camera` a depth camera of 640 x 480
 pixels at so many images a second beside a level laser (`depth_kitchen`), is computed before the
@@ -20,6 +22,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -116,10 +119,37 @@ def of_camera(stand: str, rate: float, seconds: float) -> Recording:
     return Recording(found, f"/{DEPTH}", f"/{SCAN}")
 
 
+def of_standing_robot(seconds: float) -> Recording:
+    """Return the world `load` with all that moves standing as it does at the beginning."""
+    recording = of_lasers(20.0)
+    drive, found = recording.planned, []
+    start_ns = drive[0].log_ns
+    for topic in {each.topic for each in drive}:
+        times = [each.log_ns for each in drive if each.topic == topic]
+        first = next(each for each in drive if each.topic == topic)
+        period = int(np.median(np.diff(times))) if len(times) > 1 else round(seconds * 1e9)
+        for log_ns in range(start_ns, start_ns + round(seconds * 1e9), period):
+            record = first.record
+            if hasattr(record, "stamp_ns"):
+                record = replace(record, stamp_ns=log_ns)
+            found.append(Planned(log_ns, topic, record, first.message))
+    return Recording(sorted(found, key=lambda each: each.log_ns), recording.mapped, recording.level)
+
+
+def children_of(pid: int) -> list[int]:
+    """Return the processes that a process started."""
+    return [int(c) for c in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
 def cpu_seconds(pid: int) -> float:
     """Return the processor time of a process, s."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def cpu_of_children(pid: int) -> float:
+    """Return the processor time of the processes that a process started, s."""
+    return sum(cpu_seconds(child) for child in children_of(pid))
 
 
 def memory_mb(pid: int) -> tuple[int, int]:
@@ -228,9 +258,12 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--camera", type=float, help="images per second of a depth camera")
     parser.add_argument("--stand", choices=STANDS, default="at the worktop", help="of the camera")
+    parser.add_argument("--standing", action="store_true", help="lasers of a robot at rest")
     parser.add_argument("--speed", type=float, default=1.0, help="of real time")
     args = parser.parse_args()
-    if args.camera is None:
+    if args.standing:
+        recording = of_standing_robot(args.seconds)
+    elif args.camera is None:
         recording = of_lasers(args.seconds)
     else:
         recording = of_camera(args.stand, args.camera, args.seconds)
@@ -254,18 +287,22 @@ def measure(recording: Recording, cycles, processes, args) -> None:
     driver.spin_until(lambda: driver.pubs[level].get_subscription_count() == 1)
     for name in ("tccm", "surface_slam"):
         driver.spin_until(lambda n=name: driver.reports.get(n, {}).get("ready") == "True")
-    before = [cpu_seconds(p.pid) for p in processes]
+    before = [(cpu_seconds(p.pid), cpu_of_children(p.pid)) for p in processes]
     driver.play()
-    elapsed = [cpu_seconds(p.pid) - b for p, b in zip(processes, before)]
+    after = [(cpu_seconds(p.pid), cpu_of_children(p.pid)) for p in processes]
+    elapsed = np.subtract(after, before) / args.seconds
     late = latencies(driver, cycles, mapped)
-    print("\n| node | of a core | RSS, PSS | longest step | records received / sent | dropped |")
-    print("|---|---|---|---|---|---|")
+    print(
+        "\n| node | of a core | its child | RSS, PSS | longest step | records received / sent "
+        "| dropped |"
+    )
+    print("|---" * 7 + "|")
     memory = ["{} MB, {} MB".format(*memory_mb(p.pid)) for p in processes]
     for name, topic, used, held in zip(("tccm", "surface_slam"), (mapped, level), elapsed, memory):
         values = driver.reports[name]
         dropped = {k: v for k, v in values.items() if k.startswith(("dropped", "lost"))}
         print(
-            f"| {name} | {used / args.seconds:.1%} | {held} | {values['longest step [s]']} s | "
+            f"| {name} | {used[0]:.1%} | {used[1]:.1%} | {held} | {values['longest step [s]']} s | "
             f"{values[f'received {topic}']} / {driver.sent[topic]} | {dropped or 'none'} |"
         )
     if late:

@@ -52,7 +52,7 @@ from tccm_ros.surfaces.surface_slam import SurfaceSolution  # noqa: E402
 Array = NDArray[np.float64]
 
 IN_VIEW = 0.7
-"""A surface of which a smaller share was hit by any beam was not in view."""
+"""A surface of which a smaller fraction was hit by any beam was not in view."""
 
 GOOD = 0.7
 """Overlap with the true outline of a surface that is found well."""

@@ -70,59 +70,109 @@ def find_links(
     before = np.empty(n, np.int32)
     back_x, back_y = np.empty(n, np.int32), np.empty(n, np.int32)
     touching, pairs = np.empty((3 * n, 2), np.int32), 0
-    row, row_x = 0, ix[0]
+    row = 0
     for i in range(n):
-        x, y = ix[i], iy[i]
-        if x != row_x:
-            row, row_x = i, x
-        found_y, gap_y = -1, STEPS
-        j, cell, passed = i - 1, y, 0
-        while j >= row:
-            if iy[j] != cell:
-                cell = iy[j]
-                passed += 1
-                if passed > OBSTACLES or y - cell >= STEPS:
-                    break
-            if has_same_height(top, mean, i, j, limit):
-                found_y = j
-                if cell == y:
-                    touching[pairs, 0], touching[pairs, 1] = i, j
-                    pairs += 1
-                    found_y = back_y[j]
-                if found_y >= 0:
-                    gap_y = y - iy[found_y]
-                break
-            j -= 1
-        back_y[i] = found_y
-        c = y - low_y + 1
-        j = last[c]
-        before[i] = j
+        if ix[i] != ix[row]:
+            row = i
+        j = nearest_in_row(iy, top, mean, limit, row, i)
+        if j >= 0 and iy[j] == iy[i]:
+            pairs = add_pair(touching, pairs, i, j)
+            j = back_y[j]
+        back_y[i] = j
+        gap_y = iy[i] - iy[j] if j >= 0 else STEPS
+        c = iy[i] - low_y + 1
+        before[i] = last[c]
         last[c] = i
-        found_x, gap_x = -1, STEPS
-        cell, passed = x, 0
-        while j >= 0:
-            if ix[j] != cell:
-                cell = ix[j]
-                passed += 1
-                if passed > OBSTACLES or x - cell >= STEPS:
-                    break
-            if cell != x and has_same_height(top, mean, i, j, limit):
-                found_x, gap_x = j, x - cell
-                break
-            j = before[j]
-        back_x[i] = found_x
+        j = nearest_in_column(ix, top, mean, limit, before, i)
+        back_x[i] = j
+        gap_x = ix[i] - ix[j] if j >= 0 else STEPS
         # The cell behind in the column leads to both corners, that in the row to the nearer one.
         if gap_x > 1:
             j = corner_of_same_height(ix, top, mean, limit, before, last[c + 1], i)
-            if j >= 0:
-                touching[pairs, 0], touching[pairs, 1] = i, j
-                pairs += 1
+            pairs = add_pair(touching, pairs, i, j)
             if gap_y > 1:
                 j = corner_of_same_height(ix, top, mean, limit, before, last[c - 1], i)
-                if j >= 0:
-                    touching[pairs, 0], touching[pairs, 1] = i, j
-                    pairs += 1
+                pairs = add_pair(touching, pairs, i, j)
     return back_x, back_y, touching[:pairs]
+
+
+@kernel
+def nearest_in_row(iy: Int32, top: Int32, mean: Int32, limit: int, row: int, i: int) -> int:
+    """Return the nearest cuboid of the height of another before it in its row, -1 for none.
+
+    It may be in the same cell. The search ends after `STEPS` cells or `OBSTACLES`.
+
+    Parameters
+    ----------
+    iy, top, mean
+        As in `link`.
+    limit
+        As in `has_same_height`.
+    row
+        First cuboid of the row.
+    i
+        The cuboid.
+    """
+    y = iy[i]
+    cell, passed, j = y, 0, i - 1
+    while j >= row:
+        if iy[j] != cell:
+            cell = iy[j]
+            passed += 1
+            if passed > OBSTACLES or y - cell >= STEPS:
+                return -1
+        if has_same_height(top, mean, i, j, limit):
+            return j
+        j -= 1
+    return -1
+
+
+@kernel
+def nearest_in_column(ix: Int32, top: Int32, mean: Int32, limit: int, before: Int32, i: int) -> int:
+    """Return the nearest cuboid of the height of another behind it in its column, -1 for none.
+
+    It is in another cell. The search ends after `STEPS` cells or `OBSTACLES`.
+
+    Parameters
+    ----------
+    ix, top, mean
+        As in `link`.
+    limit
+        As in `has_same_height`.
+    before
+        int32 (N,), the cuboid before each one in its column, -1 for none.
+    i
+        The cuboid.
+    """
+    x = ix[i]
+    cell, passed, j = x, 0, before[i]
+    while j >= 0:
+        if ix[j] != cell:
+            cell = ix[j]
+            passed += 1
+            if passed > OBSTACLES or x - cell >= STEPS:
+                return -1
+        if cell != x and has_same_height(top, mean, i, j, limit):
+            return j
+        j = before[j]
+    return -1
+
+
+@kernel
+def add_pair(touching: Int32, pairs: int, i: int, j: int) -> int:
+    """Add a pair of cuboids, none where `j` is -1; return the number of pairs.
+
+    Parameters
+    ----------
+    touching, pairs
+        int32 (.., 2), changed: the pairs; and how many there are.
+    i, j
+        The cuboids.
+    """
+    if j < 0:
+        return pairs
+    touching[pairs, 0], touching[pairs, 1] = i, j
+    return pairs + 1
 
 
 @kernel

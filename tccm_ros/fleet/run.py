@@ -25,8 +25,6 @@ from tccm_ros.fleet.page import write_page
 from tccm_ros.fleet.record import Failure
 from tccm_ros.fleet.recordings import Recording, find_recordings
 from tccm_ros.fleet.task import Job, Outcome, TaskResult, is_done, process
-from tccm_ros.pipeline.warm_up.compilation import compile_kernels
-from tccm_ros.pipeline.warm_up.parts import PARTS
 from tccm_ros.progress import Bars, Silent
 
 LOOK_S = 5.0
@@ -122,8 +120,6 @@ def run_fleet(
             jobs.append(job)
     try:
         if jobs:
-            if not workers.scheduler:
-                compile_kernels(PARTS, config)
             with connected(workers) as client:
                 _run(client, jobs, summary, bars)
     finally:

@@ -141,7 +141,7 @@ def _process(job: Job) -> Outcome:
         record = read_record(job.results)
         if record is not None and record.is_of(job.settings) and record.content == content:
             return Outcome.UNCHANGED
-        compile_kernels(PARTS, job.config)
+        compile_kernels(PARTS, job.config)  # here, so that no recording's cost has it
         with output_folder(job.results, is_replaced=True) as folder:
             begin = time.monotonic(), time.process_time()
             _reset_peak_memory()

@@ -33,6 +33,7 @@ ADVICE = {
 
 
 PAUSED = "paused"
+"""Reason why records of a node that was told to pause are not used."""
 
 ORDINARY = ("short tilt cycle", "joint rests", "clock jump", PAUSED)
 """No fault of the scans: the laser came to rest, the map begins anew, which has been said, or the

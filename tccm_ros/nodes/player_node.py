@@ -46,7 +46,7 @@ BURST = 100
 
 STABLE_S = 0.5
 """The set of subscribers must not have changed for this time before the first message, s. Chosen:
-nodes are discovered one after another, and a writer knows of a match before the reader does."""
+nodes are discovered one after another."""
 
 ACK_TIMEOUT = Duration(seconds=10)
 """Longest wait for the acknowledgement of readers at the end of the bag. Chosen."""
@@ -239,8 +239,23 @@ class PlayerNode(Node):
         return (now - self._matched_since_ns) * 1e-9 >= STABLE_S
 
     def _publish(self, message: BagMessage) -> None:
-        self._publishers_by_topic[message.topic].publish(message.data)
+        publisher = self._publishers_by_topic[message.topic]
+        publisher.publish(message.data)
         self.sent[message.topic] += 1
+        if self.sent[message.topic] == 1:
+            self._await_readers(publisher)
+
+    def _await_readers(self, publisher: Publisher) -> None:
+        """Hold the bag's time until the readers have the first message of a topic.
+
+        A writer knows of a match before the reader does, and keeps no more for that reader than the
+        depth of its queue. A reader that is not reliable acknowledges nothing, and is not awaited.
+        """
+        patience = float(self._value("wait_for_subscribers"))
+        if patience > 0.0:
+            self._timeline.pause(time.monotonic_ns())
+            publisher.wait_for_all_acked(Duration(seconds=patience))
+            self._timeline.run(time.monotonic_ns())
 
     def _end(self, now: int) -> None:
         if self._value("loop"):

@@ -102,7 +102,7 @@ class TccmNode(SensorNode):
         return self.processor.takes(event) and (not self.is_paused or type(event) is MapReset)
 
     def offer(self, events: Sequence[Any]) -> None:
-        """Queue events for the worker; what sensors measure during a pause is counted alone."""
+        """Queue events for the worker; what sensors measure during a pause is only counted."""
         if self.is_paused:
             measured = (e for e in events if isinstance(e, Posed) and self.processor.takes(e))
             self._passed_by[PAUSED] += sum(1 for _ in measured)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -197,6 +197,45 @@ def frame_of(runs: Int32) -> tuple[int, int, int, int]:
     return low_a - MARGIN, low_b - MARGIN, rows, columns
 
 
+class PlaneRaster(NamedTuple):
+    """The samples of a plane in a raster.
+
+    Attributes
+    ----------
+    cells
+        int32 (A, B) after `find_edges`, where gaps between samples are filled.
+    low
+        Its first cell (a, b).
+    edges, bounds
+        Of `find_edges`, and room for float64 (E, 4) of `edge_cells`.
+    usual_a, usual_b
+        Of `find_gaps`.
+    samples
+        Number of samples.
+    """
+
+    cells: Int32
+    low: tuple[int, int]
+    edges: Int32
+    bounds: Float64
+    usual_a: Float64
+    usual_b: Float64
+    samples: int
+
+
+@kernel
+def make_raster(runs: Int32) -> PlaneRaster:
+    """Draw runs of samples, int32 (N, 3) as in `draw_runs`, and find gaps and edges."""
+    low_a, low_b, rows, columns = frame_of(runs)
+    cells = np.full((rows, columns), EMPTY, np.int32)
+    samples = draw_runs(cells, runs, low_a, low_b)
+    gaps, usual_a, usual_b = find_gaps(cells, samples)
+    fill_gaps(cells, gaps, usual_a, usual_b)
+    edges = find_edges(cells)
+    bounds = np.empty((len(edges), 4))
+    return PlaneRaster(cells, (low_a, low_b), edges, bounds, usual_a, usual_b, samples)
+
+
 @kernel
 def outline_from_above(
     cuboids: CuboidArrays, members: Int64
@@ -219,18 +258,10 @@ def outline_from_above(
     coarse = coarseness(high_x - low_x + 1.0, high_y - low_y + 1.0)
     runs = np.empty((len(members), 3), np.int32)
     runs_horizontal(ix, iy, members, coarse, runs)
-    low_a, low_b, rows, columns = frame_of(runs)
-    raster = np.full((rows, columns), EMPTY, np.int32)
-    samples = draw_runs(raster, runs, low_a, low_b)
-    gaps, usual_a, usual_b = find_gaps(raster, samples)
-    fill_gaps(raster, gaps, usual_a, usual_b)
-    edges = find_edges(raster)
-    bounds = np.empty((len(edges), 4))
+    raster = make_raster(runs)
     scale = 1.0 / (1 << coarse)
-    bound_edges_horizontal(raster, runs, (low_a, low_b), cuboids, members, scale, bounds)
-    vertices, ends, area = trace_polygon(raster, edges, bounds, usual_a, usual_b, samples)
-    vertices[:, 0] += low_a
-    vertices[:, 1] += low_b
+    bound_edges_horizontal(raster.cells, runs, raster.low, cuboids, members, scale, raster.bounds)
+    vertices, ends, area = trace_polygon(raster)
     return vertices, ends, area, cuboids.cell / scale
 
 
@@ -262,46 +293,29 @@ def outline_from_front(
     cell = size * (1 << coarseness(across / size + 2.0, upwards / size + 2.0))
     runs = np.empty((len(members), 3), np.int32)
     runs_vertical(extent, 1.0 / cell, runs)
-    low_a, low_b, rows, columns = frame_of(runs)
-    raster = np.full((rows, columns), EMPTY, np.int32)
-    samples = draw_runs(raster, runs, low_a, low_b)
-    gaps, usual_a, usual_b = find_gaps(raster, samples)
-    fill_gaps(raster, gaps, usual_a, usual_b)
-    edges = find_edges(raster)
-    bounds = np.empty((len(edges), 4))
-    bound_edges_vertical(raster, runs, (low_a, low_b), extent, 1.0 / cell, bounds)
-    vertices, ends, area = trace_polygon(raster, edges, bounds, usual_a, usual_b, samples)
-    vertices[:, 0] += low_a
-    vertices[:, 1] += low_b
+    raster = make_raster(runs)
+    bound_edges_vertical(raster.cells, runs, raster.low, extent, 1.0 / cell, raster.bounds)
+    vertices, ends, area = trace_polygon(raster)
     return vertices, ends, area, cell
 
 
 @kernel
-def trace_polygon(
-    raster: Int32, edges: Int32, bounds: Float64, usual_a: Float64, usual_b: Float64, samples: int
-) -> tuple[Float64, Int32, float]:
-    """Return the largest polygon of a raster.
-
-    Parameters
-    ----------
-    raster
-        int32 (A, B) after `find_edges`, changed: combs and sparse edges are filled.
-    edges, bounds
-        Of `find_edges`, and float64 (E, 4) of `edge_cells`.
-    usual_a, usual_b
-        Of `find_gaps`.
-    samples
-        Number of samples in the raster.
+def trace_polygon(raster: PlaneRaster) -> tuple[Float64, Int32, float]:
+    """Return the largest polygon of a raster, whose combs and sparse edges are filled.
 
     Returns
     -------
     vertices, ends, area
-        As of `contour.largest_polygon`, in cells.
+        As of `contour.largest_polygon`, in cells from the map's origin.
     """
-    extend_edges(raster, edges, bounds, usual_a, usual_b)
-    close_combs(raster, usual_a.max(), usual_b.max())
-    vertices, ends = trace(raster, bounds)
-    return largest_polygon(vertices, ends, TOLERANCE, MIN_HOLE / samples)
+    cells, bounds, usual_a, usual_b = raster.cells, raster.bounds, raster.usual_a, raster.usual_b
+    extend_edges(cells, raster.edges, bounds, usual_a, usual_b)
+    close_combs(cells, usual_a.max(), usual_b.max())
+    vertices, ends = trace(cells, bounds)
+    vertices, ends, area = largest_polygon(vertices, ends, TOLERANCE, MIN_HOLE / raster.samples)
+    vertices[:, 0] += raster.low[0]
+    vertices[:, 1] += raster.low[1]
+    return vertices, ends, area
 
 
 @kernel

@@ -119,26 +119,151 @@ class _Pools(NamedTuple):
         bool, whether it is of tall cuboids.
     moments
         float64 (.., 10).
+    block
+        int32, block of the level.
     """
 
     low: Int32
     high: Int32
     tall: Bool
     moments: Float64
+    block: Int32
+
+
+class _Patches(NamedTuple):
+    """The patches that are returned by `find_patches`: moments, planes and place."""
+
+    moments: Float64
+    planes: Float64
+    place: Int32
+
+
+@kernel
+def pool_cuboids(cuboids: PlaneMap, blocks: Blocks, pools: _Pools) -> int:
+    """Pool the cuboids of each block of the lowest level; return the number of pools.
+
+    Parameters
+    ----------
+    cuboids, blocks
+        As in `find_patches`.
+    pools
+        Written: room for one pool a cuboid.
+    """
+    low, high, tall, moments, block = pools
+    width = cuboids.cell * cuboids.tick
+    tall_variance = width * width
+    used = 0
+    for b in range(blocks.rows * blocks.wide):
+        begin = used
+        for k in range(blocks.start[b], blocks.start[b + 1]):
+            i = blocks.order[k]
+            m, lo, hi = cuboids.M[i], cuboids.bottom[i], cuboids.top[i]
+            is_tall = m[9] * m[0] - m[3] * m[3] > tall_variance * m[0] * m[0]
+            # The newest pool is the likeliest: cuboids come in order.
+            g = used - 1
+            while g >= begin and (tall[g] != is_tall or lo > high[g] or hi < low[g]):
+                g -= 1
+            if g >= begin:
+                low[g], high[g] = min(low[g], lo), max(high[g], hi)
+                for c in range(10):
+                    moments[g, c] += m[c]
+            else:
+                block[used], low[used], high[used], tall[used] = b, lo, hi, is_tall
+                for c in range(10):
+                    moments[used, c] = m[c]
+                used += 1
+    return used
+
+
+@kernel
+def take_patches(
+    pools: _Pools, used: int, level: tuple[int, int, float], max_rms: float, min_count: float,
+    patches: _Patches, found: int,
+) -> tuple[int, int]:  # fmt: skip
+    """Take the pools that span an area: those in a plane are patches, the others are left out.
+
+    Parameters
+    ----------
+    pools, used
+        The pools of a level, and their number; those that remain are moved to the front.
+    level
+        The level, its blocks in y, and their width, m.
+    max_rms, min_count
+        As in `find_patches`.
+    patches, found
+        Written: the patches; and how many there are.
+
+    Returns
+    -------
+    The numbers of pools that remain and of patches.
+    """
+    low, high, tall, moments, block = pools
+    number, wide, width = level
+    min_spread = MIN_SPREAD * width * MIN_SPREAD * width
+    kept = 0
+    for g in range(used):
+        m = moments[g]
+        spans = m[0] >= min_count and may_have_spread(m, min_spread)
+        if spans:
+            nx, ny, nz, d, _, l2, l3 = plane_of(m)
+            spans = l2 >= min_spread
+            if spans and l3 <= max_rms * max_rms:
+                for k in range(10):
+                    patches.moments[found, k] = m[k]
+                plane, place = patches.planes[found], patches.place[found]
+                plane[0], plane[1], plane[2], plane[3], plane[4] = nx, ny, nz, d, l3
+                place[0], place[1], place[2] = number, block[g] // wide, block[g] % wide
+                found += 1
+        if not spans:
+            for k in range(10):
+                moments[kept, k] = m[k]
+            low[kept], high[kept], tall[kept], block[kept] = low[g], high[g], tall[g], block[g]
+            kept += 1
+    return kept, found
+
+
+@kernel
+def pass_to_larger(pools: _Pools, used: int, rows: int, wide: int, gap: int) -> int:
+    """Pool what is left of a level in blocks of twice the size.
+
+    Pools are compacted in place, as the number used never overtakes the one read.
+
+    Parameters
+    ----------
+    pools, used
+        Changed: the pools, and their number.
+    rows, wide
+        Blocks of their level in x and y.
+    gap
+        Ticks; pools meet across such a gap. Sparse samples are sparse in height too: scan lines
+        climb a wall in steps.
+
+    Returns
+    -------
+    int
+        Their number now.
+    """
+    next_wide, next_rows = (wide + 1) >> 1, (rows + 1) >> 1
+    head, following = np.full(next_rows * next_wide, -1, np.int32), np.empty(used, np.int32)
+    left = 0
+    for g in range(used):
+        b = (pools.block[g] // wide >> 1) * next_wide + (pools.block[g] % wide >> 1)
+        left = _pool(head, following, pools, left, b, g, gap)
+    return left
 
 
 @kernel
 def _pool(
-    head: Int32, following: Int32, pools: _Pools, used: int, block: int, of: int, gap: int
+    head: Int32, following: Int32, pools: _Pools, used: int, b: int, of: int, gap: int
 ) -> int:
     """Add pool `of`, not used any more, to one of a block that it meets but for a gap.
 
     It begins a new one where there is none. Returns the number of pools used so far, which is
     never more than `of`.
     """
-    low, high, tall, moments = pools
+    low, high, tall, moments, block = pools
     lo, hi, is_tall = low[of], high[of], tall[of]
-    g = head[block]
+    g = head[b]
     while g >= 0:
         if tall[g] == is_tall and lo <= high[g] + gap and hi >= low[g] - gap:
             low[g], high[g] = min(low[g], lo), max(high[g], hi)
@@ -146,9 +271,9 @@ def _pool(
                 moments[g, k] += moments[of, k]
             return used
         g = following[g]
-    following[used] = head[block]
-    head[block] = used
-    low[used], high[used], tall[used] = lo, hi, is_tall
+    following[used] = head[b]
+    head[b] = used
+    low[used], high[used], tall[used], block[used] = lo, hi, is_tall, b
     for k in range(10):
         moments[used, k] = moments[of, k]
     return used + 1
@@ -192,85 +317,25 @@ def find_patches(
     place : int32 (K, 3)
         Level, and block (bx, by) of that level.
     """
-    M, bottom, top, cell = cuboids.M, cuboids.bottom, cuboids.top, cuboids.cell * cuboids.tick
-    start, order, rows, wide = blocks.start, blocks.order, blocks.rows, blocks.wide
-    n = len(order)
-    moments = np.empty((n, 10))
-    low, high = np.empty(n, np.int32), np.empty(n, np.int32)
-    tall, following = np.empty(n, np.bool_), np.empty(n, np.int32)
-    pools = _Pools(low, high, tall, moments)
-    block_of = np.empty(n, np.int32)
-    used = 0
-    tall_variance = cell * cell
-    for b in range(rows * wide):
-        begin = used
-        for k in range(start[b], start[b + 1]):
-            i = order[k]
-            m = M[i]
-            lo, hi = bottom[i], top[i]
-            is_tall = m[9] * m[0] - m[3] * m[3] > tall_variance * m[0] * m[0]
-            # The newest pool is the likeliest: cuboids come in order.
-            g = used - 1
-            while g >= begin and (tall[g] != is_tall or lo > high[g] or hi < low[g]):
-                g -= 1
-            if g >= begin:
-                low[g], high[g] = min(low[g], lo), max(high[g], hi)
-                for c in range(10):
-                    moments[g, c] += m[c]
-            else:
-                block_of[used], low[used], high[used], tall[used] = b, lo, hi, is_tall
-                for c in range(10):
-                    moments[used, c] = m[c]
-                used += 1
-
-    patch_moments = np.empty((used, 10))
-    patch_planes = np.empty((used, 5))
-    place = np.empty((used, 3), np.int32)
-    patches = 0
-    level_wide = wide
-    level_rows = rows
-    for level in range(LEVELS):
-        width = cell * (1 << (BLOCK_BITS + level))
-        min_spread = MIN_SPREAD * width * MIN_SPREAD * width
-        kept = 0
-        for g in range(used):
-            m = moments[g]
-            decided = m[0] >= min_count and may_have_spread(m, min_spread)
-            if decided:
-                nx, ny, nz, d, _, l2, l3 = plane_of(m)
-                decided = l2 >= min_spread
-                if decided and l3 <= max_rms * max_rms:
-                    for k in range(10):
-                        patch_moments[patches, k] = m[k]
-                    planes = patch_planes[patches]
-                    planes[0], planes[1], planes[2], planes[3], planes[4] = nx, ny, nz, d, l3
-                    place[patches, 0] = level
-                    place[patches, 1] = block_of[g] // level_wide
-                    place[patches, 2] = block_of[g] % level_wide
-                    patches += 1
-            if not decided:
-                for k in range(10):
-                    moments[kept, k] = m[k]
-                low[kept], high[kept], tall[kept] = low[g], high[g], tall[g]
-                block_of[kept] = block_of[g]
-                kept += 1
-        if kept == 0 or level == LEVELS - 1:
+    n = len(blocks.order)
+    pools = _Pools(
+        np.empty(n, np.int32),
+        np.empty(n, np.int32),
+        np.empty(n, np.bool_),
+        np.empty((n, 10)),
+        np.empty(n, np.int32),
+    )
+    used, found = pool_cuboids(cuboids, blocks, pools), 0
+    patches = _Patches(np.empty((used, 10)), np.empty((used, 5)), np.empty((used, 3), np.int32))
+    rows, wide, cell = blocks.rows, blocks.wide, cuboids.cell * cuboids.tick
+    for number in range(LEVELS):
+        level = number, wide, cell * (1 << (BLOCK_BITS + number))
+        used, found = take_patches(pools, used, level, max_rms, min_count, patches, found)
+        if used == 0 or number == LEVELS - 1:
             break
-        # Pass the remaining pools to the blocks of twice the size; pools are compacted in place, as
-        # the number used never overtakes the one read. Sparse samples are sparse in height too:
-        # scan lines climb a wall in steps.
-        gap = int(cuboids.cell * (1 << level))
-        next_wide, next_rows = (level_wide + 1) >> 1, (level_rows + 1) >> 1
-        head = np.full(next_rows * next_wide, -1, np.int32)
-        used = 0
-        for g in range(kept):
-            b = (block_of[g] // level_wide >> 1) * next_wide + (block_of[g] % level_wide >> 1)
-            before = used
-            used = _pool(head, following, pools, used, b, g, gap)
-            if used > before:
-                block_of[before] = b
-        level_wide, level_rows = next_wide, next_rows
-    return patch_moments[:patches], patch_planes[:patches], place[:patches]
+        used = pass_to_larger(pools, used, rows, wide, int(cuboids.cell * (1 << number)))
+        rows, wide = (rows + 1) >> 1, (wide + 1) >> 1
+    return patches.moments[:found], patches.planes[:found], patches.place[:found]
 
 
 @kernel

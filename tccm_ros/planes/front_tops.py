@@ -62,9 +62,9 @@ def top_planes(
     on_front = np.flatnonzero(is_front[labels] & (surface < 0))
     cells = _cells(cuboids, fits)
     index = np.array([top.index for top in tops])
-    is_own = np.isin(surface, index)
-    rows, planes = _beside(cells[on_front], cells[is_own], surface[is_own])
-    rows, of_top = on_front[rows], np.searchsorted(index, planes)
+    is_beside = _tops_beside(cells, surface, index, on_front)
+    rows, of_top = np.divmod(np.flatnonzero(is_beside), len(index))
+    rows, planes = on_front[rows], index[of_top]
     normals, offsets = np.array([f.normal for f in tops]), np.array([f.offset for f in tops])
     distance = np.einsum("ij,ij->i", points[rows], normals[of_top]) - offsets[of_top]
     is_near = np.abs(distance) <= SIGMAS * np.array([top.rms for top in tops])[of_top]
@@ -75,30 +75,29 @@ def top_planes(
     return found
 
 
-def _beside(cells: Int64, own: Int64, planes: Int64) -> tuple[Int64, Int64]:
-    """Return which cells have a plane in them or beside them: rows of `cells`, and the planes.
+def _tops_beside(cells: Int64, surface: Int64, index: Int64, rows: Int64) -> Bool:
+    """Return which tops have a point in the cells of the points `rows` or beside them.
 
     Parameters
     ----------
-    cells
-        int64 (N,)
-    own, planes
-        int64 (K,), cells with a point of a plane, and that plane.
+    cells, surface
+        int64 (M,), cell and horizontal plane of each point, -1 for none.
+    index
+        int64 (T,), horizontal planes that are tops, ascending.
+    rows
+        int64 (R,)
+
+    Returns
+    -------
+    bool (R, T)
     """
-    near, near_planes = _pairs(own, planes)
-    near, near_planes = _pairs((near[:, None] + AROUND).ravel(), near_planes.repeat(len(AROUND)))
-    first, last = (np.searchsorted(near, cells, side) for side in ("left", "right"))
-    rows = np.arange(len(cells)).repeat(last - first)
-    begins = np.cumsum(last - first) - (last - first)
-    return rows, near_planes[first[rows] + np.arange(len(rows)) - begins[rows]]
-
-
-def _pairs(cells: Int64, planes: Int64) -> tuple[Int64, Int64]:
-    """Return each pair of a cell and a plane once, by cell."""
-    known, of_cell = np.unique(cells, return_inverse=True)
-    count = int(planes.max(initial=0)) + 1
-    pairs = np.unique(of_cell.ravel() * count + planes)
-    return known[pairs // count], pairs % count
+    own = np.flatnonzero(np.isin(surface, index))
+    known, of_cell = np.unique(cells[own], return_inverse=True)
+    has_point = np.zeros((len(known) + 1, len(index)), np.bool_)  # the last is for other cells
+    has_point[of_cell.ravel(), np.searchsorted(index, surface[own])] = True
+    asked, of_row = np.unique(cells[rows], return_inverse=True)
+    is_beside: Bool = np.any(has_point[_places_around(asked, known)], axis=1)
+    return is_beside[of_row.ravel()]
 
 
 def _highest_front(cells: Int64, fits: PlaneFits, is_front: Bool) -> Float64:
@@ -107,10 +106,18 @@ def _highest_front(cells: Int64, fits: PlaneFits, is_front: Bool) -> Float64:
     known, of_cell = np.unique(_cells(fronts, fits), return_inverse=True)
     highest = np.full(len(known) + 1, -np.inf)  # the last is for cells without a front
     np.maximum.at(highest, of_cell.ravel(), fits.cuboids.top[fronts] / TICKS_PER_M)
+    return np.asarray(highest[_places_around(cells, known)].max(axis=1, initial=-np.inf))
+
+
+def _places_around(cells: Int64, known: Int64) -> Int64:
+    """Return where each cell and its neighbours are in `known`, sorted; `len(known)` for nowhere.
+
+    int64 (N, 9) for N cells.
+    """
     around = cells[:, None] + AROUND
-    place = np.minimum(np.searchsorted(known, around), max(len(known) - 1, 0))
-    found = np.where(np.isin(around, known), highest[place], -np.inf)
-    return np.asarray(found.max(axis=1, initial=-np.inf), np.float64)
+    places = np.searchsorted(known, around)
+    is_known = np.append(known, -1)[places] == around
+    return np.where(is_known, places, len(known))
 
 
 def _cells(cuboids: Int64, fits: PlaneFits) -> Int64:

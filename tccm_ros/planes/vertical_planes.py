@@ -163,73 +163,172 @@ def improve(patches: _Patches, plane: Plane, taken: _Taken, total: Float64) -> t
     -------
     The plane, and for how many patches the decision differs from the last round's.
     """
-    pooled, rim, layer, tick, ground = patches
-    is_taken, by_layer = taken
+    sums, equations = np.empty((len(patches.pooled), 2)), np.zeros((3, 4))
+    usual, is_refused = layer_noise(patches, plane, len(taken.moments), sums)
+    squares, changes = accept_patches(patches, plane[4], usual, is_refused, sums, taken)
+    total[:] = 0.0
+    add_rims(patches, plane, usual, equations, total)
+    points = add_layers(taken.moments, plane, usual, equations, total)
+    if total[0] < MIN_POINTS:
+        return plane, changes
+    noise = max(squares / points, NOISE_FLOOR * NOISE_FLOOR) if points > 0.0 else plane[4]
+    return corrected(plane, solve(equations), noise), changes
+
+
+@kernel
+def layer_noise(patches: _Patches, plane: Plane, count: int, sums: Float64) -> tuple[Float64, Bool]:
+    """Return the noise of each layer, and which are refused as a whole.
+
+    Parameters
+    ----------
+    patches, plane
+        As in `improve`.
+    count
+        Number of layers, L.
+    sums
+        float64 (P, 2), written: sums of the distances of each patch's points, m, and squares, m2.
+
+    Returns
+    -------
+    usual : float64 (L,)
+        Variance across the plane, m2.
+    is_refused : bool (L,)
+    """
     nx, ny, nz, d, noise = plane
-    slope = math.hypot(nx, ny)
-    ux, uy = -ny / slope, nx / slope
     # Per layer: points and squares of all patches, then points and sum of those that are no rims.
-    layers = np.zeros((len(by_layer), 4))
-    sums = np.empty((len(pooled), 2))
-    for p in range(len(pooled)):
-        n = pooled[p, 0]
-        sums[p, 0], sums[p, 1] = residuals_of(pooled[p], nx, ny, nz, d)
-        into = layers[layer[p]]
+    layers = np.zeros((count, 4))
+    for p in range(len(patches.pooled)):
+        n = patches.pooled[p, 0]
+        sums[p, 0], sums[p, 1] = residuals_of(patches.pooled[p], nx, ny, nz, d)
+        into = layers[patches.layer[p]]
         into[0] += n
         into[1] += sums[p, 1]
-        if rim[p] == NO_RIM:
+        if patches.rim[p] == NO_RIM:
             into[2] += n
             into[3] += sums[p, 0]
-    usual, is_refused = np.empty(len(layers)), np.empty(len(layers), np.bool_)
-    for j in range(len(layers)):
+    usual, is_refused = np.empty(count), np.empty(count, np.bool_)
+    for j in range(count):
         every, two, rest, one = layers[j]
         usual[j] = (two + PRIOR * noise) / (every + PRIOR)
         is_refused[j] = is_shifted(rest, rest, one, noise)
-    equations = np.zeros((3, 4))
-    total[:] = 0.0
-    # The patches of a layer have one weight: their moments are added up, and make one equation.
+    return usual, is_refused
+
+
+@kernel
+def accept_patches(
+    patches: _Patches, noise: float, usual: Float64, is_refused: Bool, sums: Float64, taken: _Taken
+) -> tuple[float, int]:
+    """Accept or refuse each patch that is no rim.
+
+    Parameters
+    ----------
+    patches, taken
+        As in `improve`.
+    noise
+        Variance across the plane, m2.
+    usual, is_refused, sums
+        Results of `layer_noise`.
+
+    Returns
+    -------
+    The sum of the squares of the points' distances from the plane, m2, and for how many patches the
+    decision differs from the last round's.
+    """
+    is_taken, by_layer = taken
     squares, changes = 0.0, 0
-    for p in range(len(pooled)):
-        n, j = pooled[p, 0], layer[p]
+    for p in range(len(patches.pooled)):
+        if patches.rim[p] != NO_RIM:
+            continue
+        n, j = patches.pooled[p, 0], patches.layer[p]
         lenient = max(noise, usual[j])
-        if rim[p] == NO_RIM:
-            takes = not (
-                is_refused[j]
-                or is_shifted(n, n, sums[p, 0], lenient)
-                or is_mixed(n, sums[p, 1], lenient, DEVIATIONS)
-            )
-            squares += sums[p, 1] * takes
-            if takes != is_taken[p]:
-                is_taken[p] = takes
-                changes += 1
-                sign = 1.0 if takes else -1.0
-                for c in range(10):
-                    by_layer[j, c] += sign * pooled[p, c]
-        else:
-            m = pooled[p]
-            sides = rim_moments(m, plane, ux, uy, rim[p] * tick - ground)
-            w, _, _, we, w2 = sides
-            if w2 <= MIN_DEPTH * MIN_DEPTH * m[0] or is_shifted(w2, w, we, lenient):
-                continue
-            add_rim(equations, sides, 1.0 / usual[j])
-            fraction = w * w / (w2 * m[0])
+        takes = not (
+            is_refused[j]
+            or is_shifted(n, n, sums[p, 0], lenient)
+            or is_mixed(n, sums[p, 1], lenient, DEVIATIONS)
+        )
+        squares += sums[p, 1] * takes
+        if takes != is_taken[p]:
+            is_taken[p] = takes
+            changes += 1
+            sign = 1.0 if takes else -1.0
             for c in range(10):
-                total[c] += fraction * m[c]
+                by_layer[j, c] += sign * patches.pooled[p, c]
+    return squares, changes
+
+
+@kernel
+def add_rims(
+    patches: _Patches, plane: Plane, usual: Float64, equations: Float64, total: Float64
+) -> None:
+    """Add the rims that the plane explains to the normal equations.
+
+    Parameters
+    ----------
+    patches, plane, total
+        As in `improve`.
+    usual
+        float64 (L,), variance across the plane of each layer, m2.
+    equations
+        float64 (3, 4), changed.
+    """
+    ux, uy = horizontal_direction(plane)
+    for p in range(len(patches.pooled)):
+        if patches.rim[p] == NO_RIM:
+            continue
+        m, j = patches.pooled[p], patches.layer[p]
+        sides = rim_moments(m, plane, ux, uy, patches.rim[p] * patches.tick - patches.ground)
+        w, _, _, we, w2 = sides
+        lenient = max(plane[4], usual[j])
+        if w2 <= MIN_DEPTH * MIN_DEPTH * m[0] or is_shifted(w2, w, we, lenient):
+            continue
+        add_rim(equations, sides, 1.0 / usual[j])
+        fraction = w * w / (w2 * m[0])
+        for c in range(10):
+            total[c] += fraction * m[c]
+
+
+@kernel
+def add_layers(
+    by_layer: Float64, plane: Plane, usual: Float64, equations: Float64, total: Float64
+) -> float:
+    """Add the accepted patches to the normal equations; return the number of their points.
+
+    The patches of a layer have one weight: their moments are added up, and make one equation.
+
+    Parameters
+    ----------
+    by_layer
+        float64 (L, 10), of `_Taken`.
+    plane, usual, equations, total
+        As in `add_rims`.
+    """
+    ux, uy = horizontal_direction(plane)
     points = 0.0
-    for j in range(len(layers)):
+    for j in range(len(by_layer)):
         add_patch(equations, by_layer[j], plane, ux, uy, 1.0 / usual[j])
         points += by_layer[j, 0]
         for c in range(10):
             total[c] += by_layer[j, c]
-    if total[0] < MIN_POINTS:
-        return plane, changes
-    a, b, g = solve(equations)
+    return points
+
+
+@kernel
+def horizontal_direction(plane: Plane) -> tuple[float, float]:
+    """Return the unit vector (ux, uy) along a vertical plane."""
+    slope = math.hypot(plane[0], plane[1])
+    return -plane[1] / slope, plane[0] / slope
+
+
+@kernel
+def corrected(plane: Plane, errors: tuple[float, float, float], noise: float) -> Plane:
+    """Return a plane without its errors (a, b, g), with another noise, m2."""
+    nx, ny, nz, d, _ = plane
+    ux, uy = horizontal_direction(plane)
+    a, b, g = errors
     # What was e = n p - d is now e - a - b s - g z.
     nx, ny, nz, d = nx - b * ux, ny - b * uy, nz - g, d + a
     k = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz)
-    if points > 0.0:
-        noise = max(squares / points, NOISE_FLOOR * NOISE_FLOOR)
-    return (nx * k, ny * k, nz * k, d * k, noise), changes
+    return nx * k, ny * k, nz * k, d * k, noise
 
 
 @kernel

@@ -172,5 +172,5 @@ class MapReset(NamedTuple):
 
 
 Event = Posed | TiltAngle | StreamComplete | Odometry | RollPitch | MapReset
-"""What `robot.Robot` gives. The first three have the role of a stream; the base's motion and resets
-of the map concern everybody."""
+"""What `robot.Robot` gives. The first three have the role of a stream; the base's motion, its roll
+and pitch, and resets of the map concern everybody."""

@@ -1,11 +1,11 @@
 """Roll and pitch of the base by its IMU: the accelerometer while it stands, the gyroscope between.
 
-What an accelerometer calls up is off by its bias and by how it is mounted, a degree or two in all,
-and by the same at all times. So roll and pitch count against their usual value, that of the drives:
-from one stop to the next a base gains no speed, so that the mean of what the accelerometer measures
-on the way, less the accelerations of its yaw, is gravity; the usual value is the median over all
-drives of this run. A base that stands askew (on a door sill, on a ramp, with an arm stretched out)
-is seen to, once it has driven.
+The vertical by an accelerometer is off by its bias and by the error of its mount, a degree or two
+in all, and by the same at all times. So roll and pitch count against their usual value, that of the
+drives: from one stop to the next a base gains no speed, so that the mean of what the accelerometer
+measures on the way, less the accelerations of its yaw, is gravity; the usual value is the median
+over all drives of this run. Once a base has driven, it is known how askew it stands (on a door
+sill, on a ramp, with an arm stretched out).
 
 At a moment of a drive accelerations hide gravity, and the rates of the gyroscope are integrated.
 That is good for some seconds straight ahead. A base that turns moves the error of the mount from
@@ -25,9 +25,17 @@ import numpy as np
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
-from tccm_ros.geometry import between2, wrap_angle
+from tccm_ros.geometry import between2
 from tccm_ros.records import Imu, RollPitch
 from tccm_ros.robot.base_motion import BaseMotion, MotionSource, is_standing
+from tccm_ros.robot.gravity import (
+    AVERAGED_STEPS,
+    GRAVITIES,
+    StopGravity,
+    UsualRollPitch,
+    nearest_gravity,
+    roll_pitch_of,
+)
 from tccm_ros.robot.imu_mount import ImuMount
 from tccm_ros.robot.tracks import ScalarTrack, Track
 
@@ -38,9 +46,8 @@ linear between."""
 STANDING_NS = 100_000_000
 """A base stands that has not moved for this time."""
 
-SETTLING_STEPS, AVERAGED_STEPS = 25, 50
-"""A base that has stopped rocks for 0.5 s; then gravity is averaged over 1 s, and counts after half
-of it (chosen)."""
+SETTLING_STEPS = 25
+"""A base that has stopped rocks for 0.5 s (chosen); then gravity is averaged."""
 
 BIAS_STEPS, MIN_BIAS_STEPS = 500, 50
 """The bias of the gyroscope is the median of its rates in the last 10 s of standing, known after
@@ -50,9 +57,6 @@ GRAVITY_SIGMA, USUAL_SIGMA = 0.001, 0.001
 """Standard deviations, rad, of roll and pitch by gravity at a stop, and of the usual ones. Chosen:
 1 mg each, the stability of the bias of cheap accelerometers, at rest and with the wheels' shaking.
 """
-
-MIN_DRIVE_STEPS = 100
-"""Shorter drives tell nothing of the usual roll and pitch. Chosen: 2 s."""
 
 RATE_NOISE, RATE_SIGMA = 0.0005, 0.0003
 """Noise of integrated rates, rad/s^0.5, and standard deviation of their bias, rad/s (chosen: those
@@ -64,19 +68,6 @@ direction."""
 
 MAX_SIGMA = 0.02
 """Roll and pitch that are more uncertain (rad) are not told (chosen)."""
-
-MAX_USUAL = 0.2
-"""More roll or pitch (rad) is no bias of an accelerometer. Chosen: 11 deg; the IMU is mounted
-another way than its frame says, or the base has fallen over."""
-
-GRAVITIES, TOLERANCE = (9.81, 1.0), 0.05
-"""Lengths of gravity in m/s2, and in g as some drivers have it; other lengths, by more than this
-fraction, are not gravity's (chosen)."""
-
-MAX_OFF = 0.03
-"""Gravity that is further (rad) from where the gyroscope has it is an acceleration: the base is
-pushed, or the clock of the IMU is off. It is averaged anew. Chosen: 0.3 m/s2, several times the
-noise of cheap accelerometers."""
 
 DELAY_STEPS = 10
 """Gravity counts once the base has stood for 0.2 s more: wheels show later that it moves. Chosen:
@@ -158,19 +149,15 @@ class BaseRollPitch:
         self._is_told_by_odometry = False
         # As measured, with the bias of the accelerometer; None while nothing tells them.
         self._now: Float64 | None = None
-        # Of the rates; what gravity says beyond it, and how that scatters; the length of gravity.
-        self._integral, self._offset = np.zeros(2), np.zeros(2)
-        self._scatter, self._gravity = 0.0, GRAVITIES[0]
-        # At the stop: steps that the base has stood, that gravity was measured, and that it
-        # contradicted the gyroscope in a row; what gravity says that is not believed yet.
-        self._standing, self._measured, self._contradictions = 0, 0, 0
+        # Of the rates, rad; what gravity says beyond it, and the length of gravity.
+        self._integral, self._gravity, self._g = np.zeros(2), StopGravity(), GRAVITIES[0]
+        # At the stop: steps that the base has stood; what gravity says that is not believed yet.
+        self._standing = 0
         self._waiting: deque[Float64] = deque()
         self._recent: deque[Float64] = deque(maxlen=DELAY_STEPS)
-        # Since the last stop: time (s), yaw (rad), steps and sum of specific forces of a drive.
+        # Since the last stop: time (s), and yaw (rad).
         self._moved_s, self._yaw = 0.0, 0.0
-        self._driven, self._forces = -1, np.zeros(3)
-        self._drives: list[Float64] = []
-        self._usual: Float64 | None = None
+        self._usual = UsualRollPitch()
         self._events: list[RollPitch] = []
 
     def add(self, record: Imu) -> bool:
@@ -271,16 +258,15 @@ class BaseRollPitch:
         if self._now is None or self.bias is None:
             return
         x, y, yaw = (rates - self.bias) * seconds
-        roll, pitch = self._now - (self._now if self._usual is None else self._usual)
+        roll, pitch = self._now - (self._now if self._usual.value is None else self._usual.value)
         step = np.array([x + pitch * yaw, y - roll * yaw])
         self._integral, self._now = self._integral + step, self._now + step
         self._yaw += abs(yaw)
 
     def _stand(self, rates: Float64, force: Float64) -> None:
         """Measure gravity, and the bias of the gyroscope, while the base stands."""
-        if self._driven >= MIN_DRIVE_STEPS:
-            self._note_drive()
-        self._standing, self._driven, self._forces = self._standing + 1, 0, np.zeros(3)
+        self._usual.end()
+        self._standing += 1
         self._recent.append(force)
         if self._standing <= SETTLING_STEPS:
             return
@@ -292,32 +278,19 @@ class BaseRollPitch:
             if np.isfinite(force).all():
                 self._refuse(NO_GRAVITY)
             return
-        self._gravity = min(GRAVITIES, key=lambda g: abs(g - float(np.linalg.norm(force))))
+        self._g = nearest_gravity(force)
         self._waiting.append(measured - self._integral)
         if len(self._waiting) > DELAY_STEPS:
             self._average(self._waiting.popleft())
 
     def _average(self, offset: Float64) -> None:
         """Average what gravity (2,) says beyond the integral of the rates, rad."""
-        if self._measured and np.abs(offset - self._offset).max() > MAX_OFF:
-            self._contradictions += 1
-            if self._contradictions >= AVERAGED_STEPS // 2:
-                self._measured, self._now = 0, None
-            return
-        self._measured, self._contradictions = self._measured + 1, 0
-        if self._measured == 1:
-            self._offset, self._scatter = offset, 0.0
-        off, gain = offset - self._offset, 1.0 / min(self._measured, AVERAGED_STEPS)
-        self._offset = self._offset + gain * off
-        self._scatter += gain * (0.5 * float(off @ off) - self._scatter)
-        self._now = self._integral + self._offset
-        if self._is_averaged:
-            self._moved_s, self._yaw = 0.0, 0.0
-
-    @property
-    def _is_averaged(self) -> bool:
-        """Whether gravity has been measured for long enough at this stop."""
-        return 2 * self._measured >= AVERAGED_STEPS
+        if self._gravity.add(offset):
+            self._now = self._integral + self._gravity.offset
+            if self._gravity.is_averaged:
+                self._moved_s, self._yaw = 0.0, 0.0
+        elif not self._gravity.is_measured:
+            self._now = None
 
     def _drive(self, moved: Float64, rates: Float64, force: Float64, arm: Float64) -> None:
         """Add up the specific forces of a drive that began at a stop.
@@ -333,43 +306,38 @@ class BaseRollPitch:
         """
         if self._standing:
             self._leave()
-        if self._driven < 0 or self.bias is None:
+        if self.bias is None or not self._usual.is_driving:
             return
         yaw_rate, half = float(rates[2] - self.bias[2]), 0.5 * float(moved[2])
         # The chord of an arc points to where the base looks in the middle of it.
         x, y, _ = between2([0.0, 0.0, half], moved) * (1e9 / STANDING_NS)
         of_yaw = yaw_rate * np.array([-y, x, 0.0]) - yaw_rate**2 * arm * [1.0, 1.0, 0.0]
-        of_yaw *= self._gravity / GRAVITIES[0]
-        self._driven, self._forces = self._driven + 1, self._forces + force - of_yaw
+        of_yaw *= self._g / GRAVITIES[0]
+        self._usual.add(force, of_yaw)
 
     def _leave(self) -> None:
         """Begin a drive: the base has begun to move a little before the wheels show it."""
-        if self._measured and not self._is_averaged:
+        if self._gravity.is_measured and not self._gravity.is_averaged:
             self._now = None
-        self._standing, self._measured, self._contradictions = 0, 0, 0
+        self._standing = 0
+        self._gravity.begin()
         self._waiting.clear()
-        if self._driven == 0:
-            self._driven, self._forces = len(self._recent), np.sum(self._recent, axis=0)
+        self._usual.begin([*self._recent])
         self._recent.clear()
-
-    def _note_drive(self) -> None:
-        """Note a drive that has ended at a stop."""
-        measured = roll_pitch_of(self._forces / self._driven)
-        if measured is not None:
-            self._drives.append(measured)
-            self._usual = np.median(np.array(self._drives), axis=0)
 
     def _lose(self) -> None:
         """Forget roll and pitch up to the next stop."""
         self._leave()
-        self._driven, self._now = -1, None
+        self._usual.lose()
+        self._now = None
 
     @property
     def _sigma(self) -> float:
         """Standard deviation of roll and pitch, rad."""
-        if self._now is None or (self._measured and not self._is_averaged):
+        gravity = self._gravity
+        if self._now is None or (gravity.is_measured and not gravity.is_averaged):
             return math.inf
-        by_gravity = GRAVITY_SIGMA**2 + USUAL_SIGMA**2 + self._scatter / AVERAGED_STEPS
+        by_gravity = GRAVITY_SIGMA**2 + USUAL_SIGMA**2 + gravity.scatter / AVERAGED_STEPS
         if self._moved_s == 0.0:
             return math.sqrt(by_gravity)
         if self.bias is None:
@@ -379,7 +347,7 @@ class BaseRollPitch:
 
     def _tell(self, stamp_ns: int) -> None:
         """Note roll and pitch at the end of a step."""
-        sigma, now, usual, found = self._sigma, self._now, self._usual, np.zeros(2)
+        sigma, now, usual, found = self._sigma, self._now, self._usual.value, np.zeros(2)
         if now is not None and usual is not None and sigma <= MAX_SIGMA:
             found = significant(now - usual, sigma)
         if now is not None and sigma <= MAX_SIGMA and stamp_ns // STEP_NS % EVENT_STEPS == 0:
@@ -387,20 +355,6 @@ class BaseRollPitch:
             self._events.append(RollPitch(stamp_ns, _pair(now), sigma, known))
         for track, value in zip(self._told, found.tolist()):
             track.append(stamp_ns, value)
-
-
-def roll_pitch_of(force: Float64) -> Float64 | None:
-    """Return the roll and pitch (2,), rad, that a specific force (3,) at rest shows in the base.
-
-    Roll is positive where the left side is up, pitch where the front is down (REP-103). None where
-    it is not gravity's, or far from the vertical.
-    """
-    length = float(np.linalg.norm(force))
-    if not any(abs(length - g) <= TOLERANCE * g for g in GRAVITIES):
-        return None
-    x, y, z = force.tolist()
-    found = wrap_angle([math.atan2(y, z), math.atan2(-x, math.hypot(y, z))])
-    return found if np.abs(found).max() <= MAX_USUAL else None
 
 
 def _pair(values: Float64) -> tuple[float, float]:

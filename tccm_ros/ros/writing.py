@@ -179,17 +179,15 @@ def odometry_message(types: MessageTypes, odometry: Odometry) -> Any:
 
 
 def imu_message(types: MessageTypes, imu: Imu) -> Any:
-    """Return a sensor_msgs/Imu; covariances say that it has no orientation, or acceleration."""
-    unknown, is_measured = np.array([-1.0, *[0.0] * 8]), imu.acceleration is not None
+    """Return a sensor_msgs/Imu; the covariance of what is not measured begins with -1."""
+    unknown, force = np.array([-1.0, *[0.0] * 8]), imu.acceleration
     return types.make(
         "sensor_msgs/msg/Imu",
         header=header_message(types, imu.stamp_ns, imu.frame_id),
         angular_velocity=_vector_message(types, imu.angular_velocity),
-        linear_acceleration=_vector_message(
-            types, np.zeros(3) if imu.acceleration is None else imu.acceleration
-        ),
+        linear_acceleration=_vector_message(types, np.zeros(3) if force is None else force),
         orientation_covariance=unknown,
-        linear_acceleration_covariance=np.zeros(9) if is_measured else unknown.copy(),
+        linear_acceleration_covariance=unknown.copy() if force is None else np.zeros(9),
     )
 
 

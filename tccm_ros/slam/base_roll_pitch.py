@@ -22,14 +22,15 @@ QUANTUM = 0.00025
 """Step, rad, of the usual roll and pitch. Chosen: 0.75 mm at 3 m; a drive more does not move each
 view by a little."""
 
-UNBOUNDED = 2**62
+UNBOUNDED_NS = 2**62
+"""How long samples are kept: as long as the run, whose views may all be solved again."""
 
 
 class RollPitchTrack:
     """Roll and pitch by stamp, as they come."""
 
     def __init__(self) -> None:
-        self._samples = Track(3, UNBOUNDED)
+        self._samples = Track(3, UNBOUNDED_NS)
         self._usual: Float64 | None = None
 
     def __len__(self) -> int:

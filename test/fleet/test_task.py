@@ -2,11 +2,14 @@
 
 import dataclasses
 import shutil
+import time
+from types import SimpleNamespace
 
 import pytest
 from fleet_bags import contents, write_bad_recordings, write_recordings
 
 from tccm_ros.config import Config
+from tccm_ros.fleet import task
 from tccm_ros.fleet.record import read_record
 from tccm_ros.fleet.recordings import Recording, find_recordings
 from tccm_ros.fleet.task import Job, Outcome, TaskResult, is_done, process
@@ -31,6 +34,27 @@ def test_the_results_are_those_of_a_single_replay(job, tmp_path):
     record = read_record(job.results)
     assert record.cost.peak_memory > 2**26
     assert record.cost.bytes_read == sum(f.size for f in record.files) > 0
+
+
+def test_the_cost_is_without_the_kernels_that_a_machine_compiles_once(job, monkeypatch):
+    now = 0.0
+
+    def compile_for_an_hour(*_):
+        nonlocal now
+        now += 3600.0
+
+    def replay_for_a_minute(*args, **kwargs):
+        nonlocal now
+        now += 60.0
+        return replay(*args, **kwargs)
+
+    monkeypatch.setattr(task, "compile_kernels", compile_for_an_hour)
+    monkeypatch.setattr(task, "replay", replay_for_a_minute)
+    clock = SimpleNamespace(monotonic=lambda: now, process_time=time.process_time)
+    monkeypatch.setattr(task, "time", clock)
+    process(job)
+    assert now == 3660.0
+    assert read_record(job.results).cost.seconds == 60.0
 
 
 def test_what_is_done_is_not_done_again(job):

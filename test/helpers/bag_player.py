@@ -1,5 +1,6 @@
 """A bag that `PlayerNode` plays to nodes of the same process, no faster than they take it."""
 
+import time
 from pathlib import Path
 
 from live_robot import overrides, wait_until_done
@@ -13,6 +14,9 @@ RATE = 20.0
 MAX_WAITING = 20
 """Messages of a topic that a node has not received when the player is paused. It sends at most
 `player_node.BURST` before and after it hears of that, and queues hold 200."""
+
+ASK_AGAIN_S, MAX_ASKED = 5.0, 60
+"""A request without an answer is made again after this time, s, and so many times at most."""
 
 
 def play_bag(ros, bag: Path, *nodes, **values) -> None:
@@ -53,5 +57,19 @@ def _play_while(ros, player, is_ahead) -> None:
     while not player.is_done:
         if is_paused != is_ahead():
             is_paused = not is_paused
-            pause.call_async(SetBool.Request(data=is_paused))
+            _ask(ros, pause, SetBool.Request(data=is_paused))
         ros.executor.spin_once(timeout_sec=0.02)
+
+
+def _ask(ros, client, request) -> None:
+    """Ask until there is an answer: a request is lost where the service does not know its client.
+
+    Services are discovered in any order, and a client may know first.
+    """
+    for _ in range(MAX_ASKED):
+        answer, end = client.call_async(request), time.monotonic() + ASK_AGAIN_S
+        while time.monotonic() < end:
+            ros.executor.spin_once(timeout_sec=0.02)
+            if answer.done():
+                return
+    raise AssertionError(f"no answer of {client.srv_name}")

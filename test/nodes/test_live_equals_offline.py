@@ -19,6 +19,8 @@ from std_srvs.srv import Trigger
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.config import Config
 from tccm_ros.config.reader import read_config
+from tccm_ros.nodes.slam_node import SlamNode
+from tccm_ros.nodes.tccm_node import TccmNode
 from tccm_ros.pipeline.replay import replay
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.recording import simulate
@@ -41,6 +43,7 @@ OTHER_NAMES = (
 LONG = pytest.mark.skipif(
     "TCCM_LONG" not in os.environ, reason="a long recording: TCCM_LONG=1 pytest test/nodes"
 )
+SURFACE_MESSAGES = ("/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
 EQUAL = (
     "surfaces.json",
     "objects.json",
@@ -65,34 +68,54 @@ EQUAL = (
 def test_what_live_nodes_save_equals_the_files_of_a_replay(
     ros, tmp_path, bag, remap, is_shared, config
 ):
-    live, offline = tmp_path / "live", tmp_path / "offline"
+    offline = tmp_path / "offline"
     settings = read_config(config).model_copy(update={"sync_timeout": SYNC_S})
     replay(BAGS / bag, offline, settings, pictures=False, remap=remap)
     words = [word for rule in remap for word in ("-r", rule)]
     words += [] if config is None else ["--params-file", str(config)]
+    nodes = nodes_that_save(ros, tmp_path / "live", is_shared, words)
+    play_and_save(ros, BAGS / bag, *nodes)
+    counts = Counter(nodes[0].inputs.counts()) | Counter(nodes[1].inputs.counts())
+    sent = messages(BAGS / bag)
+    assert {topic: counts[topic] for topic in sent} == sent
+    assert_equal(tmp_path / "live", offline)
+
+
+def nodes_that_save(ros, folder: Path, is_shared: bool, words=()) -> tuple[TccmNode, SlamNode]:
+    """Add both nodes, with one robot for both or one each."""
     common = {
         "context": ros.context,
         "words": words,
-        "save__directory": str(live),
+        "save__directory": str(folder),
         "sync_timeout": SYNC_S,
     }
     tilt_node = tccm(ros, **common)
-    node = slam(ros, shared=tilt_node.robot if is_shared else None, **common)
-    ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
-    play_bag(ros, BAGS / bag, tilt_node, node)
-    counts = Counter(tilt_node.inputs.counts()) | Counter(node.inputs.counts())
-    sent = messages(BAGS / bag)
-    assert {topic: counts[topic] for topic in sent} == sent
+    return tilt_node, slam(ros, shared=tilt_node.robot if is_shared else None, **common)
+
+
+def play_and_save(
+    ros, bag: Path, tilt_node: TccmNode, node: SlamNode, topics=SURFACE_MESSAGES, **player
+) -> None:
+    """Play a bag into both nodes, and save when all has come, of which nothing was dropped.
+
+    `topics` are those of the surface message; `player` are parameters of the player.
+    """
+    ros.connect(tilt_node, node, *topics)
+    play_bag(ros, bag, tilt_node, node, **player)
     ask = ros.add(Node("asker", context=ros.context))
     save(ros, ask, "/tccm/save_map")
     cycles = tilt_node.processor.counts["cycles"]
-    for topic in ("/tccm/surfaces", "/tccm/view", "/tccm/object_boxes"):
+    for topic in topics:
         ros.spin_until(lambda t=topic: node.inputs.counts()[t] == cycles, what=topic)
     save(ros, ask, "/surface_slam/save_map")
     assert cycles > 0
     for each in (tilt_node, node):
         assert each.inputs.lost() == {}
         assert not each.overload
+
+
+def assert_equal(live: Path, offline: Path) -> None:
+    """Assert that the files of two folders have the same bytes."""
     for name in EQUAL:
         assert (live / name).read_bytes() == (offline / name).read_bytes(), name
 
@@ -114,60 +137,27 @@ def save(ros, node, service: str) -> None:
 
 @pytest.mark.parametrize("is_shared", [False, True])
 def test_a_depth_camera_and_a_lidar_are_mapped_live_as_offline(ros, tmp_path, is_shared):
-    bag, live, offline = tmp_path / "bag", tmp_path / "live", tmp_path / "offline"
+    bag, offline = tmp_path / "bag", tmp_path / "offline"
     write_recording(bag)
     replay(bag, offline, Config(sync_timeout=SYNC_S), pictures=False)
-    common = {
-        "context": ros.context,
-        "save__directory": str(live),
-        "sync_timeout": SYNC_S,
-    }
-    tccm_node = tccm(ros, **common)
-    node = slam(ros, shared=tccm_node.robot if is_shared else None, **common)
-    ros.connect(tccm_node, node, "/tccm/surfaces", "/tccm/view")
-    play_bag(ros, bag, tccm_node, node, rate=SLOW_RATE)
-    ask = ros.add(Node("asker", context=ros.context))
-    save(ros, ask, "/tccm/save_map")
-    cycles = tccm_node.processor.counts["cycles"]
-    for topic in ("/tccm/surfaces", "/tccm/view"):
-        ros.spin_until(lambda t=topic: node.inputs.counts()[t] == cycles, what=topic)
-    save(ros, ask, "/surface_slam/save_map")
-    assert cycles >= 3
-    for each in (tccm_node, node):
-        assert each.inputs.lost() == {}
-        assert not each.overload
-    for name in EQUAL:
-        assert (live / name).read_bytes() == (offline / name).read_bytes(), name
+    nodes = nodes_that_save(ros, tmp_path / "live", is_shared)
+    play_and_save(ros, bag, *nodes, topics=("/tccm/surfaces", "/tccm/view"), rate=SLOW_RATE)
+    assert nodes[0].processor.counts["cycles"] >= 3
+    assert_equal(tmp_path / "live", offline)
 
 
 @pytest.mark.parametrize("is_shared", [False, True])
 def test_roll_and_pitch_by_an_imu_are_those_of_a_replay(ros, tmp_path, is_shared):
-    bag, live, offline = tmp_path / "bag", tmp_path / "live", tmp_path / "offline"
+    bag, offline = tmp_path / "bag", tmp_path / "offline"
     options = Options(imu=True, stop_tilt=0.02, tilt_beams=181, people=False)
     simulate("moved", bag, options=options)
     replay(bag, offline, Config(sync_timeout=SYNC_S), pictures=False)
-    common = {
-        "context": ros.context,
-        "save__directory": str(live),
-        "sync_timeout": SYNC_S,
-    }
-    tilt_node = tccm(ros, **common)
-    node = slam(ros, shared=tilt_node.robot if is_shared else None, **common)
-    ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
-    play_bag(ros, bag, tilt_node, node)
-    ask = ros.add(Node("asker", context=ros.context))
-    save(ros, ask, "/tccm/save_map")
-    cycles = tilt_node.processor.counts["cycles"]
-    for topic in ("/tccm/surfaces", "/tccm/view", "/tccm/object_boxes"):
-        ros.spin_until(lambda t=topic: node.inputs.counts()[t] == cycles, what=topic)
-    save(ros, ask, "/surface_slam/save_map")
-    for each in (tilt_node, node):
-        assert each.inputs.lost() == {}
-        assert not each.overload
+    nodes = nodes_that_save(ros, tmp_path / "live", is_shared)
+    play_and_save(ros, bag, *nodes)
+    node = nodes[1]
     told = node.robot.robot.roll_pitch.at(np.array([node.newest_ns]))
     assert np.abs(told).max() > 0.005, "the base stood level in the end"
-    for name in EQUAL:
-        assert (live / name).read_bytes() == (offline / name).read_bytes(), name
+    assert_equal(tmp_path / "live", offline)
 
 
 @pytest.mark.parametrize("is_shared", [False, True])
@@ -178,35 +168,21 @@ def test_recognised_objects_are_labelled_live_as_offline_and_found_by_class(
     pytest.importorskip("tccm_interfaces.msg", reason="tccm_interfaces is not installed")
     from tccm_ros.client import SurfaceMapClient
 
-    bag, live, offline = tmp_path / "bag", tmp_path / "live", tmp_path / "offline"
+    bag, offline = tmp_path / "bag", tmp_path / "offline"
     classes = {"box that stays": [("mug", 0.8), ("bowl", 0.1)], "box that comes": [("crate", 0.6)]}
     write_with_detections(BAGS / "walkthrough", bag, seen_from_base(BAGS / "walkthrough", classes))
     replay(bag, offline, Config(sync_timeout=SYNC_S), pictures=False)
-    common = {
-        "context": ros.context,
-        "save__directory": str(live),
-        "sync_timeout": SYNC_S,
-    }
-    tilt_node = tccm(ros, **common)
-    node = slam(ros, shared=tilt_node.robot if is_shared else None, **common)
+    nodes = nodes_that_save(ros, tmp_path / "live", is_shared)
     client = SurfaceMapClient(ros.add(Node("program", context=ros.context)))
-    ros.connect(tilt_node, node, "/tccm/surfaces", "/tccm/view", "/tccm/object_boxes")
-    play_bag(ros, bag, tilt_node, node)
-    ask = ros.add(Node("asker", context=ros.context))
-    save(ros, ask, "/tccm/save_map")
-    cycles = tilt_node.processor.counts["cycles"]
-    for topic in ("/tccm/surfaces", "/tccm/view", "/tccm/object_boxes"):
-        ros.spin_until(lambda t=topic: node.inputs.counts()[t] == cycles, what=topic)
-    save(ros, ask, "/surface_slam/save_map")
-    for name in EQUAL:
-        assert (live / name).read_bytes() == (offline / name).read_bytes(), name
+    play_and_save(ros, bag, *nodes)
+    assert_equal(tmp_path / "live", offline)
     ros.spin_until(lambda: client.is_ready and client.objects_of_class("crate"), what="the crate")
     (mug,) = client.objects_of_class("mug")
     assert mug.confidence == pytest.approx(0.8)
     assert found_by(ros, client, "MUG table") == [mug.surface_id]
     assert found_by(ros, client, "bowl") == []
     before = "unused detection: no object of the map there"
-    assert node.values()[before] > 0, "the crate was not there from the beginning"
+    assert nodes[1].values()[before] > 0, "the crate was not there from the beginning"
 
 
 def found_by(ros, client, text: str) -> list[int]:

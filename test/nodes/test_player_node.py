@@ -7,6 +7,7 @@ from processes import PATIENCE_S, started
 from rcl_interfaces.msg import Log
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -60,15 +61,21 @@ def listener(ros):
     return node, got
 
 
+def listener_to_clock(ros):
+    node, got = ros.add(Node("clock_listener", context=ros.context)), []
+    node.create_subscription(
+        Clock, "/clock", lambda c: got.append(c.clock.sec * 10**9 + c.clock.nanosec), 100
+    )
+    return got
+
+
 def test_all_messages_arrive_in_order_and_the_clock_runs(ros, bag):
-    node, got = listener(ros)
-    clock = []
-    node.create_subscription(Clock, "/clock", clock.append, 100)
+    _, got = listener(ros)
+    times = listener_to_clock(ros)
     playing = player(ros, bag, rate=20.0, wait_for_subscribers=20.0, topics=["/joint_states"])
     ros.spin_until(lambda: playing.is_done and len(got) == COUNT)
     positions = [message.position[0] for message in got]
     assert positions == pytest.approx([i * 0.01 for i in range(COUNT)])
-    times = [c.clock.sec * 10**9 + c.clock.nanosec for c in clock]
     assert times == sorted(times)
     assert START_NS <= times[0] <= times[-1] <= START_NS + COUNT * PERIOD_NS
 
@@ -195,3 +202,26 @@ def test_it_plays_once_no_subscriber_has_come_or_gone_for_a_while(ros, bag):
     ros.spin_until(lambda: playing.published)
     assert time.monotonic() - before >= STABLE_S
     ros.spin_until(lambda: playing.is_done and len(got) == COUNT)
+
+
+def test_the_bags_time_stands_until_readers_have_the_first_message_of_a_topic(
+    ros, bag, monkeypatch
+):
+    """A reader that finds the writer late would miss what is more than the writer's queue."""
+    slow_s, waits = 1.0, []
+
+    def wait_for_all_acked(publisher, timeout):
+        end = time.monotonic() + slow_s
+        while time.monotonic() < end:
+            pass
+        waits.append(publisher.topic)
+        return True
+
+    monkeypatch.setattr(Publisher, "wait_for_all_acked", wait_for_all_acked)
+    _, got = listener(ros)
+    clock = listener_to_clock(ros)
+    before = time.monotonic()
+    player(ros, bag, wait_for_subscribers=PATIENCE_S, topics=["/joint_states"])
+    ros.spin_until(lambda: len(got) > 40 and len(clock) > 5)
+    assert waits == ["/joint_states"]
+    assert clock[-1] - START_NS <= (time.monotonic() - before - STABLE_S - slow_s) * 1e9

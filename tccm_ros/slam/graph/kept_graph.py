@@ -9,15 +9,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from typing import Any
 
 import gtsam
 import numpy as np
 
 from tccm_ros.arrays import Float64
-from tccm_ros.geometry import spatial
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key
+from tccm_ros.slam.graph.assembly import assemble_update
 from tccm_ros.slam.graph.pose_graph import GraphSolution
 
 RELINEARIZE = 0.005
@@ -142,30 +143,15 @@ class KeptGraph:
     def _add(
         self, factors: list[Factor], poses: Mapping[Key, Float64], gone: list[int]
     ) -> list[list[int]]:
-        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        starts = {k: spatial(T) if np.ndim(T) == 1 else T for k, T in poses.items()}
-        for key, T in starts.items():
-            if not self._isam.valueExists(key.symbol):
-                values.insert(key.symbol, key.to_value(T))
+        new = assemble_update(self._isam, factors, poses, self._pose)
+        for i in range(new.graph.size()):
+            self._uses.update(new.graph.at(i).keys())
+        result = self._isam.update(new.graph, new.values, gone)
+        numbers = list(result.getNewFactorsIndices())
+        return [numbers[a:b] for a, b in pairwise([0, *new.ends])]
 
-        def pose_of(key: Key) -> Float64:
-            if values.exists(key.symbol):
-                return key.from_value(values.atPose3(key.symbol))
-            return key.from_value(self._values.atPose3(key.symbol))
-
-        ends = []
-        for factor in factors:
-            factor.add_to(graph)
-            ends.append(int(graph.size()))
-            landmark = factor.landmark
-            if landmark is None or self._isam.valueExists(landmark.symbol):
-                continue
-            for key, value in [] if values.exists(landmark.symbol) else factor.initial(pose_of):
-                values.insert(key.symbol, value)
-        for i in range(graph.size()):
-            self._uses.update(graph.at(i).keys())
-        numbers = list(self._isam.update(graph, values, gone).getNewFactorsIndices())
-        return [numbers[a:b] for a, b in zip([0, *ends], ends)]
+    def _pose(self, key: Key) -> Float64:
+        return key.from_value(self._values.atPose3(key.symbol))
 
     def _relinearise(self) -> None:
         """Linearise anew what has moved, until nothing has."""

@@ -16,10 +16,11 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from tccm_ros.arrays import Float64, Int64
-from tccm_ros.geometry import spatial, wrap_angle
+from tccm_ros.geometry import wrap_angle
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.factors.noise import rotate_frame
+from tccm_ros.slam.graph.assembly import add_factors, assemble_update, insert_poses
 from tccm_ros.slam.marginals import Information, InverseColumns
 
 MAX_ITERATIONS = 50
@@ -201,19 +202,12 @@ class PoseGraph:
 
     def __init__(self, factors: Iterable[Factor], poses: Mapping[Key, Float64]) -> None:
         self._graph, self._values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        self._starts = {key: spatial(p) if np.ndim(p) == 1 else p for key, p in poses.items()}
-        for key, T in self._starts.items():
-            self._values.insert(key.symbol, key.to_value(T))
+        self._starts = insert_poses(self._values, poses)
         self.add(factors)
 
     def add(self, factors: Iterable[Factor]) -> None:
         """Add factors; landmarks that are new are started by them."""
-        for factor in factors:
-            factor.add_to(self._graph)
-            if factor.landmark is None or self._values.exists(factor.landmark.symbol):
-                continue
-            for key, value in factor.initial(self._starts.__getitem__):
-                self._values.insert(key.symbol, value)
+        add_factors(self._graph, self._values, factors, self._starts.__getitem__)
 
     def __len__(self) -> int:
         return int(self._graph.size())
@@ -264,27 +258,14 @@ class IncrementalGraph:
                 self._update(*earlier)
 
     def _update(self, factors: Sequence[Factor], poses: Mapping[Key, Float64]) -> None:
-        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        starts = {key: spatial(p) if np.ndim(p) == 1 else p for key, p in poses.items()}
-        for key, T in starts.items():
-            values.insert(key.symbol, key.to_value(T))
+        new = assemble_update(self._isam, factors, poses, self._pose)
+        self._isam.update(new.graph, new.values)
 
-        def pose_of(key: Key) -> Float64:
-            if key in starts:
-                return starts[key]
-            return key.from_value(self._isam.calculateEstimatePose3(key.symbol))
-
-        for factor in factors:
-            factor.add_to(graph)
-            if factor.landmark is not None and factor.landmark not in self._landmarks:
-                for key, value in factor.initial(pose_of):
-                    values.insert(key.symbol, value)
-                    self._landmarks.add(key)
-        self._isam.update(graph, values)
+    def _pose(self, key: Key) -> Float64:
+        return key.from_value(self._isam.calculateEstimatePose3(key.symbol))
 
     def _begin(self, factorization: str) -> None:
         self._isam = gtsam.ISAM2(_isam_params(factorization, self._skip))
-        self._landmarks: set[Key] = set()
 
     def planar_poses(self, keys: Sequence[Key]) -> Float64:
         """Return planar poses float64 (N, 3)."""

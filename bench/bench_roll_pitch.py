@@ -20,18 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT)]
+sys.path[:0] = [str(ROOT), str(ROOT / "test" / "helpers")]
 
-from tccm_ros.config import Config  # noqa: E402
+from imu_maps import map_with_and_without_imu  # noqa: E402
+
 from tccm_ros.geometry import planar, spatial, transform  # noqa: E402
 from tccm_ros.pipeline.evaluate.surfaces import score_surfaces  # noqa: E402
 from tccm_ros.pipeline.evaluate.trajectory_errors import absolute_errors  # noqa: E402
-from tccm_ros.pipeline.processors import Pipeline  # noqa: E402
 from tccm_ros.pipeline.sim import truth  # noqa: E402
 from tccm_ros.pipeline.sim.engine import EPOCH_NS, Simulation  # noqa: E402
 from tccm_ros.pipeline.sim.options import Options  # noqa: E402
-from tccm_ros.pipeline.sim.worlds import build_world  # noqa: E402
-from tccm_ros.records import Imu  # noqa: E402
 from tccm_ros.results.models import SurfacesFile  # noqa: E402
 from tccm_ros.results.numbers import json_text  # noqa: E402
 from tccm_ros.surfaces.surface_slam import SurfaceSolution  # noqa: E402
@@ -94,18 +92,8 @@ def outcome(solution: SurfaceSolution, simulation: Simulation) -> Outcome:
 def run(world: str, seed: int, stop_tilt: float) -> tuple[Outcome, Outcome]:
     """Map a drive with the IMU and without."""
     options = Options(imu=True, stop_tilt=stop_tilt)
-    simulation = Simulation(build_world(world, options), seed, options)
-    roles = {topic: role for role, topic in vars(simulation.rig.topics).items()}
-    both = [Pipeline(Config(), expects_odometry=True) for _ in range(2)]
-    for message in simulation.run():
-        role = roles.get(message.topic, message.topic.removeprefix("/"))
-        for record in message.records:
-            for pipeline in both[:1] if isinstance(record, Imu) else both:
-                pipeline.add(role, record)
-    for pipeline in both:
-        pipeline.finish()
-    with_imu, without = (outcome(pipeline.solve(), simulation) for pipeline in both)
-    return with_imu, without
+    simulation, with_imu, without = map_with_and_without_imu(world, seed, options)
+    return outcome(with_imu, simulation), outcome(without, simulation)
 
 
 def rms_and_largest(errors: Array) -> str:

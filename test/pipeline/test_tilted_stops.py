@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
+from imu_maps import map_with_and_without_imu, role_of
 from shapely import Point, Polygon
 
 from tccm_ros.config import Config
-from tccm_ros.pipeline.processors import Pipeline
 from tccm_ros.pipeline.sim.engine import EPOCH_NS, Simulation
 from tccm_ros.pipeline.sim.options import Options
 from tccm_ros.pipeline.sim.truth import map_from_world, surfaces
 from tccm_ros.pipeline.sim.worlds import build_world
-from tccm_ros.records import Imu, RollPitch
+from tccm_ros.records import RollPitch
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
 
@@ -21,16 +21,7 @@ SIGMA = 0.0015
 def mapped(stop_tilt):
     """Return the simulation, and its map with the IMU and without."""
     options = Options(imu=True, stop_tilt=stop_tilt, tilt_beams=181, people=False)
-    simulation = Simulation(build_world("moved", options), 1, options)
-    roles = {topic: role for role, topic in vars(simulation.rig.topics).items()}
-    both = [Pipeline(Config(), expects_odometry=True) for _ in range(2)]
-    for message in simulation.run():
-        for record in message.records:
-            for pipeline in both[: 1 if isinstance(record, Imu) else 2]:
-                pipeline.add(roles.get(message.topic, message.topic.removeprefix("/")), record)
-    for pipeline in both:
-        pipeline.finish()
-    return simulation, *(pipeline.solve() for pipeline in both)
+    return map_with_and_without_imu("moved", 1, options)
 
 
 @pytest.fixture(scope="module")
@@ -86,11 +77,10 @@ def test_what_an_imu_tells_is_true_at_any_time(world, stop_tilt):
     options = Options(imu=True, stop_tilt=stop_tilt, tilt=False, level=False)
     simulation = Simulation(build_world(world, options), 0, options)
     robot = Robot(Config(), default_streams(), expects_odometry=True)
-    roles = {topic: role for role, topic in vars(simulation.rig.topics).items()}
     told = []
     for message in simulation.run():
+        role = role_of(simulation, message.topic)
         for record in message.records:
-            role = roles.get(message.topic, message.topic.removeprefix("/"))
             told += [e for e in robot.add(role, record) if isinstance(e, RollPitch) and e.usual]
     times = (np.array([e.stamp_ns for e in told]) - EPOCH_NS) * 1e-9
     true = simulation.true_poses(times)[:, :3, :3]

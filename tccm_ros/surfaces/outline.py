@@ -16,6 +16,7 @@ import numpy as np
 import shapely
 from scipy.spatial import Delaunay, QhullError, cKDTree
 from shapely import MultiPolygon
+from shapely.geometry.polygon import orient
 
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.surfaces.polygons import GRID, polygons_of
@@ -172,15 +173,23 @@ def expected_area(area: MultiPolygon, spacing: float) -> MultiPolygon:
 
 
 def _with_far_edges_moved(part: shapely.Polygon, distance: float) -> shapely.Geometry:
-    """Return the area that a polygon passes when it moves away from the origin by a distance, m."""
-    moved = shapely.make_valid(shapely.transform(part, lambda xy: _away(xy, distance)))
+    """Return the area that a polygon passes when it moves away from the origin by a distance, m.
+
+    On each ray from the origin the polygon is some intervals. Moving out, each passes itself and
+    what its far end passes: so only edges that face away from the origin add something.
+    """
+    oriented = orient(part)
     bands = []
-    for ring in (part.exterior, *part.interiors):
-        start = np.asarray(ring.coords)
-        end = _away(start, distance)
-        bands.append(np.stack([start[:-1], start[1:], end[1:], end[:-1]], axis=1))
+    for ring in (oriented.exterior, *oriented.interiors):
+        xy = np.asarray(ring.coords)
+        start, end = xy[:-1], xy[1:]
+        outward = (end - start)[:, ::-1] * (1.0, -1.0)  # the polygon is to the left
+        is_far = np.einsum("ij,ij->i", outward, start) > 0.0
+        start, end = start[is_far], end[is_far]
+        moved = [_away(end, distance), _away(start, distance)]
+        bands.append(np.stack([start, end, *moved], axis=1))
     quads = shapely.make_valid(shapely.polygons(np.concatenate(bands)))
-    return shapely.union_all([part, moved, *quads], grid_size=GRID)
+    return shapely.union_all([part, *quads], grid_size=GRID)
 
 
 def _away(xy: Float64, distance: float) -> Float64:

@@ -14,7 +14,7 @@ from tccm_ros.surfaces.outline import (
     expected_area,
     horizontal_outline,
 )
-from tccm_ros.surfaces.polygons import polygon_rings
+from tccm_ros.surfaces.polygons import polygon_rings, polygons_of
 
 L_SHAPE = shapely.Polygon([(0, 0), (2, 0), (2, 0.6), (0.6, 0.6), (0.6, 2), (0, 2)])
 
@@ -101,6 +101,34 @@ def test_the_area_grows_by_what_is_allowed_and_loses_nothing(seed, distance, bea
     # A mitred corner moves out twice as far as its sides.
     max_distance = min(FAR_EDGE_FRACTION * spacing, MAX_FAR_EDGE) + 2.0 * 0.0125 + 1e-5
     assert hull.buffer(1.01 * max_distance).contains(grown)
+
+
+@given(st.integers(0, 10**6), st.floats(0.3, 3.0), st.floats(-np.pi, np.pi))
+@settings(max_examples=30, deadline=None)
+def test_an_outline_with_holes_and_notches_is_what_it_passes_moving_away(seed, distance, bearing):
+    """Twin: the union of the polygon in small steps of its way, less its widening aside."""
+    rng = np.random.default_rng(seed)
+    at = distance * np.array([np.cos(bearing), np.sin(bearing)])
+    boxes = [shapely.box(*c, *(c + w)) for c, w in rng.uniform(0.02, 0.3, (6, 2, 2))]
+    shape = shapely.union_all(boxes[:4]).difference(shapely.union_all(boxes[4:]))
+    part = max(polygons_of(shapely.affinity.translate(shape, *at)).geoms, key=lambda p: p.area)
+    spacing = 0.05
+    grown = shapely.union_all(expected_area(MultiPolygon([part]), spacing))
+
+    def moved(by):
+        return shapely.make_valid(
+            shapely.transform(
+                part, lambda xy: xy * (1.0 + by / np.linalg.norm(xy, axis=1, keepdims=True))
+            )
+        )
+
+    ways = np.linspace(0.0, FAR_EDGE_FRACTION * spacing, 60)
+    passed = shapely.union_all([moved(way) for way in ways])
+    aside = 0.15 * spacing
+    wide = passed.buffer(aside, join_style="mitre", mitre_limit=2.0)
+    # A step is 0.3 mm; corners are mitred where steps leave teeth.
+    assert grown.buffer(1e-3).contains(passed)
+    assert grown.area == pytest.approx(wide.area, rel=0.02)
 
 
 @given(st.integers(0, 10**6), st.floats(-np.pi, np.pi))

@@ -20,6 +20,13 @@ from tccm_ros.arrays import Bool, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import KEY_STEP, column_keys
 from tccm_ros.geometry import inverse, planar, pose_from_rpy, wrap_angle
+from tccm_ros.surfaces.displacement import (
+    BORDER,
+    blurred,
+    footprint_in_map,
+    is_displaced,
+    line_of_sight,
+)
 from tccm_ros.surfaces.free_grid import FreeGrid
 from tccm_ros.surfaces.patch_planes import fit_plane, is_line
 from tccm_ros.surfaces.views import Patch, View
@@ -51,6 +58,13 @@ UNUSED = 4
 
 MAJORITY = 0.5
 """A column is removed where more than this fraction of its points is gone; chosen."""
+
+BESIDE = 2
+"""A strip that a surface has left is within so many columns of it. Chosen: what is further away and
+wider is a block."""
+
+MIN_LEFT = 0.02
+"""A surface was moved if it left more than this fraction of its points. Chosen: strays are less."""
 
 MIN_KNOWN_AREA = 0.1
 """Smaller surfaces are not known again elsewhere, m2. Chosen: below a stool's seat; boxes and
@@ -86,6 +100,8 @@ class _Face:
         Its plane, float64 (3,).
     patch
         The patch.
+    reach
+        Where it may be, as far as scan lines tell: they are at its `spacing`.
     areas
         Its outline grown by so many m.
     """
@@ -94,7 +110,17 @@ class _Face:
     mean: Float64
     normal: Float64
     patch: Patch
+    reach: BaseGeometry
     areas: dict[float, BaseGeometry] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, patch: Patch) -> _Face:
+        """Return the face of a patch."""
+        blur = line_of_sight(patch.mean, patch.spacing)
+        reach = blurred(patch.outline, BORDER, (float(blur[0]), float(blur[1])))
+        shapely.prepare(reach)
+        bounds = np.array(patch.outline.bounds)
+        return cls(bounds, patch.mean, fit_plane(patch.cov)[0], patch, reach)
 
     def area(self, grow: float) -> BaseGeometry:
         """Return the outline grown by so many m, prepared."""
@@ -114,10 +140,7 @@ class _Eyes:
 
     @classmethod
     def of(cls, view: View) -> _Eyes:
-        faces = tuple(
-            _Face(np.array(p.outline.bounds), p.mean, fit_plane(p.cov)[0], p) for p in view.patches
-        )
-        return cls(view, FreeGrid.of(view.free), faces)
+        return cls(view, FreeGrid.of(view.free), tuple(map(_Face.of, view.patches)))
 
 
 class _Carved(NamedTuple):
@@ -372,7 +395,11 @@ def _carve_patch(
     rim = config.surfaces.merge_distance
     owner = _measured_by(points, pair.newer.faces, margin, 0.5 * rim)
     gone = through & (owner < 0)
-    block = max(config.views.cell_size, BLOCK_SPACING * patch.spacing)
+    cell_size = config.views.cell_size
+    block = max(cell_size, BLOCK_SPACING * patch.spacing)
+    left = _is_left(points, gone, owner, pair.newer, cell_size)
+    if _was_moved(pair, patch, left, owner):
+        return kept, _most_frequent(owner)
     if gone.sum() < GONE_FRACTION * total:
         gone &= _in_block(points, gone, block)
     if not pair.is_same_pose or not (owner >= 0).any():
@@ -382,7 +409,7 @@ def _carve_patch(
     if np.count_nonzero(gone | (owner >= 0)) >= REPLACED_FRACTION * total:
         gone[:] = True
     gone |= again | (rest & ~_in_block(points, rest & (owner < 0), block))
-    return kept[gone], int(np.bincount(owner[owner >= 0]).argmax())
+    return kept[gone], _most_frequent(owner)
 
 
 def _measured_by(points: Float64, faces: tuple[_Face, ...], margin: Float64, grow: float) -> Int64:
@@ -403,6 +430,50 @@ def _measured_by(points: Float64, faces: tuple[_Face, ...], margin: Float64, gro
         inside = shapely.contains_xy(face.area(grow), points[near, 0], points[near, 1])
         owner[near[inside]] = q
     return owner
+
+
+def _is_left(
+    points: Float64, gone: Bool, owner: Int64, newer: _Eyes, cell_size: float
+) -> Bool:  # fmt: skip
+    """Return which points that are gone are beside a surface which is seen, and not of its edge.
+
+    The view looked through columns that the surface covers in part. It cannot cover those which its
+    outline does not reach, however scan lines fell.
+    """
+    x, y = np.floor(points[:, :2] / cell_size).T
+    columns = shapely.box(x * cell_size, y * cell_size, (x + 1) * cell_size, (y + 1) * cell_size)
+    covered, near = np.zeros((2, len(points)), bool)
+    for q in np.unique(owner[owner >= 0]).tolist():
+        face = newer.faces[q]
+        covered |= shapely.intersects(face.reach, columns)
+        near |= shapely.dwithin(face.reach, columns, BESIDE * cell_size)
+    return gone & near & ~covered
+
+
+def _was_moved(pair: _ViewPair, patch: Patch, left: Bool, owner: Int64) -> bool:
+    """Return whether a patch has left a strip, and is seen to cover another one.
+
+    Parameters
+    ----------
+    pair, patch
+        A patch of the older view.
+    left
+        Of `_is_left`, bool (N,).
+    owner
+        int64 (N,), the patch of the newer view that measured each point, -1 = none.
+    """
+    if np.count_nonzero(left) <= MIN_LEFT * len(left) or not (owner >= 0).any():
+        return False
+    new = pair.newer.view.patches[_most_frequent(owner)]
+    before = footprint_in_map(
+        patch.outline, patch.mean, patch.spacing, pose_from_rpy(pair.step * STEPS)
+    )
+    return is_displaced(before, footprint_in_map(new.outline, new.mean, new.spacing, np.eye(4)))
+
+
+def _most_frequent(owner: Int64) -> int:
+    """Return the patch that measured most points; `owner` is -1 where there was none."""
+    return int(np.bincount(owner[owner >= 0]).argmax())
 
 
 def _in_block(points: Float64, chosen: Bool, cell_size: float) -> Bool:

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from shapely.affinity import affine_transform
+from shapely.affinity import affine_transform, translate
 from shapely.geometry.base import BaseGeometry
 
 from tccm_ros.arrays import Float64
-from tccm_ros.surfaces.polygons import box_sides
+from tccm_ros.surfaces.polygons import equal_sides
 
 BORDER = 0.03
 """Outlines of a surface that stands still are within this of each other, m. Chosen: they end within
@@ -29,8 +29,12 @@ MIN_LIFT = 0.025
 pitch add 1 cm at 2 m."""
 
 SIZE_DIFFERENCE = 0.12
-"""Sides of two outlines of one surface differ by at most this, m. Chosen: two distances of scan
-lines."""
+"""Sides of two outlines of one surface differ by at most this, m, and by the larger blur. Chosen:
+hidden parts and corners."""
+
+IN_PLACE = 0.05
+"""Middles of two outlines in one place are so near to each other, m, or as near as the larger blur.
+Chosen: a distance of scan lines."""
 
 SAME_AREA = 0.75
 """The smaller of two outlines of one surface has at least this fraction of the area of the larger.
@@ -46,32 +50,46 @@ class Footprint(NamedTuple):
         In x and y, m.
     z
         Height, m.
+    blur
+        Its ends are known to this vector (x, y), m: the distance of scan lines along the line of
+        sight.
     """
 
     outline: BaseGeometry
     z: float
+    blur: tuple[float, float] = (0.0, 0.0)
 
     @property
     def middle(self) -> Float64:
-        """Middle of the narrowest box around it, float64 (3,), m."""
-        center = shapely.oriented_envelope(self.outline).centroid
+        """Centroid, float64 (3,), m."""
+        center = self.outline.centroid
         return np.array([center.x, center.y, self.z])
 
 
-def footprint_in_map(outline: BaseGeometry, mean: Float64, T_map_view: Float64) -> Footprint:
+def footprint_in_map(
+    outline: BaseGeometry, mean: Float64, spacing: float, T_map_view: Float64
+) -> Footprint:
     """Return where a patch is in map.
 
     Parameters
     ----------
-    outline, mean
-        Of the patch, in its view; float64 (3,), m.
+    outline, mean, spacing
+        Of the patch, in its view; float64 (3,), m; distance of its scan lines, m.
     T_map_view
         float64 (4, 4), pose of the view.
     """
     T = T_map_view
     shift = T[:2, 3] + T[:2, 2] * mean[2]
     matrix = [T[0, 0], T[0, 1], T[1, 0], T[1, 1], *shift]
-    return Footprint(affine_transform(outline, matrix), float(T[2, :3] @ mean + T[2, 3]))
+    x, y = (T[:2, :2] @ line_of_sight(mean, spacing)).tolist()
+    z = float(T[2, :3] @ mean + T[2, 3])
+    return Footprint(affine_transform(outline, matrix), z, (x, y))
+
+
+def line_of_sight(mean: Float64, length: float) -> Float64:
+    """Return a vector (x, y) of a length, m, from a base at the origin to a patch; float64 (2,)."""
+    distance = float(np.hypot(*mean[:2]))
+    return np.asarray(mean[:2] * (length / max(distance, length, MIN_WIDTH)), np.float64)
 
 
 def is_of_one_size(first: Footprint, second: Footprint) -> bool:
@@ -79,8 +97,18 @@ def is_of_one_size(first: Footprint, second: Footprint) -> bool:
     areas = sorted((first.outline.area, second.outline.area))
     if areas[0] < SAME_AREA * areas[1] or areas[1] == 0.0:
         return False
-    sides = box_sides(first.outline) - box_sides(second.outline)
-    return bool(np.abs(sides).max() <= SIZE_DIFFERENCE)
+    sides = equal_sides(first.outline) - equal_sides(second.outline)
+    return bool(np.abs(sides).max() <= SIZE_DIFFERENCE + _larger_blur(first, second))
+
+
+def is_in_place(first: Footprint, second: Footprint) -> bool:
+    """Return whether two outlines are in one place, whatever their heights."""
+    step = np.abs(second.middle - first.middle)[:2].max()
+    return bool(step <= max(IN_PLACE, _larger_blur(first, second)))
+
+
+def _larger_blur(first: Footprint, second: Footprint) -> float:
+    return float(max(np.hypot(*first.blur), np.hypot(*second.blur)))
 
 
 def is_displaced(first: Footprint, second: Footprint) -> bool:
@@ -90,7 +118,25 @@ def is_displaced(first: Footprint, second: Footprint) -> bool:
     """
     if abs(second.z - first.z) > MIN_LIFT:
         return True
-    left = first.outline.difference(second.outline.buffer(BORDER)).area
-    came = second.outline.difference(first.outline.buffer(BORDER)).area
+    blurs = (first.blur, second.blur)
+    left = first.outline.difference(blurred(second.outline, BORDER, *blurs)).area
+    came = second.outline.difference(blurred(first.outline, BORDER, *blurs)).area
     width = np.sqrt(min(first.outline.area, second.outline.area))
     return bool(min(left, came) > MIN_WIDTH * width and left + came > 2.0 * MEAN_WIDTH * width)
+
+
+def blurred(outline: BaseGeometry, border: float, *blurs: tuple[float, float]) -> BaseGeometry:
+    """Return all places at which a surface may be.
+
+    Parameters
+    ----------
+    outline
+        Where it was measured, in x and y, m.
+    border
+        Error of its edges in any direction, m.
+    blurs
+        Of the footprints that are compared, m.
+    """
+    grown = outline.buffer(border)
+    shifts = [(s * x, s * y) for x, y in blurs if x or y for s in (-1.0, 1.0)]
+    return shapely.union_all([grown, *(translate(grown, *shift) for shift in shifts)])

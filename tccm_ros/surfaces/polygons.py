@@ -1,4 +1,4 @@
-"""Polygons of outlines: parts, gaps, narrowest boxes and rings."""
+"""Polygons of outlines: parts, gaps, sides and rings."""
 
 from __future__ import annotations
 
@@ -21,6 +21,31 @@ def box_sides(polygon: Polygon) -> Float64:
     """Return the sides of a polygon's narrowest box, float64 (2,), m, the shorter first."""
     box = np.asarray(shapely.oriented_envelope(polygon).exterior.coords)
     return np.sort(np.hypot(*np.diff(box[:3], axis=0).T))
+
+
+def equal_sides(area: shapely.Geometry) -> Float64:
+    """Return the sides of the rectangle that has the second moments of an area, float64 (2,), m.
+
+    The shorter is first. A spike, or a tooth at a corner, hardly changes them.
+
+    Parameters
+    ----------
+    area
+        A polygon or several, not empty.
+    """
+    center = area.centroid
+    oriented = [shapely.geometry.polygon.orient(part) for part in polygons_of(area).geoms]
+    rings = [ring for part in oriented for ring in (part.exterior, *part.interiors)]
+    moments = np.zeros((2, 2))
+    for ring in rings:
+        # Of the triangles between the centroid and each side, with the sign of the way around.
+        p = np.asarray(ring.coords)[:, :2] - (center.x, center.y)
+        a, b = p[:-1], p[1:]
+        cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+        both = a + b
+        moments += np.einsum("k,ki,kj->ij", cross, a, a) + np.einsum("k,ki,kj->ij", cross, b, b)
+        moments += np.einsum("k,ki,kj->ij", cross, both, both)
+    return np.sqrt(np.linalg.eigvalsh(moments / (24.0 * area.area)).clip(0.0) * 12.0)
 
 
 def largest_part(area: MultiPolygon) -> Polygon:

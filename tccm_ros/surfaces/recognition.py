@@ -22,7 +22,9 @@ from tccm_ros.surfaces.displacement import (
     BORDER,
     MIN_LIFT,
     Footprint,
+    is_in_place,
     is_of_one_size,
+    line_of_sight,
 )
 from tccm_ros.surfaces.merged_surface import MergedSurface, fit_surface
 from tccm_ros.surfaces.merging import Members, NumberedPatch, merge_coplanar
@@ -33,16 +35,17 @@ MAX_LIFT = 0.1
 """A surface that is lifted or lowered in its place by up to this is recognised, m. Chosen: boards
 of shelves have larger distances."""
 
-MAX_LOWERED = 0.06
-"""What is left of a surface that was lowered by less than this, m, may be above it still; what was
-lowered by more is looked through (`views.clear_margin` twice)."""
+MAX_LEFT_OVER = 0.06
+"""What is left of a surface that was lifted or lowered by less than this, m, may be below or above
+it still (`views.clear_margin` twice). What was lowered by more is looked through."""
 
 MAX_BESIDE = 0.1
-"""What is left of it lies over the lowered surface but for this fraction. Chosen: its edges."""
+"""What is left of it is within the outline of the surface now but for this fraction. Chosen: its
+edges."""
 
-IN_PLACE = 0.05
-"""Middles of two outlines in one place are so near to each other, m. Chosen: a distance of scan
-lines."""
+MIN_PART = 0.05
+"""A view that shows less than this fraction of a surface's area does not show that it is still
+there. Chosen: the front of what was lifted has points at the old height."""
 
 
 class FormerStand(NamedTuple):
@@ -78,26 +81,30 @@ class _Stand(NamedTuple):
 
         In one place, views that measured it at the old height may count as views of it.
         """
-        if self.placed > old.last and old.lies_over(self):
+        if self.footprint.outline.area < MIN_KNOWN_AREA:
+            return False
+        if self.placed > old.last and old.lies_close_to(self):
             return True
         if not is_of_one_size(old.footprint, self.footprint):
             return False
-        step = np.abs(self.footprint.middle - old.footprint.middle)
-        if max(step[0], step[1]) <= IN_PLACE:
-            return bool(self.placed > old.last and step[2] <= MAX_LIFT)
-        return bool(self.first > old.last and step[2] <= MIN_LIFT)
+        step = abs(self.footprint.z - old.footprint.z)
+        if is_in_place(old.footprint, self.footprint):
+            return self.placed > old.last and step <= MAX_LIFT
+        return self.first > old.last and step <= MIN_LIFT
 
     def was_lifted_to(self, new: _Stand) -> bool:
         """Return whether it has another height now than when it was seen last."""
-        step = np.abs(new.footprint.middle - self.footprint.middle)
-        is_in_place = max(step[0], step[1]) <= IN_PLACE and step[2] > MIN_LIFT
-        is_over = new.placed > self.last and self.lies_over(new)
-        return is_over or (bool(is_in_place) and new.follows(self))
+        step = abs(new.footprint.z - self.footprint.z)
+        is_at_its_place = is_in_place(self.footprint, new.footprint) and step > MIN_LIFT
+        is_close = new.placed > self.last and self.lies_close_to(new)
+        return (is_close or is_at_its_place) and new.follows(self)
 
-    def lies_over(self, new: _Stand) -> bool:
-        """Return whether all of it is so little above a surface that nothing fits between."""
+    def lies_close_to(self, new: _Stand) -> bool:
+        """Return whether all of it is so little above or below a surface that nothing fits
+        between.
+        """
         old, other = self.footprint, new.footprint
-        if not MIN_LIFT < old.z - other.z <= MAX_LOWERED:
+        if not MIN_LIFT < abs(old.z - other.z) <= MAX_LEFT_OVER:
             return False
         beside = old.outline.difference(other.outline.buffer(BORDER)).area
         return bool(beside <= MAX_BESIDE * old.outline.area)
@@ -138,8 +145,9 @@ def adopt_ids(
         fit_surface(members, views, poses[0], config)
         for members in merge_coplanar(former, *poses, config)
     ]
-    stands = [_stand(s, ids, is_former=True) for s in stood if s is not None]
-    now = [_stand(s, ids, is_former=False) for s in surfaces if s.polygon.area >= MIN_KNOWN_AREA]
+    T = poses[0]
+    stands = [_stand(s, ids, T, is_former=True) for s in stood if s is not None]
+    now = [_stand(s, ids, T, is_former=False) for s in surfaces]
     stands += [s._replace(is_former=any(map(s.was_lifted_to, now))) for s in now]
     found = {}
     for i, j in sorted(_successors(stands).items(), key=lambda pair: stands[pair[0]].last):
@@ -166,14 +174,20 @@ def _former_patches(
     return found
 
 
-def _stand(surface: MergedSurface, ids: TrackIds, *, is_former: bool) -> _Stand:
-    footprint = Footprint(surface.polygon, surface.height)
+def _stand(
+    surface: MergedSurface, ids: TrackIds, T_map_view: Float64, *, is_former: bool
+) -> _Stand:
+    finest = min(surface.members, key=lambda m: (m.patch.spacing or np.inf, m.number))
+    blur = T_map_view[finest.view, :2, :2] @ line_of_sight(finest.patch.mean, finest.patch.spacing)
+    footprint = Footprint(surface.polygon, surface.height, tuple(blur.tolist()))
+    least = MIN_PART * surface.polygon.area
+    seen = tuple(m for m in surface.members if m.patch.outline.area >= least)
     return _Stand(
         surface,
         footprint,
         ids.first_seen(surface.members),
         ids.placed(surface.members, footprint),
-        ids.last_seen(surface.members),
+        ids.last_seen(seen or surface.members),
         is_former,
     )
 

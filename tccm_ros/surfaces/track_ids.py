@@ -81,7 +81,7 @@ class TrackIds:
 
     def _footprint(self, v: int, p: int) -> Footprint:
         patch = self._views[v].patches[p]
-        return footprint_in_map(patch.outline, patch.mean, self._T_map_view[v])
+        return footprint_in_map(patch.outline, patch.mean, patch.spacing, self._T_map_view[v])
 
     def adopt(self, members: Members, older: Members) -> None:
         """Give a surface the ids and the first sight of one that it is, and that stood elsewhere.

@@ -241,7 +241,7 @@ def with_numbers_of(newer: View, older: View, replaced_by: Mapping[int, int]) ->
 
 
 def _footprint(patch: Patch) -> Footprint:
-    return footprint_in_map(patch.outline, patch.mean, np.eye(4))
+    return footprint_in_map(patch.outline, patch.mean, patch.spacing, np.eye(4))
 
 
 def empty_view(stamp_ns: int, session: int, config: Config) -> View:

@@ -117,6 +117,18 @@ def test_a_table_that_was_moved_keeps_its_id_and_says_where_it_stood(saved_after
 
 
 @pytest.mark.parametrize("saved_after", [None, 1])
+@pytest.mark.parametrize("step", [(0.2, 0.0), (-0.2, 0.02), (0.0, 0.15), (0.02, -0.15), (0.2, 0.2)])
+def test_a_table_that_was_moved_a_little_leaves_no_rim(saved_after, step):
+    moved = replace(TABLE, x=TABLE.x + step[0], y=TABLE.y + step[1])
+    found = look_at([BOTH, Room([moved, STOOL]), Room([moved, STOOL])], saved_after=saved_after)
+    assert set(found) == {0.74, 0.46}
+    assert overlap(found[0.74], moved) > 0.9
+    assert found[0.74].id == look_at([BOTH])[0.74].id
+    assert (found[0.74].first_seen_ns, found[0.74].placed_ns) == (10, 20)
+    assert found[0.46].placed_ns == 10
+
+
+@pytest.mark.parametrize("saved_after", [None, 1])
 @pytest.mark.parametrize("step", [-0.06, -0.05, -0.04, -0.03, 0.04])
 def test_a_table_that_was_lowered_or_raised_leaves_no_ghost(saved_after, step):
     other = Room([replace(TABLE, z=TABLE.z + step), STOOL])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from shapely import Point, box
+from shapely import Point, Polygon, box
 from shapely.affinity import rotate, translate
 
 from tccm_ros.surfaces.displacement import (
@@ -43,6 +43,17 @@ def test_what_grows_or_shrinks_has_not_moved(grown):
     assert not is_of_one_size(at(TABLE), at(grown))
 
 
+@pytest.mark.parametrize("spacing", [0.02, 0.1, 0.15])
+def test_the_distance_of_scan_lines_along_the_line_of_sight_is_no_motion(spacing):
+    """A view sees each end anywhere within it; sideways, beams are dense."""
+    first = footprint_in_map(TABLE, np.array([2.0, 0.0, 0.7]), spacing, np.eye(4))
+    ahead, aside = spacing * np.eye(2)
+    assert not is_displaced(first, at(translate(TABLE, *ahead)))
+    assert not is_displaced(at(translate(TABLE, *-ahead)), first)
+    assert is_displaced(first, at(translate(TABLE, *(1.5 * ahead + 0.1))))
+    assert is_displaced(first, at(translate(TABLE, *aside))) == (spacing > 0.05)
+
+
 def test_a_rotated_table_is_displaced_and_a_round_one_is_not():
     assert is_displaced(at(TABLE), at(rotate(TABLE, 30.0)))
     disc = Point(0.0, 0.0).buffer(0.5)
@@ -58,10 +69,16 @@ def test_a_round_table_is_not_of_the_size_of_a_square_one_of_its_width():
     assert not is_of_one_size(at(box(-0.5, -0.5, 0.5, 0.5)), at(Point(0, 0).buffer(0.43)))
 
 
+def test_a_spike_at_a_corner_is_no_other_size():
+    spike = TABLE.union(Polygon([(0.0, 1.0), (0.0, 1.2), (0.05, 1.0)]))
+    assert is_of_one_size(at(TABLE), at(spike))
+    assert np.abs(at(spike).middle - at(TABLE).middle).max() < 0.01
+
+
 def test_a_patch_is_placed_by_the_pose_of_its_view():
     T = np.eye(4)
     T[:3, 3] = 2.0, -1.0, 0.1
     T[:2, :2] = [[0.0, -1.0], [1.0, 0.0]]
-    placed = footprint_in_map(TABLE, np.array([0.35, 0.5, 0.7]), T)
+    placed = footprint_in_map(TABLE, np.array([0.35, 0.5, 0.7]), 0.02, T)
     assert placed.z == pytest.approx(0.8)
     assert placed.middle == pytest.approx([1.5, -0.65, 0.8])

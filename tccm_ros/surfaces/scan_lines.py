@@ -1,7 +1,7 @@
 """Scan lines in the points of a patch: their direction, and the distance of beams along them.
 
-A laser measures a surface in lines: beams are near to each other along a line, lines are further
-apart. A line that crosses an edge ends within one beam of it, however far the lines are apart.
+A laser measures a surface in lines, whose distance is larger than that of the beams along them. A
+line that crosses an edge ends within one beam of it, whatever the distance of the lines is.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ NEIGHBOURHOOD = 0.6
 half, less than one."""
 
 NEAREST = 1.5
-"""They may be as far apart as so many times the nearest points, where beams are no nearer to each
+"""They may have so many times the distance of the nearest points, where beams are no nearer to each
 other than lines; chosen."""
 
 MIN_POINTS = 12
@@ -36,7 +36,7 @@ CONE, MIN_ASIDE = 0.3, 0.008
 lines are straight, ranges have noise. Chosen."""
 
 MIN_STEP = 0.004
-"""Beams are further apart than this, m; chosen: below the noise of a range."""
+"""Min distance of beams, m; chosen: below the noise of a range."""
 
 
 def line_direction(points_xy: Float64, spacing: float) -> Float64 | None:

@@ -124,7 +124,7 @@ def test_a_rotation_is_as_likely_as_the_edge_is_wherever_it_is_then(front, ends)
 
 
 def test_scan_lines_at_a_small_angle_to_an_edge_do_not_rotate_it():
-    """Two lines, 0.1 m apart, pass below an edge of 1 m: their points end in two teeth."""
+    """Two lines at a distance of 0.1 m pass below an edge of 1 m: their points end in two teeth."""
     at = np.linspace(0.0, 1.0, 33)
     last = -0.1 * ((1.7 * at + 0.7) % 1.0)
     found = samples(last, 0.1)

@@ -85,7 +85,7 @@ def member_of(spacing):
 
 @given(st.floats(0.4, np.pi - 0.4), st.integers(0, 2**32 - 1))
 def test_scan_lines_that_cross_an_edge_end_within_a_beam_of_it(angle, seed):
-    """Lines 0.1 m apart over a surface that ends at y = 0, with beams each 2 cm, seen from far."""
+    """Lines each 0.1 m over a surface that ends at y = 0, with beams each 2 cm, seen from far."""
     rng = np.random.default_rng(seed)
     edge = Edge(np.array([1.0, 0.0]), np.array([0.0, 0.0]))
     along, aside = (

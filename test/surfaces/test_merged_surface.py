@@ -32,7 +32,7 @@ def test_tops_of_small_objects_are_not_one_surface(seed):
 
 
 def test_a_board_under_three_scan_lines_is_a_surface():
-    """As few points, in lines 0.1 m apart."""
+    """As few points, in lines at a distance of 0.1 m."""
     x, y = np.meshgrid([2.0, 2.1, 2.2], np.linspace(-0.35, 0.35, FEW_POINTS // 3 - 1))
     board = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.88)])
     (found,) = surfaces_of(board)

@@ -1,4 +1,4 @@
-"""Scan lines are found in points: their direction, and how far apart their beams are."""
+"""Scan lines are found in points: their direction, and the distance of their beams."""
 
 import numpy as np
 import pytest

@@ -103,7 +103,7 @@ def test_an_edge_is_rotated_onto_its_last_points(slope):
 
 @pytest.mark.parametrize("off", [0.0, 0.03])
 def test_an_edge_has_the_direction_of_a_wall_where_its_points_leave_that_open(off):
-    """Lines 5 cm apart along an edge leave a few degrees open, lines that end at it do not."""
+    """Lines each 5 cm along an edge leave a few degrees open, lines that end at it do not."""
     at = np.linspace(0.05, 0.95, 20)
     open_scores = rotation_scores(last_points(at, np.full(20, -0.03), gap=0.05), 0.5, ROTATIONS)
     sharp = rotation_scores(last_points(at, -0.002 - 0.0 * at, gap=0.004), 0.5, ROTATIONS)

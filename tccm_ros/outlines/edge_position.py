@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import logsumexp, ndtr
 
 from tccm_ros.arrays import Bool, Float64
 
@@ -26,6 +26,14 @@ SIGMA = 0.006
 OUTLIER = 0.05
 """Fraction of last samples that have nothing to do with the edge, but are anywhere within
 `HALF_RANGE`: an object stands before it; chosen."""
+
+OUTLIER_BEFORE_FRONT = 0.10
+"""The same where the edge faces the view: what stands on it, as the panel beside a shelf, hides the
+surface behind it; chosen: twice."""
+
+OUTLIER_BEYOND = 0.2
+"""Samples that are further out than the edge are so many times less frequent: mixed pixels, points
+of a wall; chosen."""
 
 FADE = 0.03
 """Where a view did not look past the last sample, the surface may go on: a density that falls by a
@@ -79,8 +87,51 @@ def locate_edge(samples: EdgeSamples, wall: float | None = None) -> tuple[float,
     wall
         Where a wall bounds the edge, across, m; None: none is near.
     """
-    across = np.arange(-HALF_RANGE, HALF_RANGE + STEP, STEP)
-    beyond = across - samples.last[:, None]
+    across = _positions(HALF_RANGE)
+    score = samples.weight @ _log_likelihoods(across - samples.last[:, None], samples)
+    score = score + _log_wall(across, wall)
+    density = np.exp(score - score.max())
+    density /= density.sum()
+    mean = float(density @ across)
+    return mean, float(np.sqrt(density @ (across - mean) ** 2 + STEP**2 / 12.0))
+
+
+def rotation_scores(
+    samples: EdgeSamples, middle: float, rotations: Float64, wall: float | None = None
+) -> Float64:
+    """Return the log likelihood of rotations of an edge, wherever it is then, float64 (R,).
+
+    Parameters
+    ----------
+    samples
+        At least one; across 0 is the first guess.
+    middle
+        Position along the edge about which it is rotated, m.
+    rotations
+        float64 (R,), rad; a positive one moves an edge outwards at its start.
+    wall
+        As in `locate_edge`.
+    """
+    across = _positions(HALF_RANGE)
+    shifts = np.rint(rotations[:, None] * (samples.at - middle) / STEP).astype(np.int64)
+    margin = int(np.abs(shifts).max(initial=0))
+    beyond = _positions(HALF_RANGE + margin * STEP) - samples.last[:, None]
+    of_sample = samples.weight[:, None] * _log_likelihoods(beyond, samples)
+    windows = np.lib.stride_tricks.sliding_window_view(of_sample, len(across), axis=1)
+    rows = np.arange(len(samples.at))
+    score = np.stack([windows[rows, margin - shift].sum(axis=0) for shift in shifts])
+    score += _log_wall(across, wall)
+    return np.asarray(logsumexp(score, axis=1), np.float64)
+
+
+def _positions(half_range: float) -> Float64:
+    """Return positions across an edge, each `STEP`, m, the same distance to both sides."""
+    count = round(half_range / STEP)
+    return np.asarray(STEP * np.arange(-count, count + 1), np.float64)
+
+
+def _log_likelihoods(beyond: Float64, samples: EdgeSamples) -> Float64:
+    """Return the log likelihood of an edge so far beyond last samples, float64 (N, X), m."""
     gap = np.maximum(samples.gap, SIGMA)[:, None]
     limit = np.where(
         samples.ends[:, None],
@@ -90,13 +141,15 @@ def locate_edge(samples: EdgeSamples, wall: float | None = None) -> tuple[float,
     before = ndtr(beyond / SIGMA) * limit / gap
     at_edge = np.exp(-0.5 * (beyond / SIGMA) ** 2) / (np.sqrt(2.0 * np.pi) * SIGMA)
     front = samples.front[:, None]
-    likelihood = front * at_edge + (1.0 - front) * before
-    score = samples.weight @ np.log(OUTLIER / HALF_RANGE + likelihood)
-    if wall is not None:
-        away = (across - wall) / WALL_SIGMA
-        peak = WALL_ODDS / (np.sqrt(2.0 * np.pi) * WALL_SIGMA)
-        score = score + np.log(ndtr(1.0 - away) + peak * np.exp(-0.5 * away**2))
-    density = np.exp(score - score.max())
-    density /= density.sum()
-    mean = float(density @ across)
-    return mean, float(np.sqrt(density @ (across - mean) ** 2 + STEP**2 / 12.0))
+    outlier = np.where(front > 0.0, OUTLIER_BEFORE_FRONT, OUTLIER) / HALF_RANGE
+    outlier = outlier * np.where(beyond > -SIGMA, 1.0, OUTLIER_BEYOND)
+    return np.asarray(np.log(outlier + front * at_edge + (1.0 - front) * before), np.float64)
+
+
+def _log_wall(across: Float64, wall: float | None) -> Float64:
+    """Return the log likelihood of an edge before or at a wall that is so far across, m."""
+    if wall is None:
+        return np.zeros(len(across))
+    away = (across - wall) / WALL_SIGMA
+    peak = WALL_ODDS / (np.sqrt(2.0 * np.pi) * WALL_SIGMA)
+    return np.asarray(np.log(ndtr(1.0 - away) + peak * np.exp(-0.5 * away**2)))

@@ -226,36 +226,21 @@ def _with_axes(samples: OutlineSamples, yaw: float) -> Iterator[StraightModel]:
     """Yield the rectangle and the four Ls whose axes have a direction, rad."""
     angle = yaw + 0.5 * np.pi * np.arange(4)
     normals = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    outer, inner = np.zeros(4), np.full(4, np.nan)
+    outer, inner, upper = np.zeros(4), np.zeros(4), np.zeros(4)
     for k, normal in enumerate(normals):
         of_edge = samples.outward @ normal > FACING
         if not of_edge.any():
             return
         across = samples.points[of_edge] @ normal
         outer[k] = _level(across, samples.seen[of_edge])
-        inner[k], upper = _two_levels(across)
-        if upper - inner[k] < MIN_NOTCH:
-            inner[k] = np.nan
+        inner[k], upper[k] = _two_levels(across)
     yield StraightModel(SurfaceShape.RECTANGLE, normals, outer, True)
     for k in range(4):
-        yield from _with_notch(samples, normals, k)
-
-
-def _with_notch(samples: OutlineSamples, normals: Float64, k: int) -> Iterator[StraightModel]:
-    """Yield the L whose notch is at the corner of the axes k and k + 1."""
-    order = (np.arange(4) + k) % 4
-    levels = []
-    for j in order:
-        of_edge = samples.outward @ normals[j] > FACING
-        across = samples.points[of_edge] @ normals[j]
-        levels.append((*_two_levels(across), _level(across, samples.seen[of_edge])))
-    (low_a, high_a, _), (low_b, high_b, _), (*_, c), (*_, d) = levels
-    if high_a - low_a < MIN_NOTCH or high_b - low_b < MIN_NOTCH:
-        return
-    # Around the L: outer a, inner b, inner a, outer b, and the two edges without a notch.
-    which = order[[0, 1, 0, 1, 2, 3]]
-    offsets = np.array([high_a, low_b, low_a, high_b, c, d])
-    yield StraightModel(SurfaceShape.L, normals[which], offsets, True)
+        # Around the L: outer a, inner b, inner a, outer b, and the two edges without a notch.
+        a, b, c, d = (np.arange(4) + k) % 4
+        if min(upper[a] - inner[a], upper[b] - inner[b]) >= MIN_NOTCH:
+            offsets = np.array([upper[a], inner[b], inner[a], upper[b], outer[c], outer[d]])
+            yield StraightModel(SurfaceShape.L, normals[[a, b, a, b, c, d]], offsets, True)
 
 
 def _level(across: Float64, seen: Bool) -> float:

@@ -46,6 +46,40 @@ def is_straight(ranges, hit, i, cos_step, noise):  # type: ignore[no-untyped-def
 
 
 @kernel
+def ends_straight(ranges, hit, i, side, cos_step, noise):  # type: ignore[no-untyped-def]
+    """Return whether hit i is the last one of a straight line, before a step away from the laser.
+
+    The last beam before an edge has one neighbour on its surface only. Where it is on the line
+    through the two before it, and `STRAIGHT_RUN` hits before it are straight, it is as little a
+    mixed pixel as they are. The first beam beyond an edge has the step towards the laser, and is
+    none: what is behind does not end there.
+
+    The line is carried on, not filled in: without the allowance for the step of `is_straight`, or a
+    wall behind the edge would be on it.
+
+    Parameters
+    ----------
+    ranges, hit, cos_step, noise
+        As in `is_straight`.
+    i
+        The beam.
+    side
+        -1 where those before it have lower numbers, 1 where they have higher ones.
+    """
+    last = i + (STRAIGHT_RUN + 2) * side
+    if not (0 <= last < len(ranges) and 0 <= i - side < len(ranges)):
+        return False
+    if hit[i - side] and ranges[i - side] < ranges[i]:
+        return False
+    for k in range(i + 2 * side, last, side):
+        if not is_straight(ranges, hit, k, cos_step, noise):
+            return False
+    a, b = np.float64(ranges[i + side]), np.float64(ranges[i + 2 * side])
+    inverse = 2.0 * cos_step / a - 1.0 / b
+    return inverse > 0.0 and abs(np.float64(ranges[i]) - 1.0 / inverse) <= STRAIGHT_NOISE * noise
+
+
+@kernel
 def mark_valid(ranges, low, high, step, shadow_angle, shadow_jump):  # type: ignore[no-untyped-def]
     """Return the beams that hit something, bool (N,).
 
@@ -53,7 +87,7 @@ def mark_valid(ranges, low, high, step, shadow_angle, shadow_jump):  # type: ign
     pixel: its range differs from a neighbour's by more than `shadow_jump`, and the line between
     their hits lies within `shadow_angle` of the beam. A wall seen at a grazing angle looks like
     that too, but is straight: a hit is kept in a run of `STRAIGHT_RUN` hits that are in line with
-    their neighbours.
+    their neighbours, and as its last one before a step away from the laser (`ends_straight`).
 
     Parameters
     ----------
@@ -96,6 +130,11 @@ def mark_valid(ranges, low, high, step, shadow_angle, shadow_jump):  # type: ign
                     run += 1
                     k += side
             valid[i] = run >= STRAIGHT_RUN
+    surely = valid.copy()
+    for i in range(n):
+        for side in (-1, 1):
+            if hit[i] and not valid[i] and 0 <= i + side < n and surely[i + side]:
+                valid[i] = ends_straight(ranges, hit, i, side, cos_step, shadow_jump)
     return valid
 
 

@@ -21,6 +21,7 @@ from tccm_ros.outlines.edge_position import INDEPENDENT, EdgeSamples
 from tccm_ros.outlines.shape_models import PROBE, SPACING, OutlineSamples
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging import NumberedPatch, clouds_in_map
+from tccm_ros.surfaces.scan_lines import beam_step, line_direction
 from tccm_ros.surfaces.views import View
 
 STRAIGHT = 0.02
@@ -55,6 +56,21 @@ INSIDE, OUTSIDE = 0.12, 0.05
 
 END_MARGIN = 0.03
 """Points this near to the ends of an edge may belong to the next one, m; chosen."""
+
+CROSSING = 0.3
+"""A scan line crosses an edge where the sine between them is at least this; chosen."""
+
+FACING_VIEW = -0.5
+"""An edge with a smaller cosine between the ray and its outward direction faces the view: lines
+that end there go on down its front. Chosen: 30 deg."""
+
+LINE_INSIDE, LINE_LENGTH = 0.24, 0.36
+"""A line may end this far inside of an edge, and its points are counted this far, m; chosen: twice
+and three times `INSIDE`, as no line beside it shows where it ends."""
+
+MIN_FRACTION = 0.4
+"""A line has at least this fraction of the points of the median line; chosen: what noise carries
+over to the next one is less."""
 
 FRONT = 0.7
 """At a near edge so many of the last samples are of the front below it; chosen: the height of the
@@ -155,8 +171,53 @@ class EdgeSampler:
         at, last, gap, front, ends, weight = table.T
         return EdgeSamples(at, last, gap, front, ends > 0.0, weight)
 
+    @cached_property
+    def _directions(self) -> dict[NumberedPatch, Float64 | None]:
+        return {m: line_direction(cloud[:, :2], m.patch.spacing) for m, cloud in self._clouds}
+
     def _of_patch(self, edge: Edge, member: NumberedPatch, cloud: Float64) -> Float64 | None:
         """Return the rows of `EdgeSamples` of one patch."""
+        direction = self._directions[member]
+        ray = 0.5 * (edge.start + edge.end) - self.T_map_view[member.view][:2, 3]
+        if direction is None or ray @ edge.outward <= FACING_VIEW * np.hypot(*ray):
+            return self._pieces(edge, member, cloud, None)
+        direction = direction * (1.0 if direction @ edge.outward >= 0.0 else -1.0)
+        if direction @ edge.outward >= CROSSING:
+            return self._line_ends(edge, member, cloud, direction)
+        return self._pieces(edge, member, cloud, direction)
+
+    def _line_ends(
+        self, edge: Edge, member: NumberedPatch, cloud: Float64, direction: Float64
+    ) -> Float64 | None:
+        """Return the rows of scan lines that cross an edge, one for each that ends near it."""
+        offset = cloud[:, :2] - edge.start
+        at, across = offset @ edge.along, offset @ edge.outward
+        sine, cosine = float(direction @ edge.outward), float(direction @ edge.along)
+        crosses_at = at - across * cosine / sine
+        near = (across > -LINE_LENGTH) & (across < OUTSIDE)
+        near &= (at > END_MARGIN) & (at < edge.length - END_MARGIN)
+        near &= (crosses_at > 0.0) & (crosses_at < edge.length)
+        if not near.any():
+            return None
+        step = beam_step(cloud[near, :2], direction)
+        if step is None:
+            return None
+        at, across, crosses_at = at[near], across[near], crosses_at[near]
+        lines = np.floor(crosses_at / max(PIECE, member.patch.spacing / sine)).astype(np.int64)
+        order = np.lexsort((-across, lines))
+        first = np.flatnonzero(np.r_[True, np.diff(lines[order]) > 0])
+        count = np.diff(np.r_[first, len(order)])
+        is_line = count >= max(2.0, MIN_FRACTION * float(np.median(count)))
+        tips = order[first[is_line]]
+        tips = tips[across[tips] > -LINE_INSIDE]
+        gap = np.full(len(tips), step * sine)
+        front = FRONT * np.maximum(-self._cosines(edge, member, at[tips]), 0.0)
+        return self._rows(edge, member, at[tips], across[tips], gap, front)
+
+    def _pieces(
+        self, edge: Edge, member: NumberedPatch, cloud: Float64, direction: Float64 | None
+    ) -> Float64 | None:
+        """Return the rows of the pieces of an edge, one for the last point of each."""
         offset = cloud[:, :2] - edge.start
         at, across = offset @ edge.along, offset @ edge.outward
         near = (at > END_MARGIN) & (at < edge.length - END_MARGIN)
@@ -174,15 +235,31 @@ class EdgeSampler:
             at_first = first[has_next]
             beam = float(np.median(across[at_first] - across[at_first + 1]))
         at, last = at[first], across[first]
+        radial = self._cosines(edge, member, at)
+        across_lines = radial if direction is None else np.full(len(at), direction @ edge.along)
+        gap = _gaps(across_lines, member.patch.spacing, beam)
+        return self._rows(edge, member, at, last, gap, FRONT * np.maximum(-radial, 0.0))
+
+    def _rows(
+        self,
+        edge: Edge,
+        member: NumberedPatch,
+        at: Float64,
+        last: Float64,
+        gap: Float64,
+        front: Float64,
+    ) -> Float64:
+        """Return rows of `EdgeSamples` with whether the view looked past each, and weights."""
         points = edge.start + at[:, None] * edge.along
-        rays = points - self.T_map_view[member.view][:2, 3]
-        radial = rays @ edge.outward / np.maximum(np.hypot(rays[:, 0], rays[:, 1]), 1e-6)
-        gap = _gaps(radial, member.patch.spacing, beam)
-        front = FRONT * np.maximum(-radial, 0.0)
         outward = np.broadcast_to(edge.outward, points.shape)
         ends = self._looks_past(member.view, points, outward)
-        weight = np.full(len(at), min(1.0, INDEPENDENT / len(at)))
+        weight = np.full(len(at), min(1.0, INDEPENDENT / max(len(at), 1)))
         return np.stack([at, last, gap, front, ends, weight], axis=1)
+
+    def _cosines(self, edge: Edge, member: NumberedPatch, at: Float64) -> Float64:
+        """Return the cosines between rays to places of an edge and its outward direction."""
+        rays = edge.start + at[:, None] * edge.along - self.T_map_view[member.view][:2, 3]
+        return np.asarray(rays @ edge.outward / np.maximum(np.hypot(*rays.T), 1e-6), np.float64)
 
     def looks_over(self, edge: Edge) -> bool:
         """Return whether any view looked through the columns beyond an edge, at any height."""
@@ -224,11 +301,12 @@ def _outward_at(ring: shapely.LinearRing, points: Float64) -> Float64:
     return np.column_stack([along[:, 1], -along[:, 0]])
 
 
-def _gaps(radial: Float64, spacing: float, beam: float) -> Float64:
+def _gaps(cosine: Float64, spacing: float, beam: float) -> Float64:
     """Return the distance across an edge to where the next sample would be, m.
 
-    Scan lines run around the robot at a distance of `spacing`, with samples at a distance of `beam`
-    across the edge; `radial` is the cosine between the ray and the outward direction.
+    Scan lines have a distance of `spacing`, and samples a distance of `beam` across the edge;
+    `cosine` is that between the edge and the lines. Where their direction is not known, they run
+    around the robot: then it is that between the ray and the outward direction.
     """
-    lines = spacing * np.abs(radial)
-    return np.asarray(lines + beam * np.sqrt(np.maximum(1.0 - radial**2, 0.0)), np.float64)
+    lines = spacing * np.abs(cosine)
+    return np.asarray(lines + beam * np.sqrt(np.maximum(1.0 - cosine**2, 0.0)), np.float64)

@@ -36,6 +36,11 @@ CLOSING = 0.505
 """Outlines are grown and shrunk by this fraction of a gap's width to close it. Chosen: half, and
 a margin of 1 % for rounding."""
 
+FEW_POINTS, SPARSE = 50, 0.6
+"""Fewer points than this that are further from each other than this fraction of the edge of a
+square of their area have no outline. Chosen: two scan lines of 25 beams; and less than two lines
+across. Tops of a few small objects are such points, surfaces are not (docs/design/experiments)."""
+
 OVERLAP = 1e-3
 """Occluded areas are grown by this, m, so that they overlap the outline that they touch. Chosen:
 more than rounding of coordinates."""
@@ -108,7 +113,8 @@ def fit_surface(
 ) -> MergedSurface | None:
     """Compute plane, outline and moments of a merged surface; None where it has no area.
 
-    Points on a line have no area, whatever the outline of their noise is.
+    Points on a line have no area, whatever the outline of their noise is; nor have a few points far
+    from each other.
 
     Parameters
     ----------
@@ -133,9 +139,24 @@ def fit_surface(
         np.einsum("kij,kj->ki", R, means) + T[:, :3, 3],
         np.einsum("kij,kjl,kml->kim", R, covs, R),
     )
-    if is_line(cov):
+    if is_line(cov) or is_sparse(members, polygon.area):
         return None
     return MergedSurface.of_moments(members, polygon, count, mean, cov)
+
+
+def is_sparse(members: Members, area: float) -> bool:
+    """Return whether an outline is that of a few points far from each other: tops of objects.
+
+    Parameters
+    ----------
+    members
+        Patches that are one surface.
+    area
+        Of their outline, m2.
+    """
+    count = sum(member.patch.count for member in members)
+    spacing = min(member.patch.spacing for member in members)
+    return count < FEW_POINTS and spacing > SPARSE * np.sqrt(area)
 
 
 def _merged_outline(members: Members, T_map_view: Float64, distance: float) -> Polygon:

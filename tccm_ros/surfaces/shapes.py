@@ -16,7 +16,7 @@ import shapely
 from shapely import Polygon
 
 from tccm_ros.arrays import Float64
-from tccm_ros.outlines.edge_position import SIGMA, EdgeSamples, locate_edge
+from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge, rotation_scores
 from tccm_ros.outlines.shape_models import (
     FACING,
     Model,
@@ -46,20 +46,18 @@ WALL_YAW = np.radians(4.0)
 WALL_YAW_SIGMA = 0.003
 """Standard deviation of the direction of an edge at a wall against the wall's, rad; chosen."""
 
-GATE = 3.0
-"""Directions agree within this many standard deviations; chosen."""
-
 AT_WALL = 0.015
 """An edge this near to a wall ends there, m; chosen: three deviations."""
 
 MAX_ROTATION = 0.07
 """Edges rotate by at most this in a round, rad; chosen."""
 
-MIN_SAMPLES = 5
-"""Min number of last points that tell the direction of an edge; chosen."""
+ROTATIONS = np.linspace(-MAX_ROTATION, MAX_ROTATION, 29)
+"""Rotations that are compared, rad: of an edge of 1 m, 2.5 mm at its ends from one to the next."""
 
-FIT_ROUNDS = 5
-"""Iterations of the robust line fit; chosen."""
+ROTATION_SIGMA = 0.05
+"""Standard deviation of the directions of the outline of points, rad; chosen: a distance of scan
+lines over the length of an edge."""
 
 ROUND_SIGMA = 0.01
 """Standard deviation of the edge of a circle or an ellipse, m; chosen."""
@@ -226,40 +224,36 @@ def _rotations(
     The edges of a model with axes rotate together. Where one runs along a wall, within what the
     points leave open, its direction is that of the wall.
     """
-    rows = np.array([_rotation(edge, found) for edge, found in zip(edges, samples)])
-    rotation, information = rows[:, 0], rows[:, 1] + 1.0 / MAX_ROTATION**2
+    scores = np.zeros((len(edges), len(ROTATIONS)))
+    for k, (edge, found) in enumerate(zip(edges, samples)):
+        if edge.length >= MIN_LENGTH and len(found.at):
+            wall = _wall_across(edge, walls)
+            scores[k] = rotation_scores(found, 0.5 * edge.length, ROTATIONS, wall)
+    to_walls = np.array([_rotation_to_wall(edge, walls) for edge in edges])
     if model.has_axes:
-        rotation = np.full(len(edges), rotation @ information / information.sum())
-        information = np.full(len(edges), information.sum())
-    rotation = np.clip(rotation, -MAX_ROTATION, MAX_ROTATION)
-    along_walls = np.array([_rotation_to_wall(edge, walls) for edge in edges])
-    gate = GATE * np.sqrt(1.0 / information + WALL_YAW_SIGMA**2)
-    fits = np.abs(along_walls - rotation) <= gate
-    if model.has_axes:
-        return np.full(len(edges), along_walls[fits].mean()) if fits.any() else rotation
-    return np.where(fits, along_walls, rotation)
+        nearest = float(to_walls[np.argmin(np.abs(to_walls))])
+        return np.full(len(edges), _rotation(scores.sum(axis=0), nearest))
+    return np.array([_rotation(*pair) for pair in zip(scores, to_walls.tolist())])
 
 
-def _rotation(edge: Edge, samples: EdgeSamples) -> tuple[float, float]:
-    """Return the rotation of an edge that its last points ask for, and the information of it.
+def _rotation(scores: Float64, to_wall: float) -> float:
+    """Return the rotation that last points ask for, rad: that of a wall, or their mean.
 
-    A robust line (Cauchy's weights) through where the edge is expected: half a gap further out.
+    Parameters
+    ----------
+    scores
+        float64 (R,), log likelihoods of `ROTATIONS`.
+    to_wall
+        The rotation that makes an edge parallel to a wall, rad; inf: none.
     """
-    if len(samples.at) < MIN_SAMPLES:
-        return 0.0, 0.0
-    arm = samples.at - 0.5 * edge.length
-    across = samples.last + 0.5 * samples.gap
-    variance = samples.gap**2 / 12.0 + SIGMA**2
-    weight = samples.weight / variance
-    slope = middle = information = 0.0
-    for _ in range(FIT_ROUNDS):
-        total = weight.sum()
-        arm_mean, middle = weight @ arm / total, weight @ across / total
-        information = float(weight @ (arm - arm_mean) ** 2) + 1e-9
-        slope = float(weight @ ((arm - arm_mean) * (across - middle))) / information
-        residual = across - middle - slope * (arm - arm_mean)
-        weight = samples.weight / variance / (1.0 + residual**2 / (4.0 * variance))
-    return -slope, information
+    scores = scores - 0.5 * (ROTATIONS / ROTATION_SIGMA) ** 2
+    likelihood = np.exp(scores - scores.max())
+    if abs(to_wall) <= MAX_ROTATION:
+        near = to_wall + WALL_YAW_SIGMA * np.array([-1.0, 0.0, 1.0])
+        at_wall = np.exp(np.interp(near, ROTATIONS, scores) - scores.max()).mean()
+        if at_wall >= likelihood.mean():
+            return to_wall
+    return float(likelihood @ ROTATIONS / likelihood.sum())
 
 
 def _rotation_to_wall(edge: Edge, walls: Float64) -> float:

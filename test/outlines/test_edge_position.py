@@ -2,15 +2,19 @@
 
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 from scipy.stats import norm
 
 from tccm_ros.outlines.edge_position import (
     FADE,
     HALF_RANGE,
     OUTLIER,
+    OUTLIER_BEFORE_FRONT,
+    OUTLIER_BEYOND,
     SIGMA,
     EdgeSamples,
     locate_edge,
+    rotation_scores,
 )
 
 
@@ -23,9 +27,8 @@ def samples(last, gap, *, front=0.0, ends=True):
     )  # fmt: skip
 
 
-def by_integral(found, wall=None):
-    """Return mean and deviation of the same density, on a grid ten times as fine, term by term."""
-    across = np.arange(-HALF_RANGE, HALF_RANGE, 2e-4)
+def log_density(found, across):
+    """Return the log likelihood of positions of an edge, term by term."""
     log = np.zeros(len(across))
     for last, gap, front, ends, weight in zip(*found[1:]):
         gap = max(gap, SIGMA)
@@ -35,9 +38,16 @@ def by_integral(found, wall=None):
         else:
             inside *= np.exp(-np.maximum(across - last - gap, 0.0) / FADE)
         at_edge = norm.pdf(across, last, SIGMA)
-        log += weight * np.log(
-            OUTLIER / HALF_RANGE + front * at_edge + (1.0 - front) * inside / gap
-        )
+        outlier = (OUTLIER_BEFORE_FRONT if front else OUTLIER) / HALF_RANGE
+        outlier = np.where(across > last - SIGMA, outlier, OUTLIER_BEYOND * outlier)
+        log += weight * np.log(outlier + front * at_edge + (1.0 - front) * inside / gap)
+    return log
+
+
+def by_integral(found):
+    """Return mean and deviation of the same density, on a grid ten times as fine."""
+    across = np.arange(-HALF_RANGE, HALF_RANGE, 2e-4)
+    log = log_density(found, across)
     density = np.exp(log - log.max())
     density /= density.sum()
     mean = density @ across
@@ -89,3 +99,38 @@ def test_an_edge_near_a_wall_is_at_the_wall():
 def test_no_edge_is_behind_a_wall():
     position, _ = locate_edge(samples([-0.01], 0.08, ends=False), wall=0.0)
     assert position < 0.006
+
+
+def test_points_of_a_wall_behind_an_edge_do_not_move_it():
+    clean, _ = locate_edge(samples([-0.01] * 8, 0.02))
+    disturbed, _ = locate_edge(samples([-0.01] * 8 + [0.06] * 2, 0.02))
+    assert disturbed == pytest.approx(clean, abs=2e-3)
+
+
+@pytest.mark.parametrize("front", [0.0, 0.6])
+@pytest.mark.parametrize("ends", [True, False])
+def test_a_rotation_is_as_likely_as_the_edge_is_wherever_it_is_then(front, ends):
+    """The integral over the positions of an edge that is rotated about its middle."""
+    rng = np.random.default_rng(8)
+    found = samples(rng.uniform(-0.05, 0.01, 9), 0.04, front=front, ends=ends)
+    rotations = np.array([-0.06, -0.01, 0.0, 0.03])
+    across = np.arange(-HALF_RANGE, HALF_RANGE, 2e-4)
+    expected = []
+    for rotation in rotations:
+        rotated = found._replace(last=found.last + rotation * (found.at - 0.5))
+        expected.append(logsumexp(log_density(rotated, across)))
+    scores = rotation_scores(found, 0.5, rotations)
+    assert np.diff(scores) == pytest.approx(np.diff(expected), abs=0.4)
+
+
+def test_scan_lines_at_a_small_angle_to_an_edge_do_not_rotate_it():
+    """Two lines at a distance of 0.1 m pass below an edge of 1 m: their points end in two teeth."""
+    at = np.linspace(0.0, 1.0, 33)
+    last = -0.1 * ((1.7 * at + 0.7) % 1.0)
+    found = samples(last, 0.1)
+    rotations = np.linspace(-0.07, 0.07, 29)
+    scores = rotation_scores(found, 0.5, rotations)
+    likelihood = np.exp(scores - scores.max())
+    assert likelihood @ rotations / likelihood.sum() == pytest.approx(0.0, abs=0.01)
+    slope = np.polyfit(at, last, 1)[0]
+    assert abs(slope) > 0.02  # what a line through the points would say

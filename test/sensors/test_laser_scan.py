@@ -108,12 +108,43 @@ def test_a_wall_along_a_corridor_is_kept(lateral):
     assert valid_beams(scan, Config())[seen].mean() > 0.96
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("mixed", [0, 1, 2])
+def test_the_last_beam_before_an_edge_is_kept_and_mixed_pixels_are_not(sign, mixed):
+    """A line over a table from near to far, 2 to 4 cm from beam to beam, and a wall behind it."""
+    step, height = np.radians(0.25), 0.7
+    angles = np.arange(0.25, 0.35, step)
+    ranges = height / np.sin(angles[::-1])
+    behind = np.full(8, 4.0)
+    between = np.linspace(ranges[-1], 4.0, mixed + 2)[1:-1]
+    line = np.concatenate([ranges, between, behind]) + 0.0025 * np.random.default_rng(3).normal(
+        size=len(ranges) + mixed + 8
+    )
+    scan = scan_at(START, ranges=line[::sign], angle_min=0.0, angle_increment=step)
+    kept = valid_beams(scan, Config())[::sign]
+    assert kept[: len(ranges)].all()
+    assert not kept[len(ranges) : len(ranges) + mixed].any()
+
+
 def straight_twin(ranges, hit, i, step, noise):
     if i < 1 or i + 1 >= len(ranges) or not hit[i - 1 : i + 2].all():
         return False
     a, r, b = ranges[i - 1 : i + 2].astype(float)
     on_line = 2 * np.cos(step) / (1 / a + 1 / b)
     return abs(r - on_line) <= 0.5 * noise + 0.2 * max(abs(r - a), abs(r - b))
+
+
+def ends_twin(ranges, kept, straight, i, step, noise):
+    for inward in (-1, 1):
+        k = i + inward * np.arange(-1, 6)
+        in_scan = k.min() >= 0 and k.max() < len(ranges)
+        if not in_scan or not kept[k[2]] or not all(straight[j] for j in k[3:6]):
+            continue
+        beyond, r, a, b = ranges[k[:4]].astype(float)
+        on_line = 2 * np.cos(step) / a - 1 / b
+        if on_line > 0 and abs(r - 1 / on_line) <= 0.5 * noise and not 0 < beyond < r:
+            return True
+    return False
 
 
 def valid_twin(ranges, low, high, step, shadow_angle, shadow_jump):
@@ -134,6 +165,9 @@ def valid_twin(ranges, low, high, step, shadow_angle, shadow_jump):
     for i in np.flatnonzero(shadowed):
         runs = [straight[k : k + 3] for k in (i - 2, i - 1, i) if k >= 0]
         shadowed[i] = not any(len(run) == 3 and all(run) for run in runs)
+    kept, measured = hit & ~shadowed, np.where(hit, ranges, 0)
+    for i in np.flatnonzero(shadowed):
+        shadowed[i] = not ends_twin(measured, kept, straight, i, step, shadow_jump)
     return hit & ~shadowed
 
 

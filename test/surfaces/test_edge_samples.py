@@ -72,6 +72,41 @@ def test_views_look_over_what_is_beside_a_table_and_not_over_what_is_far_away(sa
     assert not sampler.looks_over(Edge(np.array([-9.0, 0.6]), np.array([-9.8, 0.6])))
 
 
+def sampler_at(view):
+    """A sampler of one view that looked past nothing."""
+    found = EdgeSampler(None, [], spatial(np.array([[*view, 0.3]])))
+    object.__setattr__(found, "_looks_past", lambda view, points, outward: np.zeros(len(points)))
+    return found
+
+
+def member_of(spacing):
+    return SimpleNamespace(view=0, patch=SimpleNamespace(spacing=spacing))
+
+
+@given(st.floats(0.4, np.pi - 0.4), st.integers(0, 2**32 - 1))
+def test_scan_lines_that_cross_an_edge_end_within_a_beam_of_it(angle, seed):
+    """Lines each 0.1 m over a surface that ends at y = 0, with beams each 2 cm, seen from far."""
+    rng = np.random.default_rng(seed)
+    edge = Edge(np.array([1.0, 0.0]), np.array([0.0, 0.0]))
+    along, aside = (
+        np.array([np.cos(angle), np.sin(angle)]),
+        np.array([-np.sin(angle), np.cos(angle)]),
+    )
+    lines = np.arange(-20, 20)[:, None, None] * 0.1 * aside
+    beams = (np.arange(-100, 100) + rng.random((40, 1)))[..., None] * 0.02 * along
+    points = (lines + beams).reshape(-1, 2) + rng.normal(0.0, 0.001, (8000, 2))
+    points = points[
+        (points[:, 1] < 0.0) & (points[:, 1] > -0.5) & (np.abs(points[:, 0] - 0.5) < 0.5)
+    ]
+    cloud = np.column_stack([points, np.full(len(points), 0.7)])
+    found = sampler_at((0.5, -2.0))._line_ends(edge, member_of(0.1), cloud, along)
+    at, last, gap = found[:, :3].T
+    assert len(at) >= 0.5 * np.sin(angle) / 0.1
+    assert gap == pytest.approx(0.02 * np.sin(angle), abs=0.004)
+    assert ((last <= 0.0) & (last >= -gap - 0.006)).mean() >= 0.6
+    assert ((at > END_MARGIN) & (at < 1.0 - END_MARGIN)).all()
+
+
 @given(st.integers(0, 2**32 - 1))
 def test_each_piece_of_an_edge_has_its_outermost_point(seed):
     """Position, gap and front of each, piece by piece, for a view from any side."""
@@ -87,12 +122,7 @@ def test_each_piece_of_an_edge_has_its_outermost_point(seed):
             pieces.setdefault(int(at // PIECE), []).append((across, at))
     rows = [sorted(pieces[k], reverse=True) for k in sorted(pieces)]
     beams = [row[0][0] - row[1][0] for row in rows if len(row) > 1]
-    sampler = SimpleNamespace(
-        T_map_view=spatial(np.array([[*view, 0.3]])),
-        _looks_past=lambda index, points, outward: np.zeros(len(points), bool),
-    )
-    member = SimpleNamespace(view=0, patch=SimpleNamespace(spacing=spacing))
-    found = EdgeSampler._of_patch(sampler, edge, member, cloud)
+    found = sampler_at(view)._pieces(edge, member_of(spacing), cloud, None)
     if sum(map(len, rows)) < 3:
         assert found is None
         return

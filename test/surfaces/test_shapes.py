@@ -6,10 +6,16 @@ from room import Board, Room, Screen
 from shapely import Polygon, affinity
 from surface_maps import above_floor, build, overlap
 
-from tccm_ros.outlines.edge_position import EdgeSamples
+from tccm_ros.outlines.edge_position import EdgeSamples, rotation_scores
 from tccm_ros.records import EdgeState, SurfaceShape
 from tccm_ros.surfaces.edge_samples import Edge
-from tccm_ros.surfaces.shapes import _rotation, _rotation_to_wall, _wall_across, _yaws
+from tccm_ros.surfaces.shapes import (
+    ROTATIONS,
+    _rotation,
+    _rotation_to_wall,
+    _wall_across,
+    _yaws,
+)
 
 HERE = (0.0, 0.0, 0.0)
 TABLE = Board(1.6, 0.0, 0.8, 1.2, 0.74)
@@ -79,24 +85,30 @@ def test_the_main_direction_is_that_of_the_long_edges(yaw):
     assert np.sin(2.0 * (box - np.arctan2(side[1], side[0]))) == pytest.approx(0.0, abs=1e-6)
 
 
-def last_points(at, last, weight=None):
+def last_points(at, last, gap):
     n = len(at)
-    weight = np.ones(n) if weight is None else weight
-    return EdgeSamples(at, last, np.full(n, 0.02), np.zeros(n), np.ones(n, bool), weight)
+    return EdgeSamples(at, last, np.full(n, gap), np.zeros(n), np.ones(n, bool), np.ones(n))
 
 
-@pytest.mark.parametrize("slope", [-0.1, 0.0, 0.04])
-def test_an_edge_is_turned_onto_the_line_of_its_last_points(slope):
-    edge = Edge(np.array([0.5, -1.0]), np.array([2.1, 0.2]))
-    at = np.array([0.1, 0.2, 0.25, 0.4, 0.9, 1.0, 1.3, 1.9])
-    rotation, information = _rotation(edge, last_points(at, 0.03 + slope * at))
-    assert rotation == pytest.approx(-slope, abs=1e-6)
-    twice, more = _rotation(edge, last_points(at, 0.03 + slope * at, np.full(len(at), 2.0)))
-    assert twice == pytest.approx(-slope, abs=1e-6)
-    assert more == pytest.approx(2.0 * information, rel=1e-5)
-    far = 0.03 + slope * at
-    far[3] += 0.5
-    assert _rotation(edge, last_points(at, far))[0] == pytest.approx(-slope, abs=0.02)
+@pytest.mark.parametrize("slope", [-0.05, 0.0, 0.04])
+def test_an_edge_is_rotated_onto_its_last_points(slope):
+    """Points in lines across it, 4 mm from beam to beam; one is of an object before it."""
+    rng = np.random.default_rng(2)
+    at = np.linspace(0.05, 1.95, 40)
+    last = slope * (at - 1.0) - rng.uniform(0.0, 0.004, len(at))
+    last[7] -= 0.08
+    scores = rotation_scores(last_points(at, last, gap=0.004), 1.0, ROTATIONS)
+    assert _rotation(scores, np.inf) == pytest.approx(-slope, abs=0.005)
+
+
+@pytest.mark.parametrize("off", [0.0, 0.03])
+def test_an_edge_has_the_direction_of_a_wall_where_its_points_leave_that_open(off):
+    """Lines each 5 cm along an edge leave a few degrees open, lines that end at it do not."""
+    at = np.linspace(0.05, 0.95, 20)
+    open_scores = rotation_scores(last_points(at, np.full(20, -0.03), gap=0.05), 0.5, ROTATIONS)
+    sharp = rotation_scores(last_points(at, -0.002 - 0.0 * at, gap=0.004), 0.5, ROTATIONS)
+    assert _rotation(open_scores, off) == off
+    assert (_rotation(sharp, off) == off) == (off == 0.0)
 
 
 @pytest.mark.parametrize("angle", [-0.04, 0.0, 0.05])

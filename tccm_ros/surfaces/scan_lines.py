@@ -1,0 +1,95 @@
+"""Scan lines in the points of a patch: their direction, and the distance of beams along them.
+
+A laser measures a surface in lines, whose distance is larger than that of the beams along them. A
+line that crosses an edge ends within one beam of it, whatever the distance of the lines is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tccm_ros.arrays import Float64
+
+MAX_QUERIES = 200
+"""Directions and distances are taken at most at so many points; chosen."""
+
+NEIGHBOURS = 9
+"""Points that are compared with each, itself included; chosen: noise leaves a few on its line."""
+
+NEIGHBOURHOOD = 0.6
+"""Points within this fraction of the distance of scan lines are on the same line; chosen: more than
+half, less than one."""
+
+NEAREST = 1.5
+"""They may have so many times the distance of the nearest points, where beams are no nearer to each
+other than lines; chosen."""
+
+MIN_POINTS = 12
+"""Fewer points have no direction; chosen."""
+
+MAX_SCATTER = 0.6
+"""Points are in lines where they scatter at most so much across as along; chosen."""
+
+CONE, MIN_ASIDE = 0.3, 0.008
+"""The next beam of a line is ahead within this fraction of its distance to the side, or this, m:
+lines are straight, ranges have noise. Chosen."""
+
+MIN_STEP = 0.004
+"""Min distance of beams, m; chosen: below the noise of a range."""
+
+
+def line_direction(points_xy: Float64, spacing: float) -> Float64 | None:
+    """Return the direction of the scan lines of a patch; None: it has none.
+
+    The first principal axis of the differences of points that are on the same line.
+
+    Parameters
+    ----------
+    points_xy
+        float64 (N, 2), m.
+    spacing
+        Distance of the scan lines, m.
+
+    Returns
+    -------
+    float64 (2,), a unit vector of either sign.
+    """
+    if len(points_xy) < MIN_POINTS:
+        return None
+    queries = _chosen(points_xy)
+    distance, index = cKDTree(points_xy).query(queries, k=min(NEIGHBOURS, len(points_xy)))
+    limit = max(NEIGHBOURHOOD * spacing, NEAREST * float(np.median(distance[:, 1])))
+    offset = (points_xy[index] - queries[:, None])[(distance > 0.0) & (distance <= limit)]
+    if len(offset) < MIN_POINTS:
+        return None
+    variances, axes = np.linalg.eigh(offset.T @ offset / len(offset))
+    if variances[0] > MAX_SCATTER**2 * variances[1]:
+        return None
+    return np.asarray(axes[:, 1], np.float64)
+
+
+def beam_step(points_xy: Float64, direction: Float64) -> float | None:
+    """Return the distance of the beams of scan lines, m; None where no line has two.
+
+    Parameters
+    ----------
+    points_xy
+        float64 (N, 2), m.
+    direction
+        float64 (2,), unit, of the lines.
+    """
+    if len(points_xy) < 2:
+        return None
+    offset = points_xy[None] - _chosen(points_xy)[:, None]
+    ahead = offset @ direction
+    aside = np.abs(offset @ np.array([-direction[1], direction[0]]))
+    is_next = (ahead > MIN_STEP) & (aside <= np.maximum(CONE * ahead, MIN_ASIDE))
+    step = np.where(is_next, ahead, np.inf).min(axis=1)
+    step = step[np.isfinite(step)]
+    return float(np.median(step)) if len(step) else None
+
+
+def _chosen(points_xy: Float64) -> Float64:
+    """Return points evenly over their order, `MAX_QUERIES` or less than twice as many."""
+    return points_xy[:: max(len(points_xy) // MAX_QUERIES, 1)]

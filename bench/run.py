@@ -27,6 +27,7 @@ HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results.json"
 IN_SHORT = {
     "bench_catalogue": ("--maps", "1000"),
+    "bench_changes": ("--sequences", "1"),
     "bench_degenerate": ("--seeds", "1"),
     "bench_growth": ("--keyframes", "1000"),
     "bench_live": ("ring",),

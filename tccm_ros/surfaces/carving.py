@@ -59,10 +59,6 @@ UNUSED = 4
 MAJORITY = 0.5
 """A column is removed where more than this fraction of its points is gone; chosen."""
 
-BESIDE = 2
-"""A strip that a surface has left is within so many columns of it. Chosen: what is further away and
-wider is a block."""
-
 MIN_LEFT = 0.02
 """A surface was moved if it left more than this fraction of its points. Chosen: strays are less."""
 
@@ -397,8 +393,7 @@ def _carve_patch(
     gone = through & (owner < 0)
     cell_size = config.views.cell_size
     block = max(cell_size, BLOCK_SPACING * patch.spacing)
-    left = _is_left(points, gone, owner, pair.newer, cell_size)
-    if _was_moved(pair, patch, left, owner):
+    if _was_moved(pair, patch, points, (gone, owner), cell_size):
         return kept, _most_frequent(owner)
     if gone.sum() < GONE_FRACTION * total:
         gone &= _in_block(points, gone, block)
@@ -432,42 +427,41 @@ def _measured_by(points: Float64, faces: tuple[_Face, ...], margin: Float64, gro
     return owner
 
 
-def _is_left(
-    points: Float64, gone: Bool, owner: Int64, newer: _Eyes, cell_size: float
-) -> Bool:  # fmt: skip
-    """Return which points that are gone are beside a surface which is seen, and not of its edge.
-
-    The view looked through columns that the surface covers in part. It cannot cover those which its
-    outline does not reach, however scan lines fell.
-    """
-    x, y = np.floor(points[:, :2] / cell_size).T
-    columns = shapely.box(x * cell_size, y * cell_size, (x + 1) * cell_size, (y + 1) * cell_size)
-    covered, near = np.zeros((2, len(points)), bool)
-    for q in np.unique(owner[owner >= 0]).tolist():
-        face = newer.faces[q]
-        covered |= shapely.intersects(face.reach, columns)
-        near |= shapely.dwithin(face.reach, columns, BESIDE * cell_size)
-    return gone & near & ~covered
-
-
-def _was_moved(pair: _ViewPair, patch: Patch, left: Bool, owner: Int64) -> bool:
+def _was_moved(
+    pair: _ViewPair, patch: Patch, points: Float64, looked_at: tuple[Bool, Int64], cell_size: float
+) -> bool:
     """Return whether a patch has left a strip, and is seen to cover another one.
+
+    The newer view looked through columns that the surface covers in part. It cannot cover those
+    which its outline does not reach, however scan lines fell.
 
     Parameters
     ----------
     pair, patch
         A patch of the older view.
-    left
-        Of `_is_left`, bool (N,).
-    owner
-        int64 (N,), the patch of the newer view that measured each point, -1 = none.
+    points
+        float64 (N, 3), its points in the newer view, m.
+    looked_at
+        Which of them are gone, bool (N,), and which patch measured each, int64 (N,), -1 = none.
+    cell_size
+        Edge of a column, m.
     """
-    if np.count_nonzero(left) <= MIN_LEFT * len(left) or not (owner >= 0).any():
+    gone, owner = looked_at
+    least = MIN_LEFT * len(points)
+    if np.count_nonzero(gone) <= least or not (owner >= 0).any():
         return False
-    new = pair.newer.view.patches[_most_frequent(owner)]
-    before = footprint_in_map(
-        patch.outline, patch.mean, patch.spacing, pose_from_rpy(pair.step * STEPS)
-    )
+    face = pair.newer.faces[_most_frequent(owner)]
+    keys, column = np.unique(column_keys(points, cell_size), return_inverse=True)
+    first = np.zeros(len(keys), np.int64)
+    first[column] = np.arange(len(points))
+    x, y = cell_size * np.floor(points[first, :2] / cell_size).T
+    is_cut = shapely.intersects(face.reach, shapely.box(x, y, x + cell_size, y + cell_size))
+    outside = ~is_cut[column]
+    if np.count_nonzero(gone & outside) <= max(least, MAJORITY * np.count_nonzero(outside)):
+        return False
+    T_newer_older = pose_from_rpy(pair.step * STEPS)
+    before = footprint_in_map(patch.outline, patch.mean, patch.spacing, T_newer_older)
+    new = face.patch
     return is_displaced(before, footprint_in_map(new.outline, new.mean, new.spacing, np.eye(4)))
 
 

@@ -28,9 +28,9 @@ MIN_LIFT = 0.025
 """The same for its height, m. Chosen: heights are known to 5 mm; 0.3 deg of roll and
 pitch add 1 cm at 2 m."""
 
-SIZE_DIFFERENCE = 0.12
-"""Sides of two outlines of one surface differ by at most this, m, and by the larger blur. Chosen:
-hidden parts and corners."""
+SIZE_DIFFERENCE = 0.15
+"""Sides of two outlines of one surface differ together by at most the root of the squares of this,
+m, and of the larger blur. Chosen: hidden parts and corners."""
 
 IN_PLACE = 0.05
 """Middles of two outlines in one place are so near to each other, m, or as near as the larger blur.
@@ -98,7 +98,7 @@ def is_of_one_size(first: Footprint, second: Footprint) -> bool:
     if areas[0] < SAME_AREA * areas[1] or areas[1] == 0.0:
         return False
     sides = equal_sides(first.outline) - equal_sides(second.outline)
-    return bool(np.abs(sides).max() <= SIZE_DIFFERENCE + _larger_blur(first, second))
+    return bool(np.abs(sides).sum() <= np.hypot(SIZE_DIFFERENCE, _larger_blur(first, second)))
 
 
 def is_in_place(first: Footprint, second: Footprint) -> bool:

@@ -21,20 +21,25 @@ def solution():
     return run_bag(BAG, Config()).solution
 
 
+def furniture(solution):
+    """Return the surfaces but the floor and tops of objects, which have no place of 0.2 x 0.1 m."""
+    return [s for s in solution.surfaces if s.label != "floor" and s.area > 0.1]
+
+
 def test_the_objects_are_those_of_the_truth_and_what_left_is_gone(solution):
     truth = json.loads((BAG / "truth.json").read_text())["objects"]
     expected = sorted(tuple(np.round(entry["center"], 6)) for entry in truth)
     found = sorted(item.center.tolist() for item in solution.objects)
     assert len(found) == len(expected)
     assert np.abs(np.array(found) - expected).max() < 0.03
-    (table,) = (s for s in solution.surfaces if s.label != "floor")
+    (table,) = furniture(solution)
     assert {item.surface for item in solution.objects} == {table.id}
 
 
 def test_free_places_lie_on_their_surface_and_on_no_object(solution):
     free = free_places(solution.surfaces, solution.objects, (0.2, 0.1))
     surfaces = {surface.id: surface for surface in solution.surfaces}
-    assert free.keys() == {s.id for s in solution.surfaces if s.label != "floor"}
+    assert free.keys() == {s.id for s in furniture(solution)}
     for identity, rings in free.items():
         surface = surfaces[identity]
         outline = Polygon(surface.boundary[:, :2]).buffer(1e-6)

@@ -10,14 +10,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp, ndtr
+from scipy.special import log_ndtr, logsumexp, ndtr
 
 from tccm_ros.arrays import Bool, Float64
 
-STEP = 0.002
+STEP = 0.003
 """Distance of the positions that are compared, m; chosen: below the noise of a range."""
 
-HALF_RANGE = 0.10
+HALF_RANGE = 0.15
 """Positions are compared up to this from the first guess, m; chosen."""
 
 SIGMA = 0.006
@@ -152,4 +152,4 @@ def _log_wall(across: Float64, wall: float | None) -> Float64:
         return np.zeros(len(across))
     away = (across - wall) / WALL_SIGMA
     peak = WALL_ODDS / (np.sqrt(2.0 * np.pi) * WALL_SIGMA)
-    return np.asarray(np.log(ndtr(1.0 - away) + peak * np.exp(-0.5 * away**2)))
+    return np.logaddexp(log_ndtr(1.0 - away), np.log(peak) - 0.5 * away**2)

@@ -249,8 +249,13 @@ class EdgeSampler:
         gap: Float64,
         front: Float64,
     ) -> Float64:
-        """Return rows of `EdgeSamples` with whether the view looked past each, and weights."""
+        """Return rows of `EdgeSamples` with whether the view looked past each, and weights.
+
+        It looked past a last point where it did so beyond that point: the edge may be a wrong
+        guess.
+        """
         points = edge.start + at[:, None] * edge.along
+        points = points + np.minimum(last, 0.0)[:, None] * edge.outward
         outward = np.broadcast_to(edge.outward, points.shape)
         ends = self._looks_past(member.view, points, outward)
         weight = np.full(len(at), min(1.0, INDEPENDENT / max(len(at), 1)))

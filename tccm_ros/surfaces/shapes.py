@@ -49,6 +49,9 @@ WALL_YAW_SIGMA = 0.003
 AT_WALL = 0.015
 """An edge this near to a wall ends there, m; chosen: three deviations."""
 
+WALL_WEIGHT = 0.1
+"""Weight of a last point that may be of the wall; chosen: ten of them count as one."""
+
 MAX_ROTATION = 0.07
 """Edges rotate by at most this in a round, rad; chosen."""
 
@@ -198,8 +201,11 @@ def _refined(
     if not np.isfinite(corners).all():
         return model, np.full(len(corners), np.nan)
     edges = _edges_of(corners)
-    samples = [sampler.edge_samples(edge) for edge in edges]
-    rotations = _rotations(model, edges, samples, walls)
+    across = [_wall_across(edge, walls) for edge in edges]
+    samples = [
+        doubting_wall_points(sampler.edge_samples(edge), wall) for edge, wall in zip(edges, across)
+    ]
+    rotations = _rotations(model, edges, samples, across, walls)
     normals, offsets = model.normals.copy(), model.offsets.copy()
     sigmas = np.full(len(edges), np.nan)
     for k, (edge, found, rotation) in enumerate(zip(edges, samples, rotations.tolist())):
@@ -211,13 +217,35 @@ def _refined(
             continue
         # A point at a distance from the middle of an edge is further across after a rotation.
         last = found.last + rotation * (found.at - 0.5 * edge.length)
-        shift, sigmas[k] = locate_edge(found._replace(last=last), _wall_across(edge, walls))
+        shift, sigmas[k] = locate_edge(found._replace(last=last), across[k])
         offsets[k] += shift
     return replace(model, normals=normals, offsets=offsets), sigmas
 
 
+def doubting_wall_points(samples: EdgeSamples, wall: float | None) -> EdgeSamples:
+    """Return samples with less weight for last points on a wall, past which no view looked.
+
+    A wall has points at the height of a board whether the board reaches it or not.
+
+    Parameters
+    ----------
+    samples
+        The last points before an edge.
+    wall
+        How far across the edge the wall is, m; None: there is none.
+    """
+    if wall is None:
+        return samples
+    is_on_wall = (np.abs(samples.last - wall) <= AT_WALL) & ~samples.ends
+    return samples._replace(weight=np.where(is_on_wall, WALL_WEIGHT, 1.0) * samples.weight)
+
+
 def _rotations(
-    model: StraightModel, edges: Sequence[Edge], samples: Sequence[EdgeSamples], walls: Float64
+    model: StraightModel,
+    edges: Sequence[Edge],
+    samples: Sequence[EdgeSamples],
+    across: Sequence[float | None],
+    walls: Float64,
 ) -> Float64:
     """Return by how much each edge is to be rotated, float64 (E,), rad.
 
@@ -227,8 +255,7 @@ def _rotations(
     scores = np.zeros((len(edges), len(ROTATIONS)))
     for k, (edge, found) in enumerate(zip(edges, samples)):
         if edge.length >= MIN_LENGTH and len(found.at):
-            wall = _wall_across(edge, walls)
-            scores[k] = rotation_scores(found, 0.5 * edge.length, ROTATIONS, wall)
+            scores[k] = rotation_scores(found, 0.5 * edge.length, ROTATIONS, across[k])
     to_walls = np.array([_rotation_to_wall(edge, walls) for edge in edges])
     if model.has_axes:
         nearest = float(to_walls[np.argmin(np.abs(to_walls))])

@@ -18,6 +18,7 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.records import ObjectBoxes, SurfaceCloud, ViewIntervals
 from tccm_ros.surfaces.displacement import Footprint, footprint_in_map, is_displaced
+from tccm_ros.surfaces.front_points import are_on_front
 from tccm_ros.surfaces.object_labels import SeenDetection, merge_detections
 from tccm_ros.surfaces.outline import horizontal_outline
 from tccm_ros.surfaces.thinning import thin_cloud
@@ -192,9 +193,10 @@ def _patch(
     spacing: float,
 ) -> Patch:
     exact = points.astype(np.float64)
+    exact = exact[~are_on_front(exact)]
     mean = exact.mean(axis=0)
     cov = (exact - mean).T @ (exact - mean) / len(exact)
-    return Patch(thinned, weights, len(points), mean, cov, outline, spacing)
+    return Patch(thinned, weights, len(exact), mean, cov, outline, spacing)
 
 
 def first_numbers(views: Sequence[View]) -> list[int]:

@@ -6,7 +6,7 @@ from room import Board, Room, Screen
 from shapely import Polygon, affinity
 from surface_maps import above_floor, build, overlap
 
-from tccm_ros.outlines.edge_position import EdgeSamples, rotation_scores
+from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge, rotation_scores
 from tccm_ros.records import EdgeState, SurfaceShape
 from tccm_ros.surfaces.edge_samples import Edge
 from tccm_ros.surfaces.shapes import (
@@ -15,6 +15,7 @@ from tccm_ros.surfaces.shapes import (
     _rotation_to_wall,
     _wall_across,
     _yaws,
+    doubting_wall_points,
 )
 
 HERE = (0.0, 0.0, 0.0)
@@ -83,6 +84,25 @@ def test_the_main_direction_is_that_of_the_long_edges(yaw):
     sides = np.asarray(outline.minimum_rotated_rectangle.exterior.coords)
     side = sides[1] - sides[0]
     assert np.sin(2.0 * (box - np.arctan2(side[1], side[0]))) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("on_wall", [0, 4, 8])
+def test_points_of_a_wall_do_not_carry_a_board_on_to_it(on_wall):
+    """A board ends 0.12 m before a wall, as five lines show; the wall has points at its height."""
+    last = np.r_[np.full(5, -0.125), np.full(on_wall, -0.004)]
+    found = last_points(np.linspace(0.0, 0.4, len(last)), last, gap=0.02)
+    found = found._replace(ends=np.arange(len(last)) < 5)
+    position, _ = locate_edge(doubting_wall_points(found, 0.0), 0.0)
+    assert position == pytest.approx(-0.115, abs=0.012)
+
+
+def test_a_board_that_reaches_a_wall_ends_there():
+    last = np.r_[np.full(3, -0.025), np.full(5, -0.004)]
+    found = last_points(np.linspace(0.0, 0.4, 8), last, gap=0.03)
+    found = found._replace(ends=np.zeros(8, bool))
+    position, _ = locate_edge(doubting_wall_points(found, 0.0), 0.0)
+    assert position == pytest.approx(0.0, abs=0.006)
+    assert doubting_wall_points(found, None) is found
 
 
 def last_points(at, last, gap):

@@ -35,6 +35,10 @@ OUTLIER_BEYOND = 0.2
 """Samples that are further out than the edge are so many times less frequent: mixed pixels, points
 of a wall; chosen."""
 
+OUTERMOST = 0.56
+"""The last sample is the outermost of at least two of a front: so many `SIGMA` further out than the
+front. The mean of the larger one of two normal variables, 1 / sqrt(pi)."""
+
 FADE = 0.03
 """Where a view did not look past the last sample, the surface may go on: a density that falls by a
 factor of e over this, m; chosen."""
@@ -139,7 +143,7 @@ def _log_likelihoods(beyond: Float64, samples: EdgeSamples) -> Float64:
         np.exp(-np.maximum(beyond - gap, 0.0) / FADE),
     )
     before = ndtr(beyond / SIGMA) * limit / gap
-    at_edge = np.exp(-0.5 * (beyond / SIGMA) ** 2) / (np.sqrt(2.0 * np.pi) * SIGMA)
+    at_edge = np.exp(-0.5 * (beyond / SIGMA + OUTERMOST) ** 2) / (np.sqrt(2.0 * np.pi) * SIGMA)
     front = samples.front[:, None]
     outlier = np.where(front > 0.0, OUTLIER_BEFORE_FRONT, OUTLIER) / HALF_RANGE
     outlier = outlier * np.where(beyond > -SIGMA, 1.0, OUTLIER_BEYOND)

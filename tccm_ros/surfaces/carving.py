@@ -96,7 +96,7 @@ class _Face:
         Its plane, float64 (3,).
     patch
         The patch.
-    reach
+    extent
         Where it may be, as far as scan lines tell: they are at its `spacing`.
     areas
         Its outline grown by so many m.
@@ -106,17 +106,17 @@ class _Face:
     mean: Float64
     normal: Float64
     patch: Patch
-    reach: BaseGeometry
+    extent: BaseGeometry
     areas: dict[float, BaseGeometry] = field(default_factory=dict)
 
     @classmethod
     def of(cls, patch: Patch) -> _Face:
         """Return the face of a patch."""
         blur = line_of_sight(patch.mean, patch.spacing)
-        reach = blurred(patch.outline, BORDER, (float(blur[0]), float(blur[1])))
-        shapely.prepare(reach)
+        extent = blurred(patch.outline, BORDER, (float(blur[0]), float(blur[1])))
+        shapely.prepare(extent)
         bounds = np.array(patch.outline.bounds)
-        return cls(bounds, patch.mean, fit_plane(patch.cov)[0], patch, reach)
+        return cls(bounds, patch.mean, fit_plane(patch.cov)[0], patch, extent)
 
     def area(self, grow: float) -> BaseGeometry:
         """Return the outline grown by so many m, prepared."""
@@ -447,17 +447,17 @@ def _was_moved(
         Edge of a column, m.
     """
     gone, owner = looked_at
-    least = MIN_LEFT * len(points)
-    if np.count_nonzero(gone) <= least or not (owner >= 0).any():
+    min_count = MIN_LEFT * len(points)
+    if np.count_nonzero(gone) <= min_count or not (owner >= 0).any():
         return False
     face = pair.newer.faces[_most_frequent(owner)]
     keys, column = np.unique(column_keys(points, cell_size), return_inverse=True)
     first = np.zeros(len(keys), np.int64)
     first[column] = np.arange(len(points))
     x, y = cell_size * np.floor(points[first, :2] / cell_size).T
-    is_cut = shapely.intersects(face.reach, shapely.box(x, y, x + cell_size, y + cell_size))
+    is_cut = shapely.intersects(face.extent, shapely.box(x, y, x + cell_size, y + cell_size))
     outside = ~is_cut[column]
-    if np.count_nonzero(gone & outside) <= max(least, MAJORITY * np.count_nonzero(outside)):
+    if np.count_nonzero(gone & outside) <= max(min_count, MAJORITY * np.count_nonzero(outside)):
         return False
     T_newer_older = pose_from_rpy(pair.step * STEPS)
     before = footprint_in_map(patch.outline, patch.mean, patch.spacing, T_newer_older)

@@ -180,8 +180,8 @@ def _stand(
     finest = min(surface.members, key=lambda m: (m.patch.spacing or np.inf, m.number))
     blur = T_map_view[finest.view, :2, :2] @ line_of_sight(finest.patch.mean, finest.patch.spacing)
     footprint = Footprint(surface.polygon, surface.height, tuple(blur.tolist()))
-    least = MIN_PART * surface.polygon.area
-    seen = tuple(m for m in surface.members if m.patch.outline.area >= least)
+    min_area = MIN_PART * surface.polygon.area
+    seen = tuple(m for m in surface.members if m.patch.outline.area >= min_area)
     return _Stand(
         surface,
         footprint,

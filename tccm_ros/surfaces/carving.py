@@ -394,7 +394,7 @@ def _carve_patch(
     cell_size = config.views.cell_size
     block = max(cell_size, BLOCK_SPACING * patch.spacing)
     if _was_moved(pair, patch, points, (gone, owner), cell_size):
-        return kept, _most_frequent(owner)
+        return kept, _main_owner(owner)
     if gone.sum() < GONE_FRACTION * total:
         gone &= _in_block(points, gone, block)
     if not pair.is_same_pose or not (owner >= 0).any():
@@ -404,7 +404,7 @@ def _carve_patch(
     if np.count_nonzero(gone | (owner >= 0)) >= REPLACED_FRACTION * total:
         gone[:] = True
     gone |= again | (rest & ~_in_block(points, rest & (owner < 0), block))
-    return kept[gone], _most_frequent(owner)
+    return kept[gone], _main_owner(owner)
 
 
 def _measured_by(points: Float64, faces: tuple[_Face, ...], margin: Float64, grow: float) -> Int64:
@@ -450,7 +450,7 @@ def _was_moved(
     min_count = MIN_LEFT * len(points)
     if np.count_nonzero(gone) <= min_count or not (owner >= 0).any():
         return False
-    face = pair.newer.faces[_most_frequent(owner)]
+    face = pair.newer.faces[_main_owner(owner)]
     keys, column = np.unique(column_keys(points, cell_size), return_inverse=True)
     first = np.zeros(len(keys), np.int64)
     first[column] = np.arange(len(points))
@@ -465,8 +465,8 @@ def _was_moved(
     return is_displaced(before, footprint_in_map(new.outline, new.mean, new.spacing, np.eye(4)))
 
 
-def _most_frequent(owner: Int64) -> int:
-    """Return the patch that measured most points; `owner` is -1 where there was none."""
+def _main_owner(owner: Int64) -> int:
+    """Return the patch that measured the largest part of the points; -1 in `owner`: none did."""
     return int(np.bincount(owner[owner >= 0]).argmax())
 
 

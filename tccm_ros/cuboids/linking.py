@@ -3,7 +3,8 @@
 For each cuboid the nearest one of the same surface is found back along its row (-y) and its column
 (-x). The typical step between them is the local sample spacing, per patch and direction; a step is
 a link if it is shorter than twice that spacing. Where every cell is filled the spacing is one cell,
-and this is the paper's 8-neighbourhood (IV.A).
+and this is the paper's 8-neighbourhood (IV.A). Noise spreads a scan line over cells that touch, and
+most steps are within lines then: where many are not, they are the distance of lines.
 """
 
 import numpy as np
@@ -14,6 +15,15 @@ from tccm_ros.union_find import merge_sets
 
 PATCH_BITS = 4
 """A patch in which the spacing is estimated is 2**4 cells wide. Chosen: 32 cm at 20 mm."""
+
+LINE_STEPS = 0.25
+"""Where at least this fraction of the steps is longer than two cells, they lead from one scan line
+to the next. Chosen: noise spreads lines over two or three cells; a step over a gap between tables is
+one of many."""
+
+LINE_GAP = 1.5
+"""Steps from line to line are links up to so many distances of lines. Chosen: below twice, as one
+that is missing may be a gap as well."""
 
 ALL_SIDES = 15
 """The bits of all four sides on which a cuboid may have links."""
@@ -261,18 +271,40 @@ def spacing(histogram: Int32, fallback: float) -> float:
 
 
 @kernel
-def limits_of(cell: Int32, patch: Int32, patches: int, back: Int32) -> Float64:
-    """Return for each patch twice its local spacing along one axis, cells, float64 (patches,).
+def line_distance(histogram: Int32) -> int:
+    """Return the distance of scan lines that are more than one cell wide, cells; 0 where none is.
+
+    It is the upper quartile of the steps, where most are one cell and `LINE_STEPS` are longer than
+    two.
+    """
+    total = 0
+    for k in range(1, STEPS):
+        total += histogram[k]
+    if total < 4 or 2 * histogram[1] < total:
+        return 0
+    below, upper = 0, 1
+    while below + histogram[upper] <= (1.0 - LINE_STEPS) * total:
+        below += histogram[upper]
+        upper += 1
+    return upper if upper > 2 else 0
+
+
+@kernel
+def limits_of(cell: Int32, patch: Int32, shape: tuple[int, int], back: Int32) -> Float64:
+    """Return for each patch the longest step along one axis that is a link, cells, float64 (P,).
+
+    It is twice the local spacing, or what scan lines of the patch and those around it need.
 
     Parameters
     ----------
     cell
         int32 (N,), coordinate along the axis.
     patch
-        int32 (N,), patch of each cuboid; `patches` is their number.
+        int32 (N,), patch of each cuboid; `shape` are the numbers of their rows and columns.
     back
         int32 (N,), of `find_links`.
     """
+    patches = shape[0] * shape[1]
     # The first column counts those without a link, so that counting needs no branch.
     histogram = np.zeros((patches + 1, STEPS), np.int32)
     for i in range(len(cell)):
@@ -286,26 +318,42 @@ def limits_of(cell: Int32, patch: Int32, patches: int, back: Int32) -> Float64:
     limit = np.empty(patches)
     for p in range(patches):
         limit[p] = 2.0 * max(spacing(histogram[p], overall), 1.0)
+        around = steps_around(histogram, shape, p)
+        limit[p] = max(limit[p], LINE_GAP * line_distance(around))
     return limit
 
 
 @kernel
-def patches_of(ix: Int32, iy: Int32) -> tuple[Int32, int]:
-    """Return the patch of each cell, sorted by (ix, iy), and the number of patches."""
+def steps_around(histogram: Int32, shape: tuple[int, int], p: int) -> Int32:
+    """Return the sum of the histograms of a patch and the eight around it, int32 (STEPS,)."""
+    around = np.zeros(STEPS, np.int32)
+    row, column = p // shape[1], p % shape[1]
+    for r in range(max(row - 1, 0), min(row + 2, shape[0])):
+        for c in range(max(column - 1, 0), min(column + 2, shape[1])):
+            for k in range(1, STEPS):
+                around[k] += histogram[r * shape[1] + c, k]
+    return around
+
+
+@kernel
+def patches_of(ix: Int32, iy: Int32) -> tuple[Int32, tuple[int, int]]:
+    """Return the patch of each cell, sorted by (ix, iy), and the numbers of their rows and
+    columns.
+    """
     n = len(ix)
     low_x, low_y = ix[0], iy.min()
     wide = ((iy.max() - low_y) >> PATCH_BITS) + 1
     patch = np.empty(n, np.int32)
     for i in range(n):
         patch[i] = ((ix[i] - low_x) >> PATCH_BITS) * wide + ((iy[i] - low_y) >> PATCH_BITS)
-    return patch, (((ix[n - 1] - low_x) >> PATCH_BITS) + 1) * wide
+    return patch, (((ix[n - 1] - low_x) >> PATCH_BITS) + 1, wide)
 
 
 @kernel
 def accept_links(
     ix: Int32, iy: Int32, back_x: Int32, back_y: Int32, touching: Int32
 ) -> tuple[Int32, UInt8]:
-    """Keep the links that are shorter than twice the local spacing, and label what they connect.
+    """Keep the links that are shorter than the limits of their patch, and label what they connect.
 
     Parameters
     ----------
@@ -322,9 +370,9 @@ def accept_links(
         The sides on which each cuboid has a link; `ALL_SIDES` if on all four.
     """
     n = len(ix)
-    patch, patches = patches_of(ix, iy)
-    limit_x = limits_of(ix, patch, patches, back_x)
-    limit_y = limits_of(iy, patch, patches, back_y)
+    patch, shape = patches_of(ix, iy)
+    limit_x = limits_of(ix, patch, shape, back_x)
+    limit_y = limits_of(iy, patch, shape, back_y)
     # The cuboids linked along a row are one run; only runs are merged.
     run, parent, first = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.int32)
     sides = np.zeros(n, np.uint8)

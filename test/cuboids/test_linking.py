@@ -99,3 +99,25 @@ def test_the_spacing_is_the_mean_of_steps_without_the_long_ones(steps):
     median = sorted(steps)[(len(steps) - 1) // 2]
     kept = [step for step in steps if step <= np.ceil(1.5 * median)]
     assert spacing(histogram, 7.0) == pytest.approx(np.mean(kept))
+
+
+def sets_of(cells):
+    ix, iy = np.ascontiguousarray(np.unique(cells, axis=0).T, np.int32)
+    return len(np.unique(link_in_plane(ix, iy)[0]))
+
+
+@pytest.mark.parametrize("corner", [0, 7, 13])
+def test_scan_lines_that_noise_spreads_over_two_cells_are_one_set(corner):
+    """Five lines, five cells apart, on a far table."""
+    rng = np.random.default_rng(1)
+    rows = corner + 5 * np.arange(5)[:, None] + rng.integers(0, 2, (5, 40))
+    assert sets_of(np.column_stack([rows.ravel(), np.tile(np.arange(40), 5)])) == 1
+
+
+@pytest.mark.parametrize("corner", range(16))
+@pytest.mark.parametrize("width", [8, 20])
+def test_dense_boards_with_a_gap_between_them_are_two_sets(corner, width):
+    """Wherever the gap is in the patches in which the spacing is estimated."""
+    rows = np.r_[corner : corner + width, corner + width + 6 : corner + 2 * width + 6]
+    cells = np.stack(np.meshgrid(rows, np.arange(40)), axis=-1).reshape(-1, 2)
+    assert sets_of(np.vstack([cells, [0, 99]])) == 3

@@ -18,8 +18,8 @@ PATCH_BITS = 4
 
 LINE_STEPS = 0.25
 """Where at least this fraction of the steps is longer than two cells, they lead from one scan line
-to the next. Chosen: noise spreads lines over two or three cells; a step over a gap between tables is
-one of many."""
+to the next. Chosen: noise spreads lines over two or three cells; a step over a gap between tables
+is one of many."""
 
 LINE_GAP = 1.5
 """Steps from line to line are links up to so many distances of lines. Chosen: below twice, as one

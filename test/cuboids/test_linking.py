@@ -108,7 +108,7 @@ def sets_of(cells):
 
 @pytest.mark.parametrize("corner", [0, 7, 13])
 def test_scan_lines_that_noise_spreads_over_two_cells_are_one_set(corner):
-    """Five lines, five cells apart, on a far table."""
+    """Five lines, five cells from line to line, on a far table."""
     rng = np.random.default_rng(1)
     rows = corner + 5 * np.arange(5)[:, None] + rng.integers(0, 2, (5, 40))
     assert sets_of(np.column_stack([rows.ravel(), np.tile(np.arange(40), 5)])) == 1

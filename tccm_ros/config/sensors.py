@@ -97,8 +97,8 @@ class ScanFilter(Group):
     shadow_angle: float = param(
         0.14,
         "a beam whose line to its neighbour's hit is within this angle of the beam is a mixed "
-        "pixel and is dropped, unless it is in line with its neighbours, or the last of a line "
-        "before a step away; 0 disables the filter",
+        "pixel and is dropped, unless it is in line with its neighbours, or (of a tilting laser) "
+        "the last of a line before a step away; 0 disables the filter",
         unit="rad",
         ge=0.0,
         le=1.0,

@@ -93,11 +93,21 @@ def beam_stamps(scan: Scan) -> Int64:
     return scan.stamp_ns + np.rint(since).astype(np.int64)
 
 
-def valid_beams(scan: Scan, config: Config) -> Bool:
+def valid_beams(scan: Scan, config: Config, *, line_ends: bool = True) -> Bool:
     """Return which beams hit something, bool (N,).
 
     Dropped are nan and infinite ranges (REP-117), 0, ranges outside the scan's own limits or
     those of the group `scan`, and mixed pixels at edges.
+
+    Parameters
+    ----------
+    scan
+        Of one laser.
+    config
+        Its group `scan`.
+    line_ends
+        Whether the last hit of a straight line before a step away from the laser is kept: the edge
+        of a surface is where its hits end.
     """
     limits = config.scan
     low, high = max(scan.range_min, limits.min_range), min(scan.range_max, limits.max_range)
@@ -108,6 +118,7 @@ def valid_beams(scan: Scan, config: Config) -> Bool:
         scan.angle_increment,
         limits.shadow_angle,
         limits.shadow_jump,
+        line_ends,
     )
 
 
@@ -205,7 +216,9 @@ def project_level(posed: PosedScan, config: Config) -> tuple[Float64, Int32]:
     and pitch), and their beams int32 (N,).
     """
     T_level_odom = inverse(level(posed.T_odom_base[_stamp_sample(posed)]))
-    points, beams = project(posed, valid_beams(posed.scan, config), T_level_odom)
+    # Matching compares scans from different places: a wall's visible end moves with the robot.
+    chosen = valid_beams(posed.scan, config, line_ends=False)
+    points, beams = project(posed, chosen, T_level_odom)
     return points[:, :2], beams
 
 

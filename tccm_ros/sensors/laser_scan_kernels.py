@@ -80,14 +80,17 @@ def ends_straight(ranges, hit, i, side, cos_step, noise):  # type: ignore[no-unt
 
 
 @kernel
-def mark_valid(ranges, low, high, step, shadow_angle, shadow_jump):  # type: ignore[no-untyped-def]
+def mark_valid(  # type: ignore[no-untyped-def]
+    ranges, low, high, step, shadow_angle, shadow_jump, line_ends
+):
     """Return the beams that hit something, bool (N,).
 
     A beam is dropped where its range is not a number within [low, high], and where it is a mixed
     pixel: its range differs from a neighbour's by more than `shadow_jump`, and the line between
     their hits lies within `shadow_angle` of the beam. A wall seen at a grazing angle looks like
     that too, but is straight: a hit is kept in a run of `STRAIGHT_RUN` hits that are in line with
-    their neighbours, and as its last one before a step away from the laser (`ends_straight`).
+    their neighbours, and with `line_ends` as its last one before a step away from the laser
+    (`ends_straight`).
 
     Parameters
     ----------
@@ -101,6 +104,8 @@ def mark_valid(ranges, low, high, step, shadow_angle, shadow_jump):  # type: ign
         rad; 0 keeps mixed pixels.
     shadow_jump
         m.
+    line_ends
+        Whether the last hit of a straight line is kept.
     """
     n = len(ranges)
     hit = np.empty(n, np.bool_)
@@ -130,6 +135,8 @@ def mark_valid(ranges, low, high, step, shadow_angle, shadow_jump):  # type: ign
                     run += 1
                     k += side
             valid[i] = run >= STRAIGHT_RUN
+    if not line_ends:
+        return valid
     surely = valid.copy()
     for i in range(n):
         for side in (-1, 1):

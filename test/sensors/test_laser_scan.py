@@ -124,6 +124,9 @@ def test_the_last_beam_before_an_edge_is_kept_and_mixed_pixels_are_not(sign, mix
     kept = valid_beams(scan, Config())[::sign]
     assert kept[: len(ranges)].all()
     assert not kept[len(ranges) : len(ranges) + mixed].any()
+    without = valid_beams(scan, Config(), line_ends=False)[::sign]
+    assert without[: len(ranges) - 1].all()
+    assert not without[len(ranges) - 1]
 
 
 def straight_twin(ranges, hit, i, step, noise):
@@ -147,7 +150,7 @@ def ends_twin(ranges, kept, straight, i, step, noise):
     return False
 
 
-def valid_twin(ranges, low, high, step, shadow_angle, shadow_jump):
+def valid_twin(ranges, low, high, step, shadow_angle, shadow_jump, line_ends):
     with np.errstate(invalid="ignore"):
         hit = (ranges >= low) & (ranges <= high) & (ranges > 0)
     angles = step * np.arange(len(ranges))
@@ -166,7 +169,7 @@ def valid_twin(ranges, low, high, step, shadow_angle, shadow_jump):
         runs = [straight[k : k + 3] for k in (i - 2, i - 1, i) if k >= 0]
         shadowed[i] = not any(len(run) == 3 and all(run) for run in runs)
     kept, measured = hit & ~shadowed, np.where(hit, ranges, 0)
-    for i in np.flatnonzero(shadowed):
+    for i in np.flatnonzero(shadowed) if line_ends else ():
         shadowed[i] = not ends_twin(measured, kept, straight, i, step, shadow_jump)
     return hit & ~shadowed
 
@@ -181,13 +184,14 @@ def valid_twin(ranges, low, high, step, shadow_angle, shadow_jump):
     ),
     st.sampled_from([0.004363, 0.0087266, -0.0087266]),
     st.sampled_from([0.0, 0.1437, 0.3]),
+    st.booleans(),
 )
 @settings(deadline=None, max_examples=200)
-def test_valid_beams_agree_with_a_twin(ranges, step, shadow_angle):
+def test_valid_beams_agree_with_a_twin(ranges, step, shadow_angle, line_ends):
     ranges = np.array(ranges, np.float32)
-    got = mark_valid(ranges, 0.5, 10.0, step, shadow_angle, 0.0313)
+    got = mark_valid(ranges, 0.5, 10.0, step, shadow_angle, 0.0313, line_ends)
     with np.errstate(invalid="ignore"):
-        expected = valid_twin(ranges, 0.5, 10.0, step, shadow_angle, 0.0313)
+        expected = valid_twin(ranges, 0.5, 10.0, step, shadow_angle, 0.0313, line_ends)
     assert got.tolist() == expected.tolist()
 
 

@@ -23,6 +23,7 @@ from tccm_ros.tabletop.footprints import (
     loose_cuboids,
     rectangle,
 )
+from tccm_ros.tabletop.parting import part_by_height
 
 SURFACE_AREA = 0.12
 """A horizontal plane smaller than this, m2, may be the top of an object. Chosen: 35 cm square."""
@@ -78,9 +79,10 @@ def find_objects(
         members, starts = _take_clusters(loose, plane, config)
         for k in np.flatnonzero(np.diff(starts)).tolist():
             cluster = members[starts[k] : starts[k + 1]]
-            candidate = _object(loose, cluster, plane, config)
-            if candidate is not None and not _carries(candidate, covers):
-                found.append(candidate)
+            for part in _parts(loose, cluster, plane, config):
+                candidate = _object(loose, part, plane, config)
+                if candidate is not None and not _carries(candidate, covers):
+                    found.append(candidate)
     return [replace(item, id=index) for index, item in enumerate(found)]
 
 
@@ -94,6 +96,17 @@ def _take_clusters(loose: LooseCuboids, plane: PlaneRecord, config: Config) -> t
     chosen = cuboids_above(loose, hull, plane.normal, plane.offset, config.objects.min_height)
     loose.is_free[chosen] = False
     return cluster_footprints(loose.mean, chosen, config.objects.cluster_distance)
+
+
+def _parts(loose: LooseCuboids, cluster: Int64, plane: PlaneRecord, config: Config) -> list[Int64]:
+    """Return the objects that a cluster consists of; itself where one of them would be none."""
+    gap = config.objects.cluster_distance
+    parts = part_by_height(loose.mean[cluster, :2], loose.high[cluster, 2], loose.cell, gap)
+    if len(parts) == 1:
+        return [cluster]
+    found = [cluster[part] for part in parts]
+    are_objects = all(_object(loose, part, plane, config) is not None for part in found)
+    return found if are_objects else [cluster]
 
 
 def _are_structure(fits: PlaneFits) -> Bool:

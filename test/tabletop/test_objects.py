@@ -105,3 +105,17 @@ def test_a_box_before_a_wall_is_separate_from_the_wall():
     crate = box((1.5, 1.8), (0.2, 0.5), (0.0, 0.25))
     [item] = scene(FLOOR, wall, crate)[1]
     assert item.center[:2] == pytest.approx([1.65, 0.35], abs=0.02)
+
+
+def test_boxes_that_touch_are_two_where_their_heights_differ():
+    low, high = box((0.8, 1.0), (-0.1, 0.1), (0.7, 0.8)), box((1.0, 1.2), (-0.1, 0.1), (0.7, 0.95))
+    _, objects = scene(FLOOR, TABLE, low, high)
+    heights = sorted(item.size[2] for item in objects)
+    np.testing.assert_allclose(heights, [0.1, 0.25], atol=0.01)
+    for item in objects:
+        np.testing.assert_allclose(sorted(item.size[:2]), 0.2, atol=0.03)
+
+
+def test_boxes_that_touch_are_one_where_their_heights_are_the_same():
+    pair = [box((x, x + 0.2), (-0.1, 0.1), (0.7, 0.8)) for x in (0.8, 1.0)]
+    assert len(scene(FLOOR, TABLE, *pair)[1]) == 1

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
+from scipy.spatial import cKDTree
 from shapely import MultiPolygon, Polygon
 
 from tccm_ros.arrays import Float32, Float64, Int32, Int64
@@ -21,6 +22,7 @@ from tccm_ros.surfaces.displacement import Footprint, footprint_in_map, is_displ
 from tccm_ros.surfaces.front_points import are_on_front
 from tccm_ros.surfaces.object_labels import SeenDetection, merge_detections
 from tccm_ros.surfaces.outline import horizontal_outline
+from tccm_ros.surfaces.stray_points import mark_strays
 from tccm_ros.surfaces.thinning import thin_cloud
 
 
@@ -150,9 +152,13 @@ def _make_patches(points: Float32, config: Config) -> list[Patch]:
     Points without an outline (a single scan line) make one patch without area.
     """
     thinned, weights = thin_cloud(points, config.views.voxel_size)
-    outline, spacing = horizontal_outline(
-        thinned[:, :2].astype(np.float64), config.surfaces.merge_distance
-    )
+    plan, min_gap = thinned[:, :2].astype(np.float64), config.surfaces.merge_distance
+    outline, spacing = horizontal_outline(plan, min_gap)
+    strays = mark_strays(plan, weights, spacing)
+    if strays.any():
+        points = points[~strays[cKDTree(plan).query(points[:, :2])[1]]]
+        thinned, weights = thinned[~strays], weights[~strays]
+        outline, spacing = horizontal_outline(plan[~strays], min_gap)
     if len(outline.geoms) < 2:
         return [_patch(points, thinned, weights, outline, spacing)]
     parts = sorted(outline.geoms, key=lambda part: (-part.area, part.bounds))

@@ -22,7 +22,7 @@ deviations of a depth camera at 2 m, and the fall of a ball's side over a cell o
 MIN_COLUMNS = 9
 """A region of an object has at least so many columns. Chosen: 6 cm square at cells of 2 cm."""
 
-MIN_SHARE = 0.2
+MIN_FRACTION = 0.2
 """And this fraction of the columns of its cluster. Chosen: a handle or a spout has less."""
 
 MAX_COMMON = 0.25
@@ -60,7 +60,7 @@ def part_by_height(mean: Float64, top: Float64, cell: float, gap: float) -> list
     places: Float64 = columns.astype(np.float64) * cell
     region_of = _regions(places, height, gap)
     sizes = np.bincount(region_of)
-    large = np.flatnonzero(sizes >= max(MIN_COLUMNS, MIN_SHARE * len(columns)))
+    large = np.flatnonzero(sizes >= max(MIN_COLUMNS, MIN_FRACTION * len(columns)))
     if len(large) < 2 or not _are_beside(places, region_of, large, cell):
         return whole
     # What is too small for an object (a side seen askew, an edge) belongs to the nearest one.

@@ -146,15 +146,17 @@ class View:
         return self.session, self.stamp_ns
 
 
-def _make_patches(points: Float32, config: Config) -> list[Patch]:
+def _make_patches(points: Float32, others: Float32, config: Config) -> list[Patch]:
     """Make the patches of one surface of a cloud, one for each part of its outline.
+
+    `others`, float32 (M, 3), are the points of the cloud's other surfaces.
 
     Points without an outline (a single scan line) make one patch without area.
     """
     thinned, weights = thin_cloud(points, config.views.voxel_size)
     plan, min_gap = thinned[:, :2].astype(np.float64), config.surfaces.merge_distance
     outline, spacing = horizontal_outline(plan, min_gap)
-    strays = mark_strays(plan, weights, spacing)
+    strays = mark_strays(thinned, weights, spacing, others)
     if strays.any():
         points = points[~strays[cKDTree(plan).query(points[:, :2])[1]]]
         thinned, weights = thinned[~strays], weights[~strays]
@@ -280,7 +282,11 @@ def with_cloud(view: View, cloud: SurfaceCloud, config: Config) -> View:
     order = np.argsort(cloud.surface, kind="stable")
     _, starts = np.unique(cloud.surface[order], return_index=True)
     groups = np.split(order, starts[1:]) if len(starts) else []
-    patches = [patch for group in groups for patch in _make_patches(cloud.points[group], config)]
+    patches = [
+        patch
+        for group in groups
+        for patch in _make_patches(cloud.points[group], np.delete(cloud.points, group, 0), config)
+    ]
     distance = np.hypot(cloud.points[:, 0], cloud.points[:, 1]).max(initial=0.0)
     max_range = max(view.max_range, float(distance))
     return replace(view, patches=tuple(patches), max_range=max_range)

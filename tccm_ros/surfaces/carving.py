@@ -60,7 +60,8 @@ MAJORITY = 0.5
 """A column is removed where more than this fraction of its points is gone; chosen."""
 
 MIN_LEFT = 0.02
-"""A surface was moved if it left more than this fraction of its points. Chosen: strays are less."""
+"""A surface was moved if it left more than this fraction of its points, and is still there if it
+kept more. Chosen: strays are less."""
 
 MIN_KNOWN_AREA = 0.1
 """Smaller surfaces are not known again elsewhere, m2. Chosen: below a stool's seat; boxes and
@@ -275,6 +276,7 @@ class Carver:
         carved = pair.carved.get(p)
         if carved is None or carved.before != states[v][p]:
             gone, q = _carve_patch(pair, pair.older.patches[p], left.keep[v][p], self._config)
+            gone = _with_strays(gone, left.keep[v][p])
             carved = pair.carved[p] = _Carved(states[v][p], gone, q)
         if len(carved.gone):
             left.keep[v][p][carved.gone] = False
@@ -405,6 +407,21 @@ def _carve_patch(
         gone[:] = True
     gone |= again | (rest & ~_in_block(points, rest & (owner < 0), block))
     return kept[gone], _main_owner(owner)
+
+
+def _with_strays(gone: Int64, keep: Bool) -> Int64:
+    """Return all indices that are kept where what is not gone is too few to be the surface.
+
+    Parameters
+    ----------
+    gone
+        int64 (G,), indices of thinned points of a patch that a view removes.
+    keep
+        bool (N,), which of all its points were there before.
+    """
+    kept = np.flatnonzero(keep)
+    is_gone = 0 < len(gone) and len(kept) - len(gone) <= MIN_LEFT * len(keep)
+    return kept if is_gone else gone
 
 
 def _measured_by(points: Float64, faces: tuple[_Face, ...], margin: Float64, grow: float) -> Int64:

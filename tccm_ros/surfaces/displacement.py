@@ -93,9 +93,13 @@ def line_of_sight(mean: Float64, length: float) -> Float64:
 
 
 def is_of_one_size(first: Footprint, second: Footprint) -> bool:
-    """Return whether two outlines can be those of one surface, wherever they are."""
-    areas = sorted((first.outline.area, second.outline.area))
-    if areas[0] < SAME_AREA * areas[1] or areas[1] == 0.0:
+    """Return whether two outlines can be those of one surface, wherever they are.
+
+    The smaller one may end where the next scan line would have been.
+    """
+    smaller, larger = sorted((first, second), key=lambda f: float(f.outline.area))
+    area = blurred(smaller.outline, 0.0, smaller.blur).area
+    if area < SAME_AREA * larger.outline.area or larger.outline.area == 0.0:
         return False
     sides = equal_sides(first.outline) - equal_sides(second.outline)
     return bool(np.abs(sides).sum() <= np.hypot(SIZE_DIFFERENCE, _larger_blur(first, second)))

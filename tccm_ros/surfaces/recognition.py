@@ -31,9 +31,9 @@ from tccm_ros.surfaces.merging import Members, NumberedPatch, merge_coplanar
 from tccm_ros.surfaces.track_ids import SightKey, TrackIds
 from tccm_ros.surfaces.views import View, first_numbers
 
-MAX_LIFT = 0.1
+MAX_LIFT = 0.15
 """A surface that is lifted or lowered in its place by up to this is recognised, m. Chosen: boards
-of shelves have larger distances."""
+of shelves are 0.2 m and more from each other."""
 
 MAX_LEFT_OVER = 0.06
 """What is left of a surface that was lifted or lowered by less than this, m, may be below or above

@@ -9,7 +9,16 @@ from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.geometry import pose_from_rpy, transform
 from tccm_ros.records import SurfaceCloud, ViewIntervals
-from tccm_ros.surfaces.carving import MAJORITY, STEPS, Carver, _in_block, _rpy, carve
+from tccm_ros.surfaces.carving import (
+    MAJORITY,
+    MIN_LEFT,
+    STEPS,
+    Carver,
+    _in_block,
+    _rpy,
+    _with_strays,
+    carve,
+)
 from tccm_ros.surfaces.free_grid import FreeGrid
 from tccm_ros.surfaces.views import empty_view, with_cloud, with_intervals
 
@@ -181,3 +190,16 @@ def test_angles_of_poses_are_those_that_make_them(seed):
     rng = np.random.default_rng(seed)
     rows = rng.uniform(-1.4, 1.4, (5, 6)) * [9.0, 9.0, 9.0, 2.0, 1.0, 2.0]
     assert _rpy(np.array([pose_from_rpy(row) for row in rows])) == pytest.approx(rows, abs=1e-9)
+
+
+@given(st.integers(50, 400), st.floats(0.0, 1.0), st.floats(0.0, 0.05))
+def test_what_is_left_of_a_patch_is_more_than_strays(count, before, left):
+    """A few points are gone with the rest; who takes nothing leaves everything."""
+    rng = np.random.default_rng(count)
+    keep = rng.random(count) >= before
+    kept = np.flatnonzero(keep)
+    gone = kept[rng.random(len(kept)) >= left]
+    rest = len(kept) - len(_with_strays(gone, keep))
+    assert rest == 0 or rest > MIN_LEFT * count or len(gone) == 0
+    assert set(gone) <= set(_with_strays(gone, keep)) <= set(kept)
+    assert len(_with_strays(kept[:0], keep)) == 0

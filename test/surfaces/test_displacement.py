@@ -82,3 +82,12 @@ def test_a_patch_is_placed_by_the_pose_of_its_view():
     placed = footprint_in_map(TABLE, np.array([0.35, 0.5, 0.7]), 0.02, T)
     assert placed.z == pytest.approx(0.8)
     assert placed.middle == pytest.approx([1.5, -0.65, 0.8])
+
+
+@pytest.mark.parametrize(("spacing", "expected"), [(0.1, True), (0.0, False)])
+def test_a_far_table_that_lost_a_scan_line_is_of_one_size(spacing, expected):
+    """Its nearer end may be where the next scan line would have been; with dense ones it is not."""
+    whole, far = box(0.0, 0.0, 0.41, 1.11), box(0.0, 0.0, 0.28, 1.11)
+    seen = Footprint(far, 0.7, (spacing, 0.0))
+    assert is_of_one_size(seen, at(whole)) == expected
+    assert is_of_one_size(at(whole), seen) == expected

@@ -420,7 +420,7 @@ def _with_strays(gone: Int64, keep: Bool) -> Int64:
         bool (N,), which of all its points were there before.
     """
     kept = np.flatnonzero(keep)
-    is_gone = 0 < len(gone) and len(kept) - len(gone) <= MIN_LEFT * len(keep)
+    is_gone = len(gone) > 0 and len(kept) - len(gone) <= MIN_LEFT * len(keep)
     return kept if is_gone else gone
 
 

@@ -51,6 +51,9 @@ FACING = 0.75
 """Samples whose outward direction has at least this component along that of an edge may be of the
 edge; chosen: 41 deg, so that each sample has one edge of four."""
 
+MIN_SEEN = 0.3
+"""An edge of which so many samples were seen to end is in the middle of these; chosen."""
+
 MAX_CORNERS = 14
 """A polygon with more corners is a free outline; chosen."""
 
@@ -223,18 +226,25 @@ def _squared_errors(samples: OutlineSamples, model: Polygon) -> float:
 
 
 def _with_axes(samples: OutlineSamples, yaw: float) -> Iterator[StraightModel]:
-    """Yield the rectangle and the four Ls whose axes have a direction, rad."""
+    """Yield the rectangles and the four Ls whose axes have a direction, rad.
+
+    What hides an edge may hide more of the surface at one place than at another. So there are two
+    rectangles: hidden edges are where most of their samples end, or where the last of them does.
+    """
     angle = yaw + 0.5 * np.pi * np.arange(4)
     normals = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    outer, inner, upper = np.zeros(4), np.zeros(4), np.zeros(4)
+    outer, inner, upper, last = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
     for k, normal in enumerate(normals):
         of_edge = samples.outward @ normal > FACING
         if not of_edge.any():
             return
-        across = samples.points[of_edge] @ normal
-        outer[k] = _level(across, samples.seen[of_edge])
+        across, seen = samples.points[of_edge] @ normal, samples.seen[of_edge]
+        outer[k] = _level(across, seen)
         inner[k], upper[k] = _two_levels(across)
+        last[k] = outer[k] if seen.mean() >= MIN_SEEN else across.max()
     yield StraightModel(SurfaceShape.RECTANGLE, normals, outer, True)
+    if (last > outer).any():
+        yield StraightModel(SurfaceShape.RECTANGLE, normals, last, True)
     for k in range(4):
         # Around the L: outer a, inner b, inner a, outer b, and the two edges without a notch.
         a, b, c, d = (np.arange(4) + k) % 4
@@ -245,7 +255,7 @@ def _with_axes(samples: OutlineSamples, yaw: float) -> Iterator[StraightModel]:
 
 def _level(across: Float64, seen: Bool) -> float:
     """Return where an edge is: in the middle of its seen samples, or at the last of the others."""
-    if seen.mean() >= 0.3:
+    if seen.mean() >= MIN_SEEN:
         return float(np.median(across[seen]))
     return float(np.quantile(across, 0.8))
 

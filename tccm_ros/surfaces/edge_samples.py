@@ -21,6 +21,7 @@ from tccm_ros.outlines.edge_position import INDEPENDENT, EdgeSamples
 from tccm_ros.outlines.shape_models import PROBE, SPACING, OutlineSamples
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging import NumberedPatch, clouds_in_map
+from tccm_ros.surfaces.occluded_areas import MAX_SEEN_FRACTION
 from tccm_ros.surfaces.scan_lines import beam_step, line_direction
 from tccm_ros.surfaces.views import View
 
@@ -47,6 +48,12 @@ scan lines (one sigma); chosen."""
 
 PIECE = 0.03
 """An edge is divided into pieces of this length, m, with one last point each; chosen."""
+
+OVER = (0.1, 0.2, 0.3)
+"""Heights above a surface at which views look over what stands on it, m; chosen: objects."""
+
+MIN_PIECES = 3
+"""A surface reaches as far as in this many pieces of an edge; chosen: one or two may be strays."""
 
 PROBES = 9
 """Number of places along an edge that are tested for what views looked over; chosen."""
@@ -266,6 +273,23 @@ class EdgeSampler:
         rays = edge.start + at[:, None] * edge.along - self.T_map_view[member.view][:2, 3]
         return np.asarray(rays @ edge.outward / np.maximum(np.hypot(*rays.T), 1e-6), np.float64)
 
+    def reach(self, edge: Edge, limit: float) -> float:
+        """Return how far across an edge the surface was measured, m; -inf: nowhere.
+
+        Parameters
+        ----------
+        edge
+            With the surface to its left.
+        limit
+            Points further across than this do not count, m.
+        """
+        cloud = np.concatenate([cloud[:, :2] for _, cloud in self._clouds])
+        at, across = (cloud - edge.start) @ edge.along, (cloud - edge.start) @ edge.outward
+        near = (at > END_MARGIN) & (at < edge.length - END_MARGIN) & (across < limit)
+        last = np.full(int(edge.length / PIECE) + 1, -np.inf)
+        np.maximum.at(last, np.floor(at[near] / PIECE).astype(np.int64), across[near])
+        return float(np.sort(last)[-min(MIN_PIECES, len(last))])
+
     def looks_over(self, edge: Edge) -> bool:
         """Return whether any view looked through the columns beyond an edge, at any height."""
         at = np.linspace(0.0, 1.0, PROBES)[:, None]
@@ -276,6 +300,33 @@ class EdgeSampler:
             keys = column_keys(transform(T_view_map, points), free.cell_size)
             over |= np.isin(keys, free.keys)
         return bool(over.mean() >= 0.5)
+
+    def faces_views(self, edge: Edge) -> bool:
+        """Return whether most views of the surface were taken from beyond an edge."""
+        middle = 0.5 * (edge.start + edge.end)
+        origins = np.stack([self.T_map_view[view][:2, 3] for view in self._inverses])
+        return bool(((origins - middle) @ edge.outward > 0.0).mean() > 0.5)
+
+    def may_go_on(self, area: Polygon) -> bool:
+        """Return whether the surface may cover an area: what stands on it may hide it there.
+
+        No view looked through it at the height of the surface, and most of it is below what some
+        views looked through: a cabinet as high as the room is no object on a worktop.
+        """
+        axes = (np.arange(*bounds, PROBE) for bounds in _bounds(area))
+        points = np.stack([axis.ravel() for axis in np.meshgrid(*axes)], axis=1)
+        points = points[shapely.contains_xy(area, points[:, 0], points[:, 1])]
+        if not len(points):
+            return False
+        at, through, over = self.surface.lift(points), *np.zeros((2, len(points)), bool)
+        for view, T_map_view in zip(self.views, self.T_map_view):
+            local = transform(inverse(T_map_view), at)
+            if np.hypot(local[:, 0], local[:, 1]).min() > view.max_range:
+                continue
+            through |= view.free.contains(local, CLEAR)
+            for above in OVER:
+                over |= view.free.contains(local + np.array([0.0, 0.0, above]), CLEAR)
+        return bool(through.mean() <= MAX_SEEN_FRACTION and over.mean() >= 0.5)
 
     def hides(self, edge: Edge, other: MergedSurface) -> bool:
         """Return whether a higher surface is between any view and the middle of an edge."""
@@ -294,6 +345,12 @@ class EdgeSampler:
             local = transform(self._inverses[view], probes)
             through |= self.views[view].free.contains(local, CLEAR)
         return through
+
+
+def _bounds(area: Polygon) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the bounds of an area in x and in y, from half a probe inside, m."""
+    x_min, y_min, x_max, y_max = area.bounds
+    return (x_min + 0.5 * PROBE, x_max), (y_min + 0.5 * PROBE, y_max)
 
 
 def _outward_at(ring: shapely.LinearRing, points: Float64) -> Float64:

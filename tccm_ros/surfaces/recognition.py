@@ -177,9 +177,7 @@ def _former_patches(
 def _stand(
     surface: MergedSurface, ids: TrackIds, T_map_view: Float64, *, is_former: bool
 ) -> _Stand:
-    finest = min(surface.members, key=lambda m: (m.patch.spacing or np.inf, m.number))
-    blur = T_map_view[finest.view, :2, :2] @ line_of_sight(finest.patch.mean, finest.patch.spacing)
-    footprint = Footprint(surface.polygon, surface.height, tuple(blur.tolist()))
+    footprint = footprint_of(surface, T_map_view)
     min_area = MIN_PART * surface.polygon.area
     seen = tuple(m for m in surface.members if m.patch.outline.area >= min_area)
     return _Stand(
@@ -190,6 +188,21 @@ def _stand(
         ids.last_seen(seen or surface.members),
         is_former,
     )
+
+
+def footprint_of(surface: MergedSurface, T_map_view: Float64) -> Footprint:
+    """Return where a surface is, as well as the view with the finest scan lines tells.
+
+    Parameters
+    ----------
+    surface
+        In map.
+    T_map_view
+        float64 (V, 4, 4), poses of the views.
+    """
+    finest = min(surface.members, key=lambda m: (m.patch.spacing or np.inf, m.number))
+    blur = T_map_view[finest.view, :2, :2] @ line_of_sight(finest.patch.mean, finest.patch.spacing)
+    return Footprint(surface.polygon, surface.height, tuple(blur.tolist()))
 
 
 def _successors(stands: Sequence[_Stand]) -> dict[int, int]:

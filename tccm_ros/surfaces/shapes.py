@@ -27,6 +27,14 @@ from tccm_ros.outlines.shape_models import (
 )
 from tccm_ros.records import EdgeState, SurfaceShape
 from tccm_ros.surfaces.edge_samples import PIECE, Edge, EdgeSampler
+from tccm_ros.surfaces.edge_walls import (
+    AT_WALL,
+    WALL_DISTANCE,
+    front_beyond,
+    rotation_to_wall,
+    wall_across,
+    walls_near,
+)
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import polygon_rings
 from tccm_ros.surfaces.views import View
@@ -37,20 +45,22 @@ ROUNDS = 2
 MIN_LENGTH = 0.08
 """Shorter edges stay where the outline has them, m; chosen: they have few points."""
 
-WALL_DISTANCE = 0.08
-"""An edge this near to a wall may be at the wall, m; chosen: sampling and a skirting board."""
-
-WALL_YAW = np.radians(4.0)
-"""An edge within this of a wall's direction may run along it; chosen."""
-
 WALL_YAW_SIGMA = 0.003
 """Standard deviation of the direction of an edge at a wall against the wall's, rad; chosen."""
 
-AT_WALL = 0.015
-"""An edge this near to a wall ends there, m; chosen: three deviations."""
-
 WALL_WEIGHT = 0.1
 """Weight of a last point that may be of the wall; chosen: ten of them count as one."""
+
+MIN_BEYOND = 0.02
+"""A front that goes on by less ends where the edge is, m; chosen: the error of its end."""
+
+MIN_PART = 0.25
+"""The same where all of the edge ends in line, at something that stands there, m; chosen: arms of
+sofas and side panels of furniture have the same front, and are narrower than what stands on it."""
+
+RAGGED = 0.012
+"""What hides an edge lets most last points end short of the furthest by more than a distance of
+samples and this, m; chosen: twice the noise of each. Points that end at an edge are in line."""
 
 MAX_ROTATION = 0.07
 """Edges rotate by at most this in a round, rad; chosen."""
@@ -139,7 +149,7 @@ def fit_shape(
     sampler = EdgeSampler(surface, views, T_map_view)
     samples = sampler.outline_samples()
     exterior = Polygon(surface.polygon.exterior)
-    near = walls[shapely.dwithin(shapely.linestrings(walls), exterior, WALL_DISTANCE)]
+    near = walls_near(exterior, walls)
     model = choose_model(samples, exterior, _yaws(exterior, near))
     if model is None:
         return _free(sampler, samples, others)
@@ -147,6 +157,7 @@ def fit_shape(
     if isinstance(model, StraightModel):
         for _ in range(ROUNDS):
             model, sigmas = _refined(model, sampler, near)
+        model = _to_ends_of_fronts(model, sampler, samples, walls)
     polygon = model.polygon()
     if polygon is None:
         return _free(sampler, samples, others)
@@ -201,7 +212,7 @@ def _refined(
     if not np.isfinite(corners).all():
         return model, np.full(len(corners), np.nan)
     edges = _edges_of(corners)
-    across = [_wall_across(edge, walls) for edge in edges]
+    across = [wall_across(edge, walls) for edge in edges]
     samples = [
         doubting_wall_points(sampler.edge_samples(edge), wall) for edge, wall in zip(edges, across)
     ]
@@ -215,11 +226,61 @@ def _refined(
         offsets[k] = normals[k] @ middle
         if edge.length < MIN_LENGTH or not len(found.at):
             continue
+        if _reaches_wall(edge, found, across[k], sampler):
+            offsets[k] += across[k]
+            continue
         # A point at a distance from the middle of an edge is further across after a rotation.
         last = found.last + rotation * (found.at - 0.5 * edge.length)
         shift, sigmas[k] = locate_edge(found._replace(last=last), across[k])
         offsets[k] += shift
     return replace(model, normals=normals, offsets=offsets), sigmas
+
+
+def _to_ends_of_fronts(
+    model: StraightModel, sampler: EdgeSampler, samples: OutlineSamples, walls: Float64
+) -> StraightModel:
+    """Return the model with hidden edges where the fronts beside them end.
+
+    A top goes on as far as the front below its near edge, which the level laser sees. It does so by
+    no more than what was seen of that edge.
+    """
+    corners = model.corners()
+    if not model.has_axes or not np.isfinite(corners).all():
+        return model
+    edges, offsets = _edges_of(corners), model.offsets.copy()
+    for k, edge in enumerate(edges):
+        if _state(edge, sampler, samples) is EdgeState.SEEN:
+            continue
+        for front in (edges[k - 1], edges[(k + 1) % len(edges)]):
+            beyond = front_beyond(front, edge.outward, walls) if sampler.faces_views(front) else 0.0
+            ragged = _is_ragged(sampler.edge_samples(edge), sampler.reach(edge, np.inf))
+            if not (MIN_BEYOND if ragged else MIN_PART) < beyond <= front.length:
+                continue
+            step = beyond * edge.outward
+            strip = Polygon([edge.start, edge.start + step, edge.end + step, edge.end])
+            if sampler.may_go_on(strip):
+                offsets[k] = model.offsets[k] + beyond
+    return replace(model, offsets=offsets)
+
+
+def _reaches_wall(
+    edge: Edge, samples: EdgeSamples, wall: float | None, sampler: EdgeSampler
+) -> bool:
+    """Return whether a hidden edge ends so near to a wall that it is taken to be there.
+
+    Furniture stands at walls: what stands on it hides the last of it from all views. Points on the
+    wall tell nothing, as it has some at the height of a board that ends before it.
+    """
+    if wall is None or samples.weight[samples.ends].sum() >= 0.5 * samples.weight.sum():
+        return False
+    reach = sampler.reach(edge, wall - AT_WALL)
+    return bool(_is_ragged(samples, reach) and wall - reach <= WALL_DISTANCE)
+
+
+def _is_ragged(samples: EdgeSamples, reach: float) -> bool:
+    """Return whether most last points end short of the furthest: objects hide the rest."""
+    is_short = samples.last < reach - samples.gap - RAGGED
+    return bool(samples.weight[is_short].sum() > 0.5 * samples.weight.sum())
 
 
 def doubting_wall_points(samples: EdgeSamples, wall: float | None) -> EdgeSamples:
@@ -256,7 +317,7 @@ def _rotations(
     for k, (edge, found) in enumerate(zip(edges, samples)):
         if edge.length >= MIN_LENGTH and len(found.at):
             scores[k] = rotation_scores(found, 0.5 * edge.length, ROTATIONS, across[k])
-    to_walls = np.array([_rotation_to_wall(edge, walls) for edge in edges])
+    to_walls = np.array([rotation_to_wall(edge, walls) for edge in edges])
     if model.has_axes:
         nearest = float(to_walls[np.argmin(np.abs(to_walls))])
         return np.full(len(edges), _rotation(scores.sum(axis=0), nearest))
@@ -283,44 +344,6 @@ def _rotation(scores: Float64, to_wall: float) -> float:
     return float(likelihood @ ROTATIONS / likelihood.sum())
 
 
-def _rotation_to_wall(edge: Edge, walls: Float64) -> float:
-    """Return the rotation that makes an edge parallel to the wall it runs along, rad; inf: none."""
-    wall = _wall_along(edge, walls)
-    if wall is None:
-        return float("inf")
-    rotation = _yaw(wall[1] - wall[0]) - _yaw(edge.end - edge.start)
-    return float((rotation + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
-
-
-def _wall_across(edge: Edge, walls: Float64) -> float | None:
-    """Return how far across an edge the wall is that it runs along, m; None: there is none."""
-    wall = _wall_along(edge, walls)
-    if wall is None:
-        return None
-    (start, end), middle = wall, 0.5 * (edge.start + edge.end)
-    along = (end - start) / np.hypot(*(end - start))
-    nearest = start + ((middle - start) @ along) * along
-    return float((nearest - middle) @ edge.outward)
-
-
-def _wall_along(edge: Edge, walls: Float64) -> Float64 | None:
-    """Return the nearest wall that runs along an edge, float64 (2, 2); None: there is none."""
-    best, nearest = None, WALL_DISTANCE
-    line = shapely.LineString([edge.start, edge.end])
-    for wall in walls:
-        direction = wall[1] - wall[0]
-        sine = float(direction @ edge.outward) / max(float(np.hypot(*direction)), 1e-9)
-        if abs(sine) > np.sin(WALL_YAW):
-            continue
-        beside = shapely.LineString(wall).buffer(nearest, cap_style="flat")
-        distance = shapely.distance(
-            line.interpolate(0.5, normalized=True), shapely.LineString(wall)
-        )
-        if distance < nearest and beside.intersection(line).length >= 0.5 * edge.length:
-            best, nearest = wall, float(distance)
-    return best
-
-
 def _edges(
     model: Model,
     polygon: Polygon,
@@ -334,7 +357,7 @@ def _edges(
     corners = np.asarray(polygon.exterior.coords)[:-1]
     edges = []
     for k, edge in enumerate(_edges_of(corners)):
-        across = _wall_across(edge, walls)
+        across = wall_across(edge, walls)
         state = _state(edge, sampler, samples)
         if across is not None and abs(across) <= AT_WALL:
             state = EdgeState.SEEN

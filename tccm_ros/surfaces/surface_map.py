@@ -32,7 +32,6 @@ from tccm_ros.surfaces.corrected_labels import (
     with_corrected_labels,
     with_corrections,
 )
-from tccm_ros.surfaces.displacement import Footprint
 from tccm_ros.surfaces.floor import find_floor, is_floor, join_floor
 from tccm_ros.surfaces.joining import join_over_occlusions
 from tccm_ros.surfaces.labels import Label, label_surfaces
@@ -49,7 +48,7 @@ from tccm_ros.surfaces.object_labels import SeenDetection
 from tccm_ros.surfaces.object_tracks import with_objects_of
 from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.polygons import polygon_rings
-from tccm_ros.surfaces.recognition import FormerStand, adopt_ids
+from tccm_ros.surfaces.recognition import FormerStand, adopt_ids, footprint_of
 from tccm_ros.surfaces.shapes import Shape, ShapedEdge, fit_shape, free_shape
 from tccm_ros.surfaces.track_ids import TrackIds
 from tccm_ros.surfaces.views import (
@@ -249,7 +248,16 @@ class SurfaceMap:
         )
         shapes = self._shapes(surfaces, floor_z, views, T, walls)
         records = [
-            _record(surface, shape, label, ids, views, poses.keyframes, stood.get(surface.members))
+            _record(
+                surface,
+                shape,
+                label,
+                ids,
+                ids.placed(surface.members, footprint_of(surface, T)).stamp_ns,
+                views,
+                poses.keyframes,
+                stood.get(surface.members),
+            )
             for surface, shape, label in zip(surfaces, shapes, labels)
         ]
         return _mapped(records, surfaces, floor_z, T)
@@ -295,6 +303,7 @@ def _record(
     shape: Shape,
     label: Label,
     ids: TrackIds,
+    placed_ns: int,
     views: list[View],
     keyframes: Int64,
     stood: FormerStand | None,
@@ -327,7 +336,7 @@ def _record(
         boundary_seen=surface.lift(boundary_seen),
         shape=shape.name,
         edges=tuple(_edge(surface, edge, ids) for edge in shape.edges),
-        placed_ns=ids.placed(surface.members, Footprint(surface.polygon, surface.height)).stamp_ns,
+        placed_ns=placed_ns,
         stood=None if stood is None else _former_place(stood),
     )
 

@@ -12,9 +12,12 @@ had. A surface that is split off is not among them any more.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 
 from tccm_ros.arrays import Float64
 from tccm_ros.surfaces.carving import Survivors
@@ -52,36 +55,30 @@ class TrackIds:
         self._ids: dict[int, set[int]] = {}
         self._first_seen: dict[int, SightKey] = {}
         self._last_seen: dict[int, SightKey] = {}
-        self._placed: dict[int, SightKey] = {}
-        self._cut: dict[int, Footprint] = {}
+        self._sights: dict[int, set[tuple[int, int]]] = {}
+        self._may_be_elsewhere: set[tuple[int, int]] = set()
         first = first_numbers(views)
-        for start, view in zip(first, views):
+        for v, (start, view) in enumerate(zip(first, views)):
             for p, patch in enumerate(view.patches):
-                number, seen, placed = patch.number, patch.first_seen_ns, patch.placed_ns
+                number, seen = patch.number, patch.first_seen_ns
                 own = SightKey(view.session, view.stamp_ns)
                 self._ids[start + p] = {start + (p if number is None else number)}
                 self._first_seen[start + p] = own if seen is None else own._replace(stamp_ns=seen)
-                self._placed[start + p] = own if placed is None else own._replace(stamp_ns=placed)
                 self._last_seen[start + p] = own
+                self._sights[start + p] = {(v, p)}
         for v, view in enumerate(views):
             for p in range(len(view.patches)):
                 kept = left.keep[v][p]
                 if (v, p) in left.replaced_by and not kept.any():
                     w, q = left.replaced_by[v, p]
-                    self._inherit((v, p), (w, q), first)
-                elif kept.any() and not kept.all() and np.mean(kept) < 1.0 - CUT:
-                    self._cut[first[v] + p] = self._footprint(v, p)
+                    self._inherit(first[v] + p, first[w] + q)
+                if np.mean(kept) < 1.0 - CUT:
+                    self._may_be_elsewhere.add((v, p))
 
-    def _inherit(self, old: tuple[int, int], new: tuple[int, int], first: list[int]) -> None:
-        older, newer = first[old[0]] + old[1], first[new[0]] + new[1]
+    def _inherit(self, older: int, newer: int) -> None:
         self._ids[newer] |= self._ids[older]
         self._first_seen[newer] = min(self._first_seen[newer], self._first_seen[older])
-        if not is_displaced(self._footprint(*old), self._footprint(*new)):
-            self._placed[newer] = min(self._placed[newer], self._placed[older])
-
-    def _footprint(self, v: int, p: int) -> Footprint:
-        patch = self._views[v].patches[p]
-        return footprint_in_map(patch.outline, patch.mean, patch.spacing, self._T_map_view[v])
+        self._sights[newer] |= self._sights[older]
 
     def adopt(self, members: Members, older: Members) -> None:
         """Give a surface the ids and the first sight of one that it is, and that stood elsewhere.
@@ -121,15 +118,36 @@ class TrackIds:
     def placed(self, members: Members, now: Footprint) -> SightKey:
         """Return when a view first showed the surface where it is now.
 
+        That is the first after all that showed it elsewhere. What a view saw of it counts as one:
+        a strip of a table that was moved may still be within its outline.
+
         Parameters
         ----------
         members, now
-            The surface and its outline. A patch of which a part was looked through may show it
-            where it was before.
+            The surface and its outline.
         """
-        stamps = [
-            self._placed[member.number]
-            for member in members
-            if member.number not in self._cut or not is_displaced(self._cut[member.number], now)
-        ]
-        return min(stamps, default=self.last_seen(members))
+        sights = sorted(set().union(*(self._sights[member.number] for member in members)))
+        found = self.last_seen(members)
+        for v, group in reversed([(v, list(g)) for v, g in groupby(sights, lambda s: s[0])]):
+            if self._may_be_elsewhere.intersection(group) and is_displaced(
+                self._footprint(group), now
+            ):
+                break
+            found = min(found, max(self._own_placed(v, p) for _, p in group))
+        return found
+
+    def _own_placed(self, v: int, p: int) -> SightKey:
+        """Return since when a patch is where it is, by views that it replaced and were removed."""
+        view = self._views[v]
+        placed_ns = view.patches[p].placed_ns
+        return SightKey(view.session, view.stamp_ns if placed_ns is None else placed_ns)
+
+    def _footprint(self, sights: Sequence[tuple[int, int]]) -> Footprint:
+        """Return where the patches of one view that are one surface are together."""
+        patches = [self._views[v].patches[p] for v, p in sights]
+        T = self._T_map_view[sights[0][0]]
+        parts = [footprint_in_map(p.outline, p.mean, p.spacing, T) for p in patches]
+        outline = shapely.union_all([part.outline for part in parts])
+        z = np.average([part.z for part in parts], weights=[p.count for p in patches])
+        blur = max((part.blur for part in parts), key=lambda b: float(np.hypot(*b)))
+        return Footprint(outline, float(z), blur)

@@ -8,15 +8,7 @@ from surface_maps import above_floor, build, overlap
 
 from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge, rotation_scores
 from tccm_ros.records import EdgeState, SurfaceShape
-from tccm_ros.surfaces.edge_samples import Edge
-from tccm_ros.surfaces.shapes import (
-    ROTATIONS,
-    _rotation,
-    _rotation_to_wall,
-    _wall_across,
-    _yaws,
-    doubting_wall_points,
-)
+from tccm_ros.surfaces.shapes import ROTATIONS, _rotation, _yaws, doubting_wall_points
 
 HERE = (0.0, 0.0, 0.0)
 TABLE = Board(1.6, 0.0, 0.8, 1.2, 0.74)
@@ -129,21 +121,3 @@ def test_an_edge_has_the_direction_of_a_wall_where_its_points_leave_that_open(of
     sharp = rotation_scores(last_points(at, -0.002 - 0.0 * at, gap=0.004), 0.5, ROTATIONS)
     assert _rotation(open_scores, off) == off
     assert (_rotation(sharp, off) == off) == (off == 0.0)
-
-
-@pytest.mark.parametrize("angle", [-0.04, 0.0, 0.05])
-@pytest.mark.parametrize("yaw", [-2.0, 0.0, 1.1, 3.0])
-@pytest.mark.parametrize("backwards", [False, True])
-def test_an_edge_along_a_wall_is_parallel_to_it_and_so_far_from_it(yaw, angle, backwards):
-    """Turned about its middle by the rotation it would be parallel; across is to the foot."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    start = np.array([2.0, -1.0])
-    edge = Edge(start, start + 0.8 * np.array([c, s]))
-    middle, beside = 0.5 * (edge.start + edge.end), 0.04
-    along = np.array([np.cos(yaw + angle), np.sin(yaw + angle)])
-    foot = middle + beside * np.array([along[1], -along[0]])
-    wall = np.array([foot - 2.0 * along, foot + 1.5 * along])
-    walls = np.array([wall[::-1] if backwards else wall, wall + 5.0])
-    assert _rotation_to_wall(edge, walls) == pytest.approx(angle, abs=1e-9)
-    assert _wall_across(edge, walls) == pytest.approx(beside * np.cos(angle), abs=1e-9)
-    assert _wall_across(edge, walls[1:]) is None

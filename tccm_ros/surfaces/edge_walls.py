@@ -1,0 +1,141 @@
+"""What the wall map says of the edges of a surface.
+
+A wall behind a surface bounds it. A block of furniture hides the wall behind it from the level
+laser, which has a wall to either side of it then, and a gap between them: the wall goes on there.
+In front, the level laser sees the block itself, whose front is a wall of the map as well: the top
+goes on as far as its front does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from tccm_ros.arrays import Float64
+from tccm_ros.surfaces.edge_samples import Edge
+
+WALL_DISTANCE = 0.12
+"""An edge this near to a wall may be at the wall, m; chosen: what objects before a wall hide."""
+
+WALL_YAW = np.radians(4.0)
+"""An edge within this of a wall's direction may run along it; chosen."""
+
+AT_WALL = 0.015
+"""An edge this near to a wall ends there, m; chosen: three deviations."""
+
+OVERHANG = 0.03
+"""A board ends at most this far before or behind the front below it, m; chosen: a worktop."""
+
+ONE_LINE = 0.03
+"""Two walls are on one line where the ends of each are within this of the line of the other, m;
+chosen: the faces of two pieces of furniture are further from each other."""
+
+
+def walls_near(outline: Polygon, walls: Float64) -> Float64:
+    """Return the walls near an outline, and those that what is there hides.
+
+    Parameters
+    ----------
+    outline
+        Of a surface, in x and y of map.
+    walls
+        float64 (W, 2, 2), ends of the walls in map, m.
+
+    Returns
+    -------
+    float64 (N, 2, 2)
+    """
+    near = shapely.dwithin(shapely.linestrings(walls), outline, WALL_DISTANCE)
+    hidden = list(_walls_behind(outline, walls))
+    return np.concatenate([walls[near], np.reshape(hidden, (-1, 2, 2))])
+
+
+def _walls_behind(outline: Polygon, walls: Float64) -> Iterator[Float64]:
+    """Yield the walls from one wall to another on its line, beside which an outline is."""
+    length = np.hypot(*(walls[:, 1] - walls[:, 0]).T)
+    beside = shapely.dwithin(_lines(walls, float(outline.length)), outline, WALL_DISTANCE)
+    for i, j in combinations(np.flatnonzero(beside).tolist(), 2):
+        first, second = (walls[i], walls[j]) if length[i] >= length[j] else (walls[j], walls[i])
+        start, along = first[0], (first[1] - first[0]) / max(length[i], length[j], 1e-9)
+        across = (second - start) @ np.array([along[1], -along[0]])
+        if np.abs(across).max() > ONE_LINE:
+            continue
+        spans = [np.sort((wall - start) @ along) for wall in (first, second)]
+        (_, low), (high, _) = sorted(spans, key=lambda span: span.tolist())
+        between = start + np.array([[low], [high]]) * along
+        if low < high and shapely.dwithin(shapely.LineString(between), outline, WALL_DISTANCE):
+            yield between
+
+
+def _lines(walls: Float64, beyond: float) -> shapely.Geometry:
+    """Return walls that go on beyond their ends by a length, m."""
+    along = walls[:, 1] - walls[:, 0]
+    along = along / np.maximum(np.hypot(*along.T), 1e-9)[:, None]
+    ends = np.stack([walls[:, 0] - beyond * along, walls[:, 1] + beyond * along], axis=1)
+    return shapely.linestrings(ends)
+
+
+def front_beyond(edge: Edge, outward: Float64, walls: Float64) -> float:
+    """Return how far the front below an edge goes on beyond one of its ends, m; 0: it does not.
+
+    Parameters
+    ----------
+    edge
+        That faces the views.
+    outward
+        float64 (2,), unit, along the edge towards that end.
+    walls
+        float64 (W, 2, 2), ends of the walls in map, m, without those that are hidden.
+    """
+    front = wall_along(edge, walls)
+    across = wall_across(edge, walls)
+    if front is None or across is None or abs(across) > OVERHANG:
+        return 0.0
+    end = max(edge.start @ outward, edge.end @ outward)
+    return max(float((front @ outward).max() - end), 0.0)
+
+
+def rotation_to_wall(edge: Edge, walls: Float64) -> float:
+    """Return the rotation that makes an edge parallel to the wall it runs along, rad; inf: none."""
+    wall = wall_along(edge, walls)
+    if wall is None:
+        return float("inf")
+    rotation = _yaw(wall[1] - wall[0]) - _yaw(edge.end - edge.start)
+    return float((rotation + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
+
+
+def _yaw(direction: Float64) -> float:
+    return float(np.arctan2(direction[1], direction[0]))
+
+
+def wall_across(edge: Edge, walls: Float64) -> float | None:
+    """Return how far across an edge the wall is that it runs along, m; None: there is none."""
+    wall = wall_along(edge, walls)
+    if wall is None:
+        return None
+    (start, end), middle = wall, 0.5 * (edge.start + edge.end)
+    along = (end - start) / np.hypot(*(end - start))
+    nearest = start + ((middle - start) @ along) * along
+    return float((nearest - middle) @ edge.outward)
+
+
+def wall_along(edge: Edge, walls: Float64) -> Float64 | None:
+    """Return the nearest wall that runs along an edge, float64 (2, 2); None: there is none."""
+    best, nearest = None, WALL_DISTANCE
+    line = shapely.LineString([edge.start, edge.end])
+    for wall in walls:
+        direction = wall[1] - wall[0]
+        sine = float(direction @ edge.outward) / max(float(np.hypot(*direction)), 1e-9)
+        if abs(sine) > np.sin(WALL_YAW):
+            continue
+        beside = shapely.LineString(wall).buffer(nearest, cap_style="flat")
+        distance = shapely.distance(
+            line.interpolate(0.5, normalized=True), shapely.LineString(wall)
+        )
+        if distance < nearest and beside.intersection(line).length >= 0.5 * edge.length:
+            best, nearest = wall, float(distance)
+    return best

@@ -18,6 +18,11 @@ TOP_DIFFERENCE = 0.05
 """A surface this near to the upper side of an object, m, is its top. Chosen."""
 
 
+SCENES = 4
+"""Number of scenes in which a surface is remembered. Chosen: three views of a stop show that it was
+moved."""
+
+
 class ChangeKind(IntEnum):
     """Kinds of changes, numbered as in tccm_interfaces/SurfaceEvent."""
 
@@ -87,6 +92,7 @@ class MapChanges:
         self._told: Scene | None = None
         self._is_first_awaited = is_map_loaded
         self._absent: dict[int, int] = {}
+        self._earlier: dict[int, tuple[tuple[int, KnownSurface], ...]] = {}
 
     def note(self, scene: Scene, agreeing_views: int) -> list[Change]:
         """Return what has changed since the scenes before.
@@ -102,8 +108,34 @@ class MapChanges:
             self._told, self._is_first_awaited = scene, False
             return []
         told = self._told or scene._replace(surfaces=(), objects=(), stamp_ns=-1)
-        self._told = self._agreed(told, scene)
-        return changes(told, self._told, agreeing_views)
+        self._told = now = self._agreed(told, scene)
+        found = changes(self._as_placed_before(told, now), now, agreeing_views)
+        self._remember(now)
+        return found
+
+    def _as_placed_before(self, told: Scene, now: Scene) -> Scene:
+        """Return a scene with surfaces as they were before the views that show them elsewhere.
+
+        Where one was moved by little, it takes several views to tell, and scenes in between have
+        what is left at the old place with the new one.
+        """
+        placed = {k.surface.id: k.surface.placed_ns for k in now.surfaces}
+        surfaces = []
+        for known in told.surfaces:
+            since = placed.get(known.surface.id, known.surface.placed_ns)
+            earlier = self._earlier.get(known.surface.id, ())
+            before = [k for newest_view_ns, k in earlier if newest_view_ns < since]
+            is_elsewhere = since != known.surface.placed_ns and len(before) > 0
+            surfaces.append(before[-1] if is_elsewhere else known)
+        return told._replace(surfaces=tuple(surfaces))
+
+    def _remember(self, now: Scene) -> None:
+        """Keep the surfaces of the last scenes."""
+        there = {k.surface.id: k for k in now.surfaces}
+        self._earlier = {
+            identity: (*self._earlier.get(identity, ()), (now.newest_view_ns, known))[-SCENES:]
+            for identity, known in there.items()
+        }
 
     def _agreed(self, told: Scene, scene: Scene) -> Scene:
         """Return a scene without the changes of surfaces that its newest view alone shows."""

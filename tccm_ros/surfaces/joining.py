@@ -1,11 +1,13 @@
 """Joining: pieces of one surface are joined over the occluded area between them.
 
 An object on a sideboard hides a strip across its whole depth, and the sensor may leave out a strip
-of the floor. Two coplanar pieces are one surface if no view looked through the area between them.
+of the floor. Two coplanar pieces are one surface if no view looked through the area between them. A
+single scan line is one with what is beside it where their expected areas nearly touch.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from itertools import combinations
 
@@ -29,6 +31,9 @@ from tccm_ros.surfaces.views import View
 
 JoinAreaFunction = Callable[[MergedSurface, MergedSurface], Polygon | None]
 """Returns the area between two pieces, in x and y of map, if they are one surface, else None."""
+
+PlacedFunction = Callable[[MergedSurface], tuple[int, int]]
+"""Returns session and stamp of the view that first showed a piece where it is."""
 
 CoplanarityTest = Callable[[MergedSurface, MergedSurface, Float64], bool]
 """Returns whether two pieces agree in height at a position, float64 (2,), in map."""
@@ -81,9 +86,12 @@ def join_over_occlusions(
     T_map_view: Float64,
     cov_z_roll_pitch: Float64,
     walls: Float64,
+    placed: PlacedFunction,
     config: Config,
 ) -> list[MergedSurface]:
     """Join pieces that are coplanar and between which no view looked through.
+
+    What views saw there before the pieces came tells nothing.
 
     Parameters
     ----------
@@ -96,13 +104,18 @@ def join_over_occlusions(
     walls
         float64 (W, 2, 2), ends of the walls in map, m: pieces on two sides of a wall are not
         joined.
+    placed
+        Since when a piece is where it is.
     config
         Uses `surfaces.max_step` and `views.clear_margin`.
     """
     is_coplanar = _coplanar(T_map_view, cov_z_roll_pitch, config)
+    keys = [view.key for view in views]
+    first = {id(piece): bisect_left(keys, placed(piece)) for piece in pieces}
 
     def between(a: MergedSurface, b: MergedSurface) -> Polygon | None:
-        area = occluded_area_between(a, b, is_coplanar, views, T_map_view, config)
+        since = max(first[id(a)], first[id(b)])
+        area = occluded_area_between(a, b, is_coplanar, views[since:], T_map_view[since:], config)
         return None if area is None or _is_wall_between(a, b, walls) else area
 
     return join(pieces, between)
@@ -160,18 +173,21 @@ def occluded_area_between(
     views, T_map_view
         All views, and float64 (V, 4, 4).
     config
-        Uses `views.clear_margin`.
+        Uses `views.clear_margin` and, for pieces that are lines, `surfaces.merge_distance`.
     depth
         A view looked through where it did so this far below the pieces, m.
     """
-    if not shapely.dwithin(a.polygon, b.polygon, MAX_OCCLUDED_WIDTH):
+    has_line = a.is_line or b.is_line
+    reach = config.surfaces.merge_distance if has_line else MAX_OCCLUDED_WIDTH
+    if not shapely.dwithin(a.polygon, b.polygon, reach):
         return None
     nearest = np.array(shapely.shortest_line(a.polygon, b.polygon).centroid.coords[0])
     if not is_coplanar(a, b, nearest):
         return None
     union = shapely.union_all([a.polygon, b.polygon], grid_size=GRID)
     between = polygons_of(close_gaps(union, 0.5 * MAX_OCCLUDED_WIDTH).difference(union))
-    width = min(box_sides(a.polygon)[0], box_sides(b.polygon)[0], MAX_FACING_WIDTH)
+    side = int(has_line)  # a line is as wide as its noise: it faces what is beside it
+    width = min(box_sides(a.polygon)[side], box_sides(b.polygon)[side], MAX_FACING_WIDTH)
     for part in sorted(between.geoms, key=lambda part: (-part.area, part.bounds)):
         if part.area < MIN_OCCLUDED_AREA or _facing(part, a, b) < MIN_FACING_FRACTION * width:
             continue

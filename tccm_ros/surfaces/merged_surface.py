@@ -94,6 +94,16 @@ class MergedSurface:
         return {member.view for member in self.members}
 
     @property
+    def is_line(self) -> bool:
+        """Whether its points are on a line, which has no area whatever their noise is."""
+        return is_line(self.cov)
+
+    @property
+    def has_area(self) -> bool:
+        """Whether it is more than a line, and than a few points far from each other."""
+        return not self.is_line and not is_sparse(self.members, self.polygon.area)
+
+    @property
     def height(self) -> float:
         """Height z at the centroid, m."""
         return float(self.mean[2])
@@ -111,10 +121,7 @@ class MergedSurface:
 def fit_surface(
     members: Members, views: list[View], T_map_view: Float64, config: Config
 ) -> MergedSurface | None:
-    """Compute plane, outline and moments of a merged surface; None where it has no area.
-
-    Points on a line have no area, whatever the outline of their noise is; nor have a few points far
-    from each other.
+    """Compute plane, outline and moments of a merged surface; None where it has no outline.
 
     Parameters
     ----------
@@ -139,8 +146,6 @@ def fit_surface(
         np.einsum("kij,kj->ki", R, means) + T[:, :3, 3],
         np.einsum("kij,kjl,kml->kim", R, covs, R),
     )
-    if is_line(cov) or is_sparse(members, polygon.area):
-        return None
     return MergedSurface.of_moments(members, polygon, count, mean, cov)
 
 

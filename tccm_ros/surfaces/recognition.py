@@ -146,7 +146,7 @@ def adopt_ids(
         for members in merge_coplanar(former, *poses, config)
     ]
     T = poses[0]
-    stands = [_stand(s, ids, T, is_former=True) for s in stood if s is not None]
+    stands = [_stand(s, ids, T, is_former=True) for s in stood if s is not None and s.has_area]
     now = [_stand(s, ids, T, is_former=False) for s in surfaces]
     stands += [s._replace(is_former=any(map(s.was_lifted_to, now))) for s in now]
     found = {}

@@ -1,7 +1,8 @@
-"""Stray points of a surface in one view: a few far from all others, on the front of a higher one.
+"""Stray points of a surface in one view: a few that another surface of the view explains.
 
-A beam on the front of a table behind can have the height of the table before it. The outline would
-go on over the gap between them to such points, and two tables would be one where they overlap.
+A beam on the front of a table behind can have the height of the table before it, and of two tables
+of nearly one height a few points of one may go to the other. The outline would go on over the gap
+between them to such points, and two tables would be one where they overlap.
 """
 
 from __future__ import annotations
@@ -13,16 +14,25 @@ from scipy.spatial import cKDTree
 
 from tccm_ros.arrays import Bool, Float32, Int32
 
-GAP = 3.0
+GAP = 1.5
 """Strays are further from all others than so many times the spacing of the surface's points.
-Chosen: one scan line may be missing between two others, and noise moves both."""
+Chosen: the next scan line is nearer, with noise."""
 
 MAX_FRACTION = 0.05
 """And are at most this fraction of the points. Chosen: what an object hides is seen to both sides,
 by more."""
 
-FRONT = 0.05
-"""And they are so near to points of a higher surface, seen from above, m. Chosen: two cells."""
+MAX_FRONT_FRACTION, MAX_FRONT_DEPTH = 0.3, 0.1
+"""Or at most this one where they are a strip of less than this depth, m: that of a whole front.
+Chosen: less than the surface itself, which has more lines; noise, and a table's rotated front."""
+
+BESIDE = 0.05
+"""And they are so near to points of another surface, seen from above, m, or as near as scan lines
+are to each other. Chosen: two cells."""
+
+NOT_LOWER = 0.006
+"""That surface is not lower than they are by more than this, m: they are on its front, or of it.
+Chosen: two deviations of a range."""
 
 
 def mark_strays(points: Float32, weights: Int32, spacing: float, others: Float32) -> Bool:
@@ -44,11 +54,27 @@ def mark_strays(points: Float32, weights: Int32, spacing: float, others: Float32
     pairs = cKDTree(points[:, :2]).query_pairs(GAP * spacing, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
     part_of = connected_components(links, directed=False)[1]
-    measured = np.bincount(part_of, weights=weights)
-    strays = np.asarray((measured <= MAX_FRACTION * measured.sum())[part_of])
-    for part in np.unique(part_of[strays]):
+    measured = np.bincount(part_of, weights=weights) / weights.sum()
+    strays = np.zeros(len(points), np.bool_)
+    for part in np.flatnonzero(measured <= MAX_FRONT_FRACTION):
         members = points[part_of == part]
-        higher = others[others[:, 2] > members[:, 2].max()]
-        near = len(higher) and cKDTree(higher[:, :2]).query(members[:, :2])[0] <= FRONT
-        strays[part_of == part] = np.mean(near) > 0.5
+        if measured[part] <= MAX_FRACTION or _depth(members) <= MAX_FRONT_DEPTH:
+            strays[part_of == part] = _are_explained(members, others, max(spacing, BESIDE))
     return strays
+
+
+def _depth(points: Float32) -> float:
+    """Return the shorter side of points, seen from above, m."""
+    if len(points) < 2:
+        return 0.0
+    least = np.linalg.eigvalsh(np.cov(points[:, :2].astype(np.float64).T))[0]
+    return float(np.sqrt(12.0 * max(least, 0.0)))
+
+
+def _are_explained(members: Float32, others: Float32, beside: float) -> bool:
+    """Return whether most points are within a distance, m, of those of a surface not lower."""
+    near = others[others[:, 2] >= members[:, 2].mean() - NOT_LOWER]
+    if not len(near):
+        return False
+    distance = cKDTree(near[:, :2]).query(members[:, :2])[0]
+    return bool(np.mean(distance <= beside) > 0.5)

@@ -225,16 +225,24 @@ class SurfaceMap:
         groups = self._merge(views, left, poses)
         fitted = [fit_surface(members, views, T, config) for members in groups]
         surfaces = [surface for surface in fitted if surface is not None]
+        ids = TrackIds(views, T, left)
         if self._published_merge is None:
             surfaces = join_over_occlusions(
-                surfaces, views, T, poses.cov_z_roll_pitch, walls, config
+                surfaces,
+                views,
+                T,
+                poses.cov_z_roll_pitch,
+                walls,
+                lambda piece: ids.placed(piece.members, footprint_of(piece, T)),
+                config,
             )
-        surfaces = [s for s in surfaces if s.polygon.area >= config.surfaces.min_area]
+        surfaces = [
+            s for s in surfaces if s.has_area and s.polygon.area >= config.surfaces.min_area
+        ]
         floor_z = find_floor(surfaces, config)
         if self._published_merge is None:
             surfaces = join_floor(surfaces, floor_z, views, T, config)
         surfaces = [s for s in surfaces if _is_wanted(s, floor_z, config)]
-        ids = TrackIds(views, T, left)
         stood: dict[Members, FormerStand] = {}
         if self._published_merge is None:
             surfaces, stood = adopt_ids(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -154,28 +155,57 @@ def _make_patches(points: Float32, others: Float32, config: Config) -> list[Patc
     Points without an outline (a single scan line) make one patch without area.
     """
     thinned, weights = thin_cloud(points, config.views.voxel_size)
-    plan, min_gap = thinned[:, :2].astype(np.float64), config.surfaces.merge_distance
-    outline, spacing = horizontal_outline(plan, min_gap)
-    strays = mark_strays(thinned, weights, spacing, others)
-    if strays.any():
-        points = points[~strays[cKDTree(plan).query(points[:, :2])[1]]]
-        thinned, weights = thinned[~strays], weights[~strays]
-        outline, spacing = horizontal_outline(plan[~strays], min_gap)
-    if len(outline.geoms) < 2:
-        return [_patch(points, thinned, weights, outline, spacing)]
-    parts = sorted(outline.geoms, key=lambda part: (-part.area, part.bounds))
-    of_point, of_thinned = _nearest(parts, points), _nearest(parts, thinned)
-    return [
-        _patch(
-            points[of_point == k],
-            thinned[of_thinned == k],
-            weights[of_thinned == k],
+    min_gap = config.surfaces.merge_distance
+    whole = _without_strays(points, thinned, weights, others, min_gap)
+    if len(whole.outline.geoms) < 2:
+        return [_patch(*whole)]
+    parts = sorted(whole.outline.geoms, key=lambda part: (-part.area, part.bounds))
+    of_point, of_thinned = _nearest(parts, whole.points), _nearest(parts, whole.thinned)
+    patches = []
+    for k, part in enumerate(parts):
+        own, own_thinned = of_point == k, of_thinned == k
+        if not (own.any() and own_thinned.any()):
+            continue
+        rest = np.concatenate([others, whole.thinned[~own_thinned]])
+        outlined = _Outlined(
+            whole.points[own],
+            whole.thinned[own_thinned],
+            whole.weights[own_thinned],
             MultiPolygon([part]),
-            spacing,
+            whole.spacing,
         )
-        for k, part in enumerate(parts)
-        if np.any(of_point == k) and np.any(of_thinned == k)
-    ]
+        patches.append(_patch(*_with_strays_removed(outlined, rest, min_gap)))
+    return patches
+
+
+class _Outlined(NamedTuple):
+    """Points of a surface, thinned with their weights, their outline, and their spacing, m."""
+
+    points: Float32
+    thinned: Float32
+    weights: Int32
+    outline: MultiPolygon
+    spacing: float
+
+
+def _without_strays(
+    points: Float32, thinned: Float32, weights: Int32, others: Float32, min_gap: float
+) -> _Outlined:
+    """Return points with their outline, without those that another surface explains."""
+    outline, spacing = horizontal_outline(thinned[:, :2].astype(np.float64), min_gap)
+    whole = _Outlined(points, thinned, weights, outline, spacing)
+    return _with_strays_removed(whole, others, min_gap)
+
+
+def _with_strays_removed(whole: _Outlined, others: Float32, min_gap: float) -> _Outlined:
+    points, thinned, weights, _, spacing = whole
+    strays = mark_strays(thinned, weights, spacing, others)
+    if not strays.any():
+        return whole
+    plan = thinned[:, :2].astype(np.float64)
+    kept = ~strays[cKDTree(plan).query(points[:, :2])[1]]
+    outline, spacing = horizontal_outline(plan[~strays], min_gap)
+    return _Outlined(points[kept], thinned[~strays], weights[~strays], outline, spacing)
 
 
 def _nearest(parts: list[Polygon], points: Float32) -> Int64:

@@ -140,7 +140,7 @@ def adopt_ids(
     stood : dict of Members to FormerStand
         Where each of the recognised surfaces stood before.
     """
-    former = _former_patches(views, poses[0], left, [s.height for s in surfaces])
+    former = _former_patches(views, poses[0], left, ids, [s.height for s in surfaces])
     stood = [
         fit_surface(members, views, poses[0], config)
         for members in merge_coplanar(former, *poses, config)
@@ -160,18 +160,25 @@ def adopt_ids(
 
 
 def _former_patches(
-    views: list[View], T_map_view: Float64, left: Survivors, heights: Sequence[float]
+    views: list[View],
+    T_map_view: Float64,
+    left: Survivors,
+    ids: TrackIds,
+    heights: Sequence[float],
 ) -> list[NumberedPatch]:
-    """Return the patches that were looked through as a whole, at a height of some surface."""
-    found = []
-    for v, (first, view) in enumerate(zip(first_numbers(views), views)):
+    """Return the patches that were looked through as a whole, at a height of some surface.
+
+    With those that they replaced: the last view of a place may have had few scan lines there.
+    """
+    first, found = first_numbers(views), set()
+    for v, view in enumerate(views):
         for p, patch in enumerate(view.patches):
             if left.keep[v][p].any() or (v, p) in left.replaced_by or not may_be_recognised(patch):
                 continue
             z = float(T_map_view[v, 2, :3] @ patch.mean + T_map_view[v, 2, 3])
             if any(abs(z - height) <= MAX_LIFT for height in heights):
-                found.append(NumberedPatch(first + p, v, patch))
-    return found
+                found |= {(v, p), *ids.earlier_sights((v, p), first[v] + p)}
+    return [NumberedPatch(first[v] + p, v, views[v].patches[p]) for v, p in sorted(found)]
 
 
 def _stand(

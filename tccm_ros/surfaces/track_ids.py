@@ -95,6 +95,18 @@ class TrackIds:
             self._ids[first] |= self._ids[member.number]
             self._first_seen[first] = min(self._first_seen[first], self._first_seen[member.number])
 
+    def earlier_sights(self, sight: tuple[int, int], number: int) -> list[tuple[int, int]]:
+        """Return the patches (view, patch) that one replaced, where it showed the surface.
+
+        Parameters
+        ----------
+        sight, number
+            The patch, and its number.
+        """
+        now = self._footprint([sight])
+        earlier = sorted(self._sights[number] - {sight})
+        return [other for other in earlier if not is_displaced(self._footprint([other]), now)]
+
     def all_ids(self, members: Members) -> list[int]:
         """Return the id of a surface and those of the surfaces merged into it, ascending."""
         return sorted(set().union(*(self._ids[member.number] for member in members)))

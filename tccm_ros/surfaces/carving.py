@@ -382,21 +382,24 @@ def _carve_patch(
     replaced_by : int or None
         The patch of the newer view that replaced this one, in whole or in part.
     """
-    kept, total = np.flatnonzero(keep), int(np.count_nonzero(keep))
+    total = int(np.count_nonzero(keep))
     limits = pair.newer.view.max_range, (config.views.clear_margin, TILT_MARGIN)
     T_newer_older = pose_from_rpy(pair.step * STEPS)
-    points, through, margin = pair.newer.free.look(patch.points[kept], T_newer_older, *limits)
+    points, through, margin = pair.newer.free.look(patch.points, T_newer_older, *limits)
     near = margin >= 0.0
-    kept, points, through, margin = kept[near], points[near], through[near], margin[near]
-    if len(kept) == 0 or not (pair.is_same_pose or through.any()):
-        return kept[:0], None
+    kept = keep & near
+    if not kept.any() or not (pair.is_same_pose or through[kept].any()):
+        return np.zeros(0, np.int64), None
     rim = config.surfaces.merge_distance
-    owner = _measured_by(points, pair.newer.faces, margin, 0.5 * rim)
+    owner = _measured_by(points[near], pair.newer.faces, margin[near], 0.5 * rim)
+    # Whether it was moved is told by all of it, whatever other views took.
+    if _was_moved(pair, patch, points[near], (through[near] & (owner < 0), owner)):
+        return np.flatnonzero(kept), _main_owner(owner)
+    owner, points, through, margin = owner[kept[near]], points[kept], through[kept], margin[kept]
+    kept = np.flatnonzero(kept)
     gone = through & (owner < 0)
     cell_size = config.views.cell_size
     block = max(cell_size, BLOCK_SPACING * patch.spacing)
-    if _was_moved(pair, patch, points, (gone, owner), cell_size):
-        return kept, _main_owner(owner)
     if gone.sum() < GONE_FRACTION * total:
         gone &= _in_block(points, gone, block)
     if not pair.is_same_pose or not (owner >= 0).any():
@@ -445,12 +448,12 @@ def _measured_by(points: Float64, faces: tuple[_Face, ...], margin: Float64, gro
 
 
 def _was_moved(
-    pair: _ViewPair, patch: Patch, points: Float64, looked_at: tuple[Bool, Int64], cell_size: float
+    pair: _ViewPair, patch: Patch, points: Float64, looked_at: tuple[Bool, Int64]
 ) -> bool:
     """Return whether a patch has left a strip, and is seen to cover another one.
 
-    The newer view looked through columns that the surface covers in part. It cannot cover those
-    which its outline does not reach, however scan lines fell.
+    The newer view looked through columns that the surface covers in part. It cannot be where its
+    outline does not reach, however scan lines fell.
 
     Parameters
     ----------
@@ -460,20 +463,13 @@ def _was_moved(
         float64 (N, 3), its points in the newer view, m.
     looked_at
         Which of them are gone, bool (N,), and which patch measured each, int64 (N,), -1 = none.
-    cell_size
-        Edge of a column, m.
     """
     gone, owner = looked_at
     min_count = MIN_LEFT * len(points)
     if np.count_nonzero(gone) <= min_count or not (owner >= 0).any():
         return False
     face = pair.newer.faces[_main_owner(owner)]
-    keys, column = np.unique(column_keys(points, cell_size), return_inverse=True)
-    first = np.zeros(len(keys), np.int64)
-    first[column] = np.arange(len(points))
-    x, y = cell_size * np.floor(points[first, :2] / cell_size).T
-    is_cut = shapely.intersects(face.extent, shapely.box(x, y, x + cell_size, y + cell_size))
-    outside = ~is_cut[column]
+    outside = ~shapely.contains_xy(face.extent, points[:, 0], points[:, 1])
     if np.count_nonzero(gone & outside) <= max(min_count, MAJORITY * np.count_nonzero(outside)):
         return False
     T_newer_older = pose_from_rpy(pair.step * STEPS)

@@ -30,6 +30,12 @@ AT_WALL = 0.015
 OVERHANG = 0.03
 """A board ends at most this far before or behind the front below it, m; chosen: a worktop."""
 
+CORNER_STEP = 0.25
+"""An end that is a corner may have been moved there by up to this, m: `slam.corners.JOINED`."""
+
+SAME_POINT = 1e-6
+"""Ends of walls within this are one corner, m; chosen: rounding."""
+
 ONE_LINE = 0.03
 """Two walls are on one line where the ends of each are within this of the line of the other, m;
 chosen: the faces of two pieces of furniture are further from each other."""
@@ -82,6 +88,8 @@ def _lines(walls: Float64, beyond: float) -> shapely.Geometry:
 def front_beyond(edge: Edge, outward: Float64, walls: Float64) -> float:
     """Return how far the front below an edge goes on beyond one of its ends, m; 0: it does not.
 
+    Walls that nearly meet end in one corner: a front may end before it.
+
     Parameters
     ----------
     edge
@@ -95,8 +103,10 @@ def front_beyond(edge: Edge, outward: Float64, walls: Float64) -> float:
     across = wall_across(edge, walls)
     if front is None or across is None or abs(across) > OVERHANG:
         return 0.0
-    end = max(edge.start @ outward, edge.end @ outward)
-    return max(float((front @ outward).max() - end), 0.0)
+    last = front[np.argmax(front @ outward)]
+    beyond = float(last @ outward - max(edge.start @ outward, edge.end @ outward))
+    is_corner = np.count_nonzero((np.abs(walls - last) <= SAME_POINT).all(axis=2)) > 1
+    return beyond if beyond > (CORNER_STEP if is_corner else 0.0) else 0.0
 
 
 def rotation_to_wall(edge: Edge, walls: Float64) -> float:

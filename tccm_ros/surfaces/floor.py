@@ -8,7 +8,7 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.surfaces.joining import join, occluded_area_between
+from tccm_ros.surfaces.joining import are_beside, join, occluded_area_between
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import largest_part, polygons_of
 from tccm_ros.surfaces.views import View
@@ -85,9 +85,9 @@ def join_floor(
 
     def between(a: MergedSurface, b: MergedSurface) -> Polygon | None:
         overlap = _overlap(a, b)
-        return overlap or occluded_area_between(
-            a, b, is_coplanar, views, T_map_view, config, TOLERANCE
-        )
+        if overlap is not None or not are_beside(a, b, is_coplanar, config):
+            return overlap
+        return occluded_area_between(a, b, views, T_map_view, config, TOLERANCE)
 
     return [*join(floor, between), *others]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -18,7 +19,12 @@ from shapely import Polygon
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
 from tccm_ros.surfaces.merged_surface import MergedSurface
-from tccm_ros.surfaces.occluded_areas import MAX_OCCLUDED_WIDTH, MIN_OCCLUDED_AREA, is_occluded
+from tccm_ros.surfaces.occluded_areas import (
+    MAX_OCCLUDED_WIDTH,
+    MIN_OCCLUDED_AREA,
+    is_occluded,
+    last_empty_view,
+)
 from tccm_ros.surfaces.patch_planes import (
     FLATNESS,
     GATE,
@@ -32,8 +38,9 @@ from tccm_ros.surfaces.views import View
 JoinAreaFunction = Callable[[MergedSurface, MergedSurface], Polygon | None]
 """Returns the area between two pieces, in x and y of map, if they are one surface, else None."""
 
-PlacedFunction = Callable[[MergedSurface], tuple[int, int]]
-"""Returns session and stamp of the view that first showed a piece where it is."""
+SightFunction = Callable[[MergedSurface], tuple[tuple[int, int], tuple[int, int]]]
+"""Returns the keys (session and stamp) of the view that first showed a piece where it is, and of
+the last one."""
 
 CoplanarityTest = Callable[[MergedSurface, MergedSurface, Float64], bool]
 """Returns whether two pieces agree in height at a position, float64 (2,), in map."""
@@ -86,12 +93,13 @@ def join_over_occlusions(
     T_map_view: Float64,
     cov_z_roll_pitch: Float64,
     walls: Float64,
-    placed: PlacedFunction,
+    sights: SightFunction,
     config: Config,
 ) -> list[MergedSurface]:
     """Join pieces that are coplanar and between which no view looked through.
 
-    What views saw there before the pieces came tells nothing.
+    What views saw there before one of the pieces came tells nothing, and one that was not seen
+    since then may be there no more.
 
     Parameters
     ----------
@@ -104,18 +112,28 @@ def join_over_occlusions(
     walls
         float64 (W, 2, 2), ends of the walls in map, m: pieces on two sides of a wall are not
         joined.
-    placed
-        Since when a piece is where it is.
+    sights
+        When a piece was seen where it is.
     config
         Uses `surfaces.max_step` and `views.clear_margin`.
     """
     is_coplanar = _coplanar(T_map_view, cov_z_roll_pitch, config)
     keys = [view.key for view in views]
-    first = {id(piece): bisect_left(keys, placed(piece)) for piece in pieces}
+
+    @cache
+    def seen(piece: MergedSurface) -> tuple[int, int]:
+        """Return the first view after a piece came, and the last one that showed it."""
+        placed, last = (bisect_left(keys, key) for key in sights(piece))
+        before = views[:placed], T_map_view[:placed]
+        return last_empty_view(piece.polygon, piece.height, *before, config) + 1, last
 
     def between(a: MergedSurface, b: MergedSurface) -> Polygon | None:
-        since = max(first[id(a)], first[id(b)])
-        area = occluded_area_between(a, b, is_coplanar, views[since:], T_map_view[since:], config)
+        if not are_beside(a, b, is_coplanar, config):
+            return None
+        came, last = max(seen(a)[0], seen(b)[0]), min(seen(a)[1], seen(b)[1])
+        if last < came:
+            return None
+        area = occluded_area_between(a, b, views[came:], T_map_view[came:], config)
         return None if area is None or _is_wall_between(a, b, walls) else area
 
     return join(pieces, between)
@@ -153,10 +171,31 @@ def _coplanar(T_map_view: Float64, cov_z_roll_pitch: Float64, config: Config) ->
     return is_coplanar
 
 
+def are_beside(
+    a: MergedSurface, b: MergedSurface, is_coplanar: CoplanarityTest, config: Config
+) -> bool:
+    """Return whether two pieces are near to each other, and agree in height where they are nearest.
+
+    Parameters
+    ----------
+    a, b
+        Two pieces.
+    is_coplanar
+        Whether they agree in height.
+    config
+        Uses `surfaces.merge_distance`, for pieces that are lines.
+    """
+    has_line = a.is_line or b.is_line
+    reach = config.surfaces.merge_distance if has_line else MAX_OCCLUDED_WIDTH
+    if not shapely.dwithin(a.polygon, b.polygon, reach):
+        return False
+    nearest = shapely.shortest_line(a.polygon, b.polygon).centroid
+    return is_coplanar(a, b, np.array(nearest.coords[0]))
+
+
 def occluded_area_between(
     a: MergedSurface,
     b: MergedSurface,
-    is_coplanar: CoplanarityTest,
     views: list[View],
     T_map_view: Float64,
     config: Config,
@@ -167,26 +206,17 @@ def occluded_area_between(
     Parameters
     ----------
     a, b
-        Two pieces.
-    is_coplanar
-        Whether they agree in height, asked where they are nearest.
+        Two pieces that are beside each other.
     views, T_map_view
-        All views, and float64 (V, 4, 4).
+        Views, and float64 (V, 4, 4).
     config
-        Uses `views.clear_margin` and, for pieces that are lines, `surfaces.merge_distance`.
+        Uses `views.clear_margin`.
     depth
         A view looked through where it did so this far below the pieces, m.
     """
-    has_line = a.is_line or b.is_line
-    reach = config.surfaces.merge_distance if has_line else MAX_OCCLUDED_WIDTH
-    if not shapely.dwithin(a.polygon, b.polygon, reach):
-        return None
-    nearest = np.array(shapely.shortest_line(a.polygon, b.polygon).centroid.coords[0])
-    if not is_coplanar(a, b, nearest):
-        return None
     union = shapely.union_all([a.polygon, b.polygon], grid_size=GRID)
     between = polygons_of(close_gaps(union, 0.5 * MAX_OCCLUDED_WIDTH).difference(union))
-    side = int(has_line)  # a line is as wide as its noise: it faces what is beside it
+    side = int(a.is_line or b.is_line)  # a line is as wide as its noise: it faces what is beside it
     width = min(box_sides(a.polygon)[side], box_sides(b.polygon)[side], MAX_FACING_WIDTH)
     for part in sorted(between.geoms, key=lambda part: (-part.area, part.bounds)):
         if part.area < MIN_OCCLUDED_AREA or _facing(part, a, b) < MIN_FACING_FRACTION * width:

@@ -6,11 +6,13 @@ notch, a hole, or the gap between two pieces is taken for surface where no view 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import shapely
 from shapely import Polygon
 
-from tccm_ros.arrays import Float64
+from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.surfaces.views import View
@@ -26,12 +28,16 @@ chosen."""
 PROBE_SPACING = 0.04
 """Distance between the points at which an area is probed, m; chosen: below half a column."""
 
+MAX_COVERED = 0.5
+"""A view that looked through more than this fraction of an area saw no surface there; chosen: most
+of it."""
+
 MIN_OCCLUDED_AREA = PROBE_SPACING**2
 """Areas smaller than one probe's square, m2, are not closed: no probe need be in them. Chosen."""
 
 
 def is_occluded(
-    area: Polygon, height: float, views: list[View], T_map_view: Float64, config: Config
+    area: Polygon, height: float, views: Sequence[View], T_map_view: Float64, config: Config
 ) -> bool:
     """Return whether no view looked through an area, except near its edges.
 
@@ -51,11 +57,33 @@ def is_occluded(
         return False
     through = np.zeros(len(points), bool)
     for view, T_map in zip(views, T_map_view):
-        local = transform(inverse(T_map), points)
-        if np.hypot(local[:, 0], local[:, 1]).min() <= view.max_range:
-            margin = np.full(len(points), config.views.clear_margin)
-            through |= view.free.contains(local, margin)
+        through |= _looked_through(points, view, T_map, config)
     return bool(through.mean() <= MAX_SEEN_FRACTION)
+
+
+def last_empty_view(
+    area: Polygon, height: float, views: Sequence[View], T_map_view: Float64, config: Config
+) -> int:
+    """Return the index of the last view that looked through most of an area; -1: none did.
+
+    Parameters
+    ----------
+    area, height, views, T_map_view, config
+        As in `is_occluded`.
+    """
+    points = _probes(area, height)
+    for v in reversed(range(len(views)) if len(points) else ()):
+        if _looked_through(points, views[v], T_map_view[v], config).mean() > MAX_COVERED:
+            return v
+    return -1
+
+
+def _looked_through(points: Float64, view: View, T_map_view: Float64, config: Config) -> Bool:
+    """Return which points (N, 3) in map a view looked through, bool (N,)."""
+    local = transform(inverse(T_map_view), points)
+    if np.hypot(local[:, 0], local[:, 1]).min() > view.max_range:
+        return np.zeros(len(points), np.bool_)
+    return view.free.contains(local, np.full(len(points), config.views.clear_margin))
 
 
 def _probes(area: Polygon, height: float) -> Float64:

@@ -233,7 +233,10 @@ class SurfaceMap:
                 T,
                 poses.cov_z_roll_pitch,
                 walls,
-                lambda piece: ids.placed(piece.members, footprint_of(piece, T)),
+                lambda piece: (
+                    ids.placed(piece.members, footprint_of(piece, T)),
+                    ids.last_seen(piece.members),
+                ),
                 config,
             )
         surfaces = [

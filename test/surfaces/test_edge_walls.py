@@ -84,3 +84,11 @@ def test_a_front_goes_on_beyond_the_end_of_an_edge(yaw, overhang, goes_on):
     assert front_beyond(edge, left, front[None]) == pytest.approx(0.6 if goes_on else 0.0)
     assert front_beyond(edge, right, front[None]) == 0.0
     assert front_beyond(edge, left, np.zeros((0, 2, 2))) == 0.0
+
+
+@pytest.mark.parametrize(("end", "beyond"), [(-0.2, 0.0), (-0.6, 0.6)])
+def test_a_corner_near_the_end_of_an_edge_may_be_beyond_the_front(end, beyond):
+    """The wall map joins the front with a wall across it, from up to 25 cm away."""
+    edge = Edge(np.array([0.0, 0.0]), np.array([1.4, 0.0]))
+    walls = np.array([[[end, 0.0], [1.4, 0.0]], [[end, 0.0], [end, 2.0]]])
+    assert front_beyond(edge, -edge.along, walls) == pytest.approx(beyond)

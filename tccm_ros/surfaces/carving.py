@@ -382,23 +382,22 @@ def _carve_patch(
     replaced_by : int or None
         The patch of the newer view that replaced this one, in whole or in part.
     """
-    total = int(np.count_nonzero(keep))
+    total, cell_size = int(np.count_nonzero(keep)), config.views.cell_size
     limits = pair.newer.view.max_range, (config.views.clear_margin, TILT_MARGIN)
     T_newer_older = pose_from_rpy(pair.step * STEPS)
     points, through, margin = pair.newer.free.look(patch.points, T_newer_older, *limits)
     near = margin >= 0.0
-    kept = keep & near
-    if not kept.any() or not (pair.is_same_pose or through[kept].any()):
-        return np.zeros(0, np.int64), None
+    there = keep & near
+    kept = np.flatnonzero(there)
+    if len(kept) == 0 or not (pair.is_same_pose or through[kept].any()):
+        return kept[:0], None
     rim = config.surfaces.merge_distance
     owner = _measured_by(points[near], pair.newer.faces, margin[near], 0.5 * rim)
     # Whether it was moved is told by all of it, whatever other views took.
-    if _was_moved(pair, patch, points[near], (through[near] & (owner < 0), owner)):
-        return np.flatnonzero(kept), _main_owner(owner)
-    owner, points, through, margin = owner[kept[near]], points[kept], through[kept], margin[kept]
-    kept = np.flatnonzero(kept)
+    if _was_moved(pair, patch, points[near], (through[near] & (owner < 0), owner), cell_size):
+        return kept, _main_owner(owner)
+    owner, points, through, margin = owner[there[near]], points[kept], through[kept], margin[kept]
     gone = through & (owner < 0)
-    cell_size = config.views.cell_size
     block = max(cell_size, BLOCK_SPACING * patch.spacing)
     if gone.sum() < GONE_FRACTION * total:
         gone &= _in_block(points, gone, block)
@@ -448,7 +447,7 @@ def _measured_by(points: Float64, faces: tuple[_Face, ...], margin: Float64, gro
 
 
 def _was_moved(
-    pair: _ViewPair, patch: Patch, points: Float64, looked_at: tuple[Bool, Int64]
+    pair: _ViewPair, patch: Patch, points: Float64, looked_at: tuple[Bool, Int64], cell_size: float
 ) -> bool:
     """Return whether a patch has left a strip, and is seen to cover another one.
 
@@ -463,19 +462,36 @@ def _was_moved(
         float64 (N, 3), its points in the newer view, m.
     looked_at
         Which of them are gone, bool (N,), and which patch measured each, int64 (N,), -1 = none.
+    cell_size
+        Edge of a column, m.
     """
     gone, owner = looked_at
     min_count = MIN_LEFT * len(points)
     if np.count_nonzero(gone) <= min_count or not (owner >= 0).any():
         return False
     face = pair.newer.faces[_main_owner(owner)]
-    outside = ~shapely.contains_xy(face.extent, points[:, 0], points[:, 1])
-    if np.count_nonzero(gone & outside) <= max(min_count, MAJORITY * np.count_nonzero(outside)):
+    # Columns that the extent does not touch were looked through in whole; of a narrow strip there
+    # are none, and its points tell alone.
+    points_outside = ~shapely.contains_xy(face.extent, points[:, 0], points[:, 1])
+    for outside in (_columns_outside(face.extent, points, cell_size), points_outside):
+        if np.count_nonzero(gone & outside) > max(min_count, MAJORITY * outside.sum()):
+            break
+    else:
         return False
     T_newer_older = pose_from_rpy(pair.step * STEPS)
     before = footprint_in_map(patch.outline, patch.mean, patch.spacing, T_newer_older)
     new = face.patch
     return is_displaced(before, footprint_in_map(new.outline, new.mean, new.spacing, np.eye(4)))
+
+
+def _columns_outside(extent: BaseGeometry, points: Float64, cell_size: float) -> Bool:
+    """Return which points (N, 3) are in columns that an extent does not touch, bool (N,)."""
+    keys, column = np.unique(column_keys(points, cell_size), return_inverse=True)
+    first = np.zeros(len(keys), np.int64)
+    first[column] = np.arange(len(points))
+    x, y = cell_size * np.floor(points[first, :2] / cell_size).T
+    is_cut = shapely.intersects(extent, shapely.box(x, y, x + cell_size, y + cell_size))
+    return np.asarray(~is_cut[column])
 
 
 def _main_owner(owner: Int64) -> int:

@@ -66,11 +66,12 @@ class FormerStand(NamedTuple):
 class _Stand(NamedTuple):
     """A surface at one place, from its first to its last sight there.
 
-    `is_former` says whether it is there no more.
+    `whole` is all that views showed of it there; `is_former` says whether it is there no more.
     """
 
     surface: MergedSurface
     footprint: Footprint
+    whole: Footprint
     first: SightKey
     placed: SightKey
     last: SightKey
@@ -85,7 +86,7 @@ class _Stand(NamedTuple):
             return False
         if self.placed > old.last and old.lies_close_to(self):
             return True
-        if not is_of_one_size(old.footprint, self.footprint):
+        if not is_of_one_size(old.whole, self.whole):
             return False
         step = abs(self.footprint.z - old.footprint.z)
         if is_in_place(old.footprint, self.footprint):
@@ -190,6 +191,7 @@ def _stand(
     return _Stand(
         surface,
         footprint,
+        ids.outline_in_place(surface.members, footprint),
         ids.first_seen(surface.members),
         ids.placed(surface.members, footprint),
         ids.last_seen(seen or surface.members),

@@ -359,9 +359,9 @@ def _edges(
     for k, edge in enumerate(_edges_of(corners)):
         across = wall_across(edge, walls)
         state = _state(edge, sampler, samples)
-        if across is not None and abs(across) <= AT_WALL:
-            state = EdgeState.SEEN
         sigma = ROUND_SIGMA if isinstance(model, RoundModel) else float(sigmas[k])
+        if across is not None and abs(across) <= AT_WALL and np.isfinite(sigma):
+            state = EdgeState.SEEN
         edges.append(_known(edge, state, sigma, sampler, others))
     first = int(np.lexsort((corners[:, 1], corners[:, 0]))[0])
     return tuple(edges[first:] + edges[:first])

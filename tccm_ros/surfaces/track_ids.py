@@ -12,7 +12,7 @@ had. A surface that is split off is not among them any more.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
@@ -23,6 +23,7 @@ from tccm_ros.arrays import Float64
 from tccm_ros.surfaces.carving import Survivors
 from tccm_ros.surfaces.displacement import Footprint, footprint_in_map, is_displaced
 from tccm_ros.surfaces.merging import Members
+from tccm_ros.surfaces.polygons import GRID
 from tccm_ros.surfaces.views import View, first_numbers
 
 CUT = 0.1
@@ -130,29 +131,47 @@ class TrackIds:
     def placed(self, members: Members, now: Footprint) -> SightKey:
         """Return when a view first showed the surface where it is now.
 
-        That is the first after all that showed it elsewhere. What a view saw of it counts as one:
-        a strip of a table that was moved may still be within its outline.
+        Parameters
+        ----------
+        members, now
+            The surface and its outline.
+        """
+        stamps = [self._own_placed(group) for group in self._sights_in_place(members, now)]
+        return min([self.last_seen(members), *stamps])
+
+    def outline_in_place(self, members: Members, now: Footprint) -> Footprint:
+        """Return the outline of all that views showed of the surface where it is now.
+
+        What replaced it may be of a view that had few scan lines there.
 
         Parameters
         ----------
         members, now
             The surface and its outline.
         """
+        seen = [self._footprint(group).outline for group in self._sights_in_place(members, now)]
+        return now._replace(outline=shapely.union_all([now.outline, *seen], grid_size=GRID))
+
+    def _sights_in_place(self, members: Members, now: Footprint) -> Iterator[list[tuple[int, int]]]:
+        """Yield the patches of each view that showed the surface where it is now, newest first.
+
+        Those are all views after the last that showed it elsewhere. What a view saw of it counts
+        as one: a strip of a table that was moved may still be within its outline.
+        """
         sights = sorted(set().union(*(self._sights[member.number] for member in members)))
-        found = self.last_seen(members)
-        for v, group in reversed([(v, list(g)) for v, g in groupby(sights, lambda s: s[0])]):
+        for _, group in reversed([(v, list(g)) for v, g in groupby(sights, lambda s: s[0])]):
             if self._may_be_elsewhere.intersection(group) and is_displaced(
                 self._footprint(group), now
             ):
-                break
-            found = min(found, max(self._own_placed(v, p) for _, p in group))
-        return found
+                return
+            yield group
 
-    def _own_placed(self, v: int, p: int) -> SightKey:
-        """Return since when a patch is where it is, by views that it replaced and were removed."""
-        view = self._views[v]
-        placed_ns = view.patches[p].placed_ns
-        return SightKey(view.session, view.stamp_ns if placed_ns is None else placed_ns)
+    def _own_placed(self, sights: Sequence[tuple[int, int]]) -> SightKey:
+        """Return since when patches of a view are there, by views that it replaced for good."""
+        view = self._views[sights[0][0]]
+        placed = [view.patches[p].placed_ns for _, p in sights]
+        stamps = [view.stamp_ns if stamp_ns is None else stamp_ns for stamp_ns in placed]
+        return SightKey(view.session, max(stamps))
 
     def _footprint(self, sights: Sequence[tuple[int, int]]) -> Footprint:
         """Return where the patches of one view that are one surface are together."""

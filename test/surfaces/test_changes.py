@@ -66,6 +66,19 @@ def test_a_moved_surface_is_one_event_with_both_poses():
     assert event.last_seen_ns == 2
 
 
+def test_a_move_that_later_views_show_is_told_from_where_the_surface_stood():
+    """The map has what is left at the old place with the new one, until a third view is sure."""
+    both = surface(3, 0.08, size=(0.96, 1.2), placed=1)
+    moved = surface(3, 0.16, placed=3)
+    first, *rest = told(scene(2, TABLE), scene(3, both), scene(4, both), scene(5, moved))
+    assert first.kind == ChangeKind.APPEARED
+    (event,) = rest
+    assert event.kind == ChangeKind.MOVED
+    assert np.allclose(event.T_before[:3, 3], [0.0, 0.0, 0.7])
+    assert np.allclose(event.T_after[:3, 3], [0.16, 0.0, 0.7])
+    assert kinds(scene(2, TABLE), scene(3, both), scene(4, both)) == [ChangeKind.APPEARED]
+
+
 def test_a_surface_that_is_carried_through_the_view_is_told_where_it_stays():
     """Each view shows it elsewhere; only the last place is seen twice."""
     way = [scene(k, surface(3, 0.5 * k, placed=k)) for k in (3, 4, 5)]

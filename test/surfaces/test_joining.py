@@ -49,6 +49,42 @@ def test_a_hidden_gap_is_joined_until_a_view_looks_through_it():
     assert len(look(room, (0, 0, 0), (3.2, 0.0, np.pi))) == 2
 
 
+def test_a_gap_that_was_looked_through_before_the_board_came_is_joined():
+    """Two views before the sideboard came; then its middle is hidden."""
+    room = Room([SIDEBOARD], [POST])
+    records = [r for k in range(2) for r in Room([]).look((0.1 * k, 0.3 * k, 0.0), 10 * k + 10)]
+    records += [*room.look((0, 0, 0), 30)]
+    (found,) = above_floor(build(records, [(0, 0, 0), (0.1, 0.3, 0), (0, 0, 0)]))
+    assert overlap(found, SIDEBOARD) >= 0.85
+
+
+def test_what_was_not_seen_since_the_other_came_is_not_joined():
+    """One half is hidden when the other comes: it may be there no more."""
+    gap = Screen(1.2, -0.14, 1.2, 0.14, 1.8)
+    first = Room([HALVES[0]], [gap])
+    then = Room([HALVES[1]], [gap, Screen(1.0, -1.0, 1.0, -0.1, 1.8)])
+    records = [*first.look((0, 0, 0), 10), *then.look((0, 0, 0), 20)]
+    assert len(above_floor(build(records, [(0, 0, 0)] * 2))) == 2
+    whole = Room(HALVES, [gap])
+    records = [*first.look((0, 0, 0), 10), *whole.look((0, 0, 0), 20)]
+    assert len(above_floor(build(records, [(0, 0, 0)] * 2))) == 1
+
+
+def lines(*ys, x=(1.3, 1.9), z=0.75):
+    """A view of a board in three scan lines, each a surface of its own."""
+    xs = np.arange(*x, 0.01)
+    rows = [np.column_stack([xs, y + 0.004 * np.sin(97.0 * xs), np.full(len(xs), z)]) for y in ys]
+    surfaces = np.repeat(np.arange(len(ys), dtype=np.uint32), len(xs))
+    return SurfaceCloud(10, "base", np.concatenate(rows).astype(np.float32), surfaces)
+
+
+@pytest.mark.parametrize(("ys", "count"), [((0.0, 0.08, 0.16), 1), ((0.0, 0.3, 0.6), 0)])
+def test_scan_lines_beside_each_other_are_one_surface(ys, count):
+    """A line has no area; a few that are no further than merging allows have one together."""
+    found = build([lines(*ys)], [(0, 0, 0)]).surfaces
+    assert len(found) == count
+
+
 def test_tables_of_one_height_on_two_sides_of_a_wall_are_two():
     room = Room(HALVES, [Screen(1.2, -0.14, 1.2, 0.14, 1.8)])
     behind = np.array([[[1.8, -1.0], [1.8, 1.0]]])

@@ -1,14 +1,19 @@
 """Surfaces have the outlines of furniture, and edges say whether they were seen."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from room import Board, Room, Screen
 from shapely import Polygon, affinity
-from surface_maps import above_floor, build, overlap
+from surface_maps import above_floor, build, overlap, poses_at
 
+from tccm_ros.config import Config
+from tccm_ros.geometry import spatial
 from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge, rotation_scores
 from tccm_ros.records import EdgeState, SurfaceShape
 from tccm_ros.surfaces.shapes import ROTATIONS, _rotation, _yaws, doubting_wall_points
+from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 HERE = (0.0, 0.0, 0.0)
 TABLE = Board(1.6, 0.0, 0.8, 1.2, 0.74)
@@ -57,6 +62,75 @@ def test_an_edge_behind_a_higher_object_was_not_seen():
     screen = Screen(1.0, -0.7, 1.0, 0.1, 1.4)
     (found,) = above_floor(build([(Room([TABLE], [screen]), HERE, 10)]))
     assert any(edge.state is not EdgeState.SEEN for edge in found.edges)
+
+
+BOARD = Board(1.6, 0.0, 0.5, 1.6, 0.75)
+FRONT = Screen(1.35, -0.8, 1.35, 0.8, 0.74)
+"""A sideboard from x = 1.35 to 1.85 m, and its front, which the level laser sees."""
+
+REAR = np.array([[[1.86, -3.0], [1.86, -0.85]], [[1.86, 0.85], [1.86, 2.0]]])
+"""A wall behind it, of which it hides a part."""
+
+
+def shape_of(screens, walls):
+    room = Room([BOARD], [FRONT, *screens])
+    surface_map = SurfaceSlam(Config()).map
+    for record in room.look(HERE, 10):
+        surface_map.add(record)
+    (found,) = above_floor(surface_map.build(poses_at(spatial(np.array([HERE]))), walls))
+    return found
+
+
+def objects(*places, top=1.0):
+    """Screens that stand on the sideboard."""
+    return [Screen(x, y - half, x, y + half, top) for x, y, half in places]
+
+
+CLUTTER = objects((1.55, -0.6, 0.1), (1.6, -0.33, 0.12), (1.5, -0.05, 0.1), (1.62, 0.24, 0.1),
+                  (1.55, 0.6, 0.12))  # fmt: skip
+
+
+def test_a_rear_that_objects_hide_is_at_the_wall_behind_it():
+    without, found = shape_of(CLUTTER, np.zeros((0, 2, 2))), shape_of(CLUTTER, REAR)
+    assert found.boundary[:, 0].max() == pytest.approx(1.86, abs=0.01)
+    assert overlap(found, BOARD) > overlap(without, BOARD)
+    rear = max(found.edges, key=lambda edge: edge.start[0] + edge.end[0])
+    assert rear.state is not EdgeState.SEEN
+    assert found.area_seen < 0.97 * found.area
+
+
+def test_a_rear_that_ends_in_line_before_a_wall_stays_there():
+    """Nothing hides it, and the wall 6 cm behind is no reason to go on."""
+    found = shape_of([], REAR + np.array([0.05, 0.0]))
+    assert found.boundary[:, 0].max() == pytest.approx(1.85, abs=0.025)
+
+
+CRATE = Screen(1.3, 0.35, 1.3, 0.85, 1.05)
+"""Something that stands on its right third, and hides that."""
+
+
+@pytest.mark.parametrize(
+    ("end", "expected"),
+    [
+        (0.8, 0.8),  # the front goes on as far as the board
+        (0.42, 0.36),  # a side panel: what hides the rest is flush with it
+    ],
+)
+def test_a_top_goes_on_as_far_as_its_front(end, expected):
+    front = np.array([[[1.39, -0.8], [1.39, end]]])
+    hidden = shape_of([CRATE], np.zeros((0, 2, 2)))
+    assert hidden.boundary[:, 1].max() < 0.5
+    found = shape_of([CRATE], front)
+    assert found.boundary[:, 1].max() == pytest.approx(expected, abs=0.1)
+    left = max(found.edges, key=lambda edge: edge.start[1] + edge.end[1])
+    assert left.state is not EdgeState.SEEN
+
+
+def test_a_cabinet_beside_a_worktop_is_none():
+    """It is as high as the room, so no view looked over it."""
+    front = np.array([[[1.39, -0.8], [1.39, 0.8]]])
+    found = shape_of([replace(CRATE, top=2.5)], front)
+    assert found.boundary[:, 1].max() < 0.5
 
 
 @pytest.mark.parametrize("yaw", [-0.6, 0.0, 0.3, 0.7])

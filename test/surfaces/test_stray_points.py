@@ -40,6 +40,20 @@ def test_a_few_points_on_the_front_of_the_next_table_are_strays():
     assert strays_of(front(5), NEXT).all()
 
 
+def test_a_whole_scan_line_on_the_front_of_the_next_table_is_stray():
+    """It has a sixth of the points, in a strip of 2 cm."""
+    line = np.vstack([front(40, 1.70), front(20, 1.72)]) - np.float32([0, 0.3, 0])
+    assert len(line) > 0.15 * len(TABLE)
+    assert strays_of(line, NEXT).all()
+
+
+@pytest.mark.parametrize(("below", "is_stray"), [(0.0, True), (0.004, True), (0.02, False)])
+def test_points_that_went_to_the_lower_table_of_one_height_are_strays(below, is_stray):
+    """They are of a table beside, whose points are no higher than they are."""
+    beside = grid((1.68, 2.1), (-0.4, 0.4)) - np.float32([0, 0, below])
+    assert strays_of(points([1.7, 1.7], [0.0, 0.01]), beside).all() == is_stray
+
+
 @pytest.mark.parametrize(
     ("extra", "others"),
     [

@@ -58,6 +58,9 @@ MIN_PART = 0.25
 """The same where all of the edge ends in line, at something that stands there, m; chosen: arms of
 sofas and side panels of furniture have the same front, and are narrower than what stands on it."""
 
+AT_WALL_SEEN = 0.03
+"""An edge at a wall was seen where points come so near to it, m; chosen: a distance of beams."""
+
 RAGGED = 0.012
 """What hides an edge lets most last points end short of the furthest by more than a distance of
 samples and this, m; chosen: twice the noise of each. Points that end at an edge are in line."""
@@ -155,8 +158,9 @@ def fit_shape(
         return _free(sampler, samples, others)
     sigmas = np.full(0, np.nan)
     if isinstance(model, StraightModel):
+        at_wall: set[int] = set()
         for _ in range(ROUNDS):
-            model, sigmas = _refined(model, sampler, near)
+            model, sigmas = _refined(model, sampler, near, at_wall)
         model = _to_ends_of_fronts(model, sampler, samples, walls)
     polygon = model.polygon()
     if polygon is None:
@@ -205,9 +209,12 @@ def _yaw(direction: Float64) -> float:
 
 
 def _refined(
-    model: StraightModel, sampler: EdgeSampler, walls: Float64
+    model: StraightModel, sampler: EdgeSampler, walls: Float64, at_wall: set[int]
 ) -> tuple[StraightModel, Float64]:
-    """Return the model with its edges where the last points expect them, and their deviations."""
+    """Return the model with its edges where the last points expect them, and their deviations.
+
+    Hidden edges that reach a wall are added to `at_wall`, and stay there.
+    """
     corners = model.corners()
     if not np.isfinite(corners).all():
         return model, np.full(len(corners), np.nan)
@@ -226,12 +233,14 @@ def _refined(
         offsets[k] = normals[k] @ middle
         if edge.length < MIN_LENGTH or not len(found.at):
             continue
-        if _reaches_wall(edge, found, across[k], sampler):
-            offsets[k] += across[k]
+        wall = across[k]
+        if wall is not None and (k in at_wall or _reaches_wall(edge, found, wall, sampler)):
+            at_wall.add(k)
+            offsets[k] += wall
             continue
         # A point at a distance from the middle of an edge is further across after a rotation.
         last = found.last + rotation * (found.at - 0.5 * edge.length)
-        shift, sigmas[k] = locate_edge(found._replace(last=last), across[k])
+        shift, sigmas[k] = locate_edge(found._replace(last=last), wall)
         offsets[k] += shift
     return replace(model, normals=normals, offsets=offsets), sigmas
 
@@ -263,15 +272,13 @@ def _to_ends_of_fronts(
     return replace(model, offsets=offsets)
 
 
-def _reaches_wall(
-    edge: Edge, samples: EdgeSamples, wall: float | None, sampler: EdgeSampler
-) -> bool:
+def _reaches_wall(edge: Edge, samples: EdgeSamples, wall: float, sampler: EdgeSampler) -> bool:
     """Return whether a hidden edge ends so near to a wall that it is taken to be there.
 
     Furniture stands at walls: what stands on it hides the last of it from all views. Points on the
     wall tell nothing, as it has some at the height of a board that ends before it.
     """
-    if wall is None or samples.weight[samples.ends].sum() >= 0.5 * samples.weight.sum():
+    if samples.weight[samples.ends].sum() >= 0.5 * samples.weight.sum():
         return False
     reach = sampler.reach(edge, wall - AT_WALL)
     return bool(_is_ragged(samples, reach) and wall - reach <= WALL_DISTANCE)
@@ -361,7 +368,7 @@ def _edges(
         state = _state(edge, sampler, samples)
         sigma = ROUND_SIGMA if isinstance(model, RoundModel) else float(sigmas[k])
         if across is not None and abs(across) <= AT_WALL and np.isfinite(sigma):
-            state = EdgeState.SEEN
+            state = EdgeState.SEEN if sampler.reach(edge, np.inf) >= -AT_WALL_SEEN else state
         edges.append(_known(edge, state, sigma, sampler, others))
     first = int(np.lexsort((corners[:, 1], corners[:, 0]))[0])
     return tuple(edges[first:] + edges[:first])

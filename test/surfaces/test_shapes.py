@@ -86,8 +86,9 @@ def objects(*places, top=1.0):
     return [Screen(x, y - half, x, y + half, top) for x, y, half in places]
 
 
-CLUTTER = objects((1.55, -0.6, 0.1), (1.6, -0.33, 0.12), (1.5, -0.05, 0.1), (1.62, 0.24, 0.1),
-                  (1.55, 0.6, 0.12))  # fmt: skip
+CLUTTER = objects((1.5, -0.6, 0.2), (1.76, -0.32, 0.08), (1.55, -0.04, 0.2), (1.5, 0.36, 0.2),
+                  (1.6, 0.68, 0.12))  # fmt: skip
+"""All of the rear is hidden, and most of the board up to 1.55 m."""
 
 
 def test_a_rear_that_objects_hide_is_at_the_wall_behind_it():
@@ -113,7 +114,7 @@ CRATE = Screen(1.3, 0.35, 1.3, 0.85, 1.05)
     ("end", "expected"),
     [
         (0.8, 0.8),  # the front goes on as far as the board
-        (0.42, 0.36),  # a side panel: what hides the rest is flush with it
+        (0.6, 0.48),  # a side panel, or the arm of a sofa: it has the same front
     ],
 )
 def test_a_top_goes_on_as_far_as_its_front(end, expected):

@@ -28,7 +28,7 @@ MIN_LIFT = 0.025
 """The same for its height, m. Chosen: heights are known to 5 mm; 0.3 deg of roll and
 pitch add 1 cm at 2 m."""
 
-SIZE_DIFFERENCE = 0.12
+SIZE_DIFFERENCE = 0.13
 """Sides of two outlines of one surface differ together by at most the root of the squares of this,
 m, and of the larger blur. Chosen: hidden parts and corners."""
 

@@ -27,6 +27,10 @@ WALL_YAW = np.radians(4.0)
 AT_WALL = 0.015
 """An edge this near to a wall ends there, m; chosen: three deviations."""
 
+CROSSED = 0.08
+"""Outlines go on beyond a wall that bounds them by at most this, m; chosen: a distance of scan
+lines."""
+
 OVERHANG = 0.03
 """A board ends at most this far before or behind the front below it, m; chosen: a worktop."""
 
@@ -56,8 +60,17 @@ def walls_near(outline: Polygon, walls: Float64) -> Float64:
     float64 (N, 2, 2)
     """
     near = shapely.dwithin(shapely.linestrings(walls), outline, WALL_DISTANCE)
-    hidden = list(_walls_behind(outline, walls))
-    return np.concatenate([walls[near], np.reshape(hidden, (-1, 2, 2))])
+    found = [*walls[near], *_walls_behind(outline, walls)]
+    return np.reshape([wall for wall in found if not _is_crossed(outline, wall)], (-1, 2, 2))
+
+
+def _is_crossed(outline: Polygon, wall: Float64) -> bool:
+    """Return whether an outline is on both sides of a wall, which does not bound it then."""
+    along = wall[1] - wall[0]
+    normal = np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-9)
+    beside = shapely.LineString(wall).buffer(float(outline.length), cap_style="flat")
+    across = (shapely.get_coordinates(outline.intersection(beside)) - wall[0]) @ normal
+    return bool(across.min(initial=0.0) < -CROSSED and across.max(initial=0.0) > CROSSED)
 
 
 def _walls_behind(outline: Polygon, walls: Float64) -> Iterator[Float64]:

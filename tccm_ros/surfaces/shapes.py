@@ -276,9 +276,12 @@ def _reaches_wall(edge: Edge, samples: EdgeSamples, wall: float, sampler: EdgeSa
     """Return whether a hidden edge ends so near to a wall that it is taken to be there.
 
     Furniture stands at walls: what stands on it hides the last of it from all views. Points on the
-    wall tell nothing, as it has some at the height of a board that ends before it.
+    wall tell nothing, as it has some at the height of a board that ends before it. What has points
+    beyond a wall is not behind it: that is the front of something lower.
     """
     if samples.weight[samples.ends].sum() >= 0.5 * samples.weight.sum():
+        return False
+    if sampler.reach(edge, np.inf) > wall + AT_WALL:
         return False
     reach = sampler.reach(edge, wall - AT_WALL)
     return bool(_is_ragged(samples, reach) and wall - reach <= WALL_DISTANCE)

@@ -54,6 +54,14 @@ class FreeColumns:
         order = np.lexsort((rows[:, 2], keys))
         return cls(cell_size, keys[order], rows[order, 2], rows[order, 3])
 
+    def looked_into(self, points: Float64) -> Bool:
+        """Return which points (N, 3), m, are in columns that have any free interval, bool (N,)."""
+        if not len(self.keys):
+            return np.zeros(len(points), np.bool_)
+        keys = column_keys(points, self.cell_size)
+        at = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
+        return np.asarray(self.keys[at] == keys)
+
     def contains(self, points: Float64, margin: Float64 | float = 0.0) -> Bool:
         """Return whether points (N, 3) lie inside a free interval, margin (N,) m from its ends."""
         keys = column_keys(points, self.cell_size)

@@ -15,7 +15,6 @@ import shapely
 from shapely import Polygon
 
 from tccm_ros.arrays import Bool, Float64
-from tccm_ros.cuboids.free_columns import column_keys
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.outlines.edge_position import INDEPENDENT, EdgeSamples
 from tccm_ros.outlines.shape_models import PROBE, SPACING, OutlineSamples
@@ -296,9 +295,7 @@ class EdgeSampler:
         beyond = edge.start + at * (edge.end - edge.start) + BEYOND[1] * edge.outward
         points, over = self.surface.lift(beyond), np.zeros(PROBES, bool)
         for view, T_view_map in self._inverses.items():
-            free = self.views[view].free
-            keys = column_keys(transform(T_view_map, points), free.cell_size)
-            over |= np.isin(keys, free.keys)
+            over |= self.views[view].free.looked_into(transform(T_view_map, points))
         return bool(over.mean() >= 0.5)
 
     def faces_views(self, edge: Edge) -> bool:

@@ -258,16 +258,18 @@ def _to_ends_of_fronts(
         return model
     edges, offsets = _edges_of(corners), model.offsets.copy()
     for k, edge in enumerate(edges):
-        if _state(edge, sampler, samples) is EdgeState.SEEN:
-            continue
         for front in (edges[k - 1], edges[(k + 1) % len(edges)]):
-            beyond = front_beyond(front, edge.outward, walls) if sampler.faces_views(front) else 0.0
-            ragged = _is_ragged(sampler.edge_samples(edge), sampler.reach(edge, np.inf))
-            if not (MIN_BEYOND if ragged else MIN_PART) < beyond <= front.length:
+            beyond = front_beyond(front, edge.outward, walls)
+            if not MIN_BEYOND < beyond <= front.length or not sampler.faces_views(front):
+                continue
+            if beyond <= MIN_PART and not _is_ragged(
+                sampler.edge_samples(edge), sampler.reach(edge, np.inf)
+            ):
                 continue
             step = beyond * edge.outward
             strip = Polygon([edge.start, edge.start + step, edge.end + step, edge.end])
-            if sampler.may_go_on(strip):
+            is_seen = _state(edge, sampler, samples) is EdgeState.SEEN
+            if not is_seen and sampler.may_go_on(strip):
                 offsets[k] = model.offsets[k] + beyond
     return replace(model, offsets=offsets)
 

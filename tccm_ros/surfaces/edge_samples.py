@@ -272,7 +272,7 @@ class EdgeSampler:
         rays = edge.start + at[:, None] * edge.along - self.T_map_view[member.view][:2, 3]
         return np.asarray(rays @ edge.outward / np.maximum(np.hypot(*rays.T), 1e-6), np.float64)
 
-    def reach(self, edge: Edge, limit: float) -> float:
+    def furthest(self, edge: Edge, limit: float) -> float:
         """Return how far across an edge the surface was measured, m; -inf: nowhere.
 
         Parameters

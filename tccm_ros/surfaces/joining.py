@@ -186,8 +186,8 @@ def are_beside(
         Uses `surfaces.merge_distance`, for pieces that are lines.
     """
     has_line = a.is_line or b.is_line
-    reach = config.surfaces.merge_distance if has_line else MAX_OCCLUDED_WIDTH
-    if not shapely.dwithin(a.polygon, b.polygon, reach):
+    max_distance = config.surfaces.merge_distance if has_line else MAX_OCCLUDED_WIDTH
+    if not shapely.dwithin(a.polygon, b.polygon, max_distance):
         return False
     nearest = shapely.shortest_line(a.polygon, b.polygon).centroid
     return is_coplanar(a, b, np.array(nearest.coords[0]))

@@ -263,7 +263,7 @@ def _to_ends_of_fronts(
             if not MIN_BEYOND < beyond <= front.length or not sampler.faces_views(front):
                 continue
             if beyond <= MIN_PART and not _is_ragged(
-                sampler.edge_samples(edge), sampler.reach(edge, np.inf)
+                sampler.edge_samples(edge), sampler.furthest(edge, np.inf)
             ):
                 continue
             step = beyond * edge.outward
@@ -283,15 +283,15 @@ def _reaches_wall(edge: Edge, samples: EdgeSamples, wall: float, sampler: EdgeSa
     """
     if samples.weight[samples.ends].sum() >= 0.5 * samples.weight.sum():
         return False
-    if sampler.reach(edge, np.inf) > wall + AT_WALL:
+    if sampler.furthest(edge, np.inf) > wall + AT_WALL:
         return False
-    reach = sampler.reach(edge, wall - AT_WALL)
-    return bool(_is_ragged(samples, reach) and wall - reach <= WALL_DISTANCE)
+    furthest = sampler.furthest(edge, wall - AT_WALL)
+    return bool(_is_ragged(samples, furthest) and wall - furthest <= WALL_DISTANCE)
 
 
-def _is_ragged(samples: EdgeSamples, reach: float) -> bool:
+def _is_ragged(samples: EdgeSamples, furthest: float) -> bool:
     """Return whether most last points end short of the furthest: objects hide the rest."""
-    is_short = samples.last < reach - samples.gap - RAGGED
+    is_short = samples.last < furthest - samples.gap - RAGGED
     return bool(samples.weight[is_short].sum() > 0.5 * samples.weight.sum())
 
 
@@ -373,7 +373,7 @@ def _edges(
         state = _state(edge, sampler, samples)
         sigma = ROUND_SIGMA if isinstance(model, RoundModel) else float(sigmas[k])
         if across is not None and abs(across) <= AT_WALL and np.isfinite(sigma):
-            state = EdgeState.SEEN if sampler.reach(edge, np.inf) >= -AT_WALL_SEEN else state
+            state = EdgeState.SEEN if sampler.furthest(edge, np.inf) >= -AT_WALL_SEEN else state
         edges.append(_known(edge, state, sigma, sampler, others))
     first = int(np.lexsort((corners[:, 1], corners[:, 0]))[0])
     return tuple(edges[first:] + edges[:first])

@@ -67,8 +67,8 @@ def _depth(points: Float32) -> float:
     """Return the shorter side of points, seen from above, m."""
     if len(points) < 2:
         return 0.0
-    least = np.linalg.eigvalsh(np.cov(points[:, :2].astype(np.float64).T))[0]
-    return float(np.sqrt(12.0 * max(least, 0.0)))
+    variance = np.linalg.eigvalsh(np.cov(points[:, :2].astype(np.float64).T))[0]
+    return float(np.sqrt(12.0 * max(variance, 0.0)))
 
 
 def _are_explained(members: Float32, others: Float32, beside: float) -> bool:

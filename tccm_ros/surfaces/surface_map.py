@@ -50,7 +50,7 @@ from tccm_ros.surfaces.patch_planes import fit_plane
 from tccm_ros.surfaces.polygons import polygon_rings
 from tccm_ros.surfaces.recognition import FormerStand, adopt_ids, footprint_of
 from tccm_ros.surfaces.shapes import Shape, ShapedEdge, fit_shape, free_shape
-from tccm_ros.surfaces.track_ids import TrackIds
+from tccm_ros.surfaces.track_ids import SightKey, TrackIds
 from tccm_ros.surfaces.views import (
     View,
     empty_view,
@@ -226,18 +226,14 @@ class SurfaceMap:
         fitted = [fit_surface(members, views, T, config) for members in groups]
         surfaces = [surface for surface in fitted if surface is not None]
         ids = TrackIds(views, T, left)
+
+        def sights(piece: MergedSurface) -> tuple[SightKey, SightKey]:
+            placed = ids.placed(piece.members, footprint_of(piece, T))
+            return placed, ids.last_seen(piece.members)
+
         if self._published_merge is None:
             surfaces = join_over_occlusions(
-                surfaces,
-                views,
-                T,
-                poses.cov_z_roll_pitch,
-                walls,
-                lambda piece: (
-                    ids.placed(piece.members, footprint_of(piece, T)),
-                    ids.last_seen(piece.members),
-                ),
-                config,
+                surfaces, views, T, poses.cov_z_roll_pitch, walls, sights, config
             )
         surfaces = [
             s for s in surfaces if s.has_area and s.polygon.area >= config.surfaces.min_area
@@ -264,7 +260,7 @@ class SurfaceMap:
                 shape,
                 label,
                 ids,
-                ids.placed(surface.members, footprint_of(surface, T)).stamp_ns,
+                sights(surface)[0].stamp_ns,
                 views,
                 poses.keyframes,
                 stood.get(surface.members),

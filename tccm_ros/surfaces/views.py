@@ -147,37 +147,6 @@ class View:
         return self.session, self.stamp_ns
 
 
-def _make_patches(points: Float32, others: Float32, config: Config) -> list[Patch]:
-    """Make the patches of one surface of a cloud, one for each part of its outline.
-
-    `others`, float32 (M, 3), are the points of the cloud's other surfaces.
-
-    Points without an outline (a single scan line) make one patch without area.
-    """
-    thinned, weights = thin_cloud(points, config.views.voxel_size)
-    min_gap = config.surfaces.merge_distance
-    whole = _without_strays(points, thinned, weights, others, min_gap)
-    if len(whole.outline.geoms) < 2:
-        return [_patch(*whole)]
-    parts = sorted(whole.outline.geoms, key=lambda part: (-part.area, part.bounds))
-    of_point, of_thinned = _nearest(parts, whole.points), _nearest(parts, whole.thinned)
-    patches = []
-    for k, part in enumerate(parts):
-        own, own_thinned = of_point == k, of_thinned == k
-        if not (own.any() and own_thinned.any()):
-            continue
-        rest = np.concatenate([others, whole.thinned[~own_thinned]])
-        outlined = _Outlined(
-            whole.points[own],
-            whole.thinned[own_thinned],
-            whole.weights[own_thinned],
-            MultiPolygon([part]),
-            whole.spacing,
-        )
-        patches.append(_patch(*_with_strays_removed(outlined, rest, min_gap)))
-    return patches
-
-
 class _Outlined(NamedTuple):
     """Points of a surface, thinned with their weights, their outline, and their spacing, m."""
 
@@ -188,20 +157,45 @@ class _Outlined(NamedTuple):
     spacing: float
 
 
-def _without_strays(
-    points: Float32, thinned: Float32, weights: Int32, others: Float32, min_gap: float
-) -> _Outlined:
-    """Return points with their outline, without those that another surface explains."""
+def _make_patches(points: Float32, others: Float32, config: Config) -> list[Patch]:
+    """Make the patches of one surface of a cloud, one for each part of its outline.
+
+    `others`, float32 (M, 3), are the points of the cloud's other surfaces: what they explain is
+    left out, first of all points and then of each part, beside which the other parts are.
+
+    Points without an outline (a single scan line) make one patch without area.
+    """
+    thinned, weights = thin_cloud(points, config.views.voxel_size)
+    min_gap = config.surfaces.merge_distance
     outline, spacing = horizontal_outline(thinned[:, :2].astype(np.float64), min_gap)
     whole = _Outlined(points, thinned, weights, outline, spacing)
-    return _with_strays_removed(whole, others, min_gap)
+    whole = _without_strays(whole, others, min_gap)
+    if len(whole.outline.geoms) < 2:
+        return [_patch(*whole)]
+    parts = sorted(whole.outline.geoms, key=lambda part: (-part.area, part.bounds))
+    of_point, of_thinned = _nearest(parts, whole.points), _nearest(parts, whole.thinned)
+    patches = []
+    for k, part in enumerate(parts):
+        own, own_thinned = of_point == k, of_thinned == k
+        if own.any() and own_thinned.any():
+            one = _Outlined(
+                whole.points[own],
+                whole.thinned[own_thinned],
+                whole.weights[own_thinned],
+                MultiPolygon([part]),
+                whole.spacing,
+            )
+            rest = np.concatenate([others, whole.thinned[~own_thinned]])
+            patches.append(_patch(*_without_strays(one, rest, min_gap)))
+    return patches
 
 
-def _with_strays_removed(whole: _Outlined, others: Float32, min_gap: float) -> _Outlined:
-    points, thinned, weights, _, spacing = whole
+def _without_strays(surface: _Outlined, others: Float32, min_gap: float) -> _Outlined:
+    """Return a surface without the points that others explain, outlined anew if there are any."""
+    points, thinned, weights, _, spacing = surface
     strays = mark_strays(thinned, weights, spacing, others)
     if not strays.any():
-        return whole
+        return surface
     plan = thinned[:, :2].astype(np.float64)
     kept = ~strays[cKDTree(plan).query(points[:, :2])[1]]
     outline, spacing = horizontal_outline(plan[~strays], min_gap)

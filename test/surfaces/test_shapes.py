@@ -1,6 +1,7 @@
 """Surfaces have the outlines of furniture, and edges say whether they were seen."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,14 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import spatial
 from tccm_ros.outlines.edge_position import EdgeSamples, locate_edge, rotation_scores
 from tccm_ros.records import EdgeState, SurfaceShape
-from tccm_ros.surfaces.shapes import ROTATIONS, _rotation, _yaws, doubting_wall_points
+from tccm_ros.surfaces.edge_samples import Edge
+from tccm_ros.surfaces.shapes import (
+    ROTATIONS,
+    _reaches_wall,
+    _rotation,
+    _yaws,
+    doubting_wall_points,
+)
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 HERE = (0.0, 0.0, 0.0)
@@ -98,6 +106,27 @@ def test_a_rear_that_objects_hide_is_at_the_wall_behind_it():
     rear = max(found.edges, key=lambda edge: edge.start[0] + edge.end[0])
     assert rear.state is not EdgeState.SEEN
     assert found.area_seen < 0.97 * found.area
+
+
+RAGGED = np.r_[np.linspace(-0.11, -0.05, 12), -0.02, -0.01, -0.01]
+
+
+@pytest.mark.parametrize(
+    ("last", "wall", "ends", "beyond", "reaches"),
+    [
+        (RAGGED, 0.08, False, -0.01, True),
+        (RAGGED, 0.15, False, -0.01, False),  # too far
+        (RAGGED, 0.08, True, -0.01, False),  # views looked past the edge
+        (RAGGED, 0.08, False, 0.2, False),  # the surface goes on beyond the wall
+        (np.full(15, -0.01), 0.08, False, -0.01, False),  # it ends in line
+    ],
+)
+def test_an_edge_is_at_the_wall_where_objects_hide_most_of_it(last, wall, ends, beyond, reaches):
+    samples = last_points(np.linspace(0.0, 1.0, 15), last, gap=0.01)
+    samples = samples._replace(ends=np.full(15, ends))
+    edge = Edge(np.array([0.0, 0.0]), np.array([1.0, 0.0]))
+    sampler = SimpleNamespace(furthest=lambda _, limit: min(beyond, limit))
+    assert _reaches_wall(edge, samples, wall, sampler) == reaches
 
 
 def test_a_rear_that_ends_in_line_before_a_wall_stays_there():

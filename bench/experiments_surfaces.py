@@ -223,6 +223,8 @@ class Tally:
         Number of corners found of each true rectangle.
     edges, flush
         Errors of the edges in view, m; those of `flush` are beside another solid of their height.
+    seen
+        Errors of those of `edges` that the map says were seen, m.
     false
         Number of false surfaces.
     labels
@@ -234,6 +236,7 @@ class Tally:
     corners: list[int] = field(default_factory=list)
     edges: list[float] = field(default_factory=list)
     flush: list[float] = field(default_factory=list)
+    seen: list[float] = field(default_factory=list)
     false: int = 0
     labels: Counter[tuple[str, str]] = field(default_factory=Counter)
 
@@ -272,7 +275,9 @@ class Tally:
             f"within {1e3 * max(self.height_errors):.1f} mm; {len(every)} edges in view "
             f"{1e3 * np.sqrt(np.mean(np.square(every))):.1f} mm rms, {len(self.edges)} of them "
             f"where nothing goes on at their height "
-            f"{1e3 * np.sqrt(np.mean(np.square(self.edges))):.1f} mm; median corners of a true "
+            f"{1e3 * np.sqrt(np.mean(np.square(self.edges))):.1f} mm, {len(self.seen)} of these "
+            f"called seen {1e3 * np.sqrt(np.mean(np.square(self.seen))):.1f} mm, median of all "
+            f"{1e3 * np.median(np.abs(every)):.1f} mm; median corners of a true "
             f"rectangle {np.median(self.corners):.0f}",
             "",
             self.names(),
@@ -312,6 +317,7 @@ def flats(first: int, count: int) -> None:
         edges = edge_errors(solution, result, run.simulation, run.hits)
         tally.edges += edges[edges[:, 2] == 0.0, 0].tolist()
         tally.flush += edges[edges[:, 2] > 0.0, 0].tolist()
+        tally.seen += edges[(edges[:, 2] == 0.0) & (edges[:, 3] > 0.0), 0].tolist()
         tally.false += len(result.false)
         within = np.count_nonzero(np.abs(edges[:, 0]) <= edges[:, 1])
         for match in seen:

@@ -13,7 +13,7 @@ from tccm_ros.geometry import inverse, transform
 from tccm_ros.pipeline.evaluate.surfaces import SurfaceScore
 from tccm_ros.pipeline.sim import truth
 from tccm_ros.pipeline.sim.engine import EPOCH_NS, Simulation
-from tccm_ros.records import Scan
+from tccm_ros.records import EdgeState, Scan, Surface
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
 
 Array = NDArray[np.float64]
@@ -78,9 +78,10 @@ def edge_errors(
 ) -> Array:
     """Return how far outside of a true edge the outline ends, and the finest spacing of its views.
 
-    Straight edges that were in view, of surfaces that were found; float64 (N, 3), m, the third 1
+    Straight edges that were in view, of surfaces that were found; float64 (N, 4), m, the third 1
     where another solid goes on at the same height, as the sides of shelves beside their top board:
-    what is there to be seen ends further out.
+    what is there to be seen ends further out. The fourth is 1 where the map says that the edge was
+    seen.
     """
     rows = []
     found = {s.id: k for k, s in enumerate(solution.surfaces)}
@@ -98,8 +99,16 @@ def edge_errors(
         for start, end in pairwise(np.asarray(ring.coords)):
             error = _edge_error(start, end, polygon, near)
             if error is not None:
-                rows.append((error, spacing, goes_on(simulation, start, end, match.height)))
-    return np.array(rows, np.float64).reshape(-1, 3)
+                is_flush = goes_on(simulation, start, end, match.height)
+                rows.append((error, spacing, is_flush, says_seen(surface, 0.5 * (start + end))))
+    return np.array(rows, np.float64).reshape(-1, 4)
+
+
+def says_seen(surface: Surface, at: Array) -> bool:
+    """Return whether the edge of a surface that is nearest to a place in map was seen."""
+    lines = [shapely.LineString([edge.start[:2], edge.end[:2]]) for edge in surface.edges]
+    nearest = int(np.argmin(shapely.distance(lines, shapely.Point(at))))
+    return surface.edges[nearest].state is EdgeState.SEEN
 
 
 def goes_on(simulation: Simulation, start: Array, end: Array, height: float) -> bool:

@@ -121,7 +121,7 @@ RAGGED = np.r_[np.linspace(-0.11, -0.05, 12), -0.02, -0.01, -0.01]
         (np.full(15, -0.01), 0.08, False, -0.01, False),  # it ends in line
     ],
 )
-def test_an_edge_is_at_the_wall_where_objects_hide_most_of_it(last, wall, ends, beyond, reaches):
+def test_a_hidden_edge_near_a_wall_is_at_the_wall(last, wall, ends, beyond, reaches):
     samples = last_points(np.linspace(0.0, 1.0, 15), last, gap=0.01)
     samples = samples._replace(ends=np.full(15, ends))
     edge = Edge(np.array([0.0, 0.0]), np.array([1.0, 0.0]))

@@ -152,6 +152,7 @@ def fit_shape(
     sampler = EdgeSampler(surface, views, T_map_view)
     samples = sampler.outline_samples()
     exterior = Polygon(surface.polygon.exterior)
+    walls = walls[shapely.dwithin(shapely.linestrings(walls), exterior, exterior.length)]
     near = walls_near(exterior, walls)
     model = choose_model(samples, exterior, _yaws(exterior, near))
     if model is None:

@@ -58,6 +58,7 @@ class TrackIds:
         self._last_seen: dict[int, SightKey] = {}
         self._sights: dict[int, set[tuple[int, int]]] = {}
         self._may_be_elsewhere: set[tuple[int, int]] = set()
+        self._known: dict[Members, list[list[tuple[int, int]]]] = {}
         first = first_numbers(views)
         for v, (start, view) in enumerate(zip(first, views)):
             for p, patch in enumerate(view.patches):
@@ -136,7 +137,7 @@ class TrackIds:
         members, now
             The surface and its outline.
         """
-        stamps = [self._own_placed(group) for group in self._sights_in_place(members, now)]
+        stamps = [self._own_placed(group) for group in self._in_place(members, now)]
         return min([self.last_seen(members), *stamps])
 
     def outline_in_place(self, members: Members, now: Footprint) -> Footprint:
@@ -149,8 +150,14 @@ class TrackIds:
         members, now
             The surface and its outline.
         """
-        seen = [self._footprint(group).outline for group in self._sights_in_place(members, now)]
+        seen = [self._footprint(group).outline for group in self._in_place(members, now)]
         return now._replace(outline=shapely.union_all([now.outline, *seen], grid_size=GRID))
+
+    def _in_place(self, members: Members, now: Footprint) -> list[list[tuple[int, int]]]:
+        """Return what `_sights_in_place` finds, once for each surface."""
+        if members not in self._known:
+            self._known[members] = list(self._sights_in_place(members, now))
+        return self._known[members]
 
     def _sights_in_place(self, members: Members, now: Footprint) -> Iterator[list[tuple[int, int]]]:
         """Yield the patches of each view that showed the surface where it is now, newest first.

@@ -20,7 +20,7 @@ from tccm_ros.outlines.edge_position import INDEPENDENT, EdgeSamples
 from tccm_ros.outlines.shape_models import PROBE, SPACING, OutlineSamples
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging import NumberedPatch, clouds_in_map
-from tccm_ros.surfaces.occluded_areas import MAX_SEEN_FRACTION
+from tccm_ros.surfaces.occluded_areas import MAX_SEEN_FRACTION, probes
 from tccm_ros.surfaces.scan_lines import beam_step, line_direction
 from tccm_ros.surfaces.views import View
 
@@ -310,12 +310,10 @@ class EdgeSampler:
         No view looked through it at the height of the surface, and most of it is below what some
         views looked through: a cabinet as high as the room is no object on a worktop.
         """
-        axes = (np.arange(*bounds, PROBE) for bounds in _bounds(area))
-        points = np.stack([axis.ravel() for axis in np.meshgrid(*axes)], axis=1)
-        points = points[shapely.contains_xy(area, points[:, 0], points[:, 1])]
-        if not len(points):
+        at = self.surface.lift(probes(area, self.surface.height)[:, :2])
+        if not len(at):
             return False
-        at, through, over = self.surface.lift(points), *np.zeros((2, len(points)), bool)
+        through, over = np.zeros((2, len(at)), bool)
         for view, T_map_view in zip(self.views, self.T_map_view):
             local = transform(inverse(T_map_view), at)
             if np.hypot(local[:, 0], local[:, 1]).min() > view.max_range:
@@ -342,12 +340,6 @@ class EdgeSampler:
             local = transform(self._inverses[view], probes)
             through |= self.views[view].free.contains(local, CLEAR)
         return through
-
-
-def _bounds(area: Polygon) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the bounds of an area in x and in y, from half a probe inside, m."""
-    x_min, y_min, x_max, y_max = area.bounds
-    return (x_min + 0.5 * PROBE, x_max), (y_min + 0.5 * PROBE, y_max)
 
 
 def _outward_at(ring: shapely.LinearRing, points: Float64) -> Float64:

@@ -127,11 +127,12 @@ def rotation_to_wall(edge: Edge, walls: Float64) -> float:
     wall = wall_along(edge, walls)
     if wall is None:
         return float("inf")
-    rotation = _yaw(wall[1] - wall[0]) - _yaw(edge.end - edge.start)
+    rotation = yaw_of(wall[1] - wall[0]) - yaw_of(edge.end - edge.start)
     return float((rotation + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
 
 
-def _yaw(direction: Float64) -> float:
+def yaw_of(direction: Float64) -> float:
+    """Return the yaw of a direction, float64 (2,), rad."""
     return float(np.arctan2(direction[1], direction[0]))
 
 

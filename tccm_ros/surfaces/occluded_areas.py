@@ -52,7 +52,7 @@ def is_occluded(
     config
         Uses `views.clear_margin`.
     """
-    points = _probes(area, height)
+    points = probes(area, height)
     if len(points) == 0:
         return False
     through = np.zeros(len(points), bool)
@@ -71,7 +71,7 @@ def last_empty_view(
     area, height, views, T_map_view, config
         As in `is_occluded`.
     """
-    points = _probes(area, height)
+    points = probes(area, height)
     for v in reversed(range(len(views)) if len(points) else ()):
         if _looked_through(points, views[v], T_map_view[v], config).mean() > MAX_COVERED:
             return v
@@ -86,7 +86,7 @@ def _looked_through(points: Float64, view: View, T_map_view: Float64, config: Co
     return view.free.contains(local, np.full(len(points), config.views.clear_margin))
 
 
-def _probes(area: Polygon, height: float) -> Float64:
+def probes(area: Polygon, height: float) -> Float64:
     """Return points (N, 3) all over a polygon, at a height."""
     x_min, y_min, x_max, y_max = area.bounds
     half = 0.5 * PROBE_SPACING

@@ -34,6 +34,7 @@ from tccm_ros.surfaces.edge_walls import (
     rotation_to_wall,
     wall_across,
     walls_near,
+    yaw_of,
 )
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.polygons import polygon_rings
@@ -200,13 +201,9 @@ def _yaws(outline: Polygon, walls: Float64) -> Float64:
     weight = np.hypot(steps[:, 0], steps[:, 1]) ** 2
     main = 0.25 * np.arctan2(weight @ np.sin(rotation), weight @ np.cos(rotation))
     longest = steps[np.argmax(weight)]
-    found = [_yaw(box[1] - box[0]), main, _yaw(longest)]
-    found += [_yaw(end - start) for start, end in walls]
+    found = [yaw_of(box[1] - box[0]), main, yaw_of(longest)]
+    found += [yaw_of(end - start) for start, end in walls]
     return np.array(found)
-
-
-def _yaw(direction: Float64) -> float:
-    return float(np.arctan2(direction[1], direction[0]))
 
 
 def _refined(

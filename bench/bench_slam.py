@@ -29,8 +29,8 @@ from tccm_ros.slam.factors.keys import keyframe_key, wall_key
 from tccm_ros.slam.factors.poses import BetweenKeyframes, Planar, PriorPose
 from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph.pose_graph import IncrementalGraph, PoseGraph
-from tccm_ros.slam.lines import extract_lines, label_by_splitting
 from tccm_ros.slam.wall_slam import WallSlam
+from tccm_ros.slam.walls.lines import extract_lines, label_by_splitting
 
 HERE = Path(__file__).resolve().parent
 

@@ -46,16 +46,16 @@ from tccm_ros.pipeline.sim.recording import simulate
 from tccm_ros.pipeline.topics import choose_topics
 from tccm_ros.results.trajectory import read_tum
 from tccm_ros.robot import MountKind
-from tccm_ros.slam.corners import POINT_SIGMA, Corner, corner_factors, meeting_point
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.factors.noise import gaussian
 from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.inliers import Inliers
 from tccm_ros.slam.trajectory import scan_poses
-from tccm_ros.slam.wall_landmarks import wall_factors
 from tccm_ros.slam.wall_slam import WallSlam
-from tccm_ros.slam.walls import WallTable
+from tccm_ros.slam.walls.association import WallTable
+from tccm_ros.slam.walls.corners import POINT_SIGMA, Corner, corner_factors, meeting_point
+from tccm_ros.slam.walls.landmarks import wall_factors
 
 ROOT = HERE.parent
 

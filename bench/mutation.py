@@ -54,13 +54,13 @@ CORE = (
     "baselines/*.py",
     "slam/line*.py",
     "slam/wall*.py",
-    "slam/corners.py",
+    "slam/walls/corners.py",
     "slam/factors/*.py",
     "surfaces/*.py",
 )
 """Modules of the mission's core."""
 
-PLAIN = ("baselines/", "slam/line_fit.py", "slam/line_split.py")
+PLAIN = ("baselines/", "slam/walls/line_fit.py", "slam/walls/line_split.py")
 """Modules whose own tests run in plain Python, which is quicker than to compile."""
 
 LIMITS_S = (120.0, 40.0)

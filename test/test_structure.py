@@ -46,6 +46,31 @@ ROOMS = [
 """Top to bottom; a module imports only what stands above it, or its own room."""
 
 SUB_ROOMS = {
+    "slam": [
+        "se2",
+        "odometry_model",
+        "occupancy",
+        "base_roll_pitch",
+        "solution",
+        "factors",
+        "graph",
+        "matching",
+        "front_end",
+        "trajectory",
+        "chain",
+        "landmarks",
+        "registered_views",
+        "systematic",
+        "walls",
+        "live_estimate",
+        "tracking",
+        "signs",
+        "loops",
+        "saved_walls",
+        "inliers",
+        "growth",
+        "wall_slam",
+    ],
     "pipeline": [
         "sim",
         "report",

@@ -15,7 +15,7 @@ from tccm_ros.fleet.pair_selection import Component, Pair
 from tccm_ros.geometry import compose2, spatial
 from tccm_ros.slam.chain import AnchoredPose
 from tccm_ros.slam.landmarks import AnchoredObservation
-from tccm_ros.slam.loop_matching import Proposal
+from tccm_ros.slam.loops.matching import Proposal
 from tccm_ros.slam.saved_walls import SavedWalls, pack_walls
 from tccm_ros.surfaces.saved_map import SavedMap, SavedView
 

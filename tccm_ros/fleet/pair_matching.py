@@ -26,10 +26,10 @@ from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.models import Covariance3, Vector
 from tccm_ros.results.numbers import json_text
 from tccm_ros.slam.chain import Chain
-from tccm_ros.slam.loop_matching import Proposal
-from tccm_ros.slam.loops import LoopCloser
+from tccm_ros.slam.loops.closing import LoopCloser
+from tccm_ros.slam.loops.matching import Proposal
 from tccm_ros.slam.saved_walls import SavedWalls
-from tccm_ros.slam.sign_views import SignView
+from tccm_ros.slam.signs.views import SignView
 
 MIN_OVERLAP = 0.5
 """Min fraction of a surface that the other map has seen, for it to count, and that one of the other

@@ -13,11 +13,11 @@ import numpy as np
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.slam.alignment import Alignment, Prior, agreement, align, seen_through
-from tccm_ros.slam.correlation import SEARCH_WEIGHT, correlate
-from tccm_ros.slam.level_scan import LevelScan
-from tccm_ros.slam.likelihood_grid import LikelihoodGrid, make_likelihood_grid
-from tccm_ros.slam.line_map import LineMap, make_line_map
+from tccm_ros.slam.matching.alignment import Alignment, Prior, agreement, align, seen_through
+from tccm_ros.slam.matching.correlation import SEARCH_WEIGHT, correlate
+from tccm_ros.slam.matching.level_scan import LevelScan
+from tccm_ros.slam.matching.likelihood_grid import LikelihoodGrid, make_likelihood_grid
+from tccm_ros.slam.matching.line_map import LineMap, make_line_map
 from tccm_ros.slam.odometry_model import OdometryScale, gyro_yaw_variance, odometry_covariance
 from tccm_ros.slam.se2 import between, compose, fuse, inverse, rotate_covariance
 

@@ -21,22 +21,22 @@ from tccm_ros.arrays import Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.geometry import wrap_angle
 from tccm_ros.slam.chain import AnchoredPose, Chain
-from tccm_ros.slam.corners import corner_factors
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, corner_key, wall_key
 from tccm_ros.slam.graph.kept_graph import KeptGraph, KeptSolution
 from tccm_ros.slam.graph.pose_graph import GraphSolution
-from tccm_ros.slam.growing_walls import GrowingWalls
 from tccm_ros.slam.inliers import Inliers, loop_records
-from tccm_ros.slam.lines import Lines
-from tccm_ros.slam.loop_consistency import LOOP_CHI2
-from tccm_ros.slam.loops import LoopCloser
+from tccm_ros.slam.loops.closing import LoopCloser
+from tccm_ros.slam.loops.consistency import LOOP_CHI2
 from tccm_ros.slam.registered_views import RegisteredViews
 from tccm_ros.slam.se2 import compose
 from tccm_ros.slam.systematic import CarriedDisplacement, scale_displacements
-from tccm_ros.slam.wall_landmarks import structure_factors, wall_factors
-from tccm_ros.slam.wall_outliers import OBSERVATION_CHI2
-from tccm_ros.slam.walls import WallTable
+from tccm_ros.slam.walls.association import WallTable
+from tccm_ros.slam.walls.corners import corner_factors
+from tccm_ros.slam.walls.growing import GrowingWalls
+from tccm_ros.slam.walls.landmarks import structure_factors, wall_factors
+from tccm_ros.slam.walls.lines import Lines
+from tccm_ros.slam.walls.outliers import OBSERVATION_CHI2
 
 MIN_KEYFRAMES = 500
 """With fewer, a batch takes less than a second (chosen)."""

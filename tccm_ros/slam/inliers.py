@@ -9,16 +9,16 @@ from tccm_ros.arrays import Bool, Float64
 from tccm_ros.config import Config
 from tccm_ros.records import Loop
 from tccm_ros.slam.chain import Chain
-from tccm_ros.slam.corners import Corner, find_corners
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
-from tccm_ros.slam.lines import Lines
-from tccm_ros.slam.loop_consistency import select_loops
-from tccm_ros.slam.loop_matching import LoopReason, Proposal
-from tccm_ros.slam.loops import LoopCloser
-from tccm_ros.slam.sign_landmarks import FoundSign, Passes, find_signs
-from tccm_ros.slam.sign_views import PictureView, SignView
-from tccm_ros.slam.wall_outliers import check_walls
-from tccm_ros.slam.walls import WallTable, associate_walls, min_confirmations
+from tccm_ros.slam.loops.closing import LoopCloser
+from tccm_ros.slam.loops.consistency import select_loops
+from tccm_ros.slam.loops.matching import LoopReason, Proposal
+from tccm_ros.slam.signs.landmarks import FoundSign, Passes, find_signs
+from tccm_ros.slam.signs.views import PictureView, SignView
+from tccm_ros.slam.walls.association import WallTable, associate_walls, min_confirmations
+from tccm_ros.slam.walls.corners import Corner, find_corners
+from tccm_ros.slam.walls.lines import Lines
+from tccm_ros.slam.walls.outliers import check_walls
 
 SHARED_BEAMS_FACTOR = 2.3
 """Factor on the reported covariances where walls and matching use the same beams (measured: NEES on

@@ -20,10 +20,10 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import transform2, wrap_angle
 from tccm_ros.records import Wall
 from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
-from tccm_ros.slam.line_noise import line_covariance
-from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.se2 import compose, rotate_covariance
-from tccm_ros.slam.walls import GATE_CHI2, GATE_SIGMAS, MAX_DPHI
+from tccm_ros.slam.walls.association import GATE_CHI2, GATE_SIGMAS, MAX_DPHI
+from tccm_ros.slam.walls.line_noise import line_covariance
+from tccm_ros.slam.walls.lines import Lines
 
 INNOVATION_CHI2 = 13.8
 """Gate for the squared Mahalanobis distance of a line from its wall: 99.9 % of two degrees of

@@ -16,11 +16,11 @@ from tccm_ros.slam.chain import AnchoredPose
 from tccm_ros.slam.factors.landmarks import landmark_class
 from tccm_ros.slam.front_end import GraphKeyframe
 from tccm_ros.slam.landmarks import AnchoredObservation
-from tccm_ros.slam.level_scan import LevelScan
-from tccm_ros.slam.lines import Lines
-from tccm_ros.slam.loop_matching import Proposal
-from tccm_ros.slam.saved_signs import pack_signs, unpack_signs
-from tccm_ros.slam.sign_views import SignView
+from tccm_ros.slam.loops.matching import Proposal
+from tccm_ros.slam.matching.level_scan import LevelScan
+from tccm_ros.slam.signs.saved import pack_signs, unpack_signs
+from tccm_ros.slam.signs.views import SignView
+from tccm_ros.slam.walls.lines import Lines
 
 
 class SavedWalls(NamedTuple):

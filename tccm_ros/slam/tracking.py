@@ -30,8 +30,6 @@ from tccm_ros.records import (
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.signs.measurement import SignMeasurement
 from tccm_ros.slam.front_end import FrontEnd
-from tccm_ros.slam.level_scan import LevelScan, make_level_scan
-from tccm_ros.slam.lines import extract_lines
 from tccm_ros.slam.live_estimate import (
     LiveEstimate,
     LivePose,
@@ -39,8 +37,10 @@ from tccm_ros.slam.live_estimate import (
     SolvedKeyframe,
     moved_covariance,
 )
+from tccm_ros.slam.matching.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.odometry_model import odometry_covariance
 from tccm_ros.slam.se2 import between, compose, inverse, rotate_covariance
+from tccm_ros.slam.walls.lines import extract_lines
 
 COUNTED = {
     SurfaceCloud: "clouds", ViewIntervals: "views", ObjectBoxes: "boxes", SignMeasurement: "signs",

@@ -26,7 +26,6 @@ from tccm_ros.records import (
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 from tccm_ros.slam.base_roll_pitch import RollPitchTrack
 from tccm_ros.slam.chain import AnchoredPose, Chain
-from tccm_ros.slam.corners import corner_factors
 from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key, view_key, wall_key
 from tccm_ros.slam.factors.landmarks import landmark_class
@@ -35,18 +34,19 @@ from tccm_ros.slam.graph.pose_graph import GraphSolution
 from tccm_ros.slam.growth import MIN_KEYFRAMES, Growth
 from tccm_ros.slam.inliers import Inliers, select_inliers
 from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors, landmark_records
-from tccm_ros.slam.level_scan import LevelScan, make_level_scan
-from tccm_ros.slam.lines import NO_LINES, LabelBeams, Lines, extract_lines, label_by_splitting
 from tccm_ros.slam.live_estimate import LivePose
-from tccm_ros.slam.loops import LoopCloser
+from tccm_ros.slam.loops.closing import LoopCloser
+from tccm_ros.slam.matching.level_scan import LevelScan, make_level_scan
 from tccm_ros.slam.saved_walls import SavedWalls, pack_walls, unpack_walls
 from tccm_ros.slam.se2 import between, compose, inverse
-from tccm_ros.slam.sign_landmarks import sign_factors, sign_observations, sign_records
-from tccm_ros.slam.sign_views import PictureView, SignView, sign_order
+from tccm_ros.slam.signs.landmarks import sign_factors, sign_observations, sign_records
+from tccm_ros.slam.signs.views import PictureView, SignView, sign_order
 from tccm_ros.slam.solution import Solution, empty_solution
 from tccm_ros.slam.systematic import systematic_covariances
 from tccm_ros.slam.trajectory import OdometryTrack, poses_at_stamps, scan_poses
-from tccm_ros.slam.wall_landmarks import structure_factors, wall_factors, wall_records
+from tccm_ros.slam.walls.corners import corner_factors
+from tccm_ros.slam.walls.landmarks import structure_factors, wall_factors, wall_records
+from tccm_ros.slam.walls.lines import NO_LINES, LabelBeams, Lines, extract_lines, label_by_splitting
 
 SIGN_DELAY_NS = 1_000_000_000
 """What a picture tells is used in the search for loop closures after this time. Chosen: reading one

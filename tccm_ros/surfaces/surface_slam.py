@@ -37,12 +37,12 @@ from tccm_ros.rooms.segmentation import find_rooms
 from tccm_ros.sensors.detections import PosedDetections
 from tccm_ros.sensors.registry import roles_of
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
-from tccm_ros.slam.lines import label_by_splitting
 from tccm_ros.slam.live_estimate import LivePose, MapWalls, SolvedKeyframe
 from tccm_ros.slam.occupancy import OccupancyGrid, occupancy_grid
 from tccm_ros.slam.solution import Solution
 from tccm_ros.slam.tracking import SolvedMap
 from tccm_ros.slam.wall_slam import WallSlam
+from tccm_ros.slam.walls.lines import label_by_splitting
 from tccm_ros.surfaces.corrected_labels import corrected_labels
 from tccm_ros.surfaces.object_labels import (
     MAX_WAIT_NS,

@@ -9,7 +9,7 @@ import pytest
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, planar
 from tccm_ros.slam.front_end import FrontEnd
-from tccm_ros.slam.level_scan import make_level_scan
+from tccm_ros.slam.matching.level_scan import make_level_scan
 from tccm_ros.slam.odometry_model import odometry_covariance
 
 FRONT = np.array([[[1.0, -60.0], [1.0, 60.0]]])

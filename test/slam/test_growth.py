@@ -9,9 +9,9 @@ import pytest
 from tccm_ros.config import Config
 from tccm_ros.geometry import compose2, wrap_angle
 from tccm_ros.slam import growth, wall_slam
-from tccm_ros.slam.growing_walls import GrowingWalls
 from tccm_ros.slam.wall_slam import WallSlam
-from tccm_ros.slam.walls import associate_walls
+from tccm_ros.slam.walls.association import associate_walls
+from tccm_ros.slam.walls.growing import GrowingWalls
 
 RING = [(0, 0), (12, 0), (12, 9), (0, 9), (0, 0), (12, 0), (12, 9), (6, 9)]
 VIEW_STEP, LATE_NS = 40, 30_000_000

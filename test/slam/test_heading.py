@@ -16,7 +16,7 @@ from tccm_ros.records import Imu, PosedScan
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
 from tccm_ros.slam.front_end import FrontEnd
-from tccm_ros.slam.level_scan import make_level_scan
+from tccm_ros.slam.matching.level_scan import make_level_scan
 from tccm_ros.slam.wall_slam import WallSlam
 
 NOTHING = np.zeros((0, 2, 2))

@@ -9,11 +9,11 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import between2, compose2, inverse2
 from tccm_ros.records import Wall
 from tccm_ros.slam.front_end import GraphKeyframe, TrackedPose
-from tccm_ros.slam.level_scan import LevelScan
-from tccm_ros.slam.lines import Lines
 from tccm_ros.slam.live_estimate import LiveEstimate, MapWalls, SolvedKeyframe
+from tccm_ros.slam.matching.level_scan import LevelScan
 from tccm_ros.slam.tracking import SolvedMap, Tracker
 from tccm_ros.slam.wall_slam import WallSlam
+from tccm_ros.slam.walls.lines import Lines
 
 LAP = [(0, 0), (12, 0), (12, 9), (0, 9), (0, 0), (4, 0)]
 EMPTY = LevelScan(0, np.zeros(3), *[np.zeros((0, 2))] * 2, np.zeros((0, 2)), np.zeros((0, 2)))

@@ -10,7 +10,7 @@ from solved import solved_map
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2
 from tccm_ros.records import PoseGuess
-from tccm_ros.slam.alignment import seen_through
+from tccm_ros.slam.matching.alignment import seen_through
 from tccm_ros.slam.tracking import LocalisationState, Tracker
 from tccm_ros.slam.wall_slam import WallSlam
 

@@ -10,7 +10,7 @@ from tccm_ros.geometry import between2, compose2, wrap_angle
 from tccm_ros.slam.chain import Chain
 from tccm_ros.slam.factors.poses import BetweenKeyframes
 from tccm_ros.slam.front_end import FrontEnd, GraphKeyframe
-from tccm_ros.slam.level_scan import make_level_scan
+from tccm_ros.slam.matching.level_scan import make_level_scan
 from tccm_ros.slam.odometry_model import SCALE_DRIFT
 from tccm_ros.slam.systematic import systematic_covariances
 from tccm_ros.slam.wall_slam import WallSlam

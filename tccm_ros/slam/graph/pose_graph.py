@@ -21,7 +21,7 @@ from tccm_ros.slam.factors.factor import Factor
 from tccm_ros.slam.factors.keys import Key
 from tccm_ros.slam.factors.noise import rotate_frame
 from tccm_ros.slam.graph.assembly import add_factors, assemble_update, insert_poses
-from tccm_ros.slam.marginals import Information, InverseColumns
+from tccm_ros.slam.graph.marginals import Information, InverseColumns
 
 MAX_ITERATIONS = 50
 """Iterations of a batch optimisation at most. Chosen as a bound: the change of the error ends it

@@ -1,0 +1,1 @@
+"""Loop closures: candidates, matches and which of them are consistent."""

@@ -1,0 +1,286 @@
+"""Loop closing while driving: search, confirmation and the live estimate of all keyframes.
+
+Keyframes come in order, and each is matched with earlier passes (`loop_search`). A match is a
+proposal: it becomes a factor when others, from other keyframes, close the same cycle. The estimate
+is corrected at once, so that the next windows are small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.config import Config
+from tccm_ros.records import PoseGuess
+from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.front_end import GraphKeyframe
+from tccm_ros.slam.graph.pose_graph import IncrementalGraph
+from tccm_ros.slam.landmarks import AnchoredObservation, landmark_factors
+from tccm_ros.slam.loops.consistency import consistent_with
+from tccm_ros.slam.loops.matching import LoopReason, Proposal, Window
+from tccm_ros.slam.loops.path_lengths import PathLengths
+from tccm_ros.slam.loops.search import LoopSearch, is_same_place
+from tccm_ros.slam.se2 import between, compose, inverse
+from tccm_ros.slam.signs.places import WINDOW_M, WINDOW_RAD, SignPlaces, is_far
+from tccm_ros.slam.signs.views import SignView
+
+NEIGHBOURHOOD = 15.0
+"""Path (m) on either side within which proposals confirm each other (chosen)."""
+
+UPDATE_THRESHOLD_M, UPDATE_THRESHOLD_RAD = 0.08, 0.015
+"""A loop closure that contradicts the estimate by more updates all keyframes at once (chosen)."""
+
+GUESS_KEYFRAMES, GUESS_SIGMAS = 10, 2.0
+"""Keyframes that are matched around a pose that somebody has told, within so many standard
+deviations (chosen)."""
+
+MIN_GUESS_M, MIN_GUESS_RAD = 0.3, 0.15
+"""Half width of that search at least: who tells a pose by hand is not more exact (chosen)."""
+
+BATCH = 10
+"""Keyframes that are added to the live graph together: an update costs the same for one as for a
+few (chosen)."""
+
+
+class LoopCloser:
+    """The live estimate of all keyframes, with its loop closures.
+
+    Parameters
+    ----------
+    config
+        ``loops.*`` and ``matching.*``.
+    chain
+        Keyframes of all sessions; the caller appends to it.
+
+    Attributes
+    ----------
+    poses
+        float64 (K, 3), estimates of the keyframes. Those of a session that is not localised yet
+        are in that session's own frame.
+    accepted, rejected
+        Proposals, in order of discovery.
+    placed_by_sign
+        Ids in the saved map of the signs that placed sessions in it, by session.
+    """
+
+    def __init__(self, config: Config, chain: Chain) -> None:
+        self.poses = np.zeros((0, 3))
+        self.accepted: list[Proposal] = []
+        self.rejected: list[Proposal] = []
+        self.placed_by_sign: dict[int, int] = {}
+        self._config = config
+        self._chain = chain
+        self._search = LoopSearch(config, chain.keyframes)
+        self._lengths = PathLengths()
+        self._graph = IncrementalGraph(relinearize_skip=1)
+        self._localised = {0}
+        # Proposals of the last metres, and those of all proposals that are not confirmed yet.
+        self._recent: list[Proposal] = []
+        self._pending: list[Proposal] = []
+        # Keyframes, loop closures and observations that are not in the live graph yet.
+        self._waiting: list[int] = []
+        self._fresh: list[Proposal] = []
+        self._unused: list[AnchoredObservation] = []
+        self._observers = 0
+        # Where somebody says that the next keyframe is, and that keyframe.
+        self._guess: PoseGuess | None = None
+        self._signs = SignPlaces(chain.keyframes)
+        self._guessed = -1
+
+    def note_guess(self, guess: PoseGuess) -> None:
+        """Look for the session that the next keyframe begins around a pose."""
+        self._guess, self._guessed = guess, -1
+
+    @property
+    def unconfirmed(self) -> list[Proposal]:
+        """Proposals that wait for others to confirm them."""
+        return [replace(p, reason=LoopReason.UNCONFIRMED) for p in self._pending]
+
+    @property
+    def localised(self) -> frozenset[int]:
+        """The sessions that are in the map's frame."""
+        return frozenset(self._localised)
+
+    def add(
+        self,
+        k: int,
+        observations: Sequence[AnchoredObservation] = (),
+        sign_views: Sequence[SignView] = (),
+    ) -> None:
+        """Add keyframe `k`, the newest, and what was seen of landmarks since the one before it."""
+        self._unused.extend(observations)
+        keyframe = self._chain.keyframes[k]
+        starts = self._chain.starts(k)
+        self._append(keyframe, keyframe.pose if starts else compose(self.poses[-1], keyframe.delta))
+        if keyframe.session in self._localised:
+            self._waiting.append(k)
+        if len(self._waiting) >= BATCH:
+            self._update()
+        if self._guess is not None:
+            self._close_around(k, self._guess)
+        if self._config.loops.enabled:
+            self._close(k)
+            self._signs.add(sign_views, self.poses)
+            self._close_by_sign(k)
+
+    def load(
+        self,
+        poses: Float64,
+        loops: Sequence[Proposal],
+        observations: Sequence[AnchoredObservation],
+        sign_views: Sequence[SignView] = (),
+    ) -> None:
+        """Start from a saved map, with its keyframes in the chain.
+
+        Parameters
+        ----------
+        poses
+            float64 (K, 3), of the keyframes.
+        loops
+            Accepted loop closures.
+        observations
+            Of landmarks.
+        sign_views
+            Of door signs.
+        """
+        for keyframe, pose in zip(self._chain.keyframes, poses):
+            self._append(keyframe, pose)
+            self._localised.add(keyframe.session)
+        self.accepted = list(loops)
+        self._lengths.add_loops(loops, self._config.loops.drift)
+        self._waiting, self._fresh = list(range(len(poses))), list(loops)
+        self._unused = list(observations)
+        self._signs.load(sign_views, self.poses)
+        self._update()
+
+    def _append(self, keyframe: GraphKeyframe, pose: Float64) -> None:
+        self._lengths.add(keyframe, starts=self._chain.starts(keyframe.id))
+        self.poses = np.concatenate([self.poses, pose[None]])
+
+    def _update(self) -> None:
+        """Add the keyframes, loop closures and observations that wait to the live graph."""
+        keys = self._chain.keys
+        factors = [factor for k in self._waiting for factor in self._chain.factors_of(k)]
+        factors += [p.factor(keys) for p in self._fresh]
+        starts = {keys[k]: self.poses[k].copy() for k in self._waiting}
+        seen = landmark_factors(self._take_usable(), first=self._observers)
+        for key, anchored in seen.anchored.items():
+            starts[key], factor = self._chain.anchor(key, anchored, self.poses)
+            factors.append(factor)
+        self._graph.add(factors + seen.factors, starts)
+        self._waiting, self._fresh = [], []
+        self._observers += len(seen.anchored)
+        if seen.factors:
+            self._read_back()
+
+    def _take_usable(self) -> list[AnchoredObservation]:
+        """Take out the observations of sessions that are in the map's frame."""
+        sessions = [self._chain.keyframes[s.anchored.keyframe].session for s in self._unused]
+        usable = [s for s, session in zip(self._unused, sessions) if session in self._localised]
+        self._unused = [s for s, x in zip(self._unused, sessions) if x not in self._localised]
+        return usable
+
+    def _close(self, k: int) -> None:
+        """Search for loop closures of keyframe k; accept those that enough others confirm."""
+        driven = self._lengths.driven
+        found = self._search.look(k, self.poses, self._lengths, self._localised)
+        self._recent = [p for p in self._recent if driven[p.b] >= driven[k] - NEIGHBOURHOOD]
+        for proposal in found:
+            if not proposal.reason:
+                self._confirm(proposal)
+            else:
+                self.rejected.append(proposal)
+
+    def _close_around(self, k: int, guess: PoseGuess) -> None:
+        """Look for keyframe k where somebody says that it is; the first match counts."""
+        self._guessed = k if self._guessed < 0 else self._guessed
+        is_late = k >= self._guessed + GUESS_KEYFRAMES
+        if is_late or self._chain.keyframes[k].session in self._localised:
+            self._guess = None
+            return
+        moved = between(self.poses[self._guessed], self.poses[k])
+        sigmas = np.sqrt(np.diag(guess.cov))
+        window = Window(
+            compose(guess.pose, moved),
+            max(MIN_GUESS_M, GUESS_SIGMAS * float(sigmas[:2].max())),
+            min(max(MIN_GUESS_RAD, GUESS_SIGMAS * float(sigmas[2])), float(np.pi)),
+        )
+        found = self._search.look_around(k, window, self.poses, self._localised)
+        if found:
+            self._guess = None
+            self._accept(found)
+
+    def _close_by_sign(self, k: int) -> None:
+        """Match keyframe k where a sign puts it that was seen before, unless that is two places."""
+        found: list[tuple[Proposal, int]] = []
+        session = self._chain.keyframes[k].session
+        is_localised = session in self._localised
+        for window in self._signs.windows(k, self.poses):
+            if self._chain.keyframes[window.place.keyframe].session not in self._localised:
+                continue
+            if is_localised and not is_far(self.poses[k], window.pose):
+                continue
+            around = Window(window.pose, WINDOW_M, WINDOW_RAD)
+            near = self._search.look_around(k, around, self.poses, self._localised, self._lengths)
+            found += [(proposal, window.place.sign) for proposal in near]
+        if not found:
+            return
+        best, sign = max(found, key=lambda pair: pair[0].score)
+        if any(not is_same_place(best, p, self.poses) for p, _ in found):
+            self.rejected.append(replace(best, reason=LoopReason.TWO_PLACES_IN_MAP))
+            return
+        self._confirm(best)
+        if not is_localised and session in self._localised:
+            self.placed_by_sign[session] = sign
+
+    def _confirm(self, proposal: Proposal) -> None:
+        """Accept a proposal, and those that it confirms, once enough agree."""
+        near = [p for p in self._recent if p.b != proposal.b]
+        agree = consistent_with(proposal, near, self.poses, self._lengths.driven)
+        self._pending.append(proposal)
+        self._recent.append(proposal)
+        if agree.sum() + 1 < self._config.loops.confirmations:
+            return
+        waiting = {id(p) for p in self._pending}
+        fresh = [p for p, ok in zip(near, agree) if ok and id(p) in waiting] + [proposal]
+        taken = {id(p) for p in fresh}
+        self._pending = [p for p in self._pending if id(p) not in taken]
+        self._accept(fresh)
+
+    def _accept(self, fresh: list[Proposal]) -> None:
+        session = self._chain.keyframes[fresh[-1].b].session
+        is_new_session = session not in self._localised
+        if is_new_session:
+            self._localise(session, fresh[-1])
+        error = np.array([between(p.delta, self._step(p)) for p in fresh])
+        self.accepted.extend(fresh)
+        self._lengths.add_loops(fresh, self._config.loops.drift)
+        self._fresh.extend(fresh)
+        far = np.hypot(error[:, 0], error[:, 1]).max() > UPDATE_THRESHOLD_M
+        if is_new_session or far or np.abs(error[:, 2]).max() > UPDATE_THRESHOLD_RAD:
+            self._update()
+            self._read_back()
+
+    def _step(self, proposal: Proposal) -> Float64:
+        return between(self.poses[proposal.a], self.poses[proposal.b])
+
+    def _localise(self, session: int, loop: Proposal) -> None:
+        """Move a session into the map's frame by a loop closure; queue it for the live graph."""
+        T = compose(compose(self.poses[loop.a], loop.delta), inverse(self.poses[loop.b]))
+        keyframes = self._chain.keyframes[: len(self.poses)]
+        members = [keyframe.id for keyframe in keyframes if keyframe.session == session]
+        for k in members:
+            self.poses[k] = compose(T, self.poses[k])
+        self._localised.add(session)
+        self._waiting.extend(members)
+
+    def _read_back(self) -> None:
+        """Read all poses from the live graph, after one more step."""
+        self._graph.add([], {})
+        known = [
+            k for k in range(len(self.poses)) if self._chain.keyframes[k].session in self._localised
+        ]
+        self.poses[known] = self._graph.planar_poses([self._chain.keys[k] for k in known])

@@ -1,0 +1,254 @@
+"""Search for loop closures: candidate submaps, windows and matches.
+
+Each third keyframe is matched with the submaps of earlier passes, within a window that grows with
+the path since the two were last constrained to each other. A session that starts at an unknown
+pose in a saved map is matched with the whole map until it is localised.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.config import Config
+from tccm_ros.slam.front_end import GraphKeyframe
+from tccm_ros.slam.loops.matching import COARSE_STEP, LoopReason, Proposal, Window, propose
+from tccm_ros.slam.loops.path_lengths import PathLengths
+from tccm_ros.slam.loops.submaps import Patch, Submap, make_patch, make_submap
+from tccm_ros.slam.matching.correlation import correlate
+from tccm_ros.slam.se2 import between, compose
+
+QUERY_STEP = 3
+"""Every third keyframe is matched: neighbours see the same (chosen)."""
+
+SUBMAP_STEP, SUBMAP_HALF, PATCH_HALF = 5, 10, 4
+"""A submap of 21 keyframes every 5 keyframes (6 m every 1.5 m); a patch of 9 keyframes (chosen)."""
+
+OVERLAP = 3.0
+"""Keyframes within this distance (m) see the same walls (chosen)."""
+
+MAX_PASSES = 3
+"""Earlier passes that one keyframe is matched with (chosen)."""
+
+BASE_WINDOW = (0.25, 0.08)
+"""Half width (m, rad) of the search directly after a loop closure (chosen)."""
+
+MAX_YAW_WINDOW = 0.7
+"""Maximum half width of the search in yaw, rad, unless lost (chosen)."""
+
+LOST_STEP, LOST_WINDOW = 9, 2.0
+"""When lost, each ninth keyframe is matched with every other submap, in windows of this half width,
+m (chosen)."""
+
+SAME_POSITION = 1.0
+"""Two matches that put the robot within this distance (m) are the same place (chosen)."""
+
+MIN_POINTS = 10
+"""Points of a patch that is matched at all (chosen)."""
+
+CACHED_SUBMAPS, CACHED_LOST = 60, 250
+"""Submaps that are kept for the next keyframes, and while lost: 1 MB each (chosen)."""
+
+ROUGH_STEP = 4
+"""Every fourth point of a patch is used to rank submaps while lost (chosen)."""
+
+
+@dataclass(slots=True)
+class LoopSearch:
+    """The search in the submaps of all sessions; deterministic in the order of keyframes.
+
+    Attributes
+    ----------
+    config
+        ``loops.*`` and ``matching.*``.
+    keyframes
+        Of all sessions; the list is shared with the `Chain` that appends to it.
+    """
+
+    config: Config
+    keyframes: list[GraphKeyframe]
+    _cache: dict[int, Submap] = field(default_factory=dict)
+
+    def look(
+        self, k: int, poses: Float64, lengths: PathLengths, localised: Collection[int]
+    ) -> list[Proposal]:
+        """Match keyframe `k`, the newest, with submaps that may see the same walls.
+
+        Parameters
+        ----------
+        k
+            A keyframe; two of three are not matched, because neighbours see the same.
+        poses
+            float64 (K, 3), estimates of the keyframes.
+        lengths
+            Path lengths between keyframes.
+        localised
+            Sessions in the map's frame; one that is not is matched with the whole map.
+
+        Returns
+        -------
+        list of Proposal
+            Those with a reason are rejected.
+        """
+        is_lost = self.keyframes[k].session not in localised
+        if k % (LOST_STEP if is_lost else QUERY_STEP):
+            return []
+        if is_lost:
+            return self._look_everywhere(k, poses, localised)
+        return self._look_nearby(k, poses, lengths)
+
+    def look_around(
+        self,
+        k: int,
+        guess: Window,
+        poses: Float64,
+        localised: Collection[int],
+        lengths: PathLengths | None = None,
+    ) -> list[Proposal]:
+        """Match keyframe `k` with the submaps around a pose that somebody, or a sign, has told.
+
+        Parameters
+        ----------
+        k
+            The newest keyframe.
+        guess
+            Where it is in map, and how far it may be from there.
+        poses
+            float64 (K, 3), estimates of the keyframes.
+        localised
+            Sessions in the map's frame.
+        lengths
+            Path lengths: submaps of the path just driven are left out. None: none is.
+
+        Returns
+        -------
+        list of Proposal
+            The match with the best score, where one is not rejected.
+        """
+        centres = [
+            c
+            for c in range(0, k, SUBMAP_STEP)
+            if self.keyframes[c].session in localised
+            and np.hypot(*(poses[c, :2] - guess.centre[:2])) <= OVERLAP + guess.half_width_m
+            and (lengths is None or self._is_earlier_pass(c, k, lengths))
+        ]
+        centres.sort(key=lambda c: (float(np.hypot(*(poses[c, :2] - guess.centre[:2]))), c))
+        patch = make_patch(self.keyframes, k, PATCH_HALF)
+        if len(patch.points) < MIN_POINTS:
+            return []
+        found = [
+            propose(
+                self._submap(c),
+                patch,
+                replace(guess, centre=between(poses[c], guess.centre)),
+                self.config,
+            )
+            for c in centres[:MAX_PASSES]
+        ]
+        fit = [p for p in found if p is not None and not p.reason]
+        return [max(fit, key=lambda p: p.score)] if fit else []
+
+    def _is_earlier_pass(self, c: int, k: int, lengths: PathLengths) -> bool:
+        is_other = self.keyframes[c].session != self.keyframes[k].session
+        driven = float(lengths.driven[k] - lengths.driven[c])
+        return is_other or driven >= self.config.loops.min_path
+
+    def _look_nearby(self, k: int, poses: Float64, lengths: PathLengths) -> list[Proposal]:
+        """Match keyframe k with the submaps of earlier passes."""
+        candidates = self._candidates(k, poses, lengths)
+        patch = make_patch(self.keyframes, k, PATCH_HALF) if candidates else None
+        if patch is None or len(patch.points) < MIN_POINTS:
+            return []
+        found = [propose(self._submap(c), patch, w, self.config) for c, w in candidates]
+        return [proposal for proposal in found if proposal is not None]
+
+    def _look_everywhere(
+        self, k: int, poses: Float64, localised: Collection[int]
+    ) -> list[Proposal]:
+        """Match keyframe k with the whole map; return the best place, unless it is ambiguous."""
+        patch = make_patch(self.keyframes, k, PATCH_HALF)
+        best: list[Proposal] = []
+        if len(patch.points) < MIN_POINTS:
+            return best
+        ratio = self.config.loops.ambiguity
+        for centre in self._likely_first(patch, self._other_sessions(k, localised)):
+            min_score = ratio * best[0].score if best else 0.0
+            window = Window(np.zeros(3), LOST_WINDOW, np.pi, min_score)
+            found = propose(self._submap(centre, CACHED_LOST), patch, window, self.config)
+            if found is not None and not found.reason:
+                best = sorted([*best, found], key=lambda p: -p.score)
+        rivals = [p for p in best[1:] if p.score >= ratio * best[0].score]
+        if any(not is_same_place(best[0], p, poses) for p in rivals):
+            return [replace(best[0], reason=LoopReason.TWO_PLACES_IN_MAP)]
+        return best[:1]
+
+    def _likely_first(self, patch: Patch, centres: list[int]) -> list[int]:
+        """Return submap centres in the order of a rough match.
+
+        The right place, found early, bounds the search in the other submaps.
+        """
+        span, step = (LOST_WINDOW, float(np.pi)), 2.0 * COARSE_STEP
+        some = np.ascontiguousarray(patch.search_points[::ROUGH_STEP])
+        scores = []
+        for centre in centres:
+            grid = self._submap(centre, CACHED_LOST).grid
+            scores.append(correlate(grid, some, np.zeros(3), span, angle_step=step).score)
+        return [centres[i] for i in np.argsort(-np.array(scores), kind="stable")]
+
+    def _candidates(self, k: int, poses: Float64, lengths: PathLengths) -> list[tuple[int, Window]]:
+        """Return submap centres of earlier passes near k, and the window of the search in each."""
+        loops = self.config.loops
+        centres = np.arange(SUBMAP_HALF, k - SUBMAP_HALF, SUBMAP_STEP)
+        path = lengths.driven
+        centres = centres[path[k] - path[centres] >= loops.min_path]
+        if not len(centres):
+            return []
+        away = np.hypot(*(poses[centres, :2] - poses[k, :2]).T)
+        if not (away <= OVERLAP + loops.max_window).any():
+            return []
+        path_between = lengths.shortest_to(k)[centres]
+        half_width_m = np.minimum(loops.max_window, BASE_WINDOW[0] + loops.drift * path_between)
+        half_width_rad = np.minimum(
+            MAX_YAW_WINDOW, BASE_WINDOW[1] + loops.drift_angle * path_between
+        )
+        eligible = np.flatnonzero((away <= OVERLAP + half_width_m) & np.isfinite(path_between))
+        passes = np.split(eligible, np.flatnonzero(np.diff(eligible) > 1) + 1)
+        best = [int(p[np.argmin(away[p])]) for p in passes if len(p)]
+        best.sort(key=lambda i: (away[i], i))
+        return [
+            (
+                int(centres[i]),
+                Window(
+                    between(poses[centres[i]], poses[k]),
+                    float(half_width_m[i]),
+                    float(half_width_rad[i]),
+                ),
+            )
+            for i in best[:MAX_PASSES]
+        ]
+
+    def _other_sessions(self, k: int, localised: Collection[int]) -> list[int]:
+        """Return every other submap centre of the sessions in the map's frame."""
+        session = self.keyframes[k].session
+        return [
+            c
+            for c in range(SUBMAP_HALF, k - SUBMAP_HALF, 2 * SUBMAP_STEP)
+            if self.keyframes[c].session != session and self.keyframes[c].session in localised
+        ]
+
+    def _submap(self, centre: int, max_submaps: int = CACHED_SUBMAPS) -> Submap:
+        if centre not in self._cache:
+            while len(self._cache) >= max_submaps:
+                del self._cache[next(iter(self._cache))]
+            self._cache[centre] = make_submap(self.keyframes, centre, SUBMAP_HALF)
+        return self._cache[centre]
+
+
+def is_same_place(one: Proposal, other: Proposal, poses: Float64) -> bool:
+    """Return whether two proposals put their keyframe at one place; poses float64 (K, 3)."""
+    a = compose(poses[one.a], one.delta)
+    b = compose(poses[other.a], other.delta)
+    return bool(np.hypot(a[0] - b[0], a[1] - b[1]) < SAME_POSITION)

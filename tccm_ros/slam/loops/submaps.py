@@ -1,0 +1,127 @@
+"""Submaps and patches: consecutive keyframes as one map, and as one large scan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.geometry import between2
+from tccm_ros.slam.front_end import GraphKeyframe
+from tccm_ros.slam.matching.likelihood_grid import LikelihoodGrid, make_likelihood_grid
+from tccm_ros.slam.matching.line_map import LineMap, make_line_map
+from tccm_ros.slam.se2 import transform_points
+
+PATCH_POINTS = 220
+"""Maximum number of points of a patch: more do not make a match more accurate (chosen)."""
+
+SEARCH_POINTS = 110
+"""Maximum number of points that a search scores (chosen)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Submap:
+    """Several keyframes as one map.
+
+    Attributes
+    ----------
+    centre
+        Id of the keyframe in whose frame the map is.
+    lines
+        For alignment.
+    grid
+        For the correlative search, with free space.
+    """
+
+    centre: int
+    lines: LineMap
+    grid: LikelihoodGrid
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patch:
+    """Several keyframes as one scan.
+
+    Attributes
+    ----------
+    centre
+        Id of the keyframe in whose frame the points are.
+    points, normals
+        float64 (N, 2), m and unit vectors, zero where the surroundings are not flat.
+    search_points
+        float64 (M, 2), fewer points for the correlative search.
+    """
+
+    centre: int
+    points: Float64
+    normals: Float64
+    search_points: Float64
+
+
+def make_submap(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> Submap:
+    """Make a submap by the front end's estimates.
+
+    Parameters
+    ----------
+    keyframes
+        Of all sessions.
+    centre
+        Id of the central keyframe.
+    half
+        Keyframes on either side, of the same session.
+    """
+    first, last = _range(keyframes, centre, half)
+    members = keyframes[first : last + 1]
+    poses = between2(keyframes[centre].pose, np.stack([k.pose for k in members]))
+    lines = make_line_map(poses, [k.scan for k in members])
+    origins = [transform_points(q, k.scan.origin[None]) for q, k in zip(poses, members)]
+    counts = [len(k.scan.points) for k in members]
+    ends = np.concatenate([transform_points(q, k.scan.points) for q, k in zip(poses, members)])
+    rays = np.repeat(np.concatenate(origins), counts, axis=0), ends
+    grid = make_likelihood_grid(lines.points, rays=rays)
+    return Submap(centre, lines, grid)
+
+
+def make_patch(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> Patch:
+    """Make a patch by the front end's estimates; all points of the central scan come first.
+
+    Parameters
+    ----------
+    keyframes
+        Of all sessions.
+    centre
+        Id of the central keyframe.
+    half
+        Keyframes on either side, of the same session.
+    """
+    first, last = _range(keyframes, centre, half)
+    order = sorted(range(first, last + 1), key=lambda k: (abs(k - centre), k))
+    poses = between2(keyframes[centre].pose, np.stack([keyframes[k].pose for k in order]))
+    lines = make_line_map(poses, [keyframes[k].scan for k in order])
+    return Patch(
+        centre,
+        _evenly(lines.points, PATCH_POINTS),
+        _evenly(lines.normals, PATCH_POINTS),
+        _evenly(lines.points, SEARCH_POINTS),
+    )
+
+
+def _range(keyframes: Sequence[GraphKeyframe], centre: int, half: int) -> tuple[int, int]:
+    """Return first and last keyframe within `half` of `centre` and of its session."""
+    first = last = centre
+    session = keyframes[centre].session
+    while first > max(0, centre - half) and keyframes[first - 1].session == session:
+        first -= 1
+    end = min(len(keyframes) - 1, centre + half)
+    while last < end and keyframes[last + 1].session == session:
+        last += 1
+    return first, last
+
+
+def _evenly(rows: Float64, max_rows: int) -> Float64:
+    """Return at most `max_rows` rows, evenly spread over their order in the bucket grid."""
+    if len(rows) <= max_rows:
+        return rows
+    return np.ascontiguousarray(rows[np.linspace(0, len(rows) - 1, max_rows).astype(np.int64)])

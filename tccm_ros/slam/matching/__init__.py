@@ -1,0 +1,1 @@
+"""Scan matching: a level scan against a local map."""

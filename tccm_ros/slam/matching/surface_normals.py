@@ -1,0 +1,162 @@
+"""Normals of a local map, averaged over all scans, and the variances of their directions.
+
+A normal fitted to a few beams of one scan is off by some hundredths of a radian, to either side.
+The mean over several scans is more accurate. The variance that is left matters along a corridor:
+there, noise of the normals is all the information that walls give on the position along it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tccm_ros.arrays import Float64, Int64
+from tccm_ros.kernels import kernel
+from tccm_ros.slam.matching.buckets import BUCKET, Buckets
+from tccm_ros.slam.matching.level_scan import FLATNESS
+
+RADIUS = 0.2
+"""A missing normal is fitted to the points of all scans within this distance, m (chosen)."""
+
+MIN_POINTS = 4
+"""Points that a missing normal is fitted to at least. Chosen: two more than a line has
+parameters."""
+
+PRIOR_SIGMA, PRIOR_FREEDOM = 0.08, 20.0
+"""Standard deviation (rad) of single normals, and the degrees of freedom with which it counts
+beside the scatter that is found: in a map of one scan hardly any point has two normals (chosen:
+that of ordinary lasers)."""
+
+MOMENTS = np.dtype([(name, np.float64) for name in ("n", "x", "y", "xx", "xy", "yy")])
+"""Number of points, and the sums of their coordinates and of the products of these."""
+
+
+@kernel
+def mean_normals(
+    normals: Float64, owner: Int64
+) -> tuple[Float64, Float64]:  # pragma: no cover - compiled
+    """Return the mean normal of each group of points, and the variance of its direction.
+
+    The scatter of single normals around the means of their groups is taken to be the same in all
+    of the map, because many groups have one member.
+
+    Parameters
+    ----------
+    normals
+        float64 (N, 2), unit normals or zero.
+    owner
+        int64 (N,), the point that represents each point's group.
+
+    Returns
+    -------
+    Unit normals float64 (N, 2) at the owners, zero where the owner has none, and variances
+    float64 (N,), rad^2
+    """
+    total, count = np.zeros_like(normals), np.zeros(len(normals))
+    for i in range(len(normals)):
+        j = owner[i]
+        if _is_zero(normals, i) or _is_zero(normals, j):
+            continue
+        total[j, 0] += normals[i, 0]
+        total[j, 1] += normals[i, 1]
+        count[j] += 1.0
+    squares, freedom = 0.0, 0.0
+    for j in range(len(normals)):
+        if count[j] > 0.0:
+            length = np.hypot(total[j, 0], total[j, 1])
+            # Of small angles a: the sum of cos a falls short of their number by half that of a^2.
+            squares += 2.0 * (count[j] - length)
+            freedom += count[j] - 1.0
+            total[j, 0] /= length
+            total[j, 1] /= length
+    squares += PRIOR_FREEDOM * PRIOR_SIGMA**2
+    scatter = squares / (freedom + PRIOR_FREEDOM)
+    return total, np.where(count > 0.0, scatter / np.maximum(count, 1.0), 0.0)
+
+
+@kernel
+def fit_missing_normals(
+    points: Float64,
+    normals: Float64,
+    variances: Float64,
+    lasers: Float64,
+    buckets: Buckets,
+    all_points: Float64,
+) -> None:  # pragma: no cover - compiled
+    """Fit a normal to what all scans saw around each point that has none, where that is flat.
+
+    Beams far along a corridor are too sparse for a normal in their own scan; several scans
+    together fill the gaps. Corners and small objects get no normal.
+
+    Parameters
+    ----------
+    points, normals, variances
+        float64 (N, 2), (N, 2) and (N,) of a map, sorted into buckets; the latter two are changed.
+    lasers
+        float64 (N, 2), position of the laser that saw each: normals point to it.
+    buckets
+        Of the map.
+    all_points
+        float64 (M, 2), of all scans.
+    """
+    origin, starts = buckets.origin, buckets.starts
+    missing, wanted = np.zeros(len(points), np.bool_), np.zeros(starts.shape[:2], np.bool_)
+    for k in range(len(points)):
+        if _is_zero(normals, k):
+            missing[k] = True
+            x, y = points[k, 0] - origin[0], points[k, 1] - origin[1]
+            wanted[int(x / BUCKET), int(y / BUCKET)] = True
+    moments = np.zeros(len(points), MOMENTS)
+    for i in range(len(all_points)):
+        x, y = all_points[i, 0] - origin[0], all_points[i, 1] - origin[1]
+        for gx in range(int((x - RADIUS) / BUCKET), int((x + RADIUS) / BUCKET) + 1):
+            for gy in range(int((y - RADIUS) / BUCKET), int((y + RADIUS) / BUCKET) + 1):
+                if not wanted[gx, gy]:
+                    continue
+                for k in range(starts[gx, gy, 0], starts[gx, gy, 1]):
+                    if missing[k]:
+                        dx = all_points[i, 0] - points[k, 0]
+                        dy = all_points[i, 1] - points[k, 1]
+                        if dx * dx + dy * dy < RADIUS * RADIUS:
+                            _count_in(moments[k], dx, dy)
+    for k in range(len(points)):
+        if missing[k] and moments[k].n >= MIN_POINTS:
+            _fit(points[k], lasers[k], moments[k], normals[k], variances[k : k + 1])
+
+
+@kernel
+def _count_in(m: Any, dx: float, dy: float) -> None:  # pragma: no cover - compiled
+    """Add a point's moments."""
+    m.n += 1.0
+    m.x += dx
+    m.y += dy
+    m.xx += dx * dx
+    m.xy += dx * dy
+    m.yy += dy * dy
+
+
+@kernel
+def _fit(
+    point: Float64, laser: Float64, m: Any, normal: Float64, variance: Float64
+) -> None:  # pragma: no cover - compiled
+    """Write the normal of moments, and its variance, where they are flat."""
+    n = m.n
+    sx, sy = m.x / n, m.y / n
+    a, b, c = m.xx / n - sx * sx, m.xy / n - sx * sy, m.yy / n - sy * sy
+    mid, half = 0.5 * (a + c), np.hypot(0.5 * (a - c), b)
+    thick, long = max(mid - half, 0.0), mid + half
+    if half == 0.0 or thick > FLATNESS * FLATNESS * long:
+        return
+    angle = 0.5 * np.arctan2(2.0 * b, a - c) + 0.5 * np.pi
+    nx, ny = np.cos(angle), np.sin(angle)
+    towards = nx * (laser[0] - point[0]) + ny * (laser[1] - point[1])
+    sign = 1.0 if towards > 0.0 else -1.0
+    normal[0], normal[1] = sign * nx, sign * ny
+    # Of a line's direction: across, over along.
+    variance[0] = thick / ((n - 2.0) * long)
+
+
+@kernel
+def _is_zero(normals: Float64, i: int) -> bool:  # pragma: no cover - compiled
+    return bool(normals[i, 0] == 0.0 and normals[i, 1] == 0.0)

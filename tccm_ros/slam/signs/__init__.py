@@ -1,0 +1,1 @@
+"""Door signs as landmarks of the graph."""

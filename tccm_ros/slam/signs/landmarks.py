@@ -1,0 +1,239 @@
+"""Door signs as landmarks of the graph: which there are, their factors, and the optimised signs."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.records import SIGN, Landmark, Sign, SignSighting
+from tccm_ros.signs.texts import vote
+from tccm_ros.slam.factors.factor import Factor
+from tccm_ros.slam.factors.keys import Key, wall_key
+from tccm_ros.slam.factors.landmarks import landmark_class
+from tccm_ros.slam.factors.signs import SignOnWall, SignStart
+from tccm_ros.slam.graph.pose_graph import GraphSolution
+from tccm_ros.slam.landmarks import AnchoredObservation
+from tccm_ros.slam.signs.association import associate_signs, number_signs
+from tccm_ros.slam.signs.presence import (
+    Looks,
+    SignPlace,
+    is_read_by_chance,
+    is_taken_away,
+    looks_at,
+    reading_probabilities,
+    seen_pictures,
+)
+from tccm_ros.slam.signs.sightings import Sighting, find_sightings
+from tccm_ros.slam.signs.triangulation import RAY_CHI2, Rays, triangulate
+from tccm_ros.slam.signs.views import PictureView, SignView, camera_poses, rays_of
+from tccm_ros.slam.signs.walls import is_behind_wall, wall_of_sign
+from tccm_ros.slam.walls.association import WallTable
+
+WALL_SIGMA = 0.02
+"""Standard deviation (m) of the distance of a plate from its wall: thickness and skirting
+(chosen)."""
+
+
+MIN_VIEWS_WITHOUT_WALL = 3
+"""Views of a sign that is on no known wall: two rays that cross meet somewhere (chosen)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundSign:
+    """A sign before the graph is solved with it.
+
+    Attributes
+    ----------
+    id
+        Of the sign.
+    views
+        Those that agree with each other, in their order.
+    position
+        float64 (3,), in map, by triangulation.
+    origins
+        float64 (N, 3), of the cameras of the views in map.
+    wall
+        Index of its wall, -1 for none.
+    """
+
+    id: int
+    views: tuple[SignView, ...]
+    position: Float64
+    origins: Float64
+    wall: int
+
+    @property
+    def origin(self) -> Float64:
+        """Mean position of the cameras in map, float64 (3,)."""
+        return np.asarray(self.origins.mean(axis=0))
+
+    @property
+    def key(self) -> Key:
+        """The sign's variable."""
+        return Key(landmark_class(SIGN).letter, self.id)
+
+
+class Passes(NamedTuple):
+    """The keyframes that the views hang on.
+
+    Attributes
+    ----------
+    solution
+        The graph without signs.
+    keys
+        Variables of all keyframes.
+    sessions
+        Of all keyframes.
+    """
+
+    solution: GraphSolution
+    keys: Sequence[Key]
+    sessions: Sequence[int]
+
+
+def find_signs(
+    views: Sequence[SignView],
+    pictures: Sequence[PictureView],
+    passes: Passes,
+    walls: WallTable,
+) -> list[FoundSign]:
+    """Return the signs that views see, and that pictures do not miss too often, by their ids.
+
+    Parameters
+    ----------
+    views
+        In the order in which they were taken, those of earlier sessions first.
+    pictures
+        Those that were searched in this session, in the order of their stamps.
+    passes
+        From where.
+    walls
+        Of the map, with at least one observation each.
+    """
+    if not views:
+        return []
+    solution, keys = passes.solution, passes.keys
+    poses = solution.planar_poses(keys)
+    rays = rays_of(views, poses)
+    sightings = find_sightings(views, rays, [passes.sessions[v.anchored.keyframe] for v in views])
+    signs = associate_signs(
+        sightings, lambda a, b, p: solution.relative_covariance(keys[a], keys[b], p)
+    )
+    ids = number_signs(signs, [v.sign for v in views])
+    found = [_found(i, sign, views, rays, walls) for i, sign in zip(ids, signs)]
+    known = sorted((sign for sign in found if sign is not None), key=lambda sign: sign.id)
+    seen = seen_pictures(pictures, camera_poses(pictures, poses), views)
+    looks = [looks_at(_place(sign, walls), seen, walls) for sign in known]
+    return [sign for k, sign in enumerate(known) if _is_there(looks, k)]
+
+
+def _is_there(looks: Sequence[Looks], k: int) -> bool:
+    """Return whether a sign is on its wall, by the pictures that read it and those that missed."""
+    probability = reading_probabilities(looks, k)
+    is_false = is_read_by_chance(looks[k], probability)
+    return not (is_false or is_taken_away(looks[k], probability))
+
+
+def _place(sign: FoundSign, walls: WallTable) -> SignPlace:
+    """Return where a sign is and which way it faces, before the graph is solved with it."""
+    if sign.wall >= 0:
+        phi = float(walls.phi[sign.wall])
+        normal = np.array([-np.cos(phi), -np.sin(phi), 0.0])
+    else:
+        away = (sign.origin - sign.position) * [1.0, 1.0, 0.0]
+        normal = away / max(float(np.linalg.norm(away)), 1e-12)
+    return SignPlace(sign.position, normal, sign.views, sign.origins)
+
+
+def _found(
+    number: int,
+    sightings: Sequence[Sighting],
+    views: Sequence[SignView],
+    rays: Rays,
+    walls: WallTable,
+) -> FoundSign | None:
+    """Return a sign without the views that contradict the others; None for none."""
+    members = sorted(i for s in sightings for i in s.views)
+    point = triangulate(rays.of(members)).position
+    kept = [i for i, chi2 in zip(members, rays.of(members).chi2(point)) if chi2 < RAY_CHI2]
+    if len(kept) < len(members) and len(kept) >= 2:
+        point = triangulate(rays.of(kept)).position
+    origins = rays.origins[kept] if kept else rays.origins[members]
+    if not kept or is_behind_wall(point, origins, walls):
+        return None
+    wall = wall_of_sign(point, origins.mean(axis=0), walls)
+    if wall < 0 and len(kept) < MIN_VIEWS_WITHOUT_WALL:
+        return None
+    return FoundSign(number, tuple(views[i] for i in kept), point, origins, wall)
+
+
+def sign_observations(signs: Sequence[FoundSign]) -> list[AnchoredObservation]:
+    """Return the views of signs as observations of landmarks."""
+    return [view.observation(sign.id) for sign in signs for view in sign.views]
+
+
+def sign_factors(signs: Sequence[FoundSign], scale: float, walls: Collection[Key]) -> list[Factor]:
+    """Return where signs start, and the walls that hold them.
+
+    Parameters
+    ----------
+    signs
+        All of them.
+    scale
+        Factor by which the covariances of the graph's other factors are too large.
+    walls
+        Variables of the walls in the graph.
+    """
+    factors: list[Factor] = [SignStart(sign.key, sign.position) for sign in signs]
+    factors += [
+        SignOnWall(sign.key, wall_key(sign.wall), WALL_SIGMA / np.sqrt(scale))
+        for sign in signs
+        if wall_key(sign.wall) in walls
+    ]
+    return factors
+
+
+def sign_records(
+    signs: Sequence[FoundSign], landmarks: Sequence[Landmark], solution: GraphSolution
+) -> tuple[Sign, ...]:
+    """Return the optimised signs by their ids.
+
+    Parameters
+    ----------
+    signs
+        As they entered the graph.
+    landmarks
+        The optimised landmarks of all kinds.
+    solution
+        Of the graph that holds them.
+    """
+    optimised = {m.id: m for m in landmarks if m.kind == SIGN}
+    return tuple(_record(sign, optimised[sign.id], solution) for sign in signs)
+
+
+def _record(sign: FoundSign, landmark: Landmark, solution: GraphSolution) -> Sign:
+    seen = [view.measurement for view in sign.views]
+    number, confidence = vote([(m.number, m.confidence) for m in seen])
+    text, _ = vote([(m.text, m.confidence) for m in seen if m.number == number])
+    wall = wall_key(sign.wall)
+    is_held = sign.wall >= 0 and solution.values.exists(wall.symbol)
+    away = -solution.plane(wall)[:3] if is_held else sign.origin - landmark.position
+    normal = np.array([away[0], away[1], 0.0])
+    return Sign(
+        sign.id,
+        text,
+        number,
+        confidence,
+        landmark.position,
+        normal / max(float(np.linalg.norm(normal)), 1e-12),
+        landmark.covariance,
+        sign.wall if is_held else None,
+        tuple(
+            SignSighting(v.measurement.stamp_ns, v.anchored.keyframe, v.measurement.pixel)
+            for v in sign.views
+        ),
+    )

@@ -1,0 +1,182 @@
+"""Places of door signs, and where a robot is that reads a text that was seen before.
+
+A place is a sign with the direction that it faces, as a planar pose in a keyframe. Two places of
+one text put two keyframes at each other: a small window, in which matching looks for a loop closure
+as in any other. A text alone closes nothing.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.slam.front_end import GraphKeyframe
+from tccm_ros.slam.se2 import between, compose, inverse, transform_points
+from tccm_ros.slam.signs.sightings import PASS_GAP_NS, Sighting, find_sightings
+from tccm_ros.slam.signs.views import SignView, rays_of
+
+MIN_CONFIDENCE = 0.6
+"""Confidence of a text that proposes a loop closure (chosen: half of its readings say another, or
+all are doubtful, below)."""
+
+FACING_DISTANCE, MIN_FACING_POINTS = 0.6, 6
+"""Points of the level scans within this distance (m) of a sign, and how many of them at least, tell
+which way its wall faces (chosen)."""
+
+MIN_FACING_AGREEMENT = 0.9
+"""Length of the mean of their unit normals at least. Chosen: 26 deg of scatter."""
+
+WINDOW_M, WINDOW_RAD = 0.5, 0.2
+"""Half width of the search for a keyframe that a sign puts somewhere. Chosen: several standard
+deviations of a triangulated point and of the normal of a wall."""
+
+FAR_M, FAR_RAD = 0.2, 0.1
+"""A sign that puts a keyframe nearer than this to where the estimate has it closes no loop: it is a
+factor of the solution all the same (chosen: what a triangulated point is off by)."""
+
+RECENT_KEYFRAMES = 15
+"""Keyframes after a sign was seen that it can put somewhere (chosen: 4 m)."""
+
+
+class SignPlace(NamedTuple):
+    """A sign as a planar pose.
+
+    Attributes
+    ----------
+    number
+        The text.
+    keyframe
+        On which it hangs.
+    pose
+        float64 (3,), in the keyframe: its position, and the direction that it faces.
+    sign
+        Its id in a saved map; -1 for one of this run.
+    """
+
+    number: str
+    keyframe: int
+    pose: Float64
+    sign: int
+
+
+class SignWindow(NamedTuple):
+    """Where a sign puts a keyframe.
+
+    Attributes
+    ----------
+    place
+        The sign as it was seen before.
+    pose
+        float64 (3,), of the keyframe in map.
+    """
+
+    place: SignPlace
+    pose: Float64
+
+
+@dataclass(slots=True)
+class SignPlaces:
+    """The signs that were seen up to now; deterministic in the order of the keyframes.
+
+    Attributes
+    ----------
+    keyframes
+        Of all sessions; the list is shared with the `Chain` that appends to it.
+    """
+
+    keyframes: list[GraphKeyframe]
+    _known: list[SignPlace] = field(default_factory=list)
+    _recent: list[SignView] = field(default_factory=list)
+    _seen: list[SignPlace] = field(default_factory=list)
+
+    def load(self, views: Sequence[SignView], poses: Float64) -> None:
+        """Add the signs of a saved map, with its keyframes at `poses`, float64 (K, 3)."""
+        self._known += self._places_of(views, poses)
+
+    def add(self, views: Sequence[SignView], poses: Float64) -> None:
+        """Add views in the order of their stamps.
+
+        Parameters
+        ----------
+        views
+            Those since the last call.
+        poses
+            float64 (K, 3), estimates of the keyframes.
+        """
+        if not views:
+            return
+        now = views[-1].measurement.stamp_ns
+        old = [v for v in self._recent if v.measurement.stamp_ns < now - PASS_GAP_NS]
+        if old:
+            self._known += self._places_of(self._recent, poses)
+            self._recent = []
+        self._recent += views
+        self._seen = self._places_of(self._recent, poses)
+
+    def windows(self, k: int, poses: Float64) -> list[SignWindow]:
+        """Return where signs that are seen now, and were seen before, put keyframe `k`.
+
+        Parameters
+        ----------
+        k
+            A keyframe of the session that sees them.
+        poses
+            float64 (K, 3), estimates of the keyframes.
+        """
+        session = self.keyframes[k].session
+        return [
+            SignWindow(old, compose(compose(poses[old.keyframe], old.pose), inverse(own)))
+            for new in self._seen
+            if self.keyframes[new.keyframe].session == session
+            if k - new.keyframe <= RECENT_KEYFRAMES
+            for own in [between(poses[k], compose(poses[new.keyframe], new.pose))]
+            for old in self._known
+            if old.number == new.number
+        ]
+
+    def _places_of(self, views: Sequence[SignView], poses: Float64) -> list[SignPlace]:
+        """Return the places of the signs that views see and read clearly."""
+        if not views:
+            return []
+        sessions = [self.keyframes[v.anchored.keyframe].session for v in views]
+        sightings = find_sightings(views, rays_of(views, poses), sessions)
+        places = [self._place(s, views, poses) for s in sightings if s.confidence > MIN_CONFIDENCE]
+        return [place for place in places if place is not None]
+
+    def _place(
+        self, sighting: Sighting, views: Sequence[SignView], poses: Float64
+    ) -> SignPlace | None:
+        """Return the place of a sighting; None where no wall tells which way the sign faces."""
+        at = sighting.point.position[:2]
+        near = sorted({views[i].anchored.keyframe for i in sighting.views})
+        normals = np.concatenate([self._normals(k, poses[k], at) for k in near])
+        if len(normals) < MIN_FACING_POINTS:
+            return None
+        towards = np.where(normals @ (sighting.origin[:2] - at) < 0.0, -1.0, 1.0)
+        x, y = (normals * towards[:, None]).mean(axis=0)
+        if np.hypot(x, y) < MIN_FACING_AGREEMENT:
+            return None
+        pose = np.array([*at, np.arctan2(y, x)])
+        k = sighting.keyframe
+        sign = Counter(views[i].sign for i in sighting.views).most_common(1)[0][0]
+        return SignPlace(sighting.number, k, between(poses[k], pose), sign)
+
+    def _normals(self, k: int, pose: Float64, at: Float64) -> Float64:
+        """Return the normals (N, 2) in map of what keyframe k saw near a point (2,) in map."""
+        scan = self.keyframes[k].scan
+        away = transform_points(pose, scan.points) - at
+        near = np.hypot(away[:, 0], away[:, 1]) < FACING_DISTANCE
+        known = near & (np.abs(scan.normals).sum(axis=1) > 0.0)
+        rotation = np.array([0.0, 0.0, pose[2]])
+        return transform_points(rotation, np.ascontiguousarray(scan.normals[known]))
+
+
+def is_far(pose: Float64, told: Float64) -> bool:
+    """Return whether a sign tells more than the estimate knows; poses (3,) of a keyframe."""
+    away = between(pose, told)
+    return bool(np.hypot(away[0], away[1]) > FAR_M or abs(away[2]) > FAR_RAD)

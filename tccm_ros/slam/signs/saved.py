@@ -1,0 +1,76 @@
+"""Views of door signs in saved maps: conversion to named arrays and back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tccm_ros.signs.measurement import SignMeasurement
+from tccm_ros.slam.chain import AnchoredPose
+from tccm_ros.slam.signs.views import SignView
+
+SHAPES = {"pixel": (2,), "bearing": (3,), "T_base_camera": (4, 4), "corners": (4, 2)}
+"""Of the arrays of a measurement, but for its descriptor."""
+
+
+def pack_signs(views: Sequence[SignView]) -> dict[str, NDArray[Any]]:
+    """Return arrays with a row for each view."""
+    seen, anchored = [v.measurement for v in views], [v.anchored for v in views]
+    arrays = {
+        f"sign_{name}": np.array([getattr(m, name) for m in seen], float).reshape(-1, *shape)
+        for name, shape in SHAPES.items()
+    }
+    texts = json.dumps([[m.text, m.number] for m in seen]).encode()
+    return arrays | {
+        "sign_id": np.array([v.sign for v in views], np.int64),
+        "sign_stamp_ns": np.array([m.stamp_ns for m in seen], np.int64),
+        "sign_keyframe": np.array([a.keyframe for a in anchored], np.int64),
+        "sign_pose": np.array([a.pose for a in anchored], float).reshape(-1, 3),
+        "sign_pose_cov": np.array([a.cov for a in anchored], float).reshape(-1, 3, 3),
+        "sign_texts": np.frombuffer(texts, np.uint8),
+        "sign_confidence": np.array([m.confidence for m in seen], float),
+        "sign_focal_length": np.array([m.focal_length for m in seen], float),
+        "sign_descriptor": _stacked([m.descriptor for m in seen]),
+    }
+
+
+def _stacked(descriptors: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
+    size = len(descriptors[0]) if descriptors else 0
+    return np.array(descriptors, np.float32).reshape(len(descriptors), size)
+
+
+def unpack_signs(s: Mapping[str, NDArray[Any]], keyframes: int) -> list[SignView]:
+    """Return the views that `pack_signs` was given; maps of earlier versions have none.
+
+    Raises
+    ------
+    ValueError
+        For arrays that do not fit each other, or the number of keyframes.
+    """
+    if "sign_id" not in s:
+        return []
+    texts, on = json.loads(s["sign_texts"].tobytes()), s["sign_keyframe"].tolist()
+    if not all(0 <= k < keyframes for k in on):
+        raise ValueError("a sign was seen from a keyframe that the map does not have")
+    measurements = [
+        SignMeasurement(stamp, pixel, bearing, T, text, number, confidence, patch, corners, f)
+        for stamp, pixel, bearing, T, (text, number), confidence, patch, corners, f in zip(
+            s["sign_stamp_ns"].tolist(),
+            s["sign_pixel"],
+            s["sign_bearing"],
+            s["sign_T_base_camera"],
+            texts,
+            s["sign_confidence"].tolist(),
+            s["sign_descriptor"],
+            s["sign_corners"],
+            s["sign_focal_length"].tolist(),
+            strict=True,
+        )
+    ]
+    anchored = [AnchoredPose(*a) for a in zip(on, s["sign_pose"], s["sign_pose_cov"], strict=True)]
+    rows = zip(measurements, anchored, s["sign_id"].tolist(), strict=True)
+    return [SignView(*row) for row in rows]

@@ -1,0 +1,98 @@
+"""Which wall a door sign is fixed to, and whether one is in front of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tccm_ros.arrays import Bool, Float64
+from tccm_ros.slam.walls.association import WallTable
+
+MAX_WALL_DISTANCE = 0.15
+"""Maximum distance (m) of a sign from its wall. Chosen: plates stick out, and a triangulated point
+is off by centimetres."""
+
+MAX_BEYOND_END = 0.3
+"""Maximum distance (m) of a sign from the seen part of its wall, along the wall (chosen: beside a
+door's frame)."""
+
+MIN_BEHIND = 0.3
+"""A point further than this (m) behind a wall that its cameras faced is a reflection in it. Chosen:
+beyond what triangulation and the association with a wall allow."""
+
+
+def wall_of_sign(position: Float64, origin: Float64, walls: WallTable) -> int:
+    """Return the index of the nearest wall that a sign can be fixed to, -1 for none.
+
+    Parameters
+    ----------
+    position
+        float64 (3,), of the sign in map.
+    origin
+        float64 (3,), of who sees it: a wall has one side.
+    walls
+        In map.
+    """
+    if not len(walls):
+        return -1
+    distance = np.abs(_beyond(position, walls))
+    fits = (distance < MAX_WALL_DISTANCE) & (_beyond(origin, walls) < 0.0)
+    fits &= _is_within(position, walls, MAX_BEYOND_END)
+    return int(np.argmin(np.where(fits, distance, np.inf))) if fits.any() else -1
+
+
+def is_behind_wall(position: Float64, origins: Float64, walls: WallTable) -> bool:
+    """Return whether most cameras see a point through a wall: as a reflection in it.
+
+    Parameters
+    ----------
+    position
+        float64 (3,), in map.
+    origins
+        float64 (N, 3), of the cameras.
+    walls
+        In map.
+    """
+    depth = _beyond(position, walls)
+    crossed = 0
+    for origin in origins:
+        before = _beyond(origin, walls)
+        fraction = np.clip(before / np.where(before < depth, before - depth, -1.0), 0.0, 1.0)
+        at = origin + fraction[:, None] * (position - origin)
+        through = (before < 0.0) & (depth > MIN_BEHIND) & _is_within(at, walls, 0.0)
+        crossed += bool(through.any())
+    return 2 * crossed > len(origins)
+
+
+def is_hidden(position: Float64, origins: Float64, walls: WallTable) -> Bool:
+    """Return from which cameras a wall of the map hides a sign, bool (N,).
+
+    Parameters
+    ----------
+    position
+        float64 (3,), of the sign in map; its own wall, within `MAX_WALL_DISTANCE`, hides nothing.
+    origins
+        float64 (N, 3), of the cameras.
+    walls
+        In map.
+    """
+    depth = _beyond(position, walls)
+    hidden = np.zeros(len(origins), bool)
+    for k, origin in enumerate(origins):
+        before = _beyond(origin, walls)
+        is_crossed = (before * depth < 0.0) & (np.abs(depth) > MAX_WALL_DISTANCE)
+        fraction = np.where(is_crossed, before / np.where(is_crossed, before - depth, 1.0), 0.0)
+        at = origin + fraction[:, None] * (position - origin)
+        hidden[k] = bool((is_crossed & _is_within(at, walls, 0.0)).any())
+    return hidden
+
+
+def _beyond(point: Float64, walls: WallTable) -> Float64:
+    """Return how far a point (3,) is beyond walls, seen from their viewers, float64 (W,)."""
+    return np.asarray(point[0] * np.cos(walls.phi) + point[1] * np.sin(walls.phi) - walls.rho)
+
+
+def _is_within(points: Float64, walls: WallTable, margin: float) -> Bool:
+    """Return whether points (3,) or (W, 3) are beside the seen part of each wall, bool (W,)."""
+    along = -points[..., 0] * np.sin(walls.phi) + points[..., 1] * np.cos(walls.phi)
+    low, high = walls.extent[:, 0] - margin, walls.extent[:, 1] + margin
+    return np.asarray((along >= low) & (along <= high))

@@ -1,0 +1,345 @@
+"""Data association of walls: assigning the lines of all keyframes to walls.
+
+Association runs over all keyframes in order, on poses that are already optimised without walls, so
+that it does not depend on when a scan arrived. A wall is the pooled moments of its segments: adding
+a segment is exact, and the least-squares line of all of them follows directly. Each side of a wall
+is a wall of its own, because a scan sees one side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tccm_ros.arrays import Float64, Int64
+from tccm_ros.config import Config
+from tccm_ros.geometry import wrap_angle
+from tccm_ros.kernels import kernel
+from tccm_ros.slam.se2 import transform_points
+from tccm_ros.slam.walls.lines import Lines
+
+WALL_FIELDS = (
+    "mass", "x", "y", "xx", "xy", "yy", "cos", "sin", "phi", "rho", "low", "high"
+)  # fmt: skip
+POOLED = np.dtype([(name, np.float64) for name in WALL_FIELDS])
+"""A wall: moments of its segments weighed by length (m), the sum of the directions that they face,
+the line of them all, and its lowest and highest position along its tangent."""
+
+JOINT_CHI2_PER_LINE = 6.0
+"""Maximum chi-square per line of the joint fit of a scan's lines to their walls with one common
+correction of the pose; beyond, the worst line is dropped (chosen)."""
+
+MAX_DPHI = 0.35
+"""Maximum angle (rad) between a line and its wall, whatever its variance (chosen)."""
+
+GATE_SIGMAS, GATE_CHI2 = 3.0, 9.2
+"""Standard deviations in ``walls.gate_distance`` and ``walls.gate_angle``; gate for the squared
+Mahalanobis distance: 99 % of two degrees of freedom."""
+
+JOINT_GATE_SIGMAS = 6.0
+"""The same for lines in the joint fit and for the common correction (chosen)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WallTable:
+    """Walls and their observations.
+
+    Attributes
+    ----------
+    keyframe, line
+        int64 (M,): observation m is line `line[m]` of keyframe `keyframe[m]`.
+    wall
+        int64 (M,), index of the wall; -1 for an observation of no confirmed wall.
+    phi, rho
+        float64 (W,), of each wall in map as pooled, phi on the side away from the viewers.
+    extent
+        float64 (W, 2), lowest and highest position along the tangent (-sin phi, cos phi), m.
+    """
+
+    keyframe: Int64
+    line: Int64
+    wall: Int64
+    phi: Float64
+    rho: Float64
+    extent: Float64
+
+    def __len__(self) -> int:
+        return len(self.phi)
+
+    def keep(self, wall: Int64, min_keyframes: int) -> WallTable:
+        """Return the table with other walls for its observations (-1: none).
+
+        Walls that fewer than `min_keyframes` keyframes see are removed; the others are renumbered
+        in their order.
+        """
+        pairs = np.unique(np.stack([wall, self.keyframe], axis=1)[wall >= 0], axis=0)
+        seen = np.bincount(pairs[:, 0], minlength=len(self))
+        keep = seen >= min_keyframes
+        number = np.where(keep, np.cumsum(keep) - 1, -1)
+        # The entry at the end is for observations of no wall (-1), also where there is no wall.
+        renumbered = np.append(number, -1)[wall]
+        return WallTable(
+            self.keyframe, self.line, renumbered, self.phi[keep], self.rho[keep], self.extent[keep]
+        )
+
+
+def min_confirmations(config: Config, keyframes: int) -> int:
+    """Return how many keyframes must see a wall.
+
+    Half of them are enough where a robot has made few: one that stands still has a single keyframe
+    and sees walls as well.
+    """
+    return max(1, min(config.walls.min_observations, (keyframes + 1) // 2))
+
+
+class WallAssociation:
+    """Assigns lines to walls, keyframe by keyframe.
+
+    Parameters
+    ----------
+    config
+        ``walls.*``.
+
+    Attributes
+    ----------
+    keyframe, line, wall
+        int64 (M,): observation m is line `line[m]` of keyframe `keyframe[m]`, and is of the wall
+        `wall[m]`, confirmed or not; -1 for a line that fits none and begins none.
+    """
+
+    def __init__(self, config: Config) -> None:
+        limits = config.walls
+        self._gates = _Gates(limits.gate_distance, limits.gate_angle, limits.max_gap)
+        self._pooled = np.zeros(0, POOLED)
+        self.keyframe, self.line, self.wall = np.zeros((3, 0), np.int64)
+
+    def add(self, first: int, poses: Float64, lines: Sequence[Lines]) -> None:
+        """Assign the lines of the next keyframes.
+
+        Parameters
+        ----------
+        first
+            Id of the first of them.
+        poses
+            float64 (K, 3), their planar poses.
+        lines
+            Their lines, K of them, in base frames.
+        """
+        counts = np.array([len(x) for x in lines], np.int64)
+        keyframe = np.repeat(np.arange(len(lines)), counts)
+        if not len(keyframe):
+            return
+        line = np.concatenate([np.arange(n) for n in counts])
+        ends = np.concatenate(
+            [transform_points(pose, x.endpoints.reshape(-1, 2)) for pose, x in zip(poses, lines)]
+        ).reshape(-1, 2, 2)
+        phi = np.concatenate([wrap_angle(x.phi + pose[2]) for pose, x in zip(poses, lines)])
+        v_phi = np.concatenate([x.cov[:, 0, 0] for x in lines])
+        segments = _Segments(keyframe, ends, phi, v_phi, poses[keyframe, :2].copy())
+        wall, self._pooled = _associate(segments, self._gates, self._pooled)
+        self.keyframe = np.append(self.keyframe, first + keyframe)
+        self.line, self.wall = np.append(self.line, line), np.append(self.wall, wall)
+
+    def table(self) -> WallTable:
+        """Return all walls, those that are not confirmed as well."""
+        pooled = self._pooled
+        extent = np.stack([pooled["low"], pooled["high"]], axis=1)
+        return WallTable(self.keyframe, self.line, self.wall, pooled["phi"], pooled["rho"], extent)
+
+
+def associate_walls(poses: Float64, lines: Sequence[Lines], config: Config) -> WallTable:
+    """Assign the lines of all keyframes to walls that enough of them confirm.
+
+    Parameters
+    ----------
+    poses
+        float64 (K, 3), optimised planar poses of the keyframes.
+    lines
+        Their lines, K of them, in base frames.
+    config
+        ``walls.*``.
+    """
+    association = WallAssociation(config)
+    association.add(0, poses, lines)
+    return association.table().keep(association.wall, min_confirmations(config, len(poses)))
+
+
+class _Segments(NamedTuple):
+    """Lines of all keyframes in map, in the order of these.
+
+    Attributes
+    ----------
+    keyframe
+        int64 (N,), ascending.
+    ends, phi, v_phi
+        float64 (N, 2, 2), (N,) and (N,): endpoints, direction of the normal and its variance.
+    centre
+        float64 (N, 2), where the keyframe is.
+    """
+
+    keyframe: Int64
+    ends: Float64
+    phi: Float64
+    v_phi: Float64
+    centre: Float64
+
+
+class _Gates(NamedTuple):
+    """Maximum distance (m), angle (rad) and gap (m) of a line from its wall."""
+
+    distance: float
+    angle: float
+    max_gap: float
+
+
+@kernel
+def _pool(w: Any, a: Float64, b: Float64, facing: float) -> None:  # pragma: no cover
+    """Add the segment a-b to a wall of dtype `POOLED`, but for its extent."""
+    length = np.hypot(b[0] - a[0], b[1] - a[1])
+    cx, cy = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])
+    hx, hy = 0.5 * (b[0] - a[0]), 0.5 * (b[1] - a[1])
+    w.mass += length
+    w.x += length * cx
+    w.y += length * cy
+    w.xx += length * (cx * cx + hx * hx / 3.0)
+    w.xy += length * (cx * cy + hx * hy / 3.0)
+    w.yy += length * (cy * cy + hy * hy / 3.0)
+    w.cos += length * np.cos(facing)
+    w.sin += length * np.sin(facing)
+    mx, my = w.x / w.mass, w.y / w.mass
+    sxx, sxy, syy = w.xx / w.mass - mx * mx, w.xy / w.mass - mx * my, w.yy / w.mass - my * my
+    phi = 0.5 * np.arctan2(2.0 * sxy, sxx - syy) + 0.5 * np.pi
+    if np.cos(phi) * w.cos + np.sin(phi) * w.sin < 0.0:
+        phi -= np.pi
+    w.phi = phi
+    w.rho = np.cos(phi) * mx + np.sin(phi) * my
+
+
+@kernel
+def _extend(w: Any, ends: Float64) -> None:  # pragma: no cover - compiled
+    nx, ny = np.cos(w.phi), np.sin(w.phi)
+    for e in range(2):
+        t = -ny * ends[e, 0] + nx * ends[e, 1]
+        w.low, w.high = min(w.low, t), max(w.high, t)
+
+
+@kernel
+def _mismatch(
+    w: Any, segments: _Segments, i: int, gates: _Gates
+) -> float:  # pragma: no cover - compiled
+    """Return the squared Mahalanobis distance of segment i to a wall, inf outside the gate."""
+    a, b = segments.ends[i, 0], segments.ends[i, 1]
+    dphi = segments.phi[i] - w.phi
+    dphi = np.arctan2(np.sin(dphi), np.cos(dphi))
+    if abs(dphi) > MAX_DPHI:
+        return np.inf
+    nx, ny = np.cos(w.phi), np.sin(w.phi)
+    ta, tb = -ny * a[0] + nx * a[1], -ny * b[0] + nx * b[1]
+    low, high = min(ta, tb), max(ta, tb)
+    if low > w.high + gates.max_gap or high < w.low - gates.max_gap:
+        return np.inf
+    away = nx * 0.5 * (a[0] + b[0]) + ny * 0.5 * (a[1] + b[1]) - w.rho
+    sigma2 = gates.angle * gates.angle / GATE_SIGMAS**2 + segments.v_phi[i]
+    chi2 = dphi * dphi / sigma2 + away * away / (gates.distance * gates.distance / GATE_SIGMAS**2)
+    return chi2 if chi2 < GATE_CHI2 else np.inf
+
+
+@kernel
+def _associate(
+    segments: _Segments, gates: _Gates, known: Any
+) -> tuple[Int64, Any]:  # pragma: no cover - compiled
+    """Walk over the keyframes: choose the nearest wall for each line, check, pool.
+
+    Returns the wall of each line, or -1, and the walls with dtype `POOLED`, those known before
+    first.
+    """
+    keyframe, n = segments.keyframe, len(segments.keyframe)
+    wall = np.full(n, -1, np.int64)
+    pooled = np.zeros(len(known) + n, POOLED)
+    pooled[: len(known)] = known
+    count, start = len(known), 0
+    while start < n:
+        stop = start
+        while stop < n and keyframe[stop] == keyframe[start]:
+            stop += 1
+        for i in range(start, stop):
+            best = np.inf
+            for k in range(count):
+                chi2 = _mismatch(pooled[k], segments, i, gates)
+                if chi2 < best:
+                    best, wall[i] = chi2, k
+        _keep_compatible(wall, range(start, stop), segments, pooled, gates)
+        for i in range(start, stop):
+            k = wall[i]
+            if k == -2:
+                wall[i] = -1
+                continue
+            if k < 0:
+                k, count = count, count + 1
+                wall[i], pooled[k].low, pooled[k].high = k, np.inf, -np.inf
+            _pool(pooled[k], segments.ends[i, 0], segments.ends[i, 1], segments.phi[i])
+            _extend(pooled[k], segments.ends[i])
+        start = max(stop, start + 1)
+    return wall, pooled[:count].copy()
+
+
+@kernel
+def _keep_compatible(
+    wall: Int64, lines: range, segments: _Segments, pooled: Any, gates: _Gates
+) -> None:  # pragma: no cover - compiled
+    """Mark with -2 the lines that one common correction of the pose cannot explain."""
+    J, r = np.zeros(3), 0.0
+    s_d, s_a = gates.distance / JOINT_GATE_SIGMAS, gates.angle / JOINT_GATE_SIGMAS
+    for _ in lines:
+        H, g, total, used = np.zeros((3, 3)), np.zeros(3), 0.0, 0
+        H[0, 0] = H[1, 1] = 1.0 / (s_d * s_d)
+        H[2, 2] = 1.0 / (s_a * s_a)
+        for i in lines:
+            if wall[i] < 0:
+                continue
+            used += 1
+            for row in range(2):
+                r = _residual(row, segments, i, pooled[wall[i]], J)
+                w = 1.0 / (s_d * s_d) if row == 0 else 1.0 / (s_a * s_a + segments.v_phi[i])
+                total += w * r * r
+                for a in range(3):
+                    g[a] += w * J[a] * r
+                    for b in range(3):
+                        H[a, b] += w * J[a] * J[b]
+        x = np.linalg.solve(H, g)
+        joint = total - (g[0] * x[0] + g[1] * x[1] + g[2] * x[2])
+        if used == 0 or joint <= JOINT_CHI2_PER_LINE * used:
+            return
+        worst, where = -1.0, -1
+        for i in lines:
+            if wall[i] < 0:
+                continue
+            cost = 0.0
+            for row in range(2):
+                r = _residual(row, segments, i, pooled[wall[i]], J)
+                r -= J[0] * x[0] + J[1] * x[1] + J[2] * x[2]
+                w = 1.0 / (s_d * s_d) if row == 0 else 1.0 / (s_a * s_a + segments.v_phi[i])
+                cost += w * r * r
+            if cost > worst:
+                worst, where = cost, i
+        wall[where] = -2
+
+
+@kernel
+def _residual(
+    row: int, segments: _Segments, i: int, w: Any, J: Float64
+) -> float:  # pragma: no cover - compiled
+    """Return offset (row 0) or angle (row 1) of line i against a wall, J its derivative."""
+    nx, ny = np.cos(w.phi), np.sin(w.phi)
+    if row == 1:
+        J[0], J[1], J[2] = 0.0, 0.0, 1.0
+        dphi = segments.phi[i] - w.phi
+        return np.arctan2(np.sin(dphi), np.cos(dphi))
+    ends, centre = segments.ends[i], segments.centre[i]
+    cx, cy = 0.5 * (ends[0, 0] + ends[1, 0]), 0.5 * (ends[0, 1] + ends[1, 1])
+    J[0], J[1] = nx, ny
+    J[2] = -nx * (cy - centre[1]) + ny * (cx - centre[0])
+    return nx * cx + ny * cy - w.rho

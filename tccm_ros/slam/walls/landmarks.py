@@ -1,0 +1,159 @@
+"""Walls as landmarks of the graph: factors of their observations, and the optimised walls."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.config import Config
+from tccm_ros.geometry import wrap_angle
+from tccm_ros.records import Wall
+from tccm_ros.slam.factors.building import Building, WallDirection
+from tccm_ros.slam.factors.factor import Factor
+from tccm_ros.slam.factors.keys import Key, building_key, wall_key
+from tccm_ros.slam.factors.walls import WallObservation
+from tccm_ros.slam.graph.pose_graph import GraphSolution
+from tccm_ros.slam.walls.association import WallTable
+from tccm_ros.slam.walls.corners import Corner, meeting_point
+from tccm_ros.slam.walls.line_noise import line_covariance
+from tccm_ros.slam.walls.lines import Lines
+
+MAX_SNAP = 0.3
+"""Maximum distance (m) of the end of a wall from the corner that it is moved to (chosen)."""
+
+MIN_SUPPORT = 0.6
+"""Fraction of the length of all walls that must agree on one direction, modulo a right angle
+(chosen)."""
+
+MAX_DIRECTION_ERROR = 0.05
+"""Walls within this angle (rad) of that direction are constrained to it (chosen)."""
+
+DIRECTION_SIGMA = 0.006
+"""Standard deviation (rad) of a wall's direction in a building with right angles (chosen)."""
+
+DIRECTION_ROUNDS = 5
+"""Rounds of the estimate of that direction, without the walls that are far from it (chosen)."""
+
+MIN_WALLS = 3
+"""Walls in a building for which right angles are looked for (chosen)."""
+
+
+def wall_factors(
+    table: WallTable, lines: Sequence[Lines], keys: Sequence[Key], config: Config
+) -> list[Factor]:
+    """Return one factor for each observation of a confirmed wall.
+
+    Parameters
+    ----------
+    table
+        Walls and their observations.
+    lines
+        The lines of each keyframe, in its base frame.
+    keys
+        Variables of all keyframes.
+    config
+        ``walls.*``.
+    """
+    factors: list[Factor] = []
+    for k, i, w in zip(table.keyframe, table.line, table.wall):
+        if w < 0:
+            continue
+        x, cov = lines[k], line_covariance(lines[k], i, config)
+        key = wall_key(int(w))
+        factors.append(WallObservation(keys[k], key, float(x.phi[i]), float(x.rho[i]), cov))
+    return factors
+
+
+def structure_factors(table: WallTable) -> list[Factor]:
+    """Return soft factors that make walls parallel or perpendicular; none where few walls are."""
+    if len(table) < MIN_WALLS:
+        return []
+    length = table.extent[:, 1] - table.extent[:, 0]
+    mean = np.sum(length * np.exp(4j * table.phi))
+    for _ in range(DIRECTION_ROUNDS):
+        away = np.angle(np.exp(4j * table.phi) * np.conj(mean) / abs(mean)) / 4.0
+        near = np.abs(away) < MAX_DIRECTION_ERROR
+        if not near.any():
+            return []
+        mean = np.sum((length * np.exp(4j * table.phi))[near])
+    if length[near].sum() < MIN_SUPPORT * length.sum():
+        return []
+    yaw, key = float(np.angle(mean)) / 4.0, building_key()
+    factors: list[Factor] = [Building(key, yaw)]
+    for w in map(int, np.flatnonzero(near)):
+        quarter = round(float(table.phi[w] - yaw) / (0.5 * np.pi))
+        factors.append(WallDirection(key, wall_key(w), quarter * 0.5 * np.pi, DIRECTION_SIGMA))
+    return factors
+
+
+def wall_records(
+    table: WallTable, corners: Sequence[Corner], solution: GraphSolution, scale: float
+) -> list[Wall]:
+    """Return the optimised walls, with their ends moved to their corners.
+
+    Parameters
+    ----------
+    table
+        Walls and their observations.
+    corners
+        The points where they meet.
+    solution
+        Of the graph that holds them.
+    scale
+        Factor on their covariances.
+
+    Returns
+    -------
+    list of Wall
+        With phi in (-pi, pi] and rho >= 0.
+    """
+    counts = np.bincount(table.wall[table.wall >= 0], minlength=len(table))
+    planes = [solution.plane(wall_key(w)) for w in range(len(table))]
+    phi = [float(np.arctan2(p[1], p[0])) for p in planes]
+    rho = [float(-p[3]) for p in planes]
+    ends = [_endpoints(table, w, phi[w], rho[w]) for w in range(len(table))]
+    joined = _join_ends(corners, phi, rho, ends)
+    walls = []
+    for w in range(len(table)):
+        # GTSAM's tangent of a vertical plane: rotation about -z, about the horizontal, offset.
+        cov = solution.covariance(wall_key(w))[np.ix_([0, 2], [0, 2])] * scale
+        a, r, e = phi[w], rho[w], ends[w]
+        is_turned = r < 0.0
+        if is_turned:
+            a, r, e = float(wrap_angle(a + np.pi)), -r, e[::-1]
+        corners_of = tuple(sorted(joined[w]))
+        walls.append(Wall(w, a, r, e.copy(), int(counts[w]), cov, corners_of, not is_turned))
+    return walls
+
+
+def _join_ends(
+    corners: Sequence[Corner], phi: Sequence[float], rho: Sequence[float], ends: list[Float64]
+) -> list[set[int]]:
+    """Move the ends of walls to their corners; return with which walls each has a corner."""
+    joined: list[set[int]] = [set() for _ in ends]
+    used: set[tuple[int, int]] = set()
+    for corner in corners:
+        pair = [corner.a, corner.b]
+        point = meeting_point([phi[w] for w in pair], [rho[w] for w in pair])
+        gaps = [np.hypot(*(ends[w] - point).T) for w in pair]
+        nearest = [(w, int(np.argmin(gap))) for w, gap in zip(pair, gaps)]
+        if max(float(gap.min()) for gap in gaps) > MAX_SNAP or used & set(nearest):
+            continue
+        used |= set(nearest)
+        for w, e in nearest:
+            ends[w][e] = point
+        joined[corner.a].add(corner.b)
+        joined[corner.b].add(corner.a)
+    return joined
+
+
+def _endpoints(table: WallTable, w: int, phi: float, rho: float) -> Float64:
+    """Project the pooled extent onto the optimised line; return the endpoints (2, 2)."""
+    normal, tangent = np.array([np.cos(phi), np.sin(phi)]), np.array([-np.sin(phi), np.cos(phi)])
+    was = table.phi[w]
+    old = table.rho[w] * np.array([np.cos(was), np.sin(was)])
+    along = np.array([-np.sin(was), np.cos(was)])
+    points = old + table.extent[w][:, None] * along
+    return rho * normal + (points @ tangent)[:, None] * tangent

@@ -1,0 +1,34 @@
+"""Where its wall is, as one line of a scan says, and how uncertain that is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.config import Config
+from tccm_ros.slam.walls.lines import Lines
+
+
+def line_covariance(lines: Lines, i: int, config: Config) -> Float64:
+    """Return the covariance (2, 2) of (phi, rho) with which line i says where its wall is.
+
+    Matching has used the same beams, so that the errors of both are correlated. Two estimates of
+    unknown correlation are added by covariance intersection with equal weights: the covariance of
+    a line is doubled (``walls.discount``), and the flatness of real walls is added.
+    """
+    discounted = lines.cov[i] * config.walls.discount
+    return discounted + _flatness_covariance(lines, i, config.walls.flatness**2)
+
+
+def _flatness_covariance(lines: Lines, i: int, variance: float) -> Float64:
+    """Return the covariance (2, 2) of (phi, rho) from a wall whose flatness has a `variance` (m2).
+
+    Over a segment of length L, a smooth deviation of one sigma shifts its centre by sigma and
+    rotates it by about sqrt(12) sigma / L.
+    """
+    a, b = lines.endpoints[i]
+    length2 = float(np.sum((b - a) ** 2))
+    tangent = np.array([-np.sin(lines.phi[i]), np.cos(lines.phi[i])])
+    yc = float(tangent @ (0.5 * (a + b)))
+    v_phi = 12.0 * variance / max(length2, 1e-6)
+    return np.array([[v_phi, yc * v_phi], [yc * v_phi, variance + yc * yc * v_phi]])

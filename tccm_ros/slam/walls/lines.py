@@ -1,0 +1,96 @@
+"""Line extraction from level scans (surface mapping paper, III.A.1), with full covariance.
+
+Split and merge labels the beams of each segment: it uses the order of the beams and is an order of
+magnitude faster than the paper's RANSAC, which is in `baselines.line_ransac`. Both labellings end
+in the same total-least-squares fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tccm_ros.arrays import Float64, Int32, Int64
+from tccm_ros.config import Config
+from tccm_ros.slam.walls.line_curves import curved_segments
+from tccm_ros.slam.walls.line_fit import fit_segments
+from tccm_ros.slam.walls.line_split import split_segments
+
+MIN_PIECE = 4
+"""Points of a piece that tells where a curve goes: two more than a line has parameters."""
+
+LabelBeams = Callable[[Float64, Config], Int32]
+"""Returns the segment of each beam, int32 (B,), or -1, for beams float64 (B, 2), m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lines:
+    """L segments in one frame.
+
+    Attributes
+    ----------
+    phi, rho
+        float64 (L,), rad in (-pi, pi] and m >= 0: ``x cos phi + y sin phi = rho``, where phi points
+        from the laser through the line; rho is negative where the frame's origin lies beyond it.
+    cov
+        float64 (L, 2, 2) of (phi, rho), with their correlation.
+    endpoints
+        float64 (L, 2, 2), m: first and last along the tangent (-sin phi, cos phi).
+    count
+        int64 (L,), beams.
+    """
+
+    phi: Float64
+    rho: Float64
+    cov: Float64
+    endpoints: Float64
+    count: Int64
+
+    def __len__(self) -> int:
+        return len(self.phi)
+
+
+NO_LINES = Lines(
+    np.zeros(0), np.zeros(0), np.zeros((0, 2, 2)), np.zeros((0, 2, 2)), np.zeros(0, np.int64)
+)
+
+
+def label_by_splitting(beams: Float64, config: Config) -> Int32:
+    """Label the beams of each segment by split and merge; pieces of curves have none."""
+    x = config.lines
+    # Pieces that are too short for a line tell as well that a surface is curved.
+    labels = split_segments(beams, x.distance, x.max_gap, min(MIN_PIECE, x.min_points))
+    # Of one wall are lines within the gate from its direction, on either side.
+    curved = curved_segments(beams, labels, x.max_gap, 2.0 * config.walls.gate_angle)
+    return np.where(np.append(curved, True)[labels], np.int32(-1), labels)
+
+
+def extract_lines(
+    beams: Float64, origin: Float64, config: Config, label: LabelBeams = label_by_splitting
+) -> Lines:
+    """Find the line segments of a scan.
+
+    Parameters
+    ----------
+    beams
+        float64 (B, 2), m, valid points in beam order.
+    origin
+        float64 (2,), the laser.
+    config
+        ``lines.*`` and ``matching.range_sigma``.
+    label
+        Assigns beams to segments.
+    """
+    x = config.lines
+    beams = np.ascontiguousarray(beams, np.float64)
+    sigma = config.matching.range_sigma
+    segments = fit_segments(beams, label(beams, config), origin, sigma, x.min_points, x.min_length)
+    return Lines(
+        segments["phi"].copy(),
+        segments["rho"].copy(),
+        segments["cov"].copy(),
+        segments["endpoints"].copy(),
+        segments["count"].copy(),
+    )

@@ -1,0 +1,145 @@
+"""Outlier rejection of wall observations and of walls that are not one plane."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.config import Config
+from tccm_ros.geometry import wrap_angle
+from tccm_ros.slam.factors.keys import Key
+from tccm_ros.slam.graph.pose_graph import PoseGraph
+from tccm_ros.slam.se2 import transform_points
+from tccm_ros.slam.walls.association import WallTable, min_confirmations
+from tccm_ros.slam.walls.landmarks import wall_factors
+from tccm_ros.slam.walls.lines import Lines
+
+OBSERVATION_CHI2 = 13.8
+"""Gate for the squared Mahalanobis distance of an observation from its wall: 99.9 % of two degrees
+of freedom."""
+
+MAX_OVER_MEDIAN = 10.0
+"""99.9 % quantile over median of a chi-square with two degrees of freedom: more is not noise."""
+
+GATE_FACTOR, GATE_SIGMAS = 2.0, 3.0
+"""An observation further from the median of its wall than this many ``walls.gate_distance``, or
+than ``walls.gate_angle`` and this many standard deviations, has a wrong wall (chosen)."""
+
+PRIOR_FREEDOM, PRIOR_VARIANCE = 2.0, 0.05
+"""Prior on the unit variance, as degrees of freedom and their mean: covariances of factors are
+conservative, and a graph with little redundancy does not show by how much (chosen)."""
+
+WALL_CHI2 = 3.0
+"""Maximum mean of the squared Mahalanobis distances of a wall's observations (2 is expected):
+beyond, it is not one plane (chosen)."""
+
+
+class CheckedWalls(NamedTuple):
+    """Walls without outliers, and how the graph's residuals compare with their covariances.
+
+    Attributes
+    ----------
+    table
+        The walls.
+    unit_variance
+        Sum of squared Mahalanobis distances over degrees of freedom: about 1 where the
+        covariances are right, less where they are conservative.
+    """
+
+    table: WallTable
+    unit_variance: float
+
+
+def check_walls(
+    table: WallTable,
+    lines: Sequence[Lines],
+    poses: Float64,
+    graph: PoseGraph,
+    keys: Sequence[Key],
+    config: Config,
+) -> CheckedWalls:
+    """Take out observations that do not fit their wall, and walls that are not straight.
+
+    Parameters
+    ----------
+    table, lines
+        The walls as associated, and the lines of all keyframes.
+    poses
+        float64 (K, 3), the keyframes as optimised without walls.
+    graph
+        With all factors but those of walls; these are added to it, if ``walls.enabled``.
+    keys, config
+        As for `wall_factors`.
+    """
+    walls = config.walls.enabled
+    table = _without_wrong_labels(table, lines, poses, config) if walls else table
+    used = np.flatnonzero(table.wall >= 0) if walls else np.zeros(0, np.int64)
+    first, keyframes = len(graph), len(keys)
+    if walls:
+        graph.add(wall_factors(table, lines, keys, config))
+    solution = graph.optimise()
+    chi2 = 2.0 * solution.errors_of(range(first, first + len(used)))
+    wall = np.full_like(table.wall, -1) if not walls else table.wall.copy()
+    sums = np.bincount(wall[used], weights=chi2, minlength=len(table))
+    counts = np.bincount(wall[used], minlength=len(table))
+    crooked = sums > WALL_CHI2 * np.maximum(counts, 1)
+    wall[used[(chi2 > OBSERVATION_CHI2) | crooked[wall[used]]]] = -1
+    held = table.keep(wall, min_confirmations(config, keyframes))
+    kept = held.wall[used] >= 0
+    # Each keyframe but the first has a between and a planar factor; the rest are loops.
+    rest = 2.0 * float(solution.errors_of(range(first)).sum())
+    rows = 3 * (first - keyframes) + 2 * int(kept.sum())
+    freedom = rows - 3 * (keyframes - 1) - 2 * len(held)
+    return CheckedWalls(held, _unit_variance(rest + _without_tail(chi2[kept]), freedom))
+
+
+def _without_wrong_labels(
+    table: WallTable, lines: Sequence[Lines], poses: Float64, config: Config
+) -> WallTable:
+    """Take out observations that are far from the median of their wall.
+
+    They belong to another wall. A median is robust against up to half of them; least squares is
+    not robust against one.
+    """
+    used = np.flatnonzero(table.wall >= 0)
+    if not len(used):
+        return table
+    rows = [(lines[k], i, poses[k]) for k, i in zip(table.keyframe[used], table.line[used])]
+    phi = np.array([x.phi[i] + pose[2] for x, i, pose in rows])
+    sigma = np.sqrt([x.cov[i, 0, 0] for x, i, _ in rows])
+    middle = np.stack([transform_points(pose, x.endpoints[i]).mean(axis=0) for x, i, pose in rows])
+    wall, limits = table.wall.copy(), config.walls
+    order = np.argsort(wall[used], kind="stable")
+    for group in np.split(order, np.flatnonzero(np.diff(wall[used][order])) + 1):
+        usual = table.phi[wall[used[group[0]]]]
+        usual += np.median(wrap_angle(phi[group] - usual))
+        away = middle[group] @ [np.cos(usual), np.sin(usual)]
+        far = np.abs(away - np.median(away)) > GATE_FACTOR * limits.gate_distance
+        turned = np.abs(wrap_angle(phi[group] - usual))
+        far |= turned > limits.gate_angle + GATE_SIGMAS * sigma[group]
+        wall[used[group[far]]] = -1
+    return table.keep(wall, min_confirmations(config, len(poses)))
+
+
+def _without_tail(chi2: Float64) -> float:
+    """Return the sum of squared distances (N,), each limited to what noise alone explains.
+
+    Covariances are conservative, so that a line of another object may pass the gates and still be
+    hundreds of times further off than all others: it is no measure of the noise.
+    """
+    if not len(chi2):
+        return 0.0
+    return float(np.minimum(chi2, MAX_OVER_MEDIAN * float(np.median(chi2))).sum())
+
+
+def _unit_variance(total: float, freedom: int) -> float:
+    """Return chi-square over degrees of freedom, with the prior on it.
+
+    The residuals of a graph without redundancy do not test its covariances: they are not scaled.
+    """
+    if freedom < 1:
+        return 1.0
+    return (total + PRIOR_FREEDOM * PRIOR_VARIANCE) / (freedom + PRIOR_FREEDOM)

@@ -1,0 +1,131 @@
+import numpy as np
+import plan
+import pytest
+
+from tccm_ros.config import Config
+from tccm_ros.geometry import between2
+from tccm_ros.slam.chain import Chain
+from tccm_ros.slam.front_end import GraphKeyframe
+from tccm_ros.slam.walls.association import WallTable, associate_walls
+from tccm_ros.slam.walls.lines import extract_lines
+from tccm_ros.slam.walls.outliers import _without_tail, check_walls
+
+WALLS = plan.ring()
+COV = np.diag([0.01**2, 0.01**2, 0.003**2])
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """Return true poses and the lines that each sees."""
+    return look_around(0.005)
+
+
+def look_around(sigma):
+    poses = plan.route([(0, 0), (12, 0), (12, 5)], step=0.3, yaw_step=0.3)
+    bearings = np.linspace(-np.pi / 2, np.pi / 2, 361)
+    rays = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    random, lines = np.random.default_rng(0), []
+    for pose in poses:
+        ranges = plan.cast(WALLS, pose, bearings)
+        hit = np.isfinite(ranges)
+        noisy = ranges[hit] + random.normal(size=hit.sum()) * sigma
+        lines.append(extract_lines(rays[hit] * noisy[:, None], np.zeros(2), Config()))
+    return poses, lines
+
+
+def graph_of(poses, lines):
+    chain = Chain()
+    for k, (pose, x) in enumerate(zip(poses, lines)):
+        delta = between2(poses[k - 1], pose) if k else np.zeros(3)
+        chain.add(GraphKeyframe(k, None, pose, delta, COV), x.phi)
+    return chain.keys, chain.graph(poses, {0})
+
+
+def test_each_side_of_the_ring_is_one_wall(seen):
+    poses, lines = seen
+    table = associate_walls(poses, lines, Config())
+    assert (table.wall >= 0).mean() > 0.9
+    long = [w for w in range(len(table)) if np.ptp(table.extent[w]) > 6.0]
+    assert len(long) >= 3
+    for w in long:
+        assert abs(np.sin(2 * table.phi[w])) < 0.01
+
+
+def test_walls_at_a_distance_of_twenty_centimetres_stay_two():
+    """A cupboard 20 cm before a wall is never pooled with it."""
+    lines, poses = [], []
+    for _ in range(12):
+        x = np.array([[2.0, t] for t in np.linspace(-2.0, 0.0, 40)])
+        y = np.array([[1.8, t] for t in np.linspace(0.02, 2.0, 40)])
+        lines.append(extract_lines(np.concatenate([x, y]), np.zeros(2), Config()))
+        poses.append(np.zeros(3))
+    table = associate_walls(np.array(poses), lines, Config())
+    assert sorted(np.round(table.rho, 6)) == [1.8, 2.0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_wrong_labels_of_a_fifth_of_the_observations_are_taken_out(seen, seed):
+    """Lines given to a wrong wall are thrown out; the poses stay where they are."""
+    poses, lines = seen
+    config, random = Config(), np.random.default_rng(seed)
+    table = associate_walls(poses, lines, config)
+    wall = table.wall.copy()
+    wrong = (random.random(len(wall)) < 0.2) & (wall >= 0)
+    wall[wrong] = random.integers(0, len(table), wrong.sum())
+    mixed = WallTable(table.keyframe, table.line, wall, table.phi, table.rho, table.extent)
+    changed = wall != table.wall
+    keys, graph = graph_of(poses, lines)
+    checked = check_walls(mixed, lines, poses, graph, keys, config).table
+    assert (checked.wall[changed] >= 0).mean() < 0.1
+    right = ~changed & (table.wall >= 0)
+    assert (checked.wall[right] >= 0).mean() > 0.6
+
+
+def test_right_labels_are_not_taken_out(seen):
+    poses, lines = seen
+    table = associate_walls(poses, lines, Config())
+    keys, graph = graph_of(poses, lines)
+    checked = check_walls(table, lines, poses, graph, keys, Config())
+    kept, was = checked.table.wall >= 0, table.wall >= 0
+    assert kept.sum() > 0.97 * was.sum()
+    assert 0.0 < checked.unit_variance < 1.0
+
+
+def test_walls_as_noisy_as_their_covariances_say_are_kept():
+    """Nothing added for walls that are not flat: the mean of an observation is 2, not less."""
+    config = Config()
+    config.walls.discount, config.walls.flatness = 1.0, 0.0
+    poses, lines = look_around(config.matching.range_sigma)
+    table = associate_walls(poses, lines, config)
+    keys, graph = graph_of(poses, lines)
+    checked = check_walls(table, lines, poses, graph, keys, config)
+    kept, was = checked.table.wall >= 0, table.wall >= 0
+    assert kept.sum() > 0.9 * was.sum()
+
+
+def test_a_few_outliers_do_not_change_the_unit_variance():
+    """One line in a hundred 300 times further off than noise: within the careful gates still."""
+    random = np.random.default_rng(0)
+    chi2 = random.chisquare(2, 2000)
+    strayed = np.where(np.arange(2000) % 100 == 0, 300.0, chi2)
+    assert _without_tail(chi2) == pytest.approx(chi2.sum(), rel=0.01)
+    assert _without_tail(strayed) < 1.1 * chi2.sum()
+    assert _without_tail(np.zeros(0)) == 0.0
+
+
+def test_all_walls_count_for_the_unit_variance_whatever_their_numbers(seen):
+    """Walls change their numbers, so that each is the first once."""
+    poses, lines = seen
+    table = associate_walls(poses, lines, Config())
+    assert len(table) >= 3
+    found = []
+    for first in range(len(table)):
+        order = np.roll(np.arange(len(table)), -first)
+        number = np.append(np.argsort(order), -1)
+        turned = WallTable(
+            table.keyframe, table.line, number[table.wall],
+            table.phi[order], table.rho[order], table.extent[order],
+        )  # fmt: skip
+        keys, graph = graph_of(poses, lines)
+        found.append(check_walls(turned, lines, poses, graph, keys, Config()).unit_variance)
+    assert found == pytest.approx([found[0]] * len(found), rel=1e-6)

@@ -15,11 +15,11 @@ def files(folder: str, *patterns: str) -> list[str]:
 setup(
     name=PACKAGE,
     version="0.1.0",
-    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*", "tccm_sim"]),
     package_data={
         PACKAGE: [
             "py.typed",
-            "pipeline/report/viewer/*",
+            "report/viewer/*",
             "fleet/viewer/*",
             "ros/definitions/*.msg",
             "ros/public_definitions/*/msg/*.msg",

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.recording import simulate
+from tccm_sim.options import Options
+from tccm_sim.recording import simulate
 
 
 class Bundled(NamedTuple):

@@ -27,11 +27,11 @@ from experiments_surfaces import score  # noqa: E402
 from random_changes import Piece, in_map, random_rooms  # noqa: E402
 
 from tccm_ros.config import Config  # noqa: E402
-from tccm_ros.pipeline.processors import Pipeline  # noqa: E402
-from tccm_ros.pipeline.sim.engine import Simulation  # noqa: E402
-from tccm_ros.pipeline.sim.options import Options  # noqa: E402
+from tccm_ros.replay.processors import Pipeline  # noqa: E402
 from tccm_ros.surfaces.changes import Change, ChangeKind, MapChanges  # noqa: E402
 from tccm_ros.surfaces.surface_slam import SurfaceSlam  # noqa: E402
+from tccm_sim.engine import Simulation  # noqa: E402
+from tccm_sim.options import Options  # noqa: E402
 
 NEAR = np.array([0.12, 0.12, 0.02])
 """Middles of outlines that are measured with scan lines at 5 cm are so near to the truth, m."""

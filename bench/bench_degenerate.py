@@ -21,13 +21,13 @@ import numpy as np
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, planar
-from tccm_ros.pipeline.sim.engine import EPOCH_NS, Simulation
-from tccm_ros.pipeline.sim.motion import OdometryErrors
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import Odometry, PosedScan, Scan
 from tccm_ros.slam.odometry_model import odometry_covariance
 from tccm_ros.slam.wall_slam import WallSlam
+from tccm_sim.engine import EPOCH_NS, Simulation
+from tccm_sim.motion import OdometryErrors
+from tccm_sim.options import Options
+from tccm_sim.worlds import build_world
 
 ROWS: dict[str, tuple[str, Options]] = {
     **{

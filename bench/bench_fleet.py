@@ -31,10 +31,10 @@ from tccm_ros.fleet.layout import FleetFolder
 from tccm_ros.fleet.record import Cost, read_record
 from tccm_ros.fleet.recordings import find_recordings
 from tccm_ros.fleet.run import run_fleet
-from tccm_ros.pipeline.replay import replay
-from tccm_ros.pipeline.sim.engine import Simulation
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.recording import record
+from tccm_ros.replay.replay import replay
+from tccm_sim.engine import Simulation
+from tccm_sim.options import Options
+from tccm_sim.recording import record
 
 FLATS = 10
 STOPS = 1

@@ -20,21 +20,21 @@ import numpy as np
 from merge_drives import write_drives
 
 from tccm_ros.arrays import Float64, Int64
-from tccm_ros.bags.carmen import import_carmen
 from tccm_ros.config import Config
-from tccm_ros.fleet.cluster import Workers
-from tccm_ros.fleet.merge import MergeSummary, merge_maps
-from tccm_ros.geometry import between2, compose2, inverse, planar, spatial
-from tccm_ros.pipeline.evaluate.trajectory_errors import (
+from tccm_ros.evaluate.trajectory_errors import (
     Errors,
     pairs_that_meet,
     poses_at,
     relation_errors,
 )
-from tccm_ros.pipeline.evaluate.truth_files import read_reference, read_stamps
-from tccm_ros.pipeline.replay import replay
+from tccm_ros.evaluate.truth_files import read_reference, read_stamps
+from tccm_ros.fleet.cluster import Workers
+from tccm_ros.fleet.merge import MergeSummary, merge_maps
+from tccm_ros.geometry import between2, compose2, inverse, planar, spatial
+from tccm_ros.replay.replay import replay
 from tccm_ros.results.map_file import load_map
 from tccm_ros.results.trajectory import read_tum
+from tccm_sim.carmen import import_carmen
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent / "test" / "helpers"))

@@ -36,9 +36,6 @@ from sensor_msgs.msg import Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from tccm_ros.nodes.ros_types import RosidlMessages
-from tccm_ros.pipeline.sim.engine import Simulation
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import (
     CameraInfo,
     DepthImage,
@@ -55,6 +52,9 @@ from tccm_ros.ros.writing import (
     robot_description_message,
     scan_message,
 )
+from tccm_sim.engine import Simulation
+from tccm_sim.options import Options
+from tccm_sim.worlds import build_world
 
 NODES = ("tccm_node", "slam_node")
 WAIT_S = 300.0

@@ -15,7 +15,7 @@ from pathlib import Path
 from statistics import median
 
 from tccm_ros.config import Config
-from tccm_ros.pipeline.replay import PROCESSING, WRITING, replay
+from tccm_ros.replay.replay import PROCESSING, WRITING, replay
 from tccm_ros.stopwatch import Stopwatch
 
 BAGS = Path(__file__).resolve().parents[1] / "bags"

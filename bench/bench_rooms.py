@@ -17,12 +17,12 @@ from shapely import Polygon
 
 from tccm_ros.arrays import Float64
 from tccm_ros.config import Config
-from tccm_ros.pipeline.processors import Pipeline
-from tccm_ros.pipeline.sim.engine import Simulation
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.truth import map_from_world
+from tccm_ros.replay.processors import Pipeline
 from tccm_ros.rooms.segmentation import find_rooms
 from tccm_ros.slam.occupancy import occupancy_grid
+from tccm_sim.engine import Simulation
+from tccm_sim.options import Options
+from tccm_sim.truth import map_from_world
 
 
 def mapped_rooms(simulation: Simulation) -> tuple[list[Float64], float]:

@@ -15,13 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from tccm_ros.bags.carmen import import_carmen
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.baselines.line_ransac import label_by_ransac
 from tccm_ros.config import Config
+from tccm_ros.evaluate.trajectory_errors import nees, pairs_that_meet, relation_errors
+from tccm_ros.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.geometry import between2, compose2, inverse, spatial
-from tccm_ros.pipeline.evaluate.trajectory_errors import nees, pairs_that_meet, relation_errors
-from tccm_ros.pipeline.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.records import Odometry, PosedScan, Scan
 from tccm_ros.slam.chain import yaw_offset_for
 from tccm_ros.slam.factors.factor import Factor
@@ -31,6 +30,7 @@ from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph.pose_graph import IncrementalGraph, PoseGraph
 from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.slam.walls.lines import extract_lines, label_by_splitting
+from tccm_sim.carmen import import_carmen
 
 HERE = Path(__file__).resolve().parent
 

@@ -19,13 +19,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.pipeline.calibrate.calibration import Calibration, calibrate
-from tccm_ros.pipeline.calibrate.model import RIG_PARAMETERS
-from tccm_ros.pipeline.calibrate.observability import UNITS
-from tccm_ros.pipeline.calibrate.problem import Problem
-from tccm_ros.pipeline.calibrate.quality import all_beams
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.recording import simulate
+from tccm_ros.calibrate.calibration import Calibration, calibrate
+from tccm_ros.calibrate.model import RIG_PARAMETERS
+from tccm_ros.calibrate.observability import UNITS
+from tccm_ros.calibrate.problem import Problem
+from tccm_ros.calibrate.quality import all_beams
+from tccm_sim.options import Options
+from tccm_sim.recording import simulate
 
 Float64 = NDArray[np.float64]
 

@@ -20,12 +20,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.pipeline.calibrate.calibration import calibrate
-from tccm_ros.pipeline.calibrate.estimate import Estimate
-from tccm_ros.pipeline.calibrate.model import Beams, RigValues
-from tccm_ros.pipeline.calibrate.quality import HitMasks, flatness
-from tccm_ros.pipeline.calibrate.room import hits_of_bag
-from tccm_ros.pipeline.calibrate.surroundings import CEILING, FLOOR
+from tccm_ros.calibrate.calibration import calibrate
+from tccm_ros.calibrate.estimate import Estimate
+from tccm_ros.calibrate.model import Beams, RigValues
+from tccm_ros.calibrate.quality import HitMasks, flatness
+from tccm_ros.calibrate.room import hits_of_bag
+from tccm_ros.calibrate.surroundings import CEILING, FLOOR
 
 Float64 = NDArray[np.float64]
 

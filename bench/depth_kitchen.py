@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tccm_ros.pipeline.sim.engine import Simulation
-from tccm_ros.pipeline.sim.heads import XTION, look_around, robot
-from tccm_ros.pipeline.sim.motion import Drive
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.world import World
-from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import DepthImage
+from tccm_sim.engine import Simulation
+from tccm_sim.heads import XTION, look_around, robot
+from tccm_sim.motion import Drive
+from tccm_sim.options import Options
+from tccm_sim.world import World
+from tccm_sim.worlds import build_world
 
 LOOP = 2.0
 """Time in which the head nods once and pans twice, s."""

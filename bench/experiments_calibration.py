@@ -20,11 +20,11 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
-from tccm_ros.pipeline.calibrate.calibration import Calibration, calibrate
-from tccm_ros.pipeline.calibrate.observability import UNITS
-from tccm_ros.pipeline.calibrate.quality import MIN_HITS, Flatness, cell_means
-from tccm_ros.pipeline.calibrate.room import hits_of_bag
-from tccm_ros.pipeline.report.drawing import canvas, png
+from tccm_ros.calibrate.calibration import Calibration, calibrate
+from tccm_ros.calibrate.observability import UNITS
+from tccm_ros.calibrate.quality import MIN_HITS, Flatness, cell_means
+from tccm_ros.calibrate.room import hits_of_bag
+from tccm_ros.report.drawing import canvas, png
 
 Float64 = NDArray[np.float64]
 Cells = dict[tuple[int, int], float]

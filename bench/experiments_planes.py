@@ -45,9 +45,9 @@ from tccm_ros.baselines.neighbour_planes import find_neighbour_planes  # noqa: E
 from tccm_ros.config import Config  # noqa: E402
 from tccm_ros.cuboids.cuboids import TICK, Cuboids  # noqa: E402
 from tccm_ros.cuboids.part_map import PartMapBuilder  # noqa: E402
-from tccm_ros.pipeline.run import run_bag  # noqa: E402
-from tccm_ros.pipeline.sim.scene import Motion, Scene  # noqa: E402
 from tccm_ros.planes import PlaneFits, find_planes  # noqa: E402
+from tccm_ros.replay.run import run_bag  # noqa: E402
+from tccm_sim.scene import Motion, Scene  # noqa: E402
 
 CONFIG = Config()
 COARSE = Config.model_validate({"map": {"cell_size": 0.04}, "center_core": {"min_length": 0.012}})

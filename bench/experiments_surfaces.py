@@ -29,25 +29,25 @@ from in_view import edge_errors, seen_fraction, true_hits, true_outlines  # noqa
 from random_flats import random_flat  # noqa: E402
 
 from tccm_ros.config import Config  # noqa: E402
-from tccm_ros.geometry import inverse, spatial, transform  # noqa: E402
-from tccm_ros.pipeline.evaluate.surfaces import (  # noqa: E402
+from tccm_ros.evaluate.surfaces import (  # noqa: E402
     SurfaceMatch,
     SurfaceScore,
     score_surfaces,
 )
-from tccm_ros.pipeline.processors import Pipeline  # noqa: E402
-from tccm_ros.pipeline.sim import truth  # noqa: E402
-from tccm_ros.pipeline.sim.engine import (  # noqa: E402
-    EPOCH_NS,
-    Simulation,
-)
-from tccm_ros.pipeline.sim.options import Options  # noqa: E402
-from tccm_ros.pipeline.sim.world import World  # noqa: E402
-from tccm_ros.pipeline.sim.worlds import build_world  # noqa: E402
+from tccm_ros.geometry import inverse, spatial, transform  # noqa: E402
 from tccm_ros.records import Scan, Surface  # noqa: E402
+from tccm_ros.replay.processors import Pipeline  # noqa: E402
 from tccm_ros.results.models import SurfacesFile  # noqa: E402
 from tccm_ros.results.numbers import json_text  # noqa: E402
 from tccm_ros.surfaces.surface_slam import SurfaceSolution  # noqa: E402
+from tccm_sim import truth  # noqa: E402
+from tccm_sim.engine import (  # noqa: E402
+    EPOCH_NS,
+    Simulation,
+)
+from tccm_sim.options import Options  # noqa: E402
+from tccm_sim.world import World  # noqa: E402
+from tccm_sim.worlds import build_world  # noqa: E402
 
 Array = NDArray[np.float64]
 

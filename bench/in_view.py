@@ -9,12 +9,12 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
+from tccm_ros.evaluate.surfaces import SurfaceScore
 from tccm_ros.geometry import inverse, transform
-from tccm_ros.pipeline.evaluate.surfaces import SurfaceScore
-from tccm_ros.pipeline.sim import truth
-from tccm_ros.pipeline.sim.engine import EPOCH_NS, Simulation
 from tccm_ros.records import EdgeState, Scan, Surface
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
+from tccm_sim import truth
+from tccm_sim.engine import EPOCH_NS, Simulation
 
 Array = NDArray[np.float64]
 

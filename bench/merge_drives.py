@@ -13,15 +13,15 @@ from itertools import pairwise
 from math import pi
 from pathlib import Path
 
-from tccm_ros.pipeline.sim import flat as flat_module
-from tccm_ros.pipeline.sim.engine import Simulation
-from tccm_ros.pipeline.sim.flat import flat_scene, stop_and_scan
-from tccm_ros.pipeline.sim.motion import Waypoint
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.recording import record
-from tccm_ros.pipeline.sim.ring import LAP, START, ring_world
-from tccm_ros.pipeline.sim.scene import Scene
-from tccm_ros.pipeline.sim.world import World
+from tccm_sim import flat as flat_module
+from tccm_sim.engine import Simulation
+from tccm_sim.flat import flat_scene, stop_and_scan
+from tccm_sim.motion import Waypoint
+from tccm_sim.options import Options
+from tccm_sim.recording import record
+from tccm_sim.ring import LAP, START, ring_world
+from tccm_sim.scene import Scene
+from tccm_sim.world import World
 
 PAUSE = flat_module.PAUSE
 

@@ -30,20 +30,18 @@ from bench_slam import HERE, scans_of
 from drives import run_drives
 
 from tccm_ros.arrays import Float64
-from tccm_ros.bags.carmen import import_carmen
 from tccm_ros.bags.reader import BagReader
+from tccm_ros.bags.topics import choose_topics
 from tccm_ros.config import Config
-from tccm_ros.geometry import inverse, spatial, wrap_angle
-from tccm_ros.pipeline.evaluate.trajectory_errors import (
+from tccm_ros.evaluate.trajectory_errors import (
     absolute_errors,
     pairs_that_meet,
     poses_at,
     relation_errors,
 )
-from tccm_ros.pipeline.evaluate.truth_files import read_reference, read_stamps
-from tccm_ros.pipeline.processors import Pipeline
-from tccm_ros.pipeline.sim.recording import simulate
-from tccm_ros.pipeline.topics import choose_topics
+from tccm_ros.evaluate.truth_files import read_reference, read_stamps
+from tccm_ros.geometry import inverse, spatial, wrap_angle
+from tccm_ros.replay.processors import Pipeline
 from tccm_ros.results.trajectory import read_tum
 from tccm_ros.robot import MountKind
 from tccm_ros.slam.factors.factor import Factor
@@ -56,6 +54,8 @@ from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.slam.walls.association import WallTable
 from tccm_ros.slam.walls.corners import POINT_SIGMA, Corner, corner_factors, meeting_point
 from tccm_ros.slam.walls.landmarks import wall_factors
+from tccm_sim.carmen import import_carmen
+from tccm_sim.recording import simulate
 
 ROOT = HERE.parent
 

@@ -17,21 +17,21 @@ import numpy as np
 from bench_slam import HERE, scans_of
 from drives import run_drives
 
-from tccm_ros.bags.carmen import import_carmen
 from tccm_ros.config.reader import read_config
-from tccm_ros.geometry import inverse, spatial
-from tccm_ros.pipeline.evaluate.surfaces import score_surfaces
-from tccm_ros.pipeline.evaluate.trajectory_errors import (
+from tccm_ros.evaluate.surfaces import score_surfaces
+from tccm_ros.evaluate.trajectory_errors import (
     absolute_errors,
     pairs_that_meet,
     poses_at,
     relation_errors,
 )
-from tccm_ros.pipeline.evaluate.truth_files import read_reference, read_stamps
-from tccm_ros.pipeline.replay import replay
-from tccm_ros.pipeline.sim.recording import simulate
+from tccm_ros.evaluate.truth_files import read_reference, read_stamps
+from tccm_ros.geometry import inverse, spatial
+from tccm_ros.replay.replay import replay
 from tccm_ros.results.trajectory import read_tum
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
+from tccm_sim.carmen import import_carmen
+from tccm_sim.recording import simulate
 
 ROOT = HERE.parent
 CONFIGS = {"ours": None, "config/paper.yaml": ROOT / "config" / "paper.yaml"}

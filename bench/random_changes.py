@@ -19,15 +19,15 @@ from shapely import Polygon, box
 from shapely.affinity import rotate, translate
 
 from tccm_ros.geometry import transform
-from tccm_ros.pipeline.sim.engine import Simulation
-from tccm_ros.pipeline.sim.flat import stop_and_scan
-from tccm_ros.pipeline.sim.motion import Waypoint, drive
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.rooms import CEILING, box_room
-from tccm_ros.pipeline.sim.scene import Motion, Scene, Traits
-from tccm_ros.pipeline.sim.truth import map_from_world
-from tccm_ros.pipeline.sim.world import World
 from tccm_ros.surfaces.changes import ChangeKind
+from tccm_sim.engine import Simulation
+from tccm_sim.flat import stop_and_scan
+from tccm_sim.motion import Waypoint, drive
+from tccm_sim.options import Options
+from tccm_sim.rooms import CEILING, box_room
+from tccm_sim.scene import Motion, Scene, Traits
+from tccm_sim.truth import map_from_world
+from tccm_sim.world import World
 
 __all__ = ["Piece", "in_map", "random_rooms"]
 

@@ -1,6 +1,6 @@
 """Flats with furniture at random, to evaluate the surface map over more than one layout.
 
-``random_flat(seed, options)`` is a world like those of ``tccm_ros.pipeline.sim``: two or three
+``random_flat(seed, options)`` is a world like those of ``tccm_sim``: two or three
 rooms in a row, furniture along the walls and in the middle, a robot that stops two or three times
 in each room and comes back. The same seed gives the same flat.
 """
@@ -15,12 +15,12 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from tccm_ros.pipeline.sim.flat import chair, shelves, stop_and_scan
-from tccm_ros.pipeline.sim.motion import Waypoint
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.scene import Scene
-from tccm_ros.pipeline.sim.world import Room as TrueRoom
-from tccm_ros.pipeline.sim.world import World
+from tccm_sim.flat import chair, shelves, stop_and_scan
+from tccm_sim.motion import Waypoint
+from tccm_sim.options import Options
+from tccm_sim.scene import Scene
+from tccm_sim.world import Room as TrueRoom
+from tccm_sim.world import World
 
 __all__ = ["random_flat"]
 

@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
+from tccm_ros.calibrate.calibration import calibrate
+from tccm_ros.calibrate.rig_check import RigCheck
 from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import TccmProcessor
-from tccm_ros.pipeline.calibrate.calibration import calibrate
-from tccm_ros.pipeline.calibrate.rig_check import RigCheck
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.recording import run
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
+from tccm_sim.options import Options
+from tccm_sim.recording import run
 
 DEG = float(np.deg2rad(1.0))
 

@@ -17,12 +17,12 @@ import numpy as np
 from bench_slam import HERE
 
 from tccm_ros.config import Config
-from tccm_ros.geometry import inverse, planar, spatial
-from tccm_ros.pipeline.evaluate.trajectory_errors import (
+from tccm_ros.evaluate.trajectory_errors import (
     absolute_errors,
     pairs_that_meet,
     relation_errors,
 )
+from tccm_ros.geometry import inverse, planar, spatial
 from tccm_ros.slam.wall_slam import WallSlam
 
 sys.path.insert(0, str(HERE.parent / "test" / "helpers"))

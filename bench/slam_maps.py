@@ -16,11 +16,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from tccm_ros.bags.carmen import import_carmen
 from tccm_ros.config import Config
 from tccm_ros.geometry import transform2
 from tccm_ros.slam.matching.level_scan import make_level_scan
 from tccm_ros.slam.wall_slam import WallSlam
+from tccm_sim.carmen import import_carmen
 
 HERE = Path(__file__).resolve().parent
 

@@ -19,11 +19,11 @@ import numpy as np
 from bench_slam import HERE, scans_of
 from scipy.spatial import cKDTree
 
-from tccm_ros.bags.carmen import import_carmen
 from tccm_ros.config import Config
+from tccm_ros.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.geometry import planar, transform2
-from tccm_ros.pipeline.evaluate.truth_files import read_reference, read_stamps
 from tccm_ros.slam.matching.level_scan import make_level_scan
+from tccm_sim.carmen import import_carmen
 
 NEAR, MATCHED = 4.0, 0.10  # m
 YAWS = np.arange(-0.48, 0.481, 0.04)  # rad

@@ -26,13 +26,13 @@ import numpy as np
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.config import Config
 from tccm_ros.mapping.tccm import TccmProcessor
-from tccm_ros.pipeline.sim.engine import Simulation
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.robot import Robot
 from tccm_ros.ros.topic_messages import CycleMessageBuilder
 from tccm_ros.sensors.registry import default_streams
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
+from tccm_sim.engine import Simulation
+from tccm_sim.options import Options
+from tccm_sim.worlds import build_world
 
 WORLD, LAP_S = "load", 20.0
 LISTENED_TO = ("planes", "objects", "surfaces", "view")

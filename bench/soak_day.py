@@ -38,8 +38,8 @@ from soak_nodes import Watch, children_of, resident_mb
 from std_srvs.srv import Trigger
 
 from tccm_ros.errors import TccmError
-from tccm_ros.pipeline.evaluate.score import score_trajectory
-from tccm_ros.pipeline.evaluate.surfaces import score_surfaces
+from tccm_ros.evaluate.score import score_trajectory
+from tccm_ros.evaluate.surfaces import score_surfaces
 
 MODULES = {"tccm": "tccm_node", "surface_slam": "slam_node"}
 SENSORS = {"tccm": "/tilt_scan", "surface_slam": "/scan"}

@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 from random_flats import random_flat
 
-from tccm_ros.pipeline.sim.engine import Message, Simulation
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.recording import record
-from tccm_ros.pipeline.sim.truth import map_from_world
-from tccm_ros.pipeline.sim.world import World
+from tccm_sim.engine import Message, Simulation
+from tccm_sim.options import Options
+from tccm_sim.recording import record
+from tccm_sim.truth import map_from_world
+from tccm_sim.world import World
 
 FAULTS = (
     "none",

@@ -28,7 +28,7 @@ from std_srvs.srv import Trigger
 
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.config import Config
-from tccm_ros.pipeline.replay import replay
+from tccm_ros.replay.replay import replay
 
 NODES = {"tccm": "tccm_node", "surface_slam": "slam_node"}
 EQUAL = (

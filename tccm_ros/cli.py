@@ -73,8 +73,8 @@ def replay(
 ) -> None:
     """Compute planes, walls, a trajectory and a surface map from a recorded bag."""
     from tccm_ros.config.reader import read_config
-    from tccm_ros.pipeline.replay import replay as run
     from tccm_ros.progress import progress
+    from tccm_ros.replay.replay import replay as run
 
     settings = read_config(config, set)
     if map is not None and map.is_dir():
@@ -204,7 +204,7 @@ def find(
 @app.command()
 def info(path: BagArgument, as_json: JsonOption = False) -> None:
     """Show the contents of a bag and what a replay of it would miss, or those of a saved map."""
-    from tccm_ros.pipeline.info import bag_info
+    from tccm_ros.replay.info import bag_info
     from tccm_ros.results.map_file import is_map
     from tccm_ros.results.map_info import map_info
 
@@ -222,10 +222,10 @@ def simulate(
     quiet: QuietOption = False,
 ) -> None:
     """Simulate a robot in a world and write its bag and the truth."""
-    from tccm_ros.pipeline.sim.options import options_from_settings
-    from tccm_ros.pipeline.sim.recording import simulate as run
-    from tccm_ros.pipeline.sim.worlds import WORLDS
     from tccm_ros.progress import FractionBar, progress
+    from tccm_sim.options import options_from_settings
+    from tccm_sim.recording import simulate as run
+    from tccm_sim.worlds import WORLDS
 
     if world == "list":
         typer.echo("\n".join(f"{name:<12} {meaning}" for name, (_, meaning) in WORLDS.items()))
@@ -251,8 +251,8 @@ def evaluate(
     as_json: JsonOption = False,
 ) -> None:
     """Compare surfaces and trajectory with the truth."""
-    from tccm_ros.pipeline.evaluate.score import score_trajectory
-    from tccm_ros.pipeline.evaluate.surfaces import score_surfaces
+    from tccm_ros.evaluate.score import score_trajectory
+    from tccm_ros.evaluate.surfaces import score_surfaces
 
     for path in truth:
         if path.suffix == ".json":
@@ -262,7 +262,7 @@ def evaluate(
         poses = score_trajectory(folder / "trajectory.tum", path, stamps=stamps)
         _tell(poses.as_dict(), poses.table(), False, as_json)
         if plot is not None:
-            from tccm_ros.pipeline.evaluate.plot import plot_score
+            from tccm_ros.evaluate.plot import plot_score
 
             plot_score(poses, plot)
 
@@ -271,9 +271,9 @@ def evaluate(
 def view(target: Annotated[Path, typer.Argument(help="a result folder, a map or a bag")]) -> None:
     """Open the report in the browser; of a map or a bag it is made first, beside it."""
     from tccm_ros.config import Config
-    from tccm_ros.pipeline.replay import report_of
-    from tccm_ros.pipeline.report.viewing import view as show
     from tccm_ros.progress import progress
+    from tccm_ros.replay.replay import report_of
+    from tccm_ros.report.viewing import view as show
 
     with progress() as bars:
         report = report_of(target, Config(), bars)
@@ -292,8 +292,8 @@ def compare(
     ] = False,
 ) -> None:
     """Show which surfaces are new, gone or moved between two maps."""
-    from tccm_ros.pipeline.report.compare import compare as run
-    from tccm_ros.pipeline.report.compare_page import write_comparison
+    from tccm_ros.report.compare import compare as run
+    from tccm_ros.report.compare_page import write_comparison
 
     comparison = run(before, after, lay_over=lay_over)
     _tell({}, comparison.text(), False, False)
@@ -318,9 +318,9 @@ def calibrate(
     as_json: JsonOption = False,
 ) -> None:
     """Estimate zeros, scale, roll, height and delay of a tilting laser, or a head with a camera."""
+    from tccm_ros.calibrate.calibration import calibrate as run
+    from tccm_ros.calibrate.files import write_calibration
     from tccm_ros.config.reader import read_config
-    from tccm_ros.pipeline.calibrate.calibration import calibrate as run
-    from tccm_ros.pipeline.calibrate.files import write_calibration
     from tccm_ros.progress import progress
 
     settings = read_config(config, set)
@@ -339,8 +339,8 @@ def import_carmen(
     quiet: QuietOption = False,
 ) -> None:
     """Convert a CARMEN log to a bag."""
-    from tccm_ros.bags.carmen import import_carmen as run
     from tccm_ros.progress import progress
+    from tccm_sim.carmen import import_carmen as run
 
     with progress(quiet) as bars:
         counts = run(log, out, bars=bars)
@@ -367,7 +367,7 @@ def signs(
     images: Annotated[list[Path], typer.Argument(metavar="IMAGE...", help="pictures: JPEG, PNG")],
 ) -> None:
     """Detect and read the door signs of pictures; print a line of JSON for each picture."""
-    from tccm_ros.pipeline.picture_files import signs_of_pictures
+    from tccm_ros.replay.picture_files import signs_of_pictures
 
     for line in signs_of_pictures(images):
         typer.echo(json.dumps(line, ensure_ascii=False))

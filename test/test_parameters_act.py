@@ -21,7 +21,6 @@ from room import Board, Room
 from shapely import affinity, box
 from shared_data import shared
 
-from tccm_ros.bags.carmen import import_carmen
 from tccm_ros.bags.reader import BagReader
 from tccm_ros.config import Config, parameters
 from tccm_ros.cuboids.timed_cycles import TimedCycles
@@ -31,6 +30,7 @@ from tccm_ros.surfaces.labels import label_surfaces
 from tccm_ros.surfaces.object_tracks import track_objects
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 from tccm_ros.surfaces.views import empty_view, with_intervals, with_objects
+from tccm_sim.carmen import import_carmen
 
 GROUPS = (
     "cycle", "map", "planes", "center_core", "objects", "lines", "matching", "odometry", "walls",

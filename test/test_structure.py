@@ -37,7 +37,11 @@ ROOMS = [
     "ros",
     "bags",
     "results",
-    "pipeline",
+    "report",
+    "evaluate",
+    "calibrate",
+    "warm_up",
+    "replay",
     "nodes",
     "fleet",
     "client",
@@ -70,21 +74,6 @@ SUB_ROOMS = {
         "inliers",
         "growth",
         "wall_slam",
-    ],
-    "pipeline": [
-        "sim",
-        "report",
-        "evaluate",
-        "depth_topics",
-        "topics",
-        "calibrate",
-        "warm_up",
-        "outcome",
-        "processors",
-        "run",
-        "replay",
-        "info",
-        "picture_files",
     ],
 }
 """The same within rooms that have rooms of their own."""
@@ -155,7 +144,7 @@ def test_the_modules_of_a_room_do_not_import_each_other_in_a_circle(room: str):
 
 def test_tests_stand_where_the_room_that_they_test_stands():
     folders = {p.relative_to(PACKAGE) for p in PACKAGE.rglob("*") if p.is_dir()}
-    own = {Path("fuzz"), Path("interfaces")}
+    own = {Path("fuzz"), Path("interfaces"), Path("tccm_sim")}
     tests = Path(__file__).parent
     strays = {p.parent.relative_to(tests) for p in tests.rglob("test_*.py")} - folders - own
     assert strays == {Path(".")}, f"no room of these names: {sorted(map(str, strays))}"
@@ -181,3 +170,8 @@ def test_a_name_with_an_underscore_stays_in_its_module(path: Path):
     froms = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.ImportFrom)]
     private = {a.name for n in froms for a in n.names if (n.module or "").startswith("tccm_ros")}
     assert not [name for name in private if name.startswith("_") and name != "__version__"]
+
+
+def test_only_the_command_line_knows_the_simulator():
+    knows = [p for p in modules() if any(n.split(".")[0] == "tccm_sim" for n in imports(p))]
+    assert [p.name for p in knows] == ["cli.py"]

@@ -28,7 +28,17 @@ COLUMNS = {
     "the TCCM": ["cuboids", "outlines", "planes", "tabletop", "baselines", "mapping"],
     "walls and surfaces": ["signs", "slam", "rooms", "surfaces"],
     "messages and files": ["ros", "bags", "results"],
-    "what is started": ["pipeline", "nodes", "fleet", "client", "cli"],
+    "what is started": [
+        "report",
+        "evaluate",
+        "calibrate",
+        "warm_up",
+        "replay",
+        "nodes",
+        "fleet",
+        "client",
+        "cli",
+    ],
 }
 """How the picture is read, from left to right; `ground` stands below."""
 

@@ -15,10 +15,10 @@ from matplotlib.colors import to_rgb
 from tccm_ros.atomic import output_file
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import transform
-from tccm_ros.pipeline.report import palette
-from tccm_ros.pipeline.report.drawing import canvas, png
-from tccm_ros.pipeline.report.map3d_picture import map3d_png
-from tccm_ros.pipeline.report.map_picture import extent, map_png
+from tccm_ros.report import palette
+from tccm_ros.report.drawing import canvas, png
+from tccm_ros.report.map3d_picture import map3d_png
+from tccm_ros.report.map_picture import extent, map_png
 from tccm_ros.results.cycles_file import CycleParts
 from tccm_ros.results.folder_reader import Results, load_results
 

@@ -20,7 +20,7 @@ from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.fleet.layout import RECORD
 from tccm_ros.fleet.recordings import FileState
-from tccm_ros.pipeline.replay import software_versions
+from tccm_ros.replay.replay import software_versions
 from tccm_ros.results.folder_reader import read_json
 from tccm_ros.results.models import CountsEntry
 from tccm_ros.results.numbers import json_text

@@ -33,10 +33,10 @@ from tccm_ros.fleet.recordings import (
     file_states,
     local_copy,
 )
-from tccm_ros.pipeline.replay import Summary, replay
-from tccm_ros.pipeline.warm_up.compilation import compile_kernels
-from tccm_ros.pipeline.warm_up.parts import PARTS
+from tccm_ros.replay.replay import Summary, replay
 from tccm_ros.results.trajectory import read_tum
+from tccm_ros.warm_up.compilation import compile_kernels
+from tccm_ros.warm_up.parts import PARTS
 
 ONE_AT_A_TIME = threading.Lock()
 """A worker with several threads replays one recording after the other."""

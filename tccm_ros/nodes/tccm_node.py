@@ -11,6 +11,7 @@ from sensor_msgs.msg import LaserScan
 from std_srvs.srv import SetBool, Trigger
 
 from tccm_ros.atomic import output_folder
+from tccm_ros.calibrate.rig_check import RigCheck
 from tccm_ros.errors import MapError
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.nodes.box_service import BoxService
@@ -23,7 +24,6 @@ from tccm_ros.nodes.qos import latched, sensor, surface_message
 from tccm_ros.nodes.run import run
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.shared_robot import SharedRobot
-from tccm_ros.pipeline.calibrate.rig_check import RigCheck
 from tccm_ros.records import Event, MapReset, Posed
 from tccm_ros.results.cuboids_file import cuboids_archive
 from tccm_ros.ros.topic_messages import CYCLE_TOPICS, SURFACE_MESSAGE_TOPICS, CycleMessageBuilder

@@ -12,8 +12,8 @@ from collections.abc import Callable
 
 from tccm_ros.config import Config
 from tccm_ros.errors import TccmError
-from tccm_ros.pipeline.warm_up.compilation import Compilation
-from tccm_ros.pipeline.warm_up.parts import warm_up
+from tccm_ros.warm_up.compilation import Compilation
+from tccm_ros.warm_up.parts import warm_up
 
 PROGRESS_S = 5.0
 """Between two lines that say how long it has taken, s."""

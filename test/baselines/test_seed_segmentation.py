@@ -5,7 +5,7 @@ import pytest
 
 from tccm_ros.baselines.seed_segmentation import cluster, segment
 from tccm_ros.config import Config
-from tccm_ros.pipeline.run import run_bag
+from tccm_ros.replay.run import run_bag
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"
 

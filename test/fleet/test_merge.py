@@ -16,7 +16,7 @@ from tccm_ros.config import Config
 from tccm_ros.errors import FleetError
 from tccm_ros.fleet.merge import merge_maps
 from tccm_ros.geometry import inverse2, transform2
-from tccm_ros.pipeline.replay import replay
+from tccm_ros.replay.replay import replay
 from tccm_ros.results.map_info import map_info
 
 BAGS = Path(__file__).resolve().parents[2] / "bags"

@@ -20,7 +20,7 @@ from tccm_ros.errors import FleetError
 from tccm_ros.fleet import run
 from tccm_ros.fleet.run import run_fleet
 from tccm_ros.fleet.task import Outcome
-from tccm_ros.pipeline.replay import replay
+from tccm_ros.replay.replay import replay
 
 PATIENCE_S = 300.0
 

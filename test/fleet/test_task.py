@@ -13,7 +13,7 @@ from tccm_ros.fleet import task
 from tccm_ros.fleet.record import read_record
 from tccm_ros.fleet.recordings import Recording, find_recordings
 from tccm_ros.fleet.task import Job, Outcome, TaskResult, is_done, process
-from tccm_ros.pipeline.replay import replay
+from tccm_ros.replay.replay import replay
 
 
 @pytest.fixture(scope="module")

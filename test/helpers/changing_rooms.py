@@ -9,17 +9,17 @@ import numpy as np
 
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
 from tccm_ros.config import Config
-from tccm_ros.pipeline.processors import Pipeline
-from tccm_ros.pipeline.sim.changing import WALL
-from tccm_ros.pipeline.sim.engine import EPOCH_NS, Simulation
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.recording import simulate
-from tccm_ros.pipeline.sim.truth import map_from_world
-from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import ObjectBoxes
+from tccm_ros.replay.processors import Pipeline
 from tccm_ros.surfaces.changes import Change, ChangeKind, MapChanges
 from tccm_ros.surfaces.session_changes import scene_of
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
+from tccm_sim.changing import WALL
+from tccm_sim.engine import EPOCH_NS, Simulation
+from tccm_sim.options import Options
+from tccm_sim.recording import simulate
+from tccm_sim.truth import map_from_world
+from tccm_sim.worlds import build_world
 
 WORLD = "changing"
 NEAR = np.array([0.12, 0.12, 0.03])

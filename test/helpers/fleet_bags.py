@@ -5,8 +5,8 @@ from pathlib import Path
 
 from mcap.writer import Writer
 
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.recording import simulate
+from tccm_sim.options import Options
+from tccm_sim.recording import simulate
 
 VARYING = {"timing.json", "report.html", "fleet.json"}
 """Files that hold times of the clock."""

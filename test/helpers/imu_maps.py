@@ -1,12 +1,12 @@
 """Maps of one simulated drive, with an IMU and without."""
 
 from tccm_ros.config import Config
-from tccm_ros.pipeline.processors import Pipeline
-from tccm_ros.pipeline.sim.engine import Simulation
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import Imu
+from tccm_ros.replay.processors import Pipeline
 from tccm_ros.surfaces.surface_slam import SurfaceSolution
+from tccm_sim.engine import Simulation
+from tccm_sim.options import Options
+from tccm_sim.worlds import build_world
 
 
 def role_of(simulation: Simulation, topic: str) -> str:

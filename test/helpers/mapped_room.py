@@ -10,8 +10,8 @@ import math
 import numpy as np
 
 from tccm_ros.config import Config
-from tccm_ros.pipeline.sim.scene import Scene
 from tccm_ros.records import JointSample, Odometry, Scan
+from tccm_sim.scene import Scene
 
 LASER = (0.1, 0.0, 1.4)
 BEAMS = 181

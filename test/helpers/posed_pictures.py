@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tccm_ros.pipeline.sim.door_plates import STYLES, door_plate
 from tccm_ros.records import CameraImage, CameraInfo
 from tccm_ros.sensors.camera_image import PosedPicture
+from tccm_sim.door_plates import STYLES, door_plate
 
 START = 1_600_000_000_000_000_000
 needs_reader = pytest.mark.skipif(

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from shapely import Polygon
 
-from tccm_ros.pipeline.sim.raycast import FACES
-from tccm_ros.pipeline.sim.scene import Scene
 from tccm_ros.records import SurfaceCloud, ViewIntervals
+from tccm_sim.raycast import FACES
+from tccm_sim.scene import Scene
 
 EYE = np.array([0.0, 0.0, 1.4])
 

@@ -13,9 +13,9 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.pipeline.sim.raycast import FACES, TOP_FACE
-from tccm_ros.pipeline.sim.scene import FrozenScene, Solid
-from tccm_ros.pipeline.sim.situations import CYCLE_TIME, TILT_HIGH, TILT_LOW, situation_scene
+from tccm_sim.raycast import FACES, TOP_FACE
+from tccm_sim.scene import FrozenScene, Solid
+from tccm_sim.situations import CYCLE_TIME, TILT_HIGH, TILT_LOW, situation_scene
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]

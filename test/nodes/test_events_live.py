@@ -10,10 +10,10 @@ from live_robot import Listener, end_input, slam, tccm, wait_until_done
 
 from tccm_ros.nodes.interfaces import has_interfaces
 from tccm_ros.nodes.ros_types import message_class
-from tccm_ros.pipeline.sim.recording import simulate
 from tccm_ros.records.building import pose_matrix
 from tccm_ros.ros.surface_messages import SURFACE_EVENT
 from tccm_ros.surfaces.changes import Change, ChangeKind
+from tccm_sim.recording import simulate
 
 pytestmark = [
     pytest.mark.skipif(not has_interfaces(), reason="tccm_interfaces is not installed"),

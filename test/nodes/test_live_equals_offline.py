@@ -21,9 +21,9 @@ from tccm_ros.config import Config
 from tccm_ros.config.reader import read_config
 from tccm_ros.nodes.slam_node import SlamNode
 from tccm_ros.nodes.tccm_node import TccmNode
-from tccm_ros.pipeline.replay import replay
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.recording import simulate
+from tccm_ros.replay.replay import replay
+from tccm_sim.options import Options
+from tccm_sim.recording import simulate
 
 SYNC_S = 5.0
 """Played far faster than on a robot, one topic may be a second of message time behind another: with

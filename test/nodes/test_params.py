@@ -11,8 +11,8 @@ from tccm_ros.errors import ConfigError
 from tccm_ros.nodes.params import declare_config, follow_changes, ros_type
 from tccm_ros.nodes.ros_types import message_class
 from tccm_ros.nodes.tf import has_tf2_msgs
-from tccm_ros.pipeline.processors import Pipeline
 from tccm_ros.records import RobotDescription
+from tccm_ros.replay.processors import Pipeline
 
 
 def make(ros, **overrides):

@@ -165,7 +165,7 @@ SAVE_FOREVER = """
     from live_robot import URDF, recording
     from tccm_ros.config import Config
     from tccm_ros.nodes.map_files import write_map
-    from tccm_ros.pipeline.processors import Pipeline
+    from tccm_ros.replay.processors import Pipeline
     from tccm_ros.records import RobotDescription
 
     pipeline = Pipeline(Config(), expects_odometry=True)

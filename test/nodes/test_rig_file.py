@@ -9,11 +9,11 @@ from live_robot import HEIGHT, URDF, end_input, recording, slam, tccm
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import LaserScan
 
+from tccm_ros.calibrate.calibration import Calibration
+from tccm_ros.calibrate.observability import Observability
 from tccm_ros.config import Config, Rig
 from tccm_ros.config.reader import read_config
 from tccm_ros.nodes.ros_types import RosidlMessages
-from tccm_ros.pipeline.calibrate.calibration import Calibration
-from tccm_ros.pipeline.calibrate.observability import Observability
 from tccm_ros.records import RobotDescription
 from tccm_ros.ros.writing import scan_message
 from tccm_ros.sensors.laser_scan import scan_from_message

@@ -9,8 +9,8 @@ from posed_pictures import needs_reader, picture_of, wall_with
 
 from tccm_ros.config import Config
 from tccm_ros.nodes import slam_node
-from tccm_ros.pipeline.processors import Pipeline
 from tccm_ros.records import RobotDescription
+from tccm_ros.replay.processors import Pipeline
 from tccm_ros.signs.measurement import SearchedPicture, SignMeasurement
 
 

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Polygon, box, contains_xy
 
-from tccm_ros.pipeline.sim.office import office_panels, office_rooms, office_scene
 from tccm_ros.rooms.cells import plane_cells
 from tccm_ros.rooms.segmentation import find_rooms
 from tccm_ros.slam.occupancy import OccupancyGrid
+from tccm_sim.office import office_panels, office_rooms, office_scene
 
 RESOLUTION = 0.05
 

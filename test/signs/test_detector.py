@@ -8,11 +8,11 @@ from PIL import Image, ImageDraw
 from shared_data import shared
 
 from tccm_ros.errors import PictureError
-from tccm_ros.pipeline.picture_files import read_picture, signs_of_pictures
-from tccm_ros.pipeline.sim.sign_pictures import font, random_picture
+from tccm_ros.replay.picture_files import read_picture, signs_of_pictures
 from tccm_ros.signs.classifier import read_classifier
 from tccm_ros.signs.detector import SignDetector
 from tccm_ros.signs.saliency import salient_boxes
+from tccm_sim.sign_pictures import font, random_picture
 
 SEED = 3_000_000
 """Seed of the first picture; training uses others."""

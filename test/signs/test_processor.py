@@ -11,12 +11,12 @@ from posed_pictures import START, needs_reader, posed, wall_with
 from tccm_ros.config import Config
 from tccm_ros.config.reader import read_config
 from tccm_ros.errors import MissingExtraError
-from tccm_ros.pipeline.sim.door_plates import STYLES, door_plate
 from tccm_ros.records import CameraImage, MapReset, Odometry
 from tccm_ros.sensors.camera_image import PosedPicture
 from tccm_ros.signs import processor
 from tccm_ros.signs.measurement import SearchedPicture, picture_key
 from tccm_ros.signs.processor import BEYOND_RATE, NO_EXTRA, PictureSelector, SignProcessor
+from tccm_sim.door_plates import STYLES, door_plate
 
 
 def empty(stamp_ns=START):

@@ -5,9 +5,9 @@ import pytest
 from PIL import Image, ImageDraw
 
 from tccm_ros.errors import MissingExtraError
-from tccm_ros.pipeline.sim.sign_pictures import font
 from tccm_ros.signs import reading
 from tccm_ros.signs.reading import TextLine, TextReader, rectified, text_lines
+from tccm_sim.sign_pictures import font
 
 
 def written(text, slope=0.0):

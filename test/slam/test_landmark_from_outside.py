@@ -10,9 +10,9 @@ from matplotlib.image import imread
 from scipy.stats import chi2
 
 from tccm_ros.config import Config
-from tccm_ros.pipeline.report import palette
-from tccm_ros.pipeline.report.map_picture import map_png
 from tccm_ros.records import LandmarkObservation
+from tccm_ros.report import palette
+from tccm_ros.report.map_picture import map_png
 from tccm_ros.results.exports import write_solution
 from tccm_ros.results.folder_reader import load_results
 from tccm_ros.results.map_file import load_map, save_map

@@ -7,9 +7,6 @@ import pytest
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import between2, planar
-from tccm_ros.pipeline.sim.engine import EPOCH_NS, Simulation
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.worlds import build_world
 from tccm_ros.records import PosedScan
 from tccm_ros.robot import Robot
 from tccm_ros.sensors.registry import default_streams
@@ -17,6 +14,9 @@ from tccm_ros.slam.front_end import FrontEnd
 from tccm_ros.slam.matching.level_scan import make_level_scan
 from tccm_ros.slam.tracking import LocalisationState, Tracker
 from tccm_ros.slam.wall_slam import WallSlam
+from tccm_sim.engine import EPOCH_NS, Simulation
+from tccm_sim.options import Options
+from tccm_sim.worlds import build_world
 
 
 class Ride:

@@ -7,10 +7,10 @@ from shapely import Polygon
 
 from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader
 from tccm_ros.config import Config
-from tccm_ros.pipeline.processors import Pipeline
-from tccm_ros.pipeline.sim.options import Options
-from tccm_ros.pipeline.sim.recording import simulate
 from tccm_ros.records import Odometry
+from tccm_ros.replay.processors import Pipeline
+from tccm_sim.options import Options
+from tccm_sim.recording import simulate
 
 CHANGE_S = 12.0
 """Stamp, s from the start, at which the furniture has changed and was not seen again yet."""

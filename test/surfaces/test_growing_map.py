@@ -7,8 +7,8 @@ import pytest
 
 from tccm_ros.config import Config
 from tccm_ros.geometry import wrap_angle
-from tccm_ros.pipeline.replay import replay
 from tccm_ros.records import SurfaceCloud
+from tccm_ros.replay.replay import replay
 from tccm_ros.slam import wall_slam
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 

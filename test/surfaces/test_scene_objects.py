@@ -9,7 +9,7 @@ from outlined_surfaces import surface
 from shapely import Polygon, box
 
 from tccm_ros.config import Config
-from tccm_ros.pipeline.run import run_bag
+from tccm_ros.replay.run import run_bag
 from tccm_ros.surfaces.object_tracks import ObjectTrack
 from tccm_ros.surfaces.scene_objects import free_places, scene_objects
 

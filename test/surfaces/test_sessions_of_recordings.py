@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from shared_data import shared
 
+from tccm_ros.calibrate.calibration import calibrate
 from tccm_ros.config import Config
 from tccm_ros.errors import MapError
 from tccm_ros.geometry import inverse, planar
-from tccm_ros.pipeline.calibrate.calibration import calibrate
-from tccm_ros.pipeline.run import run_bag
+from tccm_ros.replay.run import run_bag
 
 OFFICE = ("dlut_A617", "dlut_query_07", "dlut_query_08")
 

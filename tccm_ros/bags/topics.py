@@ -1,0 +1,355 @@
+"""Which topics of a bag are whose: by name, and by type where a name is absent.
+
+A sensor whose topic is not in the bag is looked for by its type. One candidate is taken, and that
+is said; several are an error that names them and what to write.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+from tccm_ros.bags.depth_topics import (
+    DepthTopic,
+    calibration_topic,
+    depth_topics,
+    first_message,
+)
+from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
+from tccm_ros.cdr.message_reader import MessageReader
+from tccm_ros.config import Config
+from tccm_ros.errors import FrameError, MessageError, TccmError, TopicError
+from tccm_ros.records import CameraImage
+from tccm_ros.records.building import frame_name
+from tccm_ros.robot import Robot, Stream
+from tccm_ros.ros.reading import READERS
+from tccm_ros.sensors.camera_image import (
+    CHANNELS,
+    COMPRESSED_PICTURE_READER,
+    PICTURE_READER,
+    camera_stream,
+)
+from tccm_ros.sensors.cloud_messages import CLOUD_READER, point_cloud_from_message
+from tccm_ros.sensors.depth_image import COMPRESSED, camera_info_topic, depth_reader
+from tccm_ros.sensors.depth_messages import (
+    CAMERA_INFO_READER,
+    COMPRESSED_READER,
+    IMAGE_READER,
+)
+from tccm_ros.sensors.registry import default_streams
+
+MAX_READ_NS = 5_000_000_000
+"""Part of a bag that is read to find which laser a joint moves, ns; chosen: a few tilt cycles."""
+
+ROBOT_ROLES = ("odom", "joint_states")
+"""What tells of the robot itself: taken by type where there is one topic of it alone."""
+
+LASER = READERS["scan"].message_type
+
+
+@dataclass(slots=True)
+class TopicChoice:
+    """The topics of a replay.
+
+    Attributes
+    ----------
+    topics
+        By role, those that are not in the bag too.
+    streams
+        Of the sensors, with readers for the types that their topics have.
+    found, found_roles
+        One line for each topic that was taken by its type, and its role.
+    named
+        Roles whose topic the user named.
+    """
+
+    topics: dict[str, str]
+    streams: tuple[Stream, ...]
+    found: list[str] = field(default_factory=list)
+    found_roles: list[str] = field(default_factory=list)
+    named: frozenset[str] = frozenset()
+
+    @property
+    def readers(self) -> dict[str, MessageReader]:
+        """Readers of the streams and of what comes beside them, by role."""
+        readers = {stream.role: stream.reader for stream in self.streams}
+        for stream in self.streams:
+            if stream.companion is not None:
+                readers[stream.companion.role] = stream.companion.reader
+        return readers
+
+
+def choose_topics(reader: BagReader, config: Config, remap: Sequence[str] = ()) -> TopicChoice:
+    """Return the topics of a replay.
+
+    Parameters
+    ----------
+    reader
+        The bag.
+    config
+        `sensors` names the topics.
+    remap
+        ``scan:=/base_scan`` for topics with other names.
+
+    Raises
+    ------
+    TopicError
+        For a remapping that cannot be, and where several topics could be meant.
+    """
+    streams = default_streams(config)
+    defaults = {role: topic for role, topic in DEFAULT_TOPICS.items() if role != "tilt_scan"}
+    for stream in streams:
+        defaults[stream.role] = _absolute(stream.role)
+        if stream.companion is not None:
+            defaults[stream.companion.role] = _absolute(stream.companion.role)
+    topics = remap_topics(remap, defaults)
+    named = frozenset(role for role, topic in topics.items() if topic != defaults[role])
+    choice = TopicChoice(topics, streams, named=named)
+    for stream in streams:  # the calibration stands beside the image that was named
+        companion = stream.companion
+        if companion is not None and stream.role in named and companion.role not in named:
+            topics[companion.role] = camera_info_topic(topics[stream.role])
+    search = _Search(reader, choice)
+    search.find_robot()
+    search.find_lasers(config)
+    search.find_depth_images(config)
+    search.find_clouds(config)
+    search.find_pictures(config)
+    choice.streams = tuple(search.with_reader(stream) for stream in streams)
+    return choice
+
+
+def picture_topics(reader: BagReader) -> list[str]:
+    """Return the topics of pictures in a bag.
+
+    Of one camera the compressed ones are returned only where there are no plain ones.
+    """
+    plain, compressed = [], []
+    for topic in reader.topics():
+        message = first_message(reader, topic.name) if topic.count else None
+        if message is None:
+            continue
+        if topic.msgtype == PICTURE_READER.message_type:
+            if str(message.encoding) in CHANNELS:
+                plain.append(topic.name)
+        elif topic.msgtype == COMPRESSED_PICTURE_READER.message_type:
+            text = str(message.format)
+            if COMPRESSED not in text and ("jpeg" in text or "png" in text):
+                compressed.append(topic.name)
+    return plain + [name for name in compressed if name.removesuffix("/compressed") not in plain]
+
+
+class _Search:
+    """Looks for topics by their type, and writes what it finds into a choice."""
+
+    def __init__(self, reader: BagReader, choice: TopicChoice) -> None:
+        self._reader = reader
+        self._choice = choice
+        self._types = {info.name: info.msgtype for info in reader.topics() if info.count}
+        self._depth: list[DepthTopic] = []
+
+    def with_reader(self, stream: Stream) -> Stream:
+        """Return a stream that reads the type that its topic has."""
+        topic = self._choice.topics[stream.role]
+        kinds = (IMAGE_READER.message_type, COMPRESSED_READER.message_type)
+        if stream.companion is None or self._types.get(topic) not in kinds:
+            return stream
+        compressed = self._types[topic] == COMPRESSED_READER.message_type
+        if stream.record is CameraImage:
+            return replace(stream, reader=camera_stream(stream.role, compressed=compressed).reader)
+        return replace(stream, reader=depth_reader(topic, compressed=compressed))
+
+    def _is_absent(self, role: str) -> bool:
+        return role not in self._choice.named and self._choice.topics[role] not in self._types
+
+    def _free(self, msgtype: str) -> list[str]:
+        """Return the topics of a type that no role has."""
+        taken = set(self._choice.topics.values())
+        return [name for name, kind in self._types.items() if kind == msgtype and name not in taken]
+
+    def _take(self, role: str, topic: str, what: str) -> None:
+        self._choice.topics[role] = topic
+        self._choice.found.append(f"{topic} is taken for {role}: {what}")
+        self._choice.found_roles.append(role)
+
+    def _take_only(self, role: str, candidates: Sequence[str], what: str, setting: str) -> None:
+        """Take the only candidate; raise TopicError where there are several."""
+        if len(candidates) > 1:
+            names = " or ".join(f"--remap {role}:={topic}" for topic in candidates)
+            off = f", or --set {setting}=[] to use none" if setting else ""
+            raise TopicError(
+                f"{self._reader.path}: no topic {self._choice.topics[role]}, and several could be "
+                f"meant; use {names}{off}"
+            )
+        if candidates:
+            self._take(role, candidates[0], what)
+
+    def find_robot(self) -> None:
+        """Take odometry and joint states where there is one topic of each."""
+        for role in ROBOT_ROLES:
+            free = self._free(READERS[role].message_type) if self._is_absent(role) else []
+            if len(free) == 1:
+                self._take(role, free[0], "the only one of its type")
+
+    def find_lasers(self, config: Config) -> None:
+        """Take a laser that a joint moves, and one that none moves."""
+        tilting = config.sensors.tilt_scans[:1]
+        roles = [role for role in (*tilting, "scan") if self._is_absent(role)]
+        if config.sensors.level_from != "none":
+            roles = [role for role in roles if role != "scan"]
+        lasers = self._free(LASER)
+        if not roles or not lasers:
+            return
+        moved = tilting_lasers(self._reader, lasers, self._choice.topics)
+        for role in roles:
+            is_tilting = role in tilting
+            fits = [name for name in lasers if (name in moved) == is_tilting]
+            what = "the only laser that a joint moves" if is_tilting else "the only level laser"
+            self._take_only(role, fits, what, "sensors.tilt_scans" if is_tilting else "")
+
+    def find_depth_images(self, config: Config) -> None:
+        """Take the only depth image that has a calibration beside it."""
+        roles, found = config.sensors.depth_images, self._choice
+        if not roles:
+            return
+        if not all(self._is_absent(role) for role in roles):
+            by_topic = {found.topics[role]: role for role in roles}
+            self._depth = [d for d in depth_topics(self._reader) if d.topic in by_topic]
+            for image in self._depth:
+                self._take_calibration(camera_info_topic(by_topic[image.topic]), image)
+            return
+        images = [d for d in depth_topics(self._reader) if calibration_topic(self._reader, d)]
+        self._take_only(
+            roles[0],
+            [image.topic for image in images],
+            "the only depth image with a camera_info",
+            "sensors.depth_images",
+        )
+        self._depth = images
+        for image in images:
+            self._take_calibration(camera_info_topic(roles[0]), image)
+
+    def _take_calibration(self, role: str, image: DepthTopic) -> None:
+        """Take what calibrates an image; it is said where it does not stand beside it."""
+        topic, beside = calibration_topic(self._reader, image), camera_info_topic(image.topic)
+        if role in self._choice.named or topic is None:
+            return
+        self._choice.topics[role] = topic
+        if topic != beside:
+            self._take(role, topic, f"the only camera info of the frame '{image.frame_id}'")
+
+    def find_clouds(self, config: Config) -> None:
+        """Take the only point cloud; one in the frame of a depth image is made of that."""
+        roles = config.sensors.point_clouds
+        if not roles or not all(self._is_absent(role) for role in roles):
+            return
+        frames = {image.frame_id for image in self._depth}
+        frames |= {config.frames.map_name, config.frames.odom_name}
+        clouds = [
+            topic
+            for topic in self._free(CLOUD_READER.message_type)
+            if self._cloud_frame(topic) not in (None, *frames)
+        ]
+        self._take_only(roles[0], clouds, "the only point cloud", "sensors.point_clouds")
+
+    def find_pictures(self, config: Config) -> None:
+        """Take the only topic of pictures that has a calibration beside it, plain or compressed.
+
+        Several are no error, as a map can be made without signs: none is taken, which is said.
+        """
+        roles = config.sensors.camera_images if config.signs.enabled else ()
+        if not roles or not all(self._is_absent(role) for role in roles):
+            return
+        found = [
+            topic
+            for topic in picture_topics(self._reader)
+            if self._types.get(camera_info_topic(topic)) == CAMERA_INFO_READER.message_type
+        ]
+        if len(found) > 1:
+            names = " or ".join(f"--remap {roles[0]}:={topic}" for topic in found)
+            self._choice.found.append(f"door signs are not looked for, unless you add {names}")
+        elif found:
+            self._take(roles[0], found[0], "the only pictures with a camera_info")
+            self._choice.topics[camera_info_topic(roles[0])] = camera_info_topic(found[0])
+
+    def _cloud_frame(self, topic: str) -> str | None:
+        """Return the frame of a cloud of points, None for clouds of other numbers."""
+        message = first_message(self._reader, topic)
+        if message is None:
+            return None
+        with suppress(MessageError):
+            return point_cloud_from_message(message).frame_id
+        return None
+
+
+def tilting_lasers(reader: BagReader, lasers: Sequence[str], topics: Mapping[str, str]) -> set[str]:
+    """Return the topics of those lasers that a joint moves against the base.
+
+    Messages of the first seconds alone are read.
+
+    Parameters
+    ----------
+    reader
+        The bag.
+    lasers
+        Topics of laser scans.
+    topics
+        Of what tells of the robot, by role.
+    """
+    robot = Robot(Config(), default_streams())
+    robot_is_described(reader, topics, robot)
+    tilts = set()
+    for laser in lasers:
+        message = first_message(reader, laser)
+        if message is None:
+            continue
+        with suppress(FrameError):
+            frame = frame_name(message.header.frame_id)
+            robot.sensors["tilt_scan"].mount.find(frame, final=True)
+            tilts.add(laser)
+    return tilts
+
+
+def robot_is_described(reader: BagReader, topics: Mapping[str, str], robot: Robot) -> bool:
+    """Tell a robot what the first seconds of a bag say of its frames and joints.
+
+    Parameters
+    ----------
+    reader
+        The bag.
+    topics
+        By role.
+    robot
+        Is told of the records of these topics that are no sensor's.
+
+    Returns
+    -------
+    bool
+        Whether there is a robot description or tf.
+    """
+    of_robot = {role: topic for role, topic in topics.items() if role in _robot_inputs()}
+    with suppress(TccmError):  # a replay reports what is damaged or of another type
+        for role, log_ns, record in reader.records(of_robot):
+            if log_ns - reader.start_ns > MAX_READ_NS:
+                break
+            robot.add(role, record)
+    robot.flush()
+    return robot.frames.model is not None or bool(robot.frames.tf)
+
+
+def laser_is_base(topic: str) -> str:
+    """Return the line that says how a bare laser is mapped."""
+    return (
+        f"{topic} without frames and odometry: the laser is the base, and moves as matching of its "
+        "scans says"
+    )
+
+
+def _robot_inputs() -> Iterator[str]:
+    sensors = {stream.role for stream in default_streams()}
+    return (role for role in DEFAULT_TOPICS if role not in sensors)
+
+
+def _absolute(topic: str) -> str:
+    return "/" + topic.lstrip("/")

@@ -1,0 +1,136 @@
+"""Agreement of several recordings on one rig: each is estimated alone, and the estimates compared.
+
+Between two recordings somebody may have moved the laser or set the tilt's zero anew. One rig fitted
+to both would be wrong for both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from tccm_ros.calibrate.estimate import Estimate
+from tccm_ros.calibrate.observability import UNITS, columns
+from tccm_ros.calibrate.solver import covariance
+from tccm_ros.errors import BagError
+
+MIN_PROBABILITY = 1e-4
+"""Recordings with a less probable disagreement are not of one rig (chosen)."""
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedQuantity:
+    """One parameter as several recordings determine it.
+
+    Attributes
+    ----------
+    name
+        As in `UNITS`.
+    bags
+        Names of the recordings that determine it.
+    values, sigmas
+        The estimate of each and its standard deviation, rad, 1, m or s.
+    """
+
+    name: str
+    bags: tuple[str, ...]
+    values: tuple[float, ...]
+    sigmas: tuple[float, ...]
+
+    @property
+    def chi_square(self) -> float:
+        """Sum of squared deviations over variances, its mean the number of recordings less one."""
+        values, weights = np.array(self.values), 1.0 / np.array(self.sigmas) ** 2
+        return float(np.sum(weights * (values - np.average(values, weights=weights)) ** 2))
+
+    @property
+    def probability(self) -> float:
+        """Probability that recordings of one rig disagree at least as much."""
+        return float(chi2.sf(self.chi_square, len(self.values) - 1))
+
+    def text(self) -> str:
+        """Return the smallest and the largest value, with their bags."""
+        unit, factor = UNITS[self.name]
+        low, high = int(np.argmin(self.values)), int(np.argmax(self.values))
+        shown = [
+            f"{self.values[i] * factor:.4g} +- {self.sigmas[i] * factor:.2g} {unit}".rstrip()
+            + f" in {self.bags[i]}"
+            for i in (low, high)
+        ]
+        return f"{self.name} is {' and '.join(shown)}"
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """All parameters that two recordings or more determine.
+
+    Attributes
+    ----------
+    compared
+        In the order of `UNITS`.
+    """
+
+    compared: tuple[ComparedQuantity, ...]
+
+    @property
+    def differing(self) -> tuple[ComparedQuantity, ...]:
+        """Parameters that differ between recordings, the clearest first."""
+        off = [one for one in self.compared if one.probability < MIN_PROBABILITY]
+        return tuple(sorted(off, key=lambda one: -one.chi_square / len(one.values)))
+
+    def check(self) -> None:
+        """Raise an error that names what differs.
+
+        Raises
+        ------
+        BagError
+            If the recordings are not of one rig.
+        """
+        if self.differing:
+            found = "; ".join(one.text() for one in self.differing)
+            raise BagError(f"the recordings are not of one rig: {found}; calibrate them separately")
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """Return everything as plain numbers."""
+        return [
+            {
+                "name": one.name,
+                "bags": list(one.bags),
+                "values": [round(value, 6) for value in one.values],
+                "sigmas": [round(sigma, 6) for sigma in one.sigmas],
+                "chi_square": round(one.chi_square, 3),
+                "probability": float(f"{one.probability:.3g}"),
+            }
+            for one in self.compared
+        ]
+
+
+def compare(bags: Sequence[str], estimates: Sequence[Estimate]) -> Agreement:
+    """Compare the estimates of single recordings.
+
+    No weak parameter is fixed before: a wrong fixed value would move the others.
+    """
+    found = [_free(estimate) for estimate in estimates]
+    result = []
+    for name in UNITS:
+        shown = [(bag, *one[name]) for bag, one in zip(bags, found) if name in one]
+        if len(shown) > 1:
+            names, values, sigmas = zip(*shown)
+            result.append(ComparedQuantity(name, names, values, sigmas))
+    return Agreement(tuple(result))
+
+
+def _free(estimate: Estimate) -> dict[str, tuple[float, float]]:
+    """Return value and standard deviation of the free parameters."""
+    cov = covariance(estimate.solution, estimate.free, estimate.sigmas)
+    sigmas = np.full(len(estimate.free), np.nan)
+    sigmas[estimate.free] = np.sqrt(np.diag(cov))
+    return {
+        name: (float(estimate.solution.x[column]), float(sigmas[column]))
+        for name, column in columns(estimate.problem.layout).items()
+        if estimate.free[column]
+    }

@@ -1,0 +1,160 @@
+"""Assign hits to planes, and find the parameters that these hits may determine."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tccm_ros.arrays import Bool, Float64
+from tccm_ros.calibrate.model import RigValues
+from tccm_ros.calibrate.patches import Patches
+from tccm_ros.calibrate.problem import LevelHits, Planes, Problem
+from tccm_ros.calibrate.recording import LevelScans, Recording
+from tccm_ros.calibrate.surroundings import (
+    CEILING,
+    FIRST_WALL,
+    FLOOR,
+    NO_PLANE,
+    assign,
+    near_another,
+)
+
+WALL_MARGIN = 0.2
+"""Max distance of the level laser's hits beyond the part of a wall that the tilting laser saw, m
+(chosen)."""
+
+VARIED_SPEED = 0.3
+"""A time offset may be determined if this fraction of the joint's speed is not linear in its angle
+(chosen)."""
+
+
+def assigned(
+    problem: Problem,
+    x: Float64,
+    recording: Recording,
+    patches: Patches,
+    gates: tuple[float, float],
+    level_gate: float,
+) -> Problem:
+    """Assign hits to planes under the current estimate.
+
+    Parameters
+    ----------
+    problem
+        With its planes; its hits are replaced.
+    x
+        float64 (P,), the estimate.
+    recording, patches
+        The input, and its patches.
+    gates
+        Largest distance (m) and angle (rad) of a patch to its plane.
+    level_gate
+        Largest distance of a hit of the level laser to its wall, m.
+    """
+    model, places = problem.model, recording.places[patches.centers.cycle]
+    values = RigValues.of_vector(x[problem.layout.rig])
+    centers = model.transform_points(patches.centers, values)
+    normals = model.transform_directions(patches.centers, values, patches.normals)
+    planes = _seen_planes(problem, x)
+    plane = assign(centers, normals, places, patches.spread, planes, gates)
+    of_hit = plane[patches.patch]
+    everywhere = model.transform_points(patches.hits, values)
+    at = places[patches.patch]
+    on = (of_hit != NO_PLANE) & ~near_another(everywhere, at, of_hit, planes)
+    hits, place = patches.hits.take(on), places[patches.patch[on]]
+    problem = replace(problem, hits=hits, plane=of_hit[on], place=place)
+    tilt_hits = model.transform_points(hits, values)
+    level = tuple(
+        _on_walls(problem, x, scans, at, tilt_hits, level_gate)
+        for at, scans in sorted(recording.level.items())
+    )
+    return replace(problem, level=level)
+
+
+def determinable(problem: Problem, values: RigValues, *, floor_is_known: bool) -> Bool:
+    """Return which parameters have hits that may determine them, bool (P,).
+
+    Parameters
+    ----------
+    problem
+        With its hits assigned.
+    values
+        The rig.
+    floor_is_known
+        Whether the floor's height in the base frame is given: else the laser's height is not seen.
+    """
+    layout = problem.layout
+    free = np.zeros(layout.size, bool)
+    free[layout.rig] = free[layout.bias] = True
+    seen = np.bincount(problem.plane, minlength=FIRST_WALL + layout.walls) > 0
+    free[layout.floor] = seen[FLOOR]
+    for bag in np.unique(problem.bag[problem.place[problem.plane == CEILING]]).tolist():
+        free[layout.ceiling(bag)] = True
+    for number in range(layout.walls):
+        free[layout.wall(number)] = seen[FIRST_WALL + number]
+    for place in np.unique(problem.place).tolist():
+        free[layout.roll_pitch(place)] = True
+    free[layout.rig.start + 3] = floor_is_known and bool(seen[FLOOR])
+    free[layout.rig.start + 4] = _speeds_vary(problem, values)
+    walls = {int(w) for hits in problem.level for w in np.unique(hits.wall) if w >= 0}
+    # A pan zero and a yaw of the level laser look alike: a head believes the level laser.
+    free[layout.rig.start + 5] = bool(walls) and problem.model.pans
+    free[layout.level] = bool(walls) and not problem.model.pans
+    return free
+
+
+def _seen_planes(problem: Problem, x: Float64) -> Planes:
+    """Return the planes, those that were not found at an infinite distance."""
+    planes, found = problem.planes(x), problem.surroundings
+    if found.floor is None:
+        planes.offsets[planes.number == FLOOR] = np.inf
+    hidden = np.array([height is None for height in found.ceilings])
+    ceilings = planes.number == CEILING
+    planes.offsets[ceilings] = np.where(hidden[problem.bag], np.inf, planes.offsets[ceilings])
+    return planes
+
+
+def _on_walls(
+    problem: Problem, x: Float64, scans: LevelScans, place: int, tilt_hits: Float64, gate: float
+) -> LevelHits:
+    """Assign hits of the level laser to walls that the tilting laser saw."""
+    T = problem.level_mount(x[problem.layout.level], scans.T_base_laser) @ scans.T_base_laser
+    T = scans.T_place_base @ T
+    points = np.einsum("nij,nj->ni", T[:, :3, :3], scans.points) + T[:, :3, 3]
+    nearest, wall = np.full(len(points), gate), np.full(len(points), -1, np.int64)
+    for number, found in enumerate(problem.surroundings.walls):
+        mine = problem.plane == FIRST_WALL + number
+        if found.place != place or not mine.any():
+            continue
+        phi, rho, _ = x[problem.layout.wall(number)]
+        along = np.array([-np.sin(phi), np.cos(phi)])
+        limits = np.quantile(tilt_hits[mine, :2] @ along, [0.01, 0.99])
+        at = points[:, :2] @ along
+        distance = np.abs(points[:, :2] @ [np.cos(phi), np.sin(phi)] - rho)
+        better = (
+            (distance < nearest) & (at > limits[0] - WALL_MARGIN) & (at < limits[1] + WALL_MARGIN)
+        )
+        nearest[better], wall[better] = distance[better], number
+    return LevelHits(scans, place, wall)
+
+
+def _speeds_vary(problem: Problem, values: RigValues) -> bool:
+    """Return whether a time offset looks different from a zero and a scale.
+
+    One-way tilt cycles at an even speed shift all angles alike, and so does a zero.
+    """
+    if not len(problem.plane):
+        return False
+    model, step = problem.model, 2e-3
+    early, late = (
+        model.measured(
+            problem.hits,
+            replace(values, joint_time_offset=values.joint_time_offset + shift),
+        )
+        for shift in (step, -step)
+    )
+    speed, angle = (late - early) / (2.0 * step), (late + early) / 2.0
+    A = np.column_stack([np.ones(len(angle)), angle])
+    rest = speed - A @ np.linalg.lstsq(A, speed, rcond=None)[0]
+    return bool(np.std(rest) > VARIED_SPEED * np.sqrt(np.mean(speed**2)) > 0.0)

@@ -1,0 +1,180 @@
+"""Observability: which of the rig's parameters a recording determines, and why not the others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.calibrate.estimate import Estimate
+from tccm_ros.calibrate.layout import LEVEL_PARAMETERS, Layout
+from tccm_ros.calibrate.model import RIG_PARAMETERS
+from tccm_ros.calibrate.solver import covariance
+from tccm_ros.calibrate.surroundings import FLOOR
+
+LIMITS: Mapping[str, float] = {
+    "joint_time_offset": 0.005,
+    "tilt_scale": 0.02,
+    "roll": float(np.deg2rad(0.5)),
+    "height": 0.02,
+    "tilt_offset": float(np.deg2rad(0.5)),
+    "pan_offset": float(np.deg2rad(0.5)),
+    "level_x": 0.03,
+    "level_y": 0.03,
+    "level_yaw": float(np.deg2rad(0.5)),
+}
+"""A parameter with a larger standard deviation is not determined: s, 1, rad, m (chosen). Parameters
+are fixed in this order: the ones that are rarely wrong come first."""
+
+ADVICE: Mapping[str, str] = {
+    "tilt_offset": "record a horizontal floor from 1 to 4 m, at several places",
+    "tilt_scale": "tilt from the floor near the robot up to the ceiling or high up the walls",
+    "roll": "record a floor or ceiling that reaches far to both sides",
+    "joint_time_offset": "record tilt cycles up and down, fast ones too, while the base stands",
+    "pan_offset": "record walls that both the camera and the level laser see",
+    "level": "record two walls that are not parallel and that both lasers see",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One parameter of the rig.
+
+    Attributes
+    ----------
+    name
+        As in `UNITS`.
+    value
+        rad, 1, m or s.
+    sigma
+        Standard deviation in the same unit, None where it was not estimated.
+    reason
+        Why it was not estimated.
+    """
+
+    name: str
+    value: float
+    sigma: float | None
+    reason: str = ""
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether it was estimated."""
+        return self.sigma is not None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observability:
+    """The final estimate and what it determines.
+
+    Attributes
+    ----------
+    estimate
+        The solution with only the determined parameters free.
+    quantities
+        All parameters of the rig, in the order of `RIG_PARAMETERS` and `LEVEL_PARAMETERS`.
+    covariance
+        float64 (D, D) of the determined ones, in the order of `determined`.
+    """
+
+    estimate: Estimate
+    quantities: tuple[Quantity, ...]
+    covariance: Float64
+
+    @property
+    def determined(self) -> tuple[str, ...]:
+        """Names in the order of the covariance."""
+        return tuple(q.name for q in self.quantities if q.is_determined)
+
+
+def assess_observability(estimate: Estimate, floor_z: float | None) -> Observability:
+    """Fix parameters that are not determined, one by one, and solve again without them."""
+    layout, reasons = estimate.problem.layout, _never_free(estimate, floor_z)
+    column = columns(layout)
+    while True:
+        cov = covariance(estimate.solution, estimate.free, estimate.sigmas)
+        sigmas = np.full(layout.size, np.nan)
+        sigmas[estimate.free] = np.sqrt(np.diag(cov))
+        weak = [n for n in LIMITS if estimate.free[column[n]] and sigmas[column[n]] > LIMITS[n]]
+        if not weak:
+            break
+        name = weak[0]
+        reasons[name] = _too_weak(name, sigmas[column[name]])
+        estimate = _without(estimate, column[name])
+    quantities = tuple(
+        _quantity(name, estimate, column[name], float(sigmas[column[name]]), reasons)
+        for name in _estimated(estimate)
+    )
+    kept = [column[q.name] for q in quantities if q.is_determined]
+    place = np.cumsum(estimate.free) - 1
+    return Observability(estimate, quantities, cov[np.ix_(place[kept], place[kept])])
+
+
+def _estimated(estimate: Estimate) -> tuple[str, ...]:
+    """Return the quantities of a rig: a head has a pan zero, relative to the level laser."""
+    if estimate.problem.model.pans:
+        return RIG_PARAMETERS
+    return (*(name for name in RIG_PARAMETERS if name != "pan_offset"), *LEVEL_PARAMETERS)
+
+
+def columns(layout: Layout) -> dict[str, int]:
+    """Return where each quantity is in the vector of parameters."""
+    rig = {name: layout.rig.start + i for i, name in enumerate(RIG_PARAMETERS)}
+    return rig | {name: layout.level.start + i for i, name in enumerate(LEVEL_PARAMETERS)}
+
+
+def _quantity(
+    name: str, estimate: Estimate, column: int, sigma: float, reasons: Mapping[str, str]
+) -> Quantity:
+    value = float(estimate.solution.x[column])
+    if estimate.free[column]:
+        return Quantity(name, value, sigma)
+    return Quantity(name, value, None, reasons.get(name, "nothing was seen that shows it"))
+
+
+def _without(estimate: Estimate, column: int) -> Estimate:
+    free, x = estimate.free.copy(), estimate.solution.x.copy()
+    free[column] = False
+    rig = estimate.problem.layout.rig
+    left = np.zeros(len(x))
+    left[rig] = estimate.configured.vector()
+    x[column] = left[column]
+    return estimate.again(free, x)
+
+
+def _never_free(estimate: Estimate, floor_z: float | None) -> dict[str, str]:
+    """Return why parameters were not estimated at all."""
+    reasons = {
+        "joint_time_offset": "all tilt cycles go one way at an even speed, where a delay looks "
+        f"like a zero: {ADVICE['joint_time_offset']}",
+        "height": "no floor was seen"
+        if not (estimate.problem.plane == FLOOR).any()
+        else "the height of the floor in the base frame is not known: give --floor-z",
+    }
+    reasons["pan_offset"] = f"no level scans on walls that the camera saw: {ADVICE['pan_offset']}"
+    for name in LEVEL_PARAMETERS:
+        reasons[name] = f"no level scans on walls that the tilting laser saw: {ADVICE['level']}"
+    return reasons
+
+
+def _too_weak(name: str, sigma: float) -> str:
+    advice = ADVICE.get("level" if name.startswith("level") else name, "")
+    unit, factor = UNITS[name]
+    text = f"only known to {sigma * factor:.3g} {unit}".rstrip()
+    return f"{text}: {advice}" if advice else text
+
+
+UNITS: Mapping[str, tuple[str, float]] = {
+    "tilt_offset": ("deg", float(np.rad2deg(1.0))),
+    "tilt_scale": ("", 1.0),
+    "roll": ("deg", float(np.rad2deg(1.0))),
+    "pan_offset": ("deg", float(np.rad2deg(1.0))),
+    "height": ("mm", 1000.0),
+    "joint_time_offset": ("ms", 1000.0),
+    "level_x": ("mm", 1000.0),
+    "level_y": ("mm", 1000.0),
+    "level_yaw": ("deg", float(np.rad2deg(1.0))),
+}
+"""Unit in which each quantity is shown, and the factor to it."""

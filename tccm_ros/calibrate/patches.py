@@ -1,0 +1,173 @@
+"""Flat patches: blocks of neighbouring beams in neighbouring scans that lie in one plane.
+
+Whether a block is flat hardly depends on the rig's errors (a wrong tilt zero rotates it as a
+whole), so patches are cut once and then transformed under each rig.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tccm_ros.arrays import Bool, Float64, Int64
+from tccm_ros.calibrate.model import Beams, RigModel, RigValues, beams_of, join_beams
+from tccm_ros.calibrate.recording import CycleScans
+from tccm_ros.geometry import inverse, transform
+
+BEAMS, MIN_SIDE, MIN_HITS = 36, 3, 12
+"""Beams of a block, and the scans and beams along its sides and the hits that it has at least
+(chosen: the normal of a patch is then known to a degree)."""
+
+MAX_THICKNESS, MAX_THICKNESS_RATIO = 0.025, 0.25
+"""Max standard deviation of a flat patch along its normal, m, and its max ratio to the patch's
+width (chosen: three times the noise of the laser)."""
+
+MIN_WIDTH_RATIO = 0.05
+"""Min ratio of a patch's smaller width to its larger one (chosen)."""
+
+HITS, MIN_KEPT, ALL_HITS = 20, 3, 16_000
+"""Max and min number of hits that are kept of each patch, and of all patches together (chosen:
+cost)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patches:
+    """P patches with a sample of the hits of each.
+
+    Attributes
+    ----------
+    centers
+        Centroids as beams of the middle of the patch.
+    normals
+        float64 (P, 3), towards the laser, in its frame at that time.
+    spread
+        float64 (P,), standard deviation of the normal from noise, rad.
+    hits
+        The hits.
+    patch
+        int64 (N,), the patch of each hit.
+    """
+
+    centers: Beams
+    normals: Float64
+    spread: Float64
+    hits: Beams
+    patch: Int64
+
+    def __len__(self) -> int:
+        return len(self.normals)
+
+
+def cut_patches(cycles: Mapping[int, CycleScans], model: RigModel, values: RigValues) -> Patches:
+    """Cut all tilt cycles into blocks and keep the flat ones.
+
+    Parameters
+    ----------
+    cycles
+        Scans by the number of the tilt cycle, in order.
+    model, values
+        The rig under which patches are cut; it need not be right.
+    """
+    beams = sum(int(np.isfinite(cycle.ranges).sum()) for cycle in cycles.values())
+    max_hits = int(np.clip(ALL_HITS * BEAMS / max(beams, 1), MIN_KEPT, HITS))
+    parts = [_cut(number, cycle, model, values, max_hits) for number, cycle in cycles.items()]
+    firsts = np.cumsum([0, *(len(part) for part in parts)])
+    return Patches(
+        join_beams([part.centers for part in parts]),
+        np.concatenate([part.normals for part in parts]),
+        np.concatenate([part.spread for part in parts]),
+        join_beams([part.hits for part in parts]),
+        np.concatenate([part.patch + first for part, first in zip(parts, firsts)]),
+    )
+
+
+def _cut(
+    number: int, cycle: CycleScans, model: RigModel, values: RigValues, max_hits: int
+) -> Patches:
+    beams, columns = beams_of(number, cycle), np.nonzero(np.isfinite(cycle.ranges))[1]
+    blocks = _blocks(beams, cycle, columns, model, values)
+    order = np.argsort(blocks, kind="stable")
+    kept, patch, size = _full(blocks[order])
+    order, points_place = order[kept], model.transform_points(beams, values)[order[kept]]
+    mean, normal, widths = _fit(points_place, patch, size)
+    flat = (widths[:, 0] < MAX_THICKNESS) & (widths[:, 0] < MAX_THICKNESS_RATIO * widths[:, 1])
+    flat &= widths[:, 1] > MIN_WIDTH_RATIO * widths[:, 2]
+    middle = order[np.cumsum(size) - size + size // 2]
+    T_place_laser = _laser_poses(number, beams.take(middle), model, values)
+    T_laser_place = inverse(T_place_laser)
+    centers = beams.take(middle)
+    points = transform(T_laser_place, mean[:, None, :])[:, 0]
+    normals = np.einsum("nij,nj->ni", T_laser_place[:, :3, :3], normal)
+    normals *= -np.sign(np.sum(normals * points, axis=1, keepdims=True))
+    centers = Beams(centers.cycle, centers.stamps_ns, points, centers.T_place_base)
+    sample = _sample(size, flat, max_hits)
+    by_time = np.argsort(beams.stamps_ns[order[sample]], kind="stable")
+    new = np.cumsum(flat) - 1
+    spread = widths[:, 0] / np.sqrt(size) / np.maximum(widths[:, 1], 1e-6)
+    return Patches(
+        centers.take(flat),
+        normals[flat],
+        spread[flat],
+        beams.take(order[sample][by_time]),
+        new[patch[sample]][by_time],
+    )
+
+
+def _blocks(
+    beams: Beams, cycle: CycleScans, columns: Int64, model: RigModel, values: RigValues
+) -> Int64:
+    """Return the block of each beam: square, of equal steps of tilt and bearing, or of pixels."""
+    beams_per_line = cycle.ranges.shape[1]
+    if cycle.is_image:
+        side = round(np.sqrt(BEAMS))
+        rows = np.nonzero(np.isfinite(cycle.ranges))[0]
+        pixels: Int64 = rows // side * (beams_per_line // side + 1) + columns // side
+        return pixels
+    tilt = model.measured(beams, values)
+    between_lines = float(np.ptp(tilt)) / max(len(cycle.ranges) - 1, 1)
+    between_beams = float(np.linalg.norm(cycle.directions[0, 1] - cycle.directions[0, 0]))
+    side = np.sqrt(BEAMS * between_lines * between_beams)
+    high = max(side, MIN_SIDE * between_lines, 1e-6)
+    wide = max(round(side / max(between_beams, 1e-9)), MIN_SIDE)
+    up = np.floor((tilt - tilt.min()) / high).astype(np.int64)
+    result: Int64 = up * (beams_per_line // wide + 1) + columns // wide
+    return result
+
+
+def _full(blocks: Int64) -> tuple[Bool, Int64, Int64]:
+    """Return which sorted entries are in blocks with enough hits, their patch, and its size."""
+    _, index, counts = np.unique(blocks, return_inverse=True, return_counts=True)
+    enough = counts >= MIN_HITS
+    kept = enough[index]
+    return kept, (np.cumsum(enough) - 1)[index[kept]], counts[enough]
+
+
+def _fit(points: Float64, patch: Int64, size: Int64) -> tuple[Float64, Float64, Float64]:
+    """Return means, normals (P, 3) and standard deviations (P, 3) along the three axes, rising."""
+    n = len(size)
+    mean = np.stack([np.bincount(patch, points[:, i], n) for i in range(3)], axis=1) / size[:, None]
+    d = points - mean[patch]
+    cov = np.empty((n, 3, 3))
+    for i in range(3):
+        for j in range(i, 3):
+            cov[:, i, j] = cov[:, j, i] = np.bincount(patch, d[:, i] * d[:, j], n) / size
+    spread, axes = np.linalg.eigh(cov)
+    return mean, axes[:, :, 0], np.sqrt(np.maximum(spread, 0.0))
+
+
+def _laser_poses(number: int, beams: Beams, model: RigModel, values: RigValues) -> Float64:
+    T: Float64 = beams.T_place_base @ model.T_base_laser(number, beams.stamps_ns, values)
+    return T
+
+
+def _sample(size: Int64, wanted: Bool, max_hits: int) -> Int64:
+    """Return the rows of up to `max_hits` hits of each wanted patch, evenly spread."""
+    firsts = np.cumsum(size) - size
+    rows = [
+        first + np.unique(np.linspace(0, count - 1, min(count, max_hits)).astype(np.int64))
+        for first, count, ok in zip(firsts.tolist(), size.tolist(), wanted.tolist())
+        if ok
+    ]
+    return np.concatenate(rows) if rows else np.zeros(0, np.int64)

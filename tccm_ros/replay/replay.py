@@ -1,0 +1,302 @@
+"""`tccm replay`: process a bag and write its result folder, completely or not at all."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tccm_ros import __version__
+from tccm_ros.arrays import Float64
+from tccm_ros.atomic import output_folder
+from tccm_ros.bags.reader import BagPaths, bag_paths
+from tccm_ros.config import Config
+from tccm_ros.errors import MapError
+from tccm_ros.geometry import inverse, spatial
+from tccm_ros.progress import Bars, Silent
+from tccm_ros.replay.outcome import Outcome
+from tccm_ros.replay.run import run_bag
+from tccm_ros.results.cycles_file import save_cycles
+from tccm_ros.results.exports import write_results, write_timing
+from tccm_ros.results.map_file import is_map, load_map, save_map
+from tccm_ros.results.models import (
+    CountsEntry,
+    ScansUsedEntry,
+    SessionEntry,
+    SessionKind,
+    SummaryFile,
+    TimingFile,
+)
+from tccm_ros.results.result_bag import CycleMessageStore, write_result_bag
+from tccm_ros.results.surface_counts import count_surfaces
+from tccm_ros.stopwatch import Stopwatch
+
+LIBRARIES = ("gtsam", "numba", "numpy", "scipy", "shapely")
+
+PROCESSING = ("read", "pose", "tccm", "signs", "slam", "events", "history", "solve")
+"""Stages that the real-time factor counts: reading and processing, without imports and pictures."""
+
+WRITING = ("write",)
+"""Stages that write the result files other than pictures."""
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Summary of a finished replay.
+
+    Attributes
+    ----------
+    out
+        Folder of the results.
+    content
+        Of summary.json.
+    seconds
+        Time of each stage, s.
+    real_time_factor
+        Seconds of the bag in a second of processing.
+    found_topics
+        One line for each topic that was taken by its type, and for a laser that is the base.
+    """
+
+    out: Path
+    content: SummaryFile
+    seconds: dict[str, float]
+    real_time_factor: float
+    found_topics: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return everything as plain data."""
+        return {
+            "out": str(self.out),
+            **asdict(self.content),
+            "real_time_factor": self.real_time_factor,
+        }
+
+    def text(self) -> str:
+        """Return a few lines for a terminal."""
+        counts, session = self.content.counts, self.content.session
+        lines = [
+            *self.found_topics,
+            f"{counts.surface_counts.text()}, {counts.objects} objects, {counts.walls} walls, "
+            f"{counts.cycles} tilt cycles, {counts.keyframes} keyframes, "
+            f"{counts.loops_accepted} loops; {_factor_text(self.real_time_factor)} real time",
+        ]
+        if session.kind == SessionKind.NEW:
+            lines.append("a new session of the saved map")
+        if counts.dropped:
+            reasons = ", ".join(f"{n} {why}" for why, n in counts.dropped.items())
+            lines.append(f"dropped: {reasons}")
+        lines.append(f"map       {self.out / 'surfaces.json'}")
+        if (self.out / "report.html").exists():
+            lines.append(f"pictures  {self.out / 'map.png'}, {self.out / 'map3d.png'}")
+            lines.append(f"report    {self.out / 'report.html'}  (open it in a browser)")
+        return "\n".join(lines)
+
+
+def _factor_text(factor: float) -> str:
+    return f"{factor:.0f} x" if factor >= 10.0 else f"{factor:.1f} x"
+
+
+def replay(
+    bag: BagPaths,
+    out: Path | str,
+    config: Config,
+    *,
+    saved_map: Path | str | None = None,
+    remap: Sequence[str] = (),
+    pictures: bool = True,
+    events: bool = False,
+    bars: Bars | None = None,
+    clock: Stopwatch | None = None,
+) -> Summary:
+    """Process a bag and write its results.
+
+    Parameters
+    ----------
+    bag
+        A rosbag2 folder, an .mcap or a .db3 file; or several, read as one recording.
+    out
+        Folder of the results; created if needed, older result files are replaced.
+    config
+        The configuration.
+    saved_map
+        A map to continue: the map.mcap of an earlier replay or of a live node.
+    remap
+        ``scan:=/base_scan`` for topics with other names.
+    pictures
+        Whether map.png, map3d.png and report.html are written.
+    events
+        Whether the map is solved after each view, as a live node does, for the events in
+        result.mcap. That takes as long as all the rest.
+    bars
+        Shows the progress.
+    clock
+        Adds up the time of each stage.
+
+    Raises
+    ------
+    TccmError
+        Of any family; `out` is left as it was.
+    """
+    bars, clock = bars or Silent(), clock or Stopwatch()
+    with output_folder(out) as folder:
+        saved = None if saved_map is None else load_map(saved_map)
+        messages = CycleMessageStore(config, folder)
+        outcome = run_bag(
+            bag, config, remap=remap, saved=saved, events=events, on_cycle=messages.add, bars=bars,
+            clock=clock,
+        )  # fmt: skip
+        bars.start("write", 1.0)
+        with clock.stage("write"):
+            content = _write(folder, outcome, messages)
+        _copy_stamps(bag_paths(bag), folder)
+        factor = _real_time_factor(outcome, clock)
+        if pictures:
+            bars.start("pictures", 1.0)
+            _write_report(folder, factor, clock)
+        else:
+            _write_timing(folder, factor, clock)
+    return Summary(Path(out), content, clock.seconds, factor, outcome.found_topics)
+
+
+def _write_timing(folder: Path, factor: float, clock: Stopwatch) -> TimingFile:
+    seconds = {name: round(value, 6) for name, value in clock.seconds.items()}
+    timing = TimingFile(seconds, round(factor, 3))
+    write_timing(folder, timing)
+    return timing
+
+
+def _write_report(folder: Path, factor: float, clock: Stopwatch) -> None:
+    """Draw the pictures, then write timing.json and the page, which shows it."""
+    # Imported here: matplotlib takes half a second, and a replay without pictures needs none of it.
+    from tccm_ros.report.html_report import write_page
+    from tccm_ros.report.pictures import write_pictures
+    from tccm_ros.results.folder_reader import load_results
+
+    with clock.stage("pictures"):
+        results = load_results(folder)
+        drawn = write_pictures(results, folder)
+    timing = _write_timing(folder, factor, clock)
+    with clock.stage("report"):
+        write_page(replace(results, timing=timing), drawn, folder)
+
+
+def _write(
+    folder: Path,
+    outcome: Outcome,
+    messages: CycleMessageStore,
+) -> SummaryFile:
+    config, solution, cycles = outcome.config, outcome.solution, outcome.cycles
+    cuboids = outcome.tccm.map.cuboids()
+    content = _summary(outcome, len(outcome.solution.objects))
+    write_results(folder, solution, cycles, cuboids, config, summary=content)
+    save_cycles(folder / "cycles.npz", outcome.history.parts(_T_map_odom(outcome)))
+    saved = outcome.slam.saved(solution)
+    write_result_bag(
+        folder / "result.mcap", cycles, messages, solution, config, outcome.changes, solution.grid
+    )
+    map_frame = config.frames.prefix + config.frames.map
+    save_map(folder / "map.mcap", saved, solution, map_frame)
+    return content
+
+
+def _T_map_odom(outcome: Outcome) -> Float64:
+    """Return the pose of the odometry frame in map at each tilt cycle, (C, 4, 4)."""
+    stamps = np.array([cycle.stamp_ns for cycle in outcome.cycles], np.int64)
+    T_odom_base = np.array([cycle.T_odom_base for cycle in outcome.cycles]).reshape(-1, 4, 4)
+    return spatial(outcome.solution.slam.pose_at(stamps)) @ inverse(T_odom_base)
+
+
+def _copy_stamps(bags: Sequence[Path], folder: Path) -> None:
+    """Copy the stamps of an imported log, with which `tccm evaluate` matches references.
+
+    The stamps belong to the scans of one log: those of several logs are not copied.
+    """
+    stamps = bags[0] / "stamps.csv"
+    if len(bags) == 1 and stamps.is_file():
+        shutil.copyfile(stamps, folder / stamps.name)
+
+
+def _summary(outcome: Outcome, objects: int) -> SummaryFile:
+    slam, solution = outcome.slam, outcome.solution
+    cycles = outcome.cycles
+    surfaces = count_surfaces(solution.surfaces)
+    accepted = sum(loop.accepted for loop in solution.slam.loops)
+    return SummaryFile(
+        versions=software_versions(),
+        bag_duration=round(outcome.bag_duration, 6),
+        session=SessionEntry(SessionKind.NEW if outcome.continues_map else SessionKind.FIRST),
+        counts=CountsEntry(
+            messages=dict(sorted(outcome.messages.items())),
+            scans_used=ScansUsedEntry(
+                tilt=outcome.tccm.counts["scans used"], level=slam.counts["level scans"]
+            ),
+            dropped=dict(sorted(outcome.dropped.items())),
+            cycles=len(cycles),
+            planes=len({p.id for cycle in cycles for p in cycle.planes}),
+            keyframes=len(solution.slam.keyframes),
+            walls=len(solution.slam.walls),
+            loops_accepted=accepted,
+            loops_rejected=len(solution.slam.loops) - accepted,
+            surfaces=surfaces.counted,
+            small_surfaces=surfaces.small,
+            objects=objects,
+        ),
+        config=outcome.config.model_dump(mode="json"),
+    )
+
+
+def software_versions() -> dict[str, str]:
+    """Return the versions of the package, of Python and of the libraries that compute results."""
+    found = {"tccm_ros": __version__, "python": platform.python_version()}
+    for name in LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # apt installs some libraries without metadata
+            found[name] = "unknown"
+    return found
+
+
+def _real_time_factor(outcome: Outcome, clock: Stopwatch) -> float:
+    seconds = sum(clock.seconds.get(stage, 0.0) for stage in PROCESSING)
+    return outcome.bag_duration / seconds if seconds else 0.0
+
+
+def report_of(target: Path | str, config: Config, bars: Bars | None = None) -> Path:
+    """Return a folder with the report of a result folder, a saved map or a bag.
+
+    A map or a bag is processed first, into a folder of the working directory named after it.
+
+    Parameters
+    ----------
+    target
+        A result folder, a saved map or a bag.
+    config
+        For a map or a bag.
+    bars
+        Shows the progress.
+
+    Raises
+    ------
+    TccmError
+        If the target is missing, of another kind, or damaged.
+    """
+    target = Path(target)
+    if (target / "surfaces.json").exists():
+        return target
+    if not target.exists():
+        raise MapError(f"{target}: no such result folder, map or bag")
+    out = Path(f"{target.stem}_report")
+    if target.is_file() and is_map(target):
+        from tccm_ros.report.viewing import report_map
+
+        report_map(target, out, config)
+    else:
+        replay(target, out, config, bars=bars)
+    return out

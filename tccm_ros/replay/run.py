@@ -1,0 +1,189 @@
+"""Process a bag with the pipeline: topics, records, and checks that its lasers were used."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+
+from tccm_ros.bags.reader import BagPaths, BagReader
+from tccm_ros.bags.topics import TopicChoice, choose_topics, laser_is_base
+from tccm_ros.config import Config
+from tccm_ros.errors import BagError, FrameError, MapError, TopicError
+from tccm_ros.progress import Bars, Silent
+from tccm_ros.records import Scan
+from tccm_ros.replay.outcome import Outcome
+from tccm_ros.replay.processors import OnCycle, Pipeline
+from tccm_ros.robot import MountKind, Stream
+from tccm_ros.stopwatch import Stopwatch
+from tccm_ros.surfaces.saved_map import SavedMap
+from tccm_ros.warm_up.compilation import compile_kernels
+
+PROGRESS_STEP_NS = 100_000_000
+"""Time of the bag between two updates of the progress bar, ns; chosen."""
+
+
+def run_bag(
+    bag: BagPaths,
+    config: Config,
+    *,
+    remap: Sequence[str] = (),
+    saved: SavedMap | None = None,
+    events: bool = False,
+    on_cycle: OnCycle = lambda cycle, cuboids: None,
+    bars: Bars | None = None,
+    clock: Stopwatch | None = None,
+) -> Outcome:
+    """Process a bag.
+
+    Parameters
+    ----------
+    bag
+        A rosbag2 folder, an .mcap or a .db3 file; or several, read as one recording.
+    config
+        The configuration.
+    remap
+        ``scan:=/base_scan`` for topics with other names.
+    saved
+        A saved map to continue.
+    events
+        Whether the map is solved after each view for what has changed.
+    on_cycle
+        Called with each complete tilt cycle, and the integration map after it.
+    bars
+        Shows the progress.
+    clock
+        Adds up the time of each stage.
+
+    Raises
+    ------
+    BagError, TopicError, FrameError, UrdfError
+        If the bag cannot be read, or none of its scans could be used.
+    MapError
+        If the bag could not be localised in the saved map.
+    """
+    bars, clock = bars or Silent(), clock or Stopwatch()
+    with BagReader(bag) as reader:
+        choice = choose_topics(reader, config, remap)
+        _check_there(reader, choice)
+        topics = choice.topics
+        reader.add_readers(choice.readers)
+        present = {info.name for info in reader.topics() if info.count}
+        compile_kernels(_processors(choice, present), config, bars)
+        pipeline = Pipeline(
+            config,
+            streams=choice.streams,
+            expects_odometry=topics["odom"] in present,
+            saved=saved,
+            events=events,
+            on_cycle=on_cycle,
+            clock=clock,
+        )
+        messages = _feed(pipeline, reader, topics, bars)
+        bars.start("solve", 1.0)
+        pipeline.finish()
+        _check_used(pipeline, reader, choice)
+        solution = pipeline.solve()
+        if not pipeline.slam.is_aligned(solution):
+            raise MapError(
+                f"{reader.path}: could not be localised in the saved map, which is "
+                "unchanged; expected a recording of the same rooms: replay it without --map"
+            )
+        unreadable = Counter({f"{t}: {reader.problems[t]}": n for t, n in reader.dropped.items()})
+        return Outcome(
+            config,
+            pipeline.cycles,
+            pipeline.history,
+            pipeline.tccm,
+            pipeline.slam,
+            solution,
+            messages,
+            pipeline.dropped + unreadable + Counter(solution.unused_detections),
+            reader.duration,
+            saved is not None,
+            (*choice.found, *_lasers_that_are_bases(pipeline, choice), *_missing_extra(pipeline)),
+            tuple(pipeline.changes),
+        )
+
+
+def _processors(choice: TopicChoice, present: Collection[str]) -> set[str]:
+    """Return the processors that a recording needs: SLAM gives each its trajectory."""
+    return {"slam"} | {s.processor for s in choice.streams if choice.topics[s.role] in present}
+
+
+def _check_there(reader: BagReader, choice: TopicChoice) -> None:
+    """Raise TopicError without any sensor, or without a topic that was named."""
+    counts = {info.name: info.count for info in reader.topics()}
+    absent = [role for role in sorted(choice.named) if choice.topics[role] not in counts]
+    measured = [stream for stream in choice.streams if not stream.is_occasional]
+    if not any(counts.get(choice.topics[stream.role]) for stream in measured):
+        absent = absent or [measured[0].role]
+    if absent:
+        raise TopicError(reader.missing(absent[0], choice.topics[absent[0]]))
+
+
+def _feed(
+    pipeline: Pipeline, reader: BagReader, topics: Mapping[str, str], bars: Bars
+) -> Counter[str]:
+    """Add all records to the pipeline; return the numbers of messages by topic."""
+    messages: Counter[str] = Counter()
+    last_ns = reader.start_ns
+    records = reader.records(topics)
+    bars.start("replay", reader.duration, "s")
+    while True:
+        with pipeline.clock.stage("read"):
+            item = next(records, None)
+        if item is None:
+            return messages
+        role, log_ns, record = item
+        messages[topics[role]] += 1
+        pipeline.add(role, record)
+        if log_ns - last_ns > PROGRESS_STEP_NS:
+            bars.advance((log_ns - last_ns) * 1e-9)
+            last_ns = log_ns
+
+
+def _check_used(pipeline: Pipeline, reader: BagReader, choice: TopicChoice) -> None:
+    """Raise an error with the reason where nothing that a kind of sensor recorded could be used."""
+    counts = {info.name: info.count for info in reader.topics()}
+    mapped = [s for s in choice.streams if s.processor == "tccm"]
+    level = [s for s in choice.streams if s.mount is MountKind.LEVEL]
+    for streams, used in (
+        (mapped, pipeline.tccm.counts["cycles"]),
+        (level, pipeline.slam.counts["level scans"]),
+    ):
+        topics = [(s, choice.topics[s.role]) for s in streams if counts.get(choice.topics[s.role])]
+        if used or not topics:
+            continue
+        for stream, topic in topics:
+            what = _name_of(stream)
+            if reader.dropped[topic] == counts[topic]:
+                raise BagError(
+                    f"{reader.path}: no message on {topic} could be used: {reader.problems[topic]}"
+                )
+            sensor = pipeline.robot.sensors[stream.role]
+            if sensor.problem is not None:
+                raise FrameError(f"{reader.path}: {what}: {sensor.problem}")
+            dropped = sensor.dropped + (pipeline.tccm.dropped if streams is mapped else Counter())
+            reasons = ", ".join(f"{n} {why}" for why, n in sorted(dropped.items()))
+            kind = "scan" if stream.record is Scan else "record"
+            raise BagError(
+                f"{reader.path}: no {kind} of the {what} could be used: "
+                f"{reasons or 'no tilt cycle'}"
+            )
+
+
+def _lasers_that_are_bases(pipeline: Pipeline, choice: TopicChoice) -> Iterator[str]:
+    for role, sensor in pipeline.robot.sensors.items():
+        if sensor.posed and sensor.mount.is_base:
+            yield laser_is_base(choice.topics[role])
+
+
+def _missing_extra(pipeline: Pipeline) -> Iterator[str]:
+    """Yield what is missing to read the door signs of pictures that there are."""
+    if pipeline.signs.problem:
+        yield f"door signs are not read: {pipeline.signs.problem}"
+
+
+def _name_of(stream: Stream) -> str:
+    names = {MountKind.TILTING: "tilting laser", MountKind.LEVEL: "level laser"}
+    return names.get(stream.mount, f"sensor on {stream.role}")

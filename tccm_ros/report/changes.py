@@ -1,0 +1,195 @@
+"""Match the surfaces and walls of two maps, and classify each as same, moved, came or went."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Generic, TypeVar
+
+import numpy as np
+import shapely
+from shapely.affinity import translate
+
+from tccm_ros.arrays import Float64
+from tccm_ros.geometry import wrap_angle
+from tccm_ros.report.align import MAX_HEIGHT_DIFFERENCE_M
+from tccm_ros.results.folder_reader import Results
+from tccm_ros.results.models import SurfaceEntry, WallEntry
+
+
+class Kind(StrEnum):
+    """Change of a surface or a wall from the first map to the second."""
+
+    SAME = "same"
+    MOVED = "moved"
+    CAME = "came"
+    """Only in the second."""
+    WENT = "went"
+    """Only in the first."""
+
+
+MIN_OVERLAP = 0.3
+"""Smallest fraction of the smaller outline inside the other, of one surface in place; chosen."""
+
+MIN_MOVE_M = 0.05
+"""Smallest shift that is a move, m; chosen: the seen parts of an edge differ by as much."""
+
+MIN_SHAPE_IOU = 0.75
+"""Smallest intersection over union of a moved surface's outlines, centred; chosen."""
+
+MAX_MOVE_M = 3.0
+"""Largest shift of a moved surface, m; chosen."""
+
+MAX_WALL_ANGLE_RAD = np.deg2rad(5.0)
+"""Largest angle of one wall in two maps, rad; chosen."""
+
+MAX_WALL_DISTANCE_M = 0.15
+"""Largest distance across one wall in two maps, m; chosen."""
+
+MIN_WALL_OVERLAP = 0.3
+"""Smallest fraction of the shorter wall along which both extend; chosen."""
+
+Item = TypeVar("Item", SurfaceEntry, WallEntry)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Change(Generic[Item]):
+    """One surface or wall in two maps; None where a map does not have it.
+
+    Attributes
+    ----------
+    kind
+        Same, moved, came or went.
+    before, after
+        As in the first and the second map.
+    """
+
+    kind: Kind
+    before: Item | None
+    after: Item | None
+
+    @property
+    def either(self) -> Item:
+        """Return the entry of the second map, or of the first where the second has none."""
+        item = self.after or self.before
+        assert item is not None
+        return item
+
+
+def surface_changes(before: Results, after: Results) -> list[Change[SurfaceEntry]]:
+    """Match the surfaces of two maps in one frame; heights count from each map's floor.
+
+    Surfaces with overlapping outlines are matched first, then the others with the same shape and
+    label by their shift.
+    """
+    old = [(s, _outline(s), s.height - before.ground) for s in before.above_floor]
+    new = [(s, _outline(s), s.height - after.ground) for s in after.above_floor]
+    same_height = [
+        (i, j)
+        for i, (_, _, low) in enumerate(old)
+        for j, (_, _, high) in enumerate(new)
+        if abs(low - high) <= MAX_HEIGHT_DIFFERENCE_M
+    ]
+    overlaps = [(1.0 - _overlap(old[i][1], new[j][1]), i, j) for i, j in same_height]
+    pairs = _best_pairs((cost, i, j) for cost, i, j in overlaps if 1.0 - cost >= MIN_OVERLAP)
+    free = [(i, j) for i, j in same_height if i not in pairs and j not in pairs.values()]
+    moves = [(_shift(old[i][1], new[j][1]), i, j) for i, j in free]
+    pairs |= _best_pairs(
+        (far, i, j)
+        for far, i, j in moves
+        if far <= MAX_MOVE_M
+        and old[i][0].label == new[j][0].label
+        and _shape_iou(old[i][1], new[j][1]) >= MIN_SHAPE_IOU
+    )
+    changes = [
+        Change(_kind(old[i][1], new[j][1]), old[i][0], new[j][0]) for i, j in sorted(pairs.items())
+    ]
+    only_before = [s for i, (s, _, _) in enumerate(old) if i not in pairs]
+    only_after = [s for j, (s, _, _) in enumerate(new) if j not in pairs.values()]
+    return [*changes, *_unmatched(only_before, only_after)]
+
+
+def _unmatched(before: Iterable[Item], after: Iterable[Item]) -> Iterator[Change[Item]]:
+    for item in before:
+        yield Change(Kind.WENT, item, None)
+    for item in after:
+        yield Change(Kind.CAME, None, item)
+
+
+def _best_pairs(candidates: Iterable[tuple[float, int, int]]) -> dict[int, int]:
+    """Match greedily, the lowest cost first; return first index -> second index."""
+    pairs: dict[int, int] = {}
+    for _, i, j in sorted(candidates):
+        if i not in pairs and j not in pairs.values():
+            pairs[i] = j
+    return pairs
+
+
+def _outline(surface: SurfaceEntry) -> shapely.Geometry:
+    holes = [hole[:, :2] for hole in surface.holes if len(hole) > 2]
+    if len(surface.boundary) < 3:
+        return shapely.Polygon()
+    return shapely.make_valid(shapely.Polygon(surface.boundary[:, :2], holes))
+
+
+def _overlap(a: shapely.Geometry, b: shapely.Geometry) -> float:
+    """Return the fraction of the smaller outline that the other covers."""
+    smaller = min(a.area, b.area)
+    return float(a.intersection(b).area / smaller) if smaller > 0.0 else 0.0
+
+
+def _shift(a: shapely.Geometry, b: shapely.Geometry) -> float:
+    return float(a.centroid.distance(b.centroid)) if not (a.is_empty or b.is_empty) else np.inf
+
+
+def _shape_iou(a: shapely.Geometry, b: shapely.Geometry) -> float:
+    """Return the intersection over union of two outlines moved to a common centroid."""
+    if a.is_empty or b.is_empty:
+        return 0.0
+    moved = translate(a, b.centroid.x - a.centroid.x, b.centroid.y - a.centroid.y)
+    return float(moved.intersection(b).area / moved.union(b).area)
+
+
+def _kind(a: shapely.Geometry, b: shapely.Geometry) -> Kind:
+    """Return whether a matched surface moved: small shifts come from the parts that were seen."""
+    moved = _shift(a, b) > MIN_MOVE_M and _shape_iou(a, b) >= MIN_SHAPE_IOU
+    return Kind.MOVED if moved else Kind.SAME
+
+
+def wall_changes(old: Sequence[WallEntry], new: Sequence[WallEntry]) -> list[Change[WallEntry]]:
+    """Match the walls of two maps in one frame."""
+    costs = [
+        (_wall_distance(a, b), i, j)
+        for i, a in enumerate(old)
+        for j, b in enumerate(new)
+        if _is_one_wall(a, b)
+    ]
+    pairs = _best_pairs(costs)
+    changes = [Change(Kind.SAME, old[i], new[j]) for i, j in sorted(pairs.items())]
+    only_before = [wall for i, wall in enumerate(old) if i not in pairs]
+    only_after = [wall for j, wall in enumerate(new) if j not in pairs.values()]
+    return [*changes, *_unmatched(only_before, only_after)]
+
+
+def _wall_distance(a: WallEntry, b: WallEntry) -> float:
+    """Return the distance of the middle of one from the line of the other, the larger one, m."""
+    return max(
+        abs(float(_normal(wall) @ other.endpoints.mean(axis=0)) - wall.rho)
+        for wall, other in ((a, b), (b, a))
+    )
+
+
+def _normal(wall: WallEntry) -> Float64:
+    return np.array([np.cos(wall.phi), np.sin(wall.phi)])
+
+
+def _is_one_wall(a: WallEntry, b: WallEntry) -> bool:
+    # The normal of a wall through the origin may point either way.
+    angle = float(np.abs(wrap_angle(2.0 * (a.phi - b.phi))) / 2.0)
+    if angle > MAX_WALL_ANGLE_RAD or _wall_distance(a, b) > MAX_WALL_DISTANCE_M:
+        return False
+    tangent = np.array([-np.sin(a.phi), np.cos(a.phi)])
+    spans = [np.sort(wall.endpoints @ tangent) for wall in (a, b)]
+    overlap = min(spans[0][1], spans[1][1]) - max(spans[0][0], spans[1][0])
+    return bool(overlap >= MIN_WALL_OVERLAP * min(span[1] - span[0] for span in spans))

@@ -1,0 +1,172 @@
+"""Compare two maps of the same rooms: surfaces that came, went or moved, walls and paths.
+
+Two replays of a bag, or a map and its continuation, have one frame. Other recordings have frames of
+their own: there the second map is laid over the first by the surfaces and walls that both have.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from tccm_ros.errors import MapError
+from tccm_ros.report.align import find_alignment, moved_results, pose_text
+from tccm_ros.report.changes import Change, Item, Kind, surface_changes, wall_changes
+from tccm_ros.results.folder_reader import Results, load_results
+from tccm_ros.results.models import SurfaceEntry, WallEntry
+from tccm_ros.results.trajectory import Trajectory
+
+MAX_STAMP_DIFFERENCE_S = 0.05
+"""Poses of two trajectories this near in time are compared, s; chosen: a scan of 20 Hz."""
+
+
+@dataclass(frozen=True, slots=True)
+class PathDifference:
+    """Distance between poses at the same times.
+
+    Attributes
+    ----------
+    length_before, length_after
+        Path lengths, m.
+    poses
+        Number of poses at stamps of both trajectories.
+    rms, largest
+        Of the distances, m; None where there are no such poses.
+    """
+
+    length_before: float
+    length_after: float
+    poses: int
+    rms: float | None
+    largest: float | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """Differences between two maps.
+
+    Attributes
+    ----------
+    before, after
+        The maps, both in the first one's frame.
+    surfaces, walls, path
+        Their differences.
+    laid_over
+        Planar pose (x, y, yaw) of the second map's frame in the first's, m and rad, where it was
+        found by `find_alignment`; None where both have one frame.
+    """
+
+    before: Results
+    after: Results
+    surfaces: tuple[Change[SurfaceEntry], ...]
+    walls: tuple[Change[WallEntry], ...]
+    path: PathDifference
+    laid_over: tuple[float, float, float] | None = None
+
+    def counts(self, changes: Sequence[Change[Item]]) -> str:
+        """Return how many of each kind there are, in words."""
+        counts = Counter(change.kind for change in changes)
+        return ", ".join(f"{counts[kind]} {kind}" for kind in Kind)
+
+    def surface_rows(self) -> Iterator[tuple[str, ...]]:
+        """Yield kind, label, ids, heights over the floor, areas and shift of each surface."""
+        for change in self.surfaces:
+            sides = ((change.before, self.before.ground), (change.after, self.after.ground))
+            found = [(surface, ground) for surface, ground in sides if surface is not None]
+            shift = ""
+            if change.before is not None and change.after is not None:
+                moved = change.after.centroid[:2] - change.before.centroid[:2]
+                shift = f"{np.linalg.norm(moved):.3f}"
+            yield (
+                change.kind,
+                _old_and_new([s.label for s, _ in found]),
+                _old_and_new([str(s.id) for s, _ in found]),
+                _old_and_new([f"{s.height - ground:.3f}" for s, ground in found]),
+                _old_and_new([f"{s.area:.2f}" for s, _ in found]),
+                shift,
+            )
+
+    def text(self) -> str:
+        """Return everything as lines for a terminal."""
+        head = ("", "label", "id", "height, m", "area, m2", "shift, m")
+        rows = [head, *self.surface_rows()]
+        widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
+        lines = ["  ".join(c.ljust(w) for c, w in zip(row, widths)).rstrip() for row in rows]
+        lines.append(f"surfaces: {self.counts(self.surfaces)}")
+        lines.append(f"walls: {self.counts(self.walls)}")
+        lines.append(f"paths: {self.path_text()}")
+        if self.laid_over is not None:
+            lines.append(f"the second map was laid over the first: {pose_text(self.laid_over)}")
+        return "\n".join(lines)
+
+    def path_text(self) -> str:
+        """Return the paths' lengths and difference in words."""
+        path = self.path
+        text = f"{path.length_before:.2f} m and {path.length_after:.2f} m"
+        if path.rms is None:
+            return text + ", at different times"
+        distance = f"distance {path.rms:.3f} m rms of {path.poses} poses, {path.largest:.3f} m max"
+        return f"{text}, {distance}"
+
+
+def _old_and_new(shown: Sequence[str]) -> str:
+    """Return the value of one or two maps, ``old -> new`` where they differ."""
+    return shown[0] if len(set(shown)) == 1 else " -> ".join(shown)
+
+
+def compare(folder_a: Path | str, folder_b: Path | str, *, lay_over: bool = False) -> Comparison:
+    """Compare two result folders, the first with the older map.
+
+    Parameters
+    ----------
+    folder_a, folder_b
+        What ``tccm replay --out`` wrote.
+    lay_over
+        Whether the second map has another frame and is moved into the first's.
+
+    Raises
+    ------
+    MapError
+        If a folder or one of its files is missing or damaged, or if too few surfaces and walls are
+        in both maps.
+    """
+    before, after = load_results(folder_a), load_results(folder_b)
+    if not lay_over:
+        return compare_results(before, after)
+    pose = find_alignment(before, after)
+    if pose is None:
+        raise MapError(
+            f"{folder_b}: too few surfaces and walls match those of {folder_a}; "
+            "expected two maps of the same rooms"
+        )
+    comparison = compare_results(before, moved_results(after, pose))
+    x, y, yaw = (round(float(value), 6) for value in pose)
+    return replace(comparison, laid_over=(x, y, yaw))
+
+
+def compare_results(before: Results, after: Results) -> Comparison:
+    """Compare two maps in one frame."""
+    return Comparison(
+        before,
+        after,
+        tuple(surface_changes(before, after)),
+        tuple(wall_changes(before.walls, after.walls)),
+        _path_difference(before.trajectory, after.trajectory),
+    )
+
+
+def _path_difference(before: Trajectory, after: Trajectory) -> PathDifference:
+    lengths = before.length, after.length
+    if len(before.stamps) == 0 or len(after.stamps) == 0:
+        return PathDifference(*lengths, 0, None, None)
+    at = before.nearest(after.stamps)
+    near = np.abs(before.stamps[at] - after.stamps) <= MAX_STAMP_DIFFERENCE_S
+    if not near.any():
+        return PathDifference(*lengths, 0, None, None)
+    distances = np.linalg.norm((before.positions[at] - after.positions)[near, :2], axis=1)
+    rms = float(np.sqrt(np.mean(distances**2)))
+    return PathDifference(*lengths, int(near.sum()), rms, float(distances.max()))

@@ -1,0 +1,160 @@
+"""Write report.html: the map in three dimensions, pictures and tables in one offline page."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterator
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from tccm_ros.atomic import output_file
+from tccm_ros.report.pictures import Pictures, draw_pictures
+from tccm_ros.report.scene import build_scene
+from tccm_ros.report.tables import (
+    configuration_table,
+    counts_table,
+    drops_table,
+    headline,
+    loops_table,
+    signs_table,
+    surfaces_table,
+    timing_table,
+)
+from tccm_ros.results.folder_reader import Results, load_results
+
+SCRIPTS = ("math", "shaders", "draw", "camera", "scene", "hover", "main")
+"""Parts of the page's script, each after those that it uses."""
+
+TIMING_START = "<!-- timing: measured on the clock, differs between runs -->"
+TIMING_END = "<!-- end of timing -->"
+"""Two reports of the same input may differ between these marks, and nowhere else."""
+
+LAYERS = {
+    "surfaces": ("surfaces", True),
+    "boundaries": ("boundaries", True),
+    "labels": ("labels", True),
+    "objects": ("objects on surfaces", True),
+    "free": ("free places", False),
+    "floor_objects": ("objects on the floor", False),
+    "walls": ("walls", True),
+    "path": ("path, 3D views", True),
+    "cuboids": ("cuboids", True),
+    "planes": ("planes, horizontal", True),
+    "other_planes": ("planes, other", False),
+    "cores": ("center cores", False),
+    "floor": ("floor", True),
+}
+"""Layer -> its name on the page, and whether it is visible at first."""
+
+
+def write_report(folder: Path | str, truth: Path | str | None = None) -> Path:
+    """Write report.html into a result folder and return its path.
+
+    Parameters
+    ----------
+    folder
+        What ``tccm replay --out`` wrote.
+    truth
+        A truth.json whose outlines are drawn dashed; the folder's own, if any, when None.
+
+    Raises
+    ------
+    MapError
+        If a file is missing or damaged.
+    OutputError
+        If the report cannot be written.
+    """
+    results = load_results(folder, truth)
+    return write_page(results, draw_pictures(results), folder)
+
+
+def write_page(results: Results, pictures: Pictures, folder: Path | str) -> Path:
+    """Write report.html into a folder and return its path.
+
+    Parameters
+    ----------
+    results
+        The map.
+    pictures
+        Of the same results.
+    folder
+        Where the page goes; created if needed.
+
+    Raises
+    ------
+    OutputError
+        If the page cannot be written.
+    """
+    path = Path(folder) / "report.html"
+    with output_file(path) as made:
+        made.write_text(report_html(results, pictures), encoding="utf-8", newline="\n")
+    return path
+
+
+def report_html(results: Results, pictures: Pictures) -> str:
+    """Return the whole page; the same results give the same text."""
+    scene, pack = build_scene(results)
+    return Template(_asset("page.html")).substitute(
+        style=_asset("page.css"),
+        headline=escape(headline(results)),
+        layers="\n".join(_layer(*item) for item in LAYERS.items()),
+        sections="\n".join(_sections(results, pictures)),
+        scene=_json(scene),
+        arrays=pack.text(),
+        script="\n".join(_asset(f"{name}.js") for name in SCRIPTS),
+    )
+
+
+def _asset(name: str) -> str:
+    return files("tccm_ros.report").joinpath("viewer", name).read_text(encoding="utf-8")
+
+
+def _layer(name: str, shown: tuple[str, bool]) -> str:
+    title, at_first = shown
+    checked = " checked" if at_first else ""
+    return f'<label><input type="checkbox" id="layer-{name}"{checked}> {escape(title)}</label>'
+
+
+def _json(tree: Any) -> str:
+    """Return JSON without characters that could end the HTML element around it."""
+    text = json.dumps(tree, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _sections(results: Results, pictures: Pictures) -> Iterator[str]:
+    summary = results.summary
+    yield _section("above", "From above", _picture(pictures.above, "the map from above"))
+    yield _section("surfaces", "Surfaces", f'<div class="wide">{surfaces_table(results)}</div>')
+    yield '<div class="tables">'
+    if summary is not None:
+        yield _section("counts", "Counts", counts_table(summary))
+        yield _section("drops", "Dropped scans", drops_table(summary))
+    yield _section("signs", "Door signs", signs_table(results))
+    yield _section("loops", "Loop closures", loops_table(results))
+    if results.timing is not None:
+        table = f"{TIMING_START}\n{timing_table(results.timing)}\n{TIMING_END}"
+        yield _section("timing", "Timing", table)
+    yield "</div>"
+    perspective = _picture(pictures.perspective, "the map in perspective")
+    yield _section("perspective", "In perspective", perspective)
+    if summary is not None:
+        yield (
+            '<section id="configuration"><details><summary>Configuration</summary>'
+            '<p class="note">What differs from the defaults is marked.</p>'
+            f'<div class="wide">{configuration_table(summary)}</div></details></section>'
+        )
+
+
+def _section(name: str, title: str, content: str) -> str:
+    if not content:
+        return ""
+    return f'<section id="{name}">\n<h2>{escape(title)}</h2>\n{content}\n</section>'
+
+
+def _picture(content: bytes, text: str) -> str:
+    data = base64.b64encode(content).decode("ascii")
+    return f'<img alt="{escape(text)}" width="900" src="data:image/png;base64,{data}">'

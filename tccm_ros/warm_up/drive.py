@@ -1,0 +1,63 @@
+"""Kernels of SLAM are compiled (or read from disk) before the first record.
+
+A throw-away processor drives the made-up robot through a made-up room, and gets made-up
+surface messages: the kernels of tilt cycles are not needed here, and would take memory.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from tccm_ros.config import Config
+from tccm_ros.records import SurfaceCloud, ViewIntervals
+from tccm_ros.robot import Robot
+from tccm_ros.sensors.registry import default_streams
+from tccm_ros.surfaces.surface_slam import SurfaceSlam
+from tccm_ros.warm_up.level_drive import level_drive
+from tccm_ros.warm_up.made_robot import PERIOD_NS, START_NS, with_own_robot
+
+SURFACES = ((0.0, 2.0), (0.7, 0.5), (0.73, 0.1))
+"""Floor, table, and a step on it: height and half the width, m."""
+
+VIEW_SCANS = (20, 60, 100)
+"""Scans at which the surfaces are seen."""
+
+
+def warm_up_slam(config: Config) -> None:
+    """Drive a throw-away SLAM processor through a room; once in a process for equal settings."""
+    _drive_once(config.model_dump_json())
+
+
+@cache
+def _drive_once(config_json: str) -> None:
+    config = with_own_robot(Config.model_validate_json(config_json))
+    robot, slam = Robot(config, default_streams(config)), SurfaceSlam(config)
+    for role, record in level_drive():
+        for event in robot.add(role, record):
+            slam.add(event)
+    for k in VIEW_SCANS:
+        stamp_ns = START_NS + k * PERIOD_NS
+        slam.add(_surfaces(stamp_ns))
+        slam.add(_seen_through(stamp_ns, 1.0 if k < VIEW_SCANS[-1] else 1.6))
+    slam.solve()
+
+
+def _surfaces(stamp_ns: int) -> SurfaceCloud:
+    """Return the points of floor, table and step, each 2 cm from the next."""
+    parts = []
+    for z, half in SURFACES:
+        side = np.arange(-half, half, 0.02)
+        x, y = (a.ravel() for a in np.meshgrid(side + 1.5, side))
+        parts.append(np.column_stack([x, y, np.full(len(x), z)]))
+    surface = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    points = np.concatenate(parts).astype(np.float32)
+    return SurfaceCloud(stamp_ns, "base", points, surface.astype(np.uint32))
+
+
+def _seen_through(stamp_ns: int, end: float) -> ViewIntervals:
+    """Return what is free above the floor from x = 0.2 m on; the table stands from 1 m on."""
+    x, y = (a.ravel() for a in np.meshgrid(np.arange(0.2, end, 0.1), np.arange(-0.5, 0.5, 0.1)))
+    intervals = np.column_stack([x, y, np.full(len(x), 0.2), np.full(len(x), 1.2)])
+    return ViewIntervals(stamp_ns, "base", intervals.astype(np.float32))

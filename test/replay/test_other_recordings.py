@@ -1,0 +1,119 @@
+"""Recordings as drivers and users write them: the table of the small room is found in each."""
+
+import json
+
+import edited_bag as eb
+import numpy as np
+import pytest
+from depth_room import TOP, write_recording
+
+from tccm_ros.config.reader import read_config
+from tccm_ros.errors import TccmError
+from tccm_ros.replay.info import bag_info
+from tccm_ros.replay.replay import replay
+
+RECORDINGS = {
+    "depths in m with nan": eb.of_camera(eb.in_metres),
+    "big-endian, lines with padding": eb.of_camera(eb.big_endian_with_padding),
+    "encoding mono16": eb.of_camera(eb.called_mono16),
+    "compressedDepth, quantised": eb.of_camera(eb.quantised),
+    "rectified, K and D of the raw image": eb.rectified,
+    "calibration on a topic elsewhere": eb.info_elsewhere,
+    "calibration once, without a stamp": eb.info_once(),
+    "/tf at 10 Hz and /tf_static alone": eb.tf_alone,
+    "organised cloud with nan": eb.organised_alone,
+    "ouster": eb.OUSTER,
+    "velodyne": eb.VELODYNE,
+    "hesai": eb.HESAI,
+    "livox": eb.LIVOX,
+}
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory):
+    path = tmp_path_factory.mktemp("room") / "bag"
+    write_recording(path)
+    return path
+
+
+def mapped(bag, out):
+    summary = replay(bag, out, read_config(None), pictures=False)
+    surfaces = json.loads((out / "surfaces.json").read_text())["surfaces"]
+    return summary.content.counts, [s["height"] for s in surfaces if s["label"] != "floor"]
+
+
+@pytest.mark.parametrize("name", RECORDINGS)
+def test_the_table_is_found_in_recordings_of_others(source, tmp_path, name):
+    bag = eb.edited(source, tmp_path / "bag", RECORDINGS[name])
+    counts, heights = mapped(bag, tmp_path / "out")
+    np.testing.assert_allclose(heights, [TOP], atol=0.003)
+    # The last clouds end after the last odometry.
+    assert set(counts.dropped) <= {"no odometry"}
+    assert sum(counts.dropped.values()) <= 1
+
+
+def test_a_rectified_image_has_not_the_intrinsics_of_the_raw_one(source, tmp_path):
+    """The same numbers as those of a raw image put the table elsewhere."""
+
+    def raw(topic, msgtype, message):
+        edits = eb.rectified(topic, msgtype, message)
+        return [(t.replace("image_rect", "image_raw"), kind, m) for t, kind, m in edits]
+
+    _, heights = mapped(eb.edited(source, tmp_path / "bag", raw), tmp_path / "out")
+    assert not np.allclose(heights, TOP, atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("msgtype", "spoil", "why"),
+    [
+        (eb.CLOUD, eb.without_x, "point cloud has no field 'x'"),
+        (eb.CLOUD, eb.wrong_step, "point cloud has points of 7 bytes"),
+        (eb.CLOUD, eb.too_many, "point cloud has 100000000 points"),
+        (eb.IMAGE, eb.wrong_size, "depth image of 160 x 240 pixels has"),
+        (eb.INFO, eb.zero_focal, "camera info has focal lengths of 0 and 0 pixels"),
+    ],
+)
+def test_messages_that_no_one_can_use_are_counted_and_the_rest_is_mapped(
+    source, tmp_path, msgtype, spoil, why
+):
+    bag = eb.edited(source, tmp_path / "bag", eb.every_other(msgtype, spoil))
+    counts, heights = mapped(bag, tmp_path / "out")
+    np.testing.assert_allclose(heights, [TOP], atol=0.003)
+    ((reason, count),) = counts.dropped.items()
+    assert why in reason
+    assert count == 10
+
+
+def test_a_lens_of_an_unknown_model_is_refused_and_named(source, tmp_path):
+    def fisheye(topic, msgtype, message):
+        if msgtype == eb.INFO:
+            message.distortion_model, message.d = "equidistant", np.array([0.1, 0, 0, 0])
+        return [] if msgtype == eb.CLOUD else [(topic, msgtype, message)]
+
+    bag = eb.edited(source, tmp_path / "bag", fisheye)
+    with pytest.raises(TccmError, match="20 unknown distortion model"):
+        mapped(bag, tmp_path / "out")
+    assert "distortion model 'equidistant' is not known" in "\n".join(bag_info(bag).notes)
+
+
+def test_info_names_topics_that_cannot_be_read_and_why(source, tmp_path):
+    bag = eb.edited(source, tmp_path / "clock", eb.ANOTHER_CLOCK)
+    assert "/gps: point cloud has points" in "\n".join(bag_info(bag).notes)
+
+    def jpeg(topic, message):
+        packed = eb.quantised(topic, message)[0][2]
+        packed.format = "16UC1; png compressed"
+        colour = eb.TYPESTORE.make(eb.PACKED, header=message.header, format="rgb8; jpeg")
+        return [("/depth/compressed", eb.PACKED, packed), ("/rgb/compressed", eb.PACKED, colour)]
+
+    notes = "\n".join(bag_info(eb.edited(source, tmp_path / "png", eb.of_camera(jpeg))).notes)
+    assert "/depth/compressed: compressed image has format '16UC1; png compressed'" in notes
+    assert "/rgb" not in notes
+
+    def grey(topic, message):
+        data = bytes(message.width * message.height)
+        image = eb.image_of(message, data, encoding="mono8", step=message.width)
+        return [(topic, eb.IMAGE, image)]
+
+    notes = "\n".join(bag_info(eb.edited(source, tmp_path / "grey", eb.of_camera(grey))).notes)
+    assert "/depth/image_rect_raw: image has encoding 'mono8'" in notes

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.stats import chi2
 
 from tccm_ros.arrays import Bool, Float64, Int64
@@ -123,47 +124,40 @@ class _System:
         HtW = self._H.transpose(0, 2, 1) @ W
         np.add.at(prior, self._view, BtW @ self._B)
         views = np.linalg.inv(prior)
-        cross = np.zeros((V, D, S, 3))
-        np.add.at(cross, (self._view, slice(None), surface), -(BtW @ self._H))
-        cross = cross.reshape(V, D, 3 * S)
-        g_views = np.zeros((V, D))
-        np.add.at(g_views, self._view, -(BtW @ self._y[:, :, None])[:, :, 0])
-        info, g_surfaces = np.zeros((S, 3, 3)), np.zeros((S, 3))
+        blocks, info = np.zeros((V, S, D, 3)), np.zeros((S, 3, 3))
+        np.add.at(blocks, (self._view, surface), -(BtW @ self._H))
         np.add.at(info, surface, HtW @ self._H)
-        np.add.at(g_surfaces, surface, (HtW @ self._y[:, :, None])[:, :, 0])
+        right_views, right = np.zeros((V, D)), np.zeros((S, 3))
+        np.add.at(right_views, self._view, -(BtW @ self._y[:, :, None])[:, :, 0])
+        np.add.at(right, surface, (HtW @ self._y[:, :, None])[:, :, 0])
+        cross = blocks.transpose(0, 2, 1, 3).reshape(V, D, 3 * S)
         gain = views @ cross
-        reduced = np.zeros((S, 3, S, 3))
-        reduced[np.arange(S), :, np.arange(S)] = info
-        reduced = reduced.reshape(3 * S, 3 * S) - np.tensordot(cross, gain, axes=([0, 1], [0, 1]))
-        reduced += np.eye(3 * S) * OPEN_INFORMATION
-        self._cov_surfaces = np.linalg.inv(reduced)
-        right = g_surfaces.reshape(-1) - np.tensordot(gain, g_views, axes=([0, 1], [0, 1]))
-        self._planes = (self._cov_surfaces @ right).reshape(S, 3)
-        self._gain = gain
-        self.correction = (views @ g_views[:, :, None])[:, :, 0] - gain @ self._planes.reshape(-1)
-        self.cov_views = views + gain @ self._cov_surfaces @ gain.transpose(0, 2, 1)
+        information = block_diag(*info) - np.tensordot(cross, gain, axes=([0, 1], [0, 1]))
+        information += np.eye(3 * S) * OPEN_INFORMATION
+        cov_surfaces = np.linalg.inv(information)
+        seen = right.reshape(-1) - np.tensordot(gain, right_views, axes=([0, 1], [0, 1]))
+        surfaces = cov_surfaces @ seen
+        self._planes, self._cov_surfaces, self._gain = surfaces.reshape(S, 3), cov_surfaces, gain
+        self.correction = (views @ right_views[:, :, None])[:, :, 0] - gain @ surfaces
+        self.cov_views = views + gain @ cov_surfaces @ gain.transpose(0, 2, 1)
 
     def residuals(self) -> tuple[Float64, Int64]:
         """Return squared residuals over their covariance, float64 (P,), and their freedom."""
-        P = len(self._surface)
-        square, freedom = np.zeros(P), np.zeros(P, np.int64)
-        S = len(self._planes)
-        cov_surfaces = self._cov_surfaces.reshape(S, 3, 3 * S)
-        for p in range(P):
-            v, s = self._view[p], self._surface[p]
-            B, H = self._B[p], self._H[p]
-            r = self._y[p] + B @ self.correction[v] - H @ self._planes[s]
-            columns = slice(3 * s, 3 * s + 3)
-            cross = -self._gain[v] @ self._cov_surfaces[:, columns]
-            known = B @ self.cov_views[v] @ B.T + H @ cov_surfaces[s][:, columns] @ H.T
-            known -= B @ cross @ H.T + (B @ cross @ H.T).T
-            # A patch that is used has pulled the solution to itself, another has not.
-            cov = self._cov[p] - known if self._used[p] else self._cov[p] + known
-            L = np.linalg.cholesky(self._cov[p])
-            white = np.linalg.solve(L, np.linalg.solve(L, cov).T)
-            values, axes = np.linalg.eigh(0.5 * (white + white.T))
-            tested = values > MIN_REDUNDANCY
-            along = axes.T @ np.linalg.solve(L, r)
-            square[p] = float(np.sum(along[tested] ** 2 / values[tested]))
-            freedom[p] = int(tested.sum())
-        return square, freedom
+        rows = np.arange(3)
+        columns = 3 * self._surface[:, None] + rows
+        H, B, gain = self._H, self._B, self._gain[self._view]
+        cov_plane = self._cov_surfaces[columns[:, :, None], columns[:, None, :]]
+        cov_both = -gain @ self._cov_surfaces[:, columns].transpose(1, 0, 2)
+        between = B @ cov_both @ H.transpose(0, 2, 1)
+        known = B @ self.cov_views[self._view] @ B.transpose(0, 2, 1)
+        known += H @ cov_plane @ H.transpose(0, 2, 1) - between - between.transpose(0, 2, 1)
+        # A patch that is used has pulled the solution to itself, another has not.
+        cov = self._cov + np.where(self._used, -1.0, 1.0)[:, None, None] * known
+        r = self._y + (B @ self.correction[self._view][:, :, None])[:, :, 0]
+        r -= (H @ self._planes[self._surface][:, :, None])[:, :, 0]
+        whiten = np.linalg.inv(np.linalg.cholesky(self._cov))
+        values, axes = np.linalg.eigh(whiten @ cov @ whiten.transpose(0, 2, 1))
+        along = (axes.transpose(0, 2, 1) @ whiten @ r[:, :, None])[:, :, 0]
+        is_tested = values > MIN_REDUNDANCY
+        square = np.where(is_tested, along**2 / np.where(is_tested, values, 1.0), 0.0)
+        return square.sum(axis=1), is_tested.sum(axis=1)

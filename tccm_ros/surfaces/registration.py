@@ -57,6 +57,10 @@ VARIANCE_FACTORS = np.logspace(-4.0, 0.5, 37)
 """Candidates for the factor of the covariances of the poses known so far. Chosen: a quarter of an
 octave apart, from none to what no match would be within."""
 
+MAX_LIKELIHOOD_RATIO = 6.63
+"""Twice the log of the likelihood ratio beyond which covariances are not what they say: the 99 %
+quantile of chi-square with one degree of freedom (Wilks 1938)."""
+
 MIN_REMAINING = 0.5
 """Min fraction of a patch that carving leaves for its sides to be matched; chosen: a patch with
 less was moved or replaced."""
@@ -216,9 +220,7 @@ def side_factors(
     # The matches of a view use the same sides: together they must not count more than once.
     uses = np.bincount([v for i, j, _ in matches for v in (i, j)], minlength=len(views))
     covs = np.array([match.cov for _, _, match in matches]).reshape(-1, 3, 3)
-    observed = variance_factor(np.array(moved).reshape(-1, 3), covs, np.array(cov_moved))
-    global LAST
-    LAST = observed
+    observed = variance_factor(np.array(moved).reshape(-1, 3), covs, np.array(cov_moved).reshape(-1, 3, 3))
     weight = 2.0 * known.unit_variance * observed
     return [
         _between_factor(i, j, match, T_map_view, (max(uses[i], uses[j]) + 1) / weight)
@@ -229,9 +231,9 @@ def side_factors(
 def variance_factor(moved: Float64, cov_matches: Float64, cov_starts: Float64) -> float:
     """Return by how much the poses known so far are better or worse than their covariances say.
 
-    The differences between matches and these poses are as large as the errors of both explain. The
-    factor has the greatest likelihood: where matches alone explain the differences, it is small,
-    and poses that are good stay as they are.
+    The differences between matches and these poses are as large as the errors of both explain.
+    Where matches alone explain them, the factor of greatest likelihood is small, and poses that are
+    good stay as they are. It is 1 where the matches do not contradict that (likelihood ratio).
 
     Parameters
     ----------
@@ -240,14 +242,14 @@ def variance_factor(moved: Float64, cov_matches: Float64, cov_starts: Float64) -
     cov_matches, cov_starts
         float64 (M, 3, 3), of the matches and of the poses known so far.
     """
-    if not len(moved):
-        return 1.0
     costs = []
     for factor in VARIANCE_FACTORS:
         cov = cov_matches + factor * cov_starts
         square = np.einsum("mi,mi->m", moved, np.linalg.solve(cov, moved[:, :, None])[:, :, 0])
         costs.append(float(np.sum(square + np.linalg.slogdet(cov)[1])))
-    return float(VARIANCE_FACTORS[int(np.argmin(costs))])
+    as_given = costs[int(np.argmin(np.abs(VARIANCE_FACTORS - 1.0)))]
+    best = int(np.argmin(costs))
+    return float(VARIANCE_FACTORS[best]) if as_given - costs[best] > MAX_LIKELIHOOD_RATIO else 1.0
 
 
 def _remaining(sides: Sides, keep: list[Bool]) -> Sides:

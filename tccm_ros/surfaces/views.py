@@ -326,20 +326,20 @@ def with_cloud(view: View, cloud: SurfaceCloud, config: Config) -> View:
         for group in groups
         for patch in _make_patches(cloud.points[group], np.delete(cloud.points, group, 0), config)
     ]
-    if cloud.viewpoint is not None:
-        patches = [_with_systematic(patch, cloud, config) for patch in patches]
     distance = np.hypot(cloud.points[:, 0], cloud.points[:, 1]).max(initial=0.0)
     max_range = max(view.max_range, float(distance))
     eye = None if cloud.viewpoint is None else cloud.viewpoint.astype(np.float64)
+    if eye is not None:
+        patches = [_with_systematic(patch, eye, cloud.sensor, config) for patch in patches]
     return replace(
         view, patches=tuple(patches), max_range=max_range, viewpoint=eye, sensor=cloud.sensor
     )
 
 
-def _with_systematic(patch: Patch, cloud: SurfaceCloud, config: Config) -> Patch:
-    """Return a patch with the error of its plane that all points of the cloud share."""
-    errors = systematic_errors(patch.points, cloud.viewpoint, cloud.sensor, config)
+def _with_systematic(patch: Patch, eye: Float64, sensor: SensorKind, config: Config) -> Patch:
+    """Return a patch with the error of its plane that all points of its view share."""
     points, weights = patch.points.astype(np.float64), patch.weights.astype(np.float64)
+    errors = systematic_errors(points, eye, sensor, config)
     return replace(patch, systematic=systematic_planes(points, weights, errors))
 
 

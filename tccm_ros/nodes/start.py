@@ -13,6 +13,8 @@ import sys
 from importlib import import_module
 from types import FrameType
 
+from tccm_ros.nodes.stopping import stopping_signals
+
 
 def tccm_node() -> None:
     """Run tccm_node."""
@@ -59,8 +61,8 @@ def find_wheels() -> None:
 
 
 def leave_at_a_signal() -> None:
-    """Have SIGINT and SIGTERM end the process, until they are handled otherwise."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    """Have SIGINT, SIGTERM and SIGHUP end the process, until they are handled otherwise."""
+    for number in stopping_signals():
         signal.signal(number, _leave)
 
 

@@ -247,7 +247,7 @@ def _agree(
             shared[side, k] = sign * (arm @ planes.systematic[patch, :, k])
         if not is_one_view:
             variance += arm @ planes.cov_pose[patch] @ arm
-    # Two patches of one view err together, those of two views apart.
+    # Two patches of one view err together, those of two views do not.
     for k in range(shared.shape[1]):
         if is_one_view:
             variance += (shared[0, k] + shared[1, k]) ** 2

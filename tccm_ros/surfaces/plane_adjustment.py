@@ -1,6 +1,6 @@
 """Adjustment of z, roll and pitch of views by the planes of surfaces that several views saw.
 
-Horizontal planes say nothing of x, y and yaw, so that the adjustment is apart from the graph, and
+Horizontal planes say nothing of x, y and yaw, so that the adjustment is outside the graph, and
 linear: unknown are (z, roll, pitch) of each view, the parts of its systematic error, and the plane
 of each surface. What views see of a surface is compared at the centroid of each patch. A patch that
 contradicts the others, by its residual and the covariance of that, is left out.

@@ -1,6 +1,6 @@
 """Registration of views: what surfaces that several views saw say of their poses.
 
-The planes of surfaces determine z, roll and pitch (`plane_adjustment`), apart from the graph; their
+The planes of surfaces determine z, roll and pitch (`plane_adjustment`), outside the graph; their
 sides constrain x, y and yaw, as factors of it. A match of
 sides is a robust factor between two views; its covariance is large in directions that the common
 sides do not determine. There is no factor where two views have too few sides in common, or where
@@ -54,8 +54,8 @@ MAX_SIGMA = (0.15, np.radians(3.0))
 covers; chosen: with a wider search, sides of other surfaces match."""
 
 VARIANCE_FACTORS = np.logspace(-4.0, 0.5, 37)
-"""Candidates for the factor of the covariances of the poses known so far. Chosen: a quarter of an
-octave apart, from none to what no match would be within."""
+"""Candidates for the factor of the covariances of the poses known so far. Chosen: eight
+to a decade, from none to what no match would be within."""
 
 MAX_LIKELIHOOD_RATIO = 6.63
 """Twice the log of the likelihood ratio beyond which covariances are not what they say: the 99 %
@@ -220,7 +220,9 @@ def side_factors(
     # The matches of a view use the same sides: together they must not count more than once.
     uses = np.bincount([v for i, j, _ in matches for v in (i, j)], minlength=len(views))
     covs = np.array([match.cov for _, _, match in matches]).reshape(-1, 3, 3)
-    observed = variance_factor(np.array(moved).reshape(-1, 3), covs, np.array(cov_moved).reshape(-1, 3, 3))
+    observed = variance_factor(
+        np.array(moved).reshape(-1, 3), covs, np.array(cov_moved).reshape(-1, 3, 3)
+    )
     weight = 2.0 * known.unit_variance * observed
     return [
         _between_factor(i, j, match, T_map_view, (max(uses[i], uses[j]) + 1) / weight)

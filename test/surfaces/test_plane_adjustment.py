@@ -100,9 +100,9 @@ def test_residuals_follow_their_covariances():
 def test_a_patch_of_another_surface_is_left_out():
     """It is 4 cm lower than the surface that it was taken for: it moves no view."""
     planes, J, surface, cov, errors = world(3)
-    apart = planes.centroid.copy()
-    apart[7, 2] -= 0.04
-    found = adjust_planes(planes._replace(centroid=apart), J, surface, cov)
+    lower = planes.centroid.copy()
+    lower[7, 2] -= 0.04
+    found = adjust_planes(planes._replace(centroid=lower), J, surface, cov)
     assert not found.used[7]
     assert found.used.sum() >= 16
     assert np.abs(found.correction[:, 0] - errors[:, 0]).max() < 0.01

@@ -57,8 +57,8 @@ def test_what_a_view_has_wrong_of_two_surfaces_alike_makes_no_step():
     alone = 2.0 * 0.0013**2 + 2.0 * (0.001**2 + 0.2**2 * 0.006**2)
     assert step_variance(a, same, at, cov) == pytest.approx(alone, rel=1e-3)
     # At 1.2 m, z and pitch of two views, and the offset of two sensors' views.
-    apart = alone + 2.0 * (0.005**2 + 1.2**2 * 0.003**2 + 0.002**2)
-    assert step_variance(a, other, at, cov) == pytest.approx(apart, rel=1e-3)
+    step = alone + 2.0 * (0.005**2 + 1.2**2 * 0.003**2 + 0.002**2)
+    assert step_variance(a, other, at, cov) == pytest.approx(step, rel=1e-3)
 
 
 def test_the_covariance_of_a_surface_is_that_of_simulated_errors():

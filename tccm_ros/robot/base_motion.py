@@ -84,11 +84,9 @@ class BaseMotion:
         above = ancestors(base, dict(self._frames.tf))
         if self.odom_frame in above[1:]:
             return self.odom_frame
-        for frame in above[:-1]:
-            edge = self._frames.tf[frame]
-            if edge.T_parent_child is None:
-                return edge.parent
-        return None
+        edges = [self._frames.tf[frame] for frame in above[:-1]]
+        sources = [e for e in edges if e.is_moving] or [e for e in edges if e.T_parent_child is None]
+        return sources[0].parent if sources else None
 
     def _tf_chain(self, base: str) -> Chain:
         """Return tf's chain from the odometry frame to a base."""

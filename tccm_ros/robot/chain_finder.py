@@ -167,7 +167,7 @@ class ChainFinder:
             robot's own motion.
         """
         above = ancestors(laser, dict(self._frames.tf))
-        moving = [f for f in above[:-1] if self._frames.tf[f].T_parent_child is None]
+        moving = [f for f in above[:-1] if self._frames.tf[f].is_moving]
         if self._kind is not MountKind.TILTING:
             return moving[0] if moving else above[-1]
         if len(moving) > 1:
@@ -201,6 +201,8 @@ class ChainFinder:
         scale, offset, source, seen = 1.0, 0.0, joint, {joint.name}
         by_name = self.model_joints()
         while source.mimic is not None:
+            if source.fault:
+                raise FrameError(source.fault)
             offset += scale * source.mimic.offset
             scale *= source.mimic.multiplier
             if source.mimic.joint in seen:
@@ -255,7 +257,11 @@ class ChainFinder:
         FrameError
             Where there is none; the message names the joints that are there.
         """
-        turning = [p for p, _ in chain.parts if isinstance(p, MovingTransform) or p.is_revolute]
+        turning = [
+            part
+            for part, _ in chain.parts
+            if (part.track.has_moved if isinstance(part, MovingTransform) else part.is_revolute)
+        ]
         wanted = self._config.frames.tilt_joint
         if wanted:
             for part in turning:

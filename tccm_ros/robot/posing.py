@@ -14,7 +14,7 @@ from tccm_ros.robot.gyro_heading import GyroHeading
 from tccm_ros.robot.mount import Mount
 from tccm_ros.robot.roll_pitch import BaseRollPitch
 from tccm_ros.robot.sensor import Sensor
-from tccm_ros.robot.tracks import Track
+from tccm_ros.robot.tracks import PoseTrack, Track
 
 
 class Posing:
@@ -95,6 +95,8 @@ class Posing:
             if not given_up:
                 sensor.awaited = track, track.heard
                 return None
+            if isinstance(track, PoseTrack) and track.T_constant is not None:
+                continue  # it has never moved
             if reason == "no joint samples":
                 mount.explain_missing(chain)
             return reason

@@ -101,7 +101,9 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
         )
     _check_angles(len(ranges), angle_min, angle_max, angle_increment)
     no_returns = _no_returns(ranges, range_max)
-    ranges = ranges.view() if no_returns is None else np.where(no_returns, np.float32(np.inf), ranges)
+    ranges = (
+        ranges.view() if no_returns is None else np.where(no_returns, np.float32(np.inf), ranges)
+    )
     ranges.flags.writeable = False
     return Scan(
         stamp_ns=stamp_ns,

@@ -85,8 +85,9 @@ class BaseMotion:
         if self.odom_frame in above[1:]:
             return self.odom_frame
         edges = [self._frames.tf[frame] for frame in above[:-1]]
-        sources = [e for e in edges if e.is_moving] or [e for e in edges if e.T_parent_child is None]
-        return sources[0].parent if sources else None
+        on_tf = [edge for edge in edges if edge.T_parent_child is None]
+        moving = [edge for edge in on_tf if edge.track.has_moved] or on_tf
+        return moving[0].parent if moving else None
 
     def _tf_chain(self, base: str) -> Chain:
         """Return tf's chain from the odometry frame to a base."""

@@ -38,11 +38,6 @@ class TfEdge:
     T_parent_child: Float64 | None
     track: PoseTrack
 
-    @property
-    def is_moving(self) -> bool:
-        """Whether the transform has moved."""
-        return self.T_parent_child is None and self.track.has_moved
-
 
 #: Frames by child: where a frame hangs, and how.
 Edges = dict[str, Joint | TfEdge]

@@ -172,9 +172,7 @@ def read_urdf(text: str) -> RobotModel:
     shapes, meshes, faults = _shapes(root)
     faults = [*(joint.fault for joint in joints.values() if joint.fault), *faults]
     name = root.get("name", "")
-    return RobotModel(
-        name, _root_link(links, joints), links, joints, shapes, meshes, tuple(faults)
-    )
+    return RobotModel(name, _root_link(links, joints), links, joints, shapes, meshes, tuple(faults))
 
 
 def _links(root: ElementTree.Element) -> tuple[str, ...]:
@@ -226,7 +224,9 @@ def _joint(element: ElementTree.Element) -> Joint:
     ends = [element.find(end) for end in ("parent", "child")]
     parent, child = ("" if end is None else end.get("link", "") for end in ends)
     try:
-        return _movement(element, Joint(name, "fixed", parent, child, np.eye(4), np.eye(3)[0], None))
+        return _movement(
+            element, Joint(name, "fixed", parent, child, np.eye(4), np.eye(3)[0], None)
+        )
     except UrdfError as error:
         fault = str(error).removeprefix("robot description: ")
         return Joint(name, "loose", parent, child, np.eye(4), np.eye(3)[0], None, fault=fault)

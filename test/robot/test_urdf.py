@@ -119,7 +119,9 @@ FAULTS = {
     "two numbers": (TILTING.replace("0.1 0 1.0", "0.1 0"), "3 numbers expected"),
     "no axis": (TILTING.replace("0 1 0", "0 0 0"), "axis of zero length"),
     "mimics nothing": (
-        TILTING.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><mimic joint="tillt"/>'),
+        TILTING.replace(
+            'name="tilt" type="revolute">', 'name="tilt" type="revolute"><mimic joint="tillt"/>'
+        ),
         "mimics no joint 'tillt'; did you mean 'tilt'",
     ),
 }
@@ -169,8 +171,10 @@ def test_an_entity_in_a_name_is_decoded():
 
 def test_limits_are_those_that_leave_a_way_to_go():
     def limits(text):
-        more = f"<limit {text}/>" if text else ""
-        return read_urdf(robot([joint("a", "revolute", "x", "y", more=more)])).joints["y"].limits
+        described = joint("a", "revolute", "x", "y")
+        start = described.index("<limit")
+        limit = f"<limit {text}/></joint>" if text else "</joint>"
+        return read_urdf(robot([described[:start] + limit])).joints["y"].limits
 
     assert limits('lower="-0.5" upper="1.5" effort="1" velocity="2"') == (-0.5, 1.5)
     assert limits('upper="1"') == (0.0, 1.0)

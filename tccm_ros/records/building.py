@@ -121,22 +121,22 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
 def _check_angles(count: int, angle_min: float, angle_max: float, increment: float) -> None:
     """Raise MessageError where the angles of a scan contradict each other or its beams.
 
-    `angle_max` may be a turn away: some drivers wrap it into (-pi, pi].
+    `angle_max` may be 2 pi away: some drivers wrap it into (-pi, pi].
     """
     if count < 2:
         return
-    turn, span = (count - 1) * increment, angle_max - angle_min
+    swept, span = (count - 1) * increment, angle_max - angle_min
     slack = max(ANGLE_SLACK_BEAMS * abs(increment), ANGLE_SLACK * abs(span))
-    misfit = abs(turn - span)
-    is_wrapped = abs(misfit - 2.0 * math.pi) <= slack < abs(turn + span)
+    misfit = abs(swept - span)
+    is_wrapped = abs(misfit - 2.0 * math.pi) <= slack < abs(swept + span)
     if increment == 0.0 or (misfit > slack and not is_wrapped):
         raise MessageError(
             f"scan of {count} beams has an angle_increment of {increment:.4g}, but goes from "
             f"angle_min {angle_min:.4g} to angle_max {angle_max:.4g}"
         )
-    if abs(turn) > 2.0 * math.pi + slack:
+    if abs(swept) > 2.0 * math.pi + slack:
         raise MessageError(
-            f"scan covers {turn:.4g} rad by its angle_increment, expected at most one turn; are "
+            f"scan covers {swept:.4g} rad by its angle_increment, expected at most 6.28; are "
             "its angles in degrees?"
         )
 

@@ -122,7 +122,7 @@ class FrameTree:
                 edge.track.note(sample.T_parent_child)
 
     def _edge(self, parent: str, child: str) -> TfEdge | None:
-        """Return the edge between two frames, a new one for a new child; None for another parent's."""
+        """Return the edge to a child, None where it hangs on another parent."""
         edge = self.tf.get(child)
         if edge is None:
             if len(self.tf) >= MAX_FRAMES or parent == child:

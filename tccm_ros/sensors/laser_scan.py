@@ -23,7 +23,6 @@ from tccm_ros.records.building import MAX_SCAN_S, scan_record, stamp_ns_from_mes
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.sensors.laser_scan_kernels import mark_inside, mark_valid, place_beams, refine_poses
 
-
 NOTHING_SEEN = "nothing seen"
 NO_LIMITS = "range_min is not below range_max"
 OUT_OF_LIMITS = "no range between range_min and range_max"

@@ -465,7 +465,7 @@ class FrontEnd:
         return bool(is_far) or (finds_again and result.inliers < MIN_INLIERS)
 
     def _is_hidden(self, scan: LevelScan, inliers: float) -> bool:
-        """Return whether things that have come hide the map from a scan without odometry.
+        """Return whether people who have come hide the map from a scan without odometry.
 
         Most of its points that fit nothing are where the map's scans saw nothing: they are no new
         surfaces. With such a scan in the map, the next ones would follow whoever walks past.
@@ -562,10 +562,10 @@ class FrontEnd:
         self, scan: LevelScan, predicted: Float64, prior_cov: Float64, near: Alignment
     ) -> Alignment:
         """Search around the predicted pose and the last one: odometry may have jumped."""
-        window, least = WIDE_WINDOW, -np.inf
+        window, min_quality = WIDE_WINDOW, -np.inf
         if not self._believes_odometry(scan):
             # As far as the robot can have driven: what hides the map must not move it.
-            sigma, least = float(prior_cov[0, 0] ** 0.5), MIN_USED_INLIERS
+            sigma, min_quality = float(prior_cov[0, 0] ** 0.5), MIN_USED_INLIERS
             low = self._window(STEADY_COV)[0], WIDE_WINDOW[1]
             window = (
                 min(max(low[0], sigma), MAX_WIDE_WINDOW[0]),
@@ -579,7 +579,7 @@ class FrontEnd:
         quality = [self._match_quality(scan, alignment) for alignment in (near, *found)]
         best = int(np.argmax(quality[1:]))
         gain = MIN_GAIN if self._believes_odometry(scan) else MIN_GAIN_WITHOUT_ODOMETRY
-        return found[best] if quality[1 + best] > max(quality[0] + gain, least) else near
+        return found[best] if quality[1 + best] > max(quality[0] + gain, min_quality) else near
 
     def _match_quality(self, scan: LevelScan, alignment: Alignment) -> float:
         assert self._map is not None

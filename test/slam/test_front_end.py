@@ -105,8 +105,10 @@ BEARINGS = np.linspace(-np.pi / 2, np.pi / 2, 361)
 def crowded(ranges, pose, time, people, seed):
     """Return ranges with people who walk around the robot, 0.6 to 1.2 m away."""
     random = np.random.default_rng(seed)
-    start, distance, turn = (random.uniform(*x, people) for x in ((0, 6.3), (0.6, 1.2), (-1, 1)))
-    angle = start + turn * time
+    start, distance, yaw_rate = (
+        random.uniform(*x, people) for x in ((0, 6.3), (0.6, 1.2), (-1, 1))
+    )
+    angle = start + yaw_rate * time
     middles = pose[:2] + np.column_stack([np.cos(angle), np.sin(angle)]) * distance[:, None]
     middles += 0.3 * np.sin(5.0 * time + start)[:, None]
     walls = np.concatenate([plan.box(x - 0.2, y - 0.2, x + 0.2, y + 0.2) for x, y in middles])

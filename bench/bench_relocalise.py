@@ -4,7 +4,7 @@ Each world is mapped once; the robot then starts at places of another drive thro
 how often it was found with the first scan, within 3 s, within 3 m of driving, later or not at all,
 and wrongly (by more than 0.3 m or 10 deg); the same within 1 s of a pose that was told 0.5 m and
 20 deg off; how often it was found, wrongly, in the map of the world before; and the time of a scan.
-Used for docs/design/experiments/relocalisation.md.
+Used for docs/design/experiments/wall_slam.md.
 
 Usage: python bench/bench_relocalise.py [--shared FOLDER] [--starts N] [WORLD ...]
 WORLD: flat, ring, office_signs, flat:SEED (bench/random_flats.py), flats (20 of them), robocup.

@@ -40,7 +40,7 @@ GUESS_KEYFRAMES, GUESS_SIGMAS = 10, 2.0
 deviations (chosen)."""
 
 NOWHERE = "no place of the map fits what the scans see: drive on, or tell the pose"
-AMBIGUOUS = "it waits for scans that tell similar places apart: drive on, or tell the pose"
+AMBIGUOUS = "it waits for scans that distinguish similar places: drive on, or tell the pose"
 UNCONFIRMED = "it waits for scans of other spots that confirm the place that fits: drive on"
 """What a session without a place waits for."""
 
@@ -268,8 +268,12 @@ class LoopCloser:
         """
         self._searched_ns = stamp_ns
         self.waits_for = NOWHERE
+        driven = self._lengths.driven
+        # Of one spot after the other: the right place fits on, another one fits here and there.
+        self._recent = [
+            p for p in self._recent if driven[k] - driven[self._recent[-1].b] < 2.0 * SPACING_M
+        ]
         for proposal in found:
-            driven = self._lengths.driven
             spaced = [p.b for p in self._recent if driven[k] - driven[p.b] < SPACING_M]
             if proposal.reason:
                 self.rejected.append(proposal)

@@ -67,7 +67,7 @@ def test_a_pose_that_is_told_is_taken_when_a_scan_fits_and_the_known_one_is_kept
 def test_a_robot_that_stands_is_found_in_a_loaded_map(ros, tmp_path):
     """One keyframe and one scan are enough, and the map is loaded before the solver is there."""
     node, robot = slam(ros, save__directory=str(tmp_path / "map")), ros.robot()
-    robot.play(recording(4, speed=0.3, tilt=False), node)
+    robot.play(recording(2, tilt=False), node)
     caller = Listener(ros, "caller").node
     answer = ros.call(caller.create_client(Trigger, "/surface_slam/save_map"), Trigger.Request())
     assert answer.success, answer.message

@@ -277,7 +277,8 @@ class LoopCloser:
             spaced = [p.b for p in self._recent if driven[k] - driven[p.b] < SPACING_M]
             if proposal.reason:
                 self.rejected.append(proposal)
-                self.waits_for = f"{AMBIGUOUS}: {proposal.reason}"
+                is_ambiguous = proposal.reason.startswith("ambiguous")
+                self.waits_for = AMBIGUOUS if is_ambiguous else NOWHERE
             elif proposal.inliers >= CERTAIN_INLIERS:
                 self._accept([proposal])
             elif proposal.inliers >= PROBABLE_INLIERS:
@@ -311,7 +312,7 @@ class LoopCloser:
             known = self._search.look_around(k, near, self.poses, self._localised)
         if found or known:
             best = max([*found, *known], key=lambda p: p.score)
-            if best in found:
+            if found and is_same_place(best, found[0], self.poses):
                 self.placed_by_guess.add(self._chain.keyframes[k].session)
             self._guess, self.waits_for = None, ""
             self._accept([best])

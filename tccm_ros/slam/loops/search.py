@@ -179,6 +179,7 @@ class LoopSearch:
             Sessions in the map's frame, which are searched.
         """
         best: list[Proposal] = []
+        unfit: list[Proposal] = []
         if len(patch.points) < MIN_POINTS:
             return best
         ratio = self.config.loops.ambiguity
@@ -188,6 +189,10 @@ class LoopSearch:
             found = propose(self._submap(centre, CACHED_LOST), patch, window, self.config)
             if found is not None and not found.reason:
                 best = sorted([*best, found], key=lambda p: -p.score)
+            elif found is not None:
+                unfit.append(found)
+        if not best:
+            return sorted(unfit, key=lambda p: -p.score)[:1]
         rivals = [p for p in best[1:] if p.score >= ratio * best[0].score]
         if any(not is_same_place(best[0], p, poses) for p in rivals):
             return [replace(best[0], reason=LoopReason.TWO_PLACES_IN_MAP)]

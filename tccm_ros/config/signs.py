@@ -28,7 +28,7 @@ class Signs(Group):
         read_only=True,
     )
     detector_side: int = param(
-        576,
+        736,
         "short side of a picture as it is searched for text by signs.detector text; a larger one "
         "finds smaller text and takes longer",
         unit="px",

@@ -75,7 +75,8 @@ class SignDetector:
             uint8 (H, W) brightness, or (H, W, 3) red, green, blue.
         """
         picture = Image.fromarray(pixels).convert("RGB")
-        lines = self._reader.find(picture, min(self._side / min(picture.size), MAX_SCALE))
+        scale = min(self._side / min(picture.size), MAX_SCALE)
+        lines = self._reader.find(picture, scale, everywhere=False)
         notices = lines_of_notices(lines)
         read = [self._read(picture, line) for line in lines if line not in notices]
         read = [r for r in read if r.text]

@@ -17,8 +17,9 @@ import numpy as np
 from PIL import Image
 from scipy import ndimage
 
-from tccm_ros.arrays import Bool, Float32, Float64
+from tccm_ros.arrays import Bool, Float32, Float64, Int64
 from tccm_ros.errors import MissingExtraError
+from tccm_ros.signs.regions import text_regions
 
 FINDER = "ch_PP-OCRv4_det_infer.onnx"
 RECOGNISER = "ch_PP-OCRv4_rec_infer.onnx"
@@ -109,7 +110,9 @@ class TextReader:
         characters = self._recogniser.get_modelmeta().custom_metadata_map["character"]
         self._characters = ["", *characters.splitlines(), " "]
 
-    def find(self, picture: Image.Image, scale: float) -> list[TextLine]:
+    def find(
+        self, picture: Image.Image, scale: float, *, everywhere: bool = True
+    ) -> list[TextLine]:
         """Return the lines of text in a picture, from top to bottom.
 
         Parameters
@@ -118,13 +121,29 @@ class TextReader:
             RGB.
         scale
             Pixels of the finder per pixel of the picture.
+        everywhere
+            Whether all of the picture is searched; else the parts in which text may be.
         """
         own = np.array(picture.size)
         size = np.maximum(np.ceil(scale * own / FINDER_STEP).astype(int), 1) * FINDER_STEP
         scaled = picture.resize((int(size[0]), int(size[1])), Image.Resampling.BILINEAR)
-        (probability,) = self._finder.run(None, {"x": _network_input(scaled)})
-        lines = [TextLine(corners * (own / size)) for corners in text_lines(probability[0, 0])]
-        return sorted(lines, key=lambda line: float(line.center[1]))
+        regions = np.array([[0, 0, *size]])
+        if not everywhere:
+            regions = text_regions(np.asarray(scaled.convert("L")))
+        lines = [
+            TextLine(corners * (own / size))
+            for region in regions
+            for corners in self._lines_in(scaled, region)
+        ]
+        return sorted(_each_once(lines), key=lambda line: float(line.center[1]))
+
+    def _lines_in(self, picture: Image.Image, region: Int64) -> list[Float64]:
+        """Return the corners (4, 2) of the lines in a part of a picture, pixels of the picture."""
+        extent = -(-(region[2:] - region[:2]) // FINDER_STEP) * FINDER_STEP
+        low = np.minimum(region[:2], np.array(picture.size) - extent)
+        part = picture.crop((*low.tolist(), *(low + extent).tolist()))
+        (probability,) = self._finder.run(None, {"x": _network_input(part)})
+        return [corners + low for corners in text_lines(probability[0, 0])]
 
     def read(self, picture: Image.Image, line: TextLine) -> tuple[str, float]:
         """Return the text of a line, and how sure it is: the mean probability of its characters.
@@ -227,6 +246,19 @@ def rectified(picture: Image.Image, line: TextLine) -> Image.Image:
     size = (min(max(width, LINE_HEIGHT // 2), MAX_WIDTH), LINE_HEIGHT)
     quad = tuple(line.corners[[0, 3, 2, 1]].ravel())
     return picture.transform(size, Image.Transform.QUAD, quad, Image.Resampling.BILINEAR)
+
+
+def _each_once(lines: list[TextLine]) -> list[TextLine]:
+    """Return lines without those whose middle is in a longer one: regions overlap."""
+    kept: list[TextLine] = []
+    for line in sorted(lines, key=lambda line: -line.width):
+        if not any(_is_inside(line.center, other.bounds) for other in kept):
+            kept.append(line)
+    return kept
+
+
+def _is_inside(pixel: Float64, bounds: Float64) -> bool:
+    return bool((pixel > bounds[:2]).all() and (pixel < bounds[2:]).all())
 
 
 def _mean_length(edges: Float64) -> float:

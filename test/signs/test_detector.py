@@ -142,7 +142,7 @@ def test_photographs_of_two_buildings_are_read(prefix, number):
         hits = sum(sign["text"] in words for sign in picture["signs"])
         right += hits
         false += len(line["signs"]) - hits
-    assert right >= number - 2
+    assert right == number
     assert false <= 1
 
 

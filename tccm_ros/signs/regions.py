@@ -79,7 +79,7 @@ def _with_corners(gray: Float32) -> Bool:
 
     def mean(values: Float32) -> Float32:
         sums = np.add.reduceat(np.add.reduceat(values, starts[0], axis=0), starts[1], axis=1)
-        return sums / np.float32(BLOCK**2)
+        return np.asarray(sums / BLOCK**2, np.float32)
 
     a, b, c = mean(gx * gx), mean(gy * gy), mean(gx * gy)
     smaller = np.sqrt(np.maximum(0.5 * (a + b - np.sqrt((a - b) ** 2 + 4.0 * c * c)), 0.0))

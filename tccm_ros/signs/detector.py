@@ -18,8 +18,8 @@ from tccm_ros.signs.plates import (
     plate_of,
     refusal,
 )
-from tccm_ros.signs.published import PublishedDetector
 from tccm_ros.signs.reading import TextLine, TextReader
+from tccm_ros.signs.saliency_detector import SaliencyDetector
 
 MAX_SCALE = 2.0
 """Largest scale of a picture for the finder. Chosen: an enlarged one shows nothing new."""
@@ -41,7 +41,7 @@ def sign_detector(settings: Signs) -> Detector:
         When what reads text is not installed.
     """
     if settings.detector == "published":
-        return PublishedDetector()
+        return SaliencyDetector()
     return SignDetector(settings.detector_side)
 
 

@@ -45,9 +45,9 @@ WIDTH_STEP, MAX_WIDTH = 32, 320
 MIN_LINE = 6
 """Least width and height of the core of a line, pixels of the finder. Chosen."""
 
-UPRIGHT_ASPECT = 0.67
+NARROW_ASPECT = 0.67
 """Width over height of the core of a line below which it may be written upwards or downwards.
-Chosen: the core of a single upright digit is as narrow, and is read in all three orientations."""
+Chosen: the core of a single digit is as narrow, and is read in all three orientations."""
 
 SURE = 0.8
 """Mean probability of the characters from which on no other orientation is tried. Chosen."""
@@ -89,7 +89,7 @@ class TextLine:
     @property
     def orientations(self) -> list[TextLine]:
         """The line as it may be written: as it is; one that is narrow upwards and downwards too."""
-        if self.width >= UPRIGHT_ASPECT * self.height:
+        if self.width >= NARROW_ASPECT * self.height:
             return [self]
         return [TextLine(np.roll(self.corners, k, axis=0)) for k in (0, 1, -1)]
 

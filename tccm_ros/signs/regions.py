@@ -88,7 +88,7 @@ def _with_corners(gray: Float32) -> Bool:
 
 
 def _merged(boxes: Int64) -> Int64:
-    """Return boxes (N, 4) of which no two together need less area than apart."""
+    """Return boxes (N, 4), merged where a box around two is no larger than both together."""
     done: list[Int64] = []
     for box in boxes:
         k = 0

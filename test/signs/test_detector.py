@@ -12,7 +12,7 @@ from tccm_ros.config.signs import Signs
 from tccm_ros.errors import PictureError
 from tccm_ros.replay.picture_files import read_picture, signs_of_pictures
 from tccm_ros.signs.detector import SignDetector, sign_detector
-from tccm_ros.signs.published import PublishedDetector
+from tccm_ros.signs.saliency_detector import SaliencyDetector
 from tccm_sim.sign_pictures import font, random_picture
 
 SEED = 3_000_000
@@ -109,7 +109,7 @@ def test_signs_of_rendered_pictures_are_read(detector):
 
 def test_the_configuration_chooses_the_detector():
     assert type(sign_detector(Signs())) is SignDetector
-    assert type(sign_detector(Signs(detector="published"))) is PublishedDetector
+    assert type(sign_detector(Signs(detector="published"))) is SaliencyDetector
 
 
 def test_the_same_picture_gives_the_same_signs(detector):

@@ -72,7 +72,7 @@ class Proposals:
     accepted: Float64
 
 
-class PublishedDetector:
+class SaliencyDetector:
     """Detects and reads door signs.
 
     Parameters

@@ -6,8 +6,8 @@ from PIL import Image
 from sign_lists import directory
 
 from tccm_ros.signs.classifier import read_classifier
-from tccm_ros.signs.published import PublishedDetector
 from tccm_ros.signs.saliency import salient_boxes
+from tccm_ros.signs.saliency_detector import SaliencyDetector
 from tccm_sim.sign_pictures import random_picture
 
 SEED = 3_000_000
@@ -17,7 +17,7 @@ SEED = 3_000_000
 @pytest.fixture(scope="module")
 def detector():
     pytest.importorskip("onnxruntime", reason="the extra 'signs' is not installed")
-    return PublishedDetector()
+    return SaliencyDetector()
 
 
 def is_found(boxes, corners):
@@ -60,5 +60,5 @@ def test_rows_of_a_directory_are_no_door_signs(detector, monkeypatch, size):
     picture = directory(size, size)
     assert detector.detect(picture) == []
     # What is beside its box alone does not tell a row: the rest of the list does.
-    monkeypatch.setattr(PublishedDetector, "_is_row", lambda *_: False)
+    monkeypatch.setattr(SaliencyDetector, "_is_row", lambda *_: False)
     assert len(detector.detect(picture)) > 1

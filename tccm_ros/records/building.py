@@ -70,10 +70,10 @@ def scan_record(stamp_ns: int, frame_id: str, numbers: Sequence[float], ranges: 
     finite = (angle_min, angle_increment, time_increment, range_min)
     if not all(map(math.isfinite, finite)) or math.isnan(range_max):
         raise MessageError("scan has angles, times or limits that are not numbers")
-    if not 0.0 <= time_increment * len(ranges) <= MAX_SCAN_S:
+    if not abs(time_increment) * len(ranges) <= MAX_SCAN_S:
         raise MessageError(
             f"scan has {len(ranges)} beams with {time_increment:g} s between two, "
-            f"expected 0 to {MAX_SCAN_S:g} s in all"
+            f"expected at most {MAX_SCAN_S:g} s in all"
         )
     ranges = ranges.view()
     ranges.flags.writeable = False

@@ -363,6 +363,7 @@ class WallSlam:
             used.scale,
             landmarks,
             sign_records(used.signs, landmarks, solution),
+            refused_signs=tuple(used.refused_signs),
         )
 
     def _begin_growth(self, solution: GraphSolution, used: Inliers, views: Sequence[int]) -> None:

@@ -117,38 +117,45 @@ class _System:
         self._cov = planes.cov_fit
         W = np.linalg.inv(self._cov) * used[:, None, None]
         D = self._B.shape[2]
-        prior = np.zeros((V, D, D))
-        prior[:, :3, :3] = np.linalg.inv(cov_z_roll_pitch)
-        prior[:, 3:, 3:] = np.eye(D - 3)
+        information = np.zeros((V, D, D))
+        information[:, :3, :3] = np.linalg.inv(cov_z_roll_pitch)
+        information[:, 3:, 3:] = np.eye(D - 3)
         BtW = self._B.transpose(0, 2, 1) @ W
         HtW = self._H.transpose(0, 2, 1) @ W
-        np.add.at(prior, self._view, BtW @ self._B)
-        views = np.linalg.inv(prior)
-        blocks, info = np.zeros((V, S, D, 3)), np.zeros((S, 3, 3))
-        np.add.at(blocks, (self._view, surface), -(BtW @ self._H))
-        np.add.at(info, surface, HtW @ self._H)
-        right_views, right = np.zeros((V, D)), np.zeros((S, 3))
+        np.add.at(information, self._view, BtW @ self._B)
+        views, right_views = np.linalg.inv(information), np.zeros((V, D))
         np.add.at(right_views, self._view, -(BtW @ self._y[:, :, None])[:, :, 0])
+        blocks, right = np.zeros((S, 3, 3)), np.zeros((S, 3))
+        np.add.at(blocks, surface, HtW @ self._H + OPEN_INFORMATION * np.eye(3))
         np.add.at(right, surface, (HtW @ self._y[:, :, None])[:, :, 0])
-        cross = blocks.transpose(0, 2, 1, 3).reshape(V, D, 3 * S)
-        gain = views @ cross
-        information = block_diag(*info) - np.tensordot(cross, gain, axes=([0, 1], [0, 1]))
-        information += np.eye(3 * S) * OPEN_INFORMATION
-        cov_surfaces = np.linalg.inv(information)
-        seen = right.reshape(-1) - np.tensordot(gain, right_views, axes=([0, 1], [0, 1]))
-        surfaces = cov_surfaces @ seen
-        self._planes, self._cov_surfaces, self._gain = surfaces.reshape(S, 3), cov_surfaces, gain
-        self.correction = (views @ right_views[:, :, None])[:, :, 0] - gain @ surfaces
-        self.cov_views = views + gain @ cov_surfaces @ gain.transpose(0, 2, 1)
+        reduced, right = block_diag(*blocks), right.reshape(-1)
+        seen = _seen_by_view(self._view, surface)
+        gains = {}
+        for v, (rows, place, columns) in seen.items():
+            cross = np.zeros((len(columns) // 3, D, 3))
+            np.add.at(cross, place, -(BtW[rows] @ self._H[rows]))
+            cross = cross.transpose(1, 0, 2).reshape(D, -1)
+            gains[v] = views[v] @ cross
+            reduced[np.ix_(columns, columns)] -= cross.T @ gains[v]
+            right[columns] -= gains[v].T @ right_views[v]
+        self._cov_surfaces = np.linalg.inv(reduced)
+        surfaces = self._cov_surfaces @ right
+        self._planes = surfaces.reshape(S, 3)
+        self.correction = (views @ right_views[:, :, None])[:, :, 0]
+        self.cov_views, self._cov_both = views, np.zeros((len(surface), D, 3))
+        for v, (rows, place, columns) in seen.items():
+            self.correction[v] -= gains[v] @ surfaces[columns]
+            spread = gains[v] @ self._cov_surfaces[np.ix_(columns, columns)]
+            self.cov_views[v] += spread @ gains[v].T
+            self._cov_both[rows] = -spread.reshape(D, -1, 3)[:, place].transpose(1, 0, 2)
 
     def residuals(self) -> tuple[Float64, Int64]:
         """Return squared residuals over their covariance, float64 (P,), and their freedom."""
         rows = np.arange(3)
         columns = 3 * self._surface[:, None] + rows
-        H, B, gain = self._H, self._B, self._gain[self._view]
+        H, B = self._H, self._B
         cov_plane = self._cov_surfaces[columns[:, :, None], columns[:, None, :]]
-        cov_both = -gain @ self._cov_surfaces[:, columns].transpose(1, 0, 2)
-        between = B @ cov_both @ H.transpose(0, 2, 1)
+        between = B @ self._cov_both @ H.transpose(0, 2, 1)
         known = B @ self.cov_views[self._view] @ B.transpose(0, 2, 1)
         known += H @ cov_plane @ H.transpose(0, 2, 1) - between - between.transpose(0, 2, 1)
         # A patch that is used has pulled the solution to itself, another has not.
@@ -161,3 +168,14 @@ class _System:
         is_tested = values > MIN_REDUNDANCY
         square = np.where(is_tested, along**2 / np.where(is_tested, values, 1.0), 0.0)
         return square.sum(axis=1), is_tested.sum(axis=1)
+
+
+def _seen_by_view(view: Int64, surface: Int64) -> dict[int, tuple[Int64, Int64, Int64]]:
+    """Return what each view saw: its patches, which of its surfaces each is, and their unknowns."""
+    seen = {}
+    for v in np.unique(view).tolist():
+        rows = np.flatnonzero(view == v)
+        numbers, place = np.unique(surface[rows], return_inverse=True)
+        columns = (3 * numbers[:, None] + np.arange(3)).ravel()
+        seen[v] = (rows, place.reshape(-1), columns)
+    return seen

@@ -53,7 +53,7 @@ def test_a_step_of_the_height_threshold_parts_two_planes(step, planes):
 
 
 @pytest.mark.parametrize("front", [0.0, 0.05, 0.4, 1.1])
-def test_a_plane_is_at_u_however_far_its_cuboids_reach_down(front):
+def test_a_plane_is_at_u_whatever_the_depth_of_its_cuboids(front):
     """A block whose whole inside is points, as a shelf seen from the front: thin and tall alike."""
     rng = np.random.default_rng(6)
     top = sheet(rng, 8000, (0.4, -0.3), (0.8, 0.3), offset=1.2)

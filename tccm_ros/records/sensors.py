@@ -22,11 +22,14 @@ class Scan:
     angle_min, angle_increment
         Bearing of the first beam and step between beams, rad; the step may be negative.
     time_increment
-        Time between beams, s.
+        Time between beams, s; negative where the last beam was measured first.
     range_min, range_max
         Limits of valid ranges, m.
     ranges
         float32 (N,), m; REP-117: +inf nothing seen, -inf too close, nan invalid.
+    no_returns
+        Beams that the driver gave the range beside `range_max` that stands for nothing seen; they
+        are +inf in `ranges`.
     """
 
     stamp_ns: int
@@ -37,6 +40,7 @@ class Scan:
     range_min: float
     range_max: float
     ranges: Float32
+    no_returns: int = 0
 
     @property
     def end_ns(self) -> int:

@@ -123,18 +123,20 @@ class _System:
         BtW = self._B.transpose(0, 2, 1) @ W
         HtW = self._H.transpose(0, 2, 1) @ W
         np.add.at(information, self._view, BtW @ self._B)
-        views, right_views = np.linalg.inv(information), np.zeros((V, D))
+        views = np.asarray(np.linalg.inv(information), np.float64)
+        right_views = np.zeros((V, D))
         np.add.at(right_views, self._view, -(BtW @ self._y[:, :, None])[:, :, 0])
-        blocks, right = np.zeros((S, 3, 3)), np.zeros((S, 3))
+        blocks, sums = np.zeros((S, 3, 3)), np.zeros((S, 3))
         np.add.at(blocks, surface, HtW @ self._H + OPEN_INFORMATION * np.eye(3))
-        np.add.at(right, surface, (HtW @ self._y[:, :, None])[:, :, 0])
-        reduced, right = block_diag(*blocks), right.reshape(-1)
+        np.add.at(sums, surface, (HtW @ self._y[:, :, None])[:, :, 0])
+        reduced: Float64 = block_diag(*blocks)
+        right = sums.reshape(-1)
         seen = _seen_by_view(self._view, surface)
         gains = {}
         for v, (rows, place, columns) in seen.items():
-            cross = np.zeros((len(columns) // 3, D, 3))
-            np.add.at(cross, place, -(BtW[rows] @ self._H[rows]))
-            cross = cross.transpose(1, 0, 2).reshape(D, -1)
+            by_surface = np.zeros((len(columns) // 3, D, 3))
+            np.add.at(by_surface, place, -(BtW[rows] @ self._H[rows]))
+            cross = by_surface.transpose(1, 0, 2).reshape(D, -1)
             gains[v] = views[v] @ cross
             reduced[np.ix_(columns, columns)] -= cross.T @ gains[v]
             right[columns] -= gains[v].T @ right_views[v]

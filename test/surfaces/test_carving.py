@@ -170,13 +170,15 @@ def test_blocks_leave_out_no_points_that_count(seed):
     for _ in range(400):
         corner = rng.uniform((-2.5, -2.5, -0.2), (2.5, 2.5, 1.6))
         points = (corner + rng.uniform(0, (0.2, 0.3, 0.03), (40, 3))).astype(np.float32)
-        T = pose_from_rpy([*rng.uniform(-0.3, 0.3, 3), *rng.uniform(-0.1, 0.1, 2), rng.uniform(0, 3)])
+        T = pose_from_rpy(
+            [*rng.uniform(-0.3, 0.3, 3), *rng.uniform(-0.1, 0.1, 2), rng.uniform(0, 3)]
+        )
         how = T, 2.0, (0.02, 0.006)
         counts.append(grid.touches(points, *how))
         may_count.append(grid.may_touch(blocks_of(points, 0.1), *how))
     counts, may_count = np.array(counts), np.array(may_count)
     assert may_count[counts].all()
-    assert 0 < counts.sum()
+    assert counts.sum() > 0
     assert np.mean(~may_count[~counts]) > 0.5
 
 

@@ -82,7 +82,7 @@ def covered_area(points_xy: Float64, min_gap: float) -> tuple[MultiPolygon, floa
 
     The parameters are those of `horizontal_outline`; the points may be in any frame.
     """
-    # Noise makes two or three fine cells of the width of a scan line, which tell of a dense surface.
+    # Noise makes a scan line two or three fine cells wide: they seem to be of a dense surface.
     coarse = _local_spacing(*_mesh(cell_means(points_xy, min_gap)[0]))
     gap = float(np.median(coarse)) if len(coarse) else 0.0
     cell_size = max(0.5 * min_gap, THINNING_FRACTION * gap)

@@ -14,6 +14,7 @@ import argparse
 import json
 import subprocess
 import tempfile
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,7 @@ def _error(edge: dict[str, Any], outline: Polygon) -> list[tuple[float, float]]:
     outward, middle = np.array([along[1], -along[0]]), 0.5 * (start + end)
     found = []
     ring = np.asarray(outline.exterior.coords)
-    for a, b in zip(ring[:-1], ring[1:]):
+    for a, b in pairwise(ring):
         step = b - a
         side = np.hypot(*step)
         if side > 0.0 and abs(step @ outward) <= np.sin(MAX_YAW) * side:

@@ -15,9 +15,12 @@ import shapely
 from shapely import Polygon
 
 from tccm_ros.arrays import Bool, Float64
+from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
-from tccm_ros.outlines.edge_position import INDEPENDENT, EdgeSamples
+from tccm_ros.outlines.edge_position import INDEPENDENT, SIGMA, EdgeSamples
 from tccm_ros.outlines.shape_models import PROBE, SPACING, OutlineSamples
+from tccm_ros.robust import median_sigma
+from tccm_ros.sensors.noise import systematic_errors
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging import NumberedPatch, clouds_in_map
 from tccm_ros.surfaces.occluded_areas import MAX_SEEN_FRACTION, probes
@@ -78,6 +81,13 @@ MIN_FRACTION = 0.4
 """A line has at least this fraction of the points of the median line; chosen: what noise carries
 over to the next one is less."""
 
+REACHED = 0.018
+"""A view measured up to an edge if its last sample is this near, and a distance of samples, m: three
+standard deviations of `edge_position.SIGMA`."""
+
+EYE_HEIGHT = 1.0
+"""Height over the base of a sensor of which nothing is known, m; chosen."""
+
 FRONT = 0.7
 """At a near edge so many of the last samples are of the front below it; chosen: the height of the
 front that counts as the surface is that of a scan line's step or two."""
@@ -124,11 +134,14 @@ class EdgeSampler:
         The surface.
     views, T_map_view
         All views, and float64 (V, 4, 4).
+    config
+        Uses the systematic errors of ``sensors``.
     """
 
     surface: MergedSurface
     views: Sequence[View]
     T_map_view: Float64
+    config: Config
 
     @cached_property
     def _clouds(self) -> list[tuple[NumberedPatch, Float64]]:
@@ -271,6 +284,43 @@ class EdgeSampler:
         """Return the cosines between rays to places of an edge and its outward direction."""
         rays = edge.start + at[:, None] * edge.along - self.T_map_view[member.view][:2, 3]
         return np.asarray(rays @ edge.outward / np.maximum(np.hypot(*rays.T), 1e-6), np.float64)
+
+    def seen_fraction(self, edge: Edge) -> float:
+        """Return along which fraction of an edge a view measured up to it, and looked past it."""
+        found = self.edge_samples(edge)
+        is_end = found.ends & (np.abs(found.last) <= found.gap + REACHED)
+        count = max(int((edge.length - 2.0 * END_MARGIN) / PIECE), 1)
+        pieces = np.floor((found.at[is_end] - END_MARGIN) / PIECE).astype(np.int64)
+        return len(np.unique(pieces)) / count
+
+    def ragged_sigma(self, edge: Edge) -> float:
+        """Return the deviation of last samples across an edge beyond that of sampling, m.
+
+        The samples of an edge of the surface are in line. Those at the rim of what something else
+        hides from the views are not, and the views do not know by how much all of them fall short.
+        """
+        found = self.edge_samples(edge)
+        last, gap = found.last[found.ends], found.gap[found.ends]
+        if len(last) < MIN_PIECES:
+            return 0.0
+        spread = median_sigma(last - np.median(last))
+        expected = np.median(gap) ** 2 / 12.0 + SIGMA**2
+        return float(np.sqrt(max(spread**2 - expected, 0.0)))
+
+    def shared_sigma(self, edge: Edge) -> float:
+        """Return the deviation across an edge of what all points of its views share, m.
+
+        It is that of one sensor on all views: errors of range along opposite rays cancel out.
+        """
+        middle = self.surface.lift(0.5 * (edge.start + edge.end)[None])
+        moved = []
+        for view, T_view_map in self._inverses.items():
+            eye = self.views[view].viewpoint
+            eye = np.array([0.0, 0.0, EYE_HEIGHT]) if eye is None else eye
+            local = transform(T_view_map, middle)
+            errors = systematic_errors(local, eye, self.views[view].sensor, self.config)[0]
+            moved.append(errors @ self.T_map_view[view][:3, :3].T[:, :2] @ edge.outward)
+        return float(np.linalg.norm(np.mean(moved, axis=0)))
 
     def furthest(self, edge: Edge, limit: float) -> float:
         """Return how far across an edge the surface was measured, m; -inf: nowhere.

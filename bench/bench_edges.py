@@ -1,4 +1,4 @@
-"""Errors of the seen edges of surfaces against truth, over the standard deviation that each claims.
+"""Errors of the seen edges of surfaces against truth, over the standard deviation of each.
 
     python bench/bench_edges.py bags/flat bags/rgbd_kitchen
     python bench/bench_edges.py bags/flat=RESULT     (of an earlier `tccm replay`)

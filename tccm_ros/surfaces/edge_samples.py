@@ -19,7 +19,7 @@ from tccm_ros.config import Config
 from tccm_ros.geometry import inverse, transform
 from tccm_ros.outlines.edge_position import INDEPENDENT, SIGMA, EdgeSamples
 from tccm_ros.outlines.shape_models import PROBE, SPACING, OutlineSamples
-from tccm_ros.robust import median_sigma
+from tccm_ros.robust import MAD_TO_SIGMA, median_sigma
 from tccm_ros.sensors.noise import systematic_errors
 from tccm_ros.surfaces.merged_surface import MergedSurface
 from tccm_ros.surfaces.merging import NumberedPatch, clouds_in_map
@@ -82,8 +82,12 @@ MIN_FRACTION = 0.4
 over to the next one is less."""
 
 REACHED = 0.018
-"""A view measured up to an edge if its last sample is this near, and a distance of samples, m: three
-standard deviations of `edge_position.SIGMA`."""
+"""A view measured up to an edge if its last sample is within a distance of samples and this, m:
+three standard deviations of `edge_position.SIGMA`."""
+
+EVEN_SIGMA = 0.25 * MAD_TO_SIGMA
+"""What `median_sigma` gives for an even distribution, over its width: its median distance from the
+middle is a quarter of that."""
 
 EYE_HEIGHT = 1.0
 """Height over the base of a sensor of which nothing is known, m; chosen."""
@@ -286,12 +290,20 @@ class EdgeSampler:
         return np.asarray(rays @ edge.outward / np.maximum(np.hypot(*rays.T), 1e-6), np.float64)
 
     def seen_fraction(self, edge: Edge) -> float:
-        """Return along which fraction of an edge a view measured up to it, and looked past it."""
+        """Return in which fraction of the pieces of an edge a view measured up to it and past it.
+
+        Pieces without any point of the surface do not count: scan lines may be further from each
+        other than pieces are long.
+        """
         found = self.edge_samples(edge)
         is_end = found.ends & (np.abs(found.last) <= found.gap + REACHED)
-        count = max(int((edge.length - 2.0 * END_MARGIN) / PIECE), 1)
-        pieces = np.floor((found.at[is_end] - END_MARGIN) / PIECE).astype(np.int64)
-        return len(np.unique(pieces)) / count
+        seen = np.unique(np.floor(found.at[is_end] / PIECE).astype(np.int64))
+        return len(seen) / max(np.isfinite(self._last_points(edge, np.inf)).sum(), 1)
+
+    def reached_fraction(self, edge: Edge, distance: float) -> float:
+        """Return in which fraction of the pieces of an edge the surface comes so near to it, m."""
+        last = self._last_points(edge, np.inf)
+        return float(np.mean(last[np.isfinite(last)] >= -distance)) if len(last) else 0.0
 
     def ragged_sigma(self, edge: Edge) -> float:
         """Return the deviation of last samples across an edge beyond that of sampling, m.
@@ -304,7 +316,7 @@ class EdgeSampler:
         if len(last) < MIN_PIECES:
             return 0.0
         spread = median_sigma(last - np.median(last))
-        expected = np.median(gap) ** 2 / 12.0 + SIGMA**2
+        expected = np.mean(gap**2) * EVEN_SIGMA**2 + SIGMA**2
         return float(np.sqrt(max(spread**2 - expected, 0.0)))
 
     def shared_sigma(self, edge: Edge) -> float:
@@ -332,12 +344,17 @@ class EdgeSampler:
         limit
             Points further across than this do not count, m.
         """
+        last = self._last_points(edge, limit)
+        return float(np.sort(last)[-min(MIN_PIECES, len(last))])
+
+    def _last_points(self, edge: Edge, limit: float) -> Float64:
+        """Return how far across each piece of an edge the surface was measured, m; -inf: not."""
         cloud = np.concatenate([cloud[:, :2] for _, cloud in self._clouds])
         at, across = (cloud - edge.start) @ edge.along, (cloud - edge.start) @ edge.outward
         near = (at > END_MARGIN) & (at < edge.length - END_MARGIN) & (across < limit)
         last = np.full(int(edge.length / PIECE) + 1, -np.inf)
         np.maximum.at(last, np.floor(at[near] / PIECE).astype(np.int64), across[near])
-        return float(np.sort(last)[-min(MIN_PIECES, len(last))])
+        return last
 
     def looks_over(self, edge: Edge) -> bool:
         """Return whether any view looked through the columns beyond an edge, at any height."""

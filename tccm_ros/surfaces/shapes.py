@@ -61,7 +61,7 @@ MIN_PART = 0.25
 sofas and side panels of furniture have the same front, and are narrower than what stands on it."""
 
 AT_WALL_SEEN = 0.03
-"""An edge at a wall was seen where points come so near to it, m; chosen: a distance of beams."""
+"""An edge at a wall was seen where last samples are so near, m; chosen: a distance of beams."""
 
 RAGGED = 0.012
 """What hides an edge lets most last points end short of the furthest by more than a distance of
@@ -84,7 +84,8 @@ FREE_SIGMA = 0.02
 """Standard deviation of a seen edge of a free outline, m; chosen: half a scan line's distance."""
 
 END_SIGMA = 0.005
-"""Standard deviation of where samples end at an edge, common to all views, m: mixed pixels."""
+"""Standard deviation of where samples end at an edge, common to all views, m: mixed pixels. With it
+errors are as large as deviations say, on four recordings (`bench/bench_edges.py`)."""
 
 NEAR = 0.08
 """Samples of the outline within this of an edge are of it, m; chosen."""
@@ -383,7 +384,8 @@ def _edges(
             if state is EdgeState.SEEN and sampler.seen_fraction(edge) < SEEN_FRACTION:
                 state = EdgeState.HIDDEN
         if across is not None and abs(across) <= AT_WALL and np.isfinite(sigma):
-            state = EdgeState.SEEN if sampler.furthest(edge, np.inf) >= -AT_WALL_SEEN else state
+            is_reached = sampler.reached_fraction(edge, AT_WALL_SEEN) >= SEEN_FRACTION
+            state = EdgeState.SEEN if is_reached else state
         edges.append(_known(edge, state, sigma, sampler, others))
     first = int(np.lexsort((corners[:, 1], corners[:, 0]))[0])
     return tuple(edges[first:] + edges[:first])

@@ -14,7 +14,7 @@ from tccm_ros.records import SurfaceCloud, ViewIntervals
 from tccm_ros.surfaces.surface_slam import SurfaceSlam
 
 MIN_OVERLAP = {"laser": 0.9, "camera": 0.9, "lidar": 0.87}
-"""Rings of a lidar are up to 10 cm apart here: one view leaves an edge open by as much."""
+"""The distance of a lidar's rings is up to 10 cm here: one view leaves an edge open by as much."""
 
 HEIGHT, MAX_RANGE, COLUMN, NOISE = 0.9, 4.0, 0.1, 0.003
 

@@ -198,7 +198,7 @@ def test_last_samples_in_line_leave_no_doubt_and_ragged_ones_do():
 
 
 @pytest.mark.parametrize(("yaws", "expected"), [((0.0,), 0.005), ((0.0, np.pi), 0.0)])
-def test_views_share_what_one_sensor_does_wrong(yaws, expected):
+def test_range_errors_of_one_sensor_do_not_average_out(yaws, expected):
     """An offset of 5 mm along level rays: views from opposite sides move an edge both ways."""
     poses = spatial(np.array([(2.0 - 2.0 * np.cos(yaw), 0.0, yaw) for yaw in yaws]))
     eye, kind = np.array([0.0, 0.0, 0.5]), SensorKind.LASER

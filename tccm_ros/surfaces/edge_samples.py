@@ -316,8 +316,8 @@ class EdgeSampler:
         if len(last) < MIN_PIECES:
             return 0.0
         spread = median_sigma(last - np.median(last))
-        expected = np.mean(gap**2) * EVEN_SIGMA**2 + SIGMA**2
-        return float(np.sqrt(max(spread**2 - expected, 0.0)))
+        expected = float(np.mean(gap**2)) * EVEN_SIGMA**2 + SIGMA**2
+        return max(spread**2 - expected, 0.0) ** 0.5
 
     def shared_sigma(self, edge: Edge) -> float:
         """Return the deviation across an edge of what all points of its views share, m.
@@ -331,8 +331,9 @@ class EdgeSampler:
             eye = np.array([0.0, 0.0, EYE_HEIGHT]) if eye is None else eye
             local = transform(T_view_map, middle)
             errors = systematic_errors(local, eye, self.views[view].sensor, self.config)[0]
-            moved.append(errors @ self.T_map_view[view][:3, :3].T[:, :2] @ edge.outward)
-        return float(np.linalg.norm(np.mean(moved, axis=0)))
+            outward = self.T_map_view[view][:2, :3].T @ edge.outward
+            moved.append(errors @ outward)
+        return float(np.linalg.norm(np.stack(moved).mean(axis=0)))
 
     def furthest(self, edge: Edge, limit: float) -> float:
         """Return how far across an edge the surface was measured, m; -inf: nowhere.

@@ -15,7 +15,7 @@ from tccm_ros.slam.factors.walls import WallObservation
 from tccm_ros.slam.graph.pose_graph import PoseGraph
 from tccm_ros.slam.wall_slam import WallSlam
 from tccm_ros.slam.walls.association import WallTable, associate_walls
-from tccm_ros.slam.walls.corners import Corner, corner_factors, find_corners
+from tccm_ros.slam.walls.corners import Corner, corner_factors, find_corners, uses_corners
 from tccm_ros.slam.walls.lines import extract_lines
 
 ROOM = plan.box(-2.0, -1.5, 3.0, 2.5)
@@ -171,3 +171,36 @@ def test_a_corner_is_known_equally_well_in_every_direction(yaw):
         place = spatial(np.array([*in_map(pose, factor.point) + step, yaw]))
         values.insert(factor.corner.symbol, gtsam.Pose3(place))
         assert 2.0 * graph.error(values) == pytest.approx((distance / sigma) ** 2, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("corners", "matching", "walls", "expected"),
+    [
+        ("auto", True, True, False),
+        ("auto", False, True, True),
+        ("point", True, True, True),
+        ("point", True, False, False),
+        ("none", False, True, False),
+    ],
+)
+def test_corners_are_landmarks_where_matching_has_not_used_their_beams(
+    corners, matching, walls, expected
+):
+    config = Config()
+    config.walls.corners, config.walls.enabled = corners, walls
+    config.matching.enabled = matching
+    assert uses_corners(config) is expected
+
+
+@pytest.mark.parametrize(("corners", "expected"), [("auto", False), ("point", True)])
+def test_the_graph_has_corners_by_the_setting(corners, expected, monkeypatch):
+    config, added = Config(), []
+    config.walls.corners = corners
+    add = PoseGraph.add
+    monkeypatch.setattr(PoseGraph, "add", lambda g, f: (added.extend(f), add(g, f))[1])
+    slam = WallSlam(config)
+    for posed in plan.drive(ROOM, plan.route([(0, 0), (1.5, 0), (1.5, 1.5)]), beams=361).scans:
+        slam.add_scan(posed)
+    solution = slam.solve()
+    assert any(isinstance(factor, CornerObservation) for factor in added) is expected
+    assert any(wall.corners for wall in solution.walls)

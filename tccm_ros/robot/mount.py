@@ -17,10 +17,14 @@ from tccm_ros.robot.frames import FrameTree, plain_name
 from tccm_ros.robot.joint_tracks import JointTracks
 from tccm_ros.robot.self_shapes import ShapeModel
 from tccm_ros.robot.tilt_angle import TiltReadout
-from tccm_ros.robot.tracks import merge_stamps
+from tccm_ros.robot.tracks import ScalarTrack, Track, merge_stamps
 
 SAMPLE_STEP_NS = 10_000_000
 """Poses are given at least this often, so that what lies between is a short arc."""
+
+OTHER_CLOCK_NS = 3_600_000_000_000
+"""Stamps that are further from each other than an hour, ns, are of two clocks: no recording waits
+so long for a joint."""
 
 NO_STAMPS = np.zeros(0, np.int64)
 
@@ -160,10 +164,31 @@ class Mount:
 
     # -- poses ---------------------------------------------------------------------------------
 
-    def explain_missing(self, chain: Chain) -> None:
-        """Set `problem` where a joint of the chain was never heard of."""
+    def explain_missing(self, reason: str, track: Track, chain: Chain, stamp_ns: int) -> None:
+        """Set `problem` where it is known why a track does not bracket a record.
+
+        Parameters
+        ----------
+        reason
+            What is missing.
+        track
+            Of a joint of the chain, a transform or odometry.
+        chain
+            From base to sensor.
+        stamp_ns
+            Of the record.
+        """
         silent = [part.name for part, _ in chain.parts if not len(part.track)]
-        if silent:
+        told = self._joints.explain(track) if isinstance(track, ScalarTrack) else None
+        if told is not None:
+            self.problem = FrameError(told)
+        elif track.latest_ns is not None and abs(stamp_ns - track.latest_ns) > OTHER_CLOCK_NS:
+            self.problem = FrameError(
+                f"{reason} at a stamp of {stamp_ns * 1e-9:.10g} s: the newest has a stamp of "
+                f"{track.latest_ns * 1e-9:.10g} s; set the clocks, or have the driver fill in its "
+                "stamps"
+            )
+        elif silent and isinstance(track, ScalarTrack):
             self.problem = FrameError(
                 f"no samples of joint '{silent[-1]}' in the joint states, which moves the laser"
                 + suggest(silent[-1], self._joints.heard())

@@ -97,8 +97,7 @@ class Posing:
                 return None
             if self._never_moved(track, needs, (start_ns, end_ns)):
                 continue
-            if reason == "no joint samples":
-                mount.explain_missing(chain)
+            mount.explain_missing(reason, track, chain, start_ns)
             return reason
         is_level = sensor.stream.mount is MountKind.LEVEL
         if is_level and self._awaits_gyro(record.stamp_ns, now_ns, late=late):

@@ -48,6 +48,12 @@ class StampOrder:
         """The latest stamp that was added, None before the first."""
         return self._open[-1] if self._open else self._final_ns
 
+    @property
+    def period_ns(self) -> int | None:
+        """The usual step between stamps, None while it is not known."""
+        steps = sorted(self._steps)
+        return steps[len(steps) // 2] if len(steps) >= KNOWN else None
+
     def add(self, stamp_ns: int) -> str | None:
         """Add a stamp; return why it is refused, None where it is not."""
         if stamp_ns == self._final_ns or stamp_ns in self._open:

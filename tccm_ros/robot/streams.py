@@ -70,6 +70,8 @@ class Stream:
         Returns why a record cannot be used, None where it can.
     remark
         Returns what is unusual about a record that is used, None where nothing is: it is counted.
+    fault_of_pose
+        Returns why a posed record cannot be used, None where it can.
     sees_robot
         Whether the poses carry the robot's own shapes, to be filtered out.
     companion
@@ -91,6 +93,7 @@ class Stream:
     time_span: Callable[[Any], tuple[int, int]] = at_its_stamp
     rejection_reason: Callable[[Any], str | None] = nothing_to_say
     remark: Callable[[Any], str | None] = nothing_to_say
+    fault_of_pose: Callable[[Posed], str | None] = nothing_to_say
     sees_robot: bool = False
     companion: Companion | None = None
     max_waiting: int = 1000

@@ -6,6 +6,7 @@ from typing import Literal
 
 from tccm_ros.config.parameter import Group, param
 
+Systematic = tuple[float, float, float, float]
 Pose6 = tuple[float, float, float, float, float, float]
 
 
@@ -112,6 +113,19 @@ class ScanFilter(Group):
     )
     min_range: float = param(0.0, "ranges below this are dropped", unit="m", ge=0.0)
     max_range: float = param(30.0, "ranges above this are dropped", unit="m", gt=0.0)
+    reverse: bool = param(
+        False,
+        "the beams of the level laser were measured from the last to the first",
+        read_only=True,
+    )
+    time_offset: float = param(
+        0.0,
+        "added to the stamps of the level laser; negative where its driver stamps too late",
+        unit="s",
+        ge=-1.0,
+        le=1.0,
+        read_only=True,
+    )
     self_filter: bool = param(
         True, "drop points inside the robot's own collision boxes, spheres and cylinders"
     )
@@ -163,18 +177,17 @@ class Sensors(Group):
     cloud_sigma: float = param(
         0.01, "noise of a range of a lidar or a camera's cloud", unit="m", gt=0.0, le=0.5
     )
-    depth_systematic: tuple[float, float, float] = param(
-        (0.002, 0.003, 0.001),
+    depth_systematic: Systematic = param(
+        (0.002, 0.003, 0.001, 0.005),
         "standard deviations of what the depths of an image have in common: an offset (m), a "
-        "scale (1) and a bend (1/m), for an error offset + scale z + bend z^2",
+        "scale (1) and a bend (1/m), for an error offset + scale z + bend z^2, and the camera's "
+        "direction (rad)",
     )
-    laser_systematic: tuple[float, float, float] = param(
-        (0.005, 0.0, 0.0),
-        "the same of a tilting laser's ranges in a tilt cycle",
+    laser_systematic: Systematic = param(
+        (0.005, 0.0, 0.0, 0.002), "the same of a tilting laser's ranges in a tilt cycle"
     )
-    cloud_systematic: tuple[float, float, float] = param(
-        (0.005, 0.0, 0.0),
-        "the same of the ranges of a point cloud",
+    cloud_systematic: Systematic = param(
+        (0.005, 0.0, 0.0, 0.002), "the same of the ranges of a point cloud"
     )
     max_sigma: float = param(
         0.012, "depths with more noise than this are not mapped", unit="m", gt=0.0, le=1.0

@@ -113,7 +113,7 @@ def solution_files(solution: SurfaceSolution, config: Config) -> dict[str, bytes
         "objects.json": ObjectsFile.of(
             solution.objects, solution.free_places, ranked_placements(solution)
         ),
-        "signs.json": SignsFile.of(slam.signs),
+        "signs.json": SignsFile.of(slam.signs, slam.refused_signs),
         "graph.json": GraphFile.of(slam.keyframes, slam.loops, slam.landmarks),
         "surfaces.geojson": feature_collection(solution.surfaces, slam.walls, map_frame),
     }

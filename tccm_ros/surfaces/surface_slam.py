@@ -417,10 +417,10 @@ class SurfaceSlam:
         slam = self.walls.solve(stamps, None, **how)
         if not self.config.surfaces.registration or len(views) < 2:
             return slam
-        factors = self._registration.factors(views, slam)
-        if not factors:
-            return slam
-        return self.walls.solve(stamps, factors, **how)
+        factors = self._registration.side_factors(views, slam)
+        if factors:
+            slam = self.walls.solve(stamps, factors, **how)
+        return self._registration.levelled(slam)
 
     def is_aligned(self, solution: SurfaceSolution) -> bool:
         """Return whether this session was found in the saved map that it continues, if any."""
@@ -524,6 +524,20 @@ class SurfaceSlam:
             self.is_aligned(solution) and not self.walls.is_lost,
             self.walls.placed_by_sign,
         )
+
+    def placed_map(self, walls: MapWalls) -> SolvedMap | None:
+        """Return where a session is as soon as it has a place; None while it has none.
+
+        Parameters
+        ----------
+        walls
+            Of the newest solution, in map.
+        """
+        keyframe = self.walls.placed_keyframe()
+        if keyframe is None:
+            return None
+        T_map_front = self.walls.map_from_front(keyframe.pose)
+        return SolvedMap(T_map_front, keyframe, walls, True, self.walls.placed_by_sign)
 
     @classmethod
     def from_saved(cls, config: Config, saved: SavedMap) -> SurfaceSlam:

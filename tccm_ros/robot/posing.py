@@ -110,6 +110,7 @@ class Posing:
             sensor.awaited = behind, behind.heard
             return None
         posed = self._pose(sensor, chain, start_ns, end_ns)
+        mount.note_posed()
         return sensor.stream.fault_of_pose(posed) or posed
 
     def _awaits_gyro(self, stamp_ns: int, now_ns: int | None, *, late: bool) -> bool:

@@ -11,7 +11,8 @@ from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.errors import MessageError
 from tccm_ros.records.building import frame_name
 from tccm_ros.sensors.cloud_messages import CLOUD_READER
-from tccm_ros.sensors.depth_image import COMPRESSED, camera_info_topic
+from tccm_ros.sensors.compressed_depth import is_depth_format
+from tccm_ros.sensors.depth_image import COMPRESSED, camera_info_topic, uncompressed
 from tccm_ros.sensors.depth_messages import (
     CAMERA_INFO_READER,
     COMPRESSED_READER,
@@ -60,15 +61,21 @@ def depth_topics(reader: BagReader) -> list[DepthTopic]:
                 found.append(DepthTopic(topic.name, frame, size, is_compressed=False))
         elif topic.msgtype == PACKED:
             message = first_message(reader, topic.name)
-            if message is not None and COMPRESSED in str(message.format):
+            if message is not None and is_depth_format(str(message.format)):
                 frame = frame_name(message.header.frame_id)
                 found.append(DepthTopic(topic.name, frame, None, is_compressed=True))
-    names = {image.topic for image in found}
-    return [
-        image
-        for image in found
-        if not (image.is_compressed and image.topic.removesuffix(f"/{COMPRESSED}") in names)
-    ]
+    best: dict[str, DepthTopic] = {}
+    for image in found:
+        kept = best.setdefault(uncompressed(image.topic), image)
+        if _preference(image) < _preference(kept):
+            best[uncompressed(image.topic)] = image
+    return [image for image in found if image in best.values()]
+
+
+def _preference(image: DepthTopic) -> int:
+    """Return a number that is smaller for the better of two topics of one image."""
+    last = image.topic.rsplit("/", 1)[-1]
+    return COMPRESSED.index(last) + 1 if last in COMPRESSED else 0
 
 
 def first_message(reader: BagReader, topic: str) -> Any | None:
@@ -122,7 +129,7 @@ def unreadable_topics(reader: BagReader, named: set[str]) -> list[str]:
             continue
         if topic.msgtype == PACKED:
             text = str(message.format)
-            is_depth = text.startswith(("16UC1", "32FC1")) and COMPRESSED not in text
+            is_depth = text.startswith(("16UC1", "32FC1")) and not is_depth_format(text)
         else:
             is_depth = topic.msgtype == CLOUD or topic.name in named
         if is_depth:

@@ -31,7 +31,8 @@ from tccm_ros.sensors.camera_image import (
     camera_stream,
 )
 from tccm_ros.sensors.cloud_messages import CLOUD_READER, point_cloud_from_message
-from tccm_ros.sensors.depth_image import COMPRESSED, camera_info_topic, depth_reader
+from tccm_ros.sensors.compressed_depth import is_depth_format
+from tccm_ros.sensors.depth_image import camera_info_topic, depth_reader
 from tccm_ros.sensors.depth_messages import (
     CAMERA_INFO_READER,
     COMPRESSED_READER,
@@ -135,7 +136,7 @@ def picture_topics(reader: BagReader) -> list[str]:
                 plain.append(topic.name)
         elif topic.msgtype == COMPRESSED_PICTURE_READER.message_type:
             text = str(message.format)
-            if COMPRESSED not in text and ("jpeg" in text or "png" in text):
+            if not is_depth_format(text) and ("jpeg" in text or "png" in text):
                 compressed.append(topic.name)
     return plain + [name for name in compressed if name.removesuffix("/compressed") not in plain]
 

@@ -89,8 +89,9 @@ class Pipeline:
 
     @property
     def dropped(self) -> Counter[str]:
-        """Records of all sensors that were not used, by reason."""
-        return self.robot.dropped + self.tccm.dropped + self.signs.dropped
+        """Records that were not used, by reason; those that are no sensor's, by their role too."""
+        dropped = self.robot.dropped + self.robot.refused
+        return dropped + self.tccm.dropped + self.signs.dropped
 
     def add(self, role: str, record: Any) -> list[CycleResult]:
         """Process one record; return the tilt cycles that are complete now."""

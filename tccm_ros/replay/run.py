@@ -100,7 +100,12 @@ def run_bag(
             pipeline.dropped + unreadable + Counter(solution.unused_detections),
             reader.duration,
             saved is not None,
-            (*choice.found, *_lasers_that_are_bases(pipeline, choice), *_missing_extra(pipeline)),
+            (
+                *choice.found,
+                *_lasers_that_are_bases(pipeline, choice),
+                *pipeline.robot.remarks,
+                *_missing_extra(pipeline),
+            ),
             tuple(pipeline.changes),
         )
 

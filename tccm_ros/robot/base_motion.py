@@ -14,6 +14,7 @@ from tccm_ros.geometry import between2, planar
 from tccm_ros.records import Odometry
 from tccm_ros.robot.chain import Chain, JointReading
 from tccm_ros.robot.frames import FrameTree, ancestors, build_chain, find_path
+from tccm_ros.robot.odometry import OdometryFilter
 from tccm_ros.robot.tracks import PoseTrack
 from tccm_ros.robot.urdf import Joint
 
@@ -41,6 +42,8 @@ class BaseMotion:
         What tells it; None until it is decided.
     odom_frame
         Name of the odometry frame.
+    odometry
+        What odometry passes before it comes here.
     has_roll_pitch
         Whether odometry has ever told a roll or pitch of the base.
     """
@@ -49,6 +52,7 @@ class BaseMotion:
         self.source: MotionSource | None = None
         self.odom_frame = config.frames.odom_name
         self._frames = frames
+        self.odometry = OdometryFilter()
         self._track = PoseTrack()
         self._chains: dict[str, Chain] = {}
         self.has_roll_pitch = False
@@ -68,6 +72,7 @@ class BaseMotion:
     def clear_samples(self) -> None:
         """Forget everything that has a stamp, as after a jump of the clock."""
         self._track.clear()
+        self.odometry.clear()
         self._chains.clear()
         self.has_roll_pitch = False
         if self.source is MotionSource.TF:

@@ -259,8 +259,11 @@ class ChainFinder:
         FrameError
             Where there is none; the message names the joints that are there.
         """
-        parts = [p for p, _ in chain.parts if isinstance(p, MovingTransform) or p.is_revolute]
-        turning = [p for p in parts if isinstance(p, JointReading) or p.track.has_moved] or parts
+        turning = [
+            part
+            for part, _ in chain.parts
+            if (part.track.has_moved if isinstance(part, MovingTransform) else part.is_revolute)
+        ]
         wanted = self._config.frames.tilt_joint
         if wanted:
             for part in turning:

@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Mapping
 
 from tccm_ros.records import JointSample
+from tccm_ros.robot.steps import StepGuard
 from tccm_ros.robot.tracks import ScalarTrack
 
 MAX_JOINTS = 1024
 """Joints that are kept; further ones are left out. Chosen: more than any robot has."""
+
+LIMIT_SLACK = 0.1
+"""Positions beyond the limits of the robot description by this fraction of the way between them
+are believed: joints overshoot, and limits are rounded."""
+
+STEP_SLACK = 0.005
+"""Steps of a joint up to this are possible in no time, rad or m: the counts of a servo's encoder. A
+joint that starts with a larger one is only heard of later, by `steps.LASTING_NS`."""
+
+LATE, OFF_TRACK = "out of order", "outliers"
+"""Why positions are left out."""
+
+Limits = tuple[float, float]
 
 
 class JointTracks:
@@ -23,16 +39,30 @@ class JointTracks:
     def __init__(self, time_offset_ns: int):
         self._time_offset_ns = time_offset_ns
         self._tracks: dict[str, ScalarTrack] = {}
+        self._guards: dict[str, StepGuard[float]] = {}
+        self._limits: Mapping[str, Limits] = {}
+        self._within: Counter[str] = Counter()
+        self._beyond: Counter[str] = Counter()
 
     def __len__(self) -> int:
         return len(self._tracks)
 
-    def add(self, sample: JointSample) -> int:
-        """Take a sample of some joints; return how many positions are left out as late.
+    def set_limits(self, limits: Mapping[str, Limits]) -> None:
+        """Take the limits of a robot description, by joint; what is beyond is forgotten."""
+        self._limits = limits
+        self._guards.clear()
+        for name in limits:
+            track = self._tracks.get(name)
+            if track is not None:
+                positions = track.values[:, 0]
+                track.keep([self._is_within(name, q) for q in positions.tolist()])
+
+    def add(self, sample: JointSample) -> Counter[str]:
+        """Take a sample of some joints; return how many positions are left out, by reason.
 
         Positions that are not finite numbers are skipped.
         """
-        late = 0
+        left_out: Counter[str] = Counter()
         stamp_ns = sample.stamp_ns + self._time_offset_ns
         for name, position in zip(sample.names, sample.positions.tolist()):
             if not math.isfinite(position):
@@ -42,8 +72,44 @@ class JointTracks:
                 if len(self._tracks) >= MAX_JOINTS:
                     continue
                 track = self._tracks[name] = ScalarTrack()
-            late += not track.append(stamp_ns, position)
-        return late
+            if name in self._limits and not self._is_within(name, position):
+                left_out[self._contradiction(name)] += 1
+                continue
+            guard = self._guards.get(name)
+            if guard is None:
+                guard = self._guards[name] = StepGuard(_joint_step, STEP_SLACK)
+            steps = guard.add(stamp_ns, position)
+            if steps.refused:
+                left_out[f"{OFF_TRACK} of joint '{name}'"] += steps.refused
+            for at_ns, q in steps.admitted:
+                if not track.append(at_ns, q):
+                    left_out[LATE] += 1
+        return left_out
+
+    def _is_within(self, name: str, position: float) -> bool:
+        """Count a position by the limits of its joint; return whether it is believed.
+
+        Where most contradict the limits the others are within them by chance: the unit is another.
+        """
+        low, high = self._limits[name]
+        slack = LIMIT_SLACK * (high - low)
+        is_within = low - slack <= position <= high + slack
+        (self._within if is_within else self._beyond)[name] += 1
+        return is_within and self._beyond[name] <= self._within[name]
+
+    def _contradiction(self, name: str) -> str:
+        low, high = self._limits[name]
+        return f"positions of joint '{name}' beyond its limits {low:.4g} to {high:.4g}"
+
+    def explain(self, track: ScalarTrack) -> str | None:
+        """Return why a track has hardly any samples, None where nothing is known of it."""
+        name = next((name for name, known in self._tracks.items() if known is track), "")
+        if self._beyond[name] > self._within[name]:
+            return (
+                f"{self._beyond[name]} {self._contradiction(name)} in the robot description; are "
+                "they in degrees?"
+            )
+        return None
 
     def of(self, name: str) -> ScalarTrack:
         """Return the track of a joint, an empty one if nothing was heard of it yet."""
@@ -57,3 +123,10 @@ class JointTracks:
         """Forget all samples."""
         for track in self._tracks.values():
             track.clear()
+        self._guards.clear()
+
+
+def _joint_step(a: float, b: float) -> float:
+    """Return the step between two positions; a joint that turns may wrap."""
+    step = abs(b - a)
+    return step if step < math.pi else abs(math.remainder(step, 2.0 * math.pi))

@@ -17,10 +17,14 @@ from tccm_ros.robot.frames import FrameTree, plain_name
 from tccm_ros.robot.joint_tracks import JointTracks
 from tccm_ros.robot.self_shapes import ShapeModel
 from tccm_ros.robot.tilt_angle import TiltReadout
-from tccm_ros.robot.tracks import Track, merge_stamps
+from tccm_ros.robot.tracks import ScalarTrack, Track, merge_stamps
 
 SAMPLE_STEP_NS = 10_000_000
 """Poses are given at least this often, so that what lies between is a short arc."""
+
+OTHER_CLOCK_NS = 3_600_000_000_000
+"""Stamps that are further from each other than an hour, ns, are of two clocks: no recording waits
+so long for a joint."""
 
 NO_STAMPS = np.zeros(0, np.int64)
 
@@ -40,7 +44,7 @@ class Mount:
 
     def __init__(self, config: Config, kind: MountKind, frames: FrameTree, joints: JointTracks):
         self._no_chain: FrameError | None = None
-        self._no_samples: tuple[FrameError, Track] | None = None
+        self._no_samples: tuple[FrameError, Track | None] | None = None
         self._kind = kind
         self._frames = frames
         self._joints = joints
@@ -70,8 +74,9 @@ class Mount:
 
     @property
     def problem(self) -> FrameError | None:
-        """Why the newest record has no way to the base, or which joint was never heard of."""
-        if self._no_samples is not None and len(self._no_samples[1]):
+        """Why the newest record has no way to the base, or what is wrong with the samples."""
+        missing = None if self._no_samples is None else self._no_samples[1]
+        if missing is not None and len(missing):
             self._no_samples = None
         return self._no_chain or (None if self._no_samples is None else self._no_samples[0])
 
@@ -164,15 +169,41 @@ class Mount:
 
     # -- poses ---------------------------------------------------------------------------------
 
-    def explain_missing(self, chain: Chain) -> None:
-        """Set `problem` where a joint of the chain was never heard of."""
+    def explain_missing(self, reason: str, track: Track, chain: Chain, stamp_ns: int) -> None:
+        """Set `problem` where it is known why a track does not bracket a record.
+
+        Parameters
+        ----------
+        reason
+            What is missing.
+        track
+            Of a joint of the chain, a transform or odometry.
+        chain
+            From base to sensor.
+        stamp_ns
+            Of the record.
+        """
         silent = [part for part, _ in chain.parts if not len(part.track)]
-        if silent:
+        told = self._joints.explain(track) if isinstance(track, ScalarTrack) else None
+        if told is not None:
+            self._no_samples = FrameError(told), None
+        elif track.latest_ns is not None and abs(stamp_ns - track.latest_ns) > OTHER_CLOCK_NS:
+            error = FrameError(
+                f"{reason} at a stamp of {stamp_ns * 1e-9:.10g} s: the newest has a stamp of "
+                f"{track.latest_ns * 1e-9:.10g} s; set the clocks, or have the driver fill in its "
+                "stamps"
+            )
+            self._no_samples = error, None
+        elif silent and isinstance(track, ScalarTrack):
             error = FrameError(
                 f"no samples of joint '{silent[-1].name}' in the joint states, which moves the "
                 "laser" + suggest(silent[-1].name, self._joints.heard())
             )
             self._no_samples = error, silent[-1].track
+
+    def note_posed(self) -> None:
+        """Forget why a record could not be posed: another was."""
+        self._no_samples = None
 
     def pose_stamps(self, chain: Chain, start_ns: int, end_ns: int, *more: Int64) -> Int64:
         """Return the stamps at which poses are needed so that what lies between is a short arc.

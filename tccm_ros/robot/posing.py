@@ -13,7 +13,7 @@ from tccm_ros.robot.chain_finder import MountKind
 from tccm_ros.robot.gyro_heading import GyroHeading
 from tccm_ros.robot.mount import Mount
 from tccm_ros.robot.roll_pitch import BaseRollPitch
-from tccm_ros.robot.sensor import Sensor
+from tccm_ros.robot.sensor import TOO_LONG, Sensor
 from tccm_ros.robot.tracks import PoseTrack, Track
 
 
@@ -69,6 +69,8 @@ class Posing:
         """
         record, mount, motion = sensor.waiting[0], sensor.mount, self._motion
         start_ns, end_ns = sensor.stream.time_span(record)
+        if sensor.lasts_too_long(end_ns - start_ns):
+            return TOO_LONG
         late = ended or now_ns is None or now_ns > end_ns + self.wait_ns
         if not late and (sensor.is_next_overtaken or sensor.awaits_nothing_new):
             return None
@@ -97,8 +99,7 @@ class Posing:
                 return None
             if self._never_moved(track, needs, (start_ns, end_ns)):
                 continue
-            if reason == "no joint samples":
-                mount.explain_missing(chain)
+            mount.explain_missing(reason, track, chain, start_ns)
             return reason
         is_level = sensor.stream.mount is MountKind.LEVEL
         if is_level and self._awaits_gyro(record.stamp_ns, now_ns, late=late):
@@ -108,7 +109,9 @@ class Posing:
         if behind is not None:
             sensor.awaited = behind, behind.heard
             return None
-        return self._pose(sensor, chain, start_ns, end_ns)
+        posed = self._pose(sensor, chain, start_ns, end_ns)
+        mount.note_posed()
+        return sensor.stream.fault_of_pose(posed) or posed
 
     def _awaits_gyro(self, stamp_ns: int, now_ns: int | None, *, late: bool) -> bool:
         """Return whether a gyroscope may still tell the heading at a stamp."""

@@ -34,7 +34,7 @@ from tccm_ros.robot.chain_finder import MountKind
 from tccm_ros.robot.frames import FrameTree
 from tccm_ros.robot.gyro_heading import GyroHeading
 from tccm_ros.robot.imu_mount import ImuMount
-from tccm_ros.robot.joint_tracks import JointTracks
+from tccm_ros.robot.joint_tracks import LATE, JointTracks
 from tccm_ros.robot.posing import Posing
 from tccm_ros.robot.roll_pitch import BaseRollPitch
 from tccm_ros.robot.sensor import Sensor
@@ -128,7 +128,7 @@ class Robot:
         }
         imu_mount = ImuMount(self.frames, self.motion)
         self.gyro = GyroHeading(config, self.motion, imu_mount)
-        self.roll_pitch = BaseRollPitch(config, self.motion, imu_mount, self._refuse_sample)
+        self.roll_pitch = BaseRollPitch(config, self.motion, imu_mount, self._refusing("imu"))
         self._posing = Posing(config, self.motion, self.gyro, self.roll_pitch)
         self._clock_jump_ns = round(config.clock_jump * 1e9)
         self._guard: StampGuard[tuple[_Input, Any]] = StampGuard(self._clock_jump_ns)
@@ -141,6 +141,15 @@ class Robot:
     def dropped(self) -> Counter[str]:
         """Records of all sensors that were not posed, by reason."""
         return sum((sensor.dropped for sensor in self.sensors.values()), Counter())
+
+    @property
+    def remarks(self) -> list[str]:
+        """What is unusual about records that were taken, one line each."""
+        return [
+            f"{role}: {remark} ({count} of {sensor.received})"
+            for role, sensor in self.sensors.items()
+            for remark, count in sorted(sensor.remarks.items())
+        ]
 
     @property
     def message_time_ns(self) -> int | None:
@@ -205,17 +214,24 @@ class Robot:
     # -- what is fed in ------------------------------------------------------------------------
 
     def _inputs_by_role(self) -> dict[str, _Input]:
-        refuse = self._refuse_sample
-        tf = _Input(TransformSample, self._add_transform, refuse, "T_parent_child", "child", False)
+        tf = _Input(
+            TransformSample, self._add_transform, self._refusing("tf"), "T_parent_child", "child",
+            False,
+        )  # fmt: skip
         inputs = {
             "robot_description": _Input(
-                RobotDescription, self._add_description, refuse, is_fixed=True
+                RobotDescription,
+                self._add_description,
+                self._refusing("robot_description"),
+                is_fixed=True,
             ),
-            "tf_static": replace(tf, is_fixed=True),
+            "tf_static": replace(tf, refuse=self._refusing("tf_static"), is_fixed=True),
             "tf": tf,
-            "joint_states": _Input(JointSample, self._add_joints, refuse, source="names"),
-            "odom": _Input(Odometry, self._add_odometry, refuse, "T_odom_base"),
-            "imu": _Input(Imu, self._add_imu, refuse, keeps_time=False),
+            "joint_states": _Input(
+                JointSample, self._add_joints, self._refusing("joint_states"), source="names"
+            ),
+            "odom": _Input(Odometry, self._add_odometry, self._refusing("odom"), "T_odom_base"),
+            "imu": _Input(Imu, self._add_imu, self._refusing("imu"), keeps_time=False),
         }
         for role, sensor in self.sensors.items():
             inputs[role] = _Input(
@@ -226,7 +242,7 @@ class Robot:
             inputs[role] = _Input(
                 companions[0][0].record,
                 lambda record, to=companions: _give(record, to),  # type: ignore[misc]
-                refuse,
+                self._refusing(role),
                 is_fixed=True,
             )
         return inputs
@@ -261,32 +277,48 @@ class Robot:
             taken.take(record)
 
     def _add_description(self, record: RobotDescription) -> None:
+        before = self.frames.model
         self.frames.describe(record.urdf)
+        if self.frames.model is not None and self.frames.model is not before:
+            joints = self.frames.model.joints.values()
+            self.joints.set_limits({j.name: j.limits for j in joints if j.limits is not None})
 
     def _add_transform(self, sample: TransformSample) -> None:
-        self._count_late(int(not self.frames.add_transform(sample)))
+        if not self.frames.add_transform(sample):
+            self._refuse("tf", LATE, 1)
 
     def _add_joints(self, sample: JointSample) -> None:
-        self._count_late(self.joints.add(sample))
+        for reason, count in self.joints.add(sample).items():
+            self._refuse("joint_states", reason, count)
 
     def _add_imu(self, record: Imu) -> None:
         self.roll_pitch.add(record)
-        self._count_late(int(not self.gyro.add(record)))
+        if not self.gyro.add(record):
+            self._refuse("imu", LATE, 1)
 
     def _add_odometry(self, record: Odometry) -> None:
         if self.motion.source in (MotionSource.TF, MotionSource.STILL):
             self._events.append(MapReset("odometry came after all"))
             self.frames.find_anew()
         self.frames.follow_odometry(record.child_frame_id)
-        self._count_late(int(not self.motion.add(record)))
-        self._events.append(record)
+        odometry = self.motion.odometry
+        refused, jumps = odometry.refused, odometry.jumps
+        for used in odometry.add(record):
+            if not self.motion.add(used):
+                self._refuse("odom", LATE, 1)
+            self._events.append(used)
+        self._refuse("odom", "outliers", odometry.refused - refused)
+        self._refuse(
+            "odom", "began elsewhere (the base is taken not to have moved)", odometry.jumps - jumps
+        )
 
-    def _count_late(self, samples: int) -> None:
-        if samples:
-            self.refused["out of order"] += samples
+    def _refuse(self, role: str, reason: str, count: int) -> None:
+        if count:
+            self.refused[f"{role}: {reason}"] += count
 
-    def _refuse_sample(self, reason: str) -> None:
-        self.refused[reason] += 1
+    def _refusing(self, role: str) -> Callable[[str], None]:
+        """Return a function that counts a record of a role that is refused for a reason."""
+        return lambda reason: self._refuse(role, reason, 1)
 
     # -- what is brought out -------------------------------------------------------------------
 

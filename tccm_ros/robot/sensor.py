@@ -19,6 +19,16 @@ from tccm_ros.robot.tracks import Track
 MAX_COMPANIONS = 50
 """Companions of a sensor's records that are kept (`Stream.companion`): those of two seconds."""
 
+TOO_LONG = "lasts longer than the time between stamps: look at the unit of its times"
+"""Why records are dropped whose time_increment, or whose times of points, are in another unit."""
+
+TOO_SHORT = "times of points span less than 1 % of the time between stamps: look at their unit"
+"""What is said of records whose times may be in another unit."""
+
+PERIODS = 4.0, 0.01
+"""A record lasts at most and at least so many times the step between stamps: units of times differ
+by 1000."""
+
 
 class Sensor:
     """The records of one stream, in the order of their stamps.
@@ -78,6 +88,12 @@ class Sensor:
         if remark is not None:
             self.remarks[remark] += 1
         start_ns, end_ns = self.stream.time_span(record)
+        if self.lasts_too_long(end_ns - start_ns):
+            self.dropped[TOO_LONG] += 1
+            return
+        period_ns = self._order.period_ns
+        if period_ns is not None and 0 < end_ns - start_ns < PERIODS[1] * period_ns:
+            self.remarks[TOO_SHORT] += 1
         self.longest_ns = max(self.longest_ns, end_ns - start_ns)
         place = len(self.waiting)
         while place and self.waiting[place - 1].stamp_ns > record.stamp_ns:
@@ -94,6 +110,17 @@ class Sensor:
             return None
         is_far_back = reason == LATE and stamp_ns < newest_ns - self._clock_jump_ns
         return ANOTHER_CLOCK if is_far_back else reason
+
+    def lasts_too_long(self, span_ns: int) -> bool:
+        """Return whether a record lasts longer than the steps between stamps leave it time to.
+
+        One that came before the steps were known does not count for `longest_ns` any more.
+        """
+        period_ns = self._order.period_ns
+        if period_ns is None or span_ns <= PERIODS[0] * period_ns:
+            return False
+        self.longest_ns = min(self.longest_ns, round(PERIODS[0] * period_ns))
+        return True
 
     @property
     def is_next_overtaken(self) -> bool:

@@ -20,7 +20,7 @@ KNOWN = 8
 GAP = 1.5
 """A step of so many of the shortest steps may miss a record: one more takes two of them."""
 
-LATE, TWICE = "out of order", "duplicate stamp"
+LATE, TWICE, ZERO = "out of order", "duplicate stamp", "stamp of 0"
 """Why stamps are refused."""
 
 
@@ -48,10 +48,16 @@ class StampOrder:
         """The latest stamp that was added, None before the first."""
         return self._open[-1] if self._open else self._final_ns
 
+    @property
+    def period_ns(self) -> int | None:
+        """The usual step between stamps, None while it is not known."""
+        steps = sorted(self._steps)
+        return steps[len(steps) // 2] if len(steps) >= KNOWN else None
+
     def add(self, stamp_ns: int) -> str | None:
         """Add a stamp; return why it is refused, None where it is not."""
         if stamp_ns == self._final_ns or stamp_ns in self._open:
-            return TWICE
+            return TWICE if stamp_ns else ZERO
         if self._final_ns is not None and stamp_ns < self._final_ns:
             return LATE
         insort(self._open, stamp_ns)

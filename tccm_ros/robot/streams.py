@@ -76,6 +76,8 @@ class Stream:
         Returns why a record cannot be used, None where it can.
     remark
         Returns what is unusual about a record that is used, None where nothing is: it is counted.
+    fault_of_pose
+        Returns why a posed record cannot be used, None where it can.
     correct
         Returns a record without the errors of its driver that are configured.
     sees_robot
@@ -99,6 +101,7 @@ class Stream:
     time_span: Callable[[Any], tuple[int, int]] = at_its_stamp
     rejection_reason: Callable[[Any], str | None] = nothing_to_say
     remark: Callable[[Any], str | None] = nothing_to_say
+    fault_of_pose: Callable[[Posed], str | None] = nothing_to_say
     correct: Callable[[Any, Config], Any] = as_it_came
     sees_robot: bool = False
     companion: Companion | None = None

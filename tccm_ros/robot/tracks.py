@@ -4,6 +4,8 @@ A track keeps a bounded history. A sample that is not newer than the one before 
 a track has said of a time between two samples it will say again, whenever one asks.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tccm_ros.arrays import Float64, Int64
@@ -74,6 +76,15 @@ class Track:
         self._values[n] = value
         self._count = n + 1
         return True
+
+    def keep(self, kept: Sequence[bool]) -> None:
+        """Forget the samples for which `kept`, bool (N,), does not hold."""
+        if not all(kept):
+            count = sum(kept)
+            self._stamps[:count] = self.stamps_ns[list(kept)]
+            self._values[:count] = self.values[list(kept)]
+            self._count = count
+            self.latest_ns = int(self._stamps[count - 1]) if count else None
 
     def widest_gap_ns(self, start_ns: int, end_ns: int) -> int | None:
         """Return the widest step between the samples that bracket [start, end].

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tccm_ros.arrays import Int64
+from tccm_ros.arrays import Bool, Float32, Int64
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.errors import MessageError, suggest
 from tccm_ros.records import PointCloud
@@ -15,6 +15,9 @@ from tccm_ros.records.building import MAX_SCAN_S, frame_name, stamp_ns_from_mess
 
 MAX_POINTS = 4_000_000
 """Points of the largest cloud that is read; the largest lidars have some 500,000."""
+
+MIN_RANGE = 0.05
+"""Points nearer than this are what drivers write where there was no return, m."""
 
 TIME_FIELDS = ("t", "time", "timestamp", "offset_time")
 """Names that drivers give to the time of a point."""
@@ -102,9 +105,9 @@ def _rows(message: Any, layout: np.dtype[Any], width: int, height: int) -> NDArr
 def _since_stamp(times: NDArray[Any], stamp_ns: int, points: NDArray[Any]) -> Int64:
     """Return the times of points after the stamp, ns.
 
-    Points that are not finite may have any time; theirs becomes that of the stamp.
+    Where there was no return the time may be anything; it becomes that of the stamp.
     """
-    known = np.isfinite(points).all(axis=1)
+    known = has_returned(points)
     since = np.zeros(len(times), np.int64)
     since[known] = _ns_since(times[known], stamp_ns)
     if len(since) and int(np.abs(since).max()) > MAX_SCAN_S * 1e9:
@@ -113,6 +116,12 @@ def _since_stamp(times: NDArray[Any], stamp_ns: int, points: NDArray[Any]) -> In
             f"expected at most {MAX_SCAN_S:g} s"
         )
     return since
+
+
+def has_returned(points: Float32) -> Bool:
+    """Return which points (N, 3) were measured, bool (N,): finite, and not at the origin."""
+    square = np.einsum("ij,ij->i", points, points)
+    return np.asarray((square >= MIN_RANGE**2) & (square < np.inf))
 
 
 def _ns_since(times: NDArray[Any], stamp_ns: int) -> Int64:

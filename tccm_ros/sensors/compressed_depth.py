@@ -32,6 +32,24 @@ NEAREST = 0.1
 """Depths are quantised from here, m: half of the range of numbers is below twice of this."""
 
 
+PLUGIN = "compressedDepth"
+"""What image_transport calls compressed depth images, in topics and in formats."""
+
+
+def is_depth_format(text: str) -> bool:
+    """Return whether images of a format are depths.
+
+    Those are compressedDepth, and the PNG of 16 bits that the plugin for pictures makes of depths
+    in mm.
+    """
+    encoding, _, how = (part.strip() for part in text.partition(";"))
+    return PLUGIN in how or _is_plain_png(encoding, how)
+
+
+def _is_plain_png(encoding: str, how: str) -> bool:
+    return encoding == "16UC1" and "png" in how and PLUGIN not in how
+
+
 def read_compressed_depth(text: str, data: bytes) -> UInt16 | Float32:
     """Return the depths of a compressed image.
 
@@ -52,10 +70,12 @@ def read_compressed_depth(text: str, data: bytes) -> UInt16 | Float32:
         For another format, and for data that are cut or contradict themselves.
     """
     encoding, _, how = (part.strip() for part in text.partition(";"))
-    if "compressedDepth" not in how or encoding not in ("16UC1", "32FC1"):
+    if _is_plain_png(encoding, how):
+        return _read_png(bytes(data))
+    if PLUGIN not in how or encoding not in ("16UC1", "32FC1"):
         raise MessageError(
             f"compressed image has format '{text[:60]}', "
-            "expected '16UC1; compressedDepth' or '32FC1; compressedDepth'"
+            "expected '16UC1; compressedDepth', '32FC1; compressedDepth' or '16UC1; png'"
         )
     if len(data) < _HEADER.size:
         raise MessageError(f"compressed depth image has {len(data)} bytes")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -20,12 +21,13 @@ from tccm_ros.records import CameraImage, CameraInfo, DepthImage, Posed, SensorK
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.robot.streams import Companion
 from tccm_ros.sensors.camera_rays import has_known_lens, pixel_rays
+from tccm_ros.sensors.compressed_depth import PLUGIN
 from tccm_ros.sensors.depth_kernels import DepthLimits, SightLines, place_image
 from tccm_ros.sensors.depth_messages import CAMERA_INFO_READER, COMPRESSED_READER, IMAGE_READER
 from tccm_ros.sensors.measured import MeasuredPoints, in_region, without_robot
 
-COMPRESSED = "compressedDepth"
-"""Last part of the topics of compressed depth images (image_transport)."""
+COMPRESSED = (PLUGIN, "compressed")
+"""Last parts of the topics of compressed depth images (image_transport), the better one first."""
 
 RECTIFIED = "image_rect"
 """Last part of the topics of images that image_proc has rectified: P of the calibration counts."""
@@ -63,28 +65,65 @@ class PosedImage(Posed):
         return image
 
 
+def uncompressed(topic: str) -> str:
+    """Return the topic of the image that was compressed, the same for images as they are."""
+    before, _, last = topic.rpartition("/")
+    return before if last in COMPRESSED else topic
+
+
 def camera_info_topic(topic: str) -> str:
     """Return the topic of the calibration beside an image: of the image that was compressed."""
-    image = topic.removesuffix(f"/{COMPRESSED}").removesuffix("/compressed")
-    before, slash, _ = image.rpartition("/")
+    before, slash, _ = uncompressed(topic).rpartition("/")
     return f"{before}{slash}camera_info"
 
 
 def is_compressed(topic: str) -> bool:
     """Return whether a topic is one of compressed depth images."""
-    return topic.rsplit("/", 1)[-1] == COMPRESSED
+    return uncompressed(topic) != topic
 
 
 def is_rectified(topic: str) -> bool:
     """Return whether a topic is one of rectified images."""
-    return topic.removesuffix(f"/{COMPRESSED}").rsplit("/", 1)[-1] == RECTIFIED
+    return uncompressed(topic).rsplit("/", 1)[-1] == RECTIFIED
 
 
-def rejection_reason(image: DepthImage) -> str | None:
-    """Return why an image cannot be used, None where it can."""
+TOO_FAR = "depths beyond scan.max_range: 32FC1 is m, are they millimetres?"
+NOT_OPTICAL = "z of the image's frame points up: an optical frame is expected (z forward, y down)"
+"""Why images are dropped."""
+
+LOST_FRACTION = 0.01
+"""An image of which less than this fraction of the depths is within range is in another unit."""
+
+UPWARD = math.cos(math.pi / 4)
+"""z of a body frame points up by more than this: a camera is not tilted by more than 45 deg."""
+
+
+def rejection_reason(image: DepthImage, max_range: float = math.inf) -> str | None:
+    """Return why an image cannot be used, None where it can.
+
+    Parameters
+    ----------
+    image
+        The image.
+    max_range
+        Depths beyond this are not mapped, m.
+    """
     if image.depth.dtype == np.uint16:
         return None if image.depth.any() else "no depths"
-    return None if (np.isfinite(image.depth) & (image.depth > 0.0)).any() else "no depths"
+    known = np.isfinite(image.depth) & (image.depth > 0.0)
+    if not known.any():
+        return "no depths"
+    within = np.count_nonzero(known & (image.depth <= np.float32(max_range)))
+    return TOO_FAR if within < LOST_FRACTION * np.count_nonzero(known) else None
+
+
+def fault_of_pose(posed: Posed) -> str | None:
+    """Return why the frame of an image is not that of a camera, None where it may be.
+
+    A camera that looks up steeply has its y axis down; a body frame (x forward, z up) has not.
+    """
+    up_y, up_z = posed.T_base_sensor[0, 2, 1:3]
+    return NOT_OPTICAL if up_z > UPWARD and up_y > -0.5 * UPWARD else None
 
 
 def join_camera(
@@ -149,11 +188,13 @@ def depth_reader(topic: str, *, compressed: bool | None = None) -> MessageReader
     )
 
 
-def depth_stream(topic: str) -> Stream:
+def depth_stream(topic: str, config: Config | None = None) -> Stream:
     """Return the stream of the depth images on a topic, whose name is the role of the stream.
 
-    Where the topic is remapped, `depth_reader` of its other name reads the messages.
+    The configuration gives `scan.max_range`. Where the topic is remapped, `depth_reader` of its
+    other name reads the messages.
     """
+    max_range = (config or Config()).scan.max_range
     return Stream(
         role=topic,
         record=DepthImage,
@@ -161,7 +202,8 @@ def depth_stream(topic: str) -> Stream:
         mount=MountKind.ANY,
         processor="tccm",
         event=PosedImage,
-        rejection_reason=rejection_reason,
+        rejection_reason=partial(rejection_reason, max_range=max_range),
+        fault_of_pose=fault_of_pose,
         sees_robot=True,
         companion=Companion(camera_info_topic(topic), CameraInfo, CAMERA_INFO_READER, join_camera),
         max_waiting=MAX_WAITING,

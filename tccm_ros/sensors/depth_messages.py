@@ -87,6 +87,8 @@ def camera_info_from_message(message: Any) -> CameraInfo:
         raise MessageError(f"camera info has {len(D)} distortion coefficients")
     if not all(np.isfinite(numbers).all() for numbers in (K, P, D)):
         raise MessageError("camera info has numbers that are not finite")
+    if not K.any() and P[0, 0] > 0.0 and P[1, 1] > 0.0:
+        K, D = np.ascontiguousarray(P[:, :3]), np.zeros(0)  # some drivers fill in P alone
     if K[0, 0] <= 0.0 or K[1, 1] <= 0.0:
         raise MessageError(
             f"camera info has focal lengths of {K[0, 0]:g} and {K[1, 1]:g} pixels: "

@@ -7,6 +7,7 @@ them stays.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,12 +17,9 @@ from tccm_ros.config import Config
 from tccm_ros.kernels import kernel
 from tccm_ros.records import PointCloud, Posed, SensorKind
 from tccm_ros.robot import MountKind, Stream
-from tccm_ros.sensors.cloud_messages import CLOUD_READER
+from tccm_ros.sensors.cloud_messages import CLOUD_READER, MIN_RANGE, has_returned
 from tccm_ros.sensors.laser_scan_kernels import refine_poses
 from tccm_ros.sensors.measured import MeasuredPoints, in_region, without_robot
-
-MIN_RANGE = 0.05
-"""Points nearer than this are what drivers write where there was no return, m."""
 
 MAX_LINES = 10_000
 """Lines of sight of a cloud that are followed. Chosen: a line for each column at `views.reach`."""
@@ -55,13 +53,33 @@ def time_span(cloud: PointCloud) -> tuple[int, int]:
     return cloud.time_span
 
 
-def rejection_reason(cloud: PointCloud) -> str | None:
-    """Return why a cloud cannot be used, None where it can."""
-    return None if len(cloud.points) else "empty"
+NOTHING_SEEN = "nothing seen"
+TOO_FAR = "points beyond scan.max_range: are they millimetres?"
+"""Why clouds are dropped."""
+
+LOST_FRACTION = 0.01
+"""A cloud of which less than this fraction of the points is within range is in another unit."""
 
 
-def cloud_stream(topic: str) -> Stream:
-    """Return the stream of the point clouds on a topic, whose name is the role of the stream."""
+def rejection_reason(cloud: PointCloud, max_range: float = math.inf) -> str | None:
+    """Return why a cloud cannot be used, None where it can; `max_range` is in m."""
+    if not len(cloud.points):
+        return "empty"
+    is_point = has_returned(cloud.points)
+    points = np.count_nonzero(is_point)
+    if not points:
+        return NOTHING_SEEN
+    square = np.einsum("ij,ij->i", cloud.points, cloud.points)
+    within = np.count_nonzero(is_point & (square <= max_range**2))
+    return TOO_FAR if within < LOST_FRACTION * points else None
+
+
+def cloud_stream(topic: str, config: Config | None = None) -> Stream:
+    """Return the stream of the point clouds on a topic, whose name is the role of the stream.
+
+    The configuration gives `scan.max_range`.
+    """
+    max_range = (config or Config()).scan.max_range
     return Stream(
         role=topic,
         record=PointCloud,
@@ -70,7 +88,7 @@ def cloud_stream(topic: str) -> Stream:
         processor="tccm",
         event=PosedCloud,
         time_span=time_span,
-        rejection_reason=rejection_reason,
+        rejection_reason=partial(rejection_reason, max_range=max_range),
         sees_robot=True,
         max_waiting=MAX_WAITING,
     )

@@ -21,8 +21,8 @@ def default_streams(config: Config | None = None) -> tuple[Stream, ...]:
     return (
         *(scan_stream(replace(TILT_SCAN, role=topic), config) for topic in sensors.tilt_scans),
         scan_stream(LEVEL_SCAN, config),
-        *map(depth_stream, sensors.depth_images),
-        *map(cloud_stream, sensors.point_clouds),
+        *(depth_stream(topic, config) for topic in sensors.depth_images),
+        *(cloud_stream(topic, config) for topic in sensors.point_clouds),
         *map(detections_stream, sensors.detections),
         *map(camera_stream, sensors.camera_images if config.signs.enabled else ()),
     )

@@ -102,7 +102,11 @@ def test_bad_images_are_counted_and_the_rest_is_mapped(tmp_path):
     [
         (None, "no camera info", "no /depth/camera_info: its images cannot be used"),
         (lambda t: replace(camera(t), width=32), "different sizes", "/depth/camera_info says 32 x"),
-        (lambda t: replace(camera(t), K=np.zeros((3, 3))), "no camera info", "not calibrated"),
+        (
+            lambda t: replace(camera(t), K=np.zeros((3, 3)), P=np.zeros((3, 4))),
+            "no camera info",
+            "not calibrated",
+        ),
         (lambda t: replace(camera(t), frame_id="else"), "camera info of another frame", ""),
     ],
 )

@@ -13,7 +13,7 @@ def joint(name, kind, parent, child, xyz="0 0 0", rpy="0 0 0", axis="0 1 0", mor
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
         f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>'
-        f'<limit lower="-3" upper="3" effort="1" velocity="1"/>{more}</joint>'
+        f'<limit lower="-10" upper="10" effort="1" velocity="1"/>{more}</joint>'
     )
 
 

@@ -179,7 +179,7 @@ def test_an_acceleration_that_is_not_gravity_is_refused_and_counted(factor):
     found = records((DEG, 0.0), change=scaled(factor))
     _, T, one = posed(found)
     np.testing.assert_array_equal(T, posed(without_imu(found))[1])
-    assert one.refused[NO_GRAVITY] > 100
+    assert one.refused[f"imu: {NO_GRAVITY}"] > 100
 
 
 def test_a_gyroscope_alone_tells_no_roll_and_pitch():

@@ -8,11 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tccm_ros.config import Config
+from tccm_ros.geometry import pose_from_rpy
 from tccm_ros.records import CameraInfo, DepthImage, SelfShapes
 from tccm_ros.sensors.camera_rays import distort, pixel_rays
 from tccm_ros.sensors.depth_image import (
+    NOT_OPTICAL,
+    TOO_FAR,
     PosedImage,
     camera_info_topic,
+    depth_stream,
+    fault_of_pose,
     join_camera,
     max_mapped_depth,
     measure_image,
@@ -265,6 +270,22 @@ def test_images_of_nothing_are_rejected():
     unknown = np.full((2, 2), np.nan, np.float32)
     assert rejection_reason(DepthImage(0, "eye", unknown)) == "no depths"
     assert rejection_reason(DepthImage(0, "eye", np.ones((2, 2), np.uint16))) is None
+
+
+def test_depths_in_millimetres_and_body_frames_are_rejected():
+    stream, ones = depth_stream("depth"), np.ones((2, 2), np.float32)
+    assert stream.rejection_reason(DepthImage(0, "eye", 900.0 * ones)) == TOO_FAR
+    assert stream.rejection_reason(DepthImage(0, "eye", ones)) is None
+    image = posed(np.full((H, W), 1.0, np.float32))
+    for rpy, fault in [
+        ((0.0, 0.0, 0.0), NOT_OPTICAL),
+        ((0.0, 0.5, 0.3), NOT_OPTICAL),
+        ((-np.pi / 2, 0.0, -np.pi / 2), None),
+        ((-np.pi / 2 - 0.6, 0.0, -np.pi / 2), None),
+        ((-np.pi / 2 + 1.0, 0.0, 0.0), None),  # looks up
+    ]:
+        tilted = replace(image, T_base_sensor=pose_from_rpy((0, 0, 1, *rpy))[None])
+        assert fault_of_pose(tilted) == fault
 
 
 def test_the_calibration_of_the_same_stamp_is_taken_or_the_newest_that_fits():

@@ -1,5 +1,6 @@
 """Messages of depth cameras and lidars become records, or a reason why not."""
 
+import io
 import struct
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from message_families import TYPESTORE, family, to_bag_message
+from PIL import Image
 
 from tccm_ros.errors import MessageError
 from tccm_ros.records import CameraInfo, DepthImage, PointCloud
@@ -20,7 +22,11 @@ from tccm_ros.ros.writing import (
     point_cloud_message,
 )
 from tccm_ros.sensors.cloud_messages import MAX_POINTS, point_cloud_from_message
-from tccm_ros.sensors.compressed_depth import decode_rvl
+from tccm_ros.sensors.compressed_depth import (
+    decode_rvl,
+    is_depth_format,
+    read_compressed_depth,
+)
 from tccm_ros.sensors.depth_messages import (
     camera_info_from_message,
     compressed_depth_from_message,
@@ -201,7 +207,7 @@ def test_rvl_is_decoded(numbers):
 @pytest.mark.parametrize(
     ("changes", "why"),
     [
-        ({"k": np.zeros(9)}, "not calibrated"),
+        ({"k": np.zeros(9), "p": np.zeros(12)}, "not calibrated"),
         ({"k": np.full(9, np.nan)}, "not finite"),
         ({"d": np.zeros(20)}, "20 distortion coefficients"),
         ({"width": 0}, "0 x 480"),
@@ -213,6 +219,32 @@ def test_a_camera_info_that_cannot_be_used_is_refused(changes, why):
         setattr(message, name, value)
     with pytest.raises(MessageError, match=why):
         camera_info_from_message(message)
+
+
+def test_p_serves_where_a_driver_leaves_k_empty():
+    message = camera_info_message(TYPESTORE, make_camera())
+    message.k = np.zeros(9)
+    message.p = np.array([500.0, 0, 320, 0, 0, 510, 240, 0, 0, 0, 1, 0])
+    camera = camera_info_from_message(message)
+    np.testing.assert_array_equal(camera.K, [[500, 0, 320], [0, 510, 240], [0, 0, 1]])
+    assert not len(camera.D)
+
+
+def test_a_png_of_16_bits_is_depth_with_and_without_the_header_of_the_plugin():
+    numbers = np.array([[0, 500, 65535]], np.uint16)
+    stream = io.BytesIO()
+    Image.fromarray(numbers).save(stream, "PNG")
+    for text in ("16UC1; png compressed ", "16UC1; png compressed"):
+        assert is_depth_format(text)
+        np.testing.assert_array_equal(read_compressed_depth(text, stream.getvalue()), numbers)
+    for text in ("16UC1; jpeg compressed ", "rgb8; png compressed bgr8", "mono16; png compressed"):
+        assert not is_depth_format(text)
+
+
+def test_points_without_a_return_may_have_any_time():
+    layout = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("t", "<u4")]
+    cloud = cloud_of(layout, x=[0.0, 1.0], t=[4294967295, 7])
+    assert point_cloud_from_message(cloud).since_ns.tolist() == [0, 7]
 
 
 def test_a_region_outside_the_image_is_refused():
@@ -237,6 +269,7 @@ def test_a_cloud_is_read_back_with_its_times(types):
 
 def cloud_of(layout, **values):
     rows = np.zeros(2, layout)
+    rows["x"] = 1.0
     for name, value in values.items():
         rows[name] = value
     return cloud_message(TYPESTORE, STAMP, "lidar", rows)

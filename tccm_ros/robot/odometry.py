@@ -1,0 +1,95 @@
+"""Odometry as the map can use it: near its origin, and without steps that no base makes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.geometry import planar, spatial
+from tccm_ros.records import Odometry
+from tccm_ros.robot.steps import StepGuard
+
+MAX_SPEED = 10.0
+"""Speed of the fastest base, m/s, and rad/s."""
+
+STEP_SLACK = 0.1
+"""Steps up to this are possible in no time, m or rad: what odometry that is corrected by other
+sensors jumps by."""
+
+ORIGIN_STEP = 1024.0
+"""The origin is moved by a multiple of this, m: exactly represented, and none where odometry begins
+within half of it, as that of wheels does. Coordinates of UTM are 10^6 m."""
+
+MAX_HEIGHT = 3.0
+"""Odometry that begins higher than this above its origin, m, tells the height over the sea, not
+that of the base over the ground."""
+
+
+class OdometryFilter:
+    """Odometry records without outliers, jumps and far origins.
+
+    Attributes
+    ----------
+    T_near_odom
+        float64 (4, 4), from the odometry frame of the messages to that of the records: the identity
+        while odometry begins near its origin and does not jump.
+    refused
+        Records that were outliers.
+    jumps
+        Times that odometry went on elsewhere: the base is taken not to have moved.
+    """
+
+    def __init__(self) -> None:
+        self._guard = StepGuard[Odometry](_distance, STEP_SLACK, MAX_SPEED)
+        self.T_near_odom: Float64 = np.eye(4)
+        self.refused = self.jumps = 0
+        self._last: Odometry | None = None
+
+    def add(self, record: Odometry) -> list[Odometry]:
+        """Take a record; return those that are to be used now, near the origin."""
+        if self._last is None:
+            self.T_near_odom = np.eye(4)
+            self.T_near_odom[:3, 3] = -_origin(record.T_odom_base[:3, 3])
+        steps = self._guard.add(record.stamp_ns, record)
+        self.refused += steps.refused
+        if steps.has_jumped and self._last is not None:
+            self.jumps += 1
+            self.T_near_odom = _joined(self._last.T_odom_base, steps.admitted[0][1].T_odom_base)
+        return [self._near(item) for _, item in steps.admitted]
+
+    def clear(self) -> None:
+        """Forget all samples, as after a jump of the clock."""
+        self._guard.clear()
+        self._last = None
+
+    def _near(self, record: Odometry) -> Odometry:
+        T = self.T_near_odom
+        if not np.array_equal(T, np.eye(4)):
+            record = replace(record, T_odom_base=T @ record.T_odom_base)
+        self._last = record
+        return record
+
+
+def _distance(a: Odometry, b: Odometry) -> float:
+    """Return how far two poses are from each other, m or rad, whichever is more."""
+    T_a, T_b = a.T_odom_base, b.T_odom_base
+    moved = float(np.linalg.norm(T_b[:3, 3] - T_a[:3, 3]))
+    cosine = (float(np.sum(T_a[:3, :3] * T_b[:3, :3])) - 1.0) / 2.0
+    return max(moved, float(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def _origin(position: Float64) -> Float64:
+    """Return the origin float64 (3,), m, for odometry that begins at a position."""
+    origin = ORIGIN_STEP * np.round(position / ORIGIN_STEP)
+    origin[2] = position[2] if abs(position[2]) > MAX_HEIGHT else 0.0
+    return np.asarray(origin, np.float64)
+
+
+def _joined(T_near_last: Float64, T_odom_next: Float64) -> Float64:
+    """Return T_near_odom with which the next pose has place and yaw of the last one."""
+    yaw = float(planar(T_near_last)[2] - planar(T_odom_next)[2])
+    T = np.asarray(spatial(np.array([0.0, 0.0, yaw])))
+    T[:3, 3] = T_near_last[:3, 3] - T[:3, :3] @ T_odom_next[:3, 3]
+    return T

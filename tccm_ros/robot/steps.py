@@ -1,0 +1,111 @@
+"""Samples off their track for a moment: a second publisher's zeros, a number that is no position.
+
+A step that is too large for its time is held until the next samples tell. Where they are back on
+the track, what was held is refused; where they stay away, the step has happened.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Generic, NamedTuple, TypeVar
+
+LASTING_NS = 100_000_000
+"""Samples that stay off the track for so long are no outliers, ns: the joints of robots are
+published at 10 Hz or more."""
+
+FASTER = 3.0
+"""A sample that is faster by this than those before it is held: joints speed up over several
+samples."""
+
+FORGET = 0.97
+"""Part of the highest speed so far that is kept with each sample: speeds of a second at 30 Hz."""
+
+KNOWN = 8
+"""Steps from which the speed of a track is known."""
+
+T = TypeVar("T")
+
+
+class Steps(NamedTuple, Generic[T]):
+    """What became of a sample and of those that were held before it.
+
+    Attributes
+    ----------
+    admitted
+        Stamps, ns, and samples to use now.
+    refused
+        Samples that were outliers.
+    has_jumped
+        Whether the first of those admitted is where the track went on elsewhere.
+    """
+
+    admitted: list[tuple[int, T]]
+    refused: int = 0
+    has_jumped: bool = False
+
+
+class StepGuard(Generic[T]):
+    """Admits samples of one track by their steps.
+
+    Parameters
+    ----------
+    distance
+        Of two samples.
+    slack
+        Steps up to this are possible in no time.
+    speed
+        And those of this speed, 1/s. None where it is `FASTER` times the highest one so far, once
+        that is known.
+    """
+
+    def __init__(self, distance: Callable[[T, T], float], slack: float, speed: float | None = None):
+        self._distance, self._slack, self._max_speed = distance, slack, speed
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all samples."""
+        self._last: tuple[int, T] | None = None
+        self._held: list[tuple[int, T]] = []
+        self._speed = 0.0
+        self._steps = 0
+        self._before: tuple[int, T] | None = None
+
+    def add(self, stamp_ns: int, sample: T) -> Steps[T]:
+        """Take a sample; return what is to be used now."""
+        item = stamp_ns, sample
+        if self._last is None or stamp_ns <= self._last[0]:
+            self._last = self._last or item
+            return Steps([item])
+        seconds = (stamp_ns - self._last[0]) * 1e-9
+        step = self._distance(self._last[1], sample)
+        if self._is_possible(step, seconds):
+            refused, self._held = len(self._held), []
+            self._steps += 1
+            self._learn(item)
+            self._last = item
+            return Steps([item], refused)
+        self._held.append(item)
+        if stamp_ns - self._held[0][0] < LASTING_NS:
+            return Steps([])
+        admitted, self._held = self._held, []
+        seconds = (stamp_ns - admitted[0][0]) * 1e-9
+        self._speed = self._distance(admitted[0][1], sample) / seconds
+        self._last, self._before = item, None
+        return Steps(admitted, has_jumped=True)
+
+    def _learn(self, item: tuple[int, T]) -> None:
+        """Learn the speed of two steps, the smaller one: those of an outlier go there and back."""
+        if self._before is not None and self._last is not None:
+            three = self._before, self._last, item
+            pairs = (three[:2], three[1:], three[::2])
+            speed = min(self._distance(a[1], b[1]) / (b[0] - a[0]) * 1e9 for a, b in pairs)
+            self._speed = max(FORGET * self._speed, speed)
+        self._before = self._last
+
+    def _is_possible(self, step: float, seconds: float) -> bool:
+        speed = self._max_speed
+        if speed is None:
+            if self._steps < KNOWN:
+                return True
+            speed = FASTER * self._speed
+        return step <= max(self._slack, seconds * speed)

@@ -56,6 +56,29 @@ def test_corners_few_keyframes_saw_are_left_out():
     assert find_corners(table, lines, len(POSES) + 1) == []
 
 
+@pytest.mark.parametrize(("angle_rad", "meets"), [(0.05, False), (0.4, False), (0.6, True)])
+def test_walls_that_are_nearly_parallel_have_no_corner(angle_rad, meets):
+    """Their common point is badly determined: by 1 / sin(angle) of the error of a line."""
+    along = np.linspace(-2.0, 0.0, 60)
+    beyond = np.linspace(0.02, 2.0, 60)
+    beams = np.concatenate(
+        [
+            np.column_stack([along, np.full(60, 2.0)]),
+            np.column_stack([np.cos(angle_rad) * beyond, 2.0 + np.sin(angle_rad) * beyond]),
+        ]
+    )
+    config = Config.model_validate({"lines": {"min_length": 0.5}})
+    lines = extract_lines(beams, np.zeros(2), config, label=halves)
+    assert len(lines) == 2
+    table = associate_walls(np.zeros((3, 3)), [lines] * 3, config)
+    assert bool(find_corners(table, [lines] * 3, 3)) is meets
+
+
+def halves(points, config):
+    """Label beams: the first half is one line, the second another."""
+    return (np.arange(len(points)) >= len(points) // 2).astype(np.int64)
+
+
 def two_keyframes(with_corner):
     """Return where a keyframe is that sees one wall well, the other not, and their corner.
 

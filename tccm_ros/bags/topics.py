@@ -6,6 +6,7 @@ is said; several are an error that names them and what to write.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -15,8 +16,9 @@ from tccm_ros.bags.depth_topics import (
     calibration_topic,
     depth_topics,
     first_message,
+    first_messages,
 )
-from tccm_ros.bags.reader import DEFAULT_TOPICS, BagReader, remap_topics
+from tccm_ros.bags.reader import CDR, DEFAULT_TOPICS, BagReader, remap_topics
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.config import Config
 from tccm_ros.errors import FrameError, MessageError, TccmError, TopicError
@@ -62,6 +64,10 @@ class TopicChoice:
         One line for each topic that was taken by its type, and its role.
     named
         Roles whose topic the user named.
+    counts
+        Messages of each role that can be read.
+    unread
+        One line for messages on these topics that cannot be read, and their number.
     """
 
     topics: dict[str, str]
@@ -69,6 +75,14 @@ class TopicChoice:
     found: list[str] = field(default_factory=list)
     found_roles: list[str] = field(default_factory=list)
     named: frozenset[str] = frozenset()
+    counts: dict[str, int] = field(default_factory=dict)
+    unread: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def notes(self) -> list[str]:
+        """Lines for a user: topics taken by their type, and messages that cannot be read."""
+        unread = (f"{why}: {n} messages are not read" for why, n in self.unread.items())
+        return [*self.found, *unread]
 
     @property
     def readers(self) -> dict[str, MessageReader]:
@@ -117,7 +131,23 @@ def choose_topics(reader: BagReader, config: Config, remap: Sequence[str] = ()) 
     search.find_clouds(config)
     search.find_pictures(config)
     choice.streams = tuple(search.with_reader(stream) for stream in streams)
+    _count_messages(reader, choice)
     return choice
+
+
+def _count_messages(reader: BagReader, choice: TopicChoice) -> None:
+    """Count the messages of each role that can be read, and those on its topic that cannot."""
+    readers = {**READERS, **choice.readers}
+    for role, topic in choice.topics.items():
+        choice.counts[role] = 0
+        for info in reader.topics():
+            if info.name != topic or not info.count:
+                continue
+            why = info.why_not_read(readers[role].message_type)
+            if why:
+                choice.unread[why] = info.count
+            else:
+                choice.counts[role] += info.count
 
 
 def picture_topics(reader: BagReader) -> list[str]:
@@ -126,14 +156,12 @@ def picture_topics(reader: BagReader) -> list[str]:
     Of one camera the compressed ones are returned only where there are no plain ones.
     """
     plain, compressed = [], []
-    for topic in reader.topics():
-        message = first_message(reader, topic.name) if topic.count else None
-        if message is None:
-            continue
+    kinds = PICTURE_READER.message_type, COMPRESSED_PICTURE_READER.message_type
+    for topic, message in first_messages(reader, *kinds):
         if topic.msgtype == PICTURE_READER.message_type:
             if str(message.encoding) in CHANNELS:
                 plain.append(topic.name)
-        elif topic.msgtype == COMPRESSED_PICTURE_READER.message_type:
+        else:
             text = str(message.format)
             if COMPRESSED not in text and ("jpeg" in text or "png" in text):
                 compressed.append(topic.name)
@@ -146,27 +174,42 @@ class _Search:
     def __init__(self, reader: BagReader, choice: TopicChoice) -> None:
         self._reader = reader
         self._choice = choice
-        self._types = {info.name: info.msgtype for info in reader.topics() if info.count}
+        self._names: dict[str, list[str]] = defaultdict(list)
+        """Topics that can be read, by type."""
+        for info in reader.topics():
+            if info.count and info.encoding == CDR:
+                self._names[info.msgtype].append(info.name)
         self._depth: list[DepthTopic] = []
 
     def with_reader(self, stream: Stream) -> Stream:
         """Return a stream that reads the type that its topic has."""
         topic = self._choice.topics[stream.role]
-        kinds = (IMAGE_READER.message_type, COMPRESSED_READER.message_type)
-        if stream.companion is None or self._types.get(topic) not in kinds:
+        kinds = [kind for kind in _types_of(stream) if topic in self._names[kind]]
+        if stream.companion is None or not kinds:
             return stream
-        compressed = self._types[topic] == COMPRESSED_READER.message_type
+        compressed = kinds[0] == COMPRESSED_READER.message_type
         if stream.record is CameraImage:
             return replace(stream, reader=camera_stream(stream.role, compressed=compressed).reader)
         return replace(stream, reader=depth_reader(topic, compressed=compressed))
 
+    def _accepted(self, role: str) -> tuple[str, ...]:
+        """Return the types of messages that a role can read."""
+        for stream in self._choice.streams:
+            if stream.role == role:
+                return _types_of(stream)
+        return ((self._choice.readers.get(role) or READERS[role]).message_type,)
+
     def _is_absent(self, role: str) -> bool:
-        return role not in self._choice.named and self._choice.topics[role] not in self._types
+        topic = self._choice.topics[role]
+        return role not in self._choice.named and not any(
+            topic in self._names[kind] for kind in self._accepted(role)
+        )
 
     def _free(self, msgtype: str) -> list[str]:
-        """Return the topics of a type that no role has."""
-        taken = set(self._choice.topics.values())
-        return [name for name, kind in self._types.items() if kind == msgtype and name not in taken]
+        """Return the topics of a type that no role has which can read it."""
+        topics = self._choice.topics
+        taken = {topic for role, topic in topics.items() if msgtype in self._accepted(role)}
+        return [name for name in self._names[msgtype] if name not in taken]
 
     def _take(self, role: str, topic: str, what: str) -> None:
         self._choice.topics[role] = topic
@@ -264,7 +307,7 @@ class _Search:
         found = [
             topic
             for topic in picture_topics(self._reader)
-            if self._types.get(camera_info_topic(topic)) == CAMERA_INFO_READER.message_type
+            if camera_info_topic(topic) in self._names[CAMERA_INFO_READER.message_type]
         ]
         if len(found) > 1:
             names = " or ".join(f"--remap {roles[0]}:={topic}" for topic in found)
@@ -275,12 +318,19 @@ class _Search:
 
     def _cloud_frame(self, topic: str) -> str | None:
         """Return the frame of a cloud of points, None for clouds of other numbers."""
-        message = first_message(self._reader, topic)
+        message = first_message(self._reader, topic, CLOUD_READER.message_type)
         if message is None:
             return None
         with suppress(MessageError):
             return point_cloud_from_message(message).frame_id
         return None
+
+
+def _types_of(stream: Stream) -> tuple[str, ...]:
+    """Return the types of messages that a sensor's topic may have."""
+    if stream.companion is None:
+        return (stream.reader.message_type,)
+    return IMAGE_READER.message_type, COMPRESSED_READER.message_type
 
 
 def tilting_lasers(reader: BagReader, lasers: Sequence[str], topics: Mapping[str, str]) -> set[str]:
@@ -301,7 +351,7 @@ def tilting_lasers(reader: BagReader, lasers: Sequence[str], topics: Mapping[str
     robot_is_described(reader, topics, robot)
     tilts = set()
     for laser in lasers:
-        message = first_message(reader, laser)
+        message = first_message(reader, laser, LASER)
         if message is None:
             continue
         with suppress(FrameError):

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tccm_ros.bags.depth_topics import (
+    INFO,
     calibration_topic,
     depth_topics,
     first_message,
@@ -101,30 +102,27 @@ def _notes(reader: BagReader) -> list[str]:
         doubt = [str(error).removeprefix(f"{reader.path}: ")]
     else:
         doubt = []
-    counts = {topic.name: topic.count for topic in reader.topics()}
+    counts = choice.counts
     has_points = any(
-        counts.get(choice.topics[stream.role])
+        counts[stream.role]
         for stream in choice.streams
         if stream.mount is MountKind.ANY and not stream.is_occasional
     )
-    is_bare = bool(counts.get(choice.topics["scan"])) and not any(
-        counts.get(choice.topics[role]) for role in OF_FRAMES
-    )
+    is_bare = counts["scan"] > 0 and not any(counts[role] for role in OF_FRAMES)
     notes = [laser_is_base(choice.topics["scan"])] if is_bare else []
     for role, consequence in CONSEQUENCES.items():
         if is_bare and role in OF_FRAMES:
             continue
-        topic = choice.topics[role]
-        if consequence and not counts.get(topic) and not (has_points and role == "tilt_scan"):
+        if consequence and not counts[role] and not (has_points and role == "tilt_scan"):
             notes.append(f"no {DEFAULT_TOPICS[role]}: {consequence}")
-    if has_points and not counts.get(choice.topics["scan"]):
-        kinds = {s.record: s for s in choice.streams if counts.get(choice.topics[s.role])}
+    if has_points and not counts["scan"]:
+        kinds = {s.record: s for s in choice.streams if counts[s.role]}
         source = "points" if PointCloud in kinds else "depth"
         notes.append(f"--set sensors.level_from={source} makes level scans for walls")
     notes += _faults_of_cameras(reader, choice)
     images = {choice.topics[s.role] for s in choice.streams if s.record is DepthImage}
     notes += unreadable_topics(reader, images)
-    notes += [*choice.found, *doubt]
+    notes += [*choice.notes, *doubt]
     order = [*DEFAULT_TOPICS, *choice.topics]
     remaps = {role: choice.topics[role] for role in sorted(choice.found_roles, key=order.index)}
     if remaps:
@@ -146,7 +144,7 @@ def _faults_of_cameras(reader: BagReader, choice: TopicChoice) -> list[str]:
     described = robot_is_described(reader, choice.topics, robot)
     for image in depth_topics(reader):
         info = calibration_topic(reader, image)
-        message = None if info is None else first_message(reader, info)
+        message = None if info is None else first_message(reader, info, INFO)
         if message is None:
             beside = camera_info_topic(image.topic)
             notes.append(f"{image.topic}: no {beside}: its images cannot be used")

@@ -522,6 +522,9 @@ class SlamNode(SensorNode):
             yield "not yet found in the map that was loaded: map -> odom is not published; drive on"
         yield from self._problems_of_signs()
         yield from self.solver.problems()
+        if self.solver.newest is not None:
+            for stage in self.solver.newest.failed_stages:
+                yield f"left out of the map, as it failed: {stage}; report it"
         yield from self._programs.problems()
 
     def _problems_of_signs(self) -> Iterable[str]:

@@ -153,6 +153,29 @@ class Sensors(Group):
         "a structured-light camera",
         unit="m",
     )
+    laser_sigma: float = param(
+        0.01,
+        "noise of a range of a tilting laser; the default is the repeatability of a UTM-30LX",
+        unit="m",
+        gt=0.0,
+        le=0.5,
+    )
+    cloud_sigma: float = param(
+        0.01, "noise of a range of a lidar or a camera's cloud", unit="m", gt=0.0, le=0.5
+    )
+    depth_systematic: tuple[float, float, float] = param(
+        (0.002, 0.003, 0.001),
+        "standard deviations of what the depths of an image have in common: an offset (m), a "
+        "scale (1) and a bend (1/m), for an error offset + scale z + bend z^2",
+    )
+    laser_systematic: tuple[float, float, float] = param(
+        (0.005, 0.0, 0.0),
+        "the same of a tilting laser's ranges in a tilt cycle",
+    )
+    cloud_systematic: tuple[float, float, float] = param(
+        (0.005, 0.0, 0.0),
+        "the same of the ranges of a point cloud",
+    )
     max_sigma: float = param(
         0.012, "depths with more noise than this are not mapped", unit="m", gt=0.0, le=1.0
     )

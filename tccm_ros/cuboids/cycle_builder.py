@@ -22,7 +22,7 @@ from tccm_ros.cuboids.tilt_cycle import Span, TiltCycles
 from tccm_ros.cuboids.timed_cycles import TimedCycles
 from tccm_ros.cuboids.union import UNION, CuboidRule
 from tccm_ros.geometry import interpolate_poses
-from tccm_ros.records import START_OF_TIME, Posed
+from tccm_ros.records import START_OF_TIME, Posed, SensorKind
 
 SPEED_WINDOW_NS = 250_000_000
 """Base speeds are taken over at least this time, ns: shorter steps show the odometry's jitter.
@@ -78,12 +78,17 @@ class TiltCycleData:
 
         With a tilting laser it is that; of other sensors the one with the first record.
         """
-        records = self.scans or self.records
-        records = [r for r in records if r.posed.role == records[0].posed.role]
+        chosen = self.scans or self.records
+        records = [r for r in chosen if r.posed.role == chosen[0].posed.role]
         stamps, poses = _pose_samples(
             records, lambda posed: posed.T_odom_base @ posed.T_base_sensor
         )
         return _pose_at(stamps, poses, self.stamp_ns)
+
+    def sensor_kind(self) -> SensorKind:
+        """Return the kind of the sensor of `T_odom_sensor`."""
+        records = self.scans or self.records
+        return records[0].posed.sensor_kind if records else SensorKind.LASER
 
     def base_speeds(self) -> tuple[float, float]:
         """Return the largest speed (m/s) and rotation rate (rad/s) of the base in the cycle."""

@@ -23,6 +23,7 @@ from tccm_ros.records import (
     ObjectBoxes,
     PlaneKind,
     PlaneRecord,
+    SensorKind,
     SurfaceCloud,
     TabletopObject,
     ViewIntervals,
@@ -105,7 +106,12 @@ def surface_cloud(
             points, surface = _horizontal_points(part, fits, viewpoint, lines, voxel)
             points = transform(T_base_odom, points)
     return SurfaceCloud(
-        cycle.stamp_ns, frame_id, points.astype(np.float32), surface.astype(np.uint32)
+        cycle.stamp_ns,
+        frame_id,
+        points.astype(np.float32),
+        surface.astype(np.uint32),
+        transform(T_base_odom, viewpoint[None])[0].astype(np.float32) if len(points) else None,
+        cycle.sensor_kind() if len(points) else SensorKind.LASER,
     )
 
 

@@ -16,6 +16,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
 from tccm_ros.errors import TccmError, one_line
+from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.slam_node import SlamNode
 from tccm_ros.nodes.tccm_node import TccmNode
@@ -96,10 +97,15 @@ class ManagedNode(SensorNode, LifecycleNode):
         super().activate()
         self.say_ready()
 
-    def close(self, is_pressed: Callable[[], bool] = lambda: False) -> None:
+    def save_quickly(self, ending: Ending) -> None:
+        """Save what was found so far, if there is something."""
+        if self._is_configured:
+            super().save_quickly(ending)
+
+    def close(self, ending: Ending | None = None) -> None:
         """Save, if asked to and if there is something."""
         if self._is_configured:
-            super().close(is_pressed)
+            super().close(ending)
 
     def _save_and_drop(self) -> None:
         if self._is_configured:

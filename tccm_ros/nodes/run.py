@@ -16,9 +16,10 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from tccm_ros.errors import TccmError, one_line
+from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.sensor_node import SensorNode
 from tccm_ros.nodes.start import leave_at_a_signal
-from tccm_ros.nodes.stopping import StopSignals
+from tccm_ros.nodes.stopping import StopSignals, say
 
 RCLError = rclpy_implementation.RCLError
 UnknownROSArgsError = rclpy_implementation.UnknownROSArgsError
@@ -31,9 +32,10 @@ USAGE = (
 
 
 def run(*factories: Callable[[], Node], usage: str = USAGE) -> None:
-    """Spin the nodes in one executor until SIGINT, SIGTERM or an error that one line explains.
+    """Spin the nodes in one executor until SIGINT, SIGTERM, SIGHUP or an error.
 
-    A signal before all nodes are made ends the process at once.
+    A signal before all nodes are made ends the process at once. The exit status is 1 after an
+    error, which one line explains, and after a save at the end that failed.
 
     Parameters
     ----------
@@ -60,11 +62,12 @@ def run(*factories: Callable[[], Node], usage: str = USAGE) -> None:
         except TccmError as error:
             print(f"tccm: {one_line(error)}", file=sys.stderr)
             status = 1
-    _close(nodes, signals)
+    ending = Ending() if signals is None else signals.ending
+    _close(nodes, ending.begin())
     rclpy.try_shutdown()
     if signals is not None:
         signals.ignore()
-    sys.exit(status)
+    sys.exit(max(status, ending.status))
 
 
 def _init(usage: str) -> None:
@@ -99,13 +102,10 @@ def _explain(word: str, usage: str) -> NoReturn:
 
 
 def _handle_signals(nodes: Sequence[Node], executor: SingleThreadedExecutor) -> StopSignals:
-    """Have SIGINT and SIGTERM end the spinning: from now on there is something to save.
+    """Have signals end the spinning: from now on there is something to save.
 
     The context lives on: what is closed in order leaves nothing that fails half-way.
     """
-
-    def note() -> str:
-        return "; ".join(filter(None, (getattr(node, "saved_note", "") for node in nodes)))
 
     def wake() -> None:
         for node in nodes:
@@ -113,7 +113,7 @@ def _handle_signals(nodes: Sequence[Node], executor: SingleThreadedExecutor) -> 
                 node.interrupt()
         executor.wake()
 
-    return StopSignals(wake, note)
+    return StopSignals(wake)
 
 
 def _forget_start() -> None:
@@ -139,11 +139,17 @@ def _spin(nodes: Sequence[Node], executor: SingleThreadedExecutor, signals: Stop
                 raise
 
 
-def _close(nodes: Sequence[Node], signals: StopSignals | None) -> None:
+def _close(nodes: Sequence[Node], ending: Ending) -> None:
+    """Save what there is of every node before one waits for what came last."""
+    for node in nodes:
+        if isinstance(node, SensorNode):
+            node.save_quickly(ending)
     for node in nodes:
         with suppress(KeyboardInterrupt, ExternalShutdownException):
             if isinstance(node, SensorNode):
-                node.close(lambda: signals is not None and signals.is_pressed)
+                node.close(ending)
             elif hasattr(node, "close"):
                 node.close()
             node.destroy_node()
+    if ending.failed or ending.left_out:
+        say(ending.sentence())

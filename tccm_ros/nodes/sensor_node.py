@@ -13,6 +13,7 @@ import time
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from std_srvs.srv import Trigger
 
 from tccm_ros.bags.typestore import TypestoreMessages
 from tccm_ros.cdr.message_reader import MessageReader
-from tccm_ros.errors import TccmError, one_line
+from tccm_ros.errors import MapError, TccmError, one_line
 from tccm_ros.nodes.clock import (
     ClockWatch,
     is_clock_missing,
@@ -33,6 +34,7 @@ from tccm_ros.nodes.clock import (
 )
 from tccm_ros.nodes.diagnostics import Diagnostics, InputStatus
 from tccm_ros.nodes.drops import DropWatch
+from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.inputs import Blocking, Inputs, Watch
 from tccm_ros.nodes.intake import Intake
 from tccm_ros.nodes.params import GROUPS, declare_config, follow_changes
@@ -183,9 +185,12 @@ class SensorNode(Node):
     def autosave(self) -> None:
         """Have the map saved as it is: open tilt cycles and scans that wait are not disturbed."""
 
+    def save_quickly(self, ending: Ending) -> None:
+        """Save what was found so far, first of all when the node is told to stop."""
+
     @abstractmethod
-    def save_at_end(self, is_pressed: Callable[[], bool]) -> None:
-        """Save the map when the node is told to stop, sooner where it is told again."""
+    def save_at_end(self, ending: Ending) -> None:
+        """Save the map with what came last, as far as the end allows to work on that."""
 
     @property
     def dropped(self) -> Counter[str]:
@@ -448,22 +453,40 @@ class SensorNode(Node):
                 self._unsaved = one_line(error)
                 self.get_logger().warning(f"not saved: {self._unsaved}")
 
-    def close(self, is_pressed: Callable[[], bool] = lambda: False) -> None:
+    def save_last(self, save: Callable[[], str], ending: Ending) -> None:
+        """Save as the node ends; nothing to save is no failure, all else is."""
+        name = self.get_name()
+        try:
+            self.saved_note = ending.saved[name] = save()
+            ending.failed.pop(name, None)
+        except MapError as error:
+            if one_line(error) != self._unsaved:
+                self._unsaved = one_line(error)
+                self.get_logger().warning(f"not saved: {self._unsaved}")
+        except Exception as error:
+            ending.failed[name] = one_line(error)
+
+    def close(self, ending: Ending | None = None) -> None:
         """Finish what waits; save, if asked to.
 
         Before the kernels are loaded there is nothing to save: the process just ends.
 
         Parameters
         ----------
-        is_pressed
-            Returns whether the node was told again to stop.
+        ending
+            Of the process; None: the node ends alone.
         """
+        ending = ending or Ending().begin()
         if not self.warming.is_loaded:
             self.warming.stop()
-            sys.stdout.flush()
+            with suppress(OSError):
+                sys.stdout.flush()
             os._exit(0)
         if self.config.save.on_shutdown:
-            self.save_at_end(is_pressed)
+            self.save_at_end(ending)
+        self.worker.wait(lambda: None, lambda: ending.is_over)
+        if self.worker.skipped:
+            ending.left_out[self.get_name()] = f"{self.worker.skipped} records, {ending.why}"
         self.worker.close()
 
     def destroy_node(self) -> None:

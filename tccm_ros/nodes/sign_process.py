@@ -40,7 +40,7 @@ def answer_pictures(connection: Connection) -> None:
 
 def main() -> None:
     """Read for the node at the other end of the pipe whose descriptor is the first argument."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)
     answer_pictures(Connection(int(sys.argv[1])))

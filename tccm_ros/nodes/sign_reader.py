@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
 from collections import Counter
 from collections.abc import Callable
 from multiprocessing import Pipe
@@ -22,8 +23,11 @@ MAX_WAITING = 10
 MAX_DEATHS = 3
 """A process that dies so often without an answer is not started again."""
 
-END_S = 2.0
-"""Time for the process to end by itself, s."""
+END_S = 0.5
+"""Time for the process to end by itself, s: it holds nothing that would be lost (chosen)."""
+
+LOOK_S = 0.1
+"""Between two looks whether time is up, s."""
 
 Told = tuple[SearchedPicture | SignMeasurement, ...]
 """What a picture tells: that it was searched, and the signs in it."""
@@ -85,9 +89,12 @@ class SignReader:
         """Have a job done when all pictures so far are read."""
         self._worker.post(job)
 
-    def wait(self) -> None:
-        """Return when all pictures so far are read."""
-        self._worker.wait(lambda: None)
+    def wait(self, is_over: Callable[[], bool]) -> None:
+        """Return when all pictures so far are read, or time is up."""
+        done = threading.Event()
+        self._worker.post(done.set)
+        while not done.wait(LOOK_S) and not is_over():
+            pass
 
     def close(self) -> None:
         """End the process."""

@@ -6,7 +6,7 @@ import os
 import struct
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,8 +15,9 @@ from typing import Any
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from tccm_ros.errors import MapError, TccmError
+from tccm_ros.errors import MapError, OutputError, TccmError
 from tccm_ros.nodes.clock import steady_timer
+from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.live_pose import LivePosePublisher
 from tccm_ros.nodes.localisation import BY_REQUEST, BY_SCAN, NO_MAP, LocalisationPublisher
@@ -77,7 +78,7 @@ PATIENCE_S = 1.2
 """A save waits so long for the solution with all that has come; then it takes the newest."""
 
 LOOK_AT_END_S = 0.1
-"""Between two looks whether the node was told again to stop."""
+"""Between two looks whether the last solution is still waited for."""
 
 
 class SlamNode(SensorNode):
@@ -403,17 +404,20 @@ class SlamNode(SensorNode):
 
     def _begin_save(self, folder: Path, *, is_named: bool) -> Future:
         def save() -> str:
-            self.solver.wait(asked[0], PATIENCE_S if self._has_solution else None)
-            said = self._save_newest(folder, is_asked=True, may_replace=is_named)
+            newest = self.solver.newest if self._has_solution else None
+            # Another one may be under way, which is as long.
+            patience_s = None if newest is None else PATIENCE_S + 2.0 * newest.duration_s
+            self.solver.wait(asked[0][1], patience_s)
+            said = self._save_newest(folder, asked[0], is_asked=True, may_replace=is_named)
             if is_named:
                 self.localisation.map_name = folder.name
             return said
 
         def ask() -> None:
-            asked.append(self._ask_solution())
+            asked.append((self.newest_ns, self._ask_solution()))
             self.saver.post(run)
 
-        asked: list[int] = []
+        asked: list[tuple[int, int]] = []
         saved, run = promise(save, self)
         # The pictures that have come are read before.
         self.worker.post(lambda: self.signs.after(lambda: self.worker.post(ask)))
@@ -423,26 +427,55 @@ class SlamNode(SensorNode):
         """Have the newest solution saved as it is."""
         self.saver.post(lambda: self.try_to_save(self._save_unasked))
 
-    def save_at_end(self, is_pressed: Callable[[], bool]) -> None:
-        """Save the newest solution at once, then that with all that has come, if there is time."""
-        if self._has_solution:
-            self.saver.wait(lambda: self.try_to_save(self._save_unasked))
+    def save_quickly(self, ending: Ending) -> None:
+        """Save the newest solution at once."""
+        if self.config.save.on_shutdown and self._has_solution:
+            self.saver.wait(lambda: self.save_last(self._save_as_last, ending))
+
+    def save_at_end(self, ending: Ending) -> None:
+        """Save the solution with all that has come, if it comes in time, else the newest."""
+
+        def is_over() -> bool:
+            return ending.is_over
+
         numbers: list[int] = []
         self.robot.flush()
-        self.worker.wait(lambda: None)
-        self.signs.wait()
-        self.worker.wait(lambda: numbers.append(self._ask_solution(is_final=True)))
+        self.worker.wait(lambda: None, is_over)
+        self.signs.wait(is_over)
+        self.worker.wait(lambda: numbers.append(self._ask_solution(is_final=True)), is_over)
         while not self.solver.wait(numbers[0], LOOK_AT_END_S):
-            if is_pressed() and self.saved_note:
-                self.get_logger().warning("told again to stop: what came last is not saved")
-                return
-        self.saver.wait(lambda: self.try_to_save(self._save_unasked))
+            if is_over():
+                ending.left_out[self.get_name()] = f"what came last, {ending.why}"
+                break
+        self.saver.wait(lambda: self.save_last(self._save_as_last, ending))
 
-    def _save_unasked(self) -> str:
-        return self._save_newest(self.save_folder(), is_asked=False)
+    def _save_unasked(self, *, is_last: bool = False) -> str:
+        wanted = self.newest_ns, self._complete_from
+        return self._save_newest(self.save_folder(), wanted, is_asked=False, is_last=is_last)
 
-    def _save_newest(self, folder: Path, *, is_asked: bool, may_replace: bool = False) -> str:
-        """Save the newest solution; return a sentence that names it.
+    def _save_as_last(self) -> str:
+        return self._save_unasked(is_last=True)
+
+    def _save_newest(
+        self,
+        folder: Path,
+        wanted: tuple[int, int],
+        *,
+        is_asked: bool,
+        may_replace: bool = False,
+        is_last: bool = False,
+    ) -> str:
+        """Save the newest solution; return a sentence that names it, and what is not in it.
+
+        Parameters
+        ----------
+        folder, is_asked, is_last
+            As for `MapKeeper.save`.
+        wanted
+            Stamp of the newest record that should be in it, ns, and the number of the first
+            solution that has all that had come by then.
+        may_replace
+            Whether any map may be replaced.
 
         Raises
         ------
@@ -453,18 +486,21 @@ class SlamNode(SensorNode):
             raise MapError("no level scan since the map was loaded: there is nothing new to save")
         newest = self.solver.archive()
         if newest is None:
-            raise MapError(f"{folder}: not written, there is no solution yet")
+            kind = OutputError if is_last and self.processor.counts["keyframes"] else MapError
+            raise kind(f"{folder}: not written, there is no solution yet")
         solved, archive = newest
         try:
             if solved.resets != self._resets:
                 raise MapError(f"{folder}: not written, no solution since the map began anew")
             keeper = MapKeeper(may_replace=True) if may_replace else self._keeper
-            keeper.save(archive, solved.content, folder, is_asked=is_asked)
+            folder = keeper.save(
+                archive, solved.content, folder, is_asked=is_asked, is_last=is_last
+            )
         finally:
             os.close(archive)
-        late_s = max(self.newest_ns - solved.stamp_ns, 0) * 1e-9
+        late_s = max(wanted[0] - solved.stamp_ns, 0) * 1e-9
         late = f"; the last {late_s:.1f} s of records are not in it" if late_s else ""
-        if not late and solved.number < self._complete_from:
+        if not late and solved.number < wanted[1]:
             # A view may come last and be older than the scans that were solved.
             late = "; what came last is not in it"
         stamp = f"{solved.stamp_ns * 1e-9:.3f}"

@@ -39,8 +39,8 @@ BATCH = 50
 MAX_DEATHS = 3
 """A process that dies so often without a solution is not started again."""
 
-END_S = 2.0
-"""Time for the process to end by itself, s."""
+END_S = 0.5
+"""Time for the process to end by itself, s: it holds nothing that would be lost (chosen)."""
 
 
 @dataclass
@@ -85,7 +85,8 @@ class Solver:
         self._changed = threading.Condition(threading.RLock())
         self._waiting: list[Any] = []
         self._session = _Session(0, config.model_dump_json())
-        self._began: Began | None = None
+        self._began: dict[int, Began] = {}
+        self._sessions = 0
         self._asked: Solve | None = None
         self._number = 0
         self._last = 0
@@ -139,7 +140,8 @@ class Solver:
         MapError
             Where the map cannot be read; the session goes on as if nothing had been asked.
         """
-        session = _Session(self._session.number + 1, self._config.model_dump_json())
+        self._sessions += 1
+        session = _Session(self._sessions, self._config.model_dump_json())
         first_keyframe = (0, 0)
         with self._changed:
             if saved_map is not None:
@@ -156,16 +158,17 @@ class Solver:
         return first_keyframe
 
     def _load(self, session: _Session) -> tuple[int, int]:
-        self._began, restarts = None, self.restarts
+        restarts, number = self.restarts, session.number
         self._send_begin(session)
         self._changed.wait_for(
-            lambda: self._began is not None or self.restarts > restarts or self.is_dead
+            lambda: number in self._began or self.restarts > restarts or self.is_dead
         )
-        error = "the process that reads it has died" if self._began is None else self._began.error
-        if self._began is None or error:
+        began = self._began.get(number)
+        error = "the process that reads it has died" if began is None else began.error
+        if began is None or error:
             session.close()
             raise MapError(error)
-        return self._began.first_keyframe
+        return began.first_keyframe
 
     def feed(self, event: Any) -> None:
         """Give an event; events are sent together."""
@@ -320,7 +323,7 @@ class Solver:
             answer = answer._replace(archive=reduction.recv_handle(connection))
         with self._changed:
             if isinstance(answer, Began):
-                self._began = answer
+                self._began = {answer.session: answer}  # of a question: others wait for none
             elif answer.session != self._session.number:
                 self._forget(answer)
                 return

@@ -15,6 +15,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from tccm_ros.errors import OutputError, one_line
 from tccm_ros.results.map_file import MapContent
 from tccm_ros.slam.tracking import SolvedMap
 from tccm_ros.surfaces.labels import SurfaceLabel
@@ -213,10 +214,20 @@ class Journal:
         return self._file.fileno()
 
     def append(self, events: Sequence[Any]) -> None:
-        """Write a batch of events, compressed."""
+        """Write a batch of events, compressed.
+
+        Raises
+        ------
+        OutputError
+            Where the disk is full.
+        """
         batch = zlib.compress(pickle.dumps(events, pickle.HIGHEST_PROTOCOL), 1)
         entry = HEADER.pack(len(batch)) + batch
-        self.length += os.pwrite(self.fileno(), entry, self.length)
+        try:
+            self.length += os.pwrite(self.fileno(), entry, self.length)
+        except OSError as error:
+            reason = f"{tempfile.gettempdir()}: cannot be written ({one_line(error)})"
+            raise OutputError(reason) from None
 
     def close(self) -> None:
         """Let go of it."""

@@ -89,6 +89,8 @@ class SolverProcess:
 
     def _tell(self, command: Any, error: Exception) -> None:
         kind = "" if isinstance(error, TccmError) else f"{type(error).__name__}: "
+        if isinstance(error, OSError):  # it writes there alone
+            kind = f"{tempfile.gettempdir()}: "
         number = command.number if isinstance(command, Solve) else -1
         self._connection.send(Failed(self._session, number, f"{kind}{one_line(error)}"))
 
@@ -207,7 +209,7 @@ def listen(connection: Connection, commands: queue.SimpleQueue[Any]) -> None:
 
 def main() -> None:
     """Solve for the node at the other end of the pipe whose descriptor is the first argument."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)
     connection = Connection(int(sys.argv[1]))

@@ -12,6 +12,8 @@ import signal
 from importlib import import_module
 from types import FrameType
 
+from tccm_ros.nodes.stopping import stopping_signals
+
 
 def tccm_node() -> None:
     """Run tccm_node."""
@@ -49,8 +51,8 @@ def _start(name: str) -> None:
 
 
 def leave_at_a_signal() -> None:
-    """Have SIGINT and SIGTERM end the process, until they are handled otherwise."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    """Have SIGINT, SIGTERM and SIGHUP end the process, until they are handled otherwise."""
+    for number in stopping_signals():
         signal.signal(number, _leave)
 
 

@@ -1,4 +1,4 @@
-"""What tells a node to stop: SIGINT and SIGTERM, once or more often.
+"""What tells a node to stop: SIGINT, SIGTERM and SIGHUP, once or more often.
 
 Each signal is noted where the interpreter receives it, also while a long call runs, and a thread of
 its own acts on it. None raises in the midst of a save: rclpy's handlers, and Python's, would.
@@ -9,50 +9,54 @@ from __future__ import annotations
 import os
 import signal
 import socket
+import stat
 import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+from tccm_ros.nodes.ending import END_S, Ending
 
-HASTE = 3
-"""So many signals within `HASTE_S` end the process at once."""
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""A terminal's Ctrl-C, a manager, a terminal (ssh session) that is gone."""
 
-HASTE_S = 2.0
-"""Those who start a node send a second signal within milliseconds, or after seconds; chosen."""
+
+def stopping_signals() -> tuple[signal.Signals, ...]:
+    """Return the signals that stop this process: not a hang-up under `nohup`, which ignores it."""
+    is_kept = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    return tuple(n for n in SIGNALS if n != signal.SIGHUP or not is_kept)
 
 
 class StopSignals:
-    """Counts the signals that tell this process to stop, from now until its end.
+    """Takes the signals that tell this process to stop, from now until its end.
 
     Parameters
     ----------
     on_first
         Called at the first one, in a thread of its own.
-    note
-        Returns what has been saved, a sentence; empty: nothing.
+
+    Attributes
+    ----------
+    ending
+        When the process has to end; it ends then, whatever it does.
     """
 
-    def __init__(self, on_first: Callable[[], None], note: Callable[[], str]):
-        self._on_first, self._note = on_first, note
-        self._times: list[float] = []
+    def __init__(self, on_first: Callable[[], None]):
+        self._on_first = on_first
+        self.ending = Ending()
+        self._numbers = stopping_signals()
         self._reader, self._writer = socket.socketpair()
         self._writer.setblocking(False)
         signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
-        for number in SIGNALS:
+        for number in self._numbers:
             signal.signal(number, lambda *_: None)
         threading.Thread(target=self._run, name="signals", daemon=True).start()
 
     @property
     def is_told(self) -> bool:
         """Whether the process was told to stop."""
-        return bool(self._times)
-
-    @property
-    def is_pressed(self) -> bool:
-        """Whether the process was told again, later than those do who send a signal twice."""
-        return bool(self._times) and self._times[-1] - self._times[0] > HASTE_S
+        return self.ending.is_told
 
     def ignore(self) -> None:
         """Ignore signals from now on: nothing is left but to end.
@@ -60,22 +64,42 @@ class StopSignals:
         The interpreter restores the default of what it handles before it has ended; a signal in
         that moment would kill the process, with a status that says that something was lost.
         """
-        for number in SIGNALS:
+        for number in self._numbers:
             signal.signal(number, signal.SIG_IGN)
 
     def _run(self) -> None:
         while numbers := self._reader.recv(16):
             for number in numbers:
-                if number in SIGNALS:
-                    self._count()
+                if number in self._numbers:
+                    self._take(number)
 
-    def _count(self) -> None:
-        self._times.append(time.monotonic())
-        if len(self._times) == 1:
+    def _take(self, number: int) -> None:
+        is_first = not self.is_told
+        self.ending.note_signal(time.monotonic())
+        if number == signal.SIGHUP:
+            _leave_terminal()
+        if is_first:
+            threading.Thread(target=self._end_in_time, name="ending", daemon=True).start()
             self._on_first()
-        recent = self._times[-HASTE:]
-        if len(recent) == HASTE and recent[-1] - recent[0] <= HASTE_S:
-            note = self._note()
-            end = f"what was saved is an earlier state: {note}" if note else "nothing was saved"
-            print(f"tccm: ended by the {HASTE}rd signal, {end}", file=sys.stderr, flush=True)
-            os._exit(1)
+
+    def _end_in_time(self) -> None:
+        while left_s := self.ending.left_s:
+            time.sleep(left_s)
+        say(f"not done {END_S:g} s after the signal, ended now; {self.ending.sentence()}")
+        os._exit(self.ending.status)
+
+
+def say(text: str) -> None:
+    """Print a line for the user, who may be gone with the terminal."""
+    with suppress(OSError):
+        print(f"tccm: {text}", file=sys.stderr, flush=True)
+
+
+def _leave_terminal() -> None:
+    """Write to nowhere where the terminal is gone: each line would be an error."""
+    for number in (1, 2):
+        with suppress(OSError):
+            if stat.S_ISCHR(os.fstat(number).st_mode) and not os.isatty(number):
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nowhere, number)
+                os.close(nowhere)

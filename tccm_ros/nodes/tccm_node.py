@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from rclpy.task import Future
@@ -16,6 +16,7 @@ from tccm_ros.errors import MapError
 from tccm_ros.mapping.tccm import CyclePlanes, CycleResult, TccmProcessor
 from tccm_ros.nodes.box_service import BoxService
 from tccm_ros.nodes.drops import PAUSED
+from tccm_ros.nodes.ending import Ending
 from tccm_ros.nodes.inputs import Blocking
 from tccm_ros.nodes.interfaces import MISSING, has_interfaces
 from tccm_ros.nodes.outputs import Outputs
@@ -178,11 +179,11 @@ class TccmNode(SensorNode):
         """Have cuboids.npz written, without the open tilt cycle."""
         self.worker.post(lambda: self.try_to_save(lambda: self._write(is_asked=False)))
 
-    def save_at_end(self, is_pressed: Callable[[], bool]) -> None:
+    def save_at_end(self, ending: Ending) -> None:
         """Write cuboids.npz with the open tilt cycle: that takes less than a moment."""
         self.robot.flush()
-        self.worker.wait(self.end_input)
-        self.worker.wait(lambda: self.try_to_save(lambda: self._write(is_asked=False)))
+        self.worker.wait(self.end_input, lambda: ending.is_over)
+        self.worker.wait(lambda: self.save_last(lambda: self._write(is_asked=False), ending))
 
     def _publish_planes(self, found: CyclePlanes) -> None:
         self._outputs.publish([self._message_builder.planes(found)])

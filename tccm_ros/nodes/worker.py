@@ -5,7 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from rclpy.node import Node
 from rclpy.task import Future
@@ -19,6 +19,13 @@ BACKLOG = 10 * SENSOR_DEPTH
 
 CEILING = 10 * BACKLOG
 """Jobs that wait before anything is dropped. Chosen: memory stays bounded whatever comes in."""
+
+
+class _Job(NamedTuple):
+    """What is run, and whether it was offered, so that it may be left out where time is up."""
+
+    run: Callable[[], None]
+    is_offered: bool = False
 
 
 def promise(job: Callable[[], Any], node: Node) -> tuple[Future, Callable[[], None]]:
@@ -47,11 +54,18 @@ class Worker:
         Of the thread.
     on_error
         Called in the thread with what a job raised; the worker goes on.
+
+    Attributes
+    ----------
+    skipped
+        Jobs that were offered, and not done because time was up.
     """
 
     def __init__(self, name: str, on_error: Callable[[Exception], None]):
-        self._jobs: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
         self._on_error = on_error
+        self._is_hurried = False
+        self.skipped = 0
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
@@ -62,23 +76,31 @@ class Worker:
 
     def post(self, job: Callable[[], None]) -> None:
         """Queue a job that is never dropped: there are few of these."""
-        self._jobs.put(job)
+        self._jobs.put(_Job(job))
 
     def offer(self, job: Callable[[], None], *, is_droppable: bool = False) -> bool:
         """Queue a job; return False where the queue is full: earlier for a droppable one."""
         if self._jobs.qsize() >= (BACKLOG if is_droppable else CEILING):
             return False
-        self._jobs.put(job)
+        self._jobs.put(_Job(job, is_offered=True))
         return True
 
     def call(self, job: Callable[[], Result], node: Node) -> Future:
         """Queue a job whose result a service callback of a node awaits."""
         future, run = promise(job, node)
-        self._jobs.put(run)
+        self._jobs.put(_Job(run))
         return future
 
-    def wait(self, job: Callable[[], Any]) -> None:
-        """Run a job after all that wait and return when it is done (not from the thread itself)."""
+    def wait(self, job: Callable[[], Any], is_over: Callable[[], bool] = lambda: False) -> None:
+        """Run a job after all that wait and return when it is done (not from the thread itself).
+
+        Parameters
+        ----------
+        job
+            What is run.
+        is_over
+            Tells that time is up: from then on, jobs that were offered are skipped.
+        """
         done = threading.Event()
 
         def run() -> None:
@@ -87,9 +109,9 @@ class Worker:
             finally:
                 done.set()
 
-        self._jobs.put(run)
+        self._jobs.put(_Job(run))
         while not done.wait(0.1) and self._thread.is_alive():
-            pass
+            self._is_hurried = self._is_hurried or is_over()
 
     def close(self) -> None:
         """Finish what waits and end the thread."""
@@ -98,7 +120,10 @@ class Worker:
 
     def _run(self) -> None:
         while (job := self._jobs.get()) is not None:
+            if self._is_hurried and job.is_offered:
+                self.skipped += 1
+                continue
             try:
-                job()
+                job.run()
             except Exception as error:
                 self._on_error(error)

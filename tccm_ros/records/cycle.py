@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import StrEnum
+from enum import IntEnum, StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tccm_ros.arrays import Float32, Float64
+
+
+class SensorKind(IntEnum):
+    """The kind of sensor that measured points: its ranges have errors of their own."""
+
+    LASER = 0
+    DEPTH_IMAGE = 1
+    POINT_CLOUD = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,12 +33,18 @@ class SurfaceCloud:
         float32 (N, 3), m.
     surface
         uint32 (N,), index of the surface within this cloud, from 0.
+    viewpoint
+        float32 (3,), position of the sensor at the stamp, m, in the same frame; None: unknown.
+    sensor
+        Kind of that sensor.
     """
 
     stamp_ns: int
     frame_id: str
     points: Float32
     surface: NDArray[np.uint32]
+    viewpoint: Float32 | None = None
+    sensor: SensorKind = SensorKind.LASER
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,9 +7,10 @@ events in an order that the algorithms may rely on. The base's motion is told by
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from tccm_ros.arrays import Float64, Int64
+from tccm_ros.records.cycle import SensorKind
 from tccm_ros.records.sensors import Odometry, Scan
 
 START_OF_TIME = -(2**62)
@@ -64,7 +65,11 @@ class Posed:
     heading
         Of a level scan, the yaw of the base at its stamp by a gyroscope, rad, from a direction of
         its own: differences between scans count. None where nothing tells it.
+    sensor_kind
+        Of the class: whose noise the points have (`sensors.noise`).
     """
+
+    sensor_kind: ClassVar[SensorKind] = SensorKind.LASER
 
     record: Any
     pose_stamps_ns: Int64

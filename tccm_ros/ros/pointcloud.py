@@ -16,7 +16,13 @@ from tccm_ros.errors import MessageError, suggest
 from tccm_ros.ros.types import MessageTypes, header_message
 
 SURFACE_ROW = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("surface", "<u4")])
-"""A row of ~/surfaces, the surface message."""
+"""What each row of ~/surfaces, the surface message, has."""
+
+VIEWPOINT_ROW = np.dtype(
+    [*SURFACE_ROW.descr, *((name, "<f4") for name in ("vp_x", "vp_y", "vp_z")), ("sensor", "<u4")]
+)
+"""A row of ~/surfaces with the sensor that measured it: its position, named as PCL does, and its
+`SensorKind`."""
 
 VIEW_ROW = np.dtype([("x", "<f4"), ("y", "<f4"), ("z_low", "<f4"), ("z_high", "<f4")])
 """A row of ~/view."""

@@ -24,6 +24,7 @@ from tccm_ros.records import (
     ObjectBoxes,
     Odometry,
     RobotDescription,
+    SensorKind,
     SurfaceCloud,
     TransformSample,
     ViewIntervals,
@@ -36,7 +37,7 @@ from tccm_ros.records.building import (
     stamp_ns_from_message,
     transform_sample,
 )
-from tccm_ros.ros.pointcloud import OBJECT_ROW, SURFACE_ROW, VIEW_ROW, cloud_rows
+from tccm_ros.ros.pointcloud import OBJECT_ROW, SURFACE_ROW, VIEW_ROW, VIEWPOINT_ROW, cloud_rows
 from tccm_ros.sensors.registry import default_streams
 
 
@@ -107,18 +108,28 @@ def robot_description_from_message(message: Any) -> RobotDescription:
 def surface_cloud_from_message(message: Any) -> SurfaceCloud:
     """Return the surface message of a sensor_msgs/PointCloud2 with fields x y z surface.
 
+    The fields vp_x vp_y vp_z sensor are optional; a cloud has one viewpoint, that of its first row.
+
     Raises
     ------
     MessageError
         For other fields, sizes that contradict each other, or points that are not finite.
     """
-    rows = cloud_rows(message, SURFACE_ROW)
+    has_viewpoint = "vp_x" in {field.name for field in message.fields}
+    rows = cloud_rows(message, VIEWPOINT_ROW if has_viewpoint else SURFACE_ROW)
     points = _float_columns(rows, ("x", "y", "z"))
     if not np.isfinite(points).all():
         raise MessageError("surface cloud has points that are not finite")
     stamp = stamp_ns_from_message(message.header.stamp)
     surface = np.ascontiguousarray(rows["surface"])
-    return SurfaceCloud(stamp, frame_name(message.header.frame_id), points, surface)
+    frame = frame_name(message.header.frame_id)
+    if not has_viewpoint or not len(rows):
+        return SurfaceCloud(stamp, frame, points, surface)
+    viewpoint = _float_columns(rows[:1], ("vp_x", "vp_y", "vp_z"))[0]
+    number = int(rows["sensor"][0])
+    if not np.isfinite(viewpoint).all() or number not in set(SensorKind):
+        raise MessageError(f"surface cloud has no viewpoint of a known sensor, found {number}")
+    return SurfaceCloud(stamp, frame, points, surface, viewpoint, SensorKind(number))
 
 
 def view_from_message(message: Any) -> ViewIntervals:

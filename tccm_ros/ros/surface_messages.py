@@ -87,6 +87,7 @@ def surface_message(
         holes=[ring_message(types, hole) for hole in surface.holes],
         boundary_seen=ring_message(types, surface.boundary_seen),
         edges=types.array("u1", [EDGE_STATES[e.state] for e in surface.edges]),
+        edge_sigmas=types.array("f8", [e.sigma for e in surface.edges]),
         hidden_by_objects=types.array("i4", [NOTHING] * len(surface.edges)),
         hidden_by_surfaces=types.array("i4", hidden_by),
         area=float(surface.area),

@@ -28,7 +28,13 @@ from tccm_ros.records import (
     TransformSample,
     ViewIntervals,
 )
-from tccm_ros.ros.pointcloud import OBJECT_ROW, SURFACE_ROW, VIEW_ROW, cloud_message
+from tccm_ros.ros.pointcloud import (
+    OBJECT_ROW,
+    SURFACE_ROW,
+    VIEW_ROW,
+    VIEWPOINT_ROW,
+    cloud_message,
+)
 from tccm_ros.ros.types import MessageTypes, header_message, pose_message, quaternion_message
 from tccm_ros.sensors.compressed_depth import write_compressed_depth
 
@@ -225,10 +231,15 @@ def robot_description_message(types: MessageTypes, description: RobotDescription
 
 def surface_cloud_message(types: MessageTypes, cloud: SurfaceCloud) -> Any:
     """Return the surface message ~/surfaces, a PointCloud2 (docs/reference/nodes.md)."""
-    rows = np.zeros(len(cloud.points), SURFACE_ROW)
+    eye = cloud.viewpoint
+    rows = np.zeros(len(cloud.points), SURFACE_ROW if eye is None else VIEWPOINT_ROW)
     for k, name in enumerate("xyz"):
         rows[name] = cloud.points[:, k]
+        if eye is not None:
+            rows[f"vp_{name}"] = eye[k]
     rows["surface"] = cloud.surface
+    if eye is not None:
+        rows["sensor"] = cloud.sensor
     return cloud_message(types, cloud.stamp_ns, cloud.frame_id, rows)
 
 

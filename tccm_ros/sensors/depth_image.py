@@ -16,7 +16,7 @@ import numpy as np
 from tccm_ros.arrays import Float64
 from tccm_ros.cdr.message_reader import MessageReader
 from tccm_ros.config import Config
-from tccm_ros.records import CameraImage, CameraInfo, DepthImage, Posed
+from tccm_ros.records import CameraImage, CameraInfo, DepthImage, Posed, SensorKind
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.robot.streams import Companion
 from tccm_ros.sensors.camera_rays import has_known_lens, pixel_rays
@@ -54,6 +54,7 @@ class PosedImage(Posed):
     """A depth image with the pose of its camera."""
 
     __slots__ = ()
+    sensor_kind = SensorKind.DEPTH_IMAGE
 
     @property
     def image(self) -> DepthImage:

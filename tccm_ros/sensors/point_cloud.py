@@ -14,7 +14,7 @@ import numpy as np
 from tccm_ros.arrays import Float32, Float64, Int64
 from tccm_ros.config import Config
 from tccm_ros.kernels import kernel
-from tccm_ros.records import PointCloud, Posed
+from tccm_ros.records import PointCloud, Posed, SensorKind
 from tccm_ros.robot import MountKind, Stream
 from tccm_ros.sensors.cloud_messages import CLOUD_READER
 from tccm_ros.sensors.laser_scan_kernels import refine_poses
@@ -41,6 +41,7 @@ class PosedCloud(Posed):
     """A point cloud with the poses of its sensor."""
 
     __slots__ = ()
+    sensor_kind = SensorKind.POINT_CLOUD
 
     @property
     def cloud(self) -> PointCloud:

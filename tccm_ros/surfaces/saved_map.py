@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tccm_ros.arrays import Float64, Int64
 from tccm_ros.cuboids.free_columns import FreeColumns
 from tccm_ros.errors import MapError
+from tccm_ros.records import SensorKind
 from tccm_ros.surfaces.corrected_labels import label_to_give
 from tccm_ros.surfaces.object_labels import SeenDetection
 from tccm_ros.surfaces.polygons import polygons_of
@@ -22,6 +23,9 @@ Arrays = dict[str, NDArray[Any]]
 
 ABSENT = np.iinfo(np.int64).min
 """Stands for None in a saved array."""
+
+UNKNOWN = np.full(3, np.nan)
+"""Stands for None in an array of positions."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,6 +118,10 @@ def pack_views(views: Sequence[View]) -> Arrays:
             ],
             np.int64,
         ).reshape(-1, 4),
+        "viewpoints": np.array(
+            [UNKNOWN if v.viewpoint is None else v.viewpoint for v in views], float
+        ).reshape(-1, 3),
+        "sensors": np.array([v.sensor for v in views], np.int64),
         **_pack_detections(views),
         **_pack_corrections(views),
     }
@@ -209,9 +217,18 @@ def _unpack(a: Mapping[str, NDArray[Any]]) -> list[View]:
             int(a["forgotten_objects"][v]) if "forgotten_objects" in a else 0,
             detections[v],
             labels[v],
+            *_unpack_viewpoint(a, v),
         )
         for v, columns in enumerate(free)
     ]
+
+
+def _unpack_viewpoint(a: Mapping[str, NDArray[Any]], v: int) -> tuple[Float64 | None, SensorKind]:
+    """Return position and kind of a view's sensor; maps of older versions do not have them."""
+    if "viewpoints" not in a:
+        return None, SensorKind.LASER
+    viewpoint = a["viewpoints"].reshape(-1, 3)[v]
+    return viewpoint if np.isfinite(viewpoint).all() else None, SensorKind(int(a["sensors"][v]))
 
 
 def _unpack_objects(a: Mapping[str, NDArray[Any]]) -> list[tuple[SeenObject, ...]]:

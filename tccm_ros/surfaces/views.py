@@ -18,7 +18,7 @@ from shapely import MultiPolygon, Polygon
 from tccm_ros.arrays import Float32, Float64, Int32, Int64
 from tccm_ros.config import Config
 from tccm_ros.cuboids.free_columns import FreeColumns
-from tccm_ros.records import ObjectBoxes, SurfaceCloud, ViewIntervals
+from tccm_ros.records import ObjectBoxes, SensorKind, SurfaceCloud, ViewIntervals
 from tccm_ros.surfaces.displacement import Footprint, footprint_in_map, is_displaced
 from tccm_ros.surfaces.front_points import are_on_front
 from tccm_ros.surfaces.object_labels import SeenDetection, merge_detections
@@ -128,6 +128,10 @@ class View:
     corrected_labels
         Labels that a person gave surfaces, by the number of a patch, counted from the first of this
         view (negative for one of a view that was removed).
+    viewpoint
+        float64 (3,), position of the sensor in the base frame, m; None where it is not known.
+    sensor
+        Kind of that sensor.
     """
 
     stamp_ns: int
@@ -140,6 +144,8 @@ class View:
     forgotten_objects: int = 0
     detections: tuple[SeenDetection, ...] = ()
     corrected_labels: Mapping[int, str] = field(default_factory=dict)
+    viewpoint: Float64 | None = None
+    sensor: SensorKind = SensorKind.LASER
 
     @property
     def key(self) -> tuple[int, int]:
@@ -313,7 +319,10 @@ def with_cloud(view: View, cloud: SurfaceCloud, config: Config) -> View:
     ]
     distance = np.hypot(cloud.points[:, 0], cloud.points[:, 1]).max(initial=0.0)
     max_range = max(view.max_range, float(distance))
-    return replace(view, patches=tuple(patches), max_range=max_range)
+    eye = None if cloud.viewpoint is None else cloud.viewpoint.astype(np.float64)
+    return replace(
+        view, patches=tuple(patches), max_range=max_range, viewpoint=eye, sensor=cloud.sensor
+    )
 
 
 def with_intervals(view: View, intervals: ViewIntervals) -> View:

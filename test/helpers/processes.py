@@ -15,19 +15,17 @@ PATIENCE_S = 300.0
 
 
 @contextmanager
-def started(domain: int, module: str, *arguments: str):
-    """Start a node; whatever happens, it is gone at the end."""
+def started(domain: int, module: str, *arguments: str, before: str = "", **options):
+    """Start a node; whatever happens, it is gone at the end.
+
+    `before` is a script that runs first; `options` are those of `subprocess.Popen`.
+    """
+    script = f"{before}\nfrom tccm_ros.nodes.start import {module}; {module}()"
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, **options}
     process = subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            f"from tccm_ros.nodes.start import {module}; {module}()",
-            *arguments,
-        ],
+        [sys.executable, "-c", script, *arguments],
         env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
+        **options,
     )
     try:
         yield process

@@ -125,6 +125,27 @@ def test_a_map_is_loaded_and_one_that_is_damaged_leaves_the_session_as_it_is(
     assert solved(solver).content.views == before.content.views
 
 
+def test_a_map_that_is_loaded_at_the_start_is_answered_by_its_own_session(drive, tmp_path):
+    """The process is asked for two sessions before it has answered the first."""
+    slam = drive[1]
+    write_map(tmp_path, slam, slam.solve(), "map")
+    expected = SurfaceSlam.from_saved(Config(), read_map(tmp_path)).walls.first_keyframe
+    assert expected[0] > 0
+    (tmp_path / "damaged.mcap").write_bytes((tmp_path / "map.mcap").read_bytes()[:-5000])
+    solver = Solver(Config(), lambda answer: None)
+    try:
+        with pytest.raises(MapError, match="damaged"):
+            solver.begin(tmp_path / "damaged.mcap")
+        assert solver.begin(tmp_path / "map.mcap") == expected
+    finally:
+        solver.close()
+    solver = Solver(Config(), lambda answer: None)
+    try:
+        assert solver.begin(tmp_path / "map.mcap") == expected
+    finally:
+        solver.close()
+
+
 def test_answers_of_a_session_that_was_forgotten_are_not_taken(drive, solver):
     events, _ = drive
     for event in events:

@@ -40,6 +40,7 @@ def test_a_surface_tells_its_shape_and_how_each_side_is_known(name, table):
     ]
     assert list(message.hidden_by_surfaces) == [NOTHING, 7, NOTHING, NOTHING]
     assert list(message.hidden_by_objects) == [NOTHING] * 4
+    assert list(message.edge_sigmas) == [0.004] * 4
     assert message.area_seen == 0.48
     assert len(message.boundary_seen.points) == 4
     if name == "rosidl":

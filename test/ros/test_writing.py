@@ -16,6 +16,7 @@ from tccm_ros.records import (
     Odometry,
     RobotDescription,
     Scan,
+    SensorKind,
     SurfaceCloud,
     TransformSample,
     ViewIntervals,
@@ -164,6 +165,17 @@ def test_the_surface_message_has_the_same_bytes_in_both_families(types, n):
     assert back.points.shape == (n, 3)
     assert back.surface.tolist() == cloud.surface.tolist()
     assert (message.width, message.height, message.point_step) == (n, 1, 16)
+
+
+def test_the_surface_message_has_the_viewpoint_and_its_sensor(types):
+    eye = np.array([0.1, -0.2, 1.3], np.float32)
+    cloud = SurfaceCloud(
+        STAMP, "base", np.ones((2, 3), np.float32), np.zeros(2, np.uint32), eye, SensorKind(2)
+    )
+    back = surface_cloud_from_message(
+        to_bag_message(types, "sensor_msgs/msg/PointCloud2", surface_cloud_message(types, cloud))
+    )
+    assert (bits(back.viewpoint), back.sensor) == (bits(eye), SensorKind.POINT_CLOUD)
 
 
 def test_a_view_is_read_back_with_its_open_intervals(types):

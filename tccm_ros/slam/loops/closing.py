@@ -24,7 +24,7 @@ from tccm_ros.slam.loops.matching import LoopReason, Proposal, Window
 from tccm_ros.slam.loops.path_lengths import PathLengths
 from tccm_ros.slam.loops.search import LoopSearch, is_same_place
 from tccm_ros.slam.se2 import between, compose, inverse
-from tccm_ros.slam.signs.places import WINDOW_M, WINDOW_RAD, SignPlaces, is_far
+from tccm_ros.slam.signs.sign_places import WINDOW_M, WINDOW_RAD, SignPlaces, is_far
 from tccm_ros.slam.signs.views import SignView
 
 NEIGHBOURHOOD = 15.0

@@ -1,0 +1,74 @@
+"""Errors of measured points, of each alone and of all points of a view together.
+
+A point's error has three parts. White noise is independent from point to point, and an average over
+N points has 1 / N of its variance. A systematic part, an error of the range of the form
+``offset + scale r + bend r^2``, is shared by all points of a view: no number of points makes it
+smaller. The error of the view's pose is shared by them, too, and is known from the graph.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tccm_ros.arrays import Float64
+from tccm_ros.config import Config
+from tccm_ros.records import SensorKind
+
+
+def white_sigma(ranges: Float64, sensor: SensorKind, config: Config) -> Float64:
+    """Return the standard deviation of single ranges, without what a view's points share.
+
+    Parameters
+    ----------
+    ranges
+        float64 (N,), m; of a depth image, depths.
+    sensor
+        Kind of the sensor.
+    config
+        Uses `sensors.depth_sigma`, `sensors.laser_sigma` and `sensors.cloud_sigma`.
+
+    Returns
+    -------
+    float64 (N,), m
+    """
+    if sensor == SensorKind.DEPTH_IMAGE:
+        a, b, c = config.sensors.depth_sigma
+        return a + b * np.square(np.asarray(ranges, float) - c)
+    is_laser = sensor == SensorKind.LASER
+    sigma = config.sensors.laser_sigma if is_laser else config.sensors.cloud_sigma
+    return np.full(len(ranges), sigma)
+
+
+def systematic_errors(
+    points: Float64, viewpoint: Float64, sensor: SensorKind, config: Config
+) -> Float64:
+    """Return how points move where one part of the systematic error is off by one sigma.
+
+    The parts are independent of each other: the covariance that points i and j share is the sum of
+    ``e[i, k] e[j, k]'`` over the parts k.
+
+    Parameters
+    ----------
+    points
+        float64 (N, 3), m.
+    viewpoint
+        float64 (3,), position of the sensor in the same frame.
+    sensor
+        Kind of the sensor.
+    config
+        Uses `sensors.laser_systematic`, `sensors.depth_systematic` and `sensors.cloud_systematic`.
+
+    Returns
+    -------
+    float64 (N, 3, 3), m: for each point and each part (offset, scale, bend) a displacement
+    """
+    sigmas = {
+        SensorKind.LASER: config.sensors.laser_systematic,
+        SensorKind.DEPTH_IMAGE: config.sensors.depth_systematic,
+        SensorKind.POINT_CLOUD: config.sensors.cloud_systematic,
+    }[sensor]
+    beams = np.asarray(points, float) - viewpoint
+    ranges = np.linalg.norm(beams, axis=1)
+    rays = beams / np.maximum(ranges, np.finfo(float).tiny)[:, None]
+    terms = np.stack([np.ones_like(ranges), ranges, ranges**2], axis=1) * sigmas
+    return terms[:, :, None] * rays[:, None, :]

@@ -8,6 +8,7 @@ BIN     := $(VENV)/bin
 OUT     ?= out/demo
 DEMO    ?= bags/flat
 JOBS    ?= auto
+PIP     := $(BIN)/python -m pip install -qq --disable-pip-version-check
 STAMP   := $(VENV)/.installed
 TOOLS   := $(VENV)/.installed-tools
 TESTING := $(VENV)/.installed-for-tests
@@ -50,22 +51,21 @@ $(STAMP): $(VENV)/.wheels tools/generate_interfaces.py $(wildcard tools/definiti
 # Tests, lint and build.
 $(TOOLS): $(STAMP) requirements-test.txt
 	@echo "installing tests and tools into $(VENV) (once)"
-	@$(BIN)/python -m pip install -qq --disable-pip-version-check -r requirements-test.txt
+	@$(PIP) -r requirements-test.txt
 	@touch $(TOOLS)
 
-# What reads door signs (the extra `signs`), and public packages whose topics are there where these are installed, each after those that it needs.
+# The library that reads door signs, and public packages whose topics are there where these are installed, each after those that it needs.
 DEFINITIONS := tccm_ros/ros/public_definitions
-$(TESTING): $(TOOLS) requirements-signs.txt $(wildcard $(DEFINITIONS)/*/*/* test/interfaces/definitions/*/*/*)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-signs.txt
+$(TESTING): $(TOOLS) $(wildcard $(DEFINITIONS)/*/*/* test/interfaces/definitions/*/*/*)
+	@$(PIP) -e '.[ros,signs]'
 	-@$(BIN)/python tools/generate_interfaces.py $(addprefix $(DEFINITIONS)/,object_recognition_msgs moveit_msgs vision_msgs) test/interfaces/definitions/control_msgs
 	@touch $(TESTING)
 
-$(VENV)/.wheels: requirements.txt setup.py
+$(VENV)/.wheels: setup.py pyproject.toml
 	@test -n "$(PYTHON)" || { echo "no Python 3.11 or 3.12 with venv found; install python3 and python3-venv, or say make PYTHON=..."; exit 1; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "installing into $(VENV) (a minute or two, once)"
-	@$(BIN)/python -m pip install -qq --disable-pip-version-check -r requirements.txt
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e . 2>/dev/null
+	@$(PIP) -e '.[ros]'
 	@touch $(VENV)/.wheels
 
 clean:
@@ -89,5 +89,5 @@ docs: $(DOCS)
 	@echo "documentation  $(BIN)/python -m http.server -d out/docs  (then http://localhost:8000)"
 
 $(DOCS): requirements-docs.txt $(STAMP)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-docs.txt
+	@$(PIP) -r requirements-docs.txt
 	@touch $(DOCS)

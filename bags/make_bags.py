@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
 
+from tccm_sim.bundled import DEMO
 from tccm_sim.options import Options
 from tccm_sim.recording import simulate
 
@@ -95,6 +98,13 @@ def make(bundled: Bundled, folder: Path) -> None:
     (path / "README.md").write_text(_readme(bundled, path), encoding="utf-8")
 
 
+def make_demo(target: Path) -> None:
+    """Simulate the recording of `tccm demo`: the flat with a beam every 0.75 deg, at most 3 MB."""
+    with tempfile.TemporaryDirectory() as folder:
+        made = simulate("flat", Path(folder) / "flat", seed=1, options=Options(tilt_beams=361))
+        shutil.copyfile(made / "flat.mcap", target)
+
+
 def _readme(bundled: Bundled, path: Path) -> str:
     information = yaml.safe_load((path / "metadata.yaml").read_text(encoding="utf-8"))
     bag: dict[str, Any] = information["rosbag2_bagfile_information"]
@@ -163,6 +173,9 @@ def main() -> None:
     for bundled in BAGS:
         make(bundled, folder)
         print(f"{folder / bundled.name}: made")
+    demo = folder / DEMO.name if len(sys.argv) > 1 else DEMO
+    make_demo(demo)
+    print(f"{demo}: made")
 
 
 if __name__ == "__main__":

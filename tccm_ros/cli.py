@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from tccm_ros import __version__
-from tccm_ros.errors import ConfigError, TccmError, one_line
+from tccm_ros.errors import ConfigError, OutputError, TccmError, one_line
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -85,6 +86,27 @@ def replay(
             bars=bars,
         )  # fmt: skip
     _tell(summary.to_json(), summary.text(), quiet, as_json)
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option("--out", help="folder for the results")] = Path("tccm_demo"),
+    browser: Annotated[bool, typer.Option(help="open the report in the browser")] = True,
+    quiet: QuietOption = False,
+) -> None:
+    """Map the simulated flat that comes with the package, and open the report."""
+    from tccm_ros.config import Config
+    from tccm_ros.progress import progress
+    from tccm_ros.replay.replay import replay as run
+    from tccm_ros.report.viewing import view as show
+    from tccm_sim.bundled import DEMO
+
+    with progress(quiet) as bars:
+        summary = run([DEMO], out, Config(), bars=bars)
+    _tell({}, summary.text(), quiet, False)
+    if browser:
+        with suppress(OutputError):  # without a browser; the summary names the report
+            show(out)
 
 
 @app.command()

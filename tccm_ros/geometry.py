@@ -91,8 +91,9 @@ def interpolate_poses(T0: ArrayLike, T1: ArrayLike, fraction: ArrayLike) -> Floa
     shape = np.broadcast_shapes(T0.shape[:-2], T1.shape[:-2], f.shape)
     T0, T1 = np.broadcast_to(T0, (*shape, 4, 4)), np.broadcast_to(T1, (*shape, 4, 4))
     f = np.broadcast_to(f, shape)
-    R0 = Rotation.from_matrix(T0[..., :3, :3].reshape(-1, 3, 3))
-    R1 = Rotation.from_matrix(T1[..., :3, :3].reshape(-1, 3, 3))
+    # Copies, since SciPy before 1.14 takes no read-only arrays.
+    R0 = Rotation.from_matrix(T0[..., :3, :3].reshape(-1, 3, 3).copy())
+    R1 = Rotation.from_matrix(T1[..., :3, :3].reshape(-1, 3, 3).copy())
     partial = (R0.inv() * R1).as_rotvec() * f.reshape(-1, 1)
     R = (R0 * Rotation.from_rotvec(partial)).as_matrix().reshape(*shape, 3, 3)
     return pose(R, T0[..., :3, 3] * (1.0 - f[..., None]) + T1[..., :3, 3] * f[..., None])

@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -148,21 +149,18 @@ def test_what_runs_in_short_is_a_benchmark_with_these_options():
 def test_requirements_name_all_that_benchmarks_import():
     brought = {"distributed": "dask", "psutil": "dask"}
     names = {"PIL": "pillow", "mpl_toolkits": "matplotlib", "yaml": "pyyaml", **brought}
-    texts = [(ROOT / f"requirements{kind}.txt").read_text() for kind in ("", "-test", "-bench")]
-    listed = {
-        re.split(r"[\[<>=,]", line)[0].replace("-", "_")
-        for text in texts
-        for line in text.splitlines()
-        if line and line[0] not in "#-"
-    }
-    own = {
+    files = [(ROOT / f"requirements-{kind}.txt").read_text() for kind in ("test", "bench")]
+    lines = [line for text in files for line in text.splitlines() if line and line[0] not in "#-"]
+    lines += [r.partition(";")[0] for r in metadata.requires("tccm_ros")]
+    listed = {re.split(r"[\[<>=,]", line)[0].replace("-", "_") for line in lines}
+    own = {"tccm_ros", "tccm_sim", "tccm_interfaces"} | {
         path.stem
         for folder in (BENCH, ROOT / "tools", ROOT / "test/helpers")
         for path in folder.glob("*.py")
     }
     for path in BENCH.glob("*.py"):
         for name in imported(path):
-            if name in sys.stdlib_module_names or name in own | {"tccm_ros", "tccm_interfaces"}:
+            if name in sys.stdlib_module_names or name in own:
                 continue
             if name.endswith(("_msgs", "_srvs")) or name == "rclpy":
                 name = "ros_jazzy_rclpy"

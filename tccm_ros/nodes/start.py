@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from importlib import import_module
 from types import FrameType
 
@@ -47,7 +48,16 @@ def all_in_one() -> None:
 
 def _start(name: str) -> None:
     leave_at_a_signal()
+    find_wheels()
     import_module(f"tccm_ros.nodes.{name}").main()
+
+
+def find_wheels() -> None:
+    """Have rclpy find its plugins in this environment, where pip has installed ROS into it."""
+    known = [path for path in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if path]
+    index = os.path.join(sys.prefix, "share", "ament_index")
+    if os.path.isdir(index) and sys.prefix not in known:
+        os.environ["AMENT_PREFIX_PATH"] = os.pathsep.join([*known, sys.prefix])
 
 
 def leave_at_a_signal() -> None:
